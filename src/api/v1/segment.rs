@@ -1,5 +1,6 @@
 //! Segmentation of objects in images and volumes.
 
+use axum::body::Bytes;
 use axum::extract::Request;
 use axum::http::StatusCode;
 use axum::response::Response;
@@ -9,9 +10,9 @@ use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::analysis::frame::Frame;
 use crate::analysis::transformation::{ClassName, Transformation};
 use crate::api::extract::{Caller, NoQuery};
-use crate::api::form;
+use crate::api::form::{self, Form};
 use crate::api::problem::Problem;
-use crate::api::respond::{Binary, Planned, compute_planned, json, planned};
+use crate::api::respond::{Binary, compute_planned, json, planned};
 use crate::formats::checked::{Checked, List, Many, document, take_given, take_many, take_or_default};
 use crate::formats::fault::Fault;
 use crate::formats::representation::Read;
@@ -19,11 +20,13 @@ use crate::formats::shape::ShapeInput;
 use crate::geometry::representation::Representation;
 use crate::service::app::{App, ServiceError};
 use crate::service::segmentation::answer::SegmentAnswer;
-use crate::service::segmentation::image::Coordinates;
+use crate::service::segmentation::contours;
+use crate::service::segmentation::image::{Coordinates, Part};
 use crate::service::segmentation::reference::{self, Source, StoredMean};
 use crate::service::segmentation::request::{BoxInput, EnergyInput, Minimiser, StageInput, TermInput};
 use crate::service::segmentation::segment::{self, Files};
-use crate::service::segmentation::wanted::{Answered, Reference, Starts, Wanted};
+use crate::service::segmentation::starts::{self, SeedInput, Starts};
+use crate::service::segmentation::wanted::{Answered, Reference, Wanted};
 use crate::service::statistics::{CheckedSettings, Settings};
 
 document! {
@@ -41,12 +44,26 @@ document! {
         /// Conversion of posted points to control points. Default: `landmarks`.
         #[schema(value_type = Option<Correspondence>)]
         correspondence: Checked<Correspondence>;
-        /// Initial shapes, one for each object, in either direction. Either these or `boxes`.
+        /// Initial shapes, one for each object, in either direction: also those of an earlier answer. One of `shapes`, `boxes`,
+        /// `seeds` and the part `mask` tells where objects begin.
         #[schema(value_type = Option<Vec<ShapeInput>>)]
         shapes: List<ShapeInput>;
         /// Boxes, one for each object, whose largest ellipse, ellipsoid, cylinder or torus is the initial shape.
         #[schema(value_type = Option<Vec<BoxInput>>)]
         boxes: Many<BoxInput>;
+        /// Points in objects, one for each, around which the initial shapes lie.
+        #[schema(value_type = Option<Vec<SeedInput>>)]
+        seeds: Many<SeedInput>;
+        /// Labels of the part `mask` that begin objects, one for each component. Default: all but 0.
+        #[schema(value_type = Option<Vec<u32>>)]
+        mask_labels: Many<u32>;
+        /// Number of cells of a component of the part `mask` below which it begins no object. Default: 1.
+        #[schema(value_type = Option<usize>)]
+        mask_least_cells: Checked<usize>;
+        /// Slice of a volume, by its index along z from 0, which is segmented as an image in the plane; also of volumes in the parts
+        /// `mask` and `truth`. Default: the whole volume.
+        #[schema(value_type = Option<usize>)]
+        slice: Checked<usize>;
         /// Terms of the energy: at least one of the image, each at most once.
         #[schema(value_type = Vec<TermInput>, required = true, max_items = 8)]
         terms: Many<TermInput>, required;
@@ -110,6 +127,9 @@ pub(super) struct SegmentForm {
     image: Binary,
     /// Label image of the same size, with which the results are compared.
     truth: Option<Binary>,
+    /// Label image of the same size whose components begin objects: in the plane by their outer contours, in space by the boxes
+    /// around them.
+    mask: Option<Binary>,
 }
 
 /// Segments objects in an image or a volume.
@@ -124,43 +144,71 @@ pub(super) struct SegmentForm {
         (status = 404, description = "No such cohort or dictionary")
     ))]
 pub(super) async fn segment(Caller(app): Caller, _: NoQuery, request: Request) -> Result<Response, Problem> {
-    let form = form::read(&app, request, &["image", "truth"]).await?;
-    let (image, truth) = (form.required("image")?, form.file("truth"));
+    let form = form::read(&app, request, &PARTS).await?;
     let asked = app.read::<SegmentRequest>(form.parameters.clone()).await?;
-    let mean = match asked.prior.as_ref().and_then(ShapePrior::stored) {
-        Some((source, transformation, alignment)) => {
-            Some(reference::find(&app, source, transformation, alignment).await?)
-        }
-        None => None,
-    };
+    let (files, wanted) = prepare(&app, &form, asked).await?;
     // The parameters are read already; their length tells where the plan is made.
     compute_planned(app, form.parameters, move |app, _| {
-        let wanted = asked.wanted(app, mean)?;
-        let files = Files { image: &image, truth: truth.as_deref() };
-        let found = segment::Planned::new(app, files, wanted)?;
-        plan(found, image.clone(), truth.clone())
+        let found = segment::Planned::new(app, files.parts(), wanted)?;
+        planned(found.work(), move |app: &App| json(StatusCode::OK, &found.segment(app, files.parts())?))
     })
     .await
 }
 
-fn plan(
-    found: segment::Planned,
-    image: axum::body::Bytes,
-    truth: Option<axum::body::Bytes>,
-) -> Result<Planned, ServiceError> {
-    planned(found.work(), move |app: &App| {
-        let files = Files { image: &image, truth: truth.as_deref() };
-        json(StatusCode::OK, &found.segment(app, files)?)
-    })
+/// Parts of the form beside the parameters.
+const PARTS: [&str; 3] = ["image", "truth", "mask"];
+
+/// The files of a form.
+struct Posted {
+    image: Bytes,
+    truth: Option<Bytes>,
+    slice: Option<usize>,
+}
+
+impl Posted {
+    fn parts(&self) -> Files<'_> {
+        let part = |name, bytes| Part { name, bytes, slice: self.slice };
+        let truth = self.truth.as_deref().map(|bytes| part("truth", bytes));
+        Files { image: part("image", &self.image), truth }
+    }
+}
+
+/// The files of a form and what is wanted of them: looks up what is stored, and finds the components of a mask.
+async fn prepare(app: &App, form: &Form, asked: SegmentRequest) -> Result<(Posted, Wanted), ServiceError> {
+    let (image, truth, mask) = (form.required("image")?, form.file("truth"), form.file("mask"));
+    let mean = match asked.prior.as_ref().and_then(ShapePrior::stored) {
+        Some((source, transformation, alignment)) => {
+            Some(reference::find(app, source, transformation, alignment).await?)
+        }
+        None => None,
+    };
+    let (reader, has_mask) = (app.clone(), mask.is_some());
+    let check = move |_: &[u8]| asked.wanted(&reader, mean, has_mask);
+    let Checks { mut wanted, of_mask, slice } = app.pool.read(form.parameters.clone(), check).await?;
+    if let Some(mask) = mask {
+        wanted.starts = starts::of_mask(app, image.clone(), mask, slice, of_mask).await?;
+    }
+    Ok((Posted { image, truth, slice }, wanted))
+}
+
+/// A request whose fields were checked.
+struct Checks {
+    /// What is wanted; of a part `mask` the components are not known yet.
+    wanted: Wanted,
+    /// What is wanted of a part `mask`.
+    of_mask: contours::Wanted,
+    slice: Option<usize>,
 }
 
 impl SegmentRequest {
-    fn wanted(self, app: &App, mean: Option<StoredMean>) -> Result<Wanted, ServiceError> {
-        let mut errors = self.faults;
+    fn wanted(mut self, app: &App, mean: Option<StoredMean>, has_mask: bool) -> Result<Checks, ServiceError> {
+        let mut errors = std::mem::take(&mut self.faults);
+        let starts = self.starts(has_mask, &mut errors);
+        let mask_labels = take_many(self.mask_labels, "/mask_labels", &mut errors);
+        let least_cells = take_given(self.mask_least_cells, "/mask_least_cells", &mut errors).unwrap_or(1);
+        let slice = take_given(self.slice, "/slice", &mut errors);
         let representation = self.representation.and_then(|field| field.take("/representation", &mut errors));
         let correspondence = take_or_default(self.correspondence, "/correspondence", &mut errors);
-        let shapes = self.shapes.map(|shapes| shapes.take("/shapes", &mut errors));
-        let boxes = take_many(self.boxes, "/boxes", &mut errors);
         let terms = take_many(self.terms, "/terms", &mut errors).unwrap_or_default();
         let stages = take_many(self.stages, "/stages", &mut errors).unwrap_or_default();
         let method = take_or_default(self.method, "/method", &mut errors).unwrap_or_default();
@@ -171,19 +219,6 @@ impl SegmentRequest {
             history: take_or_default(self.history, "/history", &mut errors).unwrap_or_default(),
             gradient: take_or_default(self.gradient, "/gradient", &mut errors).unwrap_or_default(),
         };
-        let starts = match (shapes, boxes) {
-            (Some(shapes), None) => Some(Starts::Shapes(shapes)),
-            (None, Some(boxes)) => Some(Starts::Boxes(boxes)),
-            (Some(_), Some(_)) => {
-                errors.push(Fault::new("/boxes", "expected either shapes or boxes, got both"));
-                None
-            }
-            (None, None) if errors.is_empty() => {
-                errors.push(Fault::new("/shapes", "expected either shapes or boxes, got neither"));
-                None
-            }
-            (None, None) => None,
-        };
         let reference = match (&prior, &representation) {
             (Some(prior), Some(representation)) => prior.reference(mean, representation, &mut errors),
             _ => None,
@@ -191,16 +226,59 @@ impl SegmentRequest {
         let settings = settings(app, representation.zip(correspondence), prior.as_ref(), &mut errors)?;
         ServiceError::unless_empty(errors)?;
         match (settings, starts, coordinates) {
-            (Some(settings), Some(starts), Some(coordinates)) => Ok(Wanted {
-                settings,
-                starts,
-                energy: EnergyInput { terms, stages, method },
-                prior: reference.zip(prior.and_then(|prior| prior.weight)),
-                coordinates,
-                truth_labels,
-                answered,
-            }),
+            (Some(settings), Some(starts), Some(coordinates)) => {
+                let wanted = Wanted {
+                    settings,
+                    starts,
+                    energy: EnergyInput { terms, stages, method },
+                    prior: reference.zip(prior.and_then(|prior| prior.weight)),
+                    coordinates,
+                    truth_labels,
+                    answered,
+                };
+                let of_mask = contours::Wanted { labels: mask_labels, blur: 0.0, least_cells, coordinates };
+                Ok(Checks { wanted, of_mask, slice })
+            }
             _ => Err(ServiceError::invalid("", "the request is incomplete")),
+        }
+    }
+}
+
+impl SegmentRequest {
+    /// Where objects begin: exactly one of three fields and the part `mask`, whose components are not known yet.
+    fn starts(&mut self, has_mask: bool, errors: &mut Vec<Fault>) -> Option<Starts> {
+        let given = [
+            ("/shapes", self.shapes.is_some()),
+            ("/boxes", self.boxes.is_some()),
+            ("/seeds", self.seeds.is_some()),
+            ("/mask", has_mask),
+        ];
+        let given: Vec<&str> = given.iter().filter(|(_, given)| *given).map(|(name, _)| *name).collect();
+        if !has_mask {
+            let of_mask = [
+                ("/mask_labels", self.mask_labels.is_some()),
+                ("/mask_least_cells", self.mask_least_cells.is_some()),
+            ];
+            for (name, _) in of_mask.iter().filter(|(_, given)| *given) {
+                errors.push(Fault::new(*name, "expected only with a part mask"));
+            }
+        }
+        let found = match (self.shapes.take(), self.boxes.take(), self.seeds.take()) {
+            (Some(shapes), ..) => Some(Starts::Shapes(shapes.take("/shapes", errors))),
+            (_, Some(boxes), _) => take_many(Some(boxes), "/boxes", errors).map(Starts::Boxes),
+            (.., seeds @ Some(_)) => take_many(seeds, "/seeds", errors).map(Starts::Seeds),
+            _ => has_mask.then(|| Starts::Components(Vec::new())),
+        };
+        match given[..] {
+            [_] => found,
+            // A request whose fields could not be read has faults already.
+            [] if !errors.is_empty() => None,
+            _ => {
+                let names = "expected one of shapes, boxes, seeds and a part mask";
+                let detail = format!("{names}, got {}", given.len());
+                errors.push(Fault::new(given.last().copied().unwrap_or("/shapes"), detail));
+                None
+            }
         }
     }
 }

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
+use super::contours::ComponentOutput;
 use super::image::{Coordinates, ImageOutput};
 use crate::formats::shape::Points;
 use crate::geometry::raster::Overlap;
@@ -79,6 +80,9 @@ pub struct SegmentedOutput {
     /// Overlap with the truth, where it was posted.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) overlap: Option<TruthOutput>,
+    /// Component of the part `mask` where the object began.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) component: Option<ComponentOutput>,
     /// Limitations of the result.
     pub(super) warnings: Vec<String>,
 }

@@ -1,7 +1,7 @@
 //! Images to shapes. The functions are synchronous and run on the pool, but for [`reference`](mod@reference), which reads the store.
 //!
 //! * [`image`] — images of requests; [`contours`] — boundaries of labels;
-//! * [`request`] — energies, stages and initial shapes as they are posted; [`wanted`] — all that is wanted of an image;
+//! * [`request`] — energies, stages and boxes as they are posted; [`starts`] — initial shapes; [`wanted`] — all that is wanted;
 //! * [`segment`] — objects of an image; [`answer`] — what is answered of them; `cost` — predictions;
 //! * [`reference`](mod@reference) — means of the store that attract shapes.
 //!
@@ -15,4 +15,5 @@ pub mod image;
 pub mod reference;
 pub mod request;
 pub mod segment;
+pub mod starts;
 pub mod wanted;

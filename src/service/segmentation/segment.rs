@@ -4,11 +4,12 @@ use rayon::prelude::*;
 
 use super::answer::{SegmentAnswer, SegmentedOutput, StageOutput, TermOutput, TruthOutput, warnings};
 use super::cost;
-use super::image::{ImageOutput, described, file_limits, plane_frame, refused, volume_frame};
+use super::image::{ImageOutput, Part, plane_frame, volume_frame};
 use super::request::StageInput;
-use super::wanted::{Reference, Starts, Wanted, size};
+use super::starts::{Starts, usual_radius};
+use super::wanted::{Reference, Wanted, size};
 use crate::formats::fault::Fault;
-use crate::formats::image::{Description, read, read_labels};
+use crate::formats::image::{Description, Grid as FileGrid};
 use crate::formats::shape::Points;
 use crate::geometry::raster::{Grid, Mask, overlap_unless_stopped};
 use crate::numeric::dense::Matrix;
@@ -38,9 +39,9 @@ pub struct Planned {
 #[derive(Debug, Clone, Copy)]
 pub struct Files<'a> {
     /// The image.
-    pub image: &'a [u8],
+    pub image: Part<'a>,
     /// Labels of the truth.
-    pub truth: Option<&'a [u8]>,
+    pub truth: Option<Part<'a>>,
 }
 
 impl Planned {
@@ -49,9 +50,9 @@ impl Planned {
     /// # Errors
     /// Faults at `/image`, `/truth` and of the fields; [`ServiceError::Overloaded`] if memory is short.
     pub fn new(app: &App, files: Files<'_>, wanted: Wanted) -> Result<Self, ServiceError> {
-        let description = described(files.image, "image", &app.limits)?;
+        let description = files.image.describe(&app.limits)?;
         let grid = description.grid;
-        let truth = files.truth.map(|truth| described(truth, "truth", &app.limits)).transpose()?;
+        let truth = files.truth.map(|truth| truth.describe(&app.limits)).transpose()?;
         let mut faults = wanted.faults(&grid, app);
         if let Some(truth) = truth
             && truth.grid.size() != grid.size()
@@ -84,13 +85,11 @@ impl Planned {
         let setup = Setup::new(app, wanted.settings.clone())?;
         let model = SpaceModel::new(&setup.space)
             .map_err(|fault| ServiceError::below(vec![Fault::from(fault)], "/representation"))?;
-        let file = read(files.image, &file_limits(&app.limits)).map_err(|error| refused(&error, "image"))?;
-        let labels =
-            |truth| read_labels(truth, &file_limits(&app.limits)).map_err(|error| refused(&error, "truth"));
-        let truth = files.truth.map(labels).transpose()?.map(|file| file.values);
+        let file = files.image.image(&app.limits)?;
+        let truth = files.truth.map(|truth| truth.labels(&app.limits)).transpose()?.map(|file| file.values);
         let grid = file.grid;
         let image = Image::new(grid.size(), file.values).map_err(faulty)?;
-        let task = Task { app, wanted: &wanted, stages: &stages, setup: &setup, truth };
+        let task = Task { app, wanted: &wanted, stages: &stages, setup: &setup, grid: &grid, truth };
         let results = match &model {
             SpaceModel::Plane(model) => {
                 let frame = plane_frame(&grid, wanted.coordinates)?;
@@ -111,6 +110,7 @@ struct Task<'a> {
     wanted: &'a Wanted,
     stages: &'a [StageInput],
     setup: &'a Setup,
+    grid: &'a FileGrid,
     /// Labels of the truth, x fastest.
     truth: Option<Vec<u32>>,
 }
@@ -122,7 +122,7 @@ impl Task<'_> {
         frame: Frame<D>,
         model: &dyn Model<D>,
     ) -> Result<Vec<SegmentedOutput>, ServiceError> {
-        let starts = self.starts::<D>()?;
+        let starts: Vec<Vec<[f64; D]>> = self.starts()?.iter().map(|start| rows(start)).collect();
         let mut settings = self.wanted.energy.settings::<D>(self.stages);
         settings.prior = self.prior(frame, model)?;
         let sigmas: Vec<f64> = self.stages.iter().map(|stage| stage.sigma).collect();
@@ -133,32 +133,10 @@ impl Task<'_> {
     }
 
     /// Control points of the initial shapes, in the coordinates of the request.
-    fn starts<const D: usize>(&self) -> Result<Vec<Vec<[f64; D]>>, ServiceError> {
-        let (reading, mut faults) = (self.setup.reading(&self.app.limits), Vec::new());
-        let mut shapes = Vec::new();
-        match &self.wanted.starts {
-            Starts::Shapes(posted) => {
-                for (index, shape) in posted.iter().enumerate() {
-                    let below = |fault: Fault| fault.below(&format!("/shapes/{index}")).at_shape(index);
-                    match read_shape(&reading, shape.clone()) {
-                        Ok(shape) => shapes.push(rows(&shape.control_points)),
-                        Err(found) => faults.extend(found.into_iter().map(below)),
-                    }
-                }
-            }
-            Starts::Boxes(boxes) => {
-                for (index, posted) in boxes.iter().enumerate() {
-                    match self.setup.space.fill_box(&posted.lower, &posted.upper) {
-                        Ok(shape) => shapes.push(rows(shape.as_slice())),
-                        Err(fault) => {
-                            faults.push(Fault::from(fault).below("/representation").at_shape(index))
-                        }
-                    }
-                }
-            }
-        }
-        ServiceError::unless_empty(faults)?;
-        Ok(shapes)
+    fn starts(&self) -> Result<Vec<Vec<f64>>, ServiceError> {
+        let (wanted, grid) = (self.wanted, self.grid);
+        let radius = usual_radius(grid, wanted.coordinates, wanted.cell(grid));
+        wanted.starts.control_points(self.setup, &self.app.limits, radius)
     }
 
     fn prior<const D: usize>(
@@ -208,6 +186,7 @@ impl Task<'_> {
             points(&rows.into_iter().map(|row| frame.to_world(row)).collect::<Vec<_>>())
         };
         let mut warnings = warnings(&found, &begun.terms);
+        warnings.extend(self.wanted.starts.warning(index));
         if D == 3 && self.wanted.prior.is_some() && model.lift().is_some() {
             warnings.push("the prior compares control points beyond the ends as they are extended".into());
         }
@@ -223,6 +202,7 @@ impl Task<'_> {
                 points(&rows.into_iter().map(|row| frame.gradient_to_world(row)).collect::<Vec<_>>())
             }),
             overlap: self.overlap(index, scene, model, &found.rows, &stop)?,
+            component: self.wanted.starts.component(index),
             warnings,
         })
     }
@@ -276,14 +256,9 @@ fn faulty(error: SegmentationError) -> ServiceError {
 
 /// Refusal of an initial shape, or of an image without contrast in it.
 fn faulty_start(error: SegmentationError, starts: &Starts, index: usize) -> ServiceError {
-    let list = match starts {
-        Starts::Shapes(_) => "shapes",
-        Starts::Boxes(_) => "boxes",
-    };
     match error {
         SegmentationError::NoVolume { .. } | SegmentationError::Flat => {
-            let fault = Fault::new(format!("/{list}/{index}"), error.to_string()).at_shape(index);
-            ServiceError::Invalid(vec![fault].into())
+            ServiceError::Invalid(vec![starts.fault(index, "", error.to_string())].into())
         }
         SegmentationError::Scale { .. } => ServiceError::invalid("/terms", error.to_string()),
         SegmentationError::Method => ServiceError::invalid("/method", error.to_string()),

@@ -1,7 +1,8 @@
 //! What is wanted of an image, and its faults.
 
 use super::image::Coordinates;
-use super::request::{BoxInput, EnergyInput, StageInput};
+use super::request::{EnergyInput, StageInput};
+use super::starts::Starts;
 use crate::formats::fault::Fault;
 use crate::formats::image::Grid;
 use crate::formats::shape::ShapeInput;
@@ -45,24 +46,6 @@ pub struct Answered {
     pub gradient: bool,
 }
 
-/// Initial shapes.
-#[derive(Debug)]
-pub enum Starts {
-    /// Posted shapes.
-    Shapes(Vec<ShapeInput>),
-    /// Boxes that the initial shapes fill.
-    Boxes(Vec<BoxInput>),
-}
-
-impl Starts {
-    pub(super) fn count(&self) -> usize {
-        match self {
-            Self::Shapes(shapes) => shapes.len(),
-            Self::Boxes(boxes) => boxes.len(),
-        }
-    }
-}
-
 impl Wanted {
     pub(super) fn faults(&self, grid: &Grid, app: &App) -> Vec<Fault> {
         let dimension = self.settings.representation.dimension();
@@ -72,22 +55,8 @@ impl Wanted {
             let detail = format!("expected an image of {dimension} dimensions, as the shapes, got {axes}");
             faults.push(Fault::new("/image", detail));
         }
-        let (list, count, most) = match &self.starts {
-            Starts::Shapes(shapes) => ("shapes", shapes.len(), app.limits.shapes),
-            Starts::Boxes(boxes) => ("boxes", boxes.len(), app.limits.shapes),
-        };
-        if !(1..=most).contains(&count) {
-            let detail = format!("expected between 1 and {most} entries, got {count}");
-            faults.push(Fault::new(format!("/{list}"), detail));
-        }
-        if let Starts::Boxes(boxes) = &self.starts {
-            for (index, posted) in boxes.iter().enumerate() {
-                let at = format!("/boxes/{index}");
-                faults.extend(
-                    posted.faults(dimension).into_iter().map(|fault| fault.below(&at).at_shape(index)),
-                );
-            }
-        }
+        faults.extend(self.starts.faults(dimension, &app.limits));
+        let count = self.starts.count();
         if let Some(labels) = &self.truth_labels
             && labels.len() != count
         {
