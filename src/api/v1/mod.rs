@@ -30,6 +30,7 @@ mod regressions;
 mod request_macros;
 mod retrieval;
 mod segment;
+mod segment_request;
 mod shape_query;
 mod shapes;
 mod sheet;
