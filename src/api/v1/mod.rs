@@ -96,6 +96,7 @@ pub(super) fn computing_routes() -> OpenApiRouter<App> {
         .routes(routes!(overlap::overlap))
         .routes(routes!(contours::contours))
         .routes(routes!(segment::segment))
+        .routes(routes!(segment::segment_into_cohort))
         .routes(routes!(cohorts::cohort_mean))
         .routes(routes!(corrections::erase_subject))
         .routes(routes!(retrieval::search_cohort))

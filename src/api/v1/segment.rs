@@ -5,14 +5,17 @@ use axum::extract::Request;
 use axum::http::StatusCode;
 use axum::response::Response;
 
-use super::segment_request::{Checks, SegmentRequest, ShapePrior};
-use crate::api::extract::{Caller, NoQuery};
+use super::request_macros::{IfMatchHeader, RetryHeader};
+use super::segment_request::{Checks, CohortSegmentRequest, SegmentRequest, ShapePrior, Storing};
+use crate::api::extract::{Caller, IfMatch, NoQuery, Path};
 use crate::api::form::{self, Form};
 use crate::api::problem::Problem;
 use crate::api::respond::{Binary, compute_planned, json, planned};
 use crate::service::app::{App, ServiceError};
+use crate::service::cohorts::catalogue;
 use crate::service::segmentation::answer::SegmentAnswer;
 use crate::service::segmentation::image::Part;
+use crate::service::segmentation::membership::{self, Arriving, Digests, MembersAnswer, Membership};
 use crate::service::segmentation::segment::{self, Files};
 use crate::service::segmentation::wanted::Wanted;
 use crate::service::segmentation::{reference, starts};
@@ -53,6 +56,75 @@ pub(super) async fn segment(Caller(app): Caller, _: NoQuery, request: Request) -
         planned(found.work(), move |app: &App| json(StatusCode::OK, &found.segment(app, files.parts())?))
     })
     .await
+}
+
+/// Form with an image whose objects go into a cohort.
+#[derive(Debug, utoipa::ToSchema)]
+#[allow(dead_code, reason = "only for the document")]
+pub(super) struct CohortSegmentForm {
+    /// What is wanted; the first part.
+    parameters: CohortSegmentRequest,
+    /// Image: PNG, TIFF or NIfTI. Colours are read as luma.
+    image: Binary,
+    /// Label image of the same size, with which the results are compared.
+    truth: Option<Binary>,
+    /// Label image of the same size whose components begin objects.
+    mask: Option<Binary>,
+}
+
+/// Segments objects in an image or a volume, and adds them to a cohort.
+///
+/// As `POST /v1/segment`, with the representation of the cohort. The objects become shapes of the cohort in one revision, as posted
+/// ones do. Objects that fold, collapse or leave the image are answered, but stored only with `store_failed`. The metadata of a
+/// stored object names the BLAKE3 digests of the image and of the other parts under `segmentation`; the image itself is not kept.
+#[utoipa::path(post, path = "/cohorts/{cohort}/segment", tag = "images",
+    params(("cohort" = String, Path, description = "Id or name"), RetryHeader, IfMatchHeader),
+    request_body(content = CohortSegmentForm, content_type = "multipart/form-data"),
+    responses(
+        (status = 201, description = "One entry for each initial shape, in order; at least one object is stored", body = MembersAnswer),
+        (status = 200, description = "All objects have failed: nothing is stored", body = MembersAnswer),
+        (status = 404, description = "No such cohort or dictionary"),
+        (status = 412, description = "The cohort has changed meanwhile"),
+        (status = 409, description = "An external id belongs to another shape")
+    ))]
+pub(super) async fn segment_into_cohort(
+    Caller(app): Caller,
+    Path(key): Path<String>,
+    _: NoQuery,
+    IfMatch(expected): IfMatch,
+    request: Request,
+) -> Result<Response, Problem> {
+    let cohort = catalogue::find(&app, &key).await?;
+    let form = form::read(&app, request, &PARTS).await?;
+    let digests = Digests::of(&app, form.parts()).await?;
+    let app = app.with_body(digests.text().as_bytes());
+    if let Some(answer) = membership::done_before(&app).await? {
+        return Ok(json(StatusCode::CREATED, &answer)?);
+    }
+    let asked = app.read::<CohortSegmentRequest>(form.parameters.clone()).await?;
+    let (asked, Storing { objects, store_failed }) = asked.split(&cohort)?;
+    let membership = Membership { cohort, expected, objects, store_failed, digests };
+    let arriving = arriving(&app, &form, membership.clone(), asked).await?;
+    let (answer, is_stored) = membership.store(&app, arriving).await?;
+    Ok(json(if is_stored { StatusCode::CREATED } else { StatusCode::OK }, &answer)?)
+}
+
+/// Segments the objects of a form for a cohort.
+async fn arriving(
+    app: &App,
+    form: &Form,
+    membership: Membership,
+    asked: SegmentRequest,
+) -> Result<Arriving, ServiceError> {
+    let (files, wanted) = prepare(app, form, asked).await?;
+    let worker = app.clone();
+    let plan = move |_: &[u8]| {
+        let attributes = membership.attributes(&wanted.starts)?;
+        let found = segment::Planned::new(&worker, files.parts(), wanted)?;
+        let work = found.work();
+        Ok((work, move || membership.arriving(found.segment(&worker, files.parts())?, attributes)))
+    };
+    app.pool.run_planned(form.parameters.clone(), plan).await
 }
 
 /// Parts of the form beside the parameters.

@@ -4,10 +4,11 @@ use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::analysis::frame::Frame;
 use crate::analysis::transformation::{ClassName, Transformation};
+use crate::domain::cohort::Cohort;
 use crate::formats::checked::{Checked, List, Many, document, take_given, take_many, take_or_default};
 use crate::formats::fault::Fault;
 use crate::formats::representation::Read;
-use crate::formats::shape::ShapeInput;
+use crate::formats::shape::{ObjectInput, ShapeInput};
 use crate::geometry::representation::Representation;
 use crate::service::app::{App, ServiceError};
 use crate::service::segmentation::contours;
@@ -18,66 +19,163 @@ use crate::service::segmentation::starts::{SeedInput, Starts};
 use crate::service::segmentation::wanted::{Answered, Reference, Wanted};
 use crate::service::statistics::{CheckedSettings, Settings};
 
-document! {
+/// Declares a request for a segmentation with further fields.
+macro_rules! segment_request {
+    ($(#[$meta:meta])* $name:ident { $($further:tt)* }) => {
+        document! {
+            $(#[$meta])*
+            pub(super) struct $name {
+                /// Representation of the shapes: `closed_curve` in the plane; `surface` with the topology `sphere`, `cylinder` (closed by lids)
+                /// or `torus`; `subdivision` with a linear scheme.
+                #[schema(value_type = Representation, required = true)]
+                representation: Read<Representation>, required;
+                /// Conversion of posted points to control points. Default: `landmarks`.
+                #[schema(value_type = Option<Correspondence>)]
+                correspondence: Checked<Correspondence>;
+                /// Initial shapes, one for each object, in either direction: also those of an earlier answer. One of `shapes`, `boxes`,
+                /// `seeds` and the part `mask` tells where objects begin.
+                #[schema(value_type = Option<Vec<ShapeInput>>)]
+                shapes: List<ShapeInput>;
+                /// Boxes, one for each object, whose largest ellipse, ellipsoid, cylinder or torus is the initial shape.
+                #[schema(value_type = Option<Vec<BoxInput>>)]
+                boxes: Many<BoxInput>;
+                /// Points in objects, one for each, around which the initial shapes lie.
+                #[schema(value_type = Option<Vec<SeedInput>>)]
+                seeds: Many<SeedInput>;
+                /// Labels of the part `mask` that begin objects, one for each component. Default: all but 0.
+                #[schema(value_type = Option<Vec<u32>>)]
+                mask_labels: Many<u32>;
+                /// Number of cells of a component of the part `mask` below which it begins no object. Default: 1.
+                #[schema(value_type = Option<usize>)]
+                mask_least_cells: Checked<usize>;
+                /// Slice of a volume, by its index along z from 0, which is segmented as an image in the plane; also of volumes in the parts
+                /// `mask` and `truth`. Default: the whole volume.
+                #[schema(value_type = Option<usize>)]
+                slice: Checked<usize>;
+                /// Terms of the energy: at least one of the image, each at most once.
+                #[schema(value_type = Vec<TermInput>, required = true, max_items = 8)]
+                terms: Many<TermInput>, required;
+                /// Stages of the minimisation, from coarse to fine. Default: an affine map at a blur of two cells, then all points at blurs of
+                /// two cells and of one.
+                #[schema(value_type = Option<Vec<StageInput>>, max_items = 8)]
+                stages: Many<StageInput>;
+                /// Method of minimisation. Default: `lbfgs`.
+                #[schema(value_type = Option<Minimiser>)]
+                method: Checked<Minimiser>;
+                /// Attraction to the class of a shape.
+                #[schema(value_type = Option<ShapePrior>)]
+                prior: ShapePrior;
+                /// Coordinates of shapes, boxes, blurs and the answer. Default: `world`.
+                #[schema(value_type = Option<Coordinates>)]
+                coordinates: Checked<Coordinates>;
+                /// Labels of the truth, one for each object. Default: all but 0.
+                #[schema(value_type = Option<Vec<u32>>)]
+                truth_labels: Many<u32>;
+                /// Whether to answer the energy after every iteration. Default: false.
+                #[schema(value_type = Option<bool>)]
+                history: Checked<bool>;
+                /// Whether to answer the gradient of the energy at the result. Default: false.
+                #[schema(value_type = Option<bool>)]
+                gradient: Checked<bool>;
+                $($further)*
+            }
+        }
+    };
+}
+
+segment_request! {
     /// What is wanted of an image.
     #[schema(example = json!({
         "representation": {"kind": "closed_curve", "dimension": 2, "control_points": 8, "generator": {"name": "trigonometric"}},
         "boxes": [{"lower": [6, 6], "upper": [20, 18]}],
         "terms": [{"name": "contour"}], "coordinates": "index"
     }))]
-    pub(super) struct SegmentRequest {
-        /// Representation of the shapes: `closed_curve` in the plane; `surface` with the topology `sphere`, `cylinder` (closed by lids)
-        /// or `torus`; `subdivision` with a linear scheme.
-        #[schema(value_type = Representation, required = true)]
-        representation: Read<Representation>, required;
-        /// Conversion of posted points to control points. Default: `landmarks`.
-        #[schema(value_type = Option<Correspondence>)]
-        correspondence: Checked<Correspondence>;
-        /// Initial shapes, one for each object, in either direction: also those of an earlier answer. One of `shapes`, `boxes`,
-        /// `seeds` and the part `mask` tells where objects begin.
-        #[schema(value_type = Option<Vec<ShapeInput>>)]
-        shapes: List<ShapeInput>;
-        /// Boxes, one for each object, whose largest ellipse, ellipsoid, cylinder or torus is the initial shape.
-        #[schema(value_type = Option<Vec<BoxInput>>)]
-        boxes: Many<BoxInput>;
-        /// Points in objects, one for each, around which the initial shapes lie.
-        #[schema(value_type = Option<Vec<SeedInput>>)]
-        seeds: Many<SeedInput>;
-        /// Labels of the part `mask` that begin objects, one for each component. Default: all but 0.
-        #[schema(value_type = Option<Vec<u32>>)]
-        mask_labels: Many<u32>;
-        /// Number of cells of a component of the part `mask` below which it begins no object. Default: 1.
-        #[schema(value_type = Option<usize>)]
-        mask_least_cells: Checked<usize>;
-        /// Slice of a volume, by its index along z from 0, which is segmented as an image in the plane; also of volumes in the parts
-        /// `mask` and `truth`. Default: the whole volume.
-        #[schema(value_type = Option<usize>)]
-        slice: Checked<usize>;
-        /// Terms of the energy: at least one of the image, each at most once.
-        #[schema(value_type = Vec<TermInput>, required = true, max_items = 8)]
-        terms: Many<TermInput>, required;
-        /// Stages of the minimisation, from coarse to fine. Default: an affine map at a blur of two cells, then all points at blurs of
-        /// two cells and of one.
-        #[schema(value_type = Option<Vec<StageInput>>, max_items = 8)]
-        stages: Many<StageInput>;
-        /// Method of minimisation. Default: `lbfgs`.
-        #[schema(value_type = Option<Minimiser>)]
-        method: Checked<Minimiser>;
-        /// Attraction to the class of a shape.
-        #[schema(value_type = Option<ShapePrior>)]
-        prior: ShapePrior;
-        /// Coordinates of shapes, boxes, blurs and the answer. Default: `world`.
-        #[schema(value_type = Option<Coordinates>)]
-        coordinates: Checked<Coordinates>;
-        /// Labels of the truth, one for each object. Default: all but 0.
-        #[schema(value_type = Option<Vec<u32>>)]
-        truth_labels: Many<u32>;
-        /// Whether to answer the energy after every iteration. Default: false.
+    SegmentRequest {}
+}
+
+segment_request! {
+    /// What is wanted of an image whose objects go into a cohort.
+    #[schema(example = json!({
+        "representation": {"kind": "closed_curve", "dimension": 2, "control_points": 24, "generator": {"name": "cubic"}},
+        "boxes": [{"lower": [6, 6], "upper": [20, 18]}], "objects": [{"external_id": "cell-1", "label": "control"}],
+        "terms": [{"name": "contour"}], "coordinates": "index"
+    }))]
+    CohortSegmentRequest {
+        /// Attributes, one entry for each object, in order. Posted `shapes` have attributes of their own.
+        #[schema(value_type = Option<Vec<ObjectInput>>)]
+        objects: List<ObjectInput>;
+        /// Whether objects are stored that fold, collapse or leave the image: as they were before. Default: false.
         #[schema(value_type = Option<bool>)]
-        history: Checked<bool>;
-        /// Whether to answer the gradient of the energy at the result. Default: false.
-        #[schema(value_type = Option<bool>)]
-        gradient: Checked<bool>;
+        store_failed: Checked<bool>;
+    }
+}
+
+/// How the objects of a request go into a cohort.
+pub(super) struct Storing {
+    /// Attributes of the objects.
+    pub(super) objects: Option<Vec<ShapeInput>>,
+    /// Whether those are stored that have failed.
+    pub(super) store_failed: bool,
+}
+
+impl CohortSegmentRequest {
+    /// The request for the segmentation, and what is wanted besides.
+    ///
+    /// # Errors
+    /// Faults of the further fields; a representation that is not that of the cohort.
+    pub(super) fn split(self, cohort: &Cohort) -> Result<(SegmentRequest, Storing), ServiceError> {
+        let Self {
+            objects,
+            store_failed,
+            representation,
+            correspondence,
+            shapes,
+            boxes,
+            seeds,
+            mask_labels,
+            mask_least_cells,
+            slice,
+            terms,
+            stages,
+            method,
+            prior,
+            coordinates,
+            truth_labels,
+            history,
+            gradient,
+            faults,
+        } = self;
+        let mut errors = Vec::new();
+        let objects = objects.map(|objects| objects.take("/objects", &mut errors));
+        let objects = objects.map(|objects| objects.into_iter().map(ShapeInput::from).collect());
+        let store_failed = take_or_default(store_failed, "/store_failed", &mut errors).unwrap_or_default();
+        if let Some(asked) = representation.as_ref().and_then(Read::get)
+            && *asked != cohort.spec.representation
+        {
+            let detail = "expected the representation of the cohort, got another one";
+            errors.push(Fault::new("/representation", detail));
+        }
+        ServiceError::unless_empty(errors)?;
+        let asked = SegmentRequest {
+            representation,
+            correspondence,
+            shapes,
+            boxes,
+            seeds,
+            mask_labels,
+            mask_least_cells,
+            slice,
+            terms,
+            stages,
+            method,
+            prior,
+            coordinates,
+            truth_labels,
+            history,
+            gradient,
+            faults,
+        };
+        Ok((asked, Storing { objects, store_failed }))
     }
 }
 

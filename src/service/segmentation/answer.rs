@@ -87,6 +87,14 @@ pub struct SegmentedOutput {
     pub(super) warnings: Vec<String>,
 }
 
+impl SegmentedOutput {
+    /// Whether the shape is that of the stage before the one in which it folded, collapsed or left the image.
+    pub(super) fn has_failed(&self) -> bool {
+        let faults = [Outcome::Folded, Outcome::LeftImage, Outcome::Collapsed];
+        faults.into_iter().any(|fault| fault.name() == self.stop)
+    }
+}
+
 /// Segmented objects of an image.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct SegmentAnswer {
