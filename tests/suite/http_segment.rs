@@ -405,19 +405,50 @@ fn bad_segmentations_are_refused_at_their_place() {
         .expect_problem(422, "invalid-input", &["/image"]);
 }
 
-/// Many objects with many iterations in a large image are refused before they are computed.
+/// Many objects with many points are refused before they are computed; a dry run predicts what they cost.
 #[test]
 fn segmentations_that_cost_too_much_are_refused() {
     let server = shared();
+    let points = |count: usize| json!({"kind": "closed_curve", "dimension": 2, "control_points": count, "generator": {"name": "trigonometric"}});
     let boxes: Vec<Value> = (0..5000).map(|_| json!({"lower": [8, 15], "upper": [25, 26]})).collect();
-    let body = curves(json!({"boxes": boxes, "stages": [{"sigma": 1, "iterations": 2000}]}));
+    let body = curves(json!({"representation": points(200), "boxes": boxes}));
     post_image(&server, PATH, &body, &bright()).expect_problem(422, "too-costly", &[]);
+    let dry = post_image(&server, "/v1/segment?dry_run=true", &body, &bright()).expect(200);
+    assert!(number(&dry["estimate"]["seconds"]) > 10.0, "{dry}");
+    assert_eq!(dry["estimate"]["objects"], 5000);
     // One object of many points, by methods that take more than an evaluation in an iteration.
-    let many = json!({"kind": "closed_curve", "dimension": 2, "control_points": 2000, "generator": {"name": "trigonometric"}});
     let one = json!([{"lower": [8, 15], "upper": [25, 26]}]);
     for method in ["newton", "coordinates"] {
-        let body = curves(json!({"representation": many, "boxes": one, "method": method,
+        let body = curves(json!({"representation": points(2000), "boxes": one, "method": method,
             "stages": [{"sigma": 1, "iterations": 2000}]}));
         post_image(&server, PATH, &body, &bright()).expect_problem(422, "too-costly", &[]);
     }
+}
+
+/// A dry run computes nothing: of a file only the header is read, and all faults are found.
+#[test]
+fn dry_runs_predict_memory_and_time() {
+    let server = shared();
+    let dry = |body: &Value, image: &[u8]| post_image(&server, "/v1/segment?dry_run=true", body, image);
+    let one = curves(json!({"boxes": [{"lower": [8, 15], "upper": [25, 26]}]}));
+    let small = dry(&one, &bright()[..100]).expect(200)["estimate"].clone();
+    let cells = (PLANE[0] * PLANE[1]) as f64;
+    assert!(number(&small["memory_bytes"]) > 36.0 * cells, "{small}");
+    let seconds = number(&small["seconds"]);
+    assert!(seconds > 1e-4 && seconds < 0.1, "{seconds}");
+    // More objects and terms cost more, fewer iterations less.
+    let more = |body: &Value| number(&dry(body, &bright()).expect(200)["estimate"]["seconds"]);
+    assert!(more(&curves(json!({}))) > 1.5 * seconds);
+    let mut terms = one.clone();
+    terms["terms"] = json!([{"name": "contour"}, {"name": "two_class"}]);
+    assert!(more(&terms) > 1.2 * seconds);
+    let mut short = one.clone();
+    short["stages"] = json!([{"sigma": 2, "iterations": 1}]);
+    assert!(more(&short) < 0.5 * seconds);
+    dry(&curves(json!({"terms": []})), &bright()).expect_problem(422, "invalid-input", &["/terms"]);
+    post_image(&server, "/v1/segment?dry_run=maybe", &one, &bright()).expect_problem(
+        400,
+        "invalid-query",
+        &[],
+    );
 }

@@ -19,11 +19,15 @@ fn with_cohort() -> Server {
 
 /// Sends parameters and an image with further headers.
 fn post(server: &Server, parameters: &Value, image: &[u8], headers: &[(&str, &str)]) -> Reply {
+    post_to(server, PATH, parameters, image, headers)
+}
+
+fn post_to(server: &Server, path: &str, parameters: &Value, image: &[u8], headers: &[(&str, &str)]) -> Reply {
     let parameters = parameters.to_string();
     let parts: [(&str, &str, &[u8]); 2] =
         [("parameters", "application/json", parameters.as_bytes()), ("image", "image/png", image)];
     let media_type = format!("multipart/form-data; boundary={BOUNDARY}");
-    let request = server.request(Method::POST, PATH).header(CONTENT_TYPE, media_type).body(form(&parts));
+    let request = server.request(Method::POST, path).header(CONTENT_TYPE, media_type).body(form(&parts));
     server.send(headers.iter().fold(request, |request, (name, value)| request.header(*name, *value)))
 }
 
@@ -108,6 +112,17 @@ fn failed_objects_are_stored_only_when_asked_for() {
     unnamed["store_failed"] = json!(true);
     let answer = post(&server, &unnamed, &bright(), &[]).expect(201);
     assert_eq!((&answer["added"], &answer["revision"]), (&json!(2), &json!(2)));
+}
+
+#[test]
+fn a_dry_run_stores_nothing() {
+    let server = with_cohort();
+    let path = format!("{PATH}?dry_run=true");
+    let answer = post_to(&server, &path, &named(["a", "b"]), &bright(), &[]).expect(200);
+    assert_eq!(answer["estimate"]["objects"], 2);
+    let bad = curves(json!({"objects": [{}]}));
+    post_to(&server, &path, &bad, &bright(), &[]).expect_problem(422, "invalid-input", &["/objects"]);
+    assert_eq!(server.get("/v1/cohorts/cells").expect(200)["shape_count"], 0);
 }
 
 #[test]

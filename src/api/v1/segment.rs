@@ -4,16 +4,18 @@ use axum::body::Bytes;
 use axum::extract::Request;
 use axum::http::StatusCode;
 use axum::response::Response;
+use serde::{Deserialize, Serialize};
 
 use super::request_macros::{IfMatchHeader, RetryHeader};
 use super::segment_request::{Checks, CohortSegmentRequest, SegmentRequest, ShapePrior, Storing};
-use crate::api::extract::{Caller, IfMatch, NoQuery, Path};
+use crate::api::extract::{Caller, IfMatch, Path, Query};
 use crate::api::form::{self, Form};
 use crate::api::problem::Problem;
-use crate::api::respond::{Binary, compute_planned, json, planned};
-use crate::service::app::{App, ServiceError};
+use crate::api::respond::{Binary, Planned, compute_planned, json, planned};
+use crate::service::app::{App, ServiceError, Work};
 use crate::service::cohorts::catalogue;
 use crate::service::segmentation::answer::SegmentAnswer;
+use crate::service::segmentation::cost::SegmentEstimate;
 use crate::service::segmentation::image::Part;
 use crate::service::segmentation::membership::{self, Arriving, Digests, MembersAnswer, Membership};
 use crate::service::segmentation::segment::{self, Files};
@@ -35,24 +37,65 @@ pub(super) struct SegmentForm {
     mask: Option<Binary>,
 }
 
+/// Query parameters of a segmentation.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
+pub(super) struct SegmentQuery {
+    /// Whether only memory and time are predicted: nothing but the components of a mask is computed. Default: false.
+    #[serde(default)]
+    #[param(required = false)]
+    dry_run: bool,
+}
+
+/// Predicted cost of a segmentation.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct SegmentEstimateAnswer {
+    /// Predicted cost.
+    estimate: SegmentEstimate,
+}
+
+/// Segmented objects, or their predicted cost.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+#[serde(untagged)]
+#[allow(dead_code, reason = "only for the document")]
+pub(super) enum SegmentOrEstimate {
+    /// Objects.
+    Found(SegmentAnswer),
+    /// Cost.
+    Estimated(SegmentEstimateAnswer),
+}
+
+fn estimated(estimate: SegmentEstimate) -> Result<Planned, ServiceError> {
+    planned(Work::from_seconds(0.0), move |_: &App| json(StatusCode::OK, &SegmentEstimateAnswer { estimate }))
+}
+
 /// Segments objects in an image or a volume.
 ///
 /// Each object is a shape that minimises an energy of the image inside it, from its initial shape on, by L-BFGS with exact gradients,
 /// in stages from coarse to fine. The shape is checked after every stage: one that folds, collapses or leaves the image is answered
 /// with `stop` and a warning, as it was before. Shapes are those of the representation, and can be posted to a cohort.
 #[utoipa::path(post, path = "/segment", tag = "images",
+    params(SegmentQuery),
     request_body(content = SegmentForm, content_type = "multipart/form-data"),
     responses(
-        (status = 200, description = "One shape for each initial shape, in order", body = SegmentAnswer),
+        (status = 200, description = "One shape for each initial shape, in order; or the predicted cost (dry run)", body = SegmentOrEstimate),
         (status = 404, description = "No such cohort or dictionary")
     ))]
-pub(super) async fn segment(Caller(app): Caller, _: NoQuery, request: Request) -> Result<Response, Problem> {
+pub(super) async fn segment(
+    Caller(app): Caller,
+    Query(SegmentQuery { dry_run }): Query<SegmentQuery>,
+    request: Request,
+) -> Result<Response, Problem> {
     let form = form::read(&app, request, &PARTS).await?;
     let asked = app.read::<SegmentRequest>(form.parameters.clone()).await?;
     let (files, wanted) = prepare(&app, &form, asked).await?;
     // The parameters are read already; their length tells where the plan is made.
     compute_planned(app, form.parameters, move |app, _| {
         let found = segment::Planned::new(app, files.parts(), wanted)?;
+        if dry_run {
+            return estimated(found.estimate());
+        }
         planned(found.work(), move |app: &App| json(StatusCode::OK, &found.segment(app, files.parts())?))
     })
     .await
@@ -78,11 +121,11 @@ pub(super) struct CohortSegmentForm {
 /// ones do. Objects that fold, collapse or leave the image are answered, but stored only with `store_failed`. The metadata of a
 /// stored object names the BLAKE3 digests of the image and of the other parts under `segmentation`; the image itself is not kept.
 #[utoipa::path(post, path = "/cohorts/{cohort}/segment", tag = "images",
-    params(("cohort" = String, Path, description = "Id or name"), RetryHeader, IfMatchHeader),
+    params(("cohort" = String, Path, description = "Id or name"), SegmentQuery, RetryHeader, IfMatchHeader),
     request_body(content = CohortSegmentForm, content_type = "multipart/form-data"),
     responses(
         (status = 201, description = "One entry for each initial shape, in order; at least one object is stored", body = MembersAnswer),
-        (status = 200, description = "All objects have failed: nothing is stored", body = MembersAnswer),
+        (status = 200, description = "Nothing is stored: all objects have failed, or it is a dry run", body = MembersOrEstimate),
         (status = 404, description = "No such cohort or dictionary"),
         (status = 412, description = "The cohort has changed meanwhile"),
         (status = 409, description = "An external id belongs to another shape")
@@ -90,7 +133,7 @@ pub(super) struct CohortSegmentForm {
 pub(super) async fn segment_into_cohort(
     Caller(app): Caller,
     Path(key): Path<String>,
-    _: NoQuery,
+    Query(SegmentQuery { dry_run }): Query<SegmentQuery>,
     IfMatch(expected): IfMatch,
     request: Request,
 ) -> Result<Response, Problem> {
@@ -104,9 +147,38 @@ pub(super) async fn segment_into_cohort(
     let asked = app.read::<CohortSegmentRequest>(form.parameters.clone()).await?;
     let (asked, Storing { objects, store_failed }) = asked.split(&cohort)?;
     let membership = Membership { cohort, expected, objects, store_failed, digests };
+    if dry_run {
+        return dry(app, &form, membership, asked).await;
+    }
     let arriving = arriving(&app, &form, membership.clone(), asked).await?;
     let (answer, is_stored) = membership.store(&app, arriving).await?;
     Ok(json(if is_stored { StatusCode::CREATED } else { StatusCode::OK }, &answer)?)
+}
+
+/// Members, or their predicted cost.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+#[serde(untagged)]
+#[allow(dead_code, reason = "only for the document")]
+pub(super) enum MembersOrEstimate {
+    /// Objects.
+    Found(MembersAnswer),
+    /// Cost.
+    Estimated(SegmentEstimateAnswer),
+}
+
+/// Predicts what the segmentation of a form for a cohort costs.
+async fn dry(
+    app: App,
+    form: &Form,
+    membership: Membership,
+    asked: SegmentRequest,
+) -> Result<Response, Problem> {
+    let (files, wanted) = prepare(&app, form, asked).await?;
+    compute_planned(app, form.parameters.clone(), move |app, _| {
+        membership.attributes(&wanted.starts)?;
+        estimated(segment::Planned::new(app, files.parts(), wanted)?.estimate())
+    })
+    .await
 }
 
 /// Segments the objects of a form for a cohort.

@@ -3,7 +3,7 @@
 //!
 //! * [`image`] — images of requests; [`contours`] — boundaries of labels;
 //! * [`request`] — energies, stages and boxes as they are posted; [`starts`] — initial shapes; [`wanted`] — all that is wanted;
-//! * [`segment`] — objects of an image; [`answer`] — what is answered of them; `cost` — predictions;
+//! * [`segment`] — objects of an image; [`answer`] — what is answered of them; [`cost`] — predictions;
 //! * [`reference`](mod@reference) — means of the store that attract shapes; [`membership`] — objects that go into a cohort.
 //!
 //! The arithmetic is in [`segmentation`](crate::segmentation), the files are read by [`formats::image`](crate::formats::image):
@@ -11,7 +11,7 @@
 
 pub mod answer;
 pub mod contours;
-mod cost;
+pub mod cost;
 pub mod image;
 pub mod membership;
 pub mod reference;

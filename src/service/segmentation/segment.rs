@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::answer::{SegmentAnswer, SegmentedOutput, StageOutput, TermOutput, TruthOutput, warnings};
-use super::cost;
+use super::cost::{self, SegmentEstimate};
 use super::image::{ImageOutput, Part, plane_frame, volume_frame};
 use super::request::StageInput;
 use super::starts::{Starts, usual_radius};
@@ -21,7 +21,7 @@ use crate::segmentation::run::scene::Scene;
 use crate::segmentation::run::{Outcome, Settings, StageReport, evaluate, segment};
 use crate::segmentation::snake::Model;
 use crate::segmentation::snake::kind::SpaceModel;
-use crate::service::app::memory::{Held, Purpose};
+use crate::service::app::memory::Purpose;
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::shapes::read::read_shape;
 use crate::service::statistics::Setup;
@@ -32,7 +32,8 @@ pub struct Planned {
     wanted: Wanted,
     stages: Vec<StageInput>,
     description: Description,
-    _room: Held,
+    /// Predicted memory.
+    bytes: usize,
 }
 
 /// The files of a request.
@@ -45,10 +46,10 @@ pub struct Files<'a> {
 }
 
 impl Planned {
-    /// Reads the headers of the files, checks what is wanted and reserves memory.
+    /// Reads the headers of the files, checks what is wanted and predicts what it costs.
     ///
     /// # Errors
-    /// Faults at `/image`, `/truth` and of the fields; [`ServiceError::Overloaded`] if memory is short.
+    /// Faults at `/image`, `/truth` and of the fields.
     pub fn new(app: &App, files: Files<'_>, wanted: Wanted) -> Result<Self, ServiceError> {
         let description = files.image.describe(&app.limits)?;
         let grid = description.grid;
@@ -65,9 +66,8 @@ impl Planned {
         let stages = wanted.stages(&grid);
         let read = |found: &Description| usize::try_from(found.memory_bytes).unwrap_or(usize::MAX);
         let files = read(&description).saturating_add(truth.as_ref().map_or(0, read));
-        let terms = wanted.energy.image_terms().len();
-        let room = app.memory.hold(Purpose::Bodies, cost::memory(&grid, files, terms, stages.len()))?;
-        Ok(Self { wanted, stages, description, _room: room })
+        let bytes = cost::memory(&wanted, &grid, &stages, files);
+        Ok(Self { wanted, stages, description, bytes })
     }
 
     /// Predicted work.
@@ -75,13 +75,20 @@ impl Planned {
         cost::work(&self.wanted, &self.description.grid, &self.stages)
     }
 
+    /// Predicted cost.
+    pub fn estimate(&self) -> SegmentEstimate {
+        let (objects, seconds) = (self.wanted.starts.count(), self.work().seconds());
+        SegmentEstimate { objects, memory_bytes: self.bytes, seconds }
+    }
+
     /// Segments the objects.
     ///
     /// # Errors
-    /// Files that are broken; initial shapes that are faulty or enclose nothing; an image without contrast;
+    /// [`ServiceError::Overloaded`] if memory is short; files that are broken; initial shapes that are faulty or enclose nothing; an image without contrast;
     /// [`ServiceError::Cancelled`].
     pub fn segment(self, app: &App, files: Files<'_>) -> Result<SegmentAnswer, ServiceError> {
-        let Self { wanted, stages, .. } = self;
+        let Self { wanted, stages, bytes, .. } = self;
+        let _room = app.memory.hold(Purpose::Bodies, bytes)?;
         let setup = Setup::new(app, wanted.settings.clone())?;
         let model = SpaceModel::new(&setup.space)
             .map_err(|fault| ServiceError::below(vec![Fault::from(fault)], "/representation"))?;

@@ -88,6 +88,23 @@ impl Starts {
         }
     }
 
+    /// Sides of the box around the initial shape at `index`; none of a shape that is faulty.
+    pub(super) fn extent(&self, index: usize, usual_radius: f64) -> Vec<f64> {
+        let sides = |lower: &[f64], upper: &[f64]| lower.iter().zip(upper).map(|(a, b)| b - a).collect();
+        match self {
+            Self::Shapes(shapes) => posted_extent(&shapes[index]),
+            Self::Boxes(boxes) => sides(&boxes[index].lower, &boxes[index].upper),
+            Self::Seeds(seeds) => {
+                let BoxInput { lower, upper } = seeds[index].around(usual_radius);
+                sides(&lower, &upper)
+            }
+            Self::Components(components) => match &components[index] {
+                LabelBoundary::Region(region) => extent(&region.points.concat(), 2),
+                LabelBoundary::Solid(solid) => extent(&solid.outer.vertices.concat(), 3),
+            },
+        }
+    }
+
     /// Field or part of the request.
     fn place(&self) -> &'static str {
         match self {
@@ -176,7 +193,7 @@ impl Starts {
                     along(region, setup).map_err(|detail| vec![self.fault(index, "", detail)])
                 }
                 LabelBoundary::Solid(solid) => {
-                    let [lower, upper] = corners(&solid.outer.vertices);
+                    let [lower, upper] = corners(&solid.outer.vertices.concat(), 3);
                     fill(&lower, &upper)
                 }
             },
@@ -226,12 +243,26 @@ fn along(region: &RegionOutput, setup: &Setup) -> Result<Vec<f64>, String> {
     Ok(converted.control_points.as_slice().to_vec())
 }
 
-/// Least and greatest coordinates of points.
-fn corners(points: &[[f64; 3]]) -> [[f64; 3]; 2] {
+/// Least and greatest coordinates of points, one after the other in `rows`.
+fn corners(rows: &[f64], dimension: usize) -> [Vec<f64>; 2] {
     let of = |bound: fn(f64, f64) -> f64, from: f64| {
-        [0, 1, 2].map(|c| points.iter().map(|point| point[c]).fold(from, bound))
+        let along = |c: usize| rows.iter().skip(c).step_by(dimension).copied().fold(from, bound);
+        (0..dimension).map(along).collect()
     };
     [of(f64::min, f64::INFINITY), of(f64::max, f64::NEG_INFINITY)]
+}
+
+/// Sides of the box around points, one after the other in `rows`.
+fn extent(rows: &[f64], dimension: usize) -> Vec<f64> {
+    let [lower, upper] = corners(rows, dimension);
+    lower.into_iter().zip(upper).map(|(a, b)| b - a).collect()
+}
+
+/// That of the points or control points of a posted shape.
+fn posted_extent(shape: &ShapeInput) -> Vec<f64> {
+    let list = shape.points.as_ref().or(shape.control_points.as_ref());
+    let rows = list.and_then(|list| Some((list.checked(list.width()).ok()?, list.width())));
+    rows.filter(|(_, width)| *width > 0).map_or_else(Vec::new, |(rows, width)| extent(rows, width))
 }
 
 /// Finds the components of a mask of the size of the image, on the pool.
