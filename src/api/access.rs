@@ -118,6 +118,7 @@ const OPERATIONS: &[(Needs, &[&str])] = &[
             "PATCH /v1/cohorts/{cohort}",
             "PATCH /v1/cohorts/{cohort}/shapes/{shape}",
             "POST /v1/cohorts",
+            "POST /v1/cohorts/{cohort}/segment",
             "POST /v1/cohorts/{cohort}/shapes",
             "POST /v1/comparisons",
             "POST /v1/dictionaries",

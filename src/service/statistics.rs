@@ -170,6 +170,11 @@ impl Setup {
         Measured { metric: &self.metric, method: &self.method, matching: &self.matching }
     }
 
+    /// Correspondence of points between shapes.
+    pub(crate) fn correspondence(&self) -> Correspondence {
+        self.correspondence
+    }
+
     /// Conversion of posted shapes to control points.
     pub(crate) fn reading<'a>(&'a self, limits: &'a Limits) -> Reading<'a> {
         let Self { space, correspondence, direction, .. } = self;

@@ -76,6 +76,7 @@ const OPERATIONS: &[&str] = &[
     "POST /v1/align",
     "POST /v1/cohorts",
     "POST /v1/cohorts/{cohort}/search",
+    "POST /v1/cohorts/{cohort}/segment",
     "POST /v1/cohorts/{cohort}/shapes",
     "POST /v1/comparisons",
     "POST /v1/contours",
@@ -285,8 +286,9 @@ fn the_examples_of_the_interface_document_work() {
             let form = resolve(&document, &body["schema"]).pointer("/properties/parameters");
             if let Some(parameters) = form.filter(|_| media_type == "multipart/form-data") {
                 let example = &resolve(&document, parameters)["example"];
-                let path = name.split_once(' ').unwrap().1;
-                post_image(&server, path, example, &label_picture()).expect(200);
+                let path = name.split_once(' ').unwrap().1.replace("{cohort}", &cohort);
+                let reply = post_image(&server, &path, example, &label_picture());
+                assert!((200..300).contains(&reply.status), "{name}: {}", reply.text());
                 continue;
             }
             let own = body.get("example");

@@ -35,6 +35,8 @@ mod http_retries;
 mod http_retrieval;
 mod http_same_bits;
 mod http_segment;
+mod http_segment_cohort;
+mod http_segment_starts;
 mod http_spreading;
 mod http_subdivision;
 mod http_surfaces;

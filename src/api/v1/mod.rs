@@ -30,6 +30,7 @@ mod regressions;
 mod request_macros;
 mod retrieval;
 mod segment;
+mod segment_request;
 mod shape_query;
 mod shapes;
 mod sheet;
@@ -94,6 +95,7 @@ pub(super) fn computing_routes() -> OpenApiRouter<App> {
         .routes(routes!(overlap::overlap))
         .routes(routes!(contours::contours))
         .routes(routes!(segment::segment))
+        .routes(routes!(segment::segment_into_cohort))
         .routes(routes!(cohorts::cohort_mean))
         .routes(routes!(corrections::erase_subject))
         .routes(routes!(retrieval::search_cohort))

@@ -1,14 +1,21 @@
-//! Images to shapes. The functions are synchronous and run on the pool, but for [`reference`](mod@reference), which reads the store.
+//! Images to shapes. The functions are synchronous and run on the pool, but for
+//! [`reference`](mod@reference) and [`membership`], which use the store.
 //!
 //! * [`image`] — images of requests; [`contours`] — boundaries of labels;
-//! * [`request`] — energies, stages and initial shapes as they are posted; [`segment`] — objects of an image;
-//! * [`reference`](mod@reference) — means of the store that attract shapes.
+//! * [`request`] — energies, stages and boxes as they are posted; [`starts`] — initial shapes; [`wanted`] — all that is wanted;
+//! * [`segment`] — objects of an image; [`answer`] — what is answered of them; [`cost`] — predictions;
+//! * [`reference`](mod@reference) — means of the store that attract shapes; [`membership`] — objects that go into a cohort.
 //!
 //! The arithmetic is in [`segmentation`](crate::segmentation), the files are read by [`formats::image`](crate::formats::image):
 //! this folder limits, predicts and names what is answered.
 
+pub mod answer;
 pub mod contours;
+pub mod cost;
 pub mod image;
+pub mod membership;
 pub mod reference;
 pub mod request;
 pub mod segment;
+pub mod starts;
+pub mod wanted;
