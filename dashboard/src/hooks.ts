@@ -54,15 +54,15 @@ export function useEvents(kinds: string[], then: (kind: string, data: Record<str
   handler.current = then;
   const names = kinds.join(",");
   useEffect(() => {
-    const abort = new AbortController();
+    let abort = new AbortController();
     let last = "";
-    let wait = 1000;
-    const follow = async (): Promise<void> => {
-      while (!abort.signal.aborted) {
+    const follow = async ({ signal }: AbortController): Promise<void> => {
+      let wait = 1000;
+      while (!signal.aborted) {
         try {
           const headers: Record<string, string> = { accept: "text/event-stream", ...authorization() };
           if (last) headers["last-event-id"] = last;
-          const response = await fetch(`/v1/events?kind=${names}`, { headers, signal: abort.signal, credentials: "omit" });
+          const response = await fetch(`/v1/events?kind=${names}`, { headers, signal, credentials: "omit" });
           if (!response.ok || !response.body) {
             if (response.status < 500 && response.status !== 429) return;
             throw new Error(response.statusText);
@@ -74,15 +74,25 @@ export function useEvents(kinds: string[], then: (kind: string, data: Record<str
             if (event.data) handler.current(event.name, JSON.parse(event.data) as Record<string, unknown>);
           });
         } catch {
-          if (abort.signal.aborted) return;
+          if (signal.aborted) return;
         }
         setLive(false);
         await new Promise((resolve) => setTimeout(resolve, wait));
         wait = Math.min(2 * wait, 30_000);
       }
     };
-    void follow();
-    return () => abort.abort();
+    // Browsers allow few connections to a service: tabs that nobody looks at do without, and catch up when they are shown.
+    const look = () => {
+      abort.abort();
+      abort = new AbortController();
+      if (!document.hidden) void follow(abort);
+    };
+    document.addEventListener("visibilitychange", look);
+    look();
+    return () => {
+      document.removeEventListener("visibilitychange", look);
+      abort.abort();
+    };
   }, [names]);
   return live;
 }

@@ -26,10 +26,21 @@ before(async () => {
   await call("POST", "/v1/cohorts", { name: "ellipsoids", length_unit: "mm", correspondence: "landmarks", representation });
   await call("POST", "/v1/cohorts/ellipsoids/shapes", { shapes: made.shapes.map((shape, k) => ({ external_id: `ellipsoid${k}`, label: k % 2 ? "odd" : "even", control_points: shape.control_points })) });
   await call("POST", "/v1/dictionaries", { name: "ellipsoids", cohort: "ellipsoids", transformation: "rigid", method: { kind: "functional_pca", components: 3, centre: true } }, WAITED);
+  const landmarks = Array.from({ length: 16 }, (_, k) => ({ external_id: `l${k}`, label: k % 2 ? "a" : "b", points: [[0, 0], [4 + 0.3 * Math.sin(k), 0.2], [4, 3 + 0.4 * Math.cos(k)], [2, 4 + 0.2 * Math.sin(3 * k)], [0.3 * Math.cos(2 * k), 3]] }));
+  await call("POST", "/v1/cohorts", { name: "landmarks", length_unit: "mm", correspondence: "landmarks", representation: { kind: "landmarks", dimension: 2, points: 5 } });
+  await call("POST", "/v1/cohorts/landmarks/shapes", { shapes: landmarks });
+  await call("POST", "/v1/dictionaries", { name: "landmarks", cohort: "landmarks", transformation: "similarity", method: { kind: "functional_pca", components: 3, centre: true } }, WAITED);
   if (existsSync(HANDS)) {
     await call("POST", "/v1/cohorts", { name: "hands", correspondence: "arc_length", representation: { kind: "open_curve", dimension: 2, intervals: 48, generator: { name: "bspline", degree: 3 } } });
     const hands = readFileSync(HANDS, "utf8").trim().split("\n").map((line) => { const { id, label, labels, points } = JSON.parse(line); return JSON.stringify({ external_id: id, label, labels, points }); });
     await call("POST", "/v1/cohorts/hands/shapes", hands.join("\n"), { "content-type": "application/x-ndjson" });
+    await call("POST", "/v1/dictionaries", { name: "hands", cohort: "hands", transformation: "similarity", method: { kind: "functional_pca", components: 6, centre: true } }, WAITED);
+    Object.assign(VIEWS, {
+      hands: ["/app/cohorts/hands", "hands"],
+      "hands-groups": ["/app/cohorts/hands/compare?by=label", "hands"],
+      "hands-modes": ["/app/dictionaries/hands@1/modes?sigma=2", "hands"],
+      "hands-scores": ["/app/dictionaries/hands@1/scores?morphospace=yes&colour=label", "hands"],
+    });
   }
   if (SCREENS) mkdirSync(SCREENS, { recursive: true });
 });
@@ -68,6 +79,11 @@ const VIEWS = {
   trash: ["/app/administration?part=trash", "Administration"],
   surface: ["/app/cohorts/ellipsoids/shapes/ellipsoid3", "ellipsoid3"],
   surfaces: ["/app/dictionaries/ellipsoids@1/modes?sigma=2", "ellipsoids"],
+  "surfaces-cohort": ["/app/cohorts/ellipsoids", "ellipsoids"],
+  "surfaces-mean": ["/app/cohorts/ellipsoids/mean?transformation=rigid", "ellipsoids"],
+  "surfaces-groups": ["/app/cohorts/ellipsoids/compare?by=label&transformation=rigid", "ellipsoids"],
+  landmarks: ["/app/cohorts/landmarks", "landmarks"],
+  "landmarks-modes": ["/app/dictionaries/landmarks@1/modes?sigma=2", "landmarks"],
 };
 
 async function settled(page) {

@@ -57,6 +57,8 @@ function ofFeature(feature: Feature, name: string): Input[] {
 function ofTable(text: string, name: string): Input[] {
   const rows = text.split(/\r?\n/).filter((line) => line.trim()).map((line) => line.split(/[,;\t]/).map((cell) => cell.trim().replace(/^"|"$/g, "")));
   const head = rows[0]!.map((cell) => cell.toLowerCase());
+  const wide = head.flatMap((cell, column) => { const found = /^([xyz])(\d+)$/.exec(cell); return found ? [{ axis: found[1]!, number: Number(found[2]), column }] : []; });
+  if (wide.length > 1) return ofWideTable(rows, head, wide);
   const named = head.includes("x") && head.includes("y");
   const columns = named ? (["x", "y", "z"] as const).map((axis) => head.indexOf(axis)).filter((index) => index >= 0) : rows[0]!.map((_, index) => index).slice(0, 3);
   const id = head.findIndex((cell) => ["id", "external_id", "shape"].includes(cell)), label = head.indexOf("label");
@@ -68,6 +70,20 @@ function ofTable(text: string, name: string): Input[] {
     shapes.set(key, shape);
   }
   return [...shapes.values()];
+}
+
+/** A row is a shape: columns `x1`, `y1`, `x2`, …; other columns are attributes. */
+function ofWideTable(rows: string[][], head: string[], wide: { axis: string; number: number; column: number }[]): Input[] {
+  const order = [...wide].sort((a, b) => a.number - b.number || a.axis.localeCompare(b.axis));
+  const places = [...new Set(order.map((one) => one.number))].map((number) => order.filter((one) => one.number === number).map((one) => one.column));
+  const id = head.findIndex((cell) => ["id", "external_id", "shape"].includes(cell)), label = head.indexOf("label");
+  const others = head.flatMap((_, column) => (column === id || column === label || wide.some((one) => one.column === column) ? [] : [[rows[0]![column]!, column] as const]));
+  const value = (text: string) => (text !== "" && Number.isFinite(Number(text)) ? Number(text) : text);
+  return rows.slice(1).map((row, at) => ({
+    external_id: id >= 0 ? row[id] : `row-${at + 1}`, ...(label >= 0 ? { label: row[label] } : {}),
+    ...(others.length ? { labels: Object.fromEntries(others.filter(([, column]) => row[column] !== "").map(([name, column]) => [name, value(row[column]!)])) } : {}),
+    points: places.map((columns) => columns.map((column) => Number(row[column]))),
+  })) as Input[];
 }
 
 /** Landmarks of tpsDig: `LM=n`, n rows, then `ID=` or `IMAGE=`, `SCALE=`. */

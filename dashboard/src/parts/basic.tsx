@@ -151,7 +151,7 @@ export function Picture({ source, alt, caption, name, width = 760, formats = PIC
   useEffect(() => {
     const abort = new AbortController();
     let url: string | undefined;
-    ask(source, { format: "svg", theme, background: "none", title: "false", width: String(width) }, "image/svg+xml", abort.signal)
+    ask(source, { format: "svg", theme, background: "none", title: "false", ...(source.ownWidth ? {} : { width: String(width) }) }, "image/svg+xml", abort.signal)
       .then((response) => response.blob())
       .then((blob) => {
         if (abort.signal.aborted) return;

@@ -19,8 +19,10 @@ export async function createStage(element: HTMLElement, mesh: ArrayBuffer, width
   const camera = new PerspectiveCamera(35, width / height, 0.01, 1000);
   const lamp = new DirectionalLight(0xffffff, 1.9);
   lamp.position.set(-0.6, 0.9, 1.2);
+  const sky = new HemisphereLight(0xffffff, dark ? 0x39424a : 0x9aa4aa, 1.6);
+  sky.position.set(0, 0, 1);
   camera.add(lamp);
-  scene.add(camera, new HemisphereLight(0xffffff, dark ? 0x39424a : 0x9aa4aa, 1.6), model);
+  scene.add(camera, sky, model);
   const meshes: Mesh[] = [];
   model.traverse((one) => {
     if (!(one instanceof Mesh)) return;

@@ -70,7 +70,7 @@ export const de: Strings = {
     class: "Unterschiede, die nicht zählen", alignment: "Ausrichtung", standard: "üblich für die Klasse", projection: "Projektion (geschlossene Form)", partial: "partielle Procrustes-Ausrichtung", frame: "Lage des Mittels", training: "wie die Formen liegen", canonical: "kanonisch: für alle gleich",
     alt: (cohort) => `Mittel von ${cohort} vor den ausgerichteten Formen`, caption: (count) => `Das Mittel vor ${count} ausgerichteten Formen. Es ist immer aktuell: Formen, die eintreffen, verändern es hier.`,
     eigenvalues: "Eigenwerte des Mittelwertoperators", eigenvalue: "Eigenwert", eigenvaluesHint: "Der Raum des Mittels gehört zu den größten Eigenwerten. Je größer die Lücke zum nächsten, desto besser ist das Mittel bestimmt.",
-    certificate: "Ist das Mittel eindeutig?", unique: "Ja: Es gibt genau ein Mittel, in welcher Reihenfolge die Formen auch stehen.", notUnique: "Nein: Mehrere Mittel passen gleich gut. Unter dieser Klasse unterscheiden sich die Formen zu stark.", gap: "Lücke der Eigenwerte", rounds: "Runden", converged: "Konvergiert",
+    certificate: "Ist das Mittel eindeutig?", unique: "Ja: Es gibt genau ein Mittel, in welcher Reihenfolge die Formen auch stehen.", notUnique: "Nein: Mehrere Mittel passen gleich gut. Unter dieser Klasse unterscheiden sich die Formen zu stark.", noCertificate: "Diese Ausrichtung ist iterativ: Sie konvergiert, liefert aber keinen Nachweis.", gap: "Lücke der Eigenwerte", rounds: "Runden", converged: "Konvergiert",
   },
   classes: {
     own: ["Eigene Matrizen", "Eine durch Matrizen gegebene Klasse."],
@@ -86,7 +86,7 @@ export const de: Strings = {
   compare: {
     settings: "Einstellungen", by: "Gruppen nach", permutations: "Permutationen", hint: "Die Filter der Kohorte gelten auch hier. Der Test vertauscht die Gruppen; er setzt keine Verteilung voraus.",
     noGroups: "Kein Merkmal teilt diese Formen in Gruppen. Ergänzen Sie zuerst eine Bezeichnung oder ein Merkmal.", alt: (first, second) => `Mittel der Gruppen, und wo sich ${first} und ${second} unterscheiden`,
-    caption: (first, second) => `Die Mittel der Gruppen übereinander und der Unterschied entlang der Kontur von ${first}: Das Paar mit dem größten Abstand ist ${first} und ${second}.`,
+    caption: (first, second) => `Die Mittel der Gruppen übereinander und der Unterschied auf ${first}: Das Paar mit dem größten Abstand ist ${first} und ${second}.`,
     effect: (first, second) => `Wo sich ${first} und ${second} unterscheiden`, along: "Ort entlang der Kontur", effectAlt: (some, all) => `p entlang der Kontur: an ${some} von ${all} Orten höchstens 0,05`,
     effectHint: (some, all) => `An ${some} von ${all} Orten ist p höchstens 0,05, korrigiert für die Zahl der Orte.`,
     pairs: "Paare von Gruppen", pair: "Paar", holm: "p (Holm)", overall: "Alle Gruppen", pairsHint: (count) => `R² ist der Teil der Variation, den die Gruppen erklären. p aus ${count} Permutationen; die Korrektur nach Holm gilt für die Zahl der Paare.`,
@@ -101,7 +101,7 @@ export const de: Strings = {
   },
   upload: {
     lead: "Jede Form wird geprüft, bevor sie gespeichert wird. Dieselbe Datei kann noch einmal gesendet werden: Formen mit bekannter Kennung und gleichem Inhalt werden nicht doppelt gespeichert.", onError: "Fehlerhafte Formen", skip: "Fehlerhafte auslassen", abort: "Alles oder nichts",
-    drop: "Dateien hier ablegen", formats: "JSON, NDJSON, GeoJSON, CSV mit x und y, TPS, Labelmasken (PNG, TIFF, NIfTI)", choose: "Dateien wählen", added: (count) => `${count} hinzugefügt`, skipped: (count) => `${count} ausgelassen`, failed: "Nichts gespeichert",
+    drop: "Dateien hier ablegen", formats: "JSON, NDJSON, GeoJSON, CSV, TPS, Labelmasken (PNG, TIFF, NIfTI)", choose: "Dateien wählen", added: (count) => `${count} hinzugefügt`, skipped: (count) => `${count} ausgelassen`, failed: "Nichts gespeichert",
     stopped: "Abgebrochen. Aus dieser Datei wurde nichts gespeichert.", syntax: (message) => `Die Datei ist kein gültiges JSON: ${message}`, crossing: (count) => `${count} der Formen schneiden sich selbst. Sie sind gespeichert; sehen Sie sie an, bevor Sie Schlüsse ziehen.`,
     left: (count) => (count === 1 ? "1 Form wurde ausgelassen:" : `${count} Formen wurden ausgelassen:`), repeated: (count) => `${count} wiederholte Punkte wurden ausgelassen.`, look: "Kohorte ansehen",
   },
@@ -141,10 +141,10 @@ export const de: Strings = {
   },
   assess: {
     title: "Form beurteilen", lead: "Vergleichen Sie eine Form mit dem, was ein Wörterbuch gelernt hat: Lage, Klasse, Neuheit und wo sie abweicht.", print: "Drucken oder als PDF sichern", nothing: "Die Datei enthält keine Form.", posted: "Übergebene Form", withClasses: "mit Klassen",
-    stored: (cohort) => `Oder eine Form aus ${cohort}, nach Kennung`, drop: "Kontur oder Maske ablegen", formats: "JSON, GeoJSON, CSV mit x und y, TPS, Labelmaske (PNG, TIFF, NIfTI)", noClass: "keine Klasse",
+    stored: (cohort) => `Oder eine Form aus ${cohort}, nach Kennung`, drop: "Kontur oder Maske ablegen", formats: "JSON, GeoJSON, CSV, TPS, Labelmaske (PNG, TIFF, NIfTI)", noClass: "keine Klasse",
     verdict: (label, confidence, accepted) => (accepted === false ? `Aus keiner der bekannten Klassen; die nächste ist ${label}.` : `Am ehesten ${label} (${confidence}).`), usual: "Eine übliche Form", unusual: "Eine ungewöhnliche Form",
     outlier: "ungewöhnlich: jenseits der Grenze von 99 % der Formen", inlier: "im Rahmen des Üblichen", against: (name, shapes, time) => `verglichen mit ${name}, gelernt aus ${shapes} Formen, ${time}`,
-    where: "Wo sie abweicht", whereAlt: (name) => `${name}, gefärbt nach dem Abstand von der Rekonstruktion`, whereCaption: "Die Kontur, gefärbt nach ihrem Abstand von der Rekonstruktion durch das Wörterbuch.",
+    where: "Wo sie abweicht", whereAlt: (name) => `${name}, gefärbt nach dem Abstand von der Rekonstruktion`, whereCaption: "Die Form, gefärbt nach ihrem Abstand von der Rekonstruktion durch das Wörterbuch.",
     accuracy: (value, majority) => `Bei ungesehenen Formen waren ${value} solcher Antworten richtig; die häufigste Klasse allein ergäbe ${majority}.`, novelty: "Wie ungewöhnlich", within: "Entlang der Moden", beyond: "Jenseits der Moden", rank: (part) => `ungewöhnlicher als ${part} der Formen`, first: "ungewöhnlicher als jede Form, aus der gelernt wurde", rejected: "Die Form wurde zurückgewiesen: Diese Werte vergleichen nur die Klassen untereinander.",
     error: "Relativer Fehler", noveltyHint: "Entlang der Moden: extrem, aber von bekannter Art. Jenseits der Moden: von einer Art, die das Wörterbuch nicht kennt.", code: "Code", scores: "Werte in Standardabweichungen der gelernten Formen.", atoms: "Gewichte der verwendeten Atome.", weight: "Gewicht", picture: "Ein Foto, keine Maske? Finden Sie zuerst die Kontur:", pose: "Lage", scale: "Größe, je Einheit des Mittels", angle: "Drehung", nearest: "Ähnlichste Formen", printed: (time) => `Shapelex, ${time}. Eine statistische Beschreibung, keine Diagnose.`,
   },

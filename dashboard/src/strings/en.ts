@@ -68,7 +68,7 @@ export const en = {
     class: "Differences to ignore", alignment: "Alignment", standard: "standard for the class", projection: "projection (closed form)", partial: "partial Procrustes", frame: "Pose of the mean", training: "as the shapes lie", canonical: "canonical: the same for all",
     alt: (cohort: string) => `Mean of ${cohort} in front of its aligned shapes`, caption: (count: number) => `The mean in front of ${count} aligned shapes. It is current at all times: shapes that arrive change it here.`,
     eigenvalues: "Eigenvalues of the mean operator", eigenvalue: "Eigenvalue", eigenvaluesHint: "The mean space belongs to the largest eigenvalues. The larger the gap to the next one, the better defined the mean.",
-    certificate: "Is the mean well defined?", unique: "Yes: there is one mean, whatever the order of the shapes.", notUnique: "No: several means fit equally well. The shapes differ too much under this class.", gap: "Gap of eigenvalues", rounds: "Rounds", converged: "Converged",
+    certificate: "Is the mean well defined?", unique: "Yes: there is one mean, whatever the order of the shapes.", notUnique: "No: several means fit equally well. The shapes differ too much under this class.", noCertificate: "This alignment is iterative: it converges, but gives no certificate.", gap: "Gap of eigenvalues", rounds: "Rounds", converged: "Converged",
   },
   classes: {
     own: ["Own matrices", "A class given by matrices."],
@@ -84,7 +84,7 @@ export const en = {
   compare: {
     settings: "Settings", by: "Groups by", permutations: "Permutations", hint: "Filters of the cohort hold here too. The test exchanges the labels of the groups; it assumes no distribution.",
     noGroups: "No attribute divides these shapes into groups. Add a label or an attribute first.", alt: (first: string, second: string) => `Averages of the groups, and where ${first} and ${second} differ`,
-    caption: (first: string, second: string) => `Averages of the groups, superimposed, and the effect along the contour of ${first}: the most distant pair is ${first} and ${second}.`,
+    caption: (first: string, second: string) => `Averages of the groups, superimposed, and the effect on ${first}: the most distant pair is ${first} and ${second}.`,
     effect: (first: string, second: string) => `Where ${first} and ${second} differ`, along: "Place along the contour", effectAlt: (some: number, all: number) => `p along the contour: at ${some} of ${all} places at most 0.05`,
     effectHint: (some: number, all: number) => `At ${some} of ${all} places p is at most 0.05, corrected for the number of places.`,
     pairs: "Pairs of groups", pair: "Pair", holm: "p (Holm)", overall: "All groups", pairsHint: (count: number) => `R² is the part of the variation that the groups explain. p from ${count} permutations; Holm's correction is for the number of pairs.`,
@@ -99,7 +99,7 @@ export const en = {
   },
   upload: {
     lead: "Every shape is checked before it is stored. The same file can be sent again: shapes with a known id and the same content are not stored twice.", onError: "Bad shapes", skip: "Leave bad shapes out", abort: "All or nothing",
-    drop: "Drop files here", formats: "JSON, NDJSON, GeoJSON, CSV with x and y, TPS, label masks (PNG, TIFF, NIfTI)", choose: "Choose files", added: (count: number) => `${count} added`, skipped: (count: number) => `${count} left out`, failed: "Nothing stored",
+    drop: "Drop files here", formats: "JSON, NDJSON, GeoJSON, CSV, TPS, label masks (PNG, TIFF, NIfTI)", choose: "Choose files", added: (count: number) => `${count} added`, skipped: (count: number) => `${count} left out`, failed: "Nothing stored",
     stopped: "Stopped. Nothing of this file was stored.", syntax: (message: string) => `The file is not valid JSON: ${message}`, crossing: (count: number) => `${count} of the shapes cross themselves. They are stored; look at them before you draw conclusions.`,
     left: (count: number) => `${count} ${count === 1 ? "shape was" : "shapes were"} left out:`, repeated: (count: string) => `${count} repeated points were left out.`, look: "Look at the cohort",
   },
@@ -139,10 +139,10 @@ export const en = {
   },
   assess: {
     title: "Assess a shape", lead: "Compare one shape with what a dictionary has learnt: pose, class, novelty, and where it deviates.", print: "Print or save as PDF", nothing: "The file contains no shape.", posted: "Posted shape", withClasses: "with classes",
-    stored: (cohort: string) => `Or a shape of ${cohort}, by id`, drop: "Drop a contour or a mask", formats: "JSON, GeoJSON, CSV with x and y, TPS, label mask (PNG, TIFF, NIfTI)", noClass: "no class",
+    stored: (cohort: string) => `Or a shape of ${cohort}, by id`, drop: "Drop a contour or a mask", formats: "JSON, GeoJSON, CSV, TPS, label mask (PNG, TIFF, NIfTI)", noClass: "no class",
     verdict: (label: string, confidence: string, accepted: boolean | null | undefined) => (accepted === false ? `Of none of the known classes; nearest is ${label}.` : `Most likely ${label} (${confidence}).`), usual: "A usual shape", unusual: "An unusual shape",
     outlier: "unusual: beyond the limit of 99 % of the shapes", inlier: "within what is usual", against: (name: string, shapes: number, time: string) => `against ${name}, learnt from ${shapes} shapes, ${time}`,
-    where: "Where it deviates", whereAlt: (name: string) => `${name}, coloured by its distance from the reconstruction`, whereCaption: "The contour, coloured by its distance from the reconstruction by the dictionary.",
+    where: "Where it deviates", whereAlt: (name: string) => `${name}, coloured by its distance from the reconstruction`, whereCaption: "The shape, coloured by its distance from the reconstruction by the dictionary.",
     accuracy: (value: string, majority: string) => `On unseen shapes ${value} of such answers were right; the most frequent class alone gives ${majority}.`, novelty: "How unusual", within: "Along the modes", beyond: "Beyond the modes", rank: (part: string) => `more unusual than ${part} of the shapes`, first: "more unusual than every shape it was learnt from", rejected: "The shape was rejected: these confidences compare the classes with each other only.",
     error: "Relative error", noveltyHint: "Along the modes: extreme, but of a known kind. Beyond the modes: of a kind that the dictionary has not seen.", code: "Code", scores: "Scores in standard deviations of the shapes learnt from.", atoms: "Weights of the atoms in use.", weight: "Weight", picture: "A photograph, not a mask? Find the contour first:", pose: "Pose", scale: "Size, per unit of the mean", angle: "Rotation", nearest: "Most similar shapes", printed: (time: string) => `Shapelex, ${time}. A statistical description, not a diagnosis.`,
   },

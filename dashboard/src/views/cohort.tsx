@@ -3,11 +3,12 @@ import type { ComponentChildren } from "preact";
 import { useEffect, useState } from "preact/hooks";
 import { get, patch, remove, post, send, type Schemas } from "../api/client";
 import { Chart, Spark } from "../parts/chart";
-import { Choice, Dialog, Download, Empty, Fault, Field, Loading, PICTURES, Page, SortHead, Tabs, announce } from "../parts/basic";
+import { Choice, Dialog, Download, Empty, Fault, Field, Loading, PICTURES, Page, Picture, SortHead, Tabs, announce } from "../parts/basic";
 import { useAction, useEvents, useLoaded, useSettled } from "../hooks";
 import { navigate, usePlace, useSetting } from "../router";
 import { bounded, filterOf, toggled, withFilter } from "../shape/filter";
 import { count, number, t, time, unit } from "../strings";
+import { hasMesh } from "../shape/points";
 import { describe } from "./cohorts";
 
 type Attribute = Schemas["AttributesAnswer"]["items"][number];
@@ -142,7 +143,9 @@ function Sheet({ cohort, filter, revision, total }: { cohort: string; filter: UR
     const drawing = new DOMParser().parseFromString(await response.text(), "image/svg+xml");
     const cells = [...drawing.querySelectorAll("g, path")].filter((one) => [...one.children].some((child) => child.tagName === "title")).map((one) => ({
       id: [...one.children].find((child) => child.tagName === "title")!.textContent ?? "",
-      paths: one.tagName === "path" ? [one.getAttribute("d") ?? ""] : [...one.querySelectorAll("path")].map((path) => path.getAttribute("d") ?? ""),
+      paths: (one.tagName === "path" ? [one] : [...one.querySelectorAll("path")]).map((path) => path.getAttribute("d") ?? ""),
+      // Landmarks: lines without length, whose round ends are dots of one size on the screen.
+      dots: [...one.querySelectorAll("circle")].map((dot) => `M${dot.getAttribute("cx")} ${dot.getAttribute("cy")}h0`).join(""),
     }));
     return { cells, next: next ? decodeURIComponent(next) : "" };
   });
@@ -155,7 +158,7 @@ function Sheet({ cohort, filter, revision, total }: { cohort: string; filter: UR
       <Fault error={sheet.error} />
       {sheet.data?.cells.length === 0 && total > 0 && <p class="quiet">{t.cohort.nothing}</p>}
       <div class="sheet">
-        {sheet.data?.cells.map((cell) => <a key={cell.id} href={`/app/cohorts/${encodeURIComponent(cohort)}/shapes/${encodeURIComponent(cell.id)}`} title={cell.id} aria-label={cell.id}><Cell paths={cell.paths} size={scale === "own" ? undefined : largest} onSize={(size) => setLargest((before) => Math.max(before, size))} /></a>)}
+        {sheet.data?.cells.map((cell) => <a key={cell.id} href={`/app/cohorts/${encodeURIComponent(cohort)}/shapes/${encodeURIComponent(cell.id)}`} title={cell.id} aria-label={cell.id}><Cell paths={cell.paths} dots={cell.dots} size={scale === "own" ? undefined : largest} onSize={(size) => setLargest((before) => Math.max(before, size))} /></a>)}
       </div>
       {(cursor || sheet.data?.next) && (
         <div class="row">
@@ -167,8 +170,23 @@ function Sheet({ cohort, filter, revision, total }: { cohort: string; filter: UR
   );
 }
 
+/** Surfaces are pictures of the service: the first of them, with links below. */
+function SolidSheet({ cohort, filter, revision }: { cohort: string; filter: URLSearchParams; revision: number }) {
+  const path = `/v1/cohorts/${encodeURIComponent(cohort)}`;
+  const query = new URLSearchParams([...filter, ["columns", "4"], ["size", "170"], ["limit", "12"]]);
+  const listed = useLoaded(`${cohort} ${filter} ${revision}`, (signal) => get("/v1/cohorts/{cohort}/shapes", { path: { cohort }, query: new URLSearchParams([...filter, ["fields", "id,external_id"], ["limit", "12"]]), signal }));
+  return (
+    <section class="card">
+      <h2>{t.cohort.sheet}</h2>
+      <Picture key={revision} source={{ path: `${path}/sheet`, query, ownWidth: true }} name={`${cohort}-sheet`} alt={t.cohort.sheet} />
+      <Fault error={listed.error} />
+      <div class="chips">{listed.data?.items.map((one) => <a class="tag" key={one.id} href={`/app/cohorts/${encodeURIComponent(cohort)}/shapes/${encodeURIComponent(one.external_id ?? one.id ?? "")}`}>{one.external_id ?? one.id}</a>)}</div>
+    </section>
+  );
+}
+
 /** A shape in the middle of its cell: `size` units of the sheet wide, or as large as fits. */
-function Cell({ paths, size, onSize }: { paths: string[]; size: number | undefined; onSize: (size: number) => void }) {
+function Cell({ paths, dots, size, onSize }: { paths: string[]; dots: string; size: number | undefined; onSize: (size: number) => void }) {
   const [bounds, setBounds] = useState<DOMRect>();
   const measure = (group: SVGGElement | null) => {
     if (!group || bounds) return;
@@ -178,7 +196,7 @@ function Cell({ paths, size, onSize }: { paths: string[]; size: number | undefin
   };
   const side = 1.04 * (size ?? (bounds ? Math.max(bounds.width, bounds.height) : 640));
   const view = bounds ? `${bounds.x + bounds.width / 2 - side / 2} ${bounds.y + bounds.height / 2 - side / 2} ${side} ${side}` : "0 0 640 640";
-  return <svg viewBox={view} aria-hidden="true"><g ref={measure}>{paths.map((d) => <path class="line" d={d} />)}</g></svg>;
+  return <svg viewBox={view} aria-hidden="true"><g ref={measure}>{paths.map((d) => <path class="line" d={d} />)}{dots && <path class="line dots" d={dots} />}</g></svg>;
 }
 
 export function Overview({ cohort }: { cohort: string }) {
@@ -205,7 +223,7 @@ function Shapes({ cohort, about, filter, revision }: { cohort: string; about: Sc
         <details class="card filters" open={matchMedia("(min-width: 1021px)").matches}><summary>{t.cohort.filters}</summary>{all.data ? <Facets all={all.data.items} shown={some.data?.items} lengthUnit={about.length_unit} /> : <Loading on />}</details>
         <div class="stack" style={{ gap: "22px" }}>
           <Chips total={about.shape_count} shown={some.data?.shape_count} />
-          <Sheet cohort={cohort} filter={filter} revision={revision} total={about.shape_count} />
+          {hasMesh(about.representation) ? <SolidSheet cohort={cohort} filter={filter} revision={revision} /> : <Sheet cohort={cohort} filter={filter} revision={revision} total={about.shape_count} />}
           <section class="columns">
             {sizes?.map((one) => {
               const { edges, counts } = one.histogram!;

@@ -48,10 +48,10 @@ function Groups({ cohort, about, revision }: { cohort: string; about: Schemas["C
             {dimensionOf(about.representation) === 2 || about.representation.kind !== "landmarks" ? (
               <div class="card"><Picture source={{ method: "POST", path: "/v1/comparisons", body }} name={`${cohort}-groups`} alt={t.compare.alt(pair.first, pair.second)} caption={t.compare.caption(pair.first, pair.second)} /></div>
             ) : null}
-            {pair.effect.length > 2 && (
+            {pair.effect.length > 2 && typeof pair.effect[1]!.parameter === "number" && (
               <figure class="card">
                 <h2>{t.compare.effect(pair.first, pair.second)}</h2>
-                <Chart x={pair.effect.map((one) => (typeof one.parameter === "number" ? one.parameter : 0)).map((value, index) => (pair.effect.length > 1 && typeof pair.effect[1]!.parameter === "number" ? value : index))}
+                <Chart x={pair.effect.map((one) => one.parameter as number)}
                   lines={[{ label: "p", values: pair.effect.map((one) => one.p ?? null), kind: "dots" }, { label: "0.05", values: pair.effect.map(() => 0.05), colour: "plus" }]} xLabel={t.compare.along} yLabel="p" range={[0, 1]} describe={t.compare.effectAlt(pair.effect.filter((one) => (one.p ?? 1) <= 0.05).length, pair.effect.length)} />
                 <figcaption>{t.compare.effectHint(pair.effect.filter((one) => (one.p ?? 1) <= 0.05).length, pair.effect.length)}</figcaption>
               </figure>

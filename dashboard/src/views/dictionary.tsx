@@ -66,7 +66,7 @@ function ReportCard({ about }: { about: About }) {
         <div><dt>{t.report.error}</dt><dd>{number(about.statistics.reconstruction_error, 3)}</dd></div>
         {validation && <div><dt>{t.report.accuracy}</dt><dd>{percent(validation.accuracy.value)}</dd></div>}
         <div><dt>{t.words.shapes}</dt><dd>{count(about.statistics.shapes)}</dd></div>
-        <div><dt>{t.report.mean}</dt><dd>{about.mean.unique ? t.report.unique : t.report.notUnique}</dd></div>
+        {typeof about.mean.unique === "boolean" && <div><dt>{t.report.mean}</dt><dd>{about.mean.unique ? t.report.unique : t.report.notUnique}</dd></div>}
       </dl>
       <div class="columns">
         {explained.length > 0 ? (

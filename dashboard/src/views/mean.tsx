@@ -64,7 +64,7 @@ function Mean({ cohort, about, revision }: { cohort: string; about: Schemas["Coh
         {mean.data && (
           <div class="card">
             <h2>{t.mean.certificate}</h2>
-            <p>{mean.data.unique ? t.mean.unique : t.mean.notUnique}</p>
+            <p>{mean.data.unique ? t.mean.unique : mean.data.unique === false ? t.mean.notUnique : t.mean.noCertificate}</p>
             <dl class="facts">
               <dt>{t.words.shapes}</dt><dd>{mean.data.shape_count}</dd>
               <dt>{t.mean.gap}</dt><dd>{number(mean.data.gap)}</dd>

@@ -30,7 +30,7 @@ function Plane({ about, dictionary, cohort }: { about: About; dictionary: string
   const attributes = useAttributes(cohort, new URLSearchParams(), about.cohort_revision ?? 0);
   const own = `${about.name}@${about.version}`;
   const useful = attributes.data?.items.filter((one) => (/^(label$|labels\.)/.test(one.name) && one.distinct > 1 && (one.type === "number" || one.distinct <= 40)) || (one.name.startsWith("measures.") && one.distinct > 1 && one.name !== "measures.points")) ?? [];
-  const attribute = by || useful.find((one) => one.name.startsWith("labels."))?.name || "";
+  const attribute = by || (useful.find((one) => one.name.startsWith("labels.")) ?? useful[0])?.name || "";
   const scores = Array.from({ length: shown }, (_, index) => `${own}.score.${index + 1}`);
   const table = useLoaded(attributes.data ? `${own} ${attribute}` : null, async (signal) => {
     const extra = attribute && !attribute.startsWith("+") ? [attribute] : [];
@@ -71,7 +71,7 @@ function Plane({ about, dictionary, cohort }: { about: About; dictionary: string
                 const points = draw(index);
                 return <>{points && <Shape view={box([points])} height={92} describe={data.ids[index]!} parts={[{ points, closed, dots }]} />}<strong>{data.ids[index]}</strong><div class="quiet">{data.colour ? String(typeof data.colour[index] === "number" ? number(data.colour[index] as number) : data.colour[index] ?? "–") : ""}</div></>;
               }}
-              backdrop={morphs && model.data ? (place) => <Morphospace model={model.data!} a={a} b={b} x={data.scores[a]!} y={data.scores[b]!} place={place} closed={closed} /> : undefined} />
+              backdrop={morphs && model.data ? (place) => <Morphospace model={model.data!} a={a} b={b} x={data.scores[a]!} y={data.scores[b]!} place={place} closed={closed} dots={dots} /> : undefined} />
             {coloured.legend.length > 0 && <div class="legend-list">{coloured.legend.map(([name, value]) => <span key={name}><i class="swatch" style={{ background: value }} />{name}</span>)}</div>}
             <figcaption>{t.scores.caption(count(data.ids.length))}</figcaption>
             <Download name={`${about.name}-scores`} source={{ path: `/v1/cohorts/${encodeURIComponent(cohort)}/table`, query: { columns: ["external_id", ...scores, ...(attribute && !attribute.startsWith("+") ? [attribute] : [])].join(",") } }} formats={[["CSV", "csv", "text/csv"], ["Arrow", "arrow", "application/vnd.apache.arrow.stream"]]} />
@@ -102,7 +102,7 @@ function Chosen({ data, chosen, model, view, closed, dots, cohort, onClear }: { 
 }
 
 /** Shapes of a grid of scores, drawn where they belong. */
-function Morphospace({ model, a, b, x, y, place, closed }: { model: Model; a: number; b: number; x: number[]; y: number[]; place: (x: number, y: number) => [number, number]; closed: boolean }) {
+function Morphospace({ model, a, b, x, y, place, closed, dots }: { model: Model; a: number; b: number; x: number[]; y: number[]; place: (x: number, y: number) => [number, number]; closed: boolean; dots: boolean }) {
   const [left, right] = span(x), [low, high] = span(y);
   const size = Math.max(...model.mean.flat().map(Math.abs)) * 2.4;
   const steps = [0, 1, 2, 3, 4];
@@ -112,7 +112,8 @@ function Morphospace({ model, a, b, x, y, place, closed }: { model: Model; a: nu
     const [px, py] = place(sx, sy);
     const [ox, oy] = place(left, low), [ex, ey] = place(right, high);
     const scale = (0.8 * Math.min(Math.abs(ex - ox), Math.abs(ey - oy))) / 5 / size;
-    return <path class="line pale" transform={`translate(${px} ${py}) scale(${scale})`} d={pathOf(shape, closed)} opacity="0.75" />;
+    const transform = `translate(${px} ${py}) scale(${scale})`;
+    return dots ? <g transform={transform}>{shape.map((p) => <circle class="dot pale" cx={p[0]} cy={-p[1]!} r={1.4 / scale} />)}</g> : <path class="line pale" transform={transform} d={pathOf(shape, closed)} opacity="0.75" />;
   }))}</>;
 }
 
