@@ -212,7 +212,13 @@ fn compute(
     }
     let source = source.starting_from(known.as_deref().map(|known| (known, which)));
     let Setup { metric, method, frame, matching, .. } = &setup;
-    let mean = mean_shape(&source, metric, method, *frame, matching);
+    // A search takes several passes; others take two, each as fast as the store.
+    let kept = if matching.searches() { source.kept()? } else { None };
+    let mean = match &kept {
+        Some(shapes) => mean_shape(shapes, metric, method, *frame, matching),
+        None => mean_shape(&source, metric, method, *frame, matching),
+    };
+    drop(kept);
     let mut mean = mean.map_err(|error| source.named(error))?;
     let mut drawn = Vec::new();
     let first = source.first(MAX_DRAWN)?;

@@ -8,7 +8,9 @@ use tokio::runtime::Handle;
 use tokio_util::task::AbortOnDropHandle;
 
 use crate::analysis::AnalysisError;
-use crate::analysis::accumulate::{BLOCK, MergePart, PART, Reservation, ShapeSource, Shapes, prepare};
+use crate::analysis::accumulate::{
+    BLOCK, MergePart, PART, Reservation, ShapeSource, Shapes, ShapesInMemory, prepare,
+};
 use crate::analysis::dictionary::content::Content;
 use crate::analysis::matching::Placement;
 use crate::analysis::pass::Pass;
@@ -16,7 +18,7 @@ use crate::analysis::watch::Watch;
 use crate::domain::cohort::Cohort;
 use crate::domain::filter::ShapeFilter;
 use crate::domain::shape::Shape;
-use crate::service::app::cache::Cache;
+use crate::service::app::cache::{Cache, Reserved};
 use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::placements::{KnownPlacements, Which};
 use crate::service::shapes::outcome::Outcomes;
@@ -198,6 +200,18 @@ impl<'a> StoredShapes<'a> {
     /// The same shapes, whose search begins with `known` placements.
     pub(crate) fn starting_from(self, known: Option<(&'a KnownPlacements, Which)>) -> Self {
         Self { known, ..self }
+    }
+
+    /// The same shapes in memory, read once, if there is room for them and for a search of them; else `None`.
+    pub(crate) fn kept(self) -> Result<Option<KeptShapes<'a>>, ServiceError> {
+        /// Memory of a search of start points, in that of the shapes: spectra in all directions and mirror images, and placed ones.
+        const SEARCH: usize = 5;
+        let bytes = self.range.count.saturating_mul(8 * (self.width() + 1));
+        if self.cache.reserve(bytes.saturating_mul(1 + SEARCH)).is_none() {
+            return Ok(None);
+        }
+        let Some(memory) = self.cache.reserve(bytes) else { return Ok(None) };
+        Ok(Some(KeptShapes { shapes: ShapesInMemory::of(&self)?, stored: self, _memory: memory }))
     }
 
     /// Places of the shapes in storage.
@@ -394,6 +408,51 @@ impl<'a> Batches<'a> {
             self.next = self.shapes.read(Some(batch.position), self.ids);
         }
         Ok(batch)
+    }
+}
+
+/// Shapes of a cohort that were read once. Their sums have the bits of those that are read in every pass.
+pub(crate) struct KeptShapes<'a> {
+    stored: StoredShapes<'a>,
+    shapes: ShapesInMemory,
+    _memory: Reserved<'a>,
+}
+
+impl ShapeSource for KeptShapes<'_> {
+    type Error = ServiceError;
+
+    fn count(&self) -> usize {
+        self.shapes.count()
+    }
+
+    fn for_each_batch(
+        &self,
+        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), ServiceError>,
+    ) -> Result<(), ServiceError> {
+        self.check()?;
+        visit(self.shapes.all())?;
+        self.worked(self.count());
+        Ok(())
+    }
+
+    fn check(&self) -> Result<(), ServiceError> {
+        self.stored.check()
+    }
+
+    fn worked(&self, shapes: usize) {
+        self.stored.worked(shapes);
+    }
+
+    fn reserve(&self, bytes: usize) -> Option<Reservation<'_>> {
+        ShapeSource::reserve(&self.stored, bytes)
+    }
+
+    fn known_placements(&self) -> Result<Option<Vec<Placement>>, ServiceError> {
+        self.stored.known_placements()
+    }
+
+    fn located(&self, error: ServiceError) -> ServiceError {
+        self.stored.located(error)
     }
 }
 
