@@ -35,6 +35,7 @@ mod http_retrieval;
 mod http_same_bits;
 mod http_segment;
 mod http_segment_cohort;
+mod http_segment_shown;
 mod http_segment_starts;
 mod http_spreading;
 mod http_subdivision;

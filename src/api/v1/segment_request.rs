@@ -77,6 +77,9 @@ macro_rules! segment_request {
                 /// Whether to answer the gradient of the energy at the result. Default: false.
                 #[schema(value_type = Option<bool>)]
                 gradient: Checked<bool>;
+                /// Whether to answer the cells inside of each result; with the format `png` the answer is a picture of labels. Default: false.
+                #[schema(value_type = Option<bool>)]
+                mask: Checked<bool>;
                 $($further)*
             }
         }
@@ -143,6 +146,7 @@ impl CohortSegmentRequest {
             truth_labels,
             history,
             gradient,
+            mask,
             faults,
         } = self;
         let mut errors = Vec::new();
@@ -173,6 +177,7 @@ impl CohortSegmentRequest {
             truth_labels,
             history,
             gradient,
+            mask,
             faults,
         };
         Ok((asked, Storing { objects, store_failed }))
@@ -241,6 +246,8 @@ impl SegmentRequest {
         let answered = Answered {
             history: take_or_default(self.history, "/history", &mut errors).unwrap_or_default(),
             gradient: take_or_default(self.gradient, "/gradient", &mut errors).unwrap_or_default(),
+            mask: take_or_default(self.mask, "/mask", &mut errors).unwrap_or_default(),
+            outlines: false,
         };
         let reference = match (&prior, &representation) {
             (Some(prior), Some(representation)) => prior.reference(mean, representation, &mut errors),

@@ -4,6 +4,8 @@
 //! seconds = cells · (READ + Σ fields) + Σ objects, stages: evaluations · samples · terms · SAMPLE
 //! ```
 
+use std::f64::consts::PI;
+
 use serde::Serialize;
 
 use super::request::{Minimiser, StageInput, TermInput};
@@ -15,6 +17,9 @@ use crate::service::app::Work;
 const CELL_BYTES: usize = 52;
 /// Bytes per cell of the prepared field of a term at one blur.
 const FIELD_BYTES: usize = 8;
+
+/// Bytes of an outline for each cell of the length of a curve, or of the area of a surface.
+const OUTLINE_BYTES: [f64; 2] = [32.0, 200.0];
 
 /// Predicted seconds per cell to read an image.
 const READ: f64 = 1.2e-8;
@@ -60,12 +65,14 @@ pub struct SegmentEstimate {
 /// Predicted bytes of an image of which the `files` take so many when they are read, and of its fields.
 pub(super) fn memory(wanted: &Wanted, grid: &Grid, stages: &[StageInput], files: usize) -> usize {
     let fields = wanted.energy.image_terms().len() * blurs(stages).len();
-    grid.cells().saturating_mul(CELL_BYTES + FIELD_BYTES * fields).saturating_add(files)
+    let outlines = if wanted.answered.outlines { Cost::new(wanted, grid).outlines() } else { 0 };
+    let cells = grid.cells().saturating_mul(CELL_BYTES + FIELD_BYTES * fields);
+    cells.saturating_add(files).saturating_add(outlines)
 }
 
 /// Predicted work.
 pub(super) fn work(wanted: &Wanted, grid: &Grid, stages: &[StageInput]) -> Work {
-    let cost = Cost { wanted, grid, cell: wanted.cell(grid), axes: if grid.is_planar() { 2 } else { 3 } };
+    let cost = Cost::new(wanted, grid);
     let objects = wanted.starts.count() as f64;
     let runs: f64 = stages.iter().map(|stage| cost.stage(stage)).sum();
     let per_object = grid.cells() as f64 * cost.levels(stages) * objects;
@@ -89,7 +96,26 @@ struct Cost<'a> {
     axes: usize,
 }
 
-impl Cost<'_> {
+impl<'a> Cost<'a> {
+    fn new(wanted: &'a Wanted, grid: &'a Grid) -> Self {
+        Self { wanted, grid, cell: wanted.cell(grid), axes: if grid.is_planar() { 2 } else { 3 } }
+    }
+
+    /// Bytes of the outlines of all initial shapes and results.
+    fn outlines(&self) -> usize {
+        let boundaries: f64 = (0..self.wanted.starts.count()).map(|index| self.boundary(index)).sum();
+        (2.0 * OUTLINE_BYTES[self.axes - 2] * boundaries) as usize
+    }
+
+    /// Length in cells of the boundary of an object, or its area.
+    fn boundary(&self, index: usize) -> f64 {
+        let [x, y, z] = self.extent(index);
+        match self.axes {
+            2 => PI * GROWTH * 0.5 * (x + y),
+            _ => PI * GROWTH * GROWTH * (x * y + y * z + z * x) / 3.0,
+        }
+    }
+
     fn points(&self) -> f64 {
         self.wanted.settings.representation.size() as f64
     }
@@ -129,15 +155,13 @@ impl Cost<'_> {
     /// Seconds to sample the boundary of an object once for a term.
     fn samples(&self, stage: &StageInput, index: usize) -> f64 {
         let vertices = self.wanted.settings.representation.refined_vertices() as f64;
-        let [x, y, z] = self.extent(index);
-        let ellipse = std::f64::consts::PI * GROWTH;
+        let boundary = self.boundary(index);
         match self.axes {
-            2 => SAMPLE[0] * (PER_CELL * ellipse * 0.5 * (x + y)).max(PER_POINT * self.points()),
+            2 => SAMPLE[0] * (PER_CELL * boundary).max(PER_POINT * self.points()),
             _ if vertices > 0.0 => SAMPLE[2] * vertices,
             _ => {
                 let blur = (stage.sigma / self.cell).max(1.0);
-                let area = ellipse * GROWTH * (x * y + y * z + z * x) / 3.0 / (blur * blur);
-                SAMPLE[1] * area.max(PER_POINT_IN_SPACE * self.points())
+                SAMPLE[1] * (boundary / (blur * blur)).max(PER_POINT_IN_SPACE * self.points())
             }
         }
     }

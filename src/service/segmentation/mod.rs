@@ -3,7 +3,7 @@
 //!
 //! * [`image`] — images of requests; [`contours`] — boundaries of labels;
 //! * [`request`] — energies, stages and boxes as they are posted; [`starts`] — initial shapes; [`wanted`] — all that is wanted;
-//! * [`segment`] — objects of an image; [`answer`] — what is answered of them; [`cost`] — predictions;
+//! * [`segment`] — objects of an image; [`answer`] — what is answered of them; [`shown`] — pictures, labels; [`cost`] — predictions;
 //! * [`reference`](mod@reference) — means of the store that attract shapes; [`membership`] — objects that go into a cohort.
 //!
 //! The arithmetic is in [`segmentation`](crate::segmentation), the files are read by [`formats::image`](crate::formats::image):
@@ -17,5 +17,6 @@ pub mod membership;
 pub mod reference;
 pub mod request;
 pub mod segment;
+pub mod shown;
 pub mod starts;
 pub mod wanted;

@@ -44,6 +44,10 @@ pub struct Answered {
     pub history: bool,
     /// The gradient of the energy at the result.
     pub gradient: bool,
+    /// The cells of the results.
+    pub mask: bool,
+    /// Outlines, for pictures and label images.
+    pub outlines: bool,
 }
 
 impl Wanted {
