@@ -338,6 +338,12 @@ fn bad_segmentations_are_refused_at_their_place() {
     refused(json!({"terms": [{"name": "edges"}]}), &["/terms/0/name"]);
     refused(json!({"stages": [{"sigma": -1}]}), &["/stages/0/sigma"]);
     refused(json!({"stages": [{"sigma": 65}]}), &["/stages/0/sigma"]);
+    // Second derivatives need a blur, means do not.
+    refused(json!({"stages": [{"sigma": 0}]}), &["/stages/0/sigma"]);
+    refused(json!({"stages": [{"sigma": 1}, {"sigma": 0.4}]}), &["/stages/1/sigma"]);
+    let unblurred =
+        curves(json!({"terms": [{"name": "two_class"}], "stages": [{"sigma": 0, "iterations": 3}]}));
+    post_image(&server, PATH, &unblurred, &bright()).expect(200);
     refused(json!({"stages": [{"sigma": 1, "iterations": 100_000}]}), &["/stages/0/iterations"]);
     refused(json!({"boxes": []}), &["/boxes"]);
     refused(json!({"boxes": [{"lower": [1, 2], "upper": [1, 3]}]}), &["/boxes/0/upper/0"]);

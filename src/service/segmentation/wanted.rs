@@ -53,7 +53,7 @@ pub struct Answered {
 impl Wanted {
     pub(super) fn faults(&self, grid: &Grid, app: &App) -> Vec<Fault> {
         let dimension = self.settings.representation.dimension();
-        let mut faults = self.energy.faults(self.cell(grid));
+        let mut faults = self.energy.faults(self.cell(grid), self.longest_side(grid));
         let axes = if grid.is_planar() { 2 } else { 3 };
         if axes != dimension {
             let detail = format!("expected an image of {dimension} dimensions, as the shapes, got {axes}");
@@ -87,9 +87,18 @@ impl Wanted {
         }
     }
 
+    /// The longest side of a cell in the unit of the coordinates.
+    fn longest_side(&self, grid: &Grid) -> f64 {
+        let axes = if grid.is_planar() { 2 } else { 3 };
+        match self.coordinates {
+            Coordinates::Index => 1.0,
+            Coordinates::World => grid.spacing()[..axes].iter().copied().fold(0.0, f64::max),
+        }
+    }
+
     pub(super) fn stages(&self, grid: &Grid) -> Vec<StageInput> {
         if self.energy.stages.is_empty() {
-            StageInput::usual(self.cell(grid))
+            StageInput::usual(self.cell(grid), self.energy.least_blur(self.longest_side(grid)))
         } else {
             self.energy.stages.clone()
         }
