@@ -103,6 +103,7 @@ const OPERATIONS: &[&str] = &[
     "POST /v1/overlap",
     "POST /v1/pca",
     "POST /v1/project",
+    "POST /v1/prior",
     "POST /v1/refine",
     "POST /v1/regressions",
     "POST /v1/resample",

@@ -26,6 +26,7 @@ mod morph;
 mod overlap;
 mod pictures;
 mod planned;
+mod prior;
 mod regressions;
 mod request_macros;
 mod retrieval;
@@ -95,6 +96,7 @@ pub(super) fn computing_routes() -> OpenApiRouter<App> {
         .routes(routes!(subdivision::subdivide))
         .routes(routes!(overlap::overlap))
         .routes(routes!(contours::contours))
+        .routes(routes!(prior::prior_of_reference))
         .routes(routes!(segment::segment))
         .routes(routes!(segment::segment_into_cohort))
         .routes(routes!(cohorts::cohort_mean))

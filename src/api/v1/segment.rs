@@ -267,14 +267,14 @@ impl Posted {
 /// The files of a form and what is wanted of them: looks up what is stored, and finds the components of a mask.
 async fn prepare(app: &App, form: &Form, asked: SegmentRequest) -> Result<(Posted, Wanted), ServiceError> {
     let (image, truth, mask) = (form.required("image")?, form.file("truth"), form.file("mask"));
-    let mean = match asked.prior.as_ref().and_then(ShapePrior::stored) {
+    let stored = match asked.prior.as_ref().and_then(ShapePrior::stored) {
         Some((source, transformation, alignment)) => {
             Some(reference::find(app, source, transformation, alignment).await?)
         }
         None => None,
     };
     let (reader, has_mask) = (app.clone(), mask.is_some());
-    let check = move |_: &[u8]| asked.wanted(&reader, mean, has_mask);
+    let check = move |_: &[u8]| asked.wanted(&reader, stored, has_mask);
     let Checks { mut wanted, of_mask, slice } = app.pool.read(form.parameters.clone(), check).await?;
     if let Some(mask) = mask {
         wanted.starts = starts::of_mask(app, image.clone(), mask, slice, of_mask).await?;

@@ -9,8 +9,9 @@ use std::f64::consts::PI;
 use serde::Serialize;
 
 use super::request::{Minimiser, StageInput, TermInput};
-use super::wanted::Wanted;
+use super::wanted::{Reference, Wanted};
 use crate::formats::image::Grid;
+use crate::geometry::capability::domain::Admitted;
 use crate::service::app::Work;
 
 /// Predicted bytes per cell beside the file: the image, and fields while they are prepared.
@@ -37,6 +38,8 @@ const PER_CELL: f64 = 1.6;
 const PER_POINT: f64 = 8.0;
 /// Least number of samples of a surface for each control point.
 const PER_POINT_IN_SPACE: f64 = 25.0;
+/// Samples for each control point where integrals are to be exact: of a curve, and of a surface.
+const FINE: [f64; 2] = [64.0, 600.0];
 /// Factor by which boundaries grow from their boxes: initial shapes are smaller than objects.
 const GROWTH: f64 = 1.3;
 
@@ -77,7 +80,18 @@ pub(super) fn work(wanted: &Wanted, grid: &Grid, stages: &[StageInput]) -> Work 
     let runs: f64 = stages.iter().map(|stage| cost.stage(stage)).sum();
     let per_object = grid.cells() as f64 * cost.levels(stages) * objects;
     Work::from_seconds(grid.cells() as f64 * (READ + cost.fields(stages)) + per_object + runs)
-        + Work::from_multiply_adds(objects * cost.factorisations(stages))
+        + Work::from_multiply_adds(objects * (cost.factorisations(stages) + cost.spans(stages)))
+}
+
+/// Predicted work to sample the boundaries of shapes once, as finely as integrals over them need.
+pub fn boundaries(representation: &Admitted, shapes: usize) -> Work {
+    let (points, vertices) = (representation.size() as f64, representation.refined_vertices() as f64);
+    let one = match representation.dimension() {
+        2 => SAMPLE[0] * FINE[0] * points,
+        _ if vertices > 0.0 => SAMPLE[2] * vertices,
+        _ => SAMPLE[1] * FINE[1] * points,
+    };
+    Work::from_seconds(shapes as f64 * one)
 }
 
 /// The different blurs of stages.
@@ -194,6 +208,16 @@ impl<'a> Cost<'a> {
             Minimiser::Newton => EVALUATIONS * stage.iterations as f64,
             Minimiser::Coordinates => (1.0 + EVALUATIONS_PER_POINT * self.points()) * self.iterations(stage),
         }
+    }
+
+    /// Multiply-adds for an object to project onto what several shapes span.
+    fn spans(&self, stages: &[StageInput]) -> f64 {
+        let Some((Reference::Stored { shapes, is_span: true }, _)) = &self.wanted.prior else { return 0.0 };
+        let length = self.points() * self.axes as f64;
+        // A class has at most as many matrices as a matrix has entries.
+        let basis = (shapes.len() * self.axes * self.axes) as f64;
+        let evaluations: f64 = stages.iter().map(|stage| 1.0 + self.evaluations(stage)).sum();
+        2.0 * evaluations * length * basis.min(length)
     }
 
     /// Multiply-adds of Newton's method for an object.

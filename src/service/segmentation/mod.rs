@@ -4,7 +4,7 @@
 //! * [`image`] — images of requests; [`contours`] — boundaries of labels;
 //! * [`request`] — energies, stages and boxes as they are posted; [`starts`] — initial shapes; [`wanted`] — all that is wanted;
 //! * [`segment`] — objects of an image; [`answer`] — what is answered of them; [`shown`] — pictures, labels; [`cost`] — predictions;
-//! * [`reference`](mod@reference) — means of the store that attract shapes; [`membership`] — objects that go into a cohort.
+//! * [`reference`](mod@reference) — means and spans of the store that attract shapes; [`prior`] — the same without an image; [`membership`] — objects that go into a cohort.
 //!
 //! The arithmetic is in [`segmentation`](crate::segmentation), the files are read by [`formats::image`](crate::formats::image):
 //! this folder limits, predicts and names what is answered.
@@ -14,6 +14,7 @@ pub mod contours;
 pub mod cost;
 pub mod image;
 pub mod membership;
+pub mod prior;
 pub mod reference;
 pub mod request;
 pub mod segment;

@@ -7,13 +7,14 @@ use super::answer::{
 };
 use super::cost::{self, SegmentEstimate};
 use super::image::{ImageOutput, Part, plane_frame, volume_frame};
+use super::prior::{begun, with_target};
 use super::request::StageInput;
 use super::shown::Segmented;
 use super::starts::{Starts, usual_radius};
 use super::wanted::{Reference, Wanted, size};
 use crate::formats::fault::Fault;
 use crate::formats::image::{Description, Grid as FileGrid};
-use crate::formats::shape::Points;
+use crate::formats::shape::{Points, ShapeInput};
 use crate::geometry::raster::{Grid, Mask, overlap_unless_stopped};
 use crate::numeric::dense::Matrix;
 use crate::segmentation::SegmentationError;
@@ -149,11 +150,23 @@ impl Task<'_> {
         starts.par_iter().enumerate().map(object).collect()
     }
 
-    /// Control points of the initial shapes, in the coordinates of the request.
+    /// Control points of the initial shapes, in the coordinates of the request. Where start points are searched, they begin where they
+    /// fit the reference of the prior best.
     fn starts(&self) -> Result<Vec<Vec<f64>>, ServiceError> {
         let (wanted, grid) = (self.wanted, self.grid);
         let radius = usual_radius(grid, wanted.coordinates, wanted.cell(grid));
-        wanted.starts.control_points(self.setup, &self.app.limits, radius)
+        let starts = wanted.starts.control_points(self.setup, &self.app.limits, radius)?;
+        let reference = match &wanted.prior {
+            Some((Reference::Posted(shape), _)) => self.posted(shape)?,
+            Some((Reference::Stored { shapes, is_span: false }, _)) => shapes.concat(),
+            _ => return Ok(starts),
+        };
+        if !self.setup.matching.searches() {
+            return Ok(starts);
+        }
+        with_target(self.setup, &reference, "/prior/reference", |target| {
+            starts.into_par_iter().map(|start| begun(self.setup, target, start)).collect()
+        })
     }
 
     fn prior<const D: usize>(
@@ -162,18 +175,26 @@ impl Task<'_> {
         model: &dyn Model<D>,
     ) -> Result<Option<(Prior<D>, f64)>, ServiceError> {
         let Some((reference, weight)) = &self.wanted.prior else { return Ok(None) };
-        let at = "/prior/reference";
-        let reference: Vec<[f64; D]> = match reference {
-            Reference::Posted(shape) => {
-                let read = read_shape(&self.setup.reading(&self.app.limits), shape.clone());
-                rows(&read.map_err(|faults| ServiceError::below(faults, at))?.control_points)
+        let (metric, lift) = (self.setup.metric.clone(), model.lift());
+        let shape = match reference {
+            Reference::Posted(shape) => self.posted(shape)?,
+            Reference::Stored { shapes, is_span: false } => shapes.concat(),
+            Reference::Stored { shapes, is_span: true } => {
+                let class = self.wanted.settings.linear_class();
+                let class = class.ok_or_else(|| ServiceError::Internal("a span of no class".into()))?;
+                return Ok(Some((Prior::spanned(metric, class, shapes, lift, frame), *weight)));
             }
-            Reference::Stored(control_points) => rows(control_points),
         };
-        let (metric, method) = (self.setup.metric.clone(), self.setup.method.clone());
-        let prior = Prior::new(metric, method, &reference, model.lift(), frame);
-        let prior = prior.map_err(|error| ServiceError::invalid(at, error.to_string()))?;
+        let prior = Prior::new(metric, self.setup.method.clone(), &rows(&shape), lift, frame);
+        let prior = prior.map_err(|error| ServiceError::invalid("/prior/reference", error.to_string()))?;
         Ok(Some((prior, *weight)))
+    }
+
+    /// Control points of a posted reference.
+    fn posted(&self, shape: &ShapeInput) -> Result<Vec<f64>, ServiceError> {
+        let read = read_shape(&self.setup.reading(&self.app.limits), shape.clone());
+        let shape = read.map_err(|faults| ServiceError::below(faults, "/prior/reference"))?;
+        Ok(shape.control_points)
     }
 
     fn object<const D: usize>(

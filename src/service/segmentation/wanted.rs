@@ -33,8 +33,13 @@ pub struct Wanted {
 pub enum Reference {
     /// A posted shape.
     Posted(ShapeInput),
-    /// A mean of the representation, coordinate-major.
-    Stored(Vec<f64>),
+    /// Shapes of the representation, control points coordinate-major: one, or a span.
+    Stored {
+        /// The shapes.
+        shapes: Vec<Vec<f64>>,
+        /// Whether their sums attract too.
+        is_span: bool,
+    },
 }
 
 /// Optional parts of the answer.
@@ -66,6 +71,12 @@ impl Wanted {
         {
             let detail = format!("expected a label for each of {count} shapes, got {}", labels.len());
             faults.push(Fault::new("/truth_labels", detail));
+        }
+        if let Some((Reference::Stored { is_span: true, .. }, _)) = self.prior
+            && self.settings.linear_class().is_none()
+        {
+            let detail = "expected a linear class for components and atoms: Procrustes fits have no span";
+            faults.push(Fault::new("/prior/transformation", detail));
         }
         if let Some((_, weight)) = self.prior
             && !(0.0..=1e9).contains(&weight)
