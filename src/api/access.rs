@@ -105,6 +105,7 @@ const OPERATIONS: &[(Needs, &[&str])] = &[
             "POST /v1/refine",
             "POST /v1/resample",
             "POST /v1/segment",
+            "POST /v1/sheets",
             "POST /v1/subdivide",
         ],
     ),

@@ -38,6 +38,7 @@ mod http_segment;
 mod http_segment_cohort;
 mod http_segment_shown;
 mod http_segment_starts;
+mod http_sheets;
 mod http_spreading;
 mod http_subdivision;
 mod http_surfaces;
