@@ -160,6 +160,11 @@ impl Raw {
         self.len() == 0
     }
 
+    /// Whether it is a text.
+    pub fn is_text(&self) -> bool {
+        self.0.get().starts_with('"')
+    }
+
     /// Whether it is `null`.
     pub fn is_null(&self) -> bool {
         self.0.get() == "null"

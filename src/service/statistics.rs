@@ -16,7 +16,7 @@ use crate::analysis::matching::Matching;
 use crate::analysis::metric::Metric;
 use crate::analysis::partial_sums::Measured;
 use crate::analysis::pca::Components;
-use crate::analysis::transformation::Transformation;
+use crate::analysis::transformation::{Transformation, TransformationClass};
 use crate::formats::fault::Fault;
 use crate::formats::shape::ShapeInput;
 use crate::geometry::capability::domain::Admitted;
@@ -114,6 +114,16 @@ pub struct CheckedSettings {
     mirror: Mirror,
     frame: Frame,
     method: Method,
+}
+
+impl CheckedSettings {
+    /// The class of transformations, if shapes are projected onto its linear space.
+    pub fn linear_class(&self) -> Option<&TransformationClass> {
+        match &self.method {
+            Method::Projection(class) => Some(class),
+            Method::Procrustes(_) => None,
+        }
+    }
 }
 
 /// Settings prepared for computation.

@@ -8,7 +8,7 @@ use reqwest::Method;
 use serde_json::{Value, json};
 
 use crate::document::furnished;
-use crate::form::{label_picture, post_image};
+use crate::form::{label_picture, post_image, shell_volume};
 use crate::server::{Setting, shared};
 use crate::structure::{name, program};
 
@@ -103,10 +103,12 @@ const OPERATIONS: &[&str] = &[
     "POST /v1/overlap",
     "POST /v1/pca",
     "POST /v1/project",
+    "POST /v1/prior",
     "POST /v1/refine",
     "POST /v1/regressions",
     "POST /v1/resample",
     "POST /v1/segment",
+    "POST /v1/sheets",
     "POST /v1/subdivide",
 ];
 
@@ -287,7 +289,8 @@ fn the_examples_of_the_interface_document_work() {
             if let Some(parameters) = form.filter(|_| media_type == "multipart/form-data") {
                 let example = &resolve(&document, parameters)["example"];
                 let path = name.split_once(' ').unwrap().1.replace("{cohort}", &cohort);
-                let reply = post_image(&server, &path, example, &label_picture());
+                let file = if path == "/v1/sheets" { shell_volume() } else { label_picture() };
+                let reply = post_image(&server, &path, example, &file);
                 assert!((200..300).contains(&reply.status), "{name}: {}", reply.text());
                 continue;
             }

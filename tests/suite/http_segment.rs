@@ -285,7 +285,32 @@ fn stored_means_are_references_of_a_prior() {
     let mean = server.get("/v1/dictionaries/modes").expect(200)["mean"].clone();
     assert_eq!(segmented(&prior(json!({"dictionary": "modes@1"}))), posted(&mean));
 
+    // A strong attraction to what the components span leaves nothing outside of it; components and atoms span the same.
+    let spanned = |part: &str, weight: f64| {
+        let mut body = prior(json!({"dictionary": "modes@1", "reference": part}));
+        body["prior"]["weight"] = json!(weight);
+        segmented(&body)
+    };
+    assert_eq!(spanned("mean", 10.0), segmented(&prior(json!({"dictionary": "modes@1"}))));
+    assert_eq!(spanned("components", 10.0), spanned("atoms", 10.0));
+    let outside = |found: &Value| {
+        let shapes = json!([{"control_points": found[0]["control_points"]}]);
+        let body = json!({"shapes": shapes, "reference": "atoms"});
+        number(&server.post("/v1/dictionaries/modes/prior", &body).expect(200)["results"][0]["energy"])
+    };
+    let (free, strong) = (outside(&segmented(&curves(json!({})))), outside(&spanned("components", 1e4)));
+    assert!(strong < 1e-3 * free, "{strong} {free}");
+    let term = |found: &Value| number(&found[0]["energies"]["prior"]["value"]);
+    assert!(term(&spanned("components", 10.0)) < term(&spanned("mean", 10.0)));
+
     let ask = |body: &Value| post_image(&server, PATH, body, &bright());
+    let mut rigid = prior(json!({"dictionary": "modes", "reference": "components"}));
+    rigid["prior"]["transformation"] = json!("rigid");
+    ask(&rigid).expect_problem(422, "invalid-input", &["/prior/transformation"]);
+    let unknown = prior(json!({"dictionary": "modes", "reference": "modes"}));
+    ask(&unknown).expect_problem(422, "invalid-input", &["/prior/reference"]);
+    let of_cohort = prior(json!({"cohort": "cells", "reference": "components"}));
+    ask(&of_cohort).expect_problem(422, "invalid-input", &["/prior/reference"]);
     ask(&prior(json!({"cohort": "none"}))).expect_problem(404, "not-found", &[]);
     ask(&prior(json!({"dictionary": "none"}))).expect_problem(404, "not-found", &[]);
     let both = prior(json!({"cohort": "cells", "dictionary": "modes"}));
@@ -338,6 +363,12 @@ fn bad_segmentations_are_refused_at_their_place() {
     refused(json!({"terms": [{"name": "edges"}]}), &["/terms/0/name"]);
     refused(json!({"stages": [{"sigma": -1}]}), &["/stages/0/sigma"]);
     refused(json!({"stages": [{"sigma": 65}]}), &["/stages/0/sigma"]);
+    // Second derivatives need a blur, means do not.
+    refused(json!({"stages": [{"sigma": 0}]}), &["/stages/0/sigma"]);
+    refused(json!({"stages": [{"sigma": 1}, {"sigma": 0.4}]}), &["/stages/1/sigma"]);
+    let unblurred =
+        curves(json!({"terms": [{"name": "two_class"}], "stages": [{"sigma": 0, "iterations": 3}]}));
+    post_image(&server, PATH, &unblurred, &bright()).expect(200);
     refused(json!({"stages": [{"sigma": 1, "iterations": 100_000}]}), &["/stages/0/iterations"]);
     refused(json!({"boxes": []}), &["/boxes"]);
     refused(json!({"boxes": [{"lower": [1, 2], "upper": [1, 3]}]}), &["/boxes/0/upper/0"]);

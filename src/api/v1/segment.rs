@@ -1,17 +1,18 @@
 //! Segmentation of objects in images and volumes.
 
-use axum::body::Bytes;
+use axum::body::{Body, Bytes};
 use axum::extract::Request;
-use axum::http::StatusCode;
-use axum::response::Response;
+use axum::http::{StatusCode, header};
+use axum::response::{IntoResponse, Response};
 use serde::{Deserialize, Serialize};
 
 use super::request_macros::{IfMatchHeader, RetryHeader};
 use super::segment_request::{Checks, CohortSegmentRequest, SegmentRequest, ShapePrior, Storing};
-use crate::api::extract::{Caller, IfMatch, Path, Query};
+use crate::api::extract::{BesideFormat, Caller, DrawingQuery, Format, IfMatch, ImageFormat, Path, Query};
 use crate::api::form::{self, Form};
 use crate::api::problem::Problem;
-use crate::api::respond::{Binary, Planned, compute_planned, json, planned};
+use crate::api::respond::{Binary, Planned, compute_planned, json, picture, planned};
+use crate::formats::picture::{PictureFile, PictureFormat};
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::cohorts::catalogue;
 use crate::service::segmentation::answer::SegmentAnswer;
@@ -19,6 +20,7 @@ use crate::service::segmentation::cost::SegmentEstimate;
 use crate::service::segmentation::image::Part;
 use crate::service::segmentation::membership::{self, Arriving, Digests, MembersAnswer, Membership};
 use crate::service::segmentation::segment::{self, Files};
+use crate::service::segmentation::shown::{LabelFormat, Segmented};
 use crate::service::segmentation::wanted::Wanted;
 use crate::service::segmentation::{reference, starts};
 
@@ -76,29 +78,74 @@ fn estimated(estimate: SegmentEstimate) -> Result<Planned, ServiceError> {
 /// in stages from coarse to fine. The shape is checked after every stage: one that folds, collapses or leaves the image is answered
 /// with `stop` and a warning, as it was before. Shapes are those of the representation, and can be posted to a cohort.
 #[utoipa::path(post, path = "/segment", tag = "images",
-    params(SegmentQuery),
+    params(SegmentQuery, ("format" = Option<String>, Query, description = "`json`; `svg` or `png`, the image in grey below initial shapes and results; `nifti`, a volume of labels, and with `mask` also `png`: 1 for the cells of the first result"), DrawingQuery),
     request_body(content = SegmentForm, content_type = "multipart/form-data"),
     responses(
-        (status = 200, description = "One shape for each initial shape, in order; or the predicted cost (dry run)", body = SegmentOrEstimate),
+        (status = 200, description = "One shape for each initial shape, in order; or the predicted cost (dry run)", content((SegmentOrEstimate = "application/json"), (String = "image/svg+xml"), (Binary = "application/x-nifti"))),
         (status = 404, description = "No such cohort or dictionary")
     ))]
 pub(super) async fn segment(
     Caller(app): Caller,
-    Query(SegmentQuery { dry_run }): Query<SegmentQuery>,
+    format: ImageFormat,
+    BesideFormat(SegmentQuery { dry_run }): BesideFormat<SegmentQuery>,
     request: Request,
 ) -> Result<Response, Problem> {
     let form = form::read(&app, request, &PARTS).await?;
     let asked = app.read::<SegmentRequest>(form.parameters.clone()).await?;
-    let (files, wanted) = prepare(&app, &form, asked).await?;
+    let (files, mut wanted) = prepare(&app, &form, asked).await?;
+    let shown = Shown::new(format, wanted.answered.mask)?;
+    wanted.answered.outlines = shown != Shown::Numbers;
     // The parameters are read already; their length tells where the plan is made.
     compute_planned(app, form.parameters, move |app, _| {
         let found = segment::Planned::new(app, files.parts(), wanted)?;
         if dry_run {
             return estimated(found.estimate());
         }
-        planned(found.work(), move |app: &App| json(StatusCode::OK, &found.segment(app, files.parts())?))
+        planned(found.work() + format.work(), move |app: &App| {
+            shown.answer(&found.segment(app, files.parts())?)
+        })
     })
     .await
+}
+
+/// How segmented objects are answered.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Shown {
+    /// As JSON.
+    Numbers,
+    /// As a drawing.
+    Drawn(PictureFile),
+    /// As a label image.
+    Labels(LabelFormat),
+}
+
+impl Shown {
+    /// The answer in a format; `mask`: whether cells are asked for.
+    fn new(format: ImageFormat, mask: bool) -> Result<Self, Problem> {
+        match format {
+            ImageFormat::Plain(Format::Json) => Ok(Self::Numbers),
+            ImageFormat::Plain(Format::Picture(file)) if !mask => Ok(Self::Drawn(file)),
+            ImageFormat::Plain(Format::Picture(file)) => match file.format {
+                PictureFormat::Png => Ok(Self::Labels(LabelFormat::Png)),
+                PictureFormat::Svg => {
+                    let detail = "expected 'json', 'png' or 'nifti' with \"mask\": true, got 'svg'";
+                    Err(Problem::of_parameter("format", detail))
+                }
+            },
+            ImageFormat::Nifti => Ok(Self::Labels(LabelFormat::Nifti)),
+        }
+    }
+
+    fn answer(self, found: &Segmented) -> Result<Response, ServiceError> {
+        match self {
+            Self::Numbers => json(StatusCode::OK, &found.answer),
+            Self::Drawn(file) => picture(&found.drawing()?, &file),
+            Self::Labels(format) => {
+                let file = found.label_file(format)?;
+                Ok(([(header::CONTENT_TYPE, format.media_type())], Body::from(file)).into_response())
+            }
+        }
+    }
 }
 
 /// Form with an image whose objects go into a cohort.
@@ -194,7 +241,7 @@ async fn arriving(
         let attributes = membership.attributes(&wanted.starts)?;
         let found = segment::Planned::new(&worker, files.parts(), wanted)?;
         let work = found.work();
-        Ok((work, move || membership.arriving(found.segment(&worker, files.parts())?, attributes)))
+        Ok((work, move || membership.arriving(found.segment(&worker, files.parts())?.answer, attributes)))
     };
     app.pool.run_planned(form.parameters.clone(), plan).await
 }
@@ -220,14 +267,14 @@ impl Posted {
 /// The files of a form and what is wanted of them: looks up what is stored, and finds the components of a mask.
 async fn prepare(app: &App, form: &Form, asked: SegmentRequest) -> Result<(Posted, Wanted), ServiceError> {
     let (image, truth, mask) = (form.required("image")?, form.file("truth"), form.file("mask"));
-    let mean = match asked.prior.as_ref().and_then(ShapePrior::stored) {
+    let stored = match asked.prior.as_ref().and_then(ShapePrior::stored) {
         Some((source, transformation, alignment)) => {
             Some(reference::find(app, source, transformation, alignment).await?)
         }
         None => None,
     };
     let (reader, has_mask) = (app.clone(), mask.is_some());
-    let check = move |_: &[u8]| asked.wanted(&reader, mean, has_mask);
+    let check = move |_: &[u8]| asked.wanted(&reader, stored, has_mask);
     let Checks { mut wanted, of_mask, slice } = app.pool.read(form.parameters.clone(), check).await?;
     if let Some(mask) = mask {
         wanted.starts = starts::of_mask(app, image.clone(), mask, slice, of_mask).await?;

@@ -5,7 +5,9 @@ use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::analysis::frame::Frame;
 use crate::analysis::transformation::{ClassName, Transformation};
 use crate::domain::cohort::Cohort;
-use crate::formats::checked::{Checked, List, Many, document, take_given, take_many, take_or_default};
+use crate::formats::checked::{
+    Checked, LARGE, List, Many, Raw, SMALL, document, take_given, take_many, take_or_default,
+};
 use crate::formats::fault::Fault;
 use crate::formats::representation::Read;
 use crate::formats::shape::{ObjectInput, ShapeInput};
@@ -13,7 +15,7 @@ use crate::geometry::representation::Representation;
 use crate::service::app::{App, ServiceError};
 use crate::service::segmentation::contours;
 use crate::service::segmentation::image::Coordinates;
-use crate::service::segmentation::reference::{Source, StoredMean};
+use crate::service::segmentation::reference::{DictionaryPart, Source, Stored};
 use crate::service::segmentation::request::{BoxInput, EnergyInput, Minimiser, StageInput, TermInput};
 use crate::service::segmentation::starts::{SeedInput, Starts};
 use crate::service::segmentation::wanted::{Answered, Reference, Wanted};
@@ -77,6 +79,9 @@ macro_rules! segment_request {
                 /// Whether to answer the gradient of the energy at the result. Default: false.
                 #[schema(value_type = Option<bool>)]
                 gradient: Checked<bool>;
+                /// Whether to answer the cells inside of each result; with the format `png` the answer is a picture of labels. Default: false.
+                #[schema(value_type = Option<bool>)]
+                mask: Checked<bool>;
                 $($further)*
             }
         }
@@ -108,6 +113,17 @@ segment_request! {
         #[schema(value_type = Option<bool>)]
         store_failed: Checked<bool>;
     }
+}
+
+/// A shape, or a part of a dictionary.
+#[derive(Debug, utoipa::ToSchema, serde::Serialize)]
+#[serde(untagged)]
+#[allow(dead_code, reason = "only for the document")]
+enum PriorReference {
+    /// A posted shape.
+    Shape(#[serde(skip)] ShapeInput),
+    /// A part of a dictionary.
+    Part(DictionaryPart),
 }
 
 /// How the objects of a request go into a cohort.
@@ -143,6 +159,7 @@ impl CohortSegmentRequest {
             truth_labels,
             history,
             gradient,
+            mask,
             faults,
         } = self;
         let mut errors = Vec::new();
@@ -173,6 +190,7 @@ impl CohortSegmentRequest {
             truth_labels,
             history,
             gradient,
+            mask,
             faults,
         };
         Ok((asked, Storing { objects, store_failed }))
@@ -183,13 +201,14 @@ document! {
     /// Attraction to the shapes that a class of transformations makes of a reference: `weight · ‖c − c*‖²/V^(2/d)`, with `c*` the
     /// nearest of them and `V` the area or volume.
     pub(super) struct ShapePrior {
-        /// The reference: any shape of the representation. Either this, `cohort` or `dictionary`.
-        #[schema(value_type = Option<ShapeInput>)]
-        reference: ShapeInput;
+        /// The reference: any shape of the representation, in place of `cohort` and `dictionary`; or what attracts of the dictionary.
+        /// Default: its mean.
+        #[schema(value_type = Option<PriorReference>)]
+        reference: Raw;
         /// Id or name of a cohort of the representation, whose mean under the class is the reference.
         #[schema(value_type = Option<String>)]
         cohort: Checked<String>;
-        /// Id, `name@version`, `name@alias` or name of a dictionary of the representation, whose mean is the reference.
+        /// Id, `name@version`, `name@alias` or name of a dictionary of the representation.
         #[schema(value_type = Option<String>)]
         dictionary: Checked<String>;
         /// Class of transformations.
@@ -222,7 +241,7 @@ impl SegmentRequest {
     pub(super) fn wanted(
         mut self,
         app: &App,
-        mean: Option<StoredMean>,
+        stored: Option<Stored>,
         has_mask: bool,
     ) -> Result<Checks, ServiceError> {
         let mut errors = std::mem::take(&mut self.faults);
@@ -241,9 +260,11 @@ impl SegmentRequest {
         let answered = Answered {
             history: take_or_default(self.history, "/history", &mut errors).unwrap_or_default(),
             gradient: take_or_default(self.gradient, "/gradient", &mut errors).unwrap_or_default(),
+            mask: take_or_default(self.mask, "/mask", &mut errors).unwrap_or_default(),
+            outlines: false,
         };
         let reference = match (&prior, &representation) {
-            (Some(prior), Some(representation)) => prior.reference(mean, representation, &mut errors),
+            (Some(prior), Some(representation)) => prior.reference(stored, representation, &mut errors),
             _ => None,
         };
         let settings = settings(app, representation.zip(correspondence), prior.as_ref(), &mut errors)?;
@@ -321,7 +342,10 @@ impl ShapePrior {
     pub(super) fn stored(&self) -> Option<(Source, Transformation, Option<Alignment>)> {
         let source = match (&self.reference, &self.cohort, &self.dictionary) {
             (None, Some(key), None) => Source::Cohort(key.get()?.clone()),
-            (None, None, Some(key)) => Source::Dictionary(key.get()?.clone()),
+            (None, None, Some(key)) => Source::Dictionary(key.get()?.clone(), DictionaryPart::default()),
+            (Some(part), None, Some(key)) => {
+                Source::Dictionary(key.get()?.clone(), part.read(SMALL, "", &mut Vec::new())?)
+            }
             _ => return None,
         };
         let alignment = match &self.alignment {
@@ -333,8 +357,16 @@ impl ShapePrior {
 
     fn taken(self, errors: &mut Vec<Fault>) -> Taken {
         errors.extend(self.faults.into_iter().map(|fault| fault.below("/prior")));
+        // What names a part of a dictionary was read with it, unless it is faulty.
+        let reference = self.reference.and_then(|reference| match (&self.dictionary, reference.is_text()) {
+            (Some(_), true) => {
+                reference.read::<DictionaryPart>(SMALL, "/prior/reference", errors);
+                None
+            }
+            _ => reference.read(LARGE, "/prior/reference", errors),
+        });
         Taken {
-            reference: self.reference,
+            reference,
             cohort: take_given(self.cohort, "/prior/cohort", errors),
             dictionary: take_given(self.dictionary, "/prior/dictionary", errors),
             transformation: take_given(self.transformation, "/prior/transformation", errors),
@@ -348,7 +380,7 @@ impl Taken {
     /// The reference, which is one of a shape and a mean of the representation.
     fn reference(
         &self,
-        mean: Option<StoredMean>,
+        stored: Option<Stored>,
         representation: &Representation,
         errors: &mut Vec<Fault>,
     ) -> Option<Reference> {
@@ -364,10 +396,10 @@ impl Taken {
                 return None;
             }
         }
-        match (self.reference.clone(), mean) {
+        match (self.reference.clone(), stored) {
             (Some(shape), _) => Some(Reference::Posted(shape)),
-            (None, Some(mean)) if mean.representation == *representation => {
-                Some(Reference::Stored(mean.control_points))
+            (None, Some(stored)) if stored.representation == *representation => {
+                Some(Reference::Stored { shapes: stored.shapes, is_span: stored.is_span })
             }
             (None, Some(_)) => {
                 let field = if self.cohort.is_some() { "cohort" } else { "dictionary" };
@@ -394,10 +426,15 @@ fn settings(
     };
     let Some(transformation) = transformation else { return Ok(None) };
     let usual = Alignment::usual(&transformation, representation.dimension());
+    // Start points are compared between curves of one direction.
+    let direction = match correspondence {
+        Correspondence::Cyclic => Direction::Either,
+        Correspondence::Landmarks | Correspondence::ArcLength => Direction::Given,
+    };
     let settings = Settings {
         representation,
         correspondence,
-        direction: Direction::Given,
+        direction,
         mirror: Mirror::Forbid,
         transformation,
         alignment: prior.and_then(|prior| prior.alignment).unwrap_or(usual),

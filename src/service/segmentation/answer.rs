@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::contours::ComponentOutput;
 use super::image::{Coordinates, ImageOutput};
 use crate::formats::shape::Points;
-use crate::geometry::raster::Overlap;
+use crate::geometry::raster::{Mask, Overlap};
 use crate::segmentation::energy::TermValue;
 use crate::segmentation::run::{Outcome, Segmentation};
 
@@ -55,6 +55,37 @@ pub struct TruthOutput {
     cells: [usize; 2],
 }
 
+/// Cells of an image: a mask as `POST /v1/overlap` takes it.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct CellsOutput {
+    /// Number of cells along x, y and, in space, z.
+    size: Vec<usize>,
+    /// Distances between neighbouring centres.
+    spacing: Vec<f64>,
+    /// Position of the first centre: the origin.
+    first: Vec<f64>,
+    /// Run lengths of cells outside, inside, outside, and so on, the last axis fastest; the first may be 0.
+    runs: Vec<usize>,
+}
+
+impl CellsOutput {
+    /// Runs of a mask whose last axis is fastest, with the spacing of an image of `axes` axes.
+    pub(super) fn new(mask: &Mask, spacing: [f64; 3], axes: usize) -> Self {
+        let (mut runs, mut current) = (vec![0], false);
+        for inside in &mask.inside {
+            if *inside != current {
+                runs.push(0);
+                current = *inside;
+            }
+            if let Some(run) = runs.last_mut() {
+                *run += 1;
+            }
+        }
+        let size = mask.grid.size[..axes].to_vec();
+        Self { size, spacing: spacing[..axes].to_vec(), first: vec![0.0; axes], runs }
+    }
+}
+
 /// A segmented object.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct SegmentedOutput {
@@ -80,6 +111,9 @@ pub struct SegmentedOutput {
     /// Overlap with the truth, where it was posted.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) overlap: Option<TruthOutput>,
+    /// Cells of the image inside the shape, where asked for, in the grid of its indices.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) mask: Option<CellsOutput>,
     /// Component of the part `mask` where the object began.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) component: Option<ComponentOutput>,

@@ -4,17 +4,23 @@
 //! seconds = cells · (READ + Σ fields) + Σ objects, stages: evaluations · samples · terms · SAMPLE
 //! ```
 
+use std::f64::consts::PI;
+
 use serde::Serialize;
 
 use super::request::{Minimiser, StageInput, TermInput};
-use super::wanted::Wanted;
+use super::wanted::{Reference, Wanted};
 use crate::formats::image::Grid;
+use crate::geometry::capability::domain::Admitted;
 use crate::service::app::Work;
 
 /// Predicted bytes per cell beside the file: the image, and fields while they are prepared.
 const CELL_BYTES: usize = 52;
 /// Bytes per cell of the prepared field of a term at one blur.
 const FIELD_BYTES: usize = 8;
+
+/// Bytes of an outline for each cell of the length of a curve, or of the area of a surface.
+const OUTLINE_BYTES: [f64; 2] = [32.0, 200.0];
 
 /// Predicted seconds per cell to read an image.
 const READ: f64 = 1.2e-8;
@@ -32,6 +38,8 @@ const PER_CELL: f64 = 1.6;
 const PER_POINT: f64 = 8.0;
 /// Least number of samples of a surface for each control point.
 const PER_POINT_IN_SPACE: f64 = 25.0;
+/// Samples for each control point where integrals are to be exact: of a curve, and of a surface.
+const FINE: [f64; 2] = [64.0, 600.0];
 /// Factor by which boundaries grow from their boxes: initial shapes are smaller than objects.
 const GROWTH: f64 = 1.3;
 
@@ -60,17 +68,30 @@ pub struct SegmentEstimate {
 /// Predicted bytes of an image of which the `files` take so many when they are read, and of its fields.
 pub(super) fn memory(wanted: &Wanted, grid: &Grid, stages: &[StageInput], files: usize) -> usize {
     let fields = wanted.energy.image_terms().len() * blurs(stages).len();
-    grid.cells().saturating_mul(CELL_BYTES + FIELD_BYTES * fields).saturating_add(files)
+    let outlines = if wanted.answered.outlines { Cost::new(wanted, grid).outlines() } else { 0 };
+    let cells = grid.cells().saturating_mul(CELL_BYTES + FIELD_BYTES * fields);
+    cells.saturating_add(files).saturating_add(outlines)
 }
 
 /// Predicted work.
 pub(super) fn work(wanted: &Wanted, grid: &Grid, stages: &[StageInput]) -> Work {
-    let cost = Cost { wanted, grid, cell: wanted.cell(grid), axes: if grid.is_planar() { 2 } else { 3 } };
+    let cost = Cost::new(wanted, grid);
     let objects = wanted.starts.count() as f64;
     let runs: f64 = stages.iter().map(|stage| cost.stage(stage)).sum();
     let per_object = grid.cells() as f64 * cost.levels(stages) * objects;
     Work::from_seconds(grid.cells() as f64 * (READ + cost.fields(stages)) + per_object + runs)
-        + Work::from_multiply_adds(objects * cost.factorisations(stages))
+        + Work::from_multiply_adds(objects * (cost.factorisations(stages) + cost.spans(stages)))
+}
+
+/// Predicted work to sample the boundaries of shapes once, as finely as integrals over them need.
+pub fn boundaries(representation: &Admitted, shapes: usize) -> Work {
+    let (points, vertices) = (representation.size() as f64, representation.refined_vertices() as f64);
+    let one = match representation.dimension() {
+        2 => SAMPLE[0] * FINE[0] * points,
+        _ if vertices > 0.0 => SAMPLE[2] * vertices,
+        _ => SAMPLE[1] * FINE[1] * points,
+    };
+    Work::from_seconds(shapes as f64 * one)
 }
 
 /// The different blurs of stages.
@@ -89,7 +110,26 @@ struct Cost<'a> {
     axes: usize,
 }
 
-impl Cost<'_> {
+impl<'a> Cost<'a> {
+    fn new(wanted: &'a Wanted, grid: &'a Grid) -> Self {
+        Self { wanted, grid, cell: wanted.cell(grid), axes: if grid.is_planar() { 2 } else { 3 } }
+    }
+
+    /// Bytes of the outlines of all initial shapes and results.
+    fn outlines(&self) -> usize {
+        let boundaries: f64 = (0..self.wanted.starts.count()).map(|index| self.boundary(index)).sum();
+        (2.0 * OUTLINE_BYTES[self.axes - 2] * boundaries) as usize
+    }
+
+    /// Length in cells of the boundary of an object, or its area.
+    fn boundary(&self, index: usize) -> f64 {
+        let [x, y, z] = self.extent(index);
+        match self.axes {
+            2 => PI * GROWTH * 0.5 * (x + y),
+            _ => PI * GROWTH * GROWTH * (x * y + y * z + z * x) / 3.0,
+        }
+    }
+
     fn points(&self) -> f64 {
         self.wanted.settings.representation.size() as f64
     }
@@ -129,15 +169,13 @@ impl Cost<'_> {
     /// Seconds to sample the boundary of an object once for a term.
     fn samples(&self, stage: &StageInput, index: usize) -> f64 {
         let vertices = self.wanted.settings.representation.refined_vertices() as f64;
-        let [x, y, z] = self.extent(index);
-        let ellipse = std::f64::consts::PI * GROWTH;
+        let boundary = self.boundary(index);
         match self.axes {
-            2 => SAMPLE[0] * (PER_CELL * ellipse * 0.5 * (x + y)).max(PER_POINT * self.points()),
+            2 => SAMPLE[0] * (PER_CELL * boundary).max(PER_POINT * self.points()),
             _ if vertices > 0.0 => SAMPLE[2] * vertices,
             _ => {
                 let blur = (stage.sigma / self.cell).max(1.0);
-                let area = ellipse * GROWTH * (x * y + y * z + z * x) / 3.0 / (blur * blur);
-                SAMPLE[1] * area.max(PER_POINT_IN_SPACE * self.points())
+                SAMPLE[1] * (boundary / (blur * blur)).max(PER_POINT_IN_SPACE * self.points())
             }
         }
     }
@@ -170,6 +208,16 @@ impl Cost<'_> {
             Minimiser::Newton => EVALUATIONS * stage.iterations as f64,
             Minimiser::Coordinates => (1.0 + EVALUATIONS_PER_POINT * self.points()) * self.iterations(stage),
         }
+    }
+
+    /// Multiply-adds for an object to project onto what several shapes span.
+    fn spans(&self, stages: &[StageInput]) -> f64 {
+        let Some((Reference::Stored { shapes, is_span: true }, _)) = &self.wanted.prior else { return 0.0 };
+        let length = self.points() * self.axes as f64;
+        // A class has at most as many matrices as a matrix has entries.
+        let basis = (shapes.len() * self.axes * self.axes) as f64;
+        let evaluations: f64 = stages.iter().map(|stage| 1.0 + self.evaluations(stage)).sum();
+        2.0 * evaluations * length * basis.min(length)
     }
 
     /// Multiply-adds of Newton's method for an object.

@@ -2,15 +2,19 @@
 
 use rayon::prelude::*;
 
-use super::answer::{SegmentAnswer, SegmentedOutput, StageOutput, TermOutput, TruthOutput, warnings};
+use super::answer::{
+    CellsOutput, SegmentAnswer, SegmentedOutput, StageOutput, TermOutput, TruthOutput, warnings,
+};
 use super::cost::{self, SegmentEstimate};
 use super::image::{ImageOutput, Part, plane_frame, volume_frame};
+use super::prior::{begun, with_target};
 use super::request::StageInput;
+use super::shown::Segmented;
 use super::starts::{Starts, usual_radius};
 use super::wanted::{Reference, Wanted, size};
 use crate::formats::fault::Fault;
 use crate::formats::image::{Description, Grid as FileGrid};
-use crate::formats::shape::Points;
+use crate::formats::shape::{Points, ShapeInput};
 use crate::geometry::raster::{Grid, Mask, overlap_unless_stopped};
 use crate::numeric::dense::Matrix;
 use crate::segmentation::SegmentationError;
@@ -19,8 +23,8 @@ use crate::segmentation::field::Image;
 use crate::segmentation::frame::Frame;
 use crate::segmentation::run::scene::Scene;
 use crate::segmentation::run::{Outcome, Settings, StageReport, evaluate, segment};
-use crate::segmentation::snake::Model;
 use crate::segmentation::snake::kind::SpaceModel;
+use crate::segmentation::snake::{Model, Outline};
 use crate::service::app::memory::Purpose;
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::shapes::read::read_shape;
@@ -86,7 +90,7 @@ impl Planned {
     /// # Errors
     /// [`ServiceError::Overloaded`] if memory is short; files that are broken; initial shapes that are faulty or enclose nothing; an image without contrast;
     /// [`ServiceError::Cancelled`].
-    pub fn segment(self, app: &App, files: Files<'_>) -> Result<SegmentAnswer, ServiceError> {
+    pub fn segment(self, app: &App, files: Files<'_>) -> Result<Segmented, ServiceError> {
         let Self { wanted, stages, bytes, .. } = self;
         let _room = app.memory.hold(Purpose::Bodies, bytes)?;
         let setup = Setup::new(app, wanted.settings.clone())?;
@@ -97,7 +101,7 @@ impl Planned {
         let grid = file.grid;
         let image = Image::new(grid.size(), file.values).map_err(faulty)?;
         let task = Task { app, wanted: &wanted, stages: &stages, setup: &setup, grid: &grid, truth };
-        let results = match &model {
+        let found = match &model {
             SpaceModel::Plane(model) => {
                 let frame = plane_frame(&grid, wanted.coordinates)?;
                 task.run(&image, frame, &**model)?
@@ -107,9 +111,16 @@ impl Planned {
                 task.run(&image, frame, &**model)?
             }
         };
-        Ok(SegmentAnswer { image: ImageOutput::new(&grid), coordinates: wanted.coordinates, results })
+        let (results, outlines): (Vec<_>, Vec<_>) = found.into_iter().unzip();
+        let outlines = outlines.into_iter().flatten().collect();
+        let answer =
+            SegmentAnswer { image: ImageOutput::new(&grid), coordinates: wanted.coordinates, results };
+        Ok(Segmented { answer, outlines, image, grid })
     }
 }
+
+/// A segmented object, and the outlines of its initial shape and of its result where they are asked for.
+type Found = (SegmentedOutput, Option<[Outline; 2]>);
 
 /// A segmentation whose files were read.
 struct Task<'a> {
@@ -128,7 +139,7 @@ impl Task<'_> {
         image: &Image<f32>,
         frame: Frame<D>,
         model: &dyn Model<D>,
-    ) -> Result<Vec<SegmentedOutput>, ServiceError> {
+    ) -> Result<Vec<Found>, ServiceError> {
         let starts: Vec<Vec<[f64; D]>> = self.starts()?.iter().map(|start| rows(start)).collect();
         let mut settings = self.wanted.energy.settings::<D>(self.stages);
         settings.prior = self.prior(frame, model)?;
@@ -139,11 +150,23 @@ impl Task<'_> {
         starts.par_iter().enumerate().map(object).collect()
     }
 
-    /// Control points of the initial shapes, in the coordinates of the request.
+    /// Control points of the initial shapes, in the coordinates of the request. Where start points are searched, they begin where they
+    /// fit the reference of the prior best.
     fn starts(&self) -> Result<Vec<Vec<f64>>, ServiceError> {
         let (wanted, grid) = (self.wanted, self.grid);
         let radius = usual_radius(grid, wanted.coordinates, wanted.cell(grid));
-        wanted.starts.control_points(self.setup, &self.app.limits, radius)
+        let starts = wanted.starts.control_points(self.setup, &self.app.limits, radius)?;
+        let reference = match &wanted.prior {
+            Some((Reference::Posted(shape), _)) => self.posted(shape)?,
+            Some((Reference::Stored { shapes, is_span: false }, _)) => shapes.concat(),
+            _ => return Ok(starts),
+        };
+        if !self.setup.matching.searches() {
+            return Ok(starts);
+        }
+        with_target(self.setup, &reference, "/prior/reference", |target| {
+            starts.into_par_iter().map(|start| begun(self.setup, target, start)).collect()
+        })
     }
 
     fn prior<const D: usize>(
@@ -152,18 +175,26 @@ impl Task<'_> {
         model: &dyn Model<D>,
     ) -> Result<Option<(Prior<D>, f64)>, ServiceError> {
         let Some((reference, weight)) = &self.wanted.prior else { return Ok(None) };
-        let at = "/prior/reference";
-        let reference: Vec<[f64; D]> = match reference {
-            Reference::Posted(shape) => {
-                let read = read_shape(&self.setup.reading(&self.app.limits), shape.clone());
-                rows(&read.map_err(|faults| ServiceError::below(faults, at))?.control_points)
+        let (metric, lift) = (self.setup.metric.clone(), model.lift());
+        let shape = match reference {
+            Reference::Posted(shape) => self.posted(shape)?,
+            Reference::Stored { shapes, is_span: false } => shapes.concat(),
+            Reference::Stored { shapes, is_span: true } => {
+                let class = self.wanted.settings.linear_class();
+                let class = class.ok_or_else(|| ServiceError::Internal("a span of no class".into()))?;
+                return Ok(Some((Prior::spanned(metric, class, shapes, lift, frame), *weight)));
             }
-            Reference::Stored(control_points) => rows(control_points),
         };
-        let (metric, method) = (self.setup.metric.clone(), self.setup.method.clone());
-        let prior = Prior::new(metric, method, &reference, model.lift(), frame);
-        let prior = prior.map_err(|error| ServiceError::invalid(at, error.to_string()))?;
+        let prior = Prior::new(metric, self.setup.method.clone(), &rows(&shape), lift, frame);
+        let prior = prior.map_err(|error| ServiceError::invalid("/prior/reference", error.to_string()))?;
         Ok(Some((prior, *weight)))
+    }
+
+    /// Control points of a posted reference.
+    fn posted(&self, shape: &ShapeInput) -> Result<Vec<f64>, ServiceError> {
+        let read = read_shape(&self.setup.reading(&self.app.limits), shape.clone());
+        let shape = read.map_err(|faults| ServiceError::below(faults, "/prior/reference"))?;
+        Ok(shape.control_points)
     }
 
     fn object<const D: usize>(
@@ -173,7 +204,7 @@ impl Task<'_> {
         scene: &Scene<D>,
         model: &dyn Model<D>,
         settings: &Settings<D>,
-    ) -> Result<SegmentedOutput, ServiceError> {
+    ) -> Result<Found, ServiceError> {
         let context = self.app.pool.context();
         let stop = || context.is_cancelled();
         let frame = scene.frame();
@@ -197,7 +228,8 @@ impl Task<'_> {
         if D == 3 && self.wanted.prior.is_some() && model.lift().is_some() {
             warnings.push("the prior compares control points beyond the ends as they are extended".into());
         }
-        Ok(SegmentedOutput {
+        let outlines = [model.outline(&first), model.outline(&found.rows)];
+        let object = SegmentedOutput {
             index,
             control_points: world(model.control_points(&found.rows)),
             converged: found.outcome == Outcome::Converged,
@@ -208,10 +240,18 @@ impl Task<'_> {
             gradient: gradient.map(|rows| {
                 points(&rows.into_iter().map(|row| frame.gradient_to_world(row)).collect::<Vec<_>>())
             }),
-            overlap: self.overlap(index, scene, model, &found.rows, &stop)?,
+            overlap: self.overlap(index, scene, &outlines[1], &stop)?,
+            mask: self.wanted.answered.mask.then(|| self.mask(scene, &outlines[1])),
             component: self.wanted.starts.component(index),
             warnings,
-        })
+        };
+        Ok((object, self.wanted.answered.outlines.then_some(outlines)))
+    }
+
+    /// The cells of a result.
+    fn mask<const D: usize>(&self, scene: &Scene<D>, result: &Outline) -> CellsOutput {
+        let grid = Grid { first: [0.0; 3], spacing: [1.0; 3], size: scene.size() };
+        CellsOutput::new(&result.cells(&grid), self.grid.spacing(), D)
     }
 
     fn stage(&self, report: &StageReport) -> StageOutput {
@@ -230,8 +270,7 @@ impl Task<'_> {
         &self,
         index: usize,
         scene: &Scene<D>,
-        model: &dyn Model<D>,
-        rows: &[[f64; D]],
+        result: &Outline,
         stop: &(dyn Fn() -> bool + Sync),
     ) -> Result<Option<TruthOutput>, ServiceError> {
         let Some(truth) = &self.truth else { return Ok(None) };
@@ -241,7 +280,7 @@ impl Task<'_> {
         spacing[..D].copy_from_slice(&scene.frame().spacing());
         let in_cells = Grid { first: [0.0; 3], spacing: [1.0; 3], size: scene.size() };
         let grid = Grid { spacing, ..in_cells };
-        let found = Mask { grid, ..model.outline(rows).cells(&in_cells) };
+        let found = Mask { grid, ..result.cells(&in_cells) };
         let inside: Vec<bool> = truth.iter().map(is_truth).collect();
         let truth = Mask::from_x_fastest(grid, &inside)
             .ok_or_else(|| ServiceError::Internal("a truth of another size".into()))?;

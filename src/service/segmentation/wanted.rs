@@ -33,8 +33,13 @@ pub struct Wanted {
 pub enum Reference {
     /// A posted shape.
     Posted(ShapeInput),
-    /// A mean of the representation, coordinate-major.
-    Stored(Vec<f64>),
+    /// Shapes of the representation, control points coordinate-major: one, or a span.
+    Stored {
+        /// The shapes.
+        shapes: Vec<Vec<f64>>,
+        /// Whether their sums attract too.
+        is_span: bool,
+    },
 }
 
 /// Optional parts of the answer.
@@ -44,12 +49,16 @@ pub struct Answered {
     pub history: bool,
     /// The gradient of the energy at the result.
     pub gradient: bool,
+    /// The cells of the results.
+    pub mask: bool,
+    /// Outlines, for pictures and label images.
+    pub outlines: bool,
 }
 
 impl Wanted {
     pub(super) fn faults(&self, grid: &Grid, app: &App) -> Vec<Fault> {
         let dimension = self.settings.representation.dimension();
-        let mut faults = self.energy.faults(self.cell(grid));
+        let mut faults = self.energy.faults(self.cell(grid), self.longest_side(grid));
         let axes = if grid.is_planar() { 2 } else { 3 };
         if axes != dimension {
             let detail = format!("expected an image of {dimension} dimensions, as the shapes, got {axes}");
@@ -62,6 +71,12 @@ impl Wanted {
         {
             let detail = format!("expected a label for each of {count} shapes, got {}", labels.len());
             faults.push(Fault::new("/truth_labels", detail));
+        }
+        if let Some((Reference::Stored { is_span: true, .. }, _)) = self.prior
+            && self.settings.linear_class().is_none()
+        {
+            let detail = "expected a linear class for components and atoms: Procrustes fits have no span";
+            faults.push(Fault::new("/prior/transformation", detail));
         }
         if let Some((_, weight)) = self.prior
             && !(0.0..=1e9).contains(&weight)
@@ -83,9 +98,18 @@ impl Wanted {
         }
     }
 
+    /// The longest side of a cell in the unit of the coordinates.
+    fn longest_side(&self, grid: &Grid) -> f64 {
+        let axes = if grid.is_planar() { 2 } else { 3 };
+        match self.coordinates {
+            Coordinates::Index => 1.0,
+            Coordinates::World => grid.spacing()[..axes].iter().copied().fold(0.0, f64::max),
+        }
+    }
+
     pub(super) fn stages(&self, grid: &Grid) -> Vec<StageInput> {
         if self.energy.stages.is_empty() {
-            StageInput::usual(self.cell(grid))
+            StageInput::usual(self.cell(grid), self.energy.least_blur(self.longest_side(grid)))
         } else {
             self.energy.stages.clone()
         }
