@@ -11,7 +11,7 @@ use super::frame::{Frame, representative};
 use super::matching::{Matching, Placed, Placement, Target};
 use super::mean::{MeanSpace, ProjectorSum};
 use super::metric::{Metric, dot, norm};
-use super::placement_search::{Found, MAX_ROUNDS, Start, StreamedSearch, alternate};
+use super::placement_search::{Found, MAX_ROUNDS, Start, StreamedSearch, alternate, stages};
 use super::procrustes;
 use super::start_points::{SpectralSearch, is_spectral, spectral_bytes};
 use super::subspace::{Projected, Subspace, check_extent, flatten};
@@ -229,15 +229,16 @@ fn searched<S: ShapeSource>(
     matching: &Matching,
     length: usize,
 ) -> Result<Found, S::Error> {
-    let start = Start::of(source)?;
-    if is_spectral(class, matching)
-        && let Some(_memory) = source.reserve(spectral_bytes(matching, source.count()))
-    {
+    // Rounds of other classes cost more than the stages save.
+    let is_spectral = is_spectral(class, matching);
+    let stages = if is_spectral { stages(source.count()) } else { vec![source.count()] };
+    let start = Start::of(source, &stages)?;
+    if is_spectral && let Some(_memory) = source.reserve(spectral_bytes(matching, source.count())) {
         let rotations = TransformationClass::named(ClassName::ScaledRotation, matching.dimension())?;
         let mut search = SpectralSearch::new(source, class, &rotations, matching, &start.placements)?;
-        return alternate(&mut search, source, matching, start);
+        return alternate(&mut search, source, matching, &stages, start);
     }
-    alternate(&mut StreamedSearch::new(source, class, matching, length), source, matching, start)
+    alternate(&mut StreamedSearch::new(source, class, matching, length), source, matching, &stages, start)
 }
 
 fn procrustes_mean<S: ShapeSource>(
@@ -247,12 +248,11 @@ fn procrustes_mean<S: ShapeSource>(
     frame: Frame,
     matching: &Matching,
 ) -> Result<MeanShape, S::Error> {
-    let known = if matching.searches() { Start::of(source)? } else { Start::as_given(source.count()) };
-    // A fit has no stages: placements of a part of the shapes do not replace the first steps.
-    let is_known = known.known == source.count();
-    let mut placements = if is_known { known.placements } else { Start::as_given(source.count()).placements };
+    let all = source.count();
+    let Start { mut placements, known } =
+        if matching.searches() { Start::of(source, &[all])? } else { Start::as_given(all) };
     let template = procrustes::start(&Placed { source, matching, placements: &placements }, fit)?;
-    if matching.mirrors() && !is_known {
+    if matching.mirrors() && known == 0 {
         matching.improve(source, &Target::shape(&template, fit, matching), &mut placements)?;
     }
     let placed = Placed { source, matching, placements: &placements };

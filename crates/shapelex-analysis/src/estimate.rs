@@ -28,9 +28,10 @@ pub struct Estimate {
 const RATE: f64 = 1.0e9;
 
 /// Rounds of a search for start points among `k` shapes, as if each took the time of a transform in the cache: measured, the
-/// time per shape grows with the root of their number, since more shapes need more rounds and their spectra more memory.
+/// time per shape grows with the root of their number, since more shapes need more rounds and their spectra more memory, until the
+/// search takes stages.
 fn rounds(k: f64) -> f64 {
-    (k.sqrt() / 10.0).max(5.0)
+    (k.sqrt() / 10.0).clamp(5.0, 15.0)
 }
 
 /// Multiply-adds of a round for each number of a spectrum and its logarithm: products of spectra of similarities in the plane;

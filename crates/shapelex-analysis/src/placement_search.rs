@@ -3,7 +3,7 @@
 //! Each step raises `tr(P_S̄ Σ_k w_k P_k)`, so the alternation ends: with placements that no round changes, or after
 //! [`MAX_ROUNDS`]. It begins with the shapes as given, or with placements known from a search of all.
 //!
-//! A large set is searched in stages: the first [`PART`] shapes, then twice as many, and so on, then the largest multiple of
+//! A large set of a class whose rounds are cheap is searched in stages: the first [`PART`] shapes, then twice as many, and so on, then the largest multiple of
 //! `PART`, then all. Each stage begins with the mean of the one before. The last but one is the *leading* shapes: as long as
 //! these stay the same, a search of more of them may begin with the placements that they had, and has the same result.
 
@@ -91,13 +91,13 @@ impl Start {
         Self { placements: vec![Placement::default(); count], known: 0 }
     }
 
-    /// Placements that the source knows, and the other shapes as given.
+    /// Placements that the source knows of a stage, and the other shapes as given.
     ///
     /// # Errors
     /// Errors of the source.
-    pub(super) fn of<S: ShapeSource>(source: &S) -> Result<Self, S::Error> {
+    pub(super) fn of<S: ShapeSource>(source: &S, stages: &[usize]) -> Result<Self, S::Error> {
         let count = source.count();
-        let known = source.known_placements()?.filter(|known| stages(count).contains(&known.len()));
+        let known = source.known_placements()?.filter(|known| stages.contains(&known.len()));
         let mut placements = known.unwrap_or_default();
         let known = placements.len();
         placements.resize(count, Placement::default());
@@ -105,20 +105,15 @@ impl Start {
     }
 }
 
-/// Number of leading shapes of `count`; 0 if all are searched at once.
-fn leading(count: usize) -> usize {
-    count.saturating_sub(1) / PART * PART
-}
-
 /// Numbers of shapes of the stages of a search of `count` shapes, ascending.
-fn stages(count: usize) -> Vec<usize> {
-    let leading = leading(count);
+pub(super) fn stages(count: usize) -> Vec<usize> {
+    let leading = count.saturating_sub(1) / PART * PART;
     let doubled = std::iter::successors(Some(PART), |stage| stage.checked_mul(2));
     let first = doubled.take_while(|stage| *stage < leading);
     first.chain((leading > 0).then_some(leading)).chain([count]).collect()
 }
 
-/// Places the shapes of `source`, which stand as in `start`.
+/// Places the shapes of `source`, which stand as in `start`, in stages of so many shapes, the last of all.
 ///
 /// # Errors
 /// Errors of the source; degenerate shapes.
@@ -126,6 +121,7 @@ pub(super) fn alternate<'a, S: ShapeSource, P: PlacementSearch<'a>>(
     search: &mut P,
     source: &S,
     matching: &Matching,
+    stages: &[usize],
     start: Start,
 ) -> Result<Found, S::Error>
 where
@@ -135,7 +131,8 @@ where
     let mut found = Found { placements, ..Found::as_given(0) };
     // Placements of all shapes replace all stages but the last.
     let mut before = if known < count { known } else { 0 };
-    for stage in stages(count).into_iter().filter(|&stage| stage > known || stage == count) {
+    let leading = stages.len().checked_sub(2).map_or(0, |at| stages[at]);
+    for stage in stages.iter().copied().filter(|&stage| stage > known || stage == count) {
         if before > 0 {
             search.restrict(before);
             let space = MeanSpace::new(search.sum(&found.placements)?, 0)?;
@@ -150,7 +147,7 @@ where
         if stage == count {
             found.leading = found.placements[..before].to_vec();
         }
-        let most = if stage < leading(count) { STAGE_ROUNDS } else { MAX_ROUNDS };
+        let most = if stage < leading { STAGE_ROUNDS } else { MAX_ROUNDS };
         settle(search, &Leading { source, count: stage }, &mut found, most)?;
         before = stage;
     }

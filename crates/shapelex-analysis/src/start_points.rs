@@ -227,7 +227,7 @@ mod tests {
     use crate::accumulate::PART;
     use crate::correspondence::{Correspondence, Direction, Mirror};
     use crate::metric::Metric;
-    use crate::placement_search::{Start, StreamedSearch, alternate};
+    use crate::placement_search::{Start, StreamedSearch, alternate, stages};
     use crate::transformation::ClassName;
     use shapelex_geometry::generator::GeneratorKind;
     use shapelex_geometry::representation::{Representation, ShapeSpace};
@@ -264,13 +264,14 @@ mod tests {
                 for name in [ClassName::Similarity, ClassName::ReflectedSimilarity] {
                     let class = TransformationClass::named(name, 2).unwrap();
                     assert!(is_spectral(&class, &matching));
-                    let start = Start::of(&source).unwrap();
+                    let all = [source.count()];
+                    let start = Start::of(&source, &all).unwrap();
                     let mut spectral =
                         SpectralSearch::new(&source, &class, &rotations, &matching, &start.placements)
                             .unwrap();
-                    let found = alternate(&mut spectral, &source, &matching, start.clone()).unwrap();
+                    let found = alternate(&mut spectral, &source, &matching, &all, start.clone()).unwrap();
                     let mut streamed = StreamedSearch::new(&source, &class, &matching, metric.len());
-                    let expected = alternate(&mut streamed, &source, &matching, start).unwrap();
+                    let expected = alternate(&mut streamed, &source, &matching, &all, start).unwrap();
                     assert_eq!(found.placements, expected.placements, "{n} {mirror:?} {name:?}");
                     assert_eq!((found.rounds, found.converged), (expected.rounds, true));
                     let starts = found.placements.iter().filter(|placement| placement.shift > 0).count();
@@ -304,9 +305,10 @@ mod tests {
                 start.placements.resize(count, Placement::default());
                 let mut spectral =
                     SpectralSearch::new(&source, &class, &rotations, &matching, &start.placements).unwrap();
-                let found = alternate(&mut spectral, &source, &matching, start.clone()).unwrap();
+                let found =
+                    alternate(&mut spectral, &source, &matching, &stages(count), start.clone()).unwrap();
                 let mut streamed = StreamedSearch::new(&source, &class, &matching, metric.len());
-                let same = alternate(&mut streamed, &source, &matching, start).unwrap();
+                let same = alternate(&mut streamed, &source, &matching, &stages(count), start).unwrap();
                 assert_eq!((&found.placements, found.rounds), (&same.placements, same.rounds));
                 assert_eq!(found.leading, same.leading);
                 found

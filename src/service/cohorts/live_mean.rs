@@ -44,8 +44,8 @@ pub struct MeanQuery {
 }
 
 /// Placements with which a search for start points, directions and mirror images begins. The alternation of mean and
-/// placements ends in one of many local optima: from the shapes as given the result depends on the shapes alone, and beyond 8192
-/// shapes on their order; from the placements of the last search it takes fewer rounds, but depends on the means that were computed
+/// placements ends in one of many local optima: from the shapes as given the result depends on the shapes alone, and for more than
+/// 8192 plane curves under similarities on their order; from the placements of the last search it takes fewer rounds, but depends on the means that were computed
 /// before.
 #[derive(
     Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, serde::Deserialize, utoipa::ToSchema,
