@@ -133,6 +133,18 @@ fn slices_of_a_volume_are_images() {
     post_image(&server, PATH, &beyond, &volume).expect_problem(422, "invalid-input", &["/slice"]);
 }
 
+/// What is not defined is null: a shape that fills more than the image leaves no outside.
+#[test]
+fn terms_that_are_not_defined_are_null() {
+    let body = without_boxes(json!({
+        "seeds": [{"at": [32, 20], "radius": 60}], "terms": [{"name": "two_class"}], "history": true,
+        "stages": [{"sigma": 1, "iterations": 1}]
+    }));
+    let found = post_image(&shared(), PATH, &body, &bright()).expect(200)["results"][0].clone();
+    assert_eq!(found["energies"]["two_class"], json!({"value": null, "weighted": null}), "{found}");
+    assert_eq!(found["stages"][0]["history"], Value::Null, "{found}");
+}
+
 #[test]
 fn bad_starts_are_refused_at_their_place() {
     let (server, image) = (shared(), bright());
@@ -149,6 +161,9 @@ fn bad_starts_are_refused_at_their_place() {
         refused(without_boxes(json!({"seeds": [seed]})), &[pointer]);
     }
     refused(without_boxes(json!({"seeds": []})), &["/seeds"]);
+    // Boundaries that are much larger than the image would take as many samples.
+    refused(without_boxes(json!({"seeds": [{"at": [16, 20], "radius": 65}]})), &["/seeds/0"]);
+    refused(curves(json!({"boxes": [{"lower": [-1e90, 0], "upper": [1e90, 20]}]})), &["/boxes/0"]);
     refused(curves(json!({"mask_labels": [1]})), &["/mask_labels"]);
     let with_mask = |further: Value, mask: &[u8], pointers: &[&str]| {
         let files: [(&str, &[u8]); 2] = [("image", &image), ("mask", mask)];

@@ -121,7 +121,7 @@ segment_request! {
 #[allow(dead_code, reason = "only for the document")]
 enum PriorReference {
     /// A posted shape.
-    Shape(#[serde(skip)] ShapeInput),
+    Shape(#[serde(skip)] Box<ShapeInput>),
     /// A part of a dictionary.
     Part(DictionaryPart),
 }

@@ -11,13 +11,13 @@ use crate::geometry::raster::{Mask, Overlap};
 use crate::segmentation::energy::TermValue;
 use crate::segmentation::run::{Outcome, Segmentation};
 
-/// Value of a term of the energy.
+/// Value of a term of the energy; null for a shape on which it is not defined, such as two classes without an outside.
 #[derive(Debug, Clone, Copy, Serialize, utoipa::ToSchema)]
 pub struct TermOutput {
     /// Without its weight.
-    value: f64,
+    value: Option<f64>,
     /// Times the weight.
-    weighted: f64,
+    weighted: Option<f64>,
 }
 
 /// One run of a stage; a stage whose result is faulty runs again with more spacing and shorter steps.
@@ -33,7 +33,7 @@ pub struct StageOutput {
     pub(super) spacing: f64,
     /// What was wrong with the result: `folded`, `left_image` or `collapsed`.
     pub(super) fault: Option<&'static str>,
-    /// Energy at the start and after every iteration, where asked for.
+    /// Energy at the start and after every iteration, where asked for; without those of shapes on which a term is not defined.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub(super) history: Vec<f64>,
 }
@@ -140,6 +140,11 @@ pub struct SegmentAnswer {
     pub(super) results: Vec<SegmentedOutput>,
 }
 
+/// The value, if it is a number.
+pub(super) fn finite(value: f64) -> Option<f64> {
+    value.is_finite().then_some(value)
+}
+
 /// Limitations of a result; `begun` are the terms at the initial shape.
 pub(super) fn warnings<const D: usize>(found: &Segmentation<D>, begun: &[TermValue]) -> Vec<String> {
     let mut warnings = Vec::new();
@@ -166,7 +171,7 @@ pub(super) fn warnings<const D: usize>(found: &Segmentation<D>, begun: &[TermVal
 
 impl From<TermValue> for TermOutput {
     fn from(TermValue { value, weighted, .. }: TermValue) -> Self {
-        Self { value, weighted }
+        Self { value: finite(value), weighted: finite(weighted) }
     }
 }
 

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::answer::{
-    CellsOutput, SegmentAnswer, SegmentedOutput, StageOutput, TermOutput, TruthOutput, warnings,
+    CellsOutput, SegmentAnswer, SegmentedOutput, StageOutput, TermOutput, TruthOutput, finite, warnings,
 };
 use super::cost::{self, SegmentEstimate};
 use super::image::{ImageOutput, Part, plane_frame, volume_frame};
@@ -29,6 +29,9 @@ use crate::service::app::memory::Purpose;
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::shapes::read::read_shape;
 use crate::service::statistics::Setup;
+
+/// Longest side of an initial shape relative to that of the image. Of a larger one less than half is in the image.
+const MOST_OF_IMAGE: f64 = 2.0;
 
 /// An image of which the header was read, and what is wanted of it.
 #[derive(Debug)]
@@ -209,6 +212,7 @@ impl Task<'_> {
         let stop = || context.is_cancelled();
         let frame = scene.frame();
         let in_cells: Vec<[f64; D]> = start.iter().map(|point| frame.to_index(*point)).collect();
+        self.check_extent(index, &in_cells, scene.size())?;
         let first = model.free_points(&in_cells);
         let at_start = |error| faulty_start(error, &self.wanted.starts, index);
         let begun = evaluate(scene, model, &first, settings).map_err(at_start)?;
@@ -248,6 +252,27 @@ impl Task<'_> {
         Ok((object, self.wanted.answered.outlines.then_some(outlines)))
     }
 
+    /// Refuses an initial shape that is much larger than the image: its boundary would have as many more samples.
+    fn check_extent<const D: usize>(
+        &self,
+        index: usize,
+        in_cells: &[[f64; D]],
+        size: [usize; 3],
+    ) -> Result<(), ServiceError> {
+        let most = MOST_OF_IMAGE * size.into_iter().max().unwrap_or(0) as f64;
+        let along = |c: usize| in_cells.iter().map(move |point| point[c]);
+        let side = |c: usize| along(c).fold(f64::MIN, f64::max) - along(c).fold(f64::MAX, f64::min);
+        let longest = (0..D).map(side).fold(0.0, f64::max);
+        if longest <= most {
+            return Ok(());
+        }
+        let detail = format!(
+            "expected an initial shape of at most {most} cells along every axis, {MOST_OF_IMAGE} times the longest side of \
+             the image, got {longest:.3e}"
+        );
+        Err(ServiceError::Invalid(vec![self.wanted.starts.fault(index, "", detail)].into()))
+    }
+
     /// The cells of a result.
     fn mask<const D: usize>(&self, scene: &Scene<D>, result: &Outline) -> CellsOutput {
         let grid = Grid { first: [0.0; 3], spacing: [1.0; 3], size: scene.size() };
@@ -261,7 +286,10 @@ impl Task<'_> {
             evaluations: report.evaluations,
             spacing: report.spacing,
             fault: report.fault.map(|fault| Outcome::from(fault).name()),
-            history: if self.wanted.answered.history { report.history.clone() } else { Vec::new() },
+            history: match self.wanted.answered.history {
+                true => report.history.iter().copied().filter_map(finite).collect(),
+                false => Vec::new(),
+            },
         }
     }
 
