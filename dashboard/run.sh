@@ -3,7 +3,8 @@
 #
 #   dashboard/run.sh build   from `dashboard/src` to `dashboard/dist`, which is committed and becomes part of the program
 #   dashboard/run.sh check   whether the committed files are those of a fresh build
-#   dashboard/run.sh test    the page in Chromium on target/debug/shapelex, or SHAPELEX_BINARY; SCREENS=folder keeps pictures
+#   dashboard/run.sh test    the page in Chromium on target/debug/shapelex, or SHAPELEX_BINARY; SCREENS=folder keeps pictures,
+#                            GOALS=1 compares times with the goals, on an idle machine and a release build
 set -euo pipefail
 cd "$(dirname "$0")"
 
@@ -38,7 +39,7 @@ test)
   node --test --test-concurrency=1 --test-reporter=spec tests/*.test.mjs
   ;;
 *)
-  sed -n '2,6s/^# \{0,1\}//p' "$0"
+  sed -n '2,7s/^# \{0,1\}//p' "$0"
   exit 2
   ;;
 esac

@@ -51,7 +51,7 @@ macro_rules! serve_settings {
             #[arg(long, env = "SHAPELEX_CONFIG", value_name = "FILE")]
             #[serde(skip)]
             config: Option<PathBuf>,
-            /// Leave an empty store empty instead of loading the example cohort
+            /// Leave an empty store empty instead of loading the example cohort, as a service with keys or an identity provider does
             #[arg(long, env = "SHAPELEX_NO_EXAMPLE", num_args = 0..=1, default_missing_value = "true")]
             no_example: Option<bool>,
             $($(#[doc = $doc])* #[arg(long, env = $env)] $field: Option<$type>,)*

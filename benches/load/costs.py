@@ -13,9 +13,11 @@ import http.client
 import json
 import os
 import re
+import struct
 import sys
 import tempfile
-from math import cos, pi, sin
+import zlib
+from math import ceil, cos, pi, sin, sqrt
 from pathlib import Path
 from random import Random
 
@@ -157,8 +159,105 @@ def subdivision_shapes(count, split):
     return [{"control_points": [[random.gauss(0, 1) for _ in range(3)] for _ in range(rows)]} for _ in range(count)]
 
 
+BOUNDARY = "shapelex-costs"
+
+
+def form(parameters, image):
+    """The bytes of a form with an image."""
+    parts = [("parameters", "application/json", json.dumps(parameters).encode()), ("image", "application/octet-stream", image)]
+    head = '--%s\r\ncontent-disposition: form-data; name="%s"; filename="%s"\r\ncontent-type: %s\r\n\r\n'
+    return b"".join((head % (BOUNDARY, name, name, kind)).encode() + body + b"\r\n" for name, kind, body in parts) + f"--{BOUNDARY}--\r\n".encode()
+
+
+def png(side, values):
+    """A square picture of 8-bit grey values."""
+    chunk = lambda kind, data: struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+    rows = b"".join(b"\0" + bytes(values[y * side:(y + 1) * side]) for y in range(side))
+    header = struct.pack(">IIBBBBB", side, side, 8, 0, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(rows, 1)) + chunk(b"IEND", b"")
+
+
+def nifti(side, values):
+    """A cube of 8-bit values with cells of 1 mm."""
+    head = bytearray(352)
+    struct.pack_into("<i", head, 0, 348)
+    struct.pack_into("<8h", head, 40, 3, side, side, side, 1, 1, 1, 1)
+    struct.pack_into("<hh", head, 70, 2, 8)
+    struct.pack_into("<8f", head, 76, 1, 1, 1, 1, 0, 0, 0, 0)
+    struct.pack_into("<ff", head, 108, 352, 1)
+    struct.pack_into("<h", head, 254, 1)
+    for row in range(3):
+        struct.pack_into("<4f", head, 280 + 16 * row, *[float(row == column) for column in range(4)])
+    head[344:348] = b"n+1\0"
+    return bytes(head) + bytes(values)
+
+
+def discs(side, count):
+    """A noisy picture of bright ellipses, and a box in each."""
+    random, across = Random(7), ceil(sqrt(count))
+    step = side / across
+    radius = 0.3 * step
+    values = bytearray(random.randrange(40, 60) for _ in range(side * side))
+    boxes = []
+    for i in range(count):
+        cx, cy = (i % across + 0.5) * step, (i // across + 0.5) * step
+        boxes.append({"lower": [cx - 0.8 * radius, cy - 0.7 * radius], "upper": [cx + 0.9 * radius, cy + 0.6 * radius]})
+        for y in range(int(cy - radius), int(cy + radius) + 1):
+            for x in range(int(cx - radius), int(cx + radius) + 1):
+                if ((x - cx) / radius) ** 2 + ((y - cy) / (0.8 * radius)) ** 2 < 1:
+                    values[y * side + x] = random.randrange(190, 210)
+    return png(side, values), boxes
+
+
+def ellipsoid(side):
+    """A noisy volume with a bright ellipsoid, and a box in it."""
+    random, c, r = Random(8), side / 2, 0.3 * side
+    inside = lambda x, y, z: ((x - c) / r) ** 2 + ((y - c) / (0.9 * r)) ** 2 + ((z - c) / (0.8 * r)) ** 2 < 1
+    value = lambda x, y, z: (190 if inside(x, y, z) else 40) + random.randrange(20)
+    values = [value(x, y, z) for z in range(side) for y in range(side) for x in range(side)]
+    return nifti(side, values), [{"lower": [c - 0.8 * r, c - 0.8 * r, c - 0.6 * r], "upper": [c + 0.7 * r, c + 0.8 * r, c + 0.7 * r]}]
+
+
+def segmentations():
+    """Objects of pictures and volumes, by terms, methods and representations."""
+    terms = lambda *names: {"terms": [{"name": name} | ({"theta": 0.6} if name == "threshold" else {}) for name in names]}
+    trigonometric = lambda n: curve(n, 2, "trigonometric")
+    octahedron = lambda split, level: {"kind": "subdivision", "scheme": "loop", "connectivity": f"octahedron/{split}", "level": level}
+    surface = lambda n, topology="sphere": sphere_surface(n, n) | {"topology": topology}
+    contour, wide = terms("contour"), {"stages": [{"free": "affine", "sigma": 8}, {"sigma": 4}, {"sigma": 1}]}
+    small, middle, many, large = discs(128, 1), discs(512, 1), discs(512, 25), discs(1024, 4)
+    for name, image, representation, more in [
+        ("curve in 128", small, trigonometric(12), contour),
+        ("curve in 512", middle, trigonometric(12), contour),
+        ("curve in 512 threshold", middle, trigonometric(12), terms("threshold")),
+        ("curve in 512 local contrast", middle, trigonometric(12), terms("local_contrast")),
+        ("curve in 512 two classes", middle, trigonometric(12), terms("two_class")),
+        ("curve in 512 wide blurs", middle, trigonometric(12), contour | wide),
+        ("curve in 512 newton", middle, trigonometric(12), contour | {"method": "newton"}),
+        ("curve in 128 coordinates", small, trigonometric(12), contour | {"method": "coordinates"}),
+        ("25 curves of 12 in 512", many, trigonometric(12), contour),
+        ("25 curves of 40 in 512", many, trigonometric(40), contour),
+        ("4 curves of 200 in 1024", large, trigonometric(200), contour),
+        ("4 curves in 1024 by two terms", large, trigonometric(12), terms("contour", "local_contrast")),
+    ]:
+        yield name, image, representation, more
+    small, large = ellipsoid(48), ellipsoid(96)
+    for name, image, representation, more in [
+        ("sphere in 48", small, surface(6), contour),
+        ("sphere in 96", large, surface(6), contour),
+        ("sphere of 9 in 96 threshold", large, surface(9), terms("threshold")),
+        ("cylinder in 48", small, surface(6, "cylinder"), contour),
+        ("octahedron/1 at 3 in 48", small, octahedron(1, 3), contour),
+        ("octahedron/2 at 3 in 96", large, octahedron(2, 3), contour),
+        ("octahedron/2 at 4 in 48", small, octahedron(2, 4), contour),
+    ]:
+        yield name, image, representation, more
+
+
 def table():
     """Name, route, body; small to large of every kind."""
+    for name, (image, boxes), representation, more in segmentations():
+        yield f"segment {name}", "segment", form({"representation": representation, "boxes": boxes, "coordinates": "index"} | more, image)
     yield "project tiny", "project", project(1, curve(6))
     for count, n in [(20, 64), (400, 64), (50, 1024), (400, 2048)]:
         yield f"project {count}x{n}", "project", project(count, curve(n))
@@ -275,13 +374,14 @@ class Meter:
         return 1e-6 * sum(float(value) for value in re.findall(r"^shapelex_compute_predicted_microseconds_total\{.*\} (\S+)$", text, re.M))
 
     def send(self, route, body):
-        self.connection.request("POST", f"/v1/{route}", body, {"content-type": "application/json"})
+        kind = f"multipart/form-data; boundary={BOUNDARY}" if isinstance(body, bytes) else "application/json"
+        self.connection.request("POST", f"/v1/{route}", body, {"content-type": kind})
         answer = self.connection.getresponse()
         return answer.status, answer.read()
 
     def measure(self, route, body):
         """Status, CPU seconds and predicted seconds of one request."""
-        text = json.dumps(body)
+        text = body if isinstance(body, bytes) else json.dumps(body)
         status, answer = self.send(route, text)
         if status != 200:
             return status, None, None, answer[:300].decode()

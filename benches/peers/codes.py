@@ -1,5 +1,7 @@
 """Sparse codes and dictionaries beside SPAMS; in detail: dictionaries.py."""
 
+from math import ceil
+
 import numpy as np
 import spams
 from data import aligned, atoms_and_signals, cells, real
@@ -8,8 +10,8 @@ from measure import Row, beside, close, in_turn, timed
 
 LAMBDA = 0.05
 NONZEROS = 5
-# Below 1: one pass over this part of the signals, as SPAMS reads 512 signals in an iteration.
-PASSES = (0.25, 0.5, 0.75, 1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)
+# Not whole: 0.5 is a pass over the half of the signals, 1.5 are two over three quarters. SPAMS reads 512 signals in an iteration.
+PASSES = (0.25, 0.5, 0.75, 1, 1.25, 1.5, 1.75, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)
 
 
 def rows(ours, setting):
@@ -67,8 +69,8 @@ def learning(ours, setting, x, atoms, iterations):
         return min(evaluate(x, d, LAMBDA) for d, _ in runs), float(np.median([seconds for _, seconds in runs]))
 
     def own(passes, seed):
-        part = x[:, :int(min(passes, 1) * x.shape[1])]
-        return ours.learn(part, atoms, LAMBDA, max(1, int(passes)), seed)
+        whole = ceil(passes)
+        return ours.learn(x[:, :int(passes / whole * x.shape[1])], atoms, LAMBDA, whole, seed)
 
     objective, reference = peer()
     for passes in PASSES:

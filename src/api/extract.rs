@@ -507,6 +507,54 @@ impl<S: Send + Sync> FromRequestParts<S> for ShapeFormat {
     }
 }
 
+/// Response format of objects in an image: a [`Format`], or a volume of labels (`?format=nifti`).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ImageFormat {
+    /// JSON, a drawing, or a picture of labels.
+    Plain(Format),
+    /// NIfTI.
+    Nifti,
+}
+
+impl ImageFormat {
+    /// Predicted work of writing the answer, as [`Format::work`].
+    pub fn work(self) -> Work {
+        match self {
+            Self::Plain(format) => format.work(),
+            Self::Nifti => Work::from_seconds(0.0),
+        }
+    }
+}
+
+/// Media type of NIfTI files.
+const NIFTI: &str = "application/x-nifti";
+
+impl<S: Send + Sync> FromRequestParts<S> for ImageFormat {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
+        let asked = format_of(parts)?;
+        let accepts_nifti = |range: &str| match range {
+            NIFTI => Some(true),
+            range => picture_or_numbers(range).map(|_| false),
+        };
+        let is_nifti = match asked.as_deref() {
+            Some(name) => name == "nifti",
+            None => preferred(&accepted(&parts.headers), accepts_nifti).unwrap_or(false),
+        };
+        if is_nifti {
+            return DrawingQuery::read(parts)?.unused().map(|()| Self::Nifti);
+        }
+        let is_unknown = asked.is_some_and(|name| name != "json" && picture_format(&name).is_none());
+        match Format::from_request_parts(parts, state).await {
+            Err(_) if is_unknown => {
+                Err(Problem::of_parameter("format", "expected 'json', 'svg', 'png' or 'nifti'"))
+            }
+            found => found.map(Self::Plain),
+        }
+    }
+}
+
 /// [`ShapeFormat`] on a route without other query parameters.
 #[derive(Debug)]
 pub struct OnlyShapeFormat(pub ShapeFormat);

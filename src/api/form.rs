@@ -37,6 +37,12 @@ impl Form {
         self.files.iter().find(|(own, _)| *own == name).map(|(_, bytes)| bytes.clone())
     }
 
+    /// All parts with their names, in order.
+    pub fn parts(&self) -> Vec<(&'static str, Bytes)> {
+        let document = (PARAMETERS, self.parameters.clone());
+        std::iter::once(document).chain(self.files.iter().cloned()).collect()
+    }
+
     /// The file with this name.
     ///
     /// # Errors

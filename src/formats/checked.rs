@@ -160,6 +160,11 @@ impl Raw {
         self.len() == 0
     }
 
+    /// Whether it is a text.
+    pub fn is_text(&self) -> bool {
+        self.0.get().starts_with('"')
+    }
+
     /// Whether it is `null`.
     pub fn is_null(&self) -> bool {
         self.0.get() == "null"
@@ -189,6 +194,12 @@ impl<'de> Deserialize<'de> for Raw {
 pub struct Metadata(Result<Raw, Box<Fault>>);
 
 impl Metadata {
+    /// Data that the service has made or completed, of any length.
+    pub fn of(value: &serde_json::Value) -> Self {
+        let text = RawValue::from_string(value.to_string());
+        Self(text.map(Raw).map_err(|error| Box::new(Fault::new("", plain(&error)))))
+    }
+
     /// Takes the value; a fault goes to `errors` below `pointer`.
     pub fn take(self, pointer: &str, errors: &mut Vec<Fault>) -> Option<serde_json::Value> {
         match self.0 {

@@ -6,11 +6,16 @@
 
 use std::sync::{Arc, LazyLock};
 
-use resvg::tiny_skia::{Pixmap, Transform};
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use resvg::tiny_skia::{Color, ColorU8, Pixmap, PixmapPaint, Transform};
 use resvg::usvg::{self, Options, Tree, fontdb::Database};
 
+use super::image::write::png_u8;
+use super::image::{Grid, ImageError, LengthUnit};
+use crate::geometry::drawing::picture::{Picture, PlacedPicture};
 use crate::geometry::drawing::scene::Drawing;
-use crate::geometry::drawing::svg::{Style, Theme};
+use crate::geometry::drawing::svg::{Background, Style, Theme};
 
 /// File format of a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -49,6 +54,28 @@ pub struct PictureFile {
     pub format: PictureFormat,
     /// Settings of the viewer.
     pub style: Style,
+}
+
+/// Cells of a picture behind shapes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GreyCells {
+    /// Number of cells along the rows, and number of rows.
+    pub size: [usize; 2],
+    /// Grey values, row by row from the top.
+    pub grey: Vec<u8>,
+}
+
+impl GreyCells {
+    /// The picture between two corners of the plane, the upper left and the lower right one.
+    ///
+    /// # Errors
+    /// No cells, or another number of values.
+    pub fn over(self, corners: [[f64; 2]; 2]) -> Result<Picture, ImageError> {
+        let Self { size, grey } = self;
+        let grid = Grid::along_axes([size[0], size[1], 1], [1.0; 3], [LengthUnit::Unknown; 3])?;
+        let address = format!("data:image/png;base64,{}", STANDARD.encode(png_u8(&grid, &grey)?));
+        Ok(Picture { size, grey, address, corners })
+    }
 }
 
 /// Maximum number of pixels of a PNG: a square picture of the greatest width, with its captions. A pixel needs four bytes.
@@ -102,23 +129,49 @@ fn png(drawing: &Drawing, style: &Style) -> Result<Vec<u8>, PictureError> {
         return Err(PictureError::TooLarge { width, height });
     }
     let theme = if style.theme == Theme::Auto { Theme::Light } else { style.theme };
-    let svg = drawing.to_svg(&Style { theme, ..*style });
+    let style = Style { theme, ..*style };
+    let picture = drawing.placed_picture(&style);
+    let svg = match &picture {
+        // The page and the picture are painted first.
+        Some(_) => drawing.without_picture().to_svg(&Style { background: Background::None, ..style }),
+        None => drawing.to_svg(&style),
+    };
     let options = Options { font_family: FAMILY.into(), fontdb: Arc::clone(&FONTS), ..Options::default() };
     let failed = |error: String| PictureError::Render(error);
     let tree = Tree::from_str(&svg, &options).map_err(|error: usvg::Error| failed(error.to_string()))?;
     let size = tree.size().to_int_size();
     let mut pixels = Pixmap::new(size.width(), size.height()).ok_or_else(|| failed("it is empty".into()))?;
+    if let Some(picture) = picture {
+        paint(&picture, &style, &mut pixels).ok_or_else(|| failed("its picture is empty".into()))?;
+    }
     resvg::render(&tree, Transform::identity(), &mut pixels.as_mut());
     pixels.encode_png().map_err(|error| failed(error.to_string()))
+}
+
+/// Paints the page and a picture on it, one rectangle of a colour for each cell. `None` for a picture without cells.
+fn paint(placed: &PlacedPicture<'_>, style: &Style, pixels: &mut Pixmap) -> Option<()> {
+    if let Some([red, green, blue]) = style.page() {
+        pixels.fill(Color::from_rgba8(red, green, blue, u8::MAX));
+    }
+    let PlacedPicture { picture, corner, size } = placed;
+    let [width, height] = picture.size.map(|count| u32::try_from(count).unwrap_or(0));
+    let mut cells = Pixmap::new(width, height)?;
+    for (pixel, grey) in cells.pixels_mut().iter_mut().zip(&picture.grey) {
+        *pixel = ColorU8::from_rgba(*grey, *grey, *grey, u8::MAX).premultiply();
+    }
+    let scale = [size[0] / f64::from(width), size[1] / f64::from(height)].map(|scale| scale as f32);
+    let place = Transform::from_row(scale[0], 0.0, 0.0, scale[1], corner[0] as f32, corner[1] as f32);
+    pixels.draw_pixmap(0, 0, cells.as_ref(), &PixmapPaint::default(), place, None);
+    Some(())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::drawing;
     use crate::geometry::drawing::colour;
     use crate::geometry::drawing::layer::Layer;
     use crate::geometry::drawing::layout;
-    use crate::geometry::drawing::svg::Background;
 
     fn picture(title: &str, style: Style) -> Pixmap {
         let square = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
@@ -157,6 +210,23 @@ mod tests {
         assert_eq!(corner(Theme::Auto, Background::Page), [255; 4]);
         assert_eq!(corner(Theme::Dark, Background::Page), [0x16, 0x18, 0x1d, 255]);
         assert_eq!(corner(Theme::Dark, Background::None), [0; 4]);
+    }
+
+    #[test]
+    fn a_picture_is_painted_below_the_shapes() {
+        let cells = GreyCells { size: [4, 2], grey: vec![0, 60, 120, 180, 200, 220, 240, 255] };
+        let picture = cells.over([[-0.5, 0.5], [3.5, -1.5]]).unwrap();
+        let line = Layer::from_polyline(&[&[0.0, 0.0], &[3.0, 0.0]], false, colour::AFTER);
+        let drawing = drawing::picture::over("", picture, vec![line]);
+        let style = Style { title: false, ..Style::default() };
+        let svg = PictureFile { format: PictureFormat::Svg, style }.write(&drawing).unwrap();
+        assert!(String::from_utf8(svg).unwrap().contains("href=\"data:image/png;base64,iVBOR"));
+        let png = PictureFile { format: PictureFormat::Png, style }.write(&drawing).unwrap();
+        let pixels = Pixmap::decode_png(&png).unwrap();
+        // Cells have 144 pixels; the line runs through the middle of the upper row.
+        let at = |x: u32, y: u32| pixels.pixel(x, y).map(|pixel| [pixel.red(), pixel.green(), pixel.blue()]);
+        assert_eq!([at(40, 40), at(600, 40), at(600, 300)], [Some([0; 3]), Some([180; 3]), Some([255; 3])]);
+        assert_eq!((at(300, 92), at(5, 5)), (Some([0xff, 0x88, 0x33]), Some([255; 3])));
     }
 
     #[test]

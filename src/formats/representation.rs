@@ -34,6 +34,11 @@ const MAX_MARKS: usize = 1000;
 pub struct Read<T>(Result<T, Vec<Fault>>);
 
 impl<T> Read<T> {
+    /// The value, unless it is faulty.
+    pub fn get(&self) -> Option<&T> {
+        self.0.as_ref().ok()
+    }
+
     /// Takes the value; faults go to `errors` below `pointer`.
     pub fn take(self, pointer: &str, errors: &mut Vec<Fault>) -> Option<T> {
         match self.0 {

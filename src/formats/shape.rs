@@ -43,6 +43,15 @@ pub struct PointList {
     faults: Vec<Fault>,
 }
 
+impl From<&Points> for PointList {
+    /// The points of an answer as if they were posted, in one list.
+    fn from(points: &Points) -> Self {
+        let rows = points.len();
+        let coordinates = (0..rows).flat_map(|k| points.row(k)).collect();
+        Self { coordinates, width: points.dimension, rows, ..Self::default() }
+    }
+}
+
 impl PointList {
     /// Number of points.
     pub fn len(&self) -> usize {
@@ -475,6 +484,46 @@ document! {
         /// Set by the service. Ignored in a request, so that a shape can be posted as it was read.
         #[schema(value_type = Option<serde_json::Value>)]
         measures: Ignored;
+    }
+}
+
+impl ShapeInput {
+    /// The same attributes without geometry, and without landmarks of it.
+    #[must_use]
+    pub fn without_geometry(&self) -> Self {
+        let Self { external_id, subject, label, labels, weight, metadata, .. } = self.clone();
+        Self { external_id, subject, label, labels, weight, metadata, ..Self::default() }
+    }
+}
+
+document! {
+    /// Attributes of a shape that is made by the service.
+    pub struct ObjectInput {
+        /// Identifier assigned by the client, unique in a cohort.
+        #[schema(value_type = Option<String>)]
+        external_id: Checked<Option<String>>;
+        /// Opaque identifier of the subject; never a name.
+        #[schema(value_type = Option<String>)]
+        subject: Checked<Option<String>>;
+        /// Class label.
+        #[schema(value_type = Option<String>)]
+        label: Checked<Option<String>>;
+        /// Additional attributes: strings, numbers or Booleans.
+        #[schema(value_type = Option<Attributes>)]
+        labels: Raw;
+        /// Positive weight in means. Default: 1.
+        #[schema(value_type = Option<f64>, minimum = 1e-100, maximum = 1e100)]
+        weight: Checked<Option<f64>>;
+        /// Arbitrary client data, stored with the shape.
+        #[schema(value_type = serde_json::Value, required = false)]
+        metadata: Box<Metadata>;
+    }
+}
+
+impl From<ObjectInput> for ShapeInput {
+    fn from(object: ObjectInput) -> Self {
+        let ObjectInput { external_id, subject, label, labels, weight, metadata, faults } = object;
+        Self { external_id, subject, label, labels, weight, metadata, faults, ..Self::default() }
     }
 }
 

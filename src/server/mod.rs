@@ -88,7 +88,7 @@ async fn start(config: &ServeConfig) -> Result<App, String> {
     app.memory.watch(Arc::clone(&app.cache));
     access::check_start(&app, config.listen).await?;
     app.trail().start(&app.store, config.audit_required);
-    if !config.no_example {
+    if !config.no_example && access::is_open(&app).await.map_err(|error| error.to_string())? {
         let loaded = example::load_into_empty(&app).await;
         loaded.map_err(|error| format!("the example cohort cannot be loaded: {error}"))?;
     }

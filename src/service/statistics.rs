@@ -16,7 +16,7 @@ use crate::analysis::matching::Matching;
 use crate::analysis::metric::Metric;
 use crate::analysis::partial_sums::Measured;
 use crate::analysis::pca::Components;
-use crate::analysis::transformation::Transformation;
+use crate::analysis::transformation::{Transformation, TransformationClass};
 use crate::formats::fault::Fault;
 use crate::formats::shape::ShapeInput;
 use crate::geometry::capability::domain::Admitted;
@@ -116,6 +116,16 @@ pub struct CheckedSettings {
     method: Method,
 }
 
+impl CheckedSettings {
+    /// The class of transformations, if shapes are projected onto its linear space.
+    pub fn linear_class(&self) -> Option<&TransformationClass> {
+        match &self.method {
+            Method::Projection(class) => Some(class),
+            Method::Procrustes(_) => None,
+        }
+    }
+}
+
 /// Settings prepared for computation.
 #[derive(Debug, Clone)]
 pub struct Setup {
@@ -168,6 +178,11 @@ impl Setup {
     /// Metric, alignment method and matching of the shapes.
     pub(crate) fn measured(&self) -> Measured<'_> {
         Measured { metric: &self.metric, method: &self.method, matching: &self.matching }
+    }
+
+    /// Correspondence of points between shapes.
+    pub(crate) fn correspondence(&self) -> Correspondence {
+        self.correspondence
     }
 
     /// Conversion of posted shapes to control points.

@@ -12,6 +12,9 @@ use crate::domain::attribute::Attribute;
 use crate::domain::filter::ShapeFilter;
 use crate::domain::shape::{ShapeDescription, ShapeMeasures};
 
+/// Number of rows read at once.
+const DESCRIBED_AT_ONCE: usize = 4096;
+
 /// Number of shapes measured at once.
 const MEASURED_AT_ONCE: i64 = 512;
 
@@ -38,9 +41,17 @@ impl Store {
     ) -> Result<Vec<ShapeDescription>, StoreError> {
         let mut read = self.begin_read().await?;
         let cohort = self.number(&mut read, cohort_id).await?;
-        let selection = Selection { cohort, revisions, filter, after: (0, -1) };
-        let rows = selection.page(&mut read, entry!(), limit).all().await?;
-        blocking(move || rows.iter().map(read_description).collect()).await
+        let (mut found, mut after): (Vec<ShapeDescription>, _) = (Vec::new(), (0, -1));
+        // Rows take many times the memory of descriptions.
+        loop {
+            let selection = Selection { cohort, revisions, filter, after };
+            let page = DESCRIBED_AT_ONCE.min(limit - found.len());
+            let rows = selection.page(&mut read, entry!(), page).all().await?;
+            let Some(last) = rows.last().filter(|_| page > 0) else { return Ok(found) };
+            after = (last.get("chunk_id")?, last.get("position")?);
+            let described = move || rows.iter().map(read_description).collect::<Result<Vec<_>, StoreError>>();
+            found.extend(blocking(described).await?);
+        }
     }
 
     /// Whether a shape of the cohort between the revisions has the attribute.

@@ -3,7 +3,7 @@
 use reqwest::Method;
 use reqwest::header::CONTENT_TYPE;
 use serde_json::Value;
-use shapelex_formats::image::write::png_u8;
+use shapelex_formats::image::write::{nifti_f32, png_u8};
 use shapelex_formats::image::{Grid, LengthUnit};
 
 use crate::server::{Reply, Server};
@@ -42,6 +42,18 @@ pub(crate) fn label_picture() -> Vec<u8> {
     let values: Vec<u8> = (0..24).flat_map(|y| (0..40).map(move |x| value(x, y))).collect();
     let grid = Grid::along_axes([40, 24, 1], [1.0; 3], [LengthUnit::Unknown; 3]).unwrap();
     png_u8(&grid, &values).unwrap()
+}
+
+/// A volume of 20 × 18 × 16 cells of 1 mm with a bright shell, about two cells thick, of radius 6 around (10, 9, 8).
+pub(crate) fn shell_volume() -> Vec<u8> {
+    let size = [20, 18, 16];
+    let value = |at: usize| {
+        let cell = [at % size[0], at / size[0] % size[1], at / size[0] / size[1]].map(|index| index as f32);
+        let radius = ((cell[0] - 10.0).powi(2) + (cell[1] - 9.0).powi(2) + (cell[2] - 8.0).powi(2)).sqrt();
+        if (radius - 6.0).abs() <= 1.0 { 100.0 } else { 20.0 }
+    };
+    let grid = Grid::along_axes(size, [1.0; 3], [LengthUnit::Millimetre; 3]).unwrap();
+    nifti_f32(&grid, &(0..grid.cells()).map(value).collect::<Vec<_>>()).unwrap()
 }
 
 /// Sends the bytes of a form.

@@ -8,7 +8,7 @@ use reqwest::Method;
 use serde_json::{Value, json};
 
 use crate::document::furnished;
-use crate::form::{label_picture, post_image};
+use crate::form::{label_picture, post_image, shell_volume};
 use crate::server::{Setting, shared};
 use crate::structure::{name, program};
 
@@ -76,6 +76,7 @@ const OPERATIONS: &[&str] = &[
     "POST /v1/align",
     "POST /v1/cohorts",
     "POST /v1/cohorts/{cohort}/search",
+    "POST /v1/cohorts/{cohort}/segment",
     "POST /v1/cohorts/{cohort}/shapes",
     "POST /v1/comparisons",
     "POST /v1/contours",
@@ -102,10 +103,12 @@ const OPERATIONS: &[&str] = &[
     "POST /v1/overlap",
     "POST /v1/pca",
     "POST /v1/project",
+    "POST /v1/prior",
     "POST /v1/refine",
     "POST /v1/regressions",
     "POST /v1/resample",
     "POST /v1/segment",
+    "POST /v1/sheets",
     "POST /v1/subdivide",
 ];
 
@@ -285,8 +288,10 @@ fn the_examples_of_the_interface_document_work() {
             let form = resolve(&document, &body["schema"]).pointer("/properties/parameters");
             if let Some(parameters) = form.filter(|_| media_type == "multipart/form-data") {
                 let example = &resolve(&document, parameters)["example"];
-                let path = name.split_once(' ').unwrap().1;
-                post_image(&server, path, example, &label_picture()).expect(200);
+                let path = name.split_once(' ').unwrap().1.replace("{cohort}", &cohort);
+                let file = if path == "/v1/sheets" { shell_volume() } else { label_picture() };
+                let reply = post_image(&server, &path, example, &file);
+                assert!((200..300).contains(&reply.status), "{name}: {}", reply.text());
                 continue;
             }
             let own = body.get("example");

@@ -280,6 +280,16 @@ fn keys_are_made_and_revoked_beside_the_running_service() {
     );
 }
 
+/// The example is for those who try the service out, not for a store that belongs to somebody.
+#[test]
+fn a_store_with_keys_gets_no_example() {
+    let empty = Setting::fresh().start();
+    let secret = create_key(&empty, &["--role", "admin"]);
+    let server = empty.terminate().with_example().start();
+    let cohorts = send(&server, &secret, Method::GET, "/v1/cohorts", None).expect(200);
+    assert_eq!(cohorts["items"], json!([]));
+}
+
 #[test]
 fn a_key_limited_to_cohorts_sees_nothing_else() {
     let server = Setting::fresh().with_example().start();

@@ -10,20 +10,20 @@ use shapelex_formats::image::{Grid, LengthUnit};
 use crate::form::{form, post_form, post_image};
 use crate::server::{Reply, Server, Setting, shared};
 
-const PATH: &str = "/v1/segment";
+pub(crate) const PATH: &str = "/v1/segment";
 
-fn grid(size: [usize; 3], spacing: [f64; 3], unit: LengthUnit) -> Grid {
+pub(crate) fn grid(size: [usize; 3], spacing: [f64; 3], unit: LengthUnit) -> Grid {
     Grid::along_axes(size, spacing, [unit; 3]).unwrap()
 }
 
 /// Values of an image from the positions of its cells, x fastest.
-fn values<T>(size: [usize; 3], value: impl Fn([f64; 3]) -> T) -> Vec<T> {
+pub(crate) fn values<T>(size: [usize; 3], value: impl Fn([f64; 3]) -> T) -> Vec<T> {
     let cell = |at: usize| [at % size[0], at / size[0] % size[1], at / size[0] / size[1]].map(|i| i as f64);
     (0..size.iter().product()).map(|at| value(cell(at))).collect()
 }
 
 /// Whether a cell is in one of two ellipses of an image of 64 × 40 cells.
-fn ellipses([x, y, _]: [f64; 3]) -> u8 {
+pub(crate) fn ellipses([x, y, _]: [f64; 3]) -> u8 {
     let inside =
         |[cx, cy]: [f64; 2], [a, b]: [f64; 2]| ((x - cx) / a).powi(2) + ((y - cy) / b).powi(2) <= 1.0;
     match () {
@@ -33,19 +33,19 @@ fn ellipses([x, y, _]: [f64; 3]) -> u8 {
     }
 }
 
-const PLANE: [usize; 3] = [64, 40, 1];
+pub(crate) const PLANE: [usize; 3] = [64, 40, 1];
 
-fn picture(value: impl Fn(u8) -> u8) -> Vec<u8> {
+pub(crate) fn picture(value: impl Fn(u8) -> u8) -> Vec<u8> {
     let grid = grid(PLANE, [1.0; 3], LengthUnit::Unknown);
     png_u8(&grid, &values(PLANE, |cell| value(ellipses(cell)))).unwrap()
 }
 
 /// Two bright objects.
-fn bright() -> Vec<u8> {
+pub(crate) fn bright() -> Vec<u8> {
     picture(|label| if label > 0 { 200 } else { 40 })
 }
 
-fn curves(further: Value) -> Value {
+pub(crate) fn curves(further: Value) -> Value {
     let mut body = json!({
         "representation": {"kind": "closed_curve", "dimension": 2, "control_points": 8, "generator": {"name": "trigonometric"}},
         "boxes": [{"lower": [8, 15], "upper": [25, 26]}, {"lower": [40, 10], "upper": [53, 27]}],
@@ -55,17 +55,20 @@ fn curves(further: Value) -> Value {
     body
 }
 
-fn post_with_truth(server: &Server, parameters: &Value, image: &[u8], truth: &[u8]) -> Reply {
-    let parameters = parameters.to_string();
-    let parts: [(&str, &str, &[u8]); 3] = [
-        ("parameters", "application/json", parameters.as_bytes()),
-        ("image", "application/octet-stream", image),
-        ("truth", "application/octet-stream", truth),
-    ];
-    post_form(server, PATH, form(&parts))
+pub(crate) fn post_with_truth(server: &Server, parameters: &Value, image: &[u8], truth: &[u8]) -> Reply {
+    post_files(server, PATH, parameters, &[("image", image), ("truth", truth)])
 }
 
-fn number(value: &Value) -> f64 {
+/// Sends parameters and files.
+pub(crate) fn post_files(server: &Server, path: &str, parameters: &Value, files: &[(&str, &[u8])]) -> Reply {
+    let parameters = parameters.to_string();
+    let files = files.iter().map(|(name, file)| (*name, "application/octet-stream", *file));
+    let parts: Vec<(&str, &str, &[u8])> =
+        std::iter::once(("parameters", "application/json", parameters.as_bytes())).chain(files).collect();
+    post_form(server, path, form(&parts))
+}
+
+pub(crate) fn number(value: &Value) -> f64 {
     value.as_f64().unwrap_or_else(|| panic!("expected a number, got {value}"))
 }
 
@@ -176,10 +179,10 @@ fn energies_and_gradients_are_evaluated_without_iterations() {
     }
 }
 
-const SPACE: [usize; 3] = [30, 26, 22];
+pub(crate) const SPACE: [usize; 3] = [30, 26, 22];
 
 /// A bright ellipsoid in a volume with unequal spacing, as NIfTI, and its truth.
-fn ball() -> [Vec<u8>; 2] {
+pub(crate) fn ball() -> [Vec<u8>; 2] {
     let spacing = [1.0, 1.0, 1.5];
     let inside = |[x, y, z]: [f64; 3]| {
         ((x - 14.0) / 9.0).powi(2) + ((y - 12.0) / 8.0).powi(2) + ((z - 10.5) / 6.0).powi(2) <= 1.0
@@ -282,7 +285,32 @@ fn stored_means_are_references_of_a_prior() {
     let mean = server.get("/v1/dictionaries/modes").expect(200)["mean"].clone();
     assert_eq!(segmented(&prior(json!({"dictionary": "modes@1"}))), posted(&mean));
 
+    // A strong attraction to what the components span leaves nothing outside of it; components and atoms span the same.
+    let spanned = |part: &str, weight: f64| {
+        let mut body = prior(json!({"dictionary": "modes@1", "reference": part}));
+        body["prior"]["weight"] = json!(weight);
+        segmented(&body)
+    };
+    assert_eq!(spanned("mean", 10.0), segmented(&prior(json!({"dictionary": "modes@1"}))));
+    assert_eq!(spanned("components", 10.0), spanned("atoms", 10.0));
+    let outside = |found: &Value| {
+        let shapes = json!([{"control_points": found[0]["control_points"]}]);
+        let body = json!({"shapes": shapes, "reference": "atoms"});
+        number(&server.post("/v1/dictionaries/modes/prior", &body).expect(200)["results"][0]["energy"])
+    };
+    let (free, strong) = (outside(&segmented(&curves(json!({})))), outside(&spanned("components", 1e4)));
+    assert!(strong < 1e-3 * free, "{strong} {free}");
+    let term = |found: &Value| number(&found[0]["energies"]["prior"]["value"]);
+    assert!(term(&spanned("components", 10.0)) < term(&spanned("mean", 10.0)));
+
     let ask = |body: &Value| post_image(&server, PATH, body, &bright());
+    let mut rigid = prior(json!({"dictionary": "modes", "reference": "components"}));
+    rigid["prior"]["transformation"] = json!("rigid");
+    ask(&rigid).expect_problem(422, "invalid-input", &["/prior/transformation"]);
+    let unknown = prior(json!({"dictionary": "modes", "reference": "modes"}));
+    ask(&unknown).expect_problem(422, "invalid-input", &["/prior/reference"]);
+    let of_cohort = prior(json!({"cohort": "cells", "reference": "components"}));
+    ask(&of_cohort).expect_problem(422, "invalid-input", &["/prior/reference"]);
     ask(&prior(json!({"cohort": "none"}))).expect_problem(404, "not-found", &[]);
     ask(&prior(json!({"dictionary": "none"}))).expect_problem(404, "not-found", &[]);
     let both = prior(json!({"cohort": "cells", "dictionary": "modes"}));
@@ -335,6 +363,12 @@ fn bad_segmentations_are_refused_at_their_place() {
     refused(json!({"terms": [{"name": "edges"}]}), &["/terms/0/name"]);
     refused(json!({"stages": [{"sigma": -1}]}), &["/stages/0/sigma"]);
     refused(json!({"stages": [{"sigma": 65}]}), &["/stages/0/sigma"]);
+    // Second derivatives need a blur, means do not.
+    refused(json!({"stages": [{"sigma": 0}]}), &["/stages/0/sigma"]);
+    refused(json!({"stages": [{"sigma": 1}, {"sigma": 0.4}]}), &["/stages/1/sigma"]);
+    let unblurred =
+        curves(json!({"terms": [{"name": "two_class"}], "stages": [{"sigma": 0, "iterations": 3}]}));
+    post_image(&server, PATH, &unblurred, &bright()).expect(200);
     refused(json!({"stages": [{"sigma": 1, "iterations": 100_000}]}), &["/stages/0/iterations"]);
     refused(json!({"boxes": []}), &["/boxes"]);
     refused(json!({"boxes": [{"lower": [1, 2], "upper": [1, 3]}]}), &["/boxes/0/upper/0"]);
@@ -402,19 +436,50 @@ fn bad_segmentations_are_refused_at_their_place() {
         .expect_problem(422, "invalid-input", &["/image"]);
 }
 
-/// Many objects with many iterations in a large image are refused before they are computed.
+/// Many objects with many points are refused before they are computed; a dry run predicts what they cost.
 #[test]
 fn segmentations_that_cost_too_much_are_refused() {
     let server = shared();
+    let points = |count: usize| json!({"kind": "closed_curve", "dimension": 2, "control_points": count, "generator": {"name": "trigonometric"}});
     let boxes: Vec<Value> = (0..5000).map(|_| json!({"lower": [8, 15], "upper": [25, 26]})).collect();
-    let body = curves(json!({"boxes": boxes, "stages": [{"sigma": 1, "iterations": 2000}]}));
+    let body = curves(json!({"representation": points(200), "boxes": boxes}));
     post_image(&server, PATH, &body, &bright()).expect_problem(422, "too-costly", &[]);
+    let dry = post_image(&server, "/v1/segment?dry_run=true", &body, &bright()).expect(200);
+    assert!(number(&dry["estimate"]["seconds"]) > 10.0, "{dry}");
+    assert_eq!(dry["estimate"]["objects"], 5000);
     // One object of many points, by methods that take more than an evaluation in an iteration.
-    let many = json!({"kind": "closed_curve", "dimension": 2, "control_points": 2000, "generator": {"name": "trigonometric"}});
     let one = json!([{"lower": [8, 15], "upper": [25, 26]}]);
     for method in ["newton", "coordinates"] {
-        let body = curves(json!({"representation": many, "boxes": one, "method": method,
+        let body = curves(json!({"representation": points(2000), "boxes": one, "method": method,
             "stages": [{"sigma": 1, "iterations": 2000}]}));
         post_image(&server, PATH, &body, &bright()).expect_problem(422, "too-costly", &[]);
     }
+}
+
+/// A dry run computes nothing: of a file only the header is read, and all faults are found.
+#[test]
+fn dry_runs_predict_memory_and_time() {
+    let server = shared();
+    let dry = |body: &Value, image: &[u8]| post_image(&server, "/v1/segment?dry_run=true", body, image);
+    let one = curves(json!({"boxes": [{"lower": [8, 15], "upper": [25, 26]}]}));
+    let small = dry(&one, &bright()[..100]).expect(200)["estimate"].clone();
+    let cells = (PLANE[0] * PLANE[1]) as f64;
+    assert!(number(&small["memory_bytes"]) > 36.0 * cells, "{small}");
+    let seconds = number(&small["seconds"]);
+    assert!(seconds > 1e-4 && seconds < 0.1, "{seconds}");
+    // More objects and terms cost more, fewer iterations less.
+    let more = |body: &Value| number(&dry(body, &bright()).expect(200)["estimate"]["seconds"]);
+    assert!(more(&curves(json!({}))) > 1.5 * seconds);
+    let mut terms = one.clone();
+    terms["terms"] = json!([{"name": "contour"}, {"name": "two_class"}]);
+    assert!(more(&terms) > 1.2 * seconds);
+    let mut short = one.clone();
+    short["stages"] = json!([{"sigma": 2, "iterations": 1}]);
+    assert!(more(&short) < 0.5 * seconds);
+    dry(&curves(json!({"terms": []})), &bright()).expect_problem(422, "invalid-input", &["/terms"]);
+    post_image(&server, "/v1/segment?dry_run=maybe", &one, &bright()).expect_problem(
+        400,
+        "invalid-query",
+        &[],
+    );
 }

@@ -168,6 +168,9 @@ pub struct MeanShape {
     pub converged: bool,
     /// Placement of every shape.
     pub placements: Vec<Placement>,
+    /// Placements of the leading shapes, with which a search of these and any others that follow them may begin: its result is
+    /// the same as without. Empty if all shapes were searched at once.
+    pub leading: Vec<Placement>,
 }
 
 /// The mean of the shapes of `source` (prepared with [`Method::translates`]).
@@ -197,7 +200,7 @@ fn projection_mean<S: ShapeSource>(
     frame: Frame,
     matching: &Matching,
 ) -> Result<MeanShape, S::Error> {
-    let Found { placements, rounds, converged } = match matching.searches() {
+    let Found { placements, leading, rounds, converged } = match matching.searches() {
         true => searched(source, class, matching, metric.len())?,
         false => Found::as_given(source.count()),
     };
@@ -215,6 +218,7 @@ fn projection_mean<S: ShapeSource>(
         rounds,
         converged,
         placements,
+        leading,
     })
 }
 
@@ -233,7 +237,7 @@ fn searched<S: ShapeSource>(
         let mut search = SpectralSearch::new(source, class, &rotations, matching, &start.placements)?;
         return alternate(&mut search, source, matching, start);
     }
-    alternate(&mut StreamedSearch { source, class, matching, length }, source, matching, start)
+    alternate(&mut StreamedSearch::new(source, class, matching, length), source, matching, start)
 }
 
 fn procrustes_mean<S: ShapeSource>(
@@ -243,10 +247,12 @@ fn procrustes_mean<S: ShapeSource>(
     frame: Frame,
     matching: &Matching,
 ) -> Result<MeanShape, S::Error> {
-    let Start { mut placements, known } =
-        if matching.searches() { Start::of(source)? } else { Start::as_given(source.count()) };
+    let known = if matching.searches() { Start::of(source)? } else { Start::as_given(source.count()) };
+    // A fit has no stages: placements of a part of the shapes do not replace the first steps.
+    let is_known = known.known == source.count();
+    let mut placements = if is_known { known.placements } else { Start::as_given(source.count()).placements };
     let template = procrustes::start(&Placed { source, matching, placements: &placements }, fit)?;
-    if matching.mirrors() && !known {
+    if matching.mirrors() && !is_known {
         matching.improve(source, &Target::shape(&template, fit, matching), &mut placements)?;
     }
     let placed = Placed { source, matching, placements: &placements };
@@ -274,6 +280,7 @@ fn procrustes_mean<S: ShapeSource>(
         rounds: rounds.max(result.iterations),
         converged: converged && result.converged,
         placements,
+        leading: Vec::new(),
     })
 }
 

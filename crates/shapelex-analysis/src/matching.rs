@@ -229,7 +229,7 @@ impl Matching {
         Ok(better(scores.map(|(&candidate, scores)| (candidate, &**scores)), current))
     }
 
-    /// Updates the placement of every shape. Returns the positions of the shapes that moved, with their previous placements.
+    /// Updates the placement of every shape of `source`; `placements` may have more. Returns the positions of the shapes that moved, with their previous placements.
     ///
     /// # Errors
     /// Errors of the source; degenerate shapes.
@@ -237,13 +237,14 @@ impl Matching {
         &self,
         source: &S,
         target: &Target<'_>,
-        placements: &mut Vec<Placement>,
+        placements: &mut [Placement],
     ) -> Result<Vec<(usize, Placement)>, S::Error> {
         let standing = &*placements;
         let improved =
             map_shapes(source, |k, x, _| self.best(x, target, standing[k]).map_err(|error| error.at(k)))?;
+        let placements = &mut placements[..improved.len()];
         let moved = moved(placements, &improved);
-        *placements = improved;
+        placements.copy_from_slice(&improved);
         Ok(moved)
     }
 }

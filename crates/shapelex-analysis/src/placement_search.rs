@@ -1,10 +1,14 @@
 //! Alternation of the mean space of a set of shapes with the placements of the shapes on it.
 //!
 //! Each step raises `tr(P_S̄ Σ_k w_k P_k)`, so the alternation ends: with placements that no round changes, or after
-//! [`MAX_ROUNDS`]. It begins with the shapes as given, or with placements known from a search of most of them.
+//! [`MAX_ROUNDS`]. It begins with the shapes as given, or with placements known from a search of all.
+//!
+//! A large set is searched in stages: the first [`PART`] shapes, then twice as many, and so on, then the largest multiple of
+//! `PART`, then all. Each stage begins with the mean of the one before. The last but one is the *leading* shapes: as long as
+//! these stay the same, a search of more of them may begin with the placements that they had, and has the same result.
 
 use super::AnalysisError;
-use super::accumulate::{ShapeSource, map_shapes, smallest_eligible};
+use super::accumulate::{Leading, PART, ShapeSource, map_shapes, smallest_eligible};
 use super::matching::{Matching, Moved, Placed, Placement, Target};
 use super::mean::{Exchange, MeanSpace, ProjectorSum};
 use super::metric::norm;
@@ -14,6 +18,9 @@ use super::transformation::{Structure, TransformationClass};
 /// Maximum number of rounds in which the mean and the placements alternate.
 pub(super) const MAX_ROUNDS: usize = 1000;
 
+/// Maximum number of rounds of a stage before the leading shapes: its mean is only where the next stage begins.
+const STAGE_ROUNDS: usize = 16;
+
 /// Relative difference below which two shapes are equally near to a mean space.
 const TIE: f64 = 1e-12;
 
@@ -21,6 +28,9 @@ const TIE: f64 = 1e-12;
 pub(super) trait PlacementSearch<'a> {
     /// Error of a round.
     type Error: From<AnalysisError>;
+
+    /// Restricts what follows to the first `count` shapes.
+    fn restrict(&mut self, count: usize);
 
     /// Sum of the projectors of the shapes in their placements.
     fn sum(&self, placements: &[Placement]) -> Result<ProjectorSum<'a>, Self::Error>;
@@ -35,7 +45,7 @@ pub(super) trait PlacementSearch<'a> {
     fn improve(
         &mut self,
         space: &MeanSpace<'a>,
-        placements: &mut Vec<Placement>,
+        placements: &mut [Placement],
     ) -> Result<Vec<Moved>, Self::Error>;
 
     /// The shapes that moved, before and after.
@@ -47,6 +57,9 @@ pub(super) trait PlacementSearch<'a> {
 pub(super) struct Found {
     /// Placement of every shape.
     pub(super) placements: Vec<Placement>,
+    /// Placements of the leading shapes when all were added; empty if all shapes were searched at once.
+    pub(super) leading: Vec<Placement>,
+    /// Rounds of the last stage.
     pub(super) rounds: usize,
     /// Whether the last round changed nothing.
     pub(super) converged: bool,
@@ -55,7 +68,12 @@ pub(super) struct Found {
 impl Found {
     /// The shapes of a set without a search.
     pub(super) fn as_given(count: usize) -> Self {
-        Self { placements: vec![Placement::default(); count], rounds: 0, converged: true }
+        Self {
+            placements: vec![Placement::default(); count],
+            leading: Vec::new(),
+            rounds: 0,
+            converged: true,
+        }
     }
 }
 
@@ -63,25 +81,41 @@ impl Found {
 #[derive(Debug, Clone)]
 pub(super) struct Start {
     pub(super) placements: Vec<Placement>,
-    /// Whether an earlier search has found them.
-    pub(super) known: bool,
+    /// Number of shapes whose placements an earlier search has found, the first ones.
+    pub(super) known: usize,
 }
 
 impl Start {
     /// All shapes as given.
     pub(super) fn as_given(count: usize) -> Self {
-        Self { placements: vec![Placement::default(); count], known: false }
+        Self { placements: vec![Placement::default(); count], known: 0 }
     }
 
-    /// Placements that the source knows, or else the shapes as given.
+    /// Placements that the source knows, and the other shapes as given.
     ///
     /// # Errors
     /// Errors of the source.
     pub(super) fn of<S: ShapeSource>(source: &S) -> Result<Self, S::Error> {
-        let known = source.known_placements()?.filter(|known| known.len() == source.count());
-        let as_known = |placements| Self { placements, known: true };
-        Ok(known.map_or_else(|| Self::as_given(source.count()), as_known))
+        let count = source.count();
+        let known = source.known_placements()?.filter(|known| stages(count).contains(&known.len()));
+        let mut placements = known.unwrap_or_default();
+        let known = placements.len();
+        placements.resize(count, Placement::default());
+        Ok(Self { placements, known })
     }
+}
+
+/// Number of leading shapes of `count`; 0 if all are searched at once.
+fn leading(count: usize) -> usize {
+    count.saturating_sub(1) / PART * PART
+}
+
+/// Numbers of shapes of the stages of a search of `count` shapes, ascending.
+fn stages(count: usize) -> Vec<usize> {
+    let leading = leading(count);
+    let doubled = std::iter::successors(Some(PART), |stage| stage.checked_mul(2));
+    let first = doubled.take_while(|stage| *stage < leading);
+    first.chain((leading > 0).then_some(leading)).chain([count]).collect()
 }
 
 /// Places the shapes of `source`, which stand as in `start`.
@@ -97,22 +131,53 @@ pub(super) fn alternate<'a, S: ShapeSource, P: PlacementSearch<'a>>(
 where
     S::Error: From<P::Error>,
 {
-    let mut found = Found { placements: start.placements, rounds: 0, converged: false };
+    let (count, Start { placements, known }) = (source.count(), start);
+    let mut found = Found { placements, ..Found::as_given(0) };
+    // Placements of all shapes replace all stages but the last.
+    let mut before = if known < count { known } else { 0 };
+    for stage in stages(count).into_iter().filter(|&stage| stage > known || stage == count) {
+        if before > 0 {
+            search.restrict(before);
+            let space = MeanSpace::new(search.sum(&found.placements)?, 0)?;
+            search.restrict(stage);
+            search.improve(&space, &mut found.placements)?;
+        } else {
+            search.restrict(stage);
+            if matching.mirrors() && known == 0 {
+                match_mirrors(search, &Leading { source, count: stage }, &mut found.placements)?;
+            }
+        }
+        if stage == count {
+            found.leading = found.placements[..before].to_vec();
+        }
+        let most = if stage < leading(count) { STAGE_ROUNDS } else { MAX_ROUNDS };
+        settle(search, &Leading { source, count: stage }, &mut found, most)?;
+        before = stage;
+    }
+    Ok(found)
+}
+
+/// Alternates the mean and the placements of the shapes of `source`, in at most `most` rounds.
+fn settle<'a, S: ShapeSource, P: PlacementSearch<'a>>(
+    search: &mut P,
+    source: &S,
+    found: &mut Found,
+    most: usize,
+) -> Result<(), S::Error>
+where
+    S::Error: From<P::Error>,
+{
+    (found.rounds, found.converged) = (0, false);
     // The search needs the space alone; its certificate is computed at the end.
     let mut space = MeanSpace::new(search.sum(&found.placements)?, 0)?;
-    if matching.mirrors() && !start.known {
-        let single = best_matched(search, source, &space)?;
-        search.improve(&single, &mut found.placements)?;
-        space = MeanSpace::new(search.sum(&found.placements)?, 0)?;
-    }
     let mut sum: Option<ProjectorSum<'_>> = None;
-    while !found.converged && found.rounds < MAX_ROUNDS {
+    while !found.converged && found.rounds < most {
         source.check()?;
         found.rounds += 1;
         let moved = search.improve(&space, &mut found.placements)?;
         found.converged = moved.is_empty();
         if !found.converged {
-            let next = match exchanged(search, &found.placements, &moved, sum.take())? {
+            let next = match exchanged(search, &found.placements[..source.count()], &moved, sum.take())? {
                 Some(sum) => sum,
                 None => search.sum(&found.placements)?,
             };
@@ -120,7 +185,7 @@ where
             sum = Some(next);
         }
     }
-    Ok(found)
+    Ok(())
 }
 
 /// The sum of projectors after the shapes `moved`. `None` if recomputing it from scratch costs less.
@@ -135,46 +200,64 @@ fn exchanged<'a, P: PlacementSearch<'a>>(
     Ok(sum.exchange(&exchanges)?.then_some(sum))
 }
 
-/// The shape nearest to the mean space. Mirror images are first decided against this shape: the mean of a set in
-/// which half of the shapes are mirrored is symmetric and would prefer neither side.
-fn best_matched<'a, S: ShapeSource, P: PlacementSearch<'a>>(
-    search: &P,
+/// Places the shapes of `source` on the one nearest to their mean space. Mirror images are first decided against this shape: the
+/// mean of a set in which half of the shapes are mirrored is symmetric and would prefer neither side.
+fn match_mirrors<'a, S: ShapeSource, P: PlacementSearch<'a>>(
+    search: &mut P,
     source: &S,
-    space: &MeanSpace<'a>,
-) -> Result<MeanSpace<'a>, S::Error>
+    placements: &mut [Placement],
+) -> Result<(), S::Error>
 where
     S::Error: From<P::Error>,
 {
-    let cosines = search.cosines(space)?;
+    let cosines = search.cosines(&MeanSpace::new(search.sum(placements)?, 0)?)?;
     let best = cosines.iter().copied().fold(0.0, f64::max);
     let (position, x) = smallest_eligible(source, |k| cosines[k] >= best * (1.0 - TIE))?;
-    Ok(search.space_of(position, &x)?)
+    let single = search.space_of(position, &x)?;
+    search.improve(&single, placements)?;
+    Ok(())
 }
 
 /// Shapes that are read from their source in every round.
 pub(super) struct StreamedSearch<'a, 's, S> {
-    pub(super) source: &'s S,
-    pub(super) class: &'a TransformationClass,
-    pub(super) matching: &'s Matching,
+    shapes: Leading<'s, S>,
+    class: &'a TransformationClass,
+    matching: &'s Matching,
     /// Numbers of a shape, `d·N`.
-    pub(super) length: usize,
+    length: usize,
+}
+
+impl<'a, 's, S: ShapeSource> StreamedSearch<'a, 's, S> {
+    /// A search of all shapes of `source`, of `length` numbers each.
+    pub(super) fn new(
+        source: &'s S,
+        class: &'a TransformationClass,
+        matching: &'s Matching,
+        length: usize,
+    ) -> Self {
+        Self { shapes: Leading { source, count: source.count() }, class, matching, length }
+    }
 }
 
 impl<'a, S: ShapeSource> PlacementSearch<'a> for StreamedSearch<'a, '_, S> {
     type Error = S::Error;
 
+    fn restrict(&mut self, count: usize) {
+        self.shapes.count = count;
+    }
+
     fn sum(&self, placements: &[Placement]) -> Result<ProjectorSum<'a>, S::Error> {
-        let Self { source, matching, .. } = *self;
+        let Self { shapes: source, matching, .. } = self;
         ProjectorSum::of(&Placed { source, matching, placements }, self.class, self.length)
     }
 
     fn cosines(&self, space: &MeanSpace<'a>) -> Result<Vec<f64>, S::Error> {
         let cosine = |x: &[f64]| norm(&space.project(x)) / norm(x);
         if self.class.structure != Structure::Complex {
-            return map_shapes(self.source, |_, x, _| Ok(cosine(x)));
+            return map_shapes(&self.shapes, |_, x, _| Ok(cosine(x)));
         }
         // A reflected shape is not in its own subspace.
-        map_shapes(self.source, |k, x, _| {
+        map_shapes(&self.shapes, |k, x, _| {
             let mut basis = vec![0.0; x.len()];
             Subspace::write_basis(self.class, x, 1.0, &mut basis).map_err(|error| error.at(k))?;
             Ok(cosine(&basis))
@@ -188,15 +271,15 @@ impl<'a, S: ShapeSource> PlacementSearch<'a> for StreamedSearch<'a, '_, S> {
     fn improve(
         &mut self,
         space: &MeanSpace<'a>,
-        placements: &mut Vec<Placement>,
+        placements: &mut [Placement],
     ) -> Result<Vec<Moved>, S::Error> {
-        self.matching.improve(self.source, &Target::subspace(space, self.matching), placements)
+        self.matching.improve(&self.shapes, &Target::subspace(space, self.matching), placements)
     }
 
     fn exchanges(&self, placements: &[Placement], moved: &[Moved]) -> Result<Vec<Exchange>, S::Error> {
         let mut exchanges = Vec::with_capacity(moved.len());
         let mut left = moved.iter().peekable();
-        self.source.for_each_batch(&mut |batch| {
+        self.shapes.for_each_batch(&mut |batch| {
             let length = batch.whitened.len() / batch.weights.len().max(1);
             while let Some(&(k, before)) = left.next_if(|(k, _)| *k < batch.first + batch.weights.len()) {
                 let i = k - batch.first;

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use realfft::num_complex::Complex64;
 
 use super::AnalysisError;
-use super::accumulate::{BLOCK, ShapeSource, Shapes, ShapesInMemory};
+use super::accumulate::{BLOCK, Leading, ShapeSource, Shapes, ShapesInMemory};
 use super::matching::{Matching, Moved, Placement, better, moved};
 use super::mean::{Exchange, MeanSpace, ProjectorSum};
 use super::metric::norm;
@@ -40,6 +40,8 @@ pub(super) struct SpectralSearch<'a, 's, S> {
     spectra: Vec<Complex64>,
     /// Spectra in the current placements, as shapes: `n` real parts, then the imaginary parts.
     placed: ShapesInMemory,
+    /// Number of shapes that are searched, the first ones.
+    count: usize,
 }
 
 /// Memory of the spectra of `shapes` shapes in bytes.
@@ -76,6 +78,7 @@ impl<'a, 's, S: ShapeSource> SpectralSearch<'a, 's, S> {
             phases: (0..n).map(phase).collect(),
             spectra: Vec::with_capacity(source.count() * n * candidates.len()),
             placed: ShapesInMemory::prepared(Vec::new(), Vec::new()),
+            count: source.count(),
         };
         let mut weights = Vec::with_capacity(source.count());
         source.for_each_batch(&mut |batch| {
@@ -160,14 +163,19 @@ fn write_spectrum(
 impl<'a, S: ShapeSource> PlacementSearch<'a> for SpectralSearch<'a, '_, S> {
     type Error = AnalysisError;
 
+    fn restrict(&mut self, count: usize) {
+        self.count = count;
+    }
+
     fn sum(&self, _: &[Placement]) -> Result<ProjectorSum<'a>, AnalysisError> {
-        let sum = ProjectorSum::of(&self.placed, self.class, 2 * self.size())?;
-        self.source.worked(self.placed.count());
+        let placed = Leading { source: &self.placed, count: self.count };
+        let sum = ProjectorSum::of(&placed, self.class, 2 * self.size())?;
+        self.source.worked(self.count);
         Ok(sum)
     }
 
     fn cosines(&self, space: &MeanSpace<'a>) -> Result<Vec<f64>, AnalysisError> {
-        let rows = self.placed.all().whitened.par_chunks_exact(2 * self.size());
+        let rows = self.placed.all().whitened.par_chunks_exact(2 * self.size()).take(self.count);
         Ok(rows.map(|spectrum| norm(&space.project(spectrum)) / norm(spectrum)).collect())
     }
 
@@ -178,13 +186,14 @@ impl<'a, S: ShapeSource> PlacementSearch<'a> for SpectralSearch<'a, '_, S> {
     fn improve(
         &mut self,
         space: &MeanSpace<'a>,
-        placements: &mut Vec<Placement>,
+        placements: &mut [Placement],
     ) -> Result<Vec<Moved>, AnalysisError> {
         let n = self.size();
         let elements = space.elements();
         let (re, im) = elements.as_slice()[..2 * n].split_at(n);
         let target: Vec<Complex64> = re.iter().zip(im).map(|(&re, &im)| Complex64::new(re, im)).collect();
-        let mut improved = placements.clone();
+        let placements = &mut placements[..self.count];
+        let mut improved = placements.to_vec();
         let tasks = improved.par_chunks_mut(TASK).enumerate();
         tasks.for_each(|(task, standing)| {
             self.best(task * TASK, &target, standing);
@@ -196,7 +205,7 @@ impl<'a, S: ShapeSource> PlacementSearch<'a> for SpectralSearch<'a, '_, S> {
             self.write_placed(k, improved[k], &mut row);
             self.placed.replace(k, &row);
         }
-        *placements = improved;
+        placements.copy_from_slice(&improved);
         Ok(moved)
     }
 
@@ -215,6 +224,7 @@ impl<'a, S: ShapeSource> PlacementSearch<'a> for SpectralSearch<'a, '_, S> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::accumulate::PART;
     use crate::correspondence::{Correspondence, Direction, Mirror};
     use crate::metric::Metric;
     use crate::placement_search::{Start, StreamedSearch, alternate};
@@ -259,8 +269,7 @@ mod tests {
                         SpectralSearch::new(&source, &class, &rotations, &matching, &start.placements)
                             .unwrap();
                     let found = alternate(&mut spectral, &source, &matching, start.clone()).unwrap();
-                    let (class, length) = (&class, metric.len());
-                    let mut streamed = StreamedSearch { source: &source, class, matching: &matching, length };
+                    let mut streamed = StreamedSearch::new(&source, &class, &matching, metric.len());
                     let expected = alternate(&mut streamed, &source, &matching, start).unwrap();
                     assert_eq!(found.placements, expected.placements, "{n} {mirror:?} {name:?}");
                     assert_eq!((found.rounds, found.converged), (expected.rounds, true));
@@ -268,6 +277,48 @@ mod tests {
                     assert!(starts > 20, "the search has something to do: {starts}");
                 }
             }
+        }
+    }
+
+    /// More than two parts: the search takes stages.
+    #[test]
+    fn a_search_that_begins_with_the_leading_shapes_has_the_same_result() {
+        let (n, count) = (8, 2 * PART + 300);
+        let representation = Representation::ClosedCurve {
+            dimension: 2,
+            control_points: n,
+            generator: GeneratorKind::Cubic {},
+        };
+        let space = ShapeSpace::new(&representation).unwrap();
+        let metric = Metric::of(&space);
+        let class = TransformationClass::named(ClassName::Similarity, 2).unwrap();
+        let rotations = TransformationClass::named(ClassName::ScaledRotation, 2).unwrap();
+        let all = contours(count, n);
+        for mirror in [Mirror::Forbid, Mirror::Allow] {
+            let matching = Matching::new(&space, Correspondence::Cyclic, Direction::Given, mirror);
+            let search = |count: usize, known: Vec<Placement>| {
+                let shapes = all[..count * 2 * n].to_vec();
+                let source = ShapesInMemory::new(&metric, true, shapes, vec![1.0; count]).unwrap();
+                let known_count = known.len();
+                let mut start = Start { placements: known, known: known_count };
+                start.placements.resize(count, Placement::default());
+                let mut spectral =
+                    SpectralSearch::new(&source, &class, &rotations, &matching, &start.placements).unwrap();
+                let found = alternate(&mut spectral, &source, &matching, start.clone()).unwrap();
+                let mut streamed = StreamedSearch::new(&source, &class, &matching, metric.len());
+                let same = alternate(&mut streamed, &source, &matching, start).unwrap();
+                assert_eq!((&found.placements, found.rounds), (&same.placements, same.rounds));
+                assert_eq!(found.leading, same.leading);
+                found
+            };
+            let fewer = search(count - 200, Vec::new());
+            assert!(fewer.converged && fewer.leading.len() == 2 * PART);
+            let cold = search(count, Vec::new());
+            assert_eq!(cold.leading, fewer.leading);
+            let warm = search(count, fewer.leading);
+            assert_eq!((warm.placements, warm.rounds), (cold.placements.clone(), cold.rounds));
+            // Placements of all shapes replace all stages.
+            assert_eq!(search(count, cold.placements.clone()).placements, cold.placements);
         }
     }
 }

@@ -278,8 +278,9 @@ pub(super) struct CohortMeanOutput {
 /// Computes the mean of a cohort's shapes at its current revision.
 ///
 /// A search for start points ends in one of many local optima. From the shapes as given (`start=given`) it depends on the
-/// shapes alone. With `start=last` it begins with the start points that the last search with the same parameters has found,
-/// as far as the service remembers it: a new shape then costs a few rounds, and the mean has the same certificate, but it
+/// shapes alone, and in cohorts of more than 8192 shapes on their order: most of them are searched first, then all. The service
+/// remembers where the first search ended, so that a few shapes more cost a few rounds. With `start=last` the search begins with the start points that the last search with the same parameters has found,
+/// as far as the service remembers it: this takes the fewest rounds, and the mean has the same certificate, but it
 /// depends on the means that were computed before. `started_from` names the revision of those.
 ///
 /// The ETag changes with the revision and the query; a request with a matching `If-None-Match` is not computed again. As SVG:

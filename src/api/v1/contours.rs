@@ -1,5 +1,6 @@
 //! Boundaries of label images: closed contours in the plane, closed surfaces in space.
 
+use axum::body::Bytes;
 use axum::extract::Request;
 use axum::http::StatusCode;
 use axum::response::Response;
@@ -11,7 +12,7 @@ use crate::api::respond::{Binary, Planned, compute_planned, json, planned};
 use crate::formats::checked::{Checked, Many, document, take_given, take_many, take_or_default};
 use crate::service::app::{App, ServiceError};
 use crate::service::segmentation::contours::{self, ContoursAnswer, Wanted};
-use crate::service::segmentation::image::Coordinates;
+use crate::service::segmentation::image::{Coordinates, Part};
 
 document! {
     /// What is wanted of a label image.
@@ -27,6 +28,9 @@ document! {
         /// Number of cells below which a component is left out. Default: 1.
         #[schema(value_type = Option<usize>)]
         least_cells: Checked<usize>;
+        /// Slice of a volume, by its index along z from 0: the answer is that of an image in the plane. Default: the whole volume.
+        #[schema(value_type = Option<usize>)]
+        slice: Checked<usize>;
         /// Coordinates of the points. Default: `world`.
         #[schema(value_type = Option<Coordinates>)]
         coordinates: Checked<Coordinates>;
@@ -58,28 +62,34 @@ pub(super) async fn contours(Caller(app): Caller, _: NoQuery, request: Request) 
     let image = form.required("image")?;
     let parameters = form.parameters;
     compute_planned(app, parameters, move |app, parameters| {
-        let wanted = app.parse::<ContoursRequest>(parameters)?.wanted()?;
-        let found = contours::Planned::new(app, &image, wanted)?;
-        plan(found, image)
+        let (wanted, slice) = app.parse::<ContoursRequest>(parameters)?.wanted()?;
+        let found = contours::Planned::new(app, Part { name: "image", bytes: &image, slice }, wanted)?;
+        plan(found, image.clone(), slice)
     })
     .await
 }
 
-fn plan(found: contours::Planned, image: axum::body::Bytes) -> Result<Planned, ServiceError> {
-    planned(found.work(), move |app: &App| json(StatusCode::OK, &found.contours(app, &image)?))
+fn plan(found: contours::Planned, image: Bytes, slice: Option<usize>) -> Result<Planned, ServiceError> {
+    planned(found.work(), move |app: &App| {
+        let image = Part { name: "image", bytes: &image, slice };
+        json(StatusCode::OK, &found.contours(app, image)?)
+    })
 }
 
 impl ContoursRequest {
-    fn wanted(self) -> Result<Wanted, ServiceError> {
+    /// What is wanted, of which slice.
+    fn wanted(self) -> Result<(Wanted, Option<usize>), ServiceError> {
         let mut errors = self.faults;
         let labels = take_many(self.labels, "/labels", &mut errors);
         let blur = take_or_default(self.blur, "/blur", &mut errors);
         let least_cells = take_given(self.least_cells, "/least_cells", &mut errors);
+        let slice = take_given(self.slice, "/slice", &mut errors);
         let coordinates = take_or_default(self.coordinates, "/coordinates", &mut errors);
         ServiceError::unless_empty(errors)?;
         match (blur, coordinates) {
             (Some(blur), Some(coordinates)) => {
-                Ok(Wanted { labels, blur, least_cells: least_cells.unwrap_or(1), coordinates })
+                let least_cells = least_cells.unwrap_or(1);
+                Ok((Wanted { labels, blur, least_cells, coordinates }, slice))
             }
             _ => Err(ServiceError::invalid("", "the request is incomplete")),
         }

@@ -26,13 +26,16 @@ mod morph;
 mod overlap;
 mod pictures;
 mod planned;
+mod prior;
 mod regressions;
 mod request_macros;
 mod retrieval;
 mod segment;
+mod segment_request;
 mod shape_query;
 mod shapes;
 mod sheet;
+mod sheets;
 mod statistics;
 mod subdivision;
 mod tables;
@@ -93,7 +96,10 @@ pub(super) fn computing_routes() -> OpenApiRouter<App> {
         .routes(routes!(subdivision::subdivide))
         .routes(routes!(overlap::overlap))
         .routes(routes!(contours::contours))
+        .routes(routes!(prior::prior_of_reference))
         .routes(routes!(segment::segment))
+        .routes(routes!(segment::segment_into_cohort))
+        .routes(routes!(sheets::detect_sheets))
         .routes(routes!(cohorts::cohort_mean))
         .routes(routes!(corrections::erase_subject))
         .routes(routes!(retrieval::search_cohort))

@@ -1,104 +1,28 @@
 //! Segmentation of objects in images and volumes.
 
+use axum::body::{Body, Bytes};
 use axum::extract::Request;
-use axum::http::StatusCode;
-use axum::response::Response;
+use axum::http::{StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use serde::{Deserialize, Serialize};
 
-use crate::analysis::alignment::Alignment;
-use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
-use crate::analysis::frame::Frame;
-use crate::analysis::transformation::{ClassName, Transformation};
-use crate::api::extract::{Caller, NoQuery};
-use crate::api::form;
+use super::request_macros::{IfMatchHeader, RetryHeader};
+use super::segment_request::{Checks, CohortSegmentRequest, SegmentRequest, ShapePrior, Storing};
+use crate::api::extract::{BesideFormat, Caller, DrawingQuery, Format, IfMatch, ImageFormat, Path, Query};
+use crate::api::form::{self, Form};
 use crate::api::problem::Problem;
-use crate::api::respond::{Binary, Planned, compute_planned, json, planned};
-use crate::formats::checked::{Checked, List, Many, document, take_given, take_many, take_or_default};
-use crate::formats::fault::Fault;
-use crate::formats::representation::Read;
-use crate::formats::shape::ShapeInput;
-use crate::geometry::representation::Representation;
-use crate::service::app::{App, ServiceError};
-use crate::service::segmentation::image::Coordinates;
-use crate::service::segmentation::reference::{self, Source, StoredMean};
-use crate::service::segmentation::request::{BoxInput, EnergyInput, Minimiser, StageInput, TermInput};
-use crate::service::segmentation::segment::{
-    self, Answered, Files, Reference, SegmentAnswer, Starts, Wanted,
-};
-use crate::service::statistics::{CheckedSettings, Settings};
-
-document! {
-    /// What is wanted of an image.
-    #[schema(example = json!({
-        "representation": {"kind": "closed_curve", "dimension": 2, "control_points": 8, "generator": {"name": "trigonometric"}},
-        "boxes": [{"lower": [6, 6], "upper": [20, 18]}],
-        "terms": [{"name": "contour"}], "coordinates": "index"
-    }))]
-    pub(super) struct SegmentRequest {
-        /// Representation of the shapes: `closed_curve` in the plane; `surface` with the topology `sphere`, `cylinder` (closed by lids)
-        /// or `torus`; `subdivision` with a linear scheme.
-        #[schema(value_type = Representation, required = true)]
-        representation: Read<Representation>, required;
-        /// Conversion of posted points to control points. Default: `landmarks`.
-        #[schema(value_type = Option<Correspondence>)]
-        correspondence: Checked<Correspondence>;
-        /// Initial shapes, one for each object, in either direction. Either these or `boxes`.
-        #[schema(value_type = Option<Vec<ShapeInput>>)]
-        shapes: List<ShapeInput>;
-        /// Boxes, one for each object, whose largest ellipse, ellipsoid, cylinder or torus is the initial shape.
-        #[schema(value_type = Option<Vec<BoxInput>>)]
-        boxes: Many<BoxInput>;
-        /// Terms of the energy: at least one of the image, each at most once.
-        #[schema(value_type = Vec<TermInput>, required = true, max_items = 8)]
-        terms: Many<TermInput>, required;
-        /// Stages of the minimisation, from coarse to fine. Default: an affine map at a blur of two cells, then all points at blurs of
-        /// two cells and of one.
-        #[schema(value_type = Option<Vec<StageInput>>, max_items = 8)]
-        stages: Many<StageInput>;
-        /// Method of minimisation. Default: `lbfgs`.
-        #[schema(value_type = Option<Minimiser>)]
-        method: Checked<Minimiser>;
-        /// Attraction to the class of a shape.
-        #[schema(value_type = Option<ShapePrior>)]
-        prior: ShapePrior;
-        /// Coordinates of shapes, boxes, blurs and the answer. Default: `world`.
-        #[schema(value_type = Option<Coordinates>)]
-        coordinates: Checked<Coordinates>;
-        /// Labels of the truth, one for each object. Default: all but 0.
-        #[schema(value_type = Option<Vec<u32>>)]
-        truth_labels: Many<u32>;
-        /// Whether to answer the energy after every iteration. Default: false.
-        #[schema(value_type = Option<bool>)]
-        history: Checked<bool>;
-        /// Whether to answer the gradient of the energy at the result. Default: false.
-        #[schema(value_type = Option<bool>)]
-        gradient: Checked<bool>;
-    }
-}
-
-document! {
-    /// Attraction to the shapes that a class of transformations makes of a reference: `weight · ‖c − c*‖²/V^(2/d)`, with `c*` the
-    /// nearest of them and `V` the area or volume.
-    pub(super) struct ShapePrior {
-        /// The reference: any shape of the representation. Either this, `cohort` or `dictionary`.
-        #[schema(value_type = Option<ShapeInput>)]
-        reference: ShapeInput;
-        /// Id or name of a cohort of the representation, whose mean under the class is the reference.
-        #[schema(value_type = Option<String>)]
-        cohort: Checked<String>;
-        /// Id, `name@version`, `name@alias` or name of a dictionary of the representation, whose mean is the reference.
-        #[schema(value_type = Option<String>)]
-        dictionary: Checked<String>;
-        /// Class of transformations.
-        #[schema(value_type = Transformation, required = true)]
-        transformation: Checked<Transformation>, required;
-        /// Default: `projection`, or `procrustes` where the class is no linear space.
-        #[schema(value_type = Option<Alignment>)]
-        alignment: Checked<Alignment>;
-        /// Weight `γ`. Default: 1.
-        #[schema(value_type = Option<f64>, minimum = 0)]
-        weight: Checked<f64>;
-    }
-}
+use crate::api::respond::{Binary, Planned, compute_planned, json, picture, planned};
+use crate::formats::picture::{PictureFile, PictureFormat};
+use crate::service::app::{App, ServiceError, Work};
+use crate::service::cohorts::catalogue;
+use crate::service::segmentation::answer::SegmentAnswer;
+use crate::service::segmentation::cost::SegmentEstimate;
+use crate::service::segmentation::image::Part;
+use crate::service::segmentation::membership::{self, Arriving, Digests, MembersAnswer, Membership};
+use crate::service::segmentation::segment::{self, Files};
+use crate::service::segmentation::shown::{LabelFormat, Segmented};
+use crate::service::segmentation::wanted::Wanted;
+use crate::service::segmentation::{reference, starts};
 
 /// Form with an image, and labels of the truth.
 #[derive(Debug, utoipa::ToSchema)]
@@ -110,6 +34,42 @@ pub(super) struct SegmentForm {
     image: Binary,
     /// Label image of the same size, with which the results are compared.
     truth: Option<Binary>,
+    /// Label image of the same size whose components begin objects: in the plane by their outer contours, in space by the boxes
+    /// around them.
+    mask: Option<Binary>,
+}
+
+/// Query parameters of a segmentation.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
+pub(super) struct SegmentQuery {
+    /// Whether only memory and time are predicted: nothing but the components of a mask is computed. Default: false.
+    #[serde(default)]
+    #[param(required = false)]
+    dry_run: bool,
+}
+
+/// Predicted cost of a segmentation.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct SegmentEstimateAnswer {
+    /// Predicted cost.
+    estimate: SegmentEstimate,
+}
+
+/// Segmented objects, or their predicted cost.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+#[serde(untagged)]
+#[allow(dead_code, reason = "only for the document")]
+pub(super) enum SegmentOrEstimate {
+    /// Objects.
+    Found(SegmentAnswer),
+    /// Cost.
+    Estimated(SegmentEstimateAnswer),
+}
+
+fn estimated(estimate: SegmentEstimate) -> Result<Planned, ServiceError> {
+    planned(Work::from_seconds(0.0), move |_: &App| json(StatusCode::OK, &SegmentEstimateAnswer { estimate }))
 }
 
 /// Segments objects in an image or a volume.
@@ -118,199 +78,206 @@ pub(super) struct SegmentForm {
 /// in stages from coarse to fine. The shape is checked after every stage: one that folds, collapses or leaves the image is answered
 /// with `stop` and a warning, as it was before. Shapes are those of the representation, and can be posted to a cohort.
 #[utoipa::path(post, path = "/segment", tag = "images",
+    params(SegmentQuery, ("format" = Option<String>, Query, description = "`json`; `svg` or `png`, the image in grey below initial shapes and results; `nifti`, a volume of labels, and with `mask` also `png`: 1 for the cells of the first result"), DrawingQuery),
     request_body(content = SegmentForm, content_type = "multipart/form-data"),
     responses(
-        (status = 200, description = "One shape for each initial shape, in order", body = SegmentAnswer),
+        (status = 200, description = "One shape for each initial shape, in order; or the predicted cost (dry run)", content((SegmentOrEstimate = "application/json"), (String = "image/svg+xml"), (Binary = "application/x-nifti"))),
         (status = 404, description = "No such cohort or dictionary")
     ))]
-pub(super) async fn segment(Caller(app): Caller, _: NoQuery, request: Request) -> Result<Response, Problem> {
-    let form = form::read(&app, request, &["image", "truth"]).await?;
-    let (image, truth) = (form.required("image")?, form.file("truth"));
+pub(super) async fn segment(
+    Caller(app): Caller,
+    format: ImageFormat,
+    BesideFormat(SegmentQuery { dry_run }): BesideFormat<SegmentQuery>,
+    request: Request,
+) -> Result<Response, Problem> {
+    let form = form::read(&app, request, &PARTS).await?;
     let asked = app.read::<SegmentRequest>(form.parameters.clone()).await?;
-    let mean = match asked.prior.as_ref().and_then(ShapePrior::stored) {
-        Some((source, transformation, alignment)) => {
-            Some(reference::find(&app, source, transformation, alignment).await?)
-        }
-        None => None,
-    };
+    let (files, mut wanted) = prepare(&app, &form, asked).await?;
+    let shown = Shown::new(format, wanted.answered.mask)?;
+    wanted.answered.outlines = shown != Shown::Numbers;
     // The parameters are read already; their length tells where the plan is made.
     compute_planned(app, form.parameters, move |app, _| {
-        let wanted = asked.wanted(app, mean)?;
-        let files = Files { image: &image, truth: truth.as_deref() };
-        let found = segment::Planned::new(app, files, wanted)?;
-        plan(found, image.clone(), truth.clone())
+        let found = segment::Planned::new(app, files.parts(), wanted)?;
+        if dry_run {
+            return estimated(found.estimate());
+        }
+        planned(found.work() + format.work(), move |app: &App| {
+            shown.answer(&found.segment(app, files.parts())?)
+        })
     })
     .await
 }
 
-fn plan(
-    found: segment::Planned,
-    image: axum::body::Bytes,
-    truth: Option<axum::body::Bytes>,
-) -> Result<Planned, ServiceError> {
-    planned(found.work(), move |app: &App| {
-        let files = Files { image: &image, truth: truth.as_deref() };
-        json(StatusCode::OK, &found.segment(app, files)?)
-    })
+/// How segmented objects are answered.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Shown {
+    /// As JSON.
+    Numbers,
+    /// As a drawing.
+    Drawn(PictureFile),
+    /// As a label image.
+    Labels(LabelFormat),
 }
 
-impl SegmentRequest {
-    fn wanted(self, app: &App, mean: Option<StoredMean>) -> Result<Wanted, ServiceError> {
-        let mut errors = self.faults;
-        let representation = self.representation.and_then(|field| field.take("/representation", &mut errors));
-        let correspondence = take_or_default(self.correspondence, "/correspondence", &mut errors);
-        let shapes = self.shapes.map(|shapes| shapes.take("/shapes", &mut errors));
-        let boxes = take_many(self.boxes, "/boxes", &mut errors);
-        let terms = take_many(self.terms, "/terms", &mut errors).unwrap_or_default();
-        let stages = take_many(self.stages, "/stages", &mut errors).unwrap_or_default();
-        let method = take_or_default(self.method, "/method", &mut errors).unwrap_or_default();
-        let prior = self.prior.map(|prior| prior.taken(&mut errors));
-        let coordinates = take_or_default(self.coordinates, "/coordinates", &mut errors);
-        let truth_labels = take_many(self.truth_labels, "/truth_labels", &mut errors);
-        let answered = Answered {
-            history: take_or_default(self.history, "/history", &mut errors).unwrap_or_default(),
-            gradient: take_or_default(self.gradient, "/gradient", &mut errors).unwrap_or_default(),
-        };
-        let starts = match (shapes, boxes) {
-            (Some(shapes), None) => Some(Starts::Shapes(shapes)),
-            (None, Some(boxes)) => Some(Starts::Boxes(boxes)),
-            (Some(_), Some(_)) => {
-                errors.push(Fault::new("/boxes", "expected either shapes or boxes, got both"));
-                None
-            }
-            (None, None) if errors.is_empty() => {
-                errors.push(Fault::new("/shapes", "expected either shapes or boxes, got neither"));
-                None
-            }
-            (None, None) => None,
-        };
-        let reference = match (&prior, &representation) {
-            (Some(prior), Some(representation)) => prior.reference(mean, representation, &mut errors),
-            _ => None,
-        };
-        let settings = settings(app, representation.zip(correspondence), prior.as_ref(), &mut errors)?;
-        ServiceError::unless_empty(errors)?;
-        match (settings, starts, coordinates) {
-            (Some(settings), Some(starts), Some(coordinates)) => Ok(Wanted {
-                settings,
-                starts,
-                energy: EnergyInput { terms, stages, method },
-                prior: reference.zip(prior.and_then(|prior| prior.weight)),
-                coordinates,
-                truth_labels,
-                answered,
-            }),
-            _ => Err(ServiceError::invalid("", "the request is incomplete")),
-        }
-    }
-}
-
-/// The fields of a prior that could be read.
-struct Taken {
-    reference: Option<ShapeInput>,
-    cohort: Option<String>,
-    dictionary: Option<String>,
-    transformation: Option<Transformation>,
-    alignment: Option<Alignment>,
-    weight: Option<f64>,
-}
-
-impl ShapePrior {
-    /// The mean that is the reference, with its class and alignment, where one is named and all of them could be read.
-    fn stored(&self) -> Option<(Source, Transformation, Option<Alignment>)> {
-        let source = match (&self.reference, &self.cohort, &self.dictionary) {
-            (None, Some(key), None) => Source::Cohort(key.get()?.clone()),
-            (None, None, Some(key)) => Source::Dictionary(key.get()?.clone()),
-            _ => return None,
-        };
-        let alignment = match &self.alignment {
-            Some(alignment) => Some(*alignment.get()?),
-            None => None,
-        };
-        Some((source, self.transformation.as_ref()?.get()?.clone(), alignment))
-    }
-
-    fn taken(self, errors: &mut Vec<Fault>) -> Taken {
-        errors.extend(self.faults.into_iter().map(|fault| fault.below("/prior")));
-        Taken {
-            reference: self.reference,
-            cohort: take_given(self.cohort, "/prior/cohort", errors),
-            dictionary: take_given(self.dictionary, "/prior/dictionary", errors),
-            transformation: take_given(self.transformation, "/prior/transformation", errors),
-            alignment: take_given(self.alignment, "/prior/alignment", errors),
-            weight: self.weight.map_or(Some(1.0), |weight| weight.take("/prior/weight", errors)),
-        }
-    }
-}
-
-impl Taken {
-    /// The reference, which is one of a shape and a mean of the representation.
-    fn reference(
-        &self,
-        mean: Option<StoredMean>,
-        representation: &Representation,
-        errors: &mut Vec<Fault>,
-    ) -> Option<Reference> {
-        let named = [self.reference.is_some(), self.cohort.is_some(), self.dictionary.is_some()];
-        match named.into_iter().filter(|is_given| *is_given).count() {
-            1 => {}
-            count => {
-                // A key that could not be read has a fault already.
-                if count > 1 || errors.is_empty() {
-                    let detail = format!("expected one of reference, cohort, dictionary, got {count}");
-                    errors.push(Fault::new("/prior/reference", detail));
+impl Shown {
+    /// The answer in a format; `mask`: whether cells are asked for.
+    fn new(format: ImageFormat, mask: bool) -> Result<Self, Problem> {
+        match format {
+            ImageFormat::Plain(Format::Json) => Ok(Self::Numbers),
+            ImageFormat::Plain(Format::Picture(file)) if !mask => Ok(Self::Drawn(file)),
+            ImageFormat::Plain(Format::Picture(file)) => match file.format {
+                PictureFormat::Png => Ok(Self::Labels(LabelFormat::Png)),
+                PictureFormat::Svg => {
+                    let detail = "expected 'json', 'png' or 'nifti' with \"mask\": true, got 'svg'";
+                    Err(Problem::of_parameter("format", detail))
                 }
-                return None;
-            }
+            },
+            ImageFormat::Nifti => Ok(Self::Labels(LabelFormat::Nifti)),
         }
-        match (self.reference.clone(), mean) {
-            (Some(shape), _) => Some(Reference::Posted(shape)),
-            (None, Some(mean)) if mean.representation == *representation => {
-                Some(Reference::Stored(mean.control_points))
+    }
+
+    fn answer(self, found: &Segmented) -> Result<Response, ServiceError> {
+        match self {
+            Self::Numbers => json(StatusCode::OK, &found.answer),
+            Self::Drawn(file) => picture(&found.drawing()?, &file),
+            Self::Labels(format) => {
+                let file = found.label_file(format)?;
+                Ok(([(header::CONTENT_TYPE, format.media_type())], Body::from(file)).into_response())
             }
-            (None, Some(_)) => {
-                let field = if self.cohort.is_some() { "cohort" } else { "dictionary" };
-                let detail = format!("expected a {field} of the representation of the request, got another");
-                errors.push(Fault::new(format!("/prior/{field}"), detail));
-                None
-            }
-            (None, None) => None,
         }
     }
 }
 
-/// Settings of the shapes and of the class of the prior; without a prior the class is not used.
-fn settings(
-    app: &App,
-    shapes: Option<(Representation, Correspondence)>,
-    prior: Option<&Taken>,
-    errors: &mut Vec<Fault>,
-) -> Result<Option<CheckedSettings>, ServiceError> {
-    let Some((representation, correspondence)) = shapes else { return Ok(None) };
-    let transformation = match prior {
-        Some(prior) => prior.transformation.clone(),
-        None => Some(Transformation::Named(ClassName::Affine)),
-    };
-    let Some(transformation) = transformation else { return Ok(None) };
-    let usual = Alignment::usual(&transformation, representation.dimension());
-    let settings = Settings {
-        representation,
-        correspondence,
-        direction: Direction::Given,
-        mirror: Mirror::Forbid,
-        transformation,
-        alignment: prior.and_then(|prior| prior.alignment).unwrap_or(usual),
-        frame: Frame::default(),
-    };
-    match settings.checked(&app.limits) {
-        Ok(settings) => Ok(Some(settings)),
-        Err(ServiceError::Invalid(faults)) => {
-            errors.extend(faults.into_listed().into_iter().map(|fault| match fault.pointer.as_str() {
-                "/transformation" | "/alignment" => fault.below("/prior"),
-                _ => fault,
-            }));
-            Ok(None)
-        }
-        Err(error) => Err(error),
+/// Form with an image whose objects go into a cohort.
+#[derive(Debug, utoipa::ToSchema)]
+#[allow(dead_code, reason = "only for the document")]
+pub(super) struct CohortSegmentForm {
+    /// What is wanted; the first part.
+    parameters: CohortSegmentRequest,
+    /// Image: PNG, TIFF or NIfTI. Colours are read as luma.
+    image: Binary,
+    /// Label image of the same size, with which the results are compared.
+    truth: Option<Binary>,
+    /// Label image of the same size whose components begin objects.
+    mask: Option<Binary>,
+}
+
+/// Segments objects in an image or a volume, and adds them to a cohort.
+///
+/// As `POST /v1/segment`, with the representation of the cohort. The objects become shapes of the cohort in one revision, as posted
+/// ones do. Objects that fold, collapse or leave the image are answered, but stored only with `store_failed`. The metadata of a
+/// stored object names the BLAKE3 digests of the image and of the other parts under `segmentation`; the image itself is not kept.
+#[utoipa::path(post, path = "/cohorts/{cohort}/segment", tag = "images",
+    params(("cohort" = String, Path, description = "Id or name"), SegmentQuery, RetryHeader, IfMatchHeader),
+    request_body(content = CohortSegmentForm, content_type = "multipart/form-data"),
+    responses(
+        (status = 201, description = "One entry for each initial shape, in order; at least one object is stored", body = MembersAnswer),
+        (status = 200, description = "Nothing is stored: all objects have failed, or it is a dry run", body = MembersOrEstimate),
+        (status = 404, description = "No such cohort or dictionary"),
+        (status = 412, description = "The cohort has changed meanwhile"),
+        (status = 409, description = "An external id belongs to another shape")
+    ))]
+pub(super) async fn segment_into_cohort(
+    Caller(app): Caller,
+    Path(key): Path<String>,
+    Query(SegmentQuery { dry_run }): Query<SegmentQuery>,
+    IfMatch(expected): IfMatch,
+    request: Request,
+) -> Result<Response, Problem> {
+    let cohort = catalogue::find(&app, &key).await?;
+    let form = form::read(&app, request, &PARTS).await?;
+    let digests = Digests::of(&app, form.parts()).await?;
+    let app = app.with_body(digests.text().as_bytes());
+    if let Some(answer) = membership::done_before(&app).await? {
+        return Ok(json(StatusCode::CREATED, &answer)?);
     }
+    let asked = app.read::<CohortSegmentRequest>(form.parameters.clone()).await?;
+    let (asked, Storing { objects, store_failed }) = asked.split(&cohort)?;
+    let membership = Membership { cohort, expected, objects, store_failed, digests };
+    if dry_run {
+        return dry(app, &form, membership, asked).await;
+    }
+    let arriving = arriving(&app, &form, membership.clone(), asked).await?;
+    let (answer, is_stored) = membership.store(&app, arriving).await?;
+    Ok(json(if is_stored { StatusCode::CREATED } else { StatusCode::OK }, &answer)?)
+}
+
+/// Members, or their predicted cost.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+#[serde(untagged)]
+#[allow(dead_code, reason = "only for the document")]
+pub(super) enum MembersOrEstimate {
+    /// Objects.
+    Found(MembersAnswer),
+    /// Cost.
+    Estimated(SegmentEstimateAnswer),
+}
+
+/// Predicts what the segmentation of a form for a cohort costs.
+async fn dry(
+    app: App,
+    form: &Form,
+    membership: Membership,
+    asked: SegmentRequest,
+) -> Result<Response, Problem> {
+    let (files, wanted) = prepare(&app, form, asked).await?;
+    compute_planned(app, form.parameters.clone(), move |app, _| {
+        membership.attributes(&wanted.starts)?;
+        estimated(segment::Planned::new(app, files.parts(), wanted)?.estimate())
+    })
+    .await
+}
+
+/// Segments the objects of a form for a cohort.
+async fn arriving(
+    app: &App,
+    form: &Form,
+    membership: Membership,
+    asked: SegmentRequest,
+) -> Result<Arriving, ServiceError> {
+    let (files, wanted) = prepare(app, form, asked).await?;
+    let worker = app.clone();
+    let plan = move |_: &[u8]| {
+        let attributes = membership.attributes(&wanted.starts)?;
+        let found = segment::Planned::new(&worker, files.parts(), wanted)?;
+        let work = found.work();
+        Ok((work, move || membership.arriving(found.segment(&worker, files.parts())?.answer, attributes)))
+    };
+    app.pool.run_planned(form.parameters.clone(), plan).await
+}
+
+/// Parts of the form beside the parameters.
+const PARTS: [&str; 3] = ["image", "truth", "mask"];
+
+/// The files of a form.
+struct Posted {
+    image: Bytes,
+    truth: Option<Bytes>,
+    slice: Option<usize>,
+}
+
+impl Posted {
+    fn parts(&self) -> Files<'_> {
+        let part = |name, bytes| Part { name, bytes, slice: self.slice };
+        let truth = self.truth.as_deref().map(|bytes| part("truth", bytes));
+        Files { image: part("image", &self.image), truth }
+    }
+}
+
+/// The files of a form and what is wanted of them: looks up what is stored, and finds the components of a mask.
+async fn prepare(app: &App, form: &Form, asked: SegmentRequest) -> Result<(Posted, Wanted), ServiceError> {
+    let (image, truth, mask) = (form.required("image")?, form.file("truth"), form.file("mask"));
+    let stored = match asked.prior.as_ref().and_then(ShapePrior::stored) {
+        Some((source, transformation, alignment)) => {
+            Some(reference::find(app, source, transformation, alignment).await?)
+        }
+        None => None,
+    };
+    let (reader, has_mask) = (app.clone(), mask.is_some());
+    let check = move |_: &[u8]| asked.wanted(&reader, stored, has_mask);
+    let Checks { mut wanted, of_mask, slice } = app.pool.read(form.parameters.clone(), check).await?;
+    if let Some(mask) = mask {
+        wanted.starts = starts::of_mask(app, image.clone(), mask, slice, of_mask).await?;
+    }
+    Ok((Posted { image, truth, slice }, wanted))
 }

@@ -109,8 +109,8 @@ impl From<UploadResult> for AddResult {
 
 impl From<Stored> for AddAnswer {
     fn from(stored: Stored) -> Self {
-        let Stored { added, revision, ids, skipped, results, left_out, repeated_points, self_intersecting } =
-            stored;
+        let Stored { added, revision, ids, skipped, results, left_out, .. } = stored;
+        let Stored { repeated_points, self_intersecting, .. } = stored;
         let results = results.into_iter().map(AddResult::from).collect();
         Self { added, revision, repeated_points, self_intersecting, skipped, results, ids, left_out }
     }

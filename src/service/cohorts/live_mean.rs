@@ -1,7 +1,7 @@
 //! Mean of a stored cohort at its current revision, with some aligned shapes for drawings.
 //!
-//! It is computed on demand, and cached by revision and parameters. On request, a search for start points begins with the
-//! placements that the last one has found.
+//! It is computed on demand, and cached by revision and parameters. A search for start points begins with the placements that
+//! the last one has found: of the leading shapes, which does not change the result, or on request of all.
 
 use std::collections::HashSet;
 use std::mem::take;
@@ -13,7 +13,7 @@ use tokio::runtime::Handle;
 
 use super::attributes::{FilterPlace, refuse_unknown};
 use super::measures;
-use super::placements::{KnownPlacements, SearchSettings};
+use super::placements::{KnownPlacements, SearchSettings, Which};
 use super::source::StoredShapes;
 use crate::analysis::accumulate::prepare;
 use crate::analysis::alignment::{AlignedShape, Alignment, MeanShape, align, mean_shape};
@@ -44,8 +44,9 @@ pub struct MeanQuery {
 }
 
 /// Placements with which a search for start points, directions and mirror images begins. The alternation of mean and
-/// placements ends in one of many local optima: from the shapes as given the result depends on the shapes alone; from the
-/// placements of the last search it takes fewer rounds, but depends on the means that were computed before.
+/// placements ends in one of many local optima: from the shapes as given the result depends on the shapes alone, and beyond 8192
+/// shapes on their order; from the placements of the last search it takes fewer rounds, but depends on the means that were computed
+/// before.
 #[derive(
     Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, serde::Deserialize, utoipa::ToSchema,
 )]
@@ -200,15 +201,24 @@ fn compute(
     let context = app.pool.context();
     let stop = || context.is_cancelled();
     let search = setup.matching.searches().then(|| query.search(&cohort));
-    let known = search.as_ref().filter(|_| query.start == SearchStart::Last);
-    let known = known.and_then(|search| KnownPlacements::find(app, &cohort.id, search));
+    let known = search.as_ref().and_then(|search| KnownPlacements::find(app, &cohort.id, search));
+    let which = match query.start {
+        SearchStart::Given => Which::Leading,
+        SearchStart::Last => Which::All,
+    };
     let source = StoredShapes::new(app, handle, &cohort, &query.filter, 0, &setup, &stop)?;
     if source.is_empty() {
         handle.block_on(refuse_unknown(app, &cohort, &query.filter, FilterPlace::Query))?;
     }
-    let source = source.starting_from(known.as_deref());
+    let source = source.starting_from(known.as_deref().map(|known| (known, which)));
     let Setup { metric, method, frame, matching, .. } = &setup;
-    let mean = mean_shape(&source, metric, method, *frame, matching);
+    // A search takes several passes; others take two, each as fast as the store.
+    let kept = if matching.searches() { source.kept()? } else { None };
+    let mean = match &kept {
+        Some(shapes) => mean_shape(shapes, metric, method, *frame, matching),
+        None => mean_shape(&source, metric, method, *frame, matching),
+    };
+    drop(kept);
     let mut mean = mean.map_err(|error| source.named(error))?;
     let mut drawn = Vec::new();
     let first = source.first(MAX_DRAWN)?;
@@ -217,10 +227,15 @@ fn compute(
         prepare(metric, method.translates(), k, &mut x)?;
         drawn.push(align(method, matching, &mean.whitened, &x, &centroid, mean.placements[k])?);
     }
-    let (placements, started_from) = (take(&mut mean.placements), known.as_ref().map(|known| known.revision));
+    let started_from = known.as_ref().filter(|_| which == Which::All).map(|known| known.revision);
     if let Some(search) = search {
         let (revision, places) = (cohort.revision, source.places()?);
-        KnownPlacements { revision, started_from, places, placements }.keep(app, &cohort.id, &search);
+        let (placements, mut leading) = (take(&mut mean.placements), take(&mut mean.leading));
+        if leading.is_empty() {
+            leading = known.and_then(|known| known.start(Which::Leading, &places)).unwrap_or_default();
+        }
+        let found = KnownPlacements { revision, started_from, places, placements, leading };
+        found.keep(app, &cohort.id, &search);
     }
     Ok(LiveMean { setup, mean, drawn, cohort, started_from })
 }

@@ -1,5 +1,8 @@
 //! Placements that a search for start points, directions and mirror images has found for the shapes of a cohort. The search
-//! at a later revision begins with them: few shapes are new, and the others hardly move.
+//! at a later revision may begin with them: few shapes are new, and the others hardly move.
+//!
+//! From the placements of the leading shapes the result is that of a search without them, as long as these shapes stay the first
+//! ones. From the placements of all it may be another optimum.
 
 use std::sync::Arc;
 
@@ -31,13 +34,24 @@ pub(crate) struct KnownPlacements {
     pub(crate) started_from: Option<u64>,
     pub(crate) places: Places,
     pub(crate) placements: Vec<Placement>,
+    /// Those of the leading shapes.
+    pub(crate) leading: Vec<Placement>,
+}
+
+/// Which placements of an earlier search a search begins with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Which {
+    /// Those of all shapes.
+    All,
+    /// Those of the leading shapes.
+    Leading,
 }
 
 impl Cached for KnownPlacements {
     const NAME: &'static str = "placements";
 
     fn bytes(&self) -> usize {
-        self.places.bytes() + size_of_val(self.placements.as_slice())
+        self.places.bytes() + size_of_val(self.placements.as_slice()) + size_of_val(self.leading.as_slice())
     }
 }
 
@@ -52,8 +66,20 @@ impl KnownPlacements {
         app.cache.keep(cohort, settings, &Arc::new(self));
     }
 
+    /// Placements with which a search of the shapes at `places` begins. `None` if there are none that leave its result as it is.
+    pub(crate) fn start(&self, which: Which, places: &Places) -> Option<Vec<Placement>> {
+        match which {
+            Which::All => Some(self.at(places)),
+            Which::Leading => {
+                let count = self.leading.len();
+                let stay = count > 0 && places.iter().take(count).eq(self.places.iter().take(count));
+                stay.then(|| self.leading.clone())
+            }
+        }
+    }
+
     /// Placements of the shapes at `places`; a shape that the search did not see stands as given.
-    pub(crate) fn at(&self, places: &Places) -> Vec<Placement> {
+    fn at(&self, places: &Places) -> Vec<Placement> {
         let mut known = self.places.iter().zip(&self.placements).peekable();
         let placement = |place| {
             while known.next_if(|(earlier, _)| *earlier < place).is_some() {}

@@ -8,7 +8,9 @@ use tokio::runtime::Handle;
 use tokio_util::task::AbortOnDropHandle;
 
 use crate::analysis::AnalysisError;
-use crate::analysis::accumulate::{BLOCK, MergePart, PART, Reservation, ShapeSource, Shapes, prepare};
+use crate::analysis::accumulate::{
+    BLOCK, MergePart, PART, Reservation, ShapeSource, Shapes, ShapesInMemory, prepare,
+};
 use crate::analysis::dictionary::content::Content;
 use crate::analysis::matching::Placement;
 use crate::analysis::pass::Pass;
@@ -16,9 +18,9 @@ use crate::analysis::watch::Watch;
 use crate::domain::cohort::Cohort;
 use crate::domain::filter::ShapeFilter;
 use crate::domain::shape::Shape;
-use crate::service::app::cache::Cache;
+use crate::service::app::cache::{Cache, Reserved};
 use crate::service::app::{App, ServiceError};
-use crate::service::cohorts::placements::KnownPlacements;
+use crate::service::cohorts::placements::{KnownPlacements, Which};
 use crate::service::shapes::outcome::Outcomes;
 use crate::service::statistics::Setup;
 use crate::store::{Cursor, Ids, Places, Revisions, ScanBatch, Start, Store, StoreError};
@@ -124,7 +126,7 @@ pub(crate) struct StoredShapes<'a> {
     /// The job that may distribute parts of a pass to other workers.
     distribute: Option<&'a dyn Distribute>,
     /// Placements with which a search begins.
-    known: Option<&'a KnownPlacements>,
+    known: Option<(&'a KnownPlacements, Which)>,
     /// Counts the shapes that passes have worked through.
     counter: Option<&'a dyn Watch>,
 }
@@ -196,8 +198,20 @@ impl<'a> StoredShapes<'a> {
     }
 
     /// The same shapes, whose search begins with `known` placements.
-    pub(crate) fn starting_from(self, known: Option<&'a KnownPlacements>) -> Self {
+    pub(crate) fn starting_from(self, known: Option<(&'a KnownPlacements, Which)>) -> Self {
         Self { known, ..self }
+    }
+
+    /// The same shapes in memory, read once, if there is room for them and for a search of them; else `None`.
+    pub(crate) fn kept(self) -> Result<Option<KeptShapes<'a>>, ServiceError> {
+        /// Memory of a search of start points, in that of the shapes: spectra in all directions and mirror images, and placed ones.
+        const SEARCH: usize = 5;
+        let bytes = self.range.count.saturating_mul(8 * (self.width() + 1));
+        if self.cache.reserve(bytes.saturating_mul(1 + SEARCH)).is_none() {
+            return Ok(None);
+        }
+        let Some(memory) = self.cache.reserve(bytes) else { return Ok(None) };
+        Ok(Some(KeptShapes { shapes: ShapesInMemory::of(&self)?, stored: self, _memory: memory }))
     }
 
     /// Places of the shapes in storage.
@@ -397,6 +411,51 @@ impl<'a> Batches<'a> {
     }
 }
 
+/// Shapes of a cohort that were read once. Their sums have the bits of those that are read in every pass.
+pub(crate) struct KeptShapes<'a> {
+    stored: StoredShapes<'a>,
+    shapes: ShapesInMemory,
+    _memory: Reserved<'a>,
+}
+
+impl ShapeSource for KeptShapes<'_> {
+    type Error = ServiceError;
+
+    fn count(&self) -> usize {
+        self.shapes.count()
+    }
+
+    fn for_each_batch(
+        &self,
+        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), ServiceError>,
+    ) -> Result<(), ServiceError> {
+        self.check()?;
+        visit(self.shapes.all())?;
+        self.worked(self.count());
+        Ok(())
+    }
+
+    fn check(&self) -> Result<(), ServiceError> {
+        self.stored.check()
+    }
+
+    fn worked(&self, shapes: usize) {
+        self.stored.worked(shapes);
+    }
+
+    fn reserve(&self, bytes: usize) -> Option<Reservation<'_>> {
+        ShapeSource::reserve(&self.stored, bytes)
+    }
+
+    fn known_placements(&self) -> Result<Option<Vec<Placement>>, ServiceError> {
+        self.stored.known_placements()
+    }
+
+    fn located(&self, error: ServiceError) -> ServiceError {
+        self.stored.located(error)
+    }
+}
+
 impl ShapeSource for StoredShapes<'_> {
     type Error = ServiceError;
 
@@ -460,7 +519,8 @@ impl ShapeSource for StoredShapes<'_> {
     }
 
     fn known_placements(&self) -> Result<Option<Vec<Placement>>, ServiceError> {
-        self.known.map(|known| Ok(known.at(&self.places()?))).transpose()
+        let Some((known, which)) = self.known else { return Ok(None) };
+        Ok(known.start(which, &self.places()?))
     }
 
     fn located(&self, error: ServiceError) -> ServiceError {

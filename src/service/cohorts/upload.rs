@@ -100,6 +100,9 @@ pub struct Stored {
     /// Number of the valid shapes that intersect themselves.
     #[serde(default)]
     pub self_intersecting: usize,
+    /// What is answered besides, kept with the receipt of an idempotent request.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub note: Option<serde_json::Value>,
 }
 
 /// How the shapes of an upload are treated.
@@ -142,6 +145,21 @@ pub async fn add(
     treatment: Treatment,
     expected: Option<Expected>,
 ) -> Result<Stored, ServiceError> {
+    add_noted(app, cohort, shapes, treatment, expected, None).await
+}
+
+/// As [`add`], with a `note` of what is answered besides, which a repeated request gets too.
+///
+/// # Errors
+/// As [`add`].
+pub async fn add_noted(
+    app: &App,
+    cohort: Cohort,
+    shapes: Vec<ShapeInput>,
+    treatment: Treatment,
+    expected: Option<Expected>,
+    note: Option<serde_json::Value>,
+) -> Result<Stored, ServiceError> {
     if shapes.is_empty() {
         return Err(ServiceError::TooFewShapes { found: 0, needed: 1 });
     }
@@ -149,6 +167,7 @@ pub async fn add(
         return Ok(stored);
     }
     let mut writer = Writer::new(app, &cohort, treatment, "/shapes/", expected).await?;
+    writer.note = note;
     let incoming = shapes.into_iter().map(|shape| Incoming::Parsed(Box::new(shape))).collect();
     let taken = writer.take(app, incoming).await;
     writer.end(app, taken).await
@@ -247,6 +266,7 @@ struct Writer {
     repeated_points: usize,
     self_intersecting: usize,
     results: Vec<UploadResult>,
+    note: Option<serde_json::Value>,
     faults: Faults,
 }
 
@@ -284,6 +304,7 @@ impl Writer {
             repeated_points: 0,
             self_intersecting: 0,
             results: Vec::new(),
+            note: None,
             faults: Faults::default(),
         })
     }
@@ -316,7 +337,7 @@ impl Writer {
     }
 
     /// Notes what became of an input; the id of a valid one follows.
-    fn note(&mut self, index: usize, external_id: Option<String>, mut faults: Vec<Fault>) {
+    fn record(&mut self, index: usize, external_id: Option<String>, mut faults: Vec<Fault>) {
         let (valid, named) = (faults.is_empty(), index < MAX_NAMED);
         if valid && !named {
             self.left_out += 1;
@@ -358,7 +379,7 @@ impl Writer {
         for (index, (external_id, result)) in (first..).zip(results) {
             match result {
                 Ok(shape) => {
-                    self.note(index, external_id, Vec::new());
+                    self.record(index, external_id, Vec::new());
                     self.repeated_points += shape.repeated_points;
                     self.self_intersecting += usize::from(shape.is_self_intersecting);
                     good.push(shape);
@@ -368,7 +389,7 @@ impl Writer {
                     if self.refuses() {
                         self.faults.extend(faults);
                     } else {
-                        self.note(index, external_id, faults);
+                        self.record(index, external_id, faults);
                     }
                 }
             }
@@ -391,7 +412,7 @@ impl Writer {
     /// that a client that corrects its input and resends the same external ids at once does not conflict with its own
     /// first attempt.
     async fn end(self, app: &App, taken: Result<(), ServiceError>) -> Result<Stored, ServiceError> {
-        let Self { chunks, task, position, treatment, skipped, left_out, results, .. } = self;
+        let Self { chunks, task, position, treatment, skipped, left_out, results, note, .. } = self;
         let Self { repeated_points, self_intersecting, retry, cohort, expected, .. } = self;
         drop(chunks);
         let written =
@@ -426,6 +447,7 @@ impl Writer {
             left_out,
             repeated_points,
             self_intersecting,
+            note,
         };
         let receipt = |revision| {
             stored.revision = revision;

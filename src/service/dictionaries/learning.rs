@@ -28,7 +28,7 @@ use crate::domain::id;
 use crate::domain::job::Job;
 use crate::service::app::progress::{JobContext, Meter, Part};
 use crate::service::app::{App, ServiceError, now_ms};
-use crate::service::cohorts::placements::{KnownPlacements, SearchSettings};
+use crate::service::cohorts::placements::{KnownPlacements, SearchSettings, Which};
 use crate::service::cohorts::source::{StoredShapes, Work};
 use crate::service::jobs::Outcome;
 use crate::service::statistics::Setup;
@@ -204,7 +204,8 @@ impl Task<'_> {
     fn content(&self, previous: Option<Previous>) -> Result<(Content, Vec<u8>), ServiceError> {
         let stop = || self.context.is_cancelled();
         let known = self.known_placements();
-        let shapes = self.shapes(0, &stop)?.starting_from(known.as_deref());
+        let known = known.as_ref().map(|(known, which)| (&**known, *which));
+        let shapes = self.shapes(0, &stop)?.starting_from(known);
         let recipe = self.plan.recipe(self.cohort);
         let help = |shapes: &StoredShapes<'_>, dictionary: &Dictionary| self.coded(shapes, dictionary);
         let learner = Learner { recipe: &recipe, measured: self.setup.measured(), watch: self, help: &help };
@@ -221,14 +222,15 @@ impl Task<'_> {
         Ok((dictionary.content, state))
     }
 
-    /// Placements that a search for the same mean has found. A search that began with those of an earlier revision does not
-    /// count: the dictionary would depend on it.
-    fn known_placements(&self) -> Option<Arc<KnownPlacements>> {
+    /// Placements that a search for the same mean has found, of which the dictionary does not depend: those of all shapes at the same
+    /// revision, unless that search began with the placements of an earlier one, or else those of the leading shapes.
+    fn known_placements(&self) -> Option<(Arc<KnownPlacements>, Which)> {
         let Plan { transformation, alignment, mirror, filter, revision, .. } = self.plan;
         let (transformation, filter) = (transformation.clone(), filter.clone());
         let settings = SearchSettings { transformation, alignment: *alignment, mirror: *mirror, filter };
-        let known = KnownPlacements::find(self.app, &self.cohort.id, &settings);
-        known.filter(|known| known.revision == *revision && known.started_from.is_none())
+        let known = KnownPlacements::find(self.app, &self.cohort.id, &settings)?;
+        let is_same = known.revision == *revision && known.started_from.is_none();
+        Some((known, if is_same { Which::All } else { Which::Leading }))
     }
 
     /// Encodes all shapes with the help of other workers, if that pays.

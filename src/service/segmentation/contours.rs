@@ -2,8 +2,8 @@
 
 use serde::Serialize;
 
-use super::image::{Coordinates, ImageOutput, described, file_limits, plane_frame, refused, volume_frame};
-use crate::formats::image::{Description, ImageFile, read_labels};
+use super::image::{Coordinates, ImageOutput, Part, plane_frame, volume_frame};
+use crate::formats::image::{Description, Grid, ImageFile};
 use crate::segmentation::SegmentationError;
 use crate::segmentation::contours::{
     Component, Components, Dropped, Labels, Region, Selection, Solid, Surface,
@@ -33,26 +33,26 @@ pub struct Wanted {
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct RegionOutput {
     #[serde(flatten)]
-    component: ComponentOutput,
+    pub(super) component: ComponentOutput,
     /// The outer contour, counter-clockwise in the coordinates of the answer.
-    points: Vec<[f64; 2]>,
+    pub(super) points: Vec<[f64; 2]>,
     /// The contours of the holes, clockwise.
-    holes: Vec<Vec<[f64; 2]>>,
+    pub(super) holes: Vec<Vec<[f64; 2]>>,
 }
 
 /// A component of a label in space, as closed surfaces.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct SolidOutput {
     #[serde(flatten)]
-    component: ComponentOutput,
+    pub(super) component: ComponentOutput,
     #[serde(flatten)]
-    outer: SurfaceOutput,
+    pub(super) outer: SurfaceOutput,
     /// The surfaces of the cavities, whose normals point into them.
-    cavities: Vec<SurfaceOutput>,
+    pub(super) cavities: Vec<SurfaceOutput>,
 }
 
 /// A connected set of cells of one label: cells that share sides, or faces in space.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
+#[derive(Debug, Clone, Copy, Serialize, utoipa::ToSchema)]
 pub struct ComponentOutput {
     /// The label.
     label: u32,
@@ -68,11 +68,11 @@ pub struct ComponentOutput {
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct SurfaceOutput {
     /// Positions of the vertices.
-    vertices: Vec<[f64; 3]>,
+    pub(super) vertices: Vec<[f64; 3]>,
     /// Triangles, counter-clockwise as seen from outside of the component.
     faces: Vec<[u32; 3]>,
     /// Number of handles.
-    genus: usize,
+    pub(super) genus: usize,
 }
 
 /// Components that are left out because they are small.
@@ -94,6 +94,16 @@ pub enum LabelBoundary {
     Solid(SolidOutput),
 }
 
+impl LabelBoundary {
+    /// The component.
+    pub(super) fn component(&self) -> &ComponentOutput {
+        match self {
+            Self::Region(region) => &region.component,
+            Self::Solid(solid) => &solid.component,
+        }
+    }
+}
+
 /// Boundaries of the labels of an image.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct ContoursAnswer {
@@ -102,7 +112,7 @@ pub struct ContoursAnswer {
     /// Coordinates of the points.
     coordinates: Coordinates,
     /// One entry for each component, in the order of their first cells.
-    results: Vec<LabelBoundary>,
+    pub(super) results: Vec<LabelBoundary>,
     /// Components with fewer cells than asked for.
     left_out: LeftOutOutput,
 }
@@ -119,17 +129,22 @@ impl Planned {
     /// Reads the header of an image, checks what is wanted and reserves memory.
     ///
     /// # Errors
-    /// Faults at `/image` and of the fields; [`ServiceError::Overloaded`] if memory is short.
-    pub fn new(app: &App, image: &[u8], wanted: Wanted) -> Result<Self, ServiceError> {
+    /// Faults at the part and of the fields; [`ServiceError::Overloaded`] if memory is short.
+    pub fn new(app: &App, image: Part<'_>, wanted: Wanted) -> Result<Self, ServiceError> {
         if !(wanted.blur >= 0.0 && wanted.blur.is_finite()) {
             let detail = format!("expected a number of at least 0, got {}", wanted.blur);
             return Err(ServiceError::invalid("/blur", detail));
         }
-        let description = described(image, "image", &app.limits)?;
+        let description = image.describe(&app.limits)?;
         let labels = description.grid.cells().saturating_mul(size_of::<u32>() + CELL_BYTES);
         let file = usize::try_from(description.memory_bytes).unwrap_or(usize::MAX);
         let room = app.memory.hold(Purpose::Bodies, file.saturating_add(labels))?;
         Ok(Self { wanted, description, _room: room })
+    }
+
+    /// Grid of the image.
+    pub(super) fn grid(&self) -> &Grid {
+        &self.description.grid
     }
 
     /// Predicted work.
@@ -143,8 +158,8 @@ impl Planned {
     ///
     /// # Errors
     /// A file that is broken or holds no labels; wanted labels without cells; too many vertices; [`ServiceError::Cancelled`].
-    pub fn contours(&self, app: &App, image: &[u8]) -> Result<ContoursAnswer, ServiceError> {
-        let file = read_labels(image, &file_limits(&app.limits)).map_err(|error| refused(&error, "image"))?;
+    pub fn contours(&self, app: &App, image: Part<'_>) -> Result<ContoursAnswer, ServiceError> {
+        let file = image.labels(&app.limits)?;
         let selection = Selection {
             labels: self.wanted.labels.clone(),
             least_cells: self.wanted.least_cells,

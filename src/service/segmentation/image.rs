@@ -2,7 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::formats::image::{Description, Grid, ImageError, Limits as FileLimits, describe};
+use crate::formats::image::{
+    Description, Grid, ImageError, ImageFile, Limits as FileLimits, describe, read, read_labels,
+};
 use crate::segmentation::SegmentationError;
 use crate::segmentation::frame::Frame;
 use crate::service::app::{Limits, ServiceError};
@@ -44,21 +46,71 @@ impl ImageOutput {
 }
 
 /// Limits on the files of images.
-pub fn file_limits(limits: &Limits) -> FileLimits {
+fn file_limits(limits: &Limits) -> FileLimits {
     FileLimits { bytes: limits.image_bytes as u64, cells: limits.voxels as u64 }
 }
 
-/// What the header of the image in the part `name` says.
-///
-/// # Errors
-/// A fault at `/name` for a file that is no image or too large.
-pub fn described(bytes: &[u8], name: &str, limits: &Limits) -> Result<Description, ServiceError> {
-    describe(bytes, &file_limits(limits)).map_err(|error| refused(&error, name))
+/// The file of a part of a request: an image, or the slice of a volume that is wanted of it.
+#[derive(Debug, Clone, Copy)]
+pub struct Part<'a> {
+    /// Name of the part.
+    pub name: &'static str,
+    /// The file.
+    pub bytes: &'a [u8],
+    /// Index along z of the slice; `None` for the whole. An image in the plane is its own slice.
+    pub slice: Option<usize>,
 }
 
-/// Refusal of the image in the part `name`.
-pub fn refused(error: &ImageError, name: &str) -> ServiceError {
-    ServiceError::invalid(format!("/{name}"), error.to_string())
+impl Part<'_> {
+    /// What the header says; memory is that of the whole file.
+    ///
+    /// # Errors
+    /// A fault at the part for a file that is no image or too large, at `/slice` for a slice that it does not have.
+    pub fn describe(&self, limits: &Limits) -> Result<Description, ServiceError> {
+        let found = describe(self.bytes, &file_limits(limits)).map_err(|error| self.refused(&error))?;
+        let grid = self.of_slice(found.grid, &found.grid, |grid, k| grid.layer(k))?;
+        Ok(Description { grid, ..found })
+    }
+
+    /// The image.
+    ///
+    /// # Errors
+    /// As for [`Self::describe`]; a broken file.
+    pub fn image(&self, limits: &Limits) -> Result<ImageFile, ServiceError> {
+        let file = read(self.bytes, &file_limits(limits)).map_err(|error| self.refused(&error))?;
+        let grid = file.grid;
+        self.of_slice(file, &grid, |file, k| file.layer(k))
+    }
+
+    /// The labels.
+    ///
+    /// # Errors
+    /// As for [`Self::describe`]; a broken file, or one that holds other numbers than labels.
+    pub fn labels(&self, limits: &Limits) -> Result<ImageFile<u32>, ServiceError> {
+        let file = read_labels(self.bytes, &file_limits(limits)).map_err(|error| self.refused(&error))?;
+        let grid = file.grid;
+        self.of_slice(file, &grid, |file, k| file.layer(k))
+    }
+
+    /// The whole, or its slice by `layer`.
+    fn of_slice<T>(
+        &self,
+        whole: T,
+        grid: &Grid,
+        layer: impl Fn(&T, usize) -> Option<T>,
+    ) -> Result<T, ServiceError> {
+        match self.slice.filter(|_| !grid.is_planar()) {
+            None => Ok(whole),
+            Some(k) => layer(&whole, k).ok_or_else(|| {
+                let last = grid.size()[2] - 1;
+                ServiceError::invalid("/slice", format!("expected a slice between 0 and {last}, got {k}"))
+            }),
+        }
+    }
+
+    fn refused(&self, error: &ImageError) -> ServiceError {
+        ServiceError::invalid(format!("/{}", self.name), error.to_string())
+    }
 }
 
 /// The frame of a volume.

@@ -1,14 +1,24 @@
-//! Images to shapes. The functions are synchronous and run on the pool, but for [`reference`](mod@reference), which reads the store.
+//! Images to shapes. The functions are synchronous and run on the pool, but for
+//! [`reference`](mod@reference) and [`membership`], which use the store.
 //!
-//! * [`image`] — images of requests; [`contours`] — boundaries of labels;
-//! * [`request`] — energies, stages and initial shapes as they are posted; [`segment`] — objects of an image;
-//! * [`reference`](mod@reference) — means of the store that attract shapes.
+//! * [`image`] — images of requests; [`contours`] — boundaries of labels; [`sheets`] — thin surfaces in volumes;
+//! * [`request`] — energies, stages and boxes as they are posted; [`starts`] — initial shapes; [`wanted`] — all that is wanted;
+//! * [`segment`] — objects of an image; [`answer`] — what is answered of them; [`shown`] — pictures, labels; [`cost`] — predictions;
+//! * [`reference`](mod@reference) — means and spans of the store that attract shapes; [`prior`] — the same without an image; [`membership`] — objects that go into a cohort.
 //!
 //! The arithmetic is in [`segmentation`](crate::segmentation), the files are read by [`formats::image`](crate::formats::image):
 //! this folder limits, predicts and names what is answered.
 
+pub mod answer;
 pub mod contours;
+pub mod cost;
 pub mod image;
+pub mod membership;
+pub mod prior;
 pub mod reference;
 pub mod request;
 pub mod segment;
+pub mod sheets;
+pub mod shown;
+pub mod starts;
+pub mod wanted;

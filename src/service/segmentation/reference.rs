@@ -1,6 +1,9 @@
-//! Means of the store as references of priors.
+//! Means and spans of the store as references of priors.
+
+use serde::{Deserialize, Serialize};
 
 use crate::analysis::alignment::Alignment;
+use crate::analysis::dictionary::prior::Reference;
 use crate::analysis::frame::Frame;
 use crate::analysis::rows::columns_of;
 use crate::analysis::transformation::Transformation;
@@ -9,36 +12,53 @@ use crate::geometry::representation::Representation;
 use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::catalogue;
 use crate::service::cohorts::live_mean::{self, MeanQuery, SearchStart};
-use crate::service::dictionaries::ready;
+use crate::service::dictionaries::ready::{self, Ready};
 
 /// What has a mean.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Source {
     /// The cohort with this id or name.
     Cohort(String),
-    /// The dictionary with this id, `name@version`, `name@alias` or name.
-    Dictionary(String),
+    /// A part of the dictionary with this id, `name@version`, `name@alias` or name.
+    Dictionary(String, DictionaryPart),
 }
 
-/// A mean of the store.
+/// What attracts of a dictionary.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum DictionaryPart {
+    /// Its mean.
+    #[default]
+    Mean,
+    /// All sums of its mean and its principal components.
+    Components,
+    /// All sums of its atoms; of principal components, and of their mean.
+    Atoms,
+}
+
+/// A reference of the store.
 #[derive(Debug, Clone, PartialEq)]
-pub struct StoredMean {
+pub struct Stored {
     /// Its representation.
     pub representation: Representation,
-    /// Its control points, coordinate-major.
-    pub control_points: Vec<f64>,
+    /// The shapes: one, or those that span what attracts; control points, coordinate-major.
+    pub shapes: Vec<Vec<f64>>,
+    /// Whether their sums attract too.
+    pub is_span: bool,
 }
 
-/// The mean of a cohort under a class of transformations, or that of a dictionary, which was learnt under its own class.
+/// The mean of a cohort under a class of transformations; or the mean of a dictionary, or what its components or atoms span, which
+/// were learnt under its own class.
 ///
 /// # Errors
-/// [`ServiceError::NotFound`]; a class of a cohort that has no name, at `/prior/transformation`; shapes without a mean.
+/// [`ServiceError::NotFound`]; a class of a cohort that has no name, at `/prior/transformation`; shapes without a mean; components of
+/// a sparse dictionary, at `/prior/reference`.
 pub async fn find(
     app: &App,
     source: Source,
     transformation: Transformation,
     alignment: Option<Alignment>,
-) -> Result<StoredMean, ServiceError> {
+) -> Result<Stored, ServiceError> {
     match source {
         Source::Cohort(key) => {
             let Transformation::Named(transformation) = transformation else {
@@ -55,14 +75,28 @@ pub async fn find(
             };
             let live = live_mean::mean(app, cohort, query).await?;
             let representation = live.cohort.spec.representation.clone();
-            Ok(StoredMean { representation, control_points: live.mean.control_points.clone() })
+            let shapes = vec![live.mean.control_points.clone()];
+            Ok(Stored { representation, shapes, is_span: false })
         }
-        Source::Dictionary(key) => {
-            let ready = ready::find(app, &key).await?;
-            let content = &ready.dictionary.content;
-            let representation = content.representation.clone();
-            let control_points = columns_of(&content.mean.control_points, representation.dimension());
-            Ok(StoredMean { representation, control_points })
-        }
+        Source::Dictionary(key, part) => of_dictionary(&*ready::find(app, &key).await?, part),
     }
+}
+
+fn of_dictionary(ready: &Ready, part: DictionaryPart) -> Result<Stored, ServiceError> {
+    let (dictionary, content) = (&ready.dictionary, &ready.dictionary.content);
+    let representation = content.representation.clone();
+    if part == DictionaryPart::Mean {
+        let shapes = vec![columns_of(&content.mean.control_points, representation.dimension())];
+        return Ok(Stored { representation, shapes, is_span: false });
+    }
+    if part == DictionaryPart::Components && content.method.is_sparse() {
+        let detail = "expected mean or atoms of a sparse dictionary, got components";
+        return Err(ServiceError::invalid("/prior/reference", detail));
+    }
+    let unwhitened = |mut shape: Vec<f64>| {
+        dictionary.metric().unwhiten(&mut shape);
+        shape
+    };
+    let shapes = dictionary.span(Reference::Atoms).into_iter().map(unwhitened).collect();
+    Ok(Stored { representation, shapes, is_span: true })
 }

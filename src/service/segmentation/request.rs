@@ -14,6 +14,9 @@ pub const MAX_TERMS: usize = 8;
 pub const MAX_ITERATIONS: usize = 2000;
 /// Maximum blur in cells: kernels have 8 times as many numbers.
 pub const MAX_BLUR: f64 = 64.0;
+/// Least blur in cells along every axis for the contour term: with less, sampled second derivatives are wrong by more than a third, and
+/// without a blur there are none.
+pub const LEAST_BLUR: f64 = 0.5;
 /// Largest weight; smaller ones are as useless.
 const MAX_WEIGHT: f64 = 1e9;
 
@@ -199,9 +202,10 @@ fn usual_iterations() -> usize {
 }
 
 impl StageInput {
-    /// An affine stage at a blur of two cells, then all points at blurs of two cells and of one.
-    pub fn usual(cell: f64) -> Vec<Self> {
-        let stage = |free, cells: f64| Self { free, sigma: cells * cell, iterations: usual_iterations() };
+    /// An affine stage at a blur of two cells, then all points at blurs of two cells and of one, at least `least`.
+    pub fn usual(cell: f64, least: f64) -> Vec<Self> {
+        let sigma = |cells: f64| (cells * cell).max(least);
+        let stage = |free, cells| Self { free, sigma: sigma(cells), iterations: usual_iterations() };
         vec![stage(FreeInput::Affine, 2.0), stage(FreeInput::All, 2.0), stage(FreeInput::All, 1.0)]
     }
 
@@ -266,8 +270,14 @@ pub struct EnergyInput {
 }
 
 impl EnergyInput {
-    /// Faults of terms and stages, in an image whose cells have this side.
-    pub(super) fn faults(&self, cell: f64) -> Vec<Fault> {
+    /// Least blur that the terms allow, in an image whose cells have this longest side.
+    pub(super) fn least_blur(&self, longest: f64) -> f64 {
+        let by_edges = self.terms.iter().any(|term| matches!(term, TermInput::Contour { .. }));
+        if by_edges { LEAST_BLUR * longest } else { 0.0 }
+    }
+
+    /// Faults of terms and stages, in an image whose cells have this side, and this longest side along an axis.
+    pub(super) fn faults(&self, cell: f64, longest: f64) -> Vec<Fault> {
         let mut faults = Vec::new();
         for (list, count) in [("terms", self.terms.len()), ("stages", self.stages.len())] {
             if count > MAX_TERMS {
@@ -292,6 +302,11 @@ impl EnergyInput {
             if !(0.0..=most).contains(&stage.sigma) {
                 let detail =
                     format!("expected a number between 0 and {most} ({MAX_BLUR} cells), got {}", stage.sigma);
+                faults.push(Fault::new(format!("/stages/{index}/sigma"), detail));
+            } else if stage.sigma < self.least_blur(longest) {
+                let least = self.least_blur(longest);
+                let what = "half a cell along every axis, for the term contour";
+                let detail = format!("expected at least {least} ({what}), got {}", stage.sigma);
                 faults.push(Fault::new(format!("/stages/{index}/sigma"), detail));
             }
             if stage.iterations > MAX_ITERATIONS {

@@ -20,5 +20,5 @@ pub use self::source::{
 pub use self::sum::{Accumulator, accumulate};
 
 pub(crate) use self::scatter::{for_each_group, unit};
-pub(crate) use self::source::{for_each_changed, map_blocks};
+pub(crate) use self::source::{Leading, for_each_changed, map_blocks};
 pub(crate) use self::sum::{accumulate_spread, read_numbers, write_numbers};

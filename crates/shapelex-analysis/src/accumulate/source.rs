@@ -97,7 +97,8 @@ pub trait ShapeSource: Sync {
     }
 
     /// Placements from which a search for start points, directions and mirror images begins, if an earlier search has found
-    /// some; a shape that it did not see stands as given.
+    /// some: of all shapes, where one that it did not see stands as given, or of the
+    /// [leading](crate::alignment::MeanShape::leading) ones.
     ///
     /// # Errors
     /// A failure of the storage.
@@ -233,6 +234,56 @@ impl ShapeSource for ShapesInMemory {
         visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), AnalysisError>,
     ) -> Result<(), AnalysisError> {
         visit(self.all())
+    }
+}
+
+/// The first shapes of a source.
+pub(crate) struct Leading<'a, S> {
+    pub(crate) source: &'a S,
+    /// At most those of the source; a multiple of [`BLOCK`], or all.
+    pub(crate) count: usize,
+}
+
+impl<S: ShapeSource> ShapeSource for Leading<'_, S> {
+    type Error = S::Error;
+
+    fn count(&self) -> usize {
+        self.count
+    }
+
+    fn check(&self) -> Result<(), S::Error> {
+        self.source.check()
+    }
+
+    fn worked(&self, shapes: usize) {
+        self.source.worked(shapes);
+    }
+
+    fn for_each_batch(
+        &self,
+        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), S::Error>,
+    ) -> Result<(), S::Error> {
+        let mut left = self.count;
+        let read = self.source.for_each_batch(&mut |batch| {
+            let (wanted, _) = batch.split_at(batch.weights.len().min(left));
+            visit(wanted)?;
+            left -= wanted.weights.len();
+            // An error is the only way to end the reading.
+            if left == 0 && self.count < self.source.count() {
+                Err(AnalysisError::Interrupted.into())
+            } else {
+                Ok(())
+            }
+        });
+        if left == 0 { Ok(()) } else { read }
+    }
+
+    fn located(&self, error: S::Error) -> S::Error {
+        self.source.located(error)
+    }
+
+    fn spread(&self, pass: &Pass, merge: &mut MergePart<'_>) -> Result<bool, S::Error> {
+        Ok(self.count == self.source.count() && self.source.spread(pass, merge)?)
     }
 }
 

@@ -70,16 +70,10 @@ impl Dictionary {
         Some(Sampler { metric, pca, spread, root, sigma, random: ChaCha12Rng::seed_from_u64(seed) })
     }
 
-    /// The shape prior with the weight `gamma`. Cost: an orthogonal basis of all transformed references.
-    ///
-    /// # Errors
-    /// [`AnalysisError::Parameter`] at `reference` if the class is not linear.
-    pub fn prior(&self, reference: Reference, gamma: f64) -> Result<Prior<'_>, AnalysisError> {
-        let Method::Projection(class) = &self.preparation.method else {
-            let detail = "expected a dictionary with a linear class: Procrustes fits have no projector";
-            return Err(AnalysisError::Parameter { field: "reference", detail: detail.into() });
-        };
-        let shapes: Vec<Vec<f64>> = match (reference, &self.model) {
+    /// The whitened shapes that span what a `reference` names: the mean; or the atoms, with the mean of the aligned shapes if the
+    /// components are those about it.
+    pub fn span(&self, reference: Reference) -> Vec<Vec<f64>> {
+        match (reference, &self.model) {
             (Reference::Mean, _) => vec![self.preparation.mean.clone()],
             (Reference::Atoms, Model::Components { pca, .. }) => {
                 let eigenshapes = pca.eigenshapes.column_iter().map(|xi| xi.as_slice().to_vec());
@@ -90,8 +84,19 @@ impl Dictionary {
                 let atoms = self.content.atoms.iter();
                 atoms.map(|atom| self.metric().whitened(&atom.control_points)).collect()
             }
+        }
+    }
+
+    /// The shape prior with the weight `gamma`. Cost: an orthogonal basis of all transformed references.
+    ///
+    /// # Errors
+    /// [`AnalysisError::Parameter`] at `reference` if the class is not linear.
+    pub fn prior(&self, reference: Reference, gamma: f64) -> Result<Prior, AnalysisError> {
+        let Method::Projection(class) = &self.preparation.method else {
+            let detail = "expected a dictionary with a linear class: Procrustes fits have no projector";
+            return Err(AnalysisError::Parameter { field: "reference", detail: detail.into() });
         };
-        Ok(Prior::new(self.metric(), class, &shapes, gamma))
+        Ok(Prior::new(self.metric(), class, &self.span(reference), gamma))
     }
 }
 

@@ -28,8 +28,8 @@ pub enum Reference {
 
 /// A shape prior.
 #[derive(Debug, Clone)]
-pub struct Prior<'a> {
-    metric: &'a Metric,
+pub struct Prior {
+    metric: Metric,
     translates: bool,
     /// Orthonormal basis of the span, whitened.
     basis: Matrix,
@@ -49,9 +49,9 @@ pub struct Energy {
 /// direction is rounding error.
 const INDEPENDENT: f64 = 1e-8;
 
-impl<'a> Prior<'a> {
+impl Prior {
     /// From the whitened reference `shapes` (centred, if the class translates). Cost `O(n (I J)²)`.
-    pub fn new(metric: &'a Metric, class: &TransformationClass, shapes: &[Vec<f64>], gamma: f64) -> Self {
+    pub fn new(metric: &Metric, class: &TransformationClass, shapes: &[Vec<f64>], gamma: f64) -> Self {
         let (n, d) = (metric.size(), metric.dimension());
         let mut basis: Vec<Vec<f64>> = Vec::new();
         for shape in shapes {
@@ -67,6 +67,7 @@ impl<'a> Prior<'a> {
             }
         }
         let (count, translates) = (basis.len(), class.translates());
+        let metric = metric.clone();
         Self { metric, translates, basis: Matrix::from_vec(n * d, count, basis.concat()), gamma }
     }
 

@@ -109,6 +109,14 @@ impl Grid {
         self.size[2] == 1
     }
 
+    /// The grid of the cells with the index `k` along z: an image in the plane, at the same positions. `None` beyond the last one.
+    #[must_use]
+    pub fn layer(&self, k: usize) -> Option<Self> {
+        let [width, height, depth] = self.size;
+        let affine = self.affine.map(|[x, y, z, offset]| [x, y, z, offset + z * k as f64]);
+        (k < depth).then_some(Self { size: [width, height, 1], affine, units: self.units })
+    }
+
     /// The rows `[A | b]`, in millimetres.
     pub fn affine(&self) -> [[f64; 4]; 3] {
         self.affine
@@ -158,6 +166,17 @@ mod tests {
         let grid = Grid::new([4, 2, 1], affine, UNITS).unwrap();
         assert_eq!((grid.spacing(), grid.determinant(), grid.cells()), ([3.0, 2.0, 0.5], -3.0, 8));
         assert!(grid.is_planar());
+    }
+
+    #[test]
+    fn a_layer_keeps_its_place() {
+        let affine = [[0.0, -2.0, 0.5, 7.0], [3.0, 0.0, 0.0, 8.0], [0.0, 0.0, -0.5, 9.0]];
+        let grid = Grid::new([4, 2, 3], affine, UNITS).unwrap();
+        let layer = grid.layer(2).unwrap();
+        assert_eq!((layer.size(), layer.is_planar()), ([4, 2, 1], true));
+        assert_eq!(layer.affine().map(|row| row[3]), [8.0, 8.0, 8.0]);
+        assert_eq!(layer.spacing(), grid.spacing());
+        assert_eq!(grid.layer(3), None);
     }
 
     #[test]

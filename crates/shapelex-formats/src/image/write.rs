@@ -47,6 +47,16 @@ pub fn nifti_u8(grid: &Grid, values: &[u8]) -> Result<Vec<u8>, ImageError> {
     Ok(file)
 }
 
+/// A volume of 16-bit integers, x fastest, with the affine map of the grid rounded to single precision.
+///
+/// # Errors
+/// As [`nifti_u8`].
+pub fn nifti_u16(grid: &Grid, values: &[u16]) -> Result<Vec<u8>, ImageError> {
+    let mut file = nifti_file(grid, 512, values.len(), size_of::<u16>())?;
+    file.extend(values.iter().flat_map(|value| value.to_le_bytes()));
+    Ok(file)
+}
+
 /// A volume of numbers of single precision, x fastest, with the affine map of the grid rounded to single precision.
 ///
 /// # Errors

@@ -34,6 +34,10 @@ fn png_files_come_back() {
 #[test]
 fn nifti_files_come_back() {
     let bytes: Vec<u8> = (0..24).map(|cell| cell % 3).collect();
+    let many: Vec<u16> = bytes.iter().map(|byte| 300 * u16::from(*byte)).collect();
+    let file = write::nifti_u16(&volume(), &many).unwrap();
+    let labels: Vec<u32> = many.iter().map(|label| u32::from(*label)).collect();
+    assert_eq!(read_labels(&file, &LIMITS).unwrap().values, labels);
     let file = write::nifti_u8(&volume(), &bytes).unwrap();
     let expected =
         ImageFile { grid: volume(), values: bytes.iter().map(|value| u32::from(*value)).collect() };

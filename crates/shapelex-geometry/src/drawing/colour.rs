@@ -17,6 +17,10 @@ pub const BACK: Colour = Colour::new(0x44_77_aa, 0x7f_b2_e5);
 pub const MINUS: Colour = BACK;
 /// Positive side of a mode.
 pub const PLUS: Colour = Colour::new(0xcc_33_11, 0xff_80_61);
+/// Shape as it was, over a grey picture, which is the same on all pages.
+pub const BEFORE: Colour = Colour::new(0x33_bb_ee, 0x33_bb_ee);
+/// Shape as it is, over a grey picture.
+pub const AFTER: Colour = Colour::new(0xff_88_33, 0xff_88_33);
 /// Outline behind the shape of interest.
 pub const PALE: Colour = Colour::new(0x9a_9a_9a, 0x7d_7d_7d);
 /// No effect.
@@ -52,6 +56,16 @@ impl Colour {
     pub(super) fn pale(self) -> Self {
         let pale = self.light.map(|c| channel(0.35 * f64::from(c) + 0.65 * 255.0));
         Self { light: pale, dark: pale }
+    }
+
+    /// Red, green and blue on light pages.
+    pub(super) fn light(self) -> [u8; 3] {
+        self.light
+    }
+
+    /// Red, green and blue on dark pages.
+    pub(super) fn dark(self) -> [u8; 3] {
+        self.dark
     }
 
     /// `#rrggbb` on light pages.

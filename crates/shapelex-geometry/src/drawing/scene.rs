@@ -2,6 +2,7 @@
 
 use super::colour::{self, Colour};
 use super::layer::Layer;
+use super::picture::Picture;
 
 /// Width of a page; its height follows from its contents.
 pub(super) const SIZE: f64 = 640.0;
@@ -17,12 +18,14 @@ pub struct Drawing {
     /// Contents from back to front; `y` points down from the title.
     pub(super) elements: Vec<Element>,
     /// Scale, if lengths in the drawing mean lengths of the shapes.
-    scale: Option<Scale>,
+    pub(super) scale: Option<Scale>,
+    /// Picture behind the elements, with the map of its corners.
+    pub(super) picture: Option<(Picture, Map)>,
 }
 
 /// Scale of a drawing.
 #[derive(Debug, Clone)]
-struct Scale {
+pub(super) struct Scale {
     /// Page units per unit of length.
     per_unit: f64,
     /// Name of the unit of length, if known.
@@ -93,7 +96,7 @@ const BAR_LENGTH: f64 = 120.0;
 
 impl Drawing {
     pub(super) fn new(title: impl Into<String>, height: f64, elements: Vec<Element>) -> Self {
-        Self { title: title.into(), height, elements, scale: None }
+        Self { title: title.into(), height, elements, scale: None, picture: None }
     }
 
     /// The same drawing with a scale bar, for shapes that keep their sizes; `unit`: the unit of length, if known.

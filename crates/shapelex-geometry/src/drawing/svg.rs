@@ -6,6 +6,7 @@ use std::fmt::Write;
 use super::colour::{self, Colour};
 use super::layer::{Layer, Mark};
 use super::line::{Place, Resolution};
+use super::picture::on_page;
 use super::scene::{Anchor, Drawing, Element, MARGIN, Map, SIZE, Text};
 
 /// Colours of a drawing.
@@ -68,6 +69,19 @@ const TITLE: f64 = 28.0;
 /// Space above drawings without a written title.
 const TOP: f64 = 8.0;
 
+impl Style {
+    /// Pixels per unit of the page, and the space above the contents in these units.
+    pub(super) fn scale_and_top(&self) -> [f64; 2] {
+        [f64::from(self.width) / SIZE, top(self)]
+    }
+
+    /// Colour of the page, if it is painted; that of a light page under [`Theme::Auto`].
+    pub fn page(&self) -> Option<[u8; 3]> {
+        let colour = if self.theme == Theme::Dark { colour::PAGE.dark() } else { colour::PAGE.light() };
+        (self.background == Background::Page).then_some(colour)
+    }
+}
+
 /// Space above the contents.
 fn top(style: &Style) -> f64 {
     if style.title { TITLE } else { TOP }
@@ -84,6 +98,9 @@ impl Drawing {
         }
         if style.title {
             writer.text(&Text::new([MARGIN, -8.0], 14, Anchor::Start, self.title.clone()));
+        }
+        if let Some(picture) = &self.picture {
+            writer.picture(&picture.0.address, on_page(picture));
         }
         for element in &self.elements {
             writer.element(element);
@@ -198,6 +215,15 @@ impl<'a> Writer<'a> {
                 ));
             }
         }
+    }
+
+    fn picture(&mut self, address: &str, [corner, size]: [[f64; 2]; 2]) {
+        let [[x, y], [width, height]] = [corner, size].map(|pair| pair.map(|x| self.resolution.number(x)));
+        let address = escape(address);
+        self.write(format_args!(
+            "<image x=\"{x}\" y=\"{y}\" width=\"{width}\" height=\"{height}\" preserveAspectRatio=\"none\" \
+             image-rendering=\"optimizeSpeed\" href=\"{address}\"/>\n"
+        ));
     }
 
     fn text(&mut self, Text { at, size, anchor, text, colour }: &Text) {

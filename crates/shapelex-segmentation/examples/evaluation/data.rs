@@ -15,6 +15,7 @@ use shapelex_segmentation::run::{Outcome, Settings, Stage, segment};
 use shapelex_segmentation::snake::curve::CurveSnake;
 use shapelex_segmentation::snake::reparametrisation::Free;
 
+use crate::heads;
 use crate::tables::summary;
 use crate::tasks::{cells, dice, jaccard, upright};
 
@@ -29,7 +30,9 @@ pub(crate) fn sections(folder: Option<&Path>) -> std::io::Result<String> {
     let Some(folder) = folder else {
         return Ok("\n## Real images and volumes\n\nLeft out: no folder of data was given.\n".into());
     };
-    Ok(nuclei(&folder.join("images-nuclei"))? + &aorta(&folder.join("volumes-ct-aorta"))?)
+    Ok(nuclei(&folder.join("images-nuclei"))?
+        + &aorta(&folder.join("volumes-ct-aorta"))?
+        + &heads::section(folder)?)
 }
 
 fn other(error: impl std::error::Error + Send + Sync + 'static) -> std::io::Error {
@@ -40,7 +43,7 @@ fn labels(path: &Path) -> std::io::Result<Vec<u32>> {
     Ok(read_labels(&std::fs::read(path)?, &LIMITS).map_err(other)?.values)
 }
 
-fn picture(path: &Path) -> std::io::Result<Image> {
+pub(crate) fn picture(path: &Path) -> std::io::Result<Image> {
     let file = read(&std::fs::read(path)?, &LIMITS).map_err(other)?;
     Image::new(file.grid.size(), file.values.iter().map(|value| f64::from(*value)).collect()).map_err(other)
 }

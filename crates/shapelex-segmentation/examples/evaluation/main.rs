@@ -5,6 +5,7 @@
 
 mod brain;
 mod data;
+mod heads;
 #[path = "../../tests/suite/phantoms.rs"]
 mod phantoms;
 mod tables;

@@ -5,15 +5,20 @@
 //! ∂E = 2Ψ(c − c*)/V^{2/d} − (2/d) E ∂V/V
 //! ```
 //!
-//! `c*` is `P c` for linear classes and a Procrustes fit for rotations of space; by the envelope theorem its change does not
+//! The reference is a shape, or the span of several shapes under a linear class, such as the mean and the components of a
+//! dictionary. `c*` is `P c` for linear classes and a Procrustes fit for rotations of space; by the envelope theorem its change does not
 //! enter the gradient. Without the division by the volume, the term would pull every shape towards a point.
 //!
 //! Equal parameters are compared: the first shape should be the posed reference. The affine class contains reflections and flat
 //! shapes.
 
+use std::sync::Arc;
+
 use shapelex_analysis::AnalysisError;
 use shapelex_analysis::alignment::{Method, Projector};
+use shapelex_analysis::dictionary::prior::{Energy as SpanEnergy, Prior as SpanPrior};
 use shapelex_analysis::metric::Metric;
+use shapelex_analysis::transformation::TransformationClass;
 use shapelex_numeric::dense::Matrix;
 use shapelex_numeric::sparse::SparseRows;
 
@@ -21,13 +26,20 @@ use super::shape::{Shape, forbidden};
 use crate::boundary::Differential;
 use crate::frame::Frame;
 
+/// What attracts.
+#[derive(Debug, Clone)]
+enum Attractor {
+    /// The class of a shape, given by its control points, coordinate-major.
+    Class { method: Method, reference: Vec<f64> },
+    /// All combinations of shapes under a linear class.
+    Span(SpanPrior),
+}
+
 /// Squared distance from the class of a reference, relative to the size of the shape.
 #[derive(Debug, Clone)]
 pub struct Prior<const D: usize> {
     metric: Metric,
-    method: Method,
-    /// Control points of the reference, coordinate-major.
-    reference: Vec<f64>,
+    attractor: Arc<Attractor>,
     /// From free points to the control points of the metric, and the transpose; `None` if they are the same.
     lift: Option<[SparseRows; 2]>,
     frame: Frame<D>,
@@ -47,8 +59,53 @@ impl<const D: usize> Prior<D> {
     ) -> Result<Self, AnalysisError> {
         let reference = columns(reference);
         Projector::new(&metric, &method, reference.clone()).project(reference.clone())?;
+        Ok(Self::of(metric, Attractor::Class { method, reference }, lift, frame))
+    }
+
+    /// Prepares the span of `shapes` under a linear class: all sums of their members. Shapes are control points in the world,
+    /// coordinate-major. Cost: an orthogonal basis of all transformed shapes.
+    pub fn spanned(
+        metric: Metric,
+        class: &TransformationClass,
+        shapes: &[Vec<f64>],
+        lift: Option<SparseRows>,
+        frame: Frame<D>,
+    ) -> Self {
+        let whitened = |shape: &Vec<f64>| {
+            let mut shape = shape.clone();
+            if class.translates() {
+                metric.centre(&mut shape);
+            }
+            metric.whiten(&mut shape);
+            shape
+        };
+        let shapes: Vec<Vec<f64>> = shapes.iter().map(whitened).collect();
+        let span = SpanPrior::new(&metric, class, &shapes, 1.0);
+        Self::of(metric, Attractor::Span(span), lift, frame)
+    }
+
+    fn of(metric: Metric, attractor: Attractor, lift: Option<SparseRows>, frame: Frame<D>) -> Self {
         let lift = lift.map(|lift| [lift.clone(), lift.transpose()]);
-        Ok(Self { metric, method, reference, lift, frame })
+        Self { metric, attractor: Arc::new(attractor), lift, frame }
+    }
+
+    /// The squared distance of control points in the world, coordinate-major, and its gradient. `None` for degenerate shapes.
+    fn distance(&self, shape: Vec<f64>) -> Option<(f64, Vec<f64>)> {
+        match &*self.attractor {
+            Attractor::Span(span) => {
+                let SpanEnergy { energy, gradient } = span.energy(&shape);
+                Some((energy, gradient))
+            }
+            Attractor::Class { method, reference } => {
+                let projector = Projector::new(&self.metric, method, shape.clone());
+                let nearest = projector.project(reference.clone()).ok()?;
+                let mut residual: Vec<f64> =
+                    shape.iter().zip(&nearest.control_points).map(|(c, p)| c - p).collect();
+                let value = self.metric.inner(&residual, &residual);
+                self.metric.apply(&mut residual);
+                Some((value, residual.into_iter().map(|value| 2.0 * value).collect()))
+            }
+        }
     }
 
     /// The squared distance `‖c − c*‖²` and its gradient, before the division by the size. `None` for degenerate shapes.
@@ -56,14 +113,9 @@ impl<const D: usize> Prior<D> {
         let lifted = self.lift.as_ref().map(|[lift, _]| lift.apply(rows));
         let world: Vec<[f64; D]> =
             lifted.as_deref().unwrap_or(rows).iter().map(|point| self.frame.to_world(*point)).collect();
-        let shape = columns(&world);
-        let projector = Projector::new(&self.metric, &self.method, shape.clone());
-        let nearest = projector.project(self.reference.clone()).ok()?;
-        let mut residual: Vec<f64> = shape.iter().zip(&nearest.control_points).map(|(c, p)| c - p).collect();
-        let value = self.metric.inner(&residual, &residual);
-        self.metric.apply(&mut residual);
+        let (value, slopes) = self.distance(columns(&world))?;
         let n = self.metric.size();
-        let slope = |i: usize| self.frame.turn_back(std::array::from_fn(|c| 2.0 * residual[c * n + i]));
+        let slope = |i: usize| self.frame.turn_back(std::array::from_fn(|c| slopes[c * n + i]));
         let gradient: Vec<[f64; D]> = (0..n).map(slope).collect();
         let gradient = match &self.lift {
             Some([_, transpose]) => transpose.apply(&gradient),
@@ -92,15 +144,18 @@ impl<const D: usize> Prior<D> {
 
     /// Value and gradient; infinite for shapes without volume.
     pub fn evaluate(&self, shape: &Shape<'_, D>) -> Differential<D> {
-        let (volume, rows) = (&shape.volume, shape.rows.len());
-        if !(volume.value > 0.0) {
-            return forbidden(rows);
-        }
-        let Some(distance) = self.squared_distance(shape.rows) else { return forbidden(rows) };
+        let relative = (shape.volume.value > 0.0).then(|| self.relative(shape.rows, &shape.volume)).flatten();
+        relative.unwrap_or_else(|| forbidden(shape.rows.len()))
+    }
+
+    /// `‖c − c*‖²/|V|^{2/d}` and its gradient for a shape with the volume `V` of either sign. `None` for degenerate shapes, and
+    /// without volume.
+    pub fn relative(&self, rows: &[[f64; D]], volume: &Differential<D>) -> Option<Differential<D>> {
+        let distance = self.squared_distance(rows).filter(|_| volume.value != 0.0)?;
         let power = 2.0 / D as f64;
-        let mut energy = distance.times(volume.value.powf(-power));
+        let mut energy = distance.times(volume.value.abs().powf(-power));
         energy.add_gradient(-power * energy.value / volume.value, &volume.gradient);
-        energy
+        energy.value.is_finite().then_some(energy)
     }
 }
 

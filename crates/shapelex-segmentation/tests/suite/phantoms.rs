@@ -158,17 +158,23 @@ pub(crate) fn head_value(at: [f64; 3]) -> f64 {
 
 /// The head, 91 × 109 × 91 voxels of 2 mm; noise in per cent of 220, seed 100; a smooth factor with a range of `inu` around 1.
 pub(crate) fn head(percent: f64, inu: f64) -> Image {
-    let mut clean = image([91, 109, 91], head_value);
+    let clean = image([91, 109, 91], head_value);
+    degraded(&clean, percent / 100.0 * 220.0, inu)
+}
+
+/// A volume under a smooth factor of this range, then with noise.
+pub(crate) fn degraded(clean: &Image, std: f64, inu: f64) -> Image {
+    let size = clean.size();
+    let mut values = clean.values().to_vec();
     if inu > 0.0 {
-        let centred = |i: f64, half: f64| i / half - 1.0;
-        let wave = image([91, 109, 91], |[i, j, k]| {
-            let [x, y, z] = [centred(i, 45.0), centred(j, 54.0), centred(k, 45.0)];
+        let wave = image(size, |at| {
+            let [x, y, z] = [0, 1, 2].map(|c| at[c] / ((size[c] - 1) as f64 / 2.0) - 1.0);
             (1.3 * x + 0.4).cos() * (1.1 * y - 0.3).cos() * (0.9 * z + 0.2).cos()
         });
         let [low, high] = [wave.percentile(0.0), wave.percentile(100.0)];
         let factor = |g: &f64| 1.0 + inu * ((g - low) / (high - low) - 0.5);
-        let values = clean.values().iter().zip(wave.values()).map(|(value, g)| value * factor(g)).collect();
-        clean = Image::new([91, 109, 91], values).expect("an image");
+        values.iter_mut().zip(wave.values()).for_each(|(value, g)| *value *= factor(g));
     }
-    if percent > 0.0 { noisy(&clean, percent / 100.0 * 220.0, 100) } else { clean }
+    let smooth = Image::new(size, values).expect("an image");
+    if std > 0.0 { noisy(&smooth, std, 100) } else { smooth }
 }

@@ -285,33 +285,59 @@ pub(crate) fn head_start() -> Vec<[f64; 3]> {
     ellipsoid(9, 9, [22.5, 27.5, 20.0], HEAD_CENTRE)
 }
 
-/// Pipeline B of the notes: the region brighter than a part of its median.
-pub(crate) fn segment_head_by_region(head: &Image) -> Segmentation<3> {
-    let terms = [(ImageTerm::Threshold { theta: 0.6, level: None }, 1.0)];
-    let scene = Scene::new(head, head_frame(), &terms, &[2.0, 1.0]);
-    let stages = [(Free::Radial, 2.0), (Free::All, 2.0), (Free::All, 1.0)];
-    let settings = nucleus_settings(&stages);
-    segment(&scene, &tied_sphere(), &head_start(), &settings, &never).expect("a valid case")
+/// A volume with a head in it, and where its segmentation begins.
+pub(crate) struct HeadTask<'a> {
+    pub(crate) image: &'a Image,
+    pub(crate) frame: Frame<3>,
+    /// Rough centre of the brain, in voxels.
+    pub(crate) centre: [f64; 3],
+    /// Points of a tied sphere.
+    pub(crate) start: Vec<[f64; 3]>,
 }
 
-/// Pipeline A of the notes: the skull is a dark sheet, whose crests nearest to the centre are the edge map.
+impl HeadTask<'_> {
+    /// Pipeline B of the notes: the region brighter than a part of its median, at two blurs.
+    pub(crate) fn by_region(&self, theta: f64, spacing: f64, [coarse, fine]: [f64; 2]) -> Segmentation<3> {
+        let terms = [(ImageTerm::Threshold { theta, level: None }, 1.0)];
+        let scene = Scene::new(self.image, self.frame, &terms, &[coarse, fine]);
+        let stages = [(Free::Radial, coarse), (Free::All, coarse), (Free::All, fine)];
+        let settings = Settings { spacing, ..nucleus_settings(&stages) };
+        segment(&scene, &tied_sphere(), &self.start, &settings, &never).expect("a valid case")
+    }
+
+    /// Pipeline A of the notes: the skull is a dark sheet, whose crests nearest to the centre are the edge map.
+    pub(crate) fn by_skull(&self) -> Segmentation<3> {
+        let (frame, size) = (self.frame, self.image.size());
+        let sheets: Sheets<f32> = Sheets::new(self.image, &frame, 4.0, Polarity::Dark, &never)
+            .expect("a valid case")
+            .expect("no stop");
+        let crests = sheets.crests(sheets.threshold(0.3, 99.0), &never).expect("no stop");
+        let surface = innermost(&sheets, &crests, &Innermost::around(self.centre, 20.0, &frame));
+        let map: Image = edge_map(&largest_component(&surface, size), size);
+        let edges = EdgeScale::Percentile(99.5);
+        let terms = [(ImageTerm::Contour { polarity: Polarity::Dark, edges }, 1.0)];
+        let scene = Scene::new(&map, frame, &terms, &[6.0, 3.0, 2.0]);
+        let stages =
+            [(Free::Affine, 6.0), (Free::Radial, 6.0), (Free::All, 6.0), (Free::All, 3.0), (Free::All, 2.0)];
+        // After 150 iterations the overlap has changed by less than a thousandth.
+        let stage = |(free, sigma)| Stage { iterations: 60, ..Stage::new(free, sigma) };
+        let mut settings = Settings::new(stages.map(stage).into());
+        (settings.spacing, settings.tolerance) = (5.0, 0.05);
+        segment(&scene, &tied_sphere(), &self.start, &settings, &never).expect("a valid case")
+    }
+}
+
+/// The task of the phantom of a head.
+pub(crate) fn head_task(head: &Image) -> HeadTask<'_> {
+    HeadTask { image: head, frame: head_frame(), centre: HEAD_CENTRE, start: head_start() }
+}
+
+pub(crate) fn segment_head_by_region(head: &Image) -> Segmentation<3> {
+    head_task(head).by_region(0.6, 0.1, [2.0, 1.0])
+}
+
 pub(crate) fn segment_head_by_skull(head: &Image) -> Segmentation<3> {
-    let (frame, size) = (head_frame(), head.size());
-    let sheets: Sheets<f32> =
-        Sheets::new(head, &frame, 4.0, Polarity::Dark, &never).expect("a valid case").expect("no stop");
-    let crests = sheets.crests(sheets.threshold(0.3, 99.0), &never).expect("no stop");
-    let surface = innermost(&sheets, &crests, &Innermost::around(HEAD_CENTRE, 20.0, &frame));
-    let map: Image = edge_map(&largest_component(&surface, size), size);
-    let edges = EdgeScale::Percentile(99.5);
-    let terms = [(ImageTerm::Contour { polarity: Polarity::Dark, edges }, 1.0)];
-    let scene = Scene::new(&map, frame, &terms, &[6.0, 3.0, 2.0]);
-    let stages =
-        [(Free::Affine, 6.0), (Free::Radial, 6.0), (Free::All, 6.0), (Free::All, 3.0), (Free::All, 2.0)];
-    // After 150 iterations the overlap has changed by less than a thousandth.
-    let stage = |(free, sigma)| Stage { iterations: 60, ..Stage::new(free, sigma) };
-    let mut settings = Settings::new(stages.map(stage).into());
-    (settings.spacing, settings.tolerance) = (5.0, 0.05);
-    segment(&scene, &tied_sphere(), &head_start(), &settings, &never).expect("a valid case")
+    head_task(head).by_skull()
 }
 
 /// Points and poles of an ellipsoid for a tied sphere.

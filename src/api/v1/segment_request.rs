@@ -1,0 +1,454 @@
+//! What is wanted of an image, as it is posted.
+
+use crate::analysis::alignment::Alignment;
+use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
+use crate::analysis::frame::Frame;
+use crate::analysis::transformation::{ClassName, Transformation};
+use crate::domain::cohort::Cohort;
+use crate::formats::checked::{
+    Checked, LARGE, List, Many, Raw, SMALL, document, take_given, take_many, take_or_default,
+};
+use crate::formats::fault::Fault;
+use crate::formats::representation::Read;
+use crate::formats::shape::{ObjectInput, ShapeInput};
+use crate::geometry::representation::Representation;
+use crate::service::app::{App, ServiceError};
+use crate::service::segmentation::contours;
+use crate::service::segmentation::image::Coordinates;
+use crate::service::segmentation::reference::{DictionaryPart, Source, Stored};
+use crate::service::segmentation::request::{BoxInput, EnergyInput, Minimiser, StageInput, TermInput};
+use crate::service::segmentation::starts::{SeedInput, Starts};
+use crate::service::segmentation::wanted::{Answered, Reference, Wanted};
+use crate::service::statistics::{CheckedSettings, Settings};
+
+/// Declares a request for a segmentation with further fields.
+macro_rules! segment_request {
+    ($(#[$meta:meta])* $name:ident { $($further:tt)* }) => {
+        document! {
+            $(#[$meta])*
+            pub(super) struct $name {
+                /// Representation of the shapes: `closed_curve` in the plane; `surface` with the topology `sphere`, `cylinder` (closed by lids)
+                /// or `torus`; `subdivision` with a linear scheme.
+                #[schema(value_type = Representation, required = true)]
+                representation: Read<Representation>, required;
+                /// Conversion of posted points to control points. Default: `landmarks`.
+                #[schema(value_type = Option<Correspondence>)]
+                correspondence: Checked<Correspondence>;
+                /// Initial shapes, one for each object, in either direction: also those of an earlier answer. One of `shapes`, `boxes`,
+                /// `seeds` and the part `mask` tells where objects begin.
+                #[schema(value_type = Option<Vec<ShapeInput>>)]
+                shapes: List<ShapeInput>;
+                /// Boxes, one for each object, whose largest ellipse, ellipsoid, cylinder or torus is the initial shape.
+                #[schema(value_type = Option<Vec<BoxInput>>)]
+                boxes: Many<BoxInput>;
+                /// Points in objects, one for each, around which the initial shapes lie.
+                #[schema(value_type = Option<Vec<SeedInput>>)]
+                seeds: Many<SeedInput>;
+                /// Labels of the part `mask` that begin objects, one for each component. Default: all but 0.
+                #[schema(value_type = Option<Vec<u32>>)]
+                mask_labels: Many<u32>;
+                /// Number of cells of a component of the part `mask` below which it begins no object. Default: 1.
+                #[schema(value_type = Option<usize>)]
+                mask_least_cells: Checked<usize>;
+                /// Slice of a volume, by its index along z from 0, which is segmented as an image in the plane; also of volumes in the parts
+                /// `mask` and `truth`. Default: the whole volume.
+                #[schema(value_type = Option<usize>)]
+                slice: Checked<usize>;
+                /// Terms of the energy: at least one of the image, each at most once.
+                #[schema(value_type = Vec<TermInput>, required = true, max_items = 8)]
+                terms: Many<TermInput>, required;
+                /// Stages of the minimisation, from coarse to fine. Default: an affine map at a blur of two cells, then all points at blurs of
+                /// two cells and of one.
+                #[schema(value_type = Option<Vec<StageInput>>, max_items = 8)]
+                stages: Many<StageInput>;
+                /// Method of minimisation. Default: `lbfgs`.
+                #[schema(value_type = Option<Minimiser>)]
+                method: Checked<Minimiser>;
+                /// Attraction to the class of a shape.
+                #[schema(value_type = Option<ShapePrior>)]
+                prior: ShapePrior;
+                /// Coordinates of shapes, boxes, blurs and the answer. Default: `world`.
+                #[schema(value_type = Option<Coordinates>)]
+                coordinates: Checked<Coordinates>;
+                /// Labels of the truth, one for each object. Default: all but 0.
+                #[schema(value_type = Option<Vec<u32>>)]
+                truth_labels: Many<u32>;
+                /// Whether to answer the energy after every iteration. Default: false.
+                #[schema(value_type = Option<bool>)]
+                history: Checked<bool>;
+                /// Whether to answer the gradient of the energy at the result. Default: false.
+                #[schema(value_type = Option<bool>)]
+                gradient: Checked<bool>;
+                /// Whether to answer the cells inside of each result; with the format `png` the answer is a picture of labels. Default: false.
+                #[schema(value_type = Option<bool>)]
+                mask: Checked<bool>;
+                $($further)*
+            }
+        }
+    };
+}
+
+segment_request! {
+    /// What is wanted of an image.
+    #[schema(example = json!({
+        "representation": {"kind": "closed_curve", "dimension": 2, "control_points": 8, "generator": {"name": "trigonometric"}},
+        "boxes": [{"lower": [6, 6], "upper": [20, 18]}],
+        "terms": [{"name": "contour"}], "coordinates": "index"
+    }))]
+    SegmentRequest {}
+}
+
+segment_request! {
+    /// What is wanted of an image whose objects go into a cohort.
+    #[schema(example = json!({
+        "representation": {"kind": "closed_curve", "dimension": 2, "control_points": 24, "generator": {"name": "cubic"}},
+        "boxes": [{"lower": [6, 6], "upper": [20, 18]}], "objects": [{"external_id": "cell-1", "label": "control"}],
+        "terms": [{"name": "contour"}], "coordinates": "index"
+    }))]
+    CohortSegmentRequest {
+        /// Attributes, one entry for each object, in order. Posted `shapes` have attributes of their own.
+        #[schema(value_type = Option<Vec<ObjectInput>>)]
+        objects: List<ObjectInput>;
+        /// Whether objects are stored that fold, collapse or leave the image: as they were before. Default: false.
+        #[schema(value_type = Option<bool>)]
+        store_failed: Checked<bool>;
+    }
+}
+
+/// A shape, or a part of a dictionary.
+#[derive(Debug, utoipa::ToSchema, serde::Serialize)]
+#[serde(untagged)]
+#[allow(dead_code, reason = "only for the document")]
+enum PriorReference {
+    /// A posted shape.
+    Shape(#[serde(skip)] ShapeInput),
+    /// A part of a dictionary.
+    Part(DictionaryPart),
+}
+
+/// How the objects of a request go into a cohort.
+pub(super) struct Storing {
+    /// Attributes of the objects.
+    pub(super) objects: Option<Vec<ShapeInput>>,
+    /// Whether those are stored that have failed.
+    pub(super) store_failed: bool,
+}
+
+impl CohortSegmentRequest {
+    /// The request for the segmentation, and what is wanted besides.
+    ///
+    /// # Errors
+    /// Faults of the further fields; a representation that is not that of the cohort.
+    pub(super) fn split(self, cohort: &Cohort) -> Result<(SegmentRequest, Storing), ServiceError> {
+        let Self {
+            objects,
+            store_failed,
+            representation,
+            correspondence,
+            shapes,
+            boxes,
+            seeds,
+            mask_labels,
+            mask_least_cells,
+            slice,
+            terms,
+            stages,
+            method,
+            prior,
+            coordinates,
+            truth_labels,
+            history,
+            gradient,
+            mask,
+            faults,
+        } = self;
+        let mut errors = Vec::new();
+        let objects = objects.map(|objects| objects.take("/objects", &mut errors));
+        let objects = objects.map(|objects| objects.into_iter().map(ShapeInput::from).collect());
+        let store_failed = take_or_default(store_failed, "/store_failed", &mut errors).unwrap_or_default();
+        if let Some(asked) = representation.as_ref().and_then(Read::get)
+            && *asked != cohort.spec.representation
+        {
+            let detail = "expected the representation of the cohort, got another one";
+            errors.push(Fault::new("/representation", detail));
+        }
+        ServiceError::unless_empty(errors)?;
+        let asked = SegmentRequest {
+            representation,
+            correspondence,
+            shapes,
+            boxes,
+            seeds,
+            mask_labels,
+            mask_least_cells,
+            slice,
+            terms,
+            stages,
+            method,
+            prior,
+            coordinates,
+            truth_labels,
+            history,
+            gradient,
+            mask,
+            faults,
+        };
+        Ok((asked, Storing { objects, store_failed }))
+    }
+}
+
+document! {
+    /// Attraction to the shapes that a class of transformations makes of a reference: `weight · ‖c − c*‖²/V^(2/d)`, with `c*` the
+    /// nearest of them and `V` the area or volume.
+    pub(super) struct ShapePrior {
+        /// The reference: any shape of the representation, in place of `cohort` and `dictionary`; or what attracts of the dictionary.
+        /// Default: its mean.
+        #[schema(value_type = Option<PriorReference>)]
+        reference: Raw;
+        /// Id or name of a cohort of the representation, whose mean under the class is the reference.
+        #[schema(value_type = Option<String>)]
+        cohort: Checked<String>;
+        /// Id, `name@version`, `name@alias` or name of a dictionary of the representation.
+        #[schema(value_type = Option<String>)]
+        dictionary: Checked<String>;
+        /// Class of transformations.
+        #[schema(value_type = Transformation, required = true)]
+        transformation: Checked<Transformation>, required;
+        /// Default: `projection`, or `procrustes` where the class is no linear space.
+        #[schema(value_type = Option<Alignment>)]
+        alignment: Checked<Alignment>;
+        /// Weight `γ`. Default: 1.
+        #[schema(value_type = Option<f64>, minimum = 0)]
+        weight: Checked<f64>;
+    }
+}
+
+/// A request whose fields were checked.
+pub(super) struct Checks {
+    /// What is wanted; of a part `mask` the components are not known yet.
+    pub(super) wanted: Wanted,
+    /// What is wanted of a part `mask`.
+    pub(super) of_mask: contours::Wanted,
+    /// Slice of a volume.
+    pub(super) slice: Option<usize>,
+}
+
+impl SegmentRequest {
+    /// The checked request; a part `mask` is named, but not read yet.
+    ///
+    /// # Errors
+    /// All faults of the fields.
+    pub(super) fn wanted(
+        mut self,
+        app: &App,
+        stored: Option<Stored>,
+        has_mask: bool,
+    ) -> Result<Checks, ServiceError> {
+        let mut errors = std::mem::take(&mut self.faults);
+        let starts = self.starts(has_mask, &mut errors);
+        let mask_labels = take_many(self.mask_labels, "/mask_labels", &mut errors);
+        let least_cells = take_given(self.mask_least_cells, "/mask_least_cells", &mut errors).unwrap_or(1);
+        let slice = take_given(self.slice, "/slice", &mut errors);
+        let representation = self.representation.and_then(|field| field.take("/representation", &mut errors));
+        let correspondence = take_or_default(self.correspondence, "/correspondence", &mut errors);
+        let terms = take_many(self.terms, "/terms", &mut errors).unwrap_or_default();
+        let stages = take_many(self.stages, "/stages", &mut errors).unwrap_or_default();
+        let method = take_or_default(self.method, "/method", &mut errors).unwrap_or_default();
+        let prior = self.prior.map(|prior| prior.taken(&mut errors));
+        let coordinates = take_or_default(self.coordinates, "/coordinates", &mut errors);
+        let truth_labels = take_many(self.truth_labels, "/truth_labels", &mut errors);
+        let answered = Answered {
+            history: take_or_default(self.history, "/history", &mut errors).unwrap_or_default(),
+            gradient: take_or_default(self.gradient, "/gradient", &mut errors).unwrap_or_default(),
+            mask: take_or_default(self.mask, "/mask", &mut errors).unwrap_or_default(),
+            outlines: false,
+        };
+        let reference = match (&prior, &representation) {
+            (Some(prior), Some(representation)) => prior.reference(stored, representation, &mut errors),
+            _ => None,
+        };
+        let settings = settings(app, representation.zip(correspondence), prior.as_ref(), &mut errors)?;
+        ServiceError::unless_empty(errors)?;
+        match (settings, starts, coordinates) {
+            (Some(settings), Some(starts), Some(coordinates)) => {
+                let wanted = Wanted {
+                    settings,
+                    starts,
+                    energy: EnergyInput { terms, stages, method },
+                    prior: reference.zip(prior.and_then(|prior| prior.weight)),
+                    coordinates,
+                    truth_labels,
+                    answered,
+                };
+                let of_mask = contours::Wanted { labels: mask_labels, blur: 0.0, least_cells, coordinates };
+                Ok(Checks { wanted, of_mask, slice })
+            }
+            _ => Err(ServiceError::invalid("", "the request is incomplete")),
+        }
+    }
+}
+
+impl SegmentRequest {
+    /// Where objects begin: exactly one of three fields and the part `mask`, whose components are not known yet.
+    fn starts(&mut self, has_mask: bool, errors: &mut Vec<Fault>) -> Option<Starts> {
+        let given = [
+            ("/shapes", self.shapes.is_some()),
+            ("/boxes", self.boxes.is_some()),
+            ("/seeds", self.seeds.is_some()),
+            ("/mask", has_mask),
+        ];
+        let given: Vec<&str> = given.iter().filter(|(_, given)| *given).map(|(name, _)| *name).collect();
+        if !has_mask {
+            let of_mask = [
+                ("/mask_labels", self.mask_labels.is_some()),
+                ("/mask_least_cells", self.mask_least_cells.is_some()),
+            ];
+            for (name, _) in of_mask.iter().filter(|(_, given)| *given) {
+                errors.push(Fault::new(*name, "expected only with a part mask"));
+            }
+        }
+        let found = match (self.shapes.take(), self.boxes.take(), self.seeds.take()) {
+            (Some(shapes), ..) => Some(Starts::Shapes(shapes.take("/shapes", errors))),
+            (_, Some(boxes), _) => take_many(Some(boxes), "/boxes", errors).map(Starts::Boxes),
+            (.., seeds @ Some(_)) => take_many(seeds, "/seeds", errors).map(Starts::Seeds),
+            _ => has_mask.then(|| Starts::Components(Vec::new())),
+        };
+        match given[..] {
+            [_] => found,
+            // A request whose fields could not be read has faults already.
+            [] if !errors.is_empty() => None,
+            _ => {
+                let names = "expected one of shapes, boxes, seeds and a part mask";
+                let detail = format!("{names}, got {}", given.len());
+                errors.push(Fault::new(given.last().copied().unwrap_or("/shapes"), detail));
+                None
+            }
+        }
+    }
+}
+
+/// The fields of a prior that could be read.
+struct Taken {
+    reference: Option<ShapeInput>,
+    cohort: Option<String>,
+    dictionary: Option<String>,
+    transformation: Option<Transformation>,
+    alignment: Option<Alignment>,
+    weight: Option<f64>,
+}
+
+impl ShapePrior {
+    /// The mean that is the reference, with its class and alignment, where one is named and all of them could be read.
+    pub(super) fn stored(&self) -> Option<(Source, Transformation, Option<Alignment>)> {
+        let source = match (&self.reference, &self.cohort, &self.dictionary) {
+            (None, Some(key), None) => Source::Cohort(key.get()?.clone()),
+            (None, None, Some(key)) => Source::Dictionary(key.get()?.clone(), DictionaryPart::default()),
+            (Some(part), None, Some(key)) => {
+                Source::Dictionary(key.get()?.clone(), part.read(SMALL, "", &mut Vec::new())?)
+            }
+            _ => return None,
+        };
+        let alignment = match &self.alignment {
+            Some(alignment) => Some(*alignment.get()?),
+            None => None,
+        };
+        Some((source, self.transformation.as_ref()?.get()?.clone(), alignment))
+    }
+
+    fn taken(self, errors: &mut Vec<Fault>) -> Taken {
+        errors.extend(self.faults.into_iter().map(|fault| fault.below("/prior")));
+        // What names a part of a dictionary was read with it, unless it is faulty.
+        let reference = self.reference.and_then(|reference| match (&self.dictionary, reference.is_text()) {
+            (Some(_), true) => {
+                reference.read::<DictionaryPart>(SMALL, "/prior/reference", errors);
+                None
+            }
+            _ => reference.read(LARGE, "/prior/reference", errors),
+        });
+        Taken {
+            reference,
+            cohort: take_given(self.cohort, "/prior/cohort", errors),
+            dictionary: take_given(self.dictionary, "/prior/dictionary", errors),
+            transformation: take_given(self.transformation, "/prior/transformation", errors),
+            alignment: take_given(self.alignment, "/prior/alignment", errors),
+            weight: self.weight.map_or(Some(1.0), |weight| weight.take("/prior/weight", errors)),
+        }
+    }
+}
+
+impl Taken {
+    /// The reference, which is one of a shape and a mean of the representation.
+    fn reference(
+        &self,
+        stored: Option<Stored>,
+        representation: &Representation,
+        errors: &mut Vec<Fault>,
+    ) -> Option<Reference> {
+        let named = [self.reference.is_some(), self.cohort.is_some(), self.dictionary.is_some()];
+        match named.into_iter().filter(|is_given| *is_given).count() {
+            1 => {}
+            count => {
+                // A key that could not be read has a fault already.
+                if count > 1 || errors.is_empty() {
+                    let detail = format!("expected one of reference, cohort, dictionary, got {count}");
+                    errors.push(Fault::new("/prior/reference", detail));
+                }
+                return None;
+            }
+        }
+        match (self.reference.clone(), stored) {
+            (Some(shape), _) => Some(Reference::Posted(shape)),
+            (None, Some(stored)) if stored.representation == *representation => {
+                Some(Reference::Stored { shapes: stored.shapes, is_span: stored.is_span })
+            }
+            (None, Some(_)) => {
+                let field = if self.cohort.is_some() { "cohort" } else { "dictionary" };
+                let detail = format!("expected a {field} of the representation of the request, got another");
+                errors.push(Fault::new(format!("/prior/{field}"), detail));
+                None
+            }
+            (None, None) => None,
+        }
+    }
+}
+
+/// Settings of the shapes and of the class of the prior; without a prior the class is not used.
+fn settings(
+    app: &App,
+    shapes: Option<(Representation, Correspondence)>,
+    prior: Option<&Taken>,
+    errors: &mut Vec<Fault>,
+) -> Result<Option<CheckedSettings>, ServiceError> {
+    let Some((representation, correspondence)) = shapes else { return Ok(None) };
+    let transformation = match prior {
+        Some(prior) => prior.transformation.clone(),
+        None => Some(Transformation::Named(ClassName::Affine)),
+    };
+    let Some(transformation) = transformation else { return Ok(None) };
+    let usual = Alignment::usual(&transformation, representation.dimension());
+    // Start points are compared between curves of one direction.
+    let direction = match correspondence {
+        Correspondence::Cyclic => Direction::Either,
+        Correspondence::Landmarks | Correspondence::ArcLength => Direction::Given,
+    };
+    let settings = Settings {
+        representation,
+        correspondence,
+        direction,
+        mirror: Mirror::Forbid,
+        transformation,
+        alignment: prior.and_then(|prior| prior.alignment).unwrap_or(usual),
+        frame: Frame::default(),
+    };
+    match settings.checked(&app.limits) {
+        Ok(settings) => Ok(Some(settings)),
+        Err(ServiceError::Invalid(faults)) => {
+            errors.extend(faults.into_listed().into_iter().map(|fault| match fault.pointer.as_str() {
+                "/transformation" | "/alignment" => fault.below("/prior"),
+                _ => fault,
+            }));
+            Ok(None)
+        }
+        Err(error) => Err(error),
+    }
+}

@@ -1,0 +1,226 @@
+//! The shape prior without an image: how far shapes are from the class of a posted reference.
+
+use std::ops::Range;
+
+use crate::analysis::AnalysisError;
+use crate::analysis::alignment::Method;
+use crate::analysis::matching::{Placement, Target};
+use crate::analysis::mean::MeanSpace;
+use crate::formats::fault::Fault;
+use crate::formats::shape::{Points, ShapeInput};
+use crate::segmentation::energy::Prior;
+use crate::segmentation::frame::Frame;
+use crate::segmentation::snake::Model;
+use crate::segmentation::snake::kind::SpaceModel;
+use crate::service::app::faults::Faults;
+use crate::service::app::{App, ServiceError};
+use crate::service::shapes::outcome::{OnError, Outcomes, of_shape};
+use crate::service::shapes::read;
+use crate::service::statistics::{CheckedSettings, Setup};
+
+/// Range of weights.
+const WEIGHTS: Range<f64> = 0.0..1e9;
+/// Cells along the longest side of a shape, for each control point of a curve: as many samples as a boundary has at most. The relative
+/// error of areas is then about 1e-6.
+const CELLS_OF_CURVE: f64 = 16.0;
+/// The same for the root of the number of control points of a surface.
+const CELLS_OF_SURFACE: f64 = 8.0;
+
+/// The prior energy of a shape.
+#[derive(Debug, Clone)]
+pub struct PriorEnergy {
+    /// `E = γ d²/|V|^{2/d}`.
+    pub energy: f64,
+    /// `∂E/∂c` of the free points.
+    pub gradient: Points,
+    /// `d²`, the squared distance to the nearest member of the class.
+    pub squared_distance: f64,
+    /// `V`: enclosed area or volume, negative for a shape of the other direction.
+    pub volume: f64,
+    /// Placement of the shape that fits the reference best.
+    pub placement: Placement,
+}
+
+/// Prior energies of shapes. The start point, the direction and the mirror image of each are those that fit the reference best, as
+/// far as the settings search for them.
+///
+/// # Errors
+/// A weight out of range, at `/weight`; shapes that enclose nothing, at `/representation`; faults of the input. Under
+/// [`OnError::Skip`] those of the shapes are among the outcomes.
+pub fn energies(
+    app: &App,
+    settings: CheckedSettings,
+    weight: f64,
+    reference: ShapeInput,
+    (shapes, on_error): (Vec<ShapeInput>, OnError),
+) -> Result<Outcomes<PriorEnergy>, ServiceError> {
+    if !WEIGHTS.contains(&weight) {
+        let detail = format!("expected a number between 0 and {:e}, got {weight}", WEIGHTS.end);
+        return Err(ServiceError::invalid("/weight", detail));
+    }
+    let setup = Setup::new(app, settings)?;
+    let model = SpaceModel::new(&setup.space)
+        .map_err(|fault| ServiceError::below(vec![Fault::from(fault)], "/representation"))?;
+    let reading = setup.reading(&app.limits);
+    let shapes = read::read_each(&reading, shapes).and_then(|shapes| shapes.checked(on_error));
+    let reference = read::read_shape(&reading, reference)
+        .map(|shape| shape.control_points)
+        .map_err(|errors| ServiceError::below(errors, "/reference"));
+    let mut faults = Faults::default();
+    let (Some(reference), Some(shapes)) = (faults.keep(reference)?, faults.keep(shapes)?) else {
+        return Err(ServiceError::Invalid(faults));
+    };
+    if shapes.is_empty() {
+        return Err(ServiceError::TooFewShapes { found: 0, needed: 1 });
+    }
+    let found = match &model {
+        SpaceModel::Plane(model) => of_all(app, &setup, &**model, weight, reference, shapes),
+        SpaceModel::Space(model) => of_all(app, &setup, &**model, weight, reference, shapes),
+    };
+    found?.checked(on_error)
+}
+
+fn of_all<const D: usize>(
+    app: &App,
+    setup: &Setup,
+    model: &dyn Model<D>,
+    weight: f64,
+    reference: Vec<f64>,
+    shapes: Outcomes<(Vec<f64>, f64)>,
+) -> Result<Outcomes<PriorEnergy>, ServiceError> {
+    // A reference without extent is refused even if all shapes are.
+    Prior::<D>::new(setup.metric.clone(), setup.method.clone(), &rows(&reference), None, Frame::identity())
+        .map_err(|error| at_reference(error, "/reference"))?;
+    with_target(setup, &reference, "/reference", |target| {
+        let one = Measured { setup, model, weight, reference: &reference, target };
+        shapes.each(&app.pool.context(), |index, (shape, _)| {
+            let found = one.energy(&shape).map_err(|error| of_shape(index, error))?;
+            found.ok_or_else(|| no_volume(index))
+        })
+    })?
+}
+
+fn no_volume(index: usize) -> ServiceError {
+    let detail = "expected a shape that encloses an area or a volume, got one that does not";
+    ServiceError::Invalid(vec![Fault::new(format!("/shapes/{index}"), detail).at_shape(index)].into())
+}
+
+fn at_reference(error: AnalysisError, pointer: &str) -> ServiceError {
+    ServiceError::from_analysis(error, |_| pointer.into()).without_index()
+}
+
+/// Calls `search` with the class of a reference at `pointer`, for which the placements of shapes are searched.
+///
+/// # Errors
+/// A reference without extent, or with less than the class needs.
+pub(super) fn with_target<T>(
+    setup: &Setup,
+    reference: &[f64],
+    pointer: &str,
+    search: impl FnOnce(&Target<'_>) -> T,
+) -> Result<T, ServiceError> {
+    let reference = prepared(setup, reference);
+    match &setup.method {
+        Method::Procrustes(fit) => Ok(search(&Target::shape(&reference, *fit, &setup.matching))),
+        Method::Projection(class) => {
+            let space = MeanSpace::from_shape(class, &reference);
+            let space = space.map_err(|error| at_reference(error, pointer))?;
+            Ok(search(&Target::subspace(&space, &setup.matching)))
+        }
+    }
+}
+
+/// The shape with its control points in the order in which it fits a target best; unchanged if it has no extent.
+pub(super) fn begun(setup: &Setup, target: &Target<'_>, control_points: Vec<f64>) -> Vec<f64> {
+    let placement = setup.matching.best(&prepared(setup, &control_points), target, Placement::default());
+    let Ok(placement) = placement else { return control_points };
+    let order = order(setup, placement);
+    let coordinates = control_points.chunks_exact(order.len());
+    coordinates.flat_map(|coordinate| order.iter().map(|k| coordinate[*k])).collect()
+}
+
+/// A whitened shape, centred if the class translates.
+fn prepared(setup: &Setup, control_points: &[f64]) -> Vec<f64> {
+    let mut shape = control_points.to_vec();
+    if setup.method.translates() {
+        setup.metric.centre(&mut shape);
+    }
+    setup.metric.whiten(&mut shape);
+    shape
+}
+
+struct Measured<'a, const D: usize> {
+    setup: &'a Setup,
+    model: &'a dyn Model<D>,
+    weight: f64,
+    reference: &'a [f64],
+    target: &'a Target<'a>,
+}
+
+impl<const D: usize> Measured<'_, D> {
+    /// The energy of a shape; `None` without volume.
+    fn energy(&self, control_points: &[f64]) -> Result<Option<PriorEnergy>, AnalysisError> {
+        let setup = self.setup;
+        let placement =
+            setup.matching.best(&prepared(setup, control_points), self.target, Placement::default())?;
+        let order = order(setup, placement);
+        let sign = |c: usize| if placement.mirrored && c == 0 { -1.0 } else { 1.0 };
+        let given: Vec<[f64; D]> = rows(control_points);
+        let placed: Vec<[f64; D]> =
+            order.iter().map(|k| std::array::from_fn(|c| sign(c) * given[*k][c])).collect();
+        let Some(frame) = frame(&placed) else { return Ok(None) };
+        let in_cells: Vec<[f64; D]> = placed.iter().map(|point| frame.to_index(*point)).collect();
+        let free = self.model.free_points(&in_cells);
+        let boundary = self.model.boundary(&free, 1.0, frame);
+        let volume = boundary.volume(&boundary.sample(&free));
+        let (metric, method) = (setup.metric.clone(), setup.method.clone());
+        let prior = Prior::new(metric, method, &rows(self.reference), self.model.lift(), frame)?;
+        let Some(energy) = prior.relative(&free, &volume) else { return Ok(None) };
+        let mut gradient = vec![[0.0; D]; free.len()];
+        for (k, slope) in energy.gradient.iter().enumerate() {
+            let slope = frame.gradient_to_world(*slope);
+            gradient[order[k]] = std::array::from_fn(|c| self.weight * sign(c) * slope[c]);
+        }
+        Ok(Some(PriorEnergy {
+            energy: self.weight * energy.value,
+            gradient: Points::from_columns(
+                (0..D).flat_map(|c| gradient.iter().map(move |row| row[c])).collect(),
+                D,
+            ),
+            squared_distance: energy.value * volume.value.abs().powf(2.0 / D as f64),
+            volume: volume.value * if placement.mirrored { -1.0 } else { 1.0 },
+            placement,
+        }))
+    }
+}
+
+/// The positions of the control points of a shape in the order of a placement.
+fn order(setup: &Setup, placement: Placement) -> Vec<usize> {
+    let count = setup.metric.size();
+    // Reversal permutes control points, here their positions.
+    let mut order: Vec<f64> = (0..count).map(|k| k as f64).collect();
+    if placement.reversed {
+        setup.space.reverse(&mut order);
+    }
+    order.rotate_left(placement.shift as usize % count.max(1));
+    order.into_iter().map(|position| position as usize).collect()
+}
+
+/// A frame in which a shape has as many cells as integrals over it need; `None` for a shape without extent.
+fn frame<const D: usize>(points: &[[f64; D]]) -> Option<Frame<D>> {
+    let along = |c: usize| points.iter().map(move |point| point[c]);
+    let side = |c: usize| along(c).fold(f64::MIN, f64::max) - along(c).fold(f64::MAX, f64::min);
+    let longest = (0..D).map(side).fold(0.0, f64::max);
+    let count = points.len() as f64;
+    let cells = if D == 2 { CELLS_OF_CURVE * count } else { CELLS_OF_SURFACE * count.sqrt() };
+    let spacing = longest / cells;
+    Frame::new(std::array::from_fn(|r| std::array::from_fn(|c| if r == c { spacing } else { 0.0 })), [0.0; D])
+        .ok()
+        .filter(|_| spacing > 0.0)
+}
+
+/// Coordinate-major control points as rows.
+fn rows<const D: usize>(control_points: &[f64]) -> Vec<[f64; D]> {
+    let count = control_points.len() / D;
+    (0..count).map(|k| std::array::from_fn(|c| control_points[c * count + k])).collect()
+}

@@ -1,0 +1,122 @@
+//! What is wanted of an image, and its faults.
+
+use super::image::Coordinates;
+use super::request::{EnergyInput, StageInput};
+use super::starts::Starts;
+use crate::formats::fault::Fault;
+use crate::formats::image::Grid;
+use crate::formats::shape::ShapeInput;
+use crate::service::app::App;
+use crate::service::statistics::CheckedSettings;
+
+/// What is wanted of an image.
+#[derive(Debug)]
+pub struct Wanted {
+    /// Representation of the shapes, and the class of the prior.
+    pub settings: CheckedSettings,
+    /// Where objects begin.
+    pub starts: Starts,
+    /// Energy and stages.
+    pub energy: EnergyInput,
+    /// Shape whose class attracts, with its weight.
+    pub prior: Option<(Reference, f64)>,
+    /// Coordinates of shapes, blurs and the answer.
+    pub coordinates: Coordinates,
+    /// Labels of the truth, one for each object; all but 0 without.
+    pub truth_labels: Option<Vec<u32>>,
+    /// What is answered besides.
+    pub answered: Answered,
+}
+
+/// Shape whose class attracts.
+#[derive(Debug)]
+pub enum Reference {
+    /// A posted shape.
+    Posted(ShapeInput),
+    /// Shapes of the representation, control points coordinate-major: one, or a span.
+    Stored {
+        /// The shapes.
+        shapes: Vec<Vec<f64>>,
+        /// Whether their sums attract too.
+        is_span: bool,
+    },
+}
+
+/// Optional parts of the answer.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Answered {
+    /// The energy after every iteration.
+    pub history: bool,
+    /// The gradient of the energy at the result.
+    pub gradient: bool,
+    /// The cells of the results.
+    pub mask: bool,
+    /// Outlines, for pictures and label images.
+    pub outlines: bool,
+}
+
+impl Wanted {
+    pub(super) fn faults(&self, grid: &Grid, app: &App) -> Vec<Fault> {
+        let dimension = self.settings.representation.dimension();
+        let mut faults = self.energy.faults(self.cell(grid), self.longest_side(grid));
+        let axes = if grid.is_planar() { 2 } else { 3 };
+        if axes != dimension {
+            let detail = format!("expected an image of {dimension} dimensions, as the shapes, got {axes}");
+            faults.push(Fault::new("/image", detail));
+        }
+        faults.extend(self.starts.faults(dimension, &app.limits));
+        let count = self.starts.count();
+        if let Some(labels) = &self.truth_labels
+            && labels.len() != count
+        {
+            let detail = format!("expected a label for each of {count} shapes, got {}", labels.len());
+            faults.push(Fault::new("/truth_labels", detail));
+        }
+        if let Some((Reference::Stored { is_span: true, .. }, _)) = self.prior
+            && self.settings.linear_class().is_none()
+        {
+            let detail = "expected a linear class for components and atoms: Procrustes fits have no span";
+            faults.push(Fault::new("/prior/transformation", detail));
+        }
+        if let Some((_, weight)) = self.prior
+            && !(0.0..=1e9).contains(&weight)
+        {
+            faults.push(Fault::new(
+                "/prior/weight",
+                format!("expected a number between 0 and 1e9, got {weight}"),
+            ));
+        }
+        faults
+    }
+
+    /// The side of a cell in the unit of the coordinates.
+    pub(super) fn cell(&self, grid: &Grid) -> f64 {
+        match self.coordinates {
+            Coordinates::Index => 1.0,
+            Coordinates::World if grid.is_planar() => (grid.spacing()[0] * grid.spacing()[1]).sqrt(),
+            Coordinates::World => grid.determinant().abs().cbrt(),
+        }
+    }
+
+    /// The longest side of a cell in the unit of the coordinates.
+    fn longest_side(&self, grid: &Grid) -> f64 {
+        let axes = if grid.is_planar() { 2 } else { 3 };
+        match self.coordinates {
+            Coordinates::Index => 1.0,
+            Coordinates::World => grid.spacing()[..axes].iter().copied().fold(0.0, f64::max),
+        }
+    }
+
+    pub(super) fn stages(&self, grid: &Grid) -> Vec<StageInput> {
+        if self.energy.stages.is_empty() {
+            StageInput::usual(self.cell(grid), self.energy.least_blur(self.longest_side(grid)))
+        } else {
+            self.energy.stages.clone()
+        }
+    }
+}
+
+/// Size of an image in messages.
+pub(super) fn size(grid: &Grid) -> String {
+    grid.size().map(|count| count.to_string()).join(" × ")
+}
