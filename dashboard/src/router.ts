@@ -50,8 +50,15 @@ export function match(pattern: string, path: string): Record<string, string> | n
   if (wanted.length !== found.length) return null;
   const values: Record<string, string> = {};
   for (const [index, part] of wanted.entries()) {
-    if (part.startsWith("{")) values[part.slice(1, -1)] = decodeURIComponent(found[index]!);
-    else if (part !== found[index]) return null;
+    if (!part.startsWith("{")) {
+      if (part !== found[index]) return null;
+      continue;
+    }
+    try {
+      values[part.slice(1, -1)] = decodeURIComponent(found[index]!);
+    } catch {
+      return null;
+    }
   }
   return values;
 }

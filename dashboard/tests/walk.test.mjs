@@ -92,6 +92,17 @@ async function settled(page) {
   await page.evaluate(() => new Promise((resolve) => requestAnimationFrame(() => requestAnimationFrame(resolve))));
 }
 
+/** Which views `docs/screens` shows, beside those of single tests. */
+const SHOWN = {
+  light: ["start", "cohort", "table", "mean", "groups", "regression", "report", "modes", "components", "console", "keys", "surfaces"],
+  dark: ["cohort", "modes", "groups"],
+  phone: ["start", "modes"],
+};
+
+async function screen(page, name, options = {}) {
+  if (SCREENS) await page.screenshot({ path: path.join(SCREENS, `${name}.png`), ...options });
+}
+
 async function show(page, name) {
   const [address, title] = VIEWS[name];
   await page.goto(service.address + address);
@@ -113,9 +124,7 @@ for (const scheme of ["light", "dark"]) {
       await show(page, name);
       await accessible(page, name);
       assert.deepEqual(page.faults, [], name);
-      if (SCREENS && (scheme === "light" || ["start", "cohort", "modes", "groups"].includes(name))) {
-        await page.screenshot({ path: path.join(SCREENS, `${name}${scheme === "dark" ? "-dark" : ""}.png`) });
-      }
+      if (SHOWN[scheme].includes(name)) await screen(page, `${name}${scheme === "dark" ? "-dark" : ""}`);
     }
     await page.context().close();
   });
@@ -129,7 +138,7 @@ test("on a telephone nothing is wider than the screen, in German", async () => {
     assert.equal(await page.evaluate(() => document.documentElement.lang), "de");
     const width = await page.evaluate(() => document.documentElement.scrollWidth);
     assert.ok(width <= 390, `${name} is ${width} wide`);
-    if (SCREENS && ["start", "modes", "groups"].includes(name)) await page.screenshot({ path: path.join(SCREENS, `${name}-phone.png`) });
+    if (SHOWN.phone.includes(name)) await screen(page, `${name}-phone`);
   }
   await page.getByRole("button", { name: "Menü" }).click();
   await page.getByRole("navigation", { name: "Menü" }).getByRole("link", { name: "Wörterbücher" }).click();
@@ -185,6 +194,21 @@ test("filters, tabs and orders are in the address; back and forward undo and red
   await page.context().close();
 });
 
+test("a dictionary is learnt from the shapes that pass a filter", async () => {
+  const page = await open(browser, service.address);
+  await page.goto(`${service.address}/app/cohorts/example-cells?labels.treatment=cytd`);
+  await page.getByText("40 of 120 shapes").waitFor();
+  await page.getByRole("link", { name: "Learn a dictionary" }).click();
+  const dialog = page.getByRole("dialog");
+  await dialog.getByText("Only shapes with: treatment = cytd").waitFor();
+  await accessible(page, "learn");
+  await dialog.getByLabel("Name").fill("cytd");
+  await dialog.getByRole("button", { name: "Learn", exact: true }).click();
+  await page.getByText("Learnt from 40 shapes of example-cells").waitFor();
+  assert.deepEqual(page.faults, []);
+  await page.context().close();
+});
+
 test("an upload with bad shapes names them by their line; a repeated one stores nothing twice", async () => {
   const page = await open(browser, service.address);
   await page.goto(`${service.address}/app/cohorts?new=yes`);
@@ -198,7 +222,7 @@ test("an upload with bad shapes names them by their line; a repeated one stores 
   await page.getByText("3 added, 2 left out").waitFor();
   await page.getByText("line 2").waitFor();
   await page.getByText("line 3").waitFor();
-  if (SCREENS) await page.screenshot({ path: path.join(SCREENS, "upload-faults.png") });
+  await screen(page, "upload-faults");
   await page.locator("input[type=file]").setInputFiles(file);
   await page.getByText("0 added, 2 left out").waitFor();
   // The other formats.
@@ -257,6 +281,21 @@ test("a mean is live: a shape that arrives changes it without a reload", async (
   await page.context().close();
 });
 
+test("shapes that come after learning are compared with those learnt from", async () => {
+  await service.call("POST", "/v1/dictionaries", { name: "early", cohort: "dropped", transformation: "similarity", method: { kind: "functional_pca", components: 3, centre: true } }, WAITED);
+  const page = await open(browser, service.address);
+  await page.goto(`${service.address}/app/dictionaries/early@1/drift`);
+  await page.getByText("No shapes have been added").waitFor();
+  const shapes = [1, 2, 3].map((k) => ({ external_id: `drift${k}`, points: Array.from({ length: 30 }, (_, i) => [3 * Math.cos(i / 4.78) + 0.5 * k * Math.cos(i / 1.6), Math.sin(i / 4.78)]) }));
+  await service.call("POST", "/v1/cohorts/dropped/shapes", { shapes });
+  await page.getByText("Of 3 new shapes").waitFor();
+  await settled(page);
+  await accessible(page, "drift");
+  await screen(page, "drift");
+  assert.deepEqual(page.faults, []);
+  await page.context().close();
+});
+
 test("a contour is assessed; a shape that is no cell is unusual; the report is one page", async () => {
   const page = await open(browser, service.address);
   await page.goto(`${service.address}/app/assess?dictionary=treatment@1`);
@@ -265,7 +304,7 @@ test("a contour is assessed; a shape that is no cell is unusual; the report is o
   await page.locator("input[type=file]").setInputFiles({ name: "comb.json", mimeType: "application/json", buffer: Buffer.from(JSON.stringify({ points: comb })) });
   await page.locator(".tag", { hasText: "unusual" }).waitFor();
   await settled(page);
-  if (SCREENS) await page.screenshot({ path: path.join(SCREENS, "assess-unusual.png"), fullPage: true });
+  await screen(page, "assess-unusual", { fullPage: true });
   const pdf = (await page.pdf({ preferCSSPageSize: true })).toString("latin1");
   assert.equal(pdf.match(/\/Type\s*\/Page\b/g)?.length, 1, "pages of the report");
   assert.deepEqual(page.faults, []);
@@ -296,7 +335,7 @@ test("an object of a picture: box, contour, correction, report", async () => {
   await page.getByRole("button", { name: "Go on from here" }).click();
   await page.getByRole("button", { name: "Find the contour" }).waitFor();
   await settled(page);
-  if (SCREENS) await page.screenshot({ path: path.join(SCREENS, "segment-found.png") });
+  await screen(page, "segment-found");
   await page.getByRole("button", { name: "Assess this shape" }).click();
   await page.getByText("Where it deviates").waitFor();
   assert.deepEqual(page.faults, []);
@@ -313,7 +352,7 @@ test("the lasso chooses shapes, and the choice opens as a filter", async () => {
   for (const corner of [[0.95, 0.6], [0.95, 0.95], [0.6, 0.95], [0.46, 0.62]]) await page.mouse.move(...at(...corner), { steps: 3 });
   await page.mouse.up();
   await page.getByRole("heading", { name: /\d+ chosen/ }).waitFor();
-  if (SCREENS) await page.screenshot({ path: path.join(SCREENS, "scores-lasso.png") });
+  await screen(page, "scores-lasso");
   await page.getByRole("link", { name: "Open as a filter" }).click();
   await page.getByText(/\d+ of 120 shapes/).waitFor();
   assert.deepEqual(page.faults, []);
@@ -327,9 +366,46 @@ test("a job is seen while it runs, and cancelled", async () => {
   await service.call("POST", "/v1/dictionaries", { name: "endless", cohort: "example-cells", transformation: "similarity", method: { kind: "sparse", atoms: 60, nonzeros: 12, codes: "invariant", max_epochs: 10000, tolerance: 0 } });
   const row = page.locator("tbody tr").first();
   await row.getByText("running").waitFor();
-  if (SCREENS) await page.screenshot({ path: path.join(SCREENS, "jobs-running.png") });
+  await screen(page, "jobs-running");
   await row.getByRole("button", { name: "Cancel" }).click();
   await row.getByText("cancelled").waitFor();
+  assert.deepEqual(page.faults, []);
+  await page.context().close();
+});
+
+test("pictures, numbers, tables and meshes can be saved", async () => {
+  const page = await open(browser, service.address);
+  const save = async (name) => {
+    const [download] = await Promise.all([page.waitForEvent("download"), page.getByRole("button", { name }).click()]);
+    return readFileSync(await download.path());
+  };
+  await show(page, "groups");
+  assert.match((await save("Download example-cells-groups SVG")).toString(), /^<svg/);
+  assert.equal((await save("Download example-cells-groups PNG")).subarray(1, 4).toString(), "PNG");
+  assert.equal(JSON.parse(await save("Download example-cells-groups JSON")).groups.length, 3);
+  await show(page, "table");
+  assert.equal((await save("Download example-cells CSV")).toString().trim().split("\n").length, 41, "40 shapes pass the filter");
+  assert.ok((await save("Download example-cells Arrow")).length > 1000);
+  await show(page, "cohort");
+  assert.match((await save("Download example-cells-sheet SVG")).toString(), /^<svg/);
+  await show(page, "surface");
+  assert.match((await save("Download ellipsoid3 OBJ")).toString(), /^v /m);
+  assert.equal((await save("Download ellipsoid3 glTF")).subarray(0, 4).toString(), "glTF");
+  assert.deepEqual(page.faults, []);
+  await page.context().close();
+});
+
+test("the averages of two groups of surfaces turn together", async () => {
+  const page = await open(browser, service.address);
+  await show(page, "surfaces-groups");
+  const second = page.locator(".stage").nth(1);
+  await second.scrollIntoViewIfNeeded();
+  const before = await second.screenshot();
+  await page.locator(".stage").first().focus();
+  for (let k = 0; k < 4; k++) await page.keyboard.press("ArrowRight");
+  await page.waitForTimeout(400);
+  assert.ok(!before.equals(await second.screenshot()), "the other one has turned");
+  await screen(page, "surfaces-groups");
   assert.deepEqual(page.faults, []);
   await page.context().close();
 });
@@ -426,7 +502,7 @@ test("keys: login, a reader on a writer's button, two tenants, a revoked key", a
   await page.goto(`${own.address}/app/cohorts`);
   await login(`shk_${"0".repeat(32)}_${"0".repeat(64)}`);
   await page.getByText("This key is not accepted").waitFor();
-  if (SCREENS) await page.screenshot({ path: path.join(SCREENS, "login.png") });
+  await screen(page, "login");
   await login(reader);
   await page.getByRole("link", { name: "example-cells" }).click();
   await settled(page);

@@ -141,10 +141,13 @@ export function Download({ source, formats, name }: { source: Source; formats: [
   );
 }
 
-export const PICTURES: [string, string, string][] = [["SVG", "svg", "image/svg+xml"], ["PNG", "png", "image/png"]];
+type Formats = [string, string, string][];
+export const PICTURES: Formats = [["SVG", "svg", "image/svg+xml"], ["PNG", "png", "image/png"]];
+/** A picture, and the numbers behind it. */
+export const WITH_NUMBERS: Formats = [...PICTURES, ["JSON", "json", "application/json"]];
 
 /** A drawing of the service, in the colours of the page, with its caption and its files. */
-export function Picture({ source, alt, caption, name, width = 760, formats = PICTURES }: { source: Source; alt: string; caption?: ComponentChildren; name: string; width?: number; formats?: [string, string, string][] }) {
+export function Picture({ source, alt, caption, name, width = 760, formats = source.ownWidth ? PICTURES : WITH_NUMBERS }: { source: Source; alt: string; caption?: ComponentChildren; name: string; width?: number; formats?: Formats }) {
   const [state, setState] = useState<{ url?: string; error?: Error }>({});
   const theme = shown();
   const key = JSON.stringify([source, search(source.query), theme, width]);

@@ -59,4 +59,3 @@ export function Classes({ dimension, value, onChange }: { dimension: number; val
 }
 
 export const dimensionOf = (representation: Schemas["Representation"]): number => ("dimension" in representation && representation.dimension ? representation.dimension : 3);
-export const standardClass = (representation: Schemas["Representation"]): string => (dimensionOf(representation) === 2 ? "similarity" : "similarity");

@@ -5,9 +5,12 @@ import { Fault, Loading, type Source } from "./basic";
 import { useWidth } from "../hooks";
 import { shown } from "../preferences";
 import { t } from "../strings";
-import type { Stage } from "./stage";
+import type { Place, Stage } from "./stage";
 
-export function Solid({ source, describe, weights, height = 440 }: { source: Source; describe: string; weights?: number[]; height?: number }) {
+/** Scenes that turn together: each tells the others where its camera is. */
+export type Link = Set<(place: Place, from: object) => void>;
+
+export function Solid({ source, describe, weights, height = 440, link, caption }: { source: Source; describe: string; weights?: number[]; height?: number; link?: Link; caption?: string }) {
   const [ref, width] = useWidth<HTMLDivElement>();
   const stage = useRef<Stage | undefined>(undefined);
   const [state, setState] = useState<{ ready?: boolean; error?: Error }>({});
@@ -26,7 +29,8 @@ export function Solid({ source, describe, weights, height = 440 }: { source: Sou
       send(source.method ?? "GET", `${source.path}?${query}`, { headers, signal: abort.signal, body: source.body && JSON.stringify(source.body) }).then((response) => response.arrayBuffer()),
     ]).then(async ([{ createStage }, mesh]) => {
       if (abort.signal.aborted) return;
-      stage.current = await createStage(element, mesh, width, height, theme === "dark");
+      const own = await createStage(element, mesh, width, height, theme === "dark", (place) => link?.forEach((tell) => tell(place, own)));
+      stage.current = own;
       if (weights) stage.current.morph(weights);
       setState({ ready: true });
     }).catch((error: Error) => !abort.signal.aborted && setState({ error }));
@@ -36,6 +40,14 @@ export function Solid({ source, describe, weights, height = 440 }: { source: Sou
       stage.current = undefined;
     };
   }, [key, theme, width > 0]);
+  useEffect(() => {
+    if (!link) return;
+    const follow = (place: Place, from: object) => {
+      if (from !== stage.current) stage.current?.follow(place);
+    };
+    link.add(follow);
+    return () => void link.delete(follow);
+  }, [link]);
   useEffect(() => stage.current?.resize(width, height), [width, height]);
   useEffect(() => {
     if (weights) stage.current?.morph(weights);
@@ -51,7 +63,7 @@ export function Solid({ source, describe, weights, height = 440 }: { source: Sou
           event.preventDefault();
           stage.current?.turn(step[0]!, step[1]!);
         }} />
-      <figcaption>{t.solid.turn}</figcaption>
+      <figcaption>{caption ?? t.solid.turn}</figcaption>
     </figure>
   );
 }

@@ -3,14 +3,18 @@ import { Box3, Color, DirectionalLight, DoubleSide, Group, HemisphereLight, Mesh
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 
+/** Where a camera is, for scenes that turn together. */
+export type Place = [number, number, number];
+
 export interface Stage {
+  follow(place: Place): void;
   morph(weights: number[]): void;
   turn(across: number, up: number): void;
   resize(width: number, height: number): void;
   dispose(): void;
 }
 
-export async function createStage(element: HTMLElement, mesh: ArrayBuffer, width: number, height: number, dark: boolean): Promise<Stage> {
+export async function createStage(element: HTMLElement, mesh: ArrayBuffer, width: number, height: number, dark: boolean, onTurn: (place: Place) => void): Promise<Stage> {
   const model = (await new GLTFLoader().parseAsync(mesh, "")).scene as Group;
   const renderer = new WebGLRenderer({ antialias: true, alpha: true });
   renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
@@ -45,7 +49,12 @@ export async function createStage(element: HTMLElement, mesh: ArrayBuffer, width
       renderer.render(scene, camera);
     });
   };
-  controls.addEventListener("change", draw);
+  let following = false;
+  controls.addEventListener("change", () => {
+    draw();
+    const { x, y, z } = camera.position.clone().sub(controls.target).divideScalar(far);
+    if (!following) onTurn([x, y, z]);
+  });
   const resize = (w: number, h: number) => {
     if (!w) return;
     renderer.setSize(w, h, false);
@@ -58,6 +67,13 @@ export async function createStage(element: HTMLElement, mesh: ArrayBuffer, width
   resize(width, height);
   controls.update();
   return {
+    follow(place) {
+      following = true;
+      camera.position.copy(controls.target).add(new Vector3(...place).multiplyScalar(far));
+      controls.update();
+      following = false;
+      draw();
+    },
     morph(weights) {
       for (const one of meshes) weights.forEach((weight, index) => { if (one.morphTargetInfluences && index < one.morphTargetInfluences.length) one.morphTargetInfluences[index] = weight; });
       draw();

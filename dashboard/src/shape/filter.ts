@@ -22,10 +22,9 @@ export function filterBody(filter: URLSearchParams): Schemas["ShapeFilter"] | un
     const [, group, rest] = /^(labels|measures)\.(.+)$/.exec(name) ?? [];
     const bare = rest ?? name;
     const [, field, operator] = /^(.*?)(?:\.(eq|ne|gte|gt|lte|lt))?$/.exec(bare)!;
-    const typed = group === "measures" && /^(true|false)$/.test(value) ? value : value;
-    if (group) put((body[group] ??= {}) as Record<string, unknown>, field!, operator, typed);
+    if (group) put((body[group] ??= {}) as Record<string, unknown>, field!, operator, value);
     else if (name === "has") body.has = [...((body.has as string[] | undefined) ?? []), value];
-    else put(body, field!, operator, typed);
+    else put(body, field!, operator, value);
   }
   return body as Schemas["ShapeFilter"];
 }

@@ -89,7 +89,7 @@ export const de: Strings = {
     caption: (first, second) => `Die Mittel der Gruppen übereinander und der Unterschied auf ${first}: Das Paar mit dem größten Abstand ist ${first} und ${second}.`,
     effect: (first, second) => `Wo sich ${first} und ${second} unterscheiden`, along: "Ort entlang der Kontur", effectAlt: (some, all) => `p entlang der Kontur: an ${some} von ${all} Orten höchstens 0,05`,
     effectHint: (some, all) => `An ${some} von ${all} Orten ist p höchstens 0,05, korrigiert für die Zahl der Orte.`,
-    pairs: "Paare von Gruppen", pair: "Paar", holm: "p (Holm)", overall: "Alle Gruppen", pairsHint: (count) => `R² ist der Teil der Variation, den die Gruppen erklären. p aus ${count} Permutationen; die Korrektur nach Holm gilt für die Zahl der Paare.`,
+    sideBySide: "Mittel nebeneinander", linked: "Beide drehen sich gemeinsam: Ziehen Sie an einem, oder nutzen Sie die Pfeiltasten.", pairs: "Paare von Gruppen", pair: "Paar", holm: "p (Holm)", overall: "Alle Gruppen", pairsHint: (count) => `R² ist der Teil der Variation, den die Gruppen erklären. p aus ${count} Permutationen; die Korrektur nach Holm gilt für die Zahl der Paare.`,
     sizes: "Größen vor der Ausrichtung", group: "Gruppe", spread: "Streuung", sizesHint: "Mittelwert ± Standardabweichung. Streuung ist der typische Abstand einer Form vom Mittel ihrer Gruppe nach der Ausrichtung.",
     untested: (name) => `${name} wurde nicht getestet.`, differ: (name, p, r) => `Die Formen unterscheiden sich nach ${name} (p ${p.startsWith("<") ? p : `= ${p}`}); das erklärt ${r} ihrer Variation.`,
     same: (name, p) => `Nach ${name} wurde kein Unterschied gefunden (p = ${p}). Das zeigt nicht, dass es keinen gibt.`, clear: (pairs) => `Deutliche Paare: ${pairs}.`, noneClear: "Nach der Korrektur ist kein einzelnes Paar deutlich.",
@@ -111,7 +111,7 @@ export const de: Strings = {
   },
   learn: {
     title: "Wörterbuch lernen", components: "Komponenten", sparse: "Dünn besetzte Atome", atoms: "Zahl der Atome", number: "Zahl der Komponenten", nonzeros: "Atome je Form", classes: "Unterscheiden", begin: "Lernen", busy: "Wird gelernt …", background: "Im Hintergrund weiter",
-    done: (name) => `${name} ist gelernt.`, sparseHint: "Atome sind typische Formen; jede Form ist eine Summe von wenigen.", componentsHint: "Komponenten sind die Richtungen, in denen die Formen am stärksten variieren, die stärkste zuerst.",
+    done: (name) => `${name} ist gelernt.`, only: "Nur Formen mit:", sparseHint: "Atome sind typische Formen; jede Form ist eine Summe von wenigen.", componentsHint: "Komponenten sind die Richtungen, in denen die Formen am stärksten variieren, die stärkste zuerst.",
   },
   dictionary: {
     report: "Bericht", modes: "Moden", scores: "Werte", components: "Komponenten", atoms: "Atome", drift: "Drift", lead: (cohort, shapes, name, time) => `Gelernt aus ${shapes} Formen von ${cohort}, unter der Klasse „${name}“, ${time}.`,
@@ -121,7 +121,7 @@ export const de: Strings = {
   report: {
     kept: (count) => `Von ${count} Komponenten erfasst`, error: "Rekonstruktionsfehler", accuracy: "Treffer", mean: "Mittel", unique: "eindeutig", notUnique: "nicht eindeutig", explained: "Erklärte Variation", part: "Anteil", each: "einzeln", sum: "zusammen",
     explainedAlt: (values) => `Anteil der Variation, den jede Komponente erklärt: ${values}`, explainedHint: "Balken: jede Komponente. Linie: alle Komponenten bis dorthin.", history: "Verlauf des Lernens", objective: "Zielgröße", pass: "Durchgang", historyHint: "Die mittleren Kosten, eine Form zu beschreiben, nach jedem Durchgang.",
-    origin: "Herkunft", program: "Programm", digest: "Prüfsumme", originHint: "Dieselben Formen und Einstellungen ergeben dieselbe Prüfsumme: Alle können das wiederholen.", classes: "Klassen", class: "Klasse", noClasses: "Dieses Wörterbuch wurde ohne Klassen gelernt. Lernen Sie eines, das eine Bezeichnung unterscheidet.",
+    origin: "Herkunft", filter: "Filter", program: "Programm", digest: "Prüfsumme", originHint: "Dieselben Formen und Einstellungen ergeben dieselbe Prüfsumme: Alle können das wiederholen.", classes: "Klassen", class: "Klasse", noClasses: "Dieses Wörterbuch wurde ohne Klassen gelernt. Lernen Sie eines, das eine Bezeichnung unterscheidet.",
     accuracyText: (value, low, high, majority) => `${value} der Formen, aus denen nicht gelernt wurde, werden richtig eingeordnet (95-%-Intervall ${low} bis ${high}). Immer die häufigste Klasse zu nennen, träfe zu ${majority}.`,
     confusion: "Zeilen: wahre Klasse. Spalten: vorhergesagte Klasse.", recall: "Gefunden", folds: (folds, repeats) => `Aus ${repeats} Wiederholungen der Kreuzvalidierung in ${folds} Teilen.`,
   },

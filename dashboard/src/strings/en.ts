@@ -87,7 +87,7 @@ export const en = {
     caption: (first: string, second: string) => `Averages of the groups, superimposed, and the effect on ${first}: the most distant pair is ${first} and ${second}.`,
     effect: (first: string, second: string) => `Where ${first} and ${second} differ`, along: "Place along the contour", effectAlt: (some: number, all: number) => `p along the contour: at ${some} of ${all} places at most 0.05`,
     effectHint: (some: number, all: number) => `At ${some} of ${all} places p is at most 0.05, corrected for the number of places.`,
-    pairs: "Pairs of groups", pair: "Pair", holm: "p (Holm)", overall: "All groups", pairsHint: (count: number) => `R² is the part of the variation that the groups explain. p from ${count} permutations; Holm's correction is for the number of pairs.`,
+    sideBySide: "Averages side by side", linked: "Both turn together: drag one, or use the arrow keys.", pairs: "Pairs of groups", pair: "Pair", holm: "p (Holm)", overall: "All groups", pairsHint: (count: number) => `R² is the part of the variation that the groups explain. p from ${count} permutations; Holm's correction is for the number of pairs.`,
     sizes: "Sizes before alignment", group: "Group", spread: "Spread", sizesHint: "Mean ± standard deviation. Spread is the typical distance of a shape from the average of its group, after alignment.",
     untested: (name: string) => `${name} was not tested.`, differ: (name: string, p: string, r: string) => `Shapes differ by ${name} (p ${p.startsWith("<") ? p : `= ${p}`}); it explains ${r} of their variation.`,
     same: (name: string, p: string) => `No difference by ${name} was found (p = ${p}). This does not show that there is none.`, clear: (pairs: string) => `Clear pairs: ${pairs}.`, noneClear: "No single pair is clear after correction.",
@@ -109,7 +109,7 @@ export const en = {
   },
   learn: {
     title: "Learn a dictionary", components: "Components", sparse: "Sparse atoms", atoms: "Number of atoms", number: "Number of components", nonzeros: "Atoms per shape", classes: "Tell apart", begin: "Learn", busy: "Learning …", background: "Go on in the background",
-    done: (name: string) => `${name} was learnt.`, sparseHint: "Atoms are typical shapes; each shape is a sum of a few of them.", componentsHint: "Components are the directions in which the shapes vary most, the strongest first.",
+    done: (name: string) => `${name} was learnt.`, only: "Only shapes with:", sparseHint: "Atoms are typical shapes; each shape is a sum of a few of them.", componentsHint: "Components are the directions in which the shapes vary most, the strongest first.",
   },
   dictionary: {
     report: "Report", modes: "Modes", scores: "Scores", components: "Components", atoms: "Atoms", drift: "Drift", lead: (cohort: string, shapes: number, name: string, time: string) => `Learnt from ${shapes} shapes of ${cohort}, under the class “${name}”, ${time}.`,
@@ -119,7 +119,7 @@ export const en = {
   report: {
     kept: (count: number) => `Kept by ${count} components`, error: "Reconstruction error", accuracy: "Accuracy", mean: "Mean", unique: "unique", notUnique: "not unique", explained: "Explained variation", part: "Part", each: "each", sum: "together",
     explainedAlt: (values: string) => `Part of the variation that each component explains: ${values}`, explainedHint: "Bars: each component. Line: all components up to there.", history: "How learning went", objective: "Objective", pass: "Pass", historyHint: "The mean cost of describing a shape after each pass.",
-    origin: "Where it comes from", program: "Program", digest: "Digest", originHint: "The same shapes and settings give the same digest: anyone can repeat this.", classes: "Classes", class: "Class", noClasses: "This dictionary was learnt without classes. Learn one that tells a label apart to get them.",
+    origin: "Where it comes from", filter: "Filter", program: "Program", digest: "Digest", originHint: "The same shapes and settings give the same digest: anyone can repeat this.", classes: "Classes", class: "Class", noClasses: "This dictionary was learnt without classes. Learn one that tells a label apart to get them.",
     accuracyText: (value: string, low: string, high: string, majority: string) => `${value} of shapes that were not learnt from are classified correctly (95 % interval ${low} to ${high}). Always naming the most frequent class would reach ${majority}.`,
     confusion: "Rows: true class. Columns: predicted class.", recall: "Found", folds: (folds: number, repeats: number) => `From ${repeats} repetitions of cross-validation in ${folds} parts.`,
   },

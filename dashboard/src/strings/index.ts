@@ -19,8 +19,11 @@ export const count = (value: number): string => value.toLocaleString(locale);
 export function number(value: number | null | undefined, digits = 4): string {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
   const size = Math.abs(value);
-  if (size !== 0 && (size < 1e-3 || size >= 1e7)) return value.toLocaleString(locale, { notation: "scientific", maximumSignificantDigits: 3 });
-  return value.toLocaleString(locale, size >= 10 ** (digits - 1) ? { maximumFractionDigits: 0 } : { maximumSignificantDigits: digits });
+  const style: Intl.NumberFormatOptions =
+    size !== 0 && (size < 1e-3 || size >= 1e7) ? { notation: "scientific", maximumSignificantDigits: 3 }
+    : size >= 10 ** (digits - 1) ? { maximumFractionDigits: 0 }
+    : { maximumSignificantDigits: digits };
+  return value.toLocaleString(locale, style).replaceAll("-", "−");
 }
 export const percent = (value: number | null | undefined, digits = 1): string =>
   value === null || value === undefined ? "–" : value.toLocaleString(locale, { style: "percent", maximumFractionDigits: digits });

@@ -45,7 +45,7 @@ export function Assess(_: object) {
       {dictionaries.length > 0 && (
         <>
           <div class="form no-print">
-            <Select label={t.words.dictionary} value={dictionary} options={[...(dictionaries.some((one) => `${one.name}@${one.version}` === dictionary) ? [] : [[dictionary, dictionary] as [string, string]]), ...dictionaries.map((one): [string, string] => [`${one.name}@${one.version}`, `${one.name}, ${t.words.version.toLowerCase()} ${one.version}${one.classifier ? ` (${t.assess.withClasses})` : ""}`])]} onChange={setChosen} />
+            <Select label={t.words.dictionary} value={dictionary} options={[...(dictionaries.some((one) => `${one.name}@${one.version}` === dictionary) ? [] : [[dictionary, dictionary] as [string, string]]), ...dictionaries.map((one): [string, string] => [`${one.name}@${one.version}`, `${one.name}, ${t.words.version} ${one.version}${one.classifier ? ` (${t.assess.withClasses})` : ""}`])]} onChange={setChosen} />
             <Field label={t.assess.stored(source || "–")}><input value={stored} placeholder="external_id" onChange={(event) => setStored(event.currentTarget.value.trim())} /></Field>
             {shapes.length > 1 && !stored && <Select label={t.words.shape} value={String(index)} options={shapes.slice(0, 500).map((one, at) => [String(at), one.external_id ?? String(at + 1)])} onChange={(value) => setIndex(Number(value))} />}
           </div>

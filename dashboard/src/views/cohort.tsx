@@ -252,10 +252,12 @@ function Histogram({ edges, counts, label }: { edges: number[]; counts: number[]
 }
 
 function CohortActions({ cohort }: { cohort: string }) {
+  const { query } = usePlace();
+  const learn = new URLSearchParams([["learn", cohort], ...filterOf(query)]);
   const [ask, setAsk] = useState<"" | "change" | "delete">("");
   return (
     <>
-      <a class="button" href={`/app/dictionaries?learn=${encodeURIComponent(cohort)}`}>{t.learn.title}</a>
+      <a class="button" href={`/app/dictionaries?${learn}`}>{t.learn.title}</a>
       <button onClick={() => setAsk("change")}>{t.act.change}</button>
       <button class="bad" onClick={() => setAsk("delete")}>{t.act.remove}</button>
       {ask === "delete" && <DeleteCohort cohort={cohort} onClose={() => setAsk("")} />}

@@ -4,10 +4,12 @@ import { post, type Schemas } from "../api/client";
 import { settled } from "../api/jobs";
 import { Classes, dimensionOf } from "../parts/classes";
 import { Fault, Loading, Picture, Select } from "../parts/basic";
+import { Solid, type Link } from "../parts/solid";
 import { useLoaded } from "../hooks";
 import { usePlace, useSetting } from "../router";
 import { filterBody, filterOf } from "../shape/filter";
 import { Chart } from "../parts/chart";
+import { hasMesh } from "../shape/points";
 import { count, number, percent, probability, t, unit } from "../strings";
 import { Chips, CohortPage, nameOf, useAttributes } from "./cohort";
 
@@ -48,7 +50,14 @@ function Groups({ cohort, about, revision }: { cohort: string; about: Schemas["C
             {dimensionOf(about.representation) === 2 || about.representation.kind !== "landmarks" ? (
               <div class="card"><Picture source={{ method: "POST", path: "/v1/comparisons", body }} name={`${cohort}-groups`} alt={t.compare.alt(pair.first, pair.second)} caption={t.compare.caption(pair.first, pair.second)} /></div>
             ) : null}
-            {pair.effect.length > 2 && typeof pair.effect[1]!.parameter === "number" && (
+            {hasMesh(about.representation) && (
+              <section class="card">
+                <h2>{t.compare.sideBySide}</h2>
+                <Linked groups={result.data.groups.filter((group) => [pair.first, pair.second].includes(group.name))} representation={about.representation} />
+                <p class="small quiet">{t.compare.linked}</p>
+              </section>
+            )}
+            {about.representation.kind.endsWith("curve") && pair.effect.length > 2 && (
               <figure class="card">
                 <h2>{t.compare.effect(pair.first, pair.second)}</h2>
                 <Chart x={pair.effect.map((one) => one.parameter as number)}
@@ -91,6 +100,19 @@ function Groups({ cohort, about, revision }: { cohort: string; about: Schemas["C
         <Classes dimension={dimensionOf(about.representation)} value={transformation} onChange={setTransformation} />
         <p class="small quiet">{t.compare.hint}</p>
       </div>
+    </div>
+  );
+}
+
+/** The averages of two groups, turned together. */
+function Linked({ groups, representation }: { groups: Comparison["groups"]; representation: Schemas["Representation"] }) {
+  const [link] = useState<Link>(() => new Set());
+  return (
+    <div class="columns" style={{ gridTemplateColumns: "repeat(auto-fit, minmax(min(100%, 220px), 1fr))" }}>
+      {groups.map((group) => (
+        <Solid key={group.name} link={link} height={300} describe={group.name} caption={`${group.name} (n = ${count(group.shape_count)})`}
+          source={{ method: "POST", path: "/v1/evaluate", body: { representation, shapes: [{ control_points: group.average }] } }} />
+      ))}
     </div>
   );
 }

@@ -5,18 +5,18 @@ import { settled } from "../api/jobs";
 import { Classes, dimensionOf } from "../parts/classes";
 import { Dialog, Empty, Fault, Field, Loading, Page, Select, announce } from "../parts/basic";
 import { useAction, useEvents, useLoaded } from "../hooks";
-import { navigate, usePlace, useSetting } from "../router";
+import { navigate, usePlace } from "../router";
+import { filterBody, filterOf } from "../shape/filter";
 import { count, number, percent, t, time } from "../strings";
 import { nameOf, useAttributes } from "./cohort";
 
 export function Dictionaries() {
   const list = useLoaded("dictionaries", (signal) => pages((cursor) => get("/v1/dictionaries", { query: { cursor, limit: 1000 }, signal })));
   const { query } = usePlace();
-  const [, setLearn] = useSetting("learn", "");
   const learning = query.has("learn");
   useEvents(["dictionary_added", "dictionary_deleted", "dictionary_restored"], list.reload);
   return (
-    <Page title={t.menu.dictionaries} lead={t.dictionaries.lead} actions={<button class="main" onClick={() => setLearn("new")}>{t.learn.title}</button>}>
+    <Page title={t.menu.dictionaries} lead={t.dictionaries.lead} actions={<button class="main" onClick={() => navigate("/app/dictionaries?learn=new")}>{t.learn.title}</button>}>
       <Loading on={list.loading && !list.data} />
       <Fault error={list.error} retry={list.reload} />
       {list.data?.length === 0 && <Empty><p>{t.dictionaries.none}</p></Empty>}
@@ -41,22 +41,24 @@ export function Dictionaries() {
           </table>
         </div>
       )}
-      {learning && <Learn cohort={query.get("learn") === "new" ? "" : query.get("learn")!} onClose={() => setLearn("")} />}
+      {learning && <Learn cohort={query.get("learn") === "new" ? "" : query.get("learn")!} filter={filterOf(query)} onClose={() => navigate("/app/dictionaries", true)} />}
     </Page>
   );
 }
 
-function Learn({ cohort: given, onClose }: { cohort: string; onClose: () => void }) {
+function Learn({ cohort: given, filter: conditions, onClose }: { cohort: string; filter: URLSearchParams; onClose: () => void }) {
   const cohorts = useLoaded("cohorts", (signal) => pages((cursor) => get("/v1/cohorts", { query: { cursor, limit: 1000 }, signal })));
   const [form, setForm] = useState({ cohort: given, name: "", kind: "functional_pca", size: "10", nonzeros: "3", transformation: "similarity", classes: "" });
   const set = (change: Partial<typeof form>) => setForm({ ...form, ...change });
   const cohort = form.cohort || cohorts.data?.[0]?.name || "";
+  // The filter is that of the cohort from which one came.
+  const filter = cohort === given ? conditions : new URLSearchParams();
   const about = cohorts.data?.find((one) => one.name === cohort);
   const attributes = useAttributes(cohort, new URLSearchParams(), 0);
   const labels = attributes.data?.items.filter((one) => /^(label$|labels\.)/.test(one.name) && one.distinct >= 2 && one.distinct <= 50 && one.type === "text") ?? [];
   const [part, setPart] = useState<number>();
   const body = (dry_run: boolean): Schemas["LearnRequest"] => ({
-    name: form.name.trim() || cohort, cohort, transformation: form.transformation as Schemas["ClassName"],
+    name: form.name.trim() || cohort, cohort, filter: filterBody(filter), transformation: form.transformation as Schemas["ClassName"],
     method: form.kind === "sparse" ? { kind: "sparse", atoms: Number(form.size), nonzeros: Number(form.nonzeros), codes: form.transformation === "similarity" && about && dimensionOf(about.representation) === 2 ? "invariant" : "aligned" } : { kind: "functional_pca", components: Number(form.size), centre: true },
     ...(form.classes && form.kind !== "sparse" ? { classifier: { kind: "discriminant" as const, attribute: form.classes } } : {}),
     ...(dry_run ? { dry_run } : {}),
@@ -73,6 +75,7 @@ function Learn({ cohort: given, onClose }: { cohort: string; onClose: () => void
     <Dialog title={t.learn.title} onClose={onClose}>
       <form class="stack" onSubmit={(event) => { event.preventDefault(); action.run(); }}>
         <Select label={t.words.cohort} value={cohort} options={(cohorts.data ?? []).map((one) => [one.name, `${one.name} (${count(one.shape_count)})`])} onChange={(value) => set({ cohort: value, classes: "" })} />
+        {filter.size > 0 && <p class="small">{t.learn.only} {[...filter].map(([name, value]) => `${nameOf(name.replace(/\.(gte|lte)$/, ""))} ${name.endsWith(".gte") ? "≥" : name.endsWith(".lte") ? "≤" : "="} ${value}`).join(", ")}</p>}
         <Field label={t.words.name}><input placeholder={cohort} value={form.name} onInput={(event) => set({ name: event.currentTarget.value })} /></Field>
         <div class="form">
           <Select label={t.words.method} value={form.kind} options={[["functional_pca", t.learn.components], ["sparse", t.learn.sparse]]} onChange={(kind) => set({ kind })} />

@@ -3,7 +3,7 @@ import type { ComponentChildren } from "preact";
 import { useState } from "preact/hooks";
 import { get, post, remove, type Schemas } from "../api/client";
 import { Chart } from "../parts/chart";
-import { Dialog, Download, Fault, Loading, Page, PICTURES, Picture, Tabs, announce } from "../parts/basic";
+import { Dialog, Download, Fault, Loading, Page, Picture, WITH_NUMBERS, Tabs, announce } from "../parts/basic";
 import { useAction, useLoaded } from "../hooks";
 import { navigate } from "../router";
 import { box, evaluated, inPlane, isClosed, isDots, upright, type Points } from "../shape/points";
@@ -87,7 +87,8 @@ function ReportCard({ about }: { about: About }) {
         <section class="card">
           <h2>{t.report.origin}</h2>
           <dl class="facts">
-            <dt>{t.words.cohort}</dt><dd>{about.cohort_name ?? "–"}, {t.words.revision.toLowerCase()} {about.cohort_revision}</dd>
+            <dt>{t.words.cohort}</dt><dd>{about.cohort_name ?? "–"}, {t.words.revision} {about.cohort_revision}</dd>
+            {Object.keys(about.provenance.filter ?? {}).length > 0 && <><dt>{t.report.filter}</dt><dd><code>{JSON.stringify(about.provenance.filter)}</code></dd></>}
             <dt>{t.words.method}</dt><dd>{about.method.kind === "sparse" ? t.learn.sparse : t.learn.components}</dd>
             <dt>{t.mean.alignment}</dt><dd>{about.alignment}</dd>
             <dt>{t.report.program}</dt><dd>{about.provenance.program}</dd>
@@ -139,7 +140,7 @@ export function Atoms({ dictionary }: { dictionary: string }) {
         <>
           <p class="quiet prose">{about.method.kind === "sparse" ? t.dictionary.atomsHint : t.dictionary.componentsHint}</p>
           {inPlane(about.representation) && <Each about={about} />}
-          {inPlane(about.representation) ? <Download name={`${about.name}-atoms`} source={source} formats={[...PICTURES, ["JSON", "json", "application/json"]]} /> : <div class="card"><Picture name={`${about.name}-atoms`} alt={t.dictionary.atomsAlt(about.atoms.length)} source={source} /></div>}
+          {inPlane(about.representation) ? <Download name={`${about.name}-atoms`} source={source} formats={WITH_NUMBERS} /> : <div class="card"><Picture name={`${about.name}-atoms`} alt={t.dictionary.atomsAlt(about.atoms.length)} source={source} /></div>}
         </>
       )}
     </DictionaryPage>

@@ -2,7 +2,7 @@
 import { get, type Schemas } from "../api/client";
 import { Classes, dimensionOf } from "../parts/classes";
 import { Chart } from "../parts/chart";
-import { Download, Fault, Loading, PICTURES, Picture, Select } from "../parts/basic";
+import { Download, Fault, Loading, WITH_NUMBERS, Picture, Select } from "../parts/basic";
 import { Solid } from "../parts/solid";
 import { useLoaded } from "../hooks";
 import { usePlace, useSetting } from "../router";
@@ -10,8 +10,6 @@ import { filterOf } from "../shape/filter";
 import { hasMesh } from "../shape/points";
 import { number, t } from "../strings";
 import { Chips, CohortPage } from "./cohort";
-
-const JSON_FILE: [string, string, string] = ["JSON", "json", "application/json"];
 
 export function MeanView({ cohort }: { cohort: string }) {
   return <CohortPage cohort={cohort}>{(about, _, revision) => <Mean cohort={cohort} about={about} revision={revision} />}</CohortPage>;
@@ -32,7 +30,7 @@ function Mean({ cohort, about, revision }: { cohort: string; about: Schemas["Coh
   const mean = useLoaded(`${cohort} ${query} ${revision}`, (signal) => get("/v1/cohorts/{cohort}/mean", { path: { cohort }, query, signal }));
   const source = { path, query };
   const values = mean.data?.eigenvalues ?? [];
-  const formats: [string, string, string][] = hasMesh(about.representation) ? [...PICTURES, ["OBJ", "obj", "model/obj"], ["PLY", "ply", "application/ply"], ["glTF", "gltf", "model/gltf-binary"], JSON_FILE] : [...PICTURES, JSON_FILE];
+  const formats: [string, string, string][] = hasMesh(about.representation) ? [...WITH_NUMBERS, ["OBJ", "obj", "model/obj"], ["PLY", "ply", "application/ply"], ["glTF", "gltf", "model/gltf-binary"]] : WITH_NUMBERS;
   return (
     <div class="aside right">
       <div class="stack" style={{ gap: "22px" }}>

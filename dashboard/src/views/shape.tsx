@@ -1,6 +1,6 @@
 /** One shape: its picture, what is known of it, corrections, and the shapes most like it. */
 import { get, patch, post, remove, type Schemas } from "../api/client";
-import { Fault, Field, Loading, Page, Picture, announce, PICTURES, Download } from "../parts/basic";
+import { Fault, Field, Loading, Page, Picture, announce, WITH_NUMBERS, Download } from "../parts/basic";
 import { useAction, useLoaded } from "../hooks";
 import { navigate } from "../router";
 import { inPlane } from "../shape/points";
@@ -37,7 +37,7 @@ export function ShapeView({ cohort, shape }: { cohort: string; shape: string }) 
             <div class="card">
               {inPlane(data.about.representation) || data.about.representation.kind === "landmarks"
                 ? <Picture source={source} name={shape} alt={t.shape.alt(shape)} width={560} caption={t.shape.caption} />
-                : <><Solid source={source} describe={t.shape.alt(shape)} /><Download source={source} name={shape} formats={PICTURES} /></>}
+                : <><Solid source={source} describe={t.shape.alt(shape)} /><Download source={source} name={shape} formats={[...WITH_NUMBERS, ["OBJ", "obj", "model/obj"], ["PLY", "ply", "application/ply"], ["STL", "stl", "model/stl"], ["glTF", "gltf", "model/gltf-binary"]]} /></>}
             </div>
             <Neighbours cohort={cohort} about={data.about} shape={data.found} />
           </div>
