@@ -1,10 +1,12 @@
-//! Images to shapes. The functions are synchronous and run on the pool, but for
-//! [`reference`](mod@reference) and [`membership`], which use the store.
+//! Images to shapes. The functions are synchronous and run on the pool, but for [`reference`](mod@reference) and [`membership`],
+//! which use the store.
 //!
 //! * [`image`] — images of requests; [`contours`] — boundaries of labels; [`sheets`] — thin surfaces in volumes;
 //! * [`request`] — energies, stages and boxes as they are posted; [`starts`] — initial shapes; [`wanted`] — all that is wanted;
-//! * [`segment`] — objects of an image; [`answer`] — what is answered of them; [`shown`] — pictures, labels; [`cost`] — predictions;
-//! * [`reference`](mod@reference) — means and spans of the store that attract shapes; [`prior`] — the same without an image; [`membership`] — objects that go into a cohort.
+//!   [`cost`] — predictions;
+//! * [`segment`] — objects of an image; [`answer`] — what is answered of them; [`shown`] — pictures and labels; [`membership`] —
+//!   objects that go into a cohort;
+//! * [`reference`](mod@reference) — means and spans of the store that attract shapes; [`prior`] — the same without an image.
 //!
 //! The arithmetic is in [`segmentation`](crate::segmentation), the files are read by [`formats::image`](crate::formats::image):
 //! this folder limits, predicts and names what is answered.
