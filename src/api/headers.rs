@@ -1,7 +1,7 @@
 //! Security and caching headers, which tell browsers that responses are data, same-origin only, and not to be stored.
 
 use axum::extract::Request;
-use axum::http::{HeaderMap, HeaderName, HeaderValue, header};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::Response;
 
@@ -42,14 +42,16 @@ pub async fn secure(request: Request, next: Next) -> Response {
         (path.starts_with(API), page_policy(path))
     };
     let mut response = next.run(request).await;
+    let is_known = is_api && response.status() == StatusCode::NOT_MODIFIED;
     let headers = response.headers_mut();
     for (name, value) in ALWAYS {
         headers.insert(name, value);
     }
-    headers.insert(
-        header::CONTENT_SECURITY_POLICY,
-        HeaderValue::from_static(page.unwrap_or_else(|| data_policy(headers))),
-    );
+    // A browser that is told that it has an answer already takes the policy of this response. It says nothing of the media type.
+    let policy = page.or_else(|| (!is_known).then(|| data_policy(headers)));
+    if let Some(policy) = policy {
+        headers.insert(header::CONTENT_SECURITY_POLICY, HeaderValue::from_static(policy));
+    }
     if is_api {
         add_variations(headers);
         headers.insert(header::CACHE_CONTROL, HeaderValue::from_static(caching(headers)));
@@ -70,8 +72,7 @@ fn add_variations(headers: &mut HeaderMap) {
     }
 }
 
-/// The policy of the address of a page. It does not depend on the response: a browser that is told that it has the page already
-/// (304) keeps the page and takes the policy of that response.
+/// The policy of the address of a page, which does not depend on the response.
 fn page_policy(path: &str) -> Option<&'static str> {
     match path {
         path if path.starts_with(DOCS) => Some(DOCS_POLICY),

@@ -174,6 +174,12 @@ fn answers_that_follow_from_a_revision_or_a_version_have_entity_tags() {
         (picture.status, picture.header("vary")),
         (200, Some("accept, accept-encoding, authorization"))
     );
+    // A browser would take the policy of data for the picture that it keeps, and lose its styles.
+    let policy = "content-security-policy";
+    assert!(picture.header(policy).unwrap().contains("style-src 'unsafe-inline'"));
+    let known = [(ACCEPT.as_str(), "image/svg+xml"), ("if-none-match", picture.header("etag").unwrap())];
+    let again = asked(&server, Method::GET, mean, &known);
+    assert_eq!((again.status, again.header(policy)), (304, None));
     let moved = json!({"shapes": [{"external_id": "one-more", "points": cells()[0]["points"]}]});
     server.post("/v1/cohorts/example-cells/shapes", &moved).expect(201);
     for (path, tag) in &tags {
