@@ -29,7 +29,7 @@ LINES = "Unsupported content type text/plain"
 OF_DICTIONARIES = ["assess", "classify", "encode", "prior", "reconstruct", "score"]
 KNOWN_WARNINGS = {
     "POST /v1/cohorts/{cohort}/shapes": LINES,
-    **{f"POST /v1/{name}": LINES for name in ["fit", "measure", "project"]},
+    **{f"POST /v1/{name}": LINES for name in ["fit", "measure", "prior", "project"]},
     **{f"POST /v1/dictionaries/{{dictionary}}/{name}": LINES for name in OF_DICTIONARIES},
 }
 
