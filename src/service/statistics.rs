@@ -263,17 +263,7 @@ pub fn project(
 ) -> Result<(Setup, Outcomes<Projection>), ServiceError> {
     let setup = Setup::new(app, settings)?;
     let reading = setup.reading(&app.limits);
-    let shapes = read::read_each(&reading, shapes).and_then(|shapes| shapes.checked(on_error));
-    let reference = read::read_shape(&reading, reference)
-        .map(|shape| shape.control_points)
-        .map_err(|errors| ServiceError::below(errors, "/reference"));
-    let mut faults = Faults::default();
-    let (Some(reference), Some(shapes)) = (faults.keep(reference)?, faults.keep(shapes)?) else {
-        return Err(ServiceError::Invalid(faults));
-    };
-    if shapes.is_empty() {
-        return Err(ServiceError::TooFewShapes { found: 0, needed: 1 });
-    }
+    let (reference, shapes) = read::read_with_reference(&reading, reference, (shapes, on_error))?;
     let both = BothWays::new(&setup.metric, &setup.method, reference)
         .map_err(|error| ServiceError::from_analysis(error, |_| "/reference".into()).without_index())?;
     let projections = shapes.each(&app.pool.context(), |index, (shape, _)| {

@@ -280,7 +280,7 @@ fn keys_are_made_and_revoked_beside_the_running_service() {
     );
 }
 
-/// The example is for those who try the service out, not for a store that belongs to somebody.
+/// The service loads the example cohort for a first trial only: a store with keys belongs to its users.
 #[test]
 fn a_store_with_keys_gets_no_example() {
     let empty = Setting::fresh().start();

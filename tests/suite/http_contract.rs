@@ -938,9 +938,10 @@ fn the_mean_of_a_large_growing_cohort_does_not_depend_on_what_was_asked_before()
                 server.post_lines(&format!("{shapes}?return=none"), &lines[..8390]).expect(201);
             }
             1 => drop(server.post(shapes, &json!({"shapes": lines[8390..]})).expect(201)),
-            // After the leading shapes, then one of them, then a weight.
+            // After the leading shapes, then one of them, a weight, and all but as many as there are leading ones.
             2 => assert_eq!(server.delete(&format!("{shapes}/s8395")).status, 204),
             3 => assert_eq!(server.delete(&format!("{shapes}/s17")).status, 204),
+            5 => (0..206).for_each(|k| drop(server.delete(&format!("{shapes}/s{}", 8100 + k)))),
             _ => {
                 let patch = server.request(Method::PATCH, &format!("{shapes}/s18"));
                 let patch =
@@ -950,7 +951,7 @@ fn the_mean_of_a_large_growing_cohort_does_not_depend_on_what_was_asked_before()
         }
     };
     let server = Server::fresh();
-    for last in 0..5 {
+    for last in 0..6 {
         grow(&server, last);
         let mean = server.get(path);
         assert_eq!(mean.expect(200)["converged"], true);

@@ -3,8 +3,8 @@
 //! Each step raises `tr(P_S̄ Σ_k w_k P_k)`, so the alternation ends: with placements that no round changes, or after
 //! [`MAX_ROUNDS`]. It begins with the shapes as given, or with placements known from a search of all.
 //!
-//! A large set of a class whose rounds are cheap is searched in stages: the first [`PART`] shapes, then twice as many, and so on, then the largest multiple of
-//! `PART`, then all. Each stage begins with the mean of the one before. The last but one is the *leading* shapes: as long as
+//! A large set of a class whose rounds are cheap is searched in stages: the first [`PART`] shapes, then twice as many, and so on,
+//! then the largest multiple of `PART`, then all. Each stage begins with the mean of the one before. The last but one is the *leading* shapes: as long as
 //! these stay the same, a search of more of them may begin with the placements that they had, and has the same result.
 
 use super::AnalysisError;
@@ -91,18 +91,24 @@ impl Start {
         Self { placements: vec![Placement::default(); count], known: 0 }
     }
 
-    /// Placements that the source knows of a stage, and the other shapes as given.
+    /// Placements that the source knows of all or of the leading shapes, and the other shapes as given.
     ///
     /// # Errors
     /// Errors of the source.
     pub(super) fn of<S: ShapeSource>(source: &S, stages: &[usize]) -> Result<Self, S::Error> {
         let count = source.count();
-        let known = source.known_placements()?.filter(|known| stages.contains(&known.len()));
+        let known = source.known_placements()?.filter(|known| replaces_a_search(stages, known.len()));
         let mut placements = known.unwrap_or_default();
         let known = placements.len();
         placements.resize(count, Placement::default());
         Ok(Self { placements, known })
     }
+}
+
+/// Whether placements of the first `known` shapes are those of all, or of the leading ones. Those of other stages, which end after
+/// fewer rounds here, would lead to another result.
+fn replaces_a_search(stages: &[usize], known: usize) -> bool {
+    stages.iter().rev().take(2).any(|stage| *stage == known)
 }
 
 /// Numbers of shapes of the stages of a search of `count` shapes, ascending.
@@ -288,5 +294,20 @@ impl<'a, S: ShapeSource> PlacementSearch<'a> for StreamedSearch<'a, '_, S> {
             Ok(())
         })?;
         Ok(exchanges)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_the_leading_shapes_of_a_set_replace_its_first_stages() {
+        assert_eq!(stages(PART), [PART]);
+        assert_eq!(stages(3 * PART + 1), [PART, 2 * PART, 3 * PART, 3 * PART + 1]);
+        let stages = stages(3 * PART + 1);
+        assert!(replaces_a_search(&stages, 3 * PART) && replaces_a_search(&stages, 3 * PART + 1));
+        // Leading shapes of a smaller set: there they had all their rounds.
+        assert!(!replaces_a_search(&stages, 2 * PART) && !replaces_a_search(&stages, 0));
     }
 }

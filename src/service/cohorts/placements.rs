@@ -72,7 +72,9 @@ impl KnownPlacements {
             Which::All => Some(self.at(places)),
             Which::Leading => {
                 let count = self.leading.len();
-                let stay = count > 0 && places.iter().take(count).eq(self.places.iter().take(count));
+                // Without others, they would count as the placements of all.
+                let is_part = count > 0 && places.count() > count;
+                let stay = is_part && places.iter().take(count).eq(self.places.iter().take(count));
                 stay.then(|| self.leading.clone())
             }
         }

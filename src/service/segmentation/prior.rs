@@ -12,7 +12,6 @@ use crate::segmentation::energy::Prior;
 use crate::segmentation::frame::Frame;
 use crate::segmentation::snake::Model;
 use crate::segmentation::snake::kind::SpaceModel;
-use crate::service::app::faults::Faults;
 use crate::service::app::{App, ServiceError};
 use crate::service::shapes::outcome::{OnError, Outcomes, of_shape};
 use crate::service::shapes::read;
@@ -62,17 +61,7 @@ pub fn energies(
     let model = SpaceModel::new(&setup.space)
         .map_err(|fault| ServiceError::below(vec![Fault::from(fault)], "/representation"))?;
     let reading = setup.reading(&app.limits);
-    let shapes = read::read_each(&reading, shapes).and_then(|shapes| shapes.checked(on_error));
-    let reference = read::read_shape(&reading, reference)
-        .map(|shape| shape.control_points)
-        .map_err(|errors| ServiceError::below(errors, "/reference"));
-    let mut faults = Faults::default();
-    let (Some(reference), Some(shapes)) = (faults.keep(reference)?, faults.keep(shapes)?) else {
-        return Err(ServiceError::Invalid(faults));
-    };
-    if shapes.is_empty() {
-        return Err(ServiceError::TooFewShapes { found: 0, needed: 1 });
-    }
+    let (reference, shapes) = read::read_with_reference(&reading, reference, (shapes, on_error))?;
     let found = match &model {
         SpaceModel::Plane(model) => of_all(app, &setup, &**model, weight, reference, shapes),
         SpaceModel::Space(model) => of_all(app, &setup, &**model, weight, reference, shapes),

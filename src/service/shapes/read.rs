@@ -8,7 +8,7 @@ use bytes::Bytes;
 use rayon::prelude::*;
 use serde::de::DeserializeOwned;
 
-use super::outcome::Outcomes;
+use super::outcome::{OnError, Outcomes};
 use super::read_points::given;
 use crate::analysis::conversion::{Conversion, Converted};
 use crate::analysis::correspondence::{Correspondence, Mirror};
@@ -22,7 +22,7 @@ use crate::geometry::capability::domain::{Admitted, Domain, SizeBounds};
 use crate::geometry::representation::Representation;
 use crate::geometry::surface::basis::Tangents;
 use crate::numeric::dense::Matrix;
-use crate::service::app::faults::MAX_FAULTS;
+use crate::service::app::faults::{Faults, MAX_FAULTS};
 use crate::service::app::{App, Limits, ServiceError};
 
 /// Reader of posted shapes.
@@ -411,6 +411,29 @@ pub(crate) fn read_each(
         read_shape(reading, shape).map(|shape| (shape.control_points, shape.attributes.weight))
     };
     Ok(Outcomes::of_list("shapes", shapes.into_par_iter().map(read).collect()))
+}
+
+/// Reads the control points of a reference, at `/reference`, and all shapes in parallel.
+///
+/// # Errors
+/// All faults of both; no shapes. Under [`OnError::Skip`] the faults of shapes are among the outcomes.
+pub(crate) fn read_with_reference(
+    reading: &Reading<'_>,
+    reference: ShapeInput,
+    (shapes, on_error): (Vec<ShapeInput>, OnError),
+) -> Result<(Vec<f64>, Outcomes<Weighted>), ServiceError> {
+    let shapes = read_each(reading, shapes).and_then(|shapes| shapes.checked(on_error));
+    let reference = read_shape(reading, reference)
+        .map(|shape| shape.control_points)
+        .map_err(|errors| ServiceError::below(errors, "/reference"));
+    let mut faults = Faults::default();
+    let (Some(reference), Some(shapes)) = (faults.keep(reference)?, faults.keep(shapes)?) else {
+        return Err(ServiceError::Invalid(faults));
+    };
+    if shapes.is_empty() {
+        return Err(ServiceError::TooFewShapes { found: 0, needed: 1 });
+    }
+    Ok((reference, shapes))
 }
 
 /// Reads all shapes in parallel.
