@@ -67,9 +67,9 @@ impl Statistics {
     /// Adds shapes with their codes. Cost: a product `O(K n c J)` for `K` shapes, and `O(k² c³)` for each shape with `k` atoms
     /// in use.
     pub fn add(&mut self, algebra: &Algebra, shapes: Shapes<'_>, codes: &[SparseCode]) {
-        let c = self.size;
+        let (c, rows) = (self.size, self.second.nrows());
         // `w_k B_jk`: one row of blocks per shape.
-        let mut weighted = Matrix::zeros(c * codes.len(), self.second.nrows());
+        let mut weighted = Matrix::zeros(c * codes.len(), rows);
         for ((row, (_, x, weight)), code) in (0..).step_by(c).zip(shapes.iter()).zip(codes) {
             self.weight += weight;
             self.energy += weight * dot(x, x);
@@ -83,10 +83,11 @@ impl Statistics {
                 }
             }
             for (&l, right) in columns() {
-                for (&j, left) in columns() {
-                    for (s, right) in right.chunks_exact(c).enumerate() {
+                for (s, right) in right.chunks_exact(c).enumerate() {
+                    let target = &mut self.second.as_mut_slice()[(l * c + s) * rows..][..rows];
+                    for (&j, left) in columns() {
                         for (r, left) in left.chunks_exact(c).enumerate() {
-                            self.second[(j * c + r, l * c + s)] += weight * dot(left, right);
+                            target[j * c + r] += weight * short_dot(left, right);
                         }
                     }
                 }
@@ -209,5 +210,13 @@ impl Statistics {
         self.second.as_mut_slice().copy_from_slice(&second);
         self.cross.as_mut_slice().copy_from_slice(&cross);
         Ok(())
+    }
+}
+
+/// The dot product of two columns of a matrix `B_jk`: for plain coefficients one product, without a call.
+fn short_dot(a: &[f64], b: &[f64]) -> f64 {
+    match (a, b) {
+        (&[a], &[b]) => a * b,
+        _ => dot(a, b),
     }
 }
