@@ -2,6 +2,8 @@
 
 use std::cmp::Ordering;
 
+use rayon::prelude::*;
+
 use super::AnalysisError;
 use super::distance::{DistanceSpace, Match, PreparedShapes};
 use shapelex_numeric::bounded::Stop;
@@ -55,6 +57,23 @@ impl Nearest {
 /// Minimum number of shapes that are compared between two looks at the limit, for each neighbour that is searched.
 const ROUND: usize = 8;
 
+/// Shapes among which one task looks for the smallest bounds.
+const TASK: usize = 1 << 14;
+
+/// The `most` of the positions `left` with the smallest bounds, in ascending order.
+fn smallest(left: &[usize], most: usize, bound: impl Fn(usize) -> f64 + Sync) -> Vec<usize> {
+    let cut = |mut some: Vec<usize>| {
+        if some.len() > most {
+            some.select_nth_unstable_by(most, |&a, &b| bound(a).total_cmp(&bound(b)));
+            some.truncate(most);
+        }
+        some
+    };
+    let mut found = cut(left.par_chunks(TASK).flat_map_iter(|task| cut(task.to_vec())).collect());
+    found.sort_unstable();
+    found
+}
+
 /// Search for the nearest shapes to each of several queries, over shapes that arrive in batches.
 #[derive(Debug)]
 pub struct NeighbourSearch<'a> {
@@ -92,24 +111,23 @@ impl<'a> NeighbourSearch<'a> {
             let bound = |position: usize| bounds.as_ref().map_or(0.0, |bounds| bounds[position]);
             // A bound that is not a number excludes nothing.
             let is_near = |position: usize, limit: f64| !(bound(position) > limit);
-            let limit = nearest.limit();
-            let mut left: Vec<usize> = (0..shapes.count()).filter(|&k| is_near(k, limit)).collect();
+            let mut left: Vec<usize> = (0..shapes.count()).collect();
             let mut round = if bounds.is_some() { ROUND * nearest.most.max(1) } else { left.len() };
-            while !left.is_empty() {
+            loop {
+                let limit = nearest.limit();
+                left = left.into_par_iter().filter(|&k| is_near(k, limit)).collect();
+                if left.is_empty() {
+                    break;
+                }
                 if stop() {
                     return Err(AnalysisError::Interrupted);
                 }
-                if left.len() > round {
-                    left.select_nth_unstable_by(round, |&a, &b| bound(a).total_cmp(&bound(b)));
-                }
-                let others = left.split_off(round.min(left.len()));
-                let found = self.space.compare_some(&self.queries, query, shapes, &left);
-                for (&position, found) in left.iter().zip(found) {
+                let compared = smallest(&left, round, bound);
+                let found = self.space.compare_some(&self.queries, query, shapes, &compared);
+                for (&position, found) in compared.iter().zip(found) {
                     nearest.offer(Neighbour { position: self.offered + position, found });
                 }
-                let limit = nearest.limit();
-                left = others;
-                left.retain(|&position| is_near(position, limit));
+                left = left.into_par_iter().filter(|k| compared.binary_search(k).is_err()).collect();
                 round *= 2;
             }
         }
