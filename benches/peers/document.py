@@ -63,9 +63,8 @@ def table(report):
 def machine(report):
     m = report["machine"]
     transforms = ", ".join(f"{n}: {ns:.0f}" for n, ns in m["complex transforms, ns"].items())
-    busy = "" if m["load before"] < 1 else " Other programs used the cores meanwhile: the service, which shares them with its client, suffers most."
-    return (f"{m['cores']} cores ({m['cpu']}), {m['memory, GiB']} GiB, Rust {m['rustc']}, commit `{m['commit']}`; load before the run "
-            f"{m['load before']:.1f}.{busy}\n\n| limit | measured in this run |\n|---|---|\n"
+    return (f"{m['cores']} cores ({m['cpu']}), {m['memory, GiB']} GiB, Rust {m['rustc']}, commit `{m['commit']}`. Load average before "
+            f"the run, its own build included: {m['load before']:.1f}.\n\n| limit | measured in this run |\n|---|---|\n"
             f"| dgemm 1024, 1 / 2 threads | {m['dgemm, GF/s']['1']:.0f} / {m['dgemm, GF/s']['2']:.0f} GF/s |\n"
             f"| copy, 1 thread | {m['copy, GB/s']:.0f} GB/s |\n| inverse complex transforms of n numbers, ns | {transforms} |\n"
             f"| sequential read of the store past the cache | {read_rate(report):.1f} GB/s |")
