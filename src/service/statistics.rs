@@ -124,6 +124,14 @@ impl CheckedSettings {
             Method::Procrustes(_) => None,
         }
     }
+
+    /// The settings for a prior: the parameters of a surface stay as they are, since a model has no other control points.
+    pub fn of_a_prior(self) -> Self {
+        match self.representation.domain().is_sheet() {
+            true => Self { correspondence: Correspondence::Landmarks, ..self },
+            false => self,
+        }
+    }
 }
 
 /// Settings prepared for computation.
@@ -163,7 +171,8 @@ impl Setup {
             settings;
         let space = app.space(&representation)?;
         let metric = Metric::of(&space);
-        let matching = Matching::new(&space, correspondence, direction, mirror);
+        let matching =
+            Matching::new(&space, correspondence, direction, mirror).translating(method.translates());
         Ok(Self { space, metric, method, frame, matching, correspondence, direction })
     }
 

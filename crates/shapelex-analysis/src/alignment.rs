@@ -8,7 +8,7 @@ use super::AnalysisError;
 use super::accumulate::{ShapeSource, ShapesInMemory, Watched, map_shapes};
 use super::fit::{self, Fit, Scaling};
 use super::frame::{Frame, representative};
-use super::matching::{Matching, Placed, Placement, Target};
+use super::matching::{Disagreement, Matching, Placed, Placement, Target};
 use super::mean::{MeanSpace, ProjectorSum};
 use super::metric::{Metric, dot, norm};
 use super::placement_search::{Found, MAX_ROUNDS, Start, StreamedSearch, alternate, stages};
@@ -17,6 +17,7 @@ use super::start_points::{SpectralSearch, is_spectral, spectral_bytes};
 use super::subspace::{Projected, Subspace, check_extent, flatten};
 use super::transformation::{ClassName, Transformation, TransformationClass};
 use super::watch::StopWhen;
+use shapelex_geometry::surface::motion::Motion;
 use shapelex_numeric::dense::Matrix;
 
 /// Minimum number of shapes for a mean.
@@ -166,6 +167,8 @@ pub struct MeanShape {
     pub rounds: usize,
     /// Whether the last round changed nothing.
     pub converged: bool,
+    /// Whether parameterisations of surfaces agree with that of the mean; `None` for other shapes, and where they are searched.
+    pub disagreement: Option<Disagreement>,
     /// Placement of every shape.
     pub placements: Vec<Placement>,
     /// Placements of the leading shapes, with which a search of these and any others that follow them may begin: its result is
@@ -207,6 +210,8 @@ fn projection_mean<S: ShapeSource>(
     let placed = Placed { source, matching, placements: &placements };
     let space = MeanSpace::new(ProjectorSum::of(&placed, class, metric.len())?, REPORTED_EIGENVALUES)?;
     let whitened = representative(&space, frame, metric, &placed)?;
+    let disagreement =
+        matching.disagreement(&placed, &Target::subspace(&space, matching), class.translates())?;
     Ok(MeanShape {
         control_points: unwhitened(metric, &whitened),
         whitened,
@@ -217,6 +222,7 @@ fn projection_mean<S: ShapeSource>(
         shapes: source.count(),
         rounds,
         converged,
+        disagreement,
         placements,
         leading,
     })
@@ -232,7 +238,7 @@ fn searched<S: ShapeSource>(
     // Rounds of other classes cost more than the stages save.
     let is_spectral = is_spectral(class, matching);
     let stages = if is_spectral { stages(source.count()) } else { vec![source.count()] };
-    let start = Start::of(source, &stages)?;
+    let start = Start::of(source, &stages, matching)?;
     if is_spectral && let Some(_memory) = source.reserve(spectral_bytes(matching, source.count())) {
         let rotations = TransformationClass::named(ClassName::ScaledRotation, matching.dimension())?;
         let mut search = SpectralSearch::new(source, class, &rotations, matching, &start.placements)?;
@@ -250,7 +256,7 @@ fn procrustes_mean<S: ShapeSource>(
 ) -> Result<MeanShape, S::Error> {
     let all = source.count();
     let Start { mut placements, known } =
-        if matching.searches() { Start::of(source, &[all])? } else { Start::as_given(all) };
+        if matching.searches() { Start::of(source, &[all], matching)? } else { Start::as_given(all) };
     let template = procrustes::start(&Placed { source, matching, placements: &placements }, fit)?;
     if matching.mirrors() && known == 0 {
         matching.improve(source, &Target::shape(&template, fit, matching), &mut placements)?;
@@ -268,6 +274,7 @@ fn procrustes_mean<S: ShapeSource>(
         }
     }
     let placed = Placed { source, matching, placements: &placements };
+    let disagreement = matching.disagreement(&placed, &Target::shape(&result.mean, fit, matching), true)?;
     let whitened = procrustes::turn(result.mean, fit, frame, metric, &placed)?;
     Ok(MeanShape {
         control_points: unwhitened(metric, &whitened),
@@ -279,6 +286,7 @@ fn procrustes_mean<S: ShapeSource>(
         shapes: source.count(),
         rounds: rounds.max(result.iterations),
         converged: converged && result.converged,
+        disagreement,
         placements,
         leading: Vec::new(),
     })
@@ -299,6 +307,8 @@ pub struct AlignedShape {
     pub correlation: f64,
     /// Chosen start point and direction.
     pub placement: Placement,
+    /// On a surface whose parameters move, their motion, and the relative [change](Matching::change) of the surface by it.
+    pub moved: Option<(Motion, f64)>,
 }
 
 impl AlignedShape {
@@ -322,11 +332,14 @@ pub fn align(
 ) -> Result<AlignedShape, AnalysisError> {
     let projected = method.bring(&matching.place(x, placement), mean)?;
     let matrix = projected.matrix * matching.reflection(placement);
-    let offset = method.offset(&matrix, centroid);
+    let moved = matching.mean_position(x, placement);
+    let centroid: Vec<f64> = centroid.iter().zip(moved).map(|(given, moved)| given + moved).collect();
+    let offset = method.offset(&matrix, &centroid);
     let whitened = projected.whitened;
     let residual = mean.iter().zip(&whitened).map(|(m, r)| (m - r).powi(2)).sum::<f64>().sqrt();
     let correlation = cosine(&whitened, mean);
-    Ok(AlignedShape { whitened, matrix, offset, residual, correlation, placement })
+    let moved = matching.motion(placement).map(|motion| (motion, matching.change(x, placement)));
+    Ok(AlignedShape { whitened, matrix, offset, residual, correlation, placement, moved })
 }
 
 /// `−A r̄`.

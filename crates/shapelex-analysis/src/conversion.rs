@@ -48,7 +48,7 @@ impl Conversion<'_> {
             let converted = |control_points| Converted { control_points, repeated_points };
             control_points.map(converted).map_err(|error| FieldFault::new("", error.to_string()))
         };
-        if self.correspondence == Correspondence::Landmarks {
+        if self.correspondence == Correspondence::Landmarks || !self.space.domain().is_line() {
             let hint = if self.space.domain().is_line() {
                 " (to resample a contour, use the correspondence arc_length or cyclic)"
             } else {
@@ -88,13 +88,13 @@ impl Conversion<'_> {
         found.map_err(|error| FieldFault::new("", error.to_string()))
     }
 
-    /// Given control points, beginning at their canonical start under `cyclic`.
+    /// Given control points; those of a contour begin at their canonical start under `cyclic`.
     ///
     /// # Errors
     /// The number of control points.
     pub fn take(&self, control_points: Matrix) -> Result<Matrix, FieldFault> {
         check_count(control_points.nrows(), "control points", self.space.representation().size(), "")?;
-        if self.correspondence != Correspondence::Cyclic {
+        if self.correspondence != Correspondence::Cyclic || !self.space.domain().is_line() {
             return Ok(control_points);
         }
         let directed = self.directed(control_points);

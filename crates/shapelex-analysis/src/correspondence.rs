@@ -1,9 +1,11 @@
 //! Correspondence between the parameter values of two shapes.
 
 use shapelex_geometry::capability::domain::Domain;
+use shapelex_geometry::surface::Topology;
 
 /// Rule by which the points of two shapes correspond. `landmarks`: as given. `arc_length`: contours are resampled at equal
-/// arc length from their first point. `cyclic`: as `arc_length`, and the start point that best matches the mean is searched.
+/// arc length from their first point. `cyclic`: as `arc_length`, and the start point that best matches the mean is searched; of
+/// spheres, cylinders and tori, the rotation of the parameter sphere or the start of each closed direction is searched.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
@@ -15,7 +17,8 @@ pub enum Correspondence {
     /// Contours are resampled at equal arc length from their first point.
     ArcLength,
     /// Contours are resampled at equal arc length from a canonical start point; then the start point that best matches
-    /// the mean is searched.
+    /// the mean is searched. The parameters of surfaces move: those of a sphere by the rotation of the parameter sphere that best
+    /// matches the mean, poles included, those of cylinders and tori by shifts of their closed directions.
     Cyclic,
 }
 
@@ -34,7 +37,8 @@ pub enum Mirror {
 }
 
 /// Treatment of the direction in which contours are traversed: `given` keeps it as posted; `either` disregards it. Then planar
-/// contours are made counter-clockwise, and for contours in space the direction that best matches the mean is searched.
+/// contours are made counter-clockwise, and for contours in space the direction that best matches the mean is searched, as it is for
+/// cylinders and tori under `cyclic`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
@@ -53,9 +57,18 @@ impl Correspondence {
     pub fn fault(self, domain: Domain) -> Option<&'static str> {
         match (domain, self) {
             (_, Self::Landmarks) => None,
-            (Domain::Sheet { .. }, _) => {
-                Some("expected \"landmarks\": the points of a surface correspond by their place in the grid")
+            (Domain::Sheet { extent, seam }, Self::Cyclic)
+                if extent.topology != Topology::Plane && seam.is_straight() =>
+            {
+                None
             }
+            (Domain::Sheet { .. }, Self::Cyclic) => {
+                Some("expected \"landmarks\": the parameters of planes and of twisted tori have no motions")
+            }
+            (Domain::Sheet { .. }, Self::ArcLength) => Some(
+                "expected \"landmarks\" or \"cyclic\": the points of a surface correspond by their place in \
+                 the grid",
+            ),
             (Domain::Vertices, _) => {
                 Some("expected \"landmarks\": the vertices of a control mesh correspond by their place")
             }

@@ -214,9 +214,14 @@ impl DistanceSpace {
     ///
     /// # Errors
     /// [`AnalysisError::NotAProperClass`] if mirror images are searched and the mirror image of the class is a different class:
-    /// the distance would not be symmetric.
+    /// the distance would not be symmetric. [`AnalysisError::Parameter`] for surfaces whose parameters move.
     pub fn new(method: &Method, matching: &Matching) -> Result<Self, AnalysisError> {
         let d = matching.dimension();
+        if matching.moves() {
+            let detail = "expected the correspondence \"landmarks\" for surfaces, got \"cyclic\": their parameters are \
+                          matched to a mean, not to each other";
+            return Err(AnalysisError::Parameter { field: "", detail: detail.into() });
+        }
         if let Method::Projection(class) = method
             && matching.mirrors()
             && !is_mirrored_into_itself(class)

@@ -38,7 +38,11 @@ fn rounds(k: f64) -> f64 {
 /// other classes solve a small problem for every start point, but need no more rounds for more shapes; Procrustes fits repeat it.
 const COMPLEX_ROUND: f64 = 1.8;
 const ROUND: f64 = 15.0;
-const FITTED_ROUND: f64 = 7.0 * ROUND;
+const FITTED_ROUND: f64 = 9.0 * ROUND;
+
+/// Multiply-adds in whose time a number of a moved surface is computed, and moved surfaces of a shape in a round.
+const MOTION: f64 = 350.0;
+const MOVED: f64 = 150.0;
 
 /// Passes of a search for each of these rounds, and the others of its mean: reading, sums of projectors, the frame.
 const PASSES_OF_ROUND: f64 = 3.0;
@@ -202,7 +206,13 @@ fn mean_work(measured: Measured<'_>, k: f64) -> f64 {
         Alignment::Projection(_) => ROUND * rounds(0.0),
         Alignment::Procrustes(_) => FITTED_ROUND * rounds(0.0),
     };
-    let search = if measured.matching.searches() { k * round * class * n * points.log2() } else { 0.0 };
+    let search = if measured.matching.moves() {
+        MOTION * MOVED * rounds(0.0) * k * n
+    } else if measured.matching.searches() {
+        k * round * class * n * points.log2()
+    } else {
+        0.0
+    };
     let iterations = match measured.method {
         Alignment::Projection(_) => 0.0,
         Alignment::Procrustes(_) => ITERATIONS * ITERATION * k * n,

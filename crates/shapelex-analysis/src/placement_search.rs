@@ -91,15 +91,26 @@ impl Start {
         Self { placements: vec![Placement::default(); count], known: 0 }
     }
 
-    /// Placements that the source knows of all or of the leading shapes, and the other shapes as given.
+    /// Placements that the source knows of all or of the leading shapes, and the other shapes where their search begins: surfaces
+    /// whose parameters move at their canonical position, all others as given.
     ///
     /// # Errors
     /// Errors of the source.
-    pub(super) fn of<S: ShapeSource>(source: &S, stages: &[usize]) -> Result<Self, S::Error> {
+    pub(super) fn of<S: ShapeSource>(
+        source: &S,
+        stages: &[usize],
+        matching: &Matching,
+    ) -> Result<Self, S::Error> {
         let count = source.count();
         let known = source.known_placements()?.filter(|known| replaces_a_search(stages, known.len()));
         let mut placements = known.unwrap_or_default();
         let known = placements.len();
+        if matching.moves() && known < count {
+            let first = |k: usize, x: &[f64], _: f64| {
+                Ok(placements.get(k).copied().unwrap_or_else(|| matching.first(x)))
+            };
+            placements = map_shapes(source, first)?;
+        }
         placements.resize(count, Placement::default());
         Ok(Self { placements, known })
     }

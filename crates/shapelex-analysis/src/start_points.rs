@@ -265,7 +265,7 @@ mod tests {
                     let class = TransformationClass::named(name, 2).unwrap();
                     assert!(is_spectral(&class, &matching));
                     let all = [source.count()];
-                    let start = Start::of(&source, &all).unwrap();
+                    let start = Start::of(&source, &all, &matching).unwrap();
                     let mut spectral =
                         SpectralSearch::new(&source, &class, &rotations, &matching, &start.placements)
                             .unwrap();

@@ -4,6 +4,7 @@ use crate::formats::fault::Fault;
 use serde::{Deserialize, Serialize};
 
 use crate::analysis::alignment::MeanShape;
+use crate::analysis::matching::Disagreement;
 use crate::analysis::transformation::ClassName;
 use crate::api::problem::Problem;
 use crate::domain::job::Priority;
@@ -206,6 +207,13 @@ impl MeanOutput {
             warnings.push(format!(
                 "no convergence after {} rounds: the mean still changed in the last ones",
                 mean.rounds
+            ));
+        }
+        if let Some(Disagreement { looked_at, disagreeing }) = mean.disagreement.filter(|d| d.disagreeing > 0)
+        {
+            warnings.push(format!(
+                "the parameterisations of {disagreeing} of {looked_at} surfaces that were looked at disagree with that of the \
+                 mean, which is then no mean of their shapes: use the correspondence \"cyclic\""
             ));
         }
         Self {

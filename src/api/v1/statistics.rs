@@ -218,8 +218,11 @@ pub(super) struct AlignedOutput {
     correlation: f64,
     /// Whether the match is a mirror image: the determinant of `A` is negative.
     reflected: bool,
-    /// Index of the control point at which the aligned shape starts; under `cyclic` counted from the canonical start.
+    /// Index of the control point at which the aligned shape starts; under `cyclic` counted from the canonical start. 0 for surfaces.
     shift: u32,
+    /// Motion of the parameters of a surface under `cyclic`; absent otherwise.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    motion: Option<MotionOutput>,
     /// Whether the aligned shape is traversed in reverse.
     reversed: bool,
     /// `L₂` norm of the posted shape, about its mean position if the class includes translations.
@@ -236,11 +239,23 @@ impl AlignedOutput {
             residual: aligned.residual,
             correlation: aligned.correlation,
             reflected: aligned.reflected(),
-            shift: aligned.placement.shift,
+            shift: if aligned.moved.is_some() { 0 } else { aligned.placement.shift },
+            motion: aligned.moved.map(|(motion, change)| MotionOutput { turns: motion.turns(), change }),
             reversed: aligned.placement.reversed,
             size,
         }
     }
+}
+
+/// How the parameters of a surface were moved to match the mean.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct MotionOutput {
+    /// In turns: the rotation vector of the parameter sphere, in the axes of the direction with longitude `u` and colatitude `v`; the
+    /// shifts of a cylinder (`u`) and of a torus (`u`, `v`), with ±½ as the third number if both directions are reversed.
+    turns: [f64; 3],
+    /// Relative change of the surface, which its space represents only nearly with moved parameters: root mean square distance
+    /// halfway between knots, divided by that of the surface from its centroid.
+    change: f64,
 }
 
 /// Mean and aligned shapes.

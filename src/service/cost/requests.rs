@@ -143,7 +143,10 @@ pub fn align(settings: &CheckedSettings, counts: Counts) -> Work {
     const ITERATIONS: f64 = 12.0;
     let values = counts.values();
     let each = Work(REQUEST + values * COORDINATE);
+    /// Per coordinate: the rounds of a search for motions of the parameters of a surface, each with some hundred moved surfaces.
+    const MOTIONS: f64 = 2e-4;
     let searching = match settings.correspondence {
+        Correspondence::Cyclic if settings.representation.domain().is_sheet() => Work(values * MOTIONS),
         Correspondence::Cyclic => Work(values * SEARCH * counts.points.max(2.0).log2()),
         _ => Work(0.0),
     };

@@ -57,7 +57,7 @@ pub fn energies(
         let detail = format!("expected a number between 0 and {:e}, got {weight}", WEIGHTS.end);
         return Err(ServiceError::invalid("/weight", detail));
     }
-    let setup = Setup::new(app, settings)?;
+    let setup = Setup::new(app, settings.of_a_prior())?;
     let model = SpaceModel::new(&setup.space)
         .map_err(|fault| ServiceError::below(vec![Fault::from(fault)], "/representation"))?;
     let reading = setup.reading(&app.limits);

@@ -96,7 +96,7 @@ impl Planned {
     pub fn segment(self, app: &App, files: Files<'_>) -> Result<Segmented, ServiceError> {
         let Self { wanted, stages, bytes, .. } = self;
         let _room = app.memory.hold(Purpose::Bodies, bytes)?;
-        let setup = Setup::new(app, wanted.settings.clone())?;
+        let setup = Setup::new(app, wanted.settings.clone().of_a_prior())?;
         let model = SpaceModel::new(&setup.space)
             .map_err(|fault| ServiceError::below(vec![Fault::from(fault)], "/representation"))?;
         let file = files.image.image(&app.limits)?;

@@ -82,7 +82,8 @@ impl Recipe {
             return Err(refused("representation.generator", NO_CONSTANTS.into()));
         }
         let metric = Metric::of(&space);
-        let matching = Matching::new(&space, self.correspondence, self.direction, self.mirror);
+        let matching = Matching::new(&space, self.correspondence, self.direction, self.mirror)
+            .translating(method.translates());
         Ok(Setting { space, metric, method, matching })
     }
 

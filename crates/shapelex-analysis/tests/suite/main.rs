@@ -3,6 +3,7 @@
 
 mod dictionaries;
 mod laws;
+mod motions;
 mod parts;
 mod pipeline;
 mod retrieval;

@@ -196,8 +196,17 @@ impl SurfaceBasis {
         Matrix::from_vec(self.gram.size(), points.ncols(), rows)
     }
 
-    /// Rows of the surface that interpolates a function of `u` and `v` at the knots.
+    /// Rows of the surface that interpolates a function of `u` and `v` at the knots; tangents at the poles of spheres are estimated.
     pub fn interpolate_function(&self, at: impl Fn(f64, f64) -> [f64; 3]) -> Matrix {
+        self.interpolate_function_with(at, &Tangents::default())
+    }
+
+    /// The same with given tangents.
+    pub fn interpolate_function_with(
+        &self,
+        at: impl Fn(f64, f64) -> [f64; 3],
+        tangents: &Tangents,
+    ) -> Matrix {
         let [count_u, count_v] = self.extent.grid();
         let mut points = Matrix::zeros(count_u * count_v, 3);
         for k in 0..count_u {
@@ -207,7 +216,7 @@ impl SurfaceBasis {
                 (0..3).for_each(|c| points[(k * count_v + l, c)] = point[c]);
             }
         }
-        self.interpolate(&points, &Tangents::default())
+        self.interpolate(&points, tangents)
     }
 
     /// Reverses `u` in one coordinate of the rows: `σ(u, v)` becomes `σ(−u, v)`, or `σ(1 − u, v)` if `u` is open.

@@ -70,6 +70,21 @@ impl Surface {
         points
     }
 
+    /// The point at `(u, v)`, as [`Self::points`] has it.
+    pub fn point(&self, u: f64, v: f64) -> [f64; 3] {
+        let [(first, along_u), (column, along_v)] = [(0, u), (1, v)].map(|(i, parameter)| {
+            let (half, s) = self.lines[i].locate(parameter);
+            let (first, weights) = self.lines[i].weights(half, s, 0);
+            (first, weights.collect::<Vec<f64>>())
+        });
+        let mut point = [0.0; 3];
+        for (k, a) in along_u.iter().enumerate() {
+            let row = combine(&self.control_points[(first + k) * self.size[1] + column..], &along_v);
+            (0..3).for_each(|c| point[c] += a * row[c]);
+        }
+        point
+    }
+
     /// The jet at one point.
     pub fn jet(&self, u: f64, v: f64) -> Jet {
         self.jets(&[u], &[v])[0]

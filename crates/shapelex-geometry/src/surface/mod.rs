@@ -10,6 +10,7 @@
 //! * [`jet`] — values, derivatives, normals and curvatures;
 //! * [`measures`] — volume, area, centroid, flux;
 //! * [`fit`] — least-squares fits of points with parameters;
+//! * [`motion`] — motions of the parameters;
 //! * [`parameterisation`] — parameters on a mesh;
 //! * [`tessellation`] — triangle meshes of surfaces;
 //! * [`ideal`] — idealised surfaces, and generators that contain them.
@@ -21,6 +22,7 @@ pub mod fit;
 pub mod ideal;
 pub mod jet;
 pub mod measures;
+pub mod motion;
 pub mod parameterisation;
 pub mod seam;
 pub mod sphere;
