@@ -9,8 +9,9 @@
 //! those of the shapes, in other coordinates. A search reads the shapes once and keeps their spectra; each round then takes
 //! one transform per shape and candidate.
 
+use bytemuck::{cast_slice, cast_slice_mut};
+use num_complex::Complex64;
 use rayon::prelude::*;
-use realfft::num_complex::Complex64;
 
 use super::AnalysisError;
 use super::accumulate::{BLOCK, Leading, ShapeSource, Shapes, ShapesInMemory};
@@ -36,8 +37,9 @@ pub(super) struct SpectralSearch<'a, 's, S> {
     fft: ComplexFft,
     /// `e^{2πi j/n}`.
     phases: Vec<Complex64>,
-    /// Spectra that start at the first row: shape by shape, a spectrum of `n` numbers for every candidate.
-    spectra: Vec<Complex64>,
+    /// Spectra that start at the first row: shape by shape, a spectrum of `n` numbers for every candidate, each as a real and an
+    /// imaginary part: zeros of this type come as untouched pages, which all threads then fill.
+    spectra: Vec<f64>,
     /// Spectra in the current placements, as shapes: `n` real parts, then the imaginary parts.
     placed: ShapesInMemory,
     /// Number of shapes that are searched, the first ones.
@@ -76,14 +78,13 @@ impl<'a, 's, S: ShapeSource> SpectralSearch<'a, 's, S> {
             candidates,
             fft: ComplexFft::new(n),
             phases: (0..n).map(phase).collect(),
-            spectra: Vec::with_capacity(source.count() * n * candidates.len()),
+            spectra: Vec::new(),
             placed: ShapesInMemory::prepared(Vec::new(), Vec::new()),
             count: source.count(),
         };
+        let mut spectra = vec![0.0; 2 * source.count() * n * candidates.len()];
         let mut weights = Vec::with_capacity(source.count());
         source.for_each_batch(&mut |batch| {
-            let first = search.spectra.len();
-            search.spectra.resize(first + batch.weights.len() * n * candidates.len(), Complex64::ZERO);
             let write = |(block, spectra): (Shapes<'_>, &mut [Complex64])| {
                 let mut scratch = search.fft.scratch();
                 let mut rows = block.iter().zip(spectra.chunks_exact_mut(n * candidates.len()));
@@ -96,13 +97,15 @@ impl<'a, 's, S: ShapeSource> SpectralSearch<'a, 's, S> {
                     Ok::<_, AnalysisError>(())
                 })
             };
-            let spectra = search.spectra[first..].par_chunks_mut(BLOCK * n * candidates.len());
+            let spectra = &mut cast_slice_mut(&mut spectra)[weights.len() * n * candidates.len()..];
+            let spectra = spectra.par_chunks_mut(BLOCK * n * candidates.len());
             let errors = batch.blocks(BLOCK).zip(spectra).filter_map(|pair| write(pair).err());
             // The first shape in error is reported, whichever thread finds one first.
             errors.collect::<Vec<_>>().into_iter().next().map_or(Ok(()), Err)?;
             weights.extend_from_slice(batch.weights);
             Ok(())
         })?;
+        search.spectra = spectra;
         let mut placed = vec![0.0; 2 * n * weights.len()];
         let rows = placed.par_chunks_exact_mut(2 * n).zip(placements).enumerate();
         rows.for_each(|(k, (row, placement))| search.write_placed(k, *placement, row));
@@ -115,10 +118,15 @@ impl<'a, 's, S: ShapeSource> SpectralSearch<'a, 's, S> {
         self.phases.len()
     }
 
+    /// Spectra of the shapes from `first` on.
+    fn spectra_from(&self, first: usize) -> &[Complex64] {
+        &cast_slice(&self.spectra)[first * self.size() * self.candidates.len()..]
+    }
+
     /// Writes the spectrum of shape `k` in a placement: real parts, then imaginary parts.
     fn write_placed(&self, k: usize, placement: Placement, out: &mut [f64]) {
         let n = self.size();
-        let of_shape = &self.spectra[k * n * self.candidates.len()..];
+        let of_shape = self.spectra_from(k);
         let candidate = self.candidates.iter().position(|c| c.is_image_of(placement)).unwrap_or(0);
         let (re, im) = out.split_at_mut(n);
         let mut phase = 0;
@@ -132,7 +140,7 @@ impl<'a, 's, S: ShapeSource> SpectralSearch<'a, 's, S> {
     /// Best placements of the shapes from `first` on for the spectrum `target`; `standing` are their current ones.
     fn best(&self, first: usize, target: &[Complex64], standing: &mut [Placement]) {
         let (n, of_shape) = (self.size(), self.size() * self.candidates.len());
-        let spectra = &self.spectra[first * of_shape..(first + standing.len()) * of_shape];
+        let spectra = &self.spectra_from(first)[..standing.len() * of_shape];
         let mut products = vec![Complex64::ZERO; spectra.len()];
         for (product, spectrum) in products.chunks_exact_mut(n).zip(spectra.chunks_exact(n)) {
             multiply_conjugates(product, target, spectrum);

@@ -168,8 +168,12 @@ impl ShapesInMemory {
     /// # Errors
     /// Errors of the source.
     pub fn of<S: ShapeSource>(source: &S) -> Result<Self, S::Error> {
-        let (mut whitened, mut weights) = (Vec::new(), Vec::new());
+        let (mut whitened, mut weights) = (Vec::new(), Vec::with_capacity(source.count()));
         source.for_each_batch(&mut |batch: Shapes<'_>| {
+            if weights.is_empty() {
+                let length = batch.whitened.len() / batch.weights.len().max(1);
+                whitened.reserve_exact(source.count() * length);
+            }
             whitened.extend_from_slice(batch.whitened);
             weights.extend_from_slice(batch.weights);
             Ok(())
