@@ -648,11 +648,15 @@ fn what_is_no_surface_is_refused_with_the_place() {
         change.iter().for_each(|(name, other)| body[*name] = other.clone());
         server.post("/v1/mean", &body)
     };
-    statistics(&[("correspondence", json!("cyclic"))]).expect_problem(
+    statistics(&[("correspondence", json!("arc_length"))]).expect_problem(
         422,
         "invalid-input",
         &["/correspondence"],
     );
+    let sheet = grid([5, 5], [4, 4], |u, v| [u + 0.1 * v * v, v, 0.2 * u * u]);
+    let body = json!({"representation": surface("plane", [4, 4]), "transformation": "affine", "correspondence": "cyclic",
+        "shapes": [{"points": sheet}, {"points": sheet}]});
+    server.post("/v1/mean", &body).expect_problem(422, "invalid-input", &["/correspondence"]);
     let problem = statistics(&[("shapes", json!([{"points": on_sphere([4, 3], &round), "poles": 5}]))])
         .expect_problem(422, "invalid-input", &["/shapes/0/poles"]);
     assert!(problem.to_string().contains("expected an object"), "{problem}");
@@ -702,4 +706,45 @@ fn what_is_no_surface_is_refused_with_the_place() {
     assert!(number(&huge["results"][0]["volume"]) > 1e297, "{huge}");
     good(&sphere, on_sphere([4, 3], |_, _| [1.0, 2.0, 3.0])).expect(200);
     server.assert_alive();
+}
+
+#[test]
+fn parameters_of_surfaces_that_do_not_correspond_are_told_and_searched() {
+    let server = shared();
+    let size = [8, 6];
+    // One body, its longitudes counted from elsewhere on each surface.
+    let turned = |k: usize| {
+        let (shift, thick) = (0.17 * k as f64, 1.0 + 0.03 * k as f64);
+        on_sphere(size, move |u, v| {
+            let [x, y, z] = ellipsoid([1.0; 3])(u + shift, v);
+            [thick * (1.6 * x + 0.3 * y * y), y, 2.6 * z + 0.3 * x * x]
+        })
+    };
+    let shapes: Vec<Value> = (0..5).map(|k| json!({"points": turned(k)})).collect();
+    let body = |correspondence: &str| {
+        json!({"representation": surface("sphere", size), "transformation": "similarity",
+        "correspondence": correspondence, "shapes": shapes})
+    };
+    let residuals = |answer: &Value| -> f64 {
+        answer["aligned"].as_array().unwrap().iter().map(|one| number(&one["residual"])).sum()
+    };
+    let given = server.post("/v1/align", &body("landmarks")).expect(200);
+    assert!(given["warnings"][0].as_str().unwrap().contains("disagree"), "{given}");
+    assert!(given["aligned"][0].get("motion").is_none());
+    let found = server.post("/v1/align", &body("cyclic")).expect(200);
+    assert_eq!(found["warnings"], json!([]));
+    assert!(residuals(&found) < 0.2 * residuals(&given), "{} {}", residuals(&found), residuals(&given));
+    for one in found["aligned"].as_array().unwrap() {
+        assert!(number(&one["motion"]["change"]) < 0.05 && one["shift"] == 0, "{one}");
+    }
+
+    // A cohort keeps the correspondence; its dictionary scores a surface with other parameters as it does the stored one.
+    let cohort =
+        json!({"name": "turned", "representation": surface("sphere", size), "correspondence": "cyclic"});
+    server.post("/v1/cohorts", &cohort).expect(201);
+    server.post("/v1/cohorts/turned/shapes", &json!({"shapes": shapes})).expect(201);
+    let mean = server.get("/v1/cohorts/turned/mean?transformation=similarity").expect(200);
+    assert_close(&mean["mean"]["control_points"], &found["mean"]["control_points"], 1e-9, "mean");
+    let query = json!({"shapes": [{"points": turned(7)}], "transformation": "similarity"});
+    server.post("/v1/cohorts/turned/search", &query).expect_problem(422, "invalid-input", &[""]);
 }
