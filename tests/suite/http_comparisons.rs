@@ -88,6 +88,12 @@ fn number(value: &Value) -> f64 {
     value.as_f64().unwrap_or_else(|| panic!("{value} is not a number"))
 }
 
+/// Upper end and counts of the histogram of a pair, or of all groups.
+fn histogram(record: &Value) -> (f64, Vec<u64>) {
+    let counts = record["histogram"]["counts"].as_array().unwrap();
+    (number(&record["histogram"]["upper"]), counts.iter().map(|count| count.as_u64().unwrap()).collect())
+}
+
 // ---------------------------------------------------------------- comparisons
 
 #[test]
@@ -127,6 +133,11 @@ fn two_groups_of_three_are_compared_as_by_hand() {
     assert!((number(&test["p"]) - reaching as f64 / 20.0).abs() < 1e-15);
     assert_eq!(test["p"], test["p_holm"]);
     assert_eq!((&found["overall"], &found["exchangeable"]), (&Value::Null, &json!(6)));
+    // Those that reach the observed value are in its bin or above.
+    let (upper, counts) = histogram(pair);
+    let bin = (number(&pair["r_squared"]) / upper * 40.0) as usize;
+    assert_eq!((counts.len(), counts.iter().sum::<u64>()), (40, 19));
+    assert!(counts[bin.min(39)..].iter().sum::<u64>() >= reaching - 1, "{pair}");
     // Fits have no mean space.
     assert_eq!(pair["chordal_distance"], Value::Null);
     let averages = [mean(&shapes[..3]), mean(&shapes[3..])];
@@ -189,6 +200,13 @@ fn chordal_distance_is_that_of_the_means_of_the_groups() {
         assert!((holm - largest).abs() < 1e-12);
     }
     assert_eq!(number(&found["overall"]["pseudo_f"]["test"]["p"]), 0.01);
+    // No relabelling reaches the observed value, up to which there is room.
+    let (upper, counts) = histogram(&found["overall"]);
+    assert_eq!((upper, counts.iter().sum::<u64>()), (number(&found["overall"]["r_squared"]), 99));
+    assert_eq!(counts[39], 0);
+    let none =
+        compare(&server, &json!({"cohort": "example-cells", "by": "labels.treatment", "permutations": 0}));
+    assert_eq!((&none["overall"]["histogram"], &none["pairs"][0]["histogram"]), (&Value::Null, &Value::Null));
 }
 
 /// A closed contour with a shape of its own, densely sampled from its own start, moved by its own similarity.

@@ -120,7 +120,8 @@ impl<'a> Study<'a> {
 
     fn overall(&self, watch: &dyn Watch) -> Result<OverallRecord, AnalysisError> {
         let test = self.sample.compare_all(&self.groups.relabellings(self.draws), watch)?;
-        Ok(OverallRecord { pseudo_f: test.pseudo_f.into(), r_squared: test.r_squared })
+        let (r_squared, histogram) = (test.r_squared, test.histogram);
+        Ok(OverallRecord { pseudo_f: test.pseudo_f.into(), r_squared, histogram })
     }
 
     fn group(&self, group: usize) -> Result<Group, StudyError> {
@@ -216,6 +217,7 @@ impl<'a> Study<'a> {
             r_squared: tests.r_squared,
             hotelling: tests.hotelling.into(),
             components: tests.components,
+            histogram: tests.histogram,
             effect,
         })
     }

@@ -18,6 +18,7 @@ use std::borrow::Cow;
 use rayon::prelude::*;
 
 use super::super::AnalysisError;
+use super::histogram::ExplainedHistogram;
 use super::permutation::{Relabellings, Tally};
 use super::reaches;
 use super::span::{Span, centre_rows};
@@ -91,6 +92,8 @@ pub struct PairTests {
     pub effect: Effect,
     /// Difference of the means of every size; the test ignores its sign.
     pub sizes: Vec<Tested>,
+    /// `R²` of the relabellings; `None` without relabellings.
+    pub histogram: Option<ExplainedHistogram>,
 }
 
 /// Comparison of all groups at once.
@@ -100,6 +103,23 @@ pub struct OverallTest {
     pub pseudo_f: Tested,
     /// The fraction of the squared distances that the groups explain.
     pub r_squared: f64,
+    /// `R²` of the relabellings; `None` without relabellings.
+    pub histogram: Option<ExplainedHistogram>,
+}
+
+/// What relabellings give.
+#[derive(Debug, Clone, PartialEq)]
+struct Reached {
+    /// For every statistic, the number of relabellings that reach the observed one.
+    counts: Vec<usize>,
+    /// `R²` of every relabelling.
+    explained: Vec<f64>,
+}
+
+impl Reached {
+    fn histogram(&self, observed: f64, relabellings: &Relabellings) -> Option<ExplainedHistogram> {
+        ExplainedHistogram::new(&self.explained, observed, relabellings.hold_observed())
+    }
 }
 
 impl Sample {
@@ -132,14 +152,15 @@ impl Sample {
     ) -> Result<PairTests, AnalysisError> {
         let features = PairFeatures::new(self)?;
         let observed = features.evaluate(relabellings.observed());
-        let reaching = count_reaching(relabellings, COLUMNS, watch, observed.tallied(), |batch| {
+        let reached = count_reaching(relabellings, COLUMNS, watch, observed.tallied(), |batch| {
             let outcomes = features.evaluate_all(batch);
-            outcomes.iter().fold(vec![0; observed.tallied()], |mut counts, outcome| {
+            let counts = outcomes.iter().fold(vec![0; observed.tallied()], |mut counts, outcome| {
                 outcome.count(&observed, &mut counts);
                 counts
-            })
+            });
+            Reached { counts, explained: outcomes.iter().map(|outcome| outcome.explained).collect() }
         })?;
-        Ok(features.tests(self, &observed, &reaching, relabellings))
+        Ok(features.tests(self, &observed, &reached, relabellings))
     }
 
     /// Compares all groups of `relabellings` at once.
@@ -161,13 +182,16 @@ impl Sample {
         let explained = |labels: &[Vec<usize>]| self.explained(&centred, labels, groups, total);
         let observed = explained(&[relabellings.observed().to_vec()])[0];
         let together = (COLUMNS / groups).max(1);
-        let reaching = count_reaching(relabellings, together, watch, 1, |batch| {
-            vec![explained(batch).into_iter().filter(|&value| reaches(value, observed)).count()]
+        let reached = count_reaching(relabellings, together, watch, 1, |batch| {
+            let explained = explained(batch);
+            let count = explained.iter().filter(|&&value| reaches(value, observed)).count();
+            Reached { counts: vec![count], explained }
         })?;
         let (n, g) = (self.weights.len() as f64, groups as f64);
         let value = odds(observed).map(|odds| odds * (n - g) / (g - 1.0));
-        let pseudo_f = Tested { value, tally: relabellings.tally(reaching[0]) };
-        Ok(OverallTest { pseudo_f, r_squared: observed })
+        let pseudo_f = Tested { value, tally: relabellings.tally(reached.counts[0]) };
+        let histogram = reached.histogram(observed, relabellings);
+        Ok(OverallTest { pseudo_f, r_squared: observed, histogram })
     }
 
     /// `R²` of every labelling.
@@ -195,15 +219,15 @@ fn odds(v: f64) -> Option<f64> {
     (1.0 - v > NO_SCATTER).then(|| v / (1.0 - v))
 }
 
-/// Sums the results of `count` over all relabellings, in parallel batches of at most `together`. The sum of integers does
-/// not depend on the order.
+/// Sums the counts of `count` over all relabellings, in parallel batches of at most `together`, and joins the values. The sum of
+/// integers does not depend on the order.
 fn count_reaching(
     relabellings: &Relabellings,
     together: usize,
     watch: &dyn Watch,
     counts: usize,
-    count: impl Fn(&[Vec<usize>]) -> Vec<usize> + Sync,
-) -> Result<Vec<usize>, AnalysisError> {
+    count: impl Fn(&[Vec<usize>]) -> Reached + Sync,
+) -> Result<Reached, AnalysisError> {
     let draws = relabellings.draws();
     let batches = (0..draws.div_ceil(together)).into_par_iter().map(|batch| {
         watch.check()?;
@@ -218,9 +242,10 @@ fn count_reaching(
         Ok(counted)
     });
     batches.try_reduce(
-        || vec![0; counts],
+        || Reached { counts: vec![0; counts], explained: Vec::new() },
         |mut sum, part| {
-            sum.iter_mut().zip(part).for_each(|(sum, part)| *sum += part);
+            sum.counts.iter_mut().zip(part.counts).for_each(|(sum, part)| *sum += part);
+            sum.explained.extend(part.explained);
             Ok(sum)
         },
     )
@@ -336,11 +361,12 @@ impl PairFeatures {
         &self,
         sample: &Sample,
         observed: &Outcome,
-        reaching: &[usize],
+        reached: &Reached,
         relabellings: &Relabellings,
     ) -> PairTests {
         let degrees = self.weights.len() as f64 - 2.0;
         let statistic = |v: f64| odds(v).map(|odds| degrees * odds);
+        let reaching = &reached.counts;
         let tested = |value, i: usize| Tested { value, tally: relabellings.tally(reaching[i]) };
         let sizes = 3 + self.points;
         PairTests {
@@ -355,6 +381,7 @@ impl PairFeatures {
                 tallies: (3..sizes).map(|i| relabellings.tally(reaching[i])).collect(),
             },
             sizes: (0..self.sizes).map(|i| tested(Some(observed.sizes[i]), sizes + i)).collect(),
+            histogram: reached.histogram(observed.explained, relabellings),
         }
     }
 }

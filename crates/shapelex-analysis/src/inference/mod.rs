@@ -17,6 +17,7 @@
 //! What they are made of:
 //!
 //! * [`permutation`] — relabellings within strata, enumerated or drawn; p values; Holm's correction;
+//! * [`histogram`] — histograms of a statistic over the relabellings;
 //! * [`span`] — coordinates in the span of the shapes, the fewest possible;
 //! * [`comparison`] — groups: distance of the means, pseudo-F, Hotelling's statistic, the effect along the shape;
 //! * [`regression`] — linear regression of shapes on an attribute, adjusted for covariates.
@@ -29,6 +30,7 @@ pub mod compare;
 pub mod comparison;
 pub mod error;
 pub mod groups;
+pub mod histogram;
 pub mod limits;
 pub mod permutation;
 pub mod records;

@@ -97,6 +97,11 @@ impl Relabellings {
         self.draws
     }
 
+    /// Whether the observed labelling is one of those that [`Self::relabel`] makes, because all of them are enumerated.
+    pub fn hold_observed(&self) -> bool {
+        self.exact && self.draws > 0
+    }
+
     /// Writes the labels of relabelling `index`, which must be below `draws`.
     pub fn relabel(&self, index: usize, labels: &mut [usize]) {
         if self.exact {
@@ -112,7 +117,7 @@ impl Relabellings {
     /// The tally of a statistic that is reached by `reaching` relabellings.
     pub fn tally(&self, reaching: usize) -> Tally {
         // If all relabellings are enumerated, the observed one is among them and reaches itself.
-        let own = usize::from(self.exact && self.draws > 0);
+        let own = usize::from(self.hold_observed());
         Tally {
             exceeding: reaching.saturating_sub(own),
             permutations: self.draws.saturating_sub(own),

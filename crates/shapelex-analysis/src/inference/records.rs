@@ -1,6 +1,7 @@
 //! Results of studies as records: groups, pairs, tests, regressions.
 
 use super::comparison::Tested;
+use super::histogram::ExplainedHistogram;
 use super::permutation::Tally;
 use crate::dictionary::content::MeanRecord;
 use shapelex_geometry::size::SizeMeasure;
@@ -107,6 +108,9 @@ pub struct PairRecord {
     pub pseudo_f: StatisticRecord,
     /// Fraction of the squared distances explained by the two groups.
     pub r_squared: f64,
+    /// `r_squared` of the relabellings: the distribution that the observed value is compared with; null without permutations.
+    #[cfg_attr(feature = "serde", serde(default))]
+    pub histogram: Option<ExplainedHistogram>,
     /// Hotelling's `T²` of the leading principal coordinates.
     pub hotelling: StatisticRecord,
     /// Number of these coordinates.
@@ -161,6 +165,9 @@ pub struct OverallRecord {
     pub pseudo_f: StatisticRecord,
     /// Fraction of the squared distances explained by the groups.
     pub r_squared: f64,
+    /// `r_squared` of the relabellings: the distribution that the observed value is compared with; null without permutations.
+    #[cfg_attr(feature = "serde", serde(default))]
+    pub histogram: Option<ExplainedHistogram>,
 }
 
 /// Regression of shapes on an attribute: change of the shape, explained variation, and a permutation test.
