@@ -254,7 +254,8 @@ struct FormatQuery {
 }
 
 /// Parameters that belong to the format of an answer.
-const FORMAT_PARAMETERS: [&str; 6] = ["format", "theme", "background", "width", "title", "scale_bar"];
+const FORMAT_PARAMETERS: [&str; 7] =
+    ["format", "theme", "background", "width", "title", "scale_bar", "legend"];
 
 /// Settings of drawings.
 #[derive(Debug, serde::Deserialize, utoipa::IntoParams)]
@@ -273,6 +274,8 @@ pub struct DrawingQuery {
     title: Option<bool>,
     /// Whether a drawing of shapes that keep their sizes has a scale bar. Default: true.
     scale_bar: Option<bool>,
+    /// Whether a drawing has its legend below. Default: true.
+    legend: Option<bool>,
 }
 
 impl DrawingQuery {
@@ -299,6 +302,7 @@ impl DrawingQuery {
             width,
             title: self.title.unwrap_or(usual.title),
             scale_bar: self.scale_bar.unwrap_or(usual.scale_bar),
+            legend: self.legend.unwrap_or(usual.legend),
         })
     }
 
@@ -310,6 +314,7 @@ impl DrawingQuery {
             ("width", self.width.is_some()),
             ("title", self.title.is_some()),
             ("scale_bar", self.scale_bar.is_some()),
+            ("legend", self.legend.is_some()),
         ];
         match given.iter().find(|(_, given)| *given) {
             None => Ok(()),

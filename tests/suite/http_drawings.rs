@@ -124,6 +124,20 @@ fn every_drawing_obeys_the_settings_of_its_viewer() {
 }
 
 #[test]
+fn a_legend_is_left_out_with_its_place() {
+    let server = server();
+    let path = format!("{CELLS}/mean?transformation=similarity&format=svg&title=false");
+    let height = |svg: &str| {
+        svg.split(" height=\"").nth(1).unwrap().split('"').next().unwrap().parse::<u32>().unwrap()
+    };
+    let (with, without) = (server.get(&path), server.get(&format!("{path}&legend=false")));
+    let (with, without) = (with.expect_svg(), without.expect_svg());
+    assert!(with.contains(">120 shapes<") && with.contains(">mean<"));
+    assert!(!without.contains("<text"), "{without}");
+    assert_eq!(height(with) - height(without), 24);
+}
+
+#[test]
 fn settings_are_refused_where_they_mean_nothing() {
     let server = server();
     for (path, body) in drawn() {
@@ -135,10 +149,12 @@ fn settings_are_refused_where_they_mean_nothing() {
             ("format=svg&width=wide", "width"),
             ("format=svg&title=no", "title"),
             ("format=svg&scale_bar=1", "scale_bar"),
+            ("format=svg&legend=0", "legend"),
             ("format=svg&theme=dark&theme=light", "twice"),
             ("format=svg&colour=red", "colour"),
             ("theme=dark", "only with the formats svg and png"),
             ("format=json&scale_bar=false", "only with the formats svg and png"),
+            ("format=json&legend=false", "only with the formats svg and png"),
         ] {
             let reply = ask(&server, path, query, body.as_ref());
             let detail = reply.expect_problem(400, "invalid-query", &[])["detail"].to_string();
@@ -369,8 +385,6 @@ fn captions_are_words() {
     let shapes: Vec<Value> = (1..4).map(again).collect();
     server.post(&format!("{CELLS}/shapes"), &json!({"shapes": shapes})).expect(201);
     let drift = drift();
-    assert!(
-        drift.contains("of the 3 shapes added since revision") && drift.contains(">component 1<"),
-        "{drift}"
-    );
+    assert!(drift.contains("of the 3 shapes added since revision"), "{drift}");
+    assert!(drift.contains("a line for each component") && drift.contains(">1<"), "{drift}");
 }

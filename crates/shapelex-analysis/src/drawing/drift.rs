@@ -13,7 +13,7 @@ const MAX_CLASSES: usize = 5;
 /// Drawing of the drift since a revision; `quantile` defines the outliers.
 pub fn draw_drift(title: &str, drift: &Drift, since: u64, quantile: f64) -> Drawing {
     let strip = |score: &ScoreDrift| Strip {
-        name: format!("component {}", score.component),
+        name: score.component.to_string(),
         middle: score.shift,
         reach: score.spread,
     };
@@ -22,7 +22,7 @@ pub fn draw_drift(title: &str, drift: &Drift, since: u64, quantile: f64) -> Draw
     let mut sentences = Vec::new();
     if !scores.is_empty() {
         sentences.push(
-            "lines: new shapes, mean (dot) ± one standard deviation, in standard deviations of the training; \
+            "a line for each component: new shapes, mean (dot) ± one standard deviation, in standard deviations of the training; \
              grey: the training shapes, drawn in the same way"
                 .to_owned(),
         );

@@ -140,7 +140,7 @@ fn surfaces<'a>(view: &View<'_>, shapes: &'a [Vec<f64>]) -> impl Iterator<Item =
 /// A number of standard deviations as text.
 fn deviations(sigma: f64) -> String {
     if sigma == 0.0 {
-        return "mean".into();
+        return "0 σ".into();
     }
     let sign = if sigma < 0.0 { '−' } else { '+' };
     format!("{sign}{} σ", sigma.abs())

@@ -249,6 +249,7 @@ mod tests {
             width: 320,
             title: false,
             scale_bar: false,
+            legend: true,
         };
         let bare = drawing.to_svg(&style);
         assert!(!bare.contains("<style") && !bare.contains("<rect") && !bare.contains("<text"), "{bare}");

@@ -50,9 +50,9 @@ impl Drawing {
     /// The same drawing with a legend below. Samples stand side by side, other entries have lines of their own.
     #[must_use]
     pub fn with_legend(mut self, entries: &[Entry]) -> Self {
-        let (legend, height) = legend(entries, self.height);
-        self.elements.extend(legend);
-        self.height += height;
+        let (legend, height) = legend(entries, self.height + self.legend_height);
+        self.legend.extend(legend);
+        self.legend_height += height;
         self
     }
 }
@@ -208,9 +208,16 @@ mod tests {
         let bare = layout::draw("t", vec![layer("x")]);
         let drawing = layout::draw("t", Vec::new()).with_legend(&entries);
         // six lines of samples, a scale, and three lines of words
-        assert!((drawing.height - 24.0 - (10.0 * LINE + 4.0)).abs() < 1e-9, "{}", drawing.height);
-        assert!((bare.height - 24.0 - (LINE + 4.0)).abs() < 1e-9, "{}", bare.height);
+        assert!(
+            (drawing.height + drawing.legend_height - 24.0 - (10.0 * LINE + 4.0)).abs() < 1e-9,
+            "{}",
+            drawing.height
+        );
+        assert!((bare.height + bare.legend_height - 24.0 - (LINE + 4.0)).abs() < 1e-9, "{}", bare.height);
         let svg = drawing.to_svg(&Style::default());
         assert_eq!(svg.matches("<text").count(), 1 + 12 + 1 + 3, "{svg}");
+        let without = Style { legend: false, ..Style::default() };
+        assert_eq!(drawing.to_svg(&without).matches("<text").count(), 1, "the title");
+        assert!(drawing.pixels(&without)[1] < drawing.pixels(&Style::default())[1] - 200);
     }
 }

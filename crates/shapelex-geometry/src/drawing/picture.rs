@@ -62,6 +62,7 @@ impl Drawing {
             picture: None,
             title: self.title.clone(),
             elements: self.elements.clone(),
+            legend: self.legend.clone(),
             scale: self.scale.clone(),
             ..*self
         }

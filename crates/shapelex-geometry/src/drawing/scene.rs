@@ -13,10 +13,14 @@ pub(super) const MARGIN: f64 = 32.0;
 #[derive(Debug, Clone)]
 pub struct Drawing {
     pub(super) title: String,
-    /// Height below the title.
+    /// Height of the contents, below the title and above the legend.
     pub(super) height: f64,
     /// Contents from back to front; `y` points down from the title.
     pub(super) elements: Vec<Element>,
+    /// Legend below the contents.
+    pub(super) legend: Vec<Element>,
+    /// Height of the legend.
+    pub(super) legend_height: f64,
     /// Scale, if lengths in the drawing mean lengths of the shapes.
     pub(super) scale: Option<Scale>,
     /// Picture behind the elements, with the map of its corners.
@@ -96,7 +100,8 @@ const BAR_LENGTH: f64 = 120.0;
 
 impl Drawing {
     pub(super) fn new(title: impl Into<String>, height: f64, elements: Vec<Element>) -> Self {
-        Self { title: title.into(), height, elements, scale: None, picture: None }
+        let (legend, legend_height) = (Vec::new(), 0.0);
+        Self { title: title.into(), height, elements, legend, legend_height, scale: None, picture: None }
     }
 
     /// The same drawing with a scale bar, for shapes that keep their sizes; `unit`: the unit of length, if known.
@@ -121,11 +126,11 @@ impl Drawing {
         if self.scale.is_some() { BAR_HEIGHT } else { 0.0 }
     }
 
-    /// Scale bar with its label, at the right end of the strip.
-    pub(super) fn scale_bar(&self) -> Option<[Element; 2]> {
+    /// Scale bar with its label, at the right end of the strip, which begins at `top`.
+    pub(super) fn scale_bar(&self, top: f64) -> Option<[Element; 2]> {
         let Scale { per_unit, unit } = self.scale.as_ref()?;
         let length = round_length(BAR_LENGTH / per_unit);
-        let (width, right, y) = (length * per_unit, SIZE - MARGIN, self.height + 12.0);
+        let (width, right, y) = (length * per_unit, SIZE - MARGIN, top + 12.0);
         let label = match unit {
             Some(unit) => format!("{} {unit}", short(length)),
             None => short(length),

@@ -50,6 +50,8 @@ pub struct Style {
     pub title: bool,
     /// Whether drawings to scale have a scale bar.
     pub scale_bar: bool,
+    /// Whether the legend is written below.
+    pub legend: bool,
 }
 
 impl Style {
@@ -60,7 +62,8 @@ impl Style {
 impl Default for Style {
     fn default() -> Self {
         let width = SIZE as u16;
-        Self { theme: Theme::Auto, background: Background::Page, width, title: true, scale_bar: true }
+        let (theme, background) = (Theme::Auto, Background::Page);
+        Self { theme, background, width, title: true, scale_bar: true, legend: true }
     }
 }
 
@@ -105,7 +108,10 @@ impl Drawing {
         for element in &self.elements {
             writer.element(element);
         }
-        if let Some(bar) = self.scale_bar().filter(|_| style.scale_bar) {
+        if style.legend {
+            self.legend.iter().for_each(|element| writer.element(element));
+        }
+        if let Some(bar) = self.scale_bar(self.bottom(style)).filter(|_| style.scale_bar) {
             bar.iter().for_each(|element| writer.element(element));
         }
         self.document(style, writer)
@@ -120,7 +126,12 @@ impl Drawing {
     /// Height of the page, on which a picture is [`SIZE`] wide.
     fn page_height(&self, style: &Style) -> f64 {
         let bar = if style.scale_bar { self.scale_bar_height() } else { 0.0 };
-        (self.height + bar + top(style)).round()
+        (self.bottom(style) + bar + top(style)).round()
+    }
+
+    /// End of the contents and, if it is written, of the legend.
+    fn bottom(&self, style: &Style) -> f64 {
+        if style.legend { self.height + self.legend_height } else { self.height }
     }
 
     fn document(&self, style: &Style, writer: Writer<'_>) -> String {
