@@ -10,6 +10,7 @@ use clap::{Args, ValueEnum};
 use serde::Deserialize;
 
 use crate::service::access::AccessSettings;
+use crate::service::access::login::LoginSettings;
 use crate::service::access::tokens::TokenSettings;
 use crate::service::app::{Limits, memory};
 use crate::service::hooks::HookSettings;
@@ -214,6 +215,10 @@ serve_settings! {
     oidc_role_claim: String = "SHAPELEX_OIDC_ROLE_CLAIM", "roles".into();
     /// Claim with the tenant; empty if all callers belong to the default tenant
     oidc_tenant_claim: String = "SHAPELEX_OIDC_TENANT_CLAIM", String::new();
+    /// Id of the page at this provider, as a public client of the code flow; empty for no login by the provider on the page
+    oidc_client_id: String = "SHAPELEX_OIDC_CLIENT_ID", String::new();
+    /// Scopes that the page asks for, separated by spaces
+    oidc_scope: String = "SHAPELEX_OIDC_SCOPE", "openid".into();
     /// Accept only tokens declared as access tokens (`typ: at+jwt`, RFC 9068)
     oidc_require_at_jwt: bool = "SHAPELEX_OIDC_REQUIRE_AT_JWT", false;
     /// Allowed difference in seconds between the clocks of provider and service, at most 300
@@ -374,6 +379,9 @@ impl ServeConfig {
             // Without an audience, a token issued for any other service would be accepted.
             return Err("expected both oidc_issuer and oidc_audience, or neither".into());
         }
+        if self.oidc_issuer.is_empty() && !self.oidc_client_id.is_empty() {
+            return Err("expected oidc_issuer with oidc_client_id".into());
+        }
         Ok(self)
     }
 
@@ -394,11 +402,17 @@ impl ServeConfig {
             leeway_s: self.oidc_leeway_seconds,
             access_only: self.oidc_require_at_jwt,
         });
+        let login = given(&self.oidc_client_id).map(|client_id| LoginSettings {
+            issuer: self.oidc_issuer.clone(),
+            client_id,
+            scope: self.oidc_scope.clone(),
+        });
         AccessSettings {
             loopback: self.listen.ip().is_loopback(),
             metrics_open: self.metrics_open,
             origins: self.origins().map(str::to_owned).collect(),
             tokens,
+            login,
         }
     }
 }
@@ -433,6 +447,8 @@ mod tests {
         assert!(ServeConfig::load(args).unwrap_err().contains("thread"));
         let args = ServeArgs { oidc_issuer: Some("https://id.example".into()), ..ServeArgs::default() };
         assert!(ServeConfig::load(args).unwrap_err().contains("oidc_audience"));
+        let args = ServeArgs { oidc_client_id: Some("page".into()), ..ServeArgs::default() };
+        assert!(ServeConfig::load(args).unwrap_err().contains("oidc_issuer"));
         let args = ServeArgs { oidc_leeway_seconds: Some(301), ..ServeArgs::default() };
         assert!(ServeConfig::load(args).unwrap_err().contains("at most 300"));
         let args = ServeArgs { jobs: NonZeroUsize::new(65), ..ServeArgs::default() };

@@ -3,13 +3,16 @@
 
 use std::sync::LazyLock;
 
-use axum::Router;
-use axum::extract::Path;
+use axum::extract::{Path, State};
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
+use axum::{Json, Router};
+use serde::Serialize;
 
+use super::headers::NO_STORE;
 use super::problem::{Problem, ProblemKind};
+use crate::service::access::login::Login;
 use crate::service::app::App;
 
 /// The page, whose address the script reads.
@@ -33,12 +36,25 @@ pub(super) fn routes() -> Router<App> {
     Router::new()
         .route("/", get(page))
         .route("/app", get(page))
+        .route("/app/login.json", get(login))
         .route("/app/{*view}", get(page))
         .route("/assets/{file}", get(asset))
 }
 
 async fn page(headers: HeaderMap) -> Result<Response, Problem> {
     answer(PAGE, "no-cache", &headers)
+}
+
+/// How people log in on the page.
+#[derive(Debug, Serialize)]
+struct LoginOutput {
+    /// The identity provider that sends them back with a token; null if there is none, or the page is not known to it.
+    provider: Option<Login>,
+}
+
+/// Public like the page: nobody has a key yet.
+async fn login(State(app): State<App>) -> impl IntoResponse {
+    ([(header::CACHE_CONTROL, NO_STORE)], Json(LoginOutput { provider: app.login() }))
 }
 
 /// Names of assets contain a digest of their content.

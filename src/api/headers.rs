@@ -1,11 +1,12 @@
 //! Security and caching headers, which tell browsers that responses are data, same-origin only, and not to be stored.
 
-use axum::extract::Request;
+use axum::extract::{Request, State};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::Response;
 
 use super::dashboard;
+use crate::service::app::App;
 
 /// Path prefix of responses with shapes and ids.
 const API: &str = "/v1/";
@@ -22,9 +23,22 @@ const SVG_POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; frame-a
 const DOCS_POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; \
      img-src 'self' data:; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
-/// Policy for the dashboard: its own scripts and style sheet, and pictures that it makes of answers. It calls this service only.
-const PAGE_POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; \
-     connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+/// Policy for the dashboard: its own scripts and style sheet, and pictures that it makes of answers. It calls this service only, and
+/// the identity provider through which people log in on it, if there is one.
+#[derive(Debug, Clone)]
+pub(super) struct PagePolicy(HeaderValue);
+
+impl PagePolicy {
+    pub(super) fn new(app: &App) -> Self {
+        let provider = app.login().map_or_else(String::new, |login| format!(" {}", login.origin()));
+        let policy = format!(
+            "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; connect-src \
+             'self'{provider}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+        );
+        // An origin is made of characters that headers may have.
+        Self(HeaderValue::try_from(policy).unwrap_or(HeaderValue::from_static(DATA_POLICY)))
+    }
+}
 
 /// Request headers on which answers depend.
 const VARY: [&str; 3] = ["accept", "accept-encoding", "authorization"];
@@ -36,10 +50,10 @@ const ALWAYS: [(HeaderName, HeaderValue); 3] = [
 ];
 
 /// Adds the headers to every response.
-pub async fn secure(request: Request, next: Next) -> Response {
+pub(super) async fn secure(State(own): State<PagePolicy>, request: Request, next: Next) -> Response {
     let (is_api, page) = {
         let path = request.uri().path();
-        (path.starts_with(API), page_policy(path))
+        (path.starts_with(API), page_policy(path, own))
     };
     let mut response = next.run(request).await;
     let is_known = is_api && response.status() == StatusCode::NOT_MODIFIED;
@@ -48,9 +62,9 @@ pub async fn secure(request: Request, next: Next) -> Response {
         headers.insert(name, value);
     }
     // A browser that is told that it has an answer already takes the policy of this response. It says nothing of the media type.
-    let policy = page.or_else(|| (!is_known).then(|| data_policy(headers)));
+    let policy = page.or_else(|| (!is_known).then(|| HeaderValue::from_static(data_policy(headers))));
     if let Some(policy) = policy {
-        headers.insert(header::CONTENT_SECURITY_POLICY, HeaderValue::from_static(policy));
+        headers.insert(header::CONTENT_SECURITY_POLICY, policy);
     }
     if is_api {
         add_variations(headers);
@@ -73,10 +87,10 @@ fn add_variations(headers: &mut HeaderMap) {
 }
 
 /// The policy of the address of a page, which does not depend on the response.
-fn page_policy(path: &str) -> Option<&'static str> {
+fn page_policy(path: &str, PagePolicy(own): PagePolicy) -> Option<HeaderValue> {
     match path {
-        path if path.starts_with(DOCS) => Some(DOCS_POLICY),
-        path if dashboard::is_view(path) => Some(PAGE_POLICY),
+        path if path.starts_with(DOCS) => Some(HeaderValue::from_static(DOCS_POLICY)),
+        path if dashboard::is_view(path) => Some(own),
         _ => None,
     }
 }

@@ -126,7 +126,7 @@ pub fn router(app: App) -> Router {
     let memory = app.memory.clone();
     let request_id = HeaderName::from_static(observe::REQUEST_ID);
     let middleware = ServiceBuilder::new()
-        .layer(from_fn(headers::secure))
+        .layer(from_fn_with_state(headers::PagePolicy::new(&app), headers::secure))
         .map_request(observe::plain_request_id)
         .layer(SetRequestIdLayer::new(request_id.clone(), MakeRequestUuid))
         .layer(from_fn(observe::observe))

@@ -206,6 +206,31 @@ fn good_tokens_of_every_algorithm_open_the_service() {
 }
 
 #[test]
+fn the_page_learns_of_the_provider_and_may_call_it_and_nothing_else() {
+    let provider = Provider::start();
+    let issuer = provider.issuer();
+    let server = provider.service(&["--oidc-client-id", "page", "--oidc-scope", "openid shapes"]);
+    let reply = server.get("/app/login.json");
+    assert_eq!(reply.header("cache-control"), Some("no-store"));
+    let wanted = json!({"provider": {"issuer": issuer, "client_id": "page", "scope": "openid shapes"}});
+    assert_eq!(reply.expect(200), wanted);
+    let page = server.get("/app/cohorts");
+    let policy = page.header("content-security-policy").unwrap();
+    assert!(policy.split("; ").any(|part| part == format!("connect-src 'self' {issuer}")), "{policy}");
+    assert_eq!(policy.matches("http").count(), 1, "{policy}");
+    // Data and the reference may not call it.
+    for path in ["/v1/cohorts", "/docs/"] {
+        let reply = server.get(path);
+        assert!(!reply.header("content-security-policy").unwrap().contains(&issuer), "{path}");
+    }
+    // Programs alone use the tokens of this one.
+    let server = provider.service(&[]);
+    assert_eq!(server.get("/app/login.json").expect(200), json!({"provider": null}));
+    let page = server.get("/");
+    assert!(page.header("content-security-policy").unwrap().contains("connect-src 'self';"));
+}
+
+#[test]
 fn bad_tokens_are_refused_and_only_the_log_says_why() {
     let provider = Provider::start();
     let (signer, stranger) = (Signer::new("a", Algorithm::RS256), Signer::new("a", Algorithm::RS256));

@@ -11,9 +11,11 @@
 //! are refused in both cases: clients get one fixed sentence; the log says which check failed, and for which key.
 //!
 //! * [`keys`] — keys of programs: create, list, revoke, check;
-//! * [`tokens`] — bearer tokens of an identity provider; `provider` — its public keys.
+//! * [`tokens`] — bearer tokens of an identity provider; `provider` — its public keys;
+//! * [`login`] — what the page needs to send people there.
 
 pub mod keys;
+pub mod login;
 mod provider;
 pub mod tokens;
 
@@ -23,6 +25,7 @@ use std::sync::Arc;
 use crate::domain::access::Principal;
 use crate::domain::key;
 use crate::service::access::keys::KeyCache;
+use crate::service::access::login::{Login, LoginSettings};
 use crate::service::access::provider::Provider;
 use crate::service::access::tokens::Verifier;
 use crate::service::app::{App, ServiceError, now_ms};
@@ -38,6 +41,8 @@ pub struct AccessSettings {
     pub origins: Vec<String>,
     /// The identity provider, if one is trusted.
     pub tokens: Option<tokens::TokenSettings>,
+    /// Login by the identity provider on the page, if there is one.
+    pub login: Option<LoginSettings>,
 }
 
 /// State of access control.
@@ -48,13 +53,14 @@ pub struct Access {
     origins: Vec<String>,
     keys: KeyCache,
     tokens: Option<Verifier>,
+    login: Option<Login>,
 }
 
 impl Default for Access {
     /// Access control of a service on a loopback address.
     fn default() -> Self {
         let (keys, origins) = (KeyCache::default(), Vec::new());
-        Self { loopback: true, metrics_open: false, origins, keys, tokens: None }
+        Self { loopback: true, metrics_open: false, origins, keys, tokens: None, login: None }
     }
 }
 
@@ -64,13 +70,14 @@ impl Access {
     /// # Errors
     /// Invalid settings, described in one sentence.
     pub fn new(settings: AccessSettings) -> Result<Self, String> {
-        let AccessSettings { loopback, metrics_open, origins, tokens } = settings;
+        let AccessSettings { loopback, metrics_open, origins, tokens, login } = settings;
         let verifier = |settings: tokens::TokenSettings| {
             let provider = Provider::new(&settings.issuer, settings.jwks_url.as_deref())?;
             Ok::<_, String>(Verifier::new(settings, provider))
         };
         let tokens = tokens.map(verifier).transpose()?;
-        Ok(Self { loopback, metrics_open, origins, keys: KeyCache::default(), tokens })
+        let login = login.map(Login::new).transpose()?;
+        Ok(Self { loopback, metrics_open, origins, keys: KeyCache::default(), tokens, login })
     }
 }
 
@@ -206,6 +213,16 @@ impl App {
     /// Whether a page of this origin may read answers in a browser.
     pub fn allows_origin(&self, origin: &str) -> bool {
         self.access().origins.iter().any(|allowed| allowed == origin)
+    }
+
+    /// Login by the identity provider on the page, if there is one.
+    pub fn login(&self) -> Option<Login> {
+        self.access().login.clone()
+    }
+
+    /// Issuer of the tokens that are accepted, if an identity provider is trusted.
+    pub fn token_issuer(&self) -> Option<String> {
+        self.access().tokens.as_ref().map(|verifier| verifier.issuer().to_owned())
     }
 
     /// Whether the metrics are readable without credentials.

@@ -58,6 +58,11 @@ impl Verifier {
         Self { settings, provider }
     }
 
+    /// The expected claim `iss`.
+    pub(super) fn issuer(&self) -> &str {
+        &self.settings.issuer
+    }
+
     /// Authenticates the bearer of the token.
     pub(super) async fn check(&self, token: &str) -> Result<Principal, Refusal> {
         let header = decode_header(token).map_err(|error| failed_check(error.kind()))?;
