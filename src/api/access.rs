@@ -147,6 +147,7 @@ const OPERATIONS: &[(Needs, &[&str])] = &[
             "GET /v1/hooks/{hook}/failures",
             "GET /v1/keys",
             "GET /v1/keys/{key}",
+            "GET /v1/settings",
             "POST /v1/hooks",
             "POST /v1/hooks/{hook}/pause",
             "POST /v1/hooks/{hook}/redeliver",

@@ -72,6 +72,7 @@ const OPERATIONS: &[&str] = &[
     "GET /v1/keys",
     "GET /v1/keys/{key}",
     "GET /v1/transformations",
+    "GET /v1/settings",
     "GET /v1/version",
     "POST /v1/align",
     "POST /v1/cohorts",
@@ -192,7 +193,8 @@ fn every_operation_says_which_role_it_needs() {
             "reader" => assert_ne!(method, "DELETE", "{name}"),
             "writer" => assert_ne!(method, "GET", "{name}"),
             "admin" => {
-                let for_admins = ["/v1/hooks", "/v1/keys", "/v1/audit", "/v1/subjects/", "/v1/trash/"];
+                let for_admins =
+                    ["/v1/hooks", "/v1/keys", "/v1/audit", "/v1/settings", "/v1/subjects/", "/v1/trash/"];
                 assert!(for_admins.iter().any(|prefix| path.starts_with(prefix)), "{name}");
             }
             _ => panic!("{name} needs {role}"),

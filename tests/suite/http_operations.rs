@@ -169,6 +169,34 @@ fn the_version_is_said_over_http_and_on_the_command_line() {
     assert_eq!(line, wanted);
 }
 
+#[test]
+fn the_settings_in_force_are_said_to_administrators() {
+    let flags = ["--max-shapes", "77", "--rate-per-second", "50", "--refusals-per-minute", "0"];
+    let server = Setting::fresh().flags(&flags).flags(&["--allow-origin", "https://a.example"]).start();
+    let settings = server.get("/v1/settings").expect(200);
+    let access = json!({"open": true, "token_issuer": null, "page_login": false, "metrics_open": false,
+        "allowed_origins": ["https://a.example"]});
+    assert_eq!(settings["access"], access);
+    let limits = settings["limits"].as_array().unwrap();
+    let limit = |name: &str| {
+        let found = limits.iter().find(|limit| limit["name"] == name).unwrap();
+        (found["value"].clone(), found["unit"].as_str().unwrap())
+    };
+    assert_eq!(limit("max_shapes"), (json!(77), "count"));
+    assert_eq!(limit("max_request_seconds"), (json!(10), "seconds"));
+    assert_eq!(limit("rate_burst"), (json!(100), "count"), "twice the rate");
+    assert_eq!(limit("refusals_per_minute"), (Value::Null, "count"), "0 is no limit");
+    // What is 0 for a part of the memory is that part.
+    assert!(limit("max_buffered_bytes").0.as_u64().unwrap() >= 64 << 20);
+    // Every one is the name of a flag.
+    let output = Command::new(env!("CARGO_BIN_EXE_shapelex")).args(["serve", "--help"]).output().unwrap();
+    let help = String::from_utf8(output.stdout).unwrap();
+    for limit in limits {
+        let flag = format!("--{} ", limit["name"].as_str().unwrap().replace('_', "-"));
+        assert!(help.contains(&flag), "{flag}");
+    }
+}
+
 // ---------------------------------------------------------------- logs
 
 /// What no log may have: everything that [`marked_requests`] says.

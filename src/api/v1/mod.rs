@@ -32,6 +32,7 @@ mod request_macros;
 mod retrieval;
 mod segment;
 mod segment_request;
+mod settings;
 mod shape_query;
 mod shapes;
 mod sheet;
@@ -51,6 +52,7 @@ pub(super) fn light_routes() -> OpenApiRouter<App> {
     OpenApiRouter::new()
         .routes(routes!(audit::list_audit, audit::prune_audit))
         .routes(routes!(version::find_version))
+        .routes(routes!(settings::find_settings))
         .routes(routes!(catalogue::list_generators))
         .routes(routes!(catalogue::find_generator))
         .routes(routes!(catalogue::list_transformations))
