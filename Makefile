@@ -86,7 +86,7 @@ fuzz:
 sbom:
 	mkdir -p target
 	cargo metadata --locked --format-version 1 --filter-platform "$$(rustc -vV | sed -n 's/^host: //p')" > target/metadata.json
-	python3 deploy/sbom.py target/metadata.json --lock Cargo.lock --out target/sbom.cdx.json
+	python3 deploy/sbom.py target/metadata.json --lock Cargo.lock --page-lock dashboard/package-lock.json --out target/sbom.cdx.json
 
 # The pinned peers in target/peers. Counts of instructions need valgrind, and say so without it.
 bench:

@@ -272,14 +272,15 @@ def check_sbom():
         files = [Path(folder) / name for name in ("metadata.json", "first.json", "second.json")]
         files[0].write_text(metadata)
         for out in files[1:]:
-            run(sys.executable, "deploy/sbom.py", files[0], "--lock", "Cargo.lock", "--out", out)
+            run(sys.executable, "deploy/sbom.py", files[0], "--lock", "Cargo.lock",
+                "--page-lock", "dashboard/package-lock.json", "--out", out)
         first, second = (out.read_text() for out in files[1:])
     found = json.loads(first)
     names = {part["name"] for part in found["components"] if part["scope"] == "required"}
     refs = {part["bom-ref"] for part in [*found["components"], found["metadata"]["component"]]}
     refuse([*([] if first == second else ["it is another one each time"]),
-            *(f"{name} is missing" for name in ("sqlx", "axum", "rustls", "libsqlite3-sys") if name not in names),
-            *(f"{name} is of the tests" for name in ("proptest", "criterion") if name in names),
+            *(f"{name} is missing" for name in ("sqlx", "axum", "rustls", "libsqlite3-sys", "preact", "three", "uplot") if name not in names),
+            *(f"{name} is of the tests" for name in ("proptest", "criterion", "vite", "axe-core") if name in names),
             *(f"{one['ref']} or what it needs is not listed" for one in found["dependencies"]
               if not refs.issuperset({one["ref"], *one["dependsOn"]}))])
 

@@ -1,14 +1,16 @@
-"""Lists what the program is made of: an SBOM in CycloneDX 1.6 (JSON), from the metadata of cargo.
+"""Lists what the program is made of: an SBOM in CycloneDX 1.6 (JSON), from the metadata of cargo and the lock file of the page.
 
     cargo metadata --locked --format-version 1 > metadata.json
-    python3 deploy/sbom.py metadata.json --lock Cargo.lock --out sbom.cdx.json
+    python3 deploy/sbom.py metadata.json --lock Cargo.lock --page-lock dashboard/package-lock.json --out sbom.cdx.json
 
-The crates that the program is linked with or built by, for the features that are on by default; those of tests and benchmarks
-are left out. The same inputs give the same bytes: there is no time and no random number in it. It ends with 1 when a crate has
-no checksum, no licence, or is missing in the lock file. Needs Python 3.11 and nothing beyond its library.
+The crates that the program is linked with or built by, for the features that are on by default, and the npm packages that are in the
+page; those of tests, benchmarks and the build of the page are left out. The same inputs give the same bytes: there is no time and no
+random number in it. It ends with 1 when a crate or package has no checksum, no licence, or is missing in the lock file. Needs Python
+3.11 and nothing beyond its library.
 """
 
 import argparse
+import base64
 import json
 import sys
 import tomllib
@@ -62,7 +64,33 @@ def component(package, scope, checksum):
     return found
 
 
-def document(metadata, lock):
+def npm_purl(name, version):
+    return f"pkg:npm/{name.replace('@', '%40')}@{version}"
+
+
+def page_packages(lock):
+    """The packages that are in the page, as components; what each depends on; what the page itself needs; what is wrong."""
+    packages = {path.removeprefix("node_modules/"): found for path, found in lock["packages"].items()
+                if path and not found.get("dev")}
+    components, edges, wrong = [], [], []
+    for name, found in sorted(packages.items()):
+        ref = npm_purl(name, found["version"])
+        algorithm, _, digest = found.get("integrity", "").partition("-")
+        if algorithm != "sha512" or not found.get("license"):
+            wrong.append(f"{ref} has no checksum (sha512) or no licence")
+            continue
+        components.append({
+            "type": "library", "bom-ref": ref, "name": name, "version": found["version"], "scope": "required", "purl": ref,
+            "licenses": [{"expression": found["license"]}],
+            "hashes": [{"alg": "SHA-512", "content": base64.b64decode(digest).hex()}],
+        })
+        needed = [npm_purl(other, packages[other]["version"]) for other in sorted(found.get("dependencies", {}))]
+        edges.append({"ref": ref, "dependsOn": needed})
+    direct = [npm_purl(name, packages[name]["version"]) for name in sorted(lock["packages"][""].get("dependencies", {}))]
+    return components, edges, direct, wrong
+
+
+def document(metadata, lock, page_lock):
     """The SBOM, and what is wrong with it."""
     packages = {package["id"]: package for package in metadata["packages"]}
     checksums = {(crate["name"], crate["version"]): crate.get("checksum") for crate in lock["package"]}
@@ -84,6 +112,13 @@ def document(metadata, lock):
            "purl": purl(program), "licenses": [{"expression": program["license"]}]}
     dependencies = [{"ref": purl(packages[crate]), "dependsOn": sorted(purl(packages[other]) for other in edges[crate])}
                     for crate in sorted(edges, key=lambda crate: purl(packages[crate]))]
+    shipped, edges_of_page, direct, faults = page_packages(page_lock)
+    wrong += faults
+    components += shipped
+    for one in dependencies:
+        if one["ref"] == own["bom-ref"]:
+            one["dependsOn"] += direct
+    dependencies += edges_of_page
     found = {"bomFormat": "CycloneDX", "specVersion": "1.6", "version": 1, "metadata": {"component": own},
              "components": components, "dependencies": dependencies}
     found["serialNumber"] = f"urn:uuid:{uuid.uuid5(NAMESPACE, json.dumps(found, sort_keys=True))}"
@@ -94,14 +129,16 @@ def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("metadata", type=Path)
     parser.add_argument("--lock", type=Path, required=True)
+    parser.add_argument("--page-lock", type=Path, required=True)
     parser.add_argument("--out", type=Path, required=True)
     arguments = parser.parse_args()
-    found, wrong = document(json.loads(arguments.metadata.read_text()), tomllib.loads(arguments.lock.read_text()))
+    found, wrong = document(json.loads(arguments.metadata.read_text()), tomllib.loads(arguments.lock.read_text()),
+                            json.loads(arguments.page_lock.read_text()))
     if wrong or not found["components"]:
         print("\n".join(wrong or ["no crates"]), file=sys.stderr)
         raise SystemExit(1)
     arguments.out.write_text(json.dumps(found, indent=1, sort_keys=True) + "\n")
-    print(f"{arguments.out}: {len(found['components'])} crates")
+    print(f"{arguments.out}: {len(found['components'])} crates and packages")
 
 
 if __name__ == "__main__":
