@@ -4,7 +4,8 @@
 #   dashboard/run.sh build   from `dashboard/src` to `dashboard/dist`, which is committed and becomes part of the program
 #   dashboard/run.sh check   whether the committed files are those of a fresh build
 #   dashboard/run.sh test    the page in Chromium on target/debug/shapelex, or SHAPELEX_BINARY; SCREENS=folder keeps pictures,
-#                            GOALS=1 compares times with the goals, on an idle machine and a release build
+#                            GOALS=1 compares times with the goals, on an idle machine and a release build, DIST=1 takes the page
+#                            from dashboard/dist instead of the program, which is built anew for each change of it otherwise
 set -euo pipefail
 cd "$(dirname "$0")"
 
@@ -39,7 +40,7 @@ test)
   node --test --test-concurrency=1 --test-reporter=spec tests/*.test.mjs
   ;;
 *)
-  sed -n '2,7s/^# \{0,1\}//p' "$0"
+  sed -n '2,8s/^# \{0,1\}//p' "$0"
   exit 2
   ;;
 esac

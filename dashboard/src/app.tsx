@@ -2,6 +2,7 @@
 import { Component, type ComponentChildren, type ComponentType } from "preact";
 import { useEffect, useState } from "preact/hooks";
 import { hasKey, onUnauthenticated, setKey } from "./api/client";
+import { forget, hasSession, RETURN } from "./api/login";
 import icon from "./icon.svg";
 import { Announcements, Choice, Empty, Fault, Loading, Page } from "./parts/basic";
 import { choose, usePreferences, type Language, type Theme } from "./preferences";
@@ -89,7 +90,7 @@ function Menu({ onLeave }: { onLeave?: () => void }) {
         <li class="group">{t.menu.single}</li>{work.map(entry)}
         <li class="group">{t.menu.service}</li>{run.map(entry)}
         <li><a href="/docs/" target="_blank" rel="noreferrer">{t.menu.reference} <span aria-hidden="true">↗</span></a></li>
-        {hasKey() && <li><button class="plain" onClick={() => { setKey(null); onLeave?.(); }}>{t.login.leave}</button></li>}
+        {hasKey() && <li><button class="plain" onClick={() => { forget(); setKey(null); onLeave?.(); }}>{hasSession() ? t.login.out : t.login.leave}</button></li>}
       </ul>
     </nav>
   );
@@ -110,7 +111,7 @@ export function App() {
     if (values) view = <Found key={pattern} {...values} />;
   }
   view ??= <Page title={t.frame.missing}><Empty><p>{t.frame.missingHint}</p><a class="button" href="/">{t.menu.start}</a></Empty></Page>;
-  if (refused) view = <Login onDone={() => { setRefused(false); setRound(round + 1); }} />;
+  if (refused || path === RETURN) view = <Login onDone={() => { setRefused(false); setRound(round + 1); }} />;
   return (
     <div class="frame" key={`${language} ${shown} ${round}`}>
       <a class="skip" href="#main" onClick={(event) => { event.preventDefault(); document.getElementById("main")?.focus(); }}>{t.frame.skip}</a>

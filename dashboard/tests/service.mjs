@@ -1,7 +1,8 @@
 /** A service with a fresh store for browser tests, and a browser that notices what the page should not do. */
+import assert from "node:assert/strict";
 import { spawn } from "node:child_process";
 import { createServer } from "node:net";
-import { existsSync, mkdtempSync, openSync, rmSync } from "node:fs";
+import { existsSync, mkdirSync, mkdtempSync, openSync, readFileSync, rmSync } from "node:fs";
 import { tmpdir } from "node:os";
 import path from "node:path";
 import { fileURLToPath } from "node:url";
@@ -54,15 +55,30 @@ export function key(folder, ...options) {
 }
 
 export async function browse() {
-  return chromium.launch({ executablePath: CHROMIUM, args: ["--no-sandbox", "--disable-gpu", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--force-device-scale-factor=1"] });
+  return chromium.launch({ executablePath: CHROMIUM, args: ["--no-sandbox", "--disable-gpu", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--force-device-scale-factor=1",
+    // A page from a folder is of no machine, and would not be allowed to call this one.
+    ...(process.env.DIST === "1" ? ["--disable-features=LocalNetworkAccessChecks"] : [])] });
+}
+
+const DIST = path.join(ROOT, "dashboard/dist");
+
+/** With DIST=1 the page is that of the folder, not the one in the program, which need not be built again after each change. */
+async function fromDist(context) {
+  const types = { js: "text/javascript", css: "text/css", svg: "image/svg+xml", txt: "text/plain" };
+  await context.route((url) => /^\/(app(\/(?!login\.json).*)?)?$/.test(url.pathname), async (route) => route.fulfill({ response: await route.fetch(), body: readFileSync(path.join(DIST, "index.html")), status: 200 }));
+  await context.route((url) => url.pathname.startsWith("/assets/"), (route) => {
+    const file = path.join(DIST, new URL(route.request().url()).pathname);
+    return existsSync(file) ? route.fulfill({ body: readFileSync(file), contentType: types[file.split(".").pop()] }) : route.fulfill({ status: 404 });
+  });
 }
 
 /**
  * A page that keeps what went wrong in `faults`: requests to other origins, violations of the policy, errors in the console.
- * Refusals that a test expects are named in `expected`.
+ * Refusals that a test expects are named in `expected`, the origin of an identity provider in `provider`.
  */
-export async function open(browser, address, options = {}, expected = []) {
+export async function open(browser, address, options = {}, expected = [], provider = undefined) {
   const context = await browser.newContext({ viewport: { width: 1280, height: 860 }, locale: "en-GB", reducedMotion: "no-preference", ...options });
+  if (process.env.DIST === "1") await fromDist(context);
   const page = await context.newPage();
   page.setDefaultTimeout(20_000);
   const faults = [];
@@ -70,8 +86,8 @@ export async function open(browser, address, options = {}, expected = []) {
   page.bytes = 0;
   page.on("request", (request) => {
     const url = new URL(request.url());
-    if (url.protocol !== "blob:" && url.origin !== address) faults.push(`request to ${url.origin}`);
-    if (/shk_/.test(request.url())) faults.push(`a key in an address: ${url.pathname}`);
+    if (url.protocol !== "blob:" && url.origin !== address && url.origin !== provider) faults.push(`request to ${url.origin}`);
+    if (/shk_|eyJ/.test(request.url())) faults.push(`a key in an address: ${url.pathname}`);
   });
   page.on("console", (message) => {
     if (message.type() === "error" && !expected.some((text) => message.text().includes(text))) faults.push(`console: ${message.text()} ${message.location().url}`);
@@ -81,4 +97,27 @@ export async function open(browser, address, options = {}, expected = []) {
     addEventListener("securitypolicyviolation", (event) => console.error(`policy: ${event.violatedDirective} ${event.blockedURI}`));
   });
   return page;
+}
+
+/** Where pictures are kept, if they are. */
+const SCREENS = process.env.SCREENS ? path.resolve(ROOT, process.env.SCREENS) : undefined;
+if (SCREENS) mkdirSync(SCREENS, { recursive: true });
+
+export async function screen(page, name, options = {}) {
+  if (SCREENS) await page.screenshot({ path: path.join(SCREENS, `${name}.png`), ...options });
+}
+
+export async function settled(page) {
+  await page.waitForLoadState("load");
+  await page.waitForFunction(() => document.querySelector("h1") && !document.querySelector(".loading, [aria-busy=true]"), null, { timeout: 45_000 });
+  await page.evaluate(() => new Promise((resolve) => requestAnimationFrame(() => requestAnimationFrame(resolve))));
+}
+
+const AXE = readFileSync(path.join(ROOT, "dashboard/node_modules/axe-core/axe.min.js"), "utf8");
+
+export async function accessible(page, name) {
+  await page.evaluate(AXE);
+  const { violations } = await page.evaluate(() => window.axe.run(document, { resultTypes: ["violations"] }));
+  const serious = violations.filter((one) => ["serious", "critical"].includes(one.impact));
+  assert.deepEqual(serious.map((one) => `${name}: ${one.id}: ${one.nodes.map((node) => node.target.join(" ")).slice(0, 4).join(", ")}`), []);
 }

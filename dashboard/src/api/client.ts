@@ -29,9 +29,13 @@ export class Refusal extends Error {
   }
 }
 
+/** A fault that the page itself has found, as a sentence. */
+export class Said extends Error {}
+
 const SESSION = "shapelex.key";
 let key = sessionStorage.getItem(SESSION);
 let whenRefused: () => void = () => {};
+let renewal: () => Promise<boolean> = () => Promise.resolve(false);
 
 /** The key is kept for this tab only, and sent in a header only. */
 export function setKey(value: string | null): void {
@@ -42,6 +46,10 @@ export function setKey(value: string | null): void {
 export const hasKey = (): boolean => key !== null;
 export function onUnauthenticated(then: () => void): void {
   whenRefused = then;
+}
+/** How a token that is no longer accepted is renewed, if it can be. */
+export function setRenewal(renew: () => Promise<boolean>): void {
+  renewal = renew;
 }
 export const authorization = (): Record<string, string> => (key ? { authorization: `Bearer ${key}` } : {});
 
@@ -65,13 +73,15 @@ export async function problemOf(response: Response): Promise<Problem> {
 
 /** Any request; refusals become a [`Refusal`], a lost connection an ordinary error. */
 export async function send(method: string, url: string, options: Options & { body?: BodyInit } = {}): Promise<Response> {
-  const response = await fetch(url, {
+  const ask = () => fetch(url, {
     method,
     body: options.body,
     signal: options.signal,
     headers: { accept: "application/json", ...options.headers, ...authorization() },
     credentials: "omit",
   });
+  let response = await ask();
+  if (response.status === 401 && (await renewal())) response = await ask();
   if (response.ok) return response;
   if (response.status === 401) whenRefused();
   throw new Refusal(await problemOf(response));

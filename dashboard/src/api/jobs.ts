@@ -1,5 +1,5 @@
 /** Answers that may be jobs: waited for, with progress. */
-import { get, type Schemas } from "./client";
+import { get, Said, type Schemas } from "./client";
 
 type Job = Schemas["JobOutput"];
 const isJob = (answer: unknown): answer is Job => typeof answer === "object" && answer !== null && "status" in answer && "kind" in answer && "attempt" in answer;
@@ -14,6 +14,6 @@ export async function settled<T>(answer: T | Job, signal: AbortSignal, progress:
     signal.throwIfAborted();
     job = await get("/v1/jobs/{job}", { path: { job: job.id }, signal });
   }
-  if (job.status !== "succeeded") throw new Error(job.problem?.detail ?? job.status);
+  if (job.status !== "succeeded") throw new Said(job.problem?.detail ?? job.status);
   return job.result as T;
 }

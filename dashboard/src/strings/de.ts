@@ -19,12 +19,21 @@ export const de: Strings = {
     topology: "Topologie", yes: "ja", no: "nein", none: "keine", weight: "Gewicht", id: "Kennung", distance: "Abstand", cohort: "Kohorte", method: "Verfahren", version: "Version", component: "Komponente", rank: "Rang", dictionary: "Wörterbuch",
   },
   fault: {
+    page: "Auf dieser Seite ist ein Fehler aufgetreten",
     connection: "Der Dienst ist nicht erreichbar", connectionHint: "Die Verbindung ist abgerissen, oder der Dienst läuft nicht mehr. Diese Seite hat nichts verändert; versuchen Sie es erneut, sobald er wieder da ist.",
     line: (line) => `Zeile ${line}`, shape: (place) => `Form ${place}`, more: (count) => `und ${count} weitere`, request: "Anfrage",
   },
   login: {
     title: "Dieser Dienst verlangt einen Schlüssel", lead: "Fügen Sie den Schlüssel ein, den die Verwaltung für Sie angelegt hat. Er bestimmt, was Sie sehen und ändern dürfen.", key: "Schlüssel", enter: "Weiter",
     wrong: "Dieser Schlüssel gilt nicht", wrongHint: "Er ist falsch geschrieben, abgelaufen oder widerrufen. Bitten Sie die Verwaltung um einen neuen.", leave: "Schlüssel vergessen",
+    byProvider: "Anmelden", leadProvider: "Ihr Konto beim Anmeldedienst bestimmt, was Sie sehen und ändern dürfen.", with: (host) => `Anmelden mit ${host}`, orKey: "Oder mit einem Schlüssel", out: "Abmelden",
+    failures: {
+      insecure: ["Diese Verbindung ist nicht geschützt", () => "Die Anmeldung über den Anmeldedienst braucht HTTPS. Fragen Sie die Verwaltung, oder nehmen Sie einen Schlüssel."],
+      away: ["Der Anmeldedienst ist nicht erreichbar", (host) => `${host} antwortet dieser Seite nicht. Versuchen Sie es später, oder nehmen Sie einen Schlüssel.`],
+      elsewhere: ["Der Anmeldedienst ist für diese Seite nicht eingerichtet", (host) => `Seine Adressen sind nicht die von ${host}, das diese Seite aufrufen darf. Fragen Sie die Verwaltung.`],
+      stale: ["Diese Anmeldung wurde nicht hier begonnen", () => "Sie ist vielleicht zu alt oder aus einem anderen Tab. Melden Sie sich erneut an."],
+      refused: ["Der Anmeldedienst hat die Anmeldung abgelehnt", (reason) => reason || "Er hat keinen Grund genannt."],
+    },
     where: "Der Schlüssel bleibt in diesem Tab, bis Sie ihn schließen. Er wird nur an diesen Dienst gesendet und ist nie Teil einer Adresse.",
   },
   start: {
@@ -65,7 +74,7 @@ export const de: Strings = {
     alt: (name) => `Die Form ${name}`, caption: "Die Form in ihrer eigenen Lage und Größe.", about: "Maße", correct: "Berichtigen", deleted: (name) => `${name} wurde gelöscht.`,
     neighbours: "Ähnlichste Formen", neighboursAlt: "Die Form und die ihr ähnlichsten Formen, an ihr ausgerichtet", distanceHint: "Abstände nach der Ausrichtung, als Bruchteile der Größe der Form: 0 ist dieselbe Form.",
   },
-  solid: { turn: "Ziehen oder Pfeiltasten drehen; Scrollen führt näher heran." },
+  solid: { inwards: "innen", outwards: "außen", turn: "Ziehen oder Pfeiltasten drehen; Scrollen führt näher heran." },
   mean: {
     class: "Unterschiede, die nicht zählen", alignment: "Ausrichtung", standard: "üblich für die Klasse", projection: "Projektion (geschlossene Form)", partial: "partielle Procrustes-Ausrichtung", frame: "Lage des Mittels", training: "wie die Formen liegen", canonical: "kanonisch: für alle gleich",
     alt: (cohort) => `Mittel von ${cohort} vor den ausgerichteten Formen`, caption: (count) => `Das Mittel vor ${count} ausgerichteten Formen. Es ist immer aktuell: Formen, die eintreffen, verändern es hier.`,
@@ -89,6 +98,10 @@ export const de: Strings = {
     caption: (first, second) => `Die Mittel der Gruppen übereinander und der Unterschied auf ${first}: Das Paar mit dem größten Abstand ist ${first} und ${second}.`,
     effect: (first, second) => `Wo sich ${first} und ${second} unterscheiden`, along: "Ort entlang der Kontur", effectAlt: (some, all) => `p entlang der Kontur: an ${some} von ${all} Orten höchstens 0,05`,
     effectHint: (some, all) => `An ${some} von ${all} Orten ist p höchstens 0,05, korrigiert für die Zahl der Orte.`,
+    coloured: (first, second) => `Farben: wo ${second} außerhalb (rot) oder innerhalb (blau) von ${first} liegt.`,
+    effectKey: (first, second, most, drawn) => `Abstand von ${first} zu ${second}: 0 bis ${most}; ${{ surface: "kräftig", line: "breit", dots: "groß" }[drawn]}, wo p an dieser Stelle höchstens 0,05 ist`,
+    permuted: (name) => `Was der Zufall allein ergäbe: ${name}`, relabellings: "Umverteilungen", observed: "beobachtet", explained: "Anteil der Variation, den die Gruppen erklären",
+    chance: (observed, exceeding, all) => `Die Gruppen erklären ${observed} der Variation. Von ${all} zufälligen Aufteilungen derselben Formen erklären ${exceeding} ebenso viel oder mehr.`,
     sideBySide: "Mittel nebeneinander", linked: "Beide drehen sich gemeinsam: Ziehen Sie an einem, oder nutzen Sie die Pfeiltasten.", pairs: "Paare von Gruppen", pair: "Paar", holm: "p (Holm)", overall: "Alle Gruppen", pairsHint: (count) => `R² ist der Teil der Variation, den die Gruppen erklären. p aus ${count} Permutationen; die Korrektur nach Holm gilt für die Zahl der Paare.`,
     sizes: "Größen vor der Ausrichtung", group: "Gruppe", spread: "Streuung", sizesHint: "Mittelwert ± Standardabweichung. Streuung ist der typische Abstand einer Form vom Mittel ihrer Gruppe nach der Ausrichtung.",
     untested: (name) => `${name} wurde nicht getestet.`, differ: (name, p, r) => `Die Formen unterscheiden sich nach ${name} (p ${p.startsWith("<") ? p : `= ${p}`}); das erklärt ${r} ihrer Variation.`,
@@ -96,7 +109,7 @@ export const de: Strings = {
   },
   regression: {
     attribute: "Hängt ab von", size: "Logarithmus der Zentroidgröße", sizeName: "der Größe", covariate: "Bereinigt um", partial: "partielles R²", slider: (name) => `Vorhergesagte Form für ${name}`, slideHint: "Die vorhergesagte Form vor dem Durchschnitt.",
-    scores: "Jede Form", score: "Formwert", scoresHint: "Der Wert einer Form sagt, wie weit sie in Richtung der Regression liegt.", alt: (name) => `Vorhergesagte Formen für Werte von ${name}`, caption: "Vorhersagen vom 5-%- bis zum 95-%-Quantil.",
+    scores: "Jede Form", score: "Formwert", scoresHint: "Der Wert einer Form sagt, wie weit sie in Richtung der Regression liegt.", alt: (name) => `Vorhergesagte Formen für Werte von ${name}`, caption: "Vorhersagen vom 5-%- bis zum 95-%-Quantil.", key: (from, to) => `${from} bis ${to}`,
     depends: (name, p, r) => `Die Form hängt ab von ${name} (p ${p.startsWith("<") ? p : `= ${p}`}); das erklärt ${r} der Variation.`, independent: (name, p) => `Eine Abhängigkeit der Form von ${name} wurde nicht gefunden (p = ${p}).`,
   },
   upload: {
@@ -135,18 +148,18 @@ export const de: Strings = {
     selection: "Auswahl", selectionHint: "Ziehen Sie eine Linie um Punkte, um Formen zu wählen und ihr Mittel zu sehen.", chosen: (count) => `${count} gewählt`, clear: "Aufheben", meanOf: "Mittel der gewählten Formen vor dem Mittel aller.", others: (count) => `und ${count} weitere`, open: "Als Filter öffnen", rest: (count) => `${count} weitere`,
   },
   drift: {
-    none: (revision) => `Seit das Wörterbuch bei Revision ${revision} gelernt wurde, sind keine Formen hinzugekommen. Neue Formen erscheinen hier, sobald sie eintreffen.`, alt: "Werte der neuen Formen gegen die des Trainings", scores: "Werte", shift: "Verschiebung", spread: "Streuung",
+    none: (revision) => `Seit das Wörterbuch bei Revision ${revision} gelernt wurde, sind keine Formen hinzugekommen. Neue Formen erscheinen hier, sobald sie eintreffen.`, caption: "Eine Linie je Komponente: die neuen Formen, ihr Mittel (Punkt) ± eine Standardabweichung, in Standardabweichungen der gelernten. Grau: die gelernten, ebenso.", alt: "Werte der neuen Formen gegen die des Trainings", scores: "Werte", shift: "Verschiebung", spread: "Streuung",
     sentence: (shapes, outliers, rate, expected) => `Von ${shapes} neuen Formen sind ${outliers} ungewöhnlich (${rate}); etwa ${expected} wären zu erwarten, wenn sich nichts geändert hätte.`,
     quantile: "Grenze des Üblichen", fresh: "Neue Formen", outliers: "Ungewöhnlich", angle: "Winkel zwischen den Mitteln", expected: "Zufällig erwartet", classes: "Klassen", training: "Training",
   },
   assess: {
     title: "Form beurteilen", lead: "Vergleichen Sie eine Form mit dem, was ein Wörterbuch gelernt hat: Lage, Klasse, Neuheit und wo sie abweicht.", print: "Drucken oder als PDF sichern", nothing: "Die Datei enthält keine Form.", posted: "Übergebene Form", withClasses: "mit Klassen",
-    stored: (cohort) => `Oder eine Form aus ${cohort}, nach Kennung`, drop: "Kontur oder Maske ablegen", formats: "JSON, GeoJSON, CSV, TPS, Labelmaske (PNG, TIFF, NIfTI)", noClass: "keine Klasse",
+    stored: (cohort) => `Oder eine Form aus ${cohort}, nach Kennung`, drop: "Kontur, Maske oder Bild ablegen", formats: "JSON, GeoJSON, CSV, TPS; Masken und Bilder: PNG, JPEG, WebP, TIFF, NIfTI", noClass: "keine Klasse",
     verdict: (label, confidence, accepted) => (accepted === false ? `Aus keiner der bekannten Klassen; die nächste ist ${label}.` : `Am ehesten ${label} (${confidence}).`), usual: "Eine übliche Form", unusual: "Eine ungewöhnliche Form",
     outlier: "ungewöhnlich: jenseits der Grenze von 99 % der Formen", inlier: "im Rahmen des Üblichen", against: (name, shapes, time) => `verglichen mit ${name}, gelernt aus ${shapes} Formen, ${time}`,
-    where: "Wo sie abweicht", whereAlt: (name) => `${name}, gefärbt nach dem Abstand von der Rekonstruktion`, whereCaption: "Die Form, gefärbt nach ihrem Abstand von der Rekonstruktion durch das Wörterbuch.",
+    where: "Wo sie abweicht", whereAlt: (name) => `${name}, gefärbt nach dem Abstand von der Rekonstruktion`, whereCaption: "Die Form, gefärbt nach ihrem Abstand von der Rekonstruktion durch das Wörterbuch.", whereKey: (most) => `Abstand von der Rekonstruktion: 0 bis ${most}`, reconstruction: "Rekonstruktion", outside: "Farben: wo die Form außerhalb (rot) oder innerhalb (blau) ihrer Rekonstruktion liegt.",
     accuracy: (value, majority) => `Bei ungesehenen Formen waren ${value} solcher Antworten richtig; die häufigste Klasse allein ergäbe ${majority}.`, novelty: "Wie ungewöhnlich", within: "Entlang der Moden", beyond: "Jenseits der Moden", rank: (part) => `ungewöhnlicher als ${part} der Formen`, first: "ungewöhnlicher als jede Form, aus der gelernt wurde", rejected: "Die Form wurde zurückgewiesen: Diese Werte vergleichen nur die Klassen untereinander.",
-    error: "Relativer Fehler", noveltyHint: "Entlang der Moden: extrem, aber von bekannter Art. Jenseits der Moden: von einer Art, die das Wörterbuch nicht kennt.", code: "Code", scores: "Werte in Standardabweichungen der gelernten Formen.", atoms: "Gewichte der verwendeten Atome.", weight: "Gewicht", picture: "Ein Foto, keine Maske? Finden Sie zuerst die Kontur:", pose: "Lage", scale: "Größe, je Einheit des Mittels", angle: "Drehung", nearest: "Ähnlichste Formen", printed: (time) => `Shapelex, ${time}. Eine statistische Beschreibung, keine Diagnose.`,
+    error: "Relativer Fehler", noveltyHint: "Entlang der Moden: extrem, aber von bekannter Art. Jenseits der Moden: von einer Art, die das Wörterbuch nicht kennt.", code: "Code", scores: "Werte in Standardabweichungen der gelernten Formen.", atoms: "Gewichte der verwendeten Atome.", weight: "Gewicht", picture: "Mehrere Objekte oder ein Volumen? Finden Sie zuerst die Kontur:", from: "Aus dem Bild", readAs: "Lesen als", mask: "Maske: jedes Label ist ein Objekt", image: "Bild: das größte Objekt wird gesucht", contourAlt: (name) => `${name} mit der gefundenen Kontur`, contourHint: "Ist dies das Objekt und sein Rand? Alles Weitere handelt von dieser Kontur.", correct: "Berichtigen", noObject: "Aus diesem Bild hebt sich kein Objekt ab.", solid: "Eine Maske im Raum hat keine Kontur. Passen Sie ihre Fläche an wie die der Kohorte und legen Sie deren Kontrollpunkte ab, oder wählen Sie eine Schicht.", volume: "Ein Volumen aus Grauwerten zeigt vieles. Wählen Sie Schicht und Objekt:", pose: "Lage", scale: "Größe, je Einheit des Mittels", angle: "Drehung", nearest: "Ähnlichste Formen", printed: (time) => `Shapelex, ${time}. Eine statistische Beschreibung, keine Diagnose.`,
   },
   jobs: {
     lead: "Lange Arbeiten, während sie laufen. Sie gehen weiter, wenn Sie die Seite verlassen, auch nach einem Neustart des Dienstes.", live: "verbunden", offline: "nicht verbunden", status: "Status", all: "alle", none: "Keine Aufträge.", work: "Arbeit", progress: "Fortschritt", begun: "Begonnen", duration: "Dauer", running: "Wird berechnet …",
@@ -158,9 +171,10 @@ export const de: Strings = {
     files: "Diese Anfrage braucht eine Datei; die Kopie ist ein Anfang.",
   },
   segment: {
-    lead: "Ziehen Sie einen Rahmen um ein Objekt. Eine Kontur beginnt darin und wandert zum Rand; berichtigen Sie einen Punkt, wo sie irrt, und lassen Sie sie weiterlaufen.", drop: "Bild ablegen", formats: "PNG, JPEG oder WebP; es bleibt zwischen dieser Seite und dem Dienst", unreadable: (name) => `${name} ist kein Bild, das dieser Browser lesen kann.`,
+    lead: "Ziehen Sie einen Rahmen um ein Objekt. Eine Kontur beginnt darin und wandert zum Rand; berichtigen Sie einen Punkt, wo sie irrt, und lassen Sie sie weiterlaufen.", drop: "Bild oder Volumen ablegen", formats: "PNG, JPEG, WebP, TIFF, NIfTI; es bleibt zwischen dieser Seite und dem Dienst", unreadable: (name) => `${name} ist kein Bild oder Volumen, das diese Seite lesen kann.`,
     alt: (name) => `${name} mit Rahmen und Kontur`, box: "Ziehen Sie einen Rahmen um ein Objekt.", correct: "Ziehen Sie einen Punkt an seinen Ort und setzen Sie fort; Ziehen an anderer Stelle ergibt einen neuen Rahmen.", size: (width, height) => `${width} × ${height} Pixel.`, run: "Kontur finden", resume: "Von hier weiter", assess: "Diese Form beurteilen", other: "Anderes Bild",
-    history: "Energie nach jedem Schritt", energy: "Energie", iteration: "Schritt", iterations: "Schritte", term: "Das Objekt zeigt sich durch", polarity: "Das Objekt ist", bright: "hell", dark: "dunkel", sigma: "Unschärfe in Pixeln", points: "Kontrollpunkte", boxOf: "Rahmen, in Pixeln", sides: { x: "Links", y: "Oben", w: "Breite", h: "Höhe" }, result: "Ergebnis",
+    history: "Energie nach jedem Schritt", energy: "Energie", iteration: "Schritt", iterations: "Schritte", term: "Das Objekt zeigt sich durch", polarity: "Das Objekt ist", bright: "hell", dark: "dunkel", sigma: "Unschärfe in Pixeln", points: "Kontrollpunkte", boxOf: (unit) => `Rahmen, in ${unit}`, pixels: "Pixeln", point: (number) => `Punkt ${number}: mit den Pfeiltasten verschieben`, again: "Neuer Rahmen",
+    plane: "Ausrichtung", planes: ["Sagittal", "Koronal", "Axial"], across: ["Quer zu x", "Quer zu y", "Quer zu z"], slice: "Schicht", sliceOf: (slice, all) => `${slice} von ${all}`, spacing: (across, down) => `Ein Pixel misst ${across} × ${down} mm.`, sides: { x: "Links", y: "Oben", w: "Breite", h: "Höhe" }, result: "Ergebnis",
     terms: {
       contour: ["seinen Rand", "Der Gradient kreuzt den Rand: Objekte mit Kanten ringsum."], local_contrast: ["Kontrast zur Umgebung", "Das Mittel innen unterscheidet sich von dem einer Hülle darum: ungleichmäßige Hintergründe."],
       two_class: ["zwei Grauwerte", "Ein Grau innen, eines außen: Objekte etwa so groß wie der Rest."], threshold: ["seine Helligkeit", "Heller als ein Pegel: Objekte bekannter Helligkeit."],
@@ -168,7 +182,18 @@ export const de: Strings = {
     stops: { converged: "Die Kontur ist zur Ruhe gekommen.", limit: "Die Kontur bewegte sich beim letzten Schritt noch. Setzen Sie von hier fort.", line_search: "Die Kontur ist auf der Höhe des Rauschens zur Ruhe gekommen.", folded: "Die Kontur hat sich gefaltet. Versuchen Sie einen besseren Rahmen oder weniger Kontrollpunkte.", left_image: "Die Kontur hat das Bild verlassen. Versuchen Sie einen besseren Rahmen.", collapsed: "Von der Kontur blieb nichts übrig. Versuchen Sie die andere Polarität." },
   },
   administration: {
-    lead: "Wer was darf, wer was getan hat und was sich noch zurückholen lässt. Diese Ansichten verlangen die Rolle der Verwaltung.", actions: "Aktionen", parts: { keys: "Schlüssel", hooks: "Hooks", audit: "Protokoll", trash: "Papierkorb" },
+    settingsHint: "Womit der Dienst gestartet wurde. Geändert wird es durch Schalter, Variablen oder eine Datei und einen Neustart.", commit: "Commit", compiler: "Compiler", features: "Funktionen", database: "Datenbank", schema: (version) => `Schema ${version}`,
+    access: "Zugang", open: "Offen ohne Schlüssel", provider: "Anmeldedienst", pageLogin: "Anmeldung auf dieser Seite darüber", origins: "Seiten anderer Herkunft", metrics: "Metriken ohne Schlüssel", limits: "Grenzen", limit: "Höchstens", value: "Wert", setting: "Einstellung", noLimit: "keine Grenze",
+    limitNames: {
+      max_body_bytes: "Größe einer Anfrage", max_image_bytes: "Größe eines Bildes", max_voxels: "Zellen eines Bildes", max_line_bytes: "Länge einer Zeile eines Stroms",
+      max_json_values: "Werte in einem JSON-Dokument", max_compression_ratio: "Verhältnis der Kompression einer Anfrage", max_metadata_bytes: "Metadaten einer Form", max_shapes: "Formen in einer Anfrage",
+      max_points: "Punkte einer Kontur", max_mesh_vertices: "Ecken eines Netzes", max_control_points: "Kontrollpunkte einer Darstellung", max_atoms: "Atome oder Komponenten eines Wörterbuchs",
+      max_job_bytes: "Speicher eines Auftrags", max_matrix_bytes: "Größe einer Abstandsmatrix", max_matrix_operations: "Operationen einer Abstandsmatrix, die sofort beantwortet wird", max_search_operations: "Operationen einer Suche",
+      max_request_seconds: "Vorhergesagte Arbeit einer Anfrage", light_seconds: "Zeit einer lesenden Anfrage", compute_seconds: "Zeit einer rechnenden Anfrage", max_job_seconds: "Vorhergesagte Arbeit eines Auftrags",
+      max_queued_jobs: "Wartende Aufträge eines Mandanten", max_queued_seconds: "Vorhergesagte Arbeit der wartenden Aufträge eines Mandanten", max_buffered_bytes: "Speicher für Anfragen", max_answer_bytes: "Speicher für Antworten",
+      rate_per_second: "Anfragen je Sekunde und Aufrufer", rate_burst: "Anfragen auf einmal je Aufrufer", refusals_per_minute: "Abgelehnte Schlüssel je Minute und Adresse",
+    },
+    lead: "Wer was darf, wer was getan hat und was sich noch zurückholen lässt. Diese Ansichten verlangen die Rolle der Verwaltung.", actions: "Aktionen", parts: { keys: "Schlüssel", hooks: "Hooks", audit: "Protokoll", trash: "Papierkorb", settings: "Einstellungen" },
     secret: "Wird nur dieses eine Mal gezeigt. Kopieren Sie ihn jetzt.", firstKey: "Es gibt keine Schlüssel: Alle auf dieser Maschine haben die Rolle der Verwaltung. Der erste Schlüssel schließt den Dienst; geben Sie ihm diese Rolle.", newKey: "Neuer Schlüssel", role: "Rolle", roles: { reader: "Lesen", writer: "Schreiben", admin: "Verwaltung" },
     days: "Läuft ab in Tagen", never: "nie", noKeys: "Keine Schlüssel.", expires: "Läuft ab", used: "Zuletzt benutzt", revoke: "Widerrufen", revoked: "Der Schlüssel wurde widerrufen.", isRevoked: "widerrufen", newHook: "Neuer Hook", address: "Adresse", noHooks: "Keine Hooks.", position: "Zugestellt bis", pause: "Anhalten", resume: "Fortsetzen",
     states: { active: "aktiv", paused: "angehalten", failed: "fehlgeschlagen" }, auditHint: "Die letzten 24 Stunden, das Neueste zuerst, höchstens 200 Anfragen. Der Download enthält alle.", noAudit: "Keine Einträge.", at: "Zeit", request: "Anfrage", key: "Schlüssel", noTrash: "Der Papierkorb ist leer.", deleted: "Gelöscht",

@@ -17,12 +17,21 @@ export const en = {
     topology: "Topology", yes: "yes", no: "no", none: "none", weight: "Weight", id: "Id", distance: "Distance", cohort: "Cohort", method: "Method", version: "Version", component: "Component", rank: "Rank", dictionary: "Dictionary",
   },
   fault: {
+    page: "Something went wrong on this page",
     connection: "The service cannot be reached", connectionHint: "The connection was lost, or the service has stopped. Nothing was changed by this page; try again when it is back.",
     line: (line: number) => `line ${line}`, shape: (place: number) => `shape ${place}`, more: (count: number) => `and ${count} more`, request: "Request",
   },
   login: {
     title: "This service needs a key", lead: "Paste a key that an administrator has made for you. It decides what you may see and change.", key: "Key", enter: "Continue",
     wrong: "This key is not accepted", wrongHint: "It may be mistyped, expired or revoked. Ask an administrator for a new one.", leave: "Forget the key",
+    byProvider: "Log in", leadProvider: "Your account at the identity provider decides what you may see and change.", with: (host: string) => `Log in with ${host}`, orKey: "Or with a key", out: "Log out",
+    failures: {
+      insecure: ["This connection is not protected", () => "A login by the identity provider needs HTTPS. Ask an administrator, or use a key."],
+      away: ["The identity provider cannot be reached", (host: string) => `${host} does not answer this page. Try again later, or use a key.`],
+      elsewhere: ["The identity provider is not set up for this page", (host: string) => `Its addresses are not those of ${host}, which this page may call. Ask an administrator.`],
+      stale: ["This login was not begun here", () => "It may be too old, or from another tab. Log in again."],
+      refused: ["The identity provider refused the login", (reason: string) => reason || "It gave no reason."],
+    } as Record<"insecure" | "away" | "elsewhere" | "stale" | "refused", [string, (about: string) => string]>,
     where: "The key is kept in this tab until you close it. It is sent to this service only, and is never part of an address.",
   },
   start: {
@@ -63,7 +72,7 @@ export const en = {
     alt: (name: string) => `The shape ${name}`, caption: "The shape in its own position and size.", about: "Measures", correct: "Correct", deleted: (name: string) => `${name} was deleted.`,
     neighbours: "Most similar shapes", neighboursAlt: "The shape and the shapes most similar to it, aligned to it", distanceHint: "Distances after alignment, as fractions of the size of the shape: 0 is the same shape.",
   },
-  solid: { turn: "Drag or use the arrow keys to turn; scroll to come closer." },
+  solid: { inwards: "inwards", outwards: "outwards", turn: "Drag or use the arrow keys to turn; scroll to come closer." },
   mean: {
     class: "Differences to ignore", alignment: "Alignment", standard: "standard for the class", projection: "projection (closed form)", partial: "partial Procrustes", frame: "Pose of the mean", training: "as the shapes lie", canonical: "canonical: the same for all",
     alt: (cohort: string) => `Mean of ${cohort} in front of its aligned shapes`, caption: (count: number) => `The mean in front of ${count} aligned shapes. It is current at all times: shapes that arrive change it here.`,
@@ -87,6 +96,10 @@ export const en = {
     caption: (first: string, second: string) => `Averages of the groups, superimposed, and the effect on ${first}: the most distant pair is ${first} and ${second}.`,
     effect: (first: string, second: string) => `Where ${first} and ${second} differ`, along: "Place along the contour", effectAlt: (some: number, all: number) => `p along the contour: at ${some} of ${all} places at most 0.05`,
     effectHint: (some: number, all: number) => `At ${some} of ${all} places p is at most 0.05, corrected for the number of places.`,
+    coloured: (first: string, second: string) => `Colours: where ${second} lies outside (red) or inside (blue) of ${first}.`,
+    effectKey: (first: string, second: string, most: string, drawn: "surface" | "line" | "dots") => `distance from ${first} to ${second}: 0 to ${most}; ${{ surface: "strong", line: "wide", dots: "large" }[drawn]} where p is at most 0.05 at this place`,
+    permuted: (name: string) => `What chance alone would give: ${name}`, relabellings: "relabellings", observed: "observed", explained: "Part of the variation that the groups explain",
+    chance: (observed: string, exceeding: string, all: string) => `The groups explain ${observed} of the variation. Of ${all} random divisions of the same shapes, ${exceeding} explain as much or more.`,
     sideBySide: "Averages side by side", linked: "Both turn together: drag one, or use the arrow keys.", pairs: "Pairs of groups", pair: "Pair", holm: "p (Holm)", overall: "All groups", pairsHint: (count: number) => `R² is the part of the variation that the groups explain. p from ${count} permutations; Holm's correction is for the number of pairs.`,
     sizes: "Sizes before alignment", group: "Group", spread: "Spread", sizesHint: "Mean ± standard deviation. Spread is the typical distance of a shape from the average of its group, after alignment.",
     untested: (name: string) => `${name} was not tested.`, differ: (name: string, p: string, r: string) => `Shapes differ by ${name} (p ${p.startsWith("<") ? p : `= ${p}`}); it explains ${r} of their variation.`,
@@ -94,7 +107,7 @@ export const en = {
   },
   regression: {
     attribute: "Depends on", size: "Logarithm of centroid size", sizeName: "size", covariate: "Adjusted for", partial: "partial R²", slider: (name: string) => `Shape predicted for ${name}`, slideHint: "The predicted shape in front of the average.",
-    scores: "Each shape", score: "Shape score", scoresHint: "The score of a shape says how far it lies in the direction of the regression.", alt: (name: string) => `Shapes predicted for values of ${name}`, caption: "Predictions from the 5 % to the 95 % quantile.",
+    scores: "Each shape", score: "Shape score", scoresHint: "The score of a shape says how far it lies in the direction of the regression.", alt: (name: string) => `Shapes predicted for values of ${name}`, caption: "Predictions from the 5 % to the 95 % quantile.", key: (from: string, to: string) => `${from} to ${to}`,
     depends: (name: string, p: string, r: string) => `Shape depends on ${name} (p ${p.startsWith("<") ? p : `= ${p}`}); it explains ${r} of the variation.`, independent: (name: string, p: string) => `No dependence of shape on ${name} was found (p = ${p}).`,
   },
   upload: {
@@ -133,18 +146,18 @@ export const en = {
     selection: "Selection", selectionHint: "Draw a line around points to choose shapes and see their mean.", chosen: (count: number) => `${count} chosen`, clear: "Clear", meanOf: "Mean of the chosen shapes in front of the mean of all.", others: (count: number) => `and ${count} more`, open: "Open as a filter", rest: (count: number) => `${count} others`,
   },
   drift: {
-    none: (revision: number) => `No shapes have been added since the dictionary was learnt at revision ${revision}. New shapes appear here as they arrive.`, alt: "Scores of new shapes against those of the training", scores: "Scores", shift: "Shift", spread: "Spread",
+    none: (revision: number) => `No shapes have been added since the dictionary was learnt at revision ${revision}. New shapes appear here as they arrive.`, alt: "Scores of new shapes against those of the training", caption: "A line for each component: the new shapes, their mean (dot) ± one standard deviation, in standard deviations of the training. Grey: the training, in the same way.", scores: "Scores", shift: "Shift", spread: "Spread",
     sentence: (shapes: number, outliers: number, rate: string, expected: string) => `Of ${shapes} new shapes, ${outliers} are unusual (${rate}); about ${expected} would be expected if nothing had changed.`,
     quantile: "Limit of usual shapes", fresh: "New shapes", outliers: "Unusual", angle: "Angle between the means", expected: "Expected by chance", classes: "Classes", training: "Training",
   },
   assess: {
     title: "Assess a shape", lead: "Compare one shape with what a dictionary has learnt: pose, class, novelty, and where it deviates.", print: "Print or save as PDF", nothing: "The file contains no shape.", posted: "Posted shape", withClasses: "with classes",
-    stored: (cohort: string) => `Or a shape of ${cohort}, by id`, drop: "Drop a contour or a mask", formats: "JSON, GeoJSON, CSV, TPS, label mask (PNG, TIFF, NIfTI)", noClass: "no class",
+    stored: (cohort: string) => `Or a shape of ${cohort}, by id`, drop: "Drop a contour, a mask or a picture", formats: "JSON, GeoJSON, CSV, TPS; masks and pictures: PNG, JPEG, WebP, TIFF, NIfTI", noClass: "no class",
     verdict: (label: string, confidence: string, accepted: boolean | null | undefined) => (accepted === false ? `Of none of the known classes; nearest is ${label}.` : `Most likely ${label} (${confidence}).`), usual: "A usual shape", unusual: "An unusual shape",
     outlier: "unusual: beyond the limit of 99 % of the shapes", inlier: "within what is usual", against: (name: string, shapes: number, time: string) => `against ${name}, learnt from ${shapes} shapes, ${time}`,
-    where: "Where it deviates", whereAlt: (name: string) => `${name}, coloured by its distance from the reconstruction`, whereCaption: "The shape, coloured by its distance from the reconstruction by the dictionary.",
+    where: "Where it deviates", whereAlt: (name: string) => `${name}, coloured by its distance from the reconstruction`, whereCaption: "The shape, coloured by its distance from the reconstruction by the dictionary.", whereKey: (most: string) => `distance to the reconstruction: 0 to ${most}`, reconstruction: "reconstruction", outside: "Colours: where the shape lies outside (red) or inside (blue) of its reconstruction.",
     accuracy: (value: string, majority: string) => `On unseen shapes ${value} of such answers were right; the most frequent class alone gives ${majority}.`, novelty: "How unusual", within: "Along the modes", beyond: "Beyond the modes", rank: (part: string) => `more unusual than ${part} of the shapes`, first: "more unusual than every shape it was learnt from", rejected: "The shape was rejected: these confidences compare the classes with each other only.",
-    error: "Relative error", noveltyHint: "Along the modes: extreme, but of a known kind. Beyond the modes: of a kind that the dictionary has not seen.", code: "Code", scores: "Scores in standard deviations of the shapes learnt from.", atoms: "Weights of the atoms in use.", weight: "Weight", picture: "A photograph, not a mask? Find the contour first:", pose: "Pose", scale: "Size, per unit of the mean", angle: "Rotation", nearest: "Most similar shapes", printed: (time: string) => `Shapelex, ${time}. A statistical description, not a diagnosis.`,
+    error: "Relative error", noveltyHint: "Along the modes: extreme, but of a known kind. Beyond the modes: of a kind that the dictionary has not seen.", code: "Code", scores: "Scores in standard deviations of the shapes learnt from.", atoms: "Weights of the atoms in use.", weight: "Weight", picture: "Several objects, or a volume? Find the contour first:", from: "From the picture", readAs: "Read as", mask: "mask: each label is an object", image: "picture: the largest object is found", contourAlt: (name: string) => `${name} with the contour that was found`, contourHint: "Is this the object, and its edge? What follows is about this contour.", correct: "Correct it", noObject: "No object stands out from this picture.", solid: "A mask in space has no contour. Fit its surface as those of the cohort were fitted, and drop its control points, or choose a slice.", volume: "A volume of greys shows many things. Choose a slice and the object:", pose: "Pose", scale: "Size, per unit of the mean", angle: "Rotation", nearest: "Most similar shapes", printed: (time: string) => `Shapelex, ${time}. A statistical description, not a diagnosis.`,
   },
   jobs: {
     lead: "Long work, as it happens. It goes on when you leave, and after a restart of the service.", live: "live", offline: "not connected", status: "Status", all: "all", none: "No jobs.", work: "Work", progress: "Progress", begun: "Begun", duration: "Duration", running: "Computing …",
@@ -156,9 +169,10 @@ export const en = {
     files: "This request takes a file; use the copy as a beginning.",
   },
   segment: {
-    lead: "Draw a box around an object. A contour starts in it and moves to the edge; correct a point where it went wrong, and let it go on.", drop: "Drop a picture", formats: "PNG, JPEG or WebP; it stays between this page and the service", unreadable: (name: string) => `${name} is not a picture that this browser can read.`,
+    lead: "Draw a box around an object. A contour starts in it and moves to the edge; correct a point where it went wrong, and let it go on.", drop: "Drop a picture or a volume", formats: "PNG, JPEG, WebP, TIFF, NIfTI; it stays between this page and the service", unreadable: (name: string) => `${name} is not a picture or volume that this page can read.`,
     alt: (name: string) => `${name} with the box and the contour`, box: "Drag to draw a box around one object.", correct: "Drag a point to correct it, then go on; drag elsewhere for a new box.", size: (width: string, height: string) => `${width} × ${height} pixels.`, run: "Find the contour", resume: "Go on from here", assess: "Assess this shape", other: "Another picture",
-    history: "Energy after each step", energy: "Energy", iteration: "Step", iterations: "Steps", term: "The object is seen by", polarity: "The object is", bright: "bright", dark: "dark", sigma: "Blur in pixels", points: "Control points", boxOf: "Box, in pixels", sides: { x: "Left", y: "Top", w: "Width", h: "Height" }, result: "Result",
+    history: "Energy after each step", energy: "Energy", iteration: "Step", iterations: "Steps", term: "The object is seen by", polarity: "The object is", bright: "bright", dark: "dark", sigma: "Blur in pixels", points: "Control points", boxOf: (unit: string) => `Box, in ${unit}`, pixels: "pixels", point: (number: number) => `Point ${number}: move it with the arrow keys`, again: "A new box",
+    plane: "Orientation", planes: ["Sagittal", "Coronal", "Axial"], across: ["Across x", "Across y", "Across z"], slice: "Slice", sliceOf: (slice: number, all: number) => `${slice} of ${all}`, spacing: (across: string, down: string) => `A pixel is ${across} × ${down} mm.`, sides: { x: "Left", y: "Top", w: "Width", h: "Height" }, result: "Result",
     terms: {
       contour: ["its edge", "The gradient crosses the boundary: objects with edges all around."], local_contrast: ["contrast to its surroundings", "The mean inside differs from that of a shell around it: uneven backgrounds."],
       two_class: ["two grey values", "One grey inside, one outside: objects about as large as the rest."], threshold: ["its brightness", "Brighter than a level: objects of known brightness."],
@@ -166,7 +180,18 @@ export const en = {
     stops: { converged: "The contour has come to rest.", limit: "The contour was still moving at the last step. Go on from here.", line_search: "The contour has come to rest at the level of the noise.", folded: "The contour folded. Try a better box, or fewer control points.", left_image: "The contour left the picture. Try a better box.", collapsed: "Nothing was left of the contour. Try the other polarity." },
   },
   administration: {
-    lead: "Who may do what, who did what, and what can still be brought back. These views need the role of an administrator.", actions: "Actions", parts: { keys: "Keys", hooks: "Hooks", audit: "Audit trail", trash: "Trash" },
+    settingsHint: "What the service was started with. It is changed by flags, variables or a file, and a restart.", commit: "Commit", compiler: "Compiler", features: "Features", database: "Database", schema: (version: number) => `schema ${version}`,
+    access: "Access", open: "Open without a key", provider: "Identity provider", pageLogin: "Login on this page by it", origins: "Pages of other origins", metrics: "Metrics without a key", limits: "Limits", limit: "At most", value: "Value", setting: "Setting", noLimit: "no limit",
+    limitNames: {
+      max_body_bytes: "Size of a request", max_image_bytes: "Size of an image", max_voxels: "Cells of an image", max_line_bytes: "Length of a line of a stream",
+      max_json_values: "Values in a JSON document", max_compression_ratio: "Ratio of compression of a request", max_metadata_bytes: "Metadata of a shape", max_shapes: "Shapes in a request",
+      max_points: "Points of a contour", max_mesh_vertices: "Vertices of a mesh", max_control_points: "Control points of a representation", max_atoms: "Atoms or components of a dictionary",
+      max_job_bytes: "Memory of a job", max_matrix_bytes: "Size of a distance matrix", max_matrix_operations: "Operations of a distance matrix that is answered at once", max_search_operations: "Operations of a search",
+      max_request_seconds: "Predicted work of a request", light_seconds: "Time of a request that reads", compute_seconds: "Time of a request that computes", max_job_seconds: "Predicted work of a job",
+      max_queued_jobs: "Waiting jobs of a tenant", max_queued_seconds: "Predicted work of the waiting jobs of a tenant", max_buffered_bytes: "Memory for requests", max_answer_bytes: "Memory for answers",
+      rate_per_second: "Requests per second and caller", rate_burst: "Requests at once per caller", refusals_per_minute: "Refused keys per minute and address",
+    } as Record<string, string>,
+    lead: "Who may do what, who did what, and what can still be brought back. These views need the role of an administrator.", actions: "Actions", parts: { keys: "Keys", hooks: "Hooks", audit: "Audit trail", trash: "Trash", settings: "Settings" },
     secret: "Shown this one time. Copy it now.", firstKey: "There are no keys: everyone on this machine is an administrator. The first key closes the service; make it an administrator's.", newKey: "New key", role: "Role", roles: { reader: "Reader", writer: "Writer", admin: "Administrator" },
     days: "Expires in days", never: "never", noKeys: "No keys.", expires: "Expires", used: "Last used", revoke: "Revoke", revoked: "The key was revoked.", isRevoked: "revoked", newHook: "New hook", address: "Address", noHooks: "No hooks.", position: "Delivered up to", pause: "Pause", resume: "Resume",
     states: { active: "active", paused: "paused", failed: "failed" }, auditHint: "The last 24 hours, the newest first, at most 200 requests. The download has all of them.", noAudit: "No entries.", at: "Time", request: "Request", key: "Key", noTrash: "The trash is empty.", deleted: "Deleted",
