@@ -18,7 +18,8 @@ export async function shapesOf(file: File, signal?: AbortSignal): Promise<Input[
   return ofJson(JSON.parse(text), bare(file.name));
 }
 
-async function ofLabels(file: File, signal?: AbortSignal): Promise<Input[]> {
+/** Contours of the labels of a mask in the plane. */
+export async function ofLabels(file: File, signal?: AbortSignal): Promise<Input[]> {
   const answer = await postImage<Schemas["ContoursAnswer"]>("/v1/contours", { least_cells: 20 }, file, signal);
   return answer.results.map((one) => ({
     external_id: `${bare(file.name)}-${one.label}${one.component ? `-${one.component}` : ""}`, points: (one as { points?: number[][] }).points,

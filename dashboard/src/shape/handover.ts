@@ -10,3 +10,14 @@ export function handedOver(): Input[] {
   sessionStorage.removeItem(NAME);
   return text ? (JSON.parse(text) as Input[]) : [];
 }
+
+let image: File | undefined;
+/** A picture on its way to be segmented; it does not survive a reload. */
+export function handOverImage(file: File): void {
+  image = file;
+}
+export function handedOverImage(): File | undefined {
+  const file = image;
+  image = undefined;
+  return file;
+}

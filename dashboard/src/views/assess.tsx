@@ -1,15 +1,20 @@
-/** One shape against a dictionary, as a report of one page. */
+/** One shape against a dictionary, as a report of one page: from a file of contours, a mask, or a picture in which it is found first. */
 import { useEffect, useState } from "preact/hooks";
-import { get, pages, post, type Schemas } from "../api/client";
-import { ACCEPT, shapesOf, type Input } from "../formats/read";
+import { get, pages, post, Said, type Schemas } from "../api/client";
+import { ACCEPT_IMAGES, isPicture, shownOf, sliceOf, volumeOf, type Volume } from "../formats/image";
+import { ACCEPT, ofLabels, shapesOf, type Input } from "../formats/read";
 import { Drop } from "../parts/drop";
-import { Fault, Field, Loading, Page, Picture, Select } from "../parts/basic";
-import { Chart } from "../parts/chart";
+import { Choice, Fault, Field, Loading, Page, Picture, Select } from "../parts/basic";
+import { Chart, colour } from "../parts/chart";
+import { Scale, Solid } from "../parts/solid";
+import { shown } from "../preferences";
 import { useLoaded } from "../hooks";
-import { useSetting } from "../router";
-import { inPlane } from "../shape/points";
+import { navigate, useSetting } from "../router";
+import { hasMesh, inPlane, path, type Points } from "../shape/points";
+import { isMask, largestObject } from "../shape/object";
+import { segmented, USUAL } from "../shape/snake";
 import { number, percent, t, time } from "../strings";
-import { handedOver } from "../shape/handover";
+import { handedOver, handOverImage } from "../shape/handover";
 
 export function Assess(_: object) {
   const list = useLoaded("dictionaries", (signal) => pages((cursor) => get("/v1/dictionaries", { query: { cursor, limit: 1000 }, signal })));
@@ -23,16 +28,47 @@ export function Assess(_: object) {
   const dictionary = chosen || (dictionaries[0] ? `${dictionaries[0].name}@${dictionaries[0].version}` : "");
   const about = useLoaded(dictionary || null, (signal) => get("/v1/dictionaries/{dictionary}", { path: { dictionary }, signal }));
   useEffect(() => setIndex(0), [shapes]);
-  const take = async ([file]: File[]) => {
-    try {
-      const found = await shapesOf(file!);
-      if (!found.length) throw new Error(t.assess.nothing);
-      setShapes(found);
-      if (stored) setStored("");
-      setError(undefined);
-    } catch (fault) {
-      setError(fault instanceof SyntaxError ? new Error(t.upload.syntax(fault.message)) : (fault as Error));
+  const [image, setImage] = useState<Image>();
+  const [busy, setBusy] = useState(false);
+  const set = (found: Input[]) => {
+    if (!found.length) throw new Said(t.assess.nothing);
+    setShapes(found);
+    if (stored) setStored("");
+  };
+  /** A picture as labels, or as greys among which an object is found. */
+  const read = async (file: File, volume: Volume, as: Image["as"]) => {
+    const found = as === "mask" ? await ofLabels(file) : [];
+    if (as === "mask" && found.some((one) => !one.points)) throw new Said(t.assess.solid);
+    let outline: Points | undefined;
+    if (as === "image") {
+      if (volume.size[2] > 1) { setImage({ file, volume, as }); setShapes([]); return; }
+      const slice = sliceOf(volume, 2, 0), object = largestObject(slice);
+      if (!object) throw new Said(t.assess.noObject);
+      outline = (await segmented(volume, slice, { ...USUAL, polarity: object.polarity }, { box: object.box })).outline;
+      found.push({ external_id: volume.name, points: outline } as Input);
     }
+    setImage({ file, volume, as, outline });
+    set(found);
+  };
+  const take = async ([file]: File[]) => {
+    setBusy(true);
+    setError(undefined);
+    setImage(undefined);
+    try {
+      if (isPicture(file!.name)) {
+        const volume = await volumeOf(file!).catch(() => { throw new Said(t.segment.unreadable(file!.name)); });
+        await read(file!, volume, isMask(volume) ? "mask" : "image");
+      } else set(await shapesOf(file!));
+    } catch (fault) {
+      setError(fault instanceof SyntaxError ? new Said(t.upload.syntax(fault.message)) : (fault as Error));
+    }
+    setBusy(false);
+  };
+  const reread = async (as: Image["as"]) => {
+    setBusy(true);
+    setError(undefined);
+    await read(image!.file, image!.volume, as).catch((fault: Error) => { setError(fault); setImage({ ...image!, as, outline: undefined }); setShapes([]); });
+    setBusy(false);
   };
   const source = about.data?.cohort_name ?? cohort;
   const shape = shapes[index];
@@ -49,13 +85,73 @@ export function Assess(_: object) {
             <Field label={t.assess.stored(source || "–")}><input value={stored} placeholder="external_id" onChange={(event) => setStored(event.currentTarget.value.trim())} /></Field>
             {shapes.length > 1 && !stored && <Select label={t.words.shape} value={String(index)} options={shapes.slice(0, 500).map((one, at) => [String(at), one.external_id ?? String(at + 1)])} onChange={(value) => setIndex(Number(value))} />}
           </div>
-          <Drop title={t.assess.drop} hint={t.assess.formats} accept={ACCEPT} onFiles={(files) => void take(files)} />
+          <Drop title={t.assess.drop} hint={t.assess.formats} accept={`${ACCEPT},${ACCEPT_IMAGES}`} onFiles={(files) => void take(files)} />
+          <Loading on={busy} />
+          {image && !stored && <Source image={image} shapes={shapes} index={index} onRead={(as) => void reread(as)} />}
           <p class="small quiet no-print">{t.assess.picture} <a href="/app/segment">{t.menu.segment}</a></p>
           <Fault error={about.error} />
           {body && about.data && <Report key={dictionary} about={about.data} dictionary={dictionary} body={body} name={name} cohort={source} />}
         </>
       )}
     </Page>
+  );
+}
+
+interface Image {
+  file: File;
+  volume: Volume;
+  as: "mask" | "image";
+  outline?: Points;
+}
+
+/** The picture from which the shape comes, with its contour: whoever reads the report must see whether it is the right one. */
+function Source({ image: { file, volume, as, outline }, shapes, index, onRead }: { image: Image; shapes: Input[]; index: number; onRead: (as: Image["as"]) => void }) {
+  const planar = volume.size[2] === 1;
+  const picture = useLoaded(planar ? `${file.name} ${file.size} ${file.lastModified}` : null, async () => URL.createObjectURL(await shownOf(volume, sliceOf(volume, 2, 0))));
+  useEffect(() => () => { if (picture.data) URL.revokeObjectURL(picture.data); }, [picture.data]);
+  const [sx, sy] = volume.spacing, [width, height] = [volume.size[0] * sx, volume.size[1] * sy];
+  const contour = outline ?? (as === "mask" ? (shapes[index]?.points as Points | undefined) : undefined);
+  return (
+    <section class="card">
+      <h2>{t.assess.from}</h2>
+      <div class="row" style={{ alignItems: "start", gap: "22px" }}>
+        {planar && (
+          <svg viewBox={`${-0.5 * sx} ${-0.5 * sy} ${width} ${height}`} style={{ width: "min(100%, 320px)", maxHeight: "320px", background: "var(--sunken)" }} role="img" aria-label={t.assess.contourAlt(volume.name)}>
+            {picture.data && <image href={picture.data} x={-0.5 * sx} y={-0.5 * sy} width={width} height={height} preserveAspectRatio="none" />}
+            {contour && <path d={path(contour.map((p) => [p[0]!, -p[1]!]), true)} fill="none" stroke="#00d0e4" stroke-width="2" vector-effect="non-scaling-stroke" />}
+          </svg>
+        )}
+        <div class="stack" style={{ flex: "1 1 260px" }}>
+          <div class="stack tight no-print"><span class="legend">{t.assess.readAs}</span><Choice label={t.assess.readAs} value={as} options={[["mask", t.assess.mask], ["image", t.assess.image]]} onChange={(value) => onRead(value as Image["as"])} /></div>
+          <p class="small quiet">{planar ? contour && t.assess.contourHint : as === "image" && t.assess.volume}</p>
+          {as === "image" && <div class="row no-print"><button onClick={() => { handOverImage(file); navigate("/app/segment"); }}>{planar ? t.assess.correct : t.menu.segment}</button></div>}
+        </div>
+      </div>
+    </section>
+  );
+}
+
+/** A surface and its reconstruction: where one lies outside or inside of the other. */
+function Residual({ about, dictionary, body, name }: { about: Schemas["DictionaryOutput"]; dictionary: string; body: Schemas["AssessRequest"]; name: string }) {
+  const [most, setMost] = useState(0);
+  const found = useLoaded(`${dictionary} ${JSON.stringify(body)}`, async (signal) => {
+    const stored = body.ids?.[0];
+    const [shape, answer] = await Promise.all([
+      stored ? get("/v1/cohorts/{cohort}/shapes/{shape}", { path: { cohort: body.cohort!, shape: stored }, signal }).then((one) => ({ control_points: one.control_points })) : body.shapes![0]!,
+      post("/v1/dictionaries/{dictionary}/reconstruct", { path: { dictionary }, body: { ...body, pose: "input" } as Schemas["ReconstructRequest"], signal }),
+    ]);
+    const source = (one: object) => ({ method: "POST" as const, path: "/v1/evaluate", body: { representation: about.representation, correspondence: about.correspondence, shapes: [one] } });
+    const other = answer.results[0] as { control_points?: Points };
+    return { shape: source(shape), other: source({ control_points: other.control_points }) };
+  });
+  return (
+    <>
+      <Fault error={found.error} />
+      <Loading on={found.loading} />
+      {found.data && <Solid source={found.data.shape} against={{ source: found.data.other, sign: -1 }} onMost={setMost} describe={t.assess.whereAlt(name)} height={400} />}
+      {most > 0 && <Scale most={most} unit={about.length_unit ?? ""} ends={[t.solid.inwards, t.solid.outwards]} />}
+      {found.data && <p class="small quiet">{t.assess.outside}</p>}
+    </>
   );
 }
 
@@ -99,7 +195,10 @@ function Report({ about, dictionary, body, name, cohort }: { about: Schemas["Dic
         <div class="stack" style={{ gap: "22px" }}>
         <div class="card">
           <h2>{t.assess.where}</h2>
-          <Picture source={{ method: "POST", path: `/v1/dictionaries/${encodeURIComponent(dictionary)}/assess`, body }} name={`${name}-report`} alt={t.assess.whereAlt(name)} width={420} caption={t.assess.whereCaption} />
+          {hasMesh(about.representation) ? <Residual about={about} dictionary={dictionary} body={body} name={name} /> : (
+            <Picture source={{ method: "POST", path: `/v1/dictionaries/${encodeURIComponent(dictionary)}/assess`, body }} name={`${name}-report`} alt={t.assess.whereAlt(name)} width={420} caption={t.assess.whereCaption}
+              keys={[[[shown() === "dark" ? "#41434a" : "#dddddd", colour("effect")], t.assess.whereKey(`${number(Math.max(...first.residual), 3)}${about.length_unit ? ` ${about.length_unit}` : ""}`)], [colour("ink"), t.assess.reconstruction]]} />
+          )}
         </div>
         <Code about={about} code={code} />
         </div>

@@ -1,6 +1,6 @@
 /** Shapes from files, with progress, and faults at their place in the file. */
 import { useRef, useState } from "preact/hooks";
-import { authorization, Refusal, type Problem, type Schemas } from "../api/client";
+import { authorization, Refusal, Said, type Problem, type Schemas } from "../api/client";
 import { Choice, Fault, Place } from "../parts/basic";
 import { ACCEPT, isLines, shapesOf } from "../formats/read";
 import { count, percent, t } from "../strings";
@@ -29,8 +29,8 @@ function upload(url: string, type: string, body: Blob, key: string, progress: (p
         reject(new Error(request.statusText));
       }
     };
-    request.onerror = () => reject(new Error(t.fault.connection));
-    request.onabort = () => reject(new Error(t.upload.stopped));
+    request.onerror = () => reject(new TypeError("network"));
+    request.onabort = () => reject(new Said(t.upload.stopped));
     request.send(body);
   });
   return { done, stop: () => request.abort() };
@@ -54,7 +54,7 @@ export function Upload({ cohort }: { cohort: string }) {
         stop.current = sent.stop;
         set(index, { answer: await sent.done, part: 1 });
       } catch (error) {
-        set(index, { error: error instanceof SyntaxError ? new Error(t.upload.syntax(error.message)) : (error as Error), part: 1 });
+        set(index, { error: error instanceof SyntaxError ? new Said(t.upload.syntax(error.message)) : (error as Error), part: 1 });
       } finally {
         stop.current = undefined;
       }
