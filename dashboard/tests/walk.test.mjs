@@ -1,13 +1,12 @@
 /** The page in a real browser on a real service: every view, by mouse and keyboard, wide and narrow, in both languages and schemes. */
 import assert from "node:assert/strict";
-import { existsSync, mkdirSync, readFileSync } from "node:fs";
+import { existsSync, readFileSync } from "node:fs";
 import path from "node:path";
 import { after, before, test } from "node:test";
 import { gzipSync } from "node:zlib";
-import { browse, key, open, ROOT, serve } from "./service.mjs";
+import { nifti, tiff } from "./files.mjs";
+import { accessible, browse, key, open, ROOT, screen, serve, settled } from "./service.mjs";
 
-const SCREENS = process.env.SCREENS ? path.resolve(ROOT, process.env.SCREENS) : undefined;
-const AXE = readFileSync(path.join(ROOT, "dashboard/node_modules/axe-core/axe.min.js"), "utf8");
 const HANDS = path.join(ROOT, "../shared/data/curves-hands/curves.ndjson");
 const WAITED = { prefer: "wait=60" };
 
@@ -42,7 +41,6 @@ before(async () => {
       "hands-scores": ["/app/dictionaries/hands@1/scores?morphospace=yes&colour=label", "hands"],
     });
   }
-  if (SCREENS) mkdirSync(SCREENS, { recursive: true });
 });
 
 after(async () => {
@@ -77,6 +75,8 @@ const VIEWS = {
   hooks: ["/app/administration?part=hooks", "Administration"],
   audit: ["/app/administration?part=audit", "Administration"],
   trash: ["/app/administration?part=trash", "Administration"],
+  settings: ["/app/administration?part=settings", "Administration"],
+  "surface-assess": ["/app/assess?dictionary=ellipsoids@1&cohort=ellipsoids&shape=ellipsoid3", "Assess a shape"],
   surface: ["/app/cohorts/ellipsoids/shapes/ellipsoid3", "ellipsoid3"],
   surfaces: ["/app/dictionaries/ellipsoids@1/modes?sigma=2", "ellipsoids"],
   "surfaces-cohort": ["/app/cohorts/ellipsoids", "ellipsoids"],
@@ -86,35 +86,18 @@ const VIEWS = {
   "landmarks-modes": ["/app/dictionaries/landmarks@1/modes?sigma=2", "landmarks"],
 };
 
-async function settled(page) {
-  await page.waitForLoadState("load");
-  await page.waitForFunction(() => document.querySelector("h1") && !document.querySelector(".loading, [aria-busy=true]"), null, { timeout: 45_000 });
-  await page.evaluate(() => new Promise((resolve) => requestAnimationFrame(() => requestAnimationFrame(resolve))));
-}
-
 /** Which views `docs/screens` shows, beside those of single tests. */
 const SHOWN = {
-  light: ["start", "cohort", "table", "mean", "groups", "regression", "report", "modes", "components", "console", "keys", "surfaces"],
+  light: ["start", "cohort", "table", "mean", "groups", "regression", "report", "modes", "components", "console", "keys", "settings", "surfaces"],
   dark: ["cohort", "modes", "groups"],
   phone: ["start", "modes"],
 };
-
-async function screen(page, name, options = {}) {
-  if (SCREENS) await page.screenshot({ path: path.join(SCREENS, `${name}.png`), ...options });
-}
 
 async function show(page, name) {
   const [address, title] = VIEWS[name];
   await page.goto(service.address + address);
   await settled(page);
   assert.equal(await page.locator("h1").innerText(), title, name);
-}
-
-async function accessible(page, name) {
-  await page.evaluate(AXE);
-  const { violations } = await page.evaluate(() => window.axe.run(document, { resultTypes: ["violations"] }));
-  const serious = violations.filter((one) => ["serious", "critical"].includes(one.impact));
-  assert.deepEqual(serious.map((one) => `${name}: ${one.id}: ${one.nodes.map((node) => node.target.join(" ")).slice(0, 4).join(", ")}`), []);
 }
 
 for (const scheme of ["light", "dark"]) {
@@ -325,7 +308,7 @@ test("an object of a picture: box, contour, correction, report", async () => {
   for (const [name, value] of [["Left", 40], ["Top", 28], ["Width", 90], ["Height", 60]]) { await page.getByLabel(name, { exact: true }).fill(String(value)); await page.getByLabel(name, { exact: true }).press("Tab"); }
   await page.getByRole("button", { name: "Find the contour" }).click();
   await page.getByText("The contour has come to rest").waitFor();
-  const area = await page.evaluate(() => { const box = document.querySelector("figure svg path").getBBox(); return box.width * box.height; });
+  const area = await page.evaluate(() => { const box = document.querySelector("path.contour").getBBox(); return box.width * box.height; });
   assert.ok(area > 3000 && area < 5200, `box of the contour: ${area}`);
   const handle = await page.locator("figure svg circle").first().boundingBox();
   await page.mouse.move(handle.x + handle.width / 2, handle.y + handle.height / 2);
@@ -337,7 +320,139 @@ test("an object of a picture: box, contour, correction, report", async () => {
   await settled(page);
   await screen(page, "segment-found");
   await page.getByRole("button", { name: "Assess this shape" }).click();
-  await page.getByText("Where it deviates").waitFor();
+  await page.getByRole("heading", { name: "Where it deviates" }).waitFor();
+  assert.deepEqual(page.faults, []);
+  await page.context().close();
+});
+
+/** A body in a volume: brighter than its surroundings, an ellipsoid with three different axes, off the middle. */
+const inside = (i, j, k) => ((i - 22) / 12) ** 2 + ((j - 20) / 9) ** 2 + ((k - 11) / 6) ** 2 < 1;
+
+test("a volume: orientations, slices, a contour that goes on to the next slice, a point moved by the keyboard", async () => {
+  const page = await open(browser, service.address);
+  await show(page, "segment");
+  // Cells of 1 × 1 × 2 mm; brighter to the head.
+  const volume = nifti([44, 40, 24], [1, 1, 2], (i, j, k) => (inside(i, j, k) ? 200 : 40) + k);
+  await page.locator("input[type=file]").setInputFiles({ name: "body.nii", mimeType: "application/octet-stream", buffer: volume });
+  await page.getByText("13 of 24").waitFor();
+  await settled(page);
+  assert.deepEqual(await page.locator("text.side-letter").allTextContents(), ["R", "L", "A", "P"]);
+  await accessible(page, "segment volume");
+  await page.getByLabel("Orientation").selectOption("Coronal");
+  await page.getByText("21 of 40").waitFor();
+  assert.deepEqual(await page.locator("text.side-letter").allTextContents(), ["R", "L", "S", "I"]);
+  assert.equal(await page.locator("figure svg[role=group]").getAttribute("viewBox"), "-0.5 -1 44 48", "millimetres");
+  await page.getByText("A pixel is 1 × 2 mm.").waitFor();
+  // A box in millimetres: the patient's right is at the left, the head on top.
+  for (const [name, value] of [["Left", 5], ["Top", 8], ["Width", 30], ["Height", 30]]) { await page.getByLabel(name, { exact: true }).fill(String(value)); await page.getByLabel(name, { exact: true }).press("Tab"); }
+  await page.getByRole("button", { name: "Find the contour" }).click();
+  await page.getByText("The contour has come to rest").waitFor();
+  const extent = () => page.evaluate(() => { const { x, y, width, height } = document.querySelector("path.contour").getBBox(); return [x + width / 2, y + height / 2, width, height]; });
+  const close = (found, wanted, tolerance) => found.forEach((value, at) => assert.ok(Math.abs(value - wanted[at]) < tolerance, `${found} for ${wanted}`));
+  // Mirrored: 43 − 22 = 21 across; 2 · (23 − 11) = 24 down; 24 × 24 mm, as the slice is through the middle.
+  close(await extent(), [21, 24, 24, 24], 1.6);
+  await screen(page, "segment-volume");
+  await page.getByRole("slider", { name: "Slice" }).focus();
+  for (let k = 0; k < 4; k++) await page.keyboard.press("ArrowRight");
+  await page.getByText("25 of 40").waitFor();
+  await page.getByRole("button", { name: "Go on from here" }).click();
+  await page.getByRole("button", { name: "Find the contour" }).waitFor();
+  await settled(page);
+  const narrower = 24 * Math.sqrt(1 - (4 / 9) ** 2);
+  close(await extent(), [21, 24, narrower, narrower], 2.2);
+  const point = page.getByRole("button", { name: "Point 1:" });
+  const place = Number(await point.getAttribute("cx"));
+  await point.focus();
+  await page.keyboard.press("ArrowRight");
+  await page.getByRole("button", { name: "Go on from here" }).waitFor();
+  close([Number(await page.getByRole("button", { name: "Point 1:" }).getAttribute("cx"))], [place + 1], 1e-6);
+  await page.getByRole("button", { name: "Assess this shape" }).click();
+  await page.getByRole("heading", { name: "Where it deviates" }).waitFor();
+  assert.deepEqual(page.faults, []);
+  await page.context().close();
+});
+
+test("TIFF: 16 bits, several pages", async () => {
+  const page = await open(browser, service.address);
+  await show(page, "segment");
+  const stack = tiff(44, 40, 3, (x, y, page) => (inside(x, y, 9 + page) ? 40_000 : 9000));
+  await page.locator("input[type=file]").setInputFiles({ name: "stack.tif", mimeType: "image/tiff", buffer: stack });
+  await page.getByText("2 of 3").waitFor();
+  await page.getByText("44 × 40 pixels.").waitFor();
+  await page.getByRole("button", { name: "Find the contour" }).click();
+  await page.getByText("The contour has come to rest").waitFor();
+  const width = await page.evaluate(() => document.querySelector("path.contour").getBBox().width);
+  assert.ok(Math.abs(width - 24) < 1.6, `${width}`);
+  await page.getByRole("button", { name: "Another picture" }).click();
+  await page.locator("input[type=file]").setInputFiles({ name: "broken.tif", mimeType: "image/tiff", buffer: Buffer.from("not a picture") });
+  await page.getByText("broken.tif is not a picture or volume").waitFor();
+  assert.deepEqual(page.faults, []);
+  await page.context().close();
+});
+
+/** A picture or a mask of two ellipses as PNG, made by the browser. */
+const drawn = (page, outside, within) => page.evaluate(([outside, within]) => {
+  const canvas = new OffscreenCanvas(160, 120), context = canvas.getContext("2d");
+  const image = context.createImageData(160, 120);
+  for (let y = 0; y < 120; y++) for (let x = 0; x < 160; x++) {
+    const large = ((x - 60) / 38) ** 2 + ((y - 58) / 26) ** 2 < 1, small = ((x - 128) / 14) ** 2 + ((y - 60) / 20) ** 2 < 1;
+    const value = large ? within[0] : small ? within[1] : outside;
+    // Greys of a camera have noise.
+    const noise = outside ? ((x * 7 + y * 13) * 37) % 9 : 0;
+    image.data.set([value + noise, value + noise, value + noise, 255], 4 * (y * 160 + x));
+  }
+  context.putImageData(image, 0, 0);
+  return canvas.convertToBlob().then((blob) => blob.arrayBuffer()).then((buffer) => [...new Uint8Array(buffer)]);
+}, [outside, within]).then((bytes) => Buffer.from(bytes));
+
+test("a mask is assessed object by object, a picture after its largest object was found, a volume is chosen from", async () => {
+  const page = await open(browser, service.address, {}, ["422"]);
+  await page.goto(`${service.address}/app/assess?dictionary=treatment@1`);
+  await settled(page);
+  const input = page.locator("input[type=file]");
+  await input.setInputFiles({ name: "mask.png", mimeType: "image/png", buffer: await drawn(page, 0, [1, 2]) });
+  await page.getByRole("heading", { name: "Where it deviates" }).waitFor();
+  assert.ok(await page.getByRole("radio", { name: "mask: each label is an object" }).isChecked());
+  assert.deepEqual(await page.locator("label.field", { hasText: /^Shape/ }).locator("option").allTextContents(), ["mask-1", "mask-2"]);
+  await settled(page);
+  await accessible(page, "assess mask");
+  await input.setInputFiles({ name: "picture.png", mimeType: "image/png", buffer: await drawn(page, 60, [190, 190]) });
+  await page.getByRole("img", { name: "picture with the contour that was found" }).waitFor();
+  await page.getByRole("heading", { name: "Where it deviates" }).waitFor();
+  await settled(page);
+  const box = await page.evaluate(() => { const { x, y, width, height } = document.querySelector("svg[aria-label^=picture] path").getBBox(); return [x + width / 2, y + height / 2, width, height]; });
+  [60, 58, 76, 52].forEach((wanted, at) => assert.ok(Math.abs(box[at] - wanted) < 3, `${box}`));
+  await screen(page, "assess-picture", { fullPage: true });
+  // Darker than its surroundings.
+  await input.setInputFiles({ name: "dark.png", mimeType: "image/png", buffer: await drawn(page, 200, [70, 70]) });
+  await page.getByRole("img", { name: "dark with the contour that was found" }).waitFor();
+  await page.getByRole("heading", { name: "Where it deviates" }).waitFor();
+  await page.getByRole("button", { name: "Correct it" }).click();
+  await page.getByText("160 × 120 pixels.").waitFor();
+  await page.goBack();
+  await settled(page);
+  await input.setInputFiles({ name: "flat.png", mimeType: "image/png", buffer: await page.evaluate(() => { const canvas = new OffscreenCanvas(40, 40), context = canvas.getContext("2d"); context.fillStyle = "#888"; context.fillRect(0, 0, 40, 40); return canvas.convertToBlob().then((blob) => blob.arrayBuffer()).then((buffer) => [...new Uint8Array(buffer)]); }).then((bytes) => Buffer.from(bytes)) });
+  await page.getByText("No object stands out from this picture.").waitFor();
+  await input.setInputFiles({ name: "body.nii", mimeType: "application/octet-stream", buffer: nifti([44, 40, 24], [1, 1, 2], (i, j, k) => (inside(i, j, k) ? 150 : 40) + ((i * 7 + j * 13 + k * 5) * 37) % 90) });
+  await page.getByText("A volume of greys shows many things").waitFor();
+  await page.locator("section.card", { hasText: "From the picture" }).getByRole("button", { name: "Segment" }).click();
+  await page.getByText("13 of 24").waitFor();
+  assert.deepEqual(page.faults, []);
+  await page.context().close();
+});
+
+test("what chance alone would give stands beside what was found", async () => {
+  const page = await open(browser, service.address);
+  await show(page, "groups");
+  await page.getByRole("heading", { name: "What chance alone would give: All groups" }).waitFor();
+  const answer = await service.call("POST", "/v1/comparisons", { cohort: "example-cells", by: "labels.treatment", transformation: "similarity", permutations: 1000 });
+  assert.equal(answer.overall.histogram.counts.reduce((sum, one) => sum + one, 0), 1000);
+  const { exceeding } = answer.overall.pseudo_f.test;
+  await page.getByText(`Of 1,000 random divisions of the same shapes, ${exceeding} explain as much or more.`).waitFor();
+  // The words of drawings are those of the page.
+  for (const name of ["control", "cytd", "jasp"]) await page.locator(".keys li", { hasText: `${name} (n = 40)` }).waitFor();
+  await page.locator("figure", { hasText: "What chance alone" }).scrollIntoViewIfNeeded();
+  await screen(page, "groups-chance");
   assert.deepEqual(page.faults, []);
   await page.context().close();
 });

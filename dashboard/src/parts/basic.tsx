@@ -1,7 +1,7 @@
 /** What every view is made of. */
 import type { ComponentChildren } from "preact";
 import { useEffect, useRef, useState } from "preact/hooks";
-import { Refusal, search, send, type Query } from "../api/client";
+import { Refusal, Said, search, send, type Query } from "../api/client";
 import { t } from "../strings";
 import { shown } from "../preferences";
 import { useSetting } from "../router";
@@ -40,15 +40,18 @@ export function Tabs({ label, tabs }: { label: string; tabs: [string, string][] 
   );
 }
 
-/** A refusal in the words of the service, with each fault at its place. */
+/** Browsers name a lost connection in different words. */
+const isConnection = (error: Error): boolean => /fetch|network|load failed|connection/i.test(error.message);
+
+/** A refusal in the words of the service, with each fault at its place; a sentence of the page; a lost connection; a fault of the page. */
 export function Fault({ error, retry }: { error: Error | undefined; retry?: () => void }) {
   if (!error) return null;
   const problem = error instanceof Refusal ? error.problem : undefined;
   const faults = problem?.errors ?? [];
   return (
     <div class="note bad" role="alert">
-      <strong>{problem ? problem.title : t.fault.connection}</strong>
-      <p>{problem ? problem.detail : t.fault.connectionHint}</p>
+      <strong>{problem ? problem.title : error instanceof Said ? error.message : isConnection(error) ? t.fault.connection : t.fault.page}</strong>
+      {!(error instanceof Said) && <p>{problem ? problem.detail : isConnection(error) ? t.fault.connectionHint : error.message}</p>}
       {faults.length > 0 && !(faults.length === 1 && problem!.detail.includes(faults[0]!.detail)) && (
         <ul>
           {faults.slice(0, 20).map((fault) => <li><Place fault={fault} />{fault.detail}</li>)}
@@ -146,15 +149,31 @@ export const PICTURES: Formats = [["SVG", "svg", "image/svg+xml"], ["PNG", "png"
 /** A picture, and the numbers behind it. */
 export const WITH_NUMBERS: Formats = [...PICTURES, ["JSON", "json", "application/json"]];
 
-/** A drawing of the service, in the colours of the page, with its caption and its files. */
-export function Picture({ source, alt, caption, name, width = 760, formats = source.ownWidth ? PICTURES : WITH_NUMBERS }: { source: Source; alt: string; caption?: ComponentChildren; name: string; width?: number; formats?: Formats }) {
+/** What a colour, or a range of colours, of a drawing means. */
+export type Key = [string | string[], string];
+
+export function Keys({ keys }: { keys: Key[] }) {
+  return (
+    <ul class="keys">
+      {keys.map(([colours, text]) => (
+        <li key={text}><i class={typeof colours === "string" ? "" : "range"} style={{ background: typeof colours === "string" ? colours : `linear-gradient(to right, ${colours.join(", ")})` }} />{text}</li>
+      ))}
+    </ul>
+  );
+}
+
+/**
+ * A drawing of the service, in the colours of the page, with its caption and its files. Legends of the service are in English: here
+ * they are left out, and `keys` are in the language of the page.
+ */
+export function Picture({ source, alt, caption, name, width = 760, keys, formats = source.ownWidth ? PICTURES : WITH_NUMBERS }: { source: Source; alt: string; caption?: ComponentChildren; name: string; width?: number; keys?: Key[]; formats?: Formats }) {
   const [state, setState] = useState<{ url?: string; error?: Error }>({});
   const theme = shown();
   const key = JSON.stringify([source, search(source.query), theme, width]);
   useEffect(() => {
     const abort = new AbortController();
     let url: string | undefined;
-    ask(source, { format: "svg", theme, background: "none", title: "false", ...(source.ownWidth ? {} : { width: String(width) }) }, "image/svg+xml", abort.signal)
+    ask(source, { format: "svg", theme, background: "none", title: "false", ...(source.ownWidth ? {} : { width: String(width), legend: "false" }) }, "image/svg+xml", abort.signal)
       .then((response) => response.blob())
       .then((blob) => {
         if (abort.signal.aborted) return;
@@ -170,6 +189,7 @@ export function Picture({ source, alt, caption, name, width = 760, formats = sou
   return (
     <figure class={`picture${state.url || state.error ? "" : " wait"}`} aria-busy={!state.url && !state.error}>
       {state.error ? <Fault error={state.error} /> : state.url ? <img src={state.url} alt={alt} /> : <Loading on />}
+      {keys && state.url && <Keys keys={keys} />}
       {caption && <figcaption>{caption}</figcaption>}
       {state.url && <div class="no-print"><Download source={source} formats={formats} name={name} /></div>}
     </figure>

@@ -25,19 +25,20 @@ export interface Line {
 }
 
 /** Lines or bars over numbers, with words for those who do not see it. */
-export function Chart({ x, lines, xLabel, yLabel, height = 220, describe, range, format }: {
-  x: number[]; lines: Line[]; xLabel: string; yLabel: string; height?: number; describe: string; range?: [number | null, number | null]; format?: (value: number) => string;
+export function Chart({ x, lines, xLabel, yLabel, height = 220, describe, range, format, formatX, mark }: {
+  x: number[]; lines: Line[]; xLabel: string; yLabel: string; height?: number; describe: string; range?: [number | null, number | null]; format?: (value: number) => string; formatX?: (value: number) => string; mark?: { at: number; label: string };
 }) {
   const [ref, width] = useWidth<HTMLDivElement>();
   const theme = shown();
-  const key = JSON.stringify([x, lines.map((line) => [line.values, line.label, line.kind, line.colour]), theme, height]);
+  const key = JSON.stringify([x, lines.map((line) => [line.values, line.label, line.kind, line.colour]), theme, height, mark]);
   useEffect(() => {
     if (!ref.current || !width) return;
     const bars = lines.some((line) => line.kind === "bars"), step = x.length > 1 ? x[1]! - x[0]! : 1;
     const plot = new uPlot({
       width, height, legend: { show: false }, cursor: { show: false },
-      scales: { x: { time: false, range: bars ? (_, low, high) => [low - 0.6 * step, high + 0.6 * step] : undefined }, y: range ? { range: (_, low, high) => [range[0] ?? low, range[1] ?? high] } : {} },
-      axes: [axis(xLabel), { ...axis(yLabel, format && ((values) => values.map(format))), size: 58 }],
+      scales: { x: { time: false, range: bars ? (_, low, high) => [low - 0.6 * step, Math.max(high, mark?.at ?? high) + 0.6 * step] : undefined }, y: range ? { range: (_, low, high) => [range[0] ?? low, range[1] ?? high] } : {} },
+      hooks: mark ? { draw: [(plot) => line(plot, mark)] } : {},
+      axes: [axis(xLabel, formatX && ((values) => values.map(formatX))), { ...axis(yLabel, format && ((values) => values.map(format))), size: 58 }],
       series: [{}, ...lines.map((line): uPlot.Series => {
         const stroke = colour(line.colour ?? "accent");
         if (line.kind === "bars") return { label: line.label, stroke, fill: stroke, paths: uPlot.paths.bars!({ size: [0.66, 48], radius: 0.15 }), points: { show: false } };
@@ -47,6 +48,23 @@ export function Chart({ x, lines, xLabel, yLabel, height = 220, describe, range,
     return () => plot.destroy();
   }, [key, width]);
   return <div ref={ref} class="chart" role="img" aria-label={describe} />;
+}
+
+/** A line at one place of the horizontal axis, with its name. */
+function line(plot: uPlot, { at, label }: { at: number; label: string }): void {
+  const { ctx, bbox } = plot, x = plot.valToPos(at, "x", true), ratio = devicePixelRatio;
+  ctx.save();
+  ctx.strokeStyle = ctx.fillStyle = colour("plus");
+  ctx.lineWidth = 2.5 * ratio;
+  ctx.beginPath();
+  ctx.moveTo(x, bbox.top);
+  ctx.lineTo(x, bbox.top + bbox.height);
+  ctx.stroke();
+  ctx.font = `600 ${12 * ratio}px system-ui, sans-serif`;
+  const right = x > bbox.left + bbox.width / 2;
+  ctx.textAlign = right ? "right" : "left";
+  ctx.fillText(label, x + (right ? -6 : 6) * ratio, bbox.top + 12 * ratio);
+  ctx.restore();
 }
 
 /** A histogram small enough to stand beside a filter. */

@@ -4,33 +4,52 @@ import { search, send } from "../api/client";
 import { Fault, Loading, type Source } from "./basic";
 import { useWidth } from "../hooks";
 import { shown } from "../preferences";
-import { t } from "../strings";
+import { number, t } from "../strings";
 import type { Place, Stage } from "./stage";
 
 /** Scenes that turn together: each tells the others where its camera is. */
 export type Link = Set<(place: Place, from: object) => void>;
 
-export function Solid({ source, describe, weights, height = 440, link, caption }: { source: Source; describe: string; weights?: number[]; height?: number; link?: Link; caption?: string }) {
+/** Another surface of the same mesh, by whose difference the vertices are coloured: to it (1), or from it (−1). */
+export interface Against {
+  source: Source;
+  sign: 1 | -1;
+}
+
+/** What the colours of differences mean; `most` is the length of the longest one. */
+export function Scale({ most, unit, ends }: { most: number; unit: string; ends: [string, string] }) {
+  const length = `${number(most, 2)}${unit && ` ${unit}`}`;
+  return <p class="scale"><span>{ends[0]} {length}</span><i /><span>{ends[1]} {length}</span></p>;
+}
+
+function meshOf(source: Source, signal: AbortSignal): Promise<ArrayBuffer> {
+  const query = new URLSearchParams(search(source.query));
+  query.set("format", "gltf");
+  const headers: Record<string, string> = { accept: "model/gltf-binary" };
+  if (source.body) headers["content-type"] = "application/json";
+  return send(source.method ?? "GET", `${source.path}?${query}`, { headers, signal, body: source.body && JSON.stringify(source.body) }).then((response) => response.arrayBuffer());
+}
+
+export function Solid({ source, describe, weights, height = 440, link, caption, against, onMost }: { source: Source; describe: string; weights?: number[]; height?: number; link?: Link; caption?: string; against?: Against; onMost?: (most: number) => void }) {
   const [ref, width] = useWidth<HTMLDivElement>();
   const stage = useRef<Stage | undefined>(undefined);
   const [state, setState] = useState<{ ready?: boolean; error?: Error }>({});
   const theme = shown();
-  const key = JSON.stringify([source, search(source.query)]);
+  const key = JSON.stringify([source, search(source.query), against]);
   useEffect(() => {
     if (!ref.current || !width) return;
     const abort = new AbortController();
     const element = ref.current;
-    const query = new URLSearchParams(search(source.query));
-    query.set("format", "gltf");
-    const headers: Record<string, string> = { accept: "model/gltf-binary" };
-    if (source.body) headers["content-type"] = "application/json";
     Promise.all([
-      import("./stage"),
-      send(source.method ?? "GET", `${source.path}?${query}`, { headers, signal: abort.signal, body: source.body && JSON.stringify(source.body) }).then((response) => response.arrayBuffer()),
-    ]).then(async ([{ createStage }, mesh]) => {
+      import("./stage"), meshOf(source, abort.signal), against && meshOf(against.source, abort.signal),
+    ]).then(async ([{ createStage }, mesh, other]) => {
       if (abort.signal.aborted) return;
-      const own = await createStage(element, mesh, width, height, theme === "dark", (place) => link?.forEach((tell) => tell(place, own)));
+      // The camera finds its place before there is a stage to name.
+      let own: Stage | undefined;
+      const turned = (place: Place) => { if (own) link?.forEach((tell) => tell(place, own!)); };
+      own = await createStage(element, mesh, width, height, theme === "dark", turned, other && { mesh: other, sign: against!.sign });
       stage.current = own;
+      onMost?.(own.most);
       if (weights) stage.current.morph(weights);
       setState({ ready: true });
     }).catch((error: Error) => !abort.signal.aborted && setState({ error }));

@@ -1,13 +1,13 @@
-/** Keys, hooks, the audit trail and the trash of a tenant. */
+/** Keys, hooks, the audit trail and the trash of a tenant; settings of the service. */
 import type { ComponentChildren } from "preact";
 import { useState } from "preact/hooks";
 import { get, pages, post, remove, setKey, type Schemas } from "../api/client";
 import { Copy, Download, Fault, Field, Loading, Page, Select, announce } from "../parts/basic";
 import { useAction, useLoaded, type Loaded } from "../hooks";
 import { usePlace, useSetting } from "../router";
-import { t, time } from "../strings";
+import { count, number, t, time } from "../strings";
 
-const PARTS = ["keys", "hooks", "audit", "trash"] as const;
+const PARTS = ["keys", "hooks", "audit", "trash", "settings"] as const;
 
 export function Administration() {
   const [part] = useSetting("part", "keys");
@@ -17,7 +17,7 @@ export function Administration() {
       <nav class="tabs" aria-label={t.menu.administration}>
         {PARTS.map((name) => <a key={name} href={`/app/administration${name === "keys" ? "" : `?part=${name}`}`} aria-current={part === name ? "page" : undefined}>{t.administration.parts[name]}</a>)}
       </nav>
-      {part === "hooks" ? <Hooks /> : part === "audit" ? <Audit /> : part === "trash" ? <Trash /> : <Keys />}
+      {part === "hooks" ? <Hooks /> : part === "audit" ? <Audit /> : part === "settings" ? <Settings /> : part === "trash" ? <Trash /> : <Keys />}
     </Page>
   );
 }
@@ -165,6 +165,59 @@ function Trash() {
           </tr>
         )}
       </List>
+    </>
+  );
+}
+
+const UNITS = ["B", "KiB", "MiB", "GiB", "TiB"];
+
+/** A value of a limit in its unit: whole powers of 1024, minutes and hours where they are shorter. */
+function limitOf({ value, unit }: { value?: number | null; unit: string }): string {
+  if (value === null || value === undefined) return t.administration.noLimit;
+  if (unit === "bytes") {
+    const power = Math.min(Math.floor(Math.log2(Math.max(value, 1)) / 10), UNITS.length - 1);
+    return `${number(value / 1024 ** power, 3)} ${UNITS[power]}`;
+  }
+  if (unit === "seconds") return value >= 3600 && value % 3600 === 0 ? `${count(value / 3600)} h` : value >= 120 && value % 60 === 0 ? `${count(value / 60)} min` : `${count(value)} s`;
+  return count(value);
+}
+
+/** What the service was started with; it is changed by flags, variables or a file, and a restart. */
+function Settings() {
+  const loaded = useLoaded("settings", async (signal) => {
+    const [settings, version] = await Promise.all([get("/v1/settings", { signal }), get("/v1/version", { signal })]);
+    return { settings, version };
+  });
+  const data = loaded.data;
+  if (!data) return <><Fault error={loaded.error} retry={loaded.reload} /><Loading on={loaded.loading} /></>;
+  const { access, limits } = data.settings, { version } = data;
+  const yes = (value: boolean) => (value ? t.words.yes : t.words.no);
+  return (
+    <>
+      <p class="quiet">{t.administration.settingsHint}</p>
+      <div class="columns">
+        <section class="card">
+          <h2>{t.report.program}</h2>
+          <dl class="facts">
+            <dt>{t.words.version}</dt><dd>{version.version}</dd><dt>{t.administration.commit}</dt><dd><code>{version.commit?.slice(0, 12) ?? "–"}</code></dd><dt>{t.administration.compiler}</dt><dd>{version.rustc}</dd>
+            <dt>{t.administration.features}</dt><dd>{version.features.length ? version.features.join(", ") : t.words.none}</dd><dt>{t.administration.database}</dt><dd>{version.database.engine}, {t.administration.schema(version.database.schema_version)}</dd>
+          </dl>
+        </section>
+        <section class="card">
+          <h2>{t.administration.access}</h2>
+          <dl class="facts">
+            <dt>{t.administration.open}</dt><dd>{yes(access.open)}</dd><dt>{t.administration.provider}</dt><dd>{access.token_issuer ?? t.words.none}</dd><dt>{t.administration.pageLogin}</dt><dd>{yes(access.page_login)}</dd>
+            <dt>{t.administration.origins}</dt><dd>{access.allowed_origins.length ? access.allowed_origins.join(", ") : t.words.none}</dd><dt>{t.administration.metrics}</dt><dd>{yes(access.metrics_open)}</dd>
+          </dl>
+        </section>
+      </div>
+      <section class="card scroll" tabIndex={0}>
+        <h2>{t.administration.limits}</h2>
+        <table>
+          <thead><tr><th scope="col">{t.administration.limit}</th><th scope="col" class="number">{t.administration.value}</th><th scope="col">{t.administration.setting}</th></tr></thead>
+          <tbody>{limits.map((one) => <tr key={one.name}><th scope="row">{t.administration.limitNames[one.name] ?? one.name}</th><td class="number nowrap">{limitOf(one)}</td><td><code>--{one.name.replaceAll("_", "-")}</code></td></tr>)}</tbody>
+        </table>
+      </section>
     </>
   );
 }

@@ -3,17 +3,20 @@ import { useState } from "preact/hooks";
 import { post, type Schemas } from "../api/client";
 import { settled } from "../api/jobs";
 import { Classes, dimensionOf } from "../parts/classes";
-import { Fault, Loading, Picture, Select } from "../parts/basic";
-import { Solid, type Link } from "../parts/solid";
+import { Fault, Keys, Loading, Picture, Select, type Key } from "../parts/basic";
+import { Scale, Solid, type Link } from "../parts/solid";
 import { useLoaded } from "../hooks";
 import { usePlace, useSetting } from "../router";
 import { filterBody, filterOf } from "../shape/filter";
-import { Chart } from "../parts/chart";
-import { hasMesh } from "../shape/points";
+import { Chart, colour } from "../parts/chart";
+import { shown } from "../preferences";
+import { hasMesh, isDots } from "../shape/points";
 import { count, number, percent, probability, t, unit } from "../strings";
 import { Chips, CohortPage, nameOf, useAttributes } from "./cohort";
 
 type Comparison = Schemas["Comparison"];
+type Pair = Comparison["pairs"][number];
+type Group = Comparison["groups"][number];
 
 export function Compare({ cohort }: { cohort: string }) {
   return <CohortPage cohort={cohort}>{(about, _, revision) => <Groups cohort={cohort} about={about} revision={revision} />}</CohortPage>;
@@ -48,13 +51,13 @@ function Groups({ cohort, about, revision }: { cohort: string; about: Schemas["C
           <>
             <p class="card say">{sentence(result.data, chosen)}</p>
             {dimensionOf(about.representation) === 2 || about.representation.kind !== "landmarks" ? (
-              <div class="card"><Picture source={{ method: "POST", path: "/v1/comparisons", body }} name={`${cohort}-groups`} alt={t.compare.alt(pair.first, pair.second)} caption={t.compare.caption(pair.first, pair.second)} /></div>
+              <div class="card"><Picture source={{ method: "POST", path: "/v1/comparisons", body }} name={`${cohort}-groups`} alt={t.compare.alt(pair.first, pair.second)} keys={keysOf(result.data, pair, hasMesh(about.representation) ? "surface" : isDots(about.representation) ? "dots" : "line")} caption={t.compare.caption(pair.first, pair.second)} /></div>
             ) : null}
             {hasMesh(about.representation) && (
               <section class="card">
                 <h2>{t.compare.sideBySide}</h2>
-                <Linked groups={result.data.groups.filter((group) => [pair.first, pair.second].includes(group.name))} representation={about.representation} />
-                <p class="small quiet">{t.compare.linked}</p>
+                <Linked pair={[pair.first, pair.second].map((name) => result.data!.groups.find((group) => group.name === name)!) as [Group, Group]} representation={about.representation} unit={["rigid", "translation"].includes(transformation) ? about.length_unit ?? "" : ""} />
+                <p class="small quiet">{t.compare.linked} {t.compare.coloured(pair.first, pair.second)}</p>
               </section>
             )}
             {about.representation.kind.endsWith("curve") && pair.effect.length > 2 && (
@@ -65,6 +68,7 @@ function Groups({ cohort, about, revision }: { cohort: string; about: Schemas["C
                 <figcaption>{t.compare.effectHint(pair.effect.filter((one) => (one.p ?? 1) <= 0.05).length, pair.effect.length)}</figcaption>
               </figure>
             )}
+            <Permutations result={result.data} pair={pair} />
             <section class="card scroll" tabIndex={0}>
               <h2>{t.compare.pairs}</h2>
               <table>
@@ -104,16 +108,50 @@ function Groups({ cohort, about, revision }: { cohort: string; about: Schemas["C
   );
 }
 
-/** The averages of two groups, turned together. */
-function Linked({ groups, representation }: { groups: Comparison["groups"]; representation: Schemas["Representation"] }) {
-  const [link] = useState<Link>(() => new Set());
+/** Colours of the groups in drawings of the service (light, dark), in their order. */
+const GROUPS = [["#4477aa", "#7fb2e5"], ["#cc3311", "#ff8061"], ["#228833", "#63c67c"], ["#aa3377", "#e583bd"], ["#997700", "#ddc855"], ["#008ca8", "#66d4ee"]] as const;
+
+function keysOf({ groups }: Comparison, pair: Pair, drawn: "surface" | "line" | "dots"): Key[] {
+  const dark = shown() === "dark" ? 1 : 0;
+  const named = groups.map((group, at): Key => [GROUPS[at % GROUPS.length]![dark]!, `${group.name} (n = ${count(group.shape_count)})`]);
+  const most = Math.max(...pair.effect.map((one) => one.length));
+  return [...(drawn === "surface" ? [] : named), [[["#dddddd", "#41434a"][dark]!, colour("effect")], t.compare.effectKey(pair.first, pair.second, number(most, 3), drawn)]];
+}
+
+/** What chance alone would give, and what was found: of all groups, or of the most distant pair. */
+function Permutations({ result, pair }: { result: Comparison; pair: Pair }) {
+  const whole = result.overall?.histogram ? result.overall : pair;
+  const histogram = whole.histogram;
+  if (!histogram || !(histogram.upper > 0)) return null;
+  const name = whole === pair ? `${pair.first} – ${pair.second}` : t.compare.overall;
+  const all = histogram.counts.reduce((sum, one) => sum + one, 0), step = histogram.upper / histogram.counts.length;
+  const most = Math.max(...histogram.counts), test = whole === pair ? pair.pseudo_f.test : result.overall!.pseudo_f.test;
+  const sentence = t.compare.chance(percent(whole.r_squared), count(test?.exceeding ?? 0), count(all));
   return (
-    <div class="columns" style={{ gridTemplateColumns: "repeat(auto-fit, minmax(min(100%, 220px), 1fr))" }}>
-      {groups.map((group) => (
-        <Solid key={group.name} link={link} height={300} describe={group.name} caption={`${group.name} (n = ${count(group.shape_count)})`}
-          source={{ method: "POST", path: "/v1/evaluate", body: { representation, shapes: [{ control_points: group.average }] } }} />
-      ))}
-    </div>
+    <figure class="card">
+      <h2>{t.compare.permuted(name)}</h2>
+      <Chart x={histogram.counts.map((_, bin) => (bin + 0.5) * step)} lines={[{ label: t.compare.relabellings, values: histogram.counts.map((one: number) => one || null), kind: "bars" }]} mark={{ at: whole.r_squared, label: t.compare.observed }} xLabel={t.compare.explained} yLabel={t.compare.relabellings} range={[0, most * 1.12]} describe={sentence} formatX={(value) => percent(value)} />
+      <Keys keys={[[colour("accent"), t.compare.relabellings], [colour("plus"), `${t.compare.observed}: ${percent(whole.r_squared)}`]]} />
+      <figcaption>{sentence}</figcaption>
+    </figure>
+  );
+}
+
+/** The averages of two groups, turned together, coloured by where the second one lies outside or inside of the first. */
+function Linked({ pair, representation, unit }: { pair: [Group, Group]; representation: Schemas["Representation"]; unit: string }) {
+  const [link] = useState<Link>(() => new Set());
+  const [most, setMost] = useState(0);
+  const [first, second] = pair.map((group) => ({ method: "POST" as const, path: "/v1/evaluate", body: { representation, shapes: [{ control_points: group.average }] } }));
+  return (
+    <>
+      <div class="columns" style={{ gridTemplateColumns: "repeat(auto-fit, minmax(min(100%, 220px), 1fr))" }}>
+        {pair.map((group, at) => (
+          <Solid key={group.name} link={link} height={300} describe={group.name} caption={`${group.name} (n = ${count(group.shape_count)})`} onMost={setMost}
+            source={at ? second! : first!} against={at ? { source: first!, sign: -1 } : { source: second!, sign: 1 }} />
+        ))}
+      </div>
+      {most > 0 && <Scale most={most} unit={unit} ends={[t.solid.inwards, t.solid.outwards]} />}
+    </>
   );
 }
 

@@ -25,7 +25,7 @@ function Changes({ about, dictionary }: { about: About; dictionary: string }) {
         <div class="aside right">
           <div class="stack" style={{ gap: "22px" }}>
             <p class="card say">{t.drift.sentence(data.shape_count, data.outliers.count, percent(data.outliers.rate), percent(1 - data.outliers.quantile))}</p>
-            <div class="card"><Picture source={{ path: `/v1/dictionaries/${encodeURIComponent(dictionary)}/drift`, query }} name={`${about.name}-drift`} alt={t.drift.alt} /></div>
+            <div class="card"><Picture source={{ path: `/v1/dictionaries/${encodeURIComponent(dictionary)}/drift`, query }} name={`${about.name}-drift`} alt={t.drift.alt} caption={t.drift.caption} /></div>
             {data.scores && (
               <section class="card scroll" tabIndex={0}>
                 <h2>{t.drift.scores}</h2>

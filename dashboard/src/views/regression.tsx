@@ -6,6 +6,7 @@ import { Classes, dimensionOf } from "../parts/classes";
 import { Chart } from "../parts/chart";
 import { Fault, Picture, Select } from "../parts/basic";
 import { useLoaded } from "../hooks";
+import { shown } from "../preferences";
 import { usePlace, useSetting } from "../router";
 import { filterBody, filterOf } from "../shape/filter";
 import { box, evaluated, inPlane, isClosed, sum, upright, type Points } from "../shape/points";
@@ -56,7 +57,7 @@ function View({ cohort, about, revision }: { cohort: string; about: Schemas["Coh
               <Scores data={data} label={label} />
               <figcaption>{t.regression.scoresHint}</figcaption>
             </figure>
-            <div class="card"><Picture source={{ method: "POST", path: "/v1/regressions", body }} name={`${cohort}-regression`} alt={t.regression.alt(label)} caption={t.regression.caption} /></div>
+            <div class="card"><Picture source={{ method: "POST", path: "/v1/regressions", body }} name={`${cohort}-regression`} alt={t.regression.alt(label)} caption={t.regression.caption} keys={[[SHADES[shown()], t.regression.key(quantile(data, 0), quantile(data, data.predictions.length - 1))]]} /></div>
           </>
         )}
       </div>
@@ -76,6 +77,14 @@ function View({ cohort, about, revision }: { cohort: string; about: Schemas["Coh
       </div>
     </div>
   );
+}
+
+/** Colours of drawings of the service from low to high values. */
+const SHADES = { light: ["#2166ac", "#92b7d8", "#8c8c8c", "#e2a184", "#b2182b"], dark: ["#5aa9f5", "#aecce6", "#b8b8b8", "#eab49c", "#ff655c"] };
+
+function quantile({ attribute, predictions }: Result, at: number): string {
+  const value = predictions[at]!.attribute;
+  return number(attribute.name === "log_centroid_size" ? Math.exp(value) : value, 3);
 }
 
 function Slide({ data, drawn, closed, dots, label, transformation }: { data: Result; drawn: Points[]; closed: boolean; dots: boolean; label: string; transformation: string }) {

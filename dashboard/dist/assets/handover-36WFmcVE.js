@@ -1,1 +1,0 @@
-const s="shapelex.shape";function t(e){sessionStorage.setItem(s,JSON.stringify(e))}function n(){const e=sessionStorage.getItem(s);return sessionStorage.removeItem(s),e?JSON.parse(e):[]}export{t as a,n as h};
