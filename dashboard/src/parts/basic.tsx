@@ -162,6 +162,9 @@ export function Keys({ keys }: { keys: Key[] }) {
   );
 }
 
+/** The few captions of shapes in drawings of the service that are words, in the language of the page. */
+const inOurWords = (svg: string): string => t.captions.reduce((text, [theirs, ours]) => text.replaceAll(theirs, ours), svg);
+
 /**
  * A drawing of the service, in the colours of the page, with its caption and its files. Legends of the service are in English: here
  * they are left out, and `keys` are in the language of the page.
@@ -174,10 +177,10 @@ export function Picture({ source, alt, caption, name, width = 760, keys, formats
     const abort = new AbortController();
     let url: string | undefined;
     ask(source, { format: "svg", theme, background: "none", title: "false", ...(source.ownWidth ? {} : { width: String(width), legend: "false" }) }, "image/svg+xml", abort.signal)
-      .then((response) => response.blob())
-      .then((blob) => {
+      .then((response) => response.text())
+      .then((svg) => {
         if (abort.signal.aborted) return;
-        url = URL.createObjectURL(blob);
+        url = URL.createObjectURL(new Blob([inOurWords(svg)], { type: "image/svg+xml" }));
         setState({ url });
       })
       .catch((error: Error) => !abort.signal.aborted && setState({ error }));

@@ -74,6 +74,9 @@ export const de: Strings = {
     alt: (name) => `Die Form ${name}`, caption: "Die Form in ihrer eigenen Lage und Größe.", about: "Maße", correct: "Berichtigen", deleted: (name) => `${name} wurde gelöscht.`,
     neighbours: "Ähnlichste Formen", neighboursAlt: "Die Form und die ihr ähnlichsten Formen, an ihr ausgerichtet", distanceHint: "Abstände nach der Ausrichtung, als Bruchteile der Größe der Form: 0 ist dieselbe Form.",
   },
+  captions: [
+    [/>query (\d+)</g, ">Anfrage $1<"], [/>((?:\d+: )?)usual</g, ">$1üblich<"], [/>((?:\d+: )?)unusual</g, ">$1unüblich<"], [/>(\d+: )of no class, nearest /g, ">$1keine Klasse, am nächsten "],
+  ],
   solid: { inwards: "innen", outwards: "außen", turn: "Ziehen oder Pfeiltasten drehen; Scrollen führt näher heran." },
   mean: {
     class: "Unterschiede, die nicht zählen", alignment: "Ausrichtung", standard: "üblich für die Klasse", projection: "Projektion (geschlossene Form)", partial: "partielle Procrustes-Ausrichtung", frame: "Lage des Mittels", training: "wie die Formen liegen", canonical: "kanonisch: für alle gleich",

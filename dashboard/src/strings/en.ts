@@ -72,6 +72,8 @@ export const en = {
     alt: (name: string) => `The shape ${name}`, caption: "The shape in its own position and size.", about: "Measures", correct: "Correct", deleted: (name: string) => `${name} was deleted.`,
     neighbours: "Most similar shapes", neighboursAlt: "The shape and the shapes most similar to it, aligned to it", distanceHint: "Distances after alignment, as fractions of the size of the shape: 0 is the same shape.",
   },
+  /** Captions in drawings of the service, and what stands there instead. */
+  captions: [] as [RegExp, string][],
   solid: { inwards: "inwards", outwards: "outwards", turn: "Drag or use the arrow keys to turn; scroll to come closer." },
   mean: {
     class: "Differences to ignore", alignment: "Alignment", standard: "standard for the class", projection: "projection (closed form)", partial: "partial Procrustes", frame: "Pose of the mean", training: "as the shapes lie", canonical: "canonical: the same for all",

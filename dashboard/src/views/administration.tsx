@@ -200,14 +200,14 @@ function Settings() {
           <h2>{t.report.program}</h2>
           <dl class="facts">
             <dt>{t.words.version}</dt><dd>{version.version}</dd><dt>{t.administration.commit}</dt><dd><code>{version.commit?.slice(0, 12) ?? "–"}</code></dd><dt>{t.administration.compiler}</dt><dd>{version.rustc}</dd>
-            <dt>{t.administration.features}</dt><dd>{version.features.length ? version.features.join(", ") : t.words.none}</dd><dt>{t.administration.database}</dt><dd>{version.database.engine}, {t.administration.schema(version.database.schema_version)}</dd>
+            <dt>{t.administration.features}</dt><dd>{version.features.join(", ") || "–"}</dd><dt>{t.administration.database}</dt><dd>{version.database.engine}, {t.administration.schema(version.database.schema_version)}</dd>
           </dl>
         </section>
         <section class="card">
           <h2>{t.administration.access}</h2>
           <dl class="facts">
-            <dt>{t.administration.open}</dt><dd>{yes(access.open)}</dd><dt>{t.administration.provider}</dt><dd>{access.token_issuer ?? t.words.none}</dd><dt>{t.administration.pageLogin}</dt><dd>{yes(access.page_login)}</dd>
-            <dt>{t.administration.origins}</dt><dd>{access.allowed_origins.length ? access.allowed_origins.join(", ") : t.words.none}</dd><dt>{t.administration.metrics}</dt><dd>{yes(access.metrics_open)}</dd>
+            <dt>{t.administration.open}</dt><dd>{yes(access.open)}</dd><dt>{t.administration.provider}</dt><dd>{access.token_issuer ?? "–"}</dd><dt>{t.administration.pageLogin}</dt><dd>{yes(access.page_login)}</dd>
+            <dt>{t.administration.origins}</dt><dd>{access.allowed_origins.join(", ") || "–"}</dd><dt>{t.administration.metrics}</dt><dd>{yes(access.metrics_open)}</dd>
           </dl>
         </section>
       </div>

@@ -153,7 +153,7 @@ export function Segment() {
           <div class="stack" style={{ gap: "22px" }}>
             <figure class="card">
               <div class="slice">
-                <svg ref={svg} viewBox={`${-0.5 * sx} ${-0.5 * sy} ${width} ${height}`} style={{ width: "100%", height: `min(70vh, ${Math.round((640 * height) / width)}px)`, touchAction: "none", cursor: "crosshair", background: "var(--sunken)" }} role="group" aria-label={t.segment.alt(volume.name)} onPointerDown={begin} onPointerMove={move} onPointerUp={() => void end()}>
+                <svg ref={svg} viewBox={`${-0.5 * sx} ${-0.5 * sy} ${width} ${height}`} style={{ width: `min(100%, ${((70 * width) / height).toFixed(1)}vh)`, aspectRatio: `${width} / ${height}`, margin: "0 auto", touchAction: "none", cursor: "crosshair", background: "var(--sunken)" }} role="group" aria-label={t.segment.alt(volume.name)} onPointerDown={begin} onPointerMove={move} onPointerUp={() => void end()}>
                   {url && <image href={url} x={-0.5 * sx} y={-0.5 * sy} width={width} height={height} preserveAspectRatio="none" style={{ imageRendering: "pixelated" }} />}
                   {box && !found && <rect x={box.x} y={box.y} width={box.w} height={box.h} fill="none" stroke="#ffb000" stroke-width="2" vector-effect="non-scaling-stroke" />}
                   {found && <path class="contour" d={path(found.outline.map((p) => [p[0]!, -p[1]!]), true)} fill="none" stroke="#00d0e4" stroke-width="2.2" stroke-dasharray={moved ? "7 4" : undefined} vector-effect="non-scaling-stroke" />}
