@@ -87,7 +87,6 @@ test("refusals are told: by the provider, a state of another tab, no role, addre
   provider.state.elsewhere = true;
   await button(page).click();
   await page.getByText("The identity provider is not set up for this page").waitFor();
-  await screen(page, "login-elsewhere");
   provider.state.elsewhere = false;
   await page.route(`${provider.issuer}/**`, (route) => route.abort());
   await button(page).click();
