@@ -12,6 +12,7 @@ use super::columns::Columns;
 use super::cone::Cone;
 use super::curve::Curve;
 use super::generator::GeneratorKind;
+use super::knot_line::Line;
 use super::stretches::{Stretch, Tree, length};
 use shapelex_numeric::dense::Matrix;
 
@@ -38,6 +39,12 @@ const PAIRS_PER_HALF: usize = 1_000;
 pub fn self_intersects(curve: &Curve) -> bool {
     // Products of coordinates overflow long before the curve does; a power of two changes no digits.
     crosses_itself(&Columns::of(&curve.scaled(Curve::unit(&[curve]).recip())))
+}
+
+/// [`self_intersects`] of the closed curve on a line of knots with these control points.
+pub fn closed_self_intersects(line: &Line, control_points: &[[f64; 2]]) -> bool {
+    let control_points = Matrix::from_fn(control_points.len(), 2, |row, c| control_points[row][c]);
+    self_intersects(&Curve::closed(line.generator(), &control_points))
 }
 
 /// [`self_intersects`] of a planar curve with coordinates near 1.

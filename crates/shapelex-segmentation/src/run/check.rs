@@ -6,6 +6,9 @@
 //! ```text
 //! |Vol − cells inside| ≤ 2 % Vol + border cells/4
 //! ```
+//!
+//! Folds of planar curves are also found by an exact test ([`Model::crosses_itself`](crate::snake::Model::crosses_itself)): a loop may
+//! be too narrow for cells.
 
 use shapelex_geometry::raster::{Grid, Mask};
 
@@ -23,7 +26,7 @@ const INSIDE: f64 = 0.5;
 /// What is wrong with a shape.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Fault {
-    /// The shape encloses regions twice or negatively.
+    /// The shape encloses regions twice or negatively, or crosses itself.
     Folded,
     /// Less than half of the shape is in the image.
     LeftImage,

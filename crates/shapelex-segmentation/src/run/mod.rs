@@ -315,6 +315,8 @@ impl<'a, const D: usize> Run<'a, D> {
             let volume =
                 boundary.volume(&boundary.sample(&rows)).value / self.scene.frame().determinant().abs();
             let fault = check(&self.model.outline(&rows), volume, self.scene.size());
+            // Loops that are narrower than a cell have no cells.
+            let fault = fault.or_else(|| self.model.crosses_itself(&rows).then_some(Fault::Folded));
             reports.push(StageReport {
                 stage: index,
                 iterations: minimum.iterations,

@@ -2,6 +2,7 @@
 
 use shapelex_geometry::GeometryError;
 use shapelex_geometry::generator::GeneratorKind;
+use shapelex_geometry::intersection::closed_self_intersects;
 use shapelex_geometry::knot_line::Line;
 use shapelex_numeric::sparse::SparseRows;
 
@@ -62,6 +63,10 @@ impl Model<2> for CurveSnake {
         Outline::Polygon(
             CurveBoundary::new(&self.line, per_span, rows, Frame::identity()).sample(rows).points,
         )
+    }
+
+    fn crosses_itself(&self, rows: &[[f64; 2]]) -> bool {
+        closed_self_intersects(&self.line, rows)
     }
 
     fn centre(&self) -> Vec<f64> {

@@ -68,6 +68,12 @@ pub trait Model<const D: usize>: Send + Sync {
     /// The outline of a shape.
     fn outline(&self, rows: &[[f64; D]]) -> Outline;
 
+    /// Whether the boundary of a shape crosses or touches itself, where there is an exact test: of planar curves.
+    fn crosses_itself(&self, rows: &[[f64; D]]) -> bool {
+        let _ = rows;
+        false
+    }
+
     /// Weights of the free points in the centre of a shape; their sum is 1.
     fn centre(&self) -> Vec<f64>;
 

@@ -13,7 +13,7 @@ use shapelex_segmentation::SegmentationError;
 use shapelex_segmentation::energy::Polarity;
 use shapelex_segmentation::field::Image;
 use shapelex_segmentation::frame::Frame;
-use shapelex_segmentation::run::check::Fault;
+use shapelex_segmentation::run::check::{Fault, check};
 use shapelex_segmentation::run::scene::{EdgeScale, ImageTerm, Scene};
 use shapelex_segmentation::run::{Outcome, Segmentation, Settings, Stage, segment};
 use shapelex_segmentation::snake::Model;
@@ -284,4 +284,22 @@ fn faulty_requests_are_refused() {
         Scene::new(&ellipse().map::<f64>(|_| 3.0), Frame::identity(), &[(ImageTerm::TwoClass, 1.0)], &[1.0]);
     let error = segment(&flat, &model, &start, &Settings::new(stage(1.0)), &never).unwrap_err();
     assert!(matches!(error, SegmentationError::Scale { .. }), "{error}");
+}
+
+/// The two sides of a waist pass each other by a tenth of a cell: no cell is enclosed twice, and the area is that of the cells.
+#[test]
+fn narrow_crossings_of_a_contour_are_folds() {
+    let model = CurveSnake::new(&GeneratorKind::Bspline { degree: 1 }, 6).unwrap();
+    let waist = |half: f64| {
+        [[10.0, 16.0], [25.0, 20.0 - half], [40.0, 16.0], [40.0, 24.0], [25.0, 20.0 + half], [10.0, 24.0]]
+    };
+    let image = ellipse();
+    let scene = Scene::new(&image, Frame::identity(), &[(CONTOUR, 1.0)], &[2.0]);
+    let stages = vec![Stage { iterations: 0, ..Stage::new(Free::All, 2.0) }];
+    for (half, expected) in [(0.05, Outcome::Limit), (-0.05, Outcome::Folded)] {
+        let rows = waist(half);
+        assert_eq!(check(&model.outline(&rows), area(&model, &rows), image.size()), None, "{half}");
+        let found = segment(&scene, &model, &rows, &Settings::new(stages.clone()), &never).unwrap();
+        assert_eq!(found.outcome, expected, "{half}");
+    }
 }
