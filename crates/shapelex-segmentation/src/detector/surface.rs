@@ -5,15 +5,21 @@ use std::f64::consts::{PI, TAU};
 use shapelex_geometry::vector::{dot, minus};
 
 use super::Sheets;
+use crate::field::image::percentile;
 use crate::field::{Image, Value};
 use crate::frame::Frame;
+
+/// Rings of directions for each cell of the radius of a surface: directions are then 1.3 cells wide, so that nearly all of them meet a
+/// cell of it. Through narrower ones the cells of the surface behind are seen.
+const RINGS: f64 = 2.4;
 
 /// What belongs to the innermost surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Innermost {
     /// A rough centre, in index coordinates.
     pub centre: [f64; 3],
-    /// Number of rings of directions between the poles, 1 at least. Directions are about `π/rings` wide.
+    /// Greatest number of rings of directions between the poles, 1 at least. Directions are about `π/rings` wide. There are fewer rings
+    /// if directions were narrower than the cells of the surface, and would have none.
     pub rings: usize,
     /// Least cosine of the angle between normals and rays from the centre.
     pub along: f64,
@@ -35,18 +41,22 @@ impl Innermost {
 /// nearest such cell of the same direction.
 ///
 /// Directions are those of an equal-area grid: `rings` rings of equal height in the angle `θ` from the z axis, with
-/// `2 rings sin θ` sectors each. Cost: `O(cells + rings²)`.
+/// `2 rings sin θ` sectors each; at most [`RINGS`] for each cell of the median distance. Cost: `O(n log n + rings²)` for `n` cells.
 pub fn innermost<T: Value>(sheets: &Sheets<T>, cells: &[usize], rules: &Innermost) -> Vec<usize> {
     let (size, frame) = (sheets.response().size(), sheets.frame());
     let centre = frame.to_world(rules.centre);
-    let directions = Directions::new(rules.rings.max(1));
     let candidate = |cell: &usize| {
         let ray = minus(frame.to_world(coordinates(*cell, size).map(|x| x as f64)), centre);
         let distance = dot(ray, ray).sqrt();
         let along = dot(ray, sheets.normal(*cell)).abs() > rules.along * distance;
-        (along && distance > rules.beyond).then(|| (*cell, directions.of(ray, distance), distance))
+        (along && distance > rules.beyond).then_some((*cell, ray, distance))
     };
-    let candidates: Vec<(usize, usize, f64)> = cells.iter().filter_map(candidate).collect();
+    let candidates: Vec<(usize, [f64; 3], f64)> = cells.iter().filter_map(candidate).collect();
+    let median = percentile(candidates.iter().map(|(.., distance)| *distance).collect(), 50.0);
+    let radius = median.unwrap_or(0.0) / frame.determinant().abs().cbrt();
+    let directions = Directions::new(((RINGS * radius) as usize).clamp(1, rules.rings.max(1)));
+    let of = |(cell, ray, distance): (usize, [f64; 3], f64)| (cell, directions.of(ray, distance), distance);
+    let candidates: Vec<(usize, usize, f64)> = candidates.into_iter().map(of).collect();
     let mut nearest = vec![f64::INFINITY; directions.count()];
     for (_, direction, distance) in &candidates {
         nearest[*direction] = distance.min(nearest[*direction]);
