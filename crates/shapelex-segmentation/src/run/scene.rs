@@ -11,6 +11,7 @@ use crate::frame::Frame;
 use crate::snake::Model;
 
 use shapelex_geometry::raster::Grid;
+use shapelex_numeric::bounded::{Stop, never};
 
 /// Blur at which edges of noisy images are measured, in cells.
 const MEASURED: f64 = 3.0;
@@ -59,6 +60,41 @@ pub enum ImageTerm {
     TwoClass,
 }
 
+/// An image term with the field that it integrates: the image, or what is derived of it.
+#[derive(Debug, Clone)]
+pub struct FieldTerm {
+    /// The field.
+    pub field: Arc<Image>,
+    /// The term.
+    pub term: ImageTerm,
+    /// Its weight.
+    pub weight: f64,
+}
+
+impl FieldTerm {
+    /// Prepares the term for a blur. `measured`: see [`measured`](fn@measured).
+    fn prepared<const D: usize>(&self, frame: &Frame<D>, measured: Option<f64>, sigma: f64) -> Prepared<D> {
+        prepare(&self.field, frame, &self.term, measured, sigma)
+    }
+}
+
+/// The field whose median in the first shape is a level.
+fn field_of_levels(terms: &[FieldTerm]) -> Option<Arc<Image>> {
+    let open = |term: &&FieldTerm| matches!(term.term, ImageTerm::Threshold { level: None, .. });
+    terms.iter().find(open).map(|term| term.field.clone())
+}
+
+/// The different ones of `sigmas`, in order.
+fn distinct(sigmas: &[f64]) -> Vec<f64> {
+    let mut found = Vec::new();
+    for sigma in sigmas {
+        if !found.contains(sigma) {
+            found.push(*sigma);
+        }
+    }
+    found
+}
+
 /// What is prepared of a term for one blur.
 #[derive(Debug, Clone)]
 enum Prepared<const D: usize> {
@@ -91,7 +127,9 @@ enum Prepared<const D: usize> {
 /// An image with fields for a list of blurs.
 #[derive(Debug, Clone)]
 pub struct Scene<const D: usize> {
-    image: Arc<Image>,
+    size: [usize; 3],
+    /// The image whose median in the first shape is a level, where a term needs one.
+    levels: Option<Arc<Image>>,
     frame: Frame<D>,
     /// For every blur, the terms with their weights.
     fields: Vec<(f64, Vec<(Prepared<D>, f64)>)>,
@@ -125,7 +163,7 @@ impl Measures {
         if !(cells > NOTHING && measure > 0.0 && volume.is_finite() && measure.is_finite()) {
             return Err(SegmentationError::NoVolume { volume });
         }
-        let median = scene.needs_level().then(|| scene.median(model, rows)).flatten();
+        let median = scene.median(model, rows);
         Ok(Self { boundary: measure, volume, median })
     }
 }
@@ -141,23 +179,41 @@ impl<const D: usize> Scene<D> {
         terms: &[(ImageTerm, f64)],
         sigmas: &[f64],
     ) -> Self {
-        let image: Arc<Image> = Arc::new(image.map(|value| value));
-        let known: Vec<Option<f64>> = terms.iter().map(|(term, _)| measured(&image, &frame, term)).collect();
-        let mut fields: Vec<(f64, Vec<(Prepared<D>, f64)>)> = Vec::new();
-        for sigma in sigmas {
-            if fields.iter().all(|(done, _)| done != sigma) {
-                let terms = terms.iter().zip(&known);
-                let prepared = terms
-                    .map(|((term, weight), known)| (prepare(&image, &frame, term, *known, *sigma), *weight));
-                fields.push((*sigma, prepared.collect()));
-            }
+        let field: Arc<Image> = Arc::new(image.map(|value| value));
+        let of_image = |(term, weight): &(ImageTerm, f64)| FieldTerm {
+            field: field.clone(),
+            term: *term,
+            weight: *weight,
+        };
+        let terms: Vec<FieldTerm> = terms.iter().map(of_image).collect();
+        Self::of_fields(image.size(), frame, &terms, sigmas, &never).expect("nothing stops")
+    }
+
+    /// As [`Scene::new`] for terms with fields of their own, all of one `size`. `None` if the caller wants to stop, which is looked at
+    /// before each term and blur.
+    pub fn of_fields(
+        size: [usize; 3],
+        frame: Frame<D>,
+        terms: &[FieldTerm],
+        sigmas: &[f64],
+        stop: Stop<'_>,
+    ) -> Option<Self> {
+        let (levels, mut fields) = (field_of_levels(terms), Vec::new());
+        let known = terms.iter().map(|term| (!stop()).then(|| measured(&term.field, &frame, &term.term)));
+        let known: Vec<Option<f64>> = known.collect::<Option<_>>()?;
+        for sigma in distinct(sigmas) {
+            let prepared = terms
+                .iter()
+                .zip(&known)
+                .map(|(term, known)| (!stop()).then(|| (term.prepared(&frame, *known, sigma), term.weight)));
+            fields.push((sigma, prepared.collect::<Option<_>>()?));
         }
-        Self { image, frame, fields }
+        Some(Self { size, levels, frame, fields })
     }
 
     /// Number of cells of the image along x, y, z.
     pub fn size(&self) -> [usize; 3] {
-        self.image.size()
+        self.size
     }
 
     /// The frame of the image.
@@ -165,21 +221,14 @@ impl<const D: usize> Scene<D> {
         &self.frame
     }
 
-    fn needs_level(&self) -> bool {
-        self.fields
-            .iter()
-            .flat_map(|(_, terms)| terms)
-            .any(|(term, _)| matches!(term, Prepared::Blurred { .. }))
-    }
-
-    /// Median of the image in the cells of a shape.
+    /// Median of the image of levels in the cells of a shape.
     fn median(&self, model: &dyn Model<D>, rows: &[[f64; D]]) -> Option<f64> {
-        let size = self.size();
+        let (image, size) = (self.levels.as_ref()?, self.size);
         let grid = Grid { first: [0.0; 3], spacing: [1.0; 3], size };
         let mask = model.outline(rows).cells(&grid);
         let cells = mask.inside.iter().enumerate().filter(|(_, inside)| **inside);
         let value = |(at, _): (usize, &bool)| {
-            self.image.at([at / (size[1] * size[2]), at / size[2] % size[1], at % size[2]])
+            image.at([at / (size[1] * size[2]), at / size[2] % size[1], at % size[2]])
         };
         percentile(cells.map(value).collect(), 50.0)
     }
