@@ -17,6 +17,8 @@ pub enum JobKind {
     Regress,
     /// Assesses the shapes of a cohort with a dictionary.
     Assess,
+    /// Segments objects of an image.
+    Segment,
 }
 
 impl JobKind {
@@ -28,6 +30,7 @@ impl JobKind {
             Self::Compare => "compare",
             Self::Regress => "regress",
             Self::Assess => "assess",
+            Self::Segment => "segment",
         }
     }
 }
@@ -148,6 +151,16 @@ impl JobOutput {
     /// Its parts, if it was stored in parts.
     pub fn parts(&self) -> Option<OutputParts> {
         Self::parts_in(&self.head)
+    }
+
+    /// Output that is a file of this media type.
+    pub fn of_file(media_type: &str, data: Vec<u8>) -> Self {
+        Self { head: serde_json::json!({"media_type": media_type}), data }
+    }
+
+    /// Media type of an output that is a file.
+    pub fn media_type(&self) -> Option<&str> {
+        self.head.get("media_type")?.as_str()
     }
 
     /// Parts that the head of an output describes.

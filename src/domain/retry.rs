@@ -23,6 +23,14 @@ pub struct Receipt {
 /// Maximum length of a key in characters.
 pub const MAX_KEY_CHARS: usize = 255;
 
+/// Key of what the job with this id stores. No client has it: it begins with a character that is not printable.
+pub fn job_key(id: &str) -> String {
+    format!("{JOB_MARK}{id}")
+}
+
+/// First character of the keys of jobs.
+pub const JOB_MARK: char = '\u{1}';
+
 /// Whether `key` is valid: 1 to [`MAX_KEY_CHARS`] printable ASCII characters.
 pub fn is_key(key: &str) -> bool {
     (1..=MAX_KEY_CHARS).contains(&key.len())

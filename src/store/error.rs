@@ -132,6 +132,17 @@ pub enum StoreError {
         /// Of all.
         limit: f64,
     },
+    /// The files of the jobs of a tenant that wait or run, and those of a new one, take too much room together.
+    #[error("jobs with {waiting} bytes of files are waiting, the limit with a new one is {limit}")]
+    TooManyBytes {
+        /// Bytes of those that wait or run.
+        waiting: u64,
+        /// Of all.
+        limit: u64,
+    },
+    /// The job was cancelled or taken over meanwhile.
+    #[error("the job is no longer held")]
+    JobLost,
     /// No connection became free in time, or the database is away for a moment.
     #[error("the store is busy: try again")]
     Busy,

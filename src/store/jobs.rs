@@ -9,10 +9,11 @@ use std::collections::HashMap;
 use super::engine::to_sql;
 use super::engine::{Link, Query, Row, Transaction, sql};
 use super::error::StoreError;
+use super::files::MAX_FILE_BYTES;
 use super::handle::Store;
 use super::outputs::{self, MAX_OUTPUT_BYTES};
 use super::text::{from_text, to_text};
-use super::{changes, dictionaries, receipts};
+use super::{changes, dictionaries, files, receipts};
 use crate::domain::change::{ChangeKind, NewChange};
 use crate::domain::dictionary::NewDictionary;
 use crate::domain::job::{Job, JobFilter, JobOutput, Progress};
@@ -94,6 +95,20 @@ impl Store {
         job: &Job,
         receipt: Option<&Receipt>,
     ) -> Result<(), StoreError> {
+        self.create_job_with(quota, job, receipt, &[]).await
+    }
+
+    /// As [`Store::create_job_within`], with files by their names, which are kept until the job ends.
+    ///
+    /// # Errors
+    /// Also [`StoreError::TooManyBytes`].
+    pub async fn create_job_with(
+        &self,
+        quota: Quota,
+        job: &Job,
+        receipt: Option<&Receipt>,
+        job_files: &[(&str, &[u8])],
+    ) -> Result<(), StoreError> {
         const CREATE: &str = "INSERT INTO job
             (id, kind, parameters, status, progress, attempt, run_at_ms, created_at_ms, tenant, cohort)
             SELECT $1, $2, $3, 'queued', 0, 0, $4, $4, $6, $7
@@ -118,6 +133,9 @@ impl Store {
             .await?;
         if created == 0 {
             return Err(StoreError::TooManyJobs { limit });
+        }
+        if !job_files.is_empty() {
+            files::insert(&mut write, self.tenant(), &job.id, job_files, MAX_FILE_BYTES).await?;
         }
         let change = NewChange::for_job(ChangeKind::JobQueued, &job.id, cohort);
         changes::record(&mut write, self.tenant(), &change, job.created_at_ms).await?;
@@ -474,15 +492,15 @@ async fn abandon(
     Ok(failed.into_iter().map(|(_, id, _)| id.to_owned()).collect())
 }
 
-/// Removes the oldest finished jobs beyond the limit, and passes without an active job.
+/// Removes the oldest finished jobs beyond the limit, files of finished ones, and passes without an active job.
 async fn prune(connection: &mut Transaction, tenant: &str) -> Result<(), StoreError> {
     const PRUNE: &str = "DELETE FROM job WHERE id IN (SELECT id FROM job WHERE finished_at_ms IS NOT NULL
         AND tenant = $1 ORDER BY finished_at_ms DESC, id DESC LIMIT $2 OFFSET $3)";
     const FORGET: &str = "DELETE FROM pass WHERE job IN (SELECT id FROM job WHERE status <> 'running')";
     let query = sql(&mut *connection, PRUNE).bind(tenant).bind(i64::MAX).bind(i64::from(MAX_FINISHED));
     query.execute().await?;
-    sql(connection, FORGET).execute().await?;
-    Ok(())
+    sql(&mut *connection, FORGET).execute().await?;
+    files::forget(connection).await
 }
 
 pub(super) fn read_job(row: &Row) -> Result<Job, StoreError> {

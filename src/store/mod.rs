@@ -4,6 +4,7 @@
 //! cohort ─< chunk ── chunk_data     up to 4096 shapes: points (little-endian f64), weights, checksum
 //!              └──< shape           attributes of each shape, and when it was deleted
 //! job ── job_output ─< job_output_part the queue, the history of finished jobs, and their outputs, large ones in parts
+//!  ├──< job_file                    files that a job works on, until it ends
 //!  └── pass ─< task                  the distributed passes of a job, and their parts
 //! dictionary ── dictionary_data     versions, each written once
 //!      ├──< dictionary_alias         names for versions, which can be moved
@@ -21,7 +22,7 @@
 //! * [`cohorts`], [`shapes`], [`dictionaries`] — finding, listing and deleting; `aliases` — names for versions; `assessments` — what they said of shapes; [`upload`] — storing shapes;
 //! * `corrections` — shapes stored again with other attributes, or deleted; `erasure` — everything of a subject removed;
 //! * [`scan`] — reading control points in bulk; `places` — where they are, and whose they are;
-//! * [`jobs`] — the queue; [`tasks`] — distributed parts of jobs; [`outputs`] — large results of jobs;
+//! * [`jobs`] — the queue; [`tasks`] — distributed parts of jobs; [`outputs`] — large results of jobs; [`files`] — what jobs work on;
 //! * [`changes`] — the change feed; [`hooks`] — where it is delivered; `trash` — deleted objects; [`receipts`] — outcomes of idempotent requests;
 //! * [`audit`] — the audit trail; [`metrics`] — metric names;
 //! * [`maintenance`] — checks, backups and exports of the whole store;
@@ -41,6 +42,7 @@ pub mod dictionaries;
 mod engine;
 mod erasure;
 mod error;
+pub mod files;
 mod filter;
 mod folder;
 mod handle;

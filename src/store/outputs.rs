@@ -57,8 +57,12 @@ impl Store {
         // An erasure begins an attempt again under its number, but at another time.
         const HELD: &str = "SELECT id FROM job
             WHERE id = $1 AND tenant = $2 AND status = 'running' AND attempt = $3 AND started_at_ms = $4";
+        // A cancellation waits for the end of the transaction.
+        let lock = if write.is_postgres() { " FOR UPDATE" } else { "" };
         let held = sql(write, HELD).bind(&job.id).bind(self.tenant()).bind(i64::from(job.attempt));
-        Ok(held.bind(job.started_at_ms).optional_scalar::<String>().await?.is_some())
+        let mut held = held.bind(job.started_at_ms);
+        held.push(lock);
+        Ok(held.optional_scalar::<String>().await?.is_some())
     }
 
     /// Removes what earlier attempts at a job have stored of its output.

@@ -37,6 +37,7 @@ const MIGRATIONS: &[(i64, &str, &str)] = &[
     (12, "aliases and output parts", include_str!("migrations/sqlite/0012_aliases_and_output_parts.sql")),
     (13, "hooks", include_str!("migrations/sqlite/0013_hooks.sql")),
     (14, "assessments", include_str!("migrations/sqlite/0014_assessments.sql")),
+    (15, "job files", include_str!("migrations/sqlite/0015_job_files.sql")),
 ];
 
 fn options(file: &Path) -> SqliteConnectOptions {

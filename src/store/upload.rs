@@ -14,6 +14,7 @@ use super::handle::{PURGE_UPLOAD, Store, blocking};
 use super::{changes, receipts};
 use crate::domain::change::{ChangeKind, NewChange};
 use crate::domain::cohort::Cohort;
+use crate::domain::job::Job;
 use crate::domain::retry::Receipt;
 
 mod digest;
@@ -108,23 +109,30 @@ impl Upload {
     /// # Errors
     /// [`StoreError::CohortGone`] if the cohort was deleted in the meantime, [`StoreError::UploadLost`].
     pub async fn commit(self, now_ms: i64) -> Result<u64, StoreError> {
-        self.commit_once(now_ms, None, |_| None).await
+        self.commit_once(now_ms, None, None, |_| None).await
     }
 
-    /// Like [`Upload::commit`] for a cohort that must be at the `expected` revision, with a receipt for the new one.
+    /// Like [`Upload::commit`] for a cohort that must be at the `expected` revision, by a `job`, as it was claimed, that must still
+    /// be held, with a receipt for the new revision.
     ///
     /// # Errors
-    /// Also [`StoreError::Changed`] and [`StoreError::AlreadyDone`]; nothing is stored then.
+    /// Also [`StoreError::Changed`], [`StoreError::JobLost`] and [`StoreError::AlreadyDone`]; nothing is stored then.
     pub async fn commit_once(
         mut self,
         now_ms: i64,
         expected: Option<u64>,
+        job: Option<&Job>,
         receipt: impl FnOnce(u64) -> Option<Receipt>,
     ) -> Result<u64, StoreError> {
         const COUNT: &str = "SELECT CAST(coalesce(sum(rows), 0) AS BIGINT) FROM chunk
             WHERE upload = $1 AND revision IS NULL";
         let mut write = self.store.begin_write(&self.cohort_id).await?;
         let cohort = self.store.number_at(&mut write, &self.cohort_id, expected).await?;
+        if let Some(job) = job
+            && !self.store.holds(&mut write, job).await?
+        {
+            return Err(StoreError::JobLost);
+        }
         let count = sql(&mut write, COUNT).bind(&self.id);
         let count: i64 = count.scalar().await?;
         if count != self.stored {

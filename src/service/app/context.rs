@@ -14,11 +14,12 @@ use super::idempotency::Retry;
 use super::limits::Limits;
 use super::memory::Memory;
 use super::pool::Pool;
+use super::progress::JobContext;
 use super::state::State;
 use super::touched::Touched;
 use super::work::Work;
 use crate::domain::access::{DEFAULT_TENANT, Principal};
-use crate::domain::job::Priority;
+use crate::domain::job::{Job, Priority};
 use crate::store::Store;
 
 /// Everything a use case needs; cheap to clone.
@@ -81,6 +82,11 @@ impl App {
     #[must_use]
     pub fn until(&self, deadline: Instant) -> Self {
         Self { pool: self.pool.until(deadline), ..self.clone() }
+    }
+
+    /// The context of a job: its work stops with it. What it stores under its receipt is stored once, however often it runs.
+    pub(in crate::service) fn of_job(&self, job: &Job, context: &JobContext) -> Self {
+        Self { pool: self.pool.of_job(context), retry: Some(Retry::of_job(&job.id)), ..self.clone() }
     }
 
     /// The same request with this priority for its jobs.

@@ -258,9 +258,10 @@ impl From<StoreError> for ServiceError {
         match error {
             StoreError::NameTaken { name } => Self::NameTaken { name },
             StoreError::CohortGone => Self::Deleted { kind: "cohort" },
-            StoreError::TooManyJobs { .. } | StoreError::TooMuchWork { .. } => {
-                Self::Unavailable(error.to_string())
-            }
+            StoreError::TooManyJobs { .. }
+            | StoreError::TooMuchWork { .. }
+            | StoreError::TooManyBytes { .. } => Self::Unavailable(error.to_string()),
+            StoreError::JobLost => Self::Cancelled,
             StoreError::ExternalIdPending { .. } => Self::Unavailable(
                 "an unfinished upload uses one of the external ids: try again when it has ended".into(),
             ),

@@ -10,7 +10,7 @@ use serde_json::Value;
 
 use super::context::App;
 use super::error::ServiceError;
-use crate::domain::retry::{MAX_KEY_CHARS, Receipt, RetryKey, is_key};
+use crate::domain::retry::{MAX_KEY_CHARS, Receipt, RetryKey, is_key, job_key};
 
 /// An idempotent request, as far as it has been read.
 #[derive(Debug, Clone)]
@@ -33,6 +33,11 @@ impl Retry {
         let mut read = blake3::Hasher::new();
         read.update(target.as_bytes()).update(b"\n");
         Ok(Self { key: key.into(), read })
+    }
+
+    /// What the job with this id stores, which several attempts may compute.
+    pub(crate) fn of_job(id: &str) -> Self {
+        Self { key: job_key(id), read: blake3::Hasher::new() }
     }
 
     /// Adds a part of the body to the digest.

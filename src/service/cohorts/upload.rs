@@ -18,6 +18,7 @@ use super::measures::Measuring;
 use crate::analysis::conversion::Conversion;
 use crate::domain::cohort::{Cohort, CohortSpec};
 use crate::domain::id;
+use crate::domain::job::Job;
 use crate::domain::shape::NewShape;
 use crate::formats::bounds::Census;
 use crate::formats::ndjson::{Line, LineTooLong, Lines};
@@ -116,6 +117,15 @@ pub struct Treatment {
     pub repeated_points: RepeatedPoints,
 }
 
+/// On what occasion shapes are added.
+#[derive(Debug, Clone, Default)]
+pub struct Occasion {
+    /// What is answered besides, which a repeated request gets too.
+    pub note: Option<serde_json::Value>,
+    /// The job that adds them, as it was claimed: nothing is stored unless it is still held.
+    pub job: Option<Job>,
+}
+
 /// A shape as received.
 enum Incoming {
     Line(Line),
@@ -145,20 +155,20 @@ pub async fn add(
     treatment: Treatment,
     expected: Option<Expected>,
 ) -> Result<Stored, ServiceError> {
-    add_noted(app, cohort, shapes, treatment, expected, None).await
+    add_as(app, cohort, shapes, treatment, expected, Occasion::default()).await
 }
 
-/// As [`add`], with a `note` of what is answered besides, which a repeated request gets too.
+/// As [`add`], on an occasion.
 ///
 /// # Errors
-/// As [`add`].
-pub async fn add_noted(
+/// As [`add`]; [`ServiceError::Cancelled`] if the job is no longer held.
+pub async fn add_as(
     app: &App,
     cohort: Cohort,
     shapes: Vec<ShapeInput>,
     treatment: Treatment,
     expected: Option<Expected>,
-    note: Option<serde_json::Value>,
+    occasion: Occasion,
 ) -> Result<Stored, ServiceError> {
     if shapes.is_empty() {
         return Err(ServiceError::TooFewShapes { found: 0, needed: 1 });
@@ -167,7 +177,7 @@ pub async fn add_noted(
         return Ok(stored);
     }
     let mut writer = Writer::new(app, &cohort, treatment, "/shapes/", expected).await?;
-    writer.note = note;
+    writer.occasion = occasion;
     let incoming = shapes.into_iter().map(|shape| Incoming::Parsed(Box::new(shape))).collect();
     let taken = writer.take(app, incoming).await;
     writer.end(app, taken).await
@@ -266,7 +276,7 @@ struct Writer {
     repeated_points: usize,
     self_intersecting: usize,
     results: Vec<UploadResult>,
-    note: Option<serde_json::Value>,
+    occasion: Occasion,
     faults: Faults,
 }
 
@@ -304,7 +314,7 @@ impl Writer {
             repeated_points: 0,
             self_intersecting: 0,
             results: Vec::new(),
-            note: None,
+            occasion: Occasion::default(),
             faults: Faults::default(),
         })
     }
@@ -412,7 +422,7 @@ impl Writer {
     /// that a client that corrects its input and resends the same external ids at once does not conflict with its own
     /// first attempt.
     async fn end(self, app: &App, taken: Result<(), ServiceError>) -> Result<Stored, ServiceError> {
-        let Self { chunks, task, position, treatment, skipped, left_out, results, note, .. } = self;
+        let Self { chunks, task, position, treatment, skipped, left_out, results, occasion, .. } = self;
         let Self { repeated_points, self_intersecting, retry, cohort, expected, .. } = self;
         drop(chunks);
         let written =
@@ -447,14 +457,14 @@ impl Writer {
             left_out,
             repeated_points,
             self_intersecting,
-            note,
+            note: occasion.note,
         };
         let receipt = |revision| {
             stored.revision = revision;
             retry.as_ref().map(|retry| idempotency::receipt(retry, &stored))
         };
         let expected = expected.map(|_| cohort.revision);
-        stored.revision = upload.commit_once(now_ms(), expected, receipt).await?;
+        stored.revision = upload.commit_once(now_ms(), expected, occasion.job.as_ref(), receipt).await?;
         Ok(stored)
     }
 }

@@ -19,6 +19,7 @@ use tokio::time::Instant;
 use crate::domain::dictionary::NewDictionary;
 use crate::domain::id;
 use crate::domain::job::{Job, JobFilter, JobKind, JobOutput, JobStatus, OutputParts};
+use crate::domain::retry::Receipt;
 use crate::service::app::{App, Page, ServiceError, Work, metrics, now_ms};
 use crate::store::jobs::Quota;
 
@@ -43,10 +44,24 @@ pub async fn submit(app: &App, kind: JobKind, parameters: Value, seconds: f64) -
     if let Some(id) = app.done_before::<String>().await? {
         return find(app, &id).await;
     }
+    create(app, (kind, parameters, seconds), &[], |id| app.receipt(id)).await
+}
+
+/// As [`submit`] for a request that was not executed before, with a receipt for the id of the job. The `files` are kept until the job
+/// ends.
+///
+/// # Errors
+/// As [`submit`]; [`ServiceError::Unavailable`] also if the files of other jobs of the tenant leave no room.
+pub async fn create(
+    app: &App,
+    (kind, parameters, seconds): (JobKind, Value, f64),
+    files: &[(&str, &[u8])],
+    receipt: impl FnOnce(&str) -> Option<Receipt>,
+) -> Result<Job, ServiceError> {
     Work::from_seconds(seconds).check(app.limits.job_time.as_secs_f64())?;
     let job = Job::new(kind, parameters, now_ms()).weighing(seconds, app.priority);
     let quota = Quota { jobs: app.limits.queued_jobs, seconds: app.limits.queued_work.as_secs_f64() };
-    app.store.create_job_within(quota, &job, app.receipt(&job.id).as_ref()).await?;
+    app.store.create_job_with(quota, &job, receipt(&job.id).as_ref(), files).await?;
     app.registry().wake();
     Ok(job)
 }

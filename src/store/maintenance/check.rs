@@ -125,6 +125,11 @@ const RULES: &[(&str, &str)] = &[
         "SELECT o.job FROM job_output AS o LEFT JOIN job AS j ON j.id = o.job WHERE j.id IS NULL",
     ),
     (
+        "there are files of job {}, which has ended or does not exist",
+        "SELECT DISTINCT f.job FROM job_file AS f LEFT JOIN job AS j ON j.id = f.job
+        WHERE j.id IS NULL OR j.finished_at_ms IS NOT NULL",
+    ),
+    (
         "the feed of tenant {} has a gap, or does not end at its last number",
         "SELECT f.tenant FROM (SELECT tenant, count(*) AS n, min(sequence) AS first, max(sequence) AS last
             FROM change GROUP BY tenant) AS f
@@ -170,6 +175,8 @@ impl Store {
         check.settle(jobs)?;
         let outputs = check.outputs().await;
         check.settle(outputs)?;
+        let files = check.files().await;
+        check.settle(files)?;
         let receipts = check.receipts().await;
         check.settle(receipts)?;
         let audit = check.audit().await;
@@ -343,6 +350,23 @@ impl Check<'_> {
             }
             if !is_whole {
                 self.find(&format!("the output of job {job} does not match its checksum"));
+            }
+        }
+        Ok(())
+    }
+
+    /// Checks the files that jobs work on.
+    async fn files(&mut self) -> Result<(), StoreError> {
+        const NEXT: &str = "SELECT job, name, piece, checksum, data FROM job_file
+            WHERE (job, name, piece) > ($1, $2, $3) ORDER BY job, name, piece LIMIT 1";
+        let (mut read, mut last) = (self.store.begin_read().await?, (String::new(), String::new(), 0_i64));
+        let next = async |read: &mut Transaction, last: &(String, String, i64)| {
+            sql(read, NEXT).bind(&last.0).bind(&last.1).bind(last.2).optional().await
+        };
+        while let Some(row) = next(&mut read, &last).await? {
+            last = (row.get("job")?, row.get("name")?, row.get("piece")?);
+            if blocking(move || outputs::whole_part(&row)).await?.is_none() {
+                self.find(&format!("a file of job {} does not match its checksum", last.0));
             }
         }
         Ok(())

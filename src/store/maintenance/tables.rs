@@ -182,6 +182,14 @@ pub(super) const TABLES: &[Table] = &[
         condition: None,
     },
     Table {
+        name: "job_file",
+        key: 3,
+        columns: &[("job", Text), ("name", Text), ("piece", Integer), ("checksum", Bytes), ("data", Bytes)],
+        counted: false,
+        page: FEW,
+        condition: None,
+    },
+    Table {
         name: "dictionary_name",
         key: 1,
         columns: &[("handle", Text), ("versions", Integer)],

@@ -473,3 +473,72 @@ async fn jobs_without_an_outcome_leave_no_parts_of_an_output() {
     assert_eq!(rows(&store, "job_output_part").await, 0);
     assert_eq!(store.read_job_output(&claim.job.id).await.unwrap(), None);
 }
+
+#[tokio::test]
+async fn files_of_a_job_go_when_it_ends() {
+    let (_folder, store) = fresh().await;
+    let image: Vec<u8> = (0..(5 << 20) + 7).map(|k: u32| (k % 251) as u8).collect();
+    let files: [(&str, &[u8]); 3] = [("parameters", b"{}"), ("image", &image), ("mask", b"")];
+    let quota = Quota::default();
+    let create = async |now_ms: i64| {
+        let job = Job::new(JobKind::Segment, json!({}), now_ms);
+        store.create_job_with(quota, &job, None, &files).await.map(|()| job)
+    };
+    for end in ["succeeded", "failed", "cancelled", "pruned"] {
+        create(1).await.unwrap();
+        let claim = claimed(&store, 10).await;
+        let read = store.read_job_files(&claim.job).await.unwrap();
+        let read: Vec<(&str, &[u8])> = read.iter().map(|(name, file)| (name.as_str(), &file[..])).collect();
+        assert_eq!(read, [("image", &image[..]), ("mask", b""), ("parameters", b"{}")]);
+        let other = store.of(std::sync::Arc::new(crate::domain::access::Principal::system("other")));
+        assert!(other.read_job_files(&claim.job).await.unwrap().is_empty());
+        match end {
+            "succeeded" => assert!(store.succeed_job(&claim, &json!({}), None, None, 20).await.unwrap()),
+            "failed" => assert!(store.fail_job(&claim, &json!({}), 20).await.unwrap()),
+            "cancelled" => drop(store.cancel_job(&claim.job.id, 20).await.unwrap()),
+            _ => meddle(&store, "DELETE FROM job").await,
+        }
+        assert_eq!(rows(&store, "job_file").await, 0, "{end}");
+    }
+    // A job that is released keeps them.
+    create(1).await.unwrap();
+    let claim = claimed(&store, 10).await;
+    assert!(store.release_job(&claim, Release::Uncounted).await.unwrap());
+    let claim = claimed(&store, 20).await;
+    assert_eq!(store.read_job_files(&claim.job).await.unwrap().len(), 3);
+    let findings = async || {
+        let mut found = Vec::new();
+        store.check(&mut |line: &str| found.push(line.to_owned())).await.unwrap();
+        found
+    };
+    assert_eq!(findings().await, [""; 0]);
+    meddle(&store, "UPDATE job_file SET data = checksum WHERE name = 'image' AND piece = 3").await;
+    assert!(matches!(store.read_job_files(&claim.job).await, Err(StoreError::Damaged { .. })));
+    let id = claim.job.id.as_str();
+    assert_eq!(findings().await, [format!("a file of job {id} does not match its checksum")]);
+    meddle(&store, "DELETE FROM job_file WHERE name = 'image' AND piece = 3").await;
+    assert!(matches!(store.read_job_files(&claim.job).await, Err(StoreError::Damaged { .. })));
+    meddle(&store, "UPDATE job SET finished_at_ms = 30, status = 'failed'").await;
+    assert_eq!(findings().await, [format!("there are files of job {id}, which has ended or does not exist")]);
+}
+
+#[tokio::test]
+async fn files_of_waiting_jobs_are_bounded_together() {
+    let (_folder, store) = fresh().await;
+    let mut write = store.begin_write("files").await.unwrap();
+    for (id, bytes) in [("job_1", 8), ("job_2", 4)] {
+        let create = "INSERT INTO job (id, kind, parameters, status, progress, attempt, run_at_ms, created_at_ms, tenant)
+            VALUES ($1, 'segment', '{}', 'queued', 0, 0, 1, 1, 'default')";
+        sql(&mut write, create).bind(id).execute().await.unwrap();
+        let file = vec![7; bytes];
+        // One alone may be larger than all together.
+        let tenant = crate::domain::access::DEFAULT_TENANT;
+        let found = crate::store::files::insert(&mut write, tenant, id, &[("image", &file)], 6).await;
+        match id {
+            "job_1" => found.unwrap(),
+            _ => {
+                assert!(matches!(found, Err(StoreError::TooManyBytes { waiting: 8, limit: 6 })), "{found:?}")
+            }
+        }
+    }
+}

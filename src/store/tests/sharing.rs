@@ -96,7 +96,7 @@ async fn a_request_is_done_once_or_not_at_all() {
 
     let mut upload = store.begin_upload(&first);
     upload.add(vec![shape(1)]).await.unwrap();
-    let error = upload.commit_once(9, None, |_| Some(receipt)).await.unwrap_err();
+    let error = upload.commit_once(9, None, None, |_| Some(receipt)).await.unwrap_err();
     assert!(matches!(error, StoreError::AlreadyDone), "{error:?}");
     wait_until_empty(&store, "chunk").await;
     assert_eq!(store.find_cohort("hands").await.unwrap().unwrap().revision, 0);

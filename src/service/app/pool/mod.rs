@@ -117,6 +117,13 @@ impl Pool {
         Self { request, ..self.clone() }
     }
 
+    /// The same lanes for a job: its work stops with it, and none of its tasks is refused.
+    pub(crate) fn of_job(&self, context: &JobContext) -> Self {
+        let (read, admitted) = (AtomicBool::new(true), AtomicBool::new(true));
+        let request = Request { read, admitted, context: context.clone() };
+        Self { request: Some(Arc::new(request)), ..self.clone() }
+    }
+
     /// The same request with a prediction of its work.
     pub fn weighing(&self, work: Work) -> Self {
         Self { work, ..self.clone() }
