@@ -640,9 +640,9 @@ impl<S: Send + Sync> FromRequestParts<S> for OutputFormat {
         only(parts, &["format"])?;
         let query = axum::extract::Query::<FormatQuery>::try_from_uri(&parts.uri).ok();
         let asked = query.and_then(|query| query.0.format);
-        if let Some(other) = asked.as_deref().filter(|name| !["json", "csv", "npy", "ndjson"].contains(name))
-        {
-            let detail = format!("expected 'json', 'csv', 'npy' or 'ndjson', got '{other}'");
+        const NAMES: [&str; 7] = ["json", "csv", "npy", "ndjson", "svg", "png", "nifti"];
+        if let Some(other) = asked.as_deref().filter(|name| !NAMES.contains(name)) {
+            let detail = format!("expected one of {}, got '{other}'", NAMES.join(", "));
             return Err(Problem::of_parameter("format", detail));
         }
         Ok(Self { asked, accept: accepted(&parts.headers) })
@@ -656,6 +656,36 @@ impl OutputFormat {
     /// A format that matrices do not have.
     pub fn of_matrix(&self) -> Result<MatrixFormat, Problem> {
         matrix_format_of(self.asked.as_deref(), &self.accept)
+    }
+
+    /// Checks that a file of this media type is accepted.
+    ///
+    /// # Errors
+    /// Another format.
+    pub fn check_file(&self, media_type: &str) -> Result<(), Problem> {
+        let name = match media_type {
+            NIFTI => "nifti",
+            "image/svg+xml" => "svg",
+            _ => "png",
+        };
+        match self.asked.as_deref() {
+            Some(asked) if asked == name => Ok(()),
+            Some(other) => {
+                let detail = format!("expected '{name}', the format of this file, got '{other}'");
+                Err(Problem::of_parameter("format", detail))
+            }
+            None => {
+                let kind = media_type.split('/').next().unwrap_or_default();
+                let is_file = |range: &str| {
+                    let of_kind = range.strip_suffix("/*") == Some(kind);
+                    (range == media_type || of_kind || matches!(range, "*/*" | "")).then_some(())
+                };
+                preferred(&self.accept, is_file).ok_or_else(|| {
+                    let detail = format!("expected {media_type} to be accepted, got '{}'", self.accept);
+                    Problem::new(ProblemKind::NotAcceptable, detail)
+                })
+            }
+        }
     }
 
     /// Checks that lines are accepted.

@@ -10,6 +10,7 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use resvg::tiny_skia::{Color, ColorU8, Pixmap, PixmapPaint, Transform};
 use resvg::usvg::{self, Options, Tree, fontdb::Database};
+use serde::{Deserialize, Serialize};
 
 use super::image::write::png_u8;
 use super::image::{Grid, ImageError, LengthUnit};
@@ -18,7 +19,8 @@ use crate::geometry::drawing::scene::Drawing;
 use crate::geometry::drawing::svg::{Background, Style, Theme};
 
 /// File format of a picture.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum PictureFormat {
     /// Scalable Vector Graphics.
     Svg,
@@ -48,7 +50,7 @@ impl PictureFormat {
 }
 
 /// A picture file as a client wants it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PictureFile {
     /// Format of the file.
     pub format: PictureFormat,

@@ -11,6 +11,7 @@ use crate::service::inference::regressions::RegressedShapes;
 use crate::service::inference::study::Study;
 use crate::service::jobs::{Outcome, inline_or_job};
 use crate::service::search::distances;
+use crate::service::segmentation;
 
 /// Runs a job on a compute thread; `handle` runs its async parts.
 ///
@@ -25,5 +26,6 @@ pub fn run(app: &App, handle: &Handle, job: &Job, context: &JobContext) -> Resul
         JobKind::Compare => inline_or_job::run::<Study<ComparedShapes>>(app, handle, job, context),
         JobKind::Regress => inline_or_job::run::<Study<RegressedShapes>>(app, handle, job, context),
         JobKind::Assess => assessments::run(app, handle, job, context),
+        JobKind::Segment => segmentation::job::run(app, handle, job, context),
     }
 }

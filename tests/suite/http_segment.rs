@@ -439,7 +439,7 @@ fn bad_segmentations_are_refused_at_their_place() {
 /// Many objects with many points are refused before they are computed; a dry run predicts what they cost.
 #[test]
 fn segmentations_that_cost_too_much_are_refused() {
-    let server = shared();
+    let server = Setting::fresh().flags(&["--max-job-seconds", "10"]).start();
     let points = |count: usize| json!({"kind": "closed_curve", "dimension": 2, "control_points": count, "generator": {"name": "trigonometric"}});
     let boxes: Vec<Value> = (0..5000).map(|_| json!({"lower": [8, 15], "upper": [25, 26]})).collect();
     let body = curves(json!({"representation": points(200), "boxes": boxes}));

@@ -24,6 +24,8 @@ use crate::service::dictionaries::learning::LearntDictionary;
 use crate::service::jobs;
 use crate::service::jobs::watch::Watch;
 use crate::service::search::distances::StoredMatrix;
+use crate::service::segmentation::answer::SegmentAnswer;
+use crate::service::segmentation::membership::MembersAnswer;
 
 /// Longest silence on an event stream: proxies close connections that look dead.
 const KEEP_ALIVE: Duration = Duration::from_secs(15);
@@ -85,6 +87,10 @@ enum JobResult {
     Regression(ShapeRegression),
     /// Of `assess`.
     Assessments(AssessedCohort),
+    /// Of `segment`.
+    Segmented(SegmentAnswer),
+    /// Of `segment`, into a cohort.
+    Members(MembersAnswer),
 }
 
 page! {

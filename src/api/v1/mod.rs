@@ -31,7 +31,6 @@ mod regressions;
 mod request_macros;
 mod retrieval;
 mod segment;
-mod segment_request;
 mod settings;
 mod shape_query;
 mod shapes;

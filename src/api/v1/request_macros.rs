@@ -304,6 +304,15 @@ pub(super) struct RetryHeader {
     idempotency_key: Option<String>,
 }
 
+/// Header of a request that may become a job.
+#[derive(utoipa::IntoParams)]
+#[into_params(parameter_in = Header)]
+pub(super) struct PreferHeader {
+    /// `wait=10`: wait up to ten seconds for the job; `respond-async`: make a job in any case.
+    #[allow(dead_code, reason = "only for the document; an extractor reads it")]
+    prefer: Option<String>,
+}
+
 /// Header of a conditional change.
 #[derive(utoipa::IntoParams)]
 #[into_params(parameter_in = Header)]

@@ -12,6 +12,7 @@ use super::assessments::stored_lines;
 use super::jobs::JobOutput;
 use super::planned::{Waited, waited};
 use super::request_macros::{RetryHeader, checked, priority_of};
+use super::segment;
 use super::shape_query::take_filter;
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
@@ -374,16 +375,17 @@ fn misplaced(request: &DistancesRequest) -> Vec<Fault> {
     errors
 }
 
-/// Returns the matrix or the lines that a job has computed.
+/// Returns the matrix, the lines or the file that a job has computed.
 ///
-/// Jobs of the kind `distances` give a matrix, those of the kind `assess` one line per shape, sent as they are read. Outputs are kept as long as their job; if together they exceed 2 GiB, only the newest are kept.
+/// Jobs of the kind `distances` give a matrix, those of the kind `assess` one line per shape, sent as they are read, those of the kind
+/// `segment` the picture or the volume of labels that was asked for. Outputs are kept as long as their job; if together they exceed 2 GiB, only the newest are kept.
 #[utoipa::path(get, path = "/jobs/{job}/output", tag = "jobs",
     params(
         ("job" = String, Path, description = "Id"),
-        ("format" = Option<String>, Query, description = "`json`, `csv` or `npy` of a matrix, `ndjson` of lines")
+        ("format" = Option<String>, Query, description = "`json`, `csv` or `npy` of a matrix, `ndjson` of lines; `svg`, `png` or `nifti` as the segmentation was asked for")
     ),
     responses(
-        (status = 200, description = "The matrix or the lines", content((DistancesAnswer = "application/json"), (String = "text/csv"), (Binary = "application/x-npy"), (CohortAssessment = "application/x-ndjson"))),
+        (status = 200, description = "The matrix, the lines or the file", content((DistancesAnswer = "application/json"), (String = "text/csv"), (Binary = "application/x-npy"), (CohortAssessment = "application/x-ndjson"), (String = "image/svg+xml"), (Binary = "image/png"), (Binary = "application/x-nifti"))),
         (status = 404, description = "No such job, or the job has no output (not yet, none at all, or no longer)")
     ))]
 pub(super) async fn job_output(
@@ -395,6 +397,10 @@ pub(super) async fn job_output(
     if let Some(parts) = output.parts() {
         format.check_lines()?;
         return Ok(stored_lines(app, id, parts));
+    }
+    if let Some(media_type) = output.media_type().map(str::to_owned) {
+        format.check_file(&media_type)?;
+        return Ok(segment::file(media_type, output.data));
     }
     let matrix = distances::read_output(&app, output).await?;
     Ok(respond::matrix(&app, matrix, format.of_matrix()?)?)

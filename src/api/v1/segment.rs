@@ -6,23 +6,29 @@ use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::{Deserialize, Serialize};
 
-use super::request_macros::{IfMatchHeader, RetryHeader};
-use super::segment_request::{Checks, CohortSegmentRequest, SegmentRequest, ShapePrior, Storing};
-use crate::api::extract::{BesideFormat, Caller, DrawingQuery, Format, IfMatch, ImageFormat, Path, Query};
-use crate::api::form::{self, Form};
+use super::jobs::JobOutput;
+use super::planned::{Waited, waited};
+use super::request_macros::{IfMatchHeader, PreferHeader, RetryHeader, priority_of};
+use crate::api::extract::{
+    BesideFormat, Caller, DrawingQuery, Format, IfMatch, ImageFormat, Path, Prefer, Query,
+};
+use crate::api::form;
 use crate::api::problem::Problem;
-use crate::api::respond::{Binary, Planned, compute_planned, json, picture, planned};
-use crate::formats::picture::{PictureFile, PictureFormat};
-use crate::service::app::{App, ServiceError, Work};
+use crate::api::respond::{Binary, compute_planned, json, planned};
+use crate::domain::job::Job;
+use crate::formats::picture::PictureFormat;
+use crate::formats::shape::ShapeInput;
+use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::catalogue;
+use crate::service::jobs;
 use crate::service::segmentation::answer::SegmentAnswer;
 use crate::service::segmentation::cost::SegmentEstimate;
-use crate::service::segmentation::image::Part;
-use crate::service::segmentation::membership::{self, Arriving, Digests, MembersAnswer, Membership};
-use crate::service::segmentation::segment::{self, Files};
-use crate::service::segmentation::shown::{LabelFormat, Segmented};
-use crate::service::segmentation::wanted::Wanted;
-use crate::service::segmentation::{reference, starts};
+use crate::service::segmentation::job::{self, Submission};
+use crate::service::segmentation::membership::{self, Digests, MembersAnswer, Membership, Repeated};
+use crate::service::segmentation::parts::{self, Parts, Prepared, Ready};
+use crate::service::segmentation::posted::{CohortSegmentRequest, SegmentRequest, Storing};
+use crate::service::segmentation::reference::Stored;
+use crate::service::segmentation::shown::{LabelFormat, Segmented, Shown, ShownFile};
 
 /// Form with an image, and labels of the truth.
 #[derive(Debug, utoipa::ToSchema)]
@@ -68,8 +74,8 @@ pub(super) enum SegmentOrEstimate {
     Estimated(SegmentEstimateAnswer),
 }
 
-fn estimated(estimate: SegmentEstimate) -> Result<Planned, ServiceError> {
-    planned(Work::from_seconds(0.0), move |_: &App| json(StatusCode::OK, &SegmentEstimateAnswer { estimate }))
+fn estimated(estimate: SegmentEstimate) -> Result<Response, ServiceError> {
+    json(StatusCode::OK, &SegmentEstimateAnswer { estimate })
 }
 
 /// Segments objects in an image or a volume.
@@ -77,74 +83,134 @@ fn estimated(estimate: SegmentEstimate) -> Result<Planned, ServiceError> {
 /// Each object is a shape that minimises an energy of the image inside it, from its initial shape on, by L-BFGS with exact gradients,
 /// in stages from coarse to fine. The shape is checked after every stage: one that folds, collapses or leaves the image is answered
 /// with `stop` and a warning, as it was before. Shapes are those of the representation, and can be posted to a cohort.
+///
+/// What is predicted to take up to three seconds is answered at once (200). More becomes a job (202), which keeps the parts of the form
+/// until it ends; its result is this answer, and in another format than JSON its output at `/v1/jobs/{job}/output` is the file. With
+/// `Prefer: wait=N` the answer comes if it is ready within `N` seconds, at most 60; `Prefer: respond-async` asks for a job in any case.
+/// Readers, and keys that are limited to cohorts, are answered at once or not at all.
 #[utoipa::path(post, path = "/segment", tag = "images",
-    params(SegmentQuery, ("format" = Option<String>, Query, description = "`json`; `svg` or `png`, the image in grey below initial shapes and results; `nifti`, a volume of labels, and with `mask` also `png`: 1 for the cells of the first result"), DrawingQuery),
+    params(SegmentQuery, ("format" = Option<String>, Query, description = "`json`; `svg` or `png`, the image in grey below initial shapes and results; `nifti`, a volume of labels, and with `mask` also `png`: 1 for the cells of the first result"), DrawingQuery, PreferHeader, RetryHeader),
     request_body(content = SegmentForm, content_type = "multipart/form-data"),
     responses(
         (status = 200, description = "One shape for each initial shape, in order; or the predicted cost (dry run)", content((SegmentOrEstimate = "application/json"), (String = "image/svg+xml"), (Binary = "application/x-nifti"))),
-        (status = 404, description = "No such cohort or dictionary")
+        (status = 202, description = "The job that segments the objects", body = JobOutput, headers(("Location" = String))),
+        (status = 404, description = "No such cohort or dictionary"),
+        (status = 503, description = "Too many jobs are waiting, or too many bytes of their files")
     ))]
 pub(super) async fn segment(
     Caller(app): Caller,
     format: ImageFormat,
     BesideFormat(SegmentQuery { dry_run }): BesideFormat<SegmentQuery>,
+    prefer: Prefer,
     request: Request,
 ) -> Result<Response, Problem> {
-    let form = form::read(&app, request, &PARTS).await?;
-    let asked = app.read::<SegmentRequest>(form.parameters.clone()).await?;
-    let (files, mut wanted) = prepare(&app, &form, asked).await?;
-    let shown = Shown::new(format, wanted.answered.mask)?;
-    wanted.answered.outlines = shown != Shown::Numbers;
-    // The parameters are read already; their length tells where the plan is made.
-    compute_planned(app, form.parameters, move |app, _| {
-        let found = segment::Planned::new(app, files.parts(), wanted)?;
-        if dry_run {
-            return estimated(found.estimate());
-        }
-        planned(found.work() + format.work(), move |app: &App| {
-            shown.answer(&found.segment(app, files.parts())?)
-        })
+    let parts = read(&app, request).await?;
+    let mut asked = app.read::<SegmentRequest>(parts.parameters.clone()).await?;
+    let app = app.with_priority(priority_of(asked.priority.take())?);
+    let (posted, shown) = Posted::shown(&app, parts, asked, format).await?;
+    let work = posted.ready.work();
+    if dry_run {
+        return Ok(estimated(posted.ready.estimate())?);
+    }
+    if job::is_due_without_cohort(&app, work.seconds(), prefer.respond_async) {
+        return posted.by_job(&app, shown, prefer).await;
+    }
+    compute_planned(app, Bytes::new(), move |_, _| {
+        planned(work + format.work(), move |app: &App| answered(&posted.ready.segment(app)?, shown))
     })
     .await
 }
 
-/// How segmented objects are answered.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Shown {
-    /// As JSON.
-    Numbers,
-    /// As a drawing.
-    Drawn(PictureFile),
-    /// As a label image.
-    Labels(LabelFormat),
+/// A form that was read and checked.
+struct Posted {
+    parts: Parts,
+    attracting: Option<Stored>,
+    ready: Ready,
 }
 
-impl Shown {
-    /// The answer in a format; `mask`: whether cells are asked for.
-    fn new(format: ImageFormat, mask: bool) -> Result<Self, Problem> {
-        match format {
-            ImageFormat::Plain(Format::Json) => Ok(Self::Numbers),
-            ImageFormat::Plain(Format::Picture(file)) if !mask => Ok(Self::Drawn(file)),
-            ImageFormat::Plain(Format::Picture(file)) => match file.format {
-                PictureFormat::Png => Ok(Self::Labels(LabelFormat::Png)),
-                PictureFormat::Svg => {
-                    let detail = "expected 'json', 'png' or 'nifti' with \"mask\": true, got 'svg'";
-                    Err(Problem::of_parameter("format", detail))
-                }
-            },
-            ImageFormat::Nifti => Ok(Self::Labels(LabelFormat::Nifti)),
-        }
+impl Posted {
+    /// Checks what is `asked`, has a `look` at what is prepared, reads the headers of the files and predicts the cost.
+    async fn new<T>(
+        app: &App,
+        parts: Parts,
+        asked: SegmentRequest,
+        look: impl FnOnce(&mut Prepared) -> Result<T, Problem>,
+    ) -> Result<(Self, T), Problem> {
+        let attracting = parts::attracting(app, &asked).await?;
+        let mut prepared = parts.clone().prepared(app, asked, attracting.clone()).await?;
+        let seen = look(&mut prepared)?;
+        let (reader, document) = (app.clone(), parts.parameters.clone());
+        let ready = app.pool.read(document, move |_| prepared.ready(&reader)).await?;
+        Ok((Self { parts, attracting, ready }, seen))
     }
 
-    fn answer(self, found: &Segmented) -> Result<Response, ServiceError> {
-        match self {
-            Self::Numbers => json(StatusCode::OK, &found.answer),
-            Self::Drawn(file) => picture(&found.drawing()?, &file),
-            Self::Labels(format) => {
-                let file = found.label_file(format)?;
-                Ok(([(header::CONTENT_TYPE, format.media_type())], Body::from(file)).into_response())
-            }
+    /// As [`Self::new`], with what is needed to show the objects in a format.
+    async fn shown(
+        app: &App,
+        parts: Parts,
+        asked: SegmentRequest,
+        format: ImageFormat,
+    ) -> Result<(Self, Shown), Problem> {
+        let look = |prepared: &mut Prepared| {
+            let shown = shown(format, prepared.wanted.answered.mask)?;
+            prepared.wanted.answered.outlines = shown != Shown::Numbers;
+            Ok(shown)
+        };
+        Self::new(app, parts, asked, look).await
+    }
+
+    fn submission(&self, shown: Shown) -> Submission<'_> {
+        let (parts, attracting, seconds) =
+            (&self.parts, self.attracting.as_ref(), self.ready.work().seconds());
+        let memory_bytes = self.ready.estimate().memory_bytes();
+        Submission { parts, attracting, shown, memory_bytes, seconds }
+    }
+
+    /// The answer of a job, if it comes while the client waits, else the job.
+    async fn by_job(self, app: &App, shown: Shown, prefer: Prefer) -> Result<Response, Problem> {
+        let job = self.submission(shown).submit(app).await?;
+        match waited(app, job, prefer).await? {
+            Waited::Succeeded(job) => Ok(succeeded(app, *job, shown).await?),
+            Waited::Else(response) => Ok(response),
         }
+    }
+}
+
+fn answered(found: &Segmented, shown: Shown) -> Result<Response, ServiceError> {
+    match found.file(shown)? {
+        Some(ShownFile { media_type, bytes }) => Ok(file(media_type.to_owned(), bytes)),
+        None => json(StatusCode::OK, &found.answer),
+    }
+}
+
+/// The answer of a job that has succeeded.
+async fn succeeded(app: &App, job: Job, shown: Shown) -> Result<Response, ServiceError> {
+    if shown == Shown::Numbers {
+        return json(StatusCode::OK, &job.result);
+    }
+    let output = jobs::output(app, &job.id).await?;
+    let lost = || ServiceError::Internal("a job of a file without a file".into());
+    Ok(file(output.media_type().ok_or_else(lost)?.to_owned(), output.data))
+}
+
+/// A file as a response.
+pub(super) fn file(media_type: String, bytes: Vec<u8>) -> Response {
+    ([(header::CONTENT_TYPE, media_type)], Body::from(bytes)).into_response()
+}
+
+/// How objects are answered in a format; `mask`: whether cells are asked for.
+fn shown(format: ImageFormat, mask: bool) -> Result<Shown, Problem> {
+    match format {
+        ImageFormat::Plain(Format::Json) => Ok(Shown::Numbers),
+        ImageFormat::Plain(Format::Picture(file)) if !mask => Ok(Shown::Drawn(file)),
+        ImageFormat::Plain(Format::Picture(file)) => match file.format {
+            PictureFormat::Png => Ok(Shown::Labels(LabelFormat::Png)),
+            PictureFormat::Svg => {
+                let detail = "expected 'json', 'png' or 'nifti' with \"mask\": true, got 'svg'";
+                Err(Problem::of_parameter("format", detail))
+            }
+        },
+        ImageFormat::Nifti => Ok(Shown::Labels(LabelFormat::Nifti)),
     }
 }
 
@@ -167,39 +233,87 @@ pub(super) struct CohortSegmentForm {
 /// As `POST /v1/segment`, with the representation of the cohort. The objects become shapes of the cohort in one revision, as posted
 /// ones do. Objects that fold, collapse or leave the image are answered, but stored only with `store_failed`. The metadata of a
 /// stored object names the BLAKE3 digests of the image and of the other parts under `segmentation`; the image itself is not kept.
+///
+/// What takes long becomes a job (202), as there. It adds the objects as if the request had come when it runs; its result is this answer.
 #[utoipa::path(post, path = "/cohorts/{cohort}/segment", tag = "images",
-    params(("cohort" = String, Path, description = "Id or name"), SegmentQuery, RetryHeader, IfMatchHeader),
+    params(("cohort" = String, Path, description = "Id or name"), SegmentQuery, PreferHeader, RetryHeader, IfMatchHeader),
     request_body(content = CohortSegmentForm, content_type = "multipart/form-data"),
     responses(
         (status = 201, description = "One entry for each initial shape, in order; at least one object is stored", body = MembersAnswer),
         (status = 200, description = "Nothing is stored: all objects have failed, or it is a dry run", body = MembersOrEstimate),
+        (status = 202, description = "The job that segments the objects and adds them", body = JobOutput, headers(("Location" = String))),
         (status = 404, description = "No such cohort or dictionary"),
         (status = 412, description = "The cohort has changed meanwhile"),
-        (status = 409, description = "An external id belongs to another shape")
+        (status = 409, description = "An external id belongs to another shape"),
+        (status = 503, description = "Too many jobs are waiting, or too many bytes of their files")
     ))]
 pub(super) async fn segment_into_cohort(
     Caller(app): Caller,
     Path(key): Path<String>,
     Query(SegmentQuery { dry_run }): Query<SegmentQuery>,
     IfMatch(expected): IfMatch,
+    prefer: Prefer,
     request: Request,
 ) -> Result<Response, Problem> {
     let cohort = catalogue::find(&app, &key).await?;
-    let form = form::read(&app, request, &PARTS).await?;
-    let digests = Digests::of(&app, form.parts()).await?;
+    let parts = read(&app, request).await?;
+    let digests = Digests::of(&app, parts.clone()).await?;
     let app = app.with_body(digests.text().as_bytes());
-    if let Some(answer) = membership::done_before(&app).await? {
-        return Ok(json(StatusCode::CREATED, &answer)?);
+    if let Some(response) = repeated(&app, prefer).await? {
+        return Ok(response);
     }
-    let asked = app.read::<CohortSegmentRequest>(form.parameters.clone()).await?;
-    let (asked, Storing { objects, store_failed }) = asked.split(&cohort)?;
-    let membership = Membership { cohort, expected, objects, store_failed, digests };
-    if dry_run {
-        return dry(app, &form, membership, asked).await;
+    let asked = app.read::<CohortSegmentRequest>(parts.parameters.clone()).await?;
+    let (mut asked, Storing { objects, store_failed }) = asked.split(&cohort)?;
+    let app = app.with_priority(priority_of(asked.priority.take())?);
+    let membership = Membership { cohort, expected, objects, store_failed, digests, job: None };
+    let look = |prepared: &mut Prepared| Ok(membership.attributes(&prepared.wanted.starts)?);
+    let (posted, attributes) = Posted::new(&app, parts, asked, look).await?;
+    match dry_run {
+        true => Ok(estimated(posted.ready.estimate())?),
+        false => added(&app, posted, membership, attributes, prefer).await,
     }
-    let arriving = arriving(&app, &form, membership.clone(), asked).await?;
-    let (answer, is_stored) = membership.store(&app, arriving).await?;
+}
+
+/// The answer to a request that was executed before.
+async fn repeated(app: &App, prefer: Prefer) -> Result<Option<Response>, Problem> {
+    match membership::done_before(app).await? {
+        Some(Repeated::Answer(answer)) => Ok(Some(json(StatusCode::CREATED, &answer)?)),
+        Some(Repeated::Job(id)) => of_job(app, jobs::find(app, &id).await?, prefer).await.map(Some),
+        None => Ok(None),
+    }
+}
+
+/// Segments the objects of a form and adds them to a cohort, or makes a job of that.
+async fn added(
+    app: &App,
+    posted: Posted,
+    membership: Membership,
+    attributes: Vec<ShapeInput>,
+    prefer: Prefer,
+) -> Result<Response, Problem> {
+    let work = posted.ready.work();
+    if job::is_due(app, work.seconds(), prefer.respond_async) {
+        let (submission, names) = (posted.submission(Shown::Numbers), membership::names(&attributes));
+        let job = submission.submit_members(app, &membership, names).await?;
+        return of_job(app, job, prefer).await;
+    }
+    let (worker, of_answer) = (app.clone(), membership.clone());
+    let segment = move || of_answer.arriving(posted.ready.segment(&worker)?.answer, attributes);
+    let arriving = app.pool.run_planned(Bytes::new(), move |_| Ok((work, segment))).await?;
+    let (answer, is_stored) = membership.store(app, arriving).await?;
     Ok(json(if is_stored { StatusCode::CREATED } else { StatusCode::OK }, &answer)?)
+}
+
+/// The answer of a job that adds objects to a cohort, if it comes while the client waits, else the job.
+async fn of_job(app: &App, job: Job, prefer: Prefer) -> Result<Response, Problem> {
+    match waited(app, job, prefer).await? {
+        Waited::Succeeded(job) => {
+            let answer = job.result.unwrap_or_default();
+            let is_stored = membership::is_stored(&answer);
+            Ok(json(if is_stored { StatusCode::CREATED } else { StatusCode::OK }, &answer)?)
+        }
+        Waited::Else(response) => Ok(response),
+    }
 }
 
 /// Members, or their predicted cost.
@@ -213,71 +327,10 @@ pub(super) enum MembersOrEstimate {
     Estimated(SegmentEstimateAnswer),
 }
 
-/// Predicts what the segmentation of a form for a cohort costs.
-async fn dry(
-    app: App,
-    form: &Form,
-    membership: Membership,
-    asked: SegmentRequest,
-) -> Result<Response, Problem> {
-    let (files, wanted) = prepare(&app, form, asked).await?;
-    compute_planned(app, form.parameters.clone(), move |app, _| {
-        membership.attributes(&wanted.starts)?;
-        estimated(segment::Planned::new(app, files.parts(), wanted)?.estimate())
-    })
-    .await
-}
-
-/// Segments the objects of a form for a cohort.
-async fn arriving(
-    app: &App,
-    form: &Form,
-    membership: Membership,
-    asked: SegmentRequest,
-) -> Result<Arriving, ServiceError> {
-    let (files, wanted) = prepare(app, form, asked).await?;
-    let worker = app.clone();
-    let plan = move |_: &[u8]| {
-        let attributes = membership.attributes(&wanted.starts)?;
-        let found = segment::Planned::new(&worker, files.parts(), wanted)?;
-        let work = found.work();
-        Ok((work, move || membership.arriving(found.segment(&worker, files.parts())?.answer, attributes)))
-    };
-    app.pool.run_planned(form.parameters.clone(), plan).await
-}
-
-/// Parts of the form beside the parameters.
-const PARTS: [&str; 3] = ["image", "truth", "mask"];
-
-/// The files of a form.
-struct Posted {
-    image: Bytes,
-    truth: Option<Bytes>,
-    slice: Option<usize>,
-}
-
-impl Posted {
-    fn parts(&self) -> Files<'_> {
-        let part = |name, bytes| Part { name, bytes, slice: self.slice };
-        let truth = self.truth.as_deref().map(|bytes| part("truth", bytes));
-        Files { image: part("image", &self.image), truth }
-    }
-}
-
-/// The files of a form and what is wanted of them: looks up what is stored, and finds the components of a mask.
-async fn prepare(app: &App, form: &Form, asked: SegmentRequest) -> Result<(Posted, Wanted), ServiceError> {
-    let (image, truth, mask) = (form.required("image")?, form.file("truth"), form.file("mask"));
-    let stored = match asked.prior.as_ref().and_then(ShapePrior::stored) {
-        Some((source, transformation, alignment)) => {
-            Some(reference::find(app, source, transformation, alignment).await?)
-        }
-        None => None,
-    };
-    let (reader, has_mask) = (app.clone(), mask.is_some());
-    let check = move |_: &[u8]| asked.wanted(&reader, stored, has_mask);
-    let Checks { mut wanted, of_mask, slice } = app.pool.read(form.parameters.clone(), check).await?;
-    if let Some(mask) = mask {
-        wanted.starts = starts::of_mask(app, image.clone(), mask, slice, of_mask).await?;
-    }
-    Ok((Posted { image, truth, slice }, wanted))
+/// Reads the parts of a form.
+async fn read(app: &App, request: Request) -> Result<Parts, Problem> {
+    let form = form::read(app, request, &parts::FILES).await?;
+    let image = form.required("image")?;
+    let (truth, mask) = (form.file("truth"), form.file("mask"));
+    Ok(Parts { parameters: form.parameters, image, truth, mask })
 }

@@ -9,10 +9,12 @@ use std::f64::consts::PI;
 use serde::Serialize;
 
 use super::request::{Minimiser, StageInput, TermInput};
+use super::sheets;
 use super::wanted::{Reference, Wanted};
 use crate::formats::image::Grid;
 use crate::geometry::capability::domain::Admitted;
 use crate::service::app::Work;
+use crate::service::app::progress::Part;
 
 /// Predicted bytes per cell beside the file: the image, and fields while they are prepared.
 const CELL_BYTES: usize = 52;
@@ -65,22 +67,44 @@ pub struct SegmentEstimate {
     pub(super) seconds: f64,
 }
 
+impl SegmentEstimate {
+    /// Peak memory in bytes.
+    pub fn memory_bytes(&self) -> usize {
+        self.memory_bytes
+    }
+}
+
 /// Predicted bytes of an image of which the `files` take so many when they are read, and of its fields.
 pub(super) fn memory(wanted: &Wanted, grid: &Grid, stages: &[StageInput], files: usize) -> usize {
     let fields = wanted.energy.image_terms().len() * blurs(stages).len();
     let outlines = if wanted.answered.outlines { Cost::new(wanted, grid).outlines() } else { 0 };
-    let cells = grid.cells().saturating_mul(CELL_BYTES + FIELD_BYTES * fields);
+    let detected = wanted.different_detectors().len();
+    let detector = if detected > 0 { sheets::CELL_BYTES } else { 0 };
+    let cells = grid.cells().saturating_mul(CELL_BYTES + detector + FIELD_BYTES * (fields + detected));
     cells.saturating_add(files).saturating_add(outlines)
 }
 
 /// Predicted work.
 pub(super) fn work(wanted: &Wanted, grid: &Grid, stages: &[StageInput]) -> Work {
+    let [fields, runs] = parts(wanted, grid, stages).map(|part| Work::from_seconds(part.work));
+    fields + runs
+}
+
+/// Predicted seconds to read an image and to prepare its fields; and of all minimisations, with the usual number of evaluations in
+/// them.
+pub(super) fn parts(wanted: &Wanted, grid: &Grid, stages: &[StageInput]) -> [Part; 2] {
     let cost = Cost::new(wanted, grid);
     let objects = wanted.starts.count() as f64;
+    let detected: f64 = wanted.different_detectors().iter().map(|detector| detector.seconds(grid)).sum();
+    let fields = grid.cells() as f64 * (READ + cost.fields(stages)) + detected;
     let runs: f64 = stages.iter().map(|stage| cost.stage(stage)).sum();
-    let per_object = grid.cells() as f64 * cost.levels(stages) * objects;
-    Work::from_seconds(grid.cells() as f64 * (READ + cost.fields(stages)) + per_object + runs)
-        + Work::from_multiply_adds(objects * (cost.factorisations(stages) + cost.spans(stages)))
+    let levels = grid.cells() as f64 * cost.levels(stages) * objects;
+    let products = Work::from_multiply_adds(objects * (cost.factorisations(stages) + cost.spans(stages)));
+    let evaluations: f64 = stages.iter().map(|stage| 1.0 + cost.evaluations(stage)).sum();
+    [
+        Part { work: fields, count: 1.0 },
+        Part { work: runs + levels + products.seconds(), count: objects * evaluations },
+    ]
 }
 
 /// Predicted work to sample the boundaries of shapes once, as finely as integrals over them need.

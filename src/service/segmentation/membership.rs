@@ -4,41 +4,47 @@
 //! contents.
 
 use bytes::Bytes;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use super::answer::{SegmentAnswer, SegmentedOutput};
 use super::image::{Coordinates, ImageOutput};
+use super::parts::Parts;
 use super::starts::Starts;
 use crate::domain::cohort::Cohort;
-use crate::formats::checked::Metadata;
+use crate::domain::job::Job;
+use crate::formats::checked::{Checked, Metadata};
 use crate::formats::fault::Fault;
 use crate::formats::shape::{PointList, ShapeInput};
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::cohorts::catalogue::{Expected, revision_tag};
-use crate::service::cohorts::upload::{self, Stored, Treatment};
+use crate::service::cohorts::upload::{self, Occasion, Stored, Treatment};
 use crate::service::shapes::outcome::OnError;
 use crate::service::shapes::read::attributes;
+use crate::store::StoreError;
 
 /// Predicted seconds per byte of a digest.
 const DIGEST: f64 = 1e-9;
 /// Field of the metadata of a member that says where it comes from.
 const ORIGIN: &str = "segmentation";
+/// Field of the note of a receipt that names a job.
+const JOB: &str = "job";
 
 /// BLAKE3 digests of the parts of a request, in hexadecimal digits.
-#[derive(Debug, Clone)]
-pub struct Digests(Vec<(&'static str, String)>);
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Digests(Vec<(String, String)>);
 
 impl Digests {
-    /// Those of parts with names, computed on the pool.
+    /// Those of the parts of a request, computed on the pool.
     ///
     /// # Errors
     /// Those of the pool.
-    pub async fn of(app: &App, parts: Vec<(&'static str, Bytes)>) -> Result<Self, ServiceError> {
-        let bytes: usize = parts.iter().map(|(_, part)| part.len()).sum();
-        let digest = |(name, part): &(&'static str, Bytes)| (*name, blake3::hash(part).to_hex().to_string());
+    pub async fn of(app: &App, parts: Parts) -> Result<Self, ServiceError> {
+        let bytes: usize = parts.named().iter().map(|(_, part)| part.len()).sum();
+        let digest =
+            |(name, part): (&str, &Bytes)| (name.to_owned(), blake3::hash(part).to_hex().to_string());
         let work = Work::from_seconds(bytes as f64 * DIGEST);
-        app.pool.weighing(work).run(move || Ok(Self(parts.iter().map(digest).collect()))).await
+        app.pool.weighing(work).run(move || Ok(Self(parts.named().into_iter().map(digest).collect()))).await
     }
 
     /// A text that is another one if any part is.
@@ -48,7 +54,7 @@ impl Digests {
 
     /// Where the object at `index` comes from.
     fn origin(&self, index: usize, stop: &str) -> Value {
-        let parts = self.0.iter().map(|(name, digest)| ((*name).to_owned(), json!(digest)));
+        let parts = self.0.iter().map(|(name, digest)| (name.clone(), json!(digest)));
         let further = [("index".to_owned(), json!(index)), ("stop".to_owned(), json!(stop))];
         Value::Object(parts.chain(further).collect())
     }
@@ -67,6 +73,8 @@ pub struct Membership {
     pub store_failed: bool,
     /// Digests of the parts of the request.
     pub digests: Digests,
+    /// The job that adds the objects, as it was claimed.
+    pub job: Option<Job>,
 }
 
 /// A segmented object, and what became of it.
@@ -192,20 +200,64 @@ impl Membership {
         }
         let list = if self.objects.is_some() { "objects" } else { "shapes" };
         let treatment = Treatment { on_error: OnError::Skip, ..Treatment::default() };
-        let stored =
-            upload::add_noted(app, self.cohort, shapes, treatment, self.expected, Some(answer)).await;
+        let occasion = Occasion { note: Some(answer), job: self.job };
+        let stored = upload::add_as(app, self.cohort, shapes, treatment, self.expected, occasion).await;
         let stored = stored.map_err(|error| in_request(error, list, &places))?;
-        completed(stored).map(|answer| (answer, true))
+        match Repeated::of(stored)? {
+            Repeated::Answer(answer) => Ok((answer, true)),
+            // The same request has become a job at this moment.
+            Repeated::Job(_) => Err(StoreError::AlreadyDone.into()),
+        }
     }
 }
 
-/// The answer to a request that was executed before.
+/// What became of a request that was executed before.
+#[derive(Debug)]
+pub enum Repeated {
+    /// It was answered.
+    Answer(Value),
+    /// It has become the job with this id.
+    Job(String),
+}
+
+impl Repeated {
+    fn of(stored: Stored) -> Result<Self, ServiceError> {
+        match stored.note.as_ref().and_then(|note| note.get(JOB)?.as_str()) {
+            Some(id) => Ok(Self::Job(id.to_owned())),
+            None => completed(stored).map(Self::Answer),
+        }
+    }
+}
+
+/// The note of the receipt of a request that has become a job.
+pub fn note_of_job(id: &str) -> Value {
+    json!({JOB: id})
+}
+
+/// What became of the request, if it was executed before.
 ///
 /// # Errors
 /// [`ServiceError::KeyReused`].
-pub async fn done_before(app: &App) -> Result<Option<Value>, ServiceError> {
+pub async fn done_before(app: &App) -> Result<Option<Repeated>, ServiceError> {
     let stored: Option<Stored> = app.done_before().await?;
-    stored.map(completed).transpose()
+    stored.map(Repeated::of).transpose()
+}
+
+/// Whether an answer has objects that are stored.
+pub fn is_stored(answer: &Value) -> bool {
+    let results = answer["results"].as_array().map(Vec::as_slice).unwrap_or_default();
+    results.iter().any(|member| !member["id"].is_null())
+}
+
+/// External ids and subjects among attributes.
+pub fn names(attributes: &[ShapeInput]) -> Vec<String> {
+    let text =
+        |field: &Option<Checked<Option<String>>>| field.as_ref().and_then(Checked::get).cloned().flatten();
+    attributes
+        .iter()
+        .flat_map(|object| [text(&object.external_id), text(&object.subject)])
+        .flatten()
+        .collect()
 }
 
 /// What was found, with what became of it in the cohort.

@@ -1,11 +1,11 @@
-//! Images to shapes. The functions are synchronous and run on the pool, but for [`reference`](mod@reference) and [`membership`],
-//! which use the store.
+//! Images to shapes. The functions are synchronous and run on the pool, but for [`reference`](mod@reference), [`membership`] and
+//! [`job`], which use the store.
 //!
 //! * [`image`] — images of requests; [`contours`] — boundaries of labels; [`sheets`] — thin surfaces in volumes;
-//! * [`request`] — energies, stages and boxes as they are posted; [`starts`] — initial shapes; [`wanted`] — all that is wanted;
-//!   [`cost`] — predictions;
+//! * [`posted`] — requests; [`request`] — energies, stages and boxes in them; [`parts`] — requests with their files;
+//!   [`starts`] — initial shapes; [`wanted`] — all that is wanted; [`cost`] — predictions;
 //! * [`segment`] — objects of an image; [`answer`] — what is answered of them; [`shown`] — pictures and labels; [`membership`] —
-//!   objects that go into a cohort;
+//!   objects that go into a cohort; [`job`] — segmentations that take long;
 //! * [`reference`](mod@reference) — means and spans of the store that attract shapes; [`prior`] — the same without an image.
 //!
 //! The arithmetic is in [`segmentation`](crate::segmentation), the files are read by [`formats::image`](crate::formats::image):
@@ -15,7 +15,10 @@ pub mod answer;
 pub mod contours;
 pub mod cost;
 pub mod image;
+pub mod job;
 pub mod membership;
+pub mod parts;
+pub mod posted;
 pub mod prior;
 pub mod reference;
 pub mod request;

@@ -37,7 +37,7 @@ pub enum DictionaryPart {
 }
 
 /// A reference of the store.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Stored {
     /// Its representation.
     pub representation: Representation,

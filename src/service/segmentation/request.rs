@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::image::Coordinates;
+use super::sheets::{self, SheetField};
 use crate::formats::fault::Fault;
 use crate::segmentation::energy::Polarity;
 use crate::segmentation::run::scene::{EdgeScale, ImageTerm};
@@ -64,6 +66,95 @@ pub enum EdgeInput {
     },
 }
 
+/// What an image term integrates: the image; or, of volumes, sheets that are detected in it, as `POST /v1/sheets` does.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+pub enum FieldInput {
+    /// The image.
+    Intensity {},
+    /// Responses of the detector, 0 where they are negative.
+    Sheets {
+        /// Blur of the detector, in the unit of the coordinates. Default: two cells.
+        #[serde(default)]
+        #[schema(exclusive_minimum = 0)]
+        sigma: Option<f64>,
+        /// Whether sheets are brighter or darker than what is around them. Default: `bright`.
+        #[serde(default)]
+        #[schema(required = false)]
+        polarity: ObjectPolarity,
+    },
+    /// 1 on the largest component of the innermost surface of crests around a point, 0 elsewhere: edges that enclose an object, which
+    /// is `dark` in this field.
+    EdgeMap {
+        /// Blur of the detector, in the unit of the coordinates. Default: two cells.
+        #[serde(default)]
+        #[schema(exclusive_minimum = 0)]
+        sigma: Option<f64>,
+        /// Whether sheets are brighter or darker than what is around them. Default: `bright`.
+        #[serde(default)]
+        #[schema(required = false)]
+        polarity: ObjectPolarity,
+        /// Part of a percentile of the positive responses from which on there are crests. Default: 0.3.
+        #[serde(default = "usual_fraction")]
+        #[schema(minimum = 0, maximum = 1, default = 0.3)]
+        fraction: f64,
+        /// The percentile. Default: 99.
+        #[serde(default = "usual_percent")]
+        #[schema(minimum = 0, maximum = 100, default = 99)]
+        percent: f64,
+        /// Point around which the surface lies. Default: the middle of the volume.
+        #[serde(default)]
+        centre: Option<[f64; 3]>,
+        /// Distance from this point above which the surface is looked for. Default: 0.
+        #[serde(default)]
+        #[schema(minimum = 0, default = 0)]
+        beyond: f64,
+    },
+}
+
+impl Default for FieldInput {
+    fn default() -> Self {
+        Self::Intensity {}
+    }
+}
+
+fn usual_fraction() -> f64 {
+    sheets::FRACTION
+}
+
+fn usual_percent() -> f64 {
+    sheets::PERCENT
+}
+
+impl FieldInput {
+    /// What is wanted of the detector; `None` for the image itself.
+    pub(super) fn detector(self, coordinates: Coordinates) -> Option<sheets::Wanted> {
+        let of_response = |sigma, polarity| sheets::Wanted {
+            field: SheetField::Response,
+            sigma,
+            polarity,
+            fraction: sheets::FRACTION,
+            percent: sheets::PERCENT,
+            centre: None,
+            beyond: 0.0,
+            coordinates,
+            slice: None,
+        };
+        match self {
+            Self::Intensity {} => None,
+            Self::Sheets { sigma, polarity } => Some(of_response(sigma, polarity)),
+            Self::EdgeMap { sigma, polarity, fraction, percent, centre, beyond } => Some(sheets::Wanted {
+                field: SheetField::Surface,
+                fraction,
+                percent,
+                centre: centre.map(Vec::from),
+                beyond,
+                ..of_response(sigma, polarity)
+            }),
+        }
+    }
+}
+
 /// A term of the energy, with its weight (default: 1). All terms are dimensionless: weights depend neither on the unit of the image
 /// nor on the size of the object.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
@@ -83,6 +174,10 @@ pub enum TermInput {
         #[serde(default = "usual_edges")]
         #[schema(required = false)]
         edges: EdgeInput,
+        /// What the term integrates. Default: `intensity`.
+        #[serde(default)]
+        #[schema(required = false)]
+        field: FieldInput,
     },
     /// Region that is brighter than a fraction `theta` of a level.
     Threshold {
@@ -97,6 +192,10 @@ pub enum TermInput {
         /// The level. Default: the median of the image in the initial shape.
         #[serde(default)]
         level: Option<f64>,
+        /// What the term integrates. Default: `intensity`.
+        #[serde(default)]
+        #[schema(required = false)]
+        field: FieldInput,
     },
     /// Mean of the image in the shape against that in a shell around it.
     LocalContrast {
@@ -108,6 +207,10 @@ pub enum TermInput {
         #[serde(default)]
         #[schema(required = false)]
         polarity: ObjectPolarity,
+        /// What the term integrates. Default: `intensity`.
+        #[serde(default)]
+        #[schema(required = false)]
+        field: FieldInput,
     },
     /// Two means, in the shape and outside of it.
     TwoClass {
@@ -115,6 +218,10 @@ pub enum TermInput {
         #[serde(default = "one")]
         #[schema(minimum = 0, default = 1)]
         weight: f64,
+        /// What the term integrates. Default: `intensity`.
+        #[serde(default)]
+        #[schema(required = false)]
+        field: FieldInput,
     },
     /// Length or area of the boundary, relative to that of the initial shape.
     Boundary {
@@ -322,6 +429,11 @@ impl EnergyInput {
         self.terms.iter().filter_map(|term| term.of_image()).collect()
     }
 
+    /// Positions and fields of the image terms.
+    pub(super) fn fields(&self) -> impl Iterator<Item = (usize, FieldInput)> {
+        self.terms.iter().enumerate().filter_map(|(index, term)| Some((index, term.field()?)))
+    }
+
     /// Settings of a run with these stages.
     pub(super) fn settings<const D: usize>(&self, stages: &[StageInput]) -> Settings<D> {
         let mut settings = Settings::new(stages.iter().map(|stage| stage.stage()).collect());
@@ -343,9 +455,20 @@ impl TermInput {
             Self::Contour { weight, .. }
             | Self::Threshold { weight, .. }
             | Self::LocalContrast { weight, .. }
-            | Self::TwoClass { weight }
+            | Self::TwoClass { weight, .. }
             | Self::Boundary { weight }
             | Self::Spacing { weight } => *weight,
+        }
+    }
+
+    /// The field of an image term.
+    fn field(&self) -> Option<FieldInput> {
+        match self {
+            Self::Contour { field, .. }
+            | Self::Threshold { field, .. }
+            | Self::LocalContrast { field, .. }
+            | Self::TwoClass { field, .. } => Some(*field),
+            Self::Boundary { .. } | Self::Spacing { .. } => None,
         }
     }
 

@@ -1,5 +1,7 @@
 //! Segmentation of objects in an image, from an initial shape each.
 
+use std::sync::Arc;
+
 use rayon::prelude::*;
 
 use super::answer::{
@@ -8,7 +10,7 @@ use super::answer::{
 use super::cost::{self, SegmentEstimate};
 use super::image::{ImageOutput, Part, plane_frame, volume_frame};
 use super::prior::{begun, with_target};
-use super::request::StageInput;
+use super::request::{FieldInput, StageInput};
 use super::shown::Segmented;
 use super::starts::{Starts, usual_radius};
 use super::wanted::{Reference, Wanted, size};
@@ -16,20 +18,25 @@ use crate::formats::fault::Fault;
 use crate::formats::image::{Description, Grid as FileGrid};
 use crate::formats::shape::{Points, ShapeInput};
 use crate::geometry::raster::{Grid, Mask, overlap_unless_stopped};
+use crate::numeric::bounded::Stop;
 use crate::numeric::dense::Matrix;
 use crate::segmentation::SegmentationError;
 use crate::segmentation::energy::Prior;
 use crate::segmentation::field::Image;
 use crate::segmentation::frame::Frame;
-use crate::segmentation::run::scene::Scene;
+use crate::segmentation::run::scene::{FieldTerm, Scene};
 use crate::segmentation::run::{Outcome, Settings, StageReport, evaluate, segment};
 use crate::segmentation::snake::kind::SpaceModel;
 use crate::segmentation::snake::{Model, Outline};
-use crate::service::app::memory::Purpose;
+use crate::service::app::progress::{JobContext, Meter, Part as ProgressPart};
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::shapes::read::read_shape;
 use crate::service::statistics::Setup;
 
+/// Unit of the work of which progress is counted.
+const MICROSECONDS: f64 = 1e6;
+/// How often a minimisation looks for cancellation in an evaluation: at its beginning, and between the steps.
+const LOOKS_PER_EVALUATION: f64 = 2.0;
 /// Longest side of an initial shape relative to that of the image. Of a larger one less than half is in the image.
 const MOST_OF_IMAGE: f64 = 2.0;
 
@@ -88,14 +95,16 @@ impl Planned {
         SegmentEstimate { objects, memory_bytes: self.bytes, seconds }
     }
 
-    /// Segments the objects.
+    /// Segments the objects; the memory is that of [`Self::estimate`].
     ///
     /// # Errors
-    /// [`ServiceError::Overloaded`] if memory is short; files that are broken; initial shapes that are faulty or enclose nothing; an image without contrast;
+    /// Files that are broken; initial shapes that are faulty or enclose nothing; an image without contrast;
     /// [`ServiceError::Cancelled`].
     pub fn segment(self, app: &App, files: Files<'_>) -> Result<Segmented, ServiceError> {
-        let Self { wanted, stages, bytes, .. } = self;
-        let _room = app.memory.hold(Purpose::Bodies, bytes)?;
+        let context = app.pool.context();
+        let meter = self.meter(&context);
+        meter.enter(0, "read");
+        let Self { wanted, stages, .. } = self;
         let setup = Setup::new(app, wanted.settings.clone().of_a_prior())?;
         let model = SpaceModel::new(&setup.space)
             .map_err(|fault| ServiceError::below(vec![Fault::from(fault)], "/representation"))?;
@@ -103,15 +112,19 @@ impl Planned {
         let truth = files.truth.map(|truth| truth.labels(&app.limits)).transpose()?.map(|file| file.values);
         let grid = file.grid;
         let image = Image::new(grid.size(), file.values).map_err(faulty)?;
-        let task = Task { app, wanted: &wanted, stages: &stages, setup: &setup, grid: &grid, truth };
+        meter.enter(0, "fields");
+        let terms = terms(&wanted, &image, &grid, &|| context.is_cancelled())?;
+        let (wanted, stages, setup) = (&wanted, &stages[..], &setup);
+        let task =
+            Task { app, wanted, stages, setup, grid: &grid, truth, terms, context: &context, meter: &meter };
         let found = match &model {
             SpaceModel::Plane(model) => {
                 let frame = plane_frame(&grid, wanted.coordinates)?;
-                task.run(&image, frame, &**model)?
+                task.run(frame, &**model)?
             }
             SpaceModel::Space(model) => {
                 let frame = volume_frame(&grid, wanted.coordinates).map_err(faulty)?;
-                task.run(&image, frame, &**model)?
+                task.run(frame, &**model)?
             }
         };
         let (results, outlines): (Vec<_>, Vec<_>) = found.into_iter().unzip();
@@ -120,6 +133,48 @@ impl Planned {
             SegmentAnswer { image: ImageOutput::new(&grid), coordinates: wanted.coordinates, results };
         Ok(Segmented { answer, outlines, image, grid })
     }
+
+    /// Progress by the predicted work.
+    fn meter(&self, context: &JobContext) -> Meter {
+        let parts = cost::parts(&self.wanted, &self.description.grid, &self.stages);
+        let part = |part: ProgressPart| ProgressPart {
+            work: MICROSECONDS * part.work,
+            count: LOOKS_PER_EVALUATION * part.count,
+        };
+        Meter::new(context, parts.map(part).into(), 0.0)
+    }
+}
+
+/// Image terms with the fields that they integrate. Equal fields are detected once.
+fn terms(
+    wanted: &Wanted,
+    image: &Image<f32>,
+    grid: &FileGrid,
+    stop: Stop<'_>,
+) -> Result<Vec<FieldTerm>, ServiceError> {
+    let mut known: Vec<(FieldInput, Arc<Image>)> = Vec::new();
+    let mut terms = Vec::new();
+    for ((index, input), (term, weight)) in wanted.energy.fields().zip(wanted.energy.image_terms()) {
+        let found = known.iter().find(|(known, _)| *known == input).map(|(_, field)| field.clone());
+        let field = match (found, input.detector(wanted.coordinates)) {
+            (Some(field), _) => field,
+            (None, None) => Arc::new(image.map(|value| value)),
+            (None, Some(detector)) => {
+                let field = detector.detected(image, grid, stop);
+                Arc::new(field.map_err(|error| of_field(error, index))?)
+            }
+        };
+        known.push((input, field.clone()));
+        terms.push(FieldTerm { field, term, weight });
+    }
+    Ok(terms)
+}
+
+/// The refusal of a field at its place: the detector names its own settings, and the image.
+fn of_field(error: ServiceError, index: usize) -> ServiceError {
+    let ServiceError::Invalid(faults) = error else { return error };
+    let below = |fault: Fault| fault.below(&format!("/terms/{index}/field"));
+    ServiceError::Invalid(faults.map(|fault| if fault.pointer == "/image" { fault } else { below(fault) }))
 }
 
 /// A segmented object, and the outlines of its initial shape and of its result where they are asked for.
@@ -134,20 +189,22 @@ struct Task<'a> {
     grid: &'a FileGrid,
     /// Labels of the truth, x fastest.
     truth: Option<Vec<u32>>,
+    /// Image terms with their fields.
+    terms: Vec<FieldTerm>,
+    context: &'a JobContext,
+    meter: &'a Meter,
 }
 
 impl Task<'_> {
-    fn run<const D: usize>(
-        &self,
-        image: &Image<f32>,
-        frame: Frame<D>,
-        model: &dyn Model<D>,
-    ) -> Result<Vec<Found>, ServiceError> {
+    fn run<const D: usize>(&self, frame: Frame<D>, model: &dyn Model<D>) -> Result<Vec<Found>, ServiceError> {
         let starts: Vec<Vec<[f64; D]>> = self.starts()?.iter().map(|start| rows(start)).collect();
         let mut settings = self.wanted.energy.settings::<D>(self.stages);
         settings.prior = self.prior(frame, model)?;
         let sigmas: Vec<f64> = self.stages.iter().map(|stage| stage.sigma).collect();
-        let scene = Scene::new(image, frame, &self.wanted.energy.image_terms(), &sigmas);
+        let stop = || self.context.is_cancelled();
+        let scene = Scene::of_fields(self.grid.size(), frame, &self.terms, &sigmas, &stop);
+        let scene = scene.ok_or(ServiceError::Cancelled)?;
+        self.meter.enter(1, "segment");
         let object =
             |(index, start): (usize, &Vec<[f64; D]>)| self.object(index, start, &scene, model, &settings);
         starts.par_iter().enumerate().map(object).collect()
@@ -208,8 +265,10 @@ impl Task<'_> {
         model: &dyn Model<D>,
         settings: &Settings<D>,
     ) -> Result<Found, ServiceError> {
-        let context = self.app.pool.context();
-        let stop = || context.is_cancelled();
+        let stop = || {
+            self.meter.worked(1);
+            self.context.is_cancelled()
+        };
         let frame = scene.frame();
         let in_cells: Vec<[f64; D]> = start.iter().map(|point| frame.to_index(*point)).collect();
         self.check_extent(index, &in_cells, scene.size())?;

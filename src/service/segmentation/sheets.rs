@@ -8,19 +8,24 @@ use super::shown::LabelFormat;
 use crate::formats::fault::Fault;
 use crate::formats::image::write::{nifti_f32, nifti_u8, png_u8};
 use crate::formats::image::{Description, Grid, ImageError};
+use crate::numeric::bounded::Stop;
 use crate::segmentation::SegmentationError;
-use crate::segmentation::detector::{Innermost, Sheets, innermost, largest_component};
+use crate::segmentation::detector::{Innermost, Sheets, edge_map, innermost, largest_component};
 use crate::segmentation::field::Image;
 use crate::service::app::memory::Purpose;
 use crate::service::app::{App, ServiceError, Work};
 
 /// Predicted bytes per cell beside the file: the image, the response and three parts of the normal in single precision, and cells on
 /// crests.
-const CELL_BYTES: usize = 32;
+pub(super) const CELL_BYTES: usize = 32;
 /// Predicted seconds per cell: eigenvalues and crests.
 const CELL: f64 = 1.2e-7;
 /// Predicted seconds per cell and number of a kernel, for the 15 passes together.
 const TAP: f64 = 1.2e-8;
+/// Usual part of the percentile of positive responses from which on there are crests.
+pub const FRACTION: f64 = 0.3;
+/// Usual percentile.
+pub const PERCENT: f64 = 99.0;
 /// Largest blur in cells.
 const MAX_BLUR: f64 = 16.0;
 
@@ -80,10 +85,7 @@ impl Planned {
 
     /// Predicted work.
     pub fn work(&self) -> Work {
-        let grid = &self.description.grid;
-        let cell = self.wanted.cell(grid);
-        let blur = self.wanted.sigma(grid) / cell;
-        Work::from_seconds(grid.cells() as f64 * (CELL + TAP * (1.0 + 8.0 * blur)))
+        Work::from_seconds(self.wanted.seconds(&self.description.grid))
     }
 
     /// The field as a file: NIfTI, or a picture of a slice.
@@ -99,26 +101,60 @@ impl Planned {
         let context = app.pool.context();
         let stop = || context.is_cancelled();
         let volume = Image::new(grid.size(), image.image(&app.limits)?.values).map_err(faulty)?;
-        let frame = volume_frame(grid, wanted.coordinates).map_err(faulty)?;
-        let sigma = wanted.sigma(grid);
-        let sheets = Sheets::<f32>::new(&volume, &frame, sigma, wanted.polarity.into(), &stop);
-        let sheets = sheets.map_err(faulty)?.ok_or(ServiceError::Cancelled)?;
+        let sheets = wanted.sheets(&volume, grid, &stop)?;
         if wanted.field == SheetField::Response {
             return wanted.response_file(&sheets, grid, format);
         }
-        let least = sheets.threshold(wanted.fraction, wanted.percent);
-        let mut cells = sheets.crests(least, &stop).ok_or(ServiceError::Cancelled)?;
-        if wanted.field == SheetField::Surface {
-            let centre = wanted.point().map_or_else(|| middle(grid), |centre| frame.to_index(centre));
-            let rules = Innermost::around(centre, wanted.beyond, &frame);
-            cells = largest_component(&innermost(&sheets, &cells, &rules), grid.size());
-        }
-        wanted.cells_file(&cells, grid, format)
+        wanted.cells_file(&wanted.cells(&sheets, grid, &stop)?, grid, format)
     }
 }
 
 impl Wanted {
-    fn faults(&self, grid: &Grid) -> Vec<Fault> {
+    /// Predicted seconds to detect sheets.
+    pub(super) fn seconds(&self, grid: &Grid) -> f64 {
+        let blur = self.sigma(grid) / self.cell(grid);
+        grid.cells() as f64 * (CELL + TAP * (1.0 + 8.0 * blur))
+    }
+
+    /// The field as an image: responses, 0 where they are negative, or 1 on cells.
+    ///
+    /// # Errors
+    /// A blur below half a cell along an axis; [`ServiceError::Cancelled`].
+    pub(super) fn detected(
+        &self,
+        volume: &Image<f32>,
+        grid: &Grid,
+        stop: Stop<'_>,
+    ) -> Result<Image, ServiceError> {
+        let sheets = self.sheets(volume, grid, stop)?;
+        match self.field {
+            SheetField::Response => Ok(sheets.response().map(|response| response.max(0.0))),
+            SheetField::Crests | SheetField::Surface => {
+                Ok(edge_map(&self.cells(&sheets, grid, stop)?, grid.size()))
+            }
+        }
+    }
+
+    fn sheets(&self, volume: &Image<f32>, grid: &Grid, stop: Stop<'_>) -> Result<Sheets<f32>, ServiceError> {
+        let frame = volume_frame(grid, self.coordinates).map_err(faulty)?;
+        let sheets = Sheets::<f32>::new(volume, &frame, self.sigma(grid), self.polarity.into(), stop);
+        sheets.map_err(faulty)?.ok_or(ServiceError::Cancelled)
+    }
+
+    /// Cells on crests, or of the innermost surface of them.
+    fn cells(&self, sheets: &Sheets<f32>, grid: &Grid, stop: Stop<'_>) -> Result<Vec<usize>, ServiceError> {
+        let least = sheets.threshold(self.fraction, self.percent);
+        let cells = sheets.crests(least, stop).ok_or(ServiceError::Cancelled)?;
+        if self.field != SheetField::Surface {
+            return Ok(cells);
+        }
+        let frame = sheets.frame();
+        let centre = self.point().map_or_else(|| middle(grid), |centre| frame.to_index(centre));
+        let rules = Innermost::around(centre, self.beyond, frame);
+        Ok(largest_component(&innermost(sheets, &cells, &rules), grid.size()))
+    }
+
+    pub(super) fn faults(&self, grid: &Grid) -> Vec<Fault> {
         let mut faults = Vec::new();
         if grid.is_planar() {
             faults.push(Fault::new("/image", "expected a volume, got an image of one layer"));

@@ -1,9 +1,11 @@
 //! Segmented objects as pictures and as label images.
 
+use serde::{Deserialize, Serialize};
+
 use super::answer::SegmentAnswer;
 use crate::formats::image::write::{nifti_u8, nifti_u16, png_u8, png_u16};
 use crate::formats::image::{Grid, ImageError};
-use crate::formats::picture::GreyCells;
+use crate::formats::picture::{GreyCells, PictureError, PictureFile};
 use crate::geometry::drawing::colour::{self, Colour};
 use crate::geometry::drawing::layer::{Layer, Mark};
 use crate::geometry::drawing::picture;
@@ -23,8 +25,30 @@ const OFF_MIDDLE: f64 = 1e-6;
 /// Stroke widths of initial shapes and results.
 const WIDTHS: [f64; 2] = [1.2, 1.8];
 
+/// How segmented objects are answered.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Shown {
+    /// As numbers.
+    Numbers,
+    /// As a drawing.
+    Drawn(PictureFile),
+    /// As a label image.
+    Labels(LabelFormat),
+}
+
+/// A file of segmented objects.
+#[derive(Debug)]
+pub struct ShownFile {
+    /// Media type.
+    pub media_type: &'static str,
+    /// Content.
+    pub bytes: Vec<u8>,
+}
+
 /// Format of a label image.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum LabelFormat {
     /// PNG, for images in the plane.
     Png,
@@ -54,6 +78,25 @@ pub struct Segmented {
 }
 
 impl Segmented {
+    /// The file in which the objects are shown; `None` for numbers.
+    ///
+    /// # Errors
+    /// A picture of too many pixels; those of [`Self::label_file`].
+    pub fn file(&self, shown: Shown) -> Result<Option<ShownFile>, ServiceError> {
+        let (media_type, bytes) = match shown {
+            Shown::Numbers => return Ok(None),
+            Shown::Drawn(file) => {
+                let bytes = file.write(&self.drawing()?).map_err(|error| match error {
+                    PictureError::TooLarge { .. } => ServiceError::parameter("width", error.to_string()),
+                    PictureError::Render(_) => ServiceError::Internal(error.to_string()),
+                })?;
+                (file.format.media_type(), bytes)
+            }
+            Shown::Labels(format) => (format.media_type(), self.label_file(format)?),
+        };
+        Ok(Some(ShownFile { media_type, bytes }))
+    }
+
     /// The image in grey below the outlines of initial shapes and results. Of a volume, the slice through the middle of the first
     /// result.
     ///

@@ -14,7 +14,7 @@ use crate::formats::image::Grid;
 use crate::formats::shape::ShapeInput;
 use crate::geometry::resample::RepeatedPoints;
 use crate::numeric::dense::Matrix;
-use crate::service::app::{App, Limits, ServiceError};
+use crate::service::app::{App, Limits, ServiceError, Work};
 use crate::service::shapes::read::read_shape;
 use crate::service::statistics::Setup;
 
@@ -265,35 +265,34 @@ fn posted_extent(shape: &ShapeInput) -> Vec<f64> {
     rows.filter(|(_, width)| *width > 0).map_or_else(Vec::new, |(rows, width)| extent(rows, width))
 }
 
-/// Finds the components of a mask of the size of the image, on the pool.
+/// Plans to find the components of a mask of the size of the image: predicted work, and the function that finds them.
 ///
 /// # Errors
-/// Faults at `/mask`, `/mask_labels` and `/mask_least_cells`; those of [`contours::Planned`].
-pub async fn of_mask(
+/// Those of [`contours::Planned`], see [`of_part`]; a mask of another size.
+pub(super) fn of_mask(
     app: &App,
     image: Bytes,
     mask: Bytes,
     slice: Option<usize>,
     wanted: contours::Wanted,
-) -> Result<Starts, ServiceError> {
-    let (reader, file) = (app.clone(), mask.clone());
-    let plan = move |bytes: &[u8]| {
-        let grid = Part { name: "image", bytes: &image, slice }.describe(&reader.limits)?.grid;
-        let found = contours::Planned::new(&reader, Part { name: "mask", bytes, slice }, wanted)?;
-        if found.grid().size() != grid.size() {
-            let detail =
-                format!("expected {}, the size of the image, got {}", size(&grid), size(found.grid()));
-            return Err(ServiceError::invalid("/mask", detail));
-        }
-        let (work, bytes) = (found.work(), file);
-        Ok((work, move || found.contours(&reader, Part { name: "mask", bytes: &bytes, slice })))
+) -> Result<(Work, impl FnOnce() -> Result<Starts, ServiceError> + Send + use<>), ServiceError> {
+    let grid = Part { name: "image", bytes: &image, slice }.describe(&app.limits)?.grid;
+    let found = contours::Planned::new(app, Part { name: "mask", bytes: &mask, slice }, wanted)?;
+    if found.grid().size() != grid.size() {
+        let detail = format!("expected {}, the size of the image, got {}", size(&grid), size(found.grid()));
+        return Err(ServiceError::invalid("/mask", detail));
+    }
+    let (work, app) = (found.work(), app.clone());
+    let find = move || {
+        let ContoursAnswer { results, .. } =
+            found.contours(&app, Part { name: "mask", bytes: &mask, slice })?;
+        Ok(Starts::Components(results))
     };
-    let ContoursAnswer { results, .. } = app.pool.run_planned(mask, plan).await.map_err(of_part)?;
-    Ok(Starts::Components(results))
+    Ok((work, find))
 }
 
 /// The same refusal with the names that the fields of contours have beside a mask.
-fn of_part(error: ServiceError) -> ServiceError {
+pub(super) fn of_part(error: ServiceError) -> ServiceError {
     let ServiceError::Invalid(faults) = error else { return error };
     ServiceError::Invalid(faults.map(|fault| match fault.pointer.as_str() {
         "/image" => Fault { pointer: "/mask".into(), ..fault },

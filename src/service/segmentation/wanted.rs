@@ -1,7 +1,8 @@
 //! What is wanted of an image, and its faults.
 
 use super::image::Coordinates;
-use super::request::{EnergyInput, StageInput};
+use super::request::{EnergyInput, FieldInput, StageInput};
+use super::sheets;
 use super::starts::Starts;
 use crate::formats::fault::Fault;
 use crate::formats::image::Grid;
@@ -64,6 +65,14 @@ impl Wanted {
             let detail = format!("expected an image of {dimension} dimensions, as the shapes, got {axes}");
             faults.push(Fault::new("/image", detail));
         }
+        for (index, detector) in self.detectors() {
+            let place = |fault: Fault| match fault.pointer.as_str() {
+                "/image" => Fault { pointer: String::new(), ..fault },
+                _ => fault,
+            };
+            let below = |fault| place(fault).below(&format!("/terms/{index}/field"));
+            faults.extend(detector.faults(grid).into_iter().map(below));
+        }
         faults.extend(self.starts.faults(dimension, &app.limits));
         let count = self.starts.count();
         if let Some(labels) = &self.truth_labels
@@ -87,6 +96,25 @@ impl Wanted {
             ));
         }
         faults
+    }
+
+    /// What is wanted of the detector of sheets, by the positions of terms.
+    pub(super) fn detectors(&self) -> impl Iterator<Item = (usize, sheets::Wanted)> {
+        let detector = |(index, field): (usize, FieldInput)| Some((index, field.detector(self.coordinates)?));
+        self.energy.fields().filter_map(detector)
+    }
+
+    /// Those that differ.
+    pub(super) fn different_detectors(&self) -> Vec<sheets::Wanted> {
+        let mut found: Vec<(FieldInput, sheets::Wanted)> = Vec::new();
+        for (_, field) in self.energy.fields() {
+            if let Some(detector) = field.detector(self.coordinates)
+                && found.iter().all(|(known, _)| *known != field)
+            {
+                found.push((field, detector));
+            }
+        }
+        found.into_iter().map(|(_, detector)| detector).collect()
     }
 
     /// The side of a cell in the unit of the coordinates.

@@ -39,6 +39,7 @@ pub enum Background {
 
 /// Settings of the viewer of a drawing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Style {
     /// Colours.
     pub theme: Theme,

@@ -1,10 +1,17 @@
-//! What is wanted of an image, as it is posted.
+//! Requests for segmentations as they are posted: every field keeps its faults.
 
+use super::contours;
+use super::image::Coordinates;
+use super::reference::{DictionaryPart, Source, Stored};
+use super::request::{BoxInput, EnergyInput, Minimiser, StageInput, TermInput};
+use super::starts::{SeedInput, Starts};
+use super::wanted::{Answered, Reference, Wanted};
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::analysis::frame::Frame;
 use crate::analysis::transformation::{ClassName, Transformation};
 use crate::domain::cohort::Cohort;
+use crate::domain::job::Priority;
 use crate::formats::checked::{
     Checked, LARGE, List, Many, Raw, SMALL, document, take_given, take_many, take_or_default,
 };
@@ -13,92 +20,46 @@ use crate::formats::representation::Read;
 use crate::formats::shape::{ObjectInput, ShapeInput};
 use crate::geometry::representation::Representation;
 use crate::service::app::{App, ServiceError};
-use crate::service::segmentation::contours;
-use crate::service::segmentation::image::Coordinates;
-use crate::service::segmentation::reference::{DictionaryPart, Source, Stored};
-use crate::service::segmentation::request::{BoxInput, EnergyInput, Minimiser, StageInput, TermInput};
-use crate::service::segmentation::starts::{SeedInput, Starts};
-use crate::service::segmentation::wanted::{Answered, Reference, Wanted};
 use crate::service::statistics::{CheckedSettings, Settings};
 
-/// Declares a request for a segmentation with further fields.
-macro_rules! segment_request {
-    ($(#[$meta:meta])* $name:ident { $($further:tt)* }) => {
+/// Declares two requests with the same fields, of which the second one has further ones.
+macro_rules! requests {
+    ($(#[$meta:meta])* $plain:ident; $(#[$more_meta:meta])* $more:ident { $($further:tt)* } {
+        $($(#[$field_meta:meta])* $field:ident: $type:ty $(, $required:ident)?;)*
+    }) => {
         document! {
             $(#[$meta])*
-            pub(super) struct $name {
-                /// Representation of the shapes: `closed_curve` in the plane; `surface` with the topology `sphere`, `cylinder` (closed by lids)
-                /// or `torus`; `subdivision` with a linear scheme.
-                #[schema(value_type = Representation, required = true)]
-                representation: Read<Representation>, required;
-                /// Conversion of posted points to control points. Default: `landmarks`.
-                #[schema(value_type = Option<Correspondence>)]
-                correspondence: Checked<Correspondence>;
-                /// Initial shapes, one for each object, in either direction: also those of an earlier answer. One of `shapes`, `boxes`,
-                /// `seeds` and the part `mask` tells where objects begin.
-                #[schema(value_type = Option<Vec<ShapeInput>>)]
-                shapes: List<ShapeInput>;
-                /// Boxes, one for each object, whose largest ellipse, ellipsoid, cylinder or torus is the initial shape.
-                #[schema(value_type = Option<Vec<BoxInput>>)]
-                boxes: Many<BoxInput>;
-                /// Points in objects, one for each, around which the initial shapes lie.
-                #[schema(value_type = Option<Vec<SeedInput>>)]
-                seeds: Many<SeedInput>;
-                /// Labels of the part `mask` that begin objects, one for each component. Default: all but 0.
-                #[schema(value_type = Option<Vec<u32>>)]
-                mask_labels: Many<u32>;
-                /// Number of cells of a component of the part `mask` below which it begins no object. Default: 1.
-                #[schema(value_type = Option<usize>)]
-                mask_least_cells: Checked<usize>;
-                /// Slice of a volume, by its index along z from 0, which is segmented as an image in the plane; also of volumes in the parts
-                /// `mask` and `truth`. Default: the whole volume.
-                #[schema(value_type = Option<usize>)]
-                slice: Checked<usize>;
-                /// Terms of the energy: at least one of the image, each at most once.
-                #[schema(value_type = Vec<TermInput>, required = true, max_items = 8)]
-                terms: Many<TermInput>, required;
-                /// Stages of the minimisation, from coarse to fine. Default: an affine map at a blur of two cells, then all points at blurs of
-                /// two cells and of one.
-                #[schema(value_type = Option<Vec<StageInput>>, max_items = 8)]
-                stages: Many<StageInput>;
-                /// Method of minimisation. Default: `lbfgs`.
-                #[schema(value_type = Option<Minimiser>)]
-                method: Checked<Minimiser>;
-                /// Attraction to the class of a shape.
-                #[schema(value_type = Option<ShapePrior>)]
-                prior: ShapePrior;
-                /// Coordinates of shapes, boxes, blurs and the answer. Default: `world`.
-                #[schema(value_type = Option<Coordinates>)]
-                coordinates: Checked<Coordinates>;
-                /// Labels of the truth, one for each object. Default: all but 0.
-                #[schema(value_type = Option<Vec<u32>>)]
-                truth_labels: Many<u32>;
-                /// Whether to answer the energy after every iteration. Default: false.
-                #[schema(value_type = Option<bool>)]
-                history: Checked<bool>;
-                /// Whether to answer the gradient of the energy at the result. Default: false.
-                #[schema(value_type = Option<bool>)]
-                gradient: Checked<bool>;
-                /// Whether to answer the cells inside of each result; with the format `png` the answer is a picture of labels. Default: false.
-                #[schema(value_type = Option<bool>)]
-                mask: Checked<bool>;
+            pub struct $plain {
+                $($(#[$field_meta])* $field: $type $(, $required)?;)*
+            }
+        }
+
+        document! {
+            $(#[$more_meta])*
+            pub struct $more {
+                $($(#[$field_meta])* $field: $type $(, $required)?;)*
                 $($further)*
+            }
+        }
+
+        impl $more {
+            /// Takes the common fields, and the faults.
+            fn take_plain(&mut self) -> $plain {
+                $plain { $($field: self.$field.take(),)* faults: std::mem::take(&mut self.faults) }
             }
         }
     };
 }
 
-segment_request! {
+requests! {
     /// What is wanted of an image.
     #[schema(example = json!({
         "representation": {"kind": "closed_curve", "dimension": 2, "control_points": 8, "generator": {"name": "trigonometric"}},
         "boxes": [{"lower": [6, 6], "upper": [20, 18]}],
         "terms": [{"name": "contour"}], "coordinates": "index"
     }))]
-    SegmentRequest {}
-}
+    SegmentRequest;
 
-segment_request! {
     /// What is wanted of an image whose objects go into a cohort.
     #[schema(example = json!({
         "representation": {"kind": "closed_curve", "dimension": 2, "control_points": 24, "generator": {"name": "cubic"}},
@@ -112,6 +73,65 @@ segment_request! {
         /// Whether objects are stored that fold, collapse or leave the image: as they were before. Default: false.
         #[schema(value_type = Option<bool>)]
         store_failed: Checked<bool>;
+    } {
+        /// Representation of the shapes: `closed_curve` in the plane; `surface` with the topology `sphere`, `cylinder` (closed by lids)
+        /// or `torus`; `subdivision` with a linear scheme.
+        #[schema(value_type = Representation, required = true)]
+        representation: Read<Representation>, required;
+        /// Conversion of posted points to control points. Default: `landmarks`.
+        #[schema(value_type = Option<Correspondence>)]
+        correspondence: Checked<Correspondence>;
+        /// Initial shapes, one for each object, in either direction: also those of an earlier answer. One of `shapes`, `boxes`,
+        /// `seeds` and the part `mask` tells where objects begin.
+        #[schema(value_type = Option<Vec<ShapeInput>>)]
+        shapes: List<ShapeInput>;
+        /// Boxes, one for each object, whose largest ellipse, ellipsoid, cylinder or torus is the initial shape.
+        #[schema(value_type = Option<Vec<BoxInput>>)]
+        boxes: Many<BoxInput>;
+        /// Points in objects, one for each, around which the initial shapes lie.
+        #[schema(value_type = Option<Vec<SeedInput>>)]
+        seeds: Many<SeedInput>;
+        /// Labels of the part `mask` that begin objects, one for each component. Default: all but 0.
+        #[schema(value_type = Option<Vec<u32>>)]
+        mask_labels: Many<u32>;
+        /// Number of cells of a component of the part `mask` below which it begins no object. Default: 1.
+        #[schema(value_type = Option<usize>)]
+        mask_least_cells: Checked<usize>;
+        /// Slice of a volume, by its index along z from 0, which is segmented as an image in the plane; also of volumes in the parts
+        /// `mask` and `truth`. Default: the whole volume.
+        #[schema(value_type = Option<usize>)]
+        slice: Checked<usize>;
+        /// Terms of the energy: at least one of the image, each at most once.
+        #[schema(value_type = Vec<TermInput>, required = true, max_items = 8)]
+        terms: Many<TermInput>, required;
+        /// Stages of the minimisation, from coarse to fine. Default: an affine map at a blur of two cells, then all points at blurs of
+        /// two cells and of one.
+        #[schema(value_type = Option<Vec<StageInput>>, max_items = 8)]
+        stages: Many<StageInput>;
+        /// Method of minimisation. Default: `lbfgs`.
+        #[schema(value_type = Option<Minimiser>)]
+        method: Checked<Minimiser>;
+        /// Attraction to the class of a shape.
+        #[schema(value_type = Option<ShapePrior>)]
+        prior: ShapePrior;
+        /// Coordinates of shapes, boxes, blurs and the answer. Default: `world`.
+        #[schema(value_type = Option<Coordinates>)]
+        coordinates: Checked<Coordinates>;
+        /// Labels of the truth, one for each object. Default: all but 0.
+        #[schema(value_type = Option<Vec<u32>>)]
+        truth_labels: Many<u32>;
+        /// Whether to answer the energy after every iteration. Default: false.
+        #[schema(value_type = Option<bool>)]
+        history: Checked<bool>;
+        /// Whether to answer the gradient of the energy at the result. Default: false.
+        #[schema(value_type = Option<bool>)]
+        gradient: Checked<bool>;
+        /// Whether to answer the cells inside of each result; with the format `png` the answer is a picture of labels. Default: false.
+        #[schema(value_type = Option<bool>)]
+        mask: Checked<bool>;
+        /// Priority among the tenant's queued jobs if the request becomes a job. Default: `normal`.
+        #[schema(value_type = Option<Priority>)]
+        priority: Checked<Priority>;
     }
 }
 
@@ -127,11 +147,11 @@ enum PriorReference {
 }
 
 /// How the objects of a request go into a cohort.
-pub(super) struct Storing {
+pub struct Storing {
     /// Attributes of the objects.
-    pub(super) objects: Option<Vec<ShapeInput>>,
+    pub objects: Option<Vec<ShapeInput>>,
     /// Whether those are stored that have failed.
-    pub(super) store_failed: bool,
+    pub store_failed: bool,
 }
 
 impl CohortSegmentRequest {
@@ -139,60 +159,20 @@ impl CohortSegmentRequest {
     ///
     /// # Errors
     /// Faults of the further fields; a representation that is not that of the cohort.
-    pub(super) fn split(self, cohort: &Cohort) -> Result<(SegmentRequest, Storing), ServiceError> {
-        let Self {
-            objects,
-            store_failed,
-            representation,
-            correspondence,
-            shapes,
-            boxes,
-            seeds,
-            mask_labels,
-            mask_least_cells,
-            slice,
-            terms,
-            stages,
-            method,
-            prior,
-            coordinates,
-            truth_labels,
-            history,
-            gradient,
-            mask,
-            faults,
-        } = self;
+    pub fn split(mut self, cohort: &Cohort) -> Result<(SegmentRequest, Storing), ServiceError> {
+        let asked = self.take_plain();
         let mut errors = Vec::new();
-        let objects = objects.map(|objects| objects.take("/objects", &mut errors));
+        let objects = self.objects.map(|objects| objects.take("/objects", &mut errors));
         let objects = objects.map(|objects| objects.into_iter().map(ShapeInput::from).collect());
-        let store_failed = take_or_default(store_failed, "/store_failed", &mut errors).unwrap_or_default();
-        if let Some(asked) = representation.as_ref().and_then(Read::get)
-            && *asked != cohort.spec.representation
+        let store_failed =
+            take_or_default(self.store_failed, "/store_failed", &mut errors).unwrap_or_default();
+        if let Some(posted) = asked.representation.as_ref().and_then(Read::get)
+            && *posted != cohort.spec.representation
         {
             let detail = "expected the representation of the cohort, got another one";
             errors.push(Fault::new("/representation", detail));
         }
         ServiceError::unless_empty(errors)?;
-        let asked = SegmentRequest {
-            representation,
-            correspondence,
-            shapes,
-            boxes,
-            seeds,
-            mask_labels,
-            mask_least_cells,
-            slice,
-            terms,
-            stages,
-            method,
-            prior,
-            coordinates,
-            truth_labels,
-            history,
-            gradient,
-            mask,
-            faults,
-        };
         Ok((asked, Storing { objects, store_failed }))
     }
 }
@@ -200,7 +180,7 @@ impl CohortSegmentRequest {
 document! {
     /// Attraction to the shapes that a class of transformations makes of a reference: `weight · ‖c − c*‖²/V^(2/d)`, with `c*` the
     /// nearest of them and `V` the area or volume.
-    pub(super) struct ShapePrior {
+    pub struct ShapePrior {
         /// The reference: any shape of the representation, in place of `cohort` and `dictionary`; or what attracts of the dictionary.
         /// Default: its mean.
         #[schema(value_type = Option<PriorReference>)]
@@ -224,13 +204,13 @@ document! {
 }
 
 /// A request whose fields were checked.
-pub(super) struct Checks {
+pub struct Checks {
     /// What is wanted; of a part `mask` the components are not known yet.
-    pub(super) wanted: Wanted,
+    pub wanted: Wanted,
     /// What is wanted of a part `mask`.
-    pub(super) of_mask: contours::Wanted,
+    pub of_mask: contours::Wanted,
     /// Slice of a volume.
-    pub(super) slice: Option<usize>,
+    pub slice: Option<usize>,
 }
 
 impl SegmentRequest {
@@ -238,7 +218,7 @@ impl SegmentRequest {
     ///
     /// # Errors
     /// All faults of the fields.
-    pub(super) fn wanted(
+    pub fn wanted(
         mut self,
         app: &App,
         stored: Option<Stored>,
@@ -339,7 +319,7 @@ struct Taken {
 
 impl ShapePrior {
     /// The mean that is the reference, with its class and alignment, where one is named and all of them could be read.
-    pub(super) fn stored(&self) -> Option<(Source, Transformation, Option<Alignment>)> {
+    pub fn stored(&self) -> Option<(Source, Transformation, Option<Alignment>)> {
         let source = match (&self.reference, &self.cohort, &self.dictionary) {
             (None, Some(key), None) => Source::Cohort(key.get()?.clone()),
             (None, None, Some(key)) => Source::Dictionary(key.get()?.clone(), DictionaryPart::default()),
