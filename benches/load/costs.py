@@ -254,10 +254,46 @@ def segmentations():
         yield name, image, representation, more
 
 
+def shell(side):
+    """A noisy volume with a bright spherical shell of two cells, and a box around it."""
+    random, c, r = Random(9), side / 2, 0.3 * side
+    radius = lambda x, y, z: sqrt((x - c) ** 2 + (y - c) ** 2 + (z - c) ** 2)
+    value = lambda x, y, z: (190 if abs(radius(x, y, z) - r) < 1 else 40) + random.randrange(20)
+    values = [value(x, y, z) for z in range(side) for y in range(side) for x in range(side)]
+    return nifti(side, values), [{"lower": [c - 0.8 * r] * 3, "upper": [c + 0.7 * r] * 3}]
+
+
+def detections():
+    """Sheets of volumes, as answers and as fields of a term."""
+    for side in (48, 96):
+        image, boxes = shell(side)
+        for sigma in (1, 3) if side == 96 else (2,):
+            for field in ("response", "surface"):
+                yield f"sheets {field} of {side} at {sigma}", "sheets", form({"field": field, "sigma": sigma, "coordinates": "index"}, image)
+        for kind in ("sheets", "edge_map"):
+            term = {"name": "contour", "polarity": "dark", "field": {"kind": kind, "sigma": 2}}
+            body = {"representation": sphere_surface(6, 6), "boxes": boxes, "terms": [term], "coordinates": "index"}
+            yield f"segment sphere in {kind} of {side}", "segment", form(body, image)
+
+
+def priors():
+    """Shapes whose prior is evaluated."""
+    for count, n, correspondence in [(1, 12, "landmarks"), (200, 64, "landmarks"), (20, 512, "landmarks"), (100, 64, "cyclic")]:
+        body = {"representation": curve(n), "transformation": "similarity", "correspondence": correspondence}
+        yield f"prior {count}x{n} {correspondence}", "prior", body | {"reference": shapes(1, n, 2, 2)[0], "shapes": shapes(count, n)}
+    surface = {"representation": torus(16, 12), "transformation": "affine"}
+    yield "prior torus 20x(16,12)", "prior", surface | {"reference": torus_shapes(1, 16, 12, 9)[0], "shapes": torus_shapes(20, 16, 12)}
+    mesh_shapes = subdivision_shapes(11, 2)
+    body = {"representation": blob_mesh(3, 2), "transformation": "affine", "reference": mesh_shapes[10], "shapes": mesh_shapes[:10]}
+    yield "prior loop 10x162", "prior", body
+
+
 def table():
     """Name, route, body; small to large of every kind."""
     for name, (image, boxes), representation, more in segmentations():
         yield f"segment {name}", "segment", form({"representation": representation, "boxes": boxes, "coordinates": "index"} | more, image)
+    yield from detections()
+    yield from priors()
     yield "project tiny", "project", project(1, curve(6))
     for count, n in [(20, 64), (400, 64), (50, 1024), (400, 2048)]:
         yield f"project {count}x{n}", "project", project(count, curve(n))

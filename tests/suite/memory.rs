@@ -11,6 +11,7 @@ use reqwest::Method;
 use reqwest::header::{CONTENT_ENCODING, CONTENT_TYPE};
 use serde_json::{Value, json};
 
+use crate::form::{form, label_picture, post_form};
 use crate::server::{Server, Setting};
 
 /// Length of the bodies: long enough to stand out from what the process takes anyway.
@@ -109,6 +110,45 @@ fn no_body_takes_more_than_a_multiple_of_its_length() {
             assert!(reply.text().len() < 64 << 10, "{path} {entry}: {} bytes", reply.text().len());
         });
         println!("{path} {entry}: {answered}, {} MB for {} MB", taken >> 20, length >> 20);
+        if taken > FACTOR * length + BESIDES {
+            table.push(format!("{path} {head}{entry}: {} MB", taken >> 20));
+        }
+    }
+    assert_eq!(table, [""; 0], "more than {FACTOR} times {} MB", BYTES >> 20);
+}
+
+/// Path, beginning, entry and end of the documents of forms with one long list.
+const FORMS: [(&str, &str, &str, &str); 12] = [
+    ("/v1/segment", "{\"seeds\":[", "{}", "]}"),
+    ("/v1/segment", "{\"seeds\":[", "{\"at\":[0,0]}", "]}"),
+    ("/v1/segment", "{\"boxes\":[", "{\"lower\":[],\"upper\":[]}", "]}"),
+    ("/v1/segment", "{\"shapes\":[", "{}", "]}"),
+    ("/v1/segment", "{\"terms\":[", "{\"name\":\"contour\"}", "]}"),
+    ("/v1/segment", "{\"stages\":[", "{\"sigma\":1}", "]}"),
+    ("/v1/segment", "{\"mask_labels\":[", "1", "]}"),
+    ("/v1/segment", "{\"prior\":{\"reference\":[", "{\"a\":1}", "]}}"),
+    ("/v1/cohorts/example-cells/segment", "{\"objects\":[", "{}", "]}"),
+    ("/v1/cohorts/example-cells/segment", "{\"objects\":[", "{\"labels\":{\"a\":1}}", "]}"),
+    ("/v1/cohorts/example-cells/segment", "{\"objects\":[", "{\"metadata\":[1]}", "]}"),
+    ("/v1/contours", "{\"labels\":[", "1", "]}"),
+];
+
+#[test]
+fn no_document_of_a_form_takes_more_than_a_multiple_of_its_length() {
+    let server = Setting::fresh().with_example().start();
+    let (image, mut table) = (label_picture(), Vec::new());
+    for (path, head, entry, tail) in FORMS {
+        let document = repeated(head, entry, tail);
+        let body =
+            form(&[("parameters", "application/json", document.as_bytes()), ("image", "image/png", &image)]);
+        let (length, mut answered) = (body.len(), 0);
+        let taken = growth(&server, || {
+            let reply = post_form(&server, path, body);
+            answered = reply.status;
+            assert!((400..500).contains(&reply.status), "{path} {head}{entry}: {}", reply.status);
+            assert!(reply.text().len() < 64 << 10, "{path} {entry}: {} bytes", reply.text().len());
+        });
+        println!("{path} {head}{entry}: {answered}, {} MB for {} MB", taken >> 20, length >> 20);
         if taken > FACTOR * length + BESIDES {
             table.push(format!("{path} {head}{entry}: {} MB", taken >> 20));
         }
