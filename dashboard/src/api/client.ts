@@ -110,12 +110,21 @@ export function remove<P extends PathsWith<"delete"> & string>(path: P, options:
   return call("delete", path, options);
 }
 
-/** A form with a document and a file, such as `POST /v1/segment`. */
+/** A form with a document and a file, such as `POST /v1/segment`. What becomes a job is waited for. */
 export async function postImage<T>(path: "/v1/contours" | "/v1/segment", parameters: object, image: Blob, signal?: AbortSignal): Promise<T> {
   const form = new FormData();
   form.append("parameters", new Blob([JSON.stringify(parameters)], { type: "application/json" }));
   form.append("image", image, "image");
-  return (await send("POST", path, { body: form, signal })).json() as Promise<T>;
+  const response = await send("POST", path, { body: form, signal, headers: { prefer: "wait=10" } });
+  if (response.status !== 202) return response.json() as Promise<T>;
+  let job = (await response.json()) as Schemas["JobOutput"];
+  while (job.status === "queued" || job.status === "running") {
+    await new Promise((resolve) => setTimeout(resolve, 1000));
+    job = await get("/v1/jobs/{job}", { path: { job: job.id }, signal });
+  }
+  if (job.problem) throw new Refusal(job.problem as Problem);
+  if (!job.result) throw new Error(job.status);
+  return job.result as T;
 }
 
 /** All entries of a list, page by page, at most `most`. */
