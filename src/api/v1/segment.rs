@@ -268,10 +268,7 @@ pub(super) async fn segment_into_cohort(
     let membership = Membership { cohort, expected, objects, store_failed, digests, job: None };
     let look = |prepared: &mut Prepared| Ok(membership.attributes(&prepared.wanted.starts)?);
     let (posted, attributes) = Posted::new(&app, parts, asked, look).await?;
-    match dry_run {
-        true => Ok(estimated(posted.ready.estimate())?),
-        false => added(&app, posted, membership, attributes, prefer).await,
-    }
+    added(&app, posted, (membership, attributes), prefer, dry_run).await
 }
 
 /// The answer to a request that was executed before.
@@ -283,14 +280,17 @@ async fn repeated(app: &App, prefer: Prefer) -> Result<Option<Response>, Problem
     }
 }
 
-/// Segments the objects of a form and adds them to a cohort, or makes a job of that.
+/// Segments the objects of a form and adds them to a cohort, or makes a job of that; a dry run predicts the cost.
 async fn added(
     app: &App,
     posted: Posted,
-    membership: Membership,
-    attributes: Vec<ShapeInput>,
+    (membership, attributes): (Membership, Vec<ShapeInput>),
     prefer: Prefer,
+    dry_run: bool,
 ) -> Result<Response, Problem> {
+    if dry_run {
+        return Ok(estimated(posted.ready.estimate())?);
+    }
     let work = posted.ready.work();
     if job::is_due(app, work.seconds(), prefer.respond_async) {
         let (submission, names) = (posted.submission(Shown::Numbers), membership::names(&attributes));
