@@ -6,6 +6,7 @@
 
 use super::AnalysisError;
 use super::accumulate::{ShapeSource, ShapesInMemory, Watched, map_shapes};
+use super::factors::Factors;
 use super::fit::{self, Fit, Scaling};
 use super::frame::{Frame, representative};
 use super::matching::{Disagreement, Matching, Placed, Placement, Target};
@@ -24,7 +25,7 @@ use shapelex_numeric::dense::Matrix;
 pub const MIN_SHAPES: usize = 2;
 
 /// Number of reported eigenvalues of the mean operator, where there are that many.
-const REPORTED_EIGENVALUES: usize = 10;
+pub(super) const REPORTED_EIGENVALUES: usize = 10;
 
 /// Alignment method.
 #[derive(Debug, Clone)]
@@ -174,6 +175,8 @@ pub struct MeanShape {
     /// Placements of the leading shapes, with which a search of these and any others that follow them may begin: its result is
     /// the same as without. Empty if all shapes were searched at once.
     pub leading: Vec<Placement>,
+    /// Factors of the weights of the shapes, if the mean is robust.
+    pub robust: Option<Factors>,
 }
 
 /// The mean of the shapes of `source` (prepared with [`Method::translates`]).
@@ -225,11 +228,12 @@ fn projection_mean<S: ShapeSource>(
         disagreement,
         placements,
         leading,
+        robust: None,
     })
 }
 
 /// Placements of the shapes of `source`: on their spectra where the class allows it and memory suffices.
-fn searched<S: ShapeSource>(
+pub(super) fn searched<S: ShapeSource>(
     source: &S,
     class: &TransformationClass,
     matching: &Matching,
@@ -247,7 +251,7 @@ fn searched<S: ShapeSource>(
     alternate(&mut StreamedSearch::new(source, class, matching, length), source, matching, &stages, start)
 }
 
-fn procrustes_mean<S: ShapeSource>(
+pub(super) fn procrustes_mean<S: ShapeSource>(
     source: &S,
     metric: &Metric,
     fit: Fit,
@@ -289,6 +293,7 @@ fn procrustes_mean<S: ShapeSource>(
         disagreement,
         placements,
         leading: Vec::new(),
+        robust: None,
     })
 }
 
@@ -382,12 +387,30 @@ pub fn align_all_until(
     weights: Vec<f64>,
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<(MeanShape, Vec<AlignedShape>), AnalysisError> {
+    align_all_to(metric, method, matching, control_points, weights, stop, |shapes| {
+        mean_shape(shapes, metric, method, frame, matching)
+    })
+}
+
+/// Shapes in memory whose reading ends once `stop` returns true.
+pub(super) type Stoppable<'a> = Watched<'a, ShapesInMemory>;
+
+/// The mean that `mean_of` finds, and the shapes aligned to it.
+pub(super) fn align_all_to(
+    metric: &Metric,
+    method: &Method,
+    matching: &Matching,
+    control_points: Vec<f64>,
+    weights: Vec<f64>,
+    stop: &(dyn Fn() -> bool + Sync),
+    mean_of: impl FnOnce(&Stoppable<'_>) -> Result<MeanShape, AnalysisError>,
+) -> Result<(MeanShape, Vec<AlignedShape>), AnalysisError> {
     let centroids: Vec<Vec<f64>> =
         control_points.chunks_exact(metric.len()).map(|shape| metric.centroid(shape)).collect();
     let source = ShapesInMemory::new(metric, method.translates(), control_points, weights)?;
     let watch = StopWhen(stop);
     let source = Watched::new(&source, &watch);
-    let mean = mean_shape(&source, metric, method, frame, matching)?;
+    let mean = mean_of(&source)?;
     let aligned = map_shapes(&source, |k, x, _| {
         align(method, matching, &mean.whitened, x, &centroids[k], mean.placements[k])
             .map_err(|error| error.at(k))

@@ -123,7 +123,7 @@ pub(super) fn training_sum<'a, S: ShapeSource>(
     accumulate_spread(source, sum, empty, || accumulate(source, empty))
 }
 
-fn canonical(space: &MeanSpace<'_>, metric: &Metric) -> Result<Vec<f64>, AnalysisError> {
+pub(super) fn canonical(space: &MeanSpace<'_>, metric: &Metric) -> Result<Vec<f64>, AnalysisError> {
     use ClassName::*;
     let class = space.class;
     let elements = space.elements();

@@ -10,6 +10,8 @@
 //! * [`correspondence`], [`matching`] — start points, directions and mirror images; [`conversion`] — control points of
 //!   points;
 //! * [`mean`], [`frame`] — the mean space (mean of the subspaces) and its representative;
+//! * [`robust`] — weights that take wrong shapes out of a mean, its components and its atoms;
+//! * [`factors`] — which shapes a robust estimate leaves out;
 //! * [`procrustes`] — generalised Procrustes analysis, for comparison;
 //! * [`alignment`] — the mean of a set of shapes, and the shapes aligned to it;
 //! * [`mean_angle`] — the angle between two mean shapes, and the angle expected by chance;
@@ -71,6 +73,7 @@ pub mod dictionary;
 pub mod distance;
 pub mod drawing;
 pub mod estimate;
+pub mod factors;
 pub mod fit;
 pub mod frame;
 pub mod inference;
@@ -86,6 +89,7 @@ pub mod path;
 pub mod pca;
 mod placement_search;
 pub mod procrustes;
+pub mod robust;
 pub mod rows;
 pub mod size;
 pub mod sparse;

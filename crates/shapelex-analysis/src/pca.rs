@@ -149,6 +149,8 @@ pub struct Components {
     pub scores: Vec<Vec<f64>>,
     /// Reconstruction error of each shape from its scores.
     pub errors: Vec<f64>,
+    /// Factors of the weights of the shapes, if they are those of a robust mean.
+    pub factors: Option<Vec<f64>>,
 }
 
 impl Components {
@@ -174,16 +176,19 @@ impl Components {
             Ok(described.collect())
         })?;
         let (scores, errors) = described.into_iter().unzip();
-        Ok(Self { pca, scores, errors })
+        Ok(Self { pca, scores, errors, factors: None })
     }
 
     /// Whitened shapes `mean − sigma·s ξ`, `mean` and `mean + sigma·s ξ` of the component at `position`, with the standard
     /// deviation `s` of its scores. Uncentred eigenvalues measure energy, not variation, so they do not serve here.
     pub fn mode(&self, position: usize, sigma: f64) -> [Vec<f64>; 3] {
-        let shapes = self.scores.len() as f64;
         let of = |scores: &Vec<f64>| scores[position];
-        let mean = self.scores.iter().map(of).sum::<f64>() / shapes;
-        let variance = self.scores.iter().map(|s| (of(s) - mean).powi(2)).sum::<f64>() / (shapes - 1.0);
+        let factor = |k: usize| self.factors.as_ref().map_or(1.0, |factors| factors[k]);
+        let counted = || self.scores.iter().enumerate().map(|(k, scores)| (factor(k), of(scores)));
+        let shapes: f64 = counted().map(|(factor, _)| factor).sum();
+        let mean = counted().map(|(factor, score)| factor * score).sum::<f64>() / shapes;
+        let variance =
+            counted().map(|(factor, score)| factor * (score - mean).powi(2)).sum::<f64>() / (shapes - 1.0);
         [-1.0, 0.0, 1.0].map(|sign: f64| {
             let step = sign * sigma * variance.sqrt();
             let xi = self.pca.eigenshapes.column(position);

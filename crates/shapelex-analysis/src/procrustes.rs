@@ -102,9 +102,7 @@ pub struct ProcrustesMean {
 pub fn iterate<S: ShapeSource>(source: &S, fit: Fit, start: Vec<f64>) -> Result<ProcrustesMean, S::Error> {
     let mut mean = start;
     for iterations in 1..=MAX_ITERATIONS {
-        let total = fitted_sum(source, fit, &mean)?;
-        let divisor = if fit.scaling == Scaling::Full { norm(&total.sum) } else { total.weight };
-        let next: Vec<f64> = total.sum.iter().map(|value| value / divisor).collect();
+        let next = step(source, fit, &mean)?;
         let moved = next.iter().zip(&mean).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
         let converged = moved <= CONVERGED * norm(&next);
         mean = next;
@@ -113,6 +111,13 @@ pub fn iterate<S: ShapeSource>(source: &S, fit: Fit, start: Vec<f64>) -> Result<
         }
     }
     Ok(ProcrustesMean { mean, iterations: MAX_ITERATIONS, converged: false })
+}
+
+/// The mean of the shapes fitted to `mean`: one iteration.
+pub(super) fn step<S: ShapeSource>(source: &S, fit: Fit, mean: &[f64]) -> Result<Vec<f64>, S::Error> {
+    let total = fitted_sum(source, fit, mean)?;
+    let divisor = if fit.scaling == Scaling::Full { norm(&total.sum) } else { total.weight };
+    Ok(total.sum.iter().map(|value| value / divisor).collect())
 }
 
 /// A start shape that does not depend on the order, position, orientation or size of the shapes: the shape whose

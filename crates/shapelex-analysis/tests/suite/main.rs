@@ -7,6 +7,7 @@ mod motions;
 mod parts;
 mod pipeline;
 mod retrieval;
+mod robust;
 mod sparse;
 mod sparse_blocks;
 mod studies;

@@ -1,0 +1,370 @@
+//! Robust means: weights that take wrong shapes out of all sums.
+//!
+//! ```text
+//! 1. median space      S̄ ← orth(Σ_k (w_k/d_k) P_k S̄),   d_k² = I − tr(P_S̄ P_k)          (Weiszfeld, from the plain mean)
+//! 2. deviations        a_k = P_k m − m,   spatial signs a_k/‖a_k‖,   their q leading components ξ_i
+//! 3. description       t_ki = ⟨ξ_i, a_k⟩,   e_k² = ‖a_k‖² − Σ_i t_ki²
+//! 4. densest majority  65 % of the weight with the least distances in t, by concentration steps
+//! 5. factors           f_k = min(φ(z(distance of t_k)), φ(z(e_k))),   φ = 1 up to 3 standard deviations, 0 from 5 on
+//! 6. the same          in the components of the shapes with these factors, about their mean
+//! ```
+//!
+//! Everything after that is the plain estimate with the weights `w_k f_k`: mean, components and atoms need no robust version of
+//! their own, and clean shapes keep the weight one. The distances are brought to a normal distribution by the power `2/3`
+//! (Wilson and Hilferty 1931), whose centre and spread come from the lower half first and then from the shapes within the limit.
+//!
+//! Nothing depends on the order of the shapes or on random numbers, and the sums are those of [`accumulate`](super::accumulate):
+//! the same bits on any number of threads. A shape given twice counts as one of twice the weight. A robust mean takes
+//! [`PASSES`] passes over the shapes, a plain one two; one that searches start points takes as many in each of a few more rounds.
+//!
+//! What it cannot do: a third of the shapes may be wrong, not more; and a group of shapes that differs from all others is wrong by
+//! this definition, even if it is a class of its own. Wrong shapes within the variation of the right ones cannot be told from
+//! them, and hardly matter for the mean.
+//!
+//! Sources: Weiszfeld 1937; Locantore et al. 1999 (spatial signs); Hubert, Rousseeuw and Vanden Branden 2005 (two distances,
+//! their limits); Rousseeuw and Van Driessen 1999 (concentration steps).
+
+mod points;
+mod rejection;
+mod sources;
+mod weiszfeld;
+
+pub use self::points::point_weights;
+pub(crate) use self::sources::Retained;
+
+use self::rejection::{Description, effective};
+use self::sources::{ByDistance, Deviations, Reweighted};
+use super::AnalysisError;
+use super::accumulate::{ScatterSum, ShapeSource, accumulate, map_shapes};
+use super::alignment::{
+    AlignedShape, MeanShape, Method, REPORTED_EIGENVALUES, align_all_to, mean_shape, procrustes_mean,
+    searched, unwhitened,
+};
+use super::factors::{Estimator, Factors};
+use super::fit::Fit;
+use super::frame::{Frame, canonical, representative};
+use super::matching::{Matching, Placed, Placement, Target};
+use super::mean::{MeanSpace, ProjectorSum};
+use super::metric::{Metric, dot, norm};
+use super::partial_sums::Measured;
+use super::pca::SMALLEST_COMPONENT;
+use super::placement_search::Found;
+use super::procrustes::{self, ProcrustesMean};
+use super::transformation::TransformationClass;
+use shapelex_numeric::dense::Eigenpairs;
+
+/// Minimum number of shapes for a robust mean: below, a majority cannot be told from the rest.
+pub const MIN_SHAPES: usize = 5;
+
+/// Number of equal weights that the weights of the shapes must be worth at least, `(Σw)²/Σw²`.
+const MIN_EFFECTIVE: f64 = 3.0;
+
+/// Passes over the shapes: plain sum, median, signs, description, scatter, description, weighted sum, frame.
+pub const PASSES: usize = 1 + MEDIAN_STEPS + 6;
+
+/// Steps towards the median. The components that follow are centred on their own medians, so that it need not have
+/// converged.
+const MEDIAN_STEPS: usize = 2;
+
+/// Maximum number of components that describe a shape. More of them would cover wrong shapes, not tell them.
+const COMPONENTS: usize = 12;
+
+/// Maximum number of numbers that describe all shapes; of very many, fewer components are kept.
+const NUMBERS: usize = 1 << 25;
+
+/// Maximum number of rounds in which placements and factors alternate, after the search of the plain mean.
+const ROUNDS: usize = 16;
+
+/// Distance to the mean, as a fraction of its norm, below which shapes count as equally near.
+const NEAREST: f64 = 1e-3;
+
+/// Memory of a robust mean in bytes, besides that of a plain one.
+pub fn bytes(shapes: usize) -> usize {
+    shapes.saturating_mul(8 * (2 * components_of(shapes) + 12))
+}
+
+fn components_of(shapes: usize) -> usize {
+    COMPONENTS.min(NUMBERS / shapes.max(1)).max(1)
+}
+
+/// The mean of the shapes of `source` by `estimator`.
+///
+/// # Errors
+/// As [`mean_shape`]; of a robust one also [`AnalysisError::TooFewShapes`] below five shapes, and [`AnalysisError::Parameter`] at
+/// `robust` if their weights are worth fewer than three equal ones.
+pub fn mean_by<S: ShapeSource>(
+    estimator: Estimator,
+    source: &S,
+    metric: &Metric,
+    method: &Method,
+    frame: Frame,
+    matching: &Matching,
+) -> Result<MeanShape, S::Error> {
+    if estimator == Estimator::Plain {
+        return mean_shape(source, metric, method, frame, matching);
+    }
+    if source.count() < MIN_SHAPES {
+        return Err(AnalysisError::TooFewShapes { found: source.count(), needed: MIN_SHAPES }.into());
+    }
+    let measured = Measured { metric, method, matching };
+    let (found, template) = match method {
+        Method::Projection(class) => {
+            let found = match matching.searches() {
+                true => searched(source, class, matching, metric.len())?,
+                false => Found::as_given(source.count()),
+            };
+            (found, Vec::new())
+        }
+        Method::Procrustes(fit) => {
+            let mean = procrustes_mean(source, metric, *fit, Frame::Training, matching)?;
+            let MeanShape { placements, leading, rounds, converged, whitened, .. } = mean;
+            (Found { placements, leading, rounds, converged }, whitened)
+        }
+    };
+    robust_mean(source, measured, frame, found, template)
+}
+
+/// Mean by `estimator` and aligned shapes of `control_points` in memory, as [`align_all_until`](super::alignment::align_all_until).
+///
+/// # Errors
+/// As [`mean_by`]; [`AnalysisError::Interrupted`] once `stop` returns true.
+pub fn align_all_by(
+    estimator: Estimator,
+    measured: Measured<'_>,
+    frame: Frame,
+    control_points: Vec<f64>,
+    weights: Vec<f64>,
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Result<(MeanShape, Vec<AlignedShape>), AnalysisError> {
+    let Measured { metric, method, matching } = measured;
+    align_all_to(metric, method, matching, control_points, weights, stop, |shapes| {
+        mean_by(estimator, shapes, metric, method, frame, matching)
+    })
+}
+
+/// The robust mean of the shapes of `source` (prepared with [`Method::translates`]): the plain mean with the factors of the module.
+/// `found` is what the search of the plain mean has found, `template` the plain mean of Procrustes fits.
+///
+/// # Errors
+/// [`AnalysisError::TooFewShapes`] below [`MIN_SHAPES`]; [`AnalysisError::Parameter`] at `robust` if the weights are worth fewer than
+/// three equal ones; degenerate shapes; errors of the source.
+fn robust_mean<S: ShapeSource>(
+    source: &S,
+    measured: Measured<'_>,
+    frame: Frame,
+    found: Found,
+    template: Vec<f64>,
+) -> Result<MeanShape, S::Error> {
+    let Measured { metric, method, matching } = measured;
+    let task = Task { source, metric, method, matching };
+    match method {
+        Method::Projection(class) => task.projection(class, frame, found),
+        Method::Procrustes(fit) => task.procrustes(*fit, frame, found, template),
+    }
+}
+
+/// Refuses weights without a majority.
+fn check_weights(weights: &[f64]) -> Result<(), AnalysisError> {
+    let worth = effective(weights);
+    if worth >= MIN_EFFECTIVE {
+        return Ok(());
+    }
+    let detail = format!(
+        "expected weights that are worth at least {MIN_EFFECTIVE} equal ones, got {worth:.2}: a robust mean needs a \
+         majority"
+    );
+    Err(AnalysisError::Parameter { field: "robust", detail })
+}
+
+struct Task<'a, S> {
+    source: &'a S,
+    metric: &'a Metric,
+    method: &'a Method,
+    matching: &'a Matching,
+}
+
+impl<S: ShapeSource> Task<'_, S> {
+    fn projection(
+        &self,
+        class: &TransformationClass,
+        frame: Frame,
+        mut found: Found,
+    ) -> Result<MeanShape, S::Error> {
+        let Self { source, metric, matching, .. } = *self;
+        let mut start: Option<MeanSpace<'_>> = None;
+        let mut standing = vec![1.0; source.count()];
+        for round in 1..=ROUNDS {
+            source.check()?;
+            let placed = Placed { source, matching, placements: &found.placements };
+            let mut space = match start.take() {
+                Some(space) => space,
+                None => {
+                    let standing = Reweighted { source: &placed, factors: &standing };
+                    MeanSpace::new(ProjectorSum::of(&standing, class, metric.len())?, 0)?
+                }
+            };
+            for _ in 0..MEDIAN_STEPS {
+                space = weiszfeld::step(&placed, space)?;
+            }
+            let centre = self.centre(&placed, &space)?;
+            let factors = self.factors(&placed, &centre)?;
+            if round == 1 && matching.searches() {
+                // The search ends in one of many optima: wrong shapes have led it, so it begins again without them.
+                standing = factors.factors;
+                let without = Reweighted { source, factors: &standing };
+                let again = searched(&without, class, matching, metric.len())?;
+                (found.placements, found.rounds) = (again.placements, found.rounds + again.rounds);
+                found.converged &= again.converged;
+                continue;
+            }
+            let weighted = Reweighted { source: &placed, factors: &factors.factors };
+            let sum = ProjectorSum::of(&weighted, class, metric.len())?;
+            let space = MeanSpace::new(sum, REPORTED_EIGENVALUES)?;
+            let moved = self.moved(&Target::subspace(&space, matching), &found.placements)?;
+            if let Some(placements) = moved {
+                found.rounds += 1;
+                if round < ROUNDS {
+                    found.placements = placements;
+                    start = Some(space);
+                    continue;
+                }
+                found.converged = false;
+            }
+            let whitened = representative(&space, frame, metric, &weighted)?;
+            return Ok(MeanShape {
+                control_points: unwhitened(metric, &whitened),
+                whitened,
+                gap: Some(space.gap),
+                unique: Some(space.is_unique()),
+                objective: Some(space.objective),
+                eigenvalues: space.eigenvalues,
+                shapes: source.count(),
+                rounds: found.rounds,
+                converged: found.converged,
+                placements: found.placements,
+                leading: found.leading,
+                robust: Some(factors),
+            });
+        }
+        unreachable!("the last round returns")
+    }
+
+    /// Whitened member of a mean space that does not change with the poses of the shapes, where the class has one.
+    fn centre(&self, placed: &Placed<'_, S>, space: &MeanSpace<'_>) -> Result<Vec<f64>, S::Error> {
+        match canonical(space, self.metric) {
+            Err(AnalysisError::NoCanonicalFrame { .. }) => {
+                representative(space, Frame::Training, self.metric, placed)
+            }
+            centre => Ok(centre?),
+        }
+    }
+
+    /// The placements on `target`, if some of them differ from `standing`.
+    fn moved(&self, target: &Target<'_>, standing: &[Placement]) -> Result<Option<Vec<Placement>>, S::Error> {
+        if !self.matching.searches() {
+            return Ok(None);
+        }
+        let mut placements = standing.to_vec();
+        let moved = self.matching.improve(self.source, target, &mut placements)?;
+        Ok((!moved.is_empty()).then_some(placements))
+    }
+
+    fn procrustes(
+        &self,
+        fit: Fit,
+        frame: Frame,
+        mut found: Found,
+        mut template: Vec<f64>,
+    ) -> Result<MeanShape, S::Error> {
+        let Self { source, metric, method, matching } = *self;
+        for round in 1..=ROUNDS {
+            source.check()?;
+            let placed = Placed { source, matching, placements: &found.placements };
+            for _ in 0..MEDIAN_STEPS {
+                let near = ByDistance { source: &placed, method, mean: &template };
+                template = procrustes::step(&near, fit, &template)?;
+            }
+            let factors = self.factors(&placed, &template)?;
+            if round == 1 && matching.searches() {
+                let without = Reweighted { source, factors: &factors.factors };
+                let again = procrustes_mean(&without, metric, fit, Frame::Training, matching)?;
+                (found.placements, template) = (again.placements, again.whitened);
+                (found.rounds, found.converged) =
+                    (found.rounds + again.rounds, found.converged && again.converged);
+                continue;
+            }
+            let weighted = Reweighted { source: &placed, factors: &factors.factors };
+            let ProcrustesMean { mean, iterations, converged } =
+                procrustes::iterate(&weighted, fit, template)?;
+            let moved = self.moved(&Target::shape(&mean, fit, matching), &found.placements)?;
+            found.rounds = if matching.searches() { found.rounds } else { found.rounds.max(iterations) };
+            if let Some(placements) = moved {
+                found.rounds += 1;
+                if round < ROUNDS {
+                    found.placements = placements;
+                    template = mean;
+                    continue;
+                }
+                found.converged = false;
+            }
+            let whitened = procrustes::turn(mean, fit, frame, metric, &weighted)?;
+            return Ok(MeanShape {
+                control_points: unwhitened(metric, &whitened),
+                whitened,
+                eigenvalues: Vec::new(),
+                gap: None,
+                unique: None,
+                objective: None,
+                shapes: source.count(),
+                rounds: found.rounds,
+                converged: found.converged && converged,
+                placements: found.placements,
+                leading: found.leading,
+                robust: Some(factors),
+            });
+        }
+        unreachable!("the last round returns")
+    }
+
+    /// Factors of the shapes by their deviations from the whitened `centre`: first in the components of the signs, then in those of
+    /// the shapes that these keep.
+    fn factors(&self, placed: &Placed<'_, S>, centre: &[f64]) -> Result<Factors, S::Error> {
+        let (method, most) = (self.method, components_of(placed.count()));
+        let signs = Deviations { source: placed, method, centre, signs: true };
+        let sum: ScatterSum = accumulate(&signs, || ScatterSum::new(centre.len()))?;
+        let origin = vec![0.0; centre.len()];
+        let description = self.description(placed, centre, &origin, sum.leading(false, most)?)?;
+        check_weights(description.weights())?;
+        let factors = description.factors(None);
+        let kept = Reweighted { source: placed, factors: &factors };
+        let deviations = Deviations { source: &kept, method, centre, signs: false };
+        let sum: ScatterSum = accumulate(&deviations, || ScatterSum::new(centre.len()))?;
+        let origin = sum.mean();
+        let description = self.description(placed, centre, &origin, sum.leading(true, most)?)?;
+        let factors = description.factors(Some(&factors));
+        let pairs = description.weights().iter().zip(&factors);
+        let weighted: Vec<f64> = pairs.map(|(weight, factor)| weight * factor).collect();
+        Ok(Factors { factors, effective: effective(&weighted) })
+    }
+
+    /// The deviations of the shapes from `centre + origin` in components with this total variance.
+    fn description(
+        &self,
+        placed: &Placed<'_, S>,
+        centre: &[f64],
+        origin: &[f64],
+        (total, pairs): (f64, Eigenpairs),
+    ) -> Result<Description, S::Error> {
+        let kept = pairs.values.iter().take_while(|value| **value > SMALLEST_COMPONENT * total).count();
+        let components = pairs.vectors.columns(0, kept).into_owned();
+        let middle: Vec<f64> = centre.iter().zip(origin).map(|(m, o)| m + o).collect();
+        let described = map_shapes(placed, |k, x, weight| {
+            let mut away = self.method.bring(x, centre).map_err(|error| error.at(k))?.whitened;
+            away.iter_mut().zip(&middle).for_each(|(y, m)| *y -= m);
+            let scores: Vec<f64> = components.column_iter().map(|xi| dot(xi.as_slice(), &away)).collect();
+            Ok((scores, dot(&away, &away), weight))
+        })?;
+        let shares = pairs.values[..kept].iter().map(|value| value / total).collect();
+        Ok(Description::new(described, shares, norm(centre)))
+    }
+}

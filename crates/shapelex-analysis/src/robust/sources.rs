@@ -1,0 +1,185 @@
+//! Sources with other weights, or with the deviations of their shapes.
+
+use rayon::prelude::*;
+
+use super::NEAREST;
+use crate::AnalysisError;
+use crate::accumulate::{BLOCK, Reservation, ShapeSource, Shapes, for_each_changed};
+use crate::alignment::Method;
+use crate::metric::norm;
+
+/// The shapes of a source with the weights `w_k f_k`. Only this process knows the factors, so no pass is distributed.
+pub(crate) struct Reweighted<'a, S> {
+    pub(crate) source: &'a S,
+    /// One factor for each shape, zero or more.
+    pub(crate) factors: &'a [f64],
+}
+
+impl<S: ShapeSource> ShapeSource for Reweighted<'_, S> {
+    type Error = S::Error;
+
+    fn count(&self) -> usize {
+        self.source.count()
+    }
+
+    fn check(&self) -> Result<(), S::Error> {
+        self.source.check()
+    }
+
+    fn worked(&self, shapes: usize) {
+        self.source.worked(shapes);
+    }
+
+    fn for_each_batch(
+        &self,
+        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), S::Error>,
+    ) -> Result<(), S::Error> {
+        self.source.for_each_batch(&mut |batch| {
+            let factors = &self.factors[batch.first..batch.first + batch.weights.len()];
+            let weights: Vec<f64> = batch.weights.iter().zip(factors).map(|(w, f)| w * f).collect();
+            visit(Shapes { weights: &weights, ..batch })
+        })
+    }
+
+    fn located(&self, error: S::Error) -> S::Error {
+        self.source.located(error)
+    }
+}
+
+/// The shapes of a source with the weights `w_k / max(‖A_k x_k − m‖, ε)`: a step of Weiszfeld for Procrustes fits.
+pub(super) struct ByDistance<'a, S> {
+    pub(super) source: &'a S,
+    pub(super) method: &'a Method,
+    /// `m`, whitened.
+    pub(super) mean: &'a [f64],
+}
+
+impl<S: ShapeSource> ShapeSource for ByDistance<'_, S> {
+    type Error = S::Error;
+
+    fn count(&self) -> usize {
+        self.source.count()
+    }
+
+    fn for_each_batch(
+        &self,
+        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), S::Error>,
+    ) -> Result<(), S::Error> {
+        let least = NEAREST * norm(self.mean);
+        self.source.for_each_batch(&mut |batch| {
+            let length = self.mean.len();
+            let shapes = batch.whitened.par_chunks(length).zip(batch.weights).enumerate();
+            let weight = |(i, (x, weight)): (usize, (&[f64], &f64))| {
+                let near = self.method.bring(x, self.mean).map_err(|error| error.at(batch.first + i))?;
+                let away: f64 = near.whitened.iter().zip(self.mean).map(|(y, m)| (y - m).powi(2)).sum();
+                Ok::<_, AnalysisError>(weight / away.sqrt().max(least))
+            };
+            let weights = shapes.map(weight).collect::<Result<Vec<f64>, _>>()?;
+            visit(Shapes { weights: &weights, ..batch })
+        })
+    }
+}
+
+/// The deviations `a_k = P_k m − m` of the shapes of a source, or their spatial signs `a_k/‖a_k‖`; zero for shapes at the centre `m`.
+pub(super) struct Deviations<'a, S> {
+    pub(super) source: &'a S,
+    pub(super) method: &'a Method,
+    /// `m`, whitened.
+    pub(super) centre: &'a [f64],
+    /// Whether they are divided by their norms.
+    pub(super) signs: bool,
+}
+
+/// Deviation, as a fraction of the norm of the mean, that is rounding error.
+pub(super) const ROUNDING: f64 = 1e-8;
+
+impl<S: ShapeSource> ShapeSource for Deviations<'_, S> {
+    type Error = S::Error;
+
+    fn count(&self) -> usize {
+        self.source.count()
+    }
+
+    fn for_each_batch(
+        &self,
+        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), S::Error>,
+    ) -> Result<(), S::Error> {
+        let (centre, least) = (self.centre, ROUNDING * norm(self.centre));
+        let sign = |batch: Shapes<'_>, whitened: &mut [f64]| {
+            whitened.par_chunks_mut(centre.len()).enumerate().try_for_each(|(i, x)| {
+                let near = self.method.bring(x, centre).map_err(|error| error.at(batch.first + i))?;
+                x.iter_mut().zip(near.whitened.iter().zip(centre)).for_each(|(a, (y, m))| *a = y - m);
+                if !self.signs {
+                    return Ok(());
+                }
+                let size = norm(x);
+                let factor = if size > least { 1.0 / size } else { 0.0 };
+                x.iter_mut().for_each(|a| *a *= factor);
+                Ok::<_, AnalysisError>(())
+            })
+        };
+        for_each_changed(self.source, sign, visit)
+    }
+}
+
+/// The shapes of a source whose factor is positive, with the weights `w_k f_k`. Positions count these shapes only.
+pub(crate) struct Retained<'a, S> {
+    source: &'a S,
+    factors: &'a [f64],
+    count: usize,
+}
+
+/// Number of retained shapes per batch.
+const BATCH: usize = 16 * BLOCK;
+
+impl<'a, S: ShapeSource> Retained<'a, S> {
+    /// The shapes of `source` with a positive one of `factors`, which has one for each.
+    pub(crate) fn new(source: &'a S, factors: &'a [f64]) -> Self {
+        let count = factors.iter().filter(|factor| **factor > 0.0).count();
+        Self { source, factors, count }
+    }
+}
+
+impl<S: ShapeSource> ShapeSource for Retained<'_, S> {
+    type Error = S::Error;
+
+    fn count(&self) -> usize {
+        self.count
+    }
+
+    fn check(&self) -> Result<(), S::Error> {
+        self.source.check()
+    }
+
+    fn worked(&self, shapes: usize) {
+        self.source.worked(shapes);
+    }
+
+    fn reserve(&self, bytes: usize) -> Option<Reservation<'_>> {
+        self.source.reserve(bytes)
+    }
+
+    fn for_each_batch(
+        &self,
+        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), S::Error>,
+    ) -> Result<(), S::Error> {
+        let (mut whitened, mut weights, mut first) = (Vec::new(), Vec::new(), 0);
+        self.source.for_each_batch(&mut |batch| {
+            for (k, x, weight) in batch.iter().filter(|(k, ..)| self.factors[*k] > 0.0) {
+                whitened.extend_from_slice(x);
+                weights.push(weight * self.factors[k]);
+                if weights.len() == BATCH {
+                    visit(Shapes { first, whitened: &whitened, weights: &weights })?;
+                    first += BATCH;
+                    whitened.clear();
+                    weights.clear();
+                }
+            }
+            Ok(())
+        })?;
+        if weights.is_empty() {
+            return Ok(());
+        }
+        visit(Shapes { first, whitened: &whitened, weights: &weights })
+    }
+}
