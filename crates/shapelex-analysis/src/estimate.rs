@@ -5,6 +5,7 @@ use crate::alignment::Method as Alignment;
 use crate::dictionary::method::Method;
 use crate::dictionary::work::{EIGENPROBLEM, PRODUCT, Size};
 use crate::partial_sums::Measured;
+use crate::robust;
 use crate::watch::Phase;
 
 /// Predicted cost of a job.
@@ -59,6 +60,37 @@ pub const READING: f64 = 25.0;
 
 /// Multiply-adds in whose time a number is read in all passes of learning, prepared, aligned and certified.
 const HANDLING: f64 = 110.0;
+
+/// Rounds in which placements and factors of a robust mean alternate, where start points are searched.
+const ROBUST_ROUNDS: f64 = 3.0;
+
+/// Multiply-adds of a robust mean of `k` shapes besides those of a plain one: its passes, two more sums of projectors, and the scatter
+/// of the spatial signs.
+fn robust_work(measured: Measured<'_>, k: f64) -> f64 {
+    let n = measured.metric.len() as f64;
+    let reading = (robust::PASSES - 2) as f64 * READING * k * n;
+    let sums = PRODUCT * k * (2.0 * class_size(measured) + 1.0) * n * n + 3.0 * EIGENPROBLEM * n.powi(3);
+    let search = if measured.matching.searches() {
+        ROUND * k * class_size(measured) * n * (measured.metric.size() as f64).log2()
+    } else {
+        0.0
+    };
+    robust_rounds(measured) * (reading + sums + search)
+}
+
+fn robust_rounds(measured: Measured<'_>) -> f64 {
+    if measured.matching.searches() { ROBUST_ROUNDS } else { 1.0 }
+}
+
+impl Stage {
+    /// The stage of a robust mean of `shapes` shapes, given that of a plain one.
+    #[must_use]
+    pub fn robust(self, measured: Measured<'_>, shapes: usize) -> Self {
+        let multiply_adds = self.multiply_adds + robust_work(measured, shapes as f64);
+        let passes = self.passes + robust_rounds(measured) * (robust::PASSES - 2) as f64;
+        Self { multiply_adds, passes, ..self }
+    }
+}
 
 /// A part of a job, as measured by its progress.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -145,6 +177,15 @@ impl Estimate {
 
     fn of(shapes: u64, multiply_adds: f64, memory_bytes: f64) -> Self {
         Self { shapes, multiply_adds, memory_bytes, seconds: multiply_adds / RATE }
+    }
+
+    /// Adds what a robust mean takes besides a plain one.
+    #[must_use]
+    pub fn robust(self, measured: Measured<'_>) -> Self {
+        let multiply_adds = self.multiply_adds + robust_work(measured, self.shapes as f64);
+        let shapes = usize::try_from(self.shapes).unwrap_or(usize::MAX);
+        let memory_bytes = self.memory_bytes + robust::bytes(shapes) as f64;
+        Self { multiply_adds, memory_bytes, seconds: multiply_adds / RATE, ..self }
     }
 
     /// Adds further trainings, each on nearly all shapes and two at a time.

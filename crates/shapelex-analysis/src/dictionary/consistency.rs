@@ -2,6 +2,7 @@
 
 use super::content::{Content, HeldOutMeasure};
 use super::in_use::Dictionary;
+use crate::factors::RobustSummary;
 use crate::metric::norm;
 use crate::rows::Row;
 use shapelex_geometry::capability::FieldFault;
@@ -44,6 +45,16 @@ impl Content {
             scores.is_none_or(|scores| quantiles(&scores.t_squared)),
             "statistics/scores/t_squared".into(),
             "expected numbers in ascending order",
+        );
+        let counts = |robust: &RobustSummary| {
+            robust.effective.is_finite()
+                && robust.effective >= 0.0
+                && robust.reduced <= self.statistics.shapes
+        };
+        check(
+            self.robust.as_ref().is_none_or(counts),
+            "robust".into(),
+            "expected counts of shapes, and the number that they are worth",
         );
         faults.extend(held_out_faults(self));
         faults

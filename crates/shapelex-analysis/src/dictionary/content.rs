@@ -7,6 +7,7 @@ use super::method::Method;
 use crate::alignment::{Alignment, MeanShape};
 use crate::classification::record::ClassifierRecord;
 use crate::correspondence::{Correspondence, Direction, Mirror};
+use crate::factors::RobustSummary;
 use crate::frame::Frame;
 use crate::rows::rows_of;
 use crate::transformation::Transformation;
@@ -44,6 +45,9 @@ pub struct Content {
     pub atoms: Vec<Atom>,
     /// Convergence of the learning, and quality of the description of the shapes.
     pub statistics: Statistics,
+    /// Shapes that were left out, or count less, because they are unlike the majority; null if every shape counts by its weight.
+    #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
+    pub robust: Option<RobustSummary>,
     /// Classifier; null if none was requested.
     #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
     pub classifier: Option<ClassifierRecord>,

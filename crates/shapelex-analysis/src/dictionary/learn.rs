@@ -12,8 +12,9 @@ use super::procedure::Previous;
 use super::recipe::Recipe;
 use crate::AnalysisError;
 use crate::accumulate::{KEPT_BYTES, ShapeSource, ShapesInMemory, Watched};
-use crate::alignment::mean_shape;
+use crate::factors::{Estimator, Factors, RobustSummary};
 use crate::partial_sums::Measured;
+use crate::robust::{Retained, mean_by};
 use crate::watch::{Phase, Quiet, Watch};
 
 /// Maximum number of stored values of a distribution.
@@ -62,8 +63,15 @@ impl<S: ShapeSource> Learner<'_, S> {
     /// Errors of the source; degenerate or too few shapes; [`AnalysisError::Interrupted`].
     pub fn learn(&self, shapes: &S) -> Result<Learnt, S::Error> {
         self.enter(Phase::Mean)?;
-        let mean = mean_of(self.recipe, self.measured, shapes).map_err(|error| shapes.located(error))?;
-        self.finish(shapes, shapes, mean, None)
+        let estimator = self.recipe.estimator;
+        let mean = mean_of(estimator, self.recipe, self.measured, shapes);
+        let (mean, factors) = mean.map_err(|error| shapes.located(error))?;
+        let Some(factors) = factors else {
+            return self.finish((shapes, shapes), mean, None, None, self.help);
+        };
+        // Wrong shapes must not become atoms, nor set the limit of outliers: what follows does not see them.
+        let retained = Retained::new(shapes, &factors.factors);
+        self.finish((&retained, &retained), mean, None, Some(factors.summary()), &|_, _| Ok(None))
     }
 
     /// Continues an earlier version with the shapes of `new`, which are among `shapes`. Its mean shape is kept.
@@ -72,7 +80,7 @@ impl<S: ShapeSource> Learner<'_, S> {
     /// As [`Self::learn`]; [`AnalysisError::NotAnAccumulator`] for sums of another dictionary.
     pub fn continue_from(&self, previous: Previous<'_>, shapes: &S, new: &S) -> Result<Learnt, S::Error> {
         self.enter(Phase::Mean)?;
-        self.finish(shapes, new, previous.content.mean.clone(), Some(previous))
+        self.finish((shapes, new), previous.content.mean.clone(), Some(previous), None, self.help)
     }
 
     fn enter(&self, phase: Phase) -> Result<(), AnalysisError> {
@@ -81,14 +89,15 @@ impl<S: ShapeSource> Learner<'_, S> {
         Ok(())
     }
 
-    fn finish(
+    fn finish<T: ShapeSource<Error = S::Error>>(
         &self,
-        shapes: &S,
-        new: &S,
+        (shapes, new): (&T, &T),
         mean: MeanRecord,
         previous: Option<Previous<'_>>,
+        robust: Option<RobustSummary>,
+        help: &Help<'_, T>,
     ) -> Result<Learnt, S::Error> {
-        let mut content = self.recipe.content(mean);
+        let mut content = Content { robust, ..self.recipe.content(mean) };
         let preparation = content.preparation(self.measured)?;
         self.enter(Phase::Align)?;
         let fitted = self.fit(new, previous, &preparation, &mut content);
@@ -96,7 +105,8 @@ impl<S: ShapeSource> Learner<'_, S> {
         self.enter(Phase::Certify)?;
         content.statistics.shapes = shapes.count();
         let mut dictionary = Dictionary::new(content, self.measured)?;
-        let certificate = self.certificate(shapes, &dictionary).map_err(|error| shapes.located(error))?;
+        let certificate =
+            self.certificate(shapes, &dictionary, help).map_err(|error| shapes.located(error))?;
         dictionary.certify(certificate);
         self.enter(Phase::HoldOut)?;
         let anew = previous.is_none();
@@ -107,9 +117,9 @@ impl<S: ShapeSource> Learner<'_, S> {
 
     /// Learns from prepared shapes, which are kept in memory if they fit. Components take a single pass and read them from the
     /// source.
-    fn fit(
+    fn fit<T: ShapeSource<Error = S::Error>>(
         &self,
-        shapes: &S,
+        shapes: &T,
         previous: Option<Previous<'_>>,
         preparation: &Preparation,
         content: &mut Content,
@@ -123,8 +133,13 @@ impl<S: ShapeSource> Learner<'_, S> {
         Ok(method.fit(&kept, previous, preparation, content, watch)?)
     }
 
-    fn certificate(&self, shapes: &S, dictionary: &Dictionary) -> Result<Certificate, S::Error> {
-        let coded = match (self.help)(shapes, dictionary)? {
+    fn certificate<T: ShapeSource<Error = S::Error>>(
+        &self,
+        shapes: &T,
+        dictionary: &Dictionary,
+        help: &Help<'_, T>,
+    ) -> Result<Certificate, S::Error> {
+        let coded = match help(shapes, dictionary)? {
             Some(coded) => coded,
             None => dictionary.coded(shapes, self.watch)?,
         };
@@ -138,13 +153,14 @@ pub(super) fn bytes<S: ShapeSource>(shapes: &S, preparation: &Preparation) -> us
 }
 
 fn mean_of<S: ShapeSource>(
+    estimator: Estimator,
     recipe: &Recipe,
     measured: Measured<'_>,
     shapes: &S,
-) -> Result<MeanRecord, S::Error> {
+) -> Result<(MeanRecord, Option<Factors>), S::Error> {
     let Measured { metric, method, matching } = measured;
-    let mean = mean_shape(shapes, metric, method, recipe.frame, matching)?;
-    Ok(MeanRecord::of(&mean, metric.dimension()))
+    let mean = mean_by(estimator, shapes, metric, method, recipe.frame, matching)?;
+    Ok((MeanRecord::of(&mean, metric.dimension()), mean.robust))
 }
 
 /// Learns from shapes in memory, without certificate, held-out shapes and reports: for a part of a validation.
@@ -155,7 +171,9 @@ pub(crate) fn learn_part(
     watch: &dyn Watch,
 ) -> Result<Dictionary, AnalysisError> {
     let watched = Watched::new(shapes, watch);
-    let mut content = recipe.content(mean_of(recipe, measured, &watched)?);
+    // Wrong shapes are left out of all parts alike.
+    let (mean, _) = mean_of(Estimator::Plain, recipe, measured, &watched)?;
+    let mut content = recipe.content(mean);
     let preparation = content.preparation(measured)?;
     let posed = ShapesInMemory::of(&Posed { source: &watched, preparation: &preparation })?;
     recipe.method.fit(&posed, None, &preparation, &mut content, &Quiet(watch))?;

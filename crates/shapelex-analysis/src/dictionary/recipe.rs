@@ -7,6 +7,7 @@ use crate::AnalysisError;
 use crate::accumulate::ShapesInMemory;
 use crate::alignment::{Alignment, Method as AlignmentMethod};
 use crate::correspondence::{Correspondence, Direction, Mirror};
+use crate::factors::Estimator;
 use crate::frame::Frame;
 use crate::matching::Matching;
 use crate::metric::Metric;
@@ -35,6 +36,8 @@ pub struct Recipe {
     pub frame: Frame,
     /// Learning method with all its parameters.
     pub method: Method,
+    /// Whether shapes unlike the majority are left out, or count less.
+    pub estimator: Estimator,
 }
 
 impl Recipe {
@@ -50,6 +53,7 @@ impl Recipe {
             alignment: Alignment::Projection,
             frame: Frame::Training,
             method,
+            estimator: Estimator::Plain,
         }
     }
 
@@ -65,6 +69,7 @@ impl Recipe {
             alignment: content.alignment,
             frame: content.frame,
             method: content.method.clone(),
+            estimator: Estimator::robust(content.robust.is_some()),
         }
     }
 
@@ -103,6 +108,7 @@ impl Recipe {
             centre: None,
             atoms: Vec::new(),
             statistics: Statistics::default(),
+            robust: None,
             classifier: None,
         }
     }
