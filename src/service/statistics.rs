@@ -4,18 +4,19 @@
 
 use crate::analysis::accumulate::{ShapesInMemory, Watched};
 use crate::analysis::alignment::{
-    AlignedShape, Alignment, BothWays, MeanShape, Method, Onto, Projection, align_all_until, norms,
-    unwhitened,
+    AlignedShape, Alignment, BothWays, MeanShape, Method, Onto, Projection, norms, unwhitened,
 };
 use crate::analysis::conversion::Conversion;
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::analysis::dictionary::recipe::NO_CONSTANTS;
 use crate::analysis::drawing::{self, View};
+use crate::analysis::factors::Estimator;
 use crate::analysis::frame::Frame;
 use crate::analysis::matching::Matching;
 use crate::analysis::metric::Metric;
 use crate::analysis::partial_sums::Measured;
 use crate::analysis::pca::Components;
+use crate::analysis::robust::{align_all_by, point_weights};
 use crate::analysis::transformation::{Transformation, TransformationClass};
 use crate::formats::fault::Fault;
 use crate::formats::shape::ShapeInput;
@@ -46,6 +47,8 @@ pub struct Settings {
     pub alignment: Alignment,
     /// Frame: selects the representative of the mean space.
     pub frame: Frame,
+    /// Whether shapes unlike the majority count less.
+    pub estimator: Estimator,
 }
 
 impl Settings {
@@ -66,8 +69,16 @@ impl Settings {
         self,
         admitted: Result<Admitted, Vec<Fault>>,
     ) -> Result<CheckedSettings, ServiceError> {
-        let Self { representation, correspondence, direction, mirror, transformation, alignment, frame } =
-            self;
+        let Self {
+            representation,
+            correspondence,
+            direction,
+            mirror,
+            transformation,
+            alignment,
+            frame,
+            estimator,
+        } = self;
         let mut faults = Faults::default();
         let admitted = faults.keep_below("/representation", admitted);
         faults.keep(read::check_correspondence(&representation, correspondence))?;
@@ -92,6 +103,7 @@ impl Settings {
                 transformation,
                 alignment,
                 frame,
+                estimator,
                 method,
             }),
             _ => Err(ServiceError::Invalid(faults)),
@@ -113,6 +125,8 @@ pub struct CheckedSettings {
     direction: Direction,
     mirror: Mirror,
     frame: Frame,
+    /// Whether shapes unlike the majority count less.
+    pub estimator: Estimator,
     method: Method,
 }
 
@@ -147,6 +161,8 @@ pub struct Setup {
     pub frame: Frame,
     /// Search over start points, directions and mirror images.
     pub matching: Matching,
+    /// Whether shapes unlike the majority count less.
+    pub estimator: Estimator,
     correspondence: Correspondence,
     direction: Direction,
 }
@@ -167,13 +183,21 @@ impl Setup {
     /// # Errors
     /// [`ServiceError::Invalid`] if the space cannot be prepared.
     pub fn new(app: &App, settings: CheckedSettings) -> Result<Self, ServiceError> {
-        let CheckedSettings { representation, correspondence, direction, mirror, frame, method, .. } =
-            settings;
+        let CheckedSettings {
+            representation,
+            correspondence,
+            direction,
+            mirror,
+            frame,
+            estimator,
+            method,
+            ..
+        } = settings;
         let space = app.space(&representation)?;
         let metric = Metric::of(&space);
         let matching =
             Matching::new(&space, correspondence, direction, mirror).translating(method.translates());
-        Ok(Self { space, metric, method, frame, matching, correspondence, direction })
+        Ok(Self { space, metric, method, frame, matching, estimator, correspondence, direction })
     }
 
     /// Checks and prepares the settings of stored shapes.
@@ -230,12 +254,12 @@ pub fn align(
     let setup = Setup::new(app, settings)?;
     let Batch { control_points, weights } = read::read_batch(&setup.reading(&app.limits), shapes)?;
     let sizes = norms(&setup.metric, &setup.method, &control_points);
-    let Setup { metric, method, frame, matching, .. } = &setup;
     let context = app.pool.context();
     context.check()?;
     let stop = || context.is_cancelled();
+    let (estimator, measured) = (setup.estimator, setup.measured());
     let (mean, aligned) =
-        align_all_until(metric, method, *frame, matching, control_points, weights.clone(), &stop)?;
+        align_all_by(estimator, measured, setup.frame, control_points, weights.clone(), &stop)?;
     Ok(Statistics { setup, mean, aligned, sizes, weights })
 }
 
@@ -251,11 +275,40 @@ pub fn pca(
 ) -> Result<Components, ServiceError> {
     let context = app.pool.context();
     context.check()?;
-    let Statistics { setup, mean, aligned, weights, .. } = statistics;
-    let whitened = aligned.iter().flat_map(|shape| shape.whitened.iter().copied()).collect();
-    let source = ShapesInMemory::prepared(whitened, weights.clone());
+    let Statistics { setup, mean, .. } = statistics;
+    let source = ShapesInMemory::prepared(statistics.whitened(), statistics.counting());
     let source = Watched::new(&source, &context);
-    Ok(Components::new(&source, &setup.metric, &mean.whitened, centre, components)?)
+    let found = Components::new(&source, &setup.metric, &mean.whitened, centre, components)?;
+    let factors = mean.robust.as_ref().map(|robust| robust.factors.clone());
+    Ok(Components { factors, ..found })
+}
+
+impl Statistics {
+    /// Whitened aligned shapes, one after the other.
+    fn whitened(&self) -> Vec<f64> {
+        self.aligned.iter().flat_map(|shape| shape.whitened.iter().copied()).collect()
+    }
+
+    /// Weights with which the shapes count: those given, times the factors of a robust mean.
+    fn counting(&self) -> Vec<f64> {
+        match &self.mean.robust {
+            None => self.weights.clone(),
+            Some(robust) => self.weights.iter().zip(&robust.factors).map(|(w, factor)| w * factor).collect(),
+        }
+    }
+
+    /// Weights of the control points of every shape, if the mean is robust.
+    ///
+    /// # Errors
+    /// A failure of the eigenproblem; [`ServiceError::Cancelled`].
+    pub fn point_weights(&self, app: &App) -> Result<Option<Vec<Vec<f64>>>, ServiceError> {
+        if self.mean.robust.is_none() {
+            return Ok(None);
+        }
+        app.pool.context().check()?;
+        let Setup { metric, method, .. } = &self.setup;
+        Ok(Some(point_weights(metric, method, &self.whitened(), &self.counting())?))
+    }
 }
 
 /// Projects shapes on a reference, or the reference on each shape. Degenerate shapes are refused in both directions.

@@ -5,7 +5,7 @@ use axum::response::{IntoResponse, Response};
 use serde::{Deserialize, Serialize};
 
 use super::entity_tags::{tag_of, tagged, unless_known};
-use super::request_macros::{IfMatchHeader, MeanOutput, PageQuery, RetryHeader, page};
+use super::request_macros::{IfMatchHeader, MeanOutput, PageQuery, RetryHeader, RobustOutput, page};
 use super::shape_query::{FilterQuery, Parameters};
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
@@ -293,6 +293,7 @@ pub(super) struct CohortMeanOutput {
             `procrustes` for `rigid`, and for `similarity` in three dimensions"),
         ("frame" = Option<Frame>, Query, description = "Frame. Default: `training`"),
         ("start" = inline(Option<SearchStart>), Query, description = "Start points with which the search begins: `given`, those of the shapes, or `last`, those of the last search. Default: `given`"),
+        ("robust" = Option<bool>, Query, description = "Whether shapes unlike the majority count less or not at all. At least five shapes. Default: false"),
         ("stale" = Option<bool>, Query, description = "Whether the last mean computed is answered at once, with its revision, while that of the current revision is computed in the background. Default: false"),
         FilterQuery,
         ShapeFormatQuery,
@@ -339,6 +340,7 @@ fn take_mean_query(pairs: Vec<(String, String)>) -> Result<(MeanQuery, bool), Pr
         alignment: parameters.take_word("alignment")?,
         frame: parameters.take_word("frame")?.unwrap_or_default(),
         start: parameters.take_word("start")?.unwrap_or_default(),
+        robust: parameters.take_flag("robust")?,
         filter: parameters.take_filter(),
     };
     let stale = parameters.take_flag("stale")?;
@@ -355,7 +357,8 @@ fn answer_mean(live: &LiveMean, format: ShapeFormat) -> Result<Response, Service
             picture(&draw_mean(&live.setup, &title, &live.mean, &live.drawn, unit), &file)
         }
         ShapeFormat::Plain(Format::Json) => {
-            let mean = MeanOutput::new(&live.mean, live.setup.metric.dimension());
+            let mut mean = MeanOutput::new(&live.mean, live.setup.metric.dimension());
+            mean.robust = live.robust.as_ref().map(RobustOutput::of_cohort);
             json(
                 StatusCode::OK,
                 &CohortMeanOutput { mean, revision: live.cohort.revision, started_from: live.started_from },

@@ -19,6 +19,7 @@ use crate::analysis::dictionary::content::{Atom, MeanRecord, Statistics};
 use crate::analysis::dictionary::method::Method;
 use crate::analysis::dictionary::modes::Mode;
 use crate::analysis::estimate::Estimate;
+use crate::analysis::factors::RobustSummary;
 use crate::analysis::frame::Frame;
 use crate::analysis::transformation::Transformation;
 use crate::api::extract::{
@@ -77,6 +78,10 @@ document! {
         /// Learning method and its parameters. Required unless `continue_from` is given.
         #[schema(value_type = Option<Method>)]
         method: Checked<Method>;
+        /// Whether shapes unlike the majority are left out, or count less: another organ, a mirrored or leaked one. At least five shapes,
+        /// and no classifier. Default: false.
+        #[schema(value_type = Option<bool>)]
+        robust: Checked<bool>;
         /// Classifier to train. Default: none. It is trained on all shapes, and validated on shapes that neither it nor the
         /// dictionary has seen.
         #[schema(value_type = Option<ClassifierSettings>)]
@@ -250,6 +255,9 @@ pub(super) struct DictionaryOutput<'a> {
     atoms: &'a [Atom],
     /// Convergence of the learning, and quality of the description of the shapes.
     statistics: &'a Statistics,
+    /// Shapes that were left out, or count less; absent without `robust`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    robust: Option<RobustSummary>,
     /// Classifier and its validation; null if none was requested.
     classifier: Option<ClassifierOutput<'a>>,
     /// Training data, seed and program behind the dictionary.
@@ -280,6 +288,7 @@ impl<'a> DictionaryOutput<'a> {
             centre: content.centre.as_deref(),
             atoms: &content.atoms,
             statistics: &content.statistics,
+            robust: content.robust,
             classifier: content.classifier.as_ref().map(ClassifierOutput::new),
             provenance: ProvenanceOutput::new(listed),
         }
@@ -345,6 +354,7 @@ fn learn_of(request: LearnRequest) -> Result<(Learn, bool), ServiceError> {
         ("frame", request.frame.is_some()),
         ("mirror", request.mirror.is_some()),
         ("method", request.method.is_some()),
+        ("robust", request.robust.is_some()),
         ("classifier", request.classifier.is_some()),
     ];
     let mut faults: Vec<Fault> = Vec::new();
@@ -367,6 +377,7 @@ fn learn_of(request: LearnRequest) -> Result<(Learn, bool), ServiceError> {
     let frame = take_or_default(request.frame, "/frame", &mut errors);
     let mirror = take_given(request.mirror, "/mirror", &mut errors);
     let method = take_given(request.method, "/method", &mut errors);
+    let robust = take_or_default(request.robust, "/robust", &mut errors);
     let classifier = take_given(request.classifier, "/classifier", &mut errors);
     let version = take_given(request.continue_from, "/continue_from", &mut errors);
     let dry_run = take_or_default(request.dry_run, "/dry_run", &mut errors);
@@ -382,6 +393,7 @@ fn learn_of(request: LearnRequest) -> Result<(Learn, bool), ServiceError> {
             frame: frame.ok_or_else(incomplete)?,
             mirror,
             method: method.ok_or_else(incomplete)?,
+            robust: robust.ok_or_else(incomplete)?,
             classifier: classifier.map(Box::new),
         },
     };

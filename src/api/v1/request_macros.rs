@@ -4,6 +4,7 @@ use crate::formats::fault::Fault;
 use serde::{Deserialize, Serialize};
 
 use crate::analysis::alignment::MeanShape;
+use crate::analysis::factors::{Factors, RobustSummary};
 use crate::analysis::matching::Disagreement;
 use crate::analysis::transformation::ClassName;
 use crate::api::problem::Problem;
@@ -12,6 +13,7 @@ use crate::formats::checked::{Checked, take_or_default};
 use crate::formats::shape::{Points, ShapeInput};
 use crate::numeric::dense::Matrix;
 use crate::service::app::ServiceError;
+use crate::service::cohorts::live_mean::LeftOut;
 use crate::service::shapes::read;
 
 /// Declares a request with a representation, a correspondence, shapes and further fields.
@@ -120,6 +122,7 @@ macro_rules! settings_request {
                         transformation,
                         alignment: alignment.unwrap_or(usual),
                         frame: frame?,
+                        estimator: crate::analysis::factors::Estimator::Plain,
                     })
                 })();
                 (settings, shapes)
@@ -192,8 +195,62 @@ pub(super) struct MeanOutput {
     pub(super) rounds: usize,
     /// Whether the last round left the result unchanged.
     pub(super) converged: bool,
+    /// Shapes that a robust mean leaves out, or that count less; absent without `robust`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) robust: Option<RobustOutput>,
     /// Warnings about the result.
     pub(super) warnings: Vec<String>,
+}
+
+/// What a robust estimate leaves out.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct RobustOutput {
+    /// Factor of the weight of each shape, in request order: 1 for shapes like the majority, 0 for those that are left out. Absent
+    /// for cohorts.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    weights: Option<Vec<f64>>,
+    /// Shapes of the cohort with the smallest factors below one, at most 100. Absent for posted shapes.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    shapes: Option<Vec<ShapeFactor>>,
+    /// Number of shapes that are left out.
+    rejected_count: usize,
+    /// Number of shapes that count less, without those left out.
+    reduced_count: usize,
+    /// Number of equal weights that the weights of the shapes are worth, `(Σw)²/Σw²`.
+    effective_count: f64,
+}
+
+/// A shape of a cohort that counts less than its weight.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct ShapeFactor {
+    /// Id of the shape.
+    id: String,
+    /// Factor of its weight.
+    weight: f64,
+}
+
+impl RobustOutput {
+    /// Of posted shapes.
+    fn of_posted(factors: &Factors) -> Self {
+        Self { weights: Some(factors.factors.clone()), ..Self::of(factors.summary()) }
+    }
+
+    /// Of a cohort.
+    pub(super) fn of_cohort(left_out: &LeftOut) -> Self {
+        let factor = |(id, weight): &(String, f64)| ShapeFactor { id: id.clone(), weight: *weight };
+        Self { shapes: Some(left_out.shapes.iter().map(factor).collect()), ..Self::of(left_out.summary) }
+    }
+
+    fn of(summary: RobustSummary) -> Self {
+        let RobustSummary { rejected, reduced, effective } = summary;
+        Self {
+            weights: None,
+            shapes: None,
+            rejected_count: rejected,
+            reduced_count: reduced,
+            effective_count: effective,
+        }
+    }
 }
 
 impl MeanOutput {
@@ -227,6 +284,7 @@ impl MeanOutput {
             objective: mean.objective,
             rounds: mean.rounds,
             converged: mean.converged,
+            robust: mean.robust.as_ref().map(RobustOutput::of_posted),
             warnings,
         }
     }

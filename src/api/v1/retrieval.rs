@@ -16,6 +16,7 @@ use super::segment;
 use super::shape_query::take_filter;
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
+use crate::analysis::factors::Estimator;
 use crate::analysis::frame::Frame;
 use crate::analysis::transformation::{ClassName, Transformation};
 use crate::api::extract::{
@@ -336,6 +337,7 @@ fn matrix_request(mut request: DistancesRequest) -> Result<MatrixRequest, Servic
                 transformation,
                 alignment,
                 frame,
+                estimator: Estimator::Plain,
             };
             Ok(MatrixRequest::Posted(Box::new(settings), shapes))
         }

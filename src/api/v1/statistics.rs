@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::batches::{Batch, BatchQuery, PlannedResults, answer_batch, results};
 use super::request_macros::{MeanOutput, ShapeOutput, checked, rows, settings_request};
 use crate::analysis::alignment::{AlignedShape, Onto, Projection, unwhitened};
+use crate::analysis::factors::Estimator;
 use crate::analysis::pca::Components;
 use crate::api::extract::{
     BesideFormat, Caller, DrawingQuery, Format, JsonBody, OnlyFormat, OnlyShapeFormat, ShapeFormat,
@@ -24,7 +25,7 @@ use crate::service::cost::requests::{self, Counts};
 use crate::service::shapes::draw::MAX_DRAWN;
 use crate::service::shapes::names::InputNames;
 use crate::service::shapes::outcome::OnError;
-use crate::service::statistics::{self, CheckedSettings, Setup, Statistics};
+use crate::service::statistics::{self, CheckedSettings, Settings, Setup, Statistics};
 
 settings_request! {
     /// Shapes to project.
@@ -51,7 +52,12 @@ settings_request! {
         "transformation": "similarity",
         "shapes": [{"points": [[2, 0], [1, 1], [-1, 1], [-2, 0], [-1, -1], [1, -1]]}, {"points": [[5, 9], [3, 7], [3, 3], [5, 1], [7, 3], [7, 6]]}]
     }))]
-    StatisticsRequest {}
+    StatisticsRequest {
+        /// Whether shapes unlike the majority count less or not at all: another organ, a mirrored or leaked one. At least five shapes.
+        /// Default: false.
+        #[schema(value_type = Option<bool>)]
+        robust: Checked<bool>;
+    }
 }
 
 settings_request! {
@@ -66,6 +72,10 @@ settings_request! {
         /// Number of components. Default: 10.
         #[schema(value_type = Option<usize>, minimum = 1)]
         components: Checked<usize>;
+        /// Whether shapes unlike the majority count less or not at all: another organ, a mirrored or leaked one. At least five shapes.
+        /// Default: false.
+        #[schema(value_type = Option<bool>)]
+        robust: Checked<bool>;
         /// Whether to subtract the arithmetic mean of the aligned shapes. Default: false.
         #[schema(value_type = Option<bool>)]
         centre: Checked<bool>;
@@ -177,7 +187,8 @@ async fn answer(
     compute_planned(app, body, move |app, body| {
         let (mut request, mut errors) = (app.parse::<StatisticsRequest>(body)?, Vec::new());
         let (settings, shapes) = request.take_settings(&mut errors);
-        let (settings, shapes) = checked(settings, errors, shapes)?;
+        let robust = take_or_default(request.robust, "/robust", &mut errors);
+        let (settings, shapes) = checked(by(settings, robust), errors, shapes)?;
         let settings = settings.checked(&app.limits)?;
         let counts = Counts::new(&settings.representation, shapes.len(), &app.limits);
         let drawn = if matches!(format, Format::Picture(_)) { shapes.len().min(MAX_DRAWN) } else { 0 };
@@ -191,6 +202,12 @@ async fn answer(
         })
     })
     .await
+}
+
+/// Settings with the estimator that is asked for.
+fn by(settings: Option<Settings>, robust: Option<bool>) -> Option<Settings> {
+    let (settings, robust) = settings.zip(robust)?;
+    Some(Settings { estimator: Estimator::robust(robust), ..settings })
 }
 
 fn mean_output(statistics: &Statistics) -> MeanOutput {
@@ -227,6 +244,13 @@ pub(super) struct AlignedOutput {
     reversed: bool,
     /// `L₂` norm of the posted shape, about its mean position if the class includes translations.
     size: f64,
+    /// Factor of the weight of the shape in the robust mean; absent without `robust`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    weight: Option<f64>,
+    /// Where the shape is like the others: a number between 0 and 1 for each control point, small where it is damaged. Absent
+    /// without `robust`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    point_weights: Option<Vec<f64>>,
 }
 
 impl AlignedOutput {
@@ -243,6 +267,8 @@ impl AlignedOutput {
             motion: aligned.moved.map(|(motion, change)| MotionOutput { turns: motion.turns(), change }),
             reversed: aligned.placement.reversed,
             size,
+            weight: None,
+            point_weights: None,
         }
     }
 }
@@ -267,9 +293,17 @@ pub(super) struct AlignAnswer {
     aligned: Vec<AlignedOutput>,
 }
 
-fn aligned_output(statistics: &Statistics) -> Vec<AlignedOutput> {
+fn aligned_output(app: &App, statistics: &Statistics) -> Result<Vec<AlignedOutput>, ServiceError> {
     let shapes = statistics.aligned.iter().zip(&statistics.sizes);
-    shapes.map(|(aligned, &size)| AlignedOutput::new(&statistics.setup, aligned, size)).collect()
+    let mut shapes: Vec<AlignedOutput> =
+        shapes.map(|(aligned, &size)| AlignedOutput::new(&statistics.setup, aligned, size)).collect();
+    let robust = statistics.mean.robust.as_ref().zip(statistics.point_weights(app)?);
+    if let Some((robust, points)) = robust {
+        for ((shape, weight), points) in shapes.iter_mut().zip(&robust.factors).zip(points) {
+            (shape.weight, shape.point_weights) = (Some(*weight), Some(points));
+        }
+    }
+    Ok(shapes)
 }
 
 /// Aligns shapes to their mean.
@@ -283,8 +317,10 @@ pub(super) async fn align(
     OnlyFormat(format): OnlyFormat,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    answer(app, format, body, |statistics| {
-        let answer = AlignAnswer { mean: mean_output(statistics), aligned: aligned_output(statistics) };
+    let aligner = app.clone();
+    answer(app, format, body, move |statistics| {
+        let aligned = aligned_output(&aligner, statistics)?;
+        let answer = AlignAnswer { mean: mean_output(statistics), aligned };
         json(StatusCode::OK, &answer)
     })
     .await
@@ -327,7 +363,7 @@ impl PcaOutput {
         let shape = |whitened: &[f64]| ShapeOutput {
             control_points: Points::from_columns(unwhitened(metric, whitened), metric.dimension()),
         };
-        let Components { pca, scores, errors } = components;
+        let Components { pca, scores, errors, .. } = components;
         Self {
             mean: shape(&pca.mean),
             eigenshapes: pca.eigenshapes.column_iter().map(|xi| shape(xi.as_slice())).collect(),
@@ -380,7 +416,8 @@ pub(super) async fn pca(
                 let component = mode.component.unwrap_or(1);
                 return picture(&statistics::draw_mode(&statistics, &pca, component, sigma)?, &file);
             }
-            let (mean, aligned) = (mean_output(&statistics), aligned.then(|| aligned_output(&statistics)));
+            let aligned = aligned.then(|| aligned_output(app, &statistics)).transpose()?;
+            let mean = mean_output(&statistics);
             json(StatusCode::OK, &PcaAnswer { mean, pca: PcaOutput::new(&statistics, pca), aligned })
         })
     })
@@ -406,7 +443,8 @@ impl PcaRequest {
         if components == 0 {
             errors.push(Fault::new("/components", "expected at least 1, got 0"));
         }
-        let (settings, shapes) = checked(settings, errors, shapes)?;
+        let robust = take_or_default(self.robust, "/robust", &mut errors);
+        let (settings, shapes) = checked(by(settings, robust), errors, shapes)?;
         let settings = settings.checked(limits)?;
         Ok(PcaInput { settings, shapes, components, centre, aligned })
     }

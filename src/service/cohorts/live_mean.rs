@@ -16,8 +16,10 @@ use super::measures;
 use super::placements::{KnownPlacements, SearchSettings, Which};
 use super::source::StoredShapes;
 use crate::analysis::accumulate::prepare;
-use crate::analysis::alignment::{AlignedShape, Alignment, MeanShape, align, mean_shape};
+use crate::analysis::alignment::{AlignedShape, Alignment, MeanShape, align};
+use crate::analysis::factors::{Estimator, Factors, RobustSummary};
 use crate::analysis::frame::Frame;
+use crate::analysis::robust::mean_by;
 use crate::analysis::transformation::{ClassName, Transformation};
 use crate::domain::cohort::Cohort;
 use crate::domain::filter::ShapeFilter;
@@ -41,6 +43,8 @@ pub struct MeanQuery {
     pub filter: ShapeFilter,
     /// Placements with which the search for start points begins.
     pub start: SearchStart,
+    /// Whether shapes unlike the majority count less.
+    pub robust: bool,
 }
 
 /// Placements with which a search for start points, directions and mirror images begins. The alternation of mean and
@@ -74,6 +78,7 @@ impl MeanQuery {
             alignment: self.alignment_in(cohort),
             mirror: cohort.spec.mirror,
             filter: self.filter.clone(),
+            robust: self.robust,
         }
     }
 }
@@ -92,6 +97,45 @@ pub struct LiveMean {
     /// Revision of the placements with which the search for start points began; `None` if it began with the shapes as given,
     /// or if there is nothing to search.
     pub started_from: Option<u64>,
+    /// What a robust mean leaves out.
+    pub robust: Option<LeftOut>,
+}
+
+/// Shapes that a robust mean leaves out, or that count less.
+#[derive(Debug)]
+pub struct LeftOut {
+    /// Their numbers.
+    pub summary: RobustSummary,
+    /// Id and factor of those with the smallest factors, ascending; at most [`MAX_LISTED`].
+    pub shapes: Vec<(String, f64)>,
+}
+
+/// Maximum number of listed shapes of a robust mean.
+pub const MAX_LISTED: usize = 100;
+
+impl LeftOut {
+    /// With the ids of the shapes of `source`.
+    fn new(factors: Factors, source: &StoredShapes<'_>) -> Result<Self, ServiceError> {
+        let (summary, factors) = (factors.summary(), factors.factors);
+        let mut least: Vec<usize> = (0..factors.len()).filter(|k| factors[*k] < 1.0).collect();
+        least.sort_by(|&i, &j| factors[i].total_cmp(&factors[j]).then(i.cmp(&j)));
+        least.truncate(MAX_LISTED);
+        let mut ids = vec![String::new(); least.len()];
+        let mut first = 0;
+        if !least.is_empty() {
+            source.for_each_named(&mut |batch| {
+                for (id, &k) in ids.iter_mut().zip(&least) {
+                    if let Some(found) = k.checked_sub(first).and_then(|k| batch.ids.get(k)) {
+                        id.clone_from(found);
+                    }
+                }
+                first += batch.weights.len();
+                Ok(())
+            })?;
+        }
+        let shapes = ids.into_iter().zip(least.into_iter().map(|k| factors[k])).collect();
+        Ok(Self { summary, shapes })
+    }
 }
 
 impl Cached for LiveMean {
@@ -121,6 +165,7 @@ pub async fn mean(app: &App, cohort: Cohort, query: MeanQuery) -> Result<Arc<Liv
         transformation: Transformation::Named(query.transformation),
         alignment: query.alignment_in(&cohort),
         frame: query.frame,
+        estimator: Estimator::robust(query.robust),
     };
     let settings = settings.checked(&app.limits)?;
     measures::complete_for(app, &cohort, &query.filter).await?;
@@ -211,12 +256,12 @@ fn compute(
         handle.block_on(refuse_unknown(app, &cohort, &query.filter, FilterPlace::Query))?;
     }
     let source = source.starting_from(known.as_deref().map(|known| (known, which)));
-    let Setup { metric, method, frame, matching, .. } = &setup;
-    // A search takes several passes; others take two, each as fast as the store.
-    let kept = if matching.searches() { source.kept()? } else { None };
+    let Setup { metric, method, frame, matching, estimator, .. } = &setup;
+    // Searches and robust means take several passes; others take two, each as fast as the store.
+    let kept = if matching.searches() || query.robust { source.kept()? } else { None };
     let mean = match &kept {
-        Some(shapes) => mean_shape(shapes, metric, method, *frame, matching),
-        None => mean_shape(&source, metric, method, *frame, matching),
+        Some(shapes) => mean_by(*estimator, shapes, metric, method, *frame, matching),
+        None => mean_by(*estimator, &source, metric, method, *frame, matching),
     };
     drop(kept);
     let mut mean = mean.map_err(|error| source.named(error))?;
@@ -227,6 +272,7 @@ fn compute(
         prepare(metric, method.translates(), k, &mut x)?;
         drawn.push(align(method, matching, &mean.whitened, &x, &centroid, mean.placements[k])?);
     }
+    let robust = mean.robust.take().map(|factors| LeftOut::new(factors, &source)).transpose()?;
     let started_from = known.as_ref().filter(|_| which == Which::All).map(|known| known.revision);
     if let Some(search) = search {
         let (revision, places) = (cohort.revision, source.places()?);
@@ -237,5 +283,5 @@ fn compute(
         let found = KnownPlacements { revision, started_from, places, placements, leading };
         found.keep(app, &cohort.id, &search);
     }
-    Ok(LiveMean { setup, mean, drawn, cohort, started_from })
+    Ok(LiveMean { setup, mean, drawn, cohort, started_from, robust })
 }

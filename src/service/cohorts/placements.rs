@@ -24,6 +24,7 @@ pub(crate) struct SearchSettings {
     pub(crate) alignment: Alignment,
     pub(crate) mirror: Mirror,
     pub(crate) filter: ShapeFilter,
+    pub(crate) robust: bool,
 }
 
 /// Placements of the shapes of a cohort at a revision.

@@ -159,7 +159,20 @@ pub fn align(settings: &CheckedSettings, counts: Counts) -> Work {
             scatter(columns * counts.shapes, rows)
         }
     };
-    each + searching + mean
+    let robust = if settings.estimator.is_robust() { robust_mean(settings, counts) } else { Work(0.0) };
+    each + searching + mean + robust
+}
+
+/// What a robust mean takes besides a plain one, with the weights of control points.
+fn robust_mean(settings: &CheckedSettings, counts: Counts) -> Work {
+    /// Per coordinate: bases and alignments of six passes, and five fits of a model.
+    const COORDINATE: f64 = 6e-7;
+    /// Rounds in which placements and weights alternate, if there are placements.
+    const ROUNDS: f64 = 3.0;
+    let rounds = if settings.correspondence == Correspondence::Cyclic { ROUNDS } else { 1.0 };
+    let (columns, rows) = operator(settings, counts);
+    let sums = 2.0 * scatter(columns * counts.shapes, rows) + scatter(counts.shapes, counts.length());
+    rounds * (Work(counts.values() * COORDINATE) + sums)
 }
 
 /// Principal components of aligned shapes, and their scores.

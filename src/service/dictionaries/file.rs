@@ -23,12 +23,16 @@ use crate::service::shapes::read::admit_linear;
 
 /// Name of the file format.
 const FORMAT: &str = "shapelex-dictionary";
-/// Versions of the format: the second adds measures of held-out shapes.
-const FORMAT_VERSIONS: [u32; 2] = [1, 2];
+/// Versions of the format: the second adds measures of held-out shapes, the third the shapes that a robust dictionary leaves out.
+const FORMAT_VERSIONS: [u32; 2] = [1, 3];
 
 /// Lowest version that can represent `content`, so that a file stays the same when it is imported and exported again.
 fn format_version(content: &Content) -> u32 {
-    if content.statistics.held_out.is_some() { 2 } else { 1 }
+    match content {
+        Content { robust: Some(_), .. } => 3,
+        content if content.statistics.held_out.is_some() => 2,
+        _ => 1,
+    }
 }
 
 /// A dictionary as a single file in JSON, described in `docs/dictionaries.md`.

@@ -126,7 +126,12 @@ fn meter(
         held_out: if known { 0 } else { plan.held_out_trainings(setup, shapes) },
         validation: plan.classifier.as_ref().map_or(0, |settings| settings.trainings(WITHIN)),
     };
-    let stages = estimate::stages(setup.measured(), &plan.method, shapes, known, trainings);
+    let mut stages = estimate::stages(setup.measured(), &plan.method, shapes, known, trainings);
+    if plan.robust
+        && let Some(mean) = stages.first_mut()
+    {
+        *mean = mean.robust(setup.measured(), shapes);
+    }
     let part = |stage: &Stage| Part { work: stage.multiply_adds, count: stage.passes * shapes as f64 };
     let parts: Vec<Part> = stages.iter().map(part).collect();
     // The digest of the shapes reads them once more, as the certificate does.
@@ -223,13 +228,15 @@ impl Task<'_> {
     }
 
     /// Placements that a search for the same mean has found, of which the dictionary does not depend: those of all shapes at the same
-    /// revision, unless that search began with the placements of an earlier one, or else those of the leading shapes.
+    /// revision, unless that search began with the placements of an earlier one, or else those of the leading shapes. A robust mean
+    /// begins with the search of the plain one, which its own placements do not replace.
     fn known_placements(&self) -> Option<(Arc<KnownPlacements>, Which)> {
-        let Plan { transformation, alignment, mirror, filter, revision, .. } = self.plan;
+        let Plan { transformation, alignment, mirror, filter, revision, robust, .. } = self.plan;
         let (transformation, filter) = (transformation.clone(), filter.clone());
-        let settings = SearchSettings { transformation, alignment: *alignment, mirror: *mirror, filter };
+        let (alignment, mirror, robust) = (*alignment, *mirror, *robust);
+        let settings = SearchSettings { transformation, alignment, mirror, filter, robust };
         let known = KnownPlacements::find(self.app, &self.cohort.id, &settings)?;
-        let is_same = known.revision == *revision && known.started_from.is_none();
+        let is_same = known.revision == *revision && known.started_from.is_none() && !robust;
         Some((known, if is_same { Which::All } else { Which::Leading }))
     }
 

@@ -9,6 +9,7 @@ use crate::analysis::correspondence::Mirror;
 use crate::analysis::dictionary::held_out;
 use crate::analysis::dictionary::method::Method;
 use crate::analysis::dictionary::recipe::Recipe;
+use crate::analysis::factors::Estimator;
 use crate::analysis::frame::Frame;
 use crate::analysis::transformation::Transformation;
 use crate::domain::cohort::{Cohort, CohortSpec};
@@ -37,6 +38,9 @@ pub struct Plan {
     pub mirror: Mirror,
     /// Components or sparse atoms.
     pub method: Method,
+    /// Whether shapes unlike the majority are left out, or count less.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub robust: bool,
     /// Settings of the classifier, if one is wanted.
     #[serde(default)]
     pub classifier: Option<ClassifierSettings>,
@@ -71,6 +75,7 @@ impl Plan {
             alignment: self.alignment,
             frame: self.frame,
             method: self.method.clone(),
+            estimator: Estimator::robust(self.robust),
         }
     }
 
@@ -89,6 +94,7 @@ impl Plan {
             transformation: self.transformation.clone(),
             alignment: self.alignment,
             frame: self.frame,
+            estimator: Estimator::robust(self.robust),
         }
     }
 }

@@ -18,6 +18,7 @@ use crate::analysis::dictionary::method::Method;
 use crate::analysis::dictionary::procedure::ParameterFault;
 use crate::analysis::estimate::Estimate;
 use crate::analysis::frame::Frame;
+use crate::analysis::robust;
 use crate::analysis::transformation::Transformation;
 use crate::domain::access::Principal;
 use crate::domain::cohort::{Cohort, name_problem};
@@ -63,6 +64,8 @@ pub enum From {
         mirror: Option<Mirror>,
         /// Components or sparse atoms.
         method: Method,
+        /// Whether shapes unlike the majority are left out, or count less.
+        robust: bool,
         /// Settings of the classifier, if one is wanted.
         classifier: Option<Box<ClassifierSettings>>,
     },
@@ -88,8 +91,13 @@ pub async fn plan(app: &App, learn: Learn) -> Result<Planned, ServiceError> {
     if let Some(problem) = name_problem(&learn.name, id::DICTIONARY) {
         faults.push(Fault::new("/name", problem));
     }
-    if let From::Anew { method, classifier, .. } = &learn.from {
+    if let From::Anew { method, classifier, robust, .. } = &learn.from {
         faults.extend(method_faults(method, &app.limits));
+        if *robust && classifier.is_some() {
+            let detail = "expected no robust estimate with a classifier, got both: a class unlike the others would be \
+                          left out";
+            faults.push(Fault::new("/robust", detail));
+        }
         if let Some(classifier) = classifier {
             faults.extend(settings_faults(classifier, method));
         }
@@ -119,7 +127,7 @@ pub async fn plan(app: &App, learn: Learn) -> Result<Planned, ServiceError> {
 /// Plan of a request, and the revision up to which an earlier version has seen the shapes.
 async fn started(app: &App, learn: Learn, cohort: &Cohort) -> Result<(Plan, u64), ServiceError> {
     match learn.from {
-        From::Anew { filter, transformation, alignment, frame, mirror, method, classifier } => {
+        From::Anew { filter, transformation, alignment, frame, mirror, method, robust, classifier } => {
             let usual = Alignment::usual(&transformation, cohort.spec.representation.dimension());
             let plan = Plan {
                 name: learn.name,
@@ -131,6 +139,7 @@ async fn started(app: &App, learn: Learn, cohort: &Cohort) -> Result<(Plan, u64)
                 frame,
                 mirror: mirror.unwrap_or(cohort.spec.mirror),
                 method,
+                robust,
                 classifier: classifier.map(|settings| *settings),
                 continue_from: None,
             };
@@ -150,6 +159,7 @@ fn estimate(app: &App, plan: &Plan, cohort: &Cohort, shapes: u64) -> Result<Esti
     };
     let trainings = plan.classifier.as_ref().map_or(0, |settings| settings.trainings(WITHIN));
     let estimate = Estimate::new(setup.measured(), &plan.method, shapes).times(anew + trainings);
+    let estimate = if plan.robust { estimate.robust(setup.measured()) } else { estimate };
     let bytes = 8.0 * shapes as f64 * setup.metric.len() as f64;
     if plan.classifier.is_some() && bytes > KEPT_BYTES as f64 {
         let detail = format!(
@@ -223,6 +233,10 @@ async fn continued(app: &App, name: String, cohort: &Cohort, key: &str) -> Resul
     if app.store.read_dictionary_state(&ready.listed.id).await?.is_none() {
         return Err(at(NO_STATE.into()));
     }
+    if content.robust.is_some() {
+        let detail = "the version is robust, and what it leaves out depends on all shapes: learn again from the whole cohort";
+        return Err(at(detail.into()));
+    }
     if content.classifier.is_some() {
         let detail = "the version has a classifier, whose validation needs all shapes: learn again from the whole cohort";
         return Err(at(detail.into()));
@@ -250,6 +264,7 @@ async fn continued(app: &App, name: String, cohort: &Cohort, key: &str) -> Resul
         frame: content.frame,
         mirror: content.mirror,
         method: content.method.clone(),
+        robust: false,
         classifier: None,
         continue_from: Some(ready.listed.id.clone()),
     };
@@ -262,12 +277,13 @@ fn check_count(plan: &Plan, since: u64, shapes: u64) -> Result<(), ServiceError>
         // The sums exist already: one new shape is enough.
         return if found > 0 { Ok(()) } else { Err(ServiceError::TooFewShapes { found, needed: 1 }) };
     }
-    if found < MIN_SHAPES {
+    let needed = if plan.robust { robust::MIN_SHAPES } else { MIN_SHAPES };
+    if found < needed {
         if plan.filter != ShapeFilter::default() {
-            let detail = format!("expected a filter that selects at least {MIN_SHAPES} shapes, got {found}");
+            let detail = format!("expected a filter that selects at least {needed} shapes, got {found}");
             return Err(ServiceError::invalid("/filter", detail));
         }
-        return Err(ServiceError::TooFewShapes { found, needed: MIN_SHAPES });
+        return Err(ServiceError::TooFewShapes { found, needed });
     }
     let atoms = plan.method.needed_shapes();
     if atoms > found {

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use crate::analysis::dictionary::content::Content;
 use crate::analysis::dictionary::in_use::Dictionary;
+use crate::analysis::factors::Estimator;
 use crate::domain::dictionary::Listed;
 use crate::service::app::cache::Cached;
 use crate::service::app::{App, ServiceError};
@@ -70,6 +71,7 @@ pub fn settings(content: &Content) -> Settings {
         transformation: content.transformation.clone(),
         alignment: content.alignment,
         frame: content.frame,
+        estimator: Estimator::Plain,
     }
 }
 

@@ -11,6 +11,7 @@ use super::sample::{Selection, cohort_at};
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::Mirror;
 use crate::analysis::estimate::{Estimate, TestWork, alignment_stage};
+use crate::analysis::factors::Estimator;
 use crate::analysis::inference::aligned::{AlignedShapes, StudySpace, frame_for};
 use crate::analysis::inference::error::StudyError;
 use crate::analysis::inference::permutation::Draws;
@@ -114,6 +115,7 @@ impl<O> Plan<O> {
             transformation: self.transformation.clone(),
             alignment: self.alignment,
             frame: frame_for(&self.transformation),
+            estimator: Estimator::Plain,
         }
     }
 

@@ -7,6 +7,7 @@ use tokio::runtime::Handle;
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::Mirror;
 use crate::analysis::distance::{DistanceSpace, PreparedShapes};
+use crate::analysis::factors::Estimator;
 use crate::analysis::frame::Frame;
 use crate::analysis::transformation::Transformation;
 use crate::domain::cohort::Cohort;
@@ -50,6 +51,7 @@ impl Comparison {
             transformation: self.transformation.clone(),
             alignment: self.alignment.unwrap_or(usual),
             frame: Frame::default(),
+            estimator: Estimator::Plain,
         }
     }
 }

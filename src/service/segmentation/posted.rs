@@ -8,6 +8,7 @@ use super::starts::{SeedInput, Starts};
 use super::wanted::{Answered, Reference, Wanted};
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
+use crate::analysis::factors::Estimator;
 use crate::analysis::frame::Frame;
 use crate::analysis::transformation::{ClassName, Transformation};
 use crate::domain::cohort::Cohort;
@@ -419,6 +420,7 @@ fn settings(
         transformation,
         alignment: prior.and_then(|prior| prior.alignment).unwrap_or(usual),
         frame: Frame::default(),
+        estimator: Estimator::Plain,
     };
     match settings.checked(&app.limits) {
         Ok(settings) => Ok(Some(settings)),

@@ -72,6 +72,7 @@ pub async fn find(
                 frame: Frame::default(),
                 filter: ShapeFilter::default(),
                 start: SearchStart::default(),
+                robust: false,
             };
             let live = live_mean::mean(app, cohort, query).await?;
             let representation = live.cohort.spec.representation.clone();
