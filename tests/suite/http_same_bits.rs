@@ -61,6 +61,12 @@ fn answers(setting: Setting, threads: &str) -> Vec<(String, Vec<u8>)> {
         let mean = server.get(&format!("/v1/cohorts/{cohort}/mean?transformation={class}"));
         mean.expect(200);
         found.push((format!("mean of {cohort}, {class}"), mean.body));
+        let robust = server.get(&format!("/v1/cohorts/{cohort}/mean?transformation={class}&robust=true"));
+        robust.expect(200);
+        // Ids are drawn anew on every server.
+        let (mean, counts) =
+            (robust.json()["mean"].clone(), robust.json()["robust"]["effective_count"].clone());
+        found.push((format!("robust mean of {cohort}, {class}"), format!("{mean} {counts}").into()));
         let body = json!({"cohort": "cyclic", "transformation": class});
         let request = server.request(reqwest::Method::POST, "/v1/distances?format=npy");
         let matrix = server.send(request.header("prefer", "wait=50").json(&body));
@@ -75,6 +81,10 @@ fn answers(setting: Setting, threads: &str) -> Vec<(String, Vec<u8>)> {
     ] {
         found.push((format!("dictionary, {name}"), digest(&server, name, cohort, &method)));
     }
+    let body = json!({"name": "robust", "cohort": "given", "transformation": "similarity", "robust": true,
+        "method": {"kind": "functional_pca", "components": 5, "centre": true}});
+    let done = finished(&server, &submit(&server, &body));
+    found.push(("robust dictionary".into(), done["result"]["digest"].to_string().into()));
     let search = json!({"shapes": [{"points": shapes[FEW]["points"]}], "neighbours": 20});
     let answer = server.post("/v1/cohorts/cyclic/search", &search).expect(200);
     let nearest = answer["results"][0]["neighbours"].as_array().unwrap();

@@ -34,6 +34,7 @@ mod http_prior;
 mod http_results;
 mod http_retries;
 mod http_retrieval;
+mod http_robust;
 mod http_same_bits;
 mod http_segment;
 mod http_segment_cohort;
