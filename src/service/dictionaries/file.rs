@@ -4,6 +4,7 @@
 //! before it stores a new version.
 
 use crate::formats::fault::Fault;
+use std::ops::RangeInclusive;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
@@ -24,7 +25,7 @@ use crate::service::shapes::read::admit_linear;
 /// Name of the file format.
 const FORMAT: &str = "shapelex-dictionary";
 /// Versions of the format: the second adds measures of held-out shapes, the third the shapes that a robust dictionary leaves out.
-const FORMAT_VERSIONS: [u32; 2] = [1, 3];
+const FORMAT_VERSIONS: RangeInclusive<u32> = 1..=3;
 
 /// Lowest version that can represent `content`, so that a file stays the same when it is imported and exported again.
 fn format_version(content: &Content) -> u32 {
@@ -175,9 +176,9 @@ fn checked_file(
     name: Option<String>,
 ) -> Result<NewDictionary, ServiceError> {
     if file.format != FORMAT || !FORMAT_VERSIONS.contains(&file.format_version) {
-        let [first, last] = FORMAT_VERSIONS;
+        let (first, last) = FORMAT_VERSIONS.into_inner();
         let detail = format!(
-            "expected {FORMAT} version {first} or {last}, got '{}' version {}",
+            "expected {FORMAT} version {first} to {last}, got '{}' version {}",
             file.format, file.format_version
         );
         return Err(ServiceError::invalid("/format", detail));
