@@ -206,30 +206,37 @@ fn projection_mean<S: ShapeSource>(
     frame: Frame,
     matching: &Matching,
 ) -> Result<MeanShape, S::Error> {
-    let Found { placements, leading, rounds, converged } = match matching.searches() {
+    let found = match matching.searches() {
         true => searched(source, class, matching, metric.len())?,
         false => Found::as_given(source.count()),
     };
-    let placed = Placed { source, matching, placements: &placements };
+    let placed = Placed { source, matching, placements: &found.placements };
     let space = MeanSpace::new(ProjectorSum::of(&placed, class, metric.len())?, REPORTED_EIGENVALUES)?;
     let whitened = representative(&space, frame, metric, &placed)?;
     let disagreement =
         matching.disagreement(&placed, &Target::subspace(&space, matching), class.translates())?;
-    Ok(MeanShape {
-        control_points: unwhitened(metric, &whitened),
-        whitened,
-        gap: Some(space.gap),
-        unique: Some(space.is_unique()),
-        objective: Some(space.objective),
-        eigenvalues: space.eigenvalues,
-        shapes: source.count(),
-        rounds,
-        converged,
-        disagreement,
-        placements,
-        leading,
-        robust: None,
-    })
+    Ok(MeanShape { disagreement, ..MeanShape::in_space(&space, metric, whitened, found) })
+}
+
+impl MeanShape {
+    /// The whitened representative of a mean `space`, with the placements that were found.
+    pub(super) fn in_space(space: &MeanSpace<'_>, metric: &Metric, whitened: Vec<f64>, found: Found) -> Self {
+        Self {
+            control_points: unwhitened(metric, &whitened),
+            whitened,
+            gap: Some(space.gap),
+            unique: Some(space.is_unique()),
+            objective: Some(space.objective),
+            eigenvalues: space.eigenvalues.clone(),
+            shapes: found.placements.len(),
+            rounds: found.rounds,
+            converged: found.converged,
+            disagreement: None,
+            placements: found.placements,
+            leading: found.leading,
+            robust: None,
+        }
+    }
 }
 
 /// Placements of the shapes of `source`: on their spectra where the class allows it and memory suffices.

@@ -169,8 +169,8 @@ impl Matching {
             })
             .collect();
         let fft = (correspondence == Correspondence::Cyclic && contour).then(|| RealFft::new(size));
-        let surface = space.surface().filter(|_| correspondence == Correspondence::Cyclic);
-        let motions = surface.and_then(|basis| Motions::new(basis, direction == Direction::Either));
+        let moves = correspondence == Correspondence::Cyclic;
+        let motions = moves.then(|| space.motions(direction == Direction::Either)).flatten();
         let motions = motions.map(|motions| {
             let mut ones = vec![1.0; size];
             space.gram().whiten(&mut ones);

@@ -19,6 +19,7 @@ use super::open::phantoms;
 use super::subdivision::Subdivision;
 use super::subdivision::basis::SubdivisionBasis;
 use super::surface::basis::{Extent, SurfaceBasis, Tangents};
+use super::surface::motion::Motions;
 use super::surface::seam::Seam;
 use super::surface::{Topology, sphere};
 use shapelex_numeric::dense::Matrix;
@@ -370,6 +371,12 @@ impl ShapeSpace {
             Basis::Curve(_) => column.reverse(),
             Basis::Surface(basis) => basis.reverse(column),
         }
+    }
+
+    /// The motions of the parameters of surfaces that close, for cylinders and tori with reversals if `reverses`; `None` for other
+    /// shapes.
+    pub fn motions(&self, reverses: bool) -> Option<Motions> {
+        self.surface().and_then(|basis| Motions::new(basis, reverses))
     }
 
     /// The Gram operator `Φ`.

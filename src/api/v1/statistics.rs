@@ -357,6 +357,12 @@ pub(super) struct PcaAnswer {
     aligned: Option<Vec<AlignedOutput>>,
 }
 
+impl PcaAnswer {
+    fn new(statistics: &Statistics, pca: Components, aligned: Option<Vec<AlignedOutput>>) -> Self {
+        Self { mean: mean_output(statistics), pca: PcaOutput::new(statistics, pca), aligned }
+    }
+}
+
 impl PcaOutput {
     fn new(statistics: &Statistics, components: Components) -> Self {
         let metric = &statistics.setup.metric;
@@ -413,12 +419,11 @@ pub(super) async fn pca(
             let statistics = statistics::align(app, settings, shapes)?;
             let pca = statistics::pca(app, &statistics, components, centre)?;
             if let Format::Picture(file) = format {
-                let component = mode.component.unwrap_or(1);
-                return picture(&statistics::draw_mode(&statistics, &pca, component, sigma)?, &file);
+                let of = mode.component.unwrap_or(1);
+                return picture(&statistics::draw_mode(&statistics, &pca, of, sigma)?, &file);
             }
             let aligned = aligned.then(|| aligned_output(app, &statistics)).transpose()?;
-            let mean = mean_output(&statistics);
-            json(StatusCode::OK, &PcaAnswer { mean, pca: PcaOutput::new(&statistics, pca), aligned })
+            json(StatusCode::OK, &PcaAnswer::new(&statistics, pca, aligned))
         })
     })
     .await

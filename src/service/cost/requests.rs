@@ -160,9 +160,7 @@ pub fn align(settings: &CheckedSettings, counts: Counts) -> Work {
         }
     };
     let robust = if settings.estimator.is_robust() { robust_mean(settings, counts) } else { Work(0.0) };
-    // Start points are searched again without the wrong shapes.
-    let searches = if settings.estimator.is_robust() { 2.0 } else { 1.0 };
-    each + searches * searching + mean + robust
+    each + searching + mean + robust
 }
 
 /// What a robust mean takes besides a plain one, with the weights of control points.
