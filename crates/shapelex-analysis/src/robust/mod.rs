@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! 1. median space      S̄ ← orth(Σ_k (w_k/d_k) P_k S̄),   d_k² = I − tr(P_S̄ P_k)          (Weiszfeld, from the plain mean)
-//! 2. deviations        a_k = P_k m − m,   spatial signs a_k/‖a_k‖,   their q leading components ξ_i
+//! 2. deviations        a_k = P_k m − m, scaled to the tangent space,   spatial signs a_k/‖a_k‖,   their q leading components ξ_i
 //! 3. description       t_ki = ⟨ξ_i, a_k⟩,   e_k² = ‖a_k‖² − Σ_i t_ki²
 //! 4. densest majority  65 % of the weight with the least distances in t, by concentration steps
 //! 5. factors           f_k = min(φ(z(distance of t_k)), φ(z(e_k))),   φ = 1 up to 3 standard deviations, 0 from 5 on
@@ -33,7 +33,7 @@ pub use self::points::point_weights;
 pub(crate) use self::sources::Retained;
 
 use self::rejection::{Description, effective};
-use self::sources::{ByDistance, Deviations, Reweighted};
+use self::sources::{ByDistance, Deviations, Reweighted, deviation};
 use super::AnalysisError;
 use super::accumulate::{ScatterSum, ShapeSource, accumulate, map_shapes};
 use super::alignment::{
@@ -340,7 +340,7 @@ impl<S: ShapeSource> Task<'_, S> {
         Ok(Factors { factors, effective: effective(&weighted) })
     }
 
-    /// The deviations of the shapes from `centre + origin` in components with this total variance.
+    /// The deviations of the shapes from `centre`, less `origin`, in components with this total variance.
     fn description(
         &self,
         placed: &Placed<'_, S>,
@@ -350,10 +350,9 @@ impl<S: ShapeSource> Task<'_, S> {
     ) -> Result<Description, S::Error> {
         let kept = pairs.values.iter().take_while(|value| **value > SMALLEST_COMPONENT * total).count();
         let components = pairs.vectors.columns(0, kept).into_owned();
-        let middle: Vec<f64> = centre.iter().zip(origin).map(|(m, o)| m + o).collect();
         let described = map_shapes(placed, |k, x, weight| {
-            let mut away = self.method.bring(x, centre).map_err(|error| error.at(k))?.whitened;
-            away.iter_mut().zip(&middle).for_each(|(y, m)| *y -= m);
+            let mut away = deviation(self.method, x, centre).map_err(|error| error.at(k))?;
+            away.iter_mut().zip(origin).for_each(|(a, o)| *a -= o);
             let scores: Vec<f64> = components.column_iter().map(|xi| dot(xi.as_slice(), &away)).collect();
             Ok((scores, dot(&away, &away), weight))
         })?;

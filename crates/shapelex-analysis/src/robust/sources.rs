@@ -6,7 +6,9 @@ use super::NEAREST;
 use crate::AnalysisError;
 use crate::accumulate::{BLOCK, Reservation, ShapeSource, Shapes, for_each_changed};
 use crate::alignment::Method;
-use crate::metric::norm;
+use crate::fit::{Scaling, cross_product, transform};
+use crate::metric::{dot, norm};
+use crate::transformation::Structure;
 
 /// The shapes of a source with the weights `w_k f_k`. Only this process knows the factors, so no pass is distributed.
 pub(crate) struct Reweighted<'a, S> {
@@ -80,7 +82,52 @@ impl<S: ShapeSource> ShapeSource for ByDistance<'_, S> {
     }
 }
 
-/// The deviations `a_k = P_k m − m` of the shapes of a source, or their spatial signs `a_k/‖a_k‖`; zero for shapes at the centre `m`.
+/// The deviation of the whitened shape `x` from the centre `m`, in the chart in which members of the class are straight.
+///
+/// ```text
+/// a = y X − m,   y = P m = A x (N × d),   X such that mᵀ(y X) = mᵀm
+/// ```
+///
+/// The nearest member `P m` alone shrinks by the square of its angle, so that shapes along a mode would lie on a curve, and the
+/// extreme ones leave the components of the others. `X` is a `d × d` matrix for linear classes, a number for each axis or one
+/// number for the others, and one where sizes are kept. Shapes nearly orthogonal to the centre are scaled by at most [`MOST_SCALED`].
+///
+/// # Errors
+/// [`AnalysisError::Degenerate`] with index 0.
+pub(super) fn deviation(method: &Method, x: &[f64], centre: &[f64]) -> Result<Vec<f64>, AnalysisError> {
+    let mut y = method.bring(x, centre)?.whitened;
+    let scale = |y: &mut [f64], m: &[f64]| {
+        let (size, product) = (dot(m, m), dot(y, m));
+        let factor = if product * MOST_SCALED > size { size / product } else { 1.0 };
+        y.iter_mut().for_each(|value| *value *= factor);
+    };
+    match method {
+        Method::Procrustes(fit) if fit.scaling == Scaling::None => {}
+        Method::Projection(class) if class.structure == Structure::PerCoordinate => {
+            let d = class.dimension();
+            let products = cross_product(centre, &y, d);
+            let own = cross_product(centre, centre, d);
+            let singular = products.singular_values();
+            let inverse = products.try_inverse().filter(|_| singular.min() * MOST_SCALED > own.trace());
+            if let Some(inverse) = inverse {
+                // Rows of the shapes here are coordinates: (y X)ᵀ = Xᵀ yᵀ.
+                y = transform(&(own * inverse), &y);
+            }
+        }
+        Method::Projection(class) if class.structure == Structure::PerAxis => {
+            let n = y.len() / class.dimension();
+            y.chunks_exact_mut(n).zip(centre.chunks_exact(n)).for_each(|(y, m)| scale(y, m));
+        }
+        _ => scale(&mut y, centre),
+    }
+    y.iter_mut().zip(centre).for_each(|(y, m)| *y -= m);
+    Ok(y)
+}
+
+/// Largest factor of a shape in the chart of [`deviation`].
+const MOST_SCALED: f64 = 1e3;
+
+/// The [deviations](deviation) `a_k` of the shapes of a source, or their spatial signs `a_k/‖a_k‖`; zero for shapes at the centre `m`.
 pub(super) struct Deviations<'a, S> {
     pub(super) source: &'a S,
     pub(super) method: &'a Method,
@@ -107,8 +154,8 @@ impl<S: ShapeSource> ShapeSource for Deviations<'_, S> {
         let (centre, least) = (self.centre, ROUNDING * norm(self.centre));
         let sign = |batch: Shapes<'_>, whitened: &mut [f64]| {
             whitened.par_chunks_mut(centre.len()).enumerate().try_for_each(|(i, x)| {
-                let near = self.method.bring(x, centre).map_err(|error| error.at(batch.first + i))?;
-                x.iter_mut().zip(near.whitened.iter().zip(centre)).for_each(|(a, (y, m))| *a = y - m);
+                let away = deviation(self.method, x, centre).map_err(|error| error.at(batch.first + i))?;
+                x.copy_from_slice(&away);
                 if !self.signs {
                     return Ok(());
                 }

@@ -48,9 +48,11 @@ impl Noise {
 /// Radius of a wing-like contour with three modes, in its own coordinates.
 fn shape(random: &mut Noise) -> Vec<f64> {
     let modes = [0.06 * random.normal(), 0.04 * random.normal(), 0.02 * random.normal()];
+    // A mirror image differs in 4u, where the shapes hardly vary.
     let radius = |u: f64| {
         1.0 + 0.35 * (2.0 * u).cos()
             + 0.15 * (3.0 * u + 0.7).cos()
+            + 0.1 * (4.0 * u + 0.9).cos()
             + modes[0] * (3.0 * u).sin()
             + modes[1] * (4.0 * u).cos()
             + modes[2] * (5.0 * u + 1.0).sin()
@@ -161,7 +163,7 @@ fn a_third_of_wrong_shapes_is_left_out_under_every_class() {
         let size = wanted.whitened.iter().map(|v| v * v).sum::<f64>().sqrt();
         let off = |mean: &MeanShape| distance(&mean.whitened, &wanted.whitened) / size;
         assert!(off(&plain) > 0.02, "{name:?}: the plain mean moves {:.4}", off(&plain));
-        assert!(off(&robust) < 0.02, "{name:?} {alignment:?}: the robust mean moves {:.4}", off(&robust));
+        assert!(off(&robust) < 0.01, "{name:?} {alignment:?}: the robust mean moves {:.4}", off(&robust));
         let kept: f64 = factors.factors[70..].iter().sum();
         // Under affine maps a mirror image is like the shape.
         let mirrors = if name == ClassName::Affine { 10.0 } else { 0.0 };
@@ -180,7 +182,7 @@ fn right_shapes_keep_their_weights() {
     for (name, alignment) in CLASSES {
         let setting = setting(name, alignment);
         let robust = mean(&setting, &right, ones(&right), true).robust.unwrap();
-        assert!(robust.effective > 0.93 * 200.0, "{name:?} {alignment:?}: worth {:.1}", robust.effective);
+        assert!(robust.effective > 0.99 * 200.0, "{name:?} {alignment:?}: worth {:.1}", robust.effective);
     }
 }
 
@@ -257,7 +259,7 @@ fn start_points_are_those_on_the_robust_mean() {
     let right: Vec<Vec<f64>> =
         right(40, 8).iter().enumerate().map(|(k, x)| rotated(x, 7 * k % POINTS)).collect();
     let all = [right.clone(), wrong(16, 9)].concat();
-    for (name, alignment) in [CLASSES[0], CLASSES[1], CLASSES[4]] {
+    for (name, alignment) in [CLASSES[0], CLASSES[4]] {
         let Setting { space, metric, method, .. } = setting(name, alignment);
         let (correspondence, direction) = (Correspondence::Cyclic, Direction::Either);
         let matching = Matching::new(&space, correspondence, direction, Mirror::Forbid);
@@ -272,7 +274,7 @@ fn start_points_are_those_on_the_robust_mean() {
         let other = (0..40).filter(|&k| (shift(&wanted, k) + turn) % POINTS != shift(&found, k)).count();
         assert!(other <= 2, "{name:?} {alignment:?}: {other} of 40 start elsewhere");
         let rejected = found.robust.unwrap().factors[40..].iter().filter(|f| **f < 0.5).count();
-        assert!(rejected >= 10, "{name:?}: {rejected} of 16");
+        assert!(rejected >= 14, "{name:?}: {rejected} of 16");
     }
 }
 
