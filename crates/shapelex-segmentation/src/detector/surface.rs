@@ -41,7 +41,7 @@ impl Innermost {
 /// nearest such cell of the same direction.
 ///
 /// Directions are those of an equal-area grid: `rings` rings of equal height in the angle `θ` from the z axis, with
-/// `2 rings sin θ` sectors each; at most [`RINGS`] for each cell of the median distance. Cost: `O(n log n + rings²)` for `n` cells.
+/// `2 rings sin θ` sectors each; at most 2.4 rings for each cell of the median distance. Cost: `O(n log n + rings²)` for `n` cells.
 pub fn innermost<T: Value>(sheets: &Sheets<T>, cells: &[usize], rules: &Innermost) -> Vec<usize> {
     let (size, frame) = (sheets.response().size(), sheets.frame());
     let centre = frame.to_world(rules.centre);
