@@ -342,11 +342,11 @@ pub fn align(
     centroid: &[f64],
     placement: Placement,
 ) -> Result<AlignedShape, AnalysisError> {
-    let projected = method.bring(&matching.place(x, placement), mean)?;
+    let (placed, moved_by) = matching.place_with_mean(x, placement);
+    let projected = method.bring(&placed, mean)?;
     let matrix = projected.matrix * matching.reflection(placement);
-    let moved = matching.mean_position(x, placement);
-    let centroid: Vec<f64> = centroid.iter().zip(moved).map(|(given, moved)| given + moved).collect();
-    let offset = method.offset(&matrix, &centroid);
+    let about = |by: Vec<f64>| centroid.iter().zip(by).map(|(given, by)| given + by).collect::<Vec<f64>>();
+    let offset = method.offset(&matrix, &moved_by.map_or_else(|| centroid.to_vec(), about));
     let whitened = projected.whitened;
     let residual = mean.iter().zip(&whitened).map(|(m, r)| (m - r).powi(2)).sum::<f64>().sqrt();
     let correlation = cosine(&whitened, mean);

@@ -11,18 +11,22 @@
 //! The search alternates with the mean until nothing changes; every step raises the objective. In a tie the current
 //! placement wins, then the smallest shift, so rounding decides nothing.
 
+mod moving;
+
 use std::borrow::Cow;
 
+pub use moving::Disagreement;
+use moving::MovedSurfaces;
+
 use super::AnalysisError;
-use super::accumulate::{MergePart, ShapeSource, Shapes, ShapesInMemory, for_each_changed, map_shapes};
+use super::accumulate::{MergePart, ShapeSource, Shapes, for_each_changed, map_shapes};
 use super::correspondence::{Correspondence, Direction, Mirror};
-use super::fit::{Fit, Scaling, best_correlation, cross_product};
+use super::fit::{Fit, best_correlation, cross_product};
 use super::mean::MeanSpace;
-use super::metric::dot;
 use super::pass::Pass;
 use super::subspace::Subspace;
 use shapelex_geometry::representation::ShapeSpace;
-use shapelex_geometry::surface::motion::{Motion, Motions};
+use shapelex_geometry::surface::motion::Motion;
 use shapelex_numeric::dense::Matrix;
 use shapelex_numeric::fft::{FftScratch, RealFft};
 use shapelex_numeric::kernels::largest;
@@ -52,30 +56,11 @@ pub struct Matching {
     candidates: Vec<Placement>,
 }
 
-/// The motions of the parameters of surfaces.
-#[derive(Debug, Clone)]
-struct MovedSurfaces {
-    motions: Motions,
-    /// The whitened constant 1.
-    ones: Vec<f64>,
-    /// Whether shapes are centred, as moved ones must be again.
-    translates: bool,
-}
-
 impl Placement {
     /// Whether both differ at most in the start point.
     pub(super) fn is_image_of(self, other: Self) -> bool {
         (self.mirrored, self.reversed) == (other.mirrored, other.reversed)
     }
-}
-
-/// Parameterisations of surfaces that do not agree with those of their mean.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Disagreement {
-    /// Number of shapes that were looked at.
-    pub looked_at: usize,
-    /// Number of those that fit the mean better if their parameters move: what is left falls by a fifth or more.
-    pub disagreeing: usize,
 }
 
 /// Position of a shape that has moved, with its previous placement.
@@ -89,27 +74,6 @@ pub(super) fn moved(before: &[Placement], after: &[Placement]) -> Vec<Moved> {
 
 /// Relative difference below which two scores are equal.
 const TIE: f64 = 1e-12;
-
-/// Steps of a search for the best motion, in 1/1024 turn.
-const STEPS: [u16; 4] = [64, 16, 4, 1];
-
-/// Part by which what is left must fall for a motion to replace another: smaller steps would let all shapes drift along together.
-const NOTICEABLE: f64 = 1e-3;
-
-/// A motion of those that are spread out is followed if it leaves less than so many times what the best one leaves.
-const FOLLOWED: f64 = 3.0;
-
-/// Maximum number of motions that are followed.
-const MOST_FOLLOWED: usize = 2;
-
-/// Shapes whose parameterisations are compared with the mean.
-const LOOKED_AT: usize = 8;
-
-/// A parameterisation disagrees with the mean if another one leaves less than this part of what it leaves.
-const DISAGREES: f64 = 0.8;
-
-/// Motions that are tried for that, in 1/1024 turn: small ones, and halves of a turn.
-const TRIED: [u16; 4] = [16, 48, 128, 512];
 
 /// The placement with the largest score, from those of all candidates at all start points. In a tie the `current` one wins,
 /// then the first.
@@ -170,12 +134,8 @@ impl Matching {
             .collect();
         let fft = (correspondence == Correspondence::Cyclic && contour).then(|| RealFft::new(size));
         let moves = correspondence == Correspondence::Cyclic;
-        let motions = moves.then(|| space.motions(direction == Direction::Either)).flatten();
-        let motions = motions.map(|motions| {
-            let mut ones = vec![1.0; size];
-            space.gram().whiten(&mut ones);
-            MovedSurfaces { motions, ones, translates: true }
-        });
+        let moved = || MovedSurfaces::new(space, direction == Direction::Either, true);
+        let motions = moves.then(moved).flatten();
         let commutes = representation.is_closed();
         Self { size, dimension, fft, motions, space: space.clone(), commutes, candidates }
     }
@@ -218,49 +178,6 @@ impl Matching {
         self.motions.is_some()
     }
 
-    /// The motion of the parameters in a placement of a surface; `None` if motions are not searched.
-    pub fn motion(&self, placement: Placement) -> Option<Motion> {
-        self.motions.as_ref().map(|_| Motion::from_code(placement.shift))
-    }
-
-    /// Where a search for the placement of the whitened shape `x` begins: as given, or on a sphere where its poles are at the ends of
-    /// its long axis, however it was parameterised.
-    pub(super) fn first(&self, x: &[f64]) -> Placement {
-        let Some(surfaces) = &self.motions else { return Placement::default() };
-        let motion = surfaces.motions.canonical(&self.rows(x));
-        Placement { shift: motion.code(), ..Placement::default() }
-    }
-
-    /// Relative change of the surface `x` by the motion of its parameters, which its space represents only nearly: root mean square
-    /// distance halfway between knots, divided by that of the surface from its centroid. 0 if motions are not searched.
-    pub fn change(&self, x: &[f64], placement: Placement) -> f64 {
-        let Some(surfaces) = &self.motions else { return 0.0 };
-        let still = Placement { shift: 0, ..placement };
-        surfaces.motions.change(&self.rows(&self.place(x, still)), Motion::from_code(placement.shift))
-    }
-
-    /// Control points of the whitened shape `x`, `N × d`.
-    fn rows(&self, x: &[f64]) -> Matrix {
-        let mut rows = Matrix::from_column_slice(self.size, self.dimension, x);
-        self.space.gram().unwhiten(rows.as_mut_slice());
-        rows
-    }
-
-    /// Moves the parameters of the whitened shape `x`. Returns by how much its mean position moved, which is subtracted if shapes
-    /// are centred.
-    fn move_parameters(&self, surfaces: &MovedSurfaces, x: &mut [f64], motion: Motion) -> Vec<f64> {
-        let mut moved = surfaces.motions.apply(&self.rows(x), motion);
-        self.space.gram().whiten(moved.as_mut_slice());
-        x.copy_from_slice(moved.as_slice());
-        let (ones, weight) = (&surfaces.ones, dot(&surfaces.ones, &surfaces.ones));
-        let centre = |coordinate: &mut [f64]| {
-            let mean = if surfaces.translates { dot(ones, coordinate) / weight } else { 0.0 };
-            coordinate.iter_mut().zip(ones).for_each(|(value, one)| *value -= mean * one);
-            mean
-        };
-        x.chunks_exact_mut(self.size).map(centre).collect()
-    }
-
     /// Whether start points are searched.
     pub fn shifts(&self) -> bool {
         self.fft.is_some()
@@ -296,17 +213,24 @@ impl Matching {
         Cow::Owned(self.placed(x, placement).0)
     }
 
-    /// The mean position of the shape `x` in its placement, in the coordinates of the shape as given: it was subtracted from
-    /// what [`Self::place`] gives, and is 0 unless parameters move.
-    pub fn mean_position(&self, x: &[f64], placement: Placement) -> Vec<f64> {
-        let mut mean = self.placed(x, placement).1;
-        if placement.mirrored {
+    /// The shape `x` in the given placement, and the mean position that was subtracted from it, in the coordinates of the shape as
+    /// given; `None` unless parameters moved.
+    pub fn place_with_mean<'a>(
+        &self,
+        x: &'a [f64],
+        placement: Placement,
+    ) -> (Cow<'a, [f64]>, Option<Vec<f64>>) {
+        if placement == Placement::default() {
+            return (Cow::Borrowed(x), None);
+        }
+        let (placed, mut mean) = self.placed(x, placement);
+        if let Some(mean) = mean.as_mut().filter(|_| placement.mirrored) {
             mean[0] = -mean[0];
         }
-        mean
+        (Cow::Owned(placed), mean)
     }
 
-    fn placed(&self, x: &[f64], placement: Placement) -> (Vec<f64>, Vec<f64>) {
+    fn placed(&self, x: &[f64], placement: Placement) -> (Vec<f64>, Option<Vec<f64>>) {
         let n = self.size;
         let mut placed = x.to_vec();
         for (c, coordinate) in placed.chunks_exact_mut(n).enumerate() {
@@ -324,13 +248,8 @@ impl Matching {
                 coordinate.rotate_left(placement.shift as usize);
             }
         }
-        let motion = Motion::from_code(placement.shift);
-        let mean = match &self.motions {
-            Some(surfaces) if motion != Motion::default() => {
-                self.move_parameters(surfaces, &mut placed, motion)
-            }
-            _ => vec![0.0; self.dimension],
-        };
+        let surfaces = self.motions.as_ref().filter(|_| placement.shift != 0);
+        let mean = surfaces.map(|surfaces| surfaces.apply(&mut placed, Motion::from_code(placement.shift)));
         (placed, mean)
     }
 
@@ -354,7 +273,7 @@ impl Matching {
         current: Placement,
     ) -> Result<Placement, AnalysisError> {
         if let Some(surfaces) = &self.motions {
-            return self.best_motion(&surfaces.motions, x, target, current);
+            return self.best_motion(surfaces, x, target, current);
         }
         let scores: Vec<Vec<f64>> = self
             .candidates
@@ -363,92 +282,6 @@ impl Matching {
             .collect::<Result<_, _>>()?;
         let scores = self.candidates.iter().zip(&scores);
         Ok(better(scores.map(|(&candidate, scores)| (candidate, &**scores)), current))
-    }
-
-    /// The best placement of the surface `x`: from where it stands, and from those motions that are spread out whose scores are near
-    /// the best, each followed uphill to the nearest maximum.
-    ///
-    /// Cost: 24 moved surfaces, some 60 for each start that is followed, and one for each motion that is spread out.
-    fn best_motion(
-        &self,
-        motions: &Motions,
-        x: &[f64],
-        target: &Target<'_>,
-        current: Placement,
-    ) -> Result<Placement, AnalysisError> {
-        let standing = Motion::from_code(current.shift);
-        let rest = |placement: Placement| target.rest(&self.place(x, placement));
-        let beats = |rest: f64, best: f64| rest < (1.0 - NOTICEABLE) * best;
-        let downhill = |mut best: (Placement, f64)| {
-            for steps in STEPS {
-                loop {
-                    let mut next = best;
-                    for motion in motions.near(Motion::from_code(best.0.shift), steps) {
-                        let placement = Placement { shift: motion.code(), ..best.0 };
-                        let rest = rest(placement)?;
-                        if beats(rest, next.1) {
-                            next = (placement, rest);
-                        }
-                    }
-                    if next.0 == best.0 {
-                        break;
-                    }
-                    best = next;
-                }
-            }
-            Ok::<_, AnalysisError>(best)
-        };
-        let mut best = downhill((current, rest(current)?))?;
-        let mut others = Vec::new();
-        for motion in motions.spread_out() {
-            let shift = motions.then(standing, motion).code();
-            for candidate in &self.candidates {
-                let placement = Placement { shift, ..*candidate };
-                others.push((placement, rest(placement)?));
-            }
-        }
-        others.retain(|(_, rest)| *rest < FOLLOWED * best.1);
-        others.sort_by(|a, b| a.1.total_cmp(&b.1));
-        for other in others.into_iter().take(MOST_FOLLOWED) {
-            let found = downhill(other)?;
-            if beats(found.1, best.1) {
-                best = found;
-            }
-        }
-        Ok(best.0)
-    }
-
-    /// Of surfaces whose parameters correspond as given, how many of at most 8, evenly spread over `source`, fit the target better if
-    /// their parameters move; `None` for other shapes, and where parameters are searched.
-    ///
-    /// # Errors
-    /// Errors of the source; degenerate shapes.
-    pub fn disagreement<S: ShapeSource>(
-        &self,
-        source: &S,
-        target: &Target<'_>,
-        translates: bool,
-    ) -> Result<Option<Disagreement>, S::Error> {
-        if self.moves() {
-            return Ok(None);
-        }
-        let moving = Self::new(&self.space, Correspondence::Cyclic, Direction::Either, Mirror::Forbid);
-        let moving = moving.translating(translates);
-        let Some(surfaces) = &moving.motions else { return Ok(None) };
-        let some = ShapesInMemory::spread_out(source, LOOKED_AT)?;
-        let disagrees = |_: usize, x: &[f64], _: f64| {
-            let least = DISAGREES * target.rest(x)?;
-            for motion in TRIED.iter().flat_map(|steps| surfaces.motions.near(Motion::default(), *steps)) {
-                let placement = Placement { shift: motion.code(), ..Placement::default() };
-                if target.rest(&moving.place(x, placement))? < least {
-                    return Ok(true);
-                }
-            }
-            Ok(false)
-        };
-        let found = map_shapes(&some, disagrees)?;
-        let disagreeing = found.iter().filter(|disagrees| **disagrees).count();
-        Ok(Some(Disagreement { looked_at: found.len(), disagreeing }))
     }
 
     /// Updates the placement of every shape of `source`; `placements` may have more. Returns the positions of the shapes that moved, with their previous placements.
@@ -522,23 +355,6 @@ impl<'a> Target<'a> {
                 Ok(best_correlation(&cross_product(mean, y, fit.dimension), *fit))
             }
         }
-    }
-
-    /// What the best fit of the shape of `y` leaves: of the dimensions of the mean space those outside that of `y`; the squared
-    /// distance from the mean, at the size of the shape or in parts of the squared norms.
-    fn rest(&self, y: &[f64]) -> Result<f64, AnalysisError> {
-        let score = self.scores_without_shift(y)?;
-        Ok(match self {
-            Self::Subspace { space, .. } => {
-                space.bases.iter().map(Matrix::ncols).sum::<usize>() as f64 - score
-            }
-            Self::Shape { mean, fit, .. } if fit.scaling == Scaling::None => {
-                dot(mean, mean) + dot(y, y) - 2.0 * score
-            }
-            Self::Shape { mean, .. } => {
-                1.0 - score.max(0.0).powi(2) / (dot(y, y) * dot(mean, mean)).max(f64::MIN_POSITIVE)
-            }
-        })
     }
 
     /// The score of `y` for every shift to search.
