@@ -52,7 +52,7 @@ struct LoginOutput {
     provider: Option<Login>,
 }
 
-/// Public like the page: nobody has a key yet.
+/// Browsers ask for it before they have a key, as for the page.
 async fn login(State(app): State<App>) -> impl IntoResponse {
     ([(header::CACHE_CONTROL, NO_STORE)], Json(LoginOutput { provider: app.login() }))
 }

@@ -219,15 +219,15 @@ fn projection_mean<S: ShapeSource>(
 }
 
 impl MeanShape {
-    /// The whitened representative of a mean `space`, with the placements that were found.
-    pub(super) fn in_space(space: &MeanSpace<'_>, metric: &Metric, whitened: Vec<f64>, found: Found) -> Self {
+    /// The mean of fits, whitened, with the placements that were found.
+    pub(super) fn fitted(metric: &Metric, whitened: Vec<f64>, found: Found) -> Self {
         Self {
             control_points: unwhitened(metric, &whitened),
             whitened,
-            gap: Some(space.gap),
-            unique: Some(space.is_unique()),
-            objective: Some(space.objective),
-            eigenvalues: space.eigenvalues.clone(),
+            eigenvalues: Vec::new(),
+            gap: None,
+            unique: None,
+            objective: None,
             shapes: found.placements.len(),
             rounds: found.rounds,
             converged: found.converged,
@@ -235,6 +235,17 @@ impl MeanShape {
             placements: found.placements,
             leading: found.leading,
             robust: None,
+        }
+    }
+
+    /// The whitened representative of a mean `space`, with the placements that were found.
+    pub(super) fn in_space(space: &MeanSpace<'_>, metric: &Metric, whitened: Vec<f64>, found: Found) -> Self {
+        Self {
+            gap: Some(space.gap),
+            unique: Some(space.is_unique()),
+            objective: Some(space.objective),
+            eigenvalues: space.eigenvalues.clone(),
+            ..Self::fitted(metric, whitened, found)
         }
     }
 }
@@ -287,21 +298,13 @@ pub(super) fn procrustes_mean<S: ShapeSource>(
     let placed = Placed { source, matching, placements: &placements };
     let disagreement = matching.disagreement(&placed, &Target::shape(&result.mean, fit, matching), true)?;
     let whitened = procrustes::turn(result.mean, fit, frame, metric, &placed)?;
-    Ok(MeanShape {
-        control_points: unwhitened(metric, &whitened),
-        whitened,
-        eigenvalues: Vec::new(),
-        gap: None,
-        unique: None,
-        objective: None,
-        shapes: source.count(),
-        rounds: rounds.max(result.iterations),
-        converged: converged && result.converged,
-        disagreement,
+    let found = Found {
         placements,
         leading: Vec::new(),
-        robust: None,
-    })
+        rounds: rounds.max(result.iterations),
+        converged: converged && result.converged,
+    };
+    Ok(MeanShape { disagreement, ..MeanShape::fitted(metric, whitened, found) })
 }
 
 /// A shape aligned to a mean.

@@ -38,7 +38,7 @@ use super::AnalysisError;
 use super::accumulate::{ScatterSum, ShapeSource, accumulate, map_shapes};
 use super::alignment::{
     AlignedShape, MeanShape, Method, REPORTED_EIGENVALUES, align_all_to, mean_shape, procrustes_mean,
-    searched, unwhitened,
+    searched,
 };
 use super::factors::{Estimator, Factors};
 use super::fit::Fit;
@@ -300,21 +300,9 @@ impl<S: ShapeSource> Task<'_, S> {
             let target = Target::shape(&mean, fit, matching);
             let disagreement = matching.disagreement(&placed, &target, true)?;
             let whitened = procrustes::turn(mean, fit, frame, metric, &weighted)?;
-            return Ok(MeanShape {
-                control_points: unwhitened(metric, &whitened),
-                whitened,
-                eigenvalues: Vec::new(),
-                gap: None,
-                unique: None,
-                objective: None,
-                shapes: source.count(),
-                rounds: found.rounds,
-                converged: found.converged && converged,
-                disagreement,
-                placements: found.placements,
-                leading: found.leading,
-                robust: Some(factors),
-            });
+            found.converged &= converged;
+            let mean = MeanShape::fitted(metric, whitened, found);
+            return Ok(MeanShape { disagreement, robust: Some(factors), ..mean });
         }
         unreachable!("the last round returns")
     }
