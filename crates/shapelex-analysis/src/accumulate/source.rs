@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use crate::AnalysisError;
-use crate::matching::Placement;
+use crate::matching::placement::Placement;
 use crate::metric::{Metric, norm};
 use crate::pass::Pass;
 use crate::subspace::{check_extent, flatten};

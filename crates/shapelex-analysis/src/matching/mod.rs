@@ -12,11 +12,13 @@
 //! placement wins, then the smallest shift, so rounding decides nothing.
 
 mod moving;
+pub mod placement;
 
 use std::borrow::Cow;
 
 pub use moving::Disagreement;
 use moving::MovedSurfaces;
+pub use placement::Placement;
 
 use super::AnalysisError;
 use super::accumulate::{MergePart, ShapeSource, Shapes, for_each_changed, map_shapes};
@@ -31,18 +33,6 @@ use shapelex_numeric::dense::Matrix;
 use shapelex_numeric::fft::{FftScratch, RealFft};
 use shapelex_numeric::kernels::largest;
 
-/// Placement of one shape on the mean: mirrored (first coordinate negated), then reversed (`u → −u`, end to end
-/// for open curves), then started at row `shift`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Placement {
-    /// Row at which a contour starts; on surfaces the [code](Motion::code) of the motion of its parameters.
-    pub shift: u32,
-    /// Whether the shape is traversed backwards.
-    pub reversed: bool,
-    /// Whether the first coordinate is negated.
-    pub mirrored: bool,
-}
-
 /// The placements to search for a set of shapes.
 #[derive(Debug, Clone)]
 pub struct Matching {
@@ -54,13 +44,6 @@ pub struct Matching {
     /// Whether reversal commutes with whitening, as it does on closed curves.
     commutes: bool,
     candidates: Vec<Placement>,
-}
-
-impl Placement {
-    /// Whether both differ at most in the start point.
-    pub(super) fn is_image_of(self, other: Self) -> bool {
-        (self.mirrored, self.reversed) == (other.mirrored, other.reversed)
-    }
 }
 
 /// Position of a shape that has moved, with its previous placement.
