@@ -41,7 +41,7 @@ export function Tabs({ label, tabs }: { label: string; tabs: [string, string][] 
 }
 
 /** Browsers name a lost connection in different words. */
-const isConnection = (error: Error): boolean => /fetch|network|load failed|connection/i.test(error.message);
+const lostConnection = (error: Error): boolean => /fetch|network|load failed|connection/i.test(error.message);
 
 /** A refusal in the words of the service, with each fault at its place; a sentence of the page; a lost connection; a fault of the page. */
 export function Fault({ error, retry }: { error: Error | undefined; retry?: () => void }) {
@@ -50,8 +50,8 @@ export function Fault({ error, retry }: { error: Error | undefined; retry?: () =
   const faults = problem?.errors ?? [];
   return (
     <div class="note bad" role="alert">
-      <strong>{problem ? problem.title : error instanceof Said ? error.message : isConnection(error) ? t.fault.connection : t.fault.page}</strong>
-      {!(error instanceof Said) && <p>{problem ? problem.detail : isConnection(error) ? t.fault.connectionHint : error.message}</p>}
+      <strong>{problem ? problem.title : error instanceof Said ? error.message : lostConnection(error) ? t.fault.connection : t.fault.page}</strong>
+      {!(error instanceof Said) && <p>{problem ? problem.detail : lostConnection(error) ? t.fault.connectionHint : error.message}</p>}
       {faults.length > 0 && !(faults.length === 1 && problem!.detail.includes(faults[0]!.detail)) && (
         <ul>
           {faults.slice(0, 20).map((fault) => <li><Place fault={fault} />{fault.detail}</li>)}
