@@ -192,6 +192,21 @@ test("a dictionary is learnt from the shapes that pass a filter", async () => {
   await page.context().close();
 });
 
+test("the modes of a dictionary are examined on request, and the answer is saved", async () => {
+  const page = await open(browser, service.address);
+  await page.goto(`${service.address}/app/dictionaries/treatment@1`);
+  await settled(page);
+  await page.getByRole("button", { name: "Examine" }).click();
+  const table = page.getByRole("table").filter({ hasText: "Generalisation" });
+  await table.waitFor();
+  assert.equal(await table.locator("tbody tr").count(), 10);
+  await page.getByText("120 shapes of 120 subjects").waitFor();
+  await accessible(page, "quality");
+  await screen(page, "quality");
+  assert.deepEqual(page.faults, []);
+  await page.context().close();
+});
+
 test("an upload with bad shapes names them by their line; a repeated one stores nothing twice", async () => {
   const page = await open(browser, service.address);
   await page.goto(`${service.address}/app/cohorts?new=yes`);

@@ -126,6 +126,7 @@ const OPERATIONS: &[(Needs, &[&str])] = &[
             "POST /v1/dictionaries",
             "POST /v1/dictionaries/import",
             "POST /v1/dictionaries/{dictionary}/assessments",
+            "POST /v1/dictionaries/{dictionary}/report",
             "POST /v1/distances",
             "POST /v1/jobs/{job}/cancel",
             "POST /v1/regressions",

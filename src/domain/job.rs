@@ -19,6 +19,8 @@ pub enum JobKind {
     Assess,
     /// Segments objects of an image.
     Segment,
+    /// Examines the modes of a dictionary.
+    Report,
 }
 
 impl JobKind {
@@ -31,6 +33,7 @@ impl JobKind {
             Self::Regress => "regress",
             Self::Assess => "assess",
             Self::Segment => "segment",
+            Self::Report => "report",
         }
     }
 }

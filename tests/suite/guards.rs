@@ -90,6 +90,7 @@ const OPERATIONS: &[&str] = &[
     "POST /v1/dictionaries/{dictionary}/encode",
     "POST /v1/dictionaries/{dictionary}/prior",
     "POST /v1/dictionaries/{dictionary}/reconstruct",
+    "POST /v1/dictionaries/{dictionary}/report",
     "POST /v1/dictionaries/{dictionary}/sample",
     "POST /v1/dictionaries/{dictionary}/score",
     "POST /v1/distances",

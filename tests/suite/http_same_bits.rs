@@ -85,6 +85,15 @@ fn answers(setting: Setting, threads: &str) -> Vec<(String, Vec<u8>)> {
         "method": {"kind": "functional_pca", "components": 5, "centre": true}});
     let done = finished(&server, &submit(&server, &body));
     found.push(("robust dictionary".into(), done["result"]["digest"].to_string().into()));
+    let components = json!({"kind": "functional_pca", "components": 5, "centre": true});
+    digest(&server, "reported", "cyclic", &components);
+    let measurements =
+        json!([{"name": "length", "measure": {"kind": "distance", "between": [0, 0.5]}, "values": [4]}]);
+    let body = json!({"draws": 100, "resamples": 30, "measurements": measurements});
+    let report = server.post("/v1/dictionaries/reported/report", &body).expect(200);
+    for part in ["mean_only", "modes", "learning_curve", "measurements"] {
+        found.push((format!("report, {part}"), report[part].to_string().into()));
+    }
     let search = json!({"shapes": [{"points": shapes[FEW]["points"]}], "neighbours": 20});
     let answer = server.post("/v1/cohorts/cyclic/search", &search).expect(200);
     let nearest = answer["results"][0]["neighbours"].as_array().unwrap();

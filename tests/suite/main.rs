@@ -31,6 +31,7 @@ mod http_limits;
 mod http_novelty;
 mod http_operations;
 mod http_prior;
+mod http_report;
 mod http_results;
 mod http_retries;
 mod http_retrieval;

@@ -154,6 +154,8 @@ pub struct MeanShape {
     pub whitened: Vec<f64>,
     /// Control points of the mean: `d·N` numbers, coordinate-major.
     pub control_points: Vec<f64>,
+    /// Orthonormal basis of the mean space, whitened, one element per column; `None` for Procrustes fits.
+    pub basis: Option<Matrix>,
     /// Leading eigenvalues of the mean operator; empty for Procrustes fits.
     pub eigenvalues: Vec<f64>,
     /// Eigenvalue gap of the mean space.
@@ -224,6 +226,7 @@ impl MeanShape {
         Self {
             control_points: unwhitened(metric, &whitened),
             whitened,
+            basis: None,
             eigenvalues: Vec::new(),
             gap: None,
             unique: None,
@@ -241,6 +244,7 @@ impl MeanShape {
     /// The whitened representative of a mean `space`, with the placements that were found.
     pub(super) fn in_space(space: &MeanSpace<'_>, metric: &Metric, whitened: Vec<f64>, found: Found) -> Self {
         Self {
+            basis: Some(space.elements()),
             gap: Some(space.gap),
             unique: Some(space.is_unique()),
             objective: Some(space.objective),

@@ -3,6 +3,7 @@
 use crate::accumulate::KEPT_BYTES;
 use crate::alignment::Method as Alignment;
 use crate::dictionary::method::Method;
+use crate::dictionary::report::{ReportOptions, report_bytes, report_work};
 use crate::dictionary::work::{EIGENPROBLEM, PRODUCT, Size};
 use crate::partial_sums::Measured;
 use crate::robust;
@@ -193,6 +194,21 @@ impl Estimate {
         let multiply_adds = self.multiply_adds * (1 + trainings) as f64;
         let memory_bytes = self.memory_bytes * if trainings > 0 { 3.0 } else { 1.0 };
         Self { multiply_adds, memory_bytes, seconds: multiply_adds / RATE, ..self }
+    }
+
+    /// Cost of the report card of a dictionary that was learnt from `shapes` shapes of `subjects` subjects.
+    pub fn for_report(
+        measured: Measured<'_>,
+        shapes: usize,
+        subjects: usize,
+        options: &ReportOptions,
+    ) -> Self {
+        let (length, k) = (measured.metric.len(), shapes as f64);
+        let n = length as f64;
+        let aligning = PRODUCT * k * class_size(measured) * n * n + 2.0 * READING * k * n;
+        let search = if measured.matching.searches() { mean_work(measured, k) / rounds(k) } else { 0.0 };
+        let work = aligning + search + report_work(measured.metric, shapes, subjects, options);
+        Self::of(shapes as u64, work, report_bytes(length, shapes, options) + 8.0 * k * n)
     }
 
     /// Cost of tests of shapes aligned to one mean.

@@ -225,21 +225,18 @@ impl<'a> MeanSpace<'a> {
         Ok(Self { class, bases, eigenvalues, gap, objective, weight: sum.weight, shapes: sum.shapes })
     }
 
-    /// The mean space of a sum, iterated from a mean space close to it. It has no certificate (no eigenvalues).
+    /// The mean space of a sum, iterated from a mean space close to it. It has no certificate (no eigenvalues). The sum may go on.
     ///
     /// # Errors
     /// A failure of the eigenproblem.
-    pub fn near(sum: ProjectorSum<'a>, previous: &Self) -> Result<Self, AnalysisError> {
-        let mut sum = sum.closed();
-        let bases: Option<Vec<Matrix>> = sum
-            .blocks
-            .iter_mut()
-            .zip(&previous.bases)
-            .map(|(block, near)| block.leading_subspace(near))
-            .collect();
+    pub fn near(sum: &mut ProjectorSum<'a>, previous: &Self) -> Result<Self, AnalysisError> {
+        let turned = sum.class.structure == Structure::Complex && !sum.closed;
+        let bases = sum.blocks.iter_mut().zip(&previous.bases);
+        let bases: Option<Vec<Matrix>> =
+            bases.map(|(block, near)| block.leading_subspace(near, turned)).collect();
         match bases {
             Some(bases) => Ok(Self { bases, eigenvalues: Vec::new(), ..previous.clone() }),
-            None => Self::new(sum, 0),
+            None => Self::new(sum.clone(), 0),
         }
     }
 

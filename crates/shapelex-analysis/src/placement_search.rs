@@ -191,11 +191,11 @@ where
         let moved = search.improve(&space, &mut found.placements)?;
         found.converged = moved.is_empty();
         if !found.converged {
-            let next = match exchanged(search, &found.placements[..source.count()], &moved, sum.take())? {
+            let mut next = match exchanged(search, &found.placements[..source.count()], &moved, sum.take())? {
                 Some(sum) => sum,
                 None => search.sum(&found.placements)?,
             };
-            space = MeanSpace::near(next.clone(), &space)?;
+            space = MeanSpace::near(&mut next, &space)?;
             sum = Some(next);
         }
     }

@@ -37,6 +37,12 @@ pub struct Distances {
 /// Gauss nodes per interval between knots: exact for products of two generators.
 const NODES: usize = 12;
 
+/// Gauss nodes of a whole curve from which [`symmetric`] is as accurate as it says, with at least [`FEWEST`] per half-segment.
+const SPREAD: usize = 600;
+
+/// Fewest Gauss nodes per half-segment.
+const FEWEST: usize = 3;
+
 /// Start points per half-segment in the search for farthest points.
 const STARTS: usize = 8;
 
@@ -67,7 +73,7 @@ impl Distances {
         let points = (r.halves() + s.halves()) * (NODES + STARTS + 1);
         let share = (stretches / points).clamp(SHARE[0], SHARE[1]);
         let [to_s, to_r] = [&s, &r].map(|curve| Nearest::new(curve, share, stop));
-        let there = [mean_square(&r, &to_s), mean_square(&s, &to_r)];
+        let there = [mean_square(&r, &to_s, NODES), mean_square(&s, &to_r, NODES)];
         let farthest = [farthest(&r, &to_s), farthest(&s, &to_r)];
         let accuracy = there.iter().chain(&farthest).map(|found| found.accuracy).fold(0.0, f64::max);
         Self {
@@ -78,6 +84,18 @@ impl Distances {
             stretches: there.iter().chain(&farthest).map(|found| found.stretches).sum(),
         }
     }
+}
+
+/// Root mean square distance of two curves as sets of points, over both directions, in the unit of their points:
+/// [`Distances::symmetric`] alone, to about 1e-5 relative, with as many quadrature nodes as this needs. Cost: `O(M_r M_s)` box tests.
+pub fn symmetric(r: &Curve, s: &Curve) -> f64 {
+    let unit = Curve::unit(&[r, s]);
+    let [r, s] = [r, s].map(|curve| curve.scaled(unit.recip()));
+    let [to_s, to_r] = [&s, &r].map(|curve| Nearest::new(curve, SHARE[0], &never));
+    let nodes = |curve: &Curve| SPREAD.div_ceil(curve.halves()).clamp(FEWEST, NODES);
+    let squares =
+        [mean_square(&r, &to_s, nodes(&r)), mean_square(&s, &to_r, nodes(&s))].map(|found| found.square);
+    unit * (0.5 * (squares[0] + squares[1])).sqrt()
 }
 
 /// A squared distance, with the possible error of the distance.
@@ -96,15 +114,16 @@ impl Found {
     }
 }
 
-/// `∫ d(r, S)² dℓ / L`.
-fn mean_square(from: &Curve, to: &Nearest<'_>) -> Found {
-    let rule = GaussLegendre::new(NODES);
+/// `∫ d(r, S)² dℓ / L`, by `nodes` Gauss nodes per half-segment.
+fn mean_square(from: &Curve, to: &Nearest<'_>, nodes: usize) -> Found {
+    let rule = GaussLegendre::new(nodes);
     let on_half = |half: usize| {
-        rule.points().fold((Found::default(), 0.0), |(sum, length), (node, weight)| {
-            let piece = weight * norm(&point(from, half, node, 1));
-            let found = to.square(&point(from, half, node, 0));
+        rule.points().fold((Found::default(), 0.0), |(sum, total), (node, weight)| {
+            let [position, tangent, _] = taylor(from, half, node);
+            let piece = weight * length(&tangent);
+            let found = to.square(&position);
             let square = sum.square + piece * found.square;
-            (Found { square, ..sum }.after(found), length + piece)
+            (Found { square, ..sum }.after(found), total + piece)
         })
     };
     // Summed in order, so that the result does not depend on threads.
@@ -115,8 +134,22 @@ fn mean_square(from: &Curve, to: &Nearest<'_>) -> Found {
     if length > 0.0 {
         Found { square: sum.square / length, ..sum }
     } else {
-        to.square(&point(from, 0, 0.0, 0)).after(sum)
+        let [position, ..] = taylor(from, 0, 0.0);
+        to.square(&position).after(sum)
     }
+}
+
+/// `r`, `dr/ds` and `d²r/ds²` on one half-segment.
+fn taylor(curve: &Curve, half: usize, s: f64) -> [Vector; 3] {
+    let [mut r, mut v, mut a] = [[0.0; 3]; 3];
+    for c in 0..curve.dimension() {
+        for coefficient in curve.polynomial(half, c).iter().rev() {
+            a[c] = a[c] * s + 2.0 * v[c];
+            v[c] = v[c] * s + r[c];
+            r[c] = r[c] * s + coefficient;
+        }
+    }
+    [r, v, a]
 }
 
 /// `(∫₀¹ |r − s|² du)^½`, exact to rounding, by Gauss rules between the knots of both curves.
@@ -143,14 +176,6 @@ pub fn l2(r: &Curve, s: &Curve) -> f64 {
     sum.sqrt()
 }
 
-fn point(curve: &Curve, half: usize, s: f64, derivative: usize) -> Vec<f64> {
-    (0..curve.dimension()).map(|c| curve.derivative_at(half, c, s, derivative)).collect()
-}
-
-fn norm(v: &[f64]) -> f64 {
-    v.iter().map(|x| x * x).sum::<f64>().sqrt()
-}
-
 /// Maximum number of local maxima between start points that are refined: those that may exceed the best so far, in order.
 /// Distances that are not almost constant have some ten.
 const MAXIMA: usize = 256;
@@ -160,7 +185,7 @@ const MAXIMA: usize = 256;
 fn farthest(r: &Curve, to: &Nearest<'_>) -> Found {
     let step = 2.0 / STARTS as f64;
     let place = |i: usize| -1.0 + i as f64 * step;
-    let value = |half: usize, s: f64| to.square(&point(r, half, s, 0));
+    let value = |half: usize, s: f64| to.square(&taylor(r, half, s)[0]);
     let on_half = |half: usize| -> [Found; STARTS + 1] { std::array::from_fn(|i| value(half, place(i))) };
     let found: Vec<[Found; STARTS + 1]> = (0..r.halves()).into_par_iter().map(on_half).collect();
     let larger =
@@ -265,6 +290,8 @@ struct Search<'a> {
     patience: Patience<'a>,
     best: f64,
     accuracy: f64,
+    /// Stretches of the present half-segment that may be nearer, each its middle and radius.
+    pending: Vec<(f64, f64)>,
 }
 
 /// Error of a nearest distance, relative to the diagonal of the box of its half-segment.
@@ -320,23 +347,21 @@ impl<'a> Nearest<'a> {
     }
 
     /// `d(p, S)²`.
-    fn square(&self, p: &[f64]) -> Found {
+    fn square(&self, target: &Vector) -> Found {
         if (self.stop)() {
             return Found::default();
         }
-        let mut target = [0.0; 3];
-        target[..p.len()].copy_from_slice(p);
-        let mut search =
-            Search { patience: Patience::new(self.share, self.stop), best: f64::MAX, accuracy: 0.0 };
-        let first = self.nearest_box(&target);
-        self.on_half(first, &target, &mut search);
+        let patience = Patience::new(self.share, self.stop);
+        let mut search = Search { patience, best: f64::MAX, accuracy: 0.0, pending: Vec::new() };
+        let first = self.nearest_box(target);
+        self.on_half(first, target, &mut search);
         for (block, bounds) in self.blocks.iter().enumerate() {
-            if square_to_box(bounds, &target) >= search.best * search.best {
+            if square_to_box(bounds, target) >= search.best * search.best {
                 continue;
             }
             for half in self.halves_of(block).filter(|&half| half != first) {
-                if square_to_box(&self.boxes[half], &target) < search.best * search.best {
-                    self.on_half(half, &target, &mut search);
+                if square_to_box(&self.boxes[half], target) < search.best * search.best {
+                    self.on_half(half, target, &mut search);
                 }
             }
         }
@@ -378,8 +403,9 @@ impl<'a> Nearest<'a> {
     /// Where it hardly changes, the tangent excludes only tiny stretches, so the squared distance itself is bounded instead.
     fn on_half(&self, half: usize, target: &Vector, search: &mut Search<'_>) {
         let (bend, own) = (self.bends[half], self.tolerance(half, target));
-        let (mut pending, mut stretches, mut square_bend) = (vec![(0.0, 1.0)], 0, f64::INFINITY);
-        while let Some((middle, radius)) = pending.pop() {
+        let (mut stretches, mut square_bend) = (0, f64::INFINITY);
+        search.pending.push((0.0, 1.0));
+        while let Some((middle, radius)) = search.pending.pop() {
             search.patience.step();
             let tolerance = own * search.patience.factor();
             stretches += 1;
@@ -387,7 +413,7 @@ impl<'a> Nearest<'a> {
                 square_bend = self.square_bend(half, target);
             }
             let slack = 0.5 * bend * radius * radius;
-            let [position, tangent, _] = self.taylor(half, middle);
+            let [position, tangent, _] = taylor(self.curve, half, middle);
             let away = combine(&position, -1.0, target);
             let (distance, slope) = (length(&away), length(&tangent));
             let step = if slope > 0.0 { -dot(&away, &tangent) / (slope * slope) } else { 0.0 };
@@ -407,12 +433,12 @@ impl<'a> Nearest<'a> {
                 search.best = search.best.min(found);
                 continue;
             }
-            let [there, ..] = self.taylor(half, middle + step);
+            let [there, ..] = taylor(self.curve, half, middle + step);
             search.best = search.best.min(length(&combine(&there, -1.0, target)));
             // Ends where 2 · slack falls below the tolerance.
             if least < search.best - tolerance {
                 let quarter = 0.5 * radius;
-                pending.extend([(middle - quarter, quarter), (middle + quarter, quarter)]);
+                search.pending.extend([(middle - quarter, quarter), (middle + quarter, quarter)]);
             }
         }
         search.accuracy = search.accuracy.max(own * search.patience.factor());
@@ -440,31 +466,18 @@ impl<'a> Nearest<'a> {
         const STEPS: usize = 12;
         let mut best = f64::MAX;
         for _ in 0..STEPS {
-            let [position, tangent, bend] = self.taylor(half, s);
+            let [position, tangent, bend] = taylor(self.curve, half, s);
             let away = combine(&position, -1.0, target);
             best = best.min(length(&away));
             let next = s - dot(&away, &tangent) / (dot(&tangent, &tangent) + dot(&away, &bend));
             let next = next.clamp(low, high);
-            if (next - s).abs() <= 1e-9 {
-                // The square is flat here: the remaining error in s has no effect.
-                let [position, ..] = self.taylor(half, next);
+            if (next - s).abs() <= 1e-6 {
+                // The error of `next` is of the order of the square of this step, and the squared distance is flat there.
+                let [position, ..] = taylor(self.curve, half, next);
                 return best.min(length(&combine(&position, -1.0, target)));
             }
             s = next;
         }
         best
-    }
-
-    /// `r`, `dr/ds` and `d²r/ds²` on one half-segment.
-    fn taylor(&self, half: usize, s: f64) -> [Vector; 3] {
-        let [mut r, mut v, mut a] = [[0.0; 3]; 3];
-        for c in 0..self.curve.dimension() {
-            for coefficient in self.curve.polynomial(half, c).iter().rev() {
-                a[c] = a[c] * s + 2.0 * v[c];
-                v[c] = v[c] * s + r[c];
-                r[c] = r[c] * s + coefficient;
-            }
-        }
-        [r, v, a]
     }
 }

@@ -302,7 +302,7 @@ pub fn iterate_subspace(apply: impl Fn(&Matrix) -> Matrix, near: &Matrix) -> Opt
 }
 
 /// Size up to which the full solver is faster than, or close to, the partial one.
-const FULL_SOLVER_SIZE: usize = 96;
+pub const FULL_SOLVER_SIZE: usize = 96;
 
 /// The `count` leading eigenpairs of the symmetric matrix in the lower triangle of `s`.
 ///

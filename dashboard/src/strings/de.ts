@@ -140,6 +140,8 @@ export const de: Strings = {
     origin: "Herkunft", filter: "Filter", program: "Programm", digest: "Prüfsumme", originHint: "Dieselben Formen und Einstellungen ergeben dieselbe Prüfsumme: Alle können das wiederholen.", classes: "Klassen", class: "Klasse", noClasses: "Dieses Wörterbuch wurde ohne Klassen gelernt. Lernen Sie eines, das eine Bezeichnung unterscheidet.",
     accuracyText: (value, low, high, majority) => `${value} der Formen, aus denen nicht gelernt wurde, werden richtig eingeordnet (95-%-Intervall ${low} bis ${high}). Immer die häufigste Klasse zu nennen, träfe zu ${majority}.`,
     confusion: "Zeilen: wahre Klasse. Spalten: vorhergesagte Klasse.", recall: "Gefunden", folds: (folds, repeats) => `Aus ${repeats} Wiederholungen der Kreuzvalidierung in ${folds} Teilen.`,
+    quality: "Wie gut die Moden Formen beschreiben", qualityHint: "Fehler an Formen, aus denen nicht gelernt wurde, Abstände zufälliger Formen zu echten, und wie sehr die Moden von der Wahl der Personen abhängen.", examine: "Untersuchen", distance: "Abstand", generalisation: "Verallgemeinerung", specificity: "Spezifität", angle: "Winkel bei Neuziehung",
+    errorsAlt: (values) => `Fehler ausgelassener Formen nach Zahl der Moden: ${values}`, qualityCaption: (shapes, subjects) => `${shapes} Formen von ${subjects} Personen, jede Person einmal ausgelassen. Fallende Linie: Verallgemeinerung, der Fehler ausgelassener Formen. Steigende Linie: Spezifität, der Abstand zufälliger Formen zur nächsten echten. In Klammern: Intervalle, die 95 % überdecken.`,
   },
   modes: {
     sliders: "Moden der Variation", mode: (number) => `Mode ${number}`, reset: "Zurücksetzen", play: "Abspielen", stop: "Anhalten", hint: "σ ist die Standardabweichung einer Mode unter den Formen. Kombinationen jenseits von ±2 σ sind selten.",
@@ -167,7 +169,7 @@ export const de: Strings = {
   jobs: {
     lead: "Lange Arbeiten, während sie laufen. Sie gehen weiter, wenn Sie die Seite verlassen, auch nach einem Neustart des Dienstes.", live: "verbunden", offline: "nicht verbunden", status: "Status", all: "alle", none: "Keine Aufträge.", work: "Arbeit", progress: "Fortschritt", begun: "Begonnen", duration: "Dauer", running: "Wird berechnet …",
     left: (seconds) => `noch etwa ${seconds} s`, cancelled: "Der Auftrag wird abgebrochen.", states: { queued: "wartet", running: "läuft", succeeded: "fertig", failed: "fehlgeschlagen", cancelled: "abgebrochen" },
-    kinds: { learn_dictionary: "Lernen eines Wörterbuchs", distances: "Abstände", compare: "Vergleich von Gruppen", regress: "Regression", assess: "Beurteilung einer Kohorte", segment: "Segmentierung" },
+    kinds: { learn_dictionary: "Lernen eines Wörterbuchs", distances: "Abstände", compare: "Vergleich von Gruppen", regress: "Regression", assess: "Beurteilung einer Kohorte", segment: "Segmentierung", report: "Zeugnis eines Wörterbuchs" },
   },
   console: {
     lead: "Jede Anfrage dieser Seite kann auch ein Programm stellen. Füllen Sie eine aus, senden Sie sie, kopieren Sie sie.", operation: "Anfrage", optional: (count) => `${count} weitere Einstellungen`, body: "Inhalt", send: "Senden", copy: "Als Programm", answer: "Antwort",

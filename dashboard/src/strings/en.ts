@@ -137,6 +137,8 @@ export const en = {
     origin: "Where it comes from", filter: "Filter", program: "Program", digest: "Digest", originHint: "The same shapes and settings give the same digest: anyone can repeat this.", classes: "Classes", class: "Class", noClasses: "This dictionary was learnt without classes. Learn one that tells a label apart to get them.",
     accuracyText: (value: string, low: string, high: string, majority: string) => `${value} of shapes that were not learnt from are classified correctly (95 % interval ${low} to ${high}). Always naming the most frequent class would reach ${majority}.`,
     confusion: "Rows: true class. Columns: predicted class.", recall: "Found", folds: (folds: number, repeats: number) => `From ${repeats} repetitions of cross-validation in ${folds} parts.`,
+    quality: "How well the modes describe shapes", qualityHint: "Errors on shapes that were not learnt from, distances of random shapes to real ones, and how much the modes depend on the choice of subjects.", examine: "Examine", distance: "Distance", generalisation: "Generalisation", specificity: "Specificity", angle: "Angle when resampled",
+    errorsAlt: (values: string) => `Errors of left-out shapes by number of modes: ${values}`, qualityCaption: (shapes: number, subjects: number) => `${shapes} shapes of ${subjects} subjects, each subject left out once. Falling line: generalisation, the error of left-out shapes. Rising line: specificity, the distance of random shapes to the nearest real one. In brackets: intervals that cover 95 %.`,
   },
   modes: {
     sliders: "Modes of variation", mode: (number: number) => `Mode ${number}`, reset: "Reset", play: "Play", stop: "Stop", hint: "σ is the standard deviation of a mode among the shapes. Combinations beyond ±2 σ are rare.",
@@ -164,7 +166,7 @@ export const en = {
   jobs: {
     lead: "Long work, as it happens. It goes on when you leave, and after a restart of the service.", live: "live", offline: "not connected", status: "Status", all: "all", none: "No jobs.", work: "Work", progress: "Progress", begun: "Begun", duration: "Duration", running: "Computing …",
     left: (seconds: string) => `about ${seconds} s left`, cancelled: "The job is being cancelled.", states: { queued: "waiting", running: "running", succeeded: "done", failed: "failed", cancelled: "cancelled" },
-    kinds: { learn_dictionary: "Learning a dictionary", distances: "Distances", compare: "Comparison of groups", regress: "Regression", assess: "Assessment of a cohort", segment: "Segmentation" },
+    kinds: { learn_dictionary: "Learning a dictionary", distances: "Distances", compare: "Comparison of groups", regress: "Regression", assess: "Assessment of a cohort", segment: "Segmentation", report: "Report card of a dictionary" },
   },
   console: {
     lead: "Every request that this page makes can be made by a program. Fill one in, send it, copy it.", operation: "Request", optional: (count: number) => `${count} optional settings`, body: "Body", send: "Send", copy: "As a program", answer: "Answer",

@@ -2,6 +2,7 @@
 import type { ComponentChildren } from "preact";
 import { useState } from "preact/hooks";
 import { get, post, remove, type Schemas } from "../api/client";
+import { settled } from "../api/jobs";
 import { Chart } from "../parts/chart";
 import { Dialog, Download, Fault, Loading, Page, Picture, WITH_NUMBERS, Tabs, announce } from "../parts/basic";
 import { useAction, useLoaded } from "../hooks";
@@ -10,6 +11,7 @@ import { box, evaluated, inPlane, isClosed, isDots, upright, type Points } from 
 import { Shape } from "../parts/shape";
 import { count, number, percent, t, time } from "../strings";
 import { nameOf } from "./cohort";
+import { Progress } from "./compare";
 
 export type About = Schemas["DictionaryOutput"];
 
@@ -84,6 +86,7 @@ function ReportCard({ about }: { about: About }) {
           </figure>
         ) : null}
         {validation && about.classifier && <Classifier classifier={about.classifier} />}
+        {explained.length > 0 && <Quality about={about} />}
         <section class="card">
           <h2>{t.report.origin}</h2>
           <dl class="facts">
@@ -100,6 +103,46 @@ function ReportCard({ about }: { about: About }) {
       </div>
     </>
   );
+}
+
+type Quality = Schemas["DictionaryReport"];
+
+/** Generalisation, specificity and stability, on request: they take a moment. */
+function Quality({ about }: { about: About }) {
+  const [asked, setAsked] = useState(false);
+  const [part, setPart] = useState<number | null>(null);
+  const path = "/v1/dictionaries/{dictionary}/report";
+  const found = useLoaded(asked ? about.id : null, async (signal) => settled<Quality>((await post(path, { path: { dictionary: about.id }, body: {}, headers: { prefer: "wait=5" }, signal })) as Quality, signal, (job) => setPart(job.progress)));
+  const data = found.data;
+  const unit = data?.length_unit ? ` (${data.length_unit})` : "";
+  return (
+    <figure class="card">
+      <h2>{t.report.quality}</h2>
+      {!asked && <><p class="quiet">{t.report.qualityHint}</p><button class="main" onClick={() => setAsked(true)}>{t.report.examine}</button></>}
+      <Fault error={found.error} retry={found.reload} />
+      {found.loading && <Progress part={part} />}
+      {data && (
+        <>
+          <Chart x={data.modes.map((mode) => mode.component)} height={220} range={[0, null]} xLabel={t.words.component} yLabel={`${t.report.distance}${unit}`} describe={t.report.errorsAlt(data.modes.map((mode) => number(mode.generalisation.value, 3)).join(", "))}
+            lines={[{ label: t.report.generalisation, values: data.modes.map((mode) => mode.generalisation.value) }, { label: t.report.specificity, values: data.modes.map((mode) => mode.specificity.value), colour: "plus" }]} />
+          <div class="scroll" tabIndex={0}>
+            <table>
+              <thead><tr><th scope="col">{t.words.component}</th><th scope="col">{t.report.generalisation}{unit}</th><th scope="col">{t.report.specificity}{unit}</th><th scope="col">{t.report.angle}</th></tr></thead>
+              <tbody>{data.modes.map((mode) => <tr key={mode.component}><th scope="row">{mode.component}</th><td>{between(mode.generalisation)}</td><td>{between(mode.specificity)}</td><td>{mode.angle_deg ? `${number(mode.angle_deg.median, 1)}°` : "–"}</td></tr>)}</tbody>
+            </table>
+          </div>
+          <figcaption>{t.report.qualityCaption(data.shape_count, data.subject_count)}</figcaption>
+          {data.warnings.map((warning) => <p class="small quiet" key={warning}>{warning}</p>)}
+          <Download name={`${about.name}-${about.version}-report`} source={{ method: "POST", path: `/v1/dictionaries/${encodeURIComponent(about.id)}/report`, body: {} }} formats={WITH_NUMBERS} />
+        </>
+      )}
+    </figure>
+  );
+}
+
+/** A value with its interval. */
+function between({ value, low, high }: Schemas["Interval"]): string {
+  return typeof low === "number" && typeof high === "number" ? `${number(value, 3)} (${number(low, 3)} – ${number(high, 3)})` : number(value, 3);
 }
 
 function Classifier({ classifier }: { classifier: NonNullable<About["classifier"]> }) {

@@ -28,6 +28,7 @@ mod pictures;
 mod planned;
 mod prior;
 mod regressions;
+mod report;
 mod request_macros;
 mod retrieval;
 mod segment;
@@ -118,6 +119,7 @@ pub(super) fn computing_routes() -> OpenApiRouter<App> {
         .routes(routes!(coding::score))
         .routes(routes!(coding::prior))
         .routes(routes!(coding::sample))
+        .routes(routes!(report::dictionary_report))
         .routes(routes!(comparisons::compare))
         .routes(routes!(regressions::regress))
         .routes(routes!(retrieval::job_output))

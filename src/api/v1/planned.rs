@@ -50,7 +50,7 @@ pub(super) async fn answer_study<B: StudyBody>(
 }
 
 /// Answers small tests inline. Others become a job: returns its result if it is ready within the client's `wait`, else the job.
-async fn answered<T: PlannedTest>(
+pub(super) async fn answered<T: PlannedTest>(
     app: App,
     test: T,
     format: Format,

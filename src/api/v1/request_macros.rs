@@ -179,6 +179,10 @@ pub(super) struct ShapeOutput {
 pub(super) struct MeanOutput {
     /// Mean shape; of unit `L₂` norm except under `rigid` and `translation`.
     pub(super) mean: ShapeOutput,
+    /// Basis of the mean space, orthonormal in `L₂`: the mean and all its images under the class are combinations of these shapes.
+    /// Absent unless `basis` is true, and for Procrustes alignment.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) basis: Option<Vec<ShapeOutput>>,
     /// Leading eigenvalues of the weighted sum of projectors, with multiplicity. Divided by the total weight they are
     /// mean squared cosines between the mean space and the shapes. Empty for Procrustes alignment.
     pub(super) eigenvalues: Vec<f64>,
@@ -277,6 +281,7 @@ impl MeanOutput {
             mean: ShapeOutput {
                 control_points: Points::from_columns(mean.control_points.clone(), dimension),
             },
+            basis: None,
             eigenvalues: mean.eigenvalues.clone(),
             gap: mean.gap,
             unique: mean.unique,

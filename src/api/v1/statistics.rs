@@ -20,6 +20,7 @@ use crate::formats::checked::{Checked, take_given, take_or_default};
 use crate::formats::fault::Fault;
 use crate::formats::picture::PictureFile;
 use crate::formats::shape::{Points, ShapeInput};
+use crate::numeric::dense::Matrix;
 use crate::service::app::{App, Limits, ServiceError};
 use crate::service::cost::requests::{self, Counts};
 use crate::service::shapes::draw::MAX_DRAWN;
@@ -57,6 +58,9 @@ settings_request! {
         /// Default: false.
         #[schema(value_type = Option<bool>)]
         robust: Checked<bool>;
+        /// Whether to answer a basis of the mean space too. Default: false.
+        #[schema(value_type = Option<bool>)]
+        basis: Checked<bool>;
     }
 }
 
@@ -165,11 +169,11 @@ pub(super) async fn mean(
     OnlyShapeFormat(format): OnlyShapeFormat,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    let write = |statistics: &Statistics| json(StatusCode::OK, &mean_output(statistics));
+    let write = |statistics: &Statistics, basis: bool| json(StatusCode::OK, &mean_output(statistics, basis));
     match format {
         ShapeFormat::Plain(format) => answer(app, format, body, write).await,
         ShapeFormat::Mesh(format, grid) => {
-            let mesh = move |Statistics { setup, mean, .. }: &Statistics| {
+            let mesh = move |Statistics { setup, mean, .. }: &Statistics, _: bool| {
                 mesh(&setup.space, &mean.control_points, format, grid)
             };
             answer(app, Format::Json, body, mesh).await
@@ -177,17 +181,19 @@ pub(super) async fn mean(
     }
 }
 
-/// Aligns the shapes of a request and returns a drawing, or the response that `write` makes.
+/// Aligns the shapes of a request and returns a drawing, or the response that `write` makes, with or without a basis of the mean
+/// space.
 async fn answer(
     app: App,
     format: Format,
     body: Bytes,
-    write: impl Fn(&Statistics) -> Result<Response, ServiceError> + Send + 'static,
+    write: impl Fn(&Statistics, bool) -> Result<Response, ServiceError> + Send + 'static,
 ) -> Result<Response, Problem> {
     compute_planned(app, body, move |app, body| {
         let (mut request, mut errors) = (app.parse::<StatisticsRequest>(body)?, Vec::new());
         let (settings, shapes) = request.take_settings(&mut errors);
         let robust = take_or_default(request.robust, "/robust", &mut errors);
+        let basis = take_or_default(request.basis, "/basis", &mut errors).unwrap_or_default();
         let (settings, shapes) = checked(by(settings, robust), errors, shapes)?;
         let settings = settings.checked(&app.limits)?;
         let counts = Counts::new(&settings.representation, shapes.len(), &app.limits);
@@ -197,7 +203,7 @@ async fn answer(
             let statistics = statistics::align(app, settings, shapes)?;
             match format {
                 Format::Picture(file) => draw(&statistics, &file),
-                Format::Json => write(&statistics),
+                Format::Json => write(&statistics, basis),
             }
         })
     })
@@ -210,8 +216,18 @@ fn by(settings: Option<Settings>, robust: Option<bool>) -> Option<Settings> {
     Some(Settings { estimator: Estimator::robust(robust), ..settings })
 }
 
-fn mean_output(statistics: &Statistics) -> MeanOutput {
-    MeanOutput::new(&statistics.mean, statistics.setup.metric.dimension())
+fn mean_output(statistics: &Statistics, basis: bool) -> MeanOutput {
+    let Statistics { setup, mean, .. } = statistics;
+    let basis = mean.basis.as_ref().filter(|_| basis).map(|basis| elements(setup, basis));
+    MeanOutput { basis, ..MeanOutput::new(mean, setup.metric.dimension()) }
+}
+
+/// Shapes in the columns of a whitened matrix.
+fn elements(setup: &Setup, whitened: &Matrix) -> Vec<ShapeOutput> {
+    let element = |column: &[f64]| ShapeOutput {
+        control_points: Points::from_columns(unwhitened(&setup.metric, column), setup.metric.dimension()),
+    };
+    whitened.as_slice().chunks_exact(setup.metric.len()).map(element).collect()
 }
 
 fn draw(statistics: &Statistics, file: &PictureFile) -> Result<Response, ServiceError> {
@@ -318,9 +334,9 @@ pub(super) async fn align(
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
     let aligner = app.clone();
-    answer(app, format, body, move |statistics| {
+    answer(app, format, body, move |statistics, basis| {
         let aligned = aligned_output(&aligner, statistics)?;
-        let answer = AlignAnswer { mean: mean_output(statistics), aligned };
+        let answer = AlignAnswer { mean: mean_output(statistics, basis), aligned };
         json(StatusCode::OK, &answer)
     })
     .await
@@ -359,7 +375,7 @@ pub(super) struct PcaAnswer {
 
 impl PcaAnswer {
     fn new(statistics: &Statistics, pca: Components, aligned: Option<Vec<AlignedOutput>>) -> Self {
-        Self { mean: mean_output(statistics), pca: PcaOutput::new(statistics, pca), aligned }
+        Self { mean: mean_output(statistics, false), pca: PcaOutput::new(statistics, pca), aligned }
     }
 }
 

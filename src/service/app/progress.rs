@@ -173,6 +173,21 @@ fn done(count: f64) -> f64 {
     1.0 - left * ((PROPORTIONAL - count) / left).exp()
 }
 
+/// Counts the work of a computation, and stops it with its job.
+impl Watch for Meter {
+    fn stop(&self) -> bool {
+        self.context.is_cancelled()
+    }
+
+    fn worked(&self, count: usize) {
+        self.worked(count);
+    }
+
+    fn progress(&self, fraction: f64) {
+        self.reached(fraction);
+    }
+}
+
 /// Stops a computation; its phases are not reported.
 impl Watch for JobContext {
     fn stop(&self) -> bool {

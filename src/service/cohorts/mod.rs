@@ -5,6 +5,7 @@
 //! * [`corrections`] — attributes of shapes changed, shapes deleted by a filter, subjects erased;
 //! * [`upload`] — streams of shapes into a cohort; [`example`] — the example cohort of an empty store;
 //! * [`source`] — shapes of a cohort at one revision, as a source for statistics;
+//! * [`selection`] — control points of selected shapes, in the order of their descriptions;
 //! * `measures` — measures of shapes that arrive;
 //! * [`attributes`] — labels of shapes, addressed by their names in requests;
 //! * [`live_mean`] — mean of a cohort at its current revision; `placements` — where its search begins.
@@ -17,6 +18,7 @@ pub mod example;
 pub mod live_mean;
 pub(crate) mod measures;
 pub(crate) mod placements;
+pub mod selection;
 pub mod source;
 pub mod trash;
 pub mod upload;

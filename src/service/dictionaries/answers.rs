@@ -1,6 +1,6 @@
 //! What dictionaries answer about shapes, as it is written: codes, classes, novelty, assessments.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::coding;
 use super::ready::Ready;
@@ -13,7 +13,7 @@ use crate::domain::dictionary::Listed;
 use crate::numeric::dense::Matrix;
 
 /// The version of a dictionary that an answer was computed with.
-#[derive(Debug, Clone, Serialize, utoipa::ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct UsedDictionary {
     /// Identifier.
     pub id: String,

@@ -27,4 +27,5 @@ pub mod pictures;
 pub mod plan;
 pub mod planning;
 pub mod ready;
+pub mod report;
 pub mod stored_assessments;

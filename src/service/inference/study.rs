@@ -7,7 +7,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use tokio::runtime::Handle;
 
-use super::sample::{Selection, cohort_at};
+use super::sample::cohort_at;
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::Mirror;
 use crate::analysis::estimate::{Estimate, TestWork, alignment_stage};
@@ -26,6 +26,7 @@ use crate::geometry::drawing::scene::Drawing;
 use crate::service::app::progress::{JobContext, Meter, Part};
 use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::catalogue;
+use crate::service::cohorts::selection::Selection;
 use crate::service::cost::requests;
 use crate::service::jobs::inline_or_job::PlannedTest;
 use crate::service::statistics::{Settings, Setup};
@@ -226,14 +227,14 @@ impl<K: StudyKind> Study<K> {
         Ok(Self { plan, cohort, setup, sample, estimate })
     }
 
-    /// Watch of the alignment, which counts passes, and of the tests, which report their fraction.
-    fn measured<'a>(&self, context: &'a JobContext) -> Measured<'a> {
+    /// Progress of the alignment, which counts passes, and of the tests, which report their fraction.
+    fn meter(&self, context: &JobContext) -> Meter {
         let shapes = usize::try_from(self.estimate.shapes).unwrap_or(usize::MAX);
         let alignment = alignment_stage(self.setup.measured(), shapes);
         let count = alignment.passes * shapes as f64;
         let rest = (self.estimate.multiply_adds - alignment.multiply_adds).max(0.0);
         let parts = vec![Part { work: alignment.multiply_adds, count }, Part { work: rest, count: f64::MAX }];
-        Measured { context, meter: Meter::new(context, parts, 0.0) }
+        Meter::new(context, parts, 0.0)
     }
 
     /// The space of the study.
@@ -263,40 +264,20 @@ impl<K: StudyKind> PlannedTest for Study<K> {
 
     fn answer(&self, app: &App, handle: &Handle, context: &JobContext) -> Result<K::Record, ServiceError> {
         let stop = || context.is_cancelled();
-        let measured = self.measured(context);
-        measured.meter.enter(0, "align");
+        let meter = self.meter(context);
+        meter.enter(0, "align");
         let (selection, space) = (self.sample.selection(), self.space());
         let (control_points, weights) =
             selection.read(app, handle, &self.cohort, space.metric.len(), &stop)?;
-        let aligned = AlignedShapes::new(space, control_points, weights, &measured);
+        let aligned = AlignedShapes::new(space, control_points, weights, &meter);
         let aligned =
             aligned.map_err(|error| selection.named(refused(error, "/cohort"), &self.cohort.spec.name))?;
-        measured.meter.enter(1, K::PHASE);
-        K::result(self, &aligned, &measured)
+        meter.enter(1, K::PHASE);
+        K::result(self, &aligned, &meter)
     }
 
     fn draw(&self, answer: &K::Record) -> Drawing {
         self.setup.in_scale(K::draw(self, answer), self.cohort.spec.length_unit.as_deref())
-    }
-}
-
-/// Watch of a study.
-struct Measured<'a> {
-    context: &'a JobContext,
-    meter: Meter,
-}
-
-impl Watch for Measured<'_> {
-    fn stop(&self) -> bool {
-        self.context.is_cancelled()
-    }
-
-    fn worked(&self, count: usize) {
-        self.meter.worked(count);
-    }
-
-    fn progress(&self, fraction: f64) {
-        self.meter.reached(fraction);
     }
 }
 

@@ -150,17 +150,18 @@ impl OuterProductSum {
         }
     }
 
-    /// Orthonormal basis of the leading invariant subspace, iterated from the columns of `near`. `None` if the
-    /// iteration does not converge quickly.
-    pub(crate) fn leading_subspace(&mut self, near: &Matrix) -> Option<Matrix> {
+    /// Orthonormal basis of the leading invariant subspace, iterated from the columns of `near`: of `S`, or of `S + J S Jᵀ` if
+    /// `turned`, whose products take one with `S` and no matrix of their own. `None` if the iteration does not converge quickly.
+    pub(crate) fn leading_subspace(&mut self, near: &Matrix, turned: bool) -> Option<Matrix> {
         if self.matrix.is_none() && self.columns.len() < self.n * self.n {
             let x = Matrix::from_column_slice(self.n, self.columns.len() / self.n, &self.columns);
-            return dense::iterate_subspace(|v| dense::multiply(&x, &dense::transpose_multiply(&x, v)), near);
+            let product = |v: &Matrix| dense::multiply(&x, &dense::transpose_multiply(&x, v));
+            return iterate(product, near, turned);
         }
         self.fold();
         let s = self.matrix.as_mut().expect("folded");
         dense::fill_upper(s);
-        dense::iterate_subspace(|v| dense::multiply(s, v), near)
+        iterate(|v| dense::multiply(s, v), near, turned)
     }
 
     /// Trace of the sum, `tr S`.
@@ -196,6 +197,27 @@ impl OuterProductSum {
         self.matrix = (!matrix.is_empty()).then(|| Matrix::from_vec(self.n, self.n, matrix));
         Ok(())
     }
+}
+
+/// [`dense::iterate_subspace`] of an operator `S`, or of `S + J S Jᵀ`.
+fn iterate(product: impl Fn(&Matrix) -> Matrix, near: &Matrix, turned: bool) -> Option<Matrix> {
+    if !turned {
+        return dense::iterate_subspace(product, near);
+    }
+    let turn = |columns: &[f64], n: usize, sign: f64| -> Vec<f64> {
+        columns.chunks_exact(n).flat_map(|x| quarter_turn(x, sign)).collect()
+    };
+    let both = |v: &Matrix| {
+        let (n, count) = v.shape();
+        let mut sides = v.as_slice().to_vec();
+        sides.extend(turn(v.as_slice(), n, -1.0));
+        let image = product(&Matrix::from_vec(n, 2 * count, sides));
+        let (mut sum, back) =
+            (image.columns(0, count).into_owned(), image.columns(count, count).into_owned());
+        sum += Matrix::from_vec(n, count, turn(back.as_slice(), n, 1.0));
+        sum
+    };
+    dense::iterate_subspace(both, near)
 }
 
 /// Relative eigenvalue of `XᵀX` below which a direction is rounding error.

@@ -19,6 +19,7 @@
 //! * [`in_use`] — a dictionary prepared for use; [`coding`] — codes and reconstructions, [`posted_code`] — of
 //!   given codes; [`score`] — outliers;
 //! * [`assess`] — classes, and complete assessments; [`drift`] — new shapes compared with the training shapes;
+//! * [`report`] — how well modes describe shapes: generalisation, specificity, stability, named measurements;
 //! * [`modes`] — modes, random shapes; [`prior`] — the energy of a shape outside of a span.
 //!
 //! Parts:
@@ -54,6 +55,7 @@ pub mod preparation;
 pub mod prior;
 pub mod procedure;
 pub mod recipe;
+pub mod report;
 pub mod score;
 mod sparse_atoms;
 pub mod statistics;

@@ -1,9 +1,11 @@
-//! Drawings of results: means, modes and atoms here; [`studies`] — comparisons and regressions; [`coded`] — shapes beside what
+//! Drawings of results: means, modes and atoms here; [`studies`] — comparisons and regressions; [`report`] — report cards;
+//! [`coded`] — shapes beside what
 //! a dictionary makes of them; [`nearest`] — shapes beside their neighbours; [`drift`] — new shapes against old ones.
 
 pub mod coded;
 pub mod drift;
 pub mod nearest;
+pub mod report;
 pub mod studies;
 
 use crate::alignment::{AlignedShape, Method, unwhitened};

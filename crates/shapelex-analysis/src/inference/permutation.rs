@@ -159,7 +159,7 @@ fn strata_of(observed: &[usize], groups: usize, strata: &[usize]) -> Vec<Stratum
 }
 
 /// The random stream of draw `index`.
-pub(super) fn stream(seed: u64, index: usize) -> ChaCha12Rng {
+pub(crate) fn stream(seed: u64, index: usize) -> ChaCha12Rng {
     let mut random = ChaCha12Rng::seed_from_u64(seed);
     random.set_stream(index as u64);
     random

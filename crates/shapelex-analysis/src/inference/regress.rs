@@ -110,7 +110,7 @@ fn score(shapes: &AlignedShapes<'_>, k: usize, average: &[f64], slope: &[f64]) -
 }
 
 /// Quantile of ascending values, with linear interpolation.
-fn quantile(sorted: &[f64], q: f64) -> f64 {
+pub(crate) fn quantile(sorted: &[f64], q: f64) -> f64 {
     let position = q * (sorted.len() - 1) as f64;
     let below = position.floor() as usize;
     let above = (below + 1).min(sorted.len() - 1);

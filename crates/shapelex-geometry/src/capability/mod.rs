@@ -4,6 +4,7 @@
 //! [`ShapeSpace`](crate::representation::ShapeSpace); only this crate tells kinds apart.
 //!
 //! * [`domain`] — how places on a shape are named; what a representation allows; its faults;
+//! * [`place`] — places of curves, surfaces and landmarks, and the points there;
 //! * [`sample`] — values, derivatives and frames at places;
 //! * [`tessellate`] — triangle meshes;
 //! * [`measure`] — lengths, areas, volumes, distances to a reference;
@@ -20,6 +21,7 @@ pub mod fit;
 pub mod idealise;
 pub mod interpolate;
 pub mod measure;
+pub mod place;
 pub mod refine;
 pub mod sample;
 pub mod tessellate;

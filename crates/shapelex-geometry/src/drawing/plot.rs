@@ -1,4 +1,4 @@
-//! Plots of functions of one variable.
+//! Plots of functions of one variable: one in a frame of its own, or several side by side.
 
 use super::colour::{self, Colour};
 use super::layer::{Layer, Mark};
@@ -16,43 +16,105 @@ pub struct Graph {
     pub pieces: Vec<Vec<[f64; 2]>>,
 }
 
+/// A plot among others: graphs with intervals, from zero upwards.
+#[derive(Debug, Clone)]
+pub struct Panel {
+    /// What is plotted, above the panel.
+    pub title: String,
+    /// Name of the variable.
+    pub variable: String,
+    /// Graphs, each with intervals `[x, low, high]`.
+    pub graphs: Vec<(Graph, Vec<[f64; 3]>)>,
+}
+
 const HEIGHT: f64 = 400.0;
 /// Width reserved for the labels of the vertical axis.
 const LABELS: f64 = 24.0;
 
+/// Page units are those of the layers.
+const PAGE: Map = Map { scale: 1.0, centre: [0.0; 2], at: [0.0; 2] };
+
 /// Draws the graphs in one frame with both axes labelled.
 pub fn plot(title: &str, variable: &str, graphs: Vec<Graph>) -> Drawing {
-    let points = || graphs.iter().flat_map(|graph| graph.pieces.iter().flatten());
-    let range = |c: usize| {
-        let (low, high) = points().fold((f64::MAX, f64::MIN), |(a, b), p| (a.min(p[c]), b.max(p[c])));
-        if high > low { (low, high) } else { (low - 1.0, low + 1.0) }
+    let points = || graphs.iter().flat_map(|graph| graph.pieces.iter().flatten().copied());
+    let frame = Frame {
+        x: range(points().map(|p| p[0])),
+        y: range(points().map(|p| p[1])),
+        across: [MARGIN + LABELS, SIZE - MARGIN],
+        down: [MARGIN / 2.0, HEIGHT - MARGIN],
     };
-    let frame = Frame { x: range(0), y: range(1) };
     let mut elements = frame.grid();
-    elements.push(label([RIGHT - 4.0, BOTTOM + 28.0], Anchor::Start, variable.to_owned()));
-    let mut legend = LEFT;
-    let page = Map { scale: 1.0, centre: [0.0; 2], at: [0.0; 2] };
-    for Graph { name, colour, pieces } in graphs {
-        let on_page = |piece: &Vec<[f64; 2]>| piece.iter().map(|p| frame.place(p)).collect();
-        let lines = pieces.iter().map(on_page).collect();
-        let layer = Layer { lines, ..Layer::from_points(Vec::new(), Mark::Open, colour, 2.0) };
-        elements.extend(entry_at(&layer, &name, [legend, HEIGHT + 8.0], 18.0));
-        legend += 60.0 + 8.0 * name.chars().count() as f64;
-        elements.push(Element::Shapes(layer, page));
+    elements.push(label([frame.across[1] - 4.0, frame.down[1] + 28.0], Anchor::Start, variable.to_owned()));
+    let mut legend = frame.across[0];
+    for graph in graphs {
+        let layer = frame.lines(&graph);
+        elements.extend(entry_at(&layer, &graph.name, [legend, HEIGHT + 8.0], 18.0));
+        legend += 60.0 + 8.0 * graph.name.chars().count() as f64;
+        elements.push(Element::Shapes(layer, PAGE));
     }
     Drawing::new(title, HEIGHT + 28.0, elements)
 }
 
-/// Left, right, bottom and top end of the axes on the page.
-const LEFT: f64 = MARGIN + LABELS;
-const RIGHT: f64 = SIZE - MARGIN;
-const BOTTOM: f64 = HEIGHT - MARGIN;
-const TOP: f64 = MARGIN / 2.0;
+/// Height of a panel with its title and legend, and the space between panels.
+const PANEL: f64 = 250.0;
+const BETWEEN: f64 = 28.0;
 
-/// Ranges of the axes.
+/// Draws panels, two in a row.
+pub fn panels(title: &str, panels: Vec<Panel>) -> Drawing {
+    let width = (SIZE - 2.0 * MARGIN - BETWEEN) / 2.0;
+    let rows = panels.len().div_ceil(2);
+    let mut elements = Vec::new();
+    for (i, panel) in panels.into_iter().enumerate() {
+        let corner = [MARGIN + (i % 2) as f64 * (width + BETWEEN), PANEL * (i / 2) as f64];
+        elements.extend(in_panel(panel, corner, width));
+    }
+    Drawing::new(title, PANEL * rows as f64, elements)
+}
+
+fn in_panel(Panel { title, variable, graphs }: Panel, [left, top]: [f64; 2], width: f64) -> Vec<Element> {
+    let points = || graphs.iter().flat_map(|(graph, _)| graph.pieces.iter().flatten().copied());
+    let ends = graphs.iter().flat_map(|(_, bars)| bars.iter().map(|bar| bar[2]));
+    let frame = Frame {
+        x: range(points().map(|p| p[0])),
+        y: range(points().map(|p| p[1]).chain(ends).chain([0.0])),
+        across: [left + 2.0 * LABELS, left + width],
+        down: [top + 26.0, top + PANEL - 62.0],
+    };
+    let mut elements = vec![Element::Text(Text::new([left, top + 14.0], 13, Anchor::Start, title))];
+    elements.extend(frame.grid());
+    elements.push(label([left + width, frame.down[1] + 28.0], Anchor::End, variable));
+    let mut legend = left;
+    for (graph, bars) in graphs {
+        let bar = |[x, low, high]: &[f64; 3]| vec![frame.place(&[*x, *low]), frame.place(&[*x, *high])];
+        let spans: Vec<Vec<[f64; 2]>> = bars.iter().map(bar).collect();
+        let spans = Layer {
+            lines: spans,
+            opacity: 0.45,
+            ..Layer::from_points(Vec::new(), Mark::Open, graph.colour, 3.0)
+        };
+        let layer = frame.lines(&graph);
+        elements.extend(entry_at(&layer, &graph.name, [legend, frame.down[1] + 44.0], 18.0));
+        legend += 40.0 + 6.0 * graph.name.chars().count() as f64;
+        elements.push(Element::Shapes(spans, PAGE));
+        elements.push(Element::Shapes(layer, PAGE));
+    }
+    elements
+}
+
+/// Least and greatest of some numbers, apart from each other.
+fn range(numbers: impl Iterator<Item = f64>) -> (f64, f64) {
+    let (low, high) = numbers.fold((f64::MAX, f64::MIN), |(low, high), x| (low.min(x), high.max(x)));
+    if high > low { (low, high) } else { (low - 1.0, low + 1.0) }
+}
+
+/// Ranges of the axes, and their places on the page.
 struct Frame {
     x: (f64, f64),
     y: (f64, f64),
+    /// Left and right end.
+    across: [f64; 2],
+    /// Upper and lower end.
+    down: [f64; 2],
 }
 
 impl Frame {
@@ -62,25 +124,35 @@ impl Frame {
     }
 
     fn across(&self, value: f64) -> f64 {
-        LEFT + (RIGHT - LEFT) * (value - self.x.0) / (self.x.1 - self.x.0)
+        let [left, right] = self.across;
+        left + (right - left) * (value - self.x.0) / (self.x.1 - self.x.0)
     }
 
     fn down(&self, value: f64) -> f64 {
-        BOTTOM + (TOP - BOTTOM) * (value - self.y.0) / (self.y.1 - self.y.0)
+        let [top, bottom] = self.down;
+        bottom + (top - bottom) * (value - self.y.0) / (self.y.1 - self.y.0)
+    }
+
+    /// The lines of a graph.
+    fn lines(&self, graph: &Graph) -> Layer {
+        let on_page = |piece: &Vec<[f64; 2]>| piece.iter().map(|p| self.place(p)).collect();
+        let lines = graph.pieces.iter().map(on_page).collect();
+        Layer { lines, ..Layer::from_points(Vec::new(), Mark::Open, graph.colour, 2.0) }
     }
 
     /// Lines at round numbers, with the numbers beside them.
     fn grid(&self) -> Vec<Element> {
         let line = |corner, size| Element::Box { corner, size, colour: colour::GRID, opacity: 1.0 };
+        let ([left, right], [top, bottom]) = (self.across, self.down);
         let upright = ticks(self.x.0, self.x.1).into_iter().flat_map(|tick| {
             let x = self.across(tick);
-            let number = label([x, BOTTOM + 14.0], Anchor::Middle, tick.to_string());
-            [line([x - 0.5, TOP], [1.0, BOTTOM - TOP]), number]
+            let number = label([x, bottom + 14.0], Anchor::Middle, tick.to_string());
+            [line([x - 0.5, top], [1.0, bottom - top]), number]
         });
         let level = ticks(self.y.0, self.y.1).into_iter().flat_map(|tick| {
             let y = self.down(tick);
-            let number = label([LEFT - 6.0, y + 4.0], Anchor::End, tick.to_string());
-            [line([LEFT, y - 0.5], [RIGHT - LEFT, 1.0]), number]
+            let number = label([left - 6.0, y + 4.0], Anchor::End, tick.to_string());
+            [line([left, y - 0.5], [right - left, 1.0]), number]
         });
         upright.chain(level).collect()
     }

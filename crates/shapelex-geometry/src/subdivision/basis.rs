@@ -7,7 +7,7 @@
 //! Every face at the level has the same share `1/F` of the parameter domain, whatever its area. `Φ` is therefore the same for all
 //! shapes, and the product is exactly the `L₂` product of two meshes as piecewise linear functions. `1ᵀΦ1 = 1`.
 //!
-//! Source: Badoual, Schmitter, Uhlmann, Unser, *A non-stationary subdivision scheme*, the operator view of section 4.
+//! Source: Badoual, Novara, Romani, Schmitter, Unser, *A non-stationary subdivision scheme*, the operator view of section 4.
 
 use std::sync::{Arc, OnceLock};
 

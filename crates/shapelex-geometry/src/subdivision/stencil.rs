@@ -3,7 +3,7 @@
 //! A step keeps or moves the old vertices, which keep their indices, and adds one vertex per edge. The stencil of a vertex
 //! depends only on its valence, that of an edge on the valences of its two ends.
 //!
-//! Sources: Badoual, Schmitter, Uhlmann, Unser, *A non-stationary subdivision scheme for the construction of deformable models
+//! Sources: Badoual, Novara, Romani, Schmitter, Unser, *A non-stationary subdivision scheme for the construction of deformable models
 //! with sphere-like topology* (the rules of BLOB, with the weights corrected); Loop, *Smooth subdivision surfaces based on
 //! triangles*, 1987; Zorin, Schröder, Sweldens, *Interpolating subdivision for meshes with arbitrary topology*, 1996.
 

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use proptest::prelude::*;
 use shapelex_geometry::curve::Curve;
-use shapelex_geometry::distance::{Distances, l2};
+use shapelex_geometry::distance::{Distances, l2, symmetric};
 use shapelex_geometry::frame::Frame;
 use shapelex_geometry::generator::{GeneratorKind, PoleList};
 use shapelex_geometry::measures::CurveMeasures;
@@ -144,6 +144,20 @@ fn distances_equal_brute_force() {
             &[found.l2, found.symmetric, found.hausdorff],
             1e-14,
         );
+    }
+}
+
+/// Fewer quadrature nodes than those of [`Distances`], but as many for a whole curve of any length. Random curves cross each other and
+/// themselves often, so that their nearest points jump more than those of outlines.
+#[test]
+fn the_symmetric_distance_alone_is_that_of_all_distances() {
+    for (seed, count) in [(1, 3), (2, 8), (3, 20), (4, 50), (5, 100), (6, 150)] {
+        for kind in [TRIGONOMETRIC, GeneratorKind::Cubic {}] {
+            let (_, r) = random_curve(&closed(&kind, count, 2).unwrap(), seed);
+            let (_, s) = random_curve(&open(&kind, count + 2, 2).unwrap(), seed + 100);
+            let (all, alone) = (Distances::of(&r, &s).symmetric, symmetric(&r, &s));
+            assert_relative(&format!("{kind:?} of {count} points"), alone, all, 1e-5);
+        }
     }
 }
 

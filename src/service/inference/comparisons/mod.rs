@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 pub use self::groups::{Grouping, NamedGroup};
 use self::groups::{Members, group_faults};
-use super::sample::{Selection, subject_warning, subjects};
+use super::sample::{subject_warning, subjects};
 use super::study::{Plan, Study, StudyKind, StudyRequest, refused, within_memory};
 use crate::analysis::drawing::studies::draw_comparison;
 use crate::analysis::estimate::{Estimate, TestWork};
@@ -23,6 +23,7 @@ use crate::formats::fault::Fault;
 use crate::geometry::drawing::scene::Drawing;
 use crate::geometry::sampling::Places;
 use crate::service::app::{App, ServiceError};
+use crate::service::cohorts::selection::Selection;
 use crate::service::statistics::Setup;
 
 /// Maximum number of points along the shape in an answer, over all pairs.

@@ -9,7 +9,7 @@ use std::collections::BTreeSet;
 use serde::{Deserialize, Serialize};
 
 use self::values::{LOG_CENTROID_SIZE, complete, variables};
-use super::sample::{Selection, subject_warning};
+use super::sample::subject_warning;
 use super::study::{Plan, Study, StudyKind, StudyRequest, refused, within_memory};
 use crate::analysis::drawing::studies::draw_regression;
 use crate::analysis::estimate::{Estimate, TestWork};
@@ -27,6 +27,7 @@ use crate::formats::fault::Fault;
 use crate::geometry::drawing::scene::Drawing;
 use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::attributes::{self, KnownAttributes};
+use crate::service::cohorts::selection::Selection;
 use crate::service::statistics::Setup;
 
 /// Maximum number of covariates.
