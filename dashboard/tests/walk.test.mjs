@@ -198,7 +198,8 @@ test("the modes of a dictionary are examined on request, and the answer is saved
   await settled(page);
   await page.getByRole("button", { name: "Examine" }).click();
   const table = page.getByRole("table").filter({ hasText: "Generalisation" });
-  await table.waitFor();
+  // A job of some seconds of processor time, at the priority of jobs.
+  await table.waitFor({ timeout: 120_000 });
   assert.equal(await table.locator("tbody tr").count(), 10);
   await page.getByText("120 shapes of 120 subjects").waitFor();
   await accessible(page, "quality");

@@ -8,6 +8,7 @@ use crate::dictionary::work::{EIGENPROBLEM, PRODUCT, Size};
 use crate::partial_sums::Measured;
 use crate::robust;
 use crate::watch::Phase;
+use shapelex_geometry::representation::ShapeSpace;
 
 /// Predicted cost of a job.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -196,8 +197,9 @@ impl Estimate {
         Self { multiply_adds, memory_bytes, seconds: multiply_adds / RATE, ..self }
     }
 
-    /// Cost of the report card of a dictionary that was learnt from `shapes` shapes of `subjects` subjects.
+    /// Cost of the report card of a dictionary of `space` that was learnt from `shapes` shapes of `subjects` subjects.
     pub fn for_report(
+        space: &ShapeSpace,
         measured: Measured<'_>,
         shapes: usize,
         subjects: usize,
@@ -207,7 +209,7 @@ impl Estimate {
         let n = length as f64;
         let aligning = PRODUCT * k * class_size(measured) * n * n + 2.0 * READING * k * n;
         let search = if measured.matching.searches() { mean_work(measured, k) / rounds(k) } else { 0.0 };
-        let work = aligning + search + report_work(measured.metric, shapes, subjects, options);
+        let work = aligning + search + report_work(space, shapes, subjects, options);
         Self::of(shapes as u64, work, report_bytes(length, shapes, options) + 8.0 * k * n)
     }
 

@@ -116,7 +116,7 @@ impl PlannedReport {
         let subjects = numbered(&shapes);
         let count = subjects.iter().max().map_or(0, |last| last + 1);
         let measured = ready.setup.measured();
-        let estimate = Estimate::for_report(measured, shapes.len(), count, &plan.options);
+        let estimate = Estimate::for_report(&ready.setup.space, measured, shapes.len(), count, &plan.options);
         let estimate = if content.robust.is_some() { estimate.robust(measured) } else { estimate };
         let (bytes, most) = (estimate.memory_bytes, app.limits.job_bytes as f64);
         if bytes > most {

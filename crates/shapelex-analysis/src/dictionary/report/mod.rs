@@ -296,10 +296,10 @@ impl PointSets<'_> {
     }
 }
 
-/// Work of a report besides reading and aligning its shapes, in multiply-adds: measured, to a factor of 1.5. `metric` is that of its
-/// shapes.
-pub fn report_work(metric: &Metric, shapes: usize, subjects: usize, options: &ReportOptions) -> f64 {
-    let (n, k) = (metric.len() as f64, shapes as f64);
+/// Work of a report besides reading and aligning its shapes, in multiply-adds: measured, to a factor of 1.5.
+pub fn report_work(space: &ShapeSpace, shapes: usize, subjects: usize, options: &ReportOptions) -> f64 {
+    let representation = space.representation();
+    let (n, k) = ((representation.size() * representation.dimension()) as f64, shapes as f64);
     let (rank, modes) = (n.min(k), options.modes as f64);
     let components = match rank <= FULL_SOLVER_SIZE as f64 {
         true => rank.powi(3),
@@ -313,7 +313,7 @@ pub fn report_work(metric: &Metric, shapes: usize, subjects: usize, options: &Re
     let random = options.draws as f64 * k * (modes + 1.0);
     let count =
         (SHOWN[0] as f64 * (modes + 1.0)).max(SET_DISTANCES as f64).min(SHOWN[1] as f64 * (modes + 1.0));
-    let sets = 2.0 * count * SET_DISTANCE * (metric.size() as f64).powi(2);
+    let sets = 2.0 * count * space.set_distance_work();
     spectrum + left_out + resampled + curve + random + sets
 }
 
@@ -322,9 +322,6 @@ const KRYLOV: f64 = 0.3;
 
 /// Multiply-adds of a scatter, divided by its number of vectors and the square of their size, in the time of single ones.
 const SCATTER: f64 = 0.01;
-
-/// Multiply-adds in whose time two shapes are compared as sets of points, divided by the square of their number of control points.
-const SET_DISTANCE: f64 = 280.0;
 
 /// Memory of a report in bytes, besides its shapes as given.
 pub fn report_bytes(length: usize, shapes: usize, options: &ReportOptions) -> f64 {
