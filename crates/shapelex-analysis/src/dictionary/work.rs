@@ -3,7 +3,7 @@
 use super::model::Model;
 
 /// Multiply-adds of an eigenproblem, divided by the cube of its size.
-pub const EIGENPROBLEM: f64 = 10.0;
+pub const EIGENPROBLEM: f64 = 1.0;
 
 /// Multiply-adds of a product of dense matrices, in time: caches and vectors make it as fast as a twentieth of plain ones.
 pub const PRODUCT: f64 = 0.05;
