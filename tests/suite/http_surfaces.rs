@@ -69,6 +69,40 @@ fn the_smallest_sphere_is_measured_exactly() {
     assert_close(&measures["centroid"], &json!([0.0, 0.0, 0.0]), 1e-12, "centroid");
 }
 
+/// `F = (x³, y³, z³)` through the unit sphere: `∭ 3r² dV = 12π/5`; through a mesh, 3 V for the linear part.
+#[test]
+fn fluxes_of_polynomial_fields_are_exact() {
+    let server = shared();
+    let cubes = json!({"terms": [{"powers": [3, 0, 0], "coefficients": [1, 0, 0]}, {"powers": [0, 3, 0], "coefficients": [0, 1, 0]},
+        {"powers": [0, 0, 3], "coefficients": [0, 0, 1]}, {"powers": [0, 0, 0], "coefficients": [5, 6, 7]}]});
+    let body = |field: &Value| {
+        json!({"representation": surface("sphere", [5, 4]), "shapes": [{"points": on_sphere([5, 4], ellipsoid([1.0; 3]))}], "field": field})
+    };
+    let measures = server.post("/v1/measure", &body(&cubes)).expect(200)["results"][0].clone();
+    assert!((number(&measures["flux"]) - 12.0 * PI / 5.0).abs() < 1e-12, "{measures}");
+    // An octahedron with the corners ±1 on the axes: ∭ x² dV = 2/15, so 3·3·2/15.
+    let octahedron = json!({"kind": "subdivision", "scheme": "loop", "level": 0, "connectivity": "octahedron"});
+    let corners = json!([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]]);
+    let mesh = json!({"representation": octahedron, "shapes": [{"control_points": corners}], "field": cubes});
+    let measures = server.post("/v1/measure", &mesh).expect(200)["results"][0].clone();
+    assert!((number(&measures["flux"]) - 1.2).abs() < 1e-14, "{measures}");
+
+    let term = |powers: Value, coefficients: Value| json!({"terms": [{"powers": powers, "coefficients": coefficients}]});
+    for (field, pointer) in [
+        (term(json!([4, 4, 1]), json!([1, 0, 0])), "/field/terms/0/powers"),
+        (term(json!([4, -4, 1]), json!([1, 0, 0])), "/field/terms/0/powers/1"),
+        (term(json!([1, 1]), json!([1, 0, 0])), "/field/terms/0/powers"),
+        (json!({}), "/field"),
+        (json!({"matrix": [[1, 0, 0], [0, 1, 0], [0, 0, 1]]}), "/field/offset"),
+        (json!({"terms": [], "offset": [0, 0, 0]}), "/field/terms"),
+        (json!({"terms": vec![json!({"powers": [1, 0, 0], "coefficients": [1, 0, 0]}); 166]}), "/field/terms"),
+    ] {
+        server.post("/v1/measure", &body(&field)).expect_problem(422, "invalid-input", &[pointer]);
+    }
+    let none = server.post("/v1/measure", &body(&json!({"terms": []}))).expect(200);
+    assert_eq!(none["results"][0]["flux"], 0.0);
+}
+
 #[test]
 fn a_torus_is_evaluated_with_its_normals_and_curvatures() {
     let server = shared();
@@ -447,6 +481,61 @@ fn surfaces_are_resized_with_the_change_told() {
         "invalid-input",
         &["/control_points"],
     );
+}
+
+/// Half-integer shifts along both directions: the refined torus is the same, at parameters half a fine interval further on.
+#[test]
+fn surfaces_of_half_integer_shifts_are_refined_exactly() {
+    let server = shared();
+    let circle = json!([[0, 0], [0, TAU], [0, -TAU]]);
+    let shifts = json!({"name": "interpolator", "family": "half_integer_shifts", "domain_poles": circle});
+    let representation =
+        json!({"kind": "surface", "topology": "torus", "control_points": [4, 4], "generators": [shifts, shifts]});
+    let mut rows = vec![[0.0; 3]; 16];
+    (0..16).for_each(|k| rows[k] = [(k * k % 7) as f64, (k % 5) as f64, (k * 3 % 11) as f64]);
+    let body = json!({"representation": representation, "shapes": [{"control_points": rows}], "factor": 2});
+    let answer = server.post("/v1/refine", &body).expect(200);
+    assert_eq!((&answer["exact"], &answer["shapes"][0]["l2_change"]), (&json!(true), &Value::Null), "{answer}");
+    assert_eq!(answer["representation"]["generators"][0]["name"], "exponential");
+    assert_eq!(answer["parameter_shifts"], json!([0.0625, 0.0625]));
+    assert_eq!(answer["parameter_shift"], json!(0.0625));
+    let places: Vec<[f64; 2]> = (0..40).map(|k| [f64::from(k) / 40.0, f64::from(k * 7 % 40) / 40.0]).collect();
+    let at = |representation: &Value, rows: &Value, shift: f64| {
+        let places: Vec<[f64; 2]> = places.iter().map(|place| place.map(|x| (x + shift) % 1.0)).collect();
+        let body = json!({"representation": representation, "parameters": places, "shapes": [{"control_points": rows}]});
+        server.post("/v1/evaluate", &body).expect(200)["evaluations"][0]["points"].clone()
+    };
+    let before = at(&representation, &json!(rows), 0.0);
+    let after = at(&answer["representation"], &answer["shapes"][0]["control_points"], 0.0625);
+    assert_close(&after, &before, 1e-11, "the refined torus");
+    // One direction alone, by numbers of control points.
+    let body = json!({"representation": representation, "shapes": [{"control_points": rows}], "control_points": [4, 8]});
+    let answer = server.post("/v1/refine", &body).expect(200);
+    assert_eq!(answer["parameter_shifts"], json!([0.0, 0.0625]));
+    assert_eq!((&answer["exact"], &answer["representation"]["generators"][0]), (&json!(true), &shifts));
+}
+
+/// Domain poles along a meridian belong to functions of `v ∈ [0, 1]`, as along every direction: `sin πv` needs ±πj.
+#[test]
+fn domain_poles_along_a_meridian_are_those_of_functions_of_v() {
+    let server = shared();
+    let exponential = |w: f64| json!({"name": "exponential", "domain_poles": [[0, 0], [0, w], [0, -w]]});
+    let representation = |w: f64| json!({"kind": "surface", "topology": "sphere", "control_points": [9, 9], "generators": [exponential(TAU), exponential(w)]});
+    let body = |w: f64| json!({"representation": representation(w), "surfaces": [{"surface": {"name": "sphere", "radius": 1}}]});
+    let rows = server.post("/v1/idealised", &body(PI)).expect(200)["shapes"][0].clone();
+    server.post("/v1/idealised", &body(TAU)).expect_problem(422, "invalid-input", &["/surfaces/0/surface"]);
+    // Answered under a name of their own, which can be posted as it is.
+    let shape = json!({"control_points": rows["control_points"]});
+    let refined = json!({"representation": representation(PI), "shapes": [shape], "factor": 3});
+    let refined = server.post("/v1/refine", &refined).expect(200);
+    assert_eq!(refined["exact"], true, "{refined}");
+    assert!(refined["representation"]["generators"][1]["meridian_poles"].is_array(), "{refined}");
+    let measure = json!({"representation": refined["representation"], "shapes": refined["shapes"]});
+    let measures = server.post("/v1/measure", &measure).expect(200)["results"][0].clone();
+    assert!((number(&measures["volume"]) - 4.0 * PI / 3.0).abs() < 1e-12, "{measures}");
+    server.post("/v1/cohorts", &json!({"name": "round", "representation": representation(PI), "correspondence": "landmarks"})).expect(201);
+    let stored = server.get("/v1/cohorts/round").expect(200)["representation"].clone();
+    assert_eq!(stored["generators"][1]["meridian_poles"][1], json!([0.0, PI]));
 }
 
 #[test]

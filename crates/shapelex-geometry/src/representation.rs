@@ -160,8 +160,8 @@ impl Representation {
                     let found = match topology {
                         // Half of a great circle, with special conditions at its ends.
                         Topology::Sphere if i == 1 => {
-                            let (field, count, around) = closed(field, count, generator);
-                            (field, count, around.div_ceil(2).max(sphere::MIN_ALONG_MERIDIAN))
+                            let fewest = generator.fewest_along_meridian();
+                            (field, count, fewest.max(sphere::MIN_ALONG_MERIDIAN))
                         }
                         _ if topology.closed()[i] => closed(field, count, generator),
                         _ => open(field, count, generator),

@@ -307,16 +307,20 @@ pub(super) struct RefineAnswer {
     /// Refined representation.
     representation: Representation,
     /// Whether the refined shapes are the same functions as the originals. True for B-splines and interpolators of
-    /// half-integer shifts; others are sampled at the finer knots. For surfaces: whether all changes are rounding errors.
+    /// half-integer shifts, on surfaces if both directions are such; others are sampled at the finer knots, and the same if all
+    /// changes are rounding errors.
     exact: bool,
     /// `δ`: the original curve at `u` equals the refined curve at `u + δ`. Half a fine interval if knots of an odd order are
-    /// split by an even factor, else 0.
+    /// split by an even factor, else 0. Of surfaces along `u`.
     parameter_shift: f64,
+    /// `[δ_u, δ_v]` of surfaces: the original surface at `(u, v)` equals the refined one at `(u + δ_u, v + δ_v)`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    parameter_shifts: Option<[f64; 2]>,
     /// One entry per shape.
     shapes: Vec<RefinedOutput>,
 }
 
-/// Refines curves to a grid with more knots; samples surfaces at the knots of another grid.
+/// Refines curves and surfaces to a grid with more knots, exactly where their generators allow it; else samples them at its knots.
 #[utoipa::path(post, path = "/refine", tag = "curves", request_body = RefineRequest,
     responses(
         (status = 200, description = "The finer representation and control points", body = RefineAnswer)
@@ -381,10 +385,16 @@ fn refine_work(
 }
 
 impl From<Refined> for RefineAnswer {
-    fn from(Refined { representation, exact, parameter_shift, shapes }: Refined) -> Self {
+    fn from(Refined { representation, exact, parameter_shifts, shapes }: Refined) -> Self {
         let shape =
             |(shape, l2_change): (Matrix, Option<f64>)| RefinedOutput { shape: output(&shape), l2_change };
-        Self { representation, exact, parameter_shift, shapes: shapes.into_iter().map(shape).collect() }
+        Self {
+            representation,
+            exact,
+            parameter_shift: parameter_shifts.first().copied().unwrap_or_default(),
+            parameter_shifts: parameter_shifts.try_into().ok(),
+            shapes: shapes.into_iter().map(shape).collect(),
+        }
     }
 }
 

@@ -19,6 +19,8 @@ use crate::geometry::quality::MAX_FACES;
 use crate::geometry::representation::{Representation, ShapeSpace};
 use crate::geometry::subdivision::refinement::Depth;
 use crate::geometry::surface::basis::Extent;
+use crate::geometry::surface::field::VectorField;
+use crate::geometry::surface::measures::flux_nodes;
 use crate::service::app::Limits;
 use crate::service::app::work::{NUMBER, REQUEST, Work};
 use crate::service::shapes::read_mesh::MeshInput;
@@ -218,6 +220,32 @@ fn measure_sheets(extent: Extent, counts: Counts) -> Work {
         _ => counts.points,
     };
     Work(REQUEST + counts.shapes * cells * CELL)
+}
+
+/// Flux of a field through surfaces.
+pub fn flux(
+    representation: &Representation,
+    counts: Counts,
+    field: Option<&VectorField>,
+    limits: &Limits,
+) -> Work {
+    /// A place of the quadrature, and a term of the field there.
+    const PLACE: f64 = 6e-8;
+    const TERM: f64 = 4e-9;
+    let Some(field) = field else { return Work(0.0) };
+    let place = PLACE + field.terms() as f64 * TERM;
+    let square = |nodes: usize| (nodes * nodes) as f64;
+    match representation.domain() {
+        Domain::Vertices => {
+            let faces = 2.0 * vertices(representation, counts, limits);
+            Work(faces * square(field.degree().div_ceil(2) + 1) * place)
+        }
+        Domain::Sheet { extent, .. } => {
+            let cells: f64 = extent.intervals.iter().map(|count| 2.0 * *count as f64).product();
+            Work(counts.shapes * cells * square(flux_nodes(field.degree())) * place)
+        }
+        Domain::Line { .. } | Domain::Points => Work(0.0),
+    }
 }
 
 /// Measures of refined meshes.

@@ -89,6 +89,9 @@ pub struct Tangents {
     pub south: Option<[[f64; 3]; 2]>,
 }
 
+/// Relative distance of a frequency from that of one turn, below which it is the same number.
+const SAME_FREQUENCY: f64 = 1e-13;
+
 /// A prepared basis of surfaces.
 #[derive(Debug, Clone)]
 pub struct SurfaceBasis {
@@ -260,6 +263,42 @@ impl SurfaceBasis {
         Tangents { north: Some(tangents(0)), south: Some(tangents(1)) }
     }
 
+    /// Rows of the poles and handles of spheres, one column per coordinate; no rows for other topologies.
+    pub(super) fn poles_of(&self, rows: &Matrix) -> Matrix {
+        let count = if self.sphere.is_some() { POLAR_ROWS } else { 0 };
+        rows.rows(rows.nrows() - count, count).into_owned()
+    }
+
+    /// Whether the tangents at the poles of a sphere are the same functions of `u` on a finer grid: `cos 2πu` and `sin 2πu` are among
+    /// the functions that the generator reproduces.
+    pub(super) fn keeps_tangents(&self) -> bool {
+        let turn = std::f64::consts::TAU / self.extent.intervals[0] as f64;
+        self.lines[0].poles().trigonometric.iter().any(|w| (w / turn - 1.0).abs() <= SAME_FREQUENCY)
+    }
+
+    /// Rows of the surface with the control points `nets` (`[k][l]`, one list per coordinate, as [`Self::control_net`] has them).
+    /// Spheres also need the rows `polar` of a surface with the same poles and tangents on another grid, and the shift `δ_u` by which
+    /// its `u` is behind.
+    pub(super) fn rows_of_net(&self, nets: &[Vec<f64>], polar: &Matrix, from: usize, shift: f64) -> Matrix {
+        if self.sphere.is_none() {
+            return Matrix::from_vec(self.gram.size(), nets.len(), nets.concat());
+        }
+        let columns = self.extent.intervals[1] + 3;
+        let longer = handle_length(self.extent.intervals[1]) / handle_length(from);
+        let (sine, cosine) = (std::f64::consts::TAU * shift).sin_cos();
+        let mut rows = Vec::with_capacity(self.gram.size() * nets.len());
+        for (net, polar) in nets.iter().zip(polar.column_iter()) {
+            net.chunks_exact(columns).for_each(|row| rows.extend_from_slice(&row[2..columns - 2]));
+            rows.extend([polar[0], polar[1]]);
+            for pole in [0, 1] {
+                // T₁ cos 2π(u − δ) + T₂ sin 2π(u − δ)
+                let [a, b] = [0, 1].map(|i| longer * (polar[2 + 2 * pole + i] - polar[pole]));
+                rows.extend([a * cosine - b * sine, a * sine + b * cosine].map(|arm| polar[pole] + arm));
+            }
+        }
+        Matrix::from_vec(self.gram.size(), nets.len(), rows)
+    }
+
     fn interpolate_sheet(&self, points: &[f64]) -> Vec<f64> {
         let [count_u, count_v] = self.extent.grid();
         let (around, points, count_u) = match &self.cover {
@@ -378,12 +417,12 @@ impl SurfaceBasis {
     }
 
     /// Number of stored control points along `u`.
-    fn lines_stored(&self) -> usize {
+    pub(super) fn lines_stored(&self) -> usize {
         self.extent.control_grid([0, 1].map(|i| self.lines[i].generator().support()))[0]
     }
 
     /// Control points `[k][l]` of one coordinate.
-    fn grid(&self, rows: &[f64]) -> Vec<f64> {
+    pub(super) fn grid(&self, rows: &[f64]) -> Vec<f64> {
         self.sphere.as_ref().map_or_else(|| rows.to_vec(), |sphere| sphere.expand(rows))
     }
 

@@ -9,21 +9,25 @@
 //! * [`seam`] — tori glued with a twist;
 //! * [`jet`] — values, derivatives, normals and curvatures;
 //! * [`measures`] — volume, area, centroid, flux;
+//! * [`field`] — vector fields for the flux;
 //! * [`fit`] — least-squares fits of points with parameters;
 //! * [`motion`] — motions of the parameters;
 //! * [`parameterisation`] — parameters on a mesh;
+//! * [`refinement`] — the same surface on finer knots;
 //! * [`tessellation`] — triangle meshes of surfaces;
 //! * [`ideal`] — idealised surfaces, and generators that contain them.
 //!
 //! Source: Schmitter, *Spline Shape Processing*, 2.2, 6.2.4, 6.3.4 and 7, with the misprints corrected.
 
 pub mod basis;
+pub mod field;
 pub mod fit;
 pub mod ideal;
 pub mod jet;
 pub mod measures;
 pub mod motion;
 pub mod parameterisation;
+pub mod refinement;
 pub mod seam;
 pub mod sphere;
 pub mod tessellation;

@@ -5,12 +5,14 @@ use std::f64::consts::{PI, TAU};
 use proptest::prelude::*;
 use serde_json::Value;
 use shapelex_geometry::GeometryError;
+use shapelex_geometry::capability::measure::mesh_flux;
 use shapelex_geometry::generator::{Family, GeneratorKind, PoleList};
 use shapelex_geometry::mesh::TriangleMesh;
 use shapelex_geometry::surface::basis::{Extent, SurfaceBasis, Tangents};
 use shapelex_geometry::surface::fit::{SurfaceSample, fit, mesh_samples, spherical_parameters};
 use shapelex_geometry::surface::ideal::IdealSurface;
-use shapelex_geometry::surface::measures::{AffineField, SurfaceMeasures, flux};
+use shapelex_geometry::surface::field::{AffineField, FieldTerm, PolynomialField, VectorField};
+use shapelex_geometry::surface::measures::{SurfaceMeasures, flux};
 use shapelex_geometry::surface::parameterisation::spherical;
 use shapelex_geometry::surface::seam::Seam;
 use shapelex_geometry::surface::{Surface, Topology};
@@ -143,7 +145,7 @@ fn surfaces_equal_the_vectors() {
                 assert!((found - wanted).abs() <= 1e-11 * largest, "{id} {row}: {jet:?}");
             }
         }
-        let field = AffineField { matrix: [[1.0, 0.0, 0.0], [0.0; 3], [0.0; 3]], offset: [0.0; 3] };
+        let field = AffineField { matrix: [[1.0, 0.0, 0.0], [0.0; 3], [0.0; 3]], offset: [0.0; 3] }.into();
         let signed = surface.topology().orientation() * flux(&surface, &field);
         let wanted = number(&case["signed_flux_volume"]);
         assert!((signed - wanted).abs() <= 1e-12 * wanted.abs().max(1.0), "{id}: flux {signed} for {wanted}");
@@ -366,7 +368,7 @@ proptest! {
         }
         if matches!(basis.extent().topology, Topology::Sphere | Topology::Torus) && before.is_orientable() {
             let identity = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-            let field = AffineField { matrix: identity, offset: [0.0; 3] };
+            let field = AffineField { matrix: identity, offset: [0.0; 3] }.into();
             let wanted = a.determinant() * flux(&before, &field);
             let found = flux(&after, &field);
             prop_assert!((found - wanted).abs() < 1e-11, "{found} for {wanted}");
@@ -683,5 +685,117 @@ fn long_shapes_and_hippocampi_are_parameterised_and_fitted() {
         assert!((ratio - 1.0).abs() < 0.01, "{name}: {ratio}");
         assert!(fitted.residual < 0.03 * size, "{name}: {}", fitted.residual / size);
         assert!(beyond < 0.05 * size, "{name}: {}", beyond / size);
+    }
+}
+
+/// A polynomial field with random coefficients of every monomial up to `degree`.
+fn random_field(degree: usize, seed: u64) -> Vec<FieldTerm> {
+    let mut noise = crate::spaces::Noise(seed);
+    let mut terms = Vec::new();
+    for i in 0..=degree {
+        for j in 0..=degree - i {
+            for k in 0..=degree - i - j {
+                let coefficients = [noise.next(), noise.next(), noise.next()];
+                terms.push(FieldTerm { powers: [i, j, k], coefficients });
+            }
+        }
+    }
+    terms
+}
+
+/// `div F` at a point.
+fn divergence(terms: &[FieldTerm], point: [f64; 3]) -> f64 {
+    let derivative = |term: &FieldTerm, c: usize| {
+        let power = |i: usize| {
+            let n = term.powers[i] as i32;
+            if i == c { f64::from(n) * point[i].powi((n - 1).max(0)) } else { point[i].powi(n) }
+        };
+        term.coefficients[c] * power(0) * power(1) * power(2)
+    };
+    terms.iter().map(|term| (0..3).map(|c| derivative(term, c)).sum::<f64>()).sum()
+}
+
+/// `∭ g dV` of the body within the surface, by cones from the origin: `∯ ∫₀¹ t² g(t r) dt ⟨r, n⟩ dA`.
+fn body_integral(surface: &Surface, g: impl Fn([f64; 3]) -> f64) -> f64 {
+    let rule = GaussLegendre::new(24);
+    let nodes = |direction: usize| -> Vec<(f64, f64)> {
+        let halves = 2 * surface.intervals(direction);
+        let node = |half: usize, (s, w): (f64, f64)| {
+            ((half as f64 + 0.5 * (1.0 + s)) / halves as f64, 0.5 * w / halves as f64)
+        };
+        (0..halves).flat_map(|half| rule.points().map(move |p| node(half, p)).collect::<Vec<_>>()).collect()
+    };
+    let cone = |r: [f64; 3]| rule.integrate(0.0, 1.0, |t| t * t * g(r.map(|x| t * x)));
+    let (u, v) = (nodes(0), nodes(1));
+    let places: Vec<f64> = v.iter().map(|node| node.0).collect();
+    let mut sum = 0.0;
+    for (u, along) in u {
+        for (jet, (_, across)) in surface.jets(&[u], &places).iter().zip(&v) {
+            let [r, du, dv, ..] = *jet;
+            let normal = [du[1] * dv[2] - du[2] * dv[1], du[2] * dv[0] - du[0] * dv[2], du[0] * dv[1] - du[1] * dv[0]];
+            let through: f64 = (0..3).map(|c| r[c] * normal[c]).sum();
+            sum += along * across * surface.topology().orientation() * cone(r) * through;
+        }
+    }
+    sum
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    /// Gauss: the flux of a polynomial field through a closed surface is the integral of its divergence over the body.
+    #[test]
+    fn fluxes_are_integrals_of_divergences(seed in 0u64..1000, which in 0usize..52, degree in 0usize..=8) {
+        let basis = spaces().swap_remove(which);
+        prop_assume!(matches!(basis.extent().topology, Topology::Sphere | Topology::Torus));
+        let surface = basis.surface(&noise(&basis, seed));
+        prop_assume!(surface.is_orientable());
+        let terms = random_field(degree, seed + 7);
+        let field = VectorField::Polynomial(PolynomialField::new(terms.clone()).unwrap());
+        let found = flux(&surface, &field);
+        let wanted = body_integral(&surface, |point| divergence(&terms, point));
+        // Control points are random in a box of side 2, values of the field up to a hundred.
+        prop_assert!((found - wanted).abs() <= 1e-11 * wanted.abs().max(100.0), "{found} for {wanted}");
+    }
+}
+
+/// `F = (x³, y³, z³)`: `∭ 3r² dV = 12π/5` over the unit ball, and of degree 7 `∭ 7x⁶ dV = 4π/9`, also far from the origin.
+#[test]
+fn polynomial_fluxes_through_a_ball_are_known() {
+    let ball = basis(Topology::Sphere, Seam::Straight, [5, 4], [TRIGONOMETRIC, TRIGONOMETRIC]);
+    let rows = sampled(&ball, unit_sphere, &Tangents::default());
+    let unit = |c: usize| [0, 1, 2].map(|i| f64::from(u8::from(i == c)));
+    let term = |c: usize, power: usize| FieldTerm { powers: unit(c).map(|x| x as usize * power), coefficients: unit(c) };
+    let cubes = PolynomialField::new((0..3).map(|c| term(c, 3)).collect()).unwrap();
+    let seventh = PolynomialField::new(vec![term(0, 7)]).unwrap();
+    for (field, wanted) in [(cubes, 12.0 * PI / 5.0), (seventh, 4.0 * PI / 9.0)] {
+        let found = flux(&ball.surface(&rows), &VectorField::Polynomial(field.clone()));
+        assert!((found - wanted).abs() < 1e-12, "{found} for {wanted}");
+        // The field that has the same values about a ball elsewhere.
+        let far = [2e3, -1e3, 5e2];
+        let moved = Matrix::from_fn(rows.nrows(), 3, |i, c| rows[(i, c)] + far[c]);
+        let there = VectorField::Polynomial(field).about(far.map(|x| -x));
+        let found = flux(&ball.surface(&moved), &there);
+        assert!((found - wanted).abs() < 1e-3, "{found} for {wanted}: the field itself has lost digits");
+    }
+}
+
+/// `F = (x²y, …)` through the faces of a tetrahedron: the integral of the divergence over the simplex is known.
+#[test]
+fn polynomial_fluxes_through_meshes_are_exact() {
+    let mesh = TriangleMesh {
+        vertices: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+        normals: None,
+        faces: vec![[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]],
+    };
+    let factorial = |n: usize| (1..=n).map(|k| k as f64).product::<f64>();
+    for powers in [[2, 0, 0], [2, 1, 0], [3, 2, 1], [1, 0, 7], [8, 0, 0], [0, 4, 4]] {
+        let term = FieldTerm { powers, coefficients: [1.0, 0.0, 0.0] };
+        let field = VectorField::Polynomial(PolynomialField::new(vec![term]).unwrap());
+        // ∭ i x^{i−1} y^j z^k dV = i! j! k!/(i + j + k + 2)!
+        let [i, j, k] = powers;
+        let wanted = if i == 0 { 0.0 } else { factorial(i) * factorial(j) * factorial(k) / factorial(i + j + k + 2) };
+        let found = mesh_flux(&mesh, &field);
+        assert!((found - wanted).abs() < 1e-15, "{powers:?}: {found} for {wanted}");
     }
 }
