@@ -68,7 +68,7 @@ impl<'de, T: Readable> Deserialize<'de> for Read<T> {
     }
 }
 
-/// Target of a curve fit: a representation, or one with a tolerance in place of the number of control points.
+/// Target of a fit: a representation, or one with a tolerance in place of the number of control points.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FitTarget {
     /// Representation; with a tolerance, it has the smallest number of control points.
@@ -91,8 +91,8 @@ impl Readable for FitTarget {
 }
 
 fn read_target(mut value: Value) -> Result<(Representation, Option<f64>), Vec<Fault>> {
-    // Landmarks are not fitted, and surfaces only at a given size: for them a tolerance is an unknown field.
-    let sized = ["landmarks", "surface", "subdivision"];
+    // Landmarks are not fitted, and subdivision surfaces only at a given size: for them a tolerance is an unknown field.
+    let sized = ["landmarks", "subdivision"];
     let curve = value
         .as_object_mut()
         .filter(|map| !map.get("kind").and_then(Value::as_str).is_some_and(|kind| sized.contains(&kind)));
@@ -106,9 +106,11 @@ fn read_target(mut value: Value) -> Result<(Representation, Option<f64>), Vec<Fa
         let detail = format!("expected either tolerance or {field}, got both");
         return Err(vec![Fault::new("/tolerance", detail)]);
     }
-    map.insert(field.to_owned(), Value::from(1));
+    let surface = map.get("kind").is_some_and(|kind| kind == "surface");
+    map.insert(field.to_owned(), if surface { Value::from(vec![1, 1]) } else { Value::from(1) });
     let wrong = || Fault::new("/tolerance", format!("expected a number, got {tolerance}"));
     match (read(value), tolerance.as_f64()) {
+        (Ok(found), Some(tolerance)) if surface => Ok((found.of_width(1), Some(tolerance))),
         (Ok(found), Some(tolerance)) => {
             let fewest = found.fewest();
             Ok((found.with_count(fewest), Some(tolerance)))
@@ -217,7 +219,7 @@ impl Fields {
         let topology: Option<Topology> = self.value("topology");
         let seam = if self.given("seam") { self.value("seam") } else { Some(Seam::Straight) };
         let control_points = self.value::<[usize; 2]>("control_points");
-        let from_pole_to_pole = topology == Some(Topology::Sphere);
+        let from_pole_to_pole = topology.is_some_and(Topology::has_poles);
         if from_pole_to_pole {
             self.rename_meridian_poles();
         }
@@ -431,7 +433,9 @@ mod tests {
         let of = |name: &str, poles: Value| {
             let circle = json!({"name": "exponential", "domain_poles": [[0, 0], [0, 2], [0, -2]]});
             let along = json!({"name": "exponential", name: poles});
-            read(json!({"kind": "surface", "topology": "sphere", "control_points": [8, 6], "generators": [circle, along]}))
+            read(
+                json!({"kind": "surface", "topology": "sphere", "control_points": [8, 6], "generators": [circle, along]}),
+            )
         };
         let posted = of("domain_poles", json!([[0.0, 0.0], [0.0, 3.0], [0.0, -3.0]])).unwrap();
         let answered = serde_json::to_value(&posted).unwrap();

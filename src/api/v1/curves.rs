@@ -334,7 +334,10 @@ impl FieldInput {
                 None
             }
             (_, _, Some(_)) => {
-                errors.push(Fault::new("/field/terms", "expected either matrix and offset, or terms, got both"));
+                errors.push(Fault::new(
+                    "/field/terms",
+                    "expected either matrix and offset, or terms, got both",
+                ));
                 None
             }
             (matrix, _, None) => {

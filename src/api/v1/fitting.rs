@@ -22,7 +22,9 @@ use crate::geometry::capability::idealise::{Placed, PlacedCurve, PlacedSurface};
 use crate::geometry::generator::GeneratorKind;
 use crate::geometry::ideal::{IdealCurve, Position};
 use crate::geometry::representation::Representation;
+use crate::geometry::surface::Topology;
 use crate::geometry::surface::ideal::IdealSurface;
+use crate::geometry::surface::seam::Seam;
 use crate::numeric::dense::Matrix;
 use crate::service::app::{App, Limits, ServiceError, Work};
 use crate::service::cost::requests::{self, Counts, FitCounts};
@@ -49,7 +51,7 @@ document! {
     pub(super) struct FitRequest {
         /// Representation to fit: closed or open curves, or surfaces. It has `control_points` or `intervals`, or in their place
         /// `tolerance`, a bound on the root mean square distance `residual` (in the unit of the points), for which their number
-        /// is chosen. Single points may be farther away.
+        /// is chosen, of surfaces as many along `u` as along `v`. Single points may be farther away.
         #[schema(value_type = FitRepresentation, required = true)]
         representation: Read<FitTarget>, required;
         /// Parameters of the points, one list per shape. Curves: `u`, strictly increasing from 0 to 1. Default: arc length of
@@ -80,8 +82,37 @@ document! {
 enum FitRepresentation {
     /// With a number of control points.
     Sized(Representation),
-    /// With a bound on the residual.
+    /// Curves with a bound on the residual.
     Tolerant(TolerantCurve),
+    /// Surfaces with a bound on the residual.
+    TolerantSurface(TolerantSurface),
+}
+
+/// Surfaces with as many control points as a bound on the residual requires.
+#[derive(utoipa::ToSchema)]
+#[allow(dead_code, reason = "only for the document")]
+struct TolerantSurface {
+    /// Surfaces.
+    kind: SurfaceKind,
+    /// Topology of the surface.
+    topology: Topology,
+    /// How a torus is glued along `u`. Default: `straight`.
+    seam: Option<Seam>,
+    /// Generators along `u` and `v`. Default: those of the topology.
+    #[schema(min_items = 2, max_items = 2)]
+    generators: Option<Vec<GeneratorKind>>,
+    /// Largest root mean square distance, in the unit of the points.
+    #[schema(exclusive_minimum = 0.0)]
+    tolerance: f64,
+}
+
+/// Kind of surfaces.
+#[derive(utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+#[allow(dead_code, reason = "only for the document")]
+enum SurfaceKind {
+    /// Tensor-product surfaces.
+    Surface,
 }
 
 /// Curves with as many control points as a bound on the residual requires.

@@ -23,6 +23,7 @@ use crate::geometry::surface::field::VectorField;
 use crate::geometry::surface::measures::flux_nodes;
 use crate::service::app::Limits;
 use crate::service::app::work::{NUMBER, REQUEST, Work};
+use crate::service::shapes::fit::{SIZES_TRIED, most_within_tolerance};
 use crate::service::shapes::read_mesh::MeshInput;
 use crate::service::shapes::read_points::given;
 use crate::service::statistics::CheckedSettings;
@@ -349,6 +350,13 @@ pub struct FitCounts {
 pub fn fit(representation: &Representation, counts: Counts, fit: FitCounts, limits: &Limits) -> Work {
     match representation.domain() {
         Domain::Vertices => fit_meshes(representation, counts, fit, limits),
+        Domain::Sheet { .. } if fit.tolerance => {
+            // The size is not known: at most one control point for each point.
+            let each = (fit.points / counts.shapes.max(1.0)).max(counts.points);
+            let most = each.min(most_within_tolerance(counts.shapes as usize) as f64);
+            let sizes = Counts { points: most, ..counts };
+            SIZES_TRIED * fit_sheets(sizes, fit.points, fit.meshes)
+        }
         Domain::Sheet { .. } => fit_sheets(counts, fit.points, fit.meshes),
         Domain::Line { .. } | Domain::Points => fit_lines(counts, fit.points, fit.tolerance),
     }

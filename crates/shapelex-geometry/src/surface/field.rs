@@ -57,7 +57,8 @@ impl PolynomialField {
             let detail = format!("expected at most {MAX_TERMS} terms, got {}", terms.len());
             return Err(vec![FieldFault::new("", detail)]);
         }
-        let degree_of = |term: &FieldTerm| term.powers.iter().fold(0_usize, |sum, power| sum.saturating_add(*power));
+        let degree_of =
+            |term: &FieldTerm| term.powers.iter().fold(0_usize, |sum, power| sum.saturating_add(*power));
         let faults = terms.iter().enumerate().filter_map(|(index, term)| {
             let degree = degree_of(term);
             if degree > MAX_DEGREE {
@@ -179,7 +180,8 @@ mod tests {
     #[test]
     fn moved_fields_have_the_values_of_the_field_there() {
         let term = |powers, x: f64| FieldTerm { powers, coefficients: [x, -2.0 * x, x * x] };
-        let terms = vec![term([0, 0, 0], 0.5), term([8, 0, 0], 0.25), term([1, 2, 3], -1.0), term([1, 2, 3], 2.0)];
+        let terms =
+            vec![term([0, 0, 0], 0.5), term([8, 0, 0], 0.25), term([1, 2, 3], -1.0), term([1, 2, 3], 2.0)];
         let field = VectorField::Polynomial(PolynomialField::new(terms).unwrap());
         let moved = field.about([0.5, -0.25, 2.0]);
         let (found, wanted) = (moved.value([0.3, 0.4, -0.6]), field.value([0.8, 0.15, 1.4]));
@@ -190,7 +192,11 @@ mod tests {
     #[test]
     fn wrong_terms_are_named() {
         let term = |powers, value| FieldTerm { powers, coefficients: [value; 3] };
-        let faults = PolynomialField::new(vec![term([3, 3, 3], 1.0), term([0, 1, 0], f64::NAN), term([usize::MAX, 1, 0], 1.0)]);
+        let faults = PolynomialField::new(vec![
+            term([3, 3, 3], 1.0),
+            term([0, 1, 0], f64::NAN),
+            term([usize::MAX, 1, 0], 1.0),
+        ]);
         let faults = faults.unwrap_err();
         let fields: Vec<&str> = faults.iter().map(|fault| fault.field.as_str()).collect();
         assert_eq!(fields, ["0/powers", "1/coefficients", "2/powers"]);

@@ -92,8 +92,9 @@ impl SurfaceRefinement {
             to.checked_div(from).filter(|factor| (1..=MAX_FACTOR).contains(factor) && factor * from == to)
         };
         let direction = |i: usize| {
-            let polar = extent.topology == Topology::Sphere && i == 1;
-            let count = if polar { kinds[i].meridian_count(extent.intervals[i]) } else { extent.intervals[i] };
+            let polar = extent.topology.has_poles() && i == 1;
+            let count =
+                if polar { kinds[i].meridian_count(extent.intervals[i]) } else { extent.intervals[i] };
             Direction::new(&kinds[i], count, factor(i)?)
         };
         let directions = [direction(0)?, direction(1)?];

@@ -9,9 +9,9 @@ use shapelex_geometry::capability::measure::mesh_flux;
 use shapelex_geometry::generator::{Family, GeneratorKind, PoleList};
 use shapelex_geometry::mesh::TriangleMesh;
 use shapelex_geometry::surface::basis::{Extent, SurfaceBasis, Tangents};
+use shapelex_geometry::surface::field::{AffineField, FieldTerm, PolynomialField, VectorField};
 use shapelex_geometry::surface::fit::{SurfaceSample, fit, mesh_samples, spherical_parameters};
 use shapelex_geometry::surface::ideal::IdealSurface;
-use shapelex_geometry::surface::field::{AffineField, FieldTerm, PolynomialField, VectorField};
 use shapelex_geometry::surface::measures::{SurfaceMeasures, flux};
 use shapelex_geometry::surface::parameterisation::spherical;
 use shapelex_geometry::surface::seam::Seam;
@@ -350,8 +350,46 @@ proptest! {
         }
     }
 
+    /// Any rows make a closed surface, whose tangents at the poles are those of the handles.
     #[test]
-    fn affine_maps_of_the_rows_are_those_of_the_surface(seed in 0u64..1000, which in 0usize..52) {
+    fn sharp_spheres_stay_closed_however_they_are_deformed(seed in 0u64..1000, which in 0usize..12) {
+        let sharp = |basis: &SurfaceBasis| basis.extent().topology == Topology::SharpSphere;
+        let basis = spaces().into_iter().filter(sharp).nth(which).unwrap();
+        let rows = noise(&basis, seed);
+        let surface = basis.surface(&rows);
+        let [count, along] = basis.extent().intervals;
+        let kappa = (PI / along as f64).sin() / PI;
+        let first = count * (along - 1);
+        for (pole, v, inward) in [(0, 0.0, 1.0), (1, 1.0, -1.0)] {
+            for u in surface.parameters(0, 7) {
+                let point = surface.point(u, v);
+                for c in 0..3 {
+                    prop_assert!((point[c] - rows[(first + pole, c)]).abs() < 1e-12, "{point:?}");
+                }
+            }
+            // Along u, the tangents are the surface line of the handles.
+            for u in [0.0, 0.3, 0.77] {
+                let [_, _, dv, ..] = surface.jet(u, v);
+                let (half, s) = basis.lines()[0].locate(u);
+                let (start, weights) = basis.lines()[0].weights(half, s, 0);
+                let beyond = (basis.lines()[0].generator().support() - 1) / 2;
+                let mut wanted = [0.0; 3];
+                for (i, weight) in weights.enumerate() {
+                    let k = (start + i + count * 4 - beyond) % count;
+                    let handle = first + 2 + pole * count + k;
+                    for (c, sum) in wanted.iter_mut().enumerate() {
+                        *sum += weight * inward * (rows[(handle, c)] - rows[(first + pole, c)]) / kappa;
+                    }
+                }
+                for c in 0..3 {
+                    prop_assert!((dv[c] - wanted[c]).abs() < 1e-10, "{dv:?} {wanted:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn affine_maps_of_the_rows_are_those_of_the_surface(seed in 0u64..1000, which in 0usize..64) {
         let basis = spaces().swap_remove(which);
         let rows = noise(&basis, seed);
         let mut noise = crate::spaces::Noise(seed + 1);
@@ -366,7 +404,7 @@ proptest! {
             let wanted: f64 = (0..3).map(|i| a[(c, i)] * p[i]).sum::<f64>() + b[c];
             prop_assert!((q[c] - wanted).abs() < 1e-12, "{} for {wanted}", q[c]);
         }
-        if matches!(basis.extent().topology, Topology::Sphere | Topology::Torus) && before.is_orientable() {
+        if matches!(basis.extent().topology, Topology::Sphere | Topology::SharpSphere | Topology::Torus) && before.is_orientable() {
             let identity = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
             let field = AffineField { matrix: identity, offset: [0.0; 3] }.into();
             let wanted = a.determinant() * flux(&before, &field);
@@ -732,7 +770,8 @@ fn body_integral(surface: &Surface, g: impl Fn([f64; 3]) -> f64) -> f64 {
     for (u, along) in u {
         for (jet, (_, across)) in surface.jets(&[u], &places).iter().zip(&v) {
             let [r, du, dv, ..] = *jet;
-            let normal = [du[1] * dv[2] - du[2] * dv[1], du[2] * dv[0] - du[0] * dv[2], du[0] * dv[1] - du[1] * dv[0]];
+            let normal =
+                [du[1] * dv[2] - du[2] * dv[1], du[2] * dv[0] - du[0] * dv[2], du[0] * dv[1] - du[1] * dv[0]];
             let through: f64 = (0..3).map(|c| r[c] * normal[c]).sum();
             sum += along * across * surface.topology().orientation() * cone(r) * through;
         }
@@ -745,9 +784,9 @@ proptest! {
 
     /// Gauss: the flux of a polynomial field through a closed surface is the integral of its divergence over the body.
     #[test]
-    fn fluxes_are_integrals_of_divergences(seed in 0u64..1000, which in 0usize..52, degree in 0usize..=8) {
+    fn fluxes_are_integrals_of_divergences(seed in 0u64..1000, which in 0usize..64, degree in 0usize..=8) {
         let basis = spaces().swap_remove(which);
-        prop_assume!(matches!(basis.extent().topology, Topology::Sphere | Topology::Torus));
+        prop_assume!(matches!(basis.extent().topology, Topology::Sphere | Topology::SharpSphere | Topology::Torus));
         let surface = basis.surface(&noise(&basis, seed));
         prop_assume!(surface.is_orientable());
         let terms = random_field(degree, seed + 7);
@@ -765,7 +804,10 @@ fn polynomial_fluxes_through_a_ball_are_known() {
     let ball = basis(Topology::Sphere, Seam::Straight, [5, 4], [TRIGONOMETRIC, TRIGONOMETRIC]);
     let rows = sampled(&ball, unit_sphere, &Tangents::default());
     let unit = |c: usize| [0, 1, 2].map(|i| f64::from(u8::from(i == c)));
-    let term = |c: usize, power: usize| FieldTerm { powers: unit(c).map(|x| x as usize * power), coefficients: unit(c) };
+    let term = |c: usize, power: usize| FieldTerm {
+        powers: unit(c).map(|x| x as usize * power),
+        coefficients: unit(c),
+    };
     let cubes = PolynomialField::new((0..3).map(|c| term(c, 3)).collect()).unwrap();
     let seventh = PolynomialField::new(vec![term(0, 7)]).unwrap();
     for (field, wanted) in [(cubes, 12.0 * PI / 5.0), (seventh, 4.0 * PI / 9.0)] {
@@ -794,8 +836,40 @@ fn polynomial_fluxes_through_meshes_are_exact() {
         let field = VectorField::Polynomial(PolynomialField::new(vec![term]).unwrap());
         // ∭ i x^{i−1} y^j z^k dV = i! j! k!/(i + j + k + 2)!
         let [i, j, k] = powers;
-        let wanted = if i == 0 { 0.0 } else { factorial(i) * factorial(j) * factorial(k) / factorial(i + j + k + 2) };
+        let wanted =
+            if i == 0 { 0.0 } else { factorial(i) * factorial(j) * factorial(k) / factorial(i + j + k + 2) };
         let found = mesh_flux(&mesh, &field);
         assert!((found - wanted).abs() < 1e-15, "{powers:?}: {found} for {wanted}");
     }
+}
+
+/// A lemon, `4v(1 − v)` wide at the height `1 − 2v`, has cones at its poles: a sharp sphere contains it, a smooth one does not. Both contain
+/// the ball.
+#[test]
+fn a_lemon_has_sharp_poles() {
+    let lemon = |u: f64, v: f64| {
+        let (sine, cosine) = (TAU * u).sin_cos();
+        let radius = 4.0 * v * (1.0 - v);
+        [radius * cosine, radius * sine, 1.0 - 2.0 * v]
+    };
+    let apart = |topology: Topology, kinds: [GeneratorKind; 2], f: &dyn Fn(f64, f64) -> [f64; 3]| {
+        let basis = basis(topology, Seam::Straight, [6, 4], kinds);
+        let surface = basis.surface(&sampled(&basis, f, &Tangents::default()));
+        let places = (0..400).map(|i| [f64::from(i % 20) / 19.5, f64::from(i / 20) / 19.0]);
+        let worst = places.map(|[u, v]| norm(minus(surface.point(u, v), f(u, v)))).fold(0.0, f64::max);
+        (worst, surface)
+    };
+    let (exact, surface) = apart(Topology::SharpSphere, [TRIGONOMETRIC, KEYS], &lemon);
+    assert!(exact < 1e-14, "{exact}");
+    let volume = SurfaceMeasures::of(&surface).enclosed.unwrap().signed_volume;
+    assert!((volume - 16.0 * PI / 15.0).abs() < 1e-12, "{volume}");
+    assert_eq!(surface.frame(0.0, &surface.jet(0.3, 0.0)).normal, None);
+    let mesh = surface.tessellate([24, 13]);
+    let normals = mesh.normals.unwrap();
+    let [north, south] = [2, 1].map(|i| normals[normals.len() - i]);
+    assert!((north[2] - 1.0).abs() < 1e-12 && (south[2] + 1.0).abs() < 1e-12, "{north:?} {south:?}");
+    let (smooth, _) = apart(Topology::Sphere, [TRIGONOMETRIC, KEYS], &lemon);
+    assert!(smooth > 0.02, "{smooth}");
+    let (ball, _) = apart(Topology::SharpSphere, [TRIGONOMETRIC, TRIGONOMETRIC], &unit_sphere);
+    assert!(ball < 1e-14, "{ball}");
 }
