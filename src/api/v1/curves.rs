@@ -308,9 +308,9 @@ pub(super) struct PolynomialFlow {
 }
 
 /// A field as posted: `matrix` and `offset`, or `terms`.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct FieldInput {
+pub(super) struct FieldInput {
     matrix: Option<[[f64; 3]; 3]>,
     offset: Option<[f64; 3]>,
     terms: Option<Vec<FieldTerm>>,

@@ -305,7 +305,7 @@ fn shapes_pass_through_their_points() {
     for basis in spaces() {
         let mut noise = crate::spaces::Noise(3);
         let [count_u, count_v] = basis.extent().grid();
-        let sphere = basis.extent().topology == Topology::Sphere;
+        let sphere = basis.extent().topology.has_poles();
         let mut points = Matrix::from_fn(count_u * count_v, 3, |_, _| noise.next());
         if sphere {
             for k in 0..count_u {
@@ -450,7 +450,7 @@ fn meshes_of_surfaces_have_no_cracks_and_their_faces_look_outwards() {
         let (topology, _) = ideal.topology();
         let border = edges.keys().filter(|[a, b]| !edges.contains_key(&[*b, *a])).count();
         let open = match topology {
-            Topology::Sphere | Topology::Torus => 0,
+            Topology::Sphere | Topology::SharpSphere | Topology::Torus => 0,
             Topology::Cylinder => 2 * 40,
             Topology::Plane => 2 * (39 + 35),
         };
@@ -726,19 +726,18 @@ fn long_shapes_and_hippocampi_are_parameterised_and_fitted() {
     }
 }
 
-/// A polynomial field with random coefficients of every monomial up to `degree`.
+/// A polynomial field of twelve random terms up to `degree`, the first one of that degree.
 fn random_field(degree: usize, seed: u64) -> Vec<FieldTerm> {
     let mut noise = crate::spaces::Noise(seed);
-    let mut terms = Vec::new();
-    for i in 0..=degree {
-        for j in 0..=degree - i {
-            for k in 0..=degree - i - j {
-                let coefficients = [noise.next(), noise.next(), noise.next()];
-                terms.push(FieldTerm { powers: [i, j, k], coefficients });
-            }
-        }
-    }
-    terms
+    let term = |i: usize| {
+        let coefficients = [noise.next(), noise.next(), noise.next()];
+        let mut share = |most: usize| ((0.5 + 0.5 * noise.next()) * (most + 1) as f64) as usize;
+        let total = if i == 0 { degree } else { share(degree) };
+        let first = share(total).min(total);
+        let second = share(total - first).min(total - first);
+        FieldTerm { powers: [first, second, total - first - second], coefficients }
+    };
+    (0..12).map(term).collect()
 }
 
 /// `div F` at a point.
@@ -755,7 +754,7 @@ fn divergence(terms: &[FieldTerm], point: [f64; 3]) -> f64 {
 
 /// `∭ g dV` of the body within the surface, by cones from the origin: `∯ ∫₀¹ t² g(t r) dt ⟨r, n⟩ dA`.
 fn body_integral(surface: &Surface, g: impl Fn([f64; 3]) -> f64) -> f64 {
-    let rule = GaussLegendre::new(24);
+    let (rule, along_cones) = (GaussLegendre::new(26), GaussLegendre::new(6));
     let nodes = |direction: usize| -> Vec<(f64, f64)> {
         let halves = 2 * surface.intervals(direction);
         let node = |half: usize, (s, w): (f64, f64)| {
@@ -763,7 +762,7 @@ fn body_integral(surface: &Surface, g: impl Fn([f64; 3]) -> f64) -> f64 {
         };
         (0..halves).flat_map(|half| rule.points().map(move |p| node(half, p)).collect::<Vec<_>>()).collect()
     };
-    let cone = |r: [f64; 3]| rule.integrate(0.0, 1.0, |t| t * t * g(r.map(|x| t * x)));
+    let cone = |r: [f64; 3]| along_cones.integrate(0.0, 1.0, |t| t * t * g(r.map(|x| t * x)));
     let (u, v) = (nodes(0), nodes(1));
     let places: Vec<f64> = v.iter().map(|node| node.0).collect();
     let mut sum = 0.0;
@@ -780,7 +779,7 @@ fn body_integral(surface: &Surface, g: impl Fn([f64; 3]) -> f64) -> f64 {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(24))]
+    #![proptest_config(ProptestConfig::with_cases(12))]
 
     /// Gauss: the flux of a polynomial field through a closed surface is the integral of its divergence over the body.
     #[test]
@@ -810,15 +809,16 @@ fn polynomial_fluxes_through_a_ball_are_known() {
     };
     let cubes = PolynomialField::new((0..3).map(|c| term(c, 3)).collect()).unwrap();
     let seventh = PolynomialField::new(vec![term(0, 7)]).unwrap();
-    for (field, wanted) in [(cubes, 12.0 * PI / 5.0), (seventh, 4.0 * PI / 9.0)] {
+    for (field, wanted, far) in
+        [(cubes, 12.0 * PI / 5.0, [2e3, -1e3, 5e2]), (seventh, 4.0 * PI / 9.0, [20.0, -10.0, 5.0])]
+    {
         let found = flux(&ball.surface(&rows), &VectorField::Polynomial(field.clone()));
         assert!((found - wanted).abs() < 1e-12, "{found} for {wanted}");
         // The field that has the same values about a ball elsewhere.
-        let far = [2e3, -1e3, 5e2];
         let moved = Matrix::from_fn(rows.nrows(), 3, |i, c| rows[(i, c)] + far[c]);
         let there = VectorField::Polynomial(field).about(far.map(|x| -x));
         let found = flux(&ball.surface(&moved), &there);
-        assert!((found - wanted).abs() < 1e-3, "{found} for {wanted}: the field itself has lost digits");
+        assert!((found - wanted).abs() < 1e-4, "{found} for {wanted}: the field itself has lost digits");
     }
 }
 
