@@ -68,7 +68,7 @@ impl<'de, T: Readable> Deserialize<'de> for Read<T> {
     }
 }
 
-/// Target of a curve fit: a representation, or one with a tolerance in place of the number of control points.
+/// Target of a fit: a representation, or one with a tolerance in place of the number of control points.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FitTarget {
     /// Representation; with a tolerance, it has the smallest number of control points.
@@ -91,8 +91,8 @@ impl Readable for FitTarget {
 }
 
 fn read_target(mut value: Value) -> Result<(Representation, Option<f64>), Vec<Fault>> {
-    // Landmarks are not fitted, and surfaces only at a given size: for them a tolerance is an unknown field.
-    let sized = ["landmarks", "surface", "subdivision"];
+    // Landmarks are not fitted, and subdivision surfaces only at a given size: for them a tolerance is an unknown field.
+    let sized = ["landmarks", "subdivision"];
     let curve = value
         .as_object_mut()
         .filter(|map| !map.get("kind").and_then(Value::as_str).is_some_and(|kind| sized.contains(&kind)));
@@ -106,9 +106,11 @@ fn read_target(mut value: Value) -> Result<(Representation, Option<f64>), Vec<Fa
         let detail = format!("expected either tolerance or {field}, got both");
         return Err(vec![Fault::new("/tolerance", detail)]);
     }
-    map.insert(field.to_owned(), Value::from(1));
+    let surface = map.get("kind").is_some_and(|kind| kind == "surface");
+    map.insert(field.to_owned(), if surface { Value::from(vec![1, 1]) } else { Value::from(1) });
     let wrong = || Fault::new("/tolerance", format!("expected a number, got {tolerance}"));
     match (read(value), tolerance.as_f64()) {
+        (Ok(found), Some(tolerance)) if surface => Ok((found.of_width(1), Some(tolerance))),
         (Ok(found), Some(tolerance)) => {
             let fewest = found.fewest();
             Ok((found.with_count(fewest), Some(tolerance)))
@@ -217,17 +219,34 @@ impl Fields {
         let topology: Option<Topology> = self.value("topology");
         let seam = if self.given("seam") { self.value("seam") } else { Some(Seam::Straight) };
         let control_points = self.value::<[usize; 2]>("control_points");
+        let from_pole_to_pole = topology.is_some_and(Topology::has_poles);
+        if from_pole_to_pole {
+            self.rename_meridian_poles();
+        }
         let generators = if self.given("generators") {
             self.generators()
         } else {
             topology.map(Topology::usual_generators)
         };
+        let generators =
+            generators.map(|[u, v]| if from_pole_to_pole { [u, v.of_meridian()] } else { [u, v] });
         Some(Representation::Surface {
             topology: topology?,
             seam: seam?,
             control_points: control_points?,
             generators: generators?,
         })
+    }
+
+    /// Poles along the meridian of a sphere are answered as `meridian_poles`, and are read under both names.
+    fn rename_meridian_poles(&mut self) {
+        let along_v = self.map.get_mut("generators").and_then(|generators| generators.get_mut(1));
+        if let Some(generator) = along_v.and_then(Value::as_object_mut)
+            && !generator.contains_key("domain_poles")
+            && let Some(poles) = generator.remove("meridian_poles")
+        {
+            generator.insert("domain_poles".into(), poles);
+        }
     }
 
     /// Takes an optional number.
@@ -406,6 +425,28 @@ mod tests {
             pointers,
             ["/dimension", "/control_points", "/generator/degree", "/generator/order", "/extra"]
         );
+    }
+
+    /// `domain_poles` along a meridian are those of functions of `v`, and are read again as they are written.
+    #[test]
+    fn poles_along_a_meridian_keep_their_meaning() {
+        let of = |name: &str, poles: Value| {
+            let circle = json!({"name": "exponential", "domain_poles": [[0, 0], [0, 2], [0, -2]]});
+            let along = json!({"name": "exponential", name: poles});
+            read(
+                json!({"kind": "surface", "topology": "sphere", "control_points": [8, 6], "generators": [circle, along]}),
+            )
+        };
+        let posted = of("domain_poles", json!([[0.0, 0.0], [0.0, 3.0], [0.0, -3.0]])).unwrap();
+        let answered = serde_json::to_value(&posted).unwrap();
+        assert_eq!(answered["generators"][1]["meridian_poles"][1], json!([0.0, 3.0]));
+        assert_eq!(read(answered.clone()).unwrap(), posted);
+        assert_eq!(serde_json::from_value::<Representation>(answered.clone()).unwrap(), posted);
+        // Spheres of version 0.1.0 are stored with poles of the whole circle.
+        let mut stored = answered;
+        let poles = stored["generators"][1].as_object_mut().unwrap().remove("meridian_poles").unwrap();
+        stored["generators"][1]["domain_poles"] = poles;
+        assert_ne!(serde_json::from_value::<Representation>(stored).unwrap(), posted);
     }
 
     #[test]

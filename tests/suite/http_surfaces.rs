@@ -69,6 +69,42 @@ fn the_smallest_sphere_is_measured_exactly() {
     assert_close(&measures["centroid"], &json!([0.0, 0.0, 0.0]), 1e-12, "centroid");
 }
 
+/// `F = (x³, y³, z³)` through the unit sphere: `∭ 3r² dV = 12π/5`; through a mesh, 3 V for the linear part.
+#[test]
+fn fluxes_of_polynomial_fields_are_exact() {
+    let server = shared();
+    let cubes = json!({"terms": [{"powers": [3, 0, 0], "coefficients": [1, 0, 0]}, {"powers": [0, 3, 0], "coefficients": [0, 1, 0]},
+        {"powers": [0, 0, 3], "coefficients": [0, 0, 1]}, {"powers": [0, 0, 0], "coefficients": [5, 6, 7]}]});
+    let body = |field: &Value| json!({"representation": surface("sphere", [5, 4]), "shapes": [{"points": on_sphere([5, 4], ellipsoid([1.0; 3]))}], "field": field});
+    let measures = server.post("/v1/measure", &body(&cubes)).expect(200)["results"][0].clone();
+    assert!((number(&measures["flux"]) - 12.0 * PI / 5.0).abs() < 1e-12, "{measures}");
+    // An octahedron with the corners ±1 on the axes: ∭ x² dV = 2/15, so 3·3·2/15.
+    let octahedron =
+        json!({"kind": "subdivision", "scheme": "loop", "level": 0, "connectivity": "octahedron"});
+    let corners = json!([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]]);
+    let mesh = json!({"representation": octahedron, "shapes": [{"control_points": corners}], "field": cubes});
+    let measures = server.post("/v1/measure", &mesh).expect(200)["results"][0].clone();
+    assert!((number(&measures["flux"]) - 1.2).abs() < 1e-14, "{measures}");
+
+    let term = |powers: Value, coefficients: Value| json!({"terms": [{"powers": powers, "coefficients": coefficients}]});
+    for (field, pointer) in [
+        (term(json!([4, 4, 1]), json!([1, 0, 0])), "/field/terms/0/powers"),
+        (term(json!([4, -4, 1]), json!([1, 0, 0])), "/field/terms/0/powers/1"),
+        (term(json!([1, 1]), json!([1, 0, 0])), "/field/terms/0/powers"),
+        (json!({}), "/field"),
+        (json!({"matrix": [[1, 0, 0], [0, 1, 0], [0, 0, 1]]}), "/field/offset"),
+        (json!({"terms": [], "offset": [0, 0, 0]}), "/field/terms"),
+        (
+            json!({"terms": vec![json!({"powers": [1, 0, 0], "coefficients": [1, 0, 0]}); 166]}),
+            "/field/terms",
+        ),
+    ] {
+        server.post("/v1/measure", &body(&field)).expect_problem(422, "invalid-input", &[pointer]);
+    }
+    let none = server.post("/v1/measure", &body(&json!({"terms": []}))).expect(200);
+    assert_eq!(none["results"][0]["flux"], 0.0);
+}
+
 #[test]
 fn a_torus_is_evaluated_with_its_normals_and_curvatures() {
     let server = shared();
@@ -417,6 +453,42 @@ fn grids_and_meshes_are_fitted() {
     fit(&[("faces", json!([[0, 1, -2]]))]).expect_problem(422, "invalid-input", &["/meshes/0/faces/0/2"]);
 }
 
+/// The smallest size that meets a tolerance: one less does not.
+#[test]
+fn a_tolerance_chooses_the_size_of_a_surface() {
+    let server = shared();
+    let shape = json!({"points": potato([40, 30], 1)});
+    let fit = |representation: Value| {
+        server.post("/v1/fit", &json!({"representation": representation, "shapes": [shape]}))
+    };
+    let mut before = 0;
+    for tolerance in [0.03, 0.01, 0.001] {
+        let wanted = json!({"kind": "surface", "topology": "sphere", "tolerance": tolerance});
+        let found = fit(wanted).expect(200)["results"][0].clone();
+        assert!(number(&found["residual"]) <= tolerance, "{} for {tolerance}", found["residual"]);
+        let size = found["representation"]["control_points"].clone();
+        let width = size[0].as_u64().unwrap() as usize;
+        assert_eq!(size, json!([width, width]));
+        assert!(width > before, "{width} after {before}");
+        before = width;
+        let smaller = fit(surface("sphere", [width - 1, width - 1])).expect(200)["results"][0].clone();
+        assert!(number(&smaller["residual"]) > tolerance, "{} at {}", smaller["residual"], width - 1);
+    }
+    let twisted = json!({"kind": "surface", "topology": "torus", "seam": "half_turn", "tolerance": 1e3});
+    let mut grid = potato([12, 7], 1);
+    grid.as_array_mut().unwrap().iter_mut().for_each(|row| row.as_array_mut().unwrap().truncate(8));
+    let body = json!({"representation": twisted, "shapes": [{"points": grid}]});
+    let found = server.post("/v1/fit", &body).expect(200)["results"][0].clone();
+    assert_eq!(found["representation"]["control_points"], json!([3, 4]));
+    let never = json!({"kind": "surface", "topology": "sphere", "tolerance": 1e-12});
+    let problem = fit(never).expect_problem(422, "invalid-input", &["/shapes/0/points"]);
+    assert!(problem.to_string().contains("no fit reaches the tolerance"), "{problem}");
+    let both = json!({"kind": "surface", "topology": "sphere", "tolerance": 0.1, "control_points": [6, 6]});
+    fit(both).expect_problem(422, "invalid-input", &["/representation/tolerance"]);
+    let wrong = json!({"kind": "surface", "topology": "sphere", "tolerance": -1});
+    fit(wrong).expect_problem(422, "invalid-input", &["/representation/tolerance"]);
+}
+
 #[test]
 fn surfaces_are_resized_with_the_change_told() {
     let server = shared();
@@ -447,6 +519,70 @@ fn surfaces_are_resized_with_the_change_told() {
         "invalid-input",
         &["/control_points"],
     );
+}
+
+/// Half-integer shifts along both directions: the refined torus is the same, at parameters half a fine interval further on.
+#[test]
+fn surfaces_of_half_integer_shifts_are_refined_exactly() {
+    let server = shared();
+    let circle = json!([[0, 0], [0, TAU], [0, -TAU]]);
+    let shifts = json!({"name": "interpolator", "family": "half_integer_shifts", "domain_poles": circle});
+    let representation = json!({"kind": "surface", "topology": "torus", "control_points": [4, 4], "generators": [shifts, shifts]});
+    let mut rows = vec![[0.0; 3]; 16];
+    (0..16).for_each(|k| rows[k] = [(k * k % 7) as f64, (k % 5) as f64, (k * 3 % 11) as f64]);
+    let body = json!({"representation": representation, "shapes": [{"control_points": rows}], "factor": 2});
+    let answer = server.post("/v1/refine", &body).expect(200);
+    assert_eq!(
+        (&answer["exact"], &answer["shapes"][0]["l2_change"]),
+        (&json!(true), &Value::Null),
+        "{answer}"
+    );
+    assert_eq!(answer["representation"]["generators"][0]["name"], "exponential");
+    assert_eq!(answer["parameter_shifts"], json!([0.0625, 0.0625]));
+    assert_eq!(answer["parameter_shift"], json!(0.0625));
+    let places: Vec<[f64; 2]> =
+        (0..40).map(|k| [f64::from(k) / 40.0, f64::from(k * 7 % 40) / 40.0]).collect();
+    let at = |representation: &Value, rows: &Value, shift: f64| {
+        let places: Vec<[f64; 2]> = places.iter().map(|place| place.map(|x| (x + shift) % 1.0)).collect();
+        let body = json!({"representation": representation, "parameters": places, "shapes": [{"control_points": rows}]});
+        server.post("/v1/evaluate", &body).expect(200)["evaluations"][0]["points"].clone()
+    };
+    let before = at(&representation, &json!(rows), 0.0);
+    let after = at(&answer["representation"], &answer["shapes"][0]["control_points"], 0.0625);
+    assert_close(&after, &before, 1e-11, "the refined torus");
+    // One direction alone, by numbers of control points.
+    let body = json!({"representation": representation, "shapes": [{"control_points": rows}], "control_points": [4, 8]});
+    let answer = server.post("/v1/refine", &body).expect(200);
+    assert_eq!(answer["parameter_shifts"], json!([0.0, 0.0625]));
+    assert_eq!((&answer["exact"], &answer["representation"]["generators"][0]), (&json!(true), &shifts));
+}
+
+/// Domain poles along a meridian belong to functions of `v ∈ [0, 1]`, as along every direction: `sin πv` needs ±πj.
+#[test]
+fn domain_poles_along_a_meridian_are_those_of_functions_of_v() {
+    let server = shared();
+    let exponential = |w: f64| json!({"name": "exponential", "domain_poles": [[0, 0], [0, w], [0, -w]]});
+    let representation = |w: f64| json!({"kind": "surface", "topology": "sphere", "control_points": [9, 9], "generators": [exponential(TAU), exponential(w)]});
+    let body = |w: f64| json!({"representation": representation(w), "surfaces": [{"surface": {"name": "sphere", "radius": 1}}]});
+    let rows = server.post("/v1/idealised", &body(PI)).expect(200)["shapes"][0].clone();
+    server.post("/v1/idealised", &body(TAU)).expect_problem(422, "invalid-input", &["/surfaces/0/surface"]);
+    // Answered under a name of their own, which can be posted as it is.
+    let shape = json!({"control_points": rows["control_points"]});
+    let refined = json!({"representation": representation(PI), "shapes": [shape], "factor": 3});
+    let refined = server.post("/v1/refine", &refined).expect(200);
+    assert_eq!(refined["exact"], true, "{refined}");
+    assert!(refined["representation"]["generators"][1]["meridian_poles"].is_array(), "{refined}");
+    let measure = json!({"representation": refined["representation"], "shapes": refined["shapes"]});
+    let measures = server.post("/v1/measure", &measure).expect(200)["results"][0].clone();
+    assert!((number(&measures["volume"]) - 4.0 * PI / 3.0).abs() < 1e-12, "{measures}");
+    server
+        .post(
+            "/v1/cohorts",
+            &json!({"name": "round", "representation": representation(PI), "correspondence": "landmarks"}),
+        )
+        .expect(201);
+    let stored = server.get("/v1/cohorts/round").expect(200)["representation"].clone();
+    assert_eq!(stored["generators"][1]["meridian_poles"][1], json!([0.0, PI]));
 }
 
 #[test]
@@ -747,4 +883,56 @@ fn parameters_of_surfaces_that_do_not_correspond_are_told_and_searched() {
     assert_close(&mean["mean"]["control_points"], &found["mean"]["control_points"], 1e-9, "mean");
     let query = json!({"shapes": [{"points": turned(7)}], "transformation": "similarity"});
     server.post("/v1/cohorts/turned/search", &query).expect_problem(422, "invalid-input", &[""]);
+}
+
+/// Spheres that are closed at their poles, and sharp there: points of cones, in every request that takes surfaces.
+#[test]
+fn spheres_may_have_sharp_poles() {
+    let server = Server::fresh();
+    let representation = json!({"kind": "surface", "topology": "sharp_sphere", "control_points": [6, 4],
+        "generators": [{"name": "trigonometric"}, {"name": "cubic"}]});
+    let lemon = |width: f64, height: f64| -> Value {
+        let meridian = |k: usize| -> Vec<[f64; 3]> {
+            let (sine, cosine) = (TAU * k as f64 / 6.0).sin_cos();
+            let at = |l: usize| {
+                let v = l as f64 / 4.0;
+                let radius = 4.0 * width * v * (1.0 - v);
+                [radius * cosine, radius * sine, height * (1.0 - 2.0 * v)]
+            };
+            (0..5).map(at).collect()
+        };
+        json!({"points": (0..6).map(meridian).collect::<Vec<_>>()})
+    };
+    let body = json!({"representation": representation, "shapes": [lemon(1.0, 1.0), lemon(1.5, 2.0)]});
+    let measures = server.post("/v1/measure", &body).expect(200);
+    for (i, wanted) in [16.0 * PI / 15.0, 72.0 * PI / 15.0].into_iter().enumerate() {
+        let volume = number(&measures["results"][i]["volume"]);
+        assert!((volume - wanted).abs() < 1e-12 * wanted, "{volume} for {wanted}");
+    }
+    let mesh = server.post(
+        "/v1/evaluate?format=obj&grid=24,13",
+        &json!({"representation": representation, "shapes": [lemon(1.0, 1.0)]}),
+    );
+    assert_eq!(mesh.text().lines().filter(|line| line.starts_with("v ")).count(), 24 * 11 + 2);
+    // Both are linear images of one lemon: under the linear class, the mean is one too.
+    let mean = json!({"representation": representation, "transformation": "linear", "shapes": [lemon(1.0, 1.0), lemon(1.5, 2.0)]});
+    let mean = server.post("/v1/mean", &mean).expect(200);
+    let rows = mean["mean"]["control_points"].as_array().or(mean["control_points"].as_array()).map(Vec::len);
+    assert_eq!(rows, Some(6 * 3 + 2 + 12), "{mean}");
+    server
+        .post(
+            "/v1/cohorts",
+            &json!({"name": "lemons", "representation": representation, "correspondence": "cyclic"}),
+        )
+        .expect(201);
+    let shapes = json!({"shapes": [lemon(1.0, 1.0), lemon(1.5, 2.0), lemon(0.8, 1.1)]});
+    server.post("/v1/cohorts/lemons/shapes", &shapes).expect(201);
+    server.get("/v1/cohorts/lemons/mean?transformation=affine").expect(200);
+    // Tangent planes are for smooth poles.
+    let mut with_tangents = lemon(1.0, 1.0);
+    with_tangents["poles"] = json!({"north": {"tangents": [[1, 0, 0], [0, 1, 0]]}});
+    let body = json!({"representation": representation, "shapes": [with_tangents]});
+    server.post("/v1/measure", &body).expect_problem(422, "invalid-input", &["/shapes/0/poles"]);
+    let open = json!({"representation": representation, "shapes": [{"points": vec![[[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0], [4, 0, 0]]; 5]}]});
+    server.post("/v1/measure", &open).expect_problem(422, "invalid-input", &["/shapes/0/points"]);
 }

@@ -54,7 +54,7 @@ impl Line {
     ///
     /// Its interpolation is done by the surface: conditions at the poles replace those beyond the ends.
     pub(super) fn meridian(kind: &GeneratorKind, intervals: usize) -> Result<Self, GeometryError> {
-        let built = kind.build(2 * intervals)?;
+        let built = kind.build(kind.meridian_count(intervals))?;
         let gram = Banded::new(open_gram(&built.generator, intervals, 0)).map_err(dependent)?;
         Ok(Self {
             intervals,

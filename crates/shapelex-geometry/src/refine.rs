@@ -10,7 +10,6 @@
 
 use super::GeometryError;
 use super::curve::Curve;
-use super::generator::GeneratorKind;
 use super::generator::refinement::FineFilter;
 use super::open::phantoms;
 use super::representation::{Representation, ShapeSpace};
@@ -37,12 +36,7 @@ impl Refinement {
         let recipe = kind.recipe(count)?;
         let filter = FineFilter::new(&recipe, kind.build(count)?.as_ref(), factor)
             .filter(|filter| representation.is_closed() || !filter.half_step);
-        let kind = match (kind, &filter) {
-            (GeneratorKind::Interpolator { poles, .. }, Some(_)) => {
-                GeneratorKind::Exponential { poles: poles.clone() }.refined(factor)
-            }
-            _ => kind.refined(factor),
-        };
+        let kind = if filter.is_some() { kind.two_scale(factor) } else { kind.refined(factor) };
         let fine = ShapeSpace::new(&representation.with_count(factor * count).with_generator(kind))?;
         Ok(Self { coarse: coarse.clone(), fine, factor, filter })
     }

@@ -57,7 +57,8 @@ pub enum Representation {
     /// A tensor-product surface in space. A shape is given by a grid of points on it, `[u][v][x, y, z]`: `M_u × M_v` on a
     /// torus, `M_u × (M_v + 1)` on a cylinder or a sphere (there with the poles at both ends of every list along `v`), and
     /// `(M_u + 1) × (M_v + 1)` on a plane. Control points are rows with `v` fastest and include those beyond open edges. On a
-    /// sphere they are `M_u × (M_v − 1)` rows, then the poles, then the handles of the north and the south pole.
+    /// sphere they are `M_u × (M_v − 1)` rows, then the poles, then the handles of the north and the south pole: two for each on a
+    /// `sphere`, one for each meridian on a `sharp_sphere`.
     Surface {
         /// Topology of the surface: the directions in which it closes.
         topology: Topology,
@@ -160,8 +161,14 @@ impl Representation {
                     let found = match topology {
                         // Half of a great circle, with special conditions at its ends.
                         Topology::Sphere if i == 1 => {
-                            let (field, count, around) = closed(field, count, generator);
-                            (field, count, around.div_ceil(2).max(sphere::MIN_ALONG_MERIDIAN))
+                            let fewest = generator.fewest_along_meridian();
+                            (field, count, fewest.max(sphere::MIN_ALONG_MERIDIAN))
+                        }
+                        // Continued beyond its ends, as open lines are.
+                        Topology::SharpSphere if i == 1 => {
+                            let fewest = generator.fewest_along_meridian();
+                            let poles = generator.properties().smoothness + 2;
+                            (field, count, fewest.max(sphere::MIN_ALONG_MERIDIAN).max(poles - 1))
                         }
                         _ if topology.closed()[i] => closed(field, count, generator),
                         _ => open(field, count, generator),

@@ -5,7 +5,7 @@
 use crate::formats::fault::Fault;
 use axum::http::StatusCode;
 use axum::response::Response;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::batches::{
     Batch, BatchQuery, Entry, FailedShape, InputShape, PlannedResults, answer_batch, result_list,
@@ -22,7 +22,8 @@ use crate::geometry::capability::domain::Domain;
 use crate::geometry::capability::measure::{Measures, ReferenceDistances, SetDistances};
 use crate::geometry::capability::sample::{Derivative, Evaluation, Frames, Parameters};
 use crate::geometry::measures::{CurveMeasures, Orientation};
-use crate::geometry::surface::measures::{AffineField, SurfaceMeasures};
+use crate::geometry::surface::field::{AffineField, FieldTerm, PolynomialField, VectorField};
+use crate::geometry::surface::measures::SurfaceMeasures;
 use crate::service::app::{App, Limits, ServiceError, Work};
 use crate::service::cohorts::catalogue::text_faults;
 use crate::service::cost::requests::{self, Counts};
@@ -280,9 +281,71 @@ shapes_request! {
         /// Shape in the same representation to which distances are measured.
         #[schema(value_type = Option<ShapeInput>)]
         reference: ShapeInput;
-        /// Affine field `F(r) = A r + b` whose flux through surfaces is measured.
-        #[schema(value_type = Option<AffineField>)]
-        field: Checked<AffineField>;
+        /// Field whose flux through surfaces is measured: affine, `F(r) = A r + b`, or a polynomial of degree 8 or less.
+        #[schema(value_type = Option<FlowField>)]
+        field: Checked<FieldInput>;
+    }
+}
+
+/// Field whose flux is measured.
+#[derive(utoipa::ToSchema)]
+#[serde(untagged)]
+#[allow(dead_code, reason = "only for the document")]
+pub(super) enum FlowField {
+    /// `F(r) = A r + b`.
+    Affine(AffineField),
+    /// `F(r) = Σ f x^i y^j z^k`.
+    Polynomial(PolynomialFlow),
+}
+
+/// Polynomial vector field.
+#[derive(utoipa::ToSchema)]
+#[allow(dead_code, reason = "only for the document")]
+pub(super) struct PolynomialFlow {
+    /// Terms of the sum.
+    #[schema(max_items = 165)]
+    terms: Vec<FieldTerm>,
+}
+
+/// A field as posted: `matrix` and `offset`, or `terms`.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct FieldInput {
+    matrix: Option<[[f64; 3]; 3]>,
+    offset: Option<[f64; 3]>,
+    terms: Option<Vec<FieldTerm>>,
+}
+
+impl FieldInput {
+    /// The field; faults go to `errors` below `/field`.
+    fn take(self, errors: &mut Vec<Fault>) -> Option<VectorField> {
+        match (self.matrix, self.offset, self.terms) {
+            (Some(matrix), Some(offset), None) => Some(AffineField { matrix, offset }.into()),
+            (None, None, Some(terms)) => match PolynomialField::new(terms) {
+                Ok(field) => Some(VectorField::Polynomial(field)),
+                Err(faults) => {
+                    let faults = faults.into_iter().map(|fault| fault.below("/field/terms"));
+                    errors.extend(faults.map(|fault| Fault::new(fault.field, fault.detail)));
+                    None
+                }
+            },
+            (None, None, None) => {
+                errors.push(Fault::new("/field", "expected matrix and offset, or terms, got neither"));
+                None
+            }
+            (_, _, Some(_)) => {
+                errors.push(Fault::new(
+                    "/field/terms",
+                    "expected either matrix and offset, or terms, got both",
+                ));
+                None
+            }
+            (matrix, _, None) => {
+                let missing = if matrix.is_none() { "matrix" } else { "offset" };
+                errors.push(Fault::new(format!("/field/{missing}"), "required field is missing"));
+                None
+            }
+        }
     }
 }
 
@@ -542,6 +605,7 @@ impl MeasureRequest {
         let unit_faults = text_faults(None, None, length_unit.as_deref());
         errors.extend(unit_faults.into_iter().map(|fault| Fault::new(fault.pointer, fault.detail)));
         let field = take_given(self.field, "/field", &mut errors);
+        let field = field.and_then(|field| field.take(&mut errors));
         if let (Some(_), Some((representation, _))) = (&field, &settings)
             && !representation.domain().is_surface()
         {
@@ -551,7 +615,8 @@ impl MeasureRequest {
         let representation = app.admit(representation)?;
         let counts = Counts::new(&representation, shapes.len(), &app.limits);
         let task = MeasureTask { representation, correspondence, reference: self.reference, field, on_error };
-        let work = requests::measure(&task.representation, counts, task.reference.is_some(), &app.limits);
+        let work = requests::measure(&task.representation, counts, task.reference.is_some(), &app.limits)
+            + requests::flux(&task.representation, counts, task.field.as_ref(), &app.limits);
         let names = InputNames::of_posted(&shapes);
         let find = move |app: &App| {
             let points = || ServiceError::Internal("measures of points".into());

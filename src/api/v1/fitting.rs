@@ -22,7 +22,9 @@ use crate::geometry::capability::idealise::{Placed, PlacedCurve, PlacedSurface};
 use crate::geometry::generator::GeneratorKind;
 use crate::geometry::ideal::{IdealCurve, Position};
 use crate::geometry::representation::Representation;
+use crate::geometry::surface::Topology;
 use crate::geometry::surface::ideal::IdealSurface;
+use crate::geometry::surface::seam::Seam;
 use crate::numeric::dense::Matrix;
 use crate::service::app::{App, Limits, ServiceError, Work};
 use crate::service::cost::requests::{self, Counts, FitCounts};
@@ -49,7 +51,7 @@ document! {
     pub(super) struct FitRequest {
         /// Representation to fit: closed or open curves, or surfaces. It has `control_points` or `intervals`, or in their place
         /// `tolerance`, a bound on the root mean square distance `residual` (in the unit of the points), for which their number
-        /// is chosen. Single points may be farther away.
+        /// is chosen, of surfaces as many along `u` as along `v`. Single points may be farther away.
         #[schema(value_type = FitRepresentation, required = true)]
         representation: Read<FitTarget>, required;
         /// Parameters of the points, one list per shape. Curves: `u`, strictly increasing from 0 to 1. Default: arc length of
@@ -80,8 +82,37 @@ document! {
 enum FitRepresentation {
     /// With a number of control points.
     Sized(Representation),
-    /// With a bound on the residual.
+    /// Curves with a bound on the residual.
     Tolerant(TolerantCurve),
+    /// Surfaces with a bound on the residual.
+    TolerantSurface(TolerantSurface),
+}
+
+/// Surfaces with as many control points as a bound on the residual requires.
+#[derive(utoipa::ToSchema)]
+#[allow(dead_code, reason = "only for the document")]
+struct TolerantSurface {
+    /// Surfaces.
+    kind: SurfaceKind,
+    /// Topology of the surface.
+    topology: Topology,
+    /// How a torus is glued along `u`. Default: `straight`.
+    seam: Option<Seam>,
+    /// Generators along `u` and `v`. Default: those of the topology.
+    #[schema(min_items = 2, max_items = 2)]
+    generators: Option<Vec<GeneratorKind>>,
+    /// Largest root mean square distance, in the unit of the points.
+    #[schema(exclusive_minimum = 0.0)]
+    tolerance: f64,
+}
+
+/// Kind of surfaces.
+#[derive(utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+#[allow(dead_code, reason = "only for the document")]
+enum SurfaceKind {
+    /// Tensor-product surfaces.
+    Surface,
 }
 
 /// Curves with as many control points as a bound on the residual requires.
@@ -307,16 +338,20 @@ pub(super) struct RefineAnswer {
     /// Refined representation.
     representation: Representation,
     /// Whether the refined shapes are the same functions as the originals. True for B-splines and interpolators of
-    /// half-integer shifts; others are sampled at the finer knots. For surfaces: whether all changes are rounding errors.
+    /// half-integer shifts, on surfaces if both directions are such; others are sampled at the finer knots, and the same if all
+    /// changes are rounding errors.
     exact: bool,
     /// `δ`: the original curve at `u` equals the refined curve at `u + δ`. Half a fine interval if knots of an odd order are
-    /// split by an even factor, else 0.
+    /// split by an even factor, else 0. Of surfaces along `u`.
     parameter_shift: f64,
+    /// `[δ_u, δ_v]` of surfaces: the original surface at `(u, v)` equals the refined one at `(u + δ_u, v + δ_v)`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    parameter_shifts: Option<[f64; 2]>,
     /// One entry per shape.
     shapes: Vec<RefinedOutput>,
 }
 
-/// Refines curves to a grid with more knots; samples surfaces at the knots of another grid.
+/// Refines curves and surfaces to a grid with more knots, exactly where their generators allow it; else samples them at its knots.
 #[utoipa::path(post, path = "/refine", tag = "curves", request_body = RefineRequest,
     responses(
         (status = 200, description = "The finer representation and control points", body = RefineAnswer)
@@ -381,10 +416,16 @@ fn refine_work(
 }
 
 impl From<Refined> for RefineAnswer {
-    fn from(Refined { representation, exact, parameter_shift, shapes }: Refined) -> Self {
+    fn from(Refined { representation, exact, parameter_shifts, shapes }: Refined) -> Self {
         let shape =
             |(shape, l2_change): (Matrix, Option<f64>)| RefinedOutput { shape: output(&shape), l2_change };
-        Self { representation, exact, parameter_shift, shapes: shapes.into_iter().map(shape).collect() }
+        Self {
+            representation,
+            exact,
+            parameter_shift: parameter_shifts.first().copied().unwrap_or_default(),
+            parameter_shifts: parameter_shifts.try_into().ok(),
+            shapes: shapes.into_iter().map(shape).collect(),
+        }
     }
 }
 

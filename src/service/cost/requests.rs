@@ -19,8 +19,11 @@ use crate::geometry::quality::MAX_FACES;
 use crate::geometry::representation::{Representation, ShapeSpace};
 use crate::geometry::subdivision::refinement::Depth;
 use crate::geometry::surface::basis::Extent;
+use crate::geometry::surface::field::VectorField;
+use crate::geometry::surface::measures::flux_nodes;
 use crate::service::app::Limits;
 use crate::service::app::work::{NUMBER, REQUEST, Work};
+use crate::service::shapes::fit::{SIZES_TRIED, most_within_tolerance};
 use crate::service::shapes::read_mesh::MeshInput;
 use crate::service::shapes::read_points::given;
 use crate::service::statistics::CheckedSettings;
@@ -220,6 +223,32 @@ fn measure_sheets(extent: Extent, counts: Counts) -> Work {
     Work(REQUEST + counts.shapes * cells * CELL)
 }
 
+/// Flux of a field through surfaces.
+pub fn flux(
+    representation: &Representation,
+    counts: Counts,
+    field: Option<&VectorField>,
+    limits: &Limits,
+) -> Work {
+    /// A place of the quadrature, and a term of the field there.
+    const PLACE: f64 = 6e-8;
+    const TERM: f64 = 4e-9;
+    let Some(field) = field else { return Work(0.0) };
+    let place = PLACE + field.terms() as f64 * TERM;
+    let square = |nodes: usize| (nodes * nodes) as f64;
+    match representation.domain() {
+        Domain::Vertices => {
+            let faces = 2.0 * vertices(representation, counts, limits);
+            Work(faces * square(field.degree().div_ceil(2) + 1) * place)
+        }
+        Domain::Sheet { extent, .. } => {
+            let cells: f64 = extent.intervals.iter().map(|count| 2.0 * *count as f64).product();
+            Work(counts.shapes * cells * square(flux_nodes(field.degree())) * place)
+        }
+        Domain::Line { .. } | Domain::Points => Work(0.0),
+    }
+}
+
 /// Measures of refined meshes.
 fn measure_meshes(representation: &Representation, counts: Counts, limits: &Limits) -> Work {
     /// Per vertex of the level: refining and measuring.
@@ -321,6 +350,13 @@ pub struct FitCounts {
 pub fn fit(representation: &Representation, counts: Counts, fit: FitCounts, limits: &Limits) -> Work {
     match representation.domain() {
         Domain::Vertices => fit_meshes(representation, counts, fit, limits),
+        Domain::Sheet { .. } if fit.tolerance => {
+            // The size is not known: at most one control point for each point.
+            let each = (fit.points / counts.shapes.max(1.0)).max(counts.points);
+            let most = each.min(most_within_tolerance(counts.shapes as usize) as f64);
+            let sizes = Counts { points: most, ..counts };
+            SIZES_TRIED * fit_sheets(sizes, fit.points, fit.meshes)
+        }
         Domain::Sheet { .. } => fit_sheets(counts, fit.points, fit.meshes),
         Domain::Line { .. } | Domain::Points => fit_lines(counts, fit.points, fit.tolerance),
     }

@@ -20,7 +20,7 @@ use crate::service::app::{App, Limits, ServiceError};
 pub struct FitTask {
     /// Representation of the fitted shapes.
     pub representation: Admitted,
-    /// Largest residual of a curve, whose size is then chosen.
+    /// Largest residual of a curve or a surface with parameters, whose size is then chosen.
     pub tolerance: Option<f64>,
     /// PointPlaces of the points, one entry per shape.
     pub places: Option<Vec<PointPlaces>>,
@@ -66,6 +66,16 @@ pub const MAX_TURNS: usize = 200;
 /// Maximum number of multiply-adds for the normal equations of a request: a minute of work.
 const MAX_OPERATIONS: f64 = 1e11;
 
+/// Number of sizes up to the largest one that a search for a tolerance may solve for, as multiples of that one: the doublings together are
+/// little more than one, and a bisection has six steps at most.
+pub const SIZES_TRIED: f64 = 8.0;
+
+/// Maximum number of control points of `count` surfaces with parameters under a tolerance, so that their equations are solved within the
+/// bound of a request.
+pub fn most_within_tolerance(count: usize) -> usize {
+    (3.0 * MAX_OPERATIONS / (SIZES_TRIED * count.max(1) as f64)).cbrt() as usize
+}
+
 impl FitTask {
     /// Fits a shape to every entry of `inputs`. All entries are read before the space is prepared, which may take far more
     /// memory than they do.
@@ -83,14 +93,14 @@ impl FitTask {
         let (list, on_error) = (inputs.list(), self.on_error);
         let targets = read_targets(app, &self.representation, self.places, inputs)?.checked(on_error)?;
         let posted = Posted::new(app, &self.representation, Correspondence::Landmarks)?;
+        let mut most = app.limits.control_points;
+        if self.tolerance.is_some() && posted.space.domain().is_sheet() {
+            most = most.min(most_within_tolerance(targets.len()));
+        }
         check_work(&posted, list, targets.len(), self.turns)?;
         let start = self.start.map(|shape| posted.read_one(app, shape, "/start")).transpose()?;
-        let settings = FitSettings {
-            tolerance: self.tolerance,
-            max_control_points: app.limits.control_points,
-            turns: self.turns,
-            start,
-        };
+        let settings =
+            FitSettings { tolerance: self.tolerance, max_control_points: most, turns: self.turns, start };
         let fitter = Fitter::new(&posted.space, settings)
             .map_err(|error| ServiceError::invalid("/representation/kind", error.to_string()))?;
         if fitter.lacks_start() {

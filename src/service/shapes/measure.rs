@@ -13,7 +13,7 @@ use crate::geometry::capability::measure::{Measures, Measuring};
 use crate::geometry::capability::tessellate::Detail;
 use crate::geometry::mesh::TriangleMesh;
 use crate::geometry::representation::Representation;
-use crate::geometry::surface::measures::AffineField;
+use crate::geometry::surface::field::VectorField;
 use crate::numeric::dense::Matrix;
 use crate::service::app::{App, ServiceError};
 
@@ -27,7 +27,7 @@ pub struct MeasureTask {
     /// Shape to which distances are measured.
     pub reference: Option<ShapeInput>,
     /// Field whose flux through surfaces is measured.
-    pub field: Option<AffineField>,
+    pub field: Option<VectorField>,
     /// Treatment of invalid shapes.
     pub on_error: OnError,
 }

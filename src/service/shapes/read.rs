@@ -106,6 +106,11 @@ impl Reading<'_> {
             let detail = "expected no poles: they belong to the points of a sphere";
             return Err(vec![Fault::new("/poles", detail)]);
         }
+        if poles.is_some() && !space.has_smooth_poles() {
+            let detail =
+                "expected no tangents: sharp poles have one for each meridian, among the control points";
+            return Err(vec![Fault::new("/poles", detail)]);
+        }
         match (given(&shape.points), given(&shape.control_points)) {
             (Some(points), None) => finite(self.interpolate(points, poles.unwrap_or_default())?),
             (None, Some(list)) => self.take(list).map_err(|errors| below(errors, "/control_points")),

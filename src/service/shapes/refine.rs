@@ -19,8 +19,8 @@ pub struct Refined {
     pub representation: Representation,
     /// Whether the new shapes are the same functions, at most up to rounding.
     pub exact: bool,
-    /// The shift `δ` with `r(u) = r_new(u + δ)`.
-    pub parameter_shift: f64,
+    /// The shifts `δ` with `r(u) = r_new(u + δ)`, one per parameter.
+    pub parameter_shifts: Vec<f64>,
     /// Control points and, unless the two are the same by construction, the `L₂` distance to the original shape.
     pub shapes: Vec<(Matrix, Option<f64>)>,
 }
@@ -37,7 +37,7 @@ pub fn refine(app: &App, curves: &Posted, factor: usize, shapes: &[Matrix]) -> R
     Ok(Refined {
         representation: refinement.representation().clone(),
         exact: refinement.is_exact(),
-        parameter_shift: refinement.parameter_shift(),
+        parameter_shifts: vec![refinement.parameter_shift()],
         shapes,
     })
 }

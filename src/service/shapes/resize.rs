@@ -10,7 +10,8 @@ use crate::geometry::capability::refine::Resizing;
 use crate::numeric::dense::Matrix;
 use crate::service::app::{App, ServiceError};
 
-/// Interpolates `shapes` at the knots of another grid, keeping their tangents at the poles.
+/// Refines `shapes` exactly where their generators allow it, else interpolates them at the knots of another grid, keeping their tangents
+/// at the poles.
 ///
 /// # Errors
 /// Sizes that do not fit, at `pointer`; too many control points.
@@ -21,24 +22,27 @@ pub fn resize(
     pointer: &str,
     shapes: &[Matrix],
 ) -> Result<Refined, ServiceError> {
-    let representation = posted.space.representation().with_intervals(control_points);
-    let space = app.space_of(&representation).map_err(|error| match error {
+    let no_surface = || ServiceError::Internal("only surfaces have two numbers of control points".into());
+    let at_pointer = |error| match error {
         ServiceError::Invalid(faults) => {
             ServiceError::Invalid(faults.map(|fault| Fault { pointer: pointer.into(), ..fault }))
         }
         other => other,
-    })?;
+    };
+    // Sizes first: filters and factors are as large.
+    app.admit(posted.space.representation().with_intervals(control_points)).map_err(at_pointer)?;
+    let representation = posted.space.resized(control_points).ok_or_else(no_surface)?;
+    let space = app.space_of(&representation).map_err(at_pointer)?;
     if representation.size().saturating_mul(shapes.len()) > app.limits.samples {
         let detail = format!("expected at most {} control points over all shapes", app.limits.samples);
         return Err(ServiceError::invalid(pointer, detail));
     }
-    let resizing = Resizing::new(&posted.space, &space)
-        .ok_or_else(|| ServiceError::Internal("only surfaces have two numbers of control points".into()))?;
+    let resizing = Resizing::new(&posted.space, &space).ok_or_else(no_surface)?;
     let resized = each(&app.pool.context(), shapes, |shape| resizing.apply(shape))?;
     Ok(Refined {
         exact: resized.iter().all(|resized| resized.exact),
-        parameter_shift: 0.0,
-        shapes: resized.into_iter().map(|found| (found.control_points, Some(found.change))).collect(),
+        parameter_shifts: resizing.shifts().to_vec(),
+        shapes: resized.into_iter().map(|found| (found.control_points, found.change)).collect(),
         representation,
     })
 }

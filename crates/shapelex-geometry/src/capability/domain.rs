@@ -191,6 +191,16 @@ impl Representation {
         other
     }
 
+    /// The same surface with `width` intervals between knots along both directions, or the fewest that are valid, and an even number
+    /// behind a half turn; other shapes are unchanged.
+    pub fn of_width(&self, width: usize) -> Self {
+        let fewest: Vec<usize> = self.knots().iter().map(|knots| knots.fewest).collect();
+        let &[u, v] = fewest.as_slice() else { return self.clone() };
+        let half_turn = matches!(self, Self::Surface { seam: Seam::HalfTurn, .. });
+        let along_v = width.max(v);
+        self.with_intervals([width.max(u), if half_turn { along_v.next_multiple_of(2) } else { along_v }])
+    }
+
     /// Shapes of points and normals, if these are not linear.
     ///
     /// # Errors
@@ -313,6 +323,11 @@ impl ShapeSpace {
 
     /// Whether all meridians of its shapes start and end in two poles.
     pub fn has_poles(&self) -> bool {
+        matches!(self.domain(), Domain::Sheet { extent, .. } if extent.topology.has_poles())
+    }
+
+    /// Whether its shapes have one tangent plane at each pole.
+    pub fn has_smooth_poles(&self) -> bool {
         matches!(self.domain(), Domain::Sheet { extent, .. } if extent.topology == Topology::Sphere)
     }
 

@@ -46,6 +46,10 @@ impl ShapeSpace {
                 "topology",
                 "expected sphere, torus or cylinder, got \"plane\", which encloses nothing",
             ),
+            Representation::Surface { topology: Topology::SharpSphere, .. } => refuse(
+                "topology",
+                "expected sphere, torus or cylinder, got \"sharp_sphere\", whose poles may be anything",
+            ),
             Representation::Surface { topology: Topology::Torus, seam, .. } if !seam.is_straight() => {
                 refuse("seam", "expected \"straight\": a surface with another seam encloses nothing")
             }
@@ -87,7 +91,7 @@ impl ShapeSpace {
                         [around(0) * cosine, around(1) * sine, (TAU * v).sin()]
                     }
                     Topology::Cylinder => [(TAU * u).cos(), (TAU * u).sin(), 2.0 * v - 1.0],
-                    Topology::Sphere | Topology::Plane => {
+                    Topology::Sphere | Topology::SharpSphere | Topology::Plane => {
                         let (sine, cosine) = (0.5 * TAU * v).sin_cos();
                         [sine * (TAU * u).cos(), sine * (TAU * u).sin(), cosine]
                     }

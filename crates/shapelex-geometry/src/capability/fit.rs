@@ -13,7 +13,6 @@ use crate::mesh::{MeshError, TriangleMesh};
 use crate::representation::{Representation, ShapeSpace};
 use crate::resample::{Contour, RepeatedPoints};
 use crate::subdivision::fit::{Fitting, SubdivisionFit, Target, mesh_targets, overshoot};
-use crate::surface::Topology;
 use crate::surface::basis::SurfaceBasis;
 use crate::surface::fit::{
     SurfaceFit, SurfaceSample, fit, mesh_samples, spherical_direction, spherical_parameters,
@@ -91,7 +90,8 @@ pub struct Fitted {
 /// Choices of a fit.
 #[derive(Debug, Clone, Default)]
 pub struct FitSettings {
-    /// Largest residual of a curve, whose number of control points is then chosen. Default: the size of the space.
+    /// Largest residual of a curve or a surface with parameters, whose number of control points is then chosen. Default: the size of the
+    /// space.
     pub tolerance: Option<f64>,
     /// Maximum number of control points under a tolerance.
     pub max_control_points: usize,
@@ -100,6 +100,9 @@ pub struct FitSettings {
     /// Initial control points of a refined mesh. Default: a start of the control mesh.
     pub start: Option<Matrix>,
 }
+
+/// Number of control points along each direction from which a search for a tolerance begins; the minimum of the representation is more.
+const SMALLEST_WIDTH: usize = 2;
 
 /// Maximum fraction of the area over which a fit may be folded; beyond it, the result is not a valid surface.
 const MAX_FOLDED: f64 = 0.05;
@@ -209,10 +212,13 @@ impl<'a> Fitter<'a> {
                 self.fit_curve(points, places, *closed, stop)
             }
             (Method::Surface(basis), FitTarget::Points { points, places }) => {
-                self.fit_surface(basis, &points, places)
+                self.within(basis, "points", stop, &|basis| self.fit_surface(basis, &points, places.clone()))
             }
             (Method::Surface(basis), FitTarget::Mesh { mesh, source }) => {
-                self.fit_surface_to_mesh(basis, &mesh, source, stop)
+                let parameters = self.surface_parameters(basis, &mesh, source, stop)?;
+                self.within(basis, "vertices", stop, &|basis| {
+                    self.fit_surface_to_mesh(basis, &mesh, &parameters, stop)
+                })
             }
             (Method::Refined(fitting), FitTarget::Points { points, .. }) => {
                 let target = |row: usize| Target { point: point(&points, row), weight: 1.0 };
@@ -265,6 +271,55 @@ impl<'a> Fitter<'a> {
         Ok(Fitted { representation, ..self.fitted(control_points, residual, largest) })
     }
 
+    /// The `fit` on `basis`, or under a tolerance the one with the fewest control points that meets it, with as many along `u` as along
+    /// `v`. The search is by doubling and bisection; fits of different sizes are not nested, so a smaller one may exist by
+    /// chance. Sizes that cannot be fitted, and those that fold, count as failed.
+    fn within(
+        &self,
+        basis: &SurfaceBasis,
+        field: &str,
+        stop: Stop<'_>,
+        fit: &dyn Fn(&SurfaceBasis) -> Result<Fitted, Vec<FieldFault>>,
+    ) -> Result<Fitted, Vec<FieldFault>> {
+        let Some(tolerance) = self.settings.tolerance else { return fit(basis) };
+        let refused = |error: GeometryError| vec![FieldFault::new(field, error.to_string())];
+        let of_width = |width: usize| self.space.representation().of_width(width);
+        let attempt = |width: usize| {
+            let space = ShapeSpace::new(&of_width(width)).map_err(refused)?;
+            let basis = space.surface().ok_or_else(|| refused(GeometryError::NotACurve))?;
+            Ok::<_, Vec<FieldFault>>(Fitted { representation: space.representation().clone(), ..fit(basis)? })
+        };
+        let fits = |width: usize| of_width(width).size() <= self.settings.max_control_points;
+        let (mut best, mut last_fault): (Option<Fitted>, _) = (None, Vec::new());
+        let (mut failed, mut width) = (0, SMALLEST_WIDTH);
+        let mut found = loop {
+            match attempt(width) {
+                Ok(fitted) if fitted.residual <= tolerance || stop() => break fitted,
+                Ok(fitted) if best.as_ref().is_none_or(|best| fitted.residual < best.residual) => {
+                    best = Some(fitted);
+                }
+                Ok(_) => {}
+                Err(faults) => last_fault = faults,
+            }
+            failed = width;
+            let next = (width + 1..=2 * width).rev().find(|&next| fits(next));
+            let Some(next) = next.filter(|_| !stop()) else {
+                let Fitted { residual, representation, .. } = best.ok_or(last_fault)?;
+                let (count, most) = (representation.size(), of_width(width).size());
+                return Err(refused(GeometryError::Tolerance { tolerance, residual, count, most }));
+            };
+            width = next;
+        };
+        while width > failed + 1 && !stop() {
+            let middle = failed.midpoint(width);
+            match attempt(middle) {
+                Ok(fitted) if fitted.residual <= tolerance => (found, width) = (fitted, middle),
+                _ => failed = middle,
+            }
+        }
+        Ok(found)
+    }
+
     fn fit_surface(
         &self,
         basis: &SurfaceBasis,
@@ -307,17 +362,16 @@ impl<'a> Fitter<'a> {
         &self,
         basis: &SurfaceBasis,
         mesh: &TriangleMesh,
-        source: ParameterSource,
+        parameters: &[[f64; 2]],
         stop: Stop<'_>,
     ) -> Result<Fitted, Vec<FieldFault>> {
-        let parameters = self.surface_parameters(basis, mesh, source, stop)?;
         let (faces, samples): (Vec<usize>, Vec<SurfaceSample>) =
-            mesh_samples(basis, mesh, &parameters).into_iter().unzip();
+            mesh_samples(basis, mesh, parameters).into_iter().unzip();
         let SurfaceFit { rows, residual, largest } =
             fit(basis, &samples).map_err(|error| vec![FieldFault::new("vertices", error.to_string())])?;
         let folded = folded(basis, &rows, mesh, &faces, &samples).map_err(|fault| vec![fault])?;
         Ok(Fitted {
-            parameters: Some(parameters),
+            parameters: Some(parameters.to_vec()),
             folded: Some(folded),
             warnings: mesh_warnings(mesh, stop),
             ..self.fitted(rows, residual, largest)
@@ -343,11 +397,9 @@ impl<'a> Fitter<'a> {
                     |fault: FieldFault| FieldFault { field: format!("parameters/{}", fault.field), ..fault };
                 Err(faults.into_iter().map(below).collect())
             }
-            _ if topology != Topology::Sphere => {
-                let detail = format!(
-                    "required for a {}: parameters are computed for the topology sphere only",
-                    topology.name()
-                );
+            _ if !topology.has_poles() => {
+                let detail =
+                    format!("required for a {}: parameters are computed for spheres only", topology.name());
                 Err(vec![FieldFault::new("parameters", detail)])
             }
             ParameterSource::Sphere(points) => Ok(points.into_iter().map(spherical_parameters).collect()),

@@ -129,7 +129,10 @@ fn idealise_surface(basis: &SurfaceBasis, placed: &PlacedSurface) -> Result<Matr
         return Err(IdealFault::Parameters(fault));
     }
     let (topology, seam) = surface.topology();
-    if (topology, seam) != (basis.extent().topology, basis.seam()) {
+    let found = basis.extent().topology;
+    // What is smooth at its poles is also a sphere with sharp ones.
+    let fits = topology == found || (topology, found) == (Topology::Sphere, Topology::SharpSphere);
+    if !fits || seam != basis.seam() {
         return Err(IdealFault::Topology { topology, seam });
     }
     let rows = basis.interpolate_function(|u, v| placed.at(u, v));

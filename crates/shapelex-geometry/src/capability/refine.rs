@@ -13,6 +13,7 @@ use crate::subdivision::measures::measure;
 use crate::subdivision::refinement::{Depth, Refined, refine_mesh_until};
 use crate::surface::basis::SurfaceBasis;
 use crate::surface::measures::{SurfaceMeasures, l2};
+use crate::surface::refinement::SurfaceRefinement;
 use crate::vector::{far_origin, norm, plus};
 use shapelex_numeric::bounded::Stop;
 use shapelex_numeric::dense::Matrix;
@@ -43,11 +44,13 @@ impl Refinement {
 /// Distance relative to the extent below which it counts as rounding.
 const ROUNDING: f64 = 1e-12;
 
-/// Surfaces of one size, interpolated at the knots of another size.
+/// Surfaces of one size on the knots of another size: the same surfaces where both directions have two-scale relations, else
+/// interpolated at the knots.
 #[derive(Debug)]
 pub struct Resizing<'a> {
     from: &'a SurfaceBasis,
     to: &'a SurfaceBasis,
+    refinement: Option<SurfaceRefinement>,
 }
 
 /// A surface of another size.
@@ -55,21 +58,57 @@ pub struct Resizing<'a> {
 pub struct Resized {
     /// Its control points.
     pub control_points: Matrix,
-    /// `L₂` distance to the original surface.
-    pub change: f64,
+    /// `L₂` distance to the original surface; `None` if the two are the same function.
+    pub change: Option<f64>,
     /// Whether this distance is within rounding.
     pub exact: bool,
+}
+
+impl ShapeSpace {
+    /// The representation of its surfaces with other numbers of intervals; `None` for shapes that are not surfaces with parameters.
+    /// Generators are those of the two-scale relations where these lead to the finer grid, else of the same family; on multiples
+    /// of the numbers they are those for the same functions of `u` and `v`.
+    pub fn resized(&self, intervals: [usize; 2]) -> Option<Representation> {
+        let basis = self.surface()?;
+        let mut representation = self.representation().with_intervals(intervals);
+        let Representation::Surface { generators, .. } = &mut representation else { return None };
+        let from = basis.extent().intervals;
+        let factors = [0, 1].map(|i| intervals[i].checked_div(from[i]).unwrap_or(0));
+        if let Some(refinement) = SurfaceRefinement::new(basis, generators, intervals) {
+            *generators = refinement.generators();
+        } else if (0..2).all(|i| factors[i] > 0 && factors[i] * from[i] == intervals[i]) {
+            *generators = [0, 1].map(|i| generators[i].refined(factors[i]));
+        }
+        Some(representation)
+    }
 }
 
 impl<'a> Resizing<'a> {
     /// From surfaces of one space to those of another; `None` for shapes that are not surfaces with parameters.
     pub fn new(from: &'a ShapeSpace, to: &'a ShapeSpace) -> Option<Self> {
-        Some(Self { from: from.surface()?, to: to.surface()? })
+        let (basis, finer) = (from.surface()?, to.surface()?);
+        let (Representation::Surface { generators, .. }, Representation::Surface { generators: wanted, .. }) =
+            (from.representation(), to.representation())
+        else {
+            return None;
+        };
+        let refinement = SurfaceRefinement::new(basis, generators, finer.extent().intervals)
+            .filter(|refinement| refinement.generators() == *wanted);
+        Some(Self { from: basis, to: finer, refinement })
     }
 
-    /// The surface that interpolates a surface at the knots, with its tangents at the poles. Cost: one point per knot, and
-    /// the distance of the two.
+    /// The shifts `δ_u`, `δ_v`: the original surface at `(u, v)` is the new one at `(u + δ_u, v + δ_v)`.
+    pub fn shifts(&self) -> [f64; 2] {
+        self.refinement.as_ref().map_or([0.0; 2], SurfaceRefinement::shifts)
+    }
+
+    /// The refined surface, or the one that interpolates it at the knots, with its tangents at the poles. Cost: the lengths of the
+    /// filters for each control point, or one point per knot and the distance of the two.
     pub fn apply(&self, control_points: &Matrix) -> Resized {
+        if let Some(refinement) = &self.refinement {
+            let control_points = refinement.apply(self.from, self.to, control_points);
+            return Resized { control_points, change: None, exact: true };
+        }
         let (before, counts) = (self.from.surface(control_points), self.to.extent().grid());
         let [u, v] = [0, 1].map(|i| before.parameters(i, counts[i]));
         let points = before.points(&u, &v);
@@ -77,7 +116,7 @@ impl<'a> Resizing<'a> {
         let rows = self.to.interpolate(&points, &self.from.tangents_of(control_points));
         let change = l2(&before, &self.to.surface(&rows));
         let extent = points.column_iter().map(|column| column.max() - column.min()).fold(0.0, f64::max);
-        Resized { control_points: rows, change, exact: change <= ROUNDING * extent }
+        Resized { control_points: rows, change: Some(change), exact: change <= ROUNDING * extent }
     }
 }
 

@@ -5,7 +5,6 @@ use crate::mesh::TriangleMesh;
 use crate::representation::ShapeSpace;
 use crate::subdivision::basis::SubdivisionBasis;
 use crate::subdivision::measures::frames;
-use crate::surface::Topology;
 use crate::surface::basis::Extent;
 use crate::surface::seam::Seam;
 use crate::vector::{far_origin, plus};
@@ -37,7 +36,7 @@ impl Extent {
     /// Why no mesh of at most `most` vertices over `grid` exists, if none does.
     pub fn grid_fault(self, seam: Seam, grid: [usize; 2], most: usize) -> Option<String> {
         let closed = self.topology.closed();
-        let fewest = [0, 1].map(|i| if closed[i] || self.topology == Topology::Sphere { 3 } else { 2 });
+        let fewest = [0, 1].map(|i| if closed[i] || self.topology.has_poles() { 3 } else { 2 });
         if grid[0] < fewest[0] || grid[1] < fewest[1] {
             return Some(format!(
                 "expected at least {2},{3}, got {0},{1}",

@@ -57,6 +57,11 @@ pub enum PoleList {
     /// or intervals (open curves). In place of `poles`.
     #[cfg_attr(feature = "schema", schema(value_type = Vec<Vec<f64>>, example = json!({"domain_poles": [[0.0, 0.0], [0.0, TAU], [0.0, -TAU]]})))]
     DomainPoles(Vec<[Exact; 2]>),
+    /// Poles of functions of `v ∈ [0, 1]` from pole to pole of a sphere, divided by the number of intervals `M_v`. Requests may call them
+    /// `domain_poles`; answers name them apart from the `domain_poles` of spheres that were stored by version 0.1.0, which are
+    /// divided by `2M_v`.
+    #[cfg_attr(feature = "schema", schema(value_type = Vec<Vec<f64>>, example = json!({"meridian_poles": [[0.0, 0.0], [0.0, PI], [0.0, -PI]]})))]
+    MeridianPoles(Vec<[Exact; 2]>),
 }
 
 impl PoleList {
@@ -74,17 +79,17 @@ impl PoleList {
     pub fn field(&self) -> &'static str {
         match self {
             Self::Poles(_) => "poles",
-            Self::DomainPoles(_) => "domain_poles",
+            Self::DomainPoles(_) | Self::MeridianPoles(_) => "domain_poles",
         }
     }
 
     fn numbers(&self) -> Vec<[f64; 2]> {
-        let (Self::Poles(list) | Self::DomainPoles(list)) = self;
+        let (Self::Poles(list) | Self::DomainPoles(list) | Self::MeridianPoles(list)) = self;
         list.iter().map(|pole| pole.map(Exact::get)).collect()
     }
 
     fn len(&self) -> usize {
-        let (Self::Poles(list) | Self::DomainPoles(list)) = self;
+        let (Self::Poles(list) | Self::DomainPoles(list) | Self::MeridianPoles(list)) = self;
         list.len()
     }
 
@@ -96,7 +101,7 @@ impl PoleList {
         let poles = Poles::from_list(&self.numbers())?;
         Ok(match self {
             Self::Poles(_) => poles,
-            Self::DomainPoles(_) => poles.refined(intervals as f64),
+            Self::DomainPoles(_) | Self::MeridianPoles(_) => poles.refined(intervals as f64),
         })
     }
 
@@ -106,7 +111,7 @@ impl PoleList {
             Self::Poles(list) => Self::Poles(
                 list.iter().map(|pole| pole.map(|part| Exact::new(part.get() / factor as f64))).collect(),
             ),
-            Self::DomainPoles(_) => self.clone(),
+            Self::DomainPoles(_) | Self::MeridianPoles(_) => self.clone(),
         }
     }
 
@@ -114,7 +119,7 @@ impl PoleList {
     fn fewest_intervals(&self) -> usize {
         match self {
             Self::Poles(_) => 1,
-            Self::DomainPoles(_) => {
+            Self::DomainPoles(_) | Self::MeridianPoles(_) => {
                 let needed = |[re, im]: [f64; 2]| {
                     ((im.abs() / PI).floor() + 1.0).max((re.abs() / MAX_REAL_PART).ceil())
                 };
@@ -357,6 +362,52 @@ impl GeneratorKind {
         matches!(self, Self::Interpolator { family: Family::HalfIntegerShifts, .. })
     }
 
+    /// The generator on a grid `factor` times as fine of whose shifts this one is a combination, where it has a two-scale relation:
+    /// a B-spline.
+    pub(crate) fn two_scale(&self, factor: usize) -> Self {
+        match self {
+            Self::Interpolator { poles, .. } => Self::Exponential { poles: poles.refined(factor) },
+            _ => self.refined(factor),
+        }
+    }
+
+    /// Whether its poles are those of functions of `v ∈ [0, 1]` from pole to pole.
+    fn is_of_meridian(&self) -> bool {
+        matches!(
+            self,
+            Self::Exponential { poles: PoleList::MeridianPoles(_) }
+                | Self::Interpolator { poles: PoleList::MeridianPoles(_), .. }
+        )
+    }
+
+    /// The same generator along a meridian, as a request has it: `domain_poles` are those of functions of `v ∈ [0, 1]`.
+    #[must_use]
+    pub fn of_meridian(mut self) -> Self {
+        if let Self::Exponential { poles } | Self::Interpolator { poles, .. } = &mut self
+            && let PoleList::DomainPoles(list) = poles
+        {
+            *poles = PoleList::MeridianPoles(std::mem::take(list));
+        }
+        self
+    }
+
+    /// Number of intervals to which the poles of this generator belong along a meridian of `intervals` from pole to pole: the
+    /// circle of `trigonometric`, and the `domain_poles` of version 0.1.0, close over the whole great circle.
+    pub(crate) fn meridian_count(&self, intervals: usize) -> usize {
+        if self.is_of_meridian() { intervals } else { 2 * intervals }
+    }
+
+    /// Smallest number of intervals along a meridian for which the poles are admissible.
+    pub(crate) fn fewest_along_meridian(&self) -> usize {
+        let fewest = self.properties().fewest_control_points;
+        match self {
+            Self::Exponential { poles } | Self::Interpolator { poles, .. } if self.is_of_meridian() => {
+                poles.fewest_intervals()
+            }
+            _ => fewest.div_ceil(2),
+        }
+    }
+
     /// The generator of the same family for the same functions of `u` on a grid `factor` times as fine.
     pub fn refined(&self, factor: usize) -> Self {
         match self {
@@ -379,7 +430,7 @@ fn pole_faults(poles: &PoleList, fewest: usize) -> Vec<(String, String)> {
     }
     let checked = Poles::from_list(&poles.numbers()).and_then(|found| match poles {
         PoleList::Poles(_) => found.check(),
-        PoleList::DomainPoles(_) => Ok(()),
+        PoleList::DomainPoles(_) | PoleList::MeridianPoles(_) => Ok(()),
     });
     match checked {
         Ok(()) => Vec::new(),

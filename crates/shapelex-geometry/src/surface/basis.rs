@@ -3,7 +3,8 @@
 use std::sync::Arc;
 
 use super::seam::{Seam, TwistedGram};
-use super::sphere::{POLAR_ROWS, SphereBasis, SphereGram, handle_length};
+use super::sharp::SharpGram;
+use super::sphere::{POLAR_ROWS, SphereBasis, SphereGram, handle_length, sharp_polar_rows};
 use super::{Surface, Topology};
 use crate::GeometryError;
 use crate::generator::GeneratorKind;
@@ -36,6 +37,9 @@ impl Extent {
             Topology::Sphere => self.intervals[0]
                 .saturating_mul(self.intervals[1].saturating_sub(1))
                 .saturating_add(POLAR_ROWS),
+            Topology::SharpSphere => self.intervals[0]
+                .saturating_mul(self.intervals[1].saturating_sub(1))
+                .saturating_add(sharp_polar_rows(self.intervals[0])),
             _ => {
                 let [rows, columns] = self.control_grid(supports);
                 rows.saturating_mul(columns)
@@ -63,7 +67,7 @@ pub fn faults(extent: Extent, seam: Seam, kinds: &[GeneratorKind; 2]) -> Vec<(&'
         );
         faults.push(("control_points/1", detail));
     }
-    if extent.topology == Topology::Sphere {
+    if extent.topology.has_poles() {
         if phantoms(kinds[1].support()) != 1 {
             let support = kinds[1].support();
             faults.push((
@@ -88,6 +92,9 @@ pub struct Tangents {
     /// `T_1S` and `T_2S` at the south pole. Default: estimated from the points.
     pub south: Option<[[f64; 3]; 2]>,
 }
+
+/// Relative distance of a frequency from that of one turn, below which it is the same number.
+const SAME_FREQUENCY: f64 = 1e-13;
 
 /// A prepared basis of surfaces.
 #[derive(Debug, Clone)]
@@ -114,7 +121,7 @@ impl SurfaceBasis {
         let Extent { topology, intervals } = extent;
         let (mut cover, mut sphere) = (None, None);
         let line = |i: usize| match topology {
-            Topology::Sphere if i == 1 => Line::meridian(&kinds[1], intervals[1]),
+            Topology::Sphere | Topology::SharpSphere if i == 1 => Line::meridian(&kinds[1], intervals[1]),
             _ => Line::new(&kinds[i], intervals[i], topology.closed()[i]),
         };
         let lines = [line(0)?, line(1)?];
@@ -125,6 +132,16 @@ impl SurfaceBasis {
                 let meridian = open_gram(lines[1].generator(), intervals[1], 0);
                 let support = lines[1].generator().support();
                 let gram = SphereGram::new(basis.clone(), eigenvalues, &meridian, support)?;
+                sphere = Some(basis);
+                Arc::new(gram)
+            }
+            Topology::SharpSphere => {
+                let interpolating = kinds[1].properties().interpolating;
+                let basis = SphereBasis::sharp(&lines[0], &lines[1], interpolating)?;
+                let eigenvalues = gram_eigenvalues(lines[0].generator(), intervals[0])?;
+                let meridian = open_gram(lines[1].generator(), intervals[1], 0);
+                let support = lines[1].generator().support();
+                let gram = SharpGram::new(&basis, eigenvalues, &meridian, support)?;
                 sphere = Some(basis);
                 Arc::new(gram)
             }
@@ -180,11 +197,12 @@ impl SurfaceBasis {
     ///
     /// The poles of a sphere are taken from its first meridian. Tangents that are not given are estimated: two vectors in
     /// the plane of the first harmonic of the ring next to the pole, orthogonal if the ring is round, with the length
-    /// that is exact for a round sphere.
+    /// that is exact for a round sphere. Meridians of a sphere with sharp poles are continued beyond the poles as open lines are.
     pub fn interpolate(&self, points: &Matrix, tangents: &Tangents) -> Matrix {
         let columns = points.column_iter().enumerate().map(|(c, points)| {
             let points = points.as_slice();
             match &self.sphere {
+                Some(sphere) if sphere.is_sharp() => sphere.interpolate_sharp(points, &self.lines),
                 Some(sphere) => {
                     let [north, south] = self.tangents(points, tangents, c);
                     sphere.interpolate(points, &self.lines, north, south)
@@ -222,8 +240,8 @@ impl SurfaceBasis {
     /// Reverses `u` in one coordinate of the rows: `σ(u, v)` becomes `σ(−u, v)`, or `σ(1 − u, v)` if `u` is open.
     pub fn reverse(&self, column: &mut [f64]) {
         let closed = self.extent.topology.closed()[0];
-        let (columns, polar) = match self.sphere {
-            Some(_) => (self.extent.intervals[1] - 1, POLAR_ROWS),
+        let (columns, polar) = match &self.sphere {
+            Some(sphere) => (self.extent.intervals[1] - 1, sphere.polar_rows()),
             None => (self.gram.size() / self.lines_stored(), 0),
         };
         let (grid, polar) = column.split_at_mut(column.len() - polar);
@@ -237,6 +255,13 @@ impl SurfaceBasis {
                 *value = before[from * columns + l];
             }
         }
+        if self.extent.topology == Topology::SharpSphere {
+            // The handle of meridian 0 stays.
+            let [north, south] = [2, 2 + count].map(|first| first + 1..first + count);
+            polar[north].reverse();
+            polar[south].reverse();
+            return;
+        }
         // The tangent that belongs to sin 2πu changes its sign.
         if let [north, south, _, north_handle, _, south_handle] = polar {
             *north_handle = 2.0 * *north - *north_handle;
@@ -244,9 +269,9 @@ impl SurfaceBasis {
         }
     }
 
-    /// Tangents at the poles of the sphere with these `rows`; none for other topologies.
+    /// Tangents at the poles of the sphere with these `rows`; none for other topologies and sharp poles.
     pub fn tangents_of(&self, rows: &Matrix) -> Tangents {
-        if self.sphere.is_none() {
+        if self.extent.topology != Topology::Sphere {
             return Tangents::default();
         }
         let first = rows.nrows() - POLAR_ROWS;
@@ -258,6 +283,47 @@ impl SurfaceBasis {
             })
         };
         Tangents { north: Some(tangents(0)), south: Some(tangents(1)) }
+    }
+
+    /// Rows of the poles and handles of spheres, one column per coordinate; no rows for other topologies.
+    pub(super) fn poles_of(&self, rows: &Matrix) -> Matrix {
+        let count = self.sphere.as_ref().map_or(0, SphereBasis::polar_rows);
+        rows.rows(rows.nrows() - count, count).into_owned()
+    }
+
+    /// Whether the tangents at the poles of a sphere are the same functions of `u` on a finer grid: `cos 2πu` and `sin 2πu` are among
+    /// the functions that the generator reproduces.
+    pub(super) fn keeps_tangents(&self) -> bool {
+        let turn = std::f64::consts::TAU / self.extent.intervals[0] as f64;
+        self.lines[0].poles().trigonometric.iter().any(|w| (w / turn - 1.0).abs() <= SAME_FREQUENCY)
+    }
+
+    /// Rows of the surface with the control points `nets` (`[k][l]`, one list per coordinate, as [`Self::control_net`] has them).
+    /// Spheres also need the rows `polar` of a surface with the same poles and tangents on another grid, and the shift `δ_u` by which
+    /// its `u` is behind.
+    pub(super) fn rows_of_net(&self, nets: &[Vec<f64>], polar: &Matrix, from: usize, shift: f64) -> Matrix {
+        let Some(sphere) = &self.sphere else {
+            return Matrix::from_vec(self.gram.size(), nets.len(), nets.concat());
+        };
+        let columns = self.extent.intervals[1] + 3;
+        let longer = handle_length(self.extent.intervals[1]) / handle_length(from);
+        let (sine, cosine) = (std::f64::consts::TAU * shift).sin_cos();
+        let mut rows = Vec::with_capacity(self.gram.size() * nets.len());
+        for (net, polar) in nets.iter().zip(polar.column_iter()) {
+            if sphere.is_sharp() {
+                let rows_of = |k: usize, l: usize| net[k * columns + l];
+                rows.extend(sphere.rows_of_sharp_net(rows_of, [polar[0], polar[1]]));
+                continue;
+            }
+            net.chunks_exact(columns).for_each(|row| rows.extend_from_slice(&row[2..columns - 2]));
+            rows.extend([polar[0], polar[1]]);
+            for pole in [0, 1] {
+                // T₁ cos 2π(u − δ) + T₂ sin 2π(u − δ)
+                let [a, b] = [0, 1].map(|i| longer * (polar[2 + 2 * pole + i] - polar[pole]));
+                rows.extend([a * cosine - b * sine, a * sine + b * cosine].map(|arm| polar[pole] + arm));
+            }
+        }
+        Matrix::from_vec(self.gram.size(), nets.len(), rows)
     }
 
     fn interpolate_sheet(&self, points: &[f64]) -> Vec<f64> {
@@ -378,12 +444,12 @@ impl SurfaceBasis {
     }
 
     /// Number of stored control points along `u`.
-    fn lines_stored(&self) -> usize {
+    pub(super) fn lines_stored(&self) -> usize {
         self.extent.control_grid([0, 1].map(|i| self.lines[i].generator().support()))[0]
     }
 
     /// Control points `[k][l]` of one coordinate.
-    fn grid(&self, rows: &[f64]) -> Vec<f64> {
+    pub(super) fn grid(&self, rows: &[f64]) -> Vec<f64> {
         self.sphere.as_ref().map_or_else(|| rows.to_vec(), |sphere| sphere.expand(rows))
     }
 

@@ -9,7 +9,6 @@
 
 use std::f64::consts::{PI, TAU};
 
-use super::Topology;
 use super::basis::SurfaceBasis;
 use crate::GeometryError;
 use crate::mesh::TriangleMesh;
@@ -182,7 +181,7 @@ fn parts(basis: &SurfaceBasis, corners: &[[f64; 2]; 3]) -> usize {
 
 /// Interpolates the parameters of corners that are [`unwrapped`].
 fn between(basis: &SurfaceBasis, corners: &[[f64; 2]; 3], shares: [f64; 3]) -> [f64; 2] {
-    if basis.extent().topology == Topology::Sphere {
+    if basis.extent().topology.has_poles() {
         let directions = corners.map(spherical_direction);
         return spherical_parameters([0, 1, 2].map(|c| (0..3).map(|i| shares[i] * directions[i][c]).sum()));
     }

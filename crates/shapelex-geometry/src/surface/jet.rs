@@ -18,7 +18,7 @@ pub type Jet = [[f64; 3]; 6];
 /// Normal and curvatures at one point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SurfaceFrame {
-    /// Outward unit normal; `None` where the surface is pinched or folded.
+    /// Outward unit normal; `None` where the surface is pinched or folded, and at sharp poles.
     pub normal: Option<[f64; 3]>,
     /// Principal curvatures `κ₁ ≥ κ₂` in 1/length, negative where the surface bends away from the normal, as a sphere does
     /// everywhere. `None` without a normal, and at the poles of a sphere, where second derivatives have no limit.
@@ -100,6 +100,9 @@ impl Surface {
     pub fn frame(&self, v: f64, jet: &Jet) -> SurfaceFrame {
         let [_, du, dv, duu, duv, dvv] = *jet;
         // At a pole, σ_u vanishes like σ_uv times the distance to the pole.
+        if self.topology == Topology::SharpSphere && !(v > 0.0 && v < 1.0) {
+            return SurfaceFrame { normal: None, curvatures: None };
+        }
         let pole = match self.topology {
             Topology::Sphere if v <= 0.0 => Some(duv),
             Topology::Sphere if v >= 1.0 => Some(duv.map(|value| -value)),

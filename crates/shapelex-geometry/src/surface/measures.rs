@@ -11,6 +11,7 @@
 //! Source: Schmitter, *Spline Shape Processing*, (7.19)–(7.21), (7.38), (7.48), with signs corrected, and with quadrature in
 //! place of precomputed triple products, which is equally exact and takes fewer operations.
 
+use super::field::VectorField;
 use super::{Surface, Topology, combine};
 use crate::vector::{cross, dot, minus, plus};
 use shapelex_numeric::quadrature::GaussLegendre;
@@ -41,18 +42,6 @@ pub struct EnclosedVolume {
     pub signed_volume: f64,
     /// Centroid of the body; `None` if the volume vanishes.
     pub centroid: Option<[f64; 3]>,
-}
-
-/// Affine vector field `F(r) = A r + b`.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Deserialize))]
-#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
-pub struct AffineField {
-    /// Matrix `A`, row by row.
-    pub matrix: [[f64; 3]; 3],
-    /// Offset `b`.
-    pub offset: [f64; 3],
 }
 
 /// Gauss nodes per half-interval and direction: products of four generators are integrated to rounding.
@@ -154,18 +143,24 @@ impl SurfaceMeasures {
     }
 }
 
-/// Outward flux `∯ ⟨F, n⟩ dA` through the sheet, without lids.
-pub fn flux(surface: &Surface, field: &AffineField) -> f64 {
+/// Outward flux `∯ ⟨F, n⟩ dA` through the sheet, without lids, exact to rounding for polynomial fields: the Gauss rules have
+/// nodes in proportion to the number of generators in a product, `D + 2` for the degree `D`. Cost: the square of
+/// [`flux_nodes`], times the terms of the field, per pair of half-intervals.
+pub fn flux(surface: &Surface, field: &VectorField) -> f64 {
     let Some(origin) = surface.far_origin() else { return flux_near(surface, field) };
-    let offset = [0, 1, 2].map(|c| dot(field.matrix[c], origin) + field.offset[c]);
-    flux_near(&surface.about(origin), &AffineField { offset, ..*field })
+    flux_near(&surface.about(origin), &field.about(origin))
 }
 
-fn flux_near(surface: &Surface, field: &AffineField) -> f64 {
+/// Gauss nodes per half-interval and direction for the flux of a field of this degree: as many as for the centroid for each of the
+/// products of four generators that it has, in proportion for longer products.
+pub fn flux_nodes(degree: usize) -> usize {
+    (NODES * (degree + 2)).div_ceil(4).max(NODES)
+}
+
+fn flux_near(surface: &Surface, field: &VectorField) -> f64 {
     let mut sum = 0.0;
-    surface.each_node(&GaussLegendre::new(NODES), |weight, point, [du, dv]| {
-        let value = [0, 1, 2].map(|c| dot(field.matrix[c], point) + field.offset[c]);
-        sum += weight * surface.topology.orientation() * dot(value, cross(du, dv));
+    surface.each_node(&GaussLegendre::new(flux_nodes(field.degree())), |weight, point, [du, dv]| {
+        sum += weight * surface.topology.orientation() * dot(field.value(point), cross(du, dv));
     });
     sum
 }

@@ -5,26 +5,31 @@
 //! ```
 //!
 //! * [`basis`] — the space of such surfaces: Gram operator, interpolation, and control points of a shape;
-//! * [`sphere`] — the conditions at two poles;
+//! * [`sphere`] — the conditions at two smooth poles, `sharp` — at two sharp ones;
 //! * [`seam`] — tori glued with a twist;
 //! * [`jet`] — values, derivatives, normals and curvatures;
 //! * [`measures`] — volume, area, centroid, flux;
+//! * [`field`] — vector fields for the flux;
 //! * [`fit`] — least-squares fits of points with parameters;
 //! * [`motion`] — motions of the parameters;
 //! * [`parameterisation`] — parameters on a mesh;
+//! * [`refinement`] — the same surface on finer knots;
 //! * [`tessellation`] — triangle meshes of surfaces;
 //! * [`ideal`] — idealised surfaces, and generators that contain them.
 //!
 //! Source: Schmitter, *Spline Shape Processing*, 2.2, 6.2.4, 6.3.4 and 7, with the misprints corrected.
 
 pub mod basis;
+pub mod field;
 pub mod fit;
 pub mod ideal;
 pub mod jet;
 pub mod measures;
 pub mod motion;
 pub mod parameterisation;
+pub mod refinement;
 pub mod seam;
+mod sharp;
 pub mod sphere;
 pub mod tessellation;
 
@@ -36,7 +41,8 @@ use super::open::phantoms;
 use super::vector::{far_origin, minus};
 use seam::Seam;
 
-/// Topology of a surface. `sphere`: closed along `u`, with a pole at each end of `v`. `cylinder`: closed along `u`. `torus`:
+/// Topology of a surface. `sphere`: closed along `u`, with a pole at each end of `v`, smooth there; `sharp_sphere`: the same with
+/// points, creases and folds that may end in the poles. `cylinder`: closed along `u`. `torus`:
 /// closed along `u` and `v`. `plane`: open along both.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -45,6 +51,8 @@ use seam::Seam;
 pub enum Topology {
     /// Closed along `u`; the edges `v = 0` and `v = 1` shrink to the poles.
     Sphere,
+    /// As `sphere`, with a tangent of its own for each meridian at the poles.
+    SharpSphere,
     /// Closed along `u`, open along `v`.
     Cylinder,
     /// Closed along `u` and `v`.
@@ -55,12 +63,13 @@ pub enum Topology {
 
 impl Topology {
     /// All topologies.
-    pub const ALL: [Self; 4] = [Self::Sphere, Self::Cylinder, Self::Torus, Self::Plane];
+    pub const ALL: [Self; 5] = [Self::Sphere, Self::SharpSphere, Self::Cylinder, Self::Torus, Self::Plane];
 
     /// Name in JSON.
     pub fn name(self) -> &'static str {
         match self {
             Self::Sphere => "sphere",
+            Self::SharpSphere => "sharp_sphere",
             Self::Cylinder => "cylinder",
             Self::Torus => "torus",
             Self::Plane => "plane",
@@ -70,22 +79,27 @@ impl Topology {
     /// Whether `u` and `v` are closed.
     pub fn closed(self) -> [bool; 2] {
         match self {
-            Self::Sphere | Self::Cylinder => [true, false],
+            Self::Sphere | Self::SharpSphere | Self::Cylinder => [true, false],
             Self::Torus => [true, true],
             Self::Plane => [false, false],
         }
     }
 
+    /// Whether the edges `v = 0` and `v = 1` are poles.
+    pub fn has_poles(self) -> bool {
+        matches!(self, Self::Sphere | Self::SharpSphere)
+    }
+
     /// Default generators: circles along closed directions, half of one from pole to pole.
     pub fn usual_generators(self) -> [GeneratorKind; 2] {
-        let round = [self.closed()[0], self.closed()[1] || self == Self::Sphere];
+        let round = [self.closed()[0], self.closed()[1] || self.has_poles()];
         round.map(|round| if round { GeneratorKind::Trigonometric {} } else { GeneratorKind::Cubic {} })
     }
 
     /// The sign of `σ_u × σ_v` in the outward normal, for the usual parameterisation: longitude and colatitude on the sphere,
     /// longitude and height on the cylinder.
     pub fn orientation(self) -> f64 {
-        if self == Self::Sphere { -1.0 } else { 1.0 }
+        if self.has_poles() { -1.0 } else { 1.0 }
     }
 }
 

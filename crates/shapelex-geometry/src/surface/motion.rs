@@ -145,10 +145,14 @@ fn even_permutations() -> Vec<[usize; 4]> {
 const DIFFERENCE: f64 = 1e-4;
 
 impl Motions {
-    /// The motions of surfaces of `basis`; `reverses` if a cylinder or torus may be traversed the other way round. `None` for planes
+    /// The motions of surfaces of `basis`, of spheres with sharp poles those of cylinders; `reverses` if a cylinder or torus may be traversed the other way round. `None` for planes
     /// and twisted tori, which have none.
     pub fn new(basis: &SurfaceBasis, reverses: bool) -> Option<Self> {
-        let topology = basis.extent().topology;
+        let topology = match basis.extent().topology {
+            // Sharp poles are places of the shape.
+            Topology::SharpSphere => Topology::Cylinder,
+            topology => topology,
+        };
         let moves = topology != Topology::Plane && basis.seam().is_straight();
         moves.then(|| Self { basis: basis.clone(), topology, reverses })
     }
@@ -169,7 +173,7 @@ impl Motions {
             Topology::Sphere => icosahedral().into_iter().map(Motion::rotation).collect(),
             Topology::Cylinder => shifts([16, 1]),
             Topology::Torus => shifts([8, 8]),
-            Topology::Plane => Vec::new(),
+            Topology::SharpSphere | Topology::Plane => Vec::new(),
         }
     }
 
@@ -192,7 +196,7 @@ impl Motions {
             Topology::Sphere => 3,
             Topology::Torus => 2,
             Topology::Cylinder => 1,
-            Topology::Plane => 0,
+            Topology::SharpSphere | Topology::Plane => 0,
         };
         let single = |axis: usize, steps: i32| {
             let mut by = [0; 3];

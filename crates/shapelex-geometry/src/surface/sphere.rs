@@ -23,6 +23,7 @@ use realfft::num_complex::Complex64;
 
 use super::super::GeometryError;
 use super::super::knot_line::{Line, dependent};
+use super::super::open::OpenInterpolation;
 use shapelex_numeric::banded::{Band, Banded};
 use shapelex_numeric::dense::Matrix;
 use shapelex_numeric::fft::RealFft;
@@ -33,6 +34,10 @@ use shapelex_numeric::operator::SymmetricOperator;
 pub const POLAR_ROWS: usize = 6;
 /// Minimum number of intervals from pole to pole, with one ring of points in between.
 pub const MIN_ALONG_MERIDIAN: usize = 2;
+/// As [`POLAR_ROWS`], with sharp poles and `around` control points along `u`: the poles, and a handle for each meridian at either.
+pub fn sharp_polar_rows(around: usize) -> usize {
+    around.saturating_mul(2).saturating_add(2)
+}
 const NORTH: usize = 0;
 const SOUTH: usize = 1;
 /// Index of the first handle of each pole.
@@ -79,12 +84,22 @@ impl PoleRule {
     }
 }
 
+/// What is imposed at the poles besides closedness.
+#[derive(Debug, Clone)]
+enum Ends {
+    /// One tangent plane at each pole.
+    Smooth,
+    /// Nothing: every meridian has a tangent of its own. Without given ones, those that continue the meridian beyond its ends.
+    Sharp(Arc<OpenInterpolation>),
+}
+
 /// Map from the rows of a sphere to its `M_u × (M_v + 3)` tensor-product control points.
 #[derive(Debug, Clone)]
 pub(super) struct SphereBasis {
     /// `M_u`, `M_v`.
     intervals: [usize; 2],
     rule: PoleRule,
+    ends: Ends,
     /// Map from points along a meridian to its control points, with the first and the last row halved.
     meridians: Arc<Banded>,
 }
@@ -103,7 +118,33 @@ impl SphereBasis {
             }
         }
         let meridians = Arc::new(Banded::new(band).map_err(dependent)?);
-        Ok(Self { intervals: [around.intervals(), last], rule, meridians })
+        Ok(Self { intervals: [around.intervals(), last], rule, ends: Ends::Smooth, meridians })
+    }
+
+    /// The same with sharp poles.
+    ///
+    /// # Errors
+    /// As for [`Self::new`].
+    pub(super) fn sharp(around: &Line, meridian: &Line, interpolating: bool) -> Result<Self, GeometryError> {
+        let (generator, poles) = (meridian.generator(), meridian.poles());
+        let open = OpenInterpolation::new(generator, poles, meridian.intervals(), interpolating);
+        let ends = Ends::Sharp(Arc::new(open.map_err(dependent)?));
+        Ok(Self { ends, ..Self::new(around, meridian)? })
+    }
+
+    /// `M_u`, `M_v`.
+    pub(super) fn intervals(&self) -> [usize; 2] {
+        self.intervals
+    }
+
+    /// Whether every meridian has a tangent of its own at the poles.
+    pub(super) fn is_sharp(&self) -> bool {
+        matches!(self.ends, Ends::Sharp(_))
+    }
+
+    /// Number of rows after those between the poles: the poles and their handles.
+    pub(super) fn polar_rows(&self) -> usize {
+        if self.is_sharp() { sharp_polar_rows(self.intervals[0]) } else { POLAR_ROWS }
     }
 
     /// Number of rings between the poles, `M_v − 1`.
@@ -141,6 +182,14 @@ impl SphereBasis {
             _ => return vec![(row(l - 1), 1.0)],
         };
         let part = |inner, pole, tangent| self.rule.close(inner, pole, tangent)[which];
+        if self.is_sharp() {
+            let (tangent, first) = (part(0.0, 0.0, 1.0) / handle_length(intervals), self.free());
+            return vec![
+                (inner, part(1.0, 0.0, 0.0)),
+                (first + pole, part(0.0, 1.0, 0.0) - tangent),
+                (first + 2 + pole * count + k, tangent),
+            ];
+        }
         let (sine, cosine) = (TAU * k as f64 / count as f64).sin_cos();
         let tangent = direction * self.rule.harmonic * part(0.0, 0.0, 1.0) / handle_length(intervals);
         let first = self.free();
@@ -187,6 +236,57 @@ impl SphereBasis {
         rows
     }
 
+    /// Rows, for one coordinate, of the sphere with sharp poles that interpolates `points` (`[k][l]`, `l = 0 … M_v`). Meridians are
+    /// continued beyond the poles by annihilation, as open lines are.
+    pub(super) fn interpolate_sharp(&self, points: &[f64], lines: &[Line; 2]) -> Vec<f64> {
+        let Ends::Sharp(open) = &self.ends else { return Vec::new() };
+        let [count, intervals] = self.intervals;
+        let length = intervals + 1;
+        let mut turned = vec![0.0; points.len()];
+        transpose(points, length, &mut turned);
+        let around = lines[0].interpolate(Matrix::from_vec(count, length, turned));
+        let net = open.interpolate(&around.transpose());
+        let [top, bottom] = [points[0], points[intervals]];
+        self.rows_of_sharp_net(|k, l| net[(l, k)], [top, bottom])
+    }
+
+    /// Rows, for one coordinate, with the control points `c(k, l)`, `l − 1 = −1 … M_v + 1`, and these poles.
+    pub(super) fn rows_of_sharp_net(&self, c: impl Fn(usize, usize) -> f64, poles: [f64; 2]) -> Vec<f64> {
+        let [count, intervals] = self.intervals;
+        let mut rows = Vec::with_capacity(self.free() + self.polar_rows());
+        for k in 0..count {
+            rows.extend((2..=intervals).map(|l| c(k, l)));
+        }
+        rows.extend(poles);
+        let kappa = handle_length(intervals);
+        for (pole, beyond, inner) in [(poles[0], 0, 2), (poles[1], intervals + 2, intervals)] {
+            rows.extend((0..count).map(|k| pole + kappa * self.rule.slope * (c(k, beyond) - c(k, inner))));
+        }
+        rows
+    }
+
+    /// The block `EᵀΦ_vE` of a sphere with sharp poles, for the tangents and the points between the poles, and with `poles` for these
+    /// before and after them.
+    pub(super) fn sharp_block(
+        &self,
+        meridian: &Band,
+        support: usize,
+        poles: bool,
+    ) -> Result<Banded, GeometryError> {
+        let last = self.intervals[1] + 2;
+        let mut columns = self.columns(Some(1));
+        let [at, beyond] = self.rule.close(0.0, 0.0, 1.0);
+        let south = columns.len() - 1;
+        // Tangents of both poles point inwards.
+        columns[south] = vec![(last, beyond), (last - 1, at)];
+        if poles {
+            let [at, beyond] = self.rule.close(0.0, 1.0, 0.0);
+            columns.insert(0, vec![(0, beyond), (1, at)]);
+            columns.push(vec![(last, beyond), (last - 1, at)]);
+        }
+        gram_block(&columns, meridian, support + 1)
+    }
+
     /// Coefficients over the control points `l = −1 … M_v + 1` of a meridian: for the pole (`order` 0) or the tangent
     /// (`order` 1) at the north, for the points between the poles, then for the south.
     fn columns(&self, order: Option<usize>) -> Vec<Vec<(usize, f64)>> {
@@ -219,17 +319,20 @@ impl SphereBasis {
 
     /// The block `EᵀΦ_vE` for these columns.
     fn block(&self, meridian: &Band, support: usize, order: Option<usize>) -> Result<Banded, GeometryError> {
-        let columns = self.columns(order);
-        let width = (support - 1).max(2);
-        let mut block = Band::zeros(columns.len(), width);
-        for (i, a) in columns.iter().enumerate() {
-            for (j, b) in columns.iter().enumerate().skip(i).take(width + 1) {
-                let pairs = a.iter().flat_map(|x| b.iter().map(move |y| (x, y)));
-                block.add(i, j, pairs.map(|((k, x), (l, y))| x * meridian.get(*k, *l) * y).sum());
-            }
-        }
-        Banded::new(block).map_err(dependent)
+        gram_block(&self.columns(order), meridian, (support - 1).max(2))
     }
+}
+
+/// `EᵀΦ_vE` for the columns of `E`, a band of this width.
+fn gram_block(columns: &[Vec<(usize, f64)>], meridian: &Band, width: usize) -> Result<Banded, GeometryError> {
+    let mut block = Band::zeros(columns.len(), width);
+    for (i, a) in columns.iter().enumerate() {
+        for (j, b) in columns.iter().enumerate().skip(i).take(width + 1) {
+            let pairs = a.iter().flat_map(|x| b.iter().map(move |y| (x, y)));
+            block.add(i, j, pairs.map(|((k, x), (l, y))| x * meridian.get(*k, *l) * y).sum());
+        }
+    }
+    Banded::new(block).map_err(dependent)
 }
 
 /// The Gram operator of the rows of a sphere.

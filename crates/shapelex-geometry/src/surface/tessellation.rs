@@ -2,6 +2,7 @@
 
 use super::{Surface, Topology};
 use crate::mesh::TriangleMesh;
+use crate::vector::{cross, norm};
 
 impl Surface {
     /// Triangle mesh over a grid of `count` parameters along `u` and `v`: `i/count` along closed directions, `i/(count − 1)` along
@@ -11,7 +12,7 @@ impl Surface {
     /// seam needs an even number along `v`. Cost: one jet per vertex.
     pub fn tessellate(&self, count: [usize; 2]) -> TriangleMesh {
         let (u, v) = (self.parameters(0, count[0]), self.parameters(1, count[1]));
-        let sphere = self.topology == Topology::Sphere;
+        let sphere = self.topology.has_poles();
         let inner = if sphere { &v[1..count[1] - 1] } else { &v[..] };
         let poles: &[f64] = if sphere { &[0.0, 1.0] } else { &[] };
         let mut mesh = TriangleMesh::default();
@@ -24,13 +25,30 @@ impl Surface {
         };
         add(&u, inner);
         poles.iter().for_each(|pole| add(&[0.0], &[*pole]));
+        if self.topology == Topology::SharpSphere {
+            let first = normals.len() - poles.len();
+            poles.iter().enumerate().for_each(|(i, pole)| normals[first + i] = self.mean_normal(&u, *pole));
+        }
         mesh.normals = self.is_orientable().then_some(normals);
         mesh.faces = self.triangles(count);
         mesh
     }
 
+    /// Direction of the vector area `½ ∮ τ × τ' du` of the tangents `τ` at a pole, for meshes: that of the normal at a smooth pole, of
+    /// the axis at the point of a cone; 0 if it vanishes.
+    fn mean_normal(&self, u: &[f64], pole: f64) -> [f64; 3] {
+        let mut area = [0.0; 3];
+        for [_, _, dv, _, duv, _] in self.jets(u, &[pole]) {
+            let part = cross(duv, dv);
+            (0..3).for_each(|c| area[c] += part[c]);
+        }
+        let sign = if pole > 0.5 { -self.topology.orientation() } else { self.topology.orientation() };
+        let length = norm(area);
+        if length > 0.0 { area.map(|value| sign * value / length) } else { [0.0; 3] }
+    }
+
     fn triangles(&self, [count_u, count_v]: [usize; 2]) -> Vec<[u32; 3]> {
-        let (sphere, closed) = (self.topology == Topology::Sphere, self.topology.closed());
+        let (sphere, closed) = (self.topology.has_poles(), self.topology.closed());
         let columns = if sphere { count_v - 2 } else { count_v };
         let vertex = |i: usize, j: usize| {
             let j = if i >= count_u { self.seam.across(j % columns, columns) } else { j % columns };

@@ -4,11 +4,14 @@ use std::f64::consts::TAU;
 
 use proptest::prelude::*;
 use serde_json::Value;
+use shapelex_geometry::capability::refine::Resizing;
 use shapelex_geometry::curve::Curve;
 use shapelex_geometry::generator::refinement::{FineFilter, prefilter, two_scale_filter};
 use shapelex_geometry::generator::{Family, GeneratorKind, PoleList, Poles, Recipe};
 use shapelex_geometry::refine::Refinement;
-use shapelex_geometry::representation::ShapeSpace;
+use shapelex_geometry::representation::{Representation, ShapeSpace};
+use shapelex_geometry::surface::Topology;
+use shapelex_geometry::surface::seam::Seam;
 use shapelex_numeric::dense::Matrix;
 
 use crate::spaces::{closed, interpolator, open, random_curve};
@@ -273,5 +276,102 @@ fn other_generators_are_sampled() {
             assert_eq!(differ <= 1e-14, reproduces, "{kind:?} by {factor}: {differ:e}");
             assert_refined(&space, factor, 5, &[]);
         }
+    }
+}
+
+/// Surfaces of a topology.
+fn surfaces(
+    topology: Topology,
+    seam: Seam,
+    control_points: [usize; 2],
+    generators: [GeneratorKind; 2],
+) -> Result<ShapeSpace, shapelex_geometry::GeometryError> {
+    ShapeSpace::new(&Representation::Surface { topology, seam, control_points, generators })
+}
+
+/// `σ(u, v) = σ_fine(u + δ_u, v + δ_v)` for random rows, if the refinement says that it is exact; else the same at the fine knots.
+/// Returns whether it is.
+fn assert_same_surface(coarse: &ShapeSpace, factors: [usize; 2], seed: u64, places: &[[f64; 2]]) -> bool {
+    let what = format!("{:?} by {factors:?}", coarse.representation());
+    let basis = coarse.surface().unwrap();
+    let intervals = [0, 1].map(|i| factors[i] * basis.extent().intervals[i]);
+    let fine = ShapeSpace::new(&coarse.resized(intervals).unwrap()).unwrap();
+    let resizing = Resizing::new(coarse, &fine).unwrap();
+    let rows = crate::spaces::Noise(seed).matrix(coarse.representation().size(), 3);
+    let resized = resizing.apply(&rows);
+    let (before, after) = (basis.surface(&rows), fine.surface().unwrap().surface(&resized.control_points));
+    let (shifts, exact) = (resizing.shifts(), resized.change.is_none());
+    let knots: Vec<[f64; 2]> =
+        (0..intervals[0]).map(|k| [k as f64 / intervals[0] as f64, 1.0 / intervals[1] as f64]).collect();
+    for &[u, v] in if exact { places } else { &knots } {
+        let moved = [u + shifts[0], v + shifts[1]];
+        // Twisted, the parameter beyond the seam is one before it.
+        if basis.seam() != Seam::Straight && moved[0] >= 1.0 {
+            continue;
+        }
+        let [p, q] = [before.point(u, v), after.point(moved[0], moved[1])];
+        assert_close(&format!("{what} at {u}, {v}"), &q, &p, 2e-12);
+    }
+    assert!(exact || shifts == [0.0; 2], "{what}");
+    exact
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(96))]
+
+    /// The two-scale relation of both directions changes no point of a torus, a cylinder or a plane.
+    #[test]
+    fn refined_surfaces_are_the_same(
+        kinds in prop::array::uniform2(prop::sample::select(refinable())),
+        factors in prop::array::uniform2(prop::sample::select(vec![1_usize, 2, 3, 4])),
+        topology in prop::sample::select(vec![Topology::Torus, Topology::Cylinder, Topology::Plane]),
+        seed in any::<u64>(),
+        places in prop::collection::vec(prop::array::uniform2(0.0..1.0), 20),
+    ) {
+        let space = surfaces(topology, Seam::Straight, [7, 6], kinds.clone()).unwrap();
+        let closed = topology.closed();
+        let wanted = (0..2).all(|i| {
+            factors[i] == 1 || is_exact(&kinds[i], space.surface().unwrap().lines()[i].poles().order(), factors[i], closed[i])
+        });
+        prop_assert_eq!(assert_same_surface(&space, factors, seed, &places), wanted);
+    }
+
+    /// Nor of a twisted torus.
+    #[test]
+    fn refined_twisted_tori_are_the_same(
+        kinds in prop::array::uniform2(prop::sample::select(refinable())),
+        factors in prop::array::uniform2(prop::sample::select(vec![1_usize, 2, 4])),
+        seam in prop::sample::select(vec![Seam::Reflected, Seam::HalfTurn]),
+        seed in any::<u64>(),
+        places in prop::collection::vec(prop::array::uniform2(0.0..1.0), 20),
+    ) {
+        let space = surfaces(Topology::Torus, seam, [7, 6], kinds.clone()).unwrap();
+        let order = space.surface().unwrap().lines()[1].poles().order();
+        let reversed = seam == Seam::Reflected && factors[1] > 1 && (order * (factors[1] - 1)) % 2 == 1;
+        prop_assert_eq!(assert_same_surface(&space, factors, seed, &places), !reversed);
+    }
+
+    /// Spheres stay the same, poles and tangents included, where `cos 2πu` is reproduced along `u` and the knots fall on knots along `v`.
+    #[test]
+    fn refined_spheres_are_the_same(
+        around in prop::sample::select(vec![0_usize, 1, 2]),
+        along in prop::sample::select(vec![0_usize, 1, 2]),
+        factors in prop::array::uniform2(prop::sample::select(vec![1_usize, 2, 3, 4])),
+        seed in any::<u64>(),
+        places in prop::collection::vec(prop::array::uniform2(0.0..1.0), 20),
+    ) {
+        let circle = PoleList::from_domain(&[[0.0, 0.0], [0.0, TAU], [0.0, -TAU]]);
+        let kinds = [GeneratorKind::Exponential { poles: circle.clone() }, half_integer_shifts(circle), GeneratorKind::Bspline { degree: 3 }];
+        let spline = [GeneratorKind::Bspline { degree: 2 }, GeneratorKind::Bspline { degree: 3 }, half_integer_shifts(PoleList::from_domain(&[[0.0, 0.0]; 3]))];
+        let kinds = [kinds[around].clone(), spline[along].clone()];
+        let even = factors[0] % 2 == 0;
+        let sharp = surfaces(Topology::SharpSphere, Seam::Straight, [7, 6], kinds.clone()).unwrap();
+        let space = surfaces(Topology::Sphere, Seam::Straight, [7, 6], kinds).unwrap();
+        let along_u = factors[0] == 1 || around == 0 || (around == 1 && even);
+        let along_v = factors[1] == 1 || along == 1 || (along == 0 && factors[1] % 2 == 1);
+        prop_assert_eq!(assert_same_surface(&space, factors, seed, &places), along_u && along_v);
+        // No tangent planes at the poles, no condition on cos 2πu.
+        let along_u = along_u || around == 2;
+        prop_assert_eq!(assert_same_surface(&sharp, factors, seed, &places), along_u && along_v);
     }
 }

@@ -5,12 +5,14 @@ use std::f64::consts::{PI, TAU};
 use proptest::prelude::*;
 use serde_json::Value;
 use shapelex_geometry::GeometryError;
+use shapelex_geometry::capability::measure::mesh_flux;
 use shapelex_geometry::generator::{Family, GeneratorKind, PoleList};
 use shapelex_geometry::mesh::TriangleMesh;
 use shapelex_geometry::surface::basis::{Extent, SurfaceBasis, Tangents};
+use shapelex_geometry::surface::field::{AffineField, FieldTerm, PolynomialField, VectorField};
 use shapelex_geometry::surface::fit::{SurfaceSample, fit, mesh_samples, spherical_parameters};
 use shapelex_geometry::surface::ideal::IdealSurface;
-use shapelex_geometry::surface::measures::{AffineField, SurfaceMeasures, flux};
+use shapelex_geometry::surface::measures::{SurfaceMeasures, flux};
 use shapelex_geometry::surface::parameterisation::spherical;
 use shapelex_geometry::surface::seam::Seam;
 use shapelex_geometry::surface::{Surface, Topology};
@@ -143,7 +145,7 @@ fn surfaces_equal_the_vectors() {
                 assert!((found - wanted).abs() <= 1e-11 * largest, "{id} {row}: {jet:?}");
             }
         }
-        let field = AffineField { matrix: [[1.0, 0.0, 0.0], [0.0; 3], [0.0; 3]], offset: [0.0; 3] };
+        let field = AffineField { matrix: [[1.0, 0.0, 0.0], [0.0; 3], [0.0; 3]], offset: [0.0; 3] }.into();
         let signed = surface.topology().orientation() * flux(&surface, &field);
         let wanted = number(&case["signed_flux_volume"]);
         assert!((signed - wanted).abs() <= 1e-12 * wanted.abs().max(1.0), "{id}: flux {signed} for {wanted}");
@@ -303,7 +305,7 @@ fn shapes_pass_through_their_points() {
     for basis in spaces() {
         let mut noise = crate::spaces::Noise(3);
         let [count_u, count_v] = basis.extent().grid();
-        let sphere = basis.extent().topology == Topology::Sphere;
+        let sphere = basis.extent().topology.has_poles();
         let mut points = Matrix::from_fn(count_u * count_v, 3, |_, _| noise.next());
         if sphere {
             for k in 0..count_u {
@@ -348,8 +350,46 @@ proptest! {
         }
     }
 
+    /// Any rows make a closed surface, whose tangents at the poles are those of the handles.
     #[test]
-    fn affine_maps_of_the_rows_are_those_of_the_surface(seed in 0u64..1000, which in 0usize..52) {
+    fn sharp_spheres_stay_closed_however_they_are_deformed(seed in 0u64..1000, which in 0usize..12) {
+        let sharp = |basis: &SurfaceBasis| basis.extent().topology == Topology::SharpSphere;
+        let basis = spaces().into_iter().filter(sharp).nth(which).unwrap();
+        let rows = noise(&basis, seed);
+        let surface = basis.surface(&rows);
+        let [count, along] = basis.extent().intervals;
+        let kappa = (PI / along as f64).sin() / PI;
+        let first = count * (along - 1);
+        for (pole, v, inward) in [(0, 0.0, 1.0), (1, 1.0, -1.0)] {
+            for u in surface.parameters(0, 7) {
+                let point = surface.point(u, v);
+                for c in 0..3 {
+                    prop_assert!((point[c] - rows[(first + pole, c)]).abs() < 1e-12, "{point:?}");
+                }
+            }
+            // Along u, the tangents are the surface line of the handles.
+            for u in [0.0, 0.3, 0.77] {
+                let [_, _, dv, ..] = surface.jet(u, v);
+                let (half, s) = basis.lines()[0].locate(u);
+                let (start, weights) = basis.lines()[0].weights(half, s, 0);
+                let beyond = (basis.lines()[0].generator().support() - 1) / 2;
+                let mut wanted = [0.0; 3];
+                for (i, weight) in weights.enumerate() {
+                    let k = (start + i + count * 4 - beyond) % count;
+                    let handle = first + 2 + pole * count + k;
+                    for (c, sum) in wanted.iter_mut().enumerate() {
+                        *sum += weight * inward * (rows[(handle, c)] - rows[(first + pole, c)]) / kappa;
+                    }
+                }
+                for c in 0..3 {
+                    prop_assert!((dv[c] - wanted[c]).abs() < 1e-10, "{dv:?} {wanted:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn affine_maps_of_the_rows_are_those_of_the_surface(seed in 0u64..1000, which in 0usize..64) {
         let basis = spaces().swap_remove(which);
         let rows = noise(&basis, seed);
         let mut noise = crate::spaces::Noise(seed + 1);
@@ -364,9 +404,9 @@ proptest! {
             let wanted: f64 = (0..3).map(|i| a[(c, i)] * p[i]).sum::<f64>() + b[c];
             prop_assert!((q[c] - wanted).abs() < 1e-12, "{} for {wanted}", q[c]);
         }
-        if matches!(basis.extent().topology, Topology::Sphere | Topology::Torus) && before.is_orientable() {
+        if matches!(basis.extent().topology, Topology::Sphere | Topology::SharpSphere | Topology::Torus) && before.is_orientable() {
             let identity = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-            let field = AffineField { matrix: identity, offset: [0.0; 3] };
+            let field = AffineField { matrix: identity, offset: [0.0; 3] }.into();
             let wanted = a.determinant() * flux(&before, &field);
             let found = flux(&after, &field);
             prop_assert!((found - wanted).abs() < 1e-11, "{found} for {wanted}");
@@ -410,7 +450,7 @@ fn meshes_of_surfaces_have_no_cracks_and_their_faces_look_outwards() {
         let (topology, _) = ideal.topology();
         let border = edges.keys().filter(|[a, b]| !edges.contains_key(&[*b, *a])).count();
         let open = match topology {
-            Topology::Sphere | Topology::Torus => 0,
+            Topology::Sphere | Topology::SharpSphere | Topology::Torus => 0,
             Topology::Cylinder => 2 * 40,
             Topology::Plane => 2 * (39 + 35),
         };
@@ -684,4 +724,152 @@ fn long_shapes_and_hippocampi_are_parameterised_and_fitted() {
         assert!(fitted.residual < 0.03 * size, "{name}: {}", fitted.residual / size);
         assert!(beyond < 0.05 * size, "{name}: {}", beyond / size);
     }
+}
+
+/// A polynomial field of twelve random terms up to `degree`, the first one of that degree.
+fn random_field(degree: usize, seed: u64) -> Vec<FieldTerm> {
+    let mut noise = crate::spaces::Noise(seed);
+    let term = |i: usize| {
+        let coefficients = [noise.next(), noise.next(), noise.next()];
+        let mut share = |most: usize| ((0.5 + 0.5 * noise.next()) * (most + 1) as f64) as usize;
+        let total = if i == 0 { degree } else { share(degree) };
+        let first = share(total).min(total);
+        let second = share(total - first).min(total - first);
+        FieldTerm { powers: [first, second, total - first - second], coefficients }
+    };
+    (0..12).map(term).collect()
+}
+
+/// `div F` at a point.
+fn divergence(terms: &[FieldTerm], point: [f64; 3]) -> f64 {
+    let derivative = |term: &FieldTerm, c: usize| {
+        let power = |i: usize| {
+            let n = term.powers[i] as i32;
+            if i == c { f64::from(n) * point[i].powi((n - 1).max(0)) } else { point[i].powi(n) }
+        };
+        term.coefficients[c] * power(0) * power(1) * power(2)
+    };
+    terms.iter().map(|term| (0..3).map(|c| derivative(term, c)).sum::<f64>()).sum()
+}
+
+/// `∭ g dV` of the body within the surface, by cones from the origin: `∯ ∫₀¹ t² g(t r) dt ⟨r, n⟩ dA`.
+fn body_integral(surface: &Surface, g: impl Fn([f64; 3]) -> f64) -> f64 {
+    let (rule, along_cones) = (GaussLegendre::new(26), GaussLegendre::new(6));
+    let nodes = |direction: usize| -> Vec<(f64, f64)> {
+        let halves = 2 * surface.intervals(direction);
+        let node = |half: usize, (s, w): (f64, f64)| {
+            ((half as f64 + 0.5 * (1.0 + s)) / halves as f64, 0.5 * w / halves as f64)
+        };
+        (0..halves).flat_map(|half| rule.points().map(move |p| node(half, p)).collect::<Vec<_>>()).collect()
+    };
+    let cone = |r: [f64; 3]| along_cones.integrate(0.0, 1.0, |t| t * t * g(r.map(|x| t * x)));
+    let (u, v) = (nodes(0), nodes(1));
+    let places: Vec<f64> = v.iter().map(|node| node.0).collect();
+    let mut sum = 0.0;
+    for (u, along) in u {
+        for (jet, (_, across)) in surface.jets(&[u], &places).iter().zip(&v) {
+            let [r, du, dv, ..] = *jet;
+            let normal =
+                [du[1] * dv[2] - du[2] * dv[1], du[2] * dv[0] - du[0] * dv[2], du[0] * dv[1] - du[1] * dv[0]];
+            let through: f64 = (0..3).map(|c| r[c] * normal[c]).sum();
+            sum += along * across * surface.topology().orientation() * cone(r) * through;
+        }
+    }
+    sum
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(12))]
+
+    /// Gauss: the flux of a polynomial field through a closed surface is the integral of its divergence over the body.
+    #[test]
+    fn fluxes_are_integrals_of_divergences(seed in 0u64..1000, which in 0usize..64, degree in 0usize..=8) {
+        let basis = spaces().swap_remove(which);
+        prop_assume!(matches!(basis.extent().topology, Topology::Sphere | Topology::SharpSphere | Topology::Torus));
+        let surface = basis.surface(&noise(&basis, seed));
+        prop_assume!(surface.is_orientable());
+        let terms = random_field(degree, seed + 7);
+        let field = VectorField::Polynomial(PolynomialField::new(terms.clone()).unwrap());
+        let found = flux(&surface, &field);
+        let wanted = body_integral(&surface, |point| divergence(&terms, point));
+        // Control points are random in a box of side 2, values of the field up to a hundred.
+        prop_assert!((found - wanted).abs() <= 1e-11 * wanted.abs().max(100.0), "{found} for {wanted}");
+    }
+}
+
+/// `F = (x³, y³, z³)`: `∭ 3r² dV = 12π/5` over the unit ball, and of degree 7 `∭ 7x⁶ dV = 4π/9`, also far from the origin.
+#[test]
+fn polynomial_fluxes_through_a_ball_are_known() {
+    let ball = basis(Topology::Sphere, Seam::Straight, [5, 4], [TRIGONOMETRIC, TRIGONOMETRIC]);
+    let rows = sampled(&ball, unit_sphere, &Tangents::default());
+    let unit = |c: usize| [0, 1, 2].map(|i| f64::from(u8::from(i == c)));
+    let term = |c: usize, power: usize| FieldTerm {
+        powers: unit(c).map(|x| x as usize * power),
+        coefficients: unit(c),
+    };
+    let cubes = PolynomialField::new((0..3).map(|c| term(c, 3)).collect()).unwrap();
+    let seventh = PolynomialField::new(vec![term(0, 7)]).unwrap();
+    for (field, wanted, far) in
+        [(cubes, 12.0 * PI / 5.0, [2e3, -1e3, 5e2]), (seventh, 4.0 * PI / 9.0, [20.0, -10.0, 5.0])]
+    {
+        let found = flux(&ball.surface(&rows), &VectorField::Polynomial(field.clone()));
+        assert!((found - wanted).abs() < 1e-12, "{found} for {wanted}");
+        // The field that has the same values about a ball elsewhere.
+        let moved = Matrix::from_fn(rows.nrows(), 3, |i, c| rows[(i, c)] + far[c]);
+        let there = VectorField::Polynomial(field).about(far.map(|x| -x));
+        let found = flux(&ball.surface(&moved), &there);
+        assert!((found - wanted).abs() < 1e-4, "{found} for {wanted}: the field itself has lost digits");
+    }
+}
+
+/// `F = (x²y, …)` through the faces of a tetrahedron: the integral of the divergence over the simplex is known.
+#[test]
+fn polynomial_fluxes_through_meshes_are_exact() {
+    let mesh = TriangleMesh {
+        vertices: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+        normals: None,
+        faces: vec![[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]],
+    };
+    let factorial = |n: usize| (1..=n).map(|k| k as f64).product::<f64>();
+    for powers in [[2, 0, 0], [2, 1, 0], [3, 2, 1], [1, 0, 7], [8, 0, 0], [0, 4, 4]] {
+        let term = FieldTerm { powers, coefficients: [1.0, 0.0, 0.0] };
+        let field = VectorField::Polynomial(PolynomialField::new(vec![term]).unwrap());
+        // ∭ i x^{i−1} y^j z^k dV = i! j! k!/(i + j + k + 2)!
+        let [i, j, k] = powers;
+        let wanted =
+            if i == 0 { 0.0 } else { factorial(i) * factorial(j) * factorial(k) / factorial(i + j + k + 2) };
+        let found = mesh_flux(&mesh, &field);
+        assert!((found - wanted).abs() < 1e-15, "{powers:?}: {found} for {wanted}");
+    }
+}
+
+/// A lemon, `4v(1 − v)` wide at the height `1 − 2v`, has cones at its poles: a sharp sphere contains it, a smooth one does not. Both contain
+/// the ball.
+#[test]
+fn a_lemon_has_sharp_poles() {
+    let lemon = |u: f64, v: f64| {
+        let (sine, cosine) = (TAU * u).sin_cos();
+        let radius = 4.0 * v * (1.0 - v);
+        [radius * cosine, radius * sine, 1.0 - 2.0 * v]
+    };
+    let apart = |topology: Topology, kinds: [GeneratorKind; 2], f: &dyn Fn(f64, f64) -> [f64; 3]| {
+        let basis = basis(topology, Seam::Straight, [6, 4], kinds);
+        let surface = basis.surface(&sampled(&basis, f, &Tangents::default()));
+        let places = (0..400).map(|i| [f64::from(i % 20) / 19.5, f64::from(i / 20) / 19.0]);
+        let worst = places.map(|[u, v]| norm(minus(surface.point(u, v), f(u, v)))).fold(0.0, f64::max);
+        (worst, surface)
+    };
+    let (exact, surface) = apart(Topology::SharpSphere, [TRIGONOMETRIC, KEYS], &lemon);
+    assert!(exact < 1e-14, "{exact}");
+    let volume = SurfaceMeasures::of(&surface).enclosed.unwrap().signed_volume;
+    assert!((volume - 16.0 * PI / 15.0).abs() < 1e-12, "{volume}");
+    assert_eq!(surface.frame(0.0, &surface.jet(0.3, 0.0)).normal, None);
+    let mesh = surface.tessellate([24, 13]);
+    let normals = mesh.normals.unwrap();
+    let [north, south] = [2, 1].map(|i| normals[normals.len() - i]);
+    assert!((north[2] - 1.0).abs() < 1e-12 && (south[2] + 1.0).abs() < 1e-12, "{north:?} {south:?}");
+    let (smooth, _) = apart(Topology::Sphere, [TRIGONOMETRIC, KEYS], &lemon);
+    assert!(smooth > 0.02, "{smooth}");
+    let (ball, _) = apart(Topology::SharpSphere, [TRIGONOMETRIC, TRIGONOMETRIC], &unit_sphere);
+    assert!(ball < 1e-14, "{ball}");
 }
