@@ -56,6 +56,29 @@ pub fn split(
     Ok(middle([p0, p1], [n0, n1], balance, |_| binormal)?.oriented())
 }
 
+/// Ratio of the sines at both ends up to which an edge keeps a corner: the smaller one doubles in every step, and the corner begins to
+/// close when both are alike, here after the 13th step.
+const CORNER: f64 = 1.0 / 8192.0;
+
+/// Sine from which a corner is seen: 0.6 degrees.
+const SEEN: f64 = 0.01;
+
+/// The end of an edge at which it makes a corner, 0 or 1, with the angle there in radians: the normal at the other end is
+/// orthogonal to the edge, that at this end is not.
+///
+/// ```text
+/// sin αⱼ ≤ sin αᵢ/8192:   wᵢ ≈ 0,   p = pᵢ + ¼(pⱼ − pᵢ),   the same angle αᵢ again at pᵢ, step after step
+/// ```
+///
+/// `None` for other edges, edges without length, and a positive `balance`, which rounds the corner off.
+pub fn corner(points: [[f64; 3]; 2], normals: [[f64; 3]; 2], balance: f64) -> Option<(usize, f64)> {
+    let u = direction(minus(points[1], points[0]), 0.0).filter(|_| balance == 0.0)?;
+    let sines = normals.map(|normal| dot(normal, u).abs());
+    let end = usize::from(sines[1] > sines[0]);
+    let is_corner = sines[end] > SEEN && sines[1 - end] <= CORNER * sines[end];
+    is_corner.then(|| (end, sines[end].min(1.0).asin()))
+}
+
 /// Result for the middle of an edge: `p`, `t` and `f`.
 pub(super) struct Middle {
     point: [f64; 3],
@@ -221,6 +244,24 @@ mod tests {
         assert!((angle - 60.0).abs() < 1e-9, "{angle}");
         let angle = corner(alpha, 0.0, 0.25);
         assert!((angle - 0.045).abs() < 1e-3, "{angle}");
+    }
+
+    #[test]
+    fn corners_are_found_at_the_end_with_the_tilted_normal() {
+        let at = |alpha: f64, beta: f64, balance: f64| {
+            super::corner([[0.0; 3], [2.0, 0.0, 0.0]], leaning(alpha, beta), balance)
+        };
+        let (end, angle) = at(1.0, 0.0, 0.0).unwrap();
+        assert_eq!(end, 0);
+        assert!((angle - 1.0).abs() < 1e-12, "{angle}");
+        assert_eq!(at(1e-16, 0.5, 0.0).map(|(end, _)| end), Some(1));
+        // Seven more steps, and after them it closes.
+        assert!(at(1.0, 1e-5, 0.0).is_some() && at(1.0, 1e-3, 0.0).is_none());
+        for (alpha, beta, balance) in [(0.0, 0.0, 0.0), (0.005, 0.0, 0.0), (0.4, 0.3, 0.0), (1.0, 0.0, 0.25)]
+        {
+            assert_eq!(at(alpha, beta, balance), None, "{alpha} {beta} {balance}");
+        }
+        assert_eq!(super::corner([EX, EX], [EX, EY], 0.0), None);
     }
 
     #[test]

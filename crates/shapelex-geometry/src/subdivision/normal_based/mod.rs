@@ -28,9 +28,9 @@ pub mod normals;
 mod samples;
 pub mod steps;
 
-pub use self::edge::{EdgeFault, split};
+pub use self::edge::{EdgeFault, corner, split};
 pub use self::normals::{circle_normals, inconsistent, sphere_normals};
-pub use self::steps::{refine_edges, refine_polyline};
+pub use self::steps::{corners, refine_edges, refine_polyline};
 
 use crate::vector::norm;
 

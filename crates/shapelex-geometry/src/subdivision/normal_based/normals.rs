@@ -132,7 +132,7 @@ mod tests {
         }
         let mut shape = radial(points);
         for _ in 0..6 {
-            shape = refine_polyline(&shape, true, 0.0).unwrap();
+            shape = refine_polyline(&shape, true, 0.0, |_| [0.0; 3]).unwrap();
         }
         let (position, normal) = off_sphere(&shape);
         assert!(position < 2e-15 && normal < 1e-13, "{position:e} {normal:e}");
@@ -198,11 +198,11 @@ mod tests {
         normals[2] = at_angle(TAU / 3.0 + 1.1);
         let shape = Oriented { points: points.clone(), normals: normals.clone() };
         assert_eq!(inconsistent(&points, &normals, true), Some(2));
-        assert_eq!(refine_polyline(&shape, true, 0.0), Err((1, EdgeFault::Opposite)));
+        assert_eq!(refine_polyline(&shape, true, 0.0, |_| [0.0; 3]), Err((1, EdgeFault::Opposite)));
         // A cusp: the side changes at vertex 1, but no edge fails.
         let points = vec![[0.0; 3], EX, [0.2, 0.3, 0.0]];
         let cusp = Oriented::new(points, &[EY, EY, [0.3, 0.8, 0.0]]).unwrap();
-        assert!(refine_polyline(&cusp, false, 0.0).is_ok());
+        assert!(refine_polyline(&cusp, false, 0.0, |_| [0.0; 3]).is_ok());
         assert_eq!(inconsistent(&cusp.points, &cusp.normals, false), Some(1));
         // A normal parallel to an edge is on neither side.
         let points = [EX, EY];

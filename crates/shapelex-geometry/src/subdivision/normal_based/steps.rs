@@ -1,15 +1,22 @@
 //! Steps of the scheme on polylines and on the edges of meshes.
 
 use super::Oriented;
-use super::edge::{EdgeFault, middle};
+use super::edge::{EdgeFault, corner, middle};
 use crate::vector::cross;
 
 /// One step on a polyline: point `2i` is the old point `i`, and `2i + 1` is the new one between `i` and `i + 1`. The last edge
 /// of a closed polyline ends at 0. `n` points become `2n`, or `2n − 1` if open. `balance`: `κ ≥ 0`.
 ///
+/// `binormals(i)`: binormal `f` of edge `i`, of any length, called where the normals at its ends define none; zero if there is none.
+///
 /// # Errors
 /// The first edge that cannot be split, with the reason.
-pub fn refine_polyline(shape: &Oriented, closed: bool, balance: f64) -> Result<Oriented, (usize, EdgeFault)> {
+pub fn refine_polyline(
+    shape: &Oriented,
+    closed: bool,
+    balance: f64,
+    binormals: impl Fn(usize) -> [f64; 3],
+) -> Result<Oriented, (usize, EdgeFault)> {
     let count = shape.points.len();
     let edges = if closed { count } else { count.saturating_sub(1) };
     let mut refined = Oriented::with_capacity(count + edges);
@@ -17,7 +24,7 @@ pub fn refine_polyline(shape: &Oriented, closed: bool, balance: f64) -> Result<O
         refined.push((shape.points[i], shape.normals[i]));
         if i < edges {
             let [points, normals] = ends(shape, [i, (i + 1) % count]);
-            let middle = middle(points, normals, balance, |_| [0.0; 3]).map_err(|fault| (i, fault))?;
+            let middle = middle(points, normals, balance, |_| binormals(i)).map_err(|fault| (i, fault))?;
             refined.push(middle.oriented());
         }
     }
@@ -46,6 +53,22 @@ pub fn refine_edges(
         refined.push(middle.oriented());
     }
     Ok(refined)
+}
+
+/// The corners that edges make: the number of edges with one, and the first with its angle in radians: see [`corner`].
+pub fn corners(
+    shape: &Oriented,
+    edges: impl Iterator<Item = [usize; 2]>,
+    balance: f64,
+) -> Option<(usize, usize, f64)> {
+    let mut found: Option<(usize, usize, f64)> = None;
+    for edge in edges {
+        let [points, normals] = ends(shape, edge);
+        if let Some((end, angle)) = corner(points, normals, balance) {
+            found = Some(found.map_or((1, edge[end], angle), |(count, at, first)| (count + 1, at, first)));
+        }
+    }
+    found
 }
 
 /// Points and normals at the ends of an edge.
@@ -90,7 +113,7 @@ mod tests {
         for (n, balance) in [(3, 0.0), (4, 0.0), (7, 0.3)] {
             let mut shape = radial((0..n).map(|i| at_angle(0.2 + TAU * i as f64 / n as f64)).collect());
             for level in 1..=10 {
-                let finer = refine_polyline(&shape, true, balance).unwrap();
+                let finer = refine_polyline(&shape, true, balance, |_| [0.0; 3]).unwrap();
                 assert_eq!(finer.points.len(), 2 * shape.points.len());
                 assert!(finer.points.iter().step_by(2).eq(&shape.points));
                 assert!(finer.normals.iter().step_by(2).eq(&shape.normals));
@@ -173,9 +196,9 @@ mod tests {
         let mut shape = irregular(&mut random);
         shape.points.truncate(5);
         shape.normals.truncate(5);
-        let refined = refine_polyline(&shape, false, 0.2).unwrap();
+        let refined = refine_polyline(&shape, false, 0.2, |_| [0.0; 3]).unwrap();
         assert_eq!(refined.points.len(), 9);
-        assert_eq!(refine_polyline(&reversed(&shape), false, 0.2).unwrap(), reversed(&refined));
+        assert_eq!(refine_polyline(&reversed(&shape), false, 0.2, |_| [0.0; 3]).unwrap(), reversed(&refined));
         let (p0, p1) = (random.vector(), random.vector());
         let n = unit(minus(p1, p0));
         let there = split(p0, negated(n), p1, n, 0.0, Some(EZ)).unwrap();
@@ -190,7 +213,7 @@ mod tests {
             let normals = vec![at_angle(TAU / 4.0 + alpha), at_angle(TAU / 4.0 - beta)];
             let mut shape = Oriented { points: vec![[0.0; 3], [2.0, 0.0, 0.0]], normals };
             for _ in 0..6 {
-                shape = refine_polyline(&shape, false, 0.0).unwrap();
+                shape = refine_polyline(&shape, false, 0.0, |_| [0.0; 3]).unwrap();
             }
             for i in 1..shape.points.len() {
                 let e = minus(shape.points[i], shape.points[i - 1]);
@@ -205,11 +228,11 @@ mod tests {
         assert_eq!(split(EX, EY, EX, EY, 0.0, Some(EZ)), Err(EdgeFault::NoLength));
         assert_eq!(split(EX, EY, [f64::NAN; 3], EY, 0.0, Some(EZ)), Err(EdgeFault::NoLength));
         let shape = Oriented { points: vec![EX, EY, EY], normals: vec![EY; 3] };
-        assert_eq!(refine_polyline(&shape, true, 0.0), Err((1, EdgeFault::NoLength)));
+        assert_eq!(refine_polyline(&shape, true, 0.0, |_| [0.0; 3]), Err((1, EdgeFault::NoLength)));
         let shape = Oriented { points: vec![EX], normals: vec![EY] };
-        assert_eq!(refine_polyline(&shape, true, 0.0), Err((0, EdgeFault::NoLength)));
-        assert_eq!(refine_polyline(&shape, false, 0.0).as_ref(), Ok(&shape));
-        assert_eq!(refine_polyline(&Oriented::default(), true, 0.0), Ok(Oriented::default()));
+        assert_eq!(refine_polyline(&shape, true, 0.0, |_| [0.0; 3]), Err((0, EdgeFault::NoLength)));
+        assert_eq!(refine_polyline(&shape, false, 0.0, |_| [0.0; 3]).as_ref(), Ok(&shape));
+        assert_eq!(refine_polyline(&Oriented::default(), true, 0.0, |_| [0.0; 3]), Ok(Oriented::default()));
         // Very short and very long edges are valid.
         let wanted = split([0.0; 3], EY, EX, EX, 0.0, None).unwrap().0;
         for size in [1e-160, 1e160] {
@@ -217,6 +240,22 @@ mod tests {
             close(scaled(1.0 / size, p), wanted, 1e-15);
             assert!((norm(n) - 1.0).abs() < 1e-15);
         }
+    }
+
+    #[test]
+    fn two_points_with_binormals_make_a_circle() {
+        // 2.2 of the source needs a binormal for two points: both normals are along both edges.
+        let points = vec![negated(EX), EX];
+        let mut shape = radial(points);
+        let fault = refine_polyline(&shape, true, 0.0, |_| [0.0; 3]);
+        assert_eq!(fault, Err((0, EdgeFault::AlongBoth)));
+        // Counter-clockwise about z; the binormals of the parts are those of the halves, and no longer needed.
+        for level in 1..=8 {
+            shape = refine_polyline(&shape, true, 0.0, |_| scaled(-3.0, EZ)).unwrap();
+            let (position, normal) = off_sphere(&shape);
+            assert!(position < 1e-15 && normal < 1e-13, "level {level}: {position:e} {normal:e}");
+        }
+        assert!(shape.points[128 / 2][1] < 0.0 && shape.points.len() == 512);
     }
 
     #[test]
@@ -244,7 +283,7 @@ mod tests {
     fn normals_on_opposite_sides_need_a_binormal() {
         let [n0, n1] = [at_angle(TAU / 3.0), negated(at_angle(TAU / 5.0))];
         let shape = Oriented { points: vec![[0.0; 3], [2.0, 0.0, 0.0]], normals: vec![n0, n1] };
-        assert_eq!(refine_polyline(&shape, false, 0.0), Err((0, EdgeFault::Opposite)));
+        assert_eq!(refine_polyline(&shape, false, 0.0, |_| [0.0; 3]), Err((0, EdgeFault::Opposite)));
         // The faces decide: the normal is in the plane of the edge and their sum.
         let sides = [0.0, 0.6, 0.8];
         let refined = refine_edges(&shape, &[[0, 1]], |_| sides, 0.0).unwrap();
