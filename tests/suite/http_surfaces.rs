@@ -551,7 +551,7 @@ fn frames_of_a_morph_are_meshes() {
     // The last object is the mesh of the last frame.
     let frames = server.post("/v1/morph", &body).expect(200)["frames"].clone();
     let last = json!({"representation": surface("sphere", [8, 6]), "shapes": [{"control_points": frames[3]["control_points"]}]});
-    let alone = server.post("/v1/evaluate?format=obj&grid=12,9", &last).text();
+    let alone = server.post("/v1/evaluate?format=obj&grid=12,9", &last).text().to_owned();
     let vertices = |text: &str| -> Vec<String> {
         text.lines().filter(|line| line.starts_with("v ")).map(str::to_owned).collect()
     };
@@ -593,7 +593,7 @@ fn frames_of_a_morph_are_meshes() {
             json!({"kind": "subdivision", "scheme": scheme, "level": 2, "connectivity": "octahedron"});
         let points = |x: f64| json!([[x, 0, 0], [-x, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]]);
         let body = json!({"representation": representation, "from": {"control_points": points(1.0)}, "to": {"control_points": points(2.0)}, "steps": 3});
-        let text = server.post("/v1/morph?format=obj", &body).text();
+        let text = server.post("/v1/morph?format=obj", &body).text().to_owned();
         assert_eq!(["o", "v", "vn"].map(|word| count_of(&text, word)), [3, 3 * 66, 3 * 66], "{scheme}");
         assert_eq!(server.post("/v1/morph?format=gltf", &body).status, 200, "{scheme}");
     }
