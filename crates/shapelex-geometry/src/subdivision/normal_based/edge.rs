@@ -159,7 +159,7 @@ fn weights([alpha, beta]: [f64; 2], balance: f64) -> [f64; 2] {
 mod tests {
     use std::f64::consts::TAU;
 
-    use super::super::samples::{EX, EY, EZ, Random, at_angle, close, distance, negated, unit};
+    use super::super::samples::{EX, EY, Random, at_angle, close, distance, negated, unit};
     use super::*;
 
     #[test]
