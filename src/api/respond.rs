@@ -11,8 +11,8 @@ use crate::formats::matrix::{MatrixFormat, NamedMatrix};
 use crate::formats::mesh::MeshFormat;
 use crate::formats::picture::{PictureError, PictureFile};
 use crate::geometry::drawing::scene::Drawing;
-use crate::geometry::mesh::TriangleMesh;
 use crate::geometry::representation::ShapeSpace;
+use crate::geometry::texture::TexturedMesh;
 use crate::service::app::memory::Purpose;
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::shapes::mesh::mesh_of;
@@ -101,7 +101,7 @@ pub fn mesh(
 }
 
 /// Mesh file as a response.
-pub fn mesh_file(format: MeshFormat, mesh: &TriangleMesh) -> Response {
+pub fn mesh_file(format: MeshFormat, mesh: &TexturedMesh) -> Response {
     file_of(format, format.write(mesh))
 }
 

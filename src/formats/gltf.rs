@@ -1,14 +1,16 @@
 //! Binary glTF 2.0 files (GLB): one mesh, with displacements to other shapes of it (morph targets).
 //!
 //! A displacement has the weight 0 at first; the weight 1 gives its shape, and weights between, beyond and below follow along
-//! the line through both. Each displacement has an animation that moves its weight from 0 to 1, to −1 and back. Names are in
-//! `extras.targetNames`, where programs look for them.
+//! the line through both. Each displacement has an animation that moves its weight from 0 to 1, to −1 and back; or one animation
+//! goes from the mesh through all of them. Names are in `extras.targetNames`, where programs look for them.
 
+use std::borrow::Cow;
 use std::ops::Range;
 
 use serde_json::{Value, json};
 
 use crate::geometry::mesh::TriangleMesh;
+use crate::geometry::texture::{Texture, TexturedMesh};
 use crate::geometry::vector::minus;
 
 /// A displacement of the vertices of a mesh.
@@ -21,6 +23,18 @@ pub struct Displacement {
     /// What else is to be known about it.
     pub extras: Value,
 }
+
+/// How the displacements of a mesh are played.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Play {
+    /// Each has an animation of its own.
+    Each,
+    /// One animation goes from the mesh through all of them in order, and back.
+    Sequence,
+}
+
+/// Seconds of an animation through all displacements, in one direction.
+const SEQUENCE: f32 = 2.0;
 
 /// Weights of a displacement during its animation, one each second.
 const WEIGHTS: [f32; 5] = [0.0, 1.0, 0.0, -1.0, 0.0];
@@ -74,6 +88,12 @@ impl Buffer {
         self.push(normals.iter().flat_map(|normal| single(*normal)), Some(VERTICES), accessor)
     }
 
+    fn push_places(&mut self, places: &[[f64; 2]]) -> usize {
+        let accessor = json!({"componentType": FLOAT, "count": places.len(), "type": "VEC2"});
+        let bytes = places.as_flattened().iter().flat_map(|place| (*place as f32).to_le_bytes());
+        self.push(bytes, Some(VERTICES), accessor)
+    }
+
     fn push_numbers(&mut self, numbers: &[f32]) -> usize {
         let bound = |pick: fn(f32, f32) -> f32, start: f32| [numbers.iter().copied().fold(start, pick)];
         let accessor = json!({"componentType": FLOAT, "count": numbers.len(), "type": "SCALAR",
@@ -102,23 +122,33 @@ pub(super) fn single(point: [f64; 3]) -> impl Iterator<Item = u8> {
     point.into_iter().flat_map(|value| (value as f32).to_le_bytes())
 }
 
-/// Writes a mesh with its displacements.
-pub fn write(mesh: &TriangleMesh, displacements: &[Displacement]) -> Vec<u8> {
+/// Writes a mesh with its displacements. With texture coordinates, it has one vertex for each of their places.
+pub fn write(textured: &TexturedMesh, displacements: &[Displacement], play: Play) -> Vec<u8> {
+    let texture = textured.texture.as_ref();
     let mut buffer = Buffer::default();
+    let mesh = by_place(texture, &textured.mesh);
     let indices = buffer.push_indices(&mesh.faces);
-    let attributes = buffer.push_attributes(mesh, None);
+    let mut attributes = buffer.push_attributes(&mesh, None);
+    if let Some(texture) = texture {
+        attributes["TEXCOORD_0"] = json!(buffer.push_places(&texture.places));
+    }
     let mut primitive = json!({"attributes": attributes, "indices": indices});
     let mut body = json!({});
     let mut animations = Vec::new();
     if !displacements.is_empty() {
-        let targets: Vec<Value> =
-            displacements.iter().map(|to| buffer.push_attributes(&to.mesh, Some(mesh))).collect();
+        let targets: Vec<Value> = displacements
+            .iter()
+            .map(|to| buffer.push_attributes(&by_place(texture, &to.mesh), Some(&mesh)))
+            .collect();
         primitive["targets"] = json!(targets);
         body["weights"] = json!(vec![0; displacements.len()]);
         let names: Vec<&str> = displacements.iter().map(|to| to.name.as_str()).collect();
         let extras: Vec<&Value> = displacements.iter().map(|to| &to.extras).collect();
         body["extras"] = json!({"targetNames": names, "targets": extras});
-        animations = animate(&mut buffer, &names);
+        animations = match play {
+            Play::Each => animate(&mut buffer, &names),
+            Play::Sequence => vec![animate_through(&mut buffer, names.len())],
+        };
     }
     body["primitives"] = json!([primitive]);
     let mut document = json!({
@@ -131,6 +161,24 @@ pub fn write(mesh: &TriangleMesh, displacements: &[Displacement]) -> Vec<u8> {
         document["animations"] = json!(animations);
     }
     chunks(&document, buffer.bytes)
+}
+
+/// The mesh with one vertex for each place of its texture, if it has one.
+fn by_place<'a>(texture: Option<&Texture>, mesh: &'a TriangleMesh) -> Cow<'a, TriangleMesh> {
+    texture.map_or(Cow::Borrowed(mesh), |texture| Cow::Owned(texture.split(mesh)))
+}
+
+/// The animation from the mesh through `count` displacements and back, with one of them at full weight at each time.
+fn animate_through(buffer: &mut Buffer, count: usize) -> Value {
+    // Frame 0 is the mesh itself; there and back.
+    let frames: Vec<usize> = (0..=count).chain((0..count).rev()).collect();
+    let seconds: Vec<f32> = (0..frames.len()).map(|k| SEQUENCE * k as f32 / count as f32).collect();
+    let input = buffer.push_numbers(&seconds);
+    let weights = frames.iter().flat_map(|frame| (1..=count).map(move |k| f32::from(u8::from(k == *frame))));
+    let output = buffer.push_numbers(&weights.collect::<Vec<_>>());
+    json!({"name": "path",
+        "samplers": [{"input": input, "output": output, "interpolation": "LINEAR"}],
+        "channels": [{"sampler": 0, "target": {"node": 0, "path": "weights"}}]})
 }
 
 /// One animation for each displacement.
@@ -195,12 +243,46 @@ mod tests {
 
     #[test]
     fn files_have_the_length_that_they_state() {
-        let file = write(&triangle(0.5), &[]);
+        let file = write(&triangle(0.5).into(), &[], Play::Each);
         let (json, binary) = parts(&file);
         assert_eq!(json["buffers"][0]["byteLength"], binary.len());
         assert_eq!(json["accessors"][1]["max"], json!([2.0, 1.0, 0.5]));
         assert_eq!(json["bufferViews"][2]["byteOffset"], 12 + 36);
         assert!(json["animations"].is_null() && json["meshes"][0]["weights"].is_null());
+    }
+
+    #[test]
+    fn textures_repeat_vertices_and_paths_are_played_in_order() {
+        // Both ends of an edge of the same place: a mesh of two faces that is closed along one direction.
+        let texture = Texture {
+            places: vec![[0.0, 0.0], [1.0, 0.0], [0.5, 1.0], [0.0, 1.0]],
+            faces: vec![[0, 1, 2], [3, 1, 2]],
+        };
+        let two = |height: f64| TriangleMesh { faces: vec![[0, 1, 2], [0, 1, 2]], ..triangle(height) };
+        let to =
+            |height: f64| Displacement { name: format!("{height}"), mesh: two(height), extras: json!({}) };
+        let textured = TexturedMesh { mesh: two(0.0), texture: Some(texture) };
+        let file = write(&textured, &[to(1.0), to(2.0), to(3.0)], Play::Sequence);
+        let (json, binary) = parts(&file);
+        let primitive = &json["meshes"][0]["primitives"][0];
+        let accessor = |k: &Value| &json["accessors"][k.as_u64().unwrap() as usize];
+        for kind in ["POSITION", "NORMAL", "TEXCOORD_0"] {
+            assert_eq!(accessor(&primitive["attributes"][kind])["count"], 4, "{kind}");
+        }
+        assert_eq!(accessor(&primitive["targets"][1]["POSITION"])["count"], 4);
+        assert_eq!(json["animations"].as_array().unwrap().len(), 1);
+        let sampler = &json["animations"][0]["samplers"][0];
+        assert_eq!(accessor(&sampler["input"])["count"], 7);
+        assert_eq!(accessor(&sampler["input"])["max"], json!([4.0]));
+        let view =
+            &json["bufferViews"][accessor(&sampler["output"])["bufferView"].as_u64().unwrap() as usize];
+        let at = view["byteOffset"].as_u64().unwrap() as usize;
+        let weight = |k: usize| f32::from_le_bytes(binary[at + 4 * k..at + 4 * k + 4].try_into().unwrap());
+        let frame = |k: usize| [0, 1, 2].map(|target| weight(3 * k + target));
+        assert_eq!(
+            [0, 1, 3, 4, 6].map(frame),
+            [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [0.0; 3]]
+        );
     }
 
     #[test]
@@ -210,7 +292,7 @@ mod tests {
             mesh: triangle(height),
             extras: json!({"explained": 0.5}),
         };
-        let file = write(&triangle(0.5), &[to("mode 1", 2.5), to("mode 2", -0.5)]);
+        let file = write(&triangle(0.5).into(), &[to("mode 1", 2.5), to("mode 2", -0.5)], Play::Each);
         let (json, binary) = parts(&file);
         let mesh = &json["meshes"][0];
         assert_eq!(mesh["weights"], json!([0, 0]));

@@ -508,6 +508,216 @@ fn shapes_with_normals_are_evaluated_and_morphed_but_have_no_statistics() {
     server.post("/v1/measure", &body).expect_problem(422, "invalid-input", &["/shapes/0/normals"]);
 }
 
+/// Two triangles of a sheet: what the schemes with rules for boundaries make of them, and what the others say.
+#[test]
+fn open_meshes_are_refined_by_the_schemes_with_rules_for_boundaries() {
+    let server = shared();
+    let square =
+        json!({"vertices": [[0, 0, 0], [2, 0, 0], [2, 1, 0.5], [0, 1, 0]], "faces": [[0, 1, 2], [0, 2, 3]]});
+    let body = json!({"scheme": "loop", "level": 1, "mesh": square, "limit": true});
+    let answer = server.post("/v1/subdivide", &body).expect(200);
+    let wanted = json!([[0.25, 0.125, 0.0], [1.75, 0.125, 0.0625]]);
+    assert_close(
+        &json!([answer["mesh"]["vertices"][0], answer["mesh"]["vertices"][1]]),
+        &wanted,
+        1e-15,
+        "⅛, ¾, ⅛",
+    );
+    // Along the boundary ½, ½; inside ⅜, ⅜, ⅛, ⅛. Edges: 01, 02, 03, 12, 23.
+    let wanted = json!([[1.0, 0.0, 0.0], [1.0, 0.5, 0.1875]]);
+    assert_close(
+        &json!([answer["mesh"]["vertices"][4], answer["mesh"]["vertices"][5]]),
+        &wanted,
+        1e-15,
+        "edges",
+    );
+    assert!(answer.get("volume").is_none() && number(&answer["area"]) > 1.0, "{answer}");
+    assert_eq!(answer["limit"]["vertices"].as_array().unwrap().len(), 9);
+    for normal in answer["limit"]["normals"].as_array().unwrap() {
+        assert!(number(&normal[2]) > 0.7, "{normal}");
+    }
+    server.post("/v1/subdivide?format=svg", &body).expect_svg();
+    let normals = json!([[-1, 0, 4], [1, 0, 4], [1, 1, 4], [-1, 1, 4]]);
+    let mut oriented = json!({"scheme": "normal_based", "level": 2, "mesh": square});
+    oriented["mesh"]["normals"] = normals;
+    let answer = server.post("/v1/subdivide", &oriented).expect(200);
+    assert_eq!(answer["mesh"]["vertices"].as_array().unwrap().len(), 25);
+    assert!(answer.get("volume").is_none());
+    for scheme in ["butterfly", "blob"] {
+        let mut body = json!({"scheme": scheme, "level": 1, "mesh": square});
+        if scheme == "blob" {
+            body["lambda"] = json!(1.0);
+        }
+        let said = server
+            .post("/v1/subdivide", &body)
+            .expect_problem(422, "invalid-input", &["/mesh/faces/0"])
+            .to_string();
+        assert!(said.contains("no face on its other side"), "{said}");
+    }
+    let pinched = json!({"vertices": [[0, 0, 0], [1, 0, 0], [1, 1, 0], [-1, 0, 0], [-1, -1, 0]], "faces": [[0, 1, 2], [0, 3, 4]]});
+    let said = server
+        .post("/v1/subdivide", &json!({"scheme": "loop", "level": 1, "mesh": pinched}))
+        .expect_problem(422, "invalid-input", &["/mesh/faces"])
+        .to_string();
+    assert!(said.contains("meet only there"), "{said}");
+}
+
+#[test]
+fn open_surfaces_have_statistics_and_measures_without_a_volume() {
+    let server = shared();
+    let faces =
+        json!([[0, 1, 4], [0, 4, 3], [1, 2, 5], [1, 5, 4], [3, 4, 7], [3, 7, 6], [4, 5, 8], [4, 8, 7]]);
+    let representation = of_scheme("loop", 3, faces.clone());
+    let sheet = |seed: usize| -> Value {
+        let s = seed as f64;
+        let at = |k: usize| {
+            let [x, y] = [(k % 3) as f64 - 1.0, (k / 3) as f64 - 1.0];
+            [
+                (1.0 + 0.1 * s) * x + s,
+                y + 0.1 * (s + x).sin(),
+                0.3 * (1.0 + 0.2 * s) * x * y + 0.1 * (3.0 * s).cos() * x * x,
+            ]
+        };
+        json!({"control_points": (0..9).map(at).collect::<Vec<_>>()})
+    };
+    let shapes: Vec<Value> = (0..6).map(sheet).collect();
+    let body = json!({"representation": representation, "shapes": shapes});
+    let measured = server.post("/v1/measure", &body).expect(200)["results"][0].clone();
+    assert!(measured["volume"].is_null() && number(&measured["area"]) > 2.0, "{measured}");
+    let frames = server.post("/v1/evaluate", &with(&body, json!({"frames": true}))).expect(200);
+    let bends = frames["evaluations"][0]["principal_curvatures"].as_array().unwrap();
+    // 8 edges of the boundary, split three times.
+    assert_eq!((bends.len(), bends.iter().filter(|bend| bend.is_null()).count()), (289, 64));
+    let mean = server.post("/v1/mean", &with(&body, json!({"transformation": "affine"}))).expect(200);
+    assert_eq!(mean["mean"]["control_points"].as_array().unwrap().len(), 9);
+    let overlap = json!({"first": {"vertices": shapes[0]["control_points"], "faces": faces}, "second": {"vertices": shapes[1]["control_points"], "faces": faces}});
+    server.post("/v1/overlap", &overlap).expect_problem(
+        422,
+        "invalid-input",
+        &["/first/faces/0", "/second/faces/0"],
+    );
+    let prior = json!({"representation": representation, "transformation": "affine", "reference": shapes[0], "shapes": shapes});
+    let found = server.post("/v1/prior", &prior).expect(200)["results"].clone();
+    assert!(number(&found[0]["energy"]).abs() < 1e-12 && number(&found[1]["energy"]) > 0.0, "{found}");
+    assert!(found[1]["volume"].is_null(), "{found}");
+    let refused = of_scheme("butterfly", 2, faces);
+    let body = json!({"representation": refused, "shapes": shapes});
+    server.post("/v1/measure", &body).expect_problem(
+        422,
+        "invalid-input",
+        &["/representation/connectivity/0"],
+    );
+}
+
+/// Two points whose normals lie along the edge: half a circle for each binormal, as 2.2 of the paper has it.
+#[test]
+fn binormals_bend_edges_whose_normals_define_no_plane() {
+    let server = shared();
+    let polyline = json!({"points": [[-2, 0], [2, 0]], "normals": [[-1, 0], [1, 0]], "binormals": [[0, 0, -1], [0, 0, -7]]});
+    let body = json!({"scheme": "normal_based", "level": 6, "polyline": polyline});
+    let answer = server.post("/v1/subdivide", &body).expect(200);
+    let points = answer["polyline"]["points"].as_array().unwrap();
+    assert_eq!(points.len(), 128);
+    for (point, normal) in points.iter().zip(answer["polyline"]["normals"].as_array().unwrap()) {
+        assert!((number(&point[0]).hypot(number(&point[1])) - 2.0).abs() < 1e-14, "{point}");
+        assert_close(&json!([number(&point[0]) / 2.0, number(&point[1]) / 2.0]), normal, 1e-13, "normal");
+    }
+    // To its right: counter-clockwise.
+    assert!(number(&points[16][1]) < 0.0, "{}", points[16]);
+    let open = with(&polyline, json!({"closed": false, "binormals": [[0, 0, 1]]}));
+    let answer = server.post("/v1/subdivide", &with(&body, json!({"polyline": open}))).expect(200);
+    assert_close(&answer["polyline"]["points"][32], &json!([0, 2]), 1e-14, "the top");
+    let refused = |change: Value, pointer: &str| {
+        let body = with(&body, json!({"polyline": with(&polyline, change)}));
+        server.post("/v1/subdivide", &body).expect_problem(422, "invalid-input", &[pointer]).to_string()
+    };
+    let said = refused(json!({"binormals": [[0, 0, 1]]}), "/polyline/binormals");
+    assert!(said.contains("expected 2 entries"), "{said}");
+    refused(json!({"binormals": [[0, 0, 1], [1, 0, 1]]}), "/polyline/binormals/1");
+    refused(json!({"binormals": [[0, 0, 1], [0, 0]]}), "/polyline/binormals/1");
+    refused(json!({"binormals": null}), "/polyline/points");
+    let said = refused(json!({"binormals": [[0, 0, 1], [0, 0, 0]]}), "/polyline");
+    assert!(said.contains("parallel"), "{said}");
+}
+
+#[test]
+fn corners_of_the_normal_based_scheme_are_warned_of() {
+    let server = shared();
+    // The normal at the second point is orthogonal to the first edge, that at the first point is not.
+    let line = json!({"points": [[0, 0], [2, 0], [4, -1]], "normals": [[-0.866025403784, 0.5], [0, 1], [0.6, 0.8]], "closed": false});
+    let body = json!({"scheme": "normal_based", "level": 4, "polyline": line});
+    let warned = |body: &Value| server.post("/v1/subdivide", body).expect(200)["warnings"].to_string();
+    let said = warned(&body);
+    assert!(
+        said.contains("corners: 1 edges") && said.contains("first at point 0 with 60.0 degrees"),
+        "{said}"
+    );
+    assert_eq!(warned(&with(&body, json!({"balance": 0.25}))), "[]");
+    let (vertices, faces) = start(&server, "octahedron");
+    let mesh = json!({"vertices": vertices, "faces": faces, "normals": vertices});
+    let body = json!({"scheme": "normal_based", "level": 2, "mesh": mesh});
+    assert_eq!(warned(&body), "[]");
+    let mut normals = json!(vertices);
+    normals[0] = json!([1, 1, 0]);
+    let tilted = with(&body, json!({"mesh": with(&mesh, json!({"normals": normals}))}));
+    // Orthogonal to the edge from +x to +y, while the normal there is not.
+    let said = warned(&tilted);
+    assert!(
+        said.contains("corners: 1 edges") && said.contains("first at point 2 with 45.0 degrees"),
+        "{said}"
+    );
+}
+
+/// Points and normals are moved, as in the experiment of the paper.
+#[test]
+fn shapes_with_normals_are_deformed_by_their_points_and_normals() {
+    let server = shared();
+    let (sphere, _) = start(&server, "octahedron");
+    let representation = of_scheme("normal_based", 3, json!("octahedron"));
+    let shape = json!({"control_points": sphere, "normals": sphere});
+    let body = json!({"representation": representation, "shape": shape,
+        "moves": [{"control_point": 0, "by": [0.5, 0, 0]}, {"control_point": 4, "by": [0, 0, 0], "normal": [0.2, 0, 2]}],
+        "handles": [{"parameters": [2], "position": [0, 1.25, 0]}]});
+    let answer = server.post("/v1/deform", &body).expect(200);
+    assert_close(&answer["control_points"][0], &json!([1.5, 0, 0]), 1e-15, "moved");
+    assert_close(&answer["control_points"][2], &json!([0, 1.25, 0]), 1e-15, "held");
+    let length = 4.04_f64.sqrt();
+    assert_close(&answer["normals"][4], &json!([0.2 / length, 0, 2.0 / length]), 1e-15, "turned");
+    assert_close(&answer["normals"][0], &json!(sphere[0]), 1e-15, "kept");
+    assert!(
+        answer["l2_change"].is_null() && (number(&answer["largest_change"]) - 0.5).abs() < 1e-12,
+        "{answer}"
+    );
+    assert_eq!(answer["supports"].as_array().unwrap().len(), 2);
+    // The answer is a shape again.
+    let again = json!({"representation": representation, "shapes": [{"control_points": answer["control_points"], "normals": answer["normals"]}]});
+    server.post("/v1/evaluate", &again).expect(200);
+    let refused = |change: Value, pointers: &[&str]| {
+        server
+            .post("/v1/deform", &with(&body, change))
+            .expect_problem(422, "invalid-input", pointers)
+            .to_string()
+    };
+    let said = refused(
+        json!({"handles": [{"parameters": [9], "position": [0, 0, 0]}]}),
+        &["/handles/0/parameters/0"],
+    );
+    assert!(said.contains("not linear"), "{said}");
+    let two = json!([{"parameters": [2], "position": [0, 1, 0]}, {"parameters": [2], "position": [0, 2, 0]}]);
+    refused(json!({"handles": two}), &["/handles/1/parameters/0"]);
+    refused(
+        json!({"moves": [{"control_point": 6, "by": [0, 0, 0], "normal": [0, 0, 0]}]}),
+        &["/moves/0/control_point", "/moves/0/normal"],
+    );
+    refused(json!({"moves": [], "handles": []}), &[""]);
+    refused(json!({"shape": {"control_points": [[0, 0, 0]]}}), &["/shape/control_points"]);
+    // The point of another vertex: the edge between them cannot be split.
+    refused(json!({"handles": [{"parameters": [2], "position": [0, 0, 1]}]}), &["/moves"]);
+    let linear = json!({"representation": of_scheme("loop", 2, json!("octahedron")), "shape": {"control_points": sphere},
+        "moves": [{"control_point": 0, "by": [0, 0, 0], "normal": [0, 0, 1]}]});
+    server.post("/v1/deform", &linear).expect_problem(422, "invalid-input", &["/moves/0/normal"]);
+}
+
 #[test]
 fn representations_that_are_none_are_refused() {
     let server = shared();

@@ -631,6 +631,110 @@ fn the_catalogue_of_surfaces_is_exact() {
     assert!(problem.to_string().contains("5 × 5"), "{problem}");
 }
 
+/// The JSON part of a glTF file.
+fn scene(file: &[u8]) -> Value {
+    let length = u32::from_le_bytes(file[12..16].try_into().unwrap()) as usize;
+    serde_json::from_slice(&file[20..20 + length]).unwrap()
+}
+
+/// Lines of a text that begin with a word.
+fn count_of(text: &str, word: &str) -> usize {
+    text.lines().filter(|line| line.split(' ').next() == Some(word)).count()
+}
+
+/// A place `(u, v)` of a picture for every corner: two for a vertex where `u` closes, one for each triangle at a pole.
+#[test]
+fn surfaces_are_written_with_texture_coordinates() {
+    let server = shared();
+    let body =
+        json!({"representation": surface("sphere", [8, 6]), "shapes": [{"points": potato([8, 6], 0)}]});
+    let obj = server.post("/v1/evaluate?format=obj&grid=12,9", &body);
+    let text = obj.text();
+    // 12 × 7 vertices and two poles; 13 × 7 places, and 24 at the poles.
+    let counts = ["v", "vt", "vn", "f"].map(|word| count_of(&text, word));
+    assert_eq!(counts, [86, 115, 86, 12 * 6 * 2 + 24]);
+    let place = |line: &str| -> Vec<f64> { line.split(' ').skip(1).map(|x| x.parse().unwrap()).collect() };
+    let places: Vec<Vec<f64>> = text.lines().filter(|line| line.starts_with("vt ")).map(place).collect();
+    assert!(places.iter().flatten().all(|x| (0.0..=1.0).contains(x)));
+    // The row nearest to the first pole is at the top of the picture, which is its end in this format.
+    assert_eq!((&places[0][..], &places[90][..]), (&[0.0, 0.875][..], &[1.0, 0.125][..]));
+    assert!(text.lines().filter(|line| line.starts_with("f ")).all(|line| line.matches('/').count() == 6));
+    let file = server.post("/v1/evaluate?format=gltf&grid=12,9", &body);
+    let scene = scene(&file.body);
+    let attributes = &scene["meshes"][0]["primitives"][0]["attributes"];
+    for kind in ["POSITION", "NORMAL", "TEXCOORD_0"] {
+        let accessor = &scene["accessors"][attributes[kind].as_u64().unwrap() as usize];
+        assert_eq!(accessor["count"], 115, "{kind}");
+    }
+    // Meshes without parameters have none.
+    let mesh = server
+        .post("/v1/subdivide?format=obj", &json!({"scheme": "loop", "level": 1, "start": "octahedron"}));
+    assert_eq!(count_of(&mesh.text(), "vt"), 0);
+}
+
+/// The thesis shows paths as rows of surfaces: an object for each in OBJ, a mesh that moves through them in glTF.
+#[test]
+fn frames_of_a_morph_are_meshes() {
+    let server = shared();
+    let (first, second) = (json!({"points": potato([8, 6], 0)}), json!({"points": potato([8, 6], 1)}));
+    let body = json!({"representation": surface("sphere", [8, 6]), "from": first, "to": second, "positions": [0, 0.25, 1, 1.5]});
+    let obj = server.post("/v1/morph?format=obj&grid=12,9", &body);
+    assert_eq!((obj.status, obj.header("content-type")), (200, Some("model/obj")));
+    let text = obj.text();
+    let names: Vec<&str> = text.lines().filter(|line| line.starts_with("o ")).collect();
+    assert_eq!(names, ["o position_0", "o position_0.25", "o position_1", "o position_1.5"]);
+    assert_eq!(["v", "vt", "f"].map(|word| count_of(&text, word)), [4 * 86, 4 * 115, 4 * 168]);
+    // The last object is the mesh of the last frame.
+    let frames = server.post("/v1/morph", &body).expect(200)["frames"].clone();
+    let last = json!({"representation": surface("sphere", [8, 6]), "shapes": [{"control_points": frames[3]["control_points"]}]});
+    let alone = server.post("/v1/evaluate?format=obj&grid=12,9", &last).text().to_owned();
+    let vertices = |text: &str| -> Vec<String> {
+        text.lines().filter(|line| line.starts_with("v ")).map(str::to_owned).collect()
+    };
+    assert_eq!(vertices(&text)[3 * 86..], vertices(&alone));
+
+    let file = server.post("/v1/morph?format=gltf&grid=12,9", &body);
+    assert_eq!((file.status, file.header("content-type")), (200, Some("model/gltf-binary")));
+    let scene = scene(&file.body);
+    let mesh = &scene["meshes"][0];
+    assert_eq!(mesh["extras"]["targetNames"], json!(["position 0.25", "position 1", "position 1.5"]));
+    assert_eq!(mesh["primitives"][0]["targets"].as_array().unwrap().len(), 3);
+    assert_eq!(scene["animations"].as_array().unwrap().len(), 1);
+
+    let one =
+        json!({"representation": surface("sphere", [8, 6]), "from": first, "to": second, "positions": [0.5]});
+    assert_eq!(server.post("/v1/morph?format=stl", &one).status, 200);
+    let said = server
+        .post("/v1/morph?format=ply", &body)
+        .expect_problem(422, "invalid-input", &["/positions"])
+        .to_string();
+    assert!(said.contains("got 4"), "{said}");
+    server.post("/v1/morph?format=gltf&animate=true", &body).expect_problem(400, "invalid-query", &[]);
+    server.post("/v1/morph?format=gltf&grid=2,2", &body).expect_problem(400, "invalid-query", &[]);
+    let many =
+        json!({"representation": surface("sphere", [8, 6]), "from": first, "to": second, "steps": 1000});
+    server.post("/v1/morph?format=obj&grid=300,300", &many).expect_problem(
+        422,
+        "invalid-input",
+        &["/positions"],
+    );
+    let curve = json!({"kind": "closed_curve", "dimension": 2, "control_points": 3, "generator": {"name": "trigonometric"}});
+    let triangle = json!({"points": [[1, 0], [0, 1], [-1, 0]]});
+    let flat = json!({"representation": curve, "from": triangle, "to": triangle, "steps": 2});
+    server.post("/v1/morph?format=gltf", &flat).expect_problem(400, "invalid-query", &[]);
+
+    // Meshes of a level, with and without normals of their own.
+    for scheme in ["loop", "normal_based"] {
+        let representation =
+            json!({"kind": "subdivision", "scheme": scheme, "level": 2, "connectivity": "octahedron"});
+        let points = |x: f64| json!([[x, 0, 0], [-x, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]]);
+        let body = json!({"representation": representation, "from": {"control_points": points(1.0)}, "to": {"control_points": points(2.0)}, "steps": 3});
+        let text = server.post("/v1/morph?format=obj", &body).text().to_owned();
+        assert_eq!(["o", "v", "vn"].map(|word| count_of(&text, word)), [3, 3 * 66, 3 * 66], "{scheme}");
+        assert_eq!(server.post("/v1/morph?format=gltf", &body).status, 200, "{scheme}");
+    }
+}
+
 #[test]
 fn surfaces_are_morphed_and_deformed() {
     let server = shared();

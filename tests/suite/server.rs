@@ -552,8 +552,8 @@ fn null_in_a_list(value: &Value) -> Option<String> {
         }),
         Value::Object(map) => map
             .iter()
-            // What the client gave comes back as it was; shapes that were not stored have no id.
-            .filter(|(key, _)| !["metadata", "labels", "ids"].contains(&key.as_str()))
+            // What the client gave comes back as it was; shapes that were not stored have no id, and edges of surfaces no curvature.
+            .filter(|(key, _)| !["metadata", "labels", "ids", "principal_curvatures"].contains(&key.as_str()))
             .find_map(|(key, item)| null_in_a_list(item).map(|p| format!("/{key}{p}"))),
         _ => None,
     }

@@ -338,6 +338,49 @@ fn reached(imports: &[BTreeSet<usize>]) -> Vec<BTreeSet<usize>> {
     (0..imports.len()).map(from).collect()
 }
 
+/// Files and tests that a page names as `G/mesh.rs` or `GT/subdivision.rs::name` and that are not there. The short names are explained
+/// on the page.
+fn missing_from(page: &str) -> Vec<String> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let folder = |short: &str| match short {
+        "T" => Some("tests/suite".to_owned()),
+        "N" | "G" | "A" | "X" | "GT" | "AT" | "XT" => {
+            let name = match &short[..1] {
+                "N" => "numeric",
+                "G" => "geometry",
+                "A" => "analysis",
+                _ => "segmentation",
+            };
+            let part = if short.len() == 2 { "tests/suite" } else { "src" };
+            Some(format!("crates/shapelex-{name}/{part}"))
+        }
+        _ => None,
+    };
+    let is_missing = |text: &&str| {
+        let (path, function) = text.split_once("::").map_or((*text, None), |(path, name)| (path, Some(name)));
+        let Some((folder, rest)) =
+            path.split_once('/').and_then(|(short, rest)| Some((folder(short)?, rest)))
+        else {
+            return false;
+        };
+        let Ok(code) = std::fs::read_to_string(root.join(folder).join(rest)) else { return true };
+        function.is_some_and(|name| !code.contains(&format!("fn {name}(")))
+    };
+    let quoted = page.split('`').skip(1).step_by(2).filter(|text| text.contains(".rs"));
+    quoted.filter(is_missing).map(str::to_owned).collect()
+}
+
+#[test]
+fn the_page_of_sources_names_files_and_tests_that_exist() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let page = std::fs::read_to_string(root.join("docs/sources.md")).unwrap();
+    assert_eq!(missing_from(&page), [""; 0]);
+    assert_eq!(
+        missing_from("`G/mesh.rs` `G/no.rs` `GT/main.rs::none` `T/structure.rs::missing_from`"),
+        ["G/no.rs", "GT/main.rs::none"]
+    );
+}
+
 /// Paths of the files, and what each imports.
 fn import_graph() -> (Vec<String>, Vec<BTreeSet<usize>>) {
     let files: Vec<(String, String)> =

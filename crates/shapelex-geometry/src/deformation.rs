@@ -12,6 +12,7 @@ use super::capability::FieldFault;
 use super::knot_line::Line;
 use super::open::phantoms;
 use super::representation::{Representation, ShapeSpace};
+use super::vector::norm;
 use shapelex_numeric::MAX_NUMBER;
 use shapelex_numeric::dense::{Definite, Matrix};
 
@@ -25,6 +26,10 @@ pub struct ControlPointMove {
     pub control_point: usize,
     /// Displacement vector, in the unit of the points.
     pub by: Vec<f64>,
+    /// New normal at the control point, of any length. For the subdivision scheme `normal_based` only. Default: the normal stays.
+    #[cfg_attr(feature = "serde", serde(default))]
+    #[cfg_attr(feature = "schema", schema(nullable = false))]
+    pub normal: Option<[f64; 3]>,
 }
 
 /// Handle: a point of a shape with its target position.
@@ -92,7 +97,7 @@ impl<'a> Edit<'a> {
     /// Handles that contradict one another, or that take the shape out of range.
     pub fn apply(&self, before: &Matrix) -> Result<Matrix, FieldFault> {
         let mut after = before.clone();
-        for ControlPointMove { control_point, by } in self.moves {
+        for ControlPointMove { control_point, by, .. } in self.moves {
             by.iter().enumerate().for_each(|(c, by)| after[(*control_point, c)] += by);
         }
         if !self.handles.is_empty() {
@@ -122,7 +127,7 @@ impl<'a> Edit<'a> {
     }
 }
 
-fn edit_faults(
+pub(crate) fn edit_faults(
     representation: &Representation,
     moves: &[ControlPointMove],
     handles: &[Handle],
@@ -137,8 +142,9 @@ fn edit_faults(
         let detail = format!("expected {dimension} coordinates within ±{MAX_NUMBER:e}");
         wrong.then(|| FieldFault::new(field, detail))
     };
-    for (i, ControlPointMove { control_point, by }) in moves.iter().enumerate() {
+    for (i, ControlPointMove { control_point, by, normal }) in moves.iter().enumerate() {
         faults.extend(position(by, format!("moves/{i}/by")));
+        faults.extend(normal_fault(representation, *normal).map(|fault| fault.below(&format!("moves/{i}"))));
         if *control_point >= size {
             let detail = format!("expected a control point from 0 and below {size}, got {control_point}");
             faults.push(FieldFault::new(format!("moves/{i}/control_point"), detail));
@@ -150,6 +156,19 @@ fn edit_faults(
         faults.extend(found.map(|fault| fault.below(&format!("handles/{i}/parameters"))));
     }
     faults
+}
+
+/// Fault of a new normal of a control point.
+fn normal_fault(representation: &Representation, normal: Option<[f64; 3]>) -> Option<FieldFault> {
+    let length = norm(normal?);
+    let detail = if representation.is_linear() {
+        "expected none: normals belong to the subdivision scheme normal_based".to_owned()
+    } else if length > 0.0 && length.is_finite() {
+        return None;
+    } else {
+        format!("expected a normal with a direction, got length {length}")
+    };
+    Some(FieldFault::new("normal", detail))
 }
 
 /// Relative distance, in terms of the influence of the control points, below which two handles are not independent.
@@ -309,7 +328,7 @@ mod tests {
     fn moves_come_before_handles_and_faults_name_their_fields() {
         let space = closed(9);
         let shape = Matrix::from_fn(9, 2, |k, c| ((k * (c + 2)) as f64).sin());
-        let moves = [ControlPointMove { control_point: 4, by: vec![0.5, 0.0] }];
+        let moves = [ControlPointMove { control_point: 4, by: vec![0.5, 0.0], normal: None }];
         let handles = [Handle { parameters: vec![0.5], position: vec![1.0, 2.0] }];
         let edit = Edit::new(&space, &moves, &handles).unwrap();
         let after = edit.apply(&shape).unwrap();
@@ -317,7 +336,7 @@ mod tests {
         assert!((met - 2.0).abs() < 1e-13, "{met}");
         let found = edit.described(&shape, after);
         assert!(found.l2_change > 0.0 && found.supports[0].control_point == 4, "{found:?}");
-        let moves = [ControlPointMove { control_point: 9, by: vec![1.0] }];
+        let moves = [ControlPointMove { control_point: 9, by: vec![1.0], normal: None }];
         let handles = [Handle { parameters: vec![0.5, 0.5], position: vec![1.0, f64::NAN] }];
         let faults = Edit::new(&space, &moves, &handles).unwrap_err();
         let fields: Vec<&str> = faults.iter().map(|fault| &*fault.field).collect();

@@ -77,6 +77,7 @@ pub mod size;
 mod stretches;
 pub mod subdivision;
 pub mod surface;
+pub mod texture;
 pub mod total_curvature;
 pub mod vector;
 

@@ -1,4 +1,4 @@
-//! Triangle meshes: vertices and faces, connectivity of closed meshes, volume and area.
+//! Triangle meshes: vertices and faces, connectivity of closed meshes and of those with a boundary, volume and area.
 
 use super::vector::{cross, dot, minus, norm};
 
@@ -94,20 +94,23 @@ impl MeshError {
     }
 }
 
-/// Edges of a closed connected mesh, with the faces and vertices that meet there.
+/// Edges of a connected mesh, closed or with a boundary, with the faces and vertices that meet there.
 ///
 /// Half-edge `3f + i` runs from corner `i` of face `f` to the next corner. Edges are pairs `(least, greatest)` of vertices,
-/// numbered in lexicographic order.
+/// numbered in lexicographic order. An edge of the boundary has one half-edge only. The faces around a vertex of the boundary form one
+/// fan, which begins and ends there.
 #[derive(Debug, Clone)]
 pub struct Connectivity {
     faces: Vec<[u32; 3]>,
     edges: Vec<[u32; 2]>,
-    /// For every half-edge, the opposite one.
+    /// For every half-edge, the opposite one; [`NONE`] on the boundary.
     twins: Vec<u32>,
     /// For every half-edge, its edge.
     edge_of: Vec<u32>,
-    /// For every vertex, a half-edge that starts there.
+    /// For every vertex, a half-edge that starts there; on the boundary, the one without a face to its right.
     first: Vec<u32>,
+    /// Number of half-edges without an opposite one.
+    open: usize,
 }
 
 impl TriangleMesh {
@@ -170,6 +173,9 @@ fn check_faces(count: usize, faces: &[[u32; 3]]) -> Result<(), MeshError> {
 /// No half-edge.
 const NONE: u32 = u32::MAX;
 
+/// Marks a half-edge that is read from its end. Meshes have fewer half-edges than this.
+const BACKWARDS: u32 = 1 << 31;
+
 /// Start and end of a half-edge.
 fn ends(faces: &[[u32; 3]], half_edge: usize) -> [u32; 2] {
     let (face, corner) = (faces[half_edge / 3], half_edge % 3);
@@ -200,27 +206,45 @@ fn by_edge(count: usize, faces: &[[u32; 3]]) -> (Vec<u64>, Vec<usize>) {
 }
 
 impl Connectivity {
-    /// Connectivity of `count` vertices and `faces`, which must form a closed connected surface. Cost `O(faces)`.
+    /// Connectivity of `count` vertices and `faces`, which must form a connected surface, with or without a boundary. Cost
+    /// `O(faces)`.
     ///
     /// # Errors
     /// The first reason why they do not, in the order of [`MeshError`] and of the faces.
+    pub fn with_boundary(count: usize, faces: Vec<[u32; 3]>) -> Result<Self, MeshError> {
+        let connectivity = Self::joined_faces(count, faces)?;
+        connectivity.check_vertices()?;
+        Ok(connectivity)
+    }
+
+    /// As [`Self::with_boundary`], for a surface that must be closed.
+    ///
+    /// # Errors
+    /// As for [`Self::with_boundary`], and the first edge with a face on one side only.
     pub fn new(count: usize, faces: Vec<[u32; 3]>) -> Result<Self, MeshError> {
+        let connectivity = Self::joined_faces(count, faces)?;
+        if let Some(half_edge) = connectivity.twins.iter().position(|twin| *twin == NONE) {
+            return Err(MeshError::Open { face: half_edge / 3, edge: ends(&connectivity.faces, half_edge) });
+        }
+        connectivity.check_vertices()?;
+        Ok(connectivity)
+    }
+
+    fn joined_faces(count: usize, faces: Vec<[u32; 3]>) -> Result<Self, MeshError> {
         check_faces(count, &faces)?;
         if faces.is_empty() {
             return Err(MeshError::Empty);
         }
-        let connectivity = Self::joined(count, faces)?;
-        connectivity.check_vertices()?;
-        Ok(connectivity)
+        Self::joined(count, faces)
     }
 
     /// Pairs the half-edges of faces whose corners are vertices.
     fn joined(count: usize, faces: Vec<[u32; 3]>) -> Result<Self, MeshError> {
         let (sorted, starts) = by_edge(count, &faces);
-        let (mut twins, mut edge_of) = (vec![0; sorted.len()], vec![0; sorted.len()]);
+        let (mut twins, mut edge_of) = (vec![NONE; sorted.len()], vec![0; sorted.len()]);
         let mut edges = Vec::with_capacity(sorted.len() / 2);
         let half_edge = |key: u64| (key & u64::from(u32::MAX)) as usize;
-        let (mut twice, mut open): (Option<[usize; 2]>, Option<usize>) = (None, None);
+        let (mut twice, mut open): (Option<[usize; 2]>, usize) = (None, 0);
         for least in 0..count {
             for edge in sorted[starts[least]..starts[least + 1]].chunk_by(|a, b| a >> 32 == b >> 32) {
                 let greatest = (edge[0] >> 32) as u32;
@@ -243,7 +267,9 @@ impl Connectivity {
                     }
                 }
                 if let ([one], []) | ([], [one]) = (&up[..], &down[..]) {
-                    open = Some(open.map_or(*one, |found: usize| found.min(*one)));
+                    edge_of[*one] = edges.len() as u32;
+                    edges.push([least as u32, greatest]);
+                    open += 1;
                 }
             }
         }
@@ -251,14 +277,16 @@ impl Connectivity {
             let edge = ends(&faces, second);
             return Err(MeshError::Twice { first: first / 3, second: second / 3, edge });
         }
-        if let Some(half_edge) = open {
-            return Err(MeshError::Open { face: half_edge / 3, edge: ends(&faces, half_edge) });
-        }
         let mut first = vec![NONE; count];
         for (face, corners) in faces.iter().enumerate() {
-            (0..3).for_each(|corner| first[corners[corner] as usize] = (3 * face + corner) as u32);
+            for corner in 0..3 {
+                let (half_edge, start) = (3 * face + corner, &mut first[corners[corner] as usize]);
+                if *start == NONE || open == 0 || twins[*start as usize] != NONE {
+                    *start = half_edge as u32;
+                }
+            }
         }
-        Ok(Self { faces, edges, twins, edge_of, first })
+        Ok(Self { faces, edges, twins, edge_of, first, open })
     }
 
     /// Checks that every vertex has a single fan of faces, and that the mesh is connected.
@@ -269,7 +297,7 @@ impl Connectivity {
         if let Some(vertex) = degree.iter().position(|degree| *degree == 0) {
             return Err(MeshError::Unused { vertex: vertex as u32 });
         }
-        if let Some(vertex) = (0..count).find(|&v| self.valence(v as u32) != degree[v]) {
+        if let Some(vertex) = (0..count).find(|&v| self.around(v as u32).count() != degree[v]) {
             return Err(MeshError::Pinched { vertex: vertex as u32 });
         }
         let reached = self.distances(0).iter().flatten().count();
@@ -297,21 +325,51 @@ impl Connectivity {
     }
 
     fn around_from(&self, half_edge: u32) -> impl Iterator<Item = u32> + '_ {
-        let after = move |h: &u32| Some(self.twin(before(*h))).filter(|next| *next != half_edge);
+        let after =
+            move |h: &u32| Some(self.twin(before(*h))).filter(|next| *next != half_edge && *next != NONE);
         std::iter::successors(Some(half_edge), after)
     }
 
-    /// The neighbours of a vertex, counter-clockwise as seen from outside.
+    /// The neighbours of a vertex, counter-clockwise as seen from outside; on the boundary, from one of its edges to the other.
     pub fn ring(&self, vertex: u32) -> impl Iterator<Item = u32> + '_ {
         self.ring_from(self.first[vertex as usize])
     }
 
-    /// The neighbours of the vertex where a half-edge starts, beginning with its other end.
+    /// The neighbours of the vertex where a half-edge starts, beginning with its other end. At a vertex of the boundary, these
+    /// are all of them for its first half-edge only.
     pub fn ring_from(&self, half_edge: u32) -> impl Iterator<Item = u32> + '_ {
-        self.around_from(half_edge).map(|h| self.end(h))
+        let mut next = Some(half_edge);
+        std::iter::from_fn(move || {
+            let here = next?;
+            if here & BACKWARDS != 0 {
+                next = None;
+                return Some(ends(&self.faces, (here & !BACKWARDS) as usize)[0]);
+            }
+            let incoming = before(here);
+            next = match self.twin(incoming) {
+                NONE => Some(incoming | BACKWARDS),
+                after => Some(after).filter(|after| *after != half_edge),
+            };
+            Some(self.end(here))
+        })
     }
 
-    /// The opposite half-edge.
+    /// Whether no edge is on a boundary.
+    pub fn is_closed(&self) -> bool {
+        self.open == 0
+    }
+
+    /// Whether a vertex is on the boundary.
+    pub fn is_on_boundary(&self, vertex: u32) -> bool {
+        self.twin(self.first[vertex as usize]) == NONE
+    }
+
+    /// The corner of the face of a half-edge that is on neither of its ends.
+    pub fn opposite(&self, half_edge: u32) -> u32 {
+        ends(&self.faces, before(half_edge) as usize)[0]
+    }
+
+    /// The opposite half-edge; `u32::MAX` on the boundary.
     pub fn twin(&self, half_edge: u32) -> u32 {
         self.twins[half_edge as usize]
     }
@@ -326,19 +384,26 @@ impl Connectivity {
         self.ring(vertex).count()
     }
 
-    /// The half-edges of an edge; the one from its least vertex comes first.
+    /// The half-edges of an edge; the one from its least vertex comes first. On the boundary, the only one twice.
     pub fn sides(&self, edge: usize) -> [u32; 2] {
         let [least, greatest] = self.edges[edge];
-        let forth = self.around(least).find(|half_edge| self.end(*half_edge) == greatest);
-        forth.map_or([0; 2], |forth| [forth, self.twin(forth)])
+        let from = |start: u32, end: u32| self.around(start).find(|half_edge| self.end(*half_edge) == end);
+        match (from(least, greatest), from(greatest, least)) {
+            (Some(forth), Some(back)) => [forth, back],
+            (forth, back) => [forth.or(back).unwrap_or_default(); 2],
+        }
     }
 
     /// The half-edges of all edges: see [`Self::sides`].
     pub fn half_edges(&self) -> Vec<[u32; 2]> {
-        let mut pairs = vec![[0; 2]; self.edges.len()];
+        let mut pairs = vec![[NONE; 2]; self.edges.len()];
         for (half_edge, edge) in self.edge_of.iter().enumerate() {
-            let backwards = ends(&self.faces, half_edge)[0] != self.edges[*edge as usize][0];
-            pairs[*edge as usize][usize::from(backwards)] = half_edge as u32;
+            let (backwards, pair) =
+                (ends(&self.faces, half_edge)[0] != self.edges[*edge as usize][0], *edge as usize);
+            pairs[pair][usize::from(backwards)] = half_edge as u32;
+            if self.twins[half_edge] == NONE {
+                pairs[pair] = [half_edge as u32; 2];
+            }
         }
         pairs
     }
@@ -357,13 +422,28 @@ impl Connectivity {
     /// The mesh with a new vertex on every edge: see [`Self::split_faces`].
     pub fn split(&self) -> Self {
         Self::joined(self.vertices() + self.edges.len(), self.split_faces())
-            .expect("the parts of the faces of a closed surface close it")
+            .expect("the parts of the faces of a surface join as the faces do")
     }
 
-    /// Genus, the number of handles: 0 for a sphere, 1 for a torus.
+    /// Genus, the number of handles: 0 for a sphere and a disc, 1 for a torus.
     pub fn genus(&self) -> usize {
-        // V − E + F = 2 − 2g, and E = 3F/2.
-        (2 + self.faces.len() / 2).saturating_sub(self.vertices()) / 2
+        // V − E + F = 2 − 2g − b.
+        let handles_twice = (2 + self.edges.len()).saturating_sub(self.vertices() + self.faces.len());
+        handles_twice.saturating_sub(self.boundaries()) / 2
+    }
+
+    /// Number of closed loops of edges that the boundary consists of. Cost `O(faces)`.
+    pub fn boundaries(&self) -> usize {
+        let mut seen = vec![false; self.vertices()];
+        let mut loops = 0;
+        for start in (0..self.twins.len() as u32).filter(|half_edge| self.twin(*half_edge) == NONE) {
+            let mut half_edge = start;
+            loops += usize::from(!seen[ends(&self.faces, start as usize)[0] as usize]);
+            while !std::mem::replace(&mut seen[ends(&self.faces, half_edge as usize)[0] as usize], true) {
+                half_edge = self.first[self.end(half_edge) as usize];
+            }
+        }
+        loops
     }
 
     /// Number of edges from `start` to every vertex; `None` for vertices that cannot be reached.
@@ -420,6 +500,39 @@ mod tests {
         assert_eq!(ring, [0, 1, 2]);
         assert!((mesh.signed_volume() - 1.0 / 6.0).abs() < 1e-15);
         assert!((mesh.face_areas().iter().sum::<f64>() - 1.5 - 0.75_f64.sqrt()).abs() < 1e-15);
+    }
+
+    #[test]
+    fn surfaces_with_a_boundary_have_fans_at_it() {
+        // A fan of four faces about vertex 0: its rim is open, its centre is not.
+        let fan: Vec<[u32; 3]> = vec![[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 1]];
+        assert_eq!(Connectivity::new(5, fan.clone()).unwrap_err(), MeshError::Open { face: 0, edge: [1, 2] });
+        let disc = Connectivity::with_boundary(5, fan.clone()).unwrap();
+        assert!(!disc.is_closed() && !disc.is_on_boundary(0) && (1..5).all(|v| disc.is_on_boundary(v)));
+        assert_eq!((disc.edges().len(), disc.genus(), disc.boundaries()), (8, 0, 1));
+        // From one edge of the boundary to the other, counter-clockwise.
+        assert_eq!(disc.ring(2).collect::<Vec<_>>(), [3, 0, 1]);
+        assert_eq!((disc.valence(2), disc.around(2).count(), disc.valence(0)), (3, 2, 4));
+        for (edge, pair) in disc.half_edges().into_iter().enumerate() {
+            assert_eq!(disc.sides(edge), pair, "{edge}");
+            assert_eq!(pair[0] == pair[1], !disc.edges()[edge].contains(&0), "{edge}");
+        }
+        let finer = disc.split();
+        assert_eq!((finer.vertices(), finer.edges().len(), finer.faces().len()), (13, 28, 16));
+        assert_eq!((finer.genus(), finer.boundaries()), (0, 1));
+        // A band of four faces is a ring with two boundaries; one face is a disc.
+        let band = vec![[0, 1, 3], [1, 4, 3], [1, 2, 4], [2, 5, 4], [2, 0, 5], [0, 3, 5]];
+        let band = Connectivity::with_boundary(6, band).unwrap();
+        assert_eq!((band.genus(), band.boundaries()), (0, 2));
+        let one = Connectivity::with_boundary(3, vec![[0, 1, 2]]).unwrap();
+        assert_eq!((one.genus(), one.boundaries(), one.valence(1)), (0, 1, 2));
+        // Two faces that share a vertex only, and three at an edge.
+        let bow = Connectivity::with_boundary(5, vec![[0, 1, 2], [0, 3, 4]]);
+        assert_eq!(bow.unwrap_err(), MeshError::Pinched { vertex: 0 });
+        let three = Connectivity::with_boundary(5, vec![[0, 1, 2], [1, 0, 3], [0, 1, 4]]);
+        assert_eq!(three.unwrap_err(), MeshError::Twice { first: 0, second: 2, edge: [0, 1] });
+        let turned = Connectivity::with_boundary(4, vec![[0, 1, 2], [0, 1, 3]]);
+        assert_eq!(turned.unwrap_err(), MeshError::Twice { first: 0, second: 1, edge: [0, 1] });
     }
 
     #[test]

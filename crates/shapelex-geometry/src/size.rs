@@ -36,7 +36,8 @@ impl SizeMeasure {
         let zero = Matrix::zeros(representation.size(), representation.dimension());
         let surface = space.surface().map(|basis| basis.surface(&zero));
         let mesh = space.subdivision().is_some();
-        let encloses_volume = surface.as_ref().is_some_and(|surface| surface.encloses()) || mesh;
+        let closed_mesh = space.subdivision().is_some_and(|basis| basis.control().is_closed());
+        let encloses_volume = surface.as_ref().is_some_and(|surface| surface.encloses()) || closed_mesh;
         let measures = [
             (Self::Volume, encloses_volume),
             (Self::Area, encloses_area || surface.is_some() || mesh),

@@ -22,6 +22,11 @@ pub fn minus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
+/// `factor · v`.
+pub fn scaled(factor: f64, v: [f64; 3]) -> [f64; 3] {
+    v.map(|x| factor * x)
+}
+
 /// `⟨a, b⟩`.
 pub fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

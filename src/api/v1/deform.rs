@@ -14,6 +14,8 @@ use crate::formats::representation::Read;
 use crate::formats::shape::{Points, ShapeInput};
 use crate::geometry::deformation::{ControlPointMove, Deformation, Handle, Support};
 use crate::geometry::representation::Representation;
+use crate::geometry::subdivision::normal_based::Oriented;
+use crate::geometry::subdivision::oriented::MovedOriented;
 use crate::service::app::{App, ServiceError};
 use crate::service::cost::requests::{self, Counts};
 use crate::service::shapes::deform;
@@ -34,10 +36,11 @@ document! {
         /// Shape to deform.
         #[schema(value_type = ShapeInput, required = true)]
         shape: ShapeInput, required;
-        /// Control points to move, before the handles are applied.
+        /// Control points to move, before the handles are applied; for `normal_based`, with their normals.
         #[schema(value_type = Option<Vec<ControlPointMove>>)]
         moves: Checked<Vec<ControlPointMove>, LARGE>;
-        /// Places on the shape and their target positions. The change of the shape is the smallest possible in `L₂`.
+        /// Places on the shape and their target positions. The change of the shape is the smallest possible in `L₂`. For
+        /// `normal_based`, places are control points, which move there.
         #[schema(value_type = Option<Vec<Handle>>)]
         handles: Checked<Vec<Handle>, LARGE>;
     }
@@ -48,15 +51,20 @@ document! {
 pub(super) struct DeformAnswer {
     #[serde(flatten)]
     shape: ShapeOutput,
+    /// Unit normals; only for the subdivision scheme `normal_based`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    normals: Option<Vec<[f64; 3]>>,
     /// Part of the shape that each moved control point changes, one entry per move.
     supports: Vec<Support>,
-    /// `L₂` norm of the change.
-    l2_change: f64,
-    /// Largest change at the knots.
+    /// `L₂` norm of the change; null for the subdivision scheme `normal_based`, which has no inner product.
+    l2_change: Option<f64>,
+    /// Largest change at the knots, or at the vertices of the level for `normal_based`.
     largest_change: f64,
 }
 
 /// Deforms a curve or surface: moves control points, then pulls the shape to handle targets with the least change.
+///
+/// Shapes of the subdivision scheme `normal_based` are edited by moving their points and normals.
 #[utoipa::path(post, path = "/deform", tag = "curves", request_body = DeformRequest,
     responses(
         (status = 200, description = "The deformed shape", body = DeformAnswer)
@@ -83,6 +91,13 @@ impl DeformRequest {
             checked(representation.zip(moves.zip(handles)), errors, Vec::new())?;
         let representation = app.admit(representation)?;
         let counts = Counts::new(&representation, 1, &app.limits);
+        if !representation.is_linear() {
+            let work = requests::deform_oriented(&representation, &app.limits);
+            return planned(work, move |app| {
+                let moved = deform::deform_oriented(app, &representation, shape, &moves, &handles)?;
+                json(StatusCode::OK, &DeformAnswer::of_oriented(moved, &moves))
+            });
+        }
         planned(requests::deform(counts, handles.len()), move |app| {
             let posted = Posted::new(app, &representation, Correspondence::Landmarks)?;
             let deformed = deform::deform(app, &posted, shape, &moves, &handles)?;
@@ -97,9 +112,26 @@ impl From<Deformation> for DeformAnswer {
             (deformed.control_points.as_slice().to_vec(), deformed.control_points.ncols());
         Self {
             shape: ShapeOutput { control_points: Points::from_columns(columns, dimension) },
+            normals: None,
             supports: deformed.supports,
-            l2_change: deformed.l2_change,
+            l2_change: Some(deformed.l2_change),
             largest_change: deformed.largest_change,
+        }
+    }
+}
+
+impl DeformAnswer {
+    fn of_oriented(moved: MovedOriented, moves: &[ControlPointMove]) -> Self {
+        let MovedOriented { shape: Oriented { points, normals }, largest_change } = moved;
+        let columns = (0..3).flat_map(|c| points.iter().map(move |point| point[c])).collect();
+        let support =
+            |moved: &ControlPointMove| Support { control_point: moved.control_point, parameters: Vec::new() };
+        Self {
+            shape: ShapeOutput { control_points: Points::from_columns(columns, 3) },
+            normals: Some(normals),
+            supports: moves.iter().map(support).collect(),
+            l2_change: None,
+            largest_change,
         }
     }
 }

@@ -32,7 +32,7 @@ use crate::domain::dictionary::Listed;
 use crate::domain::filter::ShapeFilter;
 use crate::domain::job::{Job, JobStatus, Priority};
 use crate::formats::checked::{Checked, document, take_given, take_or_default};
-use crate::formats::gltf;
+use crate::formats::gltf::{self, Play};
 use crate::formats::mesh::MeshFormat;
 use crate::formats::shape::Points;
 use crate::formats::time::rfc3339;
@@ -611,7 +611,7 @@ fn answer_mode(ready: &Ready, query: &ModeQuery, format: ShapeFormat) -> Result<
     let (component, sigma) = (query.component.unwrap_or(1), query.sigma.unwrap_or(2.0));
     if let ShapeFormat::Mesh(MeshFormat::Gltf, grid) = format {
         let (mean, displacements) = modes::displacements(ready, query.component, sigma, grid)?;
-        return Ok(file_of(MeshFormat::Gltf, gltf::write(&mean, &displacements)));
+        return Ok(file_of(MeshFormat::Gltf, gltf::write(&mean, &displacements, Play::Each)));
     }
     let mode = modes::mode(ready, component, sigma)?;
     match format {

@@ -8,14 +8,18 @@ use serde::{Deserialize, Serialize};
 use super::request_macros::{ShapeOutput, checked};
 use crate::analysis::correspondence::Correspondence;
 use crate::analysis::path::{PathKind, Positions};
-use crate::api::extract::{BesideFormat, Caller, DrawingQuery, Format, JsonBody};
+use crate::api::extract::{
+    BesideFormat, Caller, DrawingQuery, Format, JsonBody, ShapeFormat, ShapeFormatQuery,
+};
 use crate::api::problem::Problem;
-use crate::api::respond::{Planned, compute_planned, json, picture, planned};
+use crate::api::respond::{Binary, Planned, compute_planned, file_of, json, picture, planned};
 use crate::formats::checked::{Checked, LARGE, document, take_given, take_or_default};
 use crate::formats::picture::{PictureFile, PictureFormat};
 use crate::formats::representation::Read;
 use crate::formats::shape::{Points, ShapeInput};
+use crate::geometry::capability::domain::Domain;
 use crate::geometry::representation::Representation;
+use crate::service::app::work::Work;
 use crate::service::app::{App, ServiceError};
 use crate::service::cost::requests::{self, Counts};
 use crate::service::shapes::morph::{Morph, MorphTask, PathShape};
@@ -90,15 +94,18 @@ pub(super) struct MorphQuery {
 
 impl MorphQuery {
     /// Whether a drawing in this format moves.
-    fn animated(&self, format: Format) -> Result<bool, Problem> {
+    fn animated(&self, format: ShapeFormat) -> Result<bool, Problem> {
         let refused = |detail: &str| Err(Problem::of_parameter("animate", detail));
         match (format, self.animate) {
-            (Format::Json, Some(_)) => refused("expected only with the format svg"),
-            (Format::Picture(PictureFile { format: PictureFormat::Png, .. }), Some(true)) => {
-                refused("expected false with the format png, which does not move")
+            (
+                ShapeFormat::Plain(Format::Picture(PictureFile { format: PictureFormat::Png, .. })),
+                Some(true),
+            ) => refused("expected false with the format png, which does not move"),
+            (ShapeFormat::Plain(Format::Picture(file)), animate) => {
+                Ok(animate.unwrap_or(file.format == PictureFormat::Svg))
             }
-            (Format::Picture(file), animate) => Ok(animate.unwrap_or(file.format == PictureFormat::Svg)),
-            (Format::Json, None) => Ok(false),
+            (_, Some(_)) => refused("expected only with the format svg"),
+            (_, None) => Ok(false),
         }
     }
 }
@@ -107,14 +114,17 @@ impl MorphQuery {
 ///
 /// As SVG: an animation through the curves and back, or, with `animate=false` and as PNG, some of them side by side. Surfaces are
 /// always drawn side by side.
+///
+/// As glTF, surfaces only: the first shape with displacements to all others, and an animation through them and back. As OBJ: an object
+/// for each shape. As PLY or STL: one shape, for one position.
 #[utoipa::path(post, path = "/morph", tag = "curves", request_body = MorphRequest,
-    params(MorphQuery, ("format" = Option<String>, Query, description = "`json`, `svg` or `png`"), DrawingQuery),
+    params(MorphQuery, ShapeFormatQuery, DrawingQuery),
     responses(
-        (status = 200, description = "Shapes on the path", content((MorphAnswer = "application/json"), (String = "image/svg+xml")))
+        (status = 200, description = "Shapes on the path", content((MorphAnswer = "application/json"), (String = "image/svg+xml"), (Binary = "model/obj"), (Binary = "application/ply"), (Binary = "model/stl"), (Binary = "model/gltf-binary")))
     ))]
 pub(super) async fn morph(
     Caller(app): Caller,
-    format: Format,
+    format: ShapeFormat,
     BesideFormat(query): BesideFormat<MorphQuery>,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
@@ -124,7 +134,7 @@ pub(super) async fn morph(
 }
 
 impl MorphRequest {
-    fn plan(mut self, app: &App, format: Format, animated: bool) -> Result<Planned, ServiceError> {
+    fn plan(mut self, app: &App, format: ShapeFormat, animated: bool) -> Result<Planned, ServiceError> {
         let mut errors = std::mem::take(&mut self.faults);
         let representation =
             self.representation.take().and_then(|field| field.take("/representation", &mut errors));
@@ -143,12 +153,17 @@ impl MorphRequest {
         let (((representation, correspondence), (kind, positions)), _) = checked(wanted, errors, Vec::new())?;
         let representation = app.admit(representation)?;
         let counts = Counts::new(&representation, 2, &app.limits);
-        let work =
-            requests::morph(counts, positions.count(), matches!(format, Format::Picture(_)), &app.limits);
+        let count = positions.count();
+        let drawn = matches!(format, ShapeFormat::Plain(Format::Picture(_)));
+        let work = requests::morph(counts, count, drawn, &app.limits)
+            + mesh_work(&representation, count, format, app);
         let task = MorphTask { representation, correspondence, kind, positions, ends };
         planned(work + format.work(), move |app| match format {
-            Format::Picture(file) => picture(&task.drawing(app, &file.style, animated)?, &file),
-            Format::Json => json(StatusCode::OK, &MorphAnswer::from(task.morph(app)?)),
+            ShapeFormat::Plain(Format::Picture(file)) => {
+                picture(&task.drawing(app, &file.style, animated)?, &file)
+            }
+            ShapeFormat::Mesh(format, grid) => Ok(file_of(format, task.meshes(app, grid)?.write(format)?)),
+            ShapeFormat::Plain(Format::Json) => json(StatusCode::OK, &MorphAnswer::from(task.morph(app)?)),
         })
     }
 
@@ -172,6 +187,19 @@ impl MorphRequest {
             }
         }
     }
+}
+
+/// Predicted work of `count` meshes of shapes of `representation`.
+fn mesh_work(representation: &Representation, count: usize, format: ShapeFormat, app: &App) -> Work {
+    let ShapeFormat::Mesh(_, grid) = format else { return Work::from_seconds(0.0) };
+    let vertices = match (grid, representation.domain()) {
+        (Some([u, v]), _) => u.saturating_mul(v),
+        (None, Domain::Sheet { extent, .. }) => extent.usual_grid().iter().product(),
+        _ => representation.refined_vertices(),
+    };
+    // More are refused.
+    let count = count.min(app.limits.samples / vertices.max(1) + 1);
+    count as f64 * requests::mesh([vertices, 1])
 }
 
 impl From<Morph> for MorphAnswer {

@@ -37,14 +37,15 @@ settings_request! {
 /// Prior energy at a shape.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct ReferencePriorOutput {
-    /// Energy `γ d²/|V|^(2/d)`, which has no unit.
+    /// Energy `γ d²/|V|^(2/d)`, which has no unit. Of shapes that enclose nothing (open curves, curves in space, sheets, landmarks) it is
+    /// `γ d²/s²`, `s` the `L₂` norm about the mean position.
     energy: f64,
     /// Gradient of the energy with respect to the free points: all control points, without those of a cylinder beyond its ends.
     gradient: Points,
     /// Squared `L₂` distance `d²` to the nearest member of the class of the reference.
     squared_distance: f64,
-    /// Enclosed area or volume `V`; negative for a shape of the other direction.
-    volume: f64,
+    /// Enclosed area or volume `V`; negative for a shape of the other direction. Null for shapes that enclose nothing.
+    volume: Option<f64>,
     /// Control point at which the shape begins to fit the reference best, after a reversal.
     shift: u32,
     /// Whether it fits best in the opposite direction.
@@ -69,7 +70,7 @@ results! {
 /// Computes energy and gradient of the shape prior of a reference, without an image.
 ///
 /// The energy is the squared distance of a shape from the nearest member of the class of the reference, relative to the area or
-/// volume of the shape: it does not depend on its size, and the same term in `POST /v1/segment` attracts with it. `procrustes`
+/// volume of the shape, or to its squared size if it encloses nothing: it does not depend on its size, and the same term in `POST /v1/segment` attracts with it. `procrustes`
 /// takes rotations without reflection. Under `cyclic` the start point is searched, under `either` the direction.
 ///
 /// Lines of NDJSON are shapes; the other fields of the request are parameters then.

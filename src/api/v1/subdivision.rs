@@ -1,4 +1,4 @@
-//! Subdivision of closed meshes and polylines.
+//! Subdivision of meshes and polylines.
 
 use crate::formats::fault::Fault;
 use axum::http::StatusCode;
@@ -29,7 +29,7 @@ use crate::service::shapes::subdivide::{
 };
 
 document! {
-    /// A closed mesh or a polyline to refine.
+    /// A mesh or a polyline to refine.
     #[schema(example = json!({"scheme": "blob", "lambda": 1.5, "level": 2, "start": "octahedron"}))]
     pub(super) struct SubdivideRequest {
         /// Subdivision scheme.
@@ -59,7 +59,7 @@ document! {
         /// Subdivides until no vertex of a level is farther than this from the edges of the level before.
         #[schema(value_type = Option<f64>, exclusive_minimum = 0)]
         tolerance: Checked<f64>;
-        /// Closed mesh to refine. Give one of `mesh`, `start` and `polyline`.
+        /// Mesh to refine: closed, or for `loop` and `normal_based` with a boundary. Give one of `mesh`, `start` and `polyline`.
         #[schema(value_type = Option<ControlMeshInput>)]
         mesh: ControlMeshInput;
         /// Named starting mesh on the unit sphere: `tetrahedron`, `octahedron`, `icosahedron`, or `sphere_grid` (also called
@@ -103,7 +103,7 @@ pub(super) struct RefinedPolylineOutput {
 pub(super) struct LimitOutput {
     /// Positions on the limit surface.
     vertices: Vec<[f64; 3]>,
-    /// Unit normals of the limit surface, outwards; null for the butterfly.
+    /// Unit normals of the limit surface, outwards, zero where it has none; null for the butterfly.
     normals: Option<Vec<[f64; 3]>>,
 }
 
@@ -121,7 +121,8 @@ pub(super) struct SubdivideAnswer {
     /// Largest distance of the vertices from the edges of the level before; null at level 0. About a third of it remains
     /// between this level and the limit.
     change: Option<f64>,
-    /// Volume enclosed by the mesh, positive if its faces are counter-clockwise seen from outside.
+    /// Volume enclosed by the mesh, positive if its faces are counter-clockwise seen from outside; absent for a mesh with a
+    /// boundary.
     #[serde(skip_serializing_if = "Option::is_none")]
     volume: Option<f64>,
     /// Area of the mesh.
@@ -145,7 +146,7 @@ enum Given {
     Polyline(PolylineInput),
 }
 
-/// Refines a closed triangle mesh or a polyline by a subdivision scheme.
+/// Refines a triangle mesh or a polyline by a subdivision scheme.
 ///
 /// As SVG: a drawing. As OBJ, PLY, STL or glTF: the mesh with normals, or its limit if `limit` is set.
 #[utoipa::path(post, path = "/subdivide", tag = "curves", request_body = SubdivideRequest,
@@ -288,7 +289,7 @@ fn answer_mesh(refined: RefinedMesh, format: ShapeFormat) -> Result<Response, Se
                 },
                 None => refined.shape,
             };
-            return Ok(mesh_file(format, &with_normals(mesh)));
+            return Ok(mesh_file(format, &with_normals(mesh).into()));
         }
     }
     let TriangleMesh { vertices, normals, faces } = refined.shape;

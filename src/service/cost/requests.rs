@@ -442,6 +442,13 @@ pub fn deform(counts: Counts, handles: usize) -> Work {
         + Work::from_multiply_adds(handles.powi(3))
 }
 
+/// Moved points and normals of a shape of `representation`, refined before and after.
+pub fn deform_oriented(representation: &Representation, limits: &Limits) -> Work {
+    let depth = Depth::Level(representation.splits());
+    let once = || subdivide(representation.size(), 4.0, &depth, false, limits);
+    once() + once()
+}
+
 /// A mesh or polyline whose number of vertices grows by `factor` with every level.
 pub fn subdivide(vertices: usize, factor: f64, depth: &Depth, limit: bool, limits: &Limits) -> Work {
     /// Per vertex of the finest level, including all previous levels and the response.

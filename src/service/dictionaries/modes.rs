@@ -7,7 +7,7 @@ use crate::analysis::dictionary::modes::Mode;
 use crate::analysis::drawing::{self, View};
 use crate::formats::gltf::Displacement;
 use crate::geometry::drawing::scene::Drawing;
-use crate::geometry::mesh::TriangleMesh;
+use crate::geometry::texture::TexturedMesh;
 use crate::service::app::ServiceError;
 use crate::service::shapes::mesh::mesh_of;
 
@@ -60,14 +60,14 @@ pub fn displacements(
     component: Option<usize>,
     sigma: f64,
     grid: Option<[usize; 2]>,
-) -> Result<(TriangleMesh, Vec<Displacement>), ServiceError> {
+) -> Result<(TexturedMesh, Vec<Displacement>), ServiceError> {
     let space = &ready.setup.space;
     let components = match component {
         Some(component) => component..=component,
         None => 1..=ready.dictionary.model.len().clamp(1, MAX_TARGETS),
     };
     let mean = mesh_of(space, &mode(ready, *components.start(), sigma)?.shapes[1], grid)?;
-    let vertices = mean.vertices.len() * (components.end() - components.start() + 2);
+    let vertices = mean.mesh.vertices.len() * (components.end() - components.start() + 2);
     if vertices > MAX_VERTICES {
         let detail = format!(
             "expected at most {MAX_VERTICES} vertices over the mean and all modes, got {vertices}: ask for one \
@@ -78,7 +78,7 @@ pub fn displacements(
     let displacement = |component: usize| {
         let found = mode(ready, component, sigma)?;
         let extras = json!({"standard_deviations": sigma, "explained": found.explained});
-        let mesh = mesh_of(space, &found.shapes[2], grid)?;
+        let mesh = mesh_of(space, &found.shapes[2], grid)?.mesh;
         Ok(Displacement { name: format!("mode {component}"), mesh, extras })
     };
     Ok((mean, components.map(displacement).collect::<Result<_, ServiceError>>()?))

@@ -6,8 +6,10 @@ use crate::analysis::AnalysisError;
 use crate::analysis::alignment::Method;
 use crate::analysis::matching::{Placement, Target};
 use crate::analysis::mean::MeanSpace;
+use crate::analysis::metric::Metric;
 use crate::formats::fault::Fault;
 use crate::formats::shape::{Points, ShapeInput};
+use crate::segmentation::boundary::Differential;
 use crate::segmentation::energy::Prior;
 use crate::segmentation::frame::Frame;
 use crate::segmentation::snake::Model;
@@ -28,14 +30,14 @@ const CELLS_OF_SURFACE: f64 = 8.0;
 /// The prior energy of a shape.
 #[derive(Debug, Clone)]
 pub struct PriorEnergy {
-    /// `E = γ d²/|V|^{2/d}`.
+    /// `E = γ d²/|V|^{2/d}`; for shapes that enclose nothing, `γ d²/‖c − c̄‖²`.
     pub energy: f64,
     /// `∂E/∂c` of the free points.
     pub gradient: Points,
     /// `d²`, the squared distance to the nearest member of the class.
     pub squared_distance: f64,
-    /// `V`: enclosed area or volume, negative for a shape of the other direction.
-    pub volume: f64,
+    /// `V`: enclosed area or volume, negative for a shape of the other direction; `None` for shapes that enclose nothing.
+    pub volume: Option<f64>,
     /// Placement of the shape that fits the reference best.
     pub placement: Placement,
 }
@@ -44,7 +46,7 @@ pub struct PriorEnergy {
 /// far as the settings search for them.
 ///
 /// # Errors
-/// A weight out of range, at `/weight`; shapes that enclose nothing, at `/representation`; faults of the input. Under
+/// A weight out of range, at `/weight`; enclosing shapes without a model, at `/representation`; faults of the input. Under
 /// [`OnError::Skip`] those of the shapes are among the outcomes.
 pub fn energies(
     app: &App,
@@ -58,13 +60,19 @@ pub fn energies(
         return Err(ServiceError::invalid("/weight", detail));
     }
     let setup = Setup::new(app, settings.of_a_prior())?;
-    let model = SpaceModel::new(&setup.space)
-        .map_err(|fault| ServiceError::below(vec![Fault::from(fault)], "/representation"))?;
+    let model = match setup.space.enclosure() {
+        Ok(_) => Some(SpaceModel::new(&setup.space)),
+        Err(_) => None,
+    };
+    let model = model.transpose();
+    let model = model.map_err(|fault| ServiceError::below(vec![Fault::from(fault)], "/representation"))?;
     let reading = setup.reading(&app.limits);
     let (reference, shapes) = read::read_with_reference(&reading, reference, (shapes, on_error))?;
-    let found = match &model {
-        SpaceModel::Plane(model) => of_all(app, &setup, &**model, weight, reference, shapes),
-        SpaceModel::Space(model) => of_all(app, &setup, &**model, weight, reference, shapes),
+    let found = match (&model, setup.metric.dimension()) {
+        (Some(SpaceModel::Plane(model)), _) => of_all(app, &setup, Some(&**model), weight, reference, shapes),
+        (Some(SpaceModel::Space(model)), _) => of_all(app, &setup, Some(&**model), weight, reference, shapes),
+        (None, 2) => of_all::<2>(app, &setup, None, weight, reference, shapes),
+        (None, _) => of_all::<3>(app, &setup, None, weight, reference, shapes),
     };
     found?.checked(on_error)
 }
@@ -72,7 +80,7 @@ pub fn energies(
 fn of_all<const D: usize>(
     app: &App,
     setup: &Setup,
-    model: &dyn Model<D>,
+    model: Option<&dyn Model<D>>,
     weight: f64,
     reference: Vec<f64>,
     shapes: Outcomes<(Vec<f64>, f64)>,
@@ -90,7 +98,7 @@ fn of_all<const D: usize>(
 }
 
 fn no_volume(index: usize) -> ServiceError {
-    let detail = "expected a shape that encloses an area or a volume, got one that does not";
+    let detail = "expected a shape with an extent that encloses an area or a volume if it is closed, got one that does not";
     ServiceError::Invalid(vec![Fault::new(format!("/shapes/{index}"), detail).at_shape(index)].into())
 }
 
@@ -140,14 +148,15 @@ fn prepared(setup: &Setup, control_points: &[f64]) -> Vec<f64> {
 
 struct Measured<'a, const D: usize> {
     setup: &'a Setup,
-    model: &'a dyn Model<D>,
+    /// The model by which the shapes enclose a region, if they do.
+    model: Option<&'a dyn Model<D>>,
     weight: f64,
     reference: &'a [f64],
     target: &'a Target<'a>,
 }
 
 impl<const D: usize> Measured<'_, D> {
-    /// The energy of a shape; `None` without volume.
+    /// The energy of a shape; `None` without volume, or without extent.
     fn energy(&self, control_points: &[f64]) -> Result<Option<PriorEnergy>, AnalysisError> {
         let setup = self.setup;
         let placement =
@@ -157,13 +166,23 @@ impl<const D: usize> Measured<'_, D> {
         let given: Vec<[f64; D]> = rows(control_points);
         let placed: Vec<[f64; D]> =
             order.iter().map(|k| std::array::from_fn(|c| sign(c) * given[*k][c])).collect();
-        let Some(frame) = frame(&placed) else { return Ok(None) };
-        let in_cells: Vec<[f64; D]> = placed.iter().map(|point| frame.to_index(*point)).collect();
-        let free = self.model.free_points(&in_cells);
-        let boundary = self.model.boundary(&free, 1.0, frame);
-        let volume = boundary.volume(&boundary.sample(&free));
+        let (frame, free, volume) = match self.model {
+            Some(model) => {
+                let Some(frame) = frame(&placed) else { return Ok(None) };
+                let in_cells: Vec<[f64; D]> = placed.iter().map(|point| frame.to_index(*point)).collect();
+                let free = model.free_points(&in_cells);
+                let boundary = model.boundary(&free, 1.0, frame);
+                let volume = boundary.volume(&boundary.sample(&free));
+                (frame, free, volume)
+            }
+            None => {
+                let extent = extent(&setup.metric, &placed);
+                (Frame::identity(), placed, extent)
+            }
+        };
         let (metric, method) = (setup.metric.clone(), setup.method.clone());
-        let prior = Prior::new(metric, method, &rows(self.reference), self.model.lift(), frame)?;
+        let lift = self.model.and_then(|model| model.lift());
+        let prior = Prior::new(metric, method, &rows(self.reference), lift, frame)?;
         let Some(energy) = prior.relative(&free, &volume) else { return Ok(None) };
         let mut gradient = vec![[0.0; D]; free.len()];
         for (k, slope) in energy.gradient.iter().enumerate() {
@@ -177,10 +196,23 @@ impl<const D: usize> Measured<'_, D> {
                 D,
             ),
             squared_distance: energy.value * volume.value.abs().powf(2.0 / D as f64),
-            volume: volume.value * if placement.mirrored { -1.0 } else { 1.0 },
+            volume: self.model.map(|_| volume.value * if placement.mirrored { -1.0 } else { 1.0 }),
             placement,
         }))
     }
+}
+
+/// `S^{d/2}` for `S = ‖c − c̄‖²`, with its gradient `d S^{d/2 − 1} Φ (c − c̄)`: stands for the volume of shapes that enclose nothing, so
+/// that energies are relative to `S`.
+fn extent<const D: usize>(metric: &Metric, points: &[[f64; D]]) -> Differential<D> {
+    let mut shape: Vec<f64> = (0..D).flat_map(|c| points.iter().map(move |point| point[c])).collect();
+    metric.centre(&mut shape);
+    let square = metric.inner(&shape, &shape);
+    metric.apply(&mut shape);
+    let half = 0.5 * D as f64;
+    let slope = D as f64 * square.powf(half - 1.0);
+    let gradient = rows::<D>(&shape).into_iter().map(|row| row.map(|value| slope * value)).collect();
+    Differential { value: square.powf(half), gradient }
 }
 
 /// The positions of the control points of a shape in the order of a placement.

@@ -1,9 +1,12 @@
 //! Deformation of one posted shape. The function is synchronous and runs on the pool.
 
+use super::read_oriented::OrientedReader;
 use super::request::Posted;
 use crate::formats::fault::Fault;
 use crate::formats::shape::ShapeInput;
 use crate::geometry::deformation::{ControlPointMove, Deformation, Edit, Handle};
+use crate::geometry::representation::Representation;
+use crate::geometry::subdivision::oriented::MovedOriented;
 use crate::service::app::faults::Faults;
 use crate::service::app::{App, ServiceError};
 
@@ -32,19 +35,45 @@ pub fn deform(
     Ok(edit.described(&before, after))
 }
 
+/// Moves points and normals of a shape of the normal-based scheme.
+///
+/// # Errors
+/// Faults of the shape at `/shape…`, of the moves and handles; edges that cannot be split.
+pub fn deform_oriented(
+    app: &App,
+    representation: &Representation,
+    shape: ShapeInput,
+    moves: &[ControlPointMove],
+    handles: &[Handle],
+) -> Result<MovedOriented, ServiceError> {
+    let reader = OrientedReader::new(representation)?
+        .ok_or_else(|| ServiceError::Internal("only the normal-based scheme has normals".into()))?;
+    check_count(moves, handles).map_err(|faults| ServiceError::below(faults, ""))?;
+    let before = reader.read(shape).map_err(|errors| ServiceError::below(errors, "/shape"))?;
+    app.pool.context().check()?;
+    let moved = reader.meshes.moved(representation, &before, moves, handles);
+    moved.map_err(|faults| ServiceError::below(faults.into_iter().map(Fault::from).collect(), ""))
+}
+
+/// Checks the numbers of moves and handles.
+fn check_count(moves: &[ControlPointMove], handles: &[Handle]) -> Result<(), Vec<Fault>> {
+    if moves.len() <= MOST && handles.len() <= MOST {
+        return Ok(());
+    }
+    let detail = format!(
+        "expected at most {MOST} moves and as many handles, got {} moves and {} handles",
+        moves.len(),
+        handles.len()
+    );
+    Err(vec![Fault::new("", detail)])
+}
+
 fn edit<'a>(
     posted: &'a Posted,
     moves: &'a [ControlPointMove],
     handles: &'a [Handle],
 ) -> Result<Edit<'a>, Vec<Fault>> {
-    if moves.len() > MOST || handles.len() > MOST {
-        let detail = format!(
-            "expected at most {MOST} moves and as many handles, got {} moves and {} handles",
-            moves.len(),
-            handles.len()
-        );
-        return Err(vec![Fault::new("", detail)]);
-    }
+    check_count(moves, handles)?;
     let edit = Edit::new(&posted.space, moves, handles);
     edit.map_err(|faults| faults.into_iter().map(Fault::from).collect())
 }

@@ -17,6 +17,7 @@ use crate::geometry::drawing::layer::Layer;
 use crate::geometry::drawing::scene::Drawing;
 use crate::geometry::drawing::{colour, layout};
 use crate::geometry::mesh::TriangleMesh;
+use crate::geometry::texture::TexturedMesh;
 use crate::numeric::dense::Matrix;
 use crate::service::app::{App, ServiceError};
 
@@ -98,7 +99,7 @@ impl EvaluateTask {
         app: &App,
         shapes: Vec<ShapeInput>,
         grid: Option<[usize; 2]>,
-    ) -> Result<TriangleMesh, ServiceError> {
+    ) -> Result<TexturedMesh, ServiceError> {
         let Some(parameters) = &self.parameters else {
             let meshes = self.meshes(app, shapes, Detail::Whole)?;
             if grid.is_some() {
@@ -106,7 +107,7 @@ impl EvaluateTask {
                 return Err(ServiceError::parameter("grid", detail));
             }
             return match <[TriangleMesh; 1]>::try_from(meshes) {
-                Ok([mesh]) => Ok(with_normals(mesh)),
+                Ok([mesh]) => Ok(with_normals(mesh).into()),
                 Err(_) => {
                     Err(ServiceError::invalid("/shapes", "expected one surface in a mesh file, got more"))
                 }

@@ -13,13 +13,14 @@ use crate::geometry::capability::tessellate::Detail;
 use crate::geometry::drawing::layer::MAX_FACES;
 use crate::geometry::mesh::TriangleMesh;
 use crate::geometry::representation::ShapeSpace;
+use crate::geometry::texture::TexturedMesh;
 use crate::numeric::dense::Matrix;
 use crate::service::app::{App, ServiceError};
 
 /// Maximum number of vertices of a mesh over a grid: a tenth of a second.
 const MAX_VERTICES: usize = 250_000;
 
-/// Triangle mesh of a shape at `grid` places along `u` and `v`. Default: two for every interval between knots, within
+/// Triangle mesh of a shape, with texture coordinates if it has two parameters, at `grid` places along `u` and `v`. Default: two for every interval between knots, within
 /// bounds. A subdivision surface has the mesh of its level.
 ///
 /// # Errors
@@ -28,7 +29,7 @@ pub fn mesh_of(
     space: &ShapeSpace,
     control_points: &[f64],
     grid: Option<[usize; 2]>,
-) -> Result<TriangleMesh, ServiceError> {
+) -> Result<TexturedMesh, ServiceError> {
     let refused = |name: &str, detail: String| Err(ServiceError::parameter(name, detail));
     let grid = match space.domain() {
         Domain::Vertices if grid.is_some() => {
@@ -52,7 +53,8 @@ pub fn mesh_of(
         }
     };
     let rows = Matrix::from_column_slice(space.gram().size(), 3, control_points);
-    space.tessellate(&rows, grid).ok_or_else(not_a_mesh)
+    let mesh = space.tessellate(&rows, grid).ok_or_else(not_a_mesh)?;
+    Ok(TexturedMesh { mesh, texture: space.texture(grid) })
 }
 
 fn not_a_mesh() -> ServiceError {

@@ -2,13 +2,18 @@
 //!
 //! The functions are synchronous and run on the pool.
 
+use serde_json::json;
+
 use super::each::each;
+use super::mesh::mesh_of;
 use super::read::check_correspondence;
 use super::read_oriented::OrientedReader;
 use super::request::Posted;
 use crate::analysis::correspondence::Correspondence;
 use crate::analysis::path::{Path, PathKind, Positions};
 use crate::formats::fault::Fault;
+use crate::formats::gltf::{self, Displacement, Play};
+use crate::formats::mesh::{MeshFormat, Objects};
 use crate::formats::shape::ShapeInput;
 use crate::geometry::GeometryError;
 use crate::geometry::capability::domain::Admitted;
@@ -16,8 +21,10 @@ use crate::geometry::drawing::layer::{Layer, MAX_FACES};
 use crate::geometry::drawing::scene::{Drawing, short};
 use crate::geometry::drawing::svg::Style;
 use crate::geometry::drawing::{colour, layout};
+use crate::geometry::mesh::TriangleMesh;
 use crate::geometry::representation::{Representation, ShapeSpace};
 use crate::geometry::subdivision::normal_based::Oriented;
+use crate::geometry::texture::{Texture, TexturedMesh};
 use crate::numeric::dense::Matrix;
 use crate::service::app::faults::Faults;
 use crate::service::app::{App, Limits, ServiceError};
@@ -55,6 +62,57 @@ pub struct PathShape {
     pub control_points: Matrix,
     /// Unit normals, for shapes of points and normals.
     pub normals: Option<Vec<[f64; 3]>>,
+}
+
+/// Meshes of the shapes on a path, with the same faces and texture coordinates.
+#[derive(Debug, Default)]
+pub struct PathMeshes {
+    /// Position and mesh of every shape, in order.
+    pub meshes: Vec<(f64, TriangleMesh)>,
+    /// Texture coordinates of all of them.
+    pub texture: Option<Texture>,
+}
+
+impl PathMeshes {
+    /// Writes them as a file: as objects of an OBJ, or as the first mesh of a glTF with displacements to the others and an animation
+    /// through them. The other formats hold one mesh.
+    ///
+    /// # Errors
+    /// Several meshes in a format for one.
+    pub fn write(self, format: MeshFormat) -> Result<Vec<u8>, ServiceError> {
+        let Self { meshes, texture } = self;
+        match format {
+            MeshFormat::Obj => {
+                let mut objects = Objects::default();
+                for (position, mesh) in &meshes {
+                    objects.push(&format!("position_{position}"), mesh, texture.as_ref());
+                }
+                Ok(objects.into_bytes())
+            }
+            MeshFormat::Gltf => {
+                let mut meshes = meshes.into_iter();
+                let mesh = meshes.next().map(|(_, mesh)| mesh).unwrap_or_default();
+                let displacement = |(position, mesh): (f64, TriangleMesh)| Displacement {
+                    name: format!("position {position}"),
+                    mesh,
+                    extras: json!({"position": position}),
+                };
+                let displacements: Vec<Displacement> = meshes.map(displacement).collect();
+                Ok(gltf::write(&TexturedMesh { mesh, texture }, &displacements, Play::Sequence))
+            }
+            MeshFormat::Ply | MeshFormat::Stl => match <[_; 1]>::try_from(meshes) {
+                Ok([(_, mesh)]) => Ok(format.write(&TexturedMesh { mesh, texture })),
+                Err(meshes) => {
+                    let detail = format!(
+                        "expected one position in a file of the format {}, which holds one mesh, got {}: ask for 'obj' or 'gltf'",
+                        format.name(),
+                        meshes.len()
+                    );
+                    Err(ServiceError::invalid("/positions", detail))
+                }
+            },
+        }
+    }
 }
 
 /// Maximum number of frames of an animation.
@@ -100,6 +158,47 @@ impl MorphTask {
         let (representation, positions) = (self.representation, self.positions);
         let shapes = oriented_path(app, &reader(&representation)?, &representation, positions, self.ends)?;
         Ok(Morph { angle: None, frames: shapes.into_iter().map(oriented_frame).collect() })
+    }
+
+    /// Meshes of the shapes on the path, with their positions: over `grid` for surfaces with two parameters, of their level for others.
+    ///
+    /// # Errors
+    /// Those of [`Self::morph`]; shapes that are not surfaces; too many vertices in total.
+    pub fn meshes(self, app: &App, grid: Option<[usize; 2]>) -> Result<PathMeshes, ServiceError> {
+        let context = app.pool.context();
+        let too_many = |vertices: usize, frames: usize| {
+            let (found, most) = (vertices.saturating_mul(frames), app.limits.samples);
+            let detail = format!("expected at most {most} vertices over all positions, got {found}");
+            if found > most { Err(ServiceError::invalid("/positions", detail)) } else { Ok(()) }
+        };
+        if self.representation.is_linear() {
+            let posted = Posted::new(app, &self.representation, self.correspondence)?;
+            let frames = self.along(app, &posted)?.frames;
+            let mesh = |frame: &PathShape| mesh_of(&posted.space, frame.control_points.as_slice(), grid);
+            let Some(first) = frames.first().map(mesh).transpose()? else { return Ok(PathMeshes::default()) };
+            too_many(first.mesh.vertices.len(), frames.len())?;
+            let rest = each(&context, &frames[1..], |frame| Ok((frame.position, mesh(frame)?.mesh)))?;
+            let rest = rest.into_iter().collect::<Result<Vec<_>, ServiceError>>()?;
+            let meshes = std::iter::once((frames[0].position, first.mesh)).chain(rest).collect();
+            return Ok(PathMeshes { meshes, texture: first.texture });
+        }
+        self.check_oriented()?;
+        if grid.is_some() {
+            let detail = "expected none: a grid belongs to tensor-product surfaces";
+            return Err(ServiceError::parameter("grid", detail));
+        }
+        too_many(self.representation.refined_vertices(), self.positions.count())?;
+        let (representation, positions) = (self.representation, self.positions);
+        let reader = reader(&representation)?;
+        let shapes = oriented_path(app, &reader, &representation, positions, self.ends)?;
+        let mesh = |(position, shape): &(f64, Oriented)| {
+            context.check()?;
+            let refined = reader.meshes.refine(shape, None);
+            let refused = |error: GeometryError| ServiceError::invalid("/positions", error.to_string());
+            Ok((*position, refined.map_err(refused)?))
+        };
+        let meshes = shapes.iter().map(mesh).collect::<Result<_, ServiceError>>()?;
+        Ok(PathMeshes { meshes, texture: None })
     }
 
     /// Drawing of the path: an animation through its frames and back, or a strip of some of them. Surfaces are always side by

@@ -11,11 +11,12 @@ use crate::geometry::mesh::TriangleMesh;
 use crate::geometry::subdivision::Scheme;
 use crate::geometry::subdivision::control::StartMesh;
 use crate::geometry::subdivision::normal_based::{Oriented, circle_normals, inconsistent, sphere_normals};
-use crate::geometry::subdivision::refinement::{Depth, Refined, refine_curve};
+use crate::geometry::subdivision::oriented::corner_warning;
+use crate::geometry::subdivision::refinement::{Depth, Polyline, Refined, refine_curve};
 use crate::service::app::{App, Limits, ServiceError};
 
 document! {
-    /// A closed triangle mesh to be refined.
+    /// A triangle mesh to be refined; closed, or for the schemes `loop` and `normal_based` with a boundary.
     pub struct ControlMeshInput {
         /// Positions of the vertices.
         #[schema(value_type = Vec<[f64; 3]>, required = true)]
@@ -43,6 +44,11 @@ document! {
         /// Whether the last point is connected to the first. Default: true.
         #[schema(value_type = Option<bool>)]
         closed: Checked<bool>;
+        /// Binormals of the edges, vectors in space of any length, for edges whose normals define none: those of half a circle are
+        /// along it. `[0, 0, 0]` where none is needed. An edge with the direction `u` and the binormal `f` bends to the side of
+        /// `f × u`: in the plane, `[0, 0, -1]` bends to the right. Two points with binormals make a closed curve.
+        #[schema(value_type = Option<Vec<[f64; 3]>>)]
+        binormals: PointList;
     }
 }
 
@@ -193,18 +199,20 @@ pub fn subdivide_polyline(
         let detail = "polylines are refined by normal_based only: the other schemes are for meshes";
         return Err(ServiceError::invalid("/polyline", detail));
     };
-    let (shape, closed, dimension, warnings) =
+    let (polyline, dimension, mut warnings) =
         read_polyline(polyline, &app.limits).map_err(|errors| ServiceError::below(errors, "/polyline"))?;
+    let ends: Vec<[usize; 2]> = polyline.ends().collect();
+    warnings.extend(corner_warning(&polyline.shape, &ends, balance.get()));
     let context = app.pool.context();
     let stop = || context.is_cancelled();
-    let refined = refine_curve(shape, closed, balance.get(), depth, app.limits.vertices, &stop);
+    let refined = refine_curve(polyline, balance.get(), depth, app.limits.vertices, &stop);
     context.check()?;
     let refined = refined.map_err(|error| refused(&error, "/polyline"))?;
     Ok(RefinedCurve { refined, dimension, warnings })
 }
 
-/// Points with normals, whether they close, their dimension, and warnings.
-type ReadPolyline = (Oriented, bool, usize, Vec<String>);
+/// A polyline, its dimension, and warnings.
+type ReadPolyline = (Polyline, usize, Vec<String>);
 
 fn read_polyline(input: PolylineInput, limits: &Limits) -> Result<ReadPolyline, Vec<Fault>> {
     let mut errors = input.faults;
@@ -219,11 +227,13 @@ fn read_polyline(input: PolylineInput, limits: &Limits) -> Result<ReadPolyline, 
         _ => take_points::<3>(list, pointer, &mut errors),
     };
     let (points, normals) = (take(&input.points, "/points"), take(&input.normals, "/normals"));
+    let binormals = take_points::<3>(&input.binormals, "/binormals", &mut errors);
     if points.is_none() && errors.is_empty() {
         errors.push(Fault::new("/points", "required field is missing"));
     }
     let (Some(points), Some(closed), true) = (points, closed, errors.is_empty()) else { return Err(errors) };
-    let (count, fewest) = (points.len(), if closed { 3 } else { 2 });
+    // Two points close to a curve if their edges differ, which only binormals tell.
+    let (count, fewest) = (points.len(), if closed && binormals.is_none() { 3 } else { 2 });
     if !(fewest..=limits.points).contains(&count) {
         let detail = format!("expected between {fewest} and {} points, got {count}", limits.points);
         return Err(vec![Fault::new("/points", detail)]);
@@ -232,6 +242,9 @@ fn read_polyline(input: PolylineInput, limits: &Limits) -> Result<ReadPolyline, 
         let detail = "required field is missing: neighbouring points define normals in the plane only";
         return Err(vec![Fault::new("/normals", detail)]);
     }
+    let edges = if closed { count } else { count - 1 };
+    let binormals = binormals.unwrap_or_default();
+    check_binormals(&binormals, edges, dimension)?;
     let oriented = Oriented::from_given(points, normals, |points| circle_normals(points, closed));
     let (shape, caveat) = oriented.map_err(|fault| vec![Fault::from(fault)])?;
     let mut warnings: Vec<String> = caveat.into_iter().collect();
@@ -242,5 +255,24 @@ fn read_polyline(input: PolylineInput, limits: &Limits) -> Result<ReadPolyline, 
             "the normal of point {vertex} lies on the other side of one of its edges than the others do: the curve has a cusp there"
         ));
     }
-    Ok((shape, closed, dimension, warnings))
+    Ok((Polyline { shape, closed, binormals }, dimension, warnings))
+}
+
+/// Checks binormals of a polyline with `edges` edges; none are fine.
+fn check_binormals(binormals: &[[f64; 3]], edges: usize, dimension: usize) -> Result<(), Vec<Fault>> {
+    if !binormals.is_empty() && binormals.len() != edges {
+        let detail = format!("expected {edges} entries, one per edge, got {}", binormals.len());
+        return Err(vec![Fault::new("/binormals", detail)]);
+    }
+    let leaves = |[x, y, _]: &[f64; 3]| dimension == 2 && (*x != 0.0 || *y != 0.0);
+    let faults =
+        binormals.iter().enumerate().filter(|(_, binormal)| leaves(binormal)).map(|(i, binormal)| {
+            let detail = format!(
+                "expected a multiple of [0, 0, 1], orthogonal to the plane of the points, got [{}, {}, {}]",
+                binormal[0], binormal[1], binormal[2]
+            );
+            Fault::new(format!("/binormals/{i}"), detail)
+        });
+    let faults: Vec<Fault> = faults.collect();
+    if faults.is_empty() { Ok(()) } else { Err(faults) }
 }

@@ -204,7 +204,7 @@ impl Representation {
     /// Shapes of points and normals, if these are not linear.
     ///
     /// # Errors
-    /// Faces of the control mesh that do not form a closed surface.
+    /// Faces of the control mesh that do not form a surface.
     pub fn oriented(&self) -> Result<Option<OrientedMeshes<'_>>, MeshError> {
         self.subdivision().filter(|_| !self.is_linear()).map(OrientedMeshes::new).transpose()
     }
@@ -275,7 +275,7 @@ fn subdivision_faults(subdivision: &Subdivision, bounds: SizeBounds) -> Vec<Fiel
 
 /// The first invalid face or vertex of a control mesh.
 fn control_mesh_fault(subdivision: &Subdivision) -> Option<FieldFault> {
-    match subdivision.connectivity.connectivity() {
+    match subdivision.control() {
         Err(fault) => {
             let place = fault.face().map_or_else(String::new, |face| format!("/{face}"));
             Some(FieldFault::new(format!("connectivity{place}"), fault.to_string()))

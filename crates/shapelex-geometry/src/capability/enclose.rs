@@ -60,7 +60,10 @@ impl ShapeSpace {
             Representation::Subdivision(Subdivision { scheme: Scheme::NormalBased { .. }, .. }) => {
                 refuse("scheme", "expected a linear scheme, got \"normal_based\"")
             }
-            Representation::Subdivision(subdivision) => Ok(Enclosure::Mesh(subdivision)),
+            Representation::Subdivision(subdivision) => match subdivision.connectivity.connectivity() {
+                Ok(_) => Ok(Enclosure::Mesh(subdivision)),
+                Err(fault) => refuse("connectivity", &format!("expected a closed mesh: {fault}")),
+            },
             Representation::OpenCurve { .. } | Representation::Landmarks { .. } => {
                 refuse("kind", "expected closed_curve, surface or subdivision: other shapes enclose nothing")
             }

@@ -7,10 +7,12 @@ use crate::mesh::TriangleMesh;
 use crate::quality::{MeshQuality, collapsed_edges};
 use crate::refine::Refinement;
 use crate::representation::{Representation, ShapeSpace};
-use crate::subdivision::Scheme;
 use crate::subdivision::limit::Limit;
 use crate::subdivision::measures::measure;
+use crate::subdivision::normal_based::Oriented;
+use crate::subdivision::oriented::corner_warning;
 use crate::subdivision::refinement::{Depth, Refined, refine_mesh_until};
+use crate::subdivision::{Scheme, edges_of};
 use crate::surface::basis::SurfaceBasis;
 use crate::surface::measures::{SurfaceMeasures, l2};
 use crate::surface::refinement::SurfaceRefinement;
@@ -152,6 +154,7 @@ impl RefinedMesh {
         let is_far = origin != [0.0; 3];
         let mesh = if is_far { moved(mesh, origin.map(|x| -x)) } else { mesh };
         let collapsed = collapsed_edges(&mesh, norm(origin));
+        let corners = corners_of(scheme, &mesh);
         let (mut refined, mut limit) = refine_mesh_until(scheme, mesh, depth, most, wanted_limit, stop)?;
         let mut measures = measure(&refined.shape, refined.level > 0);
         if is_far {
@@ -166,7 +169,18 @@ impl RefinedMesh {
         if collapsed > 0 && quality.collapsed_edges == 0 {
             warnings.push(format!("{collapsed} edges of the mesh have no length: vertices coincide"));
         }
+        warnings.extend(corners);
         warnings.extend(quality.warnings());
         Ok(Self { refined, limit, measures, quality, warnings })
     }
+}
+
+/// Warning of the corners that edges of a control mesh make under the normal-based scheme.
+fn corners_of(scheme: Scheme, mesh: &TriangleMesh) -> Option<String> {
+    let (Scheme::NormalBased { balance }, Some(normals)) = (scheme, &mesh.normals) else { return None };
+    mesh.check_faces().ok()?;
+    let edges: Vec<[usize; 2]> =
+        edges_of(&mesh.faces).into_iter().map(|edge| edge.map(|vertex| vertex as usize)).collect();
+    let shape = Oriented { points: mesh.vertices.clone(), normals: normals.clone() };
+    corner_warning(&shape, &edges, balance.get())
 }

@@ -7,6 +7,7 @@ use crate::subdivision::basis::SubdivisionBasis;
 use crate::subdivision::measures::frames;
 use crate::surface::basis::Extent;
 use crate::surface::seam::Seam;
+use crate::texture::Texture;
 use crate::vector::{far_origin, plus};
 use shapelex_numeric::dense::Matrix;
 
@@ -66,6 +67,11 @@ pub fn moved(mesh: TriangleMesh, by: [f64; 3]) -> TriangleMesh {
 }
 
 impl ShapeSpace {
+    /// Texture coordinates of meshes over a valid `grid`; `None` for shapes without two parameters.
+    pub fn texture(&self, grid: Option<[usize; 2]>) -> Option<Texture> {
+        Some(self.surface()?.extent().texture(grid?))
+    }
+
     /// Mesh of a shape with normals: over a valid `grid` ([`Extent::grid_fault`]), or of its level; `None` for shapes that are
     /// not surfaces, or without the grid that they need. One-sided surfaces have no normals.
     pub fn tessellate(&self, control_points: &Matrix, grid: Option<[usize; 2]>) -> Option<TriangleMesh> {

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
-use super::MeshSize;
+use super::{MeshSize, Scheme};
 use crate::mesh::{Connectivity, MeshError, TriangleMesh};
 use crate::vector::norm;
 
@@ -23,25 +23,34 @@ pub enum ControlMesh {
 }
 
 impl ControlMesh {
-    /// Number of vertices and faces. The number of vertices of a list of faces follows from its largest corner.
+    /// Number of vertices, edges and faces. The number of vertices of a list of faces follows from its largest corner. Cost: for a
+    /// list, sorting its edges.
     pub fn size(&self) -> MeshSize {
         match self {
             Self::Named(start) => start.size(),
-            Self::Faces(faces) => {
-                let vertices = faces.iter().flatten().max().map_or(0, |most| *most as usize + 1);
-                MeshSize { vertices, faces: faces.len() }
-            }
+            Self::Faces(faces) => MeshSize::of(vertices_of(faces), faces),
         }
     }
 
-    /// Connectivity of the mesh.
+    /// Connectivity of the mesh, which must be closed.
     ///
     /// # Errors
     /// The first reason why the faces do not form a closed connected surface.
     pub fn connectivity(&self) -> Result<Connectivity, MeshError> {
         match self {
             Self::Named(start) => start.mesh().connectivity(),
-            Self::Faces(faces) => Connectivity::new(self.size().vertices, faces.clone()),
+            Self::Faces(faces) => Connectivity::new(vertices_of(faces), faces.clone()),
+        }
+    }
+
+    /// Connectivity of the mesh for a scheme: with a boundary only where the scheme has rules for it.
+    ///
+    /// # Errors
+    /// The first reason why the faces do not form such a connected surface.
+    pub fn connectivity_of(&self, scheme: Scheme) -> Result<Connectivity, MeshError> {
+        match self {
+            Self::Named(start) => start.mesh().connectivity(),
+            Self::Faces(faces) => scheme.connectivity(vertices_of(faces), faces.clone()),
         }
     }
 
@@ -52,6 +61,11 @@ impl ControlMesh {
             _ => None,
         }
     }
+}
+
+/// Number of vertices of a list of faces: one more than its largest corner.
+fn vertices_of(faces: &[[u32; 3]]) -> usize {
+    faces.iter().flatten().max().map_or(0, |most| *most as usize + 1)
 }
 
 /// Body from which a starting mesh is split.
@@ -94,7 +108,7 @@ impl Body {
             Self::SphereGrid => [14, 24],
             Self::PoleGrid => [36, 72],
         };
-        MeshSize { vertices, faces }
+        MeshSize::closed(vertices, faces)
     }
 
     /// The mesh on the unit sphere, with faces counter-clockwise as seen from outside.

@@ -5,6 +5,11 @@
 //! vertex gives the two tangents.
 //!
 //! * Loop, with `χ = 1/(n + 3/(8β_n))`: `p_∞ = (1 − nχ) p + χ Σ r_j`, tangents `Σ cos(2πj/n) r_j` and `Σ sin(2πj/n) r_j`.
+//! * Loop at a vertex of the boundary, with the `k` faces between its neighbours `r_0 … r_k` and `θ = π/k`: `p_∞ = ⅔ p + ⅙ (r_0 + r_k)`,
+//!   tangents `r_0 − r_k` along the boundary and `Σ sin(jθ) r_j + c (r_0 + r_k) + d p` across it, `c = (sin θ − cot θ/2)/(1 + 2 cos θ)`,
+//!   `d = −cot θ/2 − 2c`; `r_0 + r_1 − 2p` for `k = 1`. The second one belongs to the eigenvalue `⅜ + ¼ cos θ`. From six faces on, the
+//!   one of two waves, `⅜ + ¼ cos 2θ`, is as large as the ½ of the tangent along the boundary: the limit need not be smooth there, and
+//!   has no normal.
 //! * BLOB changes from level to level: its functionals are those of `v = 1`, carried back through all levels.
 //! * The butterfly keeps its vertices. Its limit is C¹, but its tangents involve two rings: normals are not given.
 
@@ -13,14 +18,15 @@ use std::f64::consts::{PI, TAU};
 use super::stencil::{BlobWeights, loop_beta, refined};
 use super::{LoopWeights, Scheme};
 use crate::mesh::Connectivity;
-use crate::vector::{cross, norm};
+use crate::vector::{cross, minus, norm};
 
 /// Limit positions and normals of the vertices of a level.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Limit {
     /// Limit positions.
     pub points: Vec<[f64; 3]>,
-    /// Outward unit normals, zero where the tangents do not span a plane; `None` for the butterfly.
+    /// Outward unit normals, zero where the tangents do not span a plane, as at vertices of the boundary with six faces and more;
+    /// `None` for the butterfly.
     pub normals: Option<Vec<[f64; 3]>>,
 }
 
@@ -61,6 +67,9 @@ impl Tangents {
 fn loop_limit(weights: LoopWeights, connectivity: &Connectivity, points: &[[f64; 3]]) -> Limit {
     let at = |vertex: u32| points[vertex as usize];
     let of_vertex = |vertex: u32| {
+        if !connectivity.is_closed() && connectivity.is_on_boundary(vertex) {
+            return loop_boundary(at(vertex), &connectivity.ring(vertex).map(at).collect::<Vec<_>>());
+        }
         let valence = connectivity.valence(vertex);
         let chi = 1.0 / (valence as f64 + 3.0 / (8.0 * loop_beta(weights, valence)));
         let mut point = at(vertex).map(|x| (1.0 - valence as f64 * chi) * x);
@@ -73,6 +82,34 @@ fn loop_limit(weights: LoopWeights, connectivity: &Connectivity, points: &[[f64;
     };
     let (points, normals) = (0..points.len() as u32).map(of_vertex).unzip();
     Limit { points, normals: Some(normals) }
+}
+
+/// Largest number of faces at a vertex of the boundary where the limit of Loop has a tangent plane.
+const SMOOTH_FACES: usize = 5;
+
+/// Limit position and normal of Loop at a vertex `p` of the boundary with the neighbours `ring`.
+fn loop_boundary(p: [f64; 3], ring: &[[f64; 3]]) -> ([f64; 3], [f64; 3]) {
+    let [Some(first), Some(last)] = [ring.first(), ring.last()] else { return (p, [0.0; 3]) };
+    let point = [0, 1, 2].map(|c| (4.0 * p[c] + first[c] + last[c]) / 6.0);
+    let faces = ring.len() - 1;
+    if faces > SMOOTH_FACES {
+        return (point, [0.0; 3]);
+    }
+    let theta = PI / faces as f64;
+    let mut across = [0.0; 3];
+    if faces == 1 {
+        across = [0, 1, 2].map(|c| first[c] + last[c] - 2.0 * p[c]);
+    } else {
+        let cotangent = 1.0 / (0.5 * theta).tan();
+        let end = (theta.sin() - cotangent) / (1.0 + 2.0 * theta.cos());
+        let own = -cotangent - 2.0 * end;
+        for (j, neighbour) in ring.iter().enumerate() {
+            let inner = if j == 0 || j == faces { end } else { (j as f64 * theta).sin() };
+            (0..3).for_each(|c| across[c] += inner * neighbour[c]);
+        }
+        (0..3).for_each(|c| across[c] += own * p[c]);
+    }
+    (point, Tangents([minus(*first, *last), across]).normal())
 }
 
 /// A functional on the surroundings of a vertex: weights of the vertex, its neighbours, the vertices behind them in the same

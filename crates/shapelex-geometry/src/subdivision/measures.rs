@@ -1,4 +1,4 @@
-//! Measures of closed triangle meshes.
+//! Measures of triangle meshes, closed ones and those with a boundary.
 //!
 //! ```text
 //! V = ⅙ Σ_f det(a, b, c)     area = Σ_f |S_f|,  S_f = ½ (b − a) × (c − a)     centroid = Σ_f (det/6)(a + b + c)/4 / V
@@ -6,7 +6,8 @@
 //! ```
 //!
 //! `A_i` is the area closest to vertex `i` (Meyer, Desbrun, Schröder, Barr, *Discrete differential-geometry operators for
-//! triangulated 2-manifolds*, 2003). Volumes, areas and centroids are exact for the mesh.
+//! triangulated 2-manifolds*, 2003). Volumes, areas and centroids are exact for the mesh. A mesh with a boundary encloses no volume, and
+//! has no curvature at the boundary.
 
 use crate::mesh::TriangleMesh;
 use crate::raster::bounds;
@@ -16,7 +17,7 @@ use crate::vector::{cross, dot, minus, norm};
 /// Ratio of the volume to that of the bounding box below which the volume is rounding.
 const NO_VOLUME: f64 = 1e-12;
 
-/// Measures a closed mesh. The mean position is taken over the parameters, of which every face has the same share. If the mesh
+/// Measures a mesh. The mean position is taken over the parameters, of which every face has the same share. If the mesh
 /// was split, the error of its area is estimated as a third of what the last split added, because areas converge by a factor
 /// of four. Cost: linear.
 pub fn measure(mesh: &TriangleMesh, was_split: bool) -> SurfaceMeasures {
@@ -46,8 +47,9 @@ pub fn measure(mesh: &TriangleMesh, was_split: bool) -> SurfaceMeasures {
     let area_error = before.map_or(0.0, |before| (area - before).abs() / 3.0);
     let spread: f64 = (0..3).map(|c| (bounding_box[1][c] - bounding_box[0][c]) / unit).product();
     let centroid = (volume.abs() > NO_VOLUME * spread).then(|| back(by_volume, volume));
+    let closed = !on_boundary(mesh).contains(&true);
     SurfaceMeasures {
-        enclosed: Some(EnclosedVolume { signed_volume: volume * unit * unit * unit, centroid }),
+        enclosed: closed.then_some(EnclosedVolume { signed_volume: volume * unit * unit * unit, centroid }),
         area: area * unit * unit,
         area_error: area_error * unit * unit,
         lid_area: 0.0,
@@ -55,6 +57,18 @@ pub fn measure(mesh: &TriangleMesh, was_split: bool) -> SurfaceMeasures {
         mean_position,
         bounding_box,
     }
+}
+
+/// Which vertices of a mesh are on its boundary. Around a vertex inside, every neighbour is once the next and once the last corner of
+/// a face, so that the sum of their differences is zero; along the boundary, it is the difference of two neighbours. Cost: linear.
+fn on_boundary(mesh: &TriangleMesh) -> Vec<bool> {
+    let mut sums = vec![0_i64; mesh.vertices.len()];
+    for &[a, b, c] in &mesh.faces {
+        for [vertex, next, last] in [[a, b, c], [b, c, a], [c, a, b]] {
+            sums[vertex as usize] += i64::from(next) - i64::from(last);
+        }
+    }
+    sums.into_iter().map(|sum| sum != 0).collect()
 }
 
 /// The mesh before some of its last `splits` splits, as many as needed for at most `faces` faces; vertices keep their positions.
@@ -97,7 +111,7 @@ pub struct VertexFrame {
     /// Outward unit normal: the angle-weighted mean of the normals of the faces; `None` where these cancel.
     pub normal: Option<[f64; 3]>,
     /// Principal curvatures in 1/length, the larger first; negative where the surface bends away from its normal. `None` if the
-    /// area is zero.
+    /// area is zero, and on the boundary.
     pub curvatures: Option<[f64; 2]>,
 }
 
@@ -111,7 +125,7 @@ struct Corner {
     gradient: [f64; 3],
 }
 
-/// Normals and principal curvatures at all vertices of a closed mesh. Cost: linear.
+/// Normals and principal curvatures at all vertices of a mesh; no curvatures on its boundary. Cost: linear.
 pub fn frames(mesh: &TriangleMesh) -> Vec<VertexFrame> {
     let mut corners = vec![Corner::default(); mesh.vertices.len()];
     for face in &mesh.faces {
@@ -145,13 +159,14 @@ pub fn frames(mesh: &TriangleMesh) -> Vec<VertexFrame> {
             }
         }
     }
-    corners.iter().map(frame).collect()
+    let inside = on_boundary(mesh).into_iter().map(|boundary| !boundary);
+    corners.iter().zip(inside).map(|(corner, inside)| frame(corner, inside)).collect()
 }
 
-fn frame(corner: &Corner) -> VertexFrame {
+fn frame(corner: &Corner, inside: bool) -> VertexFrame {
     let length = norm(corner.normal);
     let normal = (length > 0.0).then(|| corner.normal.map(|x| x / length));
-    let curvatures = normal.filter(|_| corner.area > 0.0).map(|normal| {
+    let curvatures = normal.filter(|_| inside && corner.area > 0.0).map(|normal| {
         // The sign is relative to the outward normal, as on tensor-product surfaces: a sphere has −1/R.
         let mean = -0.5 * dot(corner.gradient, normal) / corner.area;
         let gauss = (std::f64::consts::TAU - corner.angle) / corner.area;

@@ -32,6 +32,7 @@ use std::f64::consts::PI;
 
 use self::control::ControlMesh;
 use super::generator::Exact;
+use super::mesh::{Connectivity, MeshError};
 
 /// A subdivision scheme with its parameters.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -289,6 +290,23 @@ impl Scheme {
         std::iter::successors(Some(first), |v| Some((0.5 * (1.0 + v)).sqrt()))
     }
 
+    /// Whether the scheme has rules for boundaries.
+    pub fn has_boundary_rules(self) -> bool {
+        matches!(self, Self::Loop(_) | Self::NormalBased { .. })
+    }
+
+    /// Connectivity of `count` vertices and `faces`, with a boundary only where the scheme has rules for it.
+    ///
+    /// # Errors
+    /// The first reason why they do not form such a mesh.
+    pub fn connectivity(self, count: usize, faces: Vec<[u32; 3]>) -> Result<Connectivity, MeshError> {
+        if self.has_boundary_rules() {
+            Connectivity::with_boundary(count, faces)
+        } else {
+            Connectivity::new(count, faces)
+        }
+    }
+
     /// Whether control vertices keep their positions.
     pub fn interpolates(self) -> bool {
         matches!(self, Self::Butterfly { .. } | Self::NormalBased { .. })
@@ -312,6 +330,14 @@ impl Subdivision {
     /// Number of vertices and faces at its level, computed without building the mesh.
     pub fn size(&self) -> MeshSize {
         self.connectivity.size().split(self.level)
+    }
+
+    /// The control mesh, with a boundary only where the scheme has rules for it.
+    ///
+    /// # Errors
+    /// The first reason why the faces do not form such a mesh.
+    pub fn control(&self) -> Result<Connectivity, MeshError> {
+        self.connectivity.connectivity_of(self.scheme)
     }
 }
 
@@ -367,33 +393,57 @@ impl utoipa::ToSchema for Subdivision {
     }
 }
 
-/// Number of vertices and faces of a closed mesh.
+/// Number of vertices, edges and faces of a mesh.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct MeshSize {
     /// Number of vertices.
     pub vertices: usize,
+    /// Number of edges.
+    pub edges: usize,
     /// Number of faces.
     pub faces: usize,
 }
 
 impl MeshSize {
-    /// Size after `level` splits: `F_k = 4ᵏF`, and every face has three half-edges, `V_{k+1} = V_k + 3F_k/2`. Saturates instead
-    /// of overflowing.
+    /// Size of a closed mesh, whose faces have an edge for two of their sides: `E = 3F/2`.
+    pub fn closed(vertices: usize, faces: usize) -> Self {
+        Self { vertices, edges: faces.saturating_mul(3) / 2, faces }
+    }
+
+    /// Size of the mesh of these vertices and faces, with or without a boundary. Cost: sorting the edges.
+    pub fn of(vertices: usize, faces: &[[u32; 3]]) -> Self {
+        Self { vertices, edges: edges_of(faces).len(), faces: faces.len() }
+    }
+
+    /// Size after `level` splits: `V′ = V + E`, `E′ = 2E + 3F`, `F′ = 4F`. Saturates instead of overflowing.
     pub fn split(self, level: usize) -> Self {
         let (mut size, huge) = (self, usize::MAX);
         for _ in 0..level {
             if size.vertices == huge {
                 break;
             }
-            let edges = size.faces.saturating_mul(3) / 2;
-            size =
-                Self { vertices: size.vertices.saturating_add(edges), faces: size.faces.saturating_mul(4) };
-            if size.faces == huge {
+            let edges = size.edges.saturating_mul(2).saturating_add(size.faces.saturating_mul(3));
+            size = Self {
+                vertices: size.vertices.saturating_add(size.edges),
+                edges,
+                faces: size.faces.saturating_mul(4),
+            };
+            if size.faces == huge || size.edges == huge {
                 size.vertices = huge;
             }
         }
         size
     }
+}
+
+/// The edges of faces as pairs `[least, greatest]`, in lexicographic order. Cost: sorting them.
+pub(crate) fn edges_of(faces: &[[u32; 3]]) -> Vec<[u32; 2]> {
+    let edge = |a: u32, b: u32| [a.min(b), a.max(b)];
+    let mut edges: Vec<[u32; 2]> =
+        faces.iter().flat_map(|&[a, b, c]| [edge(a, b), edge(b, c), edge(c, a)]).collect();
+    edges.sort_unstable();
+    edges.dedup();
+    edges
 }
 
 #[cfg(test)]
@@ -403,12 +453,18 @@ mod tests {
     /// Table 1 of the BLOB paper.
     #[test]
     fn counts_of_the_octahedron_and_of_levels_that_no_memory_holds() {
-        let octahedron = MeshSize { vertices: 6, faces: 8 };
+        let octahedron = MeshSize::closed(6, 8);
         let counts: Vec<usize> = (0..9).map(|level| octahedron.split(level).vertices).collect();
         assert_eq!(counts, [6, 18, 66, 258, 1026, 4098, 16386, 65538, 262146]);
         assert_eq!(octahedron.split(30).vertices, (1 << 62) + 2);
         for level in [31, 64, 1000, usize::MAX] {
             assert_eq!(octahedron.split(level).vertices, usize::MAX);
+        }
+        // A fan of four faces: 5 − 8 + 4 = 1 at every level.
+        let disc = MeshSize::of(5, &[[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 1]]);
+        for level in 0..5 {
+            let MeshSize { vertices, edges, faces } = disc.split(level);
+            assert_eq!((vertices + faces, faces), (edges + 1, 4 << (2 * level)));
         }
     }
 

@@ -74,12 +74,12 @@ pub fn refine_mesh(
     refine_mesh_until(scheme, mesh, depth, most, wanted_limit, &never)
 }
 
-/// Refines a closed mesh to at most `most` vertices; under the normal-based scheme, together with its normals. The number of
-/// vertices is checked before any step. With `wanted_limit`, also returns the limit of the last level. Once `stop` returns
+/// Refines a mesh to at most `most` vertices; under the normal-based scheme, together with its normals. It must be closed for the
+/// schemes without rules for boundaries. The number of vertices is checked before any step. With `wanted_limit`, also returns the limit of the last level. Once `stop` returns
 /// true, the current level is returned.
 ///
 /// # Errors
-/// Faces that do not form a closed mesh; vertices and edges without a rule; limits and tolerances that cannot be met.
+/// Faces that do not form such a mesh; vertices and edges without a rule; limits and tolerances that cannot be met.
 pub fn refine_mesh_until(
     scheme: Scheme,
     mesh: TriangleMesh,
@@ -88,7 +88,7 @@ pub fn refine_mesh_until(
     wanted_limit: bool,
     stop: Stop<'_>,
 ) -> Result<(Refined<TriangleMesh>, Option<Limit>), GeometryError> {
-    let mut size = MeshSize { vertices: mesh.vertices.len(), faces: mesh.faces.len() };
+    let mut size = MeshSize::of(mesh.vertices.len(), &mesh.faces);
     if let Depth::Level(level) = depth {
         // The limit of BLOB is computed one level further on.
         let last = size.split(level.saturating_add(usize::from(wanted_limit)));
@@ -97,7 +97,7 @@ pub fn refine_mesh_until(
     let TriangleMesh { vertices, normals, faces } = mesh;
     let count = vertices.len();
     let mut shape = Oriented { points: vertices, normals: normals.unwrap_or_default() };
-    let mut connectivity = Connectivity::new(count, faces)?;
+    let mut connectivity = scheme.connectivity(count, faces)?;
     check_valences(scheme, &connectivity)?;
     let (mut level, mut change, mut parameters) = (0, None, scheme.parameters());
     let mut v = parameters.next().unwrap_or(1.0);
@@ -137,35 +137,60 @@ pub fn refine_mesh_until(
     Ok((Refined { shape: TriangleMesh { vertices: shape.points, normals, faces }, level, change }, limit))
 }
 
+/// A polyline with normals, for the normal-based scheme.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Polyline {
+    /// Points with unit normals.
+    pub shape: Oriented,
+    /// Whether the last point is connected to the first.
+    pub closed: bool,
+    /// Binormals of the edges, of any length, for those whose normals define none; zero where there is none. All their parts have
+    /// them too. Empty: none.
+    pub binormals: Vec<[f64; 3]>,
+}
+
+impl Polyline {
+    /// Number of edges of a polyline of `count` points.
+    fn edges(&self, count: usize) -> usize {
+        if self.closed { count } else { count.saturating_sub(1) }
+    }
+
+    /// The edges, by their ends.
+    pub fn ends(&self) -> impl Iterator<Item = [usize; 2]> {
+        let count = self.shape.points.len();
+        (0..self.edges(count)).map(move |i| [i, (i + 1) % count])
+    }
+}
+
 /// Refines a polyline by the normal-based scheme, to at most `most` points.
 ///
 /// # Errors
 /// Edges that cannot be split; limits and tolerances that cannot be met.
 pub fn refine_curve(
-    mut shape: Oriented,
-    closed: bool,
+    polyline: Polyline,
     balance: f64,
     depth: Depth,
     most: usize,
     stop: Stop<'_>,
 ) -> Result<Refined<Oriented>, GeometryError> {
-    let edges = |count: usize| if closed { count } else { count.saturating_sub(1) };
-    let finer_count = |count: usize| count.saturating_add(edges(count));
+    let finer_count = |count: usize| count.saturating_add(polyline.edges(count));
     if let Depth::Level(level) = depth {
-        let mut count = shape.points.len();
+        let mut count = polyline.shape.points.len();
         for _ in 0..level.min(usize::BITS as usize) {
             count = finer_count(count);
         }
         depth.check(level, count, most, None)?;
     }
-    let (mut level, mut change) = (0, None);
+    let (mut level, mut change, mut shape) = (0, None, polyline.shape.clone());
     while !depth.reached(level, change) && !stop() {
         let count = shape.points.len();
         depth.check(level + 1, finer_count(count), most, change)?;
         let of_edge = |i: usize| [i as u32, ((i + 1) % count) as u32];
         let fault = |(edge, fault)| edge_error(level, of_edge(edge), fault);
-        let finer = refine_polyline(&shape, closed, balance).map_err(fault)?;
-        let apart = (0..edges(count)).map(|i| {
+        // Edge `i` of a level is part of edge `i/2` of the level before.
+        let binormal = |i: usize| polyline.binormals.get(i >> level).copied().unwrap_or_default();
+        let finer = refine_polyline(&shape, polyline.closed, balance, binormal).map_err(fault)?;
+        let apart = (0..polyline.edges(count)).map(|i| {
             let [a, b] = of_edge(i).map(|vertex| shape.points[vertex as usize]);
             norm(minus(finer.points[2 * i + 1], middle(a, b)))
         });
@@ -183,7 +208,7 @@ fn middle(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [0, 1, 2].map(|c| 0.5 * (a[c] + b[c]))
 }
 
-/// Sum of the unit normals of the two faces at an edge.
+/// Sum of the unit normals of the two faces at an edge; on the boundary, twice that of its face.
 fn face_normals(points: &[[f64; 3]], connectivity: &Connectivity, edge: usize) -> [f64; 3] {
     let normal = |half_edge: u32| {
         let [a, b, c] = connectivity.faces()[half_edge as usize / 3].map(|vertex| points[vertex as usize]);

@@ -3,9 +3,13 @@
 //! A step keeps or moves the old vertices, which keep their indices, and adds one vertex per edge. The stencil of a vertex
 //! depends only on its valence, that of an edge on the valences of its two ends.
 //!
+//! Loop has rules for boundaries: edges of the boundary get their midpoint, and its vertices move to ⅛, ¾, ⅛ along it. The boundary
+//! is therefore the cubic B-spline of its own vertices, whatever is inside, and two surfaces with one boundary meet there. All
+//! edges inside, also those between two vertices of the boundary, keep the rule ⅜, ⅜, ⅛, ⅛.
+//!
 //! Sources: Badoual, Novara, Romani, Schmitter, Unser, *A non-stationary subdivision scheme for the construction of deformable models
 //! with sphere-like topology* (the rules of BLOB, with the weights corrected); Loop, *Smooth subdivision surfaces based on
-//! triangles*, 1987; Zorin, Schröder, Sweldens, *Interpolating subdivision for meshes with arbitrary topology*, 1996.
+//! triangles*, 1987; Hoppe and others, *Piecewise smooth surface reconstruction*, 1994 (boundaries); Zorin, Schröder, Sweldens, *Interpolating subdivision for meshes with arbitrary topology*, 1996.
 
 use std::f64::consts::TAU;
 
@@ -154,13 +158,30 @@ impl Rules<'_> {
         let Some(edge) = new.checked_sub(self.connectivity.vertices()) else {
             rings[0].clear();
             rings[0].extend(self.connectivity.ring(new as u32));
+            if !self.connectivity.is_closed() && self.connectivity.is_on_boundary(new as u32) {
+                return self.boundary_vertex(new as u32, &rings[0], add);
+            }
             return self.vertex(new as u32, &rings[0], add);
         };
-        for (ring, half_edge) in rings.iter_mut().zip(half_edges[edge]) {
+        let (ends, half_edges) = (self.connectivity.edges()[edge], half_edges[edge]);
+        match self.scheme {
+            Scheme::Loop(_) => self.loop_edge(ends, half_edges, add),
+            Scheme::NormalBased { .. } => ends.iter().for_each(|end| add(*end, 0.5)),
+            Scheme::Blob(_) => self.blob_edge(ends, self.rings_of(half_edges, rings), add),
+            Scheme::Butterfly { tension } => {
+                butterfly_edge(tension.get(), ends, self.rings_of(half_edges, rings), add);
+            }
+        }
+    }
+
+    /// The rings of both ends of an edge, each starting at the other end. Their second and last vertices are opposite to the
+    /// edge.
+    fn rings_of<'a>(&self, half_edges: [u32; 2], rings: &'a mut Rings) -> [&'a [u32]; 2] {
+        for (ring, half_edge) in rings.iter_mut().zip(half_edges) {
             ring.clear();
             ring.extend(self.connectivity.ring_from(half_edge));
         }
-        self.edge(self.connectivity.edges()[edge], [&rings[0], &rings[1]], add);
+        [&rings[0], &rings[1]]
     }
 
     fn vertex(&self, vertex: u32, ring: &[u32], add: &mut impl FnMut(u32, f64)) {
@@ -177,17 +198,23 @@ impl Rules<'_> {
         ring.iter().for_each(|neighbour| add(*neighbour, other));
     }
 
-    /// `rings[i]` is the ring of end `i`, starting at the other end. Its second and its last vertex are opposite to the edge.
-    fn edge(&self, ends: [u32; 2], rings: [&[u32]; 2], add: &mut impl FnMut(u32, f64)) {
-        match self.scheme {
-            Scheme::Blob(_) => self.blob_edge(ends, rings, add),
-            Scheme::Loop(_) => {
-                ends.iter().for_each(|end| add(*end, 0.375));
-                rings.iter().for_each(|ring| add(ring[1], 0.125));
+    /// `ring`: the neighbours along the faces, from one edge of the boundary to the other.
+    fn boundary_vertex(&self, vertex: u32, ring: &[u32], add: &mut impl FnMut(u32, f64)) {
+        match (self.scheme, ring) {
+            (Scheme::Loop(_), [before, .., after]) => {
+                [(vertex, 0.75), (*before, 0.125), (*after, 0.125)].into_iter().for_each(|(i, w)| add(i, w));
             }
-            Scheme::Butterfly { tension } => butterfly_edge(tension.get(), ends, rings, add),
-            Scheme::NormalBased { .. } => ends.iter().for_each(|end| add(*end, 0.5)),
+            _ => add(vertex, 1.0),
         }
+    }
+
+    /// The ends of an edge, and the corners opposite to it. An edge of the boundary has its one half-edge twice.
+    fn loop_edge(&self, ends: [u32; 2], half_edges: [u32; 2], add: &mut impl FnMut(u32, f64)) {
+        if half_edges[0] == half_edges[1] {
+            return ends.iter().for_each(|end| add(*end, 0.5));
+        }
+        ends.iter().for_each(|end| add(*end, 0.375));
+        half_edges.iter().for_each(|half_edge| add(self.connectivity.opposite(*half_edge), 0.125));
     }
 
     fn blob_edge(&self, ends: [u32; 2], rings: [&[u32]; 2], add: &mut impl FnMut(u32, f64)) {

@@ -8,6 +8,7 @@ mod generators;
 mod interpolators;
 mod masks;
 mod measures;
+mod open_meshes;
 mod refinement;
 mod sizes;
 mod spaces;

@@ -472,7 +472,7 @@ fn curves_of_the_normal_based_scheme_match() {
             let closed = case["closed"].as_bool().unwrap();
             let mut shape = Oriented { points: points(&case["points"]), normals: points(&case["normals"]) };
             for level in list(&case["levels"]) {
-                shape = refine_polyline(&shape, closed, 0.0).unwrap();
+                shape = refine_polyline(&shape, closed, 0.0, |_| [0.0; 3]).unwrap();
                 let wanted = points(&level["points"]);
                 assert!(apart(&shape.points, &wanted) < tolerance * scale(&wanted), "{}", case["name"]);
                 assert!(apart(&shape.normals, &points(&level["normals"])) < tolerance, "{}", case["name"]);
@@ -567,7 +567,7 @@ fn circles_and_spheres_are_reproduced() {
             (0..count as usize).map(|i| [angle(i).cos(), angle(i).sin(), 0.0]).collect();
         let mut shape = Oriented { points: ring.clone(), normals: ring };
         for level in 1..=10 {
-            shape = refine_polyline(&shape, true, 0.0).unwrap();
+            shape = refine_polyline(&shape, true, 0.0, |_| [0.0; 3]).unwrap();
             let off = shape.points.iter().map(|p| (norm(*p) - 1.0).abs()).fold(0.0, f64::max);
             assert!(
                 off < 1e-15 && apart(&shape.points, &shape.normals) < 1e-15 * f64::from(2 << level),
