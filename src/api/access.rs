@@ -87,6 +87,7 @@ const OPERATIONS: &[(Needs, &[&str])] = &[
             "POST /v1/deform",
             "POST /v1/dictionaries/{dictionary}/assess",
             "POST /v1/dictionaries/{dictionary}/classify",
+            "POST /v1/dictionaries/{dictionary}/complete",
             "POST /v1/dictionaries/{dictionary}/encode",
             "POST /v1/dictionaries/{dictionary}/prior",
             "POST /v1/dictionaries/{dictionary}/reconstruct",

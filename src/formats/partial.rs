@@ -72,8 +72,8 @@ pub struct ConditionInput {
 }
 
 /// An entry of `observed`: whether a control point counts, or an arc.
-#[derive(Debug, ToSchema)]
-#[schema(value_type = Object)]
+#[derive(Debug, serde::Serialize, ToSchema)]
+#[serde(untagged)]
 pub enum ObservedEntry {
     /// Whether a control point counts.
     Control(bool),

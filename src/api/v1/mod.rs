@@ -10,6 +10,7 @@ mod classify;
 mod coding;
 mod cohorts;
 mod comparisons;
+mod complete;
 mod contours;
 mod corrections;
 mod curves;
@@ -120,6 +121,7 @@ pub(super) fn computing_routes() -> OpenApiRouter<App> {
         .routes(routes!(coding::prior))
         .routes(routes!(coding::sample))
         .routes(routes!(report::dictionary_report))
+        .routes(routes!(complete::complete))
         .routes(routes!(comparisons::compare))
         .routes(routes!(regressions::regress))
         .routes(routes!(retrieval::job_output))

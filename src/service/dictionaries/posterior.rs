@@ -63,6 +63,8 @@ pub struct Prepared {
 pub struct Asking {
     /// Fraction of shapes that a band is to cover.
     pub level: f64,
+    /// Quantile of held-out shapes beyond which a part is an outlier.
+    pub quantile: f64,
     /// Number of places of bands on curves.
     pub samples: usize,
     /// Whether shapes are in the pose of the dictionary.
@@ -109,7 +111,8 @@ pub async fn prepare(app: &App, ready: &Arc<Ready>, calibrated: bool) -> Result<
             let (length, modes) = (ready.setup.metric.len() as f64, ready.dictionary.model.len() as f64);
             let work = Work::from_multiply_adds(length * length + 100.0 * length * modes);
             let ready = Arc::clone(ready);
-            let found = app.pool.weighing(work).run(move || {
+            let pool = app.pool.weighing(work);
+            let found = pool.run(move || {
                 let model = ready.dictionary.posterior_model(&ready.setup.space);
                 Ok(Arc::new(model.map_err(of_dictionary)?))
             });
@@ -157,7 +160,8 @@ async fn calibrate(
     }
     let (task_app, handle) = (app.clone(), Handle::current());
     let (task_ready, task_model) = (Arc::clone(ready), Arc::clone(model));
-    let found = app.pool.weighing(Work::from_seconds(estimate.seconds)).run(move || {
+    let pool = app.pool.weighing(Work::from_seconds(estimate.seconds));
+    let found = pool.run(move || {
         let context = task_app.pool.context();
         let stop = || context.is_cancelled();
         let shapes = training.read(&task_app, &handle, &task_ready, &stop)?;

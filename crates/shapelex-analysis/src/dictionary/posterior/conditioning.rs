@@ -100,15 +100,15 @@ impl Posterior {
             freedom,
         };
         let size = state.size();
-        let (mut steps, mut converged) = (0, false);
-        let (factor, directions) = loop {
+        let mut steps = 0;
+        let (factor, directions, converged) = loop {
             steps += 1;
             let (factor, directions, found) = state.solve()?;
             let (z, motion) = found.split_at(state.scores.len());
             let moved: f64 = z.iter().zip(&state.scores).map(|(new, old)| (new - old).powi(2)).sum::<f64>().sqrt();
             let turned = norm(&motion[..directions.len()]);
             let shifted = norm(&motion[directions.len()..]) / size;
-            converged = moved <= CLOSE * (1.0 + norm(z)) && turned <= CLOSE && shifted <= CLOSE;
+            let converged = moved <= CLOSE * (1.0 + norm(z)) && turned <= CLOSE && shifted <= CLOSE;
             if !(moved + turned + shifted).is_finite() {
                 return Err(undetermined());
             }
@@ -116,7 +116,7 @@ impl Posterior {
             state.scores.iter_mut().zip(z).for_each(|(old, new)| *old += part * (new - *old));
             state.pose = freedom.absorb(&state.pose, &directions, motion);
             if converged || steps == STEPS {
-                break (factor, directions);
+                break (factor, directions, converged);
             }
         };
         state.check()?;

@@ -25,7 +25,7 @@ pub(in crate::dictionary) mod sample;
 mod specificity;
 mod stability;
 #[cfg(test)]
-mod tests;
+pub(in crate::dictionary) mod tests;
 
 use self::generalisation::generalisation;
 pub use self::interval::Interval;
