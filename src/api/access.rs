@@ -101,6 +101,7 @@ const OPERATIONS: &[(Needs, &[&str])] = &[
             "POST /v1/morph",
             "POST /v1/overlap",
             "POST /v1/pca",
+            "POST /v1/pca/incomplete",
             "POST /v1/prior",
             "POST /v1/project",
             "POST /v1/refine",

@@ -21,6 +21,7 @@ mod entity_tags;
 mod events;
 mod fitting;
 mod hooks;
+mod incomplete;
 pub mod jobs;
 mod keys;
 mod morph;
@@ -88,6 +89,7 @@ pub(super) fn computing_routes() -> OpenApiRouter<App> {
         .routes(routes!(statistics::mean))
         .routes(routes!(statistics::align))
         .routes(routes!(statistics::pca))
+        .routes(routes!(incomplete::incomplete_pca))
         .routes(routes!(curves::evaluate))
         .routes(routes!(curves::measure))
         .routes(routes!(curves::resample))

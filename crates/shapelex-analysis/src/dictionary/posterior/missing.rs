@@ -145,7 +145,7 @@ fn nowhere(field: &'static str) -> AnalysisError {
 /// Shapes of a model at seen places, given as they are.
 impl Seen {
     /// Points at some of the places at which shapes are known, in any pose.
-    pub(super) fn of(at: AtPlaces, points: Vec<f64>) -> Self {
+    pub(crate) fn of(at: AtPlaces, points: Vec<f64>) -> Self {
         let variances = vec![0.0; at.count()];
         Self { at, points, variances, imposed: Vec::new() }
     }

@@ -105,14 +105,14 @@ impl Dictionary {
 }
 
 /// Variance of a coordinate of a point for whitened coordinates of variance one, on average along the shape: `tr(Φ⁻¹Φ)/⟨1, 1⟩`.
-pub(super) fn point_variance(metric: &Metric) -> f64 {
+pub(crate) fn point_variance(metric: &Metric) -> f64 {
     let mut ones = vec![0.0; metric.len()];
     ones[..metric.size()].fill(1.0);
     metric.size() as f64 / metric.inner(&ones, &ones)
 }
 
 /// Variances of the control points for whitened coordinates of the variance `noise`: the diagonal of `Φ⁻¹`.
-fn control_variances(metric: &Metric, noise: f64) -> Option<Vec<f64>> {
+pub(crate) fn control_variances(metric: &Metric, noise: f64) -> Option<Vec<f64>> {
     let n = metric.size();
     if n > OWN_VARIANCES {
         return None;

@@ -7,18 +7,18 @@ use shapelex_numeric::dense::Matrix;
 #[derive(Debug, Clone)]
 pub struct AtPlaces {
     /// `d`.
-    pub(super) dimension: usize,
+    pub(crate) dimension: usize,
     /// `m`: `d·M` coordinate-major numbers.
     pub(super) mean: Vec<f64>,
     /// `Dᵀ`, `J × d·M`: a column for each coordinate of each place.
-    pub(super) modes: Matrix,
+    pub(crate) modes: Matrix,
     /// Variance of the residual of each place, for each coordinate.
     pub(super) noise: Vec<f64>,
 }
 
 impl AtPlaces {
     /// From the points of the mean and of each mode (`d·M` coordinate-major numbers each).
-    pub(super) fn new(dimension: usize, mean: Vec<f64>, modes: &[Vec<f64>], noise: Vec<f64>) -> Self {
+    pub(crate) fn new(dimension: usize, mean: Vec<f64>, modes: &[Vec<f64>], noise: Vec<f64>) -> Self {
         let modes = Matrix::from_fn(modes.len(), mean.len(), |j, i| modes[j][i]);
         Self { dimension, mean, modes, noise }
     }
@@ -83,7 +83,7 @@ impl AtPlaces {
 }
 
 /// Some of the points of a shape, `d·M` coordinate-major numbers.
-pub(super) fn selected(points: &[f64], dimension: usize, places: &[usize]) -> Vec<f64> {
+pub(crate) fn selected(points: &[f64], dimension: usize, places: &[usize]) -> Vec<f64> {
     let count = points.len() / dimension;
     (0..dimension).flat_map(|c| places.iter().map(move |&i| points[c * count + i])).collect()
 }

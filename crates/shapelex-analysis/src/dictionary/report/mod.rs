@@ -25,7 +25,7 @@ pub(in crate::dictionary) mod sample;
 mod specificity;
 mod stability;
 #[cfg(test)]
-pub(in crate::dictionary) mod tests;
+pub(crate) mod tests;
 
 use self::generalisation::generalisation;
 pub use self::interval::Interval;
