@@ -3,8 +3,9 @@
     python benches/evaluation/partial.py --data FOLDER [--binary PROGRAM] [--folds 5] [--only complete|speed] [NAME ...]
 
 FOLDER holds the data sets (`curves-mosquito-wings/curves.ndjson` and so on); NAME chooses some of them. Nothing beyond the standard
-library. Closed contours are resampled to 63 points by arc length from their first point (`trigonometric` generator), open ones to 63
-landmarks, landmarks are as they are; at most 240 shapes of a set, evenly spread. Seeds are fixed.
+library. Closed contours are resampled to 63 points by arc length from their first point (`trigonometric` generator), olive stones to 63
+points of an open polyline; hands keep their 56 points, which correspond. Landmarks are as they are. At most 240 shapes of a set, evenly
+spread. Seeds are fixed.
 
 complete  five folds of shapes, or of subjects where a set has them. Dictionaries of 20 components (fewer where there are fewer) are
           learnt from the others. Of each held-out shape, turned, moved and scaled at random, 20 % are hidden twice: an arc of curves,
@@ -35,6 +36,7 @@ TIMES = 2
 CLOSED = ["mosquito-wings", "hearts", "molars", "otoliths", "apodemus-mandibles", "trilobite-heads", "mouse-molars", "mouse-vertebrae",
           "north-sea-fish", "charred-grains", "osteosarcoma-cells", "mpeg7"]
 OPEN = ["hands", "olive-stones"]
+CORRESPONDING = ["hands"]
 LANDMARKS = ["ape-skulls", "digit3", "mosquito-wings", "oak-leaves", "passiflora-leaves", "plethodon", "pupfish", "pupfish-species",
              "rat-growth", "brains-3d", "macaque-skulls-3d", "nasal-bone-3d", "optic-nerve-3d", "primate-crania-3d"]
 TPS = {"dragonfly-wings": "forewing.tps", "trilobite-cephala": "cephala.tps"}
@@ -79,7 +81,7 @@ def contours(folder, name):
         if closed and sum(p[0] * q[1] - q[0] * p[1] for p, q in zip(points, points[1:] + points[:1])) < 0:
             points = points[:1] + points[:0:-1]
         subject = str(given["labels"][SUBJECTS[name]]) if name in SUBJECTS else str(k)
-        shapes.append((normal(resampled(points, closed)), subject))
+        shapes.append((normal(points if name in CORRESPONDING else resampled(points, closed)), subject))
     return some(shapes)
 
 
@@ -101,7 +103,8 @@ def tps(folder, name):
     for text in lines:
         if text.upper().startswith("LM="):
             points = [[float(x) for x in next(lines).split()[:2]] for _ in range(int(text.split("=")[1]))]
-            shapes.append(points)
+            if all(math.isfinite(x) for p in points for x in p):
+                shapes.append(points)
     counts = [len(points) for points in shapes]
     count = max(set(counts), key=counts.count)
     return some([(normal(points), str(k)) for k, points in enumerate(shapes) if len(points) == count])
@@ -203,7 +206,9 @@ def complete(service, folder, names, folds):
         curve = {"kind": "closed_curve", "dimension": 2, "control_points": POINTS, "generator": {"name": "trigonometric"}}
         complete_set(service, name, contours(folder, name), curve, True, True, folds)
     for name in filter(wanted, OPEN):
-        complete_set(service, name, contours(folder, name), {"kind": "landmarks", "dimension": 2, "points": POINTS}, True, False, folds)
+        shapes = contours(folder, name)
+        line = {"kind": "open_curve", "dimension": 2, "intervals": len(shapes[0][0]) - 1, "generator": {"name": "bspline", "degree": 1}}
+        complete_set(service, name, shapes, line, True, False, folds)
     for name in [*LANDMARKS, *TPS]:
         if wanted(f"landmarks-{name}"):
             shapes = tps(folder, name) if name in TPS else configurations(folder, name)

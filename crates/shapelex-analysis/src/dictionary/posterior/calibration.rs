@@ -151,31 +151,43 @@ pub fn normal_factor(level: f64, dimension: usize) -> f64 {
     high
 }
 
-/// Hides a part of a shape: which of its places.
-fn hidden(places: &Places, mean: &[f64], dimension: usize, turn: usize, random: &mut ChaCha12Rng) -> Vec<bool> {
-    let count = places.count();
-    let number = ((HIDDEN[turn % HIDDEN.len()] * count as f64).round() as usize).clamp(1, count.max(2) - 1);
-    let mut hidden = vec![false; count];
-    match places {
-        Places::Landmarks(_) if turn % 2 == 1 => {
-            sample(random, count, number).into_iter().for_each(|i| hidden[i] = true);
-        }
-        _ => {
-            let centre = random.random_range(0..count);
-            let away = |i: &usize| -> f64 {
-                (0..dimension).map(|c| (mean[c * count + i] - mean[c * count + centre]).powi(2)).sum()
-            };
-            let along = |i: &usize| (*i as f64 - centre as f64).abs().min(count as f64 - (*i as f64 - centre as f64).abs());
-            let mut order: Vec<usize> = (0..count).collect();
-            match places {
-                // On open curves an arc may go around the ends: both are hidden then.
-                Places::Curve(_) => order.sort_by(|a, b| along(a).total_cmp(&along(b))),
-                _ => order.sort_by(|a, b| away(a).total_cmp(&away(b))),
+/// How parts of shapes are hidden.
+struct Hiding<'a> {
+    places: &'a Places,
+    /// Points of the mean, coordinate-major.
+    mean: &'a [f64],
+    dimension: usize,
+    /// Whether arcs may go around the end.
+    closed: bool,
+}
+
+impl Hiding<'_> {
+    /// Hides a part: which of the places. An arc of curves, the neighbours of a place of surfaces and landmarks, of these by turns
+    /// scattered ones.
+    fn part(&self, turn: usize, random: &mut ChaCha12Rng) -> Vec<bool> {
+        let count = self.places.count();
+        let number = ((HIDDEN[turn % HIDDEN.len()] * count as f64).round() as usize).clamp(1, count.max(2) - 1);
+        let chosen: Vec<usize> = match self.places {
+            Places::Curve(_) => {
+                let first = random.random_range(0..if self.closed { count } else { count - number + 1 });
+                (first..first + number).map(|i| i % count).collect()
             }
-            order[..number].iter().for_each(|&i| hidden[i] = true);
-        }
+            Places::Landmarks(_) if (turn / HIDDEN.len() + turn) % 2 == 1 => sample(random, count, number).into_vec(),
+            _ => {
+                let centre = random.random_range(0..count);
+                let away = |i: &usize| -> f64 {
+                    let difference = |c: usize| self.mean[c * count + i] - self.mean[c * count + centre];
+                    (0..self.dimension).map(|c| difference(c).powi(2)).sum()
+                };
+                let mut order: Vec<usize> = (0..count).collect();
+                order.sort_by(|a, b| away(a).total_cmp(&away(b)));
+                order[..number].to_vec()
+            }
+        };
+        let mut hidden = vec![false; count];
+        chosen.into_iter().for_each(|i| hidden[i] = true);
+        hidden
     }
-    hidden
 }
 
 /// Training shapes at the places of the grid, in the coordinates of their spectrum.
@@ -183,6 +195,7 @@ struct Held<'a> {
     model: &'a PosteriorModel,
     sample: &'a Sample,
     places: Places,
+    closed: bool,
     /// Points of the mean, and of each direction as a column.
     mean: Vec<f64>,
     basis: Matrix,
@@ -200,7 +213,7 @@ impl<'a> Held<'a> {
         let columns: Vec<f64> = sample.basis.column_iter().flat_map(|q| points(q.as_slice())).collect();
         let mean = points(&sample.mean);
         let basis = Matrix::from_vec(mean.len(), sample.values.len(), columns);
-        Self { model, sample, mean, basis, places }
+        Self { model, sample, mean, basis, places, closed: space.representation().is_closed() }
     }
 
     /// Shapes of the others at the places.
@@ -255,8 +268,14 @@ impl<'a> Held<'a> {
             let z = Matrix::from_column_slice(self.sample.values.len(), 1, self.sample.shape(k));
             let away = &self.basis * z;
             let points: Vec<f64> = self.mean.iter().zip(away.iter()).map(|(m, by)| m + by).collect();
+            let hiding = Hiding {
+                places: &self.places,
+                mean: &self.mean,
+                dimension: self.model.dimension(),
+                closed: self.closed,
+            };
             for turn in 0..HIDDEN.len() {
-                let hidden = hidden(&self.places, &self.mean, self.model.dimension(), k + turn, &mut random);
+                let hidden = hiding.part(k + turn, &mut random);
                 // A part that leaves too little for the pose says nothing.
                 trials.extend(self.trial(&at, &points, &hidden).ok());
             }
