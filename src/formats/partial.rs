@@ -104,7 +104,8 @@ impl<'de> Deserialize<'de> for ObservedEntry {
             }
 
             fn visit_seq<A: SeqAccess<'de>>(self, list: A) -> Result<ObservedEntry, A::Error> {
-                Deserialize::deserialize(serde::de::value::SeqAccessDeserializer::new(list)).map(ObservedEntry::Arc)
+                Deserialize::deserialize(serde::de::value::SeqAccessDeserializer::new(list))
+                    .map(ObservedEntry::Arc)
             }
         }
         deserializer.deserialize_any(EntryVisitor)
@@ -153,7 +154,8 @@ impl PartialInput {
             return Err(vec![Fault::new("/points", detail)]);
         }
         if self.conditions.len() > MAX_CONDITIONS {
-            let detail = format!("expected at most {MAX_CONDITIONS} conditions, got {}", self.conditions.len());
+            let detail =
+                format!("expected at most {MAX_CONDITIONS} conditions, got {}", self.conditions.len());
             return Err(vec![Fault::new("/conditions", detail)]);
         }
         deviation(self.deviation, "/deviation".into(), &mut faults);
@@ -173,14 +175,16 @@ impl PartialInput {
             faults.extend(wrong.map(|fault| Fault::from(fault).below(&format!("{pointer}/measure"))));
             deviation(condition.deviation, format!("{pointer}/deviation"), &mut faults);
             if !(condition.value.abs() <= MAX_COORDINATE) {
-                let detail = format!("expected a number within ±{MAX_COORDINATE:.0e}, got {}", condition.value);
+                let detail =
+                    format!("expected a number within ±{MAX_COORDINATE:.0e}, got {}", condition.value);
                 faults.push(Fault::new(format!("{pointer}/value"), detail));
             }
         }
         if !faults.is_empty() {
             return Err(faults);
         }
-        let known = |point: PointInput| SeenPoint { at: point.at, point: point.point, deviation: point.deviation };
+        let known =
+            |point: PointInput| SeenPoint { at: point.at, point: point.point, deviation: point.deviation };
         let imposed = |ConditionInput { measure, value, deviation }| Condition { measure, value, deviation };
         Ok(PartialShape {
             control_points,
@@ -206,7 +210,10 @@ impl PartialInput {
             return (Vec::new(), None);
         };
         if rows.len() != n {
-            let detail = format!("expected {n} control points or nulls, as many as the representation has, got {}", rows.len());
+            let detail = format!(
+                "expected {n} control points or nulls, as many as the representation has, got {}",
+                rows.len()
+            );
             faults.push(Fault::new("/control_points", detail));
             return (Vec::new(), None);
         }
@@ -231,14 +238,27 @@ impl PartialInput {
             faults.push(Fault::new("/observed", "expected either true and false, or arcs, got both"));
         }
         if !space.domain().is_line() {
-            faults.push(Fault::new("/observed", "expected true and false for each control point: only curves have arcs"));
+            faults.push(Fault::new(
+                "/observed",
+                "expected true and false for each control point: only curves have arcs",
+            ));
         }
         let closed = space.representation().is_closed();
         for (i, [from, to]) in arcs.iter().enumerate() {
-            let proper = from.abs() <= 1e6 && to.abs() <= 1e6 && from != to && (closed || (0.0 <= *from && from < to && *to <= 1.0));
+            let proper = from.abs() <= 1e6
+                && to.abs() <= 1e6
+                && from != to
+                && (closed || (0.0 <= *from && from < to && *to <= 1.0));
             if !proper {
-                let range = if closed { "two different parameters" } else { "two parameters between 0 and 1, ascending" };
-                faults.push(Fault::new(format!("/observed/{i}"), format!("expected {range}, got {from} and {to}")));
+                let range = if closed {
+                    "two different parameters"
+                } else {
+                    "two parameters between 0 and 1, ascending"
+                };
+                faults.push(Fault::new(
+                    format!("/observed/{i}"),
+                    format!("expected {range}, got {from} and {to}"),
+                ));
             }
         }
         if let Some(i) = rows.iter().position(Option::is_none) {

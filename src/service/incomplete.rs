@@ -33,7 +33,9 @@ pub fn pca(
 ) -> Result<Found, ServiceError> {
     let (n, length) = (setup.metric.size(), setup.metric.len());
     if length > MAX_LENGTH {
-        let detail = format!("expected shapes of at most {MAX_LENGTH} numbers, got {length}: the scatter has the square of that");
+        let detail = format!(
+            "expected shapes of at most {MAX_LENGTH} numbers, got {length}: the scatter has the square of that"
+        );
         return Err(ServiceError::invalid("/representation", detail));
     }
     if shapes.len() < 3 || shapes.len() > app.limits.shapes {
@@ -42,12 +44,21 @@ pub fn pca(
     }
     let read = |shape: PartialInput| {
         let shape = shape.checked(&setup.space, app.limits.control_points)?;
-        let only = shape.arcs.is_none() && shape.points.is_empty() && shape.conditions.is_empty() && shape.deviation == 0.0;
+        let only = shape.arcs.is_none()
+            && shape.points.is_empty()
+            && shape.conditions.is_empty()
+            && shape.deviation == 0.0;
         if !only {
-            return Err(vec![Fault::new("", "expected control points alone, with nulls or with true and false in observed")]);
+            return Err(vec![Fault::new(
+                "",
+                "expected control points alone, with nulls or with true and false in observed",
+            )]);
         }
         if shape.control_points.is_empty() {
-            return Err(vec![Fault::new("/control_points", format!("expected some of {n} control points, got none"))]);
+            return Err(vec![Fault::new(
+                "/control_points",
+                format!("expected some of {n} control points, got none"),
+            )]);
         }
         Ok(shape.control_points)
     };

@@ -60,7 +60,10 @@ fn hidden_parts_are_completed_with_bands() {
     let count = 60;
     let shapes: Vec<Value> = (40..40 + count).map(|k| json!({"control_points": part(k, 12)})).collect();
     let found = server.post(&path("completed"), &json!({ "shapes": shapes })).expect(200);
-    assert_eq!((&found["dictionary"]["name"], &found["calibration_subjects"]), (&json!("completed"), &json!(40)));
+    assert_eq!(
+        (&found["dictionary"]["name"], &found["calibration_subjects"]),
+        (&json!("completed"), &json!(40))
+    );
     assert_eq!(found["warnings"], Value::Null);
     let factor = found["simultaneous_factor"].as_f64().unwrap();
     assert!(factor > found["pointwise_factor"].as_f64().unwrap() && factor < 10.0, "{found}");
@@ -114,14 +117,18 @@ fn what_is_missing_can_be_said_in_four_ways() {
     for k in 0..4 {
         assert_eq!(found["results"][k]["bands"]["observed"], json!(mask), "{k}");
     }
-    let svg = server.post(&format!("{}?format=svg", path("missing")), &json!({ "shapes": shapes })).expect_svg().to_owned();
+    let svg = server
+        .post(&format!("{}?format=svg", path("missing")), &json!({ "shapes": shapes }))
+        .expect_svg()
+        .to_owned();
     assert!(svg.contains("75 % seen") && svg.contains("regions of all hidden places together"), "{svg}");
     // Landmarks, with values that they are to have.
     let landmarks = json!({"kind": "landmarks", "dimension": 2, "points": POINTS});
     learnt(server, "missing-landmarks", 30, &landmarks, &components());
     let wanted = json!({"measure": {"kind": "distance", "between": [0, 8]}, "value": 61.5});
     let shapes = json!([{"control_points": part(40, 12), "conditions": [wanted]}]);
-    let found = server.post(&path("missing-landmarks"), &json!({ "shapes": shapes, "level": 0.9 })).expect(200);
+    let found =
+        server.post(&path("missing-landmarks"), &json!({ "shapes": shapes, "level": 0.9 })).expect(200);
     let at = |i: usize, c: usize| found["results"][0]["control_points"][i][c].as_f64().unwrap();
     let length = (at(0, 0) - at(8, 0)).hypot(at(0, 1) - at(8, 1));
     assert!((length - 61.5).abs() < 0.01, "{length}");
@@ -139,7 +146,8 @@ fn faults_of_partial_shapes_are_named() {
     refused(one(json!({"control_points": part(0, 0)})), &["/shapes/0"]);
     refused(one(json!({})), &["/shapes/0"]);
     refused(one(json!({"control_points": part(0, 1)})), &["/shapes/0"]);
-    let at_one_place: Vec<Value> = (0..5).map(|i| json!({"at": 0.1 * f64::from(i), "point": [3, 4]})).collect();
+    let at_one_place: Vec<Value> =
+        (0..5).map(|i| json!({"at": 0.1 * f64::from(i), "point": [3, 4]})).collect();
     refused(one(json!({ "points": at_one_place })), &["/shapes/0"]);
     // Contradictory conditions.
     let between = json!({"kind": "distance", "between": [0.0, 0.5]});
@@ -149,21 +157,32 @@ fn faults_of_partial_shapes_are_named() {
         .expect_problem(422, "invalid-input", &["/shapes/0/conditions/0"]);
     assert!(found["errors"][0]["detail"].as_str().unwrap().contains("contradiction"), "{found}");
     // A condition alone leaves the pose open.
-    refused(one(json!({"conditions": [{"measure": {"kind": "coordinate", "at": 0.1, "axis": 0}, "value": 1}]})), &["/shapes/0"]);
+    refused(
+        one(json!({"conditions": [{"measure": {"kind": "coordinate", "at": 0.1, "axis": 0}, "value": 1}]})),
+        &["/shapes/0"],
+    );
     // Shapes that the representation does not have.
     refused(one(json!({"control_points": [[1, 2]]})), &["/shapes/0/control_points"]);
-    refused(one(json!({"points": [{"at": [0.1, 0.2], "point": [1, 2, 3], "deviation": -1}]})), &[
-        "/shapes/0/points/0/at",
-        "/shapes/0/points/0/point",
-        "/shapes/0/points/0/deviation",
-    ]);
+    refused(
+        one(json!({"points": [{"at": [0.1, 0.2], "point": [1, 2, 3], "deviation": -1}]})),
+        &["/shapes/0/points/0/at", "/shapes/0/points/0/point", "/shapes/0/points/0/deviation"],
+    );
     refused(one(json!({"control_points": part(0, 12), "observed": [true]})), &["/shapes/0/observed"]);
     refused(one(json!({"control_points": part(0, 16), "observed": [[0.2, 0.2]]})), &["/shapes/0/observed/0"]);
     let nowhere = json!({"measure": {"kind": "coordinate", "at": 0.1, "axis": 2}, "value": 1.0});
-    refused(one(json!({"control_points": part(0, 12), "conditions": [nowhere]})), &["/shapes/0/conditions/0/measure/axis"]);
+    refused(
+        one(json!({"control_points": part(0, 12), "conditions": [nowhere]})),
+        &["/shapes/0/conditions/0/measure/axis"],
+    );
     refused(json!({"shapes": [], "level": 1.5, "samples": 0}), &["/shapes", "/level", "/samples"]);
     server.post(&path("unknown"), &one(json!({}))).expect_problem(404, "not-found", &[]);
-    learnt(server, "sparsely-completed", 12, &curve(), &json!({"kind": "sparse", "atoms": 4, "lambda": 0.05}));
+    learnt(
+        server,
+        "sparsely-completed",
+        12,
+        &curve(),
+        &json!({"kind": "sparse", "atoms": 4, "lambda": 0.05}),
+    );
     server.post(&path("sparsely-completed"), &one(json!({}))).expect_problem(400, "invalid-query", &[]);
 }
 
@@ -173,7 +192,8 @@ fn bands_without_training_shapes_say_so() {
     let server = Server::fresh();
     learnt(&server, "orphaned", 12, &curve(), &components());
     server.delete("/v1/cohorts/orphaned").expect(204);
-    let found = server.post(&path("orphaned"), &json!({"shapes": [{"control_points": part(20, 12)}]})).expect(200);
+    let found =
+        server.post(&path("orphaned"), &json!({"shapes": [{"control_points": part(20, 12)}]})).expect(200);
     assert_eq!(found["calibration_subjects"], Value::Null);
     assert!(found["warnings"][0].as_str().unwrap().contains("not calibrated"), "{found}");
     assert!((found["pointwise_factor"].as_f64().unwrap() - 5.991_464_5_f64.sqrt()).abs() < 1e-6);

@@ -100,8 +100,7 @@ impl IncompleteShapes {
             watch.check()?;
             let stop = || watch.stop();
             let shapes = (self.control_points.clone(), vec![1.0; count]);
-            let (mean, aligned) =
-                align_all_by(Estimator::Plain, measured, frame, shapes.0, shapes.1, &stop)?;
+            let (mean, aligned) = align_all_by(Estimator::Plain, measured, frame, shapes.0, shapes.1, &stop)?;
             let (pca, found) =
                 maximised(measured.metric, &aligned, &unknown, (components, noise), freedom.count())?;
             noise = found;
@@ -124,16 +123,33 @@ impl IncompleteShapes {
         Err(AnalysisError::Interrupted)
     }
 
-    fn check(&self, n: usize, components: usize, length: usize, freedom: &Freedom) -> Result<(), AnalysisError> {
+    fn check(
+        &self,
+        n: usize,
+        components: usize,
+        length: usize,
+        freedom: &Freedom,
+    ) -> Result<(), AnalysisError> {
         let refused = |field: &'static str, detail: String| Err(AnalysisError::Parameter { field, detail });
         let count = self.seen.len();
         if components + 1 >= count {
-            let detail = format!("expected at most {} for {count} shapes, two fewer than shapes, got {components}", count.saturating_sub(2));
+            let detail = format!(
+                "expected at most {} for {count} shapes, two fewer than shapes, got {components}",
+                count.saturating_sub(2)
+            );
             return refused("components", detail);
         }
         if components + freedom.count() >= length {
             let most = length.saturating_sub(freedom.count() + 1);
-            return refused("components", format!("expected at most {most} for shapes of {length} numbers, got {components}"));
+            return refused(
+                "components",
+                format!("expected at most {most} for shapes of {length} numbers, got {components}"),
+            );
+        }
+        let least = freedom.count().div_ceil(length / n).max(1);
+        if let Some(k) = self.seen.iter().position(|seen| seen.len() < least) {
+            let detail = format!("{k}: expected at least {least} control points, got {}", self.seen[k].len());
+            return refused("shapes", detail);
         }
         for i in 0..n {
             let having = self.seen.iter().filter(|seen| seen.binary_search(&i).is_ok()).count();
@@ -167,7 +183,11 @@ impl IncompleteShapes {
         let shapes = &self.control_points;
         let found: Vec<(Vec<f64>, Vec<f64>)> = missing
             .par_iter()
-            .map(|&k| model.complete(&shapes[k * n * d..(k + 1) * n * d], &self.seen[k]).map_err(|error| of_shape(error, k)))
+            .map(|&k| {
+                model
+                    .complete(&shapes[k * n * d..(k + 1) * n * d], &self.seen[k])
+                    .map_err(|error| of_shape(error, k))
+            })
             .collect::<Result<_, AnalysisError>>()?;
         let (mut change, mut unknown) = (0.0_f64, Unknown::none(n));
         for (&k, (shape, columns)) in missing.iter().zip(found) {
@@ -318,11 +338,11 @@ fn root_of(covariance: &Matrix) -> Matrix {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::accumulate::ShapesInMemory;
     use crate::dictionary::method::Method;
     use crate::dictionary::recipe::Recipe;
     use crate::dictionary::report::tests::{ovals, space};
     use crate::pca::Components;
-    use crate::accumulate::ShapesInMemory;
     use crate::robust::align_all_by;
     use crate::transformation::{ClassName, Transformation};
     use crate::watch::Unwatched;
@@ -336,16 +356,22 @@ mod tests {
         Recipe::new(space().representation().clone(), similarity, method).setting().unwrap()
     }
 
-    fn found(points: &[f64], seen: Vec<Vec<usize>>, components: usize) -> Result<IncompletePca, AnalysisError> {
+    fn found(
+        points: &[f64],
+        seen: Vec<Vec<usize>>,
+        components: usize,
+    ) -> Result<IncompletePca, AnalysisError> {
         let setting = setting();
-        let measured = Measured { metric: &setting.metric, method: &setting.method, matching: &setting.matching };
+        let measured =
+            Measured { metric: &setting.metric, method: &setting.method, matching: &setting.matching };
         let shapes = IncompleteShapes { control_points: points.to_vec(), seen };
         shapes.pca(measured, Frame::default(), components, &Unwatched)
     }
 
     fn complete(points: &[f64], count: usize) -> FunctionalPca {
         let setting = setting();
-        let measured = Measured { metric: &setting.metric, method: &setting.method, matching: &setting.matching };
+        let measured =
+            Measured { metric: &setting.metric, method: &setting.method, matching: &setting.matching };
         let (mean, aligned) = align_all_by(
             Estimator::Plain,
             measured,

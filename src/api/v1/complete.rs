@@ -260,7 +260,8 @@ impl CompleteRequest {
         // A covariance of d² numbers for each place.
         let most = app.limits.samples / (4 * count.max(1));
         if samples == 0 || samples > most.max(1) {
-            let detail = format!("expected a number between 1 and {} for {count} shapes, got {samples}", most.max(1));
+            let detail =
+                format!("expected a number between 1 and {} for {count} shapes, got {samples}", most.max(1));
             errors.push(Fault::new("/samples", detail));
         }
         ServiceError::unless_empty(errors)?;
@@ -277,7 +278,8 @@ impl CompletedShape {
         (index, completion): (usize, Completion),
         novelty: Option<PartialNovelty>,
     ) -> Self {
-        let Completion { posterior, control_points, scores, deviations, predicted, observed, seen } = completion;
+        let Completion { posterior, control_points, scores, deviations, predicted, observed, seen } =
+            completion;
         let dimension = ready.setup.metric.dimension();
         let radii = predicted.deviations();
         let scaled = |factor: f64| radii.iter().map(|radius| factor * radius).collect();

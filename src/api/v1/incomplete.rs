@@ -119,13 +119,18 @@ impl IncompletePcaRequest {
         if components == Some(0) {
             errors.push(Fault::new("/components", "expected at least 1, got 0"));
         }
-        let (Some(representation), Some(transformation), true) = (representation, transformation, errors.is_empty())
+        let (Some(representation), Some(transformation), true) =
+            (representation, transformation, errors.is_empty())
         else {
             ServiceError::unless_empty(errors)?;
-            return Err(ServiceError::invalid("", "expected a representation and a transformation, got none"));
+            return Err(ServiceError::invalid(
+                "",
+                "expected a representation and a transformation, got none",
+            ));
         };
         let settings = Settings {
-            alignment: alignment.unwrap_or_else(|| Alignment::usual(&transformation, representation.dimension())),
+            alignment: alignment
+                .unwrap_or_else(|| Alignment::usual(&transformation, representation.dimension())),
             representation,
             correspondence: Correspondence::Landmarks,
             direction: Direction::default(),
@@ -153,10 +158,14 @@ const POSE: usize = 13;
 
 impl IncompletePcaAnswer {
     fn new(setup: &Setup, found: incomplete::Found) -> Self {
-        let incomplete::Found { pca: IncompletePca { mean, aligned, completed, pca, noise, rounds, converged }, missing } =
-            found;
+        let incomplete::Found {
+            pca: IncompletePca { mean, aligned, completed, pca, noise, rounds, converged },
+            missing,
+        } = found;
         let (metric, d) = (&setup.metric, setup.metric.dimension());
-        let shape = |control_points: Vec<f64>| ShapeOutput { control_points: Points::from_columns(control_points, d) };
+        let shape = |control_points: Vec<f64>| ShapeOutput {
+            control_points: Points::from_columns(control_points, d),
+        };
         let whole = |whitened: &[f64]| shape(unwhitened(metric, whitened));
         Self {
             mean: MeanOutput::new(&mean, d),

@@ -183,7 +183,9 @@ async fn calibrate(
 
 fn of_dictionary(error: AnalysisError) -> ServiceError {
     match error {
-        AnalysisError::Parameter { field: "dictionary", detail } => ServiceError::parameter("dictionary", detail),
+        AnalysisError::Parameter { field: "dictionary", detail } => {
+            ServiceError::parameter("dictionary", detail)
+        }
         other => other.into(),
     }
 }
@@ -260,9 +262,11 @@ pub fn complete(
         predicted,
         posterior,
     };
-    let numbers = completion.control_points.iter().chain(&completion.predicted.points).chain(&completion.scores);
+    let numbers =
+        completion.control_points.iter().chain(&completion.predicted.points).chain(&completion.scores);
     if numbers.into_iter().any(|x| !(x.abs() <= MAX_NUMBER)) {
-        let detail = format!("expected a shape whose completion has numbers up to {MAX_NUMBER:.0e}, got larger ones");
+        let detail =
+            format!("expected a shape whose completion has numbers up to {MAX_NUMBER:.0e}, got larger ones");
         return Err(vec![Fault::new("", detail)]);
     }
     Ok(completion)

@@ -40,7 +40,8 @@ pub fn draw_completed(view: &View<'_>, title: &str, shapes: &[Completed], unit: 
     let cells = shapes.iter().map(|shape| (shape.caption.clone(), layers(view, shape))).collect();
     let mut legend: Vec<Entry> = Vec::new();
     if let Some(shape) = shapes.first() {
-        let sample = |colour: Colour, width: f64| view.layer([shape.control_points.as_slice()], colour, width, 1.0);
+        let sample =
+            |colour: Colour, width: f64| view.layer([shape.control_points.as_slice()], colour, width, 1.0);
         legend = Entry::of(&[
             sample(colour::MAIN, 1.5).named("completed shape"),
             sample(colour::PLUS, 1.0).named("region of each hidden place alone"),
@@ -119,10 +120,12 @@ fn draw_sizes(view: &View<'_>, title: &str, shapes: &[Completed], unit: Option<&
     };
     let effects: Vec<Effect> = shapes.iter().map(effect).collect();
     let most = effects.iter().map(Effect::largest).fold(0.0, f64::max);
-    let cells = shapes.iter().zip(&effects).map(|(shape, effect)| (shape.caption.clone(), effect.layers(most, 1.0)));
+    let cells =
+        shapes.iter().zip(&effects).map(|(shape, effect)| (shape.caption.clone(), effect.layers(most, 1.0)));
     let cells: Vec<_> = cells.collect();
     let length = unit.map_or_else(|| short(most), |unit| format!("{} {unit}", short(most)));
-    let meaning = format!("completed shape, coloured by the largest deviation of the simultaneous band: 0 to {length}");
+    let meaning =
+        format!("completed shape, coloured by the largest deviation of the simultaneous band: 0 to {length}");
     let legend: Vec<Entry> = effects.first().map(|effect| effect.scale(meaning)).into_iter().collect();
     layout::grid(title, cells).with_legend(&legend)
 }

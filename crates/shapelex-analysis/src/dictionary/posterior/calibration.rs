@@ -138,9 +138,18 @@ pub fn normal_factor(level: f64, dimension: usize) -> f64 {
     }
     // P(|x| ≤ f) = ∫₀^f √(2/π) x² e^(−x²/2) dx of three coordinates, by Simpson's rule.
     let covered = |f: f64| {
-        let (steps, density) = (400, |x: f64| (2.0 / std::f64::consts::PI).sqrt() * x * x * (-x * x / 2.0).exp());
+        let (steps, density) =
+            (400, |x: f64| (2.0 / std::f64::consts::PI).sqrt() * x * x * (-x * x / 2.0).exp());
         let h = f / steps as f64;
-        let weight = |i: usize| if i == 0 || i == steps { 1.0 } else if i % 2 == 1 { 4.0 } else { 2.0 };
+        let weight = |i: usize| {
+            if i == 0 || i == steps {
+                1.0
+            } else if i % 2 == 1 {
+                4.0
+            } else {
+                2.0
+            }
+        };
         (0..=steps).map(|i| weight(i) * density(h * i as f64)).sum::<f64>() * h / 3.0
     };
     let (mut low, mut high) = (0.0, 12.0);
@@ -166,13 +175,16 @@ impl Hiding<'_> {
     /// scattered ones.
     fn part(&self, turn: usize, random: &mut ChaCha12Rng) -> Vec<bool> {
         let count = self.places.count();
-        let number = ((HIDDEN[turn % HIDDEN.len()] * count as f64).round() as usize).clamp(1, count.max(2) - 1);
+        let number =
+            ((HIDDEN[turn % HIDDEN.len()] * count as f64).round() as usize).clamp(1, count.max(2) - 1);
         let chosen: Vec<usize> = match self.places {
             Places::Curve(_) => {
                 let first = random.random_range(0..if self.closed { count } else { count - number + 1 });
                 (first..first + number).map(|i| i % count).collect()
             }
-            Places::Landmarks(_) if (turn / HIDDEN.len() + turn) % 2 == 1 => sample(random, count, number).into_vec(),
+            Places::Landmarks(_) if (turn / HIDDEN.len() + turn) % 2 == 1 => {
+                sample(random, count, number).into_vec()
+            }
             _ => {
                 let centre = random.random_range(0..count);
                 let away = |i: &usize| -> f64 {
@@ -299,7 +311,8 @@ impl<'a> Held<'a> {
 pub fn calibration_work(metric: &Metric, shapes: usize, subjects: usize, unknowns: usize) -> f64 {
     let (n, k, u) = (metric.len() as f64, shapes as f64, unknowns as f64);
     let rank = n.min(k);
-    let components = if rank <= FULL_SOLVER_SIZE as f64 { rank.powi(3) } else { rank * rank * (0.6 * u + 10.0) };
+    let components =
+        if rank <= FULL_SOLVER_SIZE as f64 { rank.powi(3) } else { rank * rank * (0.6 * u + 10.0) };
     let spectrum = PRODUCT * k * n * (n.min(k) + rank) + EIGENPROBLEM * rank.powi(3);
     let subject = EIGENPROBLEM * components + n * rank * u;
     let trial = STEPS * n * u * u;
@@ -336,7 +349,8 @@ impl Dictionary {
         watch.check()?;
         let held = Held::new(model, space, &sample);
         let all = sample.subjects.len();
-        let chosen: Vec<usize> = (0..all.min(MAX_SUBJECTS)).map(|i| i * all / all.min(MAX_SUBJECTS)).collect();
+        let chosen: Vec<usize> =
+            (0..all.min(MAX_SUBJECTS)).map(|i| i * all / all.min(MAX_SUBJECTS)).collect();
         let trials: Vec<Vec<Trial>> = chosen
             .par_iter()
             .map(|&subject| {

@@ -105,7 +105,8 @@ impl Posterior {
             steps += 1;
             let (factor, directions, found) = state.solve()?;
             let (z, motion) = found.split_at(state.scores.len());
-            let moved: f64 = z.iter().zip(&state.scores).map(|(new, old)| (new - old).powi(2)).sum::<f64>().sqrt();
+            let moved: f64 =
+                z.iter().zip(&state.scores).map(|(new, old)| (new - old).powi(2)).sum::<f64>().sqrt();
             let turned = norm(&motion[..directions.len()]);
             let shifted = norm(&motion[directions.len()..]) / size;
             let converged = moved <= CLOSE * (1.0 + norm(z)) && turned <= CLOSE && shifted <= CLOSE;
@@ -225,8 +226,7 @@ impl State<'_> {
         let back = self.pose.inverse().ok()?;
         let y = at.points(&self.scores);
         let r = back.apply(&y);
-        let points: Vec<Vec<f64>> =
-            (0..count).map(|i| (0..d).map(|c| r[c * count + i]).collect()).collect();
+        let points: Vec<Vec<f64>> = (0..count).map(|i| (0..d).map(|c| r[c * count + i]).collect()).collect();
         let (value, by_points) = feature.of(&points)?;
         let (mut row, mut of_coordinate) = (vec![0.0; unknowns], vec![0.0; unknowns]);
         for (i, by_point) in by_points.iter().enumerate().filter(|(_, by)| by.iter().any(|x| *x != 0.0)) {
@@ -245,7 +245,8 @@ impl State<'_> {
         let directions = self.freedom.directions(&self.pose)?;
         let unknowns = self.scores.len() + self.freedom.count();
         for (position, imposed) in self.seen.imposed.iter().enumerate() {
-            let (value, row) = self.value(imposed, &directions, unknowns).ok_or_else(|| no_value(position))?;
+            let (value, row) =
+                self.value(imposed, &directions, unknowns).ok_or_else(|| no_value(position))?;
             let spread = spread(&row, self.scores.len()).sqrt();
             let most = if imposed.deviation > 0.0 { f64::INFINITY } else { REACHED * spread };
             if (imposed.value - value).abs() > most {

@@ -50,7 +50,9 @@ impl Dictionary {
     pub fn posterior_model(&self, space: &ShapeSpace) -> Result<PosteriorModel, AnalysisError> {
         let refused = |detail: &str| AnalysisError::Parameter { field: "dictionary", detail: detail.into() };
         let Model::Components { pca, spread } = &self.model else {
-            return Err(refused("expected a dictionary of components, got sparse codes: they have no posterior"));
+            return Err(refused(
+                "expected a dictionary of components, got sparse codes: they have no posterior",
+            ));
         };
         if pca.eigenvalues.is_empty() || !spread.covariance.diagonal().iter().any(|c| *c > 0.0) {
             return Err(refused("expected a dictionary of shapes that vary, got equal ones"));
@@ -173,7 +175,9 @@ impl PosteriorModel {
 
     /// Scores of the dictionary for scores of unit variance.
     pub fn scores(&self, z: &[f64]) -> Vec<f64> {
-        let of = |(i, mean): (usize, &f64)| mean + (0..z.len()).map(|j| self.score_root[(i, j)] * z[j]).sum::<f64>();
+        let of = |(i, mean): (usize, &f64)| {
+            mean + (0..z.len()).map(|j| self.score_root[(i, j)] * z[j]).sum::<f64>()
+        };
         self.score_mean.iter().enumerate().map(of).collect()
     }
 

@@ -52,12 +52,12 @@ impl AtPlaces {
     #[must_use]
     pub fn select(&self, places: &[usize]) -> Self {
         let count = self.count();
-        let columns = || (0..self.dimension).flat_map(|c| places.iter().map(move |&i| c * count + i));
+        let columns: Vec<usize> =
+            (0..self.dimension).flat_map(|c| places.iter().map(move |&i| c * count + i)).collect();
         Self {
             dimension: self.dimension,
-            mean: columns().map(|i| self.mean[i]).collect(),
-            modes: Matrix::from_columns(&columns().map(|i| self.modes.column(i)).collect::<Vec<_>>())
-                .resize(self.scores(), self.dimension * places.len(), 0.0),
+            mean: columns.iter().map(|&i| self.mean[i]).collect(),
+            modes: Matrix::from_fn(self.scores(), columns.len(), |j, i| self.modes[(j, columns[i])]),
             noise: places.iter().map(|&i| self.noise[i]).collect(),
         }
     }

@@ -73,7 +73,9 @@ impl Freedom {
     /// `d`.
     pub(super) fn dimension(&self) -> usize {
         match self {
-            Self::Fixed { dimension } | Self::Span { dimension, .. } | Self::Fit { dimension, .. } => *dimension,
+            Self::Fixed { dimension } | Self::Span { dimension, .. } | Self::Fit { dimension, .. } => {
+                *dimension
+            }
         }
     }
 

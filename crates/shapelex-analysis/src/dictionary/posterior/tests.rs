@@ -159,7 +159,10 @@ fn calibrated_bands_cover() {
     assert_eq!(calibration, dictionary.calibrate(&space, &model, training(), 1, &Unwatched).unwrap());
     let (simultaneous, enough) = calibration.simultaneous(0.95);
     let pointwise = calibration.pointwise(0.95);
-    assert!(enough && pointwise < simultaneous && pointwise > 0.8 * normal_factor(0.95, 2), "{pointwise} {simultaneous}");
+    assert!(
+        enough && pointwise < simultaneous && pointwise > 0.8 * normal_factor(0.95, 2),
+        "{pointwise} {simultaneous}"
+    );
     assert!(!calibration.simultaneous(0.99).1);
     let (mut places, mut covered, mut shapes, mut whole) = (0, 0, 0, 0);
     for (k, shape) in ovals(240, 0.2).chunks_exact(2 * N).enumerate().skip(40) {
@@ -173,8 +176,10 @@ fn calibrated_bands_cover() {
         shapes += 1;
         whole += usize::from(distances.iter().all(|d| *d <= simultaneous));
     }
-    let [pointwise, simultaneous] = [(covered, places), (whole, shapes)].map(|(a, b)| a as f64 / f64::from(b));
-    assert!((0.90..=0.99).contains(&pointwise), "{pointwise}");
+    let [pointwise, simultaneous] =
+        [(covered, places), (whole, shapes)].map(|(a, b)| a as f64 / f64::from(b));
+    // A quarter is hidden here; the factor is that of parts of 10 to 40 %, of which the larger ones need more.
+    assert!((0.92..=0.995).contains(&pointwise), "{pointwise}");
     assert!((0.90..=1.0).contains(&simultaneous), "{simultaneous}");
 }
 
@@ -228,7 +233,8 @@ fn what_cannot_be_answered_is_refused() {
         value,
         deviation: 0.0,
     };
-    let twice = PartialShape { conditions: vec![condition(30.0), condition(31.0)], ..part(shape, &[0, 3, 6, 9]) };
+    let twice =
+        PartialShape { conditions: vec![condition(30.0), condition(31.0)], ..part(shape, &[0, 3, 6, 9]) };
     let (at, detail) = field(posterior(&model, &twice));
     assert!(at == "conditions" && detail.contains("contradiction"), "{detail}");
     let negative = PartialShape { conditions: vec![condition(-5.0)], ..part(shape, &[0, 3, 6, 9]) };

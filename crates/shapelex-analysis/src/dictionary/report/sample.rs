@@ -149,7 +149,11 @@ impl Sample {
     ///
     /// # Errors
     /// A failure of the eigenproblem.
-    pub(in crate::dictionary) fn of(&self, shapes: &[(usize, f64)], count: usize) -> Result<Part, AnalysisError> {
+    pub(in crate::dictionary) fn of(
+        &self,
+        shapes: &[(usize, f64)],
+        count: usize,
+    ) -> Result<Part, AnalysisError> {
         let rank = self.values.len();
         let (columns, sum) = self.weighted(shapes.iter().copied());
         let mut scatter = Matrix::zeros(rank, rank);
