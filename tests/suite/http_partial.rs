@@ -198,3 +198,42 @@ fn bands_without_training_shapes_say_so() {
     assert!(found["warnings"][0].as_str().unwrap().contains("not calibrated"), "{found}");
     assert!((found["pointwise_factor"].as_f64().unwrap() - 5.991_464_5_f64.sqrt()).abs() < 1e-6);
 }
+
+/// Points that some shapes miss do not change the components much; complete shapes have their usual ones.
+#[test]
+fn components_of_incomplete_shapes() {
+    let server = shared();
+    let landmarks = json!({"kind": "landmarks", "dimension": 2, "points": POINTS});
+    let request = |shapes: Vec<Value>| json!({"representation": landmarks, "transformation": "similarity", "components": 2, "shapes": shapes});
+    let count = 40;
+    let whole: Vec<Value> = (0..count).map(|k| json!({"control_points": oval(k)})).collect();
+    let usual = json!({"representation": landmarks, "transformation": "similarity", "components": 2, "centre": true,
+        "shapes": (0..count).map(|k| json!({"points": oval(k)})).collect::<Vec<_>>()});
+    let usual = server.post("/v1/pca", &usual).expect(200);
+    let same = server.post("/v1/pca/incomplete", &request(whole)).expect(200);
+    let first = |found: &Value| found["pca"]["eigenvalues"][0].as_f64().unwrap();
+    assert!((first(&same) / first(&usual) - 1.0).abs() < 1e-9, "{same}");
+    assert_eq!((&same["completion_rounds"], &same["missing"][0]), (&json!(1), &json!(0)));
+    let holes = |k: usize| if k % 3 == 0 { part(k, 12) } else { json!(oval(k)) };
+    let partly: Vec<Value> = (0..count).map(|k| json!({"control_points": holes(k)})).collect();
+    let found = server.post("/v1/pca/incomplete", &request(partly)).expect(200);
+    assert_eq!((&found["missing"][0], &found["missing"][1]), (&json!(4), &json!(0)));
+    assert!((first(&found) / first(&usual) - 1.0).abs() < 0.2, "{} {}", first(&found), first(&usual));
+    let at = |c: usize| found["completed"][3]["control_points"][14][c].as_f64().unwrap();
+    let truth = oval(3)[14];
+    assert!((at(0) - truth[0]).hypot(at(1) - truth[1]) < 4.0, "{found}");
+    // Fewer shapes than components; a point that no shape has; nothing seen.
+    let refused = |shapes: Vec<Value>, pointers: &[&str]| {
+        server.post("/v1/pca/incomplete", &request(shapes)).expect_problem(422, "invalid-input", pointers);
+    };
+    refused((0..3).map(|k| json!({"control_points": oval(k)})).collect(), &["/components"]);
+    refused((0..9).map(|k| json!({"control_points": part(k, 12)})).collect(), &["/shapes"]);
+    refused(
+        (0..9).map(|k| json!({"control_points": part(k, if k == 4 { 0 } else { 16 })})).collect(),
+        &["/shapes/4/control_points"],
+    );
+    refused(
+        (0..9).map(|k| json!({"control_points": part(k, if k == 4 { 1 } else { 16 })})).collect(),
+        &["/shapes/4"],
+    );
+}

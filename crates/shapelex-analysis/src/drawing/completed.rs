@@ -29,6 +29,8 @@ pub struct Completed {
 
 /// Corners of a drawn ellipse.
 const CORNERS: usize = 32;
+/// Factor of the widths of lines and dots in space.
+const SPACE: f64 = 0.5;
 
 /// Completed shapes side by side: in the plane with the regions of hidden places, in space coloured by their size. `unit`: the unit of
 /// length.
@@ -121,7 +123,7 @@ fn draw_sizes(view: &View<'_>, title: &str, shapes: &[Completed], unit: Option<&
     let effects: Vec<Effect> = shapes.iter().map(effect).collect();
     let most = effects.iter().map(Effect::largest).fold(0.0, f64::max);
     let cells =
-        shapes.iter().zip(&effects).map(|(shape, effect)| (shape.caption.clone(), effect.layers(most, 1.0)));
+        shapes.iter().zip(&effects).map(|(shape, effect)| (shape.caption.clone(), effect.layers(most, SPACE)));
     let cells: Vec<_> = cells.collect();
     let length = unit.map_or_else(|| short(most), |unit| format!("{} {unit}", short(most)));
     let meaning =

@@ -3,14 +3,15 @@
 //! ```text
 //! δ_i = √((r_i − r̂_i)ᵀ C_i⁻¹ (r_i − r̂_i))      at the hidden places i of a held-out shape, of which a patch or arc is hidden
 //! pointwise      the quantile of all δ_i, every hidden part counting once
-//! simultaneous   the ⌈(S + 1) level⌉/S quantile of max_i δ_i, S subjects
+//! simultaneous   the level (S + 1)/S quantile of max_i δ_i, S subjects, each with several hidden parts
 //! ```
 //!
 //! Components without a subject are exact downdates ([`Sample`]). The mean shape to which shapes are aligned is that of all. Hidden parts
 //! are of 10 to 40 % of a shape: arcs of curves, patches of surfaces, neighbouring and scattered landmarks by turns.
 //!
-//! Simultaneous bands cover new shapes like those of the training with at least the level on average over hidden parts like these
-//! (split conformal prediction, with the components of nearly the same shapes in place of a split).
+//! Simultaneous bands cover the level of new shapes like those of the training, on average over hidden parts like these: split
+//! conformal prediction, with the components of nearly the same shapes in place of a split. The quantile is not raised to the next whole
+//! subject, since each has several parts.
 
 use rand::rngs::ChaCha12Rng;
 use rand::seq::index::sample;
@@ -93,8 +94,7 @@ impl Calibration {
 
     /// Factor of standard deviations of a simultaneous band, and whether there are enough subjects for the level.
     pub fn simultaneous(&self, level: f64) -> (f64, bool) {
-        let subjects = self.subjects as f64;
-        let raised = ((subjects + 1.0) * level).ceil() / subjects;
+        let raised = level * (self.subjects as f64 + 1.0) / self.subjects as f64;
         (value_at(&self.simultaneous, raised.min(1.0)), raised <= 1.0)
     }
 
