@@ -21,6 +21,7 @@ pub mod matrix;
 pub mod merge_patch;
 pub mod mesh;
 pub mod ndjson;
+pub mod partial;
 pub mod picture;
 pub mod representation;
 pub mod shape;

@@ -5,7 +5,7 @@
 //! * [`app`] — shared by all use cases: context, limits, threads, cache, errors;
 //! * [`audit`], [`jobs`] — the audit trail; work that outlives its request;
 //! * [`shapes`] — shapes of a request: read, evaluate, measure, fit, deform, morph;
-//! * [`statistics`] — projections, means, alignments and components of posted shapes;
+//! * [`statistics`] — projections, means, alignments and components of posted shapes; [`incomplete`] — of those that miss points;
 //! * [`segmentation`] — images to shapes;
 //! * [`cost`] — predicted cost of requests;
 //! * [`cohorts`] — stored shapes; [`access`] — authentication of callers; [`events`] — what happens, as a stream;
@@ -24,6 +24,7 @@ pub mod dictionaries;
 pub mod dispatch;
 pub mod events;
 pub mod hooks;
+pub mod incomplete;
 pub mod inference;
 pub mod jobs;
 pub mod search;

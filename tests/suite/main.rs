@@ -30,6 +30,7 @@ mod http_language;
 mod http_limits;
 mod http_novelty;
 mod http_operations;
+mod http_partial;
 mod http_prior;
 mod http_report;
 mod http_results;

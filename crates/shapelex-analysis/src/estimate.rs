@@ -3,6 +3,7 @@
 use crate::accumulate::KEPT_BYTES;
 use crate::alignment::Method as Alignment;
 use crate::dictionary::method::Method;
+use crate::dictionary::posterior::calibration::calibration_work;
 use crate::dictionary::report::{ReportOptions, report_bytes, report_work};
 use crate::dictionary::work::{EIGENPROBLEM, PRODUCT, Size};
 use crate::partial_sums::Measured;
@@ -228,6 +229,18 @@ impl Estimate {
         };
         let work = aligning + search + report_work(space, shapes, subjects, options);
         Self::of(shapes as u64, work, report_bytes(length, shapes, options) + 8.0 * k * n)
+    }
+
+    /// Cost of learning the factors of the bands of a dictionary from its training shapes. `unknowns`: number of scores and of unknowns
+    /// of the pose.
+    pub fn for_calibration(measured: Measured<'_>, shapes: usize, subjects: usize, unknowns: usize) -> Self {
+        let (length, k) = (measured.metric.len(), shapes as f64);
+        let n = length as f64;
+        let aligning = PRODUCT * k * class_size(measured) * n * n + 2.0 * READING * k * n;
+        let search = if measured.matching.searches() { mean_work(measured, k) / rounds(k) } else { 0.0 };
+        let work = aligning + search + calibration_work(measured.metric, shapes, subjects, unknowns);
+        let rank = n.min(k);
+        Self::of(shapes as u64, work, 8.0 * (5.0 * k * n + 3.0 * n * rank + k * rank + 8.0 * rank * rank))
     }
 
     /// Cost of tests of shapes aligned to one mean.

@@ -62,7 +62,7 @@ pub fn transform(matrix: &Matrix, x: &[f64]) -> Vec<f64> {
 }
 
 /// The rotation that maximises `tr(RᵀH)`, `det R = 1`.
-pub(super) fn nearest_rotation(h: &Matrix) -> Matrix {
+pub(crate) fn nearest_rotation(h: &Matrix) -> Matrix {
     let d = h.nrows();
     if d == 2 {
         let (c, s) = (h[(0, 0)] + h[(1, 1)], h[(1, 0)] - h[(0, 1)]);
@@ -94,7 +94,7 @@ pub(super) fn best_correlation(h: &Matrix, fit: Fit) -> f64 {
 }
 
 /// `H = Σ_n m[n] y[n]ᵀ`, `d × d`.
-pub(super) fn cross_product(m: &[f64], y: &[f64], d: usize) -> Matrix {
+pub(crate) fn cross_product(m: &[f64], y: &[f64], d: usize) -> Matrix {
     let n = m.len() / d;
     Matrix::from_fn(d, d, |c, e| dot(&m[c * n..(c + 1) * n], &y[e * n..(e + 1) * n]))
 }

@@ -76,6 +76,7 @@ pub mod estimate;
 pub mod factors;
 pub mod fit;
 pub mod frame;
+pub mod incomplete;
 pub mod inference;
 mod magnitudes;
 pub mod matching;

@@ -10,6 +10,7 @@ mod classify;
 mod coding;
 mod cohorts;
 mod comparisons;
+mod complete;
 mod contours;
 mod corrections;
 mod curves;
@@ -20,6 +21,7 @@ mod entity_tags;
 mod events;
 mod fitting;
 mod hooks;
+mod incomplete;
 pub mod jobs;
 mod keys;
 mod morph;
@@ -87,6 +89,7 @@ pub(super) fn computing_routes() -> OpenApiRouter<App> {
         .routes(routes!(statistics::mean))
         .routes(routes!(statistics::align))
         .routes(routes!(statistics::pca))
+        .routes(routes!(incomplete::incomplete_pca))
         .routes(routes!(curves::evaluate))
         .routes(routes!(curves::measure))
         .routes(routes!(curves::resample))
@@ -120,6 +123,7 @@ pub(super) fn computing_routes() -> OpenApiRouter<App> {
         .routes(routes!(coding::prior))
         .routes(routes!(coding::sample))
         .routes(routes!(report::dictionary_report))
+        .routes(routes!(complete::complete))
         .routes(routes!(comparisons::compare))
         .routes(routes!(regressions::regress))
         .routes(routes!(retrieval::job_output))

@@ -26,6 +26,7 @@ pub mod modes;
 pub mod pictures;
 pub mod plan;
 pub mod planning;
+pub mod posterior;
 pub mod ready;
 pub mod report;
 pub mod stored_assessments;

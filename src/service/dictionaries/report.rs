@@ -95,6 +95,42 @@ impl PlannedReport {
             return Err(ServiceError::parameter("dictionary", detail));
         }
         ServiceError::unless_empty(measurement_faults(&ready, &options))?;
+        let Training { cohort, shapes, subjects } = Training::of(app, &ready).await?;
+        let content = &ready.dictionary.content;
+        let plan = Plan { dictionary: ready.listed.id.clone(), cohort: cohort.id.clone(), options };
+        let count = subjects.iter().max().map_or(0, |last| last + 1);
+        let measured = ready.setup.measured();
+        let estimate = Estimate::for_report(&ready.setup.space, measured, shapes.len(), count, &plan.options);
+        let estimate = if content.robust.is_some() { estimate.robust(measured) } else { estimate };
+        let (bytes, most) = (estimate.memory_bytes, app.limits.job_bytes as f64);
+        if bytes > most {
+            let detail = format!(
+                "expected a report that takes at most {most:.1e} bytes of memory, got {bytes:.1e} for {} shapes",
+                shapes.len()
+            );
+            return Err(ServiceError::parameter("dictionary", detail));
+        }
+        Ok(Self { plan, ready, cohort, shapes, subjects, estimate })
+    }
+}
+
+/// The shapes that a dictionary was learnt from.
+#[derive(Debug)]
+pub(super) struct Training {
+    /// The cohort at the revision of the dictionary.
+    pub(super) cohort: Cohort,
+    /// The shapes.
+    pub(super) shapes: Vec<ShapeDescription>,
+    /// Subject of each shape, numbered from 0.
+    pub(super) subjects: Vec<usize>,
+}
+
+impl Training {
+    /// Finds them.
+    ///
+    /// # Errors
+    /// A cohort that was deleted; shapes that were erased since; more than one request may have.
+    pub(super) async fn of(app: &App, ready: &Ready) -> Result<Self, ServiceError> {
         let provenance = &ready.listed.provenance;
         let cohort = app.store.find_cohort(&provenance.cohort).await?;
         let gone = || ServiceError::NotFound { kind: "cohort", key: provenance.cohort_name.clone() };
@@ -112,21 +148,26 @@ impl PlannedReport {
         if shapes.len() != learnt_from {
             return Err(changed(&format!("{} of {learnt_from} are left", shapes.len())));
         }
-        let plan = Plan { dictionary: ready.listed.id.clone(), cohort: cohort.id.clone(), options };
         let subjects = numbered(&shapes);
-        let count = subjects.iter().max().map_or(0, |last| last + 1);
-        let measured = ready.setup.measured();
-        let estimate = Estimate::for_report(&ready.setup.space, measured, shapes.len(), count, &plan.options);
-        let estimate = if content.robust.is_some() { estimate.robust(measured) } else { estimate };
-        let (bytes, most) = (estimate.memory_bytes, app.limits.job_bytes as f64);
-        if bytes > most {
-            let detail = format!(
-                "expected a report that takes at most {most:.1e} bytes of memory, got {bytes:.1e} for {} shapes",
-                shapes.len()
-            );
-            return Err(ServiceError::parameter("dictionary", detail));
-        }
-        Ok(Self { plan, ready, cohort, shapes, subjects, estimate })
+        Ok(Self { cohort, shapes, subjects })
+    }
+
+    /// Reads them.
+    ///
+    /// # Errors
+    /// [`ServiceError::Cancelled`] once `stop` returns true; a failure of the store.
+    pub(super) fn read(
+        &self,
+        app: &App,
+        handle: &Handle,
+        ready: &Ready,
+        stop: &(dyn Fn() -> bool + Sync),
+    ) -> Result<TrainingShapes, ServiceError> {
+        let filter = [ready.listed.provenance.filter.clone()];
+        let selection = Selection { shapes: &self.shapes, filters: &filter };
+        let length = ready.setup.metric.len();
+        let (control_points, weights) = selection.read(app, handle, &self.cohort, length, stop)?;
+        Ok(TrainingShapes { control_points, weights, subjects: self.subjects.clone() })
     }
 }
 

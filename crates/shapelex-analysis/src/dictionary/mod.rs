@@ -20,6 +20,7 @@
 //!   given codes; [`score`] — outliers;
 //! * [`assess`] — classes, and complete assessments; [`drift`] — new shapes compared with the training shapes;
 //! * [`report`] — how well modes describe shapes: generalisation, specificity, stability, named measurements;
+//! * [`posterior`] — shapes of which a part is known: completion, calibrated bands, conditions;
 //! * [`modes`] — modes, random shapes; [`prior`] — the energy of a shape outside of a span.
 //!
 //! Parts:
@@ -51,6 +52,7 @@ pub mod model;
 pub mod modes;
 pub mod novelty;
 pub mod posted_code;
+pub mod posterior;
 pub mod preparation;
 pub mod prior;
 pub mod procedure;

@@ -1,8 +1,9 @@
 //! Drawings of results: means, modes and atoms here; [`studies`] — comparisons and regressions; [`report`] — report cards;
-//! [`coded`] — shapes beside what
+//! [`completed`] — completed shapes with bands; [`coded`] — shapes beside what
 //! a dictionary makes of them; [`nearest`] — shapes beside their neighbours; [`drift`] — new shapes against old ones.
 
 pub mod coded;
+pub mod completed;
 pub mod drift;
 pub mod nearest;
 pub mod report;

@@ -85,7 +85,7 @@ impl Quantity {
     }
 
     /// All places that the value depends on.
-    fn all_places(&self, closed: bool) -> Vec<Place> {
+    pub(in crate::dictionary) fn all_places(&self, closed: bool) -> Vec<Place> {
         let (_, named) = self.places();
         let between = |from: f64, to: f64| {
             (0..=ARC).map(move |i| Place::One(from + (to - from) * i as f64 / ARC as f64))
@@ -104,7 +104,7 @@ impl Quantity {
     }
 
     /// Value for the points at [`Self::all_places`], and its derivative by each coordinate of them; `None` where it has none.
-    fn of(&self, points: &[Vec<f64>]) -> Option<(f64, Vec<Vec<f64>>)> {
+    pub(in crate::dictionary) fn of(&self, points: &[Vec<f64>]) -> Option<(f64, Vec<Vec<f64>>)> {
         let minus = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a - b).collect::<Vec<f64>>();
         let scaled = |a: &[f64], factor: f64| a.iter().map(|a| factor * a).collect::<Vec<f64>>();
         match self {

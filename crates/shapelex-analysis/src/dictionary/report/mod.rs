@@ -21,11 +21,11 @@ mod generalisation;
 mod interval;
 mod learning_curve;
 pub mod measurement;
-mod sample;
+pub(in crate::dictionary) mod sample;
 mod specificity;
 mod stability;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 
 use self::generalisation::generalisation;
 pub use self::interval::Interval;
@@ -343,17 +343,37 @@ impl Dictionary {
     pub fn report(
         &self,
         space: &ShapeSpace,
-        shapes: TrainingShapes,
+        mut shapes: TrainingShapes,
         options: &ReportOptions,
         watch: &dyn Watch,
     ) -> Result<ReportCard, AnalysisError> {
+        let (sample, sizes) = self.training_sample(&mut shapes)?;
+        watch.check()?;
+        let count = options.modes.min(self.model.len()).min(sample.values.len());
+        let scale = Scale::new(self.metric(), sizes);
+        self.measured(space, &shapes, &sample, &scale, (options, count), watch)
+    }
+
+    /// The shapes that the dictionary was learnt from in the coordinates of their spectrum, and their sizes as given over those in
+    /// pose. `shapes` are without those that were left out then; their weights are moved.
+    ///
+    /// # Errors
+    /// As [`Self::report`].
+    pub(in crate::dictionary) fn training_sample(
+        &self,
+        shapes: &mut TrainingShapes,
+    ) -> Result<(Sample, Vec<f64>), AnalysisError> {
         let Model::Components { pca, .. } = &self.model else {
             let detail = "expected a dictionary of components, got sparse codes: they have no modes";
             return Err(AnalysisError::Parameter { field: "dictionary", detail: detail.into() });
         };
-        let mut shapes = self.retained(shapes)?;
+        let given = TrainingShapes {
+            control_points: std::mem::take(&mut shapes.control_points),
+            weights: std::mem::take(&mut shapes.weights),
+            subjects: std::mem::take(&mut shapes.subjects),
+        };
+        *shapes = self.retained(given)?;
         let prepared = self.preparation.prepare(&shapes.control_points)?;
-        watch.check()?;
         let mut given = shapes.control_points.clone();
         prepare(self.metric(), self.preparation.method.translates(), 0, &mut given)?;
         let sizes = given.chunks_exact(self.metric().len()).zip(&prepared);
@@ -376,9 +396,7 @@ impl Dictionary {
             let detail = "expected the shapes from which the dictionary was learnt, got others";
             return Err(AnalysisError::Parameter { field: "shapes", detail: detail.into() });
         }
-        let count = options.modes.min(pca.eigenvalues.len()).min(sample.values.len());
-        let scale = Scale::new(self.metric(), sizes);
-        self.measured(space, &shapes, &sample, &scale, (options, count), watch)
+        Ok((sample, sizes))
     }
 
     fn measured(

@@ -24,33 +24,33 @@ const RANK: f64 = 1e-15;
 
 /// Training shapes in coordinates of their spectrum.
 #[derive(Debug)]
-pub(super) struct Sample {
+pub(in crate::dictionary) struct Sample {
     /// `ȳ`, or zero if components are not centred; whitened.
-    pub(super) mean: Vec<f64>,
+    pub(in crate::dictionary) mean: Vec<f64>,
     /// `Q`: one column for each direction in which shapes vary.
-    pub(super) basis: Matrix,
+    pub(in crate::dictionary) basis: Matrix,
     /// Diagonal of `D`.
-    pub(super) values: Vec<f64>,
+    pub(in crate::dictionary) values: Vec<f64>,
     /// `z_k`, a column for each shape.
-    pub(super) coordinates: Matrix,
+    pub(in crate::dictionary) coordinates: Matrix,
     /// `‖y_k − ȳ‖² − ‖z_k‖²`: rounding, but for directions below the rank.
-    pub(super) outside: Vec<f64>,
+    pub(in crate::dictionary) outside: Vec<f64>,
     /// `w_k`.
-    pub(super) weights: Vec<f64>,
+    pub(in crate::dictionary) weights: Vec<f64>,
     /// Shapes of each subject.
-    pub(super) subjects: Vec<Vec<usize>>,
+    pub(in crate::dictionary) subjects: Vec<Vec<usize>>,
     /// Whether components are centred.
-    pub(super) centred: bool,
+    pub(in crate::dictionary) centred: bool,
 }
 
 /// Components of some of the shapes.
-pub(super) struct Part {
+pub(in crate::dictionary) struct Part {
     /// Eigenpairs of their scatter, in coordinates.
-    pub(super) pairs: Eigenpairs,
+    pub(in crate::dictionary) pairs: Eigenpairs,
     /// Trace of their scatter.
-    pub(super) total: f64,
+    pub(in crate::dictionary) total: f64,
     /// `δ`: their mean less that of all; zero if nothing is centred.
-    pub(super) shift: Vec<f64>,
+    pub(in crate::dictionary) shift: Vec<f64>,
 }
 
 impl Sample {
@@ -58,7 +58,7 @@ impl Sample {
     ///
     /// # Errors
     /// A failure of the eigenproblem.
-    pub(super) fn new(
+    pub(in crate::dictionary) fn new(
         shapes: &ShapesInMemory,
         reference: &[f64],
         centred: bool,
@@ -98,18 +98,18 @@ impl Sample {
     }
 
     /// Number of shapes.
-    pub(super) fn count(&self) -> usize {
+    pub(in crate::dictionary) fn count(&self) -> usize {
         self.weights.len()
     }
 
     /// `z_k`.
-    pub(super) fn shape(&self, k: usize) -> &[f64] {
+    pub(in crate::dictionary) fn shape(&self, k: usize) -> &[f64] {
         let rank = self.values.len();
         &self.coordinates.as_slice()[k * rank..(k + 1) * rank]
     }
 
     /// Mean and covariance of the first `count` coordinates, which are the scores of all shapes.
-    pub(super) fn spread(&self, count: usize) -> Spread {
+    pub(in crate::dictionary) fn spread(&self, count: usize) -> Spread {
         let weight: f64 = self.weights.iter().sum();
         let mut mean = vec![0.0; count];
         for (k, share) in self.weights.iter().map(|w| w / weight).enumerate().filter(|_| !self.centred) {
@@ -119,7 +119,7 @@ impl Sample {
     }
 
     /// The whitened shape with the coordinates `z`.
-    pub(super) fn whitened(&self, z: &[f64]) -> Vec<f64> {
+    pub(in crate::dictionary) fn whitened(&self, z: &[f64]) -> Vec<f64> {
         let mut y = self.mean.clone();
         z.iter().zip(self.basis.column_iter()).filter(|(z, _)| **z != 0.0).for_each(|(z, q)| {
             add_scaled(&mut y, *z, q.as_slice());
@@ -131,7 +131,7 @@ impl Sample {
     ///
     /// # Errors
     /// A failure of the eigenproblem.
-    pub(super) fn without(&self, subject: usize, count: usize) -> Result<Part, AnalysisError> {
+    pub(in crate::dictionary) fn without(&self, subject: usize, count: usize) -> Result<Part, AnalysisError> {
         let rank = self.values.len();
         let members = &self.subjects[subject];
         let mut scatter = Matrix::from_diagonal(&self.values.clone().into());
@@ -149,7 +149,11 @@ impl Sample {
     ///
     /// # Errors
     /// A failure of the eigenproblem.
-    pub(super) fn of(&self, shapes: &[(usize, f64)], count: usize) -> Result<Part, AnalysisError> {
+    pub(in crate::dictionary) fn of(
+        &self,
+        shapes: &[(usize, f64)],
+        count: usize,
+    ) -> Result<Part, AnalysisError> {
         let rank = self.values.len();
         let (columns, sum) = self.weighted(shapes.iter().copied());
         let mut scatter = Matrix::zeros(rank, rank);
@@ -192,7 +196,7 @@ impl Sample {
     }
 
     /// Shapes of so many subjects drawn with replacement, with how often each occurs.
-    pub(super) fn resampled(&self, random: &mut ChaCha12Rng) -> Vec<(usize, f64)> {
+    pub(in crate::dictionary) fn resampled(&self, random: &mut ChaCha12Rng) -> Vec<(usize, f64)> {
         let count = self.subjects.len();
         let mut times = vec![0.0; count];
         (0..count).for_each(|_| times[random.random_range(0..count)] += 1.0);
@@ -203,7 +207,7 @@ impl Sample {
 
 impl Part {
     /// `√(‖y − ŷ‖²)` of shape `k` by the first 0, 1, …, `count` components.
-    pub(super) fn errors(&self, sample: &Sample, k: usize, count: usize) -> Vec<f64> {
+    pub(in crate::dictionary) fn errors(&self, sample: &Sample, k: usize, count: usize) -> Vec<f64> {
         let away = self.away(sample, k);
         let mut square = sample.outside[k] + dot(&away, &away);
         let mut errors = vec![square.sqrt()];
@@ -217,7 +221,7 @@ impl Part {
     }
 
     /// `z_k − δ`.
-    pub(super) fn away(&self, sample: &Sample, k: usize) -> Vec<f64> {
+    pub(in crate::dictionary) fn away(&self, sample: &Sample, k: usize) -> Vec<f64> {
         sample.shape(k).iter().zip(&self.shift).map(|(z, d)| z - d).collect()
     }
 }

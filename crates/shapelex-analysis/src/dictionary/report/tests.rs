@@ -96,13 +96,13 @@ fn a_resample_of_everything_is_everything() {
     }
 }
 
-fn space() -> ShapeSpace {
+pub(crate) fn space() -> ShapeSpace {
     let generator = GeneratorKind::Trigonometric {};
     ShapeSpace::new(&Representation::ClosedCurve { dimension: 2, control_points: 12, generator }).unwrap()
 }
 
 /// Ovals of unequal size in random poses, which differ in length, bulge and a little noise.
-fn ovals(count: usize, noise: f64) -> Vec<f64> {
+pub(crate) fn ovals(count: usize, noise: f64) -> Vec<f64> {
     let mut random = ChaCha12Rng::seed_from_u64(7);
     let mut oval = |_: usize| -> Vec<f64> {
         let mut draw = || (0..3).map(|_| random.random_range(-1.0..1.0)).sum::<f64>();

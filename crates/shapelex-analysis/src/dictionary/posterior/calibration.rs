@@ -1,0 +1,368 @@
+//! Factors of bands, learnt from the training shapes: each is completed by the components of all other subjects.
+//!
+//! ```text
+//! δ_i = √((r_i − r̂_i)ᵀ C_i⁻¹ (r_i − r̂_i))      at the hidden places i of a held-out shape, of which a patch or arc is hidden
+//! pointwise      the quantile of all δ_i, every hidden part counting once
+//! simultaneous   the level (S + 1)/S quantile of max_i δ_i, S subjects, each with several hidden parts
+//! ```
+//!
+//! Components without a subject are exact downdates ([`Sample`]). The mean shape to which shapes are aligned is that of all. Hidden parts
+//! are of 10 to 40 % of a shape: arcs of curves, patches of surfaces, neighbouring and scattered landmarks by turns.
+//!
+//! Simultaneous bands cover the level of new shapes like those of the training, on average over hidden parts like these: split
+//! conformal prediction, with the components of nearly the same shapes in place of a split. The quantile is not raised to the next whole
+//! subject, since each has several parts.
+
+use rand::rngs::ChaCha12Rng;
+use rand::seq::index::sample;
+use rand::{RngExt, SeedableRng};
+use rayon::prelude::*;
+
+use super::conditioning::{Posterior, Seen};
+use super::model::PosteriorModel;
+use super::places::{AtPlaces, selected};
+use crate::AnalysisError;
+use crate::dictionary::in_use::Dictionary;
+use crate::dictionary::model::Spread;
+use crate::dictionary::report::TrainingShapes;
+use crate::dictionary::report::sample::{Part, Sample};
+use crate::dictionary::score::{rank, value_at};
+use crate::dictionary::work::{EIGENPROBLEM, PRODUCT};
+use crate::metric::Metric;
+use crate::watch::Watch;
+use shapelex_geometry::representation::ShapeSpace;
+use shapelex_geometry::sampling::Places;
+use shapelex_numeric::dense::{FULL_SOLVER_SIZE, Matrix, multiply};
+use shapelex_numeric::kernels::add_scaled;
+
+/// Hidden fractions of a shape, by turns.
+const HIDDEN: [f64; 4] = [0.1, 0.2, 0.3, 0.4];
+/// Most subjects that are left out, evenly spread.
+pub const MAX_SUBJECTS: usize = 256;
+/// Number of quantiles that are kept.
+const KEPT: usize = 1001;
+/// Fewest subjects: of two others, one component at most is known.
+const MIN_SUBJECTS: usize = 3;
+
+/// Distances of held-out shapes from what was predicted of them, in standard deviations.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Calibration {
+    /// Number of subjects that were left out.
+    pub subjects: usize,
+    /// Number of shapes that were completed, each several times.
+    pub shapes: usize,
+    /// Quantiles of the distances of hidden places, ascending.
+    pointwise: Vec<f64>,
+    /// Quantiles of the largest distance of each hidden part, ascending.
+    simultaneous: Vec<f64>,
+    /// Quantiles of the misfit of what was seen for each free number, ascending.
+    seen: Vec<f64>,
+}
+
+/// A hidden part of a held-out shape.
+struct Trial {
+    distances: Vec<f64>,
+    seen: f64,
+}
+
+impl Calibration {
+    fn of(trials: &[Trial], subjects: usize, shapes: usize) -> Self {
+        let mut all: Vec<(f64, f64)> = trials
+            .iter()
+            .flat_map(|trial| trial.distances.iter().map(|d| (*d, 1.0 / trial.distances.len() as f64)))
+            .collect();
+        all.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let sorted = |values: Vec<f64>| {
+            let mut values = values;
+            values.sort_by(f64::total_cmp);
+            thinned(&values)
+        };
+        let largest = |trial: &Trial| trial.distances.iter().copied().fold(0.0, f64::max);
+        Self {
+            subjects,
+            shapes,
+            pointwise: weighted_quantiles(&all),
+            simultaneous: sorted(trials.iter().map(largest).collect()),
+            seen: sorted(trials.iter().map(|trial| trial.seen).collect()),
+        }
+    }
+
+    /// Factor of standard deviations of a pointwise band.
+    pub fn pointwise(&self, level: f64) -> f64 {
+        value_at(&self.pointwise, level)
+    }
+
+    /// Factor of standard deviations of a simultaneous band, and whether there are enough subjects for the level.
+    pub fn simultaneous(&self, level: f64) -> (f64, bool) {
+        let raised = level * (self.subjects as f64 + 1.0) / self.subjects as f64;
+        (value_at(&self.simultaneous, raised.min(1.0)), raised <= 1.0)
+    }
+
+    /// Fraction of the held-out parts that what is seen of them fits better, or as well, for `misfit` a free number.
+    pub fn rank(&self, misfit: f64) -> f64 {
+        rank(&self.seen, misfit)
+    }
+
+    /// Memory in bytes.
+    pub fn bytes(&self) -> usize {
+        8 * (self.pointwise.len() + self.simultaneous.len() + self.seen.len()) + 64
+    }
+}
+
+/// Quantiles `0, 1/1000, … 1` of ascending values with weights.
+fn weighted_quantiles(all: &[(f64, f64)]) -> Vec<f64> {
+    let total: f64 = all.iter().map(|(_, weight)| weight).sum();
+    let (mut at, mut sum) = (0, all.first().map_or(0.0, |(_, weight)| *weight));
+    let quantile = |k: usize| {
+        let wanted = total * k as f64 / (KEPT - 1) as f64;
+        while sum < wanted && at + 1 < all.len() {
+            at += 1;
+            sum += all[at].1;
+        }
+        all[at].0
+    };
+    if all.is_empty() { Vec::new() } else { (0..KEPT).map(quantile).collect() }
+}
+
+fn thinned(values: &[f64]) -> Vec<f64> {
+    match values.len() {
+        0..=KEPT => values.to_vec(),
+        _ => (0..KEPT).map(|k| value_at(values, k as f64 / (KEPT - 1) as f64)).collect(),
+    }
+}
+
+/// Factor of a band of normal errors without calibration: the square root of the quantile of `χ²` with `d` degrees of freedom.
+pub fn normal_factor(level: f64, dimension: usize) -> f64 {
+    if dimension == 2 {
+        return (-2.0 * (1.0 - level).ln()).sqrt();
+    }
+    // P(|x| ≤ f) = ∫₀^f √(2/π) x² e^(−x²/2) dx of three coordinates, by Simpson's rule.
+    let covered = |f: f64| {
+        let (steps, density) =
+            (400, |x: f64| (2.0 / std::f64::consts::PI).sqrt() * x * x * (-x * x / 2.0).exp());
+        let h = f / steps as f64;
+        let weight = |i: usize| {
+            if i == 0 || i == steps {
+                1.0
+            } else if i % 2 == 1 {
+                4.0
+            } else {
+                2.0
+            }
+        };
+        (0..=steps).map(|i| weight(i) * density(h * i as f64)).sum::<f64>() * h / 3.0
+    };
+    let (mut low, mut high) = (0.0, 12.0);
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        if covered(middle) < level { low = middle } else { high = middle }
+    }
+    high
+}
+
+/// How parts of shapes are hidden.
+struct Hiding<'a> {
+    places: &'a Places,
+    /// Points of the mean, coordinate-major.
+    mean: &'a [f64],
+    dimension: usize,
+    /// Whether arcs may go around the end.
+    closed: bool,
+}
+
+impl Hiding<'_> {
+    /// Hides a part: which of the places. An arc of curves, the neighbours of a place of surfaces and landmarks, of these by turns
+    /// scattered ones.
+    fn part(&self, turn: usize, random: &mut ChaCha12Rng) -> Vec<bool> {
+        let count = self.places.count();
+        let number =
+            ((HIDDEN[turn % HIDDEN.len()] * count as f64).round() as usize).clamp(1, count.max(2) - 1);
+        let chosen: Vec<usize> = match self.places {
+            Places::Curve(_) => {
+                let first = random.random_range(0..if self.closed { count } else { count - number + 1 });
+                (first..first + number).map(|i| i % count).collect()
+            }
+            Places::Landmarks(_) if (turn / HIDDEN.len() + turn) % 2 == 1 => {
+                sample(random, count, number).into_vec()
+            }
+            _ => {
+                let centre = random.random_range(0..count);
+                let away = |i: &usize| -> f64 {
+                    let difference = |c: usize| self.mean[c * count + i] - self.mean[c * count + centre];
+                    (0..self.dimension).map(|c| difference(c).powi(2)).sum()
+                };
+                let mut order: Vec<usize> = (0..count).collect();
+                order.sort_by(|a, b| away(a).total_cmp(&away(b)));
+                order[..number].to_vec()
+            }
+        };
+        let mut hidden = vec![false; count];
+        chosen.into_iter().for_each(|i| hidden[i] = true);
+        hidden
+    }
+}
+
+/// Training shapes at the places of the grid, in the coordinates of their spectrum.
+struct Held<'a> {
+    model: &'a PosteriorModel,
+    sample: &'a Sample,
+    places: Places,
+    closed: bool,
+    /// Points of the mean, and of each direction as a column.
+    mean: Vec<f64>,
+    basis: Matrix,
+}
+
+impl<'a> Held<'a> {
+    fn new(model: &'a PosteriorModel, space: &ShapeSpace, sample: &'a Sample) -> Self {
+        let places = Places::along(space, model.size());
+        let (n, d) = (model.size(), model.dimension());
+        let points = |whitened: &[f64]| {
+            let mut shape = whitened.to_vec();
+            model.metric.unwhiten(&mut shape);
+            places.points(space, &Matrix::from_vec(n, d, shape))
+        };
+        let columns: Vec<f64> = sample.basis.column_iter().flat_map(|q| points(q.as_slice())).collect();
+        let mean = points(&sample.mean);
+        let basis = Matrix::from_vec(mean.len(), sample.values.len(), columns);
+        Self { model, sample, mean, basis, places, closed: space.representation().is_closed() }
+    }
+
+    /// Shapes of the others at the places.
+    fn without(&self, subject: usize, part: &Part) -> AtPlaces {
+        let (sample, pairs) = (self.sample, &part.pairs);
+        let members = &sample.subjects[subject];
+        let others = sample.count() - members.len();
+        let of = |k: &usize| sample.weights[*k];
+        let weight = sample.weights.iter().sum::<f64>() - members.iter().map(of).sum::<f64>();
+        let mean = match sample.centred {
+            true => vec![0.0; pairs.values.len()],
+            // About the origin, shapes have the mean scores Vᵀ Σ w z / Σ w.
+            false => (pairs.vectors.transpose() * self.mean_coordinates(subject, weight)).as_slice().to_vec(),
+        };
+        let spread = Spread::from_moments(&pairs.values, mean, others, weight);
+        let root = spread.root();
+        let mut centre = part.shift.clone();
+        pairs.vectors.column_iter().zip(&spread.mean).for_each(|(v, s)| {
+            centre.iter_mut().zip(v.iter()).for_each(|(sum, v)| *sum += s * v);
+        });
+        let moved = &self.basis * Matrix::from_vec(centre.len(), 1, centre);
+        let modes = multiply(&self.basis, &multiply(&pairs.vectors, &root)).transpose();
+        AtPlaces {
+            dimension: self.model.dimension(),
+            mean: self.mean.iter().zip(moved.iter()).map(|(m, by)| m + by).collect(),
+            modes,
+            noise: self.model.grid.noise.clone(),
+        }
+    }
+
+    /// `Σ w z / Σ w` of the shapes of all subjects but one.
+    fn mean_coordinates(&self, subject: usize, weight: f64) -> Matrix {
+        let mut mean = Matrix::zeros(self.sample.values.len(), 1);
+        let left_out = &self.sample.subjects[subject];
+        for (k, share) in self.sample.weights.iter().map(|w| w / weight).enumerate() {
+            if !left_out.contains(&k) {
+                add_scaled(mean.as_mut_slice(), share, self.sample.shape(k));
+            }
+        }
+        mean
+    }
+
+    /// Completes the shapes of a subject by the components of all others.
+    fn trials(&self, subject: usize, seed: u64) -> Result<Vec<Trial>, AnalysisError> {
+        let members = &self.sample.subjects[subject];
+        let part = self.sample.without(subject, self.model.components())?;
+        let at = self.without(subject, &part);
+        let mut trials = Vec::new();
+        for &k in members.iter().take(HIDDEN.len()) {
+            let mut random = ChaCha12Rng::seed_from_u64(seed);
+            random.set_stream(k as u64);
+            let z = Matrix::from_column_slice(self.sample.values.len(), 1, self.sample.shape(k));
+            let away = &self.basis * z;
+            let points: Vec<f64> = self.mean.iter().zip(away.iter()).map(|(m, by)| m + by).collect();
+            let hiding = Hiding {
+                places: &self.places,
+                mean: &self.mean,
+                dimension: self.model.dimension(),
+                closed: self.closed,
+            };
+            for turn in 0..HIDDEN.len() {
+                let hidden = hiding.part(k + turn, &mut random);
+                // A part that leaves too little for the pose says nothing.
+                trials.extend(self.trial(&at, &points, &hidden).ok());
+            }
+        }
+        Ok(trials)
+    }
+
+    fn trial(&self, at: &AtPlaces, points: &[f64], hidden: &[bool]) -> Result<Trial, AnalysisError> {
+        let d = self.model.dimension();
+        let of = |wanted: bool| (0..hidden.len()).filter(|&i| hidden[i] == wanted).collect::<Vec<usize>>();
+        let (seen, unseen) = (of(false), of(true));
+        let known = Seen::of(at.select(&seen), selected(points, d, &seen));
+        let posterior = Posterior::new(&known, &self.model.freedom)?;
+        let distances = posterior.at(&at.select(&unseen)).distances(&selected(points, d, &unseen))?;
+        Ok(Trial { distances, seen: posterior.misfit_per_number() })
+    }
+}
+
+/// Work of a calibration besides reading and aligning its shapes, in multiply-adds. `unknowns`: number of scores and of unknowns of
+/// the pose.
+pub fn calibration_work(metric: &Metric, shapes: usize, subjects: usize, unknowns: usize) -> f64 {
+    let (n, k, u) = (metric.len() as f64, shapes as f64, unknowns as f64);
+    let rank = n.min(k);
+    let components =
+        if rank <= FULL_SOLVER_SIZE as f64 { rank.powi(3) } else { rank * rank * (0.6 * u + 10.0) };
+    let spectrum = PRODUCT * k * n * (n.min(k) + rank) + EIGENPROBLEM * rank.powi(3);
+    let subject = EIGENPROBLEM * components + n * rank * u;
+    let trial = STEPS * n * u * u;
+    let each = (shapes as f64 / subjects.max(1) as f64).min(HIDDEN.len() as f64) * HIDDEN.len() as f64;
+    spectrum + subjects.min(MAX_SUBJECTS) as f64 * (subject + each * trial)
+}
+
+/// Steps of a posterior, its covariances among them.
+const STEPS: f64 = 8.0;
+
+impl Posterior {
+    /// `(|z|² + Σ |q − ŷ|²/v) / m`: squared Mahalanobis distance of what is seen from the mean, for each of its `m` free numbers.
+    pub fn misfit_per_number(&self) -> f64 {
+        (self.distance().powi(2) + self.misfit) / self.freedom.max(1) as f64
+    }
+}
+
+impl Dictionary {
+    /// Learns the factors of bands from the training shapes.
+    ///
+    /// Cost: for each of at most 256 subjects an eigenproblem of the size of the spectrum, and four posteriors a shape.
+    ///
+    /// # Errors
+    /// As [`Self::report`], and [`AnalysisError::TooFewShapes`] if no hidden part could be completed.
+    pub fn calibrate(
+        &self,
+        space: &ShapeSpace,
+        model: &PosteriorModel,
+        mut shapes: TrainingShapes,
+        seed: u64,
+        watch: &dyn Watch,
+    ) -> Result<Calibration, AnalysisError> {
+        let (sample, _) = self.training_sample(&mut shapes)?;
+        watch.check()?;
+        let held = Held::new(model, space, &sample);
+        let all = sample.subjects.len();
+        let chosen: Vec<usize> =
+            (0..all.min(MAX_SUBJECTS)).map(|i| i * all / all.min(MAX_SUBJECTS)).collect();
+        let trials: Vec<Vec<Trial>> = chosen
+            .par_iter()
+            .map(|&subject| {
+                watch.check()?;
+                held.trials(subject, seed)
+            })
+            .collect::<Result<_, AnalysisError>>()?;
+        let trials: Vec<Trial> = trials.into_iter().flatten().collect();
+        if trials.is_empty() || all < MIN_SUBJECTS {
+            return Err(AnalysisError::TooFewShapes { found: all, needed: MIN_SUBJECTS });
+        }
+        let shapes = chosen.iter().map(|&subject| sample.subjects[subject].len().min(HIDDEN.len())).sum();
+        Ok(Calibration::of(&trials, chosen.len(), shapes))
+    }
+}

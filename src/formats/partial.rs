@@ -1,0 +1,283 @@
+//! Shapes with missing parts as JSON.
+//!
+//! ```json
+//! {"control_points": [[0, 0], null, [2, 1]], "points": [{"at": 0.25, "point": [1, 2]}]}
+//! ```
+
+use std::fmt;
+
+use serde::Deserialize;
+use serde::de::{Deserializer, SeqAccess, Visitor};
+use utoipa::ToSchema;
+
+use super::fault::Fault;
+use super::shape::MAX_COORDINATE;
+use crate::analysis::dictionary::posterior::feature::Feature;
+use crate::analysis::dictionary::posterior::missing::{Condition, PartialShape, SeenPoint};
+use crate::geometry::capability::place::Place;
+use crate::geometry::representation::ShapeSpace;
+
+/// Maximum number of conditions of a shape.
+const MAX_CONDITIONS: usize = 50;
+
+/// A shape of which a part is known.
+#[derive(Debug, Clone, Default, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PartialInput {
+    /// Control points or landmarks in the representation of the dictionary: a list of coordinates each, or null where one is missing.
+    #[serde(default)]
+    control_points: Option<Vec<Option<Vec<f64>>>>,
+    /// Which part of `control_points` counts: true or false for each of them, or arcs `[from, to]` of a curve, forwards in its parameter.
+    /// Default: all that are not null.
+    #[serde(default)]
+    #[schema(value_type = Option<Vec<ObservedEntry>>)]
+    observed: Option<Observed>,
+    /// Known points at places: parameters of a curve, pairs of a surface, indices of landmarks.
+    #[serde(default)]
+    points: Vec<PointInput>,
+    /// Standard deviation of the measurement of control points, for each coordinate, in the unit of the shape. Default: 0. What the modes
+    /// do not describe counts as noise besides.
+    #[serde(default)]
+    deviation: f64,
+    /// Values that the shape is to have, at most 50.
+    #[serde(default)]
+    #[schema(max_items = 50)]
+    conditions: Vec<ConditionInput>,
+}
+
+/// A known point.
+#[derive(Debug, Clone, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PointInput {
+    /// Its place: the parameter of a curve, the pair of a surface, the index of a landmark.
+    at: Place,
+    /// Its coordinates.
+    point: Vec<f64>,
+    /// Standard deviation of its measurement, for each coordinate. Default: 0.
+    #[serde(default)]
+    deviation: f64,
+}
+
+/// A value that a shape is to have.
+#[derive(Debug, Clone, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ConditionInput {
+    /// What has the value.
+    measure: Feature,
+    /// The value, in the unit of the shape or in degrees.
+    value: f64,
+    /// Its standard deviation. Default: 0, which imposes it exactly.
+    #[serde(default)]
+    deviation: f64,
+}
+
+/// An entry of `observed`: whether a control point counts, or an arc.
+#[derive(Debug, serde::Serialize, ToSchema)]
+#[serde(untagged)]
+pub enum ObservedEntry {
+    /// Whether a control point counts.
+    Control(bool),
+    /// First and last parameter.
+    Arc([f64; 2]),
+}
+
+/// The part of a shape that counts.
+#[derive(Debug, Clone, Default)]
+struct Observed {
+    mask: Vec<bool>,
+    arcs: Vec<[f64; 2]>,
+}
+
+/// Written by hand: the derived error of untagged entries names no place.
+impl<'de> Deserialize<'de> for ObservedEntry {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct EntryVisitor;
+        impl<'de> Visitor<'de> for EntryVisitor {
+            type Value = ObservedEntry;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("true or false for a control point, or an arc [from, to]")
+            }
+
+            fn visit_bool<E: serde::de::Error>(self, counts: bool) -> Result<ObservedEntry, E> {
+                Ok(ObservedEntry::Control(counts))
+            }
+
+            fn visit_seq<A: SeqAccess<'de>>(self, list: A) -> Result<ObservedEntry, A::Error> {
+                Deserialize::deserialize(serde::de::value::SeqAccessDeserializer::new(list))
+                    .map(ObservedEntry::Arc)
+            }
+        }
+        deserializer.deserialize_any(EntryVisitor)
+    }
+}
+
+impl<'de> Deserialize<'de> for Observed {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let mut observed = Self::default();
+        for entry in Vec::<ObservedEntry>::deserialize(deserializer)? {
+            match entry {
+                ObservedEntry::Control(counts) => observed.mask.push(counts),
+                ObservedEntry::Arc(arc) => observed.arcs.push(arc),
+            }
+        }
+        Ok(observed)
+    }
+}
+
+impl PartialInput {
+    /// Number of points that are given.
+    pub fn len(&self) -> usize {
+        self.control_points.as_ref().map_or(0, Vec::len) + self.points.len()
+    }
+
+    /// Whether no points are given.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The shape, if it is one of `space` with at most `most` points.
+    ///
+    /// # Errors
+    /// All faults, with pointers relative to the shape.
+    pub fn checked(self, space: &ShapeSpace, most: usize) -> Result<PartialShape, Vec<Fault>> {
+        let mut faults = Vec::new();
+        let d = space.representation().dimension();
+        let deviation = |deviation: f64, pointer: String, faults: &mut Vec<Fault>| {
+            if !(0.0..=MAX_COORDINATE).contains(&deviation) {
+                let detail = format!("expected a number between 0 and {MAX_COORDINATE:.0e}, got {deviation}");
+                faults.push(Fault::new(pointer, detail));
+            }
+        };
+        if self.points.len() > most {
+            let detail = format!("expected at most {most} points, got {}", self.points.len());
+            return Err(vec![Fault::new("/points", detail)]);
+        }
+        if self.conditions.len() > MAX_CONDITIONS {
+            let detail =
+                format!("expected at most {MAX_CONDITIONS} conditions, got {}", self.conditions.len());
+            return Err(vec![Fault::new("/conditions", detail)]);
+        }
+        deviation(self.deviation, "/deviation".into(), &mut faults);
+        let (control_points, arcs) = self.control_points(space, &mut faults);
+        let places: Vec<Place> = self.points.iter().map(|point| point.at).collect();
+        let nowhere = space.place_faults(&places).into_iter();
+        faults.extend(nowhere.map(|fault| Fault::new(format!("/points/{}/at", fault.field), fault.detail)));
+        for (i, point) in self.points.iter().enumerate() {
+            if let Some(detail) = coordinates_fault(&point.point, d) {
+                faults.push(Fault::new(format!("/points/{i}/point"), detail));
+            }
+            deviation(point.deviation, format!("/points/{i}/deviation"), &mut faults);
+        }
+        for (i, condition) in self.conditions.iter().enumerate() {
+            let pointer = format!("/conditions/{i}");
+            let wrong = condition.measure.faults(space).into_iter();
+            faults.extend(wrong.map(|fault| Fault::from(fault).below(&format!("{pointer}/measure"))));
+            deviation(condition.deviation, format!("{pointer}/deviation"), &mut faults);
+            if !(condition.value.abs() <= MAX_COORDINATE) {
+                let detail =
+                    format!("expected a number within ±{MAX_COORDINATE:.0e}, got {}", condition.value);
+                faults.push(Fault::new(format!("{pointer}/value"), detail));
+            }
+        }
+        if !faults.is_empty() {
+            return Err(faults);
+        }
+        let known =
+            |point: PointInput| SeenPoint { at: point.at, point: point.point, deviation: point.deviation };
+        let imposed = |ConditionInput { measure, value, deviation }| Condition { measure, value, deviation };
+        Ok(PartialShape {
+            control_points,
+            arcs,
+            points: self.points.into_iter().map(known).collect(),
+            deviation: self.deviation,
+            conditions: self.conditions.into_iter().map(imposed).collect(),
+        })
+    }
+
+    /// The control points that count: one by one, or the whole shape with arcs.
+    #[expect(clippy::type_complexity, reason = "the two fields of a partial shape")]
+    fn control_points(
+        &self,
+        space: &ShapeSpace,
+        faults: &mut Vec<Fault>,
+    ) -> (Vec<(usize, Vec<f64>)>, Option<(Vec<f64>, Vec<[f64; 2]>)>) {
+        let (n, d) = (space.representation().size(), space.representation().dimension());
+        let Some(rows) = &self.control_points else {
+            if self.observed.is_some() {
+                faults.push(Fault::new("/observed", "expected control_points beside it, got none"));
+            }
+            return (Vec::new(), None);
+        };
+        if rows.len() != n {
+            let detail = format!(
+                "expected {n} control points or nulls, as many as the representation has, got {}",
+                rows.len()
+            );
+            faults.push(Fault::new("/control_points", detail));
+            return (Vec::new(), None);
+        }
+        for (i, row) in rows.iter().enumerate() {
+            if let Some(detail) = row.as_ref().and_then(|row| coordinates_fault(row, d)) {
+                faults.push(Fault::new(format!("/control_points/{i}"), detail));
+            }
+        }
+        let given = |i: usize| rows[i].clone().map(|row| (i, row));
+        let Some(Observed { mask, arcs }) = &self.observed else {
+            return ((0..n).filter_map(given).collect(), None);
+        };
+        if arcs.is_empty() {
+            if mask.len() != n {
+                let detail = format!("expected {n} entries, one for each control point, got {}", mask.len());
+                faults.push(Fault::new("/observed", detail));
+                return (Vec::new(), None);
+            }
+            return ((0..n).filter(|&i| mask[i]).filter_map(given).collect(), None);
+        }
+        if !mask.is_empty() {
+            faults.push(Fault::new("/observed", "expected either true and false, or arcs, got both"));
+        }
+        if !space.domain().is_line() {
+            faults.push(Fault::new(
+                "/observed",
+                "expected true and false for each control point: only curves have arcs",
+            ));
+        }
+        let closed = space.representation().is_closed();
+        for (i, [from, to]) in arcs.iter().enumerate() {
+            let proper = from.abs() <= 1e6
+                && to.abs() <= 1e6
+                && from != to
+                && (closed || (0.0 <= *from && from < to && *to <= 1.0));
+            if !proper {
+                let range = if closed {
+                    "two different parameters"
+                } else {
+                    "two parameters between 0 and 1, ascending"
+                };
+                faults.push(Fault::new(
+                    format!("/observed/{i}"),
+                    format!("expected {range}, got {from} and {to}"),
+                ));
+            }
+        }
+        if let Some(i) = rows.iter().position(Option::is_none) {
+            let detail = "expected a control point, got null: beside arcs all of them are needed";
+            faults.push(Fault::new(format!("/control_points/{i}"), detail));
+        }
+        if !faults.is_empty() {
+            return (Vec::new(), None);
+        }
+        let whole = (0..d).flat_map(|c| rows.iter().flatten().map(move |row| row[c])).collect();
+        (Vec::new(), Some((whole, arcs.clone())))
+    }
+}
+
+/// Why a list is no point of `d` coordinates.
+fn coordinates_fault(point: &[f64], d: usize) -> Option<String> {
+    if point.len() != d {
+        return Some(format!("expected {d} coordinates, got {}", point.len()));
+    }
+    let large = point.iter().find(|x| !(x.abs() <= MAX_COORDINATE))?;
+    Some(format!("expected numbers within ±{MAX_COORDINATE:.0e}, got {large}"))
+}
