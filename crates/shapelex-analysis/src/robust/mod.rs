@@ -36,7 +36,7 @@ pub use self::points::point_weights;
 pub(crate) use self::sources::Retained;
 
 use self::rejection::{Description, effective};
-use self::sources::{ByDistance, Deviations, Reweighted, deviation};
+use self::sources::{ByDistance, Deviations, Reweighted, Signs};
 use super::AnalysisError;
 use super::accumulate::{ScatterSum, ShapeSource, accumulate, map_shapes};
 use super::alignment::{
@@ -203,7 +203,7 @@ impl<S: ShapeSource> Task<'_, S> {
         for round in 1..=ROUNDS {
             source.check()?;
             let placed = Placed { source, matching, placements: &found.placements };
-            let mut space = match start.take() {
+            let space = match start.take() {
                 Some(space) => space,
                 None => {
                     let standing = Reweighted { source: &placed, factors: &standing };
@@ -340,65 +340,62 @@ impl<S: ShapeSource> Task<'_, S> {
         again: impl FnOnce(&Kept<'_, '_, S>) -> Result<Vec<f64>, S::Error>,
     ) -> Result<Factors, S::Error> {
         let all = vec![1.0; placed.count()];
+        let bytes = 8 * centre.len().saturating_mul(placed.count());
+        let memory = self.source.reserve(bytes);
+        let keep = memory.is_some();
         let kept = Reweighted { source: placed, factors: &all };
-        let signs = self.signs(&kept, &centre)?;
-        check_weights(signs.weights())?;
-        let weights = signs.weights().to_vec();
-        let standing = signs.outside_groups();
+        let away = Deviations::new(&kept, self.method, &centre, keep)?;
+        let described = signs(&away)?;
+        check_weights(described.weights())?;
+        let weights = described.weights().to_vec();
+        let standing = described.outside_groups();
         let mut factors = if standing.contains(&0.0) {
+            drop(away);
             let kept = Reweighted { source: placed, factors: &standing };
             let centre = again(&kept)?;
-            let signs = self.signs(&kept, &centre)?;
-            self.by_distance(&kept, &centre, &signs)?
+            let away = Deviations::new(&kept, self.method, &centre, keep)?;
+            by_distance(&away, &signs(&away)?)?
         } else {
-            self.by_distance(&kept, &centre, &signs)?
+            by_distance(&away, &described)?
         };
         factors.iter_mut().zip(&standing).for_each(|(factor, standing)| *factor *= standing);
-        let weighted: Vec<f64> = weights.iter().zip(&factors).map(|(weight, factor)| weight * factor).collect();
+        let weighted: Vec<f64> =
+            weights.iter().zip(&factors).map(|(weight, factor)| weight * factor).collect();
         Ok(Factors { factors, effective: effective(&weighted) })
     }
+}
 
-    /// The deviations of the shapes in the leading components of their spatial signs.
-    fn signs(&self, kept: &Kept<'_, '_, S>, centre: &[f64]) -> Result<Description, S::Error> {
-        let signs = Deviations { source: kept, method: self.method, centre, signs: true };
-        let sum: ScatterSum = accumulate(&signs, || ScatterSum::new(centre.len()))?;
-        let leading = sum.leading(false, components_of(kept.count()))?;
-        self.description(kept, centre, &vec![0.0; centre.len()], leading)
-    }
+/// The shapes in the leading components of their spatial signs.
+fn signs<S: ShapeSource>(away: &Deviations<'_, S>) -> Result<Description, S::Error> {
+    let length = away.centre().len();
+    let sum: ScatterSum = accumulate(&Signs(away), || ScatterSum::new(length))?;
+    let leading = sum.leading(false, components_of(away.count()))?;
+    description(away, &vec![0.0; length], leading)
+}
 
-    /// Factors by the distances within the components of the `signs` and from them, then within those of the shapes that these keep.
-    fn by_distance(
-        &self,
-        kept: &Kept<'_, '_, S>,
-        centre: &[f64],
-        signs: &Description,
-    ) -> Result<Vec<f64>, S::Error> {
-        let factors = signs.factors(None);
-        let near = Reweighted { source: kept, factors: &factors };
-        let deviations = Deviations { source: &near, method: self.method, centre, signs: false };
-        let sum: ScatterSum = accumulate(&deviations, || ScatterSum::new(centre.len()))?;
-        let origin = sum.mean();
-        let leading = sum.leading(true, components_of(kept.count()))?;
-        Ok(self.description(kept, centre, &origin, leading)?.final_factors(&factors))
-    }
+/// Factors by the distances within the components of the `signs` and from them, then within those of the shapes that these keep.
+fn by_distance<S: ShapeSource>(away: &Deviations<'_, S>, signs: &Description) -> Result<Vec<f64>, S::Error> {
+    let factors = signs.factors(None);
+    let near = Reweighted { source: away, factors: &factors };
+    let sum: ScatterSum = accumulate(&near, || ScatterSum::new(away.centre().len()))?;
+    let origin = sum.mean();
+    let leading = sum.leading(true, components_of(away.count()))?;
+    Ok(description(away, &origin, leading)?.final_factors(&factors))
+}
 
-    /// The deviations of the shapes from `centre`, less `origin`, in components with this total variance.
-    fn description(
-        &self,
-        kept: &Kept<'_, '_, S>,
-        centre: &[f64],
-        origin: &[f64],
-        (total, pairs): (f64, Eigenpairs),
-    ) -> Result<Description, S::Error> {
-        let count = pairs.values.iter().take_while(|value| **value > SMALLEST_COMPONENT * total).count();
-        let components = pairs.vectors.columns(0, count).into_owned();
-        let described = map_shapes(kept, |k, x, weight| {
-            let mut away = deviation(self.method, x, centre).map_err(|error| error.at(k))?;
-            away.iter_mut().zip(origin).for_each(|(a, o)| *a -= o);
-            let scores: Vec<f64> = components.column_iter().map(|xi| dot(xi.as_slice(), &away)).collect();
-            Ok((scores, dot(&away, &away), weight))
-        })?;
-        let shares = pairs.values[..count].iter().map(|value| value / total).collect();
-        Ok(Description::new(described, shares, norm(centre)))
-    }
+/// The deviations less `origin`, in components with this total variance.
+fn description<S: ShapeSource>(
+    away: &Deviations<'_, S>,
+    origin: &[f64],
+    (total, pairs): (f64, Eigenpairs),
+) -> Result<Description, S::Error> {
+    let count = pairs.values.iter().take_while(|value| **value > SMALLEST_COMPONENT * total).count();
+    let components = pairs.vectors.columns(0, count).into_owned();
+    let described = map_shapes(away, |_, a, weight| {
+        let away: Vec<f64> = a.iter().zip(origin).map(|(a, o)| a - o).collect();
+        let scores: Vec<f64> = components.column_iter().map(|xi| dot(xi.as_slice(), &away)).collect();
+        Ok((scores, dot(&away, &away), weight))
+    })?;
+    let shares = pairs.values[..count].iter().map(|value| value / total).collect();
+    Ok(Description::new(described, shares, norm(away.centre())))
 }

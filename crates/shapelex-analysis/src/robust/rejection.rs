@@ -289,7 +289,9 @@ mod tests {
     #[test]
     fn equal_distances_and_rounding_errors_reject_nothing() {
         for values in [vec![0.0; 9], vec![0.3; 9], (0..9).map(|k| 1e-12 * even(k)).collect::<Vec<_>>()] {
-            assert!(normal(&values, &[1.0; 9], 1.0, 1e-8).into_iter().map(|z| STRICT.factor(z)).all(|f| f == 1.0));
+            assert!(
+                normal(&values, &[1.0; 9], 1.0, 1e-8).into_iter().map(|z| STRICT.factor(z)).all(|f| f == 1.0)
+            );
         }
     }
 

@@ -328,7 +328,7 @@ fn damage_is_found_at_its_place() {
         )
         .unwrap();
         let whitened: Vec<f64> = aligned.iter().flat_map(|shape| shape.whitened.clone()).collect();
-        let weights = point_weights(metric, method, &whitened, &mean.robust.unwrap().factors).unwrap();
+        let weights = point_weights(measured, &whitened, &mean.robust.unwrap().factors).unwrap();
         assert!(weights.iter().flatten().all(|v| (0.0..=1.0).contains(v)));
         let (mut below, mut pairs) = (0, 0);
         for k in (0..120).step_by(6) {
