@@ -54,7 +54,7 @@ use super::pca::SMALLEST_COMPONENT;
 use super::placement_search::Found;
 use super::procrustes::{self, ProcrustesMean};
 use super::transformation::TransformationClass;
-use shapelex_numeric::dense::Eigenpairs;
+use shapelex_numeric::dense::{Eigenpairs, Matrix};
 
 /// Minimum number of shapes for a robust mean: below, a majority cannot be told from the rest.
 pub const MIN_SHAPES: usize = 5;
@@ -345,16 +345,16 @@ impl<S: ShapeSource> Task<'_, S> {
         let keep = memory.is_some();
         let kept = Reweighted { source: placed, factors: &all };
         let away = Deviations::new(&kept, self.method, &centre, keep)?;
-        let described = signs(&away)?;
+        let (described, components) = signs(&away)?;
         check_weights(described.weights())?;
         let weights = described.weights().to_vec();
-        let standing = described.outside_groups();
+        let standing = described.outside_groups(self.start(&centre, &components));
         let mut factors = if standing.contains(&0.0) {
             drop(away);
             let kept = Reweighted { source: placed, factors: &standing };
             let centre = again(&kept)?;
             let away = Deviations::new(&kept, self.method, &centre, keep)?;
-            by_distance(&away, &signs(&away)?)?
+            by_distance(&away, &signs(&away)?.0)?
         } else {
             by_distance(&away, &described)?
         };
@@ -363,10 +363,20 @@ impl<S: ShapeSource> Task<'_, S> {
             weights.iter().zip(&factors).map(|(weight, factor)| weight * factor).collect();
         Ok(Factors { factors, effective: effective(&weighted) })
     }
+
+    /// How much a later start changes the scores of a shape at `centre` in the `components`, where start points are searched. These are
+    /// control points: shapes of which some are searched from the other end start half an interval apart from the others, which is no
+    /// difference of shapes.
+    fn start(&self, centre: &[f64], components: &Matrix) -> Option<Vec<f64>> {
+        let later = self.matching.shifts().then(|| self.matching.between(centre, 0.5))?;
+        let earlier = self.matching.between(centre, -0.5);
+        let change: Vec<f64> = later.iter().zip(earlier).map(|(later, earlier)| later - earlier).collect();
+        Some(components.column_iter().map(|xi| dot(xi.as_slice(), &change)).collect())
+    }
 }
 
-/// The shapes in the leading components of their spatial signs.
-fn signs<S: ShapeSource>(away: &Deviations<'_, S>) -> Result<Description, S::Error> {
+/// The shapes in the leading components of their spatial signs, and these, as columns.
+fn signs<S: ShapeSource>(away: &Deviations<'_, S>) -> Result<(Description, Matrix), S::Error> {
     let length = away.centre().len();
     let sum: ScatterSum = accumulate(&Signs(away), || ScatterSum::new(length))?;
     let leading = sum.leading(false, components_of(away.count()))?;
@@ -380,15 +390,15 @@ fn by_distance<S: ShapeSource>(away: &Deviations<'_, S>, signs: &Description) ->
     let sum: ScatterSum = accumulate(&near, || ScatterSum::new(away.centre().len()))?;
     let origin = sum.mean();
     let leading = sum.leading(true, components_of(away.count()))?;
-    Ok(description(away, &origin, leading)?.final_factors(&factors))
+    Ok(description(away, &origin, leading)?.0.final_factors(&factors))
 }
 
-/// The deviations less `origin`, in components with this total variance.
+/// The deviations less `origin`, in components with this total variance, and those components, as columns.
 fn description<S: ShapeSource>(
     away: &Deviations<'_, S>,
     origin: &[f64],
     (total, pairs): (f64, Eigenpairs),
-) -> Result<Description, S::Error> {
+) -> Result<(Description, Matrix), S::Error> {
     let count = pairs.values.iter().take_while(|value| **value > SMALLEST_COMPONENT * total).count();
     let components = pairs.vectors.columns(0, count).into_owned();
     let described = map_shapes(away, |_, a, weight| {
@@ -397,5 +407,5 @@ fn description<S: ShapeSource>(
         Ok((scores, dot(&away, &away), weight))
     })?;
     let shares = pairs.values[..count].iter().map(|value| value / total).collect();
-    Ok(Description::new(described, shares, norm(away.centre())))
+    Ok((Description::new(described, shares, norm(away.centre())), components))
 }

@@ -231,12 +231,23 @@ impl Description {
         self.scores.chunks_exact(q).map(|t| square(&lower, &mean, t, &mut away)).collect()
     }
 
-    /// Zero for the shapes in [groups](super::groups) of wrong ones, one for the others.
-    pub(super) fn outside_groups(&self) -> Vec<f64> {
-        if self.components == 0 {
+    /// Zero for the shapes in [groups](super::groups) of wrong ones, one for the others. `start`: scores of a change of the start
+    /// point, which is no difference.
+    pub(super) fn outside_groups(&self, start: Option<Vec<f64>>) -> Vec<f64> {
+        let q = self.components;
+        if q == 0 {
             return vec![1.0; self.weights.len()];
         }
-        outside_groups(&self.scores, self.components, &self.weights, self.distinct)
+        let mut scores = self.scores.clone();
+        let start = start.map(|start| start[..q].to_vec()).unwrap_or_default();
+        let square: f64 = start.iter().map(|s| s * s).sum();
+        if square > (ROUNDING * self.size).powi(2) {
+            for t in scores.chunks_exact_mut(q) {
+                let part = t.iter().zip(&start).map(|(t, s)| t * s).sum::<f64>() / square;
+                t.iter_mut().zip(&start).for_each(|(t, s)| *t -= part * s);
+            }
+        }
+        outside_groups(&scores, q, &self.weights, self.distinct)
     }
 }
 
