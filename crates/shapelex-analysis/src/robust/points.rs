@@ -3,7 +3,7 @@
 //! ```text
 //! c_k ≈ c̄ + Σ_i t_i ξ_i + Σ_j b_j B_j c̄ + e       minimise Σ_n v_n |r_n|² + 10 s² Σ_i t_i²/λ_i
 //! r_n  what is left at control point n,   s_n  its median over the shapes,   v_n = 1/(1 + (r_n/(3 s_n))⁴)
-//! r_n² is averaged over the neighbours on a curve:  Σ_j (h + 1 − |j|) r_{n+j}² / Σ_j (h + 1 − |j|),   |j| ≤ h = max(1, N/32)
+//! r_n² is averaged over the neighbours on a curve:  Σ_j (h + 1 − |j|) r_{n+j}² / Σ_j (h + 1 − |j|),   |j| ≤ h,   h = N/32, rounded, or 1
 //! ```
 //!
 //! Damage is a stretch, so that neighbours on a curve tell of each other; what is left by chance is not. Landmarks and
@@ -101,7 +101,7 @@ pub fn point_weights(
 /// those that are there.
 fn averaged(residuals: &[f64], closed: bool) -> Vec<f64> {
     let n = residuals.len();
-    let reach = (n / POINTS_PER_REACH).max(1) as isize;
+    let reach = ((n + POINTS_PER_REACH / 2) / POINTS_PER_REACH).max(1) as isize;
     let square = |at: usize| {
         let neighbours = (-reach..=reach).filter_map(|j| {
             let there = at as isize + j;
