@@ -69,9 +69,20 @@ fn quantile(values: &[f64], weights: &[f64], order: &[usize], part: f64) -> f64 
     order.last().map_or(0.0, |&k| values[k])
 }
 
+/// The least value up to which a fraction `part` of the weight lies. Equal weights take no sorting.
+fn smallest(values: &[f64], weights: &[f64], part: f64) -> f64 {
+    let equal = weights.first().is_some_and(|first| *first > 0.0 && weights.iter().all(|w| w == first));
+    if !equal {
+        return quantile(values, weights, &order(values), part);
+    }
+    let at = (part * values.len() as f64 * (1.0 - TIE)).ceil() as usize;
+    let mut values = values.to_vec();
+    *values.select_nth_unstable_by(at.saturating_sub(1), f64::total_cmp).1
+}
+
 /// Weighted median.
 pub(super) fn median(values: &[f64], weights: &[f64]) -> f64 {
-    quantile(values, weights, &order(values), 0.5)
+    smallest(values, weights, 0.5)
 }
 
 /// Distances as standard normal numbers, `(v^⅔ − centre)/spread`, with a centre and spread that a third of outliers above does not
@@ -201,7 +212,7 @@ impl Description {
     }
 
     fn nearest(&self, distances: &[f64]) -> Vec<f64> {
-        let limit = quantile(distances, &self.weights, &order(distances), MAJORITY);
+        let limit = smallest(distances, &self.weights, MAJORITY);
         let pairs = distances.iter().zip(&self.weights);
         pairs.map(|(distance, weight)| if *distance <= limit { *weight } else { 0.0 }).collect()
     }
@@ -324,6 +335,18 @@ mod tests {
         assert!(once.iter().zip(&twice).all(|(a, b)| (a - b).abs() < 1e-12));
         assert_eq!(twice[7], twice[52]);
         assert!(once[40..].iter().all(|f| *f == 0.0) && once[..40].iter().sum::<f64>() > 39.0);
+    }
+
+    #[test]
+    fn equal_weights_have_the_quantiles_of_others() {
+        let values: Vec<f64> = (0..41).map(|k| (even(3 * k) * 16.0).round()).collect();
+        let mut weights = [0.3; 41];
+        for part in [0.25, 0.5, 0.65, 1.0] {
+            weights[7] = 0.3;
+            let equal = smallest(&values, &weights, part);
+            weights[7] = 0.3 + 1e-14;
+            assert_eq!(equal, smallest(&values, &weights, part), "{part}");
+        }
     }
 
     #[test]
