@@ -62,9 +62,11 @@ pub const MIN_SHAPES: usize = 5;
 /// Number of equal weights that the weights of the shapes must be worth at least, `(Σw)²/Σw²`.
 const MIN_EFFECTIVE: f64 = 3.0;
 
-/// Passes over the shapes: plain sum, median, signs, description, scatter, description, weighted sum, frame. Five more if a group
-/// of wrong shapes is found: sum, median, signs and description without it.
+/// Passes over the shapes: plain sum, median, signs, description, scatter, description, weighted sum, frame.
 pub const PASSES: usize = 1 + MEDIAN_STEPS + 6;
+
+/// Further passes if a group of wrong shapes is found: sum, median, signs and description without it.
+pub const PASSES_WITHOUT_GROUPS: usize = MEDIAN_STEPS + 3;
 
 /// Steps towards the median. The components that follow are centred on their own medians, so that it need not have
 /// converged.
