@@ -306,8 +306,7 @@ impl Statistics {
             return Ok(None);
         }
         app.pool.context().check()?;
-        let Setup { metric, method, .. } = &self.setup;
-        Ok(Some(point_weights(metric, method, &self.whitened(), &self.counting())?))
+        Ok(Some(point_weights(self.setup.measured(), &self.whitened(), &self.counting())?))
     }
 }
 

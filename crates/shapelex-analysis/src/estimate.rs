@@ -80,12 +80,13 @@ const HANDLING: f64 = 110.0;
 /// Rounds in which placements and factors of a robust mean alternate, where start points are searched.
 const ROBUST_ROUNDS: f64 = 3.0;
 
-/// Multiply-adds of a robust mean of `k` shapes besides those of a plain one: its passes, two more sums of projectors, and the scatter
-/// of the spatial signs.
+/// Multiply-adds of a robust mean of `k` shapes besides those of a plain one: its passes, three more sums of projectors, and the
+/// scatters of the spatial signs, with and without a group of wrong shapes.
 fn robust_work(measured: Measured<'_>, k: f64) -> f64 {
     let n = measured.metric.len() as f64;
-    let reading = (robust::PASSES - 2) as f64 * READING * k * n;
-    let sums = PRODUCT * k * (2.0 * class_size(measured) + 1.0) * n * n + 3.0 * EIGENPROBLEM * n.powi(3);
+    let passes = robust::PASSES - 2 + robust::PASSES_WITHOUT_GROUPS;
+    let reading = passes as f64 * READING * k * n;
+    let sums = PRODUCT * k * (3.0 * class_size(measured) + 2.0) * n * n + 5.0 * EIGENPROBLEM * n.powi(3);
     let search = if measured.matching.searches() {
         ROUND * k * class_size(measured) * n * (measured.metric.size() as f64).log2()
     } else {

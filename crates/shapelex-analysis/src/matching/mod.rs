@@ -161,6 +161,11 @@ impl Matching {
         self.motions.is_some()
     }
 
+    /// Whether control points follow each other along a curve: `Some`, with whether it closes.
+    pub(crate) fn curve(&self) -> Option<bool> {
+        self.space.domain().is_line().then_some(self.commutes)
+    }
+
     /// Whether start points are searched.
     pub fn shifts(&self) -> bool {
         self.fft.is_some()

@@ -4,9 +4,10 @@
 //! 1. median space      S̄ ← orth(Σ_k (w_k/d_k) P_k S̄),   d_k² = I − tr(P_S̄ P_k)          (Weiszfeld, from the plain mean)
 //! 2. deviations        a_k = P_k m − m, scaled to the tangent space,   spatial signs a_k/‖a_k‖,   their q leading components ξ_i
 //! 3. description       t_ki = ⟨ξ_i, a_k⟩,   e_k² = ‖a_k‖² − Σ_i t_ki²
-//! 4. densest majority  65 % of the weight with the least distances in t, by concentration steps
-//! 5. factors           f_k = min(φ(z(distance of t_k)), φ(z(e_k))),   φ = 1 up to 3 standard deviations, 0 from 5 on
-//! 6. the same          in the components of the shapes with these factors, about their mean
+//! 4. groups            shapes that keep to themselves are left out ([groups]); then 1 to 3 once more, without them
+//! 5. densest majority  65 % of the weight with the least distances in t, by concentration steps
+//! 6. factors           f_k = min(φ(z(distance of t_k)), φ(z(e_k))),   φ = 1 up to 3 standard deviations, 0 from 5 on
+//! 7. the same          in the components of the shapes with these factors, about their mean,   φ = 1 up to 4.5, 0 from 6 on
 //! ```
 //!
 //! Everything after that is the plain estimate with the weights `w_k f_k`: mean, components and atoms need no robust version of
@@ -24,6 +25,8 @@
 //! Sources: Weiszfeld 1937; Locantore et al. 1999 (spatial signs); Hubert, Rousseeuw and Vanden Branden 2005 (two distances,
 //! their limits); Rousseeuw and Van Driessen 1999 (concentration steps).
 
+mod groups;
+mod moments;
 mod points;
 mod rejection;
 mod sources;
@@ -33,7 +36,7 @@ pub use self::points::point_weights;
 pub(crate) use self::sources::Retained;
 
 use self::rejection::{Description, effective};
-use self::sources::{ByDistance, Deviations, Reweighted, deviation};
+use self::sources::{ByDistance, Deviations, Reweighted, Signs};
 use super::AnalysisError;
 use super::accumulate::{ScatterSum, ShapeSource, accumulate, map_shapes};
 use super::alignment::{
@@ -51,7 +54,7 @@ use super::pca::SMALLEST_COMPONENT;
 use super::placement_search::Found;
 use super::procrustes::{self, ProcrustesMean};
 use super::transformation::TransformationClass;
-use shapelex_numeric::dense::Eigenpairs;
+use shapelex_numeric::dense::{Eigenpairs, Matrix};
 
 /// Minimum number of shapes for a robust mean: below, a majority cannot be told from the rest.
 pub const MIN_SHAPES: usize = 5;
@@ -61,6 +64,9 @@ const MIN_EFFECTIVE: f64 = 3.0;
 
 /// Passes over the shapes: plain sum, median, signs, description, scatter, description, weighted sum, frame.
 pub const PASSES: usize = 1 + MEDIAN_STEPS + 6;
+
+/// Further passes if a group of wrong shapes is found: sum, median, signs and description without it.
+pub const PASSES_WITHOUT_GROUPS: usize = MEDIAN_STEPS + 3;
 
 /// Steps towards the median. The components that follow are centred on their own medians, so that it need not have
 /// converged.
@@ -176,6 +182,9 @@ fn check_weights(weights: &[f64]) -> Result<(), AnalysisError> {
     Err(AnalysisError::Parameter { field: "robust", detail })
 }
 
+/// The shapes in their placements, without those that are left out already.
+type Kept<'a, 'p, S> = Reweighted<'a, Placed<'p, S>>;
+
 struct Task<'a, S> {
     source: &'a S,
     metric: &'a Metric,
@@ -196,18 +205,24 @@ impl<S: ShapeSource> Task<'_, S> {
         for round in 1..=ROUNDS {
             source.check()?;
             let placed = Placed { source, matching, placements: &found.placements };
-            let mut space = match start.take() {
+            let space = match start.take() {
                 Some(space) => space,
                 None => {
                     let standing = Reweighted { source: &placed, factors: &standing };
                     MeanSpace::new(ProjectorSum::of(&standing, class, metric.len())?, 0)?
                 }
             };
-            for _ in 0..MEDIAN_STEPS {
-                space = weiszfeld::step(&placed, space)?;
-            }
-            let centre = self.centre(&placed, &space)?;
-            let factors = self.factors(&placed, &centre)?;
+            let median = |mut space: MeanSpace<'_>, kept: &Kept<'_, '_, S>| {
+                for _ in 0..MEDIAN_STEPS {
+                    space = weiszfeld::step(kept, space)?;
+                }
+                self.centre(kept, &space)
+            };
+            let all = vec![1.0; source.count()];
+            let centre = median(space, &Reweighted { source: &placed, factors: &all })?;
+            let factors = self.factors(&placed, centre, |kept| {
+                median(MeanSpace::new(ProjectorSum::of(kept, class, metric.len())?, 0)?, kept)
+            })?;
             if round == 1 && matching.searches() {
                 // The search ends in one of many optima: wrong shapes have led it, so it begins again without them.
                 standing = factors.factors;
@@ -240,10 +255,10 @@ impl<S: ShapeSource> Task<'_, S> {
     }
 
     /// Whitened member of a mean space that does not change with the poses of the shapes, where the class has one.
-    fn centre(&self, placed: &Placed<'_, S>, space: &MeanSpace<'_>) -> Result<Vec<f64>, S::Error> {
+    fn centre(&self, kept: &Kept<'_, '_, S>, space: &MeanSpace<'_>) -> Result<Vec<f64>, S::Error> {
         match canonical(space, self.metric) {
             Err(AnalysisError::NoCanonicalFrame { .. }) => {
-                representative(space, Frame::Training, self.metric, placed)
+                representative(space, Frame::Training, self.metric, kept)
             }
             centre => Ok(centre?),
         }
@@ -270,11 +285,22 @@ impl<S: ShapeSource> Task<'_, S> {
         for round in 1..=ROUNDS {
             source.check()?;
             let placed = Placed { source, matching, placements: &found.placements };
-            for _ in 0..MEDIAN_STEPS {
-                let near = ByDistance { source: &placed, method, mean: &template };
-                template = procrustes::step(&near, fit, &template)?;
-            }
-            let factors = self.factors(&placed, &template)?;
+            let median = |mut template: Vec<f64>, kept: &Kept<'_, '_, S>| {
+                for _ in 0..MEDIAN_STEPS {
+                    let near = ByDistance { source: kept, method, mean: &template };
+                    template = procrustes::step(&near, fit, &template)?;
+                }
+                Ok::<_, S::Error>(template)
+            };
+            let all = vec![1.0; source.count()];
+            template = median(template, &Reweighted { source: &placed, factors: &all })?;
+            let mut nearer = None;
+            let factors = self.factors(&placed, template.clone(), |kept| {
+                let centre = median(procrustes::step(kept, fit, &template)?, kept)?;
+                nearer = Some(centre.clone());
+                Ok(centre)
+            })?;
+            template = nearer.unwrap_or(template);
             if round == 1 && matching.searches() {
                 let without = Reweighted { source, factors: &factors.factors };
                 let again = procrustes_mean(&without, metric, fit, Frame::Training, matching)?;
@@ -307,44 +333,81 @@ impl<S: ShapeSource> Task<'_, S> {
         unreachable!("the last round returns")
     }
 
-    /// Factors of the shapes by their deviations from the whitened `centre`: first in the components of the signs, then in those of
-    /// the shapes that these keep.
-    fn factors(&self, placed: &Placed<'_, S>, centre: &[f64]) -> Result<Factors, S::Error> {
-        let (method, most) = (self.method, components_of(placed.count()));
-        let signs = Deviations { source: placed, method, centre, signs: true };
-        let sum: ScatterSum = accumulate(&signs, || ScatterSum::new(centre.len()))?;
-        let origin = vec![0.0; centre.len()];
-        let description = self.description(placed, centre, &origin, sum.leading(false, most)?)?;
-        check_weights(description.weights())?;
-        let factors = description.factors(None);
-        let kept = Reweighted { source: placed, factors: &factors };
-        let deviations = Deviations { source: &kept, method, centre, signs: false };
-        let sum: ScatterSum = accumulate(&deviations, || ScatterSum::new(centre.len()))?;
-        let origin = sum.mean();
-        let description = self.description(placed, centre, &origin, sum.leading(true, most)?)?;
-        let factors = description.factors(Some(&factors));
-        let pairs = description.weights().iter().zip(&factors);
-        let weighted: Vec<f64> = pairs.map(|(weight, factor)| weight * factor).collect();
+    /// Factors of the shapes by their deviations from the whitened `centre`. Without the [groups] of wrong shapes, if there are some,
+    /// about the centre of the others, which `again` finds.
+    fn factors(
+        &self,
+        placed: &Placed<'_, S>,
+        centre: Vec<f64>,
+        again: impl FnOnce(&Kept<'_, '_, S>) -> Result<Vec<f64>, S::Error>,
+    ) -> Result<Factors, S::Error> {
+        let all = vec![1.0; placed.count()];
+        let bytes = 8 * centre.len().saturating_mul(placed.count());
+        let memory = self.source.reserve(bytes);
+        let keep = memory.is_some();
+        let kept = Reweighted { source: placed, factors: &all };
+        let away = Deviations::new(&kept, self.method, &centre, keep)?;
+        let (described, components) = signs(&away)?;
+        check_weights(described.weights())?;
+        let weights = described.weights().to_vec();
+        let standing = described.outside_groups(self.start(&centre, &components));
+        let mut factors = if standing.contains(&0.0) {
+            drop(away);
+            let kept = Reweighted { source: placed, factors: &standing };
+            let centre = again(&kept)?;
+            let away = Deviations::new(&kept, self.method, &centre, keep)?;
+            by_distance(&away, &signs(&away)?.0)?
+        } else {
+            by_distance(&away, &described)?
+        };
+        factors.iter_mut().zip(&standing).for_each(|(factor, standing)| *factor *= standing);
+        let weighted: Vec<f64> =
+            weights.iter().zip(&factors).map(|(weight, factor)| weight * factor).collect();
         Ok(Factors { factors, effective: effective(&weighted) })
     }
 
-    /// The deviations of the shapes from `centre`, less `origin`, in components with this total variance.
-    fn description(
-        &self,
-        placed: &Placed<'_, S>,
-        centre: &[f64],
-        origin: &[f64],
-        (total, pairs): (f64, Eigenpairs),
-    ) -> Result<Description, S::Error> {
-        let kept = pairs.values.iter().take_while(|value| **value > SMALLEST_COMPONENT * total).count();
-        let components = pairs.vectors.columns(0, kept).into_owned();
-        let described = map_shapes(placed, |k, x, weight| {
-            let mut away = deviation(self.method, x, centre).map_err(|error| error.at(k))?;
-            away.iter_mut().zip(origin).for_each(|(a, o)| *a -= o);
-            let scores: Vec<f64> = components.column_iter().map(|xi| dot(xi.as_slice(), &away)).collect();
-            Ok((scores, dot(&away, &away), weight))
-        })?;
-        let shares = pairs.values[..kept].iter().map(|value| value / total).collect();
-        Ok(Description::new(described, shares, norm(centre)))
+    /// How much a later start changes the scores of a shape at `centre` in the `components`, where start points are searched. These are
+    /// control points: shapes of which some are searched from the other end start half an interval apart from the others, which is no
+    /// difference of shapes.
+    fn start(&self, centre: &[f64], components: &Matrix) -> Option<Vec<f64>> {
+        let later = self.matching.shifts().then(|| self.matching.between(centre, 0.5))?;
+        let earlier = self.matching.between(centre, -0.5);
+        let change: Vec<f64> = later.iter().zip(earlier).map(|(later, earlier)| later - earlier).collect();
+        Some(components.column_iter().map(|xi| dot(xi.as_slice(), &change)).collect())
     }
+}
+
+/// The shapes in the leading components of their spatial signs, and these, as columns.
+fn signs<S: ShapeSource>(away: &Deviations<'_, S>) -> Result<(Description, Matrix), S::Error> {
+    let length = away.centre().len();
+    let sum: ScatterSum = accumulate(&Signs(away), || ScatterSum::new(length))?;
+    let leading = sum.leading(false, components_of(away.count()))?;
+    description(away, &vec![0.0; length], leading)
+}
+
+/// Factors by the distances within the components of the `signs` and from them, then within those of the shapes that these keep.
+fn by_distance<S: ShapeSource>(away: &Deviations<'_, S>, signs: &Description) -> Result<Vec<f64>, S::Error> {
+    let factors = signs.factors(None);
+    let near = Reweighted { source: away, factors: &factors };
+    let sum: ScatterSum = accumulate(&near, || ScatterSum::new(away.centre().len()))?;
+    let origin = sum.mean();
+    let leading = sum.leading(true, components_of(away.count()))?;
+    Ok(description(away, &origin, leading)?.0.final_factors(&factors))
+}
+
+/// The deviations less `origin`, in components with this total variance, and those components, as columns.
+fn description<S: ShapeSource>(
+    away: &Deviations<'_, S>,
+    origin: &[f64],
+    (total, pairs): (f64, Eigenpairs),
+) -> Result<(Description, Matrix), S::Error> {
+    let count = pairs.values.iter().take_while(|value| **value > SMALLEST_COMPONENT * total).count();
+    let components = pairs.vectors.columns(0, count).into_owned();
+    let described = map_shapes(away, |_, a, weight| {
+        let away: Vec<f64> = a.iter().zip(origin).map(|(a, o)| a - o).collect();
+        let scores: Vec<f64> = components.column_iter().map(|xi| dot(xi.as_slice(), &away)).collect();
+        Ok((scores, dot(&away, &away), weight))
+    })?;
+    let shares = pairs.values[..count].iter().map(|value| value / total).collect();
+    Ok((Description::new(described, shares, norm(away.centre())), components))
 }

@@ -3,7 +3,11 @@
 //! ```text
 //! c_k ≈ c̄ + Σ_i t_i ξ_i + Σ_j b_j B_j c̄ + e       minimise Σ_n v_n |r_n|² + 10 s² Σ_i t_i²/λ_i
 //! r_n  what is left at control point n,   s_n  its median over the shapes,   v_n = 1/(1 + (r_n/(3 s_n))⁴)
+//! r_n² is averaged over the neighbours on a curve:  Σ_j (h + 1 − |j|) r_{n+j}² / Σ_j (h + 1 − |j|),   |j| ≤ h,   h = N/32, rounded, or 1
 //! ```
+//!
+//! Damage is a stretch, so that neighbours on a curve tell of each other; what is left by chance is not. Landmarks and
+//! surfaces have no neighbours here.
 //!
 //! The components `ξ_i` and their variances `λ_i` are those of the robust estimate. Members of the class may move as well, since
 //! damage in one place turns and shifts the alignment of the whole shape. Residuals and weights alternate, so that a damaged stretch
@@ -16,6 +20,7 @@ use crate::AnalysisError;
 use crate::accumulate::ShapesInMemory;
 use crate::alignment::{Method, unwhitened};
 use crate::metric::{Metric, dot};
+use crate::partial_sums::Measured;
 use crate::pca::FunctionalPca;
 use shapelex_numeric::dense::Matrix;
 
@@ -41,6 +46,9 @@ const ROUNDING: f64 = 1e-10;
 /// Residuals of about so many neighbouring points go together, and count as one against the variances of the components.
 const TOGETHER: f64 = 10.0;
 
+/// Number of control points for each neighbour that a point is averaged with on one side.
+const POINTS_PER_REACH: usize = 32;
+
 /// Ridge of the directions of the class, as a fraction of the mean diagonal: they may depend on each other.
 const RIDGE: f64 = 1e-9;
 
@@ -52,11 +60,11 @@ const RIDGE: f64 = 1e-9;
 /// # Errors
 /// A failure of the eigenproblem.
 pub fn point_weights(
-    metric: &Metric,
-    method: &Method,
+    measured: Measured<'_>,
     aligned: &[f64],
     weights: &[f64],
 ) -> Result<Vec<Vec<f64>>, AnalysisError> {
+    let Measured { metric, method, matching } = measured;
     let length = metric.len();
     let source = ShapesInMemory::prepared(aligned.to_vec(), weights.to_vec());
     let Some(first) = aligned.chunks_exact(length).zip(weights).find(|(_, w)| **w > 0.0) else {
@@ -73,7 +81,11 @@ pub fn point_weights(
     let mut noise = 0.0;
     for _ in 0..ROUNDS {
         let shapes = control_points.par_chunks_exact(length).zip(&points);
-        let residuals: Vec<Vec<f64>> = shapes.map(|(away, v)| model.residuals(away, v, noise)).collect();
+        let residuals = shapes.map(|(away, v)| {
+            let residuals = model.residuals(away, v, noise);
+            matching.curve().map_or_else(|| residuals.clone(), |closed| averaged(&residuals, closed))
+        });
+        let residuals: Vec<Vec<f64>> = residuals.collect();
         let scales = scales(&residuals, weights, n, model.size);
         noise = TOGETHER * scales.iter().map(|s| s * s).sum::<f64>() / n as f64;
         points.par_iter_mut().zip(&residuals).for_each(|(points, residuals)| {
@@ -83,6 +95,24 @@ pub fn point_weights(
         });
     }
     Ok(points)
+}
+
+/// The residuals of neighbours on a curve together: roots of the weighted means of their squares, at the ends of an open one of
+/// those that are there.
+fn averaged(residuals: &[f64], closed: bool) -> Vec<f64> {
+    let n = residuals.len();
+    let reach = ((n + POINTS_PER_REACH / 2) / POINTS_PER_REACH).max(1) as isize;
+    let square = |at: usize| {
+        let neighbours = (-reach..=reach).filter_map(|j| {
+            let there = at as isize + j;
+            let inside = (0..n as isize).contains(&there);
+            let there = there.rem_euclid(n as isize) as usize;
+            (closed || inside).then(|| (residuals[there], (reach + 1 - j.abs()) as f64))
+        });
+        let (sum, weight) = neighbours.fold((0.0, 0.0), |(sum, total), (r, w)| (sum + w * r * r, total + w));
+        sum / weight
+    };
+    (0..n).map(|at| square(at).sqrt()).collect()
 }
 
 /// `s_n`: weighted median over the shapes of the residuals at every point.

@@ -1,16 +1,25 @@
 //! Which shapes are wrong: from their scores and residuals to the factors of their weights.
 
-use shapelex_numeric::dense::Matrix;
-
+use super::groups::outside_groups;
+use super::moments::{Moments, square};
 use super::sources::ROUNDING;
 
 /// Weight of the densest majority.
 const MAJORITY: f64 = 0.65;
 
-/// Standard deviations of a normal distance up to which a shape keeps its weight, and from which on it has none. Of normal data,
-/// 0.13 % lie beyond the first; real data have longer tails.
-const FULL: f64 = 3.0;
-const NONE: f64 = 5.0;
+/// Standard deviations of a normal distance up to which a shape counts fully, and from which on not at all.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Limits {
+    full: f64,
+    none: f64,
+}
+
+/// Limits for means and covariances of the scores: what they take in widens them. Of normal data, 0.13 % lie beyond the first.
+const STRICT: Limits = Limits { full: 3.0, none: 5.0 };
+
+/// Limits of the factors themselves: real data have longer tails than normal ones, and a right shape left out may turn a mode
+/// more than a wrong one kept that is hardly farther away.
+const FINAL: Limits = Limits { full: 4.5, none: 6.0 };
 
 /// Fraction of the spatial signs that the components explain.
 const SHARE: f64 = 0.95;
@@ -41,7 +50,7 @@ pub(super) fn effective(weights: &[f64]) -> f64 {
 }
 
 /// Positions in the order of ascending values.
-fn order(values: &[f64]) -> Vec<usize> {
+pub(super) fn order(values: &[f64]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..values.len()).collect();
     order.sort_by(|&i, &j| values[i].total_cmp(&values[j]));
     order
@@ -60,9 +69,20 @@ fn quantile(values: &[f64], weights: &[f64], order: &[usize], part: f64) -> f64 
     order.last().map_or(0.0, |&k| values[k])
 }
 
+/// The least value up to which a fraction `part` of the weight lies. Equal weights take no sorting.
+fn smallest(values: &[f64], weights: &[f64], part: f64) -> f64 {
+    let equal = weights.first().is_some_and(|first| *first > 0.0 && weights.iter().all(|w| w == first));
+    if !equal {
+        return quantile(values, weights, &order(values), part);
+    }
+    let at = (part * values.len() as f64 * (1.0 - TIE)).ceil() as usize;
+    let mut values = values.to_vec();
+    *values.select_nth_unstable_by(at.saturating_sub(1), f64::total_cmp).1
+}
+
 /// Weighted median.
 pub(super) fn median(values: &[f64], weights: &[f64]) -> f64 {
-    quantile(values, weights, &order(values), 0.5)
+    smallest(values, weights, 0.5)
 }
 
 /// Distances as standard normal numbers, `(v^⅔ − centre)/spread`, with a centre and spread that a third of outliers above does not
@@ -78,7 +98,7 @@ pub(super) fn normal(values: &[f64], weights: &[f64], inflation: f64, least: f64
     let mut spread = wide(centre, (centre - of(&order, 0.25)) / QUARTILE);
     let mut within = 0;
     for _ in 0..STEPS {
-        let count = order.partition_point(|&k| powers[k] <= centre + FULL * spread);
+        let count = order.partition_point(|&k| powers[k] <= centre + STRICT.full * spread);
         if count == within {
             break;
         }
@@ -90,10 +110,12 @@ pub(super) fn normal(values: &[f64], weights: &[f64], inflation: f64, least: f64
     powers.iter().map(|power| (power - centre) / spread).collect()
 }
 
-/// One up to [`FULL`] standard deviations, zero from [`NONE`] on, and smooth between.
-pub(super) fn factor(deviation: f64) -> f64 {
-    let part = ((deviation - FULL) / (NONE - FULL)).clamp(0.0, 1.0);
-    (1.0 - part * part).powi(2)
+impl Limits {
+    /// One up to the first limit, zero from the second one on, and smooth between.
+    fn factor(self, deviation: f64) -> f64 {
+        let part = ((deviation - self.full) / (self.none - self.full)).clamp(0.0, 1.0);
+        (1.0 - part * part).powi(2)
+    }
 }
 
 /// All shapes by their leading scores and what these leave.
@@ -104,6 +126,8 @@ pub(super) struct Description {
     /// What the scores leave.
     residuals: Vec<f64>,
     weights: Vec<f64>,
+    /// Number of distinct shapes of the same weight that the weights are worth.
+    distinct: f64,
     inflation: f64,
     /// Norm of the mean.
     size: f64,
@@ -130,7 +154,8 @@ impl Description {
             (square - known.iter().map(|t| t * t).sum::<f64>()).max(0.0).sqrt()
         };
         let residuals = squares.iter().enumerate().map(left).collect();
-        Self { scores, components, residuals, weights, inflation: 1.0 + FEW / distinct.max(1.0), size }
+        let inflation = 1.0 + FEW / distinct.max(1.0);
+        Self { scores, components, residuals, weights, distinct, inflation, size }
     }
 
     /// Weights of the shapes, as given.
@@ -138,28 +163,37 @@ impl Description {
         &self.weights
     }
 
-    /// The factor of each shape. `known`: factors of an earlier description, instead of the densest majority.
+    /// The factor of each shape, for what is estimated next. `known`: factors of an earlier description, instead of the densest
+    /// majority.
     pub(super) fn factors(&self, known: Option<&[f64]>) -> Vec<f64> {
-        let least = ROUNDING * self.size;
-        let outside = normal(&self.residuals, &self.weights, self.inflation, least);
-        let outside: Vec<f64> = outside.into_iter().map(factor).collect();
+        self.within(STRICT, known)
+    }
+
+    /// The factor of each shape in the estimate. `known`: factors of an earlier description.
+    pub(super) fn final_factors(&self, known: &[f64]) -> Vec<f64> {
+        self.within(FINAL, Some(known))
+    }
+
+    fn within(&self, limits: Limits, known: Option<&[f64]>) -> Vec<f64> {
+        let outside = normal(&self.residuals, &self.weights, self.inflation, ROUNDING * self.size);
+        let of = |limits: Limits, inside: &[f64]| -> Vec<f64> {
+            inside.iter().zip(&outside).map(|(a, b)| limits.factor(a.max(*b))).collect()
+        };
         if self.components == 0 {
-            return outside;
+            return of(limits, &outside);
         }
-        let mut factors = outside.clone();
         let mut weights = match known {
             Some(known) => self.weights.iter().zip(known).map(|(weight, factor)| weight * factor).collect(),
             None => self.majority(),
         };
+        let mut inside = Vec::new();
         for _ in 0..REWEIGHTED {
             let distances: Vec<f64> = self.distances(&weights).iter().map(|square| square.sqrt()).collect();
-            let inside = normal(&distances, &self.weights, self.inflation, LEAST_DISTANCE);
-            for (k, deviation) in inside.into_iter().enumerate() {
-                factors[k] = factor(deviation).min(outside[k]);
-                weights[k] = self.weights[k] * factors[k];
-            }
+            inside = normal(&distances, &self.weights, self.inflation, LEAST_DISTANCE);
+            let factors = of(STRICT, &inside);
+            weights = self.weights.iter().zip(factors).map(|(weight, factor)| weight * factor).collect();
         }
-        factors
+        of(limits, &inside)
     }
 
     /// Weights of the shapes of the densest majority, zero for the others: begun with the shapes that are near to the medians of the
@@ -178,7 +212,7 @@ impl Description {
     }
 
     fn nearest(&self, distances: &[f64]) -> Vec<f64> {
-        let limit = quantile(distances, &self.weights, &order(distances), MAJORITY);
+        let limit = smallest(distances, &self.weights, MAJORITY);
         let pairs = distances.iter().zip(&self.weights);
         pairs.map(|(distance, weight)| if *distance <= limit { *weight } else { 0.0 }).collect()
     }
@@ -199,34 +233,32 @@ impl Description {
     /// Squared Mahalanobis distances in the mean and covariance under `weights`.
     fn distances(&self, weights: &[f64]) -> Vec<f64> {
         let q = self.components;
-        let rows = || self.scores.chunks_exact(q);
-        let total: f64 = weights.iter().sum();
-        let mut mean = vec![0.0; q];
-        for (t, weight) in rows().zip(weights) {
-            mean.iter_mut().zip(t).for_each(|(sum, t)| *sum += weight * t / total);
-        }
-        let mut covariance = Matrix::zeros(q, q);
-        for (t, weight) in rows().zip(weights).filter(|(_, weight)| **weight > 0.0) {
-            for j in 0..q {
-                for i in j..q {
-                    covariance[(i, j)] += weight / total * (t[i] - mean[i]) * (t[j] - mean[j]);
-                }
-            }
-        }
+        let Moments { mean, mut covariance, .. } = Moments::of(&self.scores, q, weights);
         let least = (ROUNDING * self.size).powi(2).max(ROUNDING.powi(2) * covariance.trace());
         (0..q).for_each(|i| covariance[(i, i)] += least);
-        // The lower triangle is all that it reads, and the diagonal makes it definite.
+        // The diagonal makes it definite.
         let Some(root) = covariance.cholesky() else { return vec![0.0; self.weights.len()] };
-        let lower = root.unpack();
-        let mut away = vec![0.0; q];
-        let distance = |t: &[f64]| {
-            for i in 0..q {
-                let known: f64 = (0..i).map(|j| lower[(i, j)] * away[j]).sum();
-                away[i] = (t[i] - mean[i] - known) / lower[(i, i)];
+        let (lower, mut away) = (root.unpack(), vec![0.0; q]);
+        self.scores.chunks_exact(q).map(|t| square(&lower, &mean, t, &mut away)).collect()
+    }
+
+    /// Zero for the shapes in [groups](super::groups) of wrong ones, one for the others. `start`: scores of a change of the start
+    /// point, which is no difference.
+    pub(super) fn outside_groups(&self, start: Option<Vec<f64>>) -> Vec<f64> {
+        let q = self.components;
+        if q == 0 {
+            return vec![1.0; self.weights.len()];
+        }
+        let mut scores = self.scores.clone();
+        let start = start.map(|start| start[..q].to_vec()).unwrap_or_default();
+        let square: f64 = start.iter().map(|s| s * s).sum();
+        if square > (ROUNDING * self.size).powi(2) {
+            for t in scores.chunks_exact_mut(q) {
+                let part = t.iter().zip(&start).map(|(t, s)| t * s).sum::<f64>() / square;
+                t.iter_mut().zip(&start).for_each(|(t, s)| *t -= part * s);
             }
-            away.iter().map(|value| value * value).sum()
-        };
-        rows().map(distance).collect()
+        }
+        outside_groups(&scores, q, &self.weights, self.distinct)
     }
 }
 
@@ -266,7 +298,7 @@ mod tests {
         let clean: Vec<f64> = (1..=700).map(|k| (-2.0 * even(k).max(1e-6).ln()).sqrt()).collect();
         let of = |values: &[f64]| -> Vec<f64> {
             let weights = vec![1.0; values.len()];
-            normal(values, &weights, 1.0, 1e-8).into_iter().map(factor).collect()
+            normal(values, &weights, 1.0, 1e-8).into_iter().map(|z| STRICT.factor(z)).collect()
         };
         let alone = of(&clean);
         assert!(alone.iter().sum::<f64>() > 695.0, "{}", alone.iter().sum::<f64>());
@@ -279,7 +311,9 @@ mod tests {
     #[test]
     fn equal_distances_and_rounding_errors_reject_nothing() {
         for values in [vec![0.0; 9], vec![0.3; 9], (0..9).map(|k| 1e-12 * even(k)).collect::<Vec<_>>()] {
-            assert!(normal(&values, &[1.0; 9], 1.0, 1e-8).into_iter().map(factor).all(|f| f == 1.0));
+            assert!(
+                normal(&values, &[1.0; 9], 1.0, 1e-8).into_iter().map(|z| STRICT.factor(z)).all(|f| f == 1.0)
+            );
         }
     }
 
@@ -301,6 +335,18 @@ mod tests {
         assert!(once.iter().zip(&twice).all(|(a, b)| (a - b).abs() < 1e-12));
         assert_eq!(twice[7], twice[52]);
         assert!(once[40..].iter().all(|f| *f == 0.0) && once[..40].iter().sum::<f64>() > 39.0);
+    }
+
+    #[test]
+    fn equal_weights_have_the_quantiles_of_others() {
+        let values: Vec<f64> = (0..41).map(|k| (even(3 * k) * 16.0).round()).collect();
+        let mut weights = [0.3; 41];
+        for part in [0.25, 0.5, 0.65, 1.0] {
+            weights[7] = 0.3;
+            let equal = smallest(&values, &weights, part);
+            weights[7] = 0.3 + 1e-14;
+            assert_eq!(equal, smallest(&values, &weights, part), "{part}");
+        }
     }
 
     #[test]

@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use super::NEAREST;
 use crate::AnalysisError;
-use crate::accumulate::{BLOCK, Reservation, ShapeSource, Shapes, for_each_changed};
+use crate::accumulate::{BLOCK, Reservation, ShapeSource, Shapes, ShapesInMemory, for_each_changed};
 use crate::alignment::Method;
 use crate::fit::{Scaling, cross_product, transform};
 use crate::metric::{dot, norm};
@@ -94,7 +94,7 @@ impl<S: ShapeSource> ShapeSource for ByDistance<'_, S> {
 ///
 /// # Errors
 /// [`AnalysisError::Degenerate`] with index 0.
-pub(super) fn deviation(method: &Method, x: &[f64], centre: &[f64]) -> Result<Vec<f64>, AnalysisError> {
+fn deviation(method: &Method, x: &[f64], centre: &[f64]) -> Result<Vec<f64>, AnalysisError> {
     let mut y = method.bring(x, centre)?.whitened;
     let scale = |y: &mut [f64], m: &[f64]| {
         let (size, product) = (dot(m, m), dot(y, m));
@@ -127,14 +127,35 @@ pub(super) fn deviation(method: &Method, x: &[f64], centre: &[f64]) -> Result<Ve
 /// Largest factor of a shape in the chart of [`deviation`].
 const MOST_SCALED: f64 = 1e3;
 
-/// The [deviations](deviation) `a_k` of the shapes of a source, or their spatial signs `a_k/‖a_k‖`; zero for shapes at the centre `m`.
+/// The [deviations](deviation) `a_k` of the shapes of a source, with their weights: computed once, or in every pass where they do
+/// not fit in memory.
 pub(super) struct Deviations<'a, S> {
-    pub(super) source: &'a S,
-    pub(super) method: &'a Method,
+    source: &'a S,
+    method: &'a Method,
     /// `m`, whitened.
-    pub(super) centre: &'a [f64],
-    /// Whether they are divided by their norms.
-    pub(super) signs: bool,
+    centre: &'a [f64],
+    kept: Option<ShapesInMemory>,
+}
+
+impl<'a, S: ShapeSource> Deviations<'a, S> {
+    /// From the whitened `centre`; in memory if `keep`.
+    pub(super) fn new(
+        source: &'a S,
+        method: &'a Method,
+        centre: &'a [f64],
+        keep: bool,
+    ) -> Result<Self, S::Error> {
+        let mut deviations = Self { source, method, centre, kept: None };
+        if keep {
+            deviations.kept = Some(ShapesInMemory::of(&deviations)?);
+        }
+        Ok(deviations)
+    }
+
+    /// `m`.
+    pub(super) fn centre(&self) -> &'a [f64] {
+        self.centre
+    }
 }
 
 /// Deviation, as a fraction of the norm of the mean, that is rounding error.
@@ -147,25 +168,56 @@ impl<S: ShapeSource> ShapeSource for Deviations<'_, S> {
         self.source.count()
     }
 
+    fn check(&self) -> Result<(), S::Error> {
+        self.source.check()
+    }
+
     fn for_each_batch(
         &self,
         visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), S::Error>,
     ) -> Result<(), S::Error> {
-        let (centre, least) = (self.centre, ROUNDING * norm(self.centre));
-        let sign = |batch: Shapes<'_>, whitened: &mut [f64]| {
-            whitened.par_chunks_mut(centre.len()).enumerate().try_for_each(|(i, x)| {
-                let away = deviation(self.method, x, centre).map_err(|error| error.at(batch.first + i))?;
+        if let Some(kept) = &self.kept {
+            self.source.check()?;
+            self.source.worked(self.source.count());
+            return visit(kept.all());
+        }
+        let length = self.centre.len();
+        let change = |batch: Shapes<'_>, whitened: &mut [f64]| {
+            whitened.par_chunks_mut(length).enumerate().try_for_each(|(i, x)| {
+                let away =
+                    deviation(self.method, x, self.centre).map_err(|error| error.at(batch.first + i))?;
                 x.copy_from_slice(&away);
-                if !self.signs {
-                    return Ok(());
-                }
-                let size = norm(x);
-                let factor = if size > least { 1.0 / size } else { 0.0 };
-                x.iter_mut().for_each(|a| *a *= factor);
                 Ok::<_, AnalysisError>(())
             })
         };
-        for_each_changed(self.source, sign, visit)
+        for_each_changed(self.source, change, visit)
+    }
+}
+
+/// The spatial signs `a_k/‖a_k‖` of the deviations of a source; zero for shapes at the centre.
+pub(super) struct Signs<'a, S>(pub(super) &'a Deviations<'a, S>);
+
+impl<S: ShapeSource> ShapeSource for Signs<'_, S> {
+    type Error = S::Error;
+
+    fn count(&self) -> usize {
+        self.0.count()
+    }
+
+    fn for_each_batch(
+        &self,
+        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), S::Error>,
+    ) -> Result<(), S::Error> {
+        let (length, least) = (self.0.centre.len(), ROUNDING * norm(self.0.centre));
+        let change = |_: Shapes<'_>, away: &mut [f64]| {
+            away.par_chunks_mut(length).for_each(|a| {
+                let size = norm(a);
+                let factor = if size > least { 1.0 / size } else { 0.0 };
+                a.iter_mut().for_each(|a| *a *= factor);
+            });
+            Ok(())
+        };
+        for_each_changed(self.0, change, visit)
     }
 }
 

@@ -176,6 +176,35 @@ fn a_third_of_wrong_shapes_is_left_out_under_every_class() {
     }
 }
 
+/// Shapes that vary widely, and shapes that agree with each other, no farther from the mean than those.
+#[test]
+fn a_tight_group_within_a_wide_set_is_left_out() {
+    let mut random = Noise(21);
+    let mut with_modes = |deviation: f64, shift: f64| {
+        let [a, b, c] = [0.12, 0.1, 0.08].map(|size| size * (deviation * random.normal() + shift));
+        let radius = |u: f64| {
+            1.0 + 0.35 * (2.0 * u).cos()
+                + 0.15 * (3.0 * u + 0.7).cos()
+                + a * (3.0 * u).sin()
+                + b * (4.0 * u).cos()
+                + c * (5.0 * u + 1.0).sin()
+        };
+        contour(radius, &mut random)
+    };
+    let right: Vec<Vec<f64>> = (0..140).map(|_| with_modes(1.0, 0.0)).collect();
+    let wrong: Vec<Vec<f64>> = (0..60).map(|_| with_modes(0.1, 1.8)).collect();
+    let all = [right.clone(), wrong].concat();
+    for (name, alignment) in CLASSES {
+        let setting = setting(name, alignment);
+        let factors = mean(&setting, &all, ones(&all), true).robust.unwrap().factors;
+        let kept: [f64; 2] = [factors[..140].iter().sum(), factors[140..].iter().sum()];
+        assert!(kept[0] > 125.0 && kept[1] < 2.0, "{name:?} {alignment:?}: {kept:?} of 140 right, 60 wrong");
+        // Horizontal shears lose those without wrong ones as well.
+        let alone = mean(&setting, &right, ones(&right), true).robust.unwrap();
+        assert!(alone.effective > 130.0, "{name:?} {alignment:?}: worth {:.1}", alone.effective);
+    }
+}
+
 #[test]
 fn right_shapes_keep_their_weights() {
     let right = right(200, 3);
@@ -328,7 +357,7 @@ fn damage_is_found_at_its_place() {
         )
         .unwrap();
         let whitened: Vec<f64> = aligned.iter().flat_map(|shape| shape.whitened.clone()).collect();
-        let weights = point_weights(metric, method, &whitened, &mean.robust.unwrap().factors).unwrap();
+        let weights = point_weights(measured, &whitened, &mean.robust.unwrap().factors).unwrap();
         assert!(weights.iter().flatten().all(|v| (0.0..=1.0).contains(v)));
         let (mut below, mut pairs) = (0, 0);
         for k in (0..120).step_by(6) {
@@ -341,9 +370,8 @@ fn damage_is_found_at_its_place() {
             }
         }
         let area = below as f64 / pairs as f64;
-        // The goal is 0.98. Horizontal shears miss it: 0.9375 was measured, a loss and not a tolerance.
-        let least = if name == ClassName::HorizontalShearTranslation { 0.93 } else { 0.98 };
-        assert!(area > least, "{name:?} {alignment:?}: area under the curve {area:.4}");
+        // The goal is 0.98.
+        assert!(area > 0.99, "{name:?} {alignment:?}: area under the curve {area:.4}");
         let elsewhere: f64 = (0..120).filter(|k| k % 6 != 0).flat_map(|k| &weights[k]).sum();
         assert!(elsewhere > 0.85 * (100 * POINTS) as f64, "{name:?}: {elsewhere}");
     }
