@@ -5,9 +5,11 @@ use crate::alignment::Method as Alignment;
 use crate::dictionary::method::Method;
 use crate::dictionary::report::{ReportOptions, report_bytes, report_work};
 use crate::dictionary::work::{EIGENPROBLEM, PRODUCT, Size};
+use crate::groupwise::{self, GroupwiseOptions};
 use crate::partial_sums::Measured;
 use crate::robust;
 use crate::watch::Phase;
+use shapelex_geometry::reparametrisation::Spherical;
 
 /// Predicted cost of a job.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -55,6 +57,9 @@ const ITERATIONS: f64 = 10.0;
 
 /// Multiply-adds of an iteration of a Procrustes mean for each number.
 const ITERATION: f64 = 8.0;
+
+/// Multiply-adds in whose time a node of a refitted surface is mapped, and its points and normals are computed.
+const REFIT: f64 = 5e3;
 
 /// Multiply-adds in whose time a number is read from the store.
 pub const READING: f64 = 25.0;
@@ -209,6 +214,16 @@ impl Estimate {
         let search = if measured.matching.searches() { mean_work(measured, k) / rounds(k) } else { 0.0 };
         let work = aligning + search + report_work(measured.metric, shapes, subjects, options);
         Self::of(shapes as u64, work, report_bytes(length, shapes, options) + 8.0 * k * n)
+    }
+
+    /// Cost of bringing `shapes` shapes on a sphere into groupwise correspondence.
+    pub fn for_correspondence(spherical: &Spherical, shapes: usize, options: &GroupwiseOptions) -> Self {
+        let (k, rows) = (shapes as f64, spherical.size());
+        let refit = REFIT * spherical.nodes() as f64;
+        let reading = READING * 3.0 * rows as f64;
+        let work =
+            k * (groupwise::shape_work(options) + refit + reading) + groupwise::model_work(shapes, options);
+        Self::of(shapes as u64, work, groupwise::bytes(shapes, rows))
     }
 
     /// Cost of tests of shapes aligned to one mean.

@@ -12,6 +12,7 @@ mod cohorts;
 mod comparisons;
 mod contours;
 mod corrections;
+mod correspond;
 mod curves;
 mod deform;
 mod dictionaries;
@@ -117,6 +118,8 @@ pub(super) fn computing_routes() -> OpenApiRouter<App> {
         .routes(routes!(coding::encode))
         .routes(routes!(coding::reconstruct))
         .routes(routes!(coding::score))
+        .routes(routes!(correspond::correspond_cohort))
+        .routes(routes!(correspond::correspond_shapes))
         .routes(routes!(coding::prior))
         .routes(routes!(coding::sample))
         .routes(routes!(report::dictionary_report))

@@ -209,7 +209,8 @@ impl Reparametrisation {
             let unit = [0, 1, 2].map(|c| f64::from(u8::from(c == e)));
             let (turned, moved) = (cross(y, column), cross(unit, round));
             for c in 0..3 {
-                slope[c][e] = bent[place[c][e]] - radial * unit[c] - y[c] * radial_slope[e] + turned[c] + moved[c];
+                slope[c][e] =
+                    bent[place[c][e]] - radial * unit[c] - y[c] * radial_slope[e] + turned[c] + moved[c];
             }
         }
         slope

@@ -64,7 +64,9 @@ impl Spherical {
             let half = 1.0 / halves as f64;
             let node = |h: usize, (s, w): (f64, f64)| (half * (h as f64 + 0.5 * (s + 1.0)), 0.5 * half * w);
             let rule: Vec<(f64, f64)> = rule.points().collect();
-            (0..halves).flat_map(|h| rule.iter().map(move |p| node(h, *p)).collect::<Vec<_>>()).collect::<Vec<_>>()
+            (0..halves)
+                .flat_map(|h| rule.iter().map(move |p| node(h, *p)).collect::<Vec<_>>())
+                .collect::<Vec<_>>()
         };
         let (us, vs) = (along(0), along(1));
         let (mut directions, mut weights) = (Vec::new(), Vec::new());
@@ -113,7 +115,8 @@ impl Spherical {
         }
         self.basis.gram().solve(rows.as_mut_slice());
         let new = self.shape(&rows);
-        let mean = [0, 1, 2].map(|c| jets.iter().zip(&*self.weights).map(|(jet, w)| w * jet.point[c]).sum::<f64>());
+        let mean =
+            [0, 1, 2].map(|c| jets.iter().zip(&*self.weights).map(|(jet, w)| w * jet.point[c]).sum::<f64>());
         let (mut apart, mut extent, mut area, mut folded) = (0.0, 0.0, 0.0, 0.0);
         for (((x, y), weight), jet) in self.directions.iter().zip(&images).zip(&*self.weights).zip(&jets) {
             let here = new.jet(*x);
@@ -178,7 +181,8 @@ impl SphericalShape {
         // The unit vectors along which u and v grow.
         let (east, south) = ([-sine, cosine, 0.0], [y[2] * cosine, y[2] * sine, -ring]);
         let [a, b] = [1.0 / (TAU * ring), 1.0 / PI];
-        let slope = [0, 1, 2].map(|c| [0, 1, 2].map(|i| a * along_u[c] * east[i] + b * along_v[c] * south[i]));
+        let slope =
+            [0, 1, 2].map(|c| [0, 1, 2].map(|i| a * along_u[c] * east[i] + b * along_v[c] * south[i]));
         Jet { point, slope }
     }
 }
@@ -243,7 +247,8 @@ mod tests {
         assert!((&still.rows - &rows).norm() < 1e-9 * rows.norm());
         assert!(still.residual < 1e-9 && still.folded == 0.0);
         let coefficients = (0..2 * count(2)).map(|i| 0.1 * (1.3 * i as f64).sin()).collect();
-        let map = Reparametrisation::rotation(Rotation::about([1.0, -0.4, 0.7])).with_coefficients(2, coefficients);
+        let map =
+            Reparametrisation::rotation(Rotation::about([1.0, -0.4, 0.7])).with_coefficients(2, coefficients);
         let found = spherical.refit(&spherical.shape(&rows), &map);
         assert!(found.relative_residual < 3e-3 && found.folded == 0.0, "{found:?}");
         let mut work = Workspace::new(2);
