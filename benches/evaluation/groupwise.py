@@ -213,8 +213,8 @@ def box_bump(t, x):
     radius = (np.abs(x) ** 6).sum(axis=-1, keepdims=True) ** (-1 / 6)
     point = radius * x * box
     place = np.array([-15.0 + 30.0 * t, 0.0, 10.0])
-    near = np.exp(-(((point - place)[..., :2] ** 2).sum(axis=-1, keepdims=True)) / (2 * 5.0**2)) * (point[..., 2:] > 0)
-    return point + 6.0 * near * np.array([0.0, 0.0, 1.0])
+    near = np.exp(-(((point - place)[..., :2] ** 2).sum(axis=-1, keepdims=True)) / (2 * 7.0**2)) * (point[..., 2:] > 0)
+    return point + 12.0 * near * np.array([0.0, 0.0, 1.0])
 
 
 def families(service, count):
@@ -232,7 +232,7 @@ def families(service, count):
             fitted = [{"control_points": one["control_points"]} for one in service.post("/v1/align", {**body, **RIGID, "correspondence": "landmarks"})["aligned"]]
             before = aligned(service, fitted)["explained"][0]
             _, _, rotated = correspond(service, label, f"{label}-0", degree=0)
-            answer, seconds, stored = correspond(service, label, f"{label}-4", degree=4)
+            answer, seconds, stored = correspond(service, label, f"{label}-6", degree=6, rounds=8)
             surfaces.row(name, "turned" if turned else "given", f"{100 * before:.1f} %",
                          f"{100 * aligned(service, rotated)['explained'][0]:.1f} %", f"{100 * aligned(service, stored)['explained'][0]:.1f} %",
                          f"{100 * max(one['relative_residual'] for one in answer['shapes']):.1f} %",

@@ -104,7 +104,10 @@ fn what_cannot_correspond_is_refused() {
         server.post(path, body).expect_problem(422, "invalid-input", pointers);
     };
     refused(&json!({}), &["/name"]);
-    refused(&json!({"name": "x y", "degree": 7, "stiffness": 0.0}), &["/name", "/degree", "/stiffness"]);
+    refused(
+        &json!({"name": "x y", "degree": 7, "rounds": 0, "stiffness": 0.0}),
+        &["/name", "/degree", "/rounds", "/stiffness"],
+    );
     refused(&json!({"name": "z", "degree": "four"}), &["/degree"]);
     server.post(path, &json!({"name": "few-beans"})).expect_problem(409, "name-taken", &[]);
     let one = json!({"name": "one", "filter": {"labels": {"t": 0.0}}});

@@ -10,7 +10,9 @@ use super::jobs::JobOutput;
 use super::planned::{Waited, waited};
 use super::request_macros::{RetryHeader, priority_of};
 use super::shape_query::take_filter;
-use crate::analysis::groupwise::{Corresponding, DEGREE, GroupwiseOptions, MAX_DEGREE, STIFFNESS};
+use crate::analysis::groupwise::{
+    Corresponding, DEGREE, GroupwiseOptions, MAX_DEGREE, MAX_ROUNDS, ROUNDS, STIFFNESS,
+};
 use crate::api::extract::{Caller, JsonBody, NoQuery, Path, Prefer};
 use crate::api::problem::Problem;
 use crate::api::respond::json;
@@ -38,8 +40,11 @@ document! {
         /// Highest degree of the fields that move the parameters, 0 (rotations only) to 6. Default: 4.
         #[schema(value_type = Option<usize>, minimum = 0, maximum = 6)]
         degree: Checked<usize>;
-        /// Weight of the deformations of the parameters. Default: 0.003.
-        #[schema(value_type = Option<f64>, minimum = 1e-6, maximum = 1e3)]
+        /// Steps of every surface for each degree, 1 to 20. Default: 4.
+        #[schema(value_type = Option<usize>, minimum = 1, maximum = 20)]
+        rounds: Checked<usize>;
+        /// Weight of the deformations of the parameters. Default: 0.03.
+        #[schema(value_type = Option<f64>, minimum = 1e-4, maximum = 1e4)]
         stiffness: Checked<f64>;
         /// Whether sizes are compared; otherwise every surface is scaled to unit area while its parameters are searched. Stored
         /// shapes keep their size. Default: true.
@@ -93,12 +98,17 @@ impl CorrespondCohortRequest {
         let name = take_given(self.name, "/name", &mut errors);
         let filter = take_filter(self.filter, "/filter", &mut errors);
         let degree = self.degree.map_or(Some(DEGREE), |field| field.take("/degree", &mut errors));
+        let rounds = self.rounds.map_or(Some(ROUNDS), |field| field.take("/rounds", &mut errors));
         let stiffness = self.stiffness.map_or(Some(STIFFNESS), |field| field.take("/stiffness", &mut errors));
         let sizes = self.sizes.map_or(Some(true), |field| field.take("/sizes", &mut errors));
         ServiceError::unless_empty(errors)?;
-        match (name, filter, degree, stiffness, sizes) {
-            (Some(name), Some(filter), Some(degree), Some(stiffness), Some(sizes)) => {
-                Ok(CorrespondRequest { name, filter, options: GroupwiseOptions { degree, sizes, stiffness } })
+        match (name, filter, degree, rounds, stiffness, sizes) {
+            (Some(name), Some(filter), Some(degree), Some(rounds), Some(stiffness), Some(sizes)) => {
+                Ok(CorrespondRequest {
+                    name,
+                    filter,
+                    options: GroupwiseOptions { degree, rounds, sizes, stiffness },
+                })
             }
             _ => Err(ServiceError::invalid("", "the request is incomplete")),
         }
@@ -112,8 +122,11 @@ asking_request! {
         /// Highest degree of the fields that move the parameters, 0 (rotations only) to 6. Default: 4.
         #[schema(value_type = Option<usize>, minimum = 0, maximum = 6)]
         degree: Checked<usize>;
-        /// Weight of the deformations of the parameters. Default: 0.003.
-        #[schema(value_type = Option<f64>, minimum = 1e-6, maximum = 1e3)]
+        /// Steps of every surface for each degree, 1 to 20. Default: 4.
+        #[schema(value_type = Option<usize>, minimum = 1, maximum = 20)]
+        rounds: Checked<usize>;
+        /// Weight of the deformations of the parameters. Default: 0.03.
+        #[schema(value_type = Option<f64>, minimum = 1e-4, maximum = 1e4)]
         stiffness: Checked<f64>;
     }
 }
@@ -187,9 +200,14 @@ impl CorrespondShapesRequest {
     /// The choices, and the numbers in whose time the work for a shape is done.
     fn settings(self, _: &Ready, errors: &mut Vec<Fault>) -> Option<(GroupwiseOptions, usize)> {
         let degree = self.degree.map_or(Some(DEGREE), |field| field.take("/degree", errors));
+        let rounds = self.rounds.map_or(Some(ROUNDS), |field| field.take("/rounds", errors));
         let stiffness = self.stiffness.map_or(Some(STIFFNESS), |field| field.take("/stiffness", errors));
-        let options =
-            GroupwiseOptions { degree: degree?.min(MAX_DEGREE + 1), sizes: true, stiffness: stiffness? };
+        let options = GroupwiseOptions {
+            degree: degree?.min(MAX_DEGREE + 1),
+            rounds: rounds?.min(MAX_ROUNDS + 1),
+            sizes: true,
+            stiffness: stiffness?,
+        };
         Some((options, correspond::numbers(&options)))
     }
 }

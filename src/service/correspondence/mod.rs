@@ -11,7 +11,9 @@ use tokio::runtime::Handle;
 use crate::analysis::AnalysisError;
 use crate::analysis::correspondence::{Correspondence, Direction};
 use crate::analysis::estimate::Estimate;
-use crate::analysis::groupwise::{self, Groupwise, GroupwiseOptions, MAX_DEGREE, STIFFNESS_RANGE};
+use crate::analysis::groupwise::{
+    self, Groupwise, GroupwiseOptions, MAX_DEGREE, MAX_ROUNDS, STIFFNESS_RANGE,
+};
 use crate::analysis::rows::rows_of;
 use crate::domain::cohort::{Cohort, CohortSpec};
 use crate::domain::filter::ShapeFilter;
@@ -95,6 +97,8 @@ pub struct CohortCorrespondence {
     pub source_revision: u64,
     /// Highest degree of the fields.
     pub degree: usize,
+    /// Steps of every shape for each degree.
+    pub rounds: usize,
     /// Whether sizes were compared.
     pub sizes: bool,
     /// Weight of the deformations.
@@ -160,6 +164,10 @@ pub(crate) fn option_faults(options: &GroupwiseOptions) -> Vec<Fault> {
     if options.degree > MAX_DEGREE {
         let detail = format!("expected a number between 0 and {MAX_DEGREE}, got {}", options.degree);
         faults.push(Fault::new("/degree", detail));
+    }
+    if !(1..=MAX_ROUNDS).contains(&options.rounds) {
+        let detail = format!("expected a number between 1 and {MAX_ROUNDS}, got {}", options.rounds);
+        faults.push(Fault::new("/rounds", detail));
     }
     let [least, most] = STIFFNESS_RANGE;
     if !(least..=most).contains(&options.stiffness) {
@@ -300,6 +308,7 @@ fn answer_of(plan: &Plan, shapes: &[ShapeDescription], found: &Groupwise) -> Coh
         source: plan.cohort.clone(),
         source_revision: plan.revision,
         degree: plan.options.degree,
+        rounds: plan.options.rounds,
         sizes: plan.options.sizes,
         stiffness: plan.options.stiffness,
         digest: digest.finalize().to_hex().as_str()[..DIGEST_CHARS].to_owned(),

@@ -29,7 +29,7 @@ pub(super) struct Member {
 /// Weights of a step.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Penalty {
-    /// Weight of the squared coefficients, times the squared size of the mean.
+    /// Weight of the squared coefficients, in the squared unit of the shapes.
     pub weight: f64,
 }
 

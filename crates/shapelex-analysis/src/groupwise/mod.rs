@@ -43,18 +43,22 @@ pub const MAX_DEGREE: usize = 6;
 /// Default degree.
 pub const DEGREE: usize = 4;
 /// Default weight of the deformations.
-pub const STIFFNESS: f64 = 3e-3;
+pub const STIFFNESS: f64 = 0.03;
 /// Smallest and largest weight of the deformations.
-pub const STIFFNESS_RANGE: [f64; 2] = [1e-6, 1e3];
+pub const STIFFNESS_RANGE: [f64; 2] = [1e-4, 1e4];
 
 /// Most rounds in which all rotations are searched.
 const SEARCHES: usize = 4;
 /// Relative decrease of the sum of squares below which the search of rotations ends.
 const SETTLED: f64 = 1e-2;
-/// Rounds of steps for every degree.
-const ROUNDS: usize = 3;
+/// Default number of rounds of steps for every degree.
+pub const ROUNDS: usize = 4;
+/// Most rounds of steps for every degree.
+pub const MAX_ROUNDS: usize = 20;
 /// Noise `δ` at the beginning and at the end, relative to the total variance of the shapes with rotations only.
 const NOISE: [f64; 2] = [1e-1, 1e-3];
+/// Variance relative to the squared size of the mean below which shapes are equal.
+const NO_VARIANCE: f64 = 1e-9;
 /// Norm of a centred shape relative to its coordinates below which it has no extent.
 const NO_EXTENT: f64 = 1e-9;
 /// Ratio of the smallest to the largest extent of a shape along its axes below which it is flat and encloses nothing.
@@ -66,9 +70,11 @@ const FLAT: f64 = 1e-6;
 pub struct GroupwiseOptions {
     /// Highest degree of the fields, at most [`MAX_DEGREE`]; 0 for rotations only.
     pub degree: usize,
+    /// Steps of every shape for each degree, 1 to [`MAX_ROUNDS`].
+    pub rounds: usize,
     /// Whether sizes are compared; otherwise every shape is scaled to unit area.
     pub sizes: bool,
-    /// Weight of the squared displacement of the parameters, relative to the squared size of the mean.
+    /// Weight of the squared displacement of the parameters (radians), relative to the total variance with rotations only.
     pub stiffness: f64,
 }
 
@@ -96,19 +102,20 @@ pub struct Groupwise {
 
 /// Usual number of times that [`correspond`] works on each shape, which [`Watch::worked`] counts.
 pub fn rounds(options: &GroupwiseOptions) -> usize {
-    2 + SEARCHES + options.degree * ROUNDS
+    2 + SEARCHES + options.degree * options.rounds
 }
 
 /// Multiply-adds of a search and all steps of one shape, measured.
 pub fn shape_work(options: &GroupwiseOptions) -> f64 {
     let step = |degree: usize| 3.0e6 + 2.0e5 * (free(degree).len() as f64);
-    SEARCHES as f64 * 1.2e7 + (1..=options.degree).map(|degree| ROUNDS as f64 * step(degree)).sum::<f64>()
+    SEARCHES as f64 * 1.2e7
+        + (1..=options.degree).map(|degree| options.rounds as f64 * step(degree)).sum::<f64>()
 }
 
 /// Multiply-adds of the mean and covariance of `shapes` shapes, over all rounds.
 pub fn model_work(shapes: usize, options: &GroupwiseOptions) -> f64 {
     let size = 3.0 * Domain::SIZE as f64;
-    (SEARCHES + options.degree * ROUNDS) as f64 * (shapes as f64 * size * size + size.powi(3))
+    (SEARCHES + options.degree * options.rounds) as f64 * (shapes as f64 * size * size + size.powi(3))
 }
 
 /// Bytes for `shapes` shapes of `rows` control points: control points, points at the nodes, coefficients, and the refitted shapes.
@@ -221,20 +228,20 @@ fn deform(
     options: &GroupwiseOptions,
     watch: &dyn Watch,
 ) -> Result<f64, AnalysisError> {
-    let stiff = options.stiffness * begin.mean.iter().map(|x| x * x).sum::<f64>();
-    let last = (options.degree * ROUNDS).saturating_sub(1).max(1) as f64;
+    let size: f64 = begin.mean.iter().map(|x| x * x).sum();
     // Equal shapes have no variance, and nothing to deform.
-    let least = (NO_EXTENT * stiff).max(f64::MIN_POSITIVE.sqrt());
+    let total = begin.total().max(NO_VARIANCE * size);
+    let last = (options.degree * options.rounds).saturating_sub(1).max(1) as f64;
     let noise_at = |round: usize| {
         let share = NOISE[0] * (NOISE[1] / NOISE[0]).powf(round as f64 / last);
-        (share * begin.total()).max(least)
+        share * total
     };
     for degree in 1..=options.degree {
         let wanted = free(degree);
         members.iter_mut().for_each(|member| member.map = member.map.raised(degree));
-        for round in (degree - 1) * ROUNDS..degree * ROUNDS {
+        for round in (degree - 1) * options.rounds..degree * options.rounds {
             let model = spread(members)?.model(noise_at(round));
-            let penalty = Penalty { weight: stiff * noise_at(round) / noise_at(0) };
+            let penalty = Penalty { weight: options.stiffness * total * noise_at(round) / noise_at(0) };
             let step = |member: &mut Member| {
                 watch.check()?;
                 member.step(domain, &model, &wanted, penalty);

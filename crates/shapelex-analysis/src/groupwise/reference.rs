@@ -3,7 +3,7 @@
 use super::domain::Domain;
 use super::member::{Member, Penalty, free};
 use super::model::Model;
-use super::{AnalysisError, Corresponding, GroupwiseOptions, NOISE, ROUNDS, finished};
+use super::{AnalysisError, Corresponding, GroupwiseOptions, NO_VARIANCE, NOISE, finished};
 use crate::watch::Watch;
 use shapelex_geometry::reparametrisation::Reparametrisation;
 use shapelex_geometry::reparametrisation::flow::{Rotation, Workspace};
@@ -88,16 +88,16 @@ impl Reference {
         member.search(domain, &self.points, &isotropic);
         watch.check()?;
         let size: f64 = self.mean.iter().map(|x| x * x).sum();
-        let total: f64 = self.variances.iter().sum();
-        let last = (options.degree * ROUNDS).saturating_sub(1).max(1) as f64;
-        for round in 0..options.degree * ROUNDS {
+        let total = self.variances.iter().sum::<f64>().max(NO_VARIANCE * size);
+        let last = (options.degree * options.rounds).saturating_sub(1).max(1) as f64;
+        for round in 0..options.degree * options.rounds {
             watch.check()?;
             let share = NOISE[0] * (NOISE[1] / NOISE[0]).powf(round as f64 / last);
-            let delta = (share * total).max(f64::MIN_POSITIVE.sqrt());
+            let delta = share * total;
             let model = Model::of(self.mean.clone(), self.vectors.clone(), &self.variances, delta);
-            let degree = 1 + round / ROUNDS;
+            let degree = 1 + round / options.rounds.max(1);
             member.map = member.map.raised(degree);
-            let penalty = Penalty { weight: options.stiffness * size * share / NOISE[0] };
+            let penalty = Penalty { weight: options.stiffness * total * share / NOISE[0] };
             member.step(domain, &model, &free(degree), penalty);
         }
         let mut map = member.map.clone();

@@ -11,7 +11,8 @@ use shapelex_geometry::surface::fit::spherical_direction;
 use shapelex_geometry::surface::seam::Seam;
 use shapelex_numeric::dense::Matrix;
 
-const OPTIONS: GroupwiseOptions = GroupwiseOptions { degree: 2, sizes: true, stiffness: STIFFNESS };
+const OPTIONS: GroupwiseOptions =
+    GroupwiseOptions { degree: 2, rounds: 3, sizes: true, stiffness: STIFFNESS };
 
 fn space() -> ShapeSpace {
     let topology = Topology::Sphere;

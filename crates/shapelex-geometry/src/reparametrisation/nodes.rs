@@ -79,7 +79,7 @@ fn icosahedron() -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
         for signs in 0..4 {
             let part = |bit: i32| if signs >> bit & 1 == 0 { length.recip() } else { -length.recip() };
             let mut point = [0.0; 3];
-            (point[(c + 1) % 3], point[(c + 2) % 3]) = (part(0), golden * part(1));
+            (point[(c + 1) % 3], point[(c + 2) % 3]) = (golden * part(0), part(1));
             points.push(point);
         }
     }

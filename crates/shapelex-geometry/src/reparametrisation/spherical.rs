@@ -16,8 +16,8 @@ use shapelex_numeric::sparse::SparseRows;
 /// Sine of the colatitude below which derivatives are those at this distance from the pole: a surface has the same tangent plane
 /// there, while longitudes have no derivative at the pole itself.
 const NEAR_POLE: f64 = 1e-7;
-/// Gauss nodes per half-interval and direction: products of two generators are integrated nearly to rounding.
-const NODES: usize = 2;
+/// Gauss nodes per half-interval and direction: products of two generators are integrated to a millionth.
+const NODES: usize = 3;
 
 /// A space of shapes on a sphere, with the nodes of a quadrature of its metric.
 #[derive(Debug, Clone)]
@@ -102,7 +102,7 @@ impl Spherical {
     /// The shape of the space nearest to `r∘γ` in the metric of the space. The conditions at its poles are part of the space: the new
     /// poles are points `r(γ(pole))` only as nearly as everywhere else, and the residual counts them.
     ///
-    /// Cost: 16 points of `γ` and of two surfaces per pair of intervals, and one solve of `Φ`.
+    /// Cost: 36 points of `γ` and of two surfaces per pair of intervals, and one solve of `Φ`.
     pub fn refit(&self, shape: &SphericalShape, map: &Reparametrisation) -> Refit {
         let mut work = Workspace::new(map.degree());
         let images: Vec<[f64; 3]> = self.directions.iter().map(|x| map.apply(*x, &mut work)).collect();
@@ -244,8 +244,8 @@ mod tests {
         let spherical = space.spherical().unwrap();
         let rows = of(&space, bean);
         let still = spherical.refit(&spherical.shape(&rows), &Reparametrisation::default());
-        assert!((&still.rows - &rows).norm() < 1e-9 * rows.norm());
-        assert!(still.residual < 1e-9 && still.folded == 0.0);
+        let apart = (&still.rows - &rows).norm() / rows.norm();
+        assert!(apart < 1e-5 && still.residual < 1e-5 && still.folded == 0.0, "{apart} {still:?}");
         let coefficients = (0..2 * count(2)).map(|i| 0.1 * (1.3 * i as f64).sin()).collect();
         let map =
             Reparametrisation::rotation(Rotation::about([1.0, -0.4, 0.7])).with_coefficients(2, coefficients);
