@@ -5,7 +5,7 @@ use axum::response::Response;
 use serde::Serialize;
 
 use super::batches::{Batch, BatchQuery, results};
-use super::coding::{AskingRequest, Shapes, ask_dictionary, asking_request, receive};
+use super::coding::{Shapes, ask_dictionary, asking_request, receive};
 use super::jobs::JobOutput;
 use super::planned::{Waited, waited};
 use super::request_macros::{RetryHeader, priority_of};
@@ -18,7 +18,7 @@ use crate::api::problem::Problem;
 use crate::api::respond::json;
 use crate::domain::filter::ShapeFilter;
 use crate::domain::job::Priority;
-use crate::formats::checked::{Checked, List, Many, document, take_given, take_many, take_or_default};
+use crate::formats::checked::{Checked, List, Many, document, take_given, take_many};
 use crate::formats::fault::Fault;
 use crate::formats::shape::{Points, ShapeInput};
 use crate::service::app::ServiceError;
