@@ -109,9 +109,9 @@ fn what_cannot_correspond_is_refused() {
         &["/name", "/degree", "/rounds", "/stiffness"],
     );
     refused(&json!({"name": "z", "degree": "four"}), &["/degree"]);
-    server.post(path, &json!({"name": "few-beans"})).expect_problem(409, "name-taken", &[]);
+    server.post(path, &json!({"name": "few-beans"})).expect_problem(409, "name-taken", &["/name"]);
     let one = json!({"name": "one", "filter": {"labels": {"t": 0.0}}});
-    server.post(path, &one).expect_problem(400, "too-few-shapes", &[]);
+    server.post(path, &one).expect_problem(422, "too-few-shapes", &[]);
     // Shapes without parameters on a sphere.
     let curve = json!({"kind": "closed_curve", "dimension": 2, "control_points": 8, "generator": {"name": "trigonometric"}});
     server.post("/v1/cohorts", &json!({"name": "curves-apart", "representation": curve})).expect(201);

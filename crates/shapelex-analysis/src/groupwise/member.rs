@@ -9,7 +9,7 @@ use shapelex_numeric::dense::{Definite, Matrix, svd, transpose_multiply};
 use super::super::AnalysisError;
 use super::domain::Domain;
 use super::model::Model;
-use super::{FLAT, NO_EXTENT};
+use super::{DEGENERATE, NO_EXTENT};
 
 /// Rotation of a shape in space, row by row.
 pub(super) type Pose = [[f64; 3]; 3];
@@ -70,7 +70,7 @@ impl Member {
     /// A shape with its parameters and in its pose as given.
     ///
     /// # Errors
-    /// [`AnalysisError::NoExtent`] with index 0 for a point, a line, or a flat shape.
+    /// With index 0: [`AnalysisError::NoExtent`] for a point, [`AnalysisError::Degenerate`] for a line or a flat shape.
     pub(super) fn new(domain: &Domain, shape: SphericalShape) -> Result<Self, AnalysisError> {
         let pose = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
         let map = Reparametrisation::default();
@@ -80,11 +80,16 @@ impl Member {
         member.refresh(domain);
         let values = Matrix::from_column_slice(Domain::SIZE, 3, &member.coefficients);
         let extents = svd(values, false, false).map(|found| found.singular_values);
-        let none = || AnalysisError::NoExtent { index: 0, norm: 0.0, size };
-        let extents = extents.filter(|list| list.iter().all(|value| value.is_finite())).ok_or_else(none)?;
+        let none = |norm: f64| AnalysisError::NoExtent { index: 0, norm, size };
+        let extents =
+            extents.filter(|list| list.iter().all(|value| value.is_finite())).ok_or_else(|| none(0.0))?;
         let (most, least) = extents.iter().fold((0.0_f64, f64::INFINITY), |(a, b), x| (a.max(*x), b.min(*x)));
-        if !(most > NO_EXTENT * size) || !(least > FLAT * most) {
-            return Err(AnalysisError::NoExtent { index: 0, norm: least, size });
+        if !(most > NO_EXTENT * size) {
+            return Err(none(most));
+        }
+        if !(least > DEGENERATE * most) {
+            let class = "the correspondence of surfaces: it is flat".into();
+            return Err(AnalysisError::Degenerate { index: 0, class, sigma: least / most });
         }
         Ok(member)
     }

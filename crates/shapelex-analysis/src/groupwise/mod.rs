@@ -31,8 +31,8 @@ use self::domain::Domain;
 use self::member::{Member, Penalty, free};
 use self::model::{Model, Spread};
 pub use self::reference::Reference;
-use super::AnalysisError;
 use super::watch::Watch;
+use super::{AnalysisError, DEGENERATE};
 use shapelex_geometry::reparametrisation::Reparametrisation;
 use shapelex_geometry::reparametrisation::flow::Workspace;
 use shapelex_geometry::reparametrisation::spherical::{Refit, Spherical};
@@ -61,9 +61,6 @@ const NOISE: [f64; 2] = [1e-1, 1e-3];
 const NO_VARIANCE: f64 = 1e-9;
 /// Norm of a centred shape relative to its coordinates below which it has no extent.
 const NO_EXTENT: f64 = 1e-9;
-/// Ratio of the smallest to the largest extent of a shape along its axes below which it is flat and encloses nothing.
-const FLAT: f64 = 1e-6;
-
 /// Choices of a groupwise correspondence.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -132,7 +129,8 @@ pub fn bytes(shapes: usize, rows: usize) -> f64 {
 /// rounding and the error with which the space represents them.
 ///
 /// # Errors
-/// [`AnalysisError::TooFewShapes`] for fewer than two; [`AnalysisError::NoExtent`] for a shape that is a point, a line or flat;
+/// [`AnalysisError::TooFewShapes`] for fewer than two; [`AnalysisError::NoExtent`] for a point; [`AnalysisError::Degenerate`]
+/// for a line or a flat shape;
 /// [`AnalysisError::Interrupted`].
 pub fn correspond(
     spherical: &Spherical,

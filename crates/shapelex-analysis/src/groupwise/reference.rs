@@ -28,7 +28,7 @@ impl Reference {
     /// From the control points of the mean, and the displacement of each mode by one standard deviation, `N × 3` each.
     ///
     /// # Errors
-    /// [`AnalysisError::NoExtent`] for a mean without extent.
+    /// [`AnalysisError::NoExtent`] or [`AnalysisError::Degenerate`] for a mean without extent in some direction.
     pub fn new(
         spherical: &Spherical,
         mean: &Matrix,
@@ -73,7 +73,7 @@ impl Reference {
     /// that of the mean meanwhile.
     ///
     /// # Errors
-    /// [`AnalysisError::NoExtent`] with index 0; [`AnalysisError::Interrupted`].
+    /// [`AnalysisError::NoExtent`] or [`AnalysisError::Degenerate`] with index 0; [`AnalysisError::Interrupted`].
     pub fn correspond(
         &self,
         rows: &Matrix,
