@@ -21,6 +21,8 @@ pub enum JobKind {
     Segment,
     /// Examines the modes of a dictionary.
     Report,
+    /// Brings the surfaces of a cohort into correspondence.
+    Correspond,
 }
 
 impl JobKind {
@@ -34,6 +36,7 @@ impl JobKind {
             Self::Assess => "assess",
             Self::Segment => "segment",
             Self::Report => "report",
+            Self::Correspond => "correspond",
         }
     }
 }

@@ -5,6 +5,7 @@ use tokio::runtime::Handle;
 use crate::domain::job::{Job, JobKind};
 use crate::service::app::progress::JobContext;
 use crate::service::app::{App, ServiceError};
+use crate::service::correspondence;
 use crate::service::dictionaries::report::PlannedReport;
 use crate::service::dictionaries::{assessments, learning};
 use crate::service::inference::comparisons::ComparedShapes;
@@ -28,6 +29,7 @@ pub fn run(app: &App, handle: &Handle, job: &Job, context: &JobContext) -> Resul
         JobKind::Regress => inline_or_job::run::<Study<RegressedShapes>>(app, handle, job, context),
         JobKind::Assess => assessments::run(app, handle, job, context),
         JobKind::Report => inline_or_job::run::<PlannedReport>(app, handle, job, context),
+        JobKind::Correspond => correspondence::run(app, handle, job, context),
         JobKind::Segment => segmentation::job::run(app, handle, job, context),
     }
 }

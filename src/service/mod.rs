@@ -9,6 +9,7 @@
 //! * [`segmentation`] — images to shapes;
 //! * [`cost`] — predicted cost of requests;
 //! * [`cohorts`] — stored shapes; [`access`] — authentication of callers; [`events`] — what happens, as a stream;
+//! * [`correspondence`] — surfaces of a cohort in correspondence, as a new cohort;
 //! * [`hooks`] — deliveries of changes to addresses of clients;
 //! * [`search`] — distances and neighbours;
 //! * [`dictionaries`] — dictionaries and classifiers; [`inference`] — hypothesis tests;
@@ -19,6 +20,7 @@ pub mod access;
 pub mod app;
 pub mod audit;
 pub mod cohorts;
+pub mod correspondence;
 pub mod cost;
 pub mod dictionaries;
 pub mod dispatch;

@@ -17,6 +17,7 @@ mod http_comparisons;
 mod http_contours;
 mod http_contract;
 mod http_corrections;
+mod http_correspond;
 mod http_curves;
 mod http_dashboard;
 mod http_dictionaries;

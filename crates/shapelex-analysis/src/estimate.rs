@@ -6,9 +6,11 @@ use crate::dictionary::method::Method;
 use crate::dictionary::posterior::calibration::calibration_work;
 use crate::dictionary::report::{ReportOptions, report_bytes, report_work};
 use crate::dictionary::work::{EIGENPROBLEM, PRODUCT, Size};
+use crate::groupwise::{self, GroupwiseOptions};
 use crate::partial_sums::Measured;
 use crate::robust;
 use crate::watch::Phase;
+use shapelex_geometry::reparametrisation::Spherical;
 use shapelex_geometry::representation::ShapeSpace;
 
 /// Predicted cost of a job.
@@ -70,6 +72,9 @@ const ITERATIONS: f64 = 10.0;
 
 /// Multiply-adds of an iteration of a Procrustes mean for each number.
 const ITERATION: f64 = 8.0;
+
+/// Multiply-adds in whose time a node of a refitted surface is mapped, and its points and normals are computed.
+const REFIT: f64 = 5e3;
 
 /// Multiply-adds in whose time a number is read from the store.
 pub const READING: f64 = 25.0;
@@ -238,10 +243,24 @@ impl Estimate {
         let (length, k) = (measured.metric.len(), shapes as f64);
         let n = length as f64;
         let aligning = PRODUCT * k * class_size(measured) * n * n + 2.0 * READING * k * n;
-        let search = if measured.matching.searches() { mean_work(measured, k) / rounds(k) } else { 0.0 };
+        let search = if measured.matching.searches() {
+            mean_work(measured, k) / search_rounds(measured, k)
+        } else {
+            0.0
+        };
         let work = aligning + search + calibration_work(measured.metric, shapes, subjects, unknowns);
         let rank = n.min(k);
         Self::of(shapes as u64, work, 8.0 * (5.0 * k * n + 3.0 * n * rank + k * rank + 8.0 * rank * rank))
+    }
+
+    /// Cost of bringing `shapes` shapes on a sphere into groupwise correspondence.
+    pub fn for_correspondence(spherical: &Spherical, shapes: usize, options: &GroupwiseOptions) -> Self {
+        let (k, rows) = (shapes as f64, spherical.size());
+        let refit = REFIT * spherical.nodes() as f64;
+        let reading = READING * 3.0 * rows as f64;
+        let work =
+            k * (groupwise::shape_work(options) + refit + reading) + groupwise::model_work(shapes, options);
+        Self::of(shapes as u64, work, groupwise::bytes(shapes, rows))
     }
 
     /// Cost of tests of shapes aligned to one mean.

@@ -9,6 +9,7 @@
 //! * [`accumulate`] — sums over many shapes that stream, split and merge; [`pass`] — the same sums as serialisable values;
 //! * [`correspondence`], [`matching`] — start points, directions and mirror images; [`conversion`] — control points of
 //!   points;
+//! * [`groupwise`] — correspondence of shapes on a sphere by entropy over reparametrisations;
 //! * [`mean`], [`frame`] — the mean space (mean of the subspaces) and its representative;
 //! * [`robust`] — weights that take wrong shapes out of a mean, its components and its atoms;
 //! * [`factors`] — which shapes a robust estimate leaves out;
@@ -76,6 +77,7 @@ pub mod estimate;
 pub mod factors;
 pub mod fit;
 pub mod frame;
+pub mod groupwise;
 pub mod incomplete;
 pub mod inference;
 mod magnitudes;

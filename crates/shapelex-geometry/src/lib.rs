@@ -70,6 +70,7 @@ pub mod overlap;
 pub mod quality;
 pub mod raster;
 pub mod refine;
+pub mod reparametrisation;
 pub mod representation;
 pub mod resample;
 pub mod sampling;

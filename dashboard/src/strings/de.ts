@@ -169,7 +169,7 @@ export const de: Strings = {
   jobs: {
     lead: "Lange Arbeiten, während sie laufen. Sie gehen weiter, wenn Sie die Seite verlassen, auch nach einem Neustart des Dienstes.", live: "verbunden", offline: "nicht verbunden", status: "Status", all: "alle", none: "Keine Aufträge.", work: "Arbeit", progress: "Fortschritt", begun: "Begonnen", duration: "Dauer", running: "Wird berechnet …",
     left: (seconds) => `noch etwa ${seconds} s`, cancelled: "Der Auftrag wird abgebrochen.", states: { queued: "wartet", running: "läuft", succeeded: "fertig", failed: "fehlgeschlagen", cancelled: "abgebrochen" },
-    kinds: { learn_dictionary: "Lernen eines Wörterbuchs", distances: "Abstände", compare: "Vergleich von Gruppen", regress: "Regression", assess: "Beurteilung einer Kohorte", segment: "Segmentierung", report: "Zeugnis eines Wörterbuchs" },
+    kinds: { learn_dictionary: "Lernen eines Wörterbuchs", distances: "Abstände", compare: "Vergleich von Gruppen", regress: "Regression", assess: "Beurteilung einer Kohorte", segment: "Segmentierung", report: "Zeugnis eines Wörterbuchs", correspond: "Korrespondenz von Flächen" },
   },
   console: {
     lead: "Jede Anfrage dieser Seite kann auch ein Programm stellen. Füllen Sie eine aus, senden Sie sie, kopieren Sie sie.", operation: "Anfrage", optional: (count) => `${count} weitere Einstellungen`, body: "Inhalt", send: "Senden", copy: "Als Programm", answer: "Antwort",

@@ -166,7 +166,7 @@ export const en = {
   jobs: {
     lead: "Long work, as it happens. It goes on when you leave, and after a restart of the service.", live: "live", offline: "not connected", status: "Status", all: "all", none: "No jobs.", work: "Work", progress: "Progress", begun: "Begun", duration: "Duration", running: "Computing …",
     left: (seconds: string) => `about ${seconds} s left`, cancelled: "The job is being cancelled.", states: { queued: "waiting", running: "running", succeeded: "done", failed: "failed", cancelled: "cancelled" },
-    kinds: { learn_dictionary: "Learning a dictionary", distances: "Distances", compare: "Comparison of groups", regress: "Regression", assess: "Assessment of a cohort", segment: "Segmentation", report: "Report card of a dictionary" },
+    kinds: { learn_dictionary: "Learning a dictionary", distances: "Distances", compare: "Comparison of groups", regress: "Regression", assess: "Assessment of a cohort", segment: "Segmentation", report: "Report card of a dictionary", correspond: "Correspondence of surfaces" },
   },
   console: {
     lead: "Every request that this page makes can be made by a program. Fill one in, send it, copy it.", operation: "Request", optional: (count: number) => `${count} optional settings`, body: "Body", send: "Send", copy: "As a program", answer: "Answer",

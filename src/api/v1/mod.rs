@@ -13,6 +13,7 @@ mod comparisons;
 mod complete;
 mod contours;
 mod corrections;
+mod correspond;
 mod curves;
 mod deform;
 mod dictionaries;
@@ -120,6 +121,8 @@ pub(super) fn computing_routes() -> OpenApiRouter<App> {
         .routes(routes!(coding::encode))
         .routes(routes!(coding::reconstruct))
         .routes(routes!(coding::score))
+        .routes(routes!(correspond::correspond_cohort))
+        .routes(routes!(correspond::correspond_shapes))
         .routes(routes!(coding::prior))
         .routes(routes!(coding::sample))
         .routes(routes!(report::dictionary_report))

@@ -86,7 +86,7 @@ impl Asked {
     }
 
     /// Control points of the shapes, read under `correspondence`.
-    fn control_points(
+    pub(super) fn control_points(
         self,
         app: &App,
         ready: &Ready,

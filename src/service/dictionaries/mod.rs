@@ -18,6 +18,7 @@ pub mod assessments;
 pub mod class_labels;
 pub mod classify;
 pub mod coding;
+pub mod correspond;
 pub mod distributed;
 pub mod drift;
 pub mod file;

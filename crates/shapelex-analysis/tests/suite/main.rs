@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::print_stdout, missing_docs)]
 
 mod dictionaries;
+mod groupwise;
 mod laws;
 mod motions;
 mod parts;

@@ -85,6 +85,33 @@ impl Surface {
         point
     }
 
+    /// Value and first derivatives along `u` and `v` at one point.
+    pub(crate) fn first_jet(&self, u: f64, v: f64) -> [[f64; 3]; 3] {
+        let [along_u, along_v] = [(0, u), (1, v)].map(|(i, parameter)| {
+            let (half, s) = self.lines[i].locate(parameter);
+            let (first, weights) = self.lines[i].weights(half, s, 0);
+            let slopes = self.lines[i].weights(half, s, 1).1;
+            (first, weights.zip(slopes).collect::<Vec<(f64, f64)>>())
+        });
+        let mut jet = [[0.0; 3]; 3];
+        for (k, (weight, slope)) in along_u.1.iter().enumerate() {
+            let row = &self.control_points[(along_u.0 + k) * self.size[1] + along_v.0..];
+            let (mut value, mut by_v) = ([0.0; 3], [0.0; 3]);
+            for (point, (weight, slope)) in row.iter().zip(&along_v.1) {
+                for c in 0..3 {
+                    value[c] += weight * point[c];
+                    by_v[c] += slope * point[c];
+                }
+            }
+            for c in 0..3 {
+                jet[0][c] += weight * value[c];
+                jet[1][c] += slope * value[c];
+                jet[2][c] += weight * by_v[c];
+            }
+        }
+        jet
+    }
+
     /// The jet at one point.
     pub fn jet(&self, u: f64, v: f64) -> Jet {
         self.jets(&[u], &[v])[0]

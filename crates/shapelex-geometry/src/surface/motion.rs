@@ -99,7 +99,7 @@ fn after(p: Quaternion, q: Quaternion) -> Quaternion {
 }
 
 /// The 60 rotations of the icosahedron: every rotation is within 45 degrees of one of them.
-fn icosahedral() -> Vec<Quaternion> {
+pub(crate) fn icosahedral() -> Vec<Quaternion> {
     let golden = (1.0 + 5.0_f64.sqrt()) / 2.0;
     let mut found: Vec<Quaternion> = Vec::new();
     // Of the 120 unit icosians, q and −q are one rotation: the one whose first part that is not 0 is positive.
