@@ -57,7 +57,8 @@ def refinement(service, random):
         found = apart(points(service, coarse, shape, places),
                       points(service, answer["representation"], {"control_points": fine["control_points"]}, moved))
         change = fine.get("l2_change")
-        print(f"| {text} | {factor} | {str(answer['exact']).lower()} | {found:.1e} | {'–' if change is None else f'{change:.3f}'} |", flush=True)
+        told = "–" if change is None else f"{change:.3f}"
+        print(f"| {text} | {factor} | {str(answer['exact']).lower()} | {found:.1e} | {told} |", flush=True)
     print()
 
 
@@ -93,7 +94,8 @@ def flux(service):
     print("| field through the unit sphere, 6 × 5 | flux | error |")
     print("|---|---|---|")
     for degree in range(1, 9, 2):
-        terms = [{"powers": [degree if c == i else 0 for i in range(3)], "coefficients": [int(c == i) for i in range(3)]} for c in range(3)]
+        unit = [[int(c == i) for i in range(3)] for c in range(3)]
+        terms = [{"powers": [degree * x for x in axis], "coefficients": axis} for axis in unit]
         body = {"representation": surface("sphere", [6, 5]), "shapes": [grid([6, 5], ball)], "field": {"terms": terms}}
         found = service.call("POST", "/v1/measure", body)["results"][0]["flux"]
         # ∭ 3 d z^(d − 1) dV over the ball.
@@ -108,7 +110,8 @@ def meridian(service):
     body = {"representation": representation, "surfaces": [{"surface": {"name": "sphere", "radius": 1}}]}
     shape = service.call("POST", "/v1/idealised", body)["shapes"][0]
     volume = service.call("POST", "/v1/measure", {"representation": representation, "shapes": [shape]})["results"][0]["volume"]
-    print(f"Unit sphere of exponential B-splines, 9 × 9, domain poles 0, ±2πj and 0, ±πj: volume − 4π/3 = {volume - 4 * math.pi / 3:.1e}.\n")
+    error = volume - 4 * math.pi / 3
+    print(f"Unit sphere of exponential B-splines, 9 × 9, domain poles 0, ±2πj and 0, ±πj: volume − 4π/3 = {error:.1e}.\n")
 
 
 def bean(u, v):

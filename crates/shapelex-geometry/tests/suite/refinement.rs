@@ -361,8 +361,11 @@ proptest! {
         places in prop::collection::vec(prop::array::uniform2(0.0..1.0), 20),
     ) {
         let circle = PoleList::from_domain(&[[0.0, 0.0], [0.0, TAU], [0.0, -TAU]]);
-        let kinds = [GeneratorKind::Exponential { poles: circle.clone() }, half_integer_shifts(circle), GeneratorKind::Bspline { degree: 3 }];
-        let spline = [GeneratorKind::Bspline { degree: 2 }, GeneratorKind::Bspline { degree: 3 }, half_integer_shifts(PoleList::from_domain(&[[0.0, 0.0]; 3]))];
+        let spline = |degree: u8| GeneratorKind::Bspline { degree };
+        let exponential = GeneratorKind::Exponential { poles: circle.clone() };
+        let kinds = [exponential, half_integer_shifts(circle), spline(3)];
+        let zeros = half_integer_shifts(PoleList::from_domain(&[[0.0, 0.0]; 3]));
+        let spline = [spline(2), spline(3), zeros];
         let kinds = [kinds[around].clone(), spline[along].clone()];
         let even = factors[0] % 2 == 0;
         let sharp = surfaces(Topology::SharpSphere, Seam::Straight, [7, 6], kinds.clone()).unwrap();

@@ -843,8 +843,8 @@ fn polynomial_fluxes_through_meshes_are_exact() {
     }
 }
 
-/// A lemon, `4v(1 − v)` wide at the height `1 − 2v`, has cones at its poles: a sharp sphere contains it, a smooth one does not. Both contain
-/// the ball.
+/// A lemon, `4v(1 − v)` wide at the height `1 − 2v`, has cones at its poles: a sharp sphere contains it, a smooth one does not. Both
+/// contain the ball.
 #[test]
 fn a_lemon_has_sharp_poles() {
     let lemon = |u: f64, v: f64| {
