@@ -88,7 +88,9 @@ fn turned_surfaces_get_corresponding_parameters_in_a_new_cohort() {
     let distance = |shape: &Value| {
         let body = json!({"shapes": [shape]});
         let scored = server.post("/v1/dictionaries/beans-corresponding/score", &body).expect(200);
-        scored["results"][0]["relative_error"].as_f64().unwrap_or_else(|| panic!("{scored}"))
+        scored["results"][0]["novelty"]["squared_prediction_error"]
+            .as_f64()
+            .unwrap_or_else(|| panic!("{scored}"))
     };
     let (before, after) =
         (distance(&body["shapes"][0]), distance(&json!({"control_points": new["control_points"]})));
