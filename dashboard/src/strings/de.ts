@@ -52,7 +52,7 @@ export const de: Strings = {
     closed_curve: "Geschlossene Kontur", open_curve: "Offene Kurve", surface: "Fläche", subdivision: "Unterteilungsfläche", landmarks: "Landmarken",
     points: (count) => `${count} Kontrollpunkte`, intervals: (count) => `${count} Abschnitte`,
   },
-  topologies: { sphere: "Kugel", cylinder: "Zylinder", torus: "Torus", plane: "Blatt" },
+  topologies: { sphere: "Kugel", sharp_sphere: "Kugel mit spitzen Polen", cylinder: "Zylinder", torus: "Torus", plane: "Blatt" },
   correspondences: { cyclic: "der Anfangspunkt wird gesucht (zyklisch)", arc_length: "nach Bogenlänge ab dem ersten Punkt", landmarks: "Punkt für Punkt, wie gegeben" },
   attributes: {
     external_id: "Externe Kennung", label: "Bezeichnung", subject: "Proband", created_at: "Angelegt", "measures.points": "Punkte", "measures.centroid_size": "Zentroidgröße", "measures.length": "Länge",

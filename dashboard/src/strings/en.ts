@@ -50,7 +50,7 @@ export const en = {
     closed_curve: "Closed contour", open_curve: "Open curve", surface: "Surface", subdivision: "Subdivision surface", landmarks: "Landmarks",
     points: (count: number) => `${count} control points`, intervals: (count: number) => `${count} intervals`,
   },
-  topologies: { sphere: "sphere", cylinder: "cylinder", torus: "torus", plane: "sheet" },
+  topologies: { sphere: "sphere", sharp_sphere: "sphere with sharp poles", cylinder: "cylinder", torus: "torus", plane: "sheet" },
   correspondences: { cyclic: "the start point is searched (cyclic)", arc_length: "by arc length from the first point", landmarks: "point by point, as given" },
   attributes: {
     external_id: "External id", label: "Label", subject: "Subject", created_at: "Created", "measures.points": "Points", "measures.centroid_size": "Centroid size", "measures.length": "Length",
