@@ -122,8 +122,10 @@ fn draw_sizes(view: &View<'_>, title: &str, shapes: &[Completed], unit: Option<&
     };
     let effects: Vec<Effect> = shapes.iter().map(effect).collect();
     let most = effects.iter().map(Effect::largest).fold(0.0, f64::max);
-    let cells =
-        shapes.iter().zip(&effects).map(|(shape, effect)| (shape.caption.clone(), effect.layers(most, SPACE)));
+    let cells = shapes
+        .iter()
+        .zip(&effects)
+        .map(|(shape, effect)| (shape.caption.clone(), effect.layers(most, SPACE)));
     let cells: Vec<_> = cells.collect();
     let length = unit.map_or_else(|| short(most), |unit| format!("{} {unit}", short(most)));
     let meaning =
