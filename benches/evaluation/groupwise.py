@@ -76,7 +76,7 @@ def evaluation(service):
         unit[j // 3, j, j % 3] = 1
     shapes = [{"control_points": one.tolist()} for one in unit]
     body = {"representation": REPRESENTATION, "shapes": shapes, "grid": [GRID, GRID + 1]}
-    values = [np.array(one["points"]).reshape(-1, 3) for one in service.post("/v1/evaluate", body)["results"]]
+    values = [np.array(one["points"]).reshape(-1, 3) for one in service.post("/v1/evaluate", body)["evaluations"]]
     return np.concatenate(values, axis=1)[:, :rows]
 
 
@@ -138,7 +138,7 @@ def angles(found, reference):
     return [hippocampi.angle(mode, other) for mode, other in zip(modes, reference["modes"])]
 
 
-def real(service, given, out):
+def real(service, given):
     random = np.random.default_rng(7)
     start = time.perf_counter()
     alone = surfaces.fit(service, REPRESENTATION, given)
@@ -154,11 +154,8 @@ def real(service, given, out):
     for degree in (0, 2, 4, 6):
         reference = None
         for name, shapes in sets.items():
-            if degree == 0 or name not in results:
-                store(service, f"{name}-{degree}", shapes)
             cohort = f"{name}-{degree}"
-            if degree:
-                store(service, cohort, shapes)
+            store(service, cohort, shapes)
             answer, seconds, stored = correspond(service, cohort, f"{cohort}-corresponding", degree=degree)
             found = aligned(service, stored if name != "backwards" else stored[::-1])
             reference = reference or found
@@ -185,7 +182,7 @@ def real(service, given, out):
         for component in (1, 2):
             service.picture(f"{cohort}-mode-{component}", "GET", f"/v1/dictionaries/modes-{cohort}/modes?component={component}&sigma=2")
     new = sets["turned"][:10]
-    times, errors = [], []
+    times = []
     for shape in new:
         start = time.perf_counter()
         service.post("/v1/dictionaries/modes-alone-4-corresponding/correspond", {"shapes": [shape]})
@@ -265,7 +262,7 @@ def main():
     with tempfile.TemporaryDirectory() as folder:
         service = surfaces.Service(arguments.program, folder, arguments.out)
         try:
-            shapes = real(service, given, arguments.out)
+            shapes = real(service, given)
             families(service, 20)
             if arguments.many:
                 many(service, shapes, arguments.many)
