@@ -264,7 +264,7 @@ pub enum GeometryError {
     #[error(
         "the scheme normal_based is not linear: shapes made of its points and normals have no mean, no inner \
          product and no components. Use blob, loop or butterfly for statistics. Shapes of normal_based can be \
-         evaluated, drawn and morphed"
+         evaluated, drawn, morphed and deformed"
     )]
     NotLinear,
     /// Positions at the control vertices do not determine the control points.

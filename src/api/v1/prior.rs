@@ -70,8 +70,9 @@ results! {
 /// Computes energy and gradient of the shape prior of a reference, without an image.
 ///
 /// The energy is the squared distance of a shape from the nearest member of the class of the reference, relative to the area or
-/// volume of the shape, or to its squared size if it encloses nothing: it does not depend on its size, and the same term in `POST /v1/segment` attracts with it. `procrustes`
-/// takes rotations without reflection. Under `cyclic` the start point is searched, under `either` the direction.
+/// volume of the shape, or to its squared size if it encloses nothing: it does not depend on its size, and the same term in
+/// `POST /v1/segment` attracts with it. `procrustes` takes rotations without reflection. Under `cyclic` the start point is
+/// searched, under `either` the direction.
 ///
 /// Lines of NDJSON are shapes; the other fields of the request are parameters then.
 #[utoipa::path(post, path = "/prior", tag = "statistics", params(BatchQuery),

@@ -20,8 +20,8 @@ use crate::service::app::{App, ServiceError};
 /// Maximum number of vertices of a mesh over a grid: a tenth of a second.
 const MAX_VERTICES: usize = 250_000;
 
-/// Triangle mesh of a shape, with texture coordinates if it has two parameters, at `grid` places along `u` and `v`. Default: two for every interval between knots, within
-/// bounds. A subdivision surface has the mesh of its level.
+/// Triangle mesh of a shape, with texture coordinates if it has two parameters, at `grid` places along `u` and `v`. Default:
+/// two for every interval between knots, within bounds. A subdivision surface has the mesh of its level.
 ///
 /// # Errors
 /// [`ServiceError::Parameters`] for shapes that are not surfaces and for invalid grids.

@@ -63,7 +63,8 @@ impl SubdivisionBasis {
     /// Prepares the control mesh. Cost: the steps, and `729` products per vertex of the level for the Gram operator.
     ///
     /// # Errors
-    /// As for [`steps`]; faces that do not form a mesh for which the scheme has rules; control vertices that are linearly dependent at this level.
+    /// As for [`steps`]; faces that do not form a mesh for which the scheme has rules; control vertices that are linearly
+    /// dependent at this level.
     pub fn new(subdivision: &Subdivision) -> Result<Self, GeometryError> {
         let scheme = subdivision.scheme;
         let control = subdivision.control()?;

@@ -75,8 +75,8 @@ pub fn refine_mesh(
 }
 
 /// Refines a mesh to at most `most` vertices; under the normal-based scheme, together with its normals. It must be closed for the
-/// schemes without rules for boundaries. The number of vertices is checked before any step. With `wanted_limit`, also returns the limit of the last level. Once `stop` returns
-/// true, the current level is returned.
+/// schemes without rules for boundaries. The number of vertices is checked before any step. With `wanted_limit`, also returns
+/// the limit of the last level. Once `stop` returns true, the current level is returned.
 ///
 /// # Errors
 /// Faces that do not form such a mesh; vertices and edges without a rule; limits and tolerances that cannot be met.

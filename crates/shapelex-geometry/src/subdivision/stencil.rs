@@ -9,7 +9,8 @@
 //!
 //! Sources: Badoual, Novara, Romani, Schmitter, Unser, *A non-stationary subdivision scheme for the construction of deformable models
 //! with sphere-like topology* (the rules of BLOB, with the weights corrected); Loop, *Smooth subdivision surfaces based on
-//! triangles*, 1987; Hoppe and others, *Piecewise smooth surface reconstruction*, 1994 (boundaries); Zorin, Schröder, Sweldens, *Interpolating subdivision for meshes with arbitrary topology*, 1996.
+//! triangles*, 1987; Hoppe and others, *Piecewise smooth surface reconstruction*, 1994 (boundaries); Zorin, Schröder, Sweldens,
+//! *Interpolating subdivision for meshes with arbitrary topology*, 1996.
 
 use std::f64::consts::TAU;
 
