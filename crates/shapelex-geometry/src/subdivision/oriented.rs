@@ -97,7 +97,8 @@ impl OrientedMeshes<'_> {
             let pointer = format!("handles/{i}/parameters/0");
             if vertex >= count as f64 {
                 let detail = format!(
-                    "expected a control point, from 0 to {}, got {vertex}: the scheme normal_based is not linear, and                      several changes would move another vertex there",
+                    "expected a control point, from 0 to {}, got {vertex}: the scheme normal_based is not linear, and \
+                     several changes would move another vertex there",
                     count - 1
                 );
                 faults.push(FieldFault::new(pointer, detail));
