@@ -56,7 +56,8 @@ document! {
         /// Fraction of shapes that a band covers, from 0.5 to below 1. Default: 0.95.
         #[schema(value_type = Option<f64>, minimum = 0.5, exclusive_maximum = 1)]
         level: Checked<f64>;
-        /// Number of places of the bands on a curve. Default: the number of control points. Bands of other shapes are at landmarks and knots.
+        /// Number of places of the bands on a curve. Default: the number of control points. Bands of other shapes are at landmarks
+        /// and knots.
         #[schema(value_type = Option<usize>, minimum = 1)]
         samples: Checked<usize>;
         /// Whether bands are widened to what held-out training shapes need. Default: true. The first such request after a start learns the

@@ -19,7 +19,8 @@
 //! * [`conditioning`] — the posterior; [`predicted`] — points and their covariances; [`calibration`] — factors of their bands;
 //! * [`missing`] — a shape with missing parts.
 //!
-//! Sources: Albrecht, Lüthi, Gerig, Vetter 2013 (posterior shape models; the pose is alternated there too); Tipping, Bishop 1999 (residual as
+//! Sources: Albrecht, Lüthi, Gerig, Vetter 2013 (posterior shape models; the pose is alternated there too); Tipping, Bishop 1999
+//! (residual as
 //! noise); Diquigiovanni, Fontana, Vantini 2022 (simultaneous bands by split conformal prediction).
 
 pub mod calibration;
