@@ -145,8 +145,8 @@ fn even_permutations() -> Vec<[usize; 4]> {
 const DIFFERENCE: f64 = 1e-4;
 
 impl Motions {
-    /// The motions of surfaces of `basis`, of spheres with sharp poles those of cylinders; `reverses` if a cylinder or torus may be traversed the other way round. `None` for planes
-    /// and twisted tori, which have none.
+    /// The motions of surfaces of `basis`, of spheres with sharp poles those of cylinders; `reverses` if a cylinder or torus may be
+    /// traversed the other way round. `None` for planes and twisted tori, which have none.
     pub fn new(basis: &SurfaceBasis, reverses: bool) -> Option<Self> {
         let topology = match basis.extent().topology {
             // Sharp poles are places of the shape.
