@@ -56,7 +56,7 @@ fn part(k: usize, hidden: usize) -> Value {
 #[test]
 fn hidden_parts_are_completed_with_bands() {
     let server = shared();
-    learnt(server, "completed", 40, &curve(), &components());
+    learnt(&server, "completed", 40, &curve(), &components());
     let count = 60;
     let shapes: Vec<Value> = (40..40 + count).map(|k| json!({"control_points": part(k, 12)})).collect();
     let found = server.post(&path("completed"), &json!({ "shapes": shapes })).expect(200);
@@ -94,7 +94,7 @@ fn hidden_parts_are_completed_with_bands() {
 #[test]
 fn what_is_missing_can_be_said_in_four_ways() {
     let server = shared();
-    learnt(server, "missing", 30, &curve(), &components());
+    learnt(&server, "missing", 30, &curve(), &components());
     let mask: Vec<bool> = (0..POINTS).map(|i| i < 12).collect();
     let whole = oval(40);
     let named: Vec<Value> =
@@ -124,7 +124,7 @@ fn what_is_missing_can_be_said_in_four_ways() {
     assert!(svg.contains("75 % seen") && svg.contains("regions of all hidden places together"), "{svg}");
     // Landmarks, with values that they are to have.
     let landmarks = json!({"kind": "landmarks", "dimension": 2, "points": POINTS});
-    learnt(server, "missing-landmarks", 30, &landmarks, &components());
+    learnt(&server, "missing-landmarks", 30, &landmarks, &components());
     let wanted = json!({"measure": {"kind": "distance", "between": [0, 8]}, "value": 61.5});
     let shapes = json!([{"control_points": part(40, 12), "conditions": [wanted]}]);
     let found =
@@ -137,7 +137,7 @@ fn what_is_missing_can_be_said_in_four_ways() {
 #[test]
 fn faults_of_partial_shapes_are_named() {
     let server = shared();
-    learnt(server, "ill-completed", 12, &curve(), &components());
+    learnt(&server, "ill-completed", 12, &curve(), &components());
     let refused = |body: Value, pointers: &[&str]| {
         server.post(&path("ill-completed"), &body).expect_problem(422, "invalid-input", pointers);
     };
@@ -177,7 +177,7 @@ fn faults_of_partial_shapes_are_named() {
     refused(json!({"shapes": [], "level": 1.5, "samples": 0}), &["/shapes", "/level", "/samples"]);
     server.post(&path("unknown"), &one(json!({}))).expect_problem(404, "not-found", &[]);
     learnt(
-        server,
+        &server,
         "sparsely-completed",
         12,
         &curve(),
