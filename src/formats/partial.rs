@@ -12,7 +12,7 @@ use utoipa::ToSchema;
 
 use super::fault::Fault;
 use super::shape::MAX_COORDINATE;
-use crate::analysis::dictionary::posterior::feature::Feature;
+use crate::analysis::dictionary::posterior::feature::ShapeFeature;
 use crate::analysis::dictionary::posterior::missing::{Condition, PartialShape, SeenPoint};
 use crate::geometry::capability::place::Place;
 use crate::geometry::representation::ShapeSpace;
@@ -63,7 +63,7 @@ pub struct PointInput {
 #[serde(deny_unknown_fields)]
 pub struct ConditionInput {
     /// What has the value.
-    measure: Feature,
+    measure: ShapeFeature,
     /// The value, in the unit of the shape or in degrees.
     value: f64,
     /// Its standard deviation. Default: 0, which imposes it exactly.
@@ -237,30 +237,7 @@ impl PartialInput {
         if !mask.is_empty() {
             faults.push(Fault::new("/observed", "expected either true and false, or arcs, got both"));
         }
-        if !space.domain().is_line() {
-            faults.push(Fault::new(
-                "/observed",
-                "expected true and false for each control point: only curves have arcs",
-            ));
-        }
-        let closed = space.representation().is_closed();
-        for (i, [from, to]) in arcs.iter().enumerate() {
-            let proper = from.abs() <= 1e6
-                && to.abs() <= 1e6
-                && from != to
-                && (closed || (0.0 <= *from && from < to && *to <= 1.0));
-            if !proper {
-                let range = if closed {
-                    "two different parameters"
-                } else {
-                    "two parameters between 0 and 1, ascending"
-                };
-                faults.push(Fault::new(
-                    format!("/observed/{i}"),
-                    format!("expected {range}, got {from} and {to}"),
-                ));
-            }
-        }
+        faults.extend(arc_faults(space, arcs));
         if let Some(i) = rows.iter().position(Option::is_none) {
             let detail = "expected a control point, got null: beside arcs all of them are needed";
             faults.push(Fault::new(format!("/control_points/{i}"), detail));
@@ -271,6 +248,25 @@ impl PartialInput {
         let whole = (0..d).flat_map(|c| rows.iter().flatten().map(move |row| row[c])).collect();
         (Vec::new(), Some((whole, arcs.clone())))
     }
+}
+
+/// What is wrong with arcs of shapes of `space`.
+fn arc_faults(space: &ShapeSpace, arcs: &[[f64; 2]]) -> Vec<Fault> {
+    if !space.domain().is_line() {
+        let detail = "expected true and false for each control point: only curves have arcs";
+        return vec![Fault::new("/observed", detail)];
+    }
+    let closed = space.representation().is_closed();
+    let is_proper = |[from, to]: &[f64; 2]| {
+        let bounded = from.abs() <= 1e6 && to.abs() <= 1e6 && from != to;
+        bounded && (closed || (0.0 <= *from && from < to && *to <= 1.0))
+    };
+    let range = if closed { "two different parameters" } else { "two parameters between 0 and 1, ascending" };
+    let improper = arcs.iter().enumerate().filter(|(_, arc)| !is_proper(arc));
+    let fault = |(i, [from, to]): (usize, &[f64; 2])| {
+        Fault::new(format!("/observed/{i}"), format!("expected {range}, got {from} and {to}"))
+    };
+    improper.map(fault).collect()
 }
 
 /// Why a list is no point of `d` coordinates.

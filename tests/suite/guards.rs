@@ -9,6 +9,7 @@ use serde_json::{Value, json};
 
 use crate::document::furnished;
 use crate::form::{label_picture, post_image, shell_volume};
+use crate::http_correspond::{first_mode, stored};
 use crate::server::{Setting, shared};
 use crate::structure::{name, program};
 
@@ -282,6 +283,8 @@ fn the_examples_of_the_interface_document_work() {
     let mut missing = Vec::new();
     // Creation first: the shapes go into the cohort of its example.
     let (mut cohort, mut hook) = (String::from("none"), String::from("none"));
+    stored(&server, "beans", 6);
+    first_mode(&server, "beans");
     for (name, operation) in operations(&document) {
         let Some(content) = operation.pointer("/requestBody/content").and_then(Value::as_object) else {
             continue;
@@ -312,11 +315,14 @@ fn the_examples_of_the_interface_document_work() {
                 continue;
             };
             let (method, path) = name.split_once(' ').unwrap();
-            let path = path.replace("{cohort}", &cohort).replace("{dictionary}", "modes");
+            let is_of_surfaces = path.ends_with("/correspond");
+            let [cohort_of, dictionary_of] = if is_of_surfaces { ["beans"; 2] } else { [&*cohort, "modes"] };
+            let path = path.replace("{cohort}", cohort_of).replace("{dictionary}", dictionary_of);
             // The shapes of an earlier example.
             let path = path.replace("{shape}", "scan-17").replace("{hook}", &hook);
             let path = path.replace("{alias}", "production");
             let text = example.as_str().map_or_else(|| example.to_string(), str::to_owned);
+            let text = text.replace("hippocampi", "beans").replace("hippocampus_001", "bean-1");
             let request = server.request(method.parse().unwrap(), &path).header("content-type", media_type);
             let reply = server.send(request.body(text));
             assert!((200..300).contains(&reply.status), "{name} {media_type}: {}", reply.text());

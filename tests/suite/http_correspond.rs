@@ -27,7 +27,7 @@ fn bean(t: f64, turn: f64) -> Value {
 }
 
 /// A cohort of beans with this name.
-fn stored(server: &Server, name: &str, count: usize) {
+pub(crate) fn stored(server: &Server, name: &str, count: usize) {
     let body = json!({"name": name, "representation": representation(), "length_unit": "mm"});
     server.post("/v1/cohorts", &body).expect(201);
     let shape = |k: usize| {
@@ -46,7 +46,7 @@ fn correspond(server: &Server, cohort: &str, body: &Value) -> Value {
 }
 
 /// Explained part of the first mode of a cohort, and the name of its dictionary.
-fn first_mode(server: &Server, cohort: &str) -> f64 {
+pub(crate) fn first_mode(server: &Server, cohort: &str) -> f64 {
     let method = json!({"kind": "functional_pca", "components": 4, "centre": true});
     let body = json!({"name": cohort, "cohort": cohort, "transformation": "rigid", "alignment": "procrustes", "method": method});
     finished(server, &submit(server, &body));

@@ -191,7 +191,7 @@ fn faults_of_partial_shapes_are_named() {
 fn bands_without_training_shapes_say_so() {
     let server = Server::fresh();
     learnt(&server, "orphaned", 12, &curve(), &components());
-    server.delete("/v1/cohorts/orphaned").expect(204);
+    assert_eq!(server.delete("/v1/cohorts/orphaned").status, 204);
     let found =
         server.post(&path("orphaned"), &json!({"shapes": [{"control_points": part(20, 12)}]})).expect(200);
     assert_eq!(found["calibration_subjects"], Value::Null);

@@ -3,7 +3,7 @@
 //! Every step solves the linear system of the module above at the present pose and shape (Gauss–Newton); where nothing but points is
 //! seen, only the pose is not linear, and a few steps suffice.
 
-use super::feature::Feature;
+use super::feature::ShapeFeature;
 use super::places::AtPlaces;
 use super::pose::{Freedom, Pose, undetermined};
 use crate::AnalysisError;
@@ -28,7 +28,7 @@ pub struct Seen {
 #[derive(Debug, Clone)]
 pub(super) struct Imposed {
     /// What has the value.
-    pub(super) feature: Feature,
+    pub(super) feature: ShapeFeature,
     /// Shapes of the model at its places.
     pub(super) at: AtPlaces,
     /// The value.

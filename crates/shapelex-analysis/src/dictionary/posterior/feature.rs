@@ -19,7 +19,7 @@ use shapelex_geometry::representation::ShapeSpace;
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 #[cfg_attr(feature = "serde", serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields))]
-pub enum Feature {
+pub enum ShapeFeature {
     /// A coordinate of a place.
     Coordinate {
         /// The place.
@@ -65,7 +65,7 @@ pub enum Feature {
 /// A value with its derivatives by the coordinates of each point.
 pub(super) type Gradient = (f64, Vec<Vec<f64>>);
 
-impl Feature {
+impl ShapeFeature {
     fn quantity(&self) -> Option<Quantity> {
         match *self {
             Self::Distance { between } => Some(Quantity::Distance { between }),

@@ -1,7 +1,7 @@
 //! A shape with missing parts, and what of it is seen.
 
 use super::conditioning::{Imposed, Seen};
-use super::feature::Feature;
+use super::feature::ShapeFeature;
 use super::model::PosteriorModel;
 use super::places::{AtPlaces, selected};
 use crate::AnalysisError;
@@ -42,7 +42,7 @@ pub struct SeenPoint {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Condition {
     /// What has the value.
-    pub measure: Feature,
+    pub measure: ShapeFeature,
     /// The value.
     pub value: f64,
     /// Its standard deviation; zero imposes it exactly.

@@ -3,7 +3,7 @@
 
 use super::calibration::normal_factor;
 use super::conditioning::Posterior;
-use super::feature::Feature;
+use super::feature::ShapeFeature;
 use super::missing::{Condition, PartialShape, SeenPoint};
 use super::model::PosteriorModel;
 use crate::AnalysisError;
@@ -187,11 +187,11 @@ fn calibrated_bands_cover() {
 fn conditions_are_met() {
     let (_, model, points) = learnt(40, 0.05, ClassName::Similarity);
     let space = space();
-    let with = |measure: Feature, value: f64, deviation: f64| PartialShape {
+    let with = |measure: ShapeFeature, value: f64, deviation: f64| PartialShape {
         conditions: vec![Condition { measure, value, deviation }],
         ..part(&points[..2 * N], &[0, 1, 2, 3, 4])
     };
-    let of = |found: &Posterior, measure: &Feature| {
+    let of = |found: &Posterior, measure: &ShapeFeature| {
         let at = measure.places(&model, &space).unwrap();
         let y = found.back.apply(&at.points(&found.scores));
         let rows: Vec<Vec<f64>> =
@@ -199,13 +199,13 @@ fn conditions_are_met() {
         measure.of(&rows).unwrap().0
     };
     let features = [
-        Feature::Distance { between: [Place::One(0.0), Place::One(0.5)] },
-        Feature::Angle { at: [Place::One(0.0), Place::One(0.25), Place::One(0.5)] },
-        Feature::Width { along: [Place::One(0.02), Place::One(0.5)] },
-        Feature::Area { between: [Place::One(0.25), Place::One(0.75)] },
-        Feature::Coordinate { at: Place::One(0.6), axis: 1 },
-        Feature::Centroid { axis: 0 },
-        Feature::Along { between: [Place::One(0.1), Place::One(0.7)], direction: vec![1.0, -2.0] },
+        ShapeFeature::Distance { between: [Place::One(0.0), Place::One(0.5)] },
+        ShapeFeature::Angle { at: [Place::One(0.0), Place::One(0.25), Place::One(0.5)] },
+        ShapeFeature::Width { along: [Place::One(0.02), Place::One(0.5)] },
+        ShapeFeature::Area { between: [Place::One(0.25), Place::One(0.75)] },
+        ShapeFeature::Coordinate { at: Place::One(0.6), axis: 1 },
+        ShapeFeature::Centroid { axis: 0 },
+        ShapeFeature::Along { between: [Place::One(0.1), Place::One(0.7)], direction: vec![1.0, -2.0] },
     ];
     let plain = posterior(&model, &part(&points[..2 * N], &[0, 1, 2, 3, 4])).unwrap();
     for measure in features {
@@ -229,7 +229,7 @@ fn what_cannot_be_answered_is_refused() {
     same.control_points[1].1 = same.control_points[0].1.clone();
     assert_eq!(field(posterior(&model, &same)).0, "observed");
     let condition = |value: f64| Condition {
-        measure: Feature::Distance { between: [Place::One(0.0), Place::One(0.5)] },
+        measure: ShapeFeature::Distance { between: [Place::One(0.0), Place::One(0.5)] },
         value,
         deviation: 0.0,
     };
@@ -241,7 +241,7 @@ fn what_cannot_be_answered_is_refused() {
     assert_eq!(field(posterior(&model, &negative)).0, "conditions");
     // An angle alone leaves the pose open; in the pose of the dictionary it is enough.
     let angle = Condition {
-        measure: Feature::Angle { at: [Place::One(0.0), Place::One(0.25), Place::One(0.5)] },
+        measure: ShapeFeature::Angle { at: [Place::One(0.0), Place::One(0.25), Place::One(0.5)] },
         value: 115.0,
         deviation: 0.0,
     };
