@@ -271,7 +271,9 @@ fn the_bounds_of_fields_are_those_of_the_service() {
     for (name, operation) in operations(&document) {
         let Some(body) = operation.pointer("/requestBody/content/application~1json") else { continue };
         let schema = resolve(&document, &body["schema"]);
-        let example = body.get("example").unwrap_or(&schema["example"]);
+        let example = body.get("example").unwrap_or(&schema["example"]).to_string();
+        // The only cohort of the test.
+        let example: Value = serde_json::from_str(&example.replace("hippocampi", "example-cells")).unwrap();
         let (method, path) = name.split_once(' ').unwrap();
         for (field, schema) in schema["properties"].as_object().into_iter().flatten() {
             let dependent = format!("{path} {field}");

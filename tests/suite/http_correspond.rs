@@ -33,7 +33,7 @@ pub(crate) fn stored(server: &Server, name: &str, count: usize) {
     let shape = |k: usize| {
         let t = 0.8 * k as f64 / count as f64;
         json!({"points": bean(t, 2.3 * k as f64), "external_id": format!("bean-{k}"), "subject": format!("s{}", k / 2),
-            "label": if k % 2 == 0 { "even" } else { "odd" }, "labels": {"t": t}})
+            "label": if k.is_multiple_of(2) { "even" } else { "odd" }, "labels": {"t": t}})
     };
     let shapes: Vec<Value> = (0..count).map(shape).collect();
     server.post(&format!("/v1/cohorts/{name}/shapes"), &json!({ "shapes": shapes })).expect(201);

@@ -214,7 +214,7 @@ fn components_of_incomplete_shapes() {
     let first = |found: &Value| found["pca"]["eigenvalues"][0].as_f64().unwrap();
     assert!((first(&same) / first(&usual) - 1.0).abs() < 1e-9, "{same}");
     assert_eq!((&same["completion_rounds"], &same["missing"][0]), (&json!(1), &json!(0)));
-    let holes = |k: usize| if k % 3 == 0 { part(k, 12) } else { json!(oval(k)) };
+    let holes = |k: usize| if k.is_multiple_of(3) { part(k, 12) } else { json!(oval(k)) };
     let partly: Vec<Value> = (0..count).map(|k| json!({"control_points": holes(k)})).collect();
     let found = server.post("/v1/pca/incomplete", &request(partly)).expect(200);
     assert_eq!((&found["missing"][0], &found["missing"][1]), (&json!(4), &json!(0)));

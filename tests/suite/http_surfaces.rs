@@ -652,7 +652,7 @@ fn surfaces_are_written_with_texture_coordinates() {
     let obj = server.post("/v1/evaluate?format=obj&grid=12,9", &body);
     let text = obj.text();
     // 12 × 7 vertices and two poles; 13 × 7 places, and 24 at the poles.
-    let counts = ["v", "vt", "vn", "f"].map(|word| count_of(&text, word));
+    let counts = ["v", "vt", "vn", "f"].map(|word| count_of(text, word));
     assert_eq!(counts, [86, 115, 86, 12 * 6 * 2 + 24]);
     let place = |line: &str| -> Vec<f64> { line.split(' ').skip(1).map(|x| x.parse().unwrap()).collect() };
     let places: Vec<Vec<f64>> = text.lines().filter(|line| line.starts_with("vt ")).map(place).collect();
@@ -670,7 +670,7 @@ fn surfaces_are_written_with_texture_coordinates() {
     // Meshes without parameters have none.
     let mesh = server
         .post("/v1/subdivide?format=obj", &json!({"scheme": "loop", "level": 1, "start": "octahedron"}));
-    assert_eq!(count_of(&mesh.text(), "vt"), 0);
+    assert_eq!(count_of(mesh.text(), "vt"), 0);
 }
 
 /// The thesis shows paths as rows of surfaces: an object for each in OBJ, a mesh that moves through them in glTF.
@@ -684,7 +684,7 @@ fn frames_of_a_morph_are_meshes() {
     let text = obj.text();
     let names: Vec<&str> = text.lines().filter(|line| line.starts_with("o ")).collect();
     assert_eq!(names, ["o position_0", "o position_0.25", "o position_1", "o position_1.5"]);
-    assert_eq!(["v", "vt", "f"].map(|word| count_of(&text, word)), [4 * 86, 4 * 115, 4 * 168]);
+    assert_eq!(["v", "vt", "f"].map(|word| count_of(text, word)), [4 * 86, 4 * 115, 4 * 168]);
     // The last object is the mesh of the last frame.
     let frames = server.post("/v1/morph", &body).expect(200)["frames"].clone();
     let last = json!({"representation": surface("sphere", [8, 6]), "shapes": [{"control_points": frames[3]["control_points"]}]});
@@ -692,7 +692,7 @@ fn frames_of_a_morph_are_meshes() {
     let vertices = |text: &str| -> Vec<String> {
         text.lines().filter(|line| line.starts_with("v ")).map(str::to_owned).collect()
     };
-    assert_eq!(vertices(&text)[3 * 86..], vertices(&alone));
+    assert_eq!(vertices(text)[3 * 86..], vertices(&alone));
 
     let file = server.post("/v1/morph?format=gltf&grid=12,9", &body);
     assert_eq!((file.status, file.header("content-type")), (200, Some("model/gltf-binary")));

@@ -394,7 +394,7 @@ mod tests {
 
     /// A third of the shapes miss a quarter of their points.
     fn gaps(count: usize) -> Vec<Vec<usize>> {
-        let hidden = |k: usize, i: usize| k % 3 == 0 && (i + N - (5 * k) % N) % N < 3;
+        let hidden = |k: usize, i: usize| k.is_multiple_of(3) && (i + N - (5 * k) % N) % N < 3;
         (0..count).map(|k| (0..N).filter(|&i| !hidden(k, i)).collect()).collect()
     }
 

@@ -208,6 +208,7 @@ impl CorrespondShapesRequest {
             sizes: true,
             stiffness: stiffness?,
         };
+        errors.extend(correspondence::option_faults(&options));
         Some((options, correspond::numbers(&options)))
     }
 }

@@ -7,7 +7,6 @@ use crate::analysis::groupwise::{Corresponding, GroupwiseOptions, Reference, sha
 use crate::geometry::reparametrisation::Spherical;
 use crate::numeric::dense::Matrix;
 use crate::service::app::{App, ServiceError};
-use crate::service::correspondence::option_faults;
 use crate::service::shapes::outcome::{Outcomes, of_shape};
 
 /// Multiply-adds in whose time a number of an answer is written.
@@ -18,17 +17,16 @@ pub fn numbers(options: &GroupwiseOptions) -> usize {
     (shape_work(options) / WRITING) as usize
 }
 
-/// Brings shapes into correspondence with a dictionary of components.
+/// Brings shapes into correspondence with a dictionary of components, by checked choices.
 ///
 /// # Errors
-/// Choices out of range; sparse codes, a dictionary of other shapes; under `abort` faults of the shapes, shapes without extent.
+/// Sparse codes, a dictionary of other shapes; under `abort` faults of the shapes, shapes without extent.
 pub fn correspond(
     app: &App,
     ready: &Ready,
     asked: Asked,
     options: &GroupwiseOptions,
 ) -> Result<Outcomes<Corresponding>, ServiceError> {
-    ServiceError::unless_empty(option_faults(options))?;
     let Some(spherical) = ready.setup.space.spherical() else {
         let detail = "expected a dictionary of surfaces with the topology sphere";
         return Err(ServiceError::parameter("dictionary", detail));

@@ -41,7 +41,7 @@ fn beans(space: &ShapeSpace, turned: bool) -> Vec<Matrix> {
             Rotation::NONE
         }
     };
-    (0..6).map(|k| f64::from(k)).map(|k| bean(space, 0.1 * k, turn(k))).collect()
+    (0..6).map(f64::from).map(|k| bean(space, 0.1 * k, turn(k))).collect()
 }
 
 fn found(spherical: &Spherical, shapes: &[Matrix]) -> Groupwise {
