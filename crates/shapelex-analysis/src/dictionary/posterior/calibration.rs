@@ -6,7 +6,7 @@
 //! simultaneous   the level (S + 1)/S quantile of max_i δ_i, S subjects, each with several hidden parts
 //! ```
 //!
-//! Components without a subject are exact downdates ([`Sample`]). The mean shape to which shapes are aligned is that of all. Hidden parts
+//! Components without a subject are exact downdates, as in the report card. The mean shape to which shapes are aligned is that of all. Hidden parts
 //! are of 10 to 40 % of a shape: arcs of curves, patches of surfaces, neighbouring and scattered landmarks by turns.
 //!
 //! Simultaneous bands cover the level of new shapes like those of the training, on average over hidden parts like these: split
