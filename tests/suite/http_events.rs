@@ -146,7 +146,8 @@ fn a_stream_is_narrowed_to_kinds_and_a_cohort() {
 fn the_progress_of_running_jobs_is_told_every_second() {
     let server = Setting::fresh().with_example().start();
     let learn = json!({"name": "slow", "cohort": "example-cells", "transformation": "similarity", "method":
-        {"kind": "sparse", "atoms": 30, "lambda": 0.02, "max_epochs": 10_000, "tolerance": 0.0}});
+        {"kind": "sparse", "atoms": 30, "lambda": 0.02, "max_epochs": 10_000, "tolerance": 0.0},
+        "classifier": {"kind": "discriminant", "attribute": "labels.treatment", "repeats": 20}});
     let mut stream = Stream::open(&server, "?kind=job_progress", None, None);
     let job = server.post("/v1/dictionaries", &learn).expect(202)["id"].clone();
     let mut times = Vec::new();
