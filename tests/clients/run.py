@@ -26,7 +26,7 @@ DOCUMENT = ROOT / "openapi" / "openapi.json"
 
 # What the generator for Python cannot do: it offers the other media type of the body. Lines count as text in its settings.
 LINES = "Unsupported content type text/plain"
-OF_DICTIONARIES = ["assess", "classify", "encode", "prior", "reconstruct", "score"]
+OF_DICTIONARIES = ["assess", "classify", "correspond", "encode", "prior", "reconstruct", "score"]
 KNOWN_WARNINGS = {
     "POST /v1/cohorts/{cohort}/shapes": LINES,
     **{f"POST /v1/{name}": LINES for name in ["fit", "measure", "prior", "project"]},
