@@ -111,14 +111,14 @@ impl<'a> NeighbourSearch<'a> {
             let bound = |position: usize| bounds.as_ref().map_or(0.0, |bounds| bounds[position]);
             // A bound that is not a number excludes nothing.
             let is_near = |position: usize, limit: f64| !(bound(position) > limit);
-            let mut left: Vec<usize> = (0..shapes.count()).collect();
+            let limit = nearest.limit();
+            let all = 0..shapes.count();
+            let mut left: Vec<usize> = match limit < f64::INFINITY {
+                true => all.into_par_iter().filter(|&k| is_near(k, limit)).collect(),
+                false => all.collect(),
+            };
             let mut round = if bounds.is_some() { ROUND * nearest.most.max(1) } else { left.len() };
-            loop {
-                let limit = nearest.limit();
-                left = left.into_par_iter().filter(|&k| is_near(k, limit)).collect();
-                if left.is_empty() {
-                    break;
-                }
+            while !left.is_empty() {
                 if stop() {
                     return Err(AnalysisError::Interrupted);
                 }
@@ -127,7 +127,10 @@ impl<'a> NeighbourSearch<'a> {
                 for (&position, found) in compared.iter().zip(found) {
                     nearest.offer(Neighbour { position: self.offered + position, found });
                 }
-                left = left.into_par_iter().filter(|k| compared.binary_search(k).is_err()).collect();
+                let limit = nearest.limit();
+                // The limit excludes nearly all, and is cheaper than a look at what was compared.
+                let is_left = |k: &usize| is_near(*k, limit) && compared.binary_search(k).is_err();
+                left = left.into_par_iter().filter(is_left).collect();
                 round *= 2;
             }
         }
