@@ -259,6 +259,8 @@ def main():
     parser.add_argument("--out", type=Path, help="folder of pictures")
     arguments = parser.parse_args()
     given = list(surfaces.meshes(arguments.data / "surfaces-hippocampus" / "meshes").values())[: arguments.shapes]
+    if arguments.out:
+        arguments.out.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
         service = surfaces.Service(arguments.program, folder, arguments.out)
         try:

@@ -57,7 +57,10 @@ const ROUND: f64 = 15.0;
 const FITTED_ROUND: f64 = 100.0;
 
 /// Multiply-adds in whose time a job of any size is stored, run and answered.
-const JOB: f64 = 1.2e7;
+const JOB: f64 = 2.2e7;
+
+/// Work of a training that holds out a part of the shapes, divided by that of the first one: they are in memory, and few settle soon.
+const HELD_OUT: f64 = 0.4;
 
 /// Multiply-adds in whose time a number of a moved surface is computed, and moved surfaces of a shape in a round.
 const MOTION: f64 = 350.0;
@@ -211,9 +214,10 @@ impl Estimate {
     }
 
     /// Adds further trainings, each on nearly all shapes and two at a time, and what a job takes besides.
-    pub fn times(self, trainings: usize) -> Self {
-        let multiply_adds = JOB + self.multiply_adds * (1 + trainings) as f64;
-        let memory_bytes = self.memory_bytes * if trainings > 0 { 3.0 } else { 1.0 };
+    pub fn with(self, Trainings { held_out, validation }: Trainings) -> Self {
+        let trainings = 1.0 + HELD_OUT * held_out as f64 + validation as f64;
+        let multiply_adds = JOB + self.multiply_adds * trainings;
+        let memory_bytes = self.memory_bytes * if held_out + validation > 0 { 3.0 } else { 1.0 };
         Self { multiply_adds, memory_bytes, seconds: multiply_adds / RATE, ..self }
     }
 

@@ -16,7 +16,7 @@ use crate::analysis::classification::study::WITHIN;
 use crate::analysis::correspondence::Mirror;
 use crate::analysis::dictionary::method::Method;
 use crate::analysis::dictionary::procedure::ParameterFault;
-use crate::analysis::estimate::Estimate;
+use crate::analysis::estimate::{Estimate, Trainings};
 use crate::analysis::frame::Frame;
 use crate::analysis::robust;
 use crate::analysis::transformation::Transformation;
@@ -153,12 +153,13 @@ async fn started(app: &App, learn: Learn, cohort: &Cohort) -> Result<(Plan, u64)
 fn estimate(app: &App, plan: &Plan, cohort: &Cohort, shapes: u64) -> Result<Estimate, ServiceError> {
     let setup = Setup::of(app, plan.settings(cohort))?;
     plan.method.pose(&setup.method)?;
-    let anew = match plan.continue_from {
+    let held_out = match plan.continue_from {
         Some(_) => 0,
         None => plan.held_out_trainings(&setup, usize::try_from(shapes).unwrap_or(usize::MAX)),
     };
-    let trainings = plan.classifier.as_ref().map_or(0, |settings| settings.trainings(WITHIN));
-    let estimate = Estimate::new(setup.measured(), &plan.method, shapes).times(anew + trainings);
+    let validation = plan.classifier.as_ref().map_or(0, |settings| settings.trainings(WITHIN));
+    let trainings = Trainings { held_out, validation };
+    let estimate = Estimate::new(setup.measured(), &plan.method, shapes).with(trainings);
     let estimate = if plan.robust { estimate.robust(setup.measured()) } else { estimate };
     let bytes = 8.0 * shapes as f64 * setup.metric.len() as f64;
     if plan.classifier.is_some() && bytes > KEPT_BYTES as f64 {
