@@ -231,13 +231,7 @@ impl Estimate {
     ) -> Self {
         let (length, k) = (measured.metric.len(), shapes as f64);
         let n = length as f64;
-        let aligning = PRODUCT * k * class_size(measured) * n * n + 2.0 * READING * k * n;
-        let search = if measured.matching.searches() {
-            mean_work(measured, k) / search_rounds(measured, k)
-        } else {
-            0.0
-        };
-        let work = aligning + search + report_work(space, shapes, subjects, options);
+        let work = aligning_work(measured, k) + report_work(space, shapes, subjects, options);
         Self::of(shapes as u64, work, report_bytes(length, shapes, options) + 8.0 * k * n)
     }
 
@@ -246,13 +240,7 @@ impl Estimate {
     pub fn for_calibration(measured: Measured<'_>, shapes: usize, subjects: usize, unknowns: usize) -> Self {
         let (length, k) = (measured.metric.len(), shapes as f64);
         let n = length as f64;
-        let aligning = PRODUCT * k * class_size(measured) * n * n + 2.0 * READING * k * n;
-        let search = if measured.matching.searches() {
-            mean_work(measured, k) / search_rounds(measured, k)
-        } else {
-            0.0
-        };
-        let work = aligning + search + calibration_work(measured.metric, shapes, subjects, unknowns);
+        let work = aligning_work(measured, k) + calibration_work(measured.metric, shapes, subjects, unknowns);
         let rank = n.min(k);
         Self::of(shapes as u64, work, 8.0 * (5.0 * k * n + 3.0 * n * rank + k * rank + 8.0 * rank * rank))
     }
@@ -308,6 +296,16 @@ fn class_size(measured: Measured<'_>) -> f64 {
         Alignment::Projection(class) => class.matrices().len() as f64,
         Alignment::Procrustes(_) => measured.metric.dimension() as f64,
     }
+}
+
+/// Multiply-adds for reading `k` shapes and placing them on a known mean.
+fn aligning_work(measured: Measured<'_>, k: f64) -> f64 {
+    let n = measured.metric.len() as f64;
+    let search = match measured.matching.searches() {
+        true => mean_work(measured, k) / search_rounds(measured, k),
+        false => 0.0,
+    };
+    PRODUCT * k * class_size(measured) * n * n + 2.0 * READING * k * n + search
 }
 
 /// Multiply-adds for the mean of `k` shapes and their alignment to it.

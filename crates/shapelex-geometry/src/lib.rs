@@ -73,6 +73,7 @@ pub mod refine;
 pub mod reparametrisation;
 pub mod representation;
 pub mod resample;
+pub mod rotation;
 pub mod sampling;
 pub mod size;
 mod stretches;

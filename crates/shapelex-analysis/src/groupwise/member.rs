@@ -1,9 +1,10 @@
 //! One shape on its way into correspondence: its reparametrisation, its pose, and steps that lower its cost.
 
 use shapelex_geometry::reparametrisation::Reparametrisation;
-use shapelex_geometry::reparametrisation::flow::{Moved, Rotation, Workspace};
+use shapelex_geometry::reparametrisation::flow::{Moved, Workspace};
 use shapelex_geometry::reparametrisation::harmonics::degree_of;
 use shapelex_geometry::reparametrisation::spherical::SphericalShape;
+use shapelex_geometry::rotation::Rotation;
 use shapelex_numeric::dense::{Definite, Matrix, svd, transpose_multiply};
 
 use super::super::AnalysisError;

@@ -36,6 +36,7 @@ use super::{AnalysisError, DEGENERATE};
 use shapelex_geometry::reparametrisation::Reparametrisation;
 use shapelex_geometry::reparametrisation::flow::Workspace;
 use shapelex_geometry::reparametrisation::spherical::{Refit, Spherical};
+use shapelex_geometry::rotation::Rotation;
 use shapelex_numeric::dense::Matrix;
 
 /// Highest degree of the fields.
@@ -148,7 +149,7 @@ pub fn correspond(
     let noise = deform(&domain, &mut members, &begin, options, watch)?;
     let end = spread(&members)?;
     let mean = mean_points(&domain, &members);
-    let inner = start::axes(&domain, &mean).map(|[_, sphere]| start::onto(sphere));
+    let inner = start::axes(&domain, &mean).map(|[_, sphere]| Rotation::onto(sphere));
     let finish = |member: &Member| {
         watch.check()?;
         let mut map = member.map.clone();

@@ -6,8 +6,9 @@ use super::model::Model;
 use super::{AnalysisError, Corresponding, GroupwiseOptions, NO_VARIANCE, NOISE, finished};
 use crate::watch::Watch;
 use shapelex_geometry::reparametrisation::Reparametrisation;
-use shapelex_geometry::reparametrisation::flow::{Rotation, Workspace};
+use shapelex_geometry::reparametrisation::flow::Workspace;
 use shapelex_geometry::reparametrisation::spherical::Spherical;
+use shapelex_geometry::rotation::Rotation;
 use shapelex_numeric::dense::{Matrix, leading_eigenpairs, multiply, transpose_multiply};
 
 /// A mean with modes, to which shapes are brought into correspondence one at a time.

@@ -4,7 +4,8 @@
 //! alone. Then rotations of the icosahedron, which permute the nodes, are tried against the mean, and the best are refined.
 
 use shapelex_geometry::reparametrisation::Reparametrisation;
-use shapelex_geometry::reparametrisation::flow::Rotation;
+use shapelex_geometry::rotation::Rotation;
+use shapelex_geometry::vector::cross;
 use shapelex_numeric::dense::{Matrix, svd};
 
 use super::domain::Domain;
@@ -42,36 +43,9 @@ pub(super) fn axes(domain: &Domain, points: &[[f64; 3]]) -> Option<[[[f64; 3]; 3
     Some([frame(long.0, middle.0), frame(long.1, middle.1)])
 }
 
-fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-}
-
 fn centre(domain: &Domain, points: &[[f64; 3]]) -> [f64; 3] {
     let weighted = |c: usize| points.iter().zip(&domain.nodes.weights).map(|(p, w)| w * p[c]).sum();
     [weighted(0), weighted(1), weighted(2)]
-}
-
-/// The rotation that takes the coordinate axes to this frame.
-pub(super) fn onto(frame: [[f64; 3]; 3]) -> Rotation {
-    let m = |row: usize, column: usize| frame[column][row];
-    let squares = [
-        1.0 + m(0, 0) + m(1, 1) + m(2, 2),
-        1.0 + m(0, 0) - m(1, 1) - m(2, 2),
-        1.0 - m(0, 0) + m(1, 1) - m(2, 2),
-        1.0 - m(0, 0) - m(1, 1) + m(2, 2),
-    ];
-    let largest = (1..4).fold(0, |best, i| if squares[i] > squares[best] { i } else { best });
-    let square = squares[largest];
-    let (a, b, c) = (m(2, 1) - m(1, 2), m(0, 2) - m(2, 0), m(1, 0) - m(0, 1));
-    let (d, e, f) = (m(0, 1) + m(1, 0), m(0, 2) + m(2, 0), m(1, 2) + m(2, 1));
-    let q = match largest {
-        0 => [square, a, b, c],
-        1 => [a, square, d, e],
-        2 => [b, d, square, f],
-        _ => [c, e, f, square],
-    };
-    let length = q.iter().map(|part| part * part).sum::<f64>().sqrt();
-    Rotation(q.map(|part| part / length))
 }
 
 impl Member {
@@ -79,7 +53,7 @@ impl Member {
     pub(super) fn settle(&mut self, domain: &Domain) {
         let points = self.points(domain, &self.map);
         if let Some([space, sphere]) = axes(domain, &points) {
-            self.map = Reparametrisation::rotation(self.map.outer.after(onto(sphere)));
+            self.map = Reparametrisation::rotation(self.map.outer.after(Rotation::onto(sphere)));
             self.pose = space;
         }
         self.refresh(domain);

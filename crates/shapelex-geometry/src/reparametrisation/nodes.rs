@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::flow::Rotation;
+use crate::rotation::Rotation;
 use crate::surface::motion::icosahedral;
 use crate::vector::{cross, dot, minus, norm};
 

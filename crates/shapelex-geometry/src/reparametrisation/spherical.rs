@@ -189,10 +189,10 @@ impl SphericalShape {
 
 #[cfg(test)]
 mod tests {
-    use super::super::flow::Rotation;
     use super::super::harmonics::count;
     use super::*;
     use crate::representation::Representation;
+    use crate::rotation::Rotation;
     use crate::surface::seam::Seam;
 
     fn space(intervals: usize) -> ShapeSpace {

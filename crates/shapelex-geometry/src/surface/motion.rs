@@ -15,6 +15,7 @@ use std::f64::consts::{PI, TAU};
 use super::basis::{SurfaceBasis, Tangents};
 use super::fit::{spherical_direction, spherical_parameters};
 use super::{Surface, Topology};
+use crate::rotation::Rotation;
 use crate::vector::{cross, dot, minus, norm};
 use shapelex_numeric::dense::{Matrix, svd};
 
@@ -212,7 +213,7 @@ impl Motions {
         let round = |t: f64| t.rem_euclid(1.0).min(1.0_f64.next_down());
         match self.topology {
             Topology::Sphere => {
-                spherical_parameters(rotated(motion.quaternion(), spherical_direction([u, v])))
+                spherical_parameters(Rotation(motion.quaternion()).apply(spherical_direction([u, v])))
             }
             Topology::Cylinder if motion.reversed() => [round(turns[0] - u), 1.0 - v],
             Topology::Cylinder => [round(turns[0] + u), v],
@@ -302,44 +303,11 @@ impl Motions {
             [0, 1, 2].map(|c| sign * right[(i, c)])
         };
         let (z, y) = (axis(order[0]), axis(order[1]));
-        Motion::rotation(quaternion_of([cross(y, z), y, z]))
+        Motion::rotation(Rotation::onto([cross(y, z), y, z]).0)
     }
 }
 
 /// `R p`.
-fn rotated([w, x, y, z]: Quaternion, p: [f64; 3]) -> [f64; 3] {
-    let v = [x, y, z];
-    let once = cross(v, p);
-    let twice = cross(v, once);
-    [0, 1, 2].map(|i| p[i] + 2.0 * (w * once[i] + twice[i]))
-}
-
-/// The rotation whose matrix has these columns.
-fn quaternion_of(columns: [[f64; 3]; 3]) -> Quaternion {
-    let m = |row: usize, column: usize| columns[column][row];
-    let squares = [
-        1.0 + m(0, 0) + m(1, 1) + m(2, 2),
-        1.0 + m(0, 0) - m(1, 1) - m(2, 2),
-        1.0 - m(0, 0) + m(1, 1) - m(2, 2),
-        1.0 - m(0, 0) - m(1, 1) + m(2, 2),
-    ];
-    let (largest, square) = squares
-        .iter()
-        .copied()
-        .enumerate()
-        .fold((0, 0.0), |best, (i, s)| if s > best.1 { (i, s) } else { best });
-    let (a, b, c) = (m(2, 1) - m(1, 2), m(0, 2) - m(2, 0), m(1, 0) - m(0, 1));
-    let (d, e, f) = (m(0, 1) + m(1, 0), m(0, 2) + m(2, 0), m(1, 2) + m(2, 1));
-    let q = match largest {
-        0 => [square, a, b, c],
-        1 => [a, square, d, e],
-        2 => [b, d, square, f],
-        _ => [c, e, f, square],
-    };
-    let length = q.iter().map(|part| part * part).sum::<f64>().sqrt();
-    q.map(|part| part / length)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -363,7 +331,7 @@ mod tests {
     }
 
     fn of(basis: &SurfaceBasis, turn: Quaternion) -> Matrix {
-        basis.interpolate_function(|u, v| bean(rotated(turn, spherical_direction([u, v]))))
+        basis.interpolate_function(|u, v| bean(Rotation(turn).apply(spherical_direction([u, v]))))
     }
 
     fn turn(degrees: f64, axis: [f64; 3]) -> Quaternion {

@@ -17,7 +17,7 @@
 use realfft::num_complex::Complex64;
 
 use super::super::GeometryError;
-use super::sphere::{SphereBasis, handle_length};
+use super::sphere::{SphereBasis, handle_length, stay, through};
 use shapelex_numeric::banded::{Band, Banded};
 use shapelex_numeric::fft::RealFft;
 use shapelex_numeric::operator::SymmetricOperator;
@@ -206,26 +206,7 @@ impl SharpGram {
             part.iter_mut().for_each(|value| *value *= factor);
         }
     }
-
-    /// For every column: a change of basis, an operation on `blocks`, and another change of basis.
-    fn through(&self, data: &mut [f64], enter: Change, blocks: impl Fn(&mut [f64]), leave: Change) {
-        assert_eq!(data.len() % self.size(), 0, "columns of length {}", self.size());
-        let mut y = vec![0.0; self.size()];
-        for x in data.chunks_exact_mut(self.size()) {
-            enter(self, x, &mut y);
-            blocks(&mut y);
-            leave(self, &y, x);
-        }
-    }
-
-    /// No change of basis.
-    fn stay(&self, x: &[f64], y: &mut [f64]) {
-        y.copy_from_slice(x);
-    }
 }
-
-/// A change of basis.
-type Change = fn(&SharpGram, &[f64], &mut [f64]);
 
 // `Φ = VᵀGV` and `R = G^½V` with the blocks `G`.
 impl SymmetricOperator for SharpGram {
@@ -235,22 +216,22 @@ impl SymmetricOperator for SharpGram {
 
     fn apply(&self, data: &mut [f64]) {
         let blocks = |y: &mut [f64]| self.each_block(y, |block, y| block.apply(y), |value| value);
-        self.through(data, Self::analyse, blocks, Self::synthesise_transposed);
+        through(self, data, Self::analyse, blocks, Self::synthesise_transposed);
     }
 
     fn solve(&self, data: &mut [f64]) {
         let blocks = |y: &mut [f64]| self.each_block(y, |block, y| block.solve(y), f64::recip);
-        self.through(data, Self::analyse_transposed, blocks, Self::synthesise);
+        through(self, data, Self::analyse_transposed, blocks, Self::synthesise);
     }
 
     fn whiten(&self, data: &mut [f64]) {
         let blocks = |y: &mut [f64]| self.each_block(y, |block, y| block.whiten(y), f64::sqrt);
-        self.through(data, Self::analyse, blocks, Self::stay);
+        through(self, data, Self::analyse, blocks, stay);
     }
 
     fn unwhiten(&self, data: &mut [f64]) {
         let blocks =
             |y: &mut [f64]| self.each_block(y, |block, y| block.unwhiten(y), |value| value.sqrt().recip());
-        self.through(data, Self::stay, blocks, Self::synthesise);
+        through(self, data, stay, blocks, Self::synthesise);
     }
 }

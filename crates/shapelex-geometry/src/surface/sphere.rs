@@ -529,26 +529,32 @@ impl SphereGram {
             part.iter_mut().for_each(|value| *value *= factor);
         }
     }
-
-    /// For every column: a change of basis, an operation on `blocks`, and another change of basis.
-    fn through(&self, data: &mut [f64], enter: Change, blocks: impl Fn(&mut [f64]), leave: Change) {
-        assert_eq!(data.len() % self.size(), 0, "columns of length {}", self.size());
-        let mut y = vec![0.0; self.size()];
-        for x in data.chunks_exact_mut(self.size()) {
-            enter(self, x, &mut y);
-            blocks(&mut y);
-            leave(self, &y, x);
-        }
-    }
-
-    /// No change of basis.
-    fn stay(&self, x: &[f64], y: &mut [f64]) {
-        y.copy_from_slice(x);
-    }
 }
 
 /// A change of basis.
-type Change = fn(&SphereGram, &[f64], &mut [f64]);
+type Change<G> = fn(&G, &[f64], &mut [f64]);
+
+/// For every column: a change of basis, an operation on `blocks`, and another change of basis.
+pub(super) fn through<G: SymmetricOperator>(
+    gram: &G,
+    data: &mut [f64],
+    enter: Change<G>,
+    blocks: impl Fn(&mut [f64]),
+    leave: Change<G>,
+) {
+    assert_eq!(data.len() % gram.size(), 0, "columns of length {}", gram.size());
+    let mut y = vec![0.0; gram.size()];
+    for x in data.chunks_exact_mut(gram.size()) {
+        enter(gram, x, &mut y);
+        blocks(&mut y);
+        leave(gram, &y, x);
+    }
+}
+
+/// No change of basis.
+pub(super) fn stay<G>(_: &G, x: &[f64], y: &mut [f64]) {
+    y.copy_from_slice(x);
+}
 
 // `Φ = VᵀGV` and `R = G^½V` with the blocks `G`.
 impl SymmetricOperator for SphereGram {
@@ -558,21 +564,21 @@ impl SymmetricOperator for SphereGram {
 
     fn apply(&self, data: &mut [f64]) {
         let blocks = |y: &mut [f64]| self.each_block(y, Power::Whole, false, |block, y| block.apply(y));
-        self.through(data, Self::analyse, blocks, Self::synthesise_transposed);
+        through(self, data, Self::analyse, blocks, Self::synthesise_transposed);
     }
 
     fn solve(&self, data: &mut [f64]) {
         let blocks = |y: &mut [f64]| self.each_block(y, Power::Whole, true, |block, y| block.solve(y));
-        self.through(data, Self::analyse_transposed, blocks, Self::synthesise);
+        through(self, data, Self::analyse_transposed, blocks, Self::synthesise);
     }
 
     fn whiten(&self, data: &mut [f64]) {
         let blocks = |y: &mut [f64]| self.each_block(y, Power::Half, false, |block, y| block.whiten(y));
-        self.through(data, Self::analyse, blocks, Self::stay);
+        through(self, data, Self::analyse, blocks, stay);
     }
 
     fn unwhiten(&self, data: &mut [f64]) {
         let blocks = |y: &mut [f64]| self.each_block(y, Power::Half, true, |block, y| block.unwhiten(y));
-        self.through(data, Self::stay, blocks, Self::synthesise);
+        through(self, data, stay, blocks, Self::synthesise);
     }
 }
