@@ -72,17 +72,6 @@ pub fn pca(
     let seen: Vec<Vec<usize>> = read.iter().map(|given| given.iter().map(|(i, _)| *i).collect()).collect();
     let missing = seen.iter().map(|seen| n - seen.len()).collect();
     let shapes = IncompleteShapes { control_points, seen };
-    let pca = shapes.pca(setup.measured(), setup.frame, components, &app.pool.context()).map_err(of_shape)?;
+    let pca = shapes.pca(setup.measured(), setup.frame, components, &app.pool.context())?;
     Ok(Found { pca, missing })
-}
-
-/// Faults of a shape at its place.
-fn of_shape(error: crate::analysis::AnalysisError) -> ServiceError {
-    if let crate::analysis::AnalysisError::Parameter { field: "shapes", detail } = &error
-        && let Some((position, text)) = detail.split_once(": ")
-        && let Ok(index) = position.parse::<usize>()
-    {
-        return ServiceError::of_entry("shapes", index, vec![Fault::new("", text)]);
-    }
-    error.into()
 }

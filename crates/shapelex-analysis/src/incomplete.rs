@@ -148,8 +148,8 @@ impl IncompleteShapes {
         }
         let least = freedom.count().div_ceil(length / n).max(1);
         if let Some(k) = self.seen.iter().position(|seen| seen.len() < least) {
-            let detail = format!("{k}: expected at least {least} control points, got {}", self.seen[k].len());
-            return refused("shapes", detail);
+            let detail = format!("expected at least {least} control points, got {}", self.seen[k].len());
+            return Err(AnalysisError::Unsuitable { index: k, detail });
         }
         for i in 0..n {
             let having = self.seen.iter().filter(|seen| seen.binary_search(&i).is_ok()).count();
@@ -206,9 +206,7 @@ impl IncompleteShapes {
 
 fn of_shape(error: AnalysisError, k: usize) -> AnalysisError {
     match error {
-        AnalysisError::Parameter { detail, .. } => {
-            AnalysisError::Parameter { field: "shapes", detail: format!("{k}: {detail}") }
-        }
+        AnalysisError::Parameter { detail, .. } => AnalysisError::Unsuitable { index: k, detail },
         other => other.at(k),
     }
 }
@@ -441,7 +439,8 @@ mod tests {
         assert_eq!(field(found(&points, whole(), 5)), "components");
         let mut one = whole();
         one[2] = vec![4];
-        assert_eq!(field(found(&points, one, 2)), "shapes");
+        let few = found(&points, one, 2);
+        assert!(matches!(few, Err(AnalysisError::Unsuitable { index: 2, .. })), "{few:?}");
         let never = vec![(1..N).collect::<Vec<usize>>(); 6];
         assert_eq!(field(found(&points, never, 2)), "shapes");
     }

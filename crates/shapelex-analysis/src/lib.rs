@@ -129,6 +129,14 @@ pub enum AnalysisError {
         /// Norm of the shape as given.
         size: f64,
     },
+    /// A shape that does not suit the others, or the parameters.
+    #[error("shape {index}: {detail}")]
+    Unsuitable {
+        /// Position of the shape.
+        index: usize,
+        /// What was expected, and what was found.
+        detail: String,
+    },
     /// Too few shapes for the requested statistic.
     #[error("too few shapes: expected at least {needed}, got {found}")]
     TooFewShapes {
@@ -198,6 +206,7 @@ impl AnalysisError {
         match self {
             Self::Degenerate { class, sigma, .. } => Self::Degenerate { index: position, class, sigma },
             Self::NoExtent { norm, size, .. } => Self::NoExtent { index: position, norm, size },
+            Self::Unsuitable { detail, .. } => Self::Unsuitable { index: position, detail },
             Self::NoConvergence { iterations, gap, tolerance, .. } => {
                 Self::NoConvergence { index: position, iterations, gap, tolerance }
             }
@@ -218,6 +227,7 @@ impl AnalysisError {
         match self {
             Self::Degenerate { index, .. }
             | Self::NoExtent { index, .. }
+            | Self::Unsuitable { index, .. }
             | Self::NoConvergence { index, .. } => Some(*index),
             _ => None,
         }

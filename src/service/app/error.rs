@@ -227,6 +227,9 @@ impl ServiceError {
                 let fault = Fault::new(pointer(index), error.to_string()).at_shape(index);
                 Self::DegenerateShape(vec![fault])
             }
+            AnalysisError::Unsuitable { index, detail } => {
+                Self::Invalid(vec![Fault::new(pointer(index), detail).at_shape(index)].into())
+            }
             AnalysisError::TooFewShapes { found, needed } => Self::TooFewShapes { found, needed },
             AnalysisError::NotAProperClass(detail) => Self::invalid("/transformation", detail),
             AnalysisError::NoCanonicalFrame { .. } => Self::invalid("/frame", error.to_string()),
