@@ -1,5 +1,7 @@
 //! Files to and from values: bytes in, values or an error out. No network, no file system.
 //!
-//! * [`image`] — images, volumes, label images and masks.
+//! * [`image`] — images, volumes, label images and masks;
+//! * [`shape`] — contours, landmarks and meshes of other programs.
 
 pub mod image;
+pub mod shape;

@@ -1,0 +1,70 @@
+//! Shapes in files of other programs, to and from [`Record`]s.
+//!
+//! * [`read`] takes a file of any format of [`FORMATS`] and gives one record after the other to a function;
+//! * [`Format::writer`] makes a [`Writer`] that takes one record after the other;
+//! * [`detect`] finds the format of a file by its media type, its name or its first bytes.
+//!
+//! # Adding a format
+//! A file of this folder with a `pub(super) static FORMAT: Format`, its line in [`FORMATS`](mod@format), a page
+//! `docs/formats/{id}.md`, seeds in `fuzz/corpus/shape_files`, and a comparison with an independent reader in `tests/interop`.
+//!
+//! # Rules of readers
+//! * Sizes are checked against [`Limits`] before memory is taken; counts of a header are claims, not facts.
+//! * Nothing is merged, repaired or left out silently: what is not given on is counted in [`Summary::dropped`].
+//! * A fault names its [`Place`]: line, byte, tag or item.
+//! * Coordinates are those of the file, in its unit and orientation; the summary says which. They are finite, or the point is
+//!   missing.
+//! * The order of records is that of the file, whatever the number of threads.
+
+mod error;
+mod format;
+mod limits;
+mod ndjson;
+mod options;
+mod record;
+mod source;
+mod summary;
+mod write;
+
+pub use error::{FaultKind, FileError, Place};
+pub use format::{FORMATS, Format, detect, find};
+pub use limits::{Limits, MAX_COORDINATE};
+pub use options::{Holes, ReadOptions, WriteOptions};
+pub use record::{Domain, Faces, Field, Fourier, Geometry, Kind, Mesh, Points, Record, Ring, Value};
+pub use source::Source;
+pub use summary::{Dropped, Summary};
+pub use write::Writer;
+
+/// Takes the next record of a file. Its error ends the reading and is returned.
+pub type Sink<'a> = &'a mut dyn FnMut(Record) -> Result<(), FileError>;
+
+/// Reads all records of a file of a format.
+///
+/// # Errors
+/// Faults of the file, sizes beyond the limits, options that the format does not have, and errors of `sink`.
+pub fn read(
+    format: &Format,
+    source: &mut Source<'_>,
+    options: &ReadOptions,
+    sink: Sink<'_>,
+) -> Result<Summary, FileError> {
+    let Some(read) = format.read else {
+        let detail =
+            format!("expected a format that can be read, got {}, which is only written", format.name);
+        return Err(FileError::new(FaultKind::Unsupported, detail));
+    };
+    options.check(format)?;
+    let (mut count, limit) = (0, source.limits().records);
+    let mut counted = |record: Record| {
+        count += 1;
+        if count > limit {
+            let detail = format!("expected at most {limit} shapes, got more");
+            return Err(FileError::new(FaultKind::TooLarge, detail).at(record.place));
+        }
+        record.check()?;
+        sink(record)
+    };
+    let mut summary = read(source, options, &mut counted)?;
+    summary.records = count;
+    Ok(summary)
+}

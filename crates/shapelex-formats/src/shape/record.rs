@@ -1,0 +1,386 @@
+//! A shape of a file, with what the file says of it.
+
+use std::collections::BTreeMap;
+
+use super::error::{FileError, Place};
+use super::limits::MAX_COORDINATE;
+
+/// A shape of a file, with its attributes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Record {
+    /// The shape.
+    pub geometry: Geometry,
+    /// Name of the shape within the file: the external id where it is stored.
+    pub name: Option<String>,
+    /// Opaque identifier of the subject; never a name of a person.
+    pub subject: Option<String>,
+    /// Class label.
+    pub label: Option<String>,
+    /// Attributes: texts, numbers and Booleans by name.
+    pub labels: BTreeMap<String, Value>,
+    /// Weight in means.
+    pub weight: Option<f64>,
+    /// What else the file says of the shape.
+    pub metadata: serde_json::Map<String, serde_json::Value>,
+    /// Its place among the rings of an object with several parts or with holes.
+    pub ring: Option<Ring>,
+    /// Where it is in the file.
+    pub place: Place,
+}
+
+impl Record {
+    /// A shape of which nothing else is known.
+    pub fn new(geometry: impl Into<Geometry>, place: Place) -> Self {
+        Self {
+            geometry: geometry.into(),
+            name: None,
+            subject: None,
+            label: None,
+            labels: BTreeMap::new(),
+            weight: None,
+            metadata: serde_json::Map::new(),
+            ring: None,
+            place,
+        }
+    }
+
+    /// Checks what every reader must keep: coordinates, faces and fields.
+    ///
+    /// # Errors
+    /// The first fault, at the place of the record.
+    pub fn check(&self) -> Result<(), FileError> {
+        let checked = match &self.geometry {
+            Geometry::Curve { points, .. } | Geometry::Landmarks(points) => points.check(),
+            Geometry::Mesh(mesh) => mesh.check(),
+            Geometry::Fourier(fourier) => fourier.check(),
+        };
+        checked.map_err(|detail| FileError::malformed(self.place.clone(), detail))
+    }
+}
+
+/// An attribute.
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(untagged)]
+pub enum Value {
+    /// Yes or no.
+    Bool(bool),
+    /// A finite number.
+    Number(f64),
+    /// A text.
+    Text(String),
+}
+
+impl From<&str> for Value {
+    fn from(text: &str) -> Self {
+        Self::Text(text.into())
+    }
+}
+
+/// One ring of an object that has holes or several parts. All rings of an object stand next to each other in a file, and are
+/// records of their own: nothing is merged.
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
+pub struct Ring {
+    /// Position of the object in the file, from 0.
+    pub object: u64,
+    /// Part of the object, from 0.
+    pub part: u64,
+    /// Whether it bounds a hole of that part.
+    pub hole: bool,
+}
+
+/// Kinds of geometry.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Kind {
+    /// Contours and open curves.
+    Curve,
+    /// Homologous points.
+    Landmarks,
+    /// Meshes of polygons.
+    Mesh,
+    /// Elliptic Fourier coefficients.
+    Fourier,
+}
+
+/// The shape of a record.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Geometry {
+    /// Points in order along a curve.
+    Curve {
+        /// The points; a closed curve does not repeat its first one.
+        points: Points,
+        /// Whether the last point is joined to the first one.
+        closed: bool,
+    },
+    /// Homologous points; some may be missing.
+    Landmarks(Points),
+    /// A mesh of polygons in space.
+    Mesh(Mesh),
+    /// Elliptic Fourier coefficients of a closed curve.
+    Fourier(Fourier),
+}
+
+impl Geometry {
+    /// Its kind.
+    pub fn kind(&self) -> Kind {
+        match self {
+            Self::Curve { .. } => Kind::Curve,
+            Self::Landmarks(_) => Kind::Landmarks,
+            Self::Mesh(_) => Kind::Mesh,
+            Self::Fourier(_) => Kind::Fourier,
+        }
+    }
+}
+
+impl From<Mesh> for Geometry {
+    fn from(mesh: Mesh) -> Self {
+        Self::Mesh(mesh)
+    }
+}
+
+impl From<Fourier> for Geometry {
+    fn from(fourier: Fourier) -> Self {
+        Self::Fourier(fourier)
+    }
+}
+
+/// Points of one dimension, some of which may be missing.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Points {
+    dimension: usize,
+    /// Row-major; a missing point is NaN in every coordinate.
+    coordinates: Vec<f64>,
+}
+
+impl Points {
+    /// No points yet.
+    pub fn new(dimension: usize) -> Self {
+        Self { dimension, coordinates: Vec::new() }
+    }
+
+    /// Points by row-major coordinates, whose number is a multiple of `dimension`.
+    pub fn from_rows(dimension: usize, coordinates: Vec<f64>) -> Self {
+        debug_assert!(dimension > 0 && coordinates.len().is_multiple_of(dimension));
+        Self { dimension, coordinates }
+    }
+
+    /// Adds a point of `dimension` coordinates.
+    pub fn push(&mut self, point: &[f64]) {
+        debug_assert_eq!(point.len(), self.dimension);
+        self.coordinates.extend_from_slice(point);
+    }
+
+    /// Adds a missing point.
+    pub fn push_missing(&mut self) {
+        self.coordinates.extend(std::iter::repeat_n(f64::NAN, self.dimension));
+    }
+
+    /// Removes the last point.
+    pub fn pop(&mut self) {
+        self.coordinates.truncate(self.coordinates.len().saturating_sub(self.dimension));
+    }
+
+    /// Number of coordinates of a point.
+    pub fn dimension(&self) -> usize {
+        self.dimension
+    }
+
+    /// Number of points.
+    pub fn len(&self) -> usize {
+        self.coordinates.len().checked_div(self.dimension).unwrap_or(0)
+    }
+
+    /// Whether there are no points.
+    pub fn is_empty(&self) -> bool {
+        self.coordinates.is_empty()
+    }
+
+    /// Row-major coordinates; a missing point is NaN in every coordinate.
+    pub fn coordinates(&self) -> &[f64] {
+        &self.coordinates
+    }
+
+    /// The points one by one.
+    pub fn rows(&self) -> impl ExactSizeIterator<Item = &[f64]> + DoubleEndedIterator {
+        self.coordinates.chunks_exact(self.dimension.max(1))
+    }
+
+    /// Positions of the missing points, in order.
+    pub fn missing(&self) -> Vec<usize> {
+        let is_missing = |(k, row): (usize, &[f64])| row.iter().all(|x| x.is_nan()).then_some(k);
+        self.rows().enumerate().filter_map(is_missing).collect()
+    }
+
+    /// Drops the last point if it repeats the first one, as many formats close their rings. Returns whether it did.
+    pub fn open(&mut self) -> bool {
+        let repeated = self.len() > 1 && self.rows().next() == self.rows().next_back();
+        if repeated {
+            self.pop();
+        }
+        repeated
+    }
+
+    /// Every coordinate is finite and within the limit, or its point is missing.
+    fn check(&self) -> Result<(), String> {
+        for (k, row) in self.rows().enumerate() {
+            let missing = row.iter().all(|x| x.is_nan());
+            match row.iter().find(|x| !(x.abs() <= MAX_COORDINATE)) {
+                Some(x) if !missing => {
+                    return Err(format!(
+                        "expected coordinates within ±{MAX_COORDINATE:e}, got {x:e} in point {k}"
+                    ));
+                }
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A mesh of polygons in space, with values at its vertices or faces.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Mesh {
+    /// Positions of the vertices, in three dimensions.
+    pub vertices: Points,
+    /// The polygons.
+    pub faces: Faces,
+    /// Arrays of values by name.
+    pub fields: BTreeMap<String, Field>,
+}
+
+impl Mesh {
+    /// Three coordinates a vertex, none of them missing, faces of three or more existing vertices, whole fields.
+    fn check(&self) -> Result<(), String> {
+        if self.vertices.dimension() != 3 {
+            return Err(format!("expected vertices with 3 coordinates, got {}", self.vertices.dimension()));
+        }
+        self.vertices.check()?;
+        if let Some(vertex) = self.vertices.missing().first() {
+            return Err(format!("expected finite coordinates, got none at vertex {vertex}"));
+        }
+        let count = self.vertices.len();
+        for (k, face) in self.faces.iter().enumerate() {
+            if face.len() < 3 {
+                return Err(format!("expected faces of at least 3 vertices, got {} in face {k}", face.len()));
+            }
+            if let Some(vertex) = face.iter().find(|vertex| **vertex as usize >= count) {
+                return Err(format!("expected indices of vertices below {count}, got {vertex} in face {k}"));
+            }
+        }
+        for (name, field) in &self.fields {
+            let carriers = match field.domain {
+                Domain::Vertices => count,
+                Domain::Faces => self.faces.len(),
+            };
+            if carriers.checked_mul(field.width) != Some(field.values.len()) {
+                let expected = format!("{carriers} × {}", field.width);
+                return Err(format!(
+                    "expected {expected} values of field '{name}', got {}",
+                    field.values.len()
+                ));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Polygons as lists of indices of vertices, all in one vector.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Faces {
+    indices: Vec<u32>,
+    /// End of each face in `indices`.
+    ends: Vec<usize>,
+}
+
+impl Faces {
+    /// Adds a polygon.
+    pub fn push(&mut self, face: impl IntoIterator<Item = u32>) {
+        self.indices.extend(face);
+        self.ends.push(self.indices.len());
+    }
+
+    /// Number of polygons.
+    pub fn len(&self) -> usize {
+        self.ends.len()
+    }
+
+    /// Whether there are no polygons.
+    pub fn is_empty(&self) -> bool {
+        self.ends.is_empty()
+    }
+
+    /// The polygons one by one.
+    pub fn iter(&self) -> impl ExactSizeIterator<Item = &[u32]> {
+        (0..self.ends.len())
+            .map(|k| &self.indices[k.checked_sub(1).map_or(0, |k| self.ends[k])..self.ends[k]])
+    }
+
+    /// Triangles; a polygon of more corners becomes a fan around its first one.
+    pub fn triangles(&self) -> impl Iterator<Item = [u32; 3]> {
+        self.iter()
+            .flat_map(|face| (1..face.len().saturating_sub(1)).map(|k| [face[0], face[k], face[k + 1]]))
+    }
+}
+
+/// Values at the vertices or faces of a mesh, such as colours, thickness or labels.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Field {
+    /// What has a value.
+    pub domain: Domain,
+    /// Number of components of a value.
+    pub width: usize,
+    /// Values, row-major. NaN where the file has none.
+    pub values: Vec<f64>,
+}
+
+/// What the values of a field belong to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Domain {
+    /// One value a vertex.
+    Vertices,
+    /// One value a face.
+    Faces,
+}
+
+/// A closed curve by elliptic Fourier coefficients:
+///
+/// ```text
+/// r(t) = c + Σ_{k=1…n} a_k cos 2πkt + b_k sin 2πkt,   0 ≤ t < 1
+/// ```
+///
+/// In the plane the classical names are `a_k = (A_k, C_k)`, `b_k = (B_k, D_k)` (Kuhl and Giardina 1982).
+#[derive(Debug, Clone, PartialEq)]
+pub struct Fourier {
+    /// `c`, one number a dimension.
+    pub constant: Vec<f64>,
+    /// `a_k`, n × d, row-major.
+    pub cosine: Vec<f64>,
+    /// `b_k`, n × d, row-major.
+    pub sine: Vec<f64>,
+}
+
+impl Fourier {
+    /// Number of coordinates of a point.
+    pub fn dimension(&self) -> usize {
+        self.constant.len()
+    }
+
+    /// Number of harmonics.
+    pub fn harmonics(&self) -> usize {
+        self.cosine.len().checked_div(self.dimension()).unwrap_or(0)
+    }
+
+    fn check(&self) -> Result<(), String> {
+        let Self { constant, cosine, sine } = self;
+        if constant.is_empty() || cosine.len() != sine.len() || !cosine.len().is_multiple_of(constant.len()) {
+            return Err(
+                "expected four coefficients of every harmonic in the plane, got another number".into()
+            );
+        }
+        let all = || [constant, cosine, sine].into_iter().flatten();
+        match all().find(|x| !(x.abs() <= MAX_COORDINATE)) {
+            Some(x) => Err(format!("expected coefficients within ±{MAX_COORDINATE:e}, got {x:e}")),
+            None => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,146 @@
+//! The bytes of a file, one after the other, with their count.
+
+use std::io::{self, BufRead, BufReader, Cursor, Read};
+
+use super::error::{FileError, Place};
+use super::limits::Limits;
+
+/// Number of bytes by which a format is recognised.
+const HEAD: usize = 4096;
+/// Number of bytes read at once.
+const BLOCK: usize = 1 << 16;
+
+/// Bytes of a file. It counts them, and refuses more than the limits allow.
+pub struct Source<'a> {
+    reader: BufReader<Box<dyn Read + 'a>>,
+    /// First bytes of the file, which `reader` still gives.
+    head: Vec<u8>,
+    offset: u64,
+    line: u64,
+    limits: Limits,
+}
+
+impl<'a> Source<'a> {
+    /// The bytes that `reader` gives. Reads the first ones.
+    ///
+    /// # Errors
+    /// Those of `reader`.
+    pub fn new(mut reader: impl Read + 'a, limits: Limits) -> Result<Self, FileError> {
+        let mut head = Vec::new();
+        (&mut reader).take(HEAD as u64).read_to_end(&mut head)?;
+        let whole: Box<dyn Read + 'a> = Box::new(Cursor::new(head.clone()).chain(reader));
+        Ok(Self { reader: BufReader::with_capacity(BLOCK, whole), head, offset: 0, line: 0, limits })
+    }
+
+    /// The first bytes of the file, at most 4096.
+    pub fn head(&self) -> &[u8] {
+        &self.head
+    }
+
+    /// What may be read.
+    pub fn limits(&self) -> &Limits {
+        &self.limits
+    }
+
+    /// Number of bytes read.
+    pub fn offset(&self) -> u64 {
+        self.offset
+    }
+
+    /// Number of lines read by [`next_line`](Self::next_line).
+    pub fn line(&self) -> u64 {
+        self.line
+    }
+
+    /// All bytes that are left, at most [`Limits::held`].
+    ///
+    /// # Errors
+    /// [`FaultKind::TooLarge`](super::FaultKind::TooLarge); errors of the reader.
+    pub fn bytes(&mut self) -> Result<Vec<u8>, FileError> {
+        let limit = self.limits.held;
+        let mut bytes = Vec::new();
+        let count = self.by_ref().take(limit as u64 + 1).read_to_end(&mut bytes)?;
+        if count > limit {
+            let detail = format!("expected at most {limit} bytes of a file of this format, got more");
+            return Err(FileError::too_large(Place::default(), detail));
+        }
+        Ok(bytes)
+    }
+
+    /// All text that is left, without a byte order mark.
+    ///
+    /// # Errors
+    /// As [`bytes`](Self::bytes); the place of the first byte that is no UTF-8.
+    pub fn text(&mut self) -> Result<String, FileError> {
+        let bytes = self.bytes()?;
+        let text = String::from_utf8(bytes).map_err(|error| {
+            let at = error.utf8_error().valid_up_to() as u64;
+            FileError::malformed(Place::byte(at), "expected UTF-8 text, got other bytes")
+        })?;
+        Ok(text.strip_prefix('\u{feff}').map_or_else(|| text.clone(), str::to_owned))
+    }
+
+    /// Puts the next line into `line`, without its end (`\n`, `\r\n`). Returns `false` at the end of the file.
+    ///
+    /// # Errors
+    /// A line longer than [`Limits::held`], one that is no UTF-8, errors of the reader.
+    pub fn next_line(&mut self, line: &mut String) -> Result<bool, FileError> {
+        let mut bytes = std::mem::take(line).into_bytes();
+        bytes.clear();
+        let (limit, number) = (self.limits.held, self.line + 1);
+        let count = self.by_ref().take(limit as u64 + 1).read_until(b'\n', &mut bytes)?;
+        if count == 0 {
+            return Ok(false);
+        }
+        if count > limit {
+            let detail = format!("expected lines of at most {limit} bytes, got a longer one");
+            return Err(FileError::too_large(Place::line(number), detail));
+        }
+        self.line = number;
+        while bytes.last().is_some_and(|byte| matches!(byte, b'\n' | b'\r')) {
+            bytes.pop();
+        }
+        if number == 1 && bytes.starts_with("\u{feff}".as_bytes()) {
+            bytes.drain(..3);
+        }
+        *line = String::from_utf8(bytes)
+            .map_err(|_| FileError::malformed(Place::line(number), "expected UTF-8 text, got other bytes"))?;
+        Ok(true)
+    }
+
+    fn count(&mut self, count: usize) -> io::Result<()> {
+        self.offset += count as u64;
+        if self.offset > self.limits.content {
+            let detail = format!("expected at most {} bytes of content, got more", self.limits.content);
+            return Err(io::Error::new(io::ErrorKind::FileTooLarge, detail));
+        }
+        Ok(())
+    }
+}
+
+impl Read for Source<'_> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let count = self.reader.read(buffer)?;
+        self.count(count)?;
+        Ok(count)
+    }
+}
+
+impl BufRead for Source<'_> {
+    fn fill_buf(&mut self) -> io::Result<&[u8]> {
+        // Counts of `consume` cannot fail: the limit is checked here.
+        self.count(0)?;
+        self.reader.fill_buf()
+    }
+
+    fn consume(&mut self, amount: usize) {
+        self.reader.consume(amount);
+        self.offset += amount as u64;
+    }
+}
+
+impl std::fmt::Debug for Source<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Source").field("offset", &self.offset).finish_non_exhaustive()
+    }
+}

@@ -1,0 +1,20 @@
+//! Writing records one after the other.
+
+use super::error::FileError;
+use super::record::Record;
+use super::summary::Summary;
+
+/// A file that is being written.
+pub trait Writer: Send {
+    /// Writes a record.
+    ///
+    /// # Errors
+    /// A record that the format cannot hold, by name; errors of the output.
+    fn push(&mut self, record: &Record) -> Result<(), FileError>;
+
+    /// Writes what follows the last record, and says what was left out.
+    ///
+    /// # Errors
+    /// Those of the output.
+    fn finish(self: Box<Self>) -> Result<Summary, FileError>;
+}
