@@ -88,7 +88,7 @@ pub fn detect(head: &[u8], name: Option<&str>) -> Result<&'static Format, FileEr
     let recognised = FORMATS.iter().find(|format| (format.recognise)(head));
     let name = name.unwrap_or_default().to_lowercase();
     let ends = |extension: &&str| name.strip_suffix(*extension).is_some_and(|rest| rest.ends_with('.'));
-    let named = || FORMATS.iter().find(|format| format.extensions.iter().any(|extension| ends(extension)));
+    let named = || FORMATS.iter().find(|format| format.extensions.iter().any(&ends));
     recognised.or_else(named).copied().ok_or_else(|| {
         let known = FORMATS.iter().filter(|format| format.is_read()).map(|format| format.name);
         let known = known.collect::<Vec<_>>().join(", ");

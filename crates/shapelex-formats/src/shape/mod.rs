@@ -5,7 +5,7 @@
 //! * [`detect`] finds the format of a file by its media type, its name or its first bytes.
 //!
 //! # Adding a format
-//! A file of this folder with a `pub(super) static FORMAT: Format`, its line in [`FORMATS`](mod@format), a page
+//! A file of this folder with a `pub(super) static FORMAT: Format`, its line in [`FORMATS`], a page
 //! `docs/formats/{id}.md`, seeds in `fuzz/corpus/shape_files`, and a comparison with an independent reader in `tests/interop`.
 //!
 //! # Rules of readers

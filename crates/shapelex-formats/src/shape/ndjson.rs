@@ -18,7 +18,7 @@ use super::Sink;
 use super::error::{FileError, Place};
 use super::format::Format;
 use super::options::{ReadOptions, WriteOptions};
-use super::record::{Domain, Faces, Field, Fourier, Geometry, Kind, Mesh, Points, Record, Value};
+use super::record::{Domain, Field, Fourier, Geometry, Kind, Mesh, Points, Record, Value};
 use super::source::Source;
 use super::summary::Summary;
 use super::write::Writer;
