@@ -17,9 +17,8 @@
 
 CODESPELL = 2.4.3
 
-# The settings of the allocator: "Memory" in docs/operations.md.
 run:
-	MALLOC_ARENA_MAX=2 MALLOC_TRIM_THRESHOLD_=1048576 GLIBC_TUNABLES=glibc.malloc.hugetlb=1 cargo run --release --locked -- serve
+	cargo run --release --locked -- serve
 
 # Prints the first comment block of this file.
 help:
