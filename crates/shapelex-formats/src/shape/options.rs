@@ -36,7 +36,7 @@ impl ReadOptions {
         let given = serde_json::to_value(self).unwrap_or_default();
         let given = given.as_object().into_iter().flatten().filter(|(_, value)| !value.is_null());
         for (name, _) in given {
-            if !format.options.contains(&name.as_str()) {
+            if !format.options.contains(&name.as_str()) && format.options != ["*"] {
                 let known = if format.options.is_empty() { "none".into() } else { format.options.join(", ") };
                 let detail = format!("expected options of {} ({known}), got {name}", format.name);
                 return Err(FileError::new(FaultKind::Option, detail));
