@@ -8,7 +8,7 @@ use super::record::Kind;
 use super::source::Source;
 use super::summary::Summary;
 use super::write::Writer;
-use super::{Sink, archive, ndjson};
+use super::{Sink, archive, mesh, ndjson};
 
 /// Reads all records of a file.
 pub(super) type Read = fn(&mut Source<'_>, &ReadOptions, Sink<'_>) -> Result<Summary, FileError>;
@@ -38,7 +38,19 @@ pub struct Format {
 }
 
 /// All formats.
-pub static FORMATS: &[&Format] = &[&ndjson::FORMAT, &archive::FORMAT];
+pub static FORMATS: &[&Format] = &[
+    &ndjson::FORMAT,
+    &archive::FORMAT,
+    &mesh::obj::FORMAT,
+    &mesh::ply::FORMAT,
+    &mesh::stl::FORMAT,
+    &mesh::off::FORMAT,
+    &mesh::vtk::FORMAT,
+    &mesh::vtp::FORMAT,
+    &mesh::gifti::FORMAT,
+    &mesh::gltf::FORMAT,
+    &mesh::particles::FORMAT,
+];
 
 impl Format {
     /// Whether files of the format can be read.

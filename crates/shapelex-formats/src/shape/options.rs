@@ -82,6 +82,18 @@ fn matches_pattern(pattern: &[u8], text: &[u8]) -> bool {
 pub struct WriteOptions {
     /// Unit of the coordinates, where a format has a place for it.
     pub unit: Option<String>,
+    /// Text or binary, where a format has both. Default: `binary`.
+    pub encoding: Option<Encoding>,
+}
+
+/// How numbers are written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Encoding {
+    /// As text, with all digits.
+    Text,
+    /// As bytes.
+    Binary,
 }
 
 #[cfg(test)]
