@@ -12,6 +12,9 @@ use super::super::limits::Limits;
 /// Most elements of a file: an array is one.
 const MAX_ELEMENTS: usize = 1 << 20;
 
+/// Most attributes of an element: each is compared with all others.
+const MAX_ATTRIBUTES: usize = 64;
+
 /// An element.
 pub(super) struct Element<'a> {
     pub(super) name: String,
@@ -33,6 +36,10 @@ impl<'a> Element<'a> {
         };
         let mut attributes = Vec::new();
         for attribute in start.attributes() {
+            if attributes.len() == MAX_ATTRIBUTES {
+                let detail = format!("expected at most {MAX_ATTRIBUTES} attributes of an element, got more");
+                return Err(FileError::too_large(Place::byte(at), detail));
+            }
             let attribute = attribute.map_err(|error| fault(&error))?;
             let value = attribute.normalized_value(XmlVersion::Implicit1_0).map_err(|error| fault(&error))?;
             attributes.push((attribute.key.into_inner().to_owned(), value.into_owned()));

@@ -324,6 +324,7 @@ impl<'a> Reader<'a> {
             cells.add(part, |_| kind, &mut self.draft, &mut self.summary);
         }
         cells.add(&self.cells, |k| self.types[k], &mut self.draft, &mut self.summary);
+        self.limits.faces(self.draft.faces.len() as u64, Place::default)?;
         for (name, width, values) in &self.of_cells {
             if values.len() != cells.count() * width {
                 let detail =
