@@ -1,4 +1,4 @@
-"""Meshes: read and written, compared with trimesh, meshio and nibabel.
+"""Meshes: read and written, compared with trimesh, meshio, VTK and nibabel.
 
 Areas, volumes and numbers of faces agree to 1e-6, coordinates and triangles exactly where both hold them in the same precision.
 """
@@ -11,12 +11,16 @@ import meshio
 import nibabel
 import numpy
 import trimesh
+import vtk
+from vtk.util.numpy_support import vtk_to_numpy
 
-PACKAGES = ["trimesh==5.2.0", "meshio==5.3.5", "nibabel==5.4.2", "numpy==2.4.6"]
+PACKAGES = ["trimesh==5.2.0", "meshio==5.3.5", "nibabel==5.4.2", "numpy==2.4.6", "vtk==9.7.2"]
 # Both sides sum areas and volumes in another order.
 TOLERANCE = 1e-6
-# Coordinates that went through single precision.
-SINGLE = 1e-6
+# Coordinates that went through single precision, 24 bits.
+SINGLE = 2.0**-24
+# Digits after the point that text of VTK XML (meshio) and of GIfTI (nibabel) has.
+DIGITS = 1e-6
 
 
 def fan(faces):
@@ -67,14 +71,31 @@ def compare_exactly(name, records, points, triangles, tolerance=0.0):
 
 
 def by_trimesh(path):
-    mesh = trimesh.load(str(path), process=False, force="mesh", **({"skip_materials": True} if path.suffix == ".obj" else {}))
-    return numpy.array(mesh.vertices), numpy.array(mesh.faces)
+    found = trimesh.load(str(path), process=False, **({"skip_materials": True} if path.suffix == ".obj" else {}))
+    meshes = list(found.geometry.values()) if isinstance(found, trimesh.Scene) else [found]
+    before = numpy.cumsum([0] + [len(mesh.vertices) for mesh in meshes])
+    points = numpy.concatenate([numpy.array(mesh.vertices) for mesh in meshes])
+    return points, numpy.concatenate([numpy.array(mesh.faces) + k for mesh, k in zip(meshes, before)])
 
 
 def by_meshio(path):
     mesh = meshio.read(path)
     triangles = [fan(block.data.tolist()) for block in mesh.cells if block.type in ("triangle", "quad", "polygon")]
     return numpy.array(mesh.points, float), numpy.array(list(itertools.chain(*triangles)), int).reshape(-1, 3)
+
+
+def by_vtk(path):
+    reader = vtk.vtkXMLPolyDataReader() if path.suffix == ".vtp" else vtk.vtkPolyDataReader()
+    reader.SetFileName(str(path))
+    # Strips as triangles, as we give them on.
+    filter = vtk.vtkTriangleFilter()
+    filter.SetInputConnection(reader.GetOutputPort())
+    filter.PassVertsOff()
+    filter.PassLinesOff()
+    filter.Update()
+    result = filter.GetOutput()
+    points = vtk_to_numpy(result.GetPoints().GetData()).astype(float)
+    return points, vtk_to_numpy(result.GetPolys().GetConnectivityArray()).reshape(-1, 3).astype(int)
 
 
 def by_nibabel(path):
@@ -87,13 +108,13 @@ def real_files(convert, data):
     folder = data / "formats-meshes"
     for path in sorted(folder.iterdir()):
         suffix = path.suffix.lower()
-        # Without faces, or not read by trimesh (a negative index before its vertices, a colour that is no number).
+        # Without faces.
         if suffix not in (".stl", ".ply", ".off", ".obj") or path.name == "points_ascii_with_lists.ply":
             continue
         records, _ = convert(path)
         yield compare_figures(path.name, records, *by_trimesh(path))
     for name in ("lapy_cubeTria.vtk", "scalismo_unit-sphere.vtk"):
-        yield compare_exactly(name, convert(folder / name)[0], *by_meshio(folder / name))
+        yield compare_exactly(name, convert(folder / name)[0], *by_vtk(folder / name), SINGLE)
     path = folder / "fsaverage5_white_left.gii.gz"
     yield compare_exactly(path.name, convert(path)[0], *by_nibabel(path))
     records, summary = convert(folder / "ascii.stl.zip")
@@ -138,9 +159,9 @@ def made_files(convert, folder):
         path = folder / f"meshio-{name}"
         meshio.write(path, shape, **arguments)
         records, _ = convert(path)
-        label, ok, detail = compare_exactly(path.name, records, points, triangles, 0.0 if "text" not in name else 1e-15)
+        label, ok, detail = compare_exactly(path.name, records, points, triangles, DIGITS if name == "text.vtu" else 0.0)
         fields = records[0]["fields"]
-        ok = ok and numpy.abs(numpy.array(fields["thickness"]["values"]) - values).max() <= 1e-15
+        ok = ok and numpy.abs(numpy.array(fields["thickness"]["values"]) - values).max() <= (DIGITS if name == "text.vtu" else 0.0)
         if not name.endswith(".ply"):
             ok = ok and fields["part"]["values"] == list(range(len(triangles)))
         yield label, bool(ok), f"{detail}, fields {', '.join(sorted(fields))}"
@@ -153,7 +174,45 @@ def made_files(convert, folder):
         for suffix in (".gii", ".gii.gz"):
             path = folder / f"nibabel-{encoding.lower()}{suffix}"
             nibabel.save(nibabel.gifti.GiftiImage(darrays=arrays), path)
-            yield compare_exactly(path.name, convert(path)[0], *by_nibabel(path))
+            yield compare_exactly(path.name, convert(path)[0], *by_nibabel(path), SINGLE if encoding.endswith("ASCII") else 0.0)
+
+
+def vtk_files(convert, folder):
+    """Files of VTK in all its encodings, polygons and strips."""
+    source = vtk.vtkSphereSource()
+    source.SetThetaResolution(20)
+    source.SetPhiResolution(11)
+    source.SetCenter(1, 2, 3)
+    source.Update()
+    stripper = vtk.vtkStripper()
+    stripper.SetInputConnection(source.GetOutputPort())
+    stripper.Update()
+    for kind, data in (("polygons", source.GetOutput()), ("strips", stripper.GetOutput())):
+        for mode, zlib, wide, big in itertools.product(("ascii", "binary", "raw", "base64"), (0, 1), (0, 1), (0, 1)):
+            writer = vtk.vtkXMLPolyDataWriter()
+            getattr(writer, {"ascii": "SetDataModeToAscii", "binary": "SetDataModeToBinary"}.get(mode, "SetDataModeToAppended"))()
+            writer.SetEncodeAppendedData(mode == "base64")
+            writer.SetCompressorTypeToZLib() if zlib else writer.SetCompressorTypeToNone()
+            # Several blocks an array.
+            writer.SetBlockSize(1024)
+            writer.SetHeaderTypeToUInt64() if wide else writer.SetHeaderTypeToUInt32()
+            writer.SetByteOrderToBigEndian() if big else writer.SetByteOrderToLittleEndian()
+            yield compare_written(convert, writer, data, folder / f"vtk-{kind}-{mode}-{zlib}{wide}{big}.vtp")
+        for version, binary in itertools.product((42, 51), (0, 1)):
+            writer = vtk.vtkPolyDataWriter()
+            writer.SetFileVersion(version)
+            writer.SetFileTypeToBinary() if binary else writer.SetFileTypeToASCII()
+            yield compare_written(convert, writer, data, folder / f"vtk-{kind}-{version}-{binary}.vtk")
+
+
+def compare_written(convert, writer, data, path):
+    writer.SetInputData(data)
+    writer.SetFileName(str(path))
+    writer.Write()
+    records, _ = convert(path)
+    # Text is read in single precision there.
+    name, ok, detail = compare_exactly(path.name, records, *by_vtk(path), SINGLE)
+    return name, ok and "normals" in records[0]["fields"], detail
 
 
 def own_files(convert, folder):
@@ -163,7 +222,7 @@ def own_files(convert, folder):
     mesh.export(str(source))
     before, _ = convert(source)
     points, triangles = of(before)
-    readers = {"obj": [by_trimesh], "ply": [by_trimesh, by_meshio], "stl": [by_trimesh], "vtk": [by_meshio], "gltf": [by_trimesh]}
+    readers = {"obj": [by_trimesh], "ply": [by_trimesh, by_meshio], "stl": [by_trimesh], "vtk": [by_vtk], "gltf": [by_trimesh]}
     for format, encoding in [("obj", None), ("ply", "binary"), ("ply", "text"), ("stl", "binary"), ("stl", "text"), ("vtk", "binary"), ("vtk", "text"), ("gltf", None)]:
         path = folder / f"own-{encoding}.{'glb' if format == 'gltf' else format}"
         convert(source, format, output=path, writing={"encoding": encoding} if encoding else None)
@@ -203,5 +262,6 @@ def check(convert, data, folder):
     if data is not None:
         yield from real_files(convert, data)
     yield from made_files(convert, folder)
+    yield from vtk_files(convert, folder)
     yield from own_files(convert, folder)
     yield from archives(convert, folder)

@@ -96,23 +96,16 @@ impl<'a> Array<'a> {
     fn read(element: &'a Element<'a>, limits: &Limits) -> Result<Self, FileError> {
         let place = || element.place();
         let attribute = |name: &str| element.attribute(name).unwrap_or_default();
-        let refused = |what: &str, value: &str| {
-            FileError::unsupported(place(), format!("expected {what}, got {}", shown(value.as_bytes())))
-        };
-        let scalar = match attribute("DataType").trim_start_matches("NIFTI_TYPE_") {
-            "UINT8" => Scalar::U8,
-            "INT8" => Scalar::I8,
-            "INT16" => Scalar::I16,
-            "UINT16" => Scalar::U16,
-            "INT32" => Scalar::I32,
-            "UINT32" => Scalar::U32,
-            "INT64" => Scalar::I64,
-            "UINT64" => Scalar::U64,
-            "FLOAT32" => Scalar::F32,
-            "FLOAT64" => Scalar::F64,
-            other => return Err(refused("a type of numbers", other)),
-        };
+        let of = attribute("DataType");
+        let scalar = scalar(of).ok_or_else(|| {
+            FileError::unsupported(place(), format!("expected a type of numbers, got {}", shown_type(of)))
+        })?;
         let dimension = claim(element, "Dimensionality")?;
+        let by_column = attribute("ArrayIndexingOrder") == "ColumnMajorOrder";
+        if by_column && dimension > 2 {
+            let detail = format!("expected at most 2 dimensions in the order of columns, got {dimension}");
+            return Err(FileError::unsupported(place(), detail));
+        }
         if !(1..=6).contains(&dimension) {
             return Err(FileError::malformed(
                 place(),
@@ -131,36 +124,8 @@ impl<'a> Array<'a> {
             let detail = format!("expected at most {} bytes of an array, got {bytes}", limits.held);
             return Err(FileError::too_large(place(), detail));
         }
-        let text = element.child("Data").map(|data| data.text.as_bytes()).unwrap_or_default();
-        let raw = match attribute("Encoding") {
-            "ASCII" | "Ascii" => None,
-            "Base64Binary" => Some(Bytes::base64(text).all(place)?),
-            "GZipBase64Binary" => Some(inflate(&Bytes::base64(text).all(place)?, bytes, place)?),
-            other => return Err(refused("encoding ASCII, Base64Binary or GZipBase64Binary", other)),
-        };
-        let big_endian = match attribute("Endian") {
-            "LittleEndian" => false,
-            "BigEndian" => true,
-            other if raw.is_some() => return Err(refused("Endian LittleEndian or BigEndian", other)),
-            _ => false,
-        };
-        let mut values = match raw {
-            Some(raw) if raw.len() == bytes => scalar.decode_all(&raw, big_endian),
-            Some(raw) => {
-                return Err(FileError::malformed(
-                    place(),
-                    format!("expected {bytes} bytes, got {}", raw.len()),
-                ));
-            }
-            None => words(text).map(|word| number(word, "a number", place)).collect::<Result<_, _>>()?,
-        };
-        if values.len() != size {
-            return Err(FileError::malformed(
-                place(),
-                format!("expected {size} numbers, got {}", values.len()),
-            ));
-        }
-        if attribute("ArrayIndexingOrder") == "ColumnMajorOrder" && width > 1 {
+        let mut values = numbers(element, scalar, size)?;
+        if by_column && width > 1 {
             values = (0..rows)
                 .flat_map(|row| (0..width).map(move |k| k * rows + row))
                 .map(|at| values[at])
@@ -246,6 +211,60 @@ impl<'a> Array<'a> {
             draft.field(name.unwrap_or(&own), Domain::Vertices, self.width, self.values.clone());
         }
     }
+}
+
+fn scalar(of: &str) -> Option<Scalar> {
+    Some(match of.trim_start_matches("NIFTI_TYPE_") {
+        "UINT8" => Scalar::U8,
+        "INT8" => Scalar::I8,
+        "INT16" => Scalar::I16,
+        "UINT16" => Scalar::U16,
+        "INT32" => Scalar::I32,
+        "UINT32" => Scalar::U32,
+        "INT64" => Scalar::I64,
+        "UINT64" => Scalar::U64,
+        "FLOAT32" => Scalar::F32,
+        "FLOAT64" => Scalar::F64,
+        _ => return None,
+    })
+}
+
+fn shown_type(of: &str) -> String {
+    shown(of.trim_start_matches("NIFTI_TYPE_").as_bytes())
+}
+
+/// The `size` numbers of an array in the order of the file.
+fn numbers(element: &Element<'_>, scalar: Scalar, size: usize) -> Result<Vec<f64>, FileError> {
+    let place = || element.place();
+    let refused = |name: &str, known: &str| {
+        let value = shown(element.attribute(name).unwrap_or_default().as_bytes());
+        FileError::unsupported(place(), format!("expected {name} {known}, got {value}"))
+    };
+    let bytes = size.saturating_mul(scalar.size());
+    let text = element.child("Data").map(|data| data.text.as_bytes()).unwrap_or_default();
+    let raw = match element.attribute("Encoding") {
+        Some("ASCII") => {
+            let values = words(text).map(|word| number(word, "a number", place));
+            let values = values.collect::<Result<Vec<f64>, _>>()?;
+            if values.len() != size {
+                let detail = format!("expected {size} numbers, got {}", values.len());
+                return Err(FileError::malformed(place(), detail));
+            }
+            return Ok(values);
+        }
+        Some("Base64Binary") => Bytes::base64(text).all(place)?,
+        Some("GZipBase64Binary") => inflate(&Bytes::base64(text).all(place)?, bytes, place)?,
+        _ => return Err(refused("Encoding", "ASCII, Base64Binary or GZipBase64Binary")),
+    };
+    let big_endian = match element.attribute("Endian") {
+        Some("LittleEndian") => false,
+        Some("BigEndian") => true,
+        _ => return Err(refused("Endian", "LittleEndian or BigEndian")),
+    };
+    if raw.len() != bytes {
+        return Err(FileError::malformed(place(), format!("expected {bytes} bytes, got {}", raw.len())));
+    }
+    Ok(scalar.decode_all(&raw, big_endian))
 }
 
 /// Names and values of the metadata.

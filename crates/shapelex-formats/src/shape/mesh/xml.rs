@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 use quick_xml::escape::resolve_xml_entity;
-use quick_xml::events::{BytesStart, Event};
+use quick_xml::events::{BytesRef, BytesStart, Event};
 use quick_xml::{Reader, XmlVersion};
 
 use super::super::error::{FaultKind, FileError, Place};
@@ -100,22 +100,15 @@ pub(super) fn parse<'a>(source: &'a str, limits: &Limits, last: &str) -> Result<
                 continue;
             }
             Event::Text(text) => {
-                open.last_mut().into_iter().for_each(|element| element.push_text(text.clone().into_inner()));
+                add_text(&mut open, text.into_inner());
                 continue;
             }
             Event::CData(text) => {
-                open.last_mut().into_iter().for_each(|element| element.push_text(text.clone().into_inner()));
+                add_text(&mut open, text.into_inner());
                 continue;
             }
             Event::GeneralRef(entity) => {
-                let text = match entity.resolve_char_ref() {
-                    Ok(Some(c)) => Some(c.to_string()),
-                    _ => resolve_xml_entity(&entity).map(str::to_owned),
-                };
-                let text = text.ok_or_else(|| {
-                    FileError::malformed(before, format!("expected entities of XML, got '&{};'", &*entity))
-                })?;
-                open.last_mut().into_iter().for_each(|element| element.push_text(Cow::Owned(text.clone())));
+                add_text(&mut open, Cow::Owned(resolved(&entity).map_err(|error| error.at(before))?));
                 continue;
             }
             Event::Eof => {
@@ -146,6 +139,22 @@ pub(super) fn parse<'a>(source: &'a str, limits: &Limits, last: &str) -> Result<
             return open.pop().ok_or_else(|| FileError::malformed(before, "expected an element, got none"));
         }
     }
+}
+
+fn add_text<'a>(open: &mut [Element<'a>], text: Cow<'a, str>) {
+    if let Some(element) = open.last_mut() {
+        element.push_text(text);
+    }
+}
+
+/// What an entity of XML stands for.
+fn resolved(entity: &BytesRef<'_>) -> Result<String, FileError> {
+    let text = match entity.resolve_char_ref() {
+        Ok(Some(c)) => Some(c.to_string()),
+        _ => resolve_xml_entity(entity).map(str::to_owned),
+    };
+    let detail = || format!("expected entities of XML, got '&{};'", &**entity);
+    text.ok_or_else(|| FileError::malformed(Place::default(), detail()))
 }
 
 /// Closes the last element. Returns the root, if it is the one.

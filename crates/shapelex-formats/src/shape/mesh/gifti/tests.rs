@@ -73,7 +73,7 @@ fn faults_are_named() {
         (
             "GZipBase64Binary",
             "ExternalFileBinary",
-            "expected encoding ASCII, Base64Binary or GZipBase64Binary, got 'ExternalFileBinary'",
+            "expected Encoding ASCII, Base64Binary or GZipBase64Binary, got 'ExternalFileBinary'",
         ),
         ("BigEndian", "PDPEndian", "expected Endian LittleEndian or BigEndian, got 'PDPEndian'"),
         ("0.1 0.2", "0.1", "expected 3 numbers, got 2"),

@@ -237,18 +237,24 @@ impl File {
         Ok(summary)
     }
 
-    /// Indices may come before what they point to, so they are checked at the end.
-    fn check_corners(&self) -> Result<(), FileError> {
+    /// Indices may come before what they point to, so they are checked at the end. Some programs write those of texture
+    /// coordinates and normals that they leave out.
+    fn check_corners(&mut self) -> Result<(), FileError> {
         let counts = [self.vertices.len(), self.texture.len(), self.normals.len()];
-        let names = ["vertices", "texture coordinates", "normals"];
-        for face in self.faces.iter().chain(&self.lines) {
-            for (k, index) in face.corners.iter().flat_map(|corner| corner.iter().enumerate()) {
-                if *index != NONE && *index as usize >= counts[k] {
-                    let (what, count) = (names[k], counts[k]);
-                    let detail =
-                        format!("expected indices of {what} up to {count}, got {}", u64::from(*index) + 1);
-                    return Err(FileError::malformed(Place::line(face.line), detail));
+        let absent = ["", "texture coordinates that are not in the file", "normals that are not in the file"];
+        for face in self.faces.iter_mut().chain(&mut self.lines) {
+            for (k, index) in face.corners.iter_mut().flat_map(|corner| corner.iter_mut().enumerate()) {
+                if *index == NONE || (*index as usize) < counts[k] {
+                    continue;
                 }
+                if k > 0 {
+                    self.summary.drop(absent[k], None, || Place::line(face.line));
+                    *index = NONE;
+                    continue;
+                }
+                let (count, index) = (counts[0], u64::from(*index) + 1);
+                let detail = format!("expected indices of vertices up to {count}, got {index}");
+                return Err(FileError::malformed(Place::line(face.line), detail));
             }
         }
         Ok(())

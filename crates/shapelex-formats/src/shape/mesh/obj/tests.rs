@@ -91,6 +91,20 @@ fn normals_of_vertices_are_a_field_of_vertices() {
 }
 
 #[test]
+fn indices_of_what_is_not_in_the_file_are_counted() {
+    let text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nf 1/1/1 2/2/1 3/3/2\n";
+    let (found, summary) = read(&FORMAT, text.as_bytes()).unwrap();
+    let dropped: Vec<_> = summary.dropped.iter().map(|d| (d.what.as_str(), d.count, d.first.line)).collect();
+    let expected = [
+        ("texture coordinates that are not in the file", 3, Some(5)),
+        ("normals that are not in the file", 1, Some(5)),
+    ];
+    assert_eq!(dropped, expected);
+    assert_eq!(mesh(&found[0]).fields[NORMALS].values[..3], [0.0, 0.0, 1.0]);
+    assert!(mesh(&found[0]).fields[NORMALS].values[6].is_nan());
+}
+
+#[test]
 fn faults_name_the_line() {
     let points = "v 0 0 0\nv 1 0 0\nv 0 1 0\n";
     for (text, expected) in [
@@ -98,7 +112,6 @@ fn faults_name_the_line() {
         ("f 1 2 0", "line 4: expected an index from 1, or from -1 to -3, got '0'"),
         ("f 1 2 -4", "line 4: expected an index from 1, or from -1 to -3, got '-4'"),
         ("f 1 2 x", "line 4: expected an index from 1, or from -1 to -3, got 'x'"),
-        ("f 1/1 2/1 3/1", "line 4: expected indices of texture coordinates up to 0, got 1"),
         ("f 1/1/1/1 2 3", "line 4: expected indices of vertices up to 3, got 1"),
         ("v 1 2", "line 4: expected 3 coordinates of a vertex, a weight or a colour, got 2 numbers"),
         ("v 1 2 inf", "line 4: expected finite coordinates, got inf"),

@@ -12,6 +12,12 @@ pub(super) enum Encoding {
 }
 
 impl Encoding {
+    fn of(name: &[u8], scan: &Scan<'_>) -> Result<Self, FileError> {
+        let known = [Self::Text, Self::Binary { big_endian: false }, Self::Binary { big_endian: true }];
+        let found = known.into_iter().find(|encoding| encoding.name().as_bytes() == name);
+        found.ok_or_else(|| wrong(name, "ascii, binary_little_endian or binary_big_endian", scan.place()))
+    }
+
     /// Its word in the header.
     pub(super) fn name(self) -> &'static str {
         match self {
@@ -70,15 +76,7 @@ impl Header {
                 [b"end_header"] => break,
                 [] | [b"comment" | b"obj_info", ..] => {}
                 [b"format", name, version] => {
-                    let known = [
-                        Encoding::Text,
-                        Encoding::Binary { big_endian: false },
-                        Encoding::Binary { big_endian: true },
-                    ];
-                    let found = known.into_iter().find(|encoding| encoding.name().as_bytes() == name);
-                    encoding = Some(found.ok_or_else(|| {
-                        wrong(name, "ascii, binary_little_endian or binary_big_endian", place())
-                    })?);
+                    encoding = Some(Encoding::of(name, scan)?);
                     if version != b"1.0" {
                         return Err(wrong(version, "version 1.0", place()));
                     }
