@@ -11,8 +11,9 @@
 //! | [`draft`] | what was read, on its way to a record |
 //! | [`part`] | what writers take of a record |
 //!
-//! The readers are our own. `tobj`, `stl_io`, `ply-rs` and `vtkio` were looked at: none names the line or byte of a fault, and the
-//! first two give on one mesh with merged corners, where faces, groups and the order of vertices are wanted as they are.
+//! The readers are our own. `tobj` splits at groups and materials and names no line of a fault, `stl_io` ends with the first solid
+//! and takes every file that begins with `solid ` for a text, `ply-rs` holds a map by name for each vertex, and `vtkio` is a
+//! release candidate.
 //!
 //! # Names of fields
 //! `normals`, `colours` and `texture_coordinates` are those of vertices, or with `face_` in front those of faces where vertices
