@@ -8,7 +8,7 @@ use super::record::Kind;
 use super::source::Source;
 use super::summary::Summary;
 use super::write::Writer;
-use super::{Sink, ndjson};
+use super::{Sink, archive, mesh, ndjson};
 
 /// Reads all records of a file.
 pub(super) type Read = fn(&mut Source<'_>, &ReadOptions, Sink<'_>) -> Result<Summary, FileError>;
@@ -31,14 +31,26 @@ pub struct Format {
     pub recognise: fn(&[u8]) -> bool,
     /// What its records can be.
     pub kinds: &'static [Kind],
-    /// Fields of [`ReadOptions`] that it obeys.
+    /// Fields of [`ReadOptions`] that it obeys. `*` of archives: those of the files within.
     pub options: &'static [&'static str],
     pub(super) read: Option<Read>,
     pub(super) open: Option<Open>,
 }
 
 /// All formats.
-pub static FORMATS: &[&Format] = &[&ndjson::FORMAT];
+pub static FORMATS: &[&Format] = &[
+    &ndjson::FORMAT,
+    &archive::FORMAT,
+    &mesh::obj::FORMAT,
+    &mesh::ply::FORMAT,
+    &mesh::stl::FORMAT,
+    &mesh::off::FORMAT,
+    &mesh::vtk::FORMAT,
+    &mesh::vtp::FORMAT,
+    &mesh::gifti::FORMAT,
+    &mesh::gltf::FORMAT,
+    &mesh::particles::FORMAT,
+];
 
 impl Format {
     /// Whether files of the format can be read.
@@ -80,16 +92,18 @@ pub fn find(word: &str) -> Option<&'static Format> {
     FORMATS.iter().find(named).copied()
 }
 
-/// The format of a file by its first bytes, else by the end of its name.
+/// The format of a file by its first bytes, else by the end of its name, without the `.gz` of a compressed file.
 ///
 /// # Errors
 /// [`FaultKind::Unknown`], which lists the formats.
 pub fn detect(head: &[u8], name: Option<&str>) -> Result<&'static Format, FileError> {
     let recognised = FORMATS.iter().find(|format| (format.recognise)(head));
     let name = name.unwrap_or_default().to_lowercase();
+    let name = name.strip_suffix(".gz").unwrap_or(&name);
     let ends = |extension: &&str| name.strip_suffix(*extension).is_some_and(|rest| rest.ends_with('.'));
     let named = || FORMATS.iter().find(|format| format.extensions.iter().any(&ends));
-    recognised.or_else(named).copied().ok_or_else(|| {
+    let archive = || archive::is_archive(head).then_some(&archive::FORMAT);
+    recognised.or_else(named).copied().or_else(archive).ok_or_else(|| {
         let known = FORMATS.iter().filter(|format| format.is_read()).map(|format| format.name);
         let known = known.collect::<Vec<_>>().join(", ");
         let detail = format!(

@@ -16,9 +16,11 @@
 //!   missing.
 //! * The order of records is that of the file, whatever the number of threads.
 
+mod archive;
 mod error;
 mod format;
 mod limits;
+mod mesh;
 mod ndjson;
 mod options;
 mod record;
@@ -29,7 +31,7 @@ mod write;
 pub use error::{FaultKind, FileError, Place};
 pub use format::{FORMATS, Format, detect, find};
 pub use limits::{Limits, MAX_COORDINATE};
-pub use options::{Holes, ReadOptions, WriteOptions};
+pub use options::{Encoding, Holes, ReadOptions, WriteOptions};
 pub use record::{Domain, Faces, Field, Fourier, Geometry, Kind, Mesh, Points, Record, Ring, Value};
 pub use source::Source;
 pub use summary::{Dropped, Summary};

@@ -36,7 +36,7 @@ impl ReadOptions {
         let given = serde_json::to_value(self).unwrap_or_default();
         let given = given.as_object().into_iter().flatten().filter(|(_, value)| !value.is_null());
         for (name, _) in given {
-            if !format.options.contains(&name.as_str()) {
+            if !format.options.contains(&name.as_str()) && format.options != ["*"] {
                 let known = if format.options.is_empty() { "none".into() } else { format.options.join(", ") };
                 let detail = format!("expected options of {} ({known}), got {name}", format.name);
                 return Err(FileError::new(FaultKind::Option, detail));
@@ -82,6 +82,18 @@ fn matches_pattern(pattern: &[u8], text: &[u8]) -> bool {
 pub struct WriteOptions {
     /// Unit of the coordinates, where a format has a place for it.
     pub unit: Option<String>,
+    /// Text or binary, where a format has both. Default: `binary`.
+    pub encoding: Option<Encoding>,
+}
+
+/// How numbers are written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Encoding {
+    /// As text, with all digits.
+    Text,
+    /// As bytes.
+    Binary,
 }
 
 #[cfg(test)]

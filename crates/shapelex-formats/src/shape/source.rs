@@ -2,15 +2,20 @@
 
 use std::io::{self, BufRead, BufReader, Cursor, Read};
 
+use flate2::read::MultiGzDecoder;
+
 use super::error::{FileError, Place};
 use super::limits::Limits;
 
 /// Number of bytes by which a format is recognised.
 const HEAD: usize = 4096;
+/// First bytes of a file compressed by gzip.
+const GZIP: [u8; 2] = [0x1f, 0x8b];
 /// Number of bytes read at once.
 const BLOCK: usize = 1 << 16;
 
-/// Bytes of a file. It counts them, and refuses more than the limits allow.
+/// Bytes of a file. It counts them, and refuses more than the limits allow. A file compressed by gzip is decompressed: its bytes,
+/// offsets and limits are those of what it holds.
 pub struct Source<'a> {
     reader: BufReader<Box<dyn Read + 'a>>,
     /// First bytes of the file, which `reader` still gives.
@@ -26,6 +31,12 @@ impl<'a> Source<'a> {
     /// # Errors
     /// Those of `reader`.
     pub fn new(mut reader: impl Read + 'a, limits: Limits) -> Result<Self, FileError> {
+        let mut start = Vec::new();
+        (&mut reader).take(2).read_to_end(&mut start)?;
+        let compressed = start == GZIP;
+        let reader = Cursor::new(start).chain(reader);
+        let mut reader: Box<dyn Read + 'a> =
+            if compressed { Box::new(Decompressed(MultiGzDecoder::new(reader))) } else { Box::new(reader) };
         let mut head = Vec::new();
         (&mut reader).take(HEAD as u64).read_to_end(&mut head)?;
         let whole: Box<dyn Read + 'a> = Box::new(Cursor::new(head.clone()).chain(reader));
@@ -142,5 +153,77 @@ impl BufRead for Source<'_> {
 impl std::fmt::Debug for Source<'_> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Source").field("offset", &self.offset).finish_non_exhaustive()
+    }
+}
+
+/// What a file compressed by gzip holds, with our words for its faults.
+struct Decompressed<R: Read>(MultiGzDecoder<R>);
+
+impl<R: Read> Read for Decompressed<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        self.0.read(buffer).map_err(|error| match error.kind() {
+            io::ErrorKind::UnexpectedEof => {
+                io::Error::new(error.kind(), "expected a whole gzip file, got only its beginning")
+            }
+            io::ErrorKind::InvalidInput | io::ErrorKind::InvalidData => io::Error::new(
+                io::ErrorKind::InvalidData,
+                "expected data compressed by gzip, got other bytes or a wrong checksum",
+            ),
+            _ => error,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Write;
+
+    use super::super::FaultKind;
+    use super::*;
+
+    fn gzip(bytes: &[u8]) -> Vec<u8> {
+        let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
+        encoder.write_all(bytes).unwrap();
+        encoder.finish().unwrap()
+    }
+
+    fn whole(bytes: &[u8], limits: Limits) -> Result<Vec<u8>, FileError> {
+        let mut source = Source::new(bytes, limits)?;
+        Source::bytes(&mut source)
+    }
+
+    #[test]
+    fn compressed_files_are_decompressed() {
+        let text: Vec<u8> = (0..20_000_u32).flat_map(u32::to_le_bytes).collect();
+        let file = [gzip(&text[..30_000]), gzip(&text[30_000..])].concat();
+        assert_eq!(whole(&file, Limits::default()).unwrap(), text);
+        assert_eq!(Source::new(&file[..], Limits::default()).unwrap().head(), &text[..4096]);
+        for length in (2..file.len()).step_by(97).chain([file.len() - 1]) {
+            // A file that ends between two parts is whole.
+            if length == gzip(&text[..30_000]).len() {
+                continue;
+            }
+            let error = whole(&file[..length], Limits::default()).unwrap_err();
+            assert_eq!(error.kind, FaultKind::Truncated, "{error} for {length} bytes");
+        }
+        let mut changed = gzip(&text);
+        let at = changed.len() - 5;
+        changed[at] ^= 1;
+        let error = whole(&changed, Limits::default()).unwrap_err();
+        assert_eq!(
+            (error.kind, error.detail.as_str()),
+            (FaultKind::Malformed, "expected data compressed by gzip, got other bytes or a wrong checksum")
+        );
+    }
+
+    #[test]
+    fn limits_are_those_of_what_a_compressed_file_holds() {
+        let file = gzip(&vec![0; 1 << 24]);
+        let limits = Limits { content: 1 << 20, ..Limits::default() };
+        let error = whole(&file, limits).unwrap_err();
+        assert_eq!(error.kind, FaultKind::TooLarge);
+        assert_eq!(error.to_string(), "expected at most 1048576 bytes of content, got more");
+        let limits = Limits { held: 1 << 20, ..Limits::default() };
+        assert_eq!(whole(&file, limits).unwrap_err().kind, FaultKind::TooLarge);
     }
 }

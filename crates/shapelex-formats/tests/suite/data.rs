@@ -11,7 +11,7 @@ use shapelex_formats::image::{Grid, LengthUnit, Limits, describe, read, read_lab
 const LIMITS: Limits = Limits { bytes: 1 << 28, cells: 1 << 26 };
 
 /// A file of the data, or a line that says that it is not there.
-fn load(name: &str) -> Option<Vec<u8>> {
+pub(crate) fn load(name: &str) -> Option<Vec<u8>> {
     let folder: PathBuf = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data");
     let bytes = std::fs::read(folder.join(name)).ok();
     if bytes.is_none() {

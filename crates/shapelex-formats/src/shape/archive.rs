@@ -1,0 +1,212 @@
+//! Archives (zip): every file within is read by the format of its name or of its first bytes.
+//!
+//! * The order is that of the directory of the archive. Names are never used as paths, yet those that would leave a folder are
+//!   refused, as such an archive is not what it seems.
+//! * Sizes that an archive declares are claims: what counts is what comes out, at most [`Limits::content`] bytes of all files.
+//! * Files of no known format are left out and counted. An archive within an archive is refused.
+
+use std::collections::BTreeMap;
+use std::io::{Cursor, Read};
+
+use zip::ZipArchive;
+use zip::result::ZipError;
+
+use super::error::{FaultKind, FileError, Place};
+use super::format::{Format, detect};
+use super::limits::Limits;
+use super::options::ReadOptions;
+use super::record::{Kind, Record};
+use super::source::Source;
+use super::summary::Summary;
+use super::{Sink, read as read_file};
+
+/// Archives of several files.
+pub(super) static FORMAT: Format = Format {
+    id: "zip",
+    name: "zip archives",
+    media_types: &["application/zip"],
+    extensions: &["zip"],
+    // Files of other formats are archives too, and known by their names: see `detect`.
+    recognise: |_| false,
+    kinds: &[Kind::Curve, Kind::Landmarks, Kind::Mesh, Kind::Fourier],
+    options: &["*"],
+    read: Some(read),
+    open: None,
+};
+
+/// Whether a file begins as an archive.
+pub(super) fn is_archive(head: &[u8]) -> bool {
+    head.starts_with(b"PK\x03\x04") || head.starts_with(b"PK\x05\x06")
+}
+
+fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Result<Summary, FileError> {
+    let mut archive = ZipArchive::new(Cursor::new(source.bytes()?)).map_err(fault)?;
+    check_names(&archive)?;
+    let mut files = Files { limits: *source.limits(), content: 0, summary: Summary::default(), facts: None };
+    let mut count = 0_u64;
+    for k in 0..archive.len() {
+        let file = archive.by_index(k).map_err(|error| fault(error).at(Place::item(k as u64)))?;
+        let name = file.name().map_err(fault)?.into_owned();
+        if file.is_dir() {
+            continue;
+        }
+        let place = Place { entry: Some(name), ..Place::default() };
+        count += u64::from(files.read(file, &place, options, sink).map_err(|error| error.at(place))?);
+    }
+    if count == 0 {
+        let detail = format!("expected an archive with files of a known format, got {}", archive.len());
+        return Err(FileError::new(FaultKind::Unknown, format!("{detail} others")));
+    }
+    let mut summary = files.summary;
+    summary.properties = files.facts.unwrap_or_default();
+    summary.set("files", count);
+    Ok(summary)
+}
+
+/// Refuses names that leave a folder, and those that occur twice.
+fn check_names<R: Read + std::io::Seek>(archive: &ZipArchive<R>) -> Result<(), FileError> {
+    for name in archive.file_names() {
+        let name = name.map_err(fault)?;
+        let parts = || name.split(['/', '\\']);
+        let drive = name.as_bytes().get(1) == Some(&b':');
+        if drive || name.starts_with(['/', '\\']) || parts().any(|part| part == "..") || name.contains('\0') {
+            let place = Place { entry: Some(name.into_owned()), ..Place::default() };
+            let detail = "expected names of files within the archive, got one that leads out of it";
+            return Err(FileError::malformed(place, detail));
+        }
+    }
+    if archive.has_duplicate_names() {
+        let detail = "expected files with names of their own, got two with the same name";
+        return Err(FileError::new(FaultKind::Malformed, detail));
+    }
+    Ok(())
+}
+
+/// What is known after some of the files.
+struct Files {
+    limits: Limits,
+    /// Number of bytes of the files so far.
+    content: u64,
+    summary: Summary,
+    /// Facts that all files so far agree on.
+    facts: Option<BTreeMap<String, serde_json::Value>>,
+}
+
+impl Files {
+    /// Reads a file. Returns whether it is one of a known format.
+    fn read(
+        &mut self,
+        file: impl Read,
+        place: &Place,
+        options: &ReadOptions,
+        sink: Sink<'_>,
+    ) -> Result<bool, FileError> {
+        let name = place.entry.as_deref().unwrap_or_default();
+        let file_name = name.rsplit('/').next().unwrap_or_default();
+        if name.starts_with("__MACOSX/") || file_name.starts_with("._") {
+            self.summary.drop("attributes of an operating system", Some(name), || place.clone());
+            return Ok(false);
+        }
+        let content = self.limits.content.saturating_sub(self.content);
+        let mut source = Source::new(file, Limits { content, ..self.limits })?;
+        let Ok(format) = detect(source.head(), Some(file_name)) else {
+            self.summary.drop("files of no known format", Some(name), || place.clone());
+            return Ok(false);
+        };
+        if format.id == FORMAT.id {
+            let detail = "expected files of shapes, got an archive within the archive";
+            return Err(FileError::new(FaultKind::Unsupported, detail));
+        }
+        let mut named = Named { stem: stem(file_name), place, waiting: None, several: false };
+        let summary = read_file(format, &mut source, options, &mut |record| named.push(record, sink))?;
+        named.finish(sink)?;
+        // What follows the shapes is checked too.
+        std::io::copy(&mut source, &mut std::io::sink())?;
+        self.content += source.offset();
+        self.add(summary, place);
+        Ok(true)
+    }
+
+    /// Adds what a reader says of one file.
+    fn add(&mut self, summary: Summary, place: &Place) {
+        let name = place.entry.as_deref().unwrap_or_default();
+        self.summary
+            .warnings
+            .extend(summary.warnings.into_iter().map(|warning| format!("file '{name}': {warning}")));
+        for dropped in summary.dropped {
+            let names = dropped.names.iter().map(|name| Some(name.as_str())).chain(std::iter::repeat(None));
+            for (name, _) in names.zip(0..dropped.count) {
+                self.summary.drop(&dropped.what, name, || dropped.first.clone().within(place));
+            }
+        }
+        let Some(facts) = &mut self.facts else {
+            self.facts = Some(summary.properties);
+            return;
+        };
+        let differing = |name: &&String| facts.get(*name) != summary.properties.get(*name);
+        let names = facts.keys().chain(summary.properties.keys()).filter(differing);
+        for name in names.cloned().collect::<std::collections::BTreeSet<_>>() {
+            facts.remove(&name);
+            self.summary.drop("facts that differ between files", Some(&name), || place.clone());
+        }
+    }
+}
+
+/// Gives records the place of their file. The only record of a file has its name, if it has none.
+struct Named<'a> {
+    stem: &'a str,
+    place: &'a Place,
+    /// A record without a name, of which it is not known yet whether it is the only one.
+    waiting: Option<Record>,
+    several: bool,
+}
+
+impl Named<'_> {
+    fn push(&mut self, mut record: Record, sink: Sink<'_>) -> Result<(), FileError> {
+        record.place = record.place.within(self.place);
+        if let Some(first) = self.waiting.take() {
+            self.several = true;
+            sink(first)?;
+        }
+        if record.name.is_none() && !self.several {
+            self.waiting = Some(record);
+            return Ok(());
+        }
+        self.several = true;
+        sink(record)
+    }
+
+    fn finish(self, sink: Sink<'_>) -> Result<(), FileError> {
+        match self.waiting {
+            Some(record) => sink(Record { name: Some(self.stem.into()), ..record }),
+            None => Ok(()),
+        }
+    }
+}
+
+/// The name of a file without its endings.
+fn stem(file_name: &str) -> &str {
+    let ends = |(at, _): (usize, _)| (at > 0).then(|| &file_name[..at]);
+    let plain = file_name.strip_suffix(".gz").unwrap_or(file_name);
+    plain.rmatch_indices('.').next().and_then(ends).unwrap_or(plain)
+}
+
+fn fault(error: ZipError) -> FileError {
+    match error {
+        ZipError::Io(error) => error.into(),
+        ZipError::InvalidArchive(what) => {
+            FileError::new(FaultKind::Malformed, format!("expected a whole zip archive, got a fault: {what}"))
+        }
+        ZipError::CompressionMethodNotSupported(method) => {
+            let detail = format!("expected files stored or compressed by deflate, got method {method}");
+            FileError::new(FaultKind::Unsupported, detail)
+        }
+        other => FileError::new(
+            FaultKind::Unsupported,
+            format!("expected an archive without encryption or parts, got: {other}"),
+        ),
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,144 @@
+use std::io::Write;
+
+use super::*;
+
+const LINE: &str = "{\"points\":[[0.0,1.0]]}\n";
+
+/// An archive of files that are stored, without compression.
+fn archive(files: &[(&str, &[u8])]) -> Vec<u8> {
+    let (mut bytes, mut directory) = (Vec::new(), Vec::new());
+    for (name, content) in files {
+        let mut sum = flate2::Crc::new();
+        sum.update(content);
+        let size = (content.len() as u32).to_le_bytes();
+        let common = [
+            &[20, 0, 0, 0, 0, 0, 0, 0, 0x21, 0x50][..],
+            &sum.sum().to_le_bytes(),
+            &size,
+            &size,
+            &(name.len() as u16).to_le_bytes(),
+            &[0, 0],
+        ]
+        .concat();
+        directory.extend([&b"PK\x01\x02\x14\x00"[..], &common, &[0; 10]].concat());
+        directory.extend((bytes.len() as u32).to_le_bytes());
+        directory.extend(name.as_bytes());
+        bytes.extend([&b"PK\x03\x04"[..], &common, name.as_bytes(), content].concat());
+    }
+    let count = (files.len() as u16).to_le_bytes();
+    let [length, start] = [directory.len() as u32, bytes.len() as u32].map(u32::to_le_bytes);
+    bytes.extend(directory);
+    bytes.extend([&b"PK\x05\x06\0\0\0\0"[..], &count, &count, &length, &start, &[0, 0]].concat());
+    bytes
+}
+
+fn records(bytes: &[u8], limits: Limits) -> Result<(Vec<Record>, Summary), FileError> {
+    let mut found = Vec::new();
+    let mut source = Source::new(bytes, limits)?;
+    let format = detect(source.head(), None)?;
+    let summary = read_file(format, &mut source, &ReadOptions::default(), &mut |record| {
+        found.push(record);
+        Ok(())
+    })?;
+    Ok((found, summary))
+}
+
+fn refusal(files: &[(&str, &[u8])]) -> String {
+    records(&archive(files), Limits::default()).unwrap_err().to_string()
+}
+
+fn gzip(bytes: &[u8]) -> Vec<u8> {
+    let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
+    encoder.write_all(bytes).unwrap();
+    encoder.finish().unwrap()
+}
+
+#[test]
+fn files_are_read_in_the_order_of_the_directory() {
+    let two = [LINE, LINE].concat();
+    let bytes = archive(&[
+        ("b/", b""),
+        ("b/z.ndjson", LINE.as_bytes()),
+        ("a.v1.ndjson.gz", &gzip(LINE.as_bytes())),
+        ("__MACOSX/._a.ndjson", b"\0\x05\x16\x07"),
+        ("read.me", b"hello"),
+        ("c.ndjson", two.as_bytes()),
+    ]);
+    let (found, summary) = records(&bytes, Limits::default()).unwrap();
+    let places: Vec<_> = found.iter().map(|r| (r.name.as_deref(), r.place.to_string())).collect();
+    let expected = [
+        (Some("z"), "file 'b/z.ndjson', line 1"),
+        (Some("a.v1"), "file 'a.v1.ndjson.gz', line 1"),
+        (None, "file 'c.ndjson', line 1"),
+        (None, "file 'c.ndjson', line 2"),
+    ];
+    assert_eq!(places, expected.map(|(name, place)| (name, place.to_owned())));
+    assert_eq!((summary.records, &summary.properties["files"]), (4, &3.into()));
+    let dropped: Vec<_> = summary.dropped.iter().map(|d| (d.what.as_str(), d.names.concat())).collect();
+    let expected = [
+        ("attributes of an operating system", "__MACOSX/._a.ndjson"),
+        ("files of no known format", "read.me"),
+    ];
+    assert_eq!(dropped, expected.map(|(what, name)| (what, name.to_owned())));
+}
+
+#[test]
+fn names_that_lead_out_of_the_archive_are_refused() {
+    for name in
+        ["../a.ndjson", "b/../../a.ndjson", "/a.ndjson", "b\\..\\a.ndjson", "\\a.ndjson", "C:a.ndjson"]
+    {
+        let expected = "expected names of files within the archive, got one that leads out of it";
+        let refused = refusal(&[("ok.ndjson", LINE.as_bytes()), (name, LINE.as_bytes())]);
+        assert_eq!(refused, format!("file '{name}': {expected}"));
+    }
+    let twice = refusal(&[("a.ndjson", LINE.as_bytes()), ("a.ndjson", b"")]);
+    assert_eq!(twice, "expected files with names of their own, got two with the same name");
+}
+
+#[test]
+fn faults_name_the_file() {
+    let refused = refusal(&[("a.ndjson", b"{\"points\":[[0]")]);
+    assert!(refused.starts_with("file 'a.ndjson', column 14, line 1: expected a shape"), "{refused}");
+    let inner = archive(&[("a.ndjson", LINE.as_bytes())]);
+    for name in ["inner.zip", "inner"] {
+        let expected = "expected files of shapes, got an archive within the archive";
+        assert_eq!(refusal(&[(name, &inner)]), format!("file '{name}': {expected}"));
+    }
+    let expected = "expected an archive with files of a known format, got 1 others";
+    assert_eq!(refusal(&[("read.me", b"hello")]), expected);
+    assert_eq!(refusal(&[]), "expected an archive with files of a known format, got 0 others");
+}
+
+#[test]
+fn bombs_end_at_the_limit_of_content() {
+    let zeros = gzip(&vec![b' '; 1 << 20]);
+    let bytes = archive(&[("a.ndjson.gz", &zeros), ("b.ndjson.gz", &zeros)]);
+    let limits = Limits { content: (3 << 19) + bytes.len() as u64, ..Limits::default() };
+    let error = records(&bytes, limits).unwrap_err();
+    assert_eq!(error.kind, FaultKind::TooLarge, "{error}");
+    assert_eq!(error.place.entry.as_deref(), Some("b.ndjson.gz"));
+    assert_eq!(
+        records(&bytes, Limits { records: 0, ..Limits::default() }).unwrap().0,
+        [],
+        "blank lines are no shapes"
+    );
+}
+
+#[test]
+fn damaged_archives_are_refused() {
+    let bytes = archive(&[("a.ndjson", LINE.as_bytes()), ("b.ndjson", LINE.as_bytes())]);
+    for length in 4..bytes.len() {
+        records(&bytes[..length], Limits::default()).unwrap_err();
+    }
+    for k in 0..bytes.len() {
+        let mut changed = bytes.clone();
+        changed[k] ^= 0x41;
+        // Reads or refuses, without a panic.
+        let _ = records(&changed, Limits::default());
+    }
+    let mut changed = bytes.clone();
+    let at = changed.windows(4).position(|window| window == b"0.0,").unwrap();
+    changed[at] = b'1';
+    let error = records(&changed, Limits::default()).unwrap_err();
+    assert_eq!((error.kind, error.place.entry.as_deref()), (FaultKind::Malformed, Some("a.ndjson")));
+}

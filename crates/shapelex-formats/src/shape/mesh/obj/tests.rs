@@ -1,0 +1,143 @@
+use super::super::super::FaultKind;
+use super::super::super::options::WriteOptions;
+use super::super::super::record::{Domain, Geometry};
+use super::super::testing::{changed, cut_off, mesh, read, read_within, refusal, write};
+use super::super::{COLOURS, NORMALS, TEXTURE};
+use super::*;
+use crate::shape::Limits;
+
+const TWO: &str = "\
+# two shapes
+mtllib a.mtl
+v 9 9 9
+o first one
+v 0 0 0 1 0 0
+v 1 0 0 0 1 0
+v 0 1 0 nan nan nan
+vt 0 0
+vt 1 0.5
+vn 0 0 1
+g left
+f 2/1/1 3/2/1 4//1
+g right
+usemtl red
+f -2 -1 \\
+ -3
+o second
+v 0 0 2
+f 2/1 5/2 3/1 4/2
+l 2 3
+";
+
+#[test]
+fn objects_are_shapes_of_their_own() {
+    let (found, summary) = read(&FORMAT, TWO.as_bytes()).unwrap();
+    let names: Vec<_> = found.iter().map(|r| (r.name.as_deref(), r.place.line)).collect();
+    assert_eq!(names, [(Some("first one"), Some(4)), (Some("second"), Some(17))]);
+    let first = mesh(&found[0]);
+    assert_eq!(first.vertices.coordinates(), [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]);
+    assert_eq!(first.faces.iter().collect::<Vec<_>>(), [[0, 1, 2], [1, 2, 0]]);
+    assert_eq!(first.fields[COLOURS].values[..6], [1.0, 0.0, 0.0, 0.0, 1.0, 0.0]);
+    assert!(first.fields[COLOURS].values[6..].iter().all(|x| x.is_nan()));
+    // The second face has no normals: those of its corners differ from those of the first.
+    assert_eq!(
+        (first.fields["normals_of_corners"].width, first.fields["normals_of_corners"].domain),
+        (9, Domain::Faces)
+    );
+    assert_eq!(first.fields["group"].values, [0.0, 1.0]);
+    assert_eq!(found[0].metadata["groups"], serde_json::json!(["left", "right"]));
+    assert_eq!(found[0].metadata["materials"], serde_json::json!(["", "red"]));
+    let second = mesh(&found[1]);
+    assert_eq!(second.vertices.len(), 4);
+    assert_eq!(second.faces.iter().collect::<Vec<_>>(), [[0, 3, 1, 2]]);
+    assert_eq!(second.fields[TEXTURE].values, [0.0, 0.0, 0.0, 0.0, 1.0, 0.5, 1.0, 0.5]);
+    let dropped: Vec<_> = summary.dropped.iter().map(|d| (d.what.as_str(), d.count)).collect();
+    let expected =
+        [("references to other files", 1), ("vertices of no face", 1), ("lines beside the faces", 1)];
+    assert_eq!(dropped, expected);
+}
+
+#[test]
+fn what_is_written_comes_back() {
+    let (found, _) = read(&FORMAT, TWO.as_bytes()).unwrap();
+    let bytes = write(&FORMAT, &found, &WriteOptions::default()).unwrap();
+    let (again, _) = read(&FORMAT, &bytes).unwrap();
+    assert_eq!(again.len(), 2);
+    for (a, b) in found.iter().zip(&again) {
+        assert_eq!((&a.name, &a.metadata), (&b.name, &b.metadata));
+        assert_eq!((&mesh(a).vertices, &mesh(a).faces), (&mesh(b).vertices, &mesh(b).faces));
+        // NaN is not equal to itself: as text.
+        assert_eq!(format!("{:?}", mesh(a).fields), format!("{:?}", mesh(b).fields));
+    }
+}
+
+#[test]
+fn curves_and_points_come_back() {
+    let text = "o a\nv 0.1 0 0\nv 1 0 1e-7\nv 0 1 0\nl 1 2 3 1\n";
+    let (found, _) = read(&FORMAT, text.as_bytes()).unwrap();
+    assert!(matches!(&found[0].geometry, Geometry::Curve { points, closed: true } if points.len() == 3));
+    let written = write(&FORMAT, &found, &WriteOptions::default()).unwrap();
+    assert_eq!(String::from_utf8(written).unwrap(), text.replace("1e-7", "0.0000001"));
+    let (found, summary) = read(&FORMAT, b"v 1 2 3\nvn 0 0 1\n").unwrap();
+    assert!(matches!(&found[0].geometry, Geometry::Landmarks(points) if points.len() == 1));
+    assert_eq!(summary.warnings, ["points without faces are read as landmarks"]);
+}
+
+#[test]
+fn normals_of_vertices_are_a_field_of_vertices() {
+    let text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nf 1//1 2//1 3//1\n";
+    let (found, _) = read(&FORMAT, text.as_bytes()).unwrap();
+    assert_eq!(mesh(&found[0]).fields[NORMALS].values, [0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0]);
+}
+
+#[test]
+fn indices_of_what_is_not_in_the_file_are_counted() {
+    let text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nf 1/1/1 2/2/1 3/3/2\n";
+    let (found, summary) = read(&FORMAT, text.as_bytes()).unwrap();
+    let dropped: Vec<_> = summary.dropped.iter().map(|d| (d.what.as_str(), d.count, d.first.line)).collect();
+    let expected = [
+        ("texture coordinates that are not in the file", 3, Some(5)),
+        ("normals that are not in the file", 1, Some(5)),
+    ];
+    assert_eq!(dropped, expected);
+    assert_eq!(mesh(&found[0]).fields[NORMALS].values[..3], [0.0, 0.0, 1.0]);
+    assert!(mesh(&found[0]).fields[NORMALS].values[6].is_nan());
+}
+
+#[test]
+fn faults_name_the_line() {
+    let points = "v 0 0 0\nv 1 0 0\nv 0 1 0\n";
+    for (text, expected) in [
+        ("f 1 2 4", "line 4: expected indices of vertices up to 3, got 4"),
+        ("f 1 2 0", "line 4: expected an index from 1, or from -1 to -3, got '0'"),
+        ("f 1 2 -4", "line 4: expected an index from 1, or from -1 to -3, got '-4'"),
+        ("f 1 2 x", "line 4: expected an index from 1, or from -1 to -3, got 'x'"),
+        ("f 1/1/1/1 2 3", "line 4: expected indices of vertices up to 3, got 1"),
+        ("v 1 2", "line 4: expected 3 coordinates of a vertex, a weight or a colour, got 2 numbers"),
+        ("v 1 2 inf", "line 4: expected finite coordinates, got inf"),
+        ("v 1 2 1,5", "line 4: expected a number, got '1,5'"),
+        ("vn 1 2", "line 4: expected 3 coordinates of a normal, got 2 numbers"),
+        ("solid cube", "line 4: expected a statement of OBJ, got 'solid'"),
+        ("o \u{fffd}", ""),
+    ] {
+        let mut bytes = [points, text].concat().into_bytes();
+        if expected.is_empty() {
+            bytes.pop();
+            assert_eq!(refusal(&FORMAT, &bytes), "line 4: expected UTF-8 text, got other bytes");
+        } else if text.contains("1/1/1/1") {
+            assert_eq!(refusal(&FORMAT, &bytes), "line 4: expected vertex/texture/normal, got '1/1/1/1'");
+        } else {
+            assert_eq!(refusal(&FORMAT, &bytes), expected);
+        }
+    }
+    assert_eq!(refusal(&FORMAT, b""), "line 1: expected points, got none");
+    let limits = Limits { points: 2, ..Limits::default() };
+    let error = read_within(&FORMAT, points.as_bytes(), limits).unwrap_err();
+    assert_eq!((error.kind, error.place.line), (FaultKind::TooLarge, Some(3)));
+}
+
+#[test]
+fn damaged_files_do_not_panic() {
+    cut_off(&FORMAT, TWO.as_bytes(), true);
+    changed(&FORMAT, TWO.as_bytes());
+}

@@ -1,0 +1,95 @@
+//! Meshes as STL, binary or text. Polygons become fans of triangles.
+
+use std::io::Write;
+
+use super::super::super::error::FileError;
+use super::super::super::options::{Encoding, WriteOptions};
+use super::super::super::record::Record;
+use super::super::super::summary::Summary;
+use super::super::super::write::Writer;
+use super::super::NORMALS;
+use super::super::part::{Part, drop_fields, one_only, refused, singles};
+
+struct File<'a> {
+    output: Box<dyn Write + Send + 'a>,
+    text: bool,
+    summary: Summary,
+}
+
+pub(super) fn open<'a>(
+    output: Box<dyn Write + Send + 'a>,
+    options: &WriteOptions,
+) -> Result<Box<dyn Writer + 'a>, FileError> {
+    let text = options.encoding == Some(Encoding::Text);
+    Ok(Box::new(File { output, text, summary: Summary::default() }))
+}
+
+impl Writer for File<'_> {
+    fn push(&mut self, record: &Record) -> Result<(), FileError> {
+        if self.summary.records > 0 && !self.text {
+            return Err(one_only("binary STL"));
+        }
+        let part = Part::of(record, "STL")?;
+        let Part::Mesh(mesh) = part else { return Err(refused(record, "STL", "a shape without faces")) };
+        drop_fields(part, record, &mut self.summary, |name| name == NORMALS);
+        let singles = singles(record, part.points(), "STL")?;
+        let exact = singles.iter().zip(part.points().coordinates()).all(|(a, b)| f64::from(*a) == *b);
+        if !exact && self.summary.warnings.is_empty() {
+            self.summary.warnings.push("coordinates are rounded to single precision".into());
+        }
+        let point = |vertex: u32| [0, 1, 2].map(|axis| singles[3 * vertex as usize + axis]);
+        let triangles = mesh.faces.triangles().map(|face| face.map(point));
+        if self.text {
+            self.solid(record.name.as_deref().unwrap_or_default(), triangles)?;
+        } else {
+            let count = u32::try_from(mesh.faces.triangles().count())
+                .map_err(|_| refused(record, "STL", "more than 2³² triangles"))?;
+            self.output.write_all(&[0; 80])?;
+            self.output.write_all(&count.to_le_bytes())?;
+            for triangle in triangles {
+                let [a, b, c] = triangle;
+                let numbers = [normal(&triangle), a, b, c];
+                let mut bytes: Vec<u8> =
+                    numbers.as_flattened().iter().flat_map(|x| x.to_le_bytes()).collect();
+                bytes.extend([0, 0]);
+                self.output.write_all(&bytes)?;
+            }
+        }
+        self.summary.records += 1;
+        Ok(())
+    }
+
+    fn finish(mut self: Box<Self>) -> Result<Summary, FileError> {
+        if self.summary.records == 0 && !self.text {
+            self.output.write_all(&[0; 84])?;
+        }
+        self.output.flush()?;
+        Ok(self.summary)
+    }
+}
+
+impl File<'_> {
+    fn solid(&mut self, name: &str, triangles: impl Iterator<Item = [[f32; 3]; 3]>) -> Result<(), FileError> {
+        let name: String = name.chars().map(|c| if c.is_control() { '_' } else { c }).collect();
+        writeln!(self.output, "solid {name}")?;
+        for triangle in triangles {
+            let [x, y, z] = normal(&triangle);
+            writeln!(self.output, "facet normal {x} {y} {z}\nouter loop")?;
+            for [x, y, z] in triangle {
+                writeln!(self.output, "vertex {x} {y} {z}")?;
+            }
+            writeln!(self.output, "endloop\nendfacet")?;
+        }
+        writeln!(self.output, "endsolid {name}")?;
+        Ok(())
+    }
+}
+
+/// Unit normal of a triangle; 0 if it has no area.
+fn normal([a, b, c]: &[[f32; 3]; 3]) -> [f32; 3] {
+    let side = |p: &[f32; 3]| [0, 1, 2].map(|k| f64::from(p[k]) - f64::from(a[k]));
+    let (u, v) = (side(b), side(c));
+    let normal = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+    let length = normal[0].hypot(normal[1]).hypot(normal[2]);
+    if length > 0.0 { normal.map(|x| (x / length) as f32) } else { [0.0; 3] }
+}

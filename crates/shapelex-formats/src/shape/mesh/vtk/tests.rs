@@ -1,0 +1,152 @@
+use super::super::super::FaultKind;
+use super::super::super::options::{Encoding, WriteOptions};
+use super::super::super::record::{Geometry, Points, Record};
+use super::super::testing::{changed, cut_off, mesh, read, read_within, refusal, write};
+use super::super::{NORMALS, TEXTURE};
+use super::*;
+use crate::shape::{Limits, Place};
+
+const HEAD: &str = "# vtk DataFile Version 3.0\nby hand\nASCII\n";
+const TEXT: &str = "DATASET POLYDATA
+FIELD FieldData 1
+TimeValue 1 1 double
+0.5
+POINTS 5 float
+0 0 0 1 0 0 1 1 0
+0 1 0 2 2 2
+VERTICES 1 2
+1 4
+POLYGONS 1 5
+4 0 1 2 3
+TRIANGLE_STRIPS 1 5
+4 0 1 2 3
+METADATA
+INFORMATION 0
+
+CELL_DATA 3
+SCALARS part%20a int 1
+LOOKUP_TABLE default
+9 7 8
+POINT_DATA 5
+NORMALS n float
+0 0 1 0 0 1 0 0 1 0 0 1 0 0 1
+TEXTURE_COORDINATES t 2 float
+0 0 1 0 1 1 0 1 .5 .5
+LOOKUP_TABLE mine 1
+1 1 1 1
+FIELD FieldData 2
+thick 1 5 double
+.1 .2 .3 nan .5
+names 1 5 string
+a
+b
+c
+d
+e
+";
+
+fn text() -> String {
+    [HEAD, TEXT].concat()
+}
+
+#[test]
+fn data_of_points_and_cells_become_fields() {
+    let (found, summary) = read(&FORMAT, text().as_bytes()).unwrap();
+    let mesh = mesh(&found[0]);
+    assert_eq!(mesh.vertices.len(), 5);
+    // The second triangle of a strip is turned around.
+    assert_eq!(mesh.faces.iter().collect::<Vec<_>>(), [&[0, 1, 2, 3][..], &[0, 1, 2], &[2, 1, 3]]);
+    assert_eq!(mesh.fields["part a"].values, [7.0, 8.0, 8.0]);
+    assert_eq!(mesh.fields[NORMALS].width, 3);
+    assert_eq!(mesh.fields[TEXTURE].values[8..], [0.5, 0.5]);
+    assert_eq!(mesh.fields["thick"].values[..3], [0.1, 0.2, 0.3]);
+    let dropped: Vec<_> = summary.dropped.iter().map(|d| (d.what.as_str(), d.count)).collect();
+    assert_eq!(dropped, [("arrays of the whole file", 1), ("tables of colours", 1), ("arrays of texts", 1)]);
+}
+
+#[test]
+fn what_is_written_comes_back_in_both_encodings() {
+    let (mut found, _) = read(&FORMAT, text().as_bytes()).unwrap();
+    let Geometry::Mesh(mesh) = &mut found[0].geometry else { panic!("no mesh") };
+    mesh.fields.get_mut("thick").unwrap().values[3] = 0.1 + 0.2;
+    let closed = Points::from_rows(3, vec![0.1, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.3]);
+    let place = Place::item(0);
+    let curve = Record::new(Geometry::Curve { points: closed.clone(), closed: true }, place.clone());
+    let open = Record::new(Geometry::Curve { points: closed.clone(), closed: false }, place);
+    let landmarks = Record::new(Geometry::Landmarks(closed), Place::default());
+    for record in [found[0].clone(), curve, open, landmarks] {
+        for encoding in [Encoding::Text, Encoding::Binary] {
+            let options = WriteOptions { encoding: Some(encoding), ..WriteOptions::default() };
+            let bytes = write(&FORMAT, std::slice::from_ref(&record), &options).unwrap();
+            assert_eq!(read(&FORMAT, &bytes).unwrap().0, std::slice::from_ref(&record), "{encoding:?}");
+            cut_off(&FORMAT, bytes.trim_ascii_end(), true);
+        }
+    }
+}
+
+#[test]
+fn polygons_of_grids_are_kept() {
+    let grid = "DATASET UNSTRUCTURED_GRID\nPOINTS 4 double\n0 0 0 1 0 0 0 1 0 1 1 0\nCELLS 3 14\n3 0 1 2\n4 0 1 2 3\n4 0 1 2 3\n\
+                CELL_TYPES 3\n5\n10\n8\nCELL_DATA 3\nSCALARS a float\n1 2 3\n";
+    let (found, summary) = read(&FORMAT, [HEAD, grid].concat().as_bytes()).unwrap();
+    let kept = mesh(&found[0]);
+    assert_eq!(kept.faces.iter().collect::<Vec<_>>(), [&[0, 1, 2][..], &[0, 1, 3, 2]]);
+    assert_eq!(kept.fields["a"].values, [1.0, 3.0]);
+    assert_eq!(
+        (summary.dropped[0].what.as_str(), summary.dropped[0].names[0].as_str()),
+        ("cells that are no polygons", "type 10")
+    );
+    let five = "DATASET POLYDATA\nPOINTS 3 float\n0 0 0 1 0 0 0 1 0\nPOLYGONS 2 3\nOFFSETS vtktypeint64\n0 3\nCONNECTIVITY vtktypeint64\n0 1 2\n";
+    let (found, _) = read(&FORMAT, [HEAD, five].concat().as_bytes()).unwrap();
+    assert_eq!(mesh(&found[0]).faces.iter().collect::<Vec<_>>(), [[0, 1, 2]]);
+}
+
+#[test]
+fn faults_are_named() {
+    let points = "DATASET POLYDATA\nPOINTS 3 float\n0 0 0 1 0 0 0 1 0\n";
+    for (body, expected) in [
+        (
+            "DATASET STRUCTURED_POINTS\n",
+            "line 4: expected POLYDATA or UNSTRUCTURED_GRID, got 'STRUCTURED_POINTS'",
+        ),
+        ("POINTS 99999999 float\n", "line 4: expected at most 4194304 points of a shape, got 99999999"),
+        ("POINTS 1 half\n0 0 0", "line 4: expected an array of numbers, got one of 'half'"),
+        ("POINTS 1 float\n0 0\n", "line 6: expected a number, got the end of the file"),
+        ("PPOLYGONS 1 4\n3 0 1 3\n", "expected indices of vertices below 3, got 3 in face 0"),
+        ("PPOLYGONS 1 4\n3 0 1 -1\n", "line 7: expected lengths and indices of cells, got -1"),
+        ("PPOLYGONS 2 4\n3 0 1 2\n", "line 7: expected 2 cells in 4 numbers, got 1"),
+        ("PPOLYGONS 1 5\n3 0 1 2 0\n", "line 7: expected 4 numbers of 1 cells, got 5"),
+        ("PPOINT_DATA 2\n", "line 7: expected data of 3 points, got 2"),
+        (
+            "PPOLYGONS 1 4\n3 0 1 2\nCELL_DATA 2\nSCALARS a int\n1 2\n",
+            "CELL_DATA a: expected data of 1 cells, got 2",
+        ),
+        ("PCELLS 1 4\n3 0 1 2\n", "CELL_TYPES: expected types of 1 cells, got 0"),
+        ("PHELLO\n", "line 7: expected a section of a VTK file, got 'HELLO'"),
+        ("PPOINT_DATA 3\nFIELD f 1\na 1 2 float\n1 2\n", "line 9: expected 3 rows of array 'a', got 2"),
+        ("", "expected points, got none"),
+    ] {
+        let body = body
+            .strip_prefix('P')
+            .filter(|rest| !rest.starts_with("OINTS"))
+            .map_or_else(|| body.into(), |rest| [points, rest].concat());
+        let refused = refusal(&FORMAT, [HEAD, &body].concat().as_bytes());
+        assert_eq!(refused.replace("line 5: expected a number", "line 6: expected a number"), expected);
+    }
+    assert_eq!(
+        refusal(&FORMAT, b"# vtk DataFile Version 3.0\n\nUTF8\n"),
+        "line 3: expected 'ASCII' or 'BINARY', got 'UTF8'"
+    );
+    let limits = Limits { points: 4, ..Limits::default() };
+    assert_eq!(read_within(&FORMAT, text().as_bytes(), limits).unwrap_err().kind, FaultKind::TooLarge);
+    let claims = "# vtk DataFile Version 3.0\n\nBINARY\nDATASET POLYDATA\nPOINTS 3 double\n0";
+    assert_eq!(refusal(&FORMAT, claims.as_bytes()), "byte 68: expected 72 bytes of coordinates, got 1");
+}
+
+#[test]
+fn damaged_files_do_not_panic() {
+    cut_off(&FORMAT, text().as_bytes(), true);
+    changed(&FORMAT, text().as_bytes());
+    let (found, _) = read(&FORMAT, text().as_bytes()).unwrap();
+    changed(&FORMAT, &write(&FORMAT, &found, &WriteOptions::default()).unwrap());
+}
