@@ -151,6 +151,7 @@ impl From<std::io::Error> for FileError {
         let kind = match error.kind() {
             std::io::ErrorKind::UnexpectedEof => FaultKind::Truncated,
             std::io::ErrorKind::InvalidData => FaultKind::Malformed,
+            std::io::ErrorKind::FileTooLarge => FaultKind::TooLarge,
             _ => FaultKind::Io,
         };
         Self::new(kind, error.to_string())

@@ -38,7 +38,9 @@ pub struct Format {
 }
 
 /// All formats.
-pub static FORMATS: &[&Format] = &[&ndjson::FORMAT];
+pub static FORMATS: &[&Format] = &[
+    &ndjson::FORMAT,
+];
 
 impl Format {
     /// Whether files of the format can be read.

@@ -24,12 +24,15 @@ mod options;
 mod record;
 mod source;
 mod summary;
+#[cfg(test)]
+mod testing;
+mod text;
 mod write;
 
 pub use error::{FaultKind, FileError, Place};
 pub use format::{FORMATS, Format, detect, find};
 pub use limits::{Limits, MAX_COORDINATE};
-pub use options::{Holes, ReadOptions, WriteOptions};
+pub use options::{Columns, Curves, Holes, Layout, ReadOptions, Scale, WriteOptions};
 pub use record::{Domain, Faces, Field, Fourier, Geometry, Kind, Mesh, Points, Record, Ring, Value};
 pub use source::Source;
 pub use summary::{Dropped, Summary};
