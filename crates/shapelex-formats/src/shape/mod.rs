@@ -27,6 +27,7 @@ mod summary;
 #[cfg(test)]
 mod testing;
 mod text;
+mod tps;
 mod write;
 
 pub use error::{FaultKind, FileError, Place};
