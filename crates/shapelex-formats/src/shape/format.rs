@@ -8,7 +8,7 @@ use super::record::Kind;
 use super::source::Source;
 use super::summary::Summary;
 use super::write::Writer;
-use super::{Sink, ndjson, tps};
+use super::{Sink, morphologika, ndjson, nts, tps};
 
 /// Reads all records of a file.
 pub(super) type Read = fn(&mut Source<'_>, &ReadOptions, Sink<'_>) -> Result<Summary, FileError>;
@@ -41,6 +41,8 @@ pub struct Format {
 pub static FORMATS: &[&Format] = &[
     &ndjson::FORMAT,
     &tps::FORMAT,
+    &nts::FORMAT,
+    &morphologika::FORMAT,
 ];
 
 impl Format {

@@ -19,7 +19,9 @@
 mod error;
 mod format;
 mod limits;
+mod morphologika;
 mod ndjson;
+mod nts;
 mod options;
 mod record;
 mod source;
