@@ -8,7 +8,7 @@ use super::record::Kind;
 use super::source::Source;
 use super::summary::Summary;
 use super::write::Writer;
-use super::{Sink, morphologika, ndjson, nts, tps};
+use super::{Sink, morphologika, ndjson, nts, slicer, tps};
 
 /// Reads all records of a file.
 pub(super) type Read = fn(&mut Source<'_>, &ReadOptions, Sink<'_>) -> Result<Summary, FileError>;
@@ -43,6 +43,8 @@ pub static FORMATS: &[&Format] = &[
     &tps::FORMAT,
     &nts::FORMAT,
     &morphologika::FORMAT,
+    &slicer::fcsv::FORMAT,
+    &slicer::markups::FORMAT,
 ];
 
 impl Format {

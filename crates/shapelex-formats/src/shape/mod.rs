@@ -24,6 +24,7 @@ mod ndjson;
 mod nts;
 mod options;
 mod record;
+mod slicer;
 mod source;
 mod summary;
 #[cfg(test)]
