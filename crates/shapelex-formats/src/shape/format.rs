@@ -8,7 +8,7 @@ use super::record::Kind;
 use super::source::Source;
 use super::summary::Summary;
 use super::write::Writer;
-use super::{Sink, csv, morphologika, ndjson, nts, slicer, tps};
+use super::{Sink, chc, csv, morphologika, ndjson, nef, nts, slicer, tps};
 
 /// Reads all records of a file.
 pub(super) type Read = fn(&mut Source<'_>, &ReadOptions, Sink<'_>) -> Result<Summary, FileError>;
@@ -45,6 +45,8 @@ pub static FORMATS: &[&Format] = &[
     &morphologika::FORMAT,
     &slicer::fcsv::FORMAT,
     &slicer::markups::FORMAT,
+    &chc::FORMAT,
+    &nef::FORMAT,
     &csv::FORMAT,
 ];
 

@@ -16,12 +16,14 @@
 //!   missing.
 //! * The order of records is that of the file, whatever the number of threads.
 
+mod chc;
 mod csv;
 mod error;
 mod format;
 mod limits;
 mod morphologika;
 mod ndjson;
+mod nef;
 mod nts;
 mod options;
 mod record;
