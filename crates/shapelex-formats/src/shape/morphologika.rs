@@ -39,7 +39,7 @@ use super::error::{FileError, Place};
 use super::format::Format;
 use super::limits::Limits;
 use super::options::{ReadOptions, WriteOptions};
-use super::record::{Geometry, Kind, Points, Record, Value};
+use super::record::{Geometry, Kind, Points, Record};
 use super::source::Source;
 use super::summary::Summary;
 use super::text::{self, Lines, Missing, Uniform, Words, coordinate, shown};
@@ -203,6 +203,11 @@ impl<'t> Specimens<'t> {
     fn new(sections: &Sections<'t>, limits: &Limits, options: &ReadOptions) -> Result<Self, FileError> {
         let landmarks = sections.number("landmarks")?;
         limits.points(landmarks, || Place::tag("[landmarks]"))?;
+        if landmarks == 0 {
+            // A number of specimens without points could be any.
+            let detail = "expected 1 or more landmarks, got 0";
+            return Err(FileError::malformed(Place::tag("[landmarks]"), detail));
+        }
         let dimension = match sections.number("dimensions")? {
             2 => 2,
             3 => 3,
@@ -212,6 +217,9 @@ impl<'t> Specimens<'t> {
             }
         };
         let labels = sections.lines("labels").and_then(|mut lines| lines.next());
+        for label in labels.into_iter().flat_map(str::split_whitespace) {
+            text::name_fits(label).map_err(|detail| FileError::malformed(Place::tag("[labels]"), detail))?;
+        }
         Ok(Self {
             points: sections.required("rawpoints")?,
             names: sections.lines("names"),
@@ -278,6 +286,7 @@ impl<'t> Specimens<'t> {
                 }
                 _ => {
                     let Some(name) = words.next() else { return Ok(None) };
+                    text::name_fits(name).map_err(|detail| FileError::malformed(words.place(), detail))?;
                     let count = words.next().unwrap_or_default();
                     let count =
                         text::count(count).map_err(|detail| FileError::malformed(words.place(), detail))?;
@@ -440,7 +449,7 @@ mod tests {
         let (found, summary) = records(&FORMAT, TWO, &ReadOptions::default()).expect("a valid file");
         assert_eq!(converted(&FORMAT, &found), TWO);
         assert_eq!((found[0].name.as_deref(), found[0].label.as_deref()), (Some("first one"), Some("young")));
-        assert_eq!(found[0].labels["Age"], Value::Number(3.0));
+        assert_eq!(found[0].labels["Age"], super::super::Value::Number(3.0));
         assert_eq!(found[1].labels.keys().collect::<Vec<_>>(), ["Sex"]);
         assert_eq!(summary.properties["wireframe"], serde_json::json!([[1, 2], [2, 1]]));
         let Geometry::Landmarks(points) = &found[1].geometry else { panic!("landmarks") };
@@ -466,6 +475,7 @@ mod tests {
             ("[ind", "x\n[ind", "line 1: expected a section such as [individuals], got 'x'"),
             ("[landmarks]\n2\n", "", "[landmarks]: expected the section [landmarks], got none"),
             ("[landmarks]\n2", "[landmarks]", "line 3: expected a line more in [landmarks], got its end"),
+            ("[landmarks]\n2", "[landmarks]\n0", "[landmarks]: expected 1 or more landmarks, got 0"),
             ("[landmarks]\n2", "[landmarks]\n-2", "line 4: expected a whole number, got '-2'"),
             ("[landmarks]\n2", "[landmarks]\n3", "line 9: expected a line more in [rawpoints], got its end"),
             (

@@ -262,7 +262,7 @@ impl Writer for Nts<'_> {
         }
         let name = record.name.as_deref();
         self.names.push(name.map(|name| text::word(name, &mut self.summary, &record.place)));
-        text::left_out(&mut self.summary, record, &["metadata"]);
+        text::left_out(&mut self.summary, record, &[]);
         self.summary.records += 1;
         Ok(())
     }

@@ -85,6 +85,17 @@ pub(super) fn shown(text: &str) -> String {
     }
 }
 
+/// Most bytes of a name that many records repeat: longer ones would make a small file a large work.
+const MAX_NAME: usize = 1024;
+
+/// Refuses a long name that many records may repeat.
+pub(super) fn name_fits(name: &str) -> Result<(), String> {
+    if name.len() <= MAX_NAME {
+        return Ok(());
+    }
+    Err(format!("expected a name of at most {MAX_NAME} bytes, got {} of {}", name.len(), shown(name)))
+}
+
 /// A finite number.
 pub(super) fn number(text: &str) -> Result<f64, String> {
     let value = text.parse::<f64>().ok().filter(|value| value.is_finite());
@@ -246,20 +257,16 @@ pub(super) fn unfit(record: &Record, detail: impl std::fmt::Display) -> FileErro
     FileError::unsupported(record.place.clone(), format!("{}: {detail}", title(record)))
 }
 
-/// What a record has of label, attributes, subject, weight and metadata.
-pub(super) const PARTS: [&str; 6] = ["label", "labels", "subject", "weight", "ring", "metadata"];
-
 /// Counts what a format has no place for. `kept`: parts of records, else keys of the metadata that are written.
 pub(super) fn left_out(summary: &mut Summary, record: &Record, kept: &[&str]) {
-    let given = [
-        record.label.is_some(),
-        !record.labels.is_empty(),
-        record.subject.is_some(),
-        record.weight.is_some(),
-        record.ring.is_some(),
-        false,
+    let parts = [
+        ("label", record.label.is_some()),
+        ("labels", !record.labels.is_empty()),
+        ("subject", record.subject.is_some()),
+        ("weight", record.weight.is_some()),
+        ("ring", record.ring.is_some()),
     ];
-    for (part, _) in PARTS.iter().zip(given).filter(|(part, given)| *given && !kept.contains(part)) {
+    for (part, _) in parts.into_iter().filter(|(part, given)| *given && !kept.contains(part)) {
         summary.drop(part, record.name.as_deref(), || record.place.clone());
     }
     for key in record.metadata.keys().filter(|key| !kept.contains(&key.as_str())) {

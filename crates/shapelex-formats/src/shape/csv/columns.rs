@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use super::super::error::{FaultKind, FileError, Place};
 use super::super::limits::Limits;
 use super::super::options::{Columns, ReadOptions, matches_pattern};
-use super::super::text::shown;
+use super::super::text::{name_fits, shown};
 use super::AXES;
 
 /// Columns by position.
@@ -48,6 +48,9 @@ const NUMBERED: [&str; 2] = ["proccoord", "rawcoord"];
 impl Roles {
     /// The columns of a header, as the caller says, else by their names.
     pub(super) fn new(names: Vec<String>, options: &ReadOptions, limits: &Limits) -> Result<Self, FileError> {
+        for name in &names {
+            name_fits(name).map_err(|detail| FileError::malformed(Place::line(1), detail))?;
+        }
         let none = Columns::default();
         let given = options.columns.as_ref().unwrap_or(&none);
         let find = |role: &str, wanted: &Option<String>, known: &[&str]| match wanted {

@@ -17,7 +17,7 @@ use super::text::{refused, unfit};
 const KEPT: [&str; 3] = ["coordinate_system", "landmark_names", "descriptions"];
 
 /// Points in space and whether they are a closed curve, if they are a curve.
-fn points<'r>(record: &'r Record, curves: bool) -> Result<(&'r Points, Option<bool>), FileError> {
+fn points(record: &Record, curves: bool) -> Result<(&Points, Option<bool>), FileError> {
     let (points, closed) = match &record.geometry {
         Geometry::Landmarks(points) => (points, None),
         Geometry::Curve { points, closed } if curves => (points, Some(*closed)),

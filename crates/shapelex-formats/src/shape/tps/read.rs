@@ -9,7 +9,7 @@ use super::super::options::{Curves, ReadOptions, Scale};
 use super::super::record::{Geometry, Points, Record};
 use super::super::source::Source;
 use super::super::summary::Summary;
-use super::super::text::{Lines, Missing, coordinate, count, number, push, shown};
+use super::super::text::{Lines, Missing, coordinate, count, name_fits, number, push, shown};
 
 /// A specimen: everything from one `LM=` to the next.
 struct Specimen {
@@ -140,7 +140,13 @@ impl<'t> Reader<'t> {
             return Err(self.fault(detail));
         };
         let place = self.lines.place();
-        let dimension = if start == "LM3" { 3 } else { 2 };
+        // Some programs write points in space below LM= as well.
+        let first = self
+            .lines
+            .peek()
+            .filter(|line| !line.contains('='))
+            .map_or(0, |line| line.split_whitespace().count());
+        let dimension = if start == "LM3" || first == 3 { 3 } else { 2 };
         let mut held = 0;
         let landmarks = self.points(size, dimension, &mut held)?;
         let mut specimen =
@@ -179,7 +185,10 @@ impl<'t> Reader<'t> {
                     self.limits.points(specimen.curves.len() as u64, || self.lines.place())?;
                 }
             }
-            "ID" => specimen.name = Some(value.into()).filter(|name: &String| !name.is_empty()),
+            "ID" => {
+                name_fits(value).map_err(|detail| self.fault(detail))?;
+                specimen.name = Some(value.into()).filter(|name: &String| !name.is_empty());
+            }
             "SCALE" => {
                 let scale = number(value).map_err(|detail| self.fault(detail))?;
                 if scale <= 0.0 {
@@ -268,11 +277,15 @@ impl<'t> Reader<'t> {
 
 /// Adds a line to a text of the metadata.
 fn append(metadata: &mut Map<String, Value>, key: &str, value: &str) {
-    let text = match metadata.get(key).and_then(Value::as_str) {
-        Some(before) => format!("{before}\n{value}"),
-        None => value.into(),
-    };
-    metadata.insert(key.into(), text.into());
+    match metadata.get_mut(key) {
+        Some(Value::String(text)) => {
+            text.push('\n');
+            text.push_str(value);
+        }
+        _ => {
+            metadata.insert(key.into(), value.into());
+        }
+    }
 }
 
 /// Gives on the records of a specimen.

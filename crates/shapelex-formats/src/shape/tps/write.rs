@@ -13,8 +13,7 @@ use super::super::text::{left_out, refused, unfit, write_row};
 use super::super::write::Writer;
 
 /// Keys of the metadata that are written.
-const KEPT: [&str; 8] =
-    ["metadata", "image", "comment", "variables", "scale", "scale_applied", "curve", "specimen"];
+const KEPT: [&str; 7] = ["image", "comment", "variables", "scale", "scale_applied", "curve", "specimen"];
 
 /// Keys that the metadata do not name: they have a meaning.
 const RESERVED: [&str; 10] =
