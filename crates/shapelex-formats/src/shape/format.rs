@@ -8,7 +8,7 @@ use super::record::Kind;
 use super::source::Source;
 use super::summary::Summary;
 use super::write::Writer;
-use super::{Sink, archive, mesh, ndjson};
+use super::{Sink, archive, chc, csv, mesh, morphologika, ndjson, nef, nts, slicer, tps};
 
 /// Reads all records of a file.
 pub(super) type Read = fn(&mut Source<'_>, &ReadOptions, Sink<'_>) -> Result<Summary, FileError>;
@@ -50,6 +50,14 @@ pub static FORMATS: &[&Format] = &[
     &mesh::gifti::FORMAT,
     &mesh::gltf::FORMAT,
     &mesh::particles::FORMAT,
+    &tps::FORMAT,
+    &nts::FORMAT,
+    &morphologika::FORMAT,
+    &slicer::fcsv::FORMAT,
+    &slicer::markups::FORMAT,
+    &chc::FORMAT,
+    &nef::FORMAT,
+    &csv::FORMAT,
 ];
 
 impl Format {

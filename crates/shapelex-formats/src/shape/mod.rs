@@ -17,21 +17,31 @@
 //! * The order of records is that of the file, whatever the number of threads.
 
 mod archive;
+mod chc;
+mod csv;
 mod error;
 mod format;
 mod limits;
 mod mesh;
+mod morphologika;
 mod ndjson;
+mod nef;
+mod nts;
 mod options;
 mod record;
+mod slicer;
 mod source;
 mod summary;
+#[cfg(test)]
+mod testing;
+mod text;
+mod tps;
 mod write;
 
 pub use error::{FaultKind, FileError, Place};
 pub use format::{FORMATS, Format, detect, find};
 pub use limits::{Limits, MAX_COORDINATE};
-pub use options::{Encoding, Holes, ReadOptions, WriteOptions};
+pub use options::{Columns, Curves, Encoding, Holes, Layout, ReadOptions, Scale, WriteOptions};
 pub use record::{Domain, Faces, Field, Fourier, Geometry, Kind, Mesh, Points, Record, Ring, Value};
 pub use source::Source;
 pub use summary::{Dropped, Summary};

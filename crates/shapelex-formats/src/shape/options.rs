@@ -15,6 +15,62 @@ pub struct ReadOptions {
     pub holes: Option<Holes>,
     /// Whether curves are closed, where the format does not say.
     pub closed: Option<bool>,
+    /// What becomes of the `SCALE=` of TPS files. Default: it is applied if every specimen has one.
+    pub scale: Option<Scale>,
+    /// What becomes of curves beside landmarks. Default: `separate`.
+    pub curves: Option<Curves>,
+    /// Coordinates of missing points: a number, such as `-999`, or `negative`. `NA` and `NaN` are always missing.
+    pub missing: Option<String>,
+    /// Number of coordinates of a point, where the format does not say.
+    pub dimension: Option<usize>,
+    /// Which columns of a table are what. Default: recognised by their names.
+    pub columns: Option<Columns>,
+}
+
+/// What becomes of scales.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Scale {
+    /// Coordinates are multiplied by them; a file in which some specimens have none is refused.
+    Apply,
+    /// Coordinates stay as they are, with the scale in the metadata.
+    Leave,
+}
+
+/// What becomes of curves beside landmarks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Curves {
+    /// Each is a record of its own after the landmarks.
+    #[default]
+    Separate,
+    /// Their points follow the landmarks as semilandmarks.
+    Append,
+    /// They are left out and counted.
+    Skip,
+    /// The landmarks are left out and counted.
+    Only,
+}
+
+/// Names of the columns of a table, case ignored.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Columns {
+    /// Name of the shape.
+    pub id: Option<String>,
+    /// Class label.
+    pub label: Option<String>,
+    /// Subject.
+    pub subject: Option<String>,
+    /// Weight in means.
+    pub weight: Option<String>,
+    /// Number or name of a point, in tables with one point a row.
+    pub point: Option<String>,
+    /// Columns of coordinates: `["x", "y"]` with one point a row; in tables with one shape a row all of them in order,
+    /// or one pattern with `*` for all columns that match it.
+    pub coordinates: Option<Vec<String>>,
+    /// Attributes to take. Default: all other columns.
+    pub attributes: Option<Vec<String>>,
 }
 
 /// What becomes of rings that bound holes.
@@ -55,7 +111,7 @@ impl ReadOptions {
 }
 
 /// Linear in the lengths, up to the length of what the last star covers.
-fn matches_pattern(pattern: &[u8], text: &[u8]) -> bool {
+pub(super) fn matches_pattern(pattern: &[u8], text: &[u8]) -> bool {
     let (mut p, mut t, mut star) = (0, 0, None);
     while t < text.len() {
         match pattern.get(p) {
@@ -84,6 +140,10 @@ pub struct WriteOptions {
     pub unit: Option<String>,
     /// Text or binary, where a format has both. Default: `binary`.
     pub encoding: Option<Encoding>,
+    /// Shape of tables. Default: one shape a row.
+    pub layout: Option<Layout>,
+    /// Number of harmonics of Fourier coefficients. Default: as many as the shape with most of them has.
+    pub harmonics: Option<usize>,
 }
 
 /// How numbers are written.
@@ -94,6 +154,17 @@ pub enum Encoding {
     Text,
     /// As bytes.
     Binary,
+}
+
+/// Shape of tables of points.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Layout {
+    /// One shape a row.
+    #[default]
+    Wide,
+    /// One point a row.
+    Long,
 }
 
 #[cfg(test)]

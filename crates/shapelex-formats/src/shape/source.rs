@@ -88,7 +88,7 @@ impl<'a> Source<'a> {
             let at = error.utf8_error().valid_up_to() as u64;
             FileError::malformed(Place::byte(at), "expected UTF-8 text, got other bytes")
         })?;
-        Ok(text.strip_prefix('\u{feff}').map_or_else(|| text.clone(), str::to_owned))
+        Ok(text.strip_prefix('\u{feff}').map(str::to_owned).unwrap_or(text))
     }
 
     /// Puts the next line into `line`, without its end (`\n`, `\r\n`). Returns `false` at the end of the file.

@@ -3,6 +3,7 @@
 
 mod data;
 mod files;
+mod landmarks;
 mod meshes;
 mod nifti;
 mod png;

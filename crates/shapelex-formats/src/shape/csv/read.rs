@@ -1,0 +1,343 @@
+//! Reading of tables.
+
+use std::collections::BTreeSet;
+use std::io::{self, Read};
+
+use csv::StringRecord;
+
+use super::super::Sink;
+use super::super::error::{FileError, Place};
+use super::super::limits::Limits;
+use super::super::options::ReadOptions;
+use super::super::record::{Geometry, Points, Record};
+use super::super::source::Source;
+use super::super::summary::Summary;
+use super::super::text::{Missing, count, is_missing, number, push, shown, value};
+use super::columns::{Coordinates, Roles};
+
+/// A row may have a sixteenth of the bytes that may be held: its fields take several times the memory of their text.
+const ROWS: usize = 16;
+
+/// Bytes of the table, of which one row has a limited number.
+struct Bounded<'s, 'a> {
+    source: &'s mut Source<'a>,
+    /// Number of bytes since the last row.
+    count: usize,
+    limit: usize,
+}
+
+impl Read for Bounded<'_, '_> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        if self.count > self.limit {
+            let detail = format!("expected rows of at most {} bytes, got a longer one", self.limit);
+            return Err(io::Error::new(io::ErrorKind::FileTooLarge, detail));
+        }
+        let count = self.source.read(buffer)?;
+        self.count += count;
+        Ok(count)
+    }
+}
+
+/// Rows with their lines.
+struct Rows<'s, 'a> {
+    reader: csv::Reader<Bounded<'s, 'a>>,
+    record: StringRecord,
+}
+
+impl<'s, 'a> Rows<'s, 'a> {
+    fn new(source: &'s mut Source<'a>) -> Self {
+        let separator = separator(source.head());
+        let limit = source.limits().held / ROWS;
+        let reader = csv::ReaderBuilder::new()
+            .has_headers(false)
+            .flexible(true)
+            .delimiter(separator)
+            .from_reader(Bounded { source, count: 0, limit });
+        Self { reader, record: StringRecord::new() }
+    }
+
+    /// Reads the next row. Returns its line.
+    fn next(&mut self) -> Result<Option<u64>, FileError> {
+        let line = self.reader.position().line();
+        let found = self.reader.read_record(&mut self.record).map_err(|error| {
+            let at = Place::line(error.position().map_or(line, csv::Position::line));
+            match error.into_kind() {
+                csv::ErrorKind::Io(error) => FileError::from(error).at(at),
+                _ => FileError::malformed(at, "expected UTF-8 text, got other bytes"),
+            }
+        })?;
+        self.reader.get_mut().count = 0;
+        Ok(found.then(|| self.record.position().map_or(line, csv::Position::line)))
+    }
+}
+
+/// Comma, semicolon or tab, whichever the first line has most of outside of quotation marks.
+fn separator(head: &[u8]) -> u8 {
+    let mut counts = [(b',', 0), (b';', 0), (b'\t', 0)];
+    let mut quoted = false;
+    for byte in head.iter().take_while(|byte| **byte != b'\n') {
+        quoted ^= *byte == b'"';
+        for (separator, count) in &mut counts {
+            *count += usize::from(!quoted && byte == separator);
+        }
+    }
+    // The first of equals: the comma.
+    counts.into_iter().rev().max_by_key(|(_, count)| *count).map_or(b',', |(separator, _)| separator)
+}
+
+pub(super) fn read(
+    source: &mut Source<'_>,
+    options: &ReadOptions,
+    sink: Sink<'_>,
+) -> Result<Summary, FileError> {
+    let limits = *source.limits();
+    let mut rows = Rows::new(source);
+    if rows.next()?.is_none() {
+        return Err(FileError::truncated(Place::line(0), "expected a header, got the end of the file"));
+    }
+    let names =
+        rows.record.iter().map(|name| name.trim_start_matches('\u{feff}').trim().to_owned()).collect();
+    let roles = Roles::new(names, options, &limits)?;
+    let missing = Missing::new(options, Missing::Words)?;
+    let mut summary = Summary::default();
+    for column in &roles.others {
+        summary.drop("columns", Some(&roles.names[*column]), || Place::line(1));
+    }
+    let (layout, dimension) = match &roles.coordinates {
+        Coordinates::Wide { dimension, .. } => ("wide", *dimension),
+        Coordinates::Long(columns) => ("long", columns.len()),
+    };
+    summary.set("layout", layout);
+    summary.set("dimension", dimension);
+    let mut table = Table { roles, missing, closed: options.closed, limits, summary };
+    match &table.roles.coordinates {
+        Coordinates::Wide { .. } => table.wide(&mut rows, sink)?,
+        Coordinates::Long(_) => table.long(&mut rows, sink)?,
+    }
+    Ok(table.summary)
+}
+
+struct Table {
+    roles: Roles,
+    missing: Missing,
+    closed: Option<bool>,
+    limits: Limits,
+    summary: Summary,
+}
+
+/// The rows of one shape, in a table of one point a row.
+struct Group {
+    record: Record,
+    points: Points,
+    closed: Option<bool>,
+    names: Vec<String>,
+    /// Attributes of the first row, as texts.
+    attributes: Vec<String>,
+}
+
+impl Table {
+    fn wide(&mut self, rows: &mut Rows<'_, '_>, sink: Sink<'_>) -> Result<(), FileError> {
+        let Coordinates::Wide { dimension, columns } = &self.roles.coordinates else { return Ok(()) };
+        let mut item = 0;
+        while let Some(line) = rows.next()? {
+            let place = Place { item: Some(item), ..Place::line(line) };
+            self.check_width(&rows.record, &place)?;
+            let mut points = Points::new(*dimension);
+            for columns in columns.chunks_exact(*dimension) {
+                self.point(&rows.record, columns, &mut points, &place)?;
+            }
+            let closed = self.closed(&rows.record, &place)?;
+            // A row of a curve may have fewer points than the table has columns for.
+            let is_absent = |row: &[f64]| row.iter().all(|x| x.is_nan());
+            while closed.is_some() && points.rows().next_back().is_some_and(is_absent) {
+                points.pop();
+            }
+            let record = self.record(&rows.record, geometry(points, closed), place)?;
+            sink(record)?;
+            item += 1;
+        }
+        Ok(())
+    }
+
+    fn long(&mut self, rows: &mut Rows<'_, '_>, sink: Sink<'_>) -> Result<(), FileError> {
+        let (mut seen, mut held) = (BTreeSet::new(), 0);
+        let (mut group, mut item) = (None::<Group>, 0);
+        while let Some(line) = rows.next()? {
+            let place = Place { item: Some(item), ..Place::line(line) };
+            self.check_width(&rows.record, &place)?;
+            let id = self.text(&rows.record, self.roles.id);
+            if let Some(done) = group.take_if(|group| group.record.name.as_deref() != id) {
+                item += 1;
+                held += done.record.name.as_ref().map_or(0, String::len) + size_of::<String>();
+                if held > self.limits.held {
+                    let detail =
+                        format!("expected names of at most {} bytes in all, got more", self.limits.held);
+                    return Err(FileError::too_large(place, detail));
+                }
+                seen.insert(done.record.name.clone());
+                sink(done.finish()?)?;
+            }
+            let place = Place { item: Some(item), ..place };
+            let mut open = match group.take() {
+                Some(group) => group,
+                None if seen.contains(&id.map(str::to_owned)) => {
+                    let name = id
+                        .map_or_else(|| "a shape without a name".into(), |id| format!("shape {}", shown(id)));
+                    let detail = format!("expected the rows of {name} side by side, got more after others");
+                    return Err(FileError::malformed(place, detail));
+                }
+                None => self.begin(&rows.record, place.clone())?,
+            };
+            self.limits.points(open.points.len() as u64 + 1, || place.clone())?;
+            self.add(&rows.record, &mut open, &place)?;
+            group = Some(open);
+        }
+        match group {
+            Some(group) => sink(group.finish()?),
+            None => Ok(()),
+        }
+    }
+
+    fn begin(&self, row: &StringRecord, place: Place) -> Result<Group, FileError> {
+        let Coordinates::Long(columns) = &self.roles.coordinates else {
+            return Err(FileError::malformed(place, "expected one point a row, got one shape a row"));
+        };
+        let points = Points::new(columns.len());
+        let closed = self.closed(row, &place)?;
+        let record = self.record(row, Geometry::Landmarks(points.clone()), place)?;
+        let attributes = self.roles.attributes.iter().map(|column| row[*column].to_owned()).collect();
+        Ok(Group { record, points, closed, names: Vec::new(), attributes })
+    }
+
+    fn add(&mut self, row: &StringRecord, group: &mut Group, place: &Place) -> Result<(), FileError> {
+        if let Coordinates::Long(columns) = &self.roles.coordinates {
+            self.point(row, columns, &mut group.points, place)?;
+        }
+        if let Some(point) = self.roles.point {
+            group.names.push(row[point].trim().to_owned());
+        }
+        for (column, first) in self.roles.attributes.iter().zip(&group.attributes) {
+            if row[*column] != **first {
+                let name = &self.roles.names[*column];
+                self.summary.drop("values that differ within a shape", Some(name), || place.clone());
+            }
+        }
+        Ok(())
+    }
+
+    fn check_width(&self, row: &StringRecord, place: &Place) -> Result<(), FileError> {
+        let expected = self.roles.names.len();
+        if row.len() == expected {
+            return Ok(());
+        }
+        let detail = format!("expected {expected} fields as in the header, got {}", row.len());
+        Err(FileError::malformed(place.clone(), detail))
+    }
+
+    /// A place in a column.
+    fn within(&self, column: usize, place: &Place) -> Place {
+        Place { tag: Some(format!("column {}", shown(&self.roles.names[column]))), ..place.clone() }
+    }
+
+    fn point(
+        &self,
+        row: &StringRecord,
+        columns: &[usize],
+        points: &mut Points,
+        place: &Place,
+    ) -> Result<(), FileError> {
+        let mut point = [None; 3];
+        let mut more = Vec::new();
+        // Three coordinates need no memory.
+        let point = if columns.len() <= 3 {
+            &mut point[..columns.len()]
+        } else {
+            more.resize(columns.len(), None);
+            &mut more[..]
+        };
+        for (x, column) in point.iter_mut().zip(columns) {
+            let field = row[*column].trim();
+            if !field.is_empty() && !is_missing(field) {
+                *x = Some(
+                    number(field)
+                        .map_err(|detail| FileError::malformed(self.within(*column, place), detail))?,
+                );
+            }
+        }
+        self.missing.apply(point);
+        push(points, point).map_err(|detail| FileError::malformed(place.clone(), detail))
+    }
+
+    /// A field that is neither empty nor missing.
+    fn text<'r>(&self, row: &'r StringRecord, column: Option<usize>) -> Option<&'r str> {
+        column
+            .map(|column| row[column].trim())
+            .filter(|text| !text.is_empty() && !text.eq_ignore_ascii_case("na"))
+    }
+
+    /// Whether a curve is closed; `None` for landmarks.
+    fn closed(&self, row: &StringRecord, place: &Place) -> Result<Option<bool>, FileError> {
+        let Some(text) = self.text(row, self.roles.closed) else { return Ok(self.closed) };
+        match text.to_lowercase().as_str() {
+            "true" | "1" | "t" | "yes" => Ok(Some(true)),
+            "false" | "0" | "f" | "no" => Ok(Some(false)),
+            _ => {
+                let at = self.within(self.roles.closed.unwrap_or(0), place);
+                Err(FileError::malformed(at, format!("expected true or false, got {}", shown(text))))
+            }
+        }
+    }
+
+    fn record(&self, row: &StringRecord, geometry: Geometry, place: Place) -> Result<Record, FileError> {
+        let owned = |column| self.text(row, column).map(str::to_owned);
+        let weight = self.text(row, self.roles.weight).map(number).transpose();
+        let weight = weight.map_err(|detail| {
+            FileError::malformed(self.within(self.roles.weight.unwrap_or(0), &place), detail)
+        })?;
+        let attribute = |column: &usize| {
+            let value = value(self.text(row, Some(*column))?);
+            Some((self.roles.names[*column].clone(), value))
+        };
+        Ok(Record {
+            name: owned(self.roles.id),
+            label: owned(self.roles.label),
+            subject: owned(self.roles.subject),
+            weight,
+            labels: self.roles.attributes.iter().filter_map(attribute).collect(),
+            ..Record::new(geometry, place)
+        })
+    }
+}
+
+fn geometry(points: Points, closed: Option<bool>) -> Geometry {
+    match closed {
+        Some(closed) => Geometry::Curve { points, closed },
+        None => Geometry::Landmarks(points),
+    }
+}
+
+impl Group {
+    fn finish(self) -> Result<Record, FileError> {
+        let Self { mut record, points, closed, names, .. } = self;
+        let numbers: Option<Vec<u64>> = names.iter().map(|name| count(name).ok()).collect();
+        match numbers {
+            Some(numbers) => {
+                let mut last = None;
+                for number in numbers {
+                    let in_order = last.map_or(number <= 1, |last: u64| last.checked_add(1) == Some(number));
+                    if !in_order {
+                        let after = last.map_or_else(|| "at first".into(), |last| format!("after {last}"));
+                        let detail = format!("expected points numbered in order, got {number} {after}");
+                        return Err(FileError::malformed(record.place, detail));
+                    }
+                    last = Some(number);
+                }
+            }
+            None => {
+                record.metadata.insert("landmark_names".into(), names.into());
+            }
+        }
+        record.geometry = geometry(points, closed);
+        Ok(record)
+    }
+}
