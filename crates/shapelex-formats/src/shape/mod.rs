@@ -18,8 +18,10 @@
 
 mod error;
 mod format;
+mod geojson;
 mod limits;
 mod ndjson;
+mod objects;
 mod options;
 mod record;
 mod source;
@@ -29,7 +31,7 @@ mod write;
 pub use error::{FaultKind, FileError, Place};
 pub use format::{FORMATS, Format, detect, find};
 pub use limits::{Limits, MAX_COORDINATE};
-pub use options::{Holes, ReadOptions, WriteOptions};
+pub use options::{Holes, Nuclei, ReadOptions, WriteOptions};
 pub use record::{Domain, Faces, Field, Fourier, Geometry, Kind, Mesh, Points, Record, Ring, Value};
 pub use source::Source;
 pub use summary::{Dropped, Summary};

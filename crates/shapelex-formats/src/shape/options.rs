@@ -15,6 +15,8 @@ pub struct ReadOptions {
     pub holes: Option<Holes>,
     /// Whether curves are closed, where the format does not say.
     pub closed: Option<bool>,
+    /// What becomes of the outlines of nuclei beside those of their cells. Default: `skip`.
+    pub nuclei: Option<Nuclei>,
 }
 
 /// What becomes of rings that bound holes.
@@ -28,6 +30,19 @@ pub enum Holes {
     Keep,
     /// A file that has some is refused.
     Refuse,
+}
+
+/// What becomes of the outlines of nuclei beside those of their cells.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Nuclei {
+    /// They are left out and counted.
+    #[default]
+    Skip,
+    /// They become records of their own, named `{cell}/nucleus`.
+    Keep,
+    /// They are the only outlines that become records.
+    Only,
 }
 
 impl ReadOptions {
