@@ -19,6 +19,7 @@
 mod error;
 mod format;
 mod geojson;
+mod imagej;
 mod limits;
 mod ndjson;
 mod objects;

@@ -193,7 +193,7 @@ fn faults_name_feature_and_byte() {
         (
             format!("[{point},\n{{\"type\":\"Point\",\n\"coordinates\":[0]}}]"),
             FaultKind::Malformed,
-            "item 1, byte 71: expected positions of 2 or 3 coordinates, got 1",
+            "item 1, byte 72: expected positions of 2 or 3 coordinates, got 1",
         ),
         (
             format!("[{point} {point}]"),
