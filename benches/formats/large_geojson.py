@@ -1,7 +1,7 @@
 """A GeoJSON file of cells of a wanted size, as QuPath writes it: `large_geojson.py BYTES FILE`.
 
-The same size gives the same file. Every cell is a polygon of 24 to 48 points with a class, twelve measurements and, every second
-one, a nucleus. Coordinates have two decimals.
+The same size gives the same file. Every cell is a polygon of 24 to 48 points with an id, a class, twelve measurements and, every
+second one, a nucleus. Coordinates have two decimals. All but the id repeats after 4000 cells, which makes writing fast.
 """
 
 import json
@@ -15,6 +15,9 @@ MEASUREMENTS = [
     for name in ("Area µm^2", "Perimeter µm", "Circularity", "Max caliper", "Eosin OD mean", "Haematoxylin OD mean")
 ]
 
+# Number of cells that differ by more than their id.
+DISTINCT = 4000
+
 
 def ring(centre, radius, count, phase):
     """A closed polygon around a centre, whose radius varies with the angle."""
@@ -27,13 +30,13 @@ def ring(centre, radius, count, phase):
 
 
 def feature(number):
-    """The cell of a number."""
+    """The cell of a number below `DISTINCT`, before and behind its id."""
     mixed = number * 2654435761 % 2**32
     count = 24 + mixed % 25
     centre = (number % 1000 * 40 + 20.5, number // 1000 * 40 + 20.25)
     members = {
         "type": "Feature",
-        "id": f"{mixed:08x}-0000-4000-8000-{number:012x}",
+        "id": "|",
         "geometry": {"type": "Polygon", "coordinates": [ring(centre, 15, count, mixed % 7)]},
     }
     if number % 2:
@@ -43,22 +46,22 @@ def feature(number):
         "classification": {"name": CLASSES[mixed % 4], "color": [200, mixed % 256, 0]},
         "measurements": {name: round((mixed % (997 + k)) * 0.37, 4) for k, name in enumerate(MEASUREMENTS)},
     }
-    return json.dumps(members, ensure_ascii=False, separators=(",", ":"))
+    return json.dumps(members, ensure_ascii=False, separators=(",", ":")).encode().split(b"|")
 
 
 def main():
     """Writes features until the size is reached."""
     size, path = int(float(sys.argv[1])), sys.argv[2]
-    with open(path, "w", encoding="utf-8") as file:
-        file.write('{"type":"FeatureCollection","features":[\n')
-        written, number = 0, 0
-        while written < size:
-            text = ("" if number == 0 else ",\n") + feature(number)
-            written += len(text.encode())
-            number += 1
-            file.write(text)
-        file.write("\n]}\n")
-    print(f"{number} features, {written} bytes")
+    cells = [feature(number) for number in range(DISTINCT)]
+    with open(path, "wb") as file:
+        file.write(b'{"type":"FeatureCollection","features":[')
+        number, comma = 0, b"\n"
+        while file.tell() < size:
+            before, behind = cells[number % DISTINCT]
+            file.write(comma + before + b"%08x-0000-4000-8000-%012x" % (number % 2**32, number) + behind)
+            number, comma = number + 1, b",\n"
+        file.write(b"\n]}\n")
+        print(f"{number} features, {file.tell()} bytes")
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ use super::record::Kind;
 use super::source::Source;
 use super::summary::Summary;
 use super::write::Writer;
-use super::{Sink, geojson, imagej, ndjson};
+use super::{Sink, coco, geojson, imagej, ndjson, wkt};
 
 /// Reads all records of a file.
 pub(super) type Read = fn(&mut Source<'_>, &ReadOptions, Sink<'_>) -> Result<Summary, FileError>;
@@ -38,7 +38,8 @@ pub struct Format {
 }
 
 /// All formats.
-pub static FORMATS: &[&Format] = &[&ndjson::FORMAT, &geojson::FORMAT, &imagej::FORMAT];
+pub static FORMATS: &[&Format] =
+    &[&ndjson::FORMAT, &geojson::FORMAT, &imagej::FORMAT, &wkt::FORMAT, &coco::FORMAT];
 
 impl Format {
     /// Whether files of the format can be read.

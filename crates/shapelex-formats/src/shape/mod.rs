@@ -16,6 +16,7 @@
 //!   missing.
 //! * The order of records is that of the file, whatever the number of threads.
 
+mod coco;
 mod error;
 mod format;
 mod geojson;
@@ -27,6 +28,7 @@ mod options;
 mod record;
 mod source;
 mod summary;
+mod wkt;
 mod write;
 
 pub use error::{FaultKind, FileError, Place};

@@ -2,6 +2,8 @@
 //!
 //! Reading makes one record of every ring, line or list of points; writing puts those with the same [`Ring::object`] together again.
 
+use std::io::Write;
+
 use super::Sink;
 use super::error::{FileError, Place};
 use super::limits::Limits;
@@ -181,6 +183,13 @@ pub(super) fn refusal(record: &Record, format: &str, got: &str) -> FileError {
     let name = record.name.as_ref().map(|name| format!(" of '{name}'")).unwrap_or_default();
     let detail = format!("expected curves and points that {format} can hold, got {got}{name}");
     FileError::unsupported(record.place.clone(), detail)
+}
+
+/// Writes a number so that it is read as the same one. Whole numbers have no fraction, as most programs write them.
+pub(super) fn number(text: &mut Vec<u8>, x: f64) {
+    let whole = x.fract() == 0.0 && x.abs() < 1e15;
+    let written = if whole { write!(text, "{x:.0}") } else { write!(text, "{}", serde_json::Value::from(x)) };
+    written.expect("a list of bytes takes all that is written");
 }
 
 /// Signed area of a polygon of the plane, positive where `x` turns to `y`:

@@ -6,7 +6,7 @@ use std::io::Write;
 use serde_json::{Map, Value as Json, json};
 
 use super::super::error::FileError;
-use super::super::objects::{Grouping, PartRef, parts};
+use super::super::objects::{Grouping, PartRef, number, parts};
 use super::super::options::WriteOptions;
 use super::super::record::{Points, Record, Value};
 use super::super::summary::Summary;
@@ -204,14 +204,4 @@ fn list<T>(text: &mut Vec<u8>, items: impl IntoIterator<Item = T>, mut item: imp
         item(text, content);
     }
     text.push(b']');
-}
-
-/// Writes a number so that it is read as the same one. Whole numbers have no fraction, as QuPath writes them.
-fn number(text: &mut Vec<u8>, x: f64) {
-    let written = if x.fract() == 0.0 && x.abs() < 1e15 {
-        write!(text, "{x:.0}")
-    } else {
-        write!(text, "{}", json!(x))
-    };
-    written.expect("a list of bytes takes all that is written");
 }
