@@ -3,6 +3,7 @@
 
 mod data;
 mod files;
+mod microscopy;
 mod nifti;
 mod png;
 mod tiff;

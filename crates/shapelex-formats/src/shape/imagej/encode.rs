@@ -133,7 +133,7 @@ fn file(records: &[Record], first: &Record, summary: &mut Summary) -> Result<Vec
     file.extend_from_slice(&positive(metadata, "position"));
     file.extend_from_slice(&size(HEADER + content.bytes.len())?);
     file.extend_from_slice(&content.bytes);
-    second_header(&mut file, first, width)?;
+    second_header(&mut file, first, width, if content.kind == POINT { content.count } else { 0 })?;
     Ok(file)
 }
 
@@ -199,30 +199,49 @@ fn composite(parts: &[PartRef<'_>], record: &Record) -> Result<Content, FileErro
     Ok(Content { kind: RECTANGLE, count: 0, options: 0, ends: [0.0; 4], path: path.len(), bytes })
 }
 
-/// Appends the second header with name and properties.
-fn second_header(file: &mut Vec<u8>, record: &Record, width: f64) -> Result<(), FileError> {
+/// Appends the second header with name, properties and counters of points.
+fn second_header(file: &mut Vec<u8>, record: &Record, width: f64, count: usize) -> Result<(), FileError> {
     let metadata = &record.metadata;
     let name: Vec<u16> = record.name.iter().flat_map(|name| name.encode_utf16()).collect();
     let properties: Vec<u16> = properties(record).encode_utf16().collect();
+    let counters = counters(metadata, count);
     let start = file.len() + HEADER;
     let after = start + 2 * name.len();
+    let last = after + 2 * properties.len();
+    let at = |offset: usize, length: usize| size(if length == 0 { 0 } else { offset });
     file.extend_from_slice(&[0; 4]);
     for key in ["channel", "slice", "frame"] {
         file.extend_from_slice(&positive(metadata, key));
     }
-    file.extend_from_slice(&size(if name.is_empty() { 0 } else { start })?);
+    file.extend_from_slice(&at(start, name.len())?);
     file.extend_from_slice(&size(name.len())?);
     file.extend_from_slice(&[0; 6]);
     let group = metadata.get("group").and_then(Json::as_u64).and_then(|group| u8::try_from(group).ok());
     file.extend_from_slice(&[group.unwrap_or(0), 0]);
     file.extend_from_slice(&[0; 4]);
     file.extend_from_slice(&single(width));
-    file.extend_from_slice(&size(if properties.is_empty() { 0 } else { after })?);
+    file.extend_from_slice(&at(after, properties.len())?);
     file.extend_from_slice(&size(properties.len())?);
-    file.extend_from_slice(&[0; 16]);
+    file.extend_from_slice(&at(last, counters.len())?);
+    file.extend_from_slice(&[0; 12]);
     debug_assert_eq!(file.len(), start);
     file.extend(name.into_iter().chain(properties).flat_map(u16::to_be_bytes));
+    file.extend(counters.into_iter().flat_map(u32::to_be_bytes));
     Ok(())
+}
+
+/// Counter (8 bits) and slice (24 bits) of every point, if the metadata have as many.
+fn counters(metadata: &Map<String, Json>, count: usize) -> Vec<u32> {
+    let numbers = |key: &str, most: u32| -> Vec<u32> {
+        let list = metadata.get(key).and_then(Json::as_array).into_iter().flatten();
+        let number = |value: &Json| value.as_u64().and_then(|number| u32::try_from(number).ok());
+        list.filter_map(number).filter(|number| *number <= most).collect()
+    };
+    let (counters, slices) = (numbers("counters", 0xff), numbers("slices", 0xff_ffff));
+    if counters.len() != count || slices.len() != count {
+        return Vec::new();
+    }
+    counters.into_iter().zip(slices).map(|(counter, slice)| slice << 8 | counter).collect()
 }
 
 /// Properties as lines of a name, a colon and a value; the label of the record is one of them.

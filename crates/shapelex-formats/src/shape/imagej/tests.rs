@@ -67,6 +67,9 @@ fn regions_come_back_as_they_were_written() {
     let mut angle = curve(false, &[0.0, 0.0, 1.0, 5.0, 1.0, 6.0]);
     angle.metadata.insert("type".into(), "angle".into());
     let point = Record::new(Geometry::Landmarks(Points::from_rows(2, vec![68.0, 77.25])), Place::item(0));
+    let mut counted = point.clone();
+    counted.metadata.insert("counters".into(), json!([7]));
+    counted.metadata.insert("slices".into(), json!([70000]));
     for (record, kind) in [
         (polygon, "traced"),
         (angle, "angle"),
@@ -75,6 +78,7 @@ fn regions_come_back_as_they_were_written() {
         (curve(false, &[0.5, 0.0, 1.0, 5.0]), "line"),
         (curve(false, &[1.0, 0.0, 1.0, 5.0, 3.0, 1.0, 9.0, 9.0]), "polyline"),
         (point, "point"),
+        (counted, "point"),
     ] {
         let (bytes, summary) = written(std::slice::from_ref(&record)).expect("written");
         assert!(summary.warnings.is_empty(), "{summary:?}");

@@ -33,7 +33,7 @@ fn lines_come_back_as_they_were_written() {
         "b\tMULTIPOINT (1 2, 3 4.5)\n",
         "c d\tLINESTRING Z (1 2 3, 4 5 -0.125)\n",
         "\"e,\"\"f\"\tPOLYGON ((0 0, 4 0, 4 3, 0 0), (1 1, 2 1, 2 2, 1 1))\n",
-        "g\tMULTILINESTRING ((0 0, 1 1), (2 2, 3 3, 1e-7 1e100))\n",
+        "g\tMULTILINESTRING ((0 0, 1 1), (2 2, 3 3, 1e-7 1e+100))\n",
         "h\tMULTIPOLYGON (((0 0, 4 0, 4 3, 0 0)), ((10 0, 14 0, 14 3, 10 0)))\n",
         "\"wkt\"\tGEOMETRYCOLLECTION (POINT (0 0), LINESTRING (0 0, 1 1), POLYGON ((0 0, 1 0, 1 1, 0 0)))\n",
     );
@@ -109,7 +109,7 @@ fn faults_name_line_and_column() {
         (
             "LINESTRING (1 2, 3 4 5)",
             FaultKind::Malformed,
-            "item 0, column 17, line 1: expected positions of 2 coordinates, got 3",
+            "item 0, column 18, line 1: expected positions of 2 coordinates, got 3",
         ),
         (
             "a\tTRIANGLE ((0 0, 1 0, 1 1, 0 0))",
