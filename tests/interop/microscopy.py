@@ -165,7 +165,7 @@ def ring_set(outlines):
     rings = []
     for outline in outlines:
         points = [tuple(round(float(x), 4) for x in point) for point in outline]
-        if len(points) > 1 and points[0] == points[-1]:
+        while len(points) > 1 and points[0] == points[-1]:
             points.pop()
         rings.append(points)
     return sorted(rings)
@@ -184,6 +184,12 @@ def check_regions(convert, data, folder):
             found = area(records)
             ok = 0 < expected - found < 0.01 * math.pi * max(region.right - region.left, region.bottom - region.top)
             yield f"{path.name}: area of the ellipse", ok, f"{found} and {expected}"
+            continue
+        if region.roitype == roifile.ROI_TYPE.RECT and not region.composite:
+            # roifile begins at another corner and goes the other way round.
+            corners = {(x, y) for x in (region.left, region.right) for y in (region.top, region.bottom)}
+            ok = {tuple(point) for point in records[0]["points"]} == corners
+            yield f"{path.name}: corners", ok and near(area(records), shapely.geometry.Polygon(region.coordinates()).area), ""
             continue
         expected = region.coordinates(multi=True)
         expected = expected if isinstance(expected, list) else [expected]

@@ -185,6 +185,16 @@ pub(super) fn refusal(record: &Record, format: &str, got: &str) -> FileError {
     FileError::unsupported(record.place.clone(), detail)
 }
 
+/// Counts what a record says and a format does not: subject, weight, and what else is lost.
+pub(super) fn count_lost(record: &Record, others: &[(&str, bool)], summary: &mut Summary) {
+    let common = [("subjects", record.subject.is_some()), ("weights", record.weight.is_some())];
+    for (what, lost) in others.iter().chain(&common) {
+        if *lost {
+            summary.drop(what, record.name.as_deref(), || record.place.clone());
+        }
+    }
+}
+
 /// Writes a number so that it is read as the same one. Whole numbers have no fraction, as most programs write them.
 pub(super) fn number(text: &mut Vec<u8>, x: f64) {
     let whole = x.fract() == 0.0 && x.abs() < 1e15;

@@ -6,7 +6,7 @@ use std::io::Write;
 use serde_json::{Map, Value as Json, json};
 
 use super::super::error::FileError;
-use super::super::objects::{Grouping, PartRef, area, parts, refusal};
+use super::super::objects::{Grouping, PartRef, area, count_lost, parts, refusal};
 use super::super::options::WriteOptions;
 use super::super::record::{Geometry, Points, Record, Value};
 use super::super::summary::Summary;
@@ -27,6 +27,7 @@ struct File<'a> {
     categories: BTreeMap<String, u64>,
     /// Images by their id as text.
     images: BTreeMap<String, Json>,
+    summary: Summary,
 }
 
 pub(super) fn open<'a>(
@@ -42,6 +43,7 @@ pub(super) fn open<'a>(
         ids: BTreeSet::new(),
         categories: BTreeMap::new(),
         images: BTreeMap::new(),
+        summary: Summary::default(),
     }))
 }
 
@@ -63,7 +65,8 @@ impl Writer for File<'_> {
         let end = format!("\n],\n\"categories\":{},\n\"images\":{}}}\n", json!(categories), json!(images));
         self.output.write_all(end.as_bytes())?;
         self.output.flush()?;
-        Ok(Summary { records: self.records, ..Summary::default() })
+        self.summary.records = self.records;
+        Ok(self.summary)
     }
 }
 

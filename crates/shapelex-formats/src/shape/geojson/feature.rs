@@ -24,7 +24,7 @@ pub(super) struct Node {
     pub(super) nucleus: Option<Box<Node>>,
     pub(super) id: Option<String>,
     pub(super) properties: Properties,
-    /// Members that are not of the standard, such as the `plane` of a geometry.
+    /// Members that are not of the standard, such as `plane` and `isEllipse` of a geometry of QuPath.
     pub(super) others: Map<String, Json>,
 }
 

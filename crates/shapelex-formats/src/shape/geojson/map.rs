@@ -116,7 +116,9 @@ impl<'o> Mapping<'o> {
         place: &Place,
         sink: Sink<'_>,
     ) -> Result<(), FileError> {
-        template.metadata.append(&mut node.others);
+        if !node.others.is_empty() {
+            template.metadata.insert("geometry".into(), std::mem::take(&mut node.others).into());
+        }
         let mut parts = Vec::new();
         self.collect(node, &mut parts, place)?;
         if parts.is_empty() {

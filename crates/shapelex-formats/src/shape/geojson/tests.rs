@@ -46,7 +46,7 @@ fn a_cell_of_qupath_has_class_measurements_and_colours() {
     assert_eq!(cell.labels.get("Area µm^2"), Some(&Value::Number(6.5)));
     let metadata = serde_json::json!({
         "objectType": "cell", "isLocked": true, "classification": {"color": [1, 2, 3]},
-        "id": "e7ac14bf-1f34-4531-974f-08196f93867a", "plane": {"c": -1, "z": 2, "t": 0},
+        "id": "e7ac14bf-1f34-4531-974f-08196f93867a", "geometry": {"plane": {"c": -1, "z": 2, "t": 0}},
     });
     assert_eq!(Json::Object(cell.metadata.clone()), metadata);
     let Geometry::Curve { points, closed: true } = &cell.geometry else { panic!("{cell:?}") };

@@ -68,7 +68,7 @@ impl Features<'_> {
             text.extend_from_slice(format!("\"id\":{},", Json::String(id)).as_bytes());
         }
         text.extend_from_slice(b"\"geometry\":");
-        geometry(&mut text, &parts, metadata.remove("plane"));
+        geometry(&mut text, &parts, metadata.remove("geometry"));
         text.extend_from_slice(b",\"properties\":");
         serde_json::to_writer(&mut text, &properties(first, metadata, name)).map_err(std::io::Error::from)?;
         text.push(b'}');
@@ -137,8 +137,8 @@ fn properties(record: &Record, mut metadata: Map<String, Json>, name: Option<Str
     properties
 }
 
-/// Writes a geometry: one part as itself, parts of one kind as a group of them, others as a collection.
-fn geometry(text: &mut Vec<u8>, parts: &[PartRef<'_>], plane: Option<Json>) {
+/// Writes a geometry: one part as itself, parts of one kind as a group of them, others as a collection; then its other members.
+fn geometry(text: &mut Vec<u8>, parts: &[PartRef<'_>], members: Option<Json>) {
     let groups = |part: &PartRef<'_>| match part {
         PartRef::Area(_) => "MultiPolygon",
         PartRef::Line(_) => "MultiLineString",
@@ -160,8 +160,10 @@ fn geometry(text: &mut Vec<u8>, parts: &[PartRef<'_>], plane: Option<Json>) {
             });
         }
     }
-    if let Some(plane) = plane {
-        text.extend_from_slice(format!(",\"plane\":{plane}").as_bytes());
+    if let Some(Json::Object(members)) = members {
+        for (name, value) in members {
+            text.extend_from_slice(format!(",{}:{value}", Json::String(name)).as_bytes());
+        }
     }
     text.push(b'}');
 }

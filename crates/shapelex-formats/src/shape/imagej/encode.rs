@@ -5,7 +5,7 @@ use std::io::Write;
 use serde_json::{Map, Value as Json};
 
 use super::super::error::{FaultKind, FileError};
-use super::super::objects::{Grouping, PartRef, parts, refusal};
+use super::super::objects::{Grouping, PartRef, count_lost, parts, refusal};
 use super::super::options::WriteOptions;
 use super::super::record::{Points, Record};
 use super::super::summary::Summary;
@@ -84,14 +84,24 @@ fn file(records: &[Record], first: &Record, summary: &mut Summary) -> Result<Vec
         return Err(refusal(first, "ImageJ ROI", &format!("points of {} coordinates", points.dimension())));
     }
     check_precision(&all, first, summary)?;
-    if !first.labels.is_empty() {
-        summary.drop("attributes", first.name.as_deref(), || first.place.clone());
-    }
+    count_lost(first, &[("attributes", !first.labels.is_empty())], summary);
+    let content = content(&parts, first)?;
+    let metadata = &first.metadata;
+    let width = metadata.get("stroke_width").and_then(Json::as_f64);
+    let width = width.filter(|width| *width > 0.0).unwrap_or(0.0);
+    let mut file = header(&content, bounds(&all), metadata, width)?;
+    file.extend_from_slice(&content.bytes);
+    second_header(&mut file, first, width, if content.kind == POINT { content.count } else { 0 })?;
+    Ok(file)
+}
+
+/// What follows the header, by the kind of the shape and the type that the metadata wish for.
+fn content(parts: &[PartRef<'_>], first: &Record) -> Result<Content, FileError> {
     let word = first.metadata.get("type").and_then(Json::as_str).unwrap_or_default();
     let known = |words: &[&str], other: u8| {
         words.iter().find(|known| **known == word).and_then(|word| type_number(word)).unwrap_or(other)
     };
-    let content = match &parts[..] {
+    Ok(match parts {
         [PartRef::Area(rings)] if rings.len() == 1 => {
             plain(rings[0], known(&["polygon", "freehand", "traced"], 0))
         }
@@ -102,9 +112,17 @@ fn file(records: &[Record], first: &Record, summary: &mut Summary) -> Result<Vec
         }
         [PartRef::Line(points)] => plain(points, known(&["polyline", "freeline", "angle"], POLYLINE)),
         [PartRef::Points(points)] => plain(points, POINT),
-        _ => composite(&parts, first)?,
-    };
-    let [left, top, right, bottom] = bounds(&all);
+        _ => composite(parts, first)?,
+    })
+}
+
+/// The first header.
+fn header(
+    content: &Content,
+    [left, top, right, bottom]: [f64; 4],
+    metadata: &Map<String, Json>,
+    width: f64,
+) -> Result<Vec<u8>, FileError> {
     let mut file = Vec::with_capacity(HEADER + content.bytes.len() + HEADER);
     file.extend_from_slice(b"Iout");
     file.extend_from_slice(&VERSION.to_be_bytes());
@@ -120,9 +138,6 @@ fn file(records: &[Record], first: &Record, summary: &mut Summary) -> Result<Vec
         file.extend_from_slice(&size(content.count)?);
         file.extend_from_slice(&[0; 12]);
     }
-    let metadata = &first.metadata;
-    let width =
-        metadata.get("stroke_width").and_then(Json::as_f64).filter(|width| *width > 0.0).unwrap_or(0.0);
     file.extend_from_slice(&short(width.clamp(0.0, 32767.0)));
     file.extend_from_slice(&size(content.path)?);
     file.extend_from_slice(&colour(metadata, "stroke_color"));
@@ -132,8 +147,6 @@ fn file(records: &[Record], first: &Record, summary: &mut Summary) -> Result<Vec
     file.extend_from_slice(&[0; 4]);
     file.extend_from_slice(&positive(metadata, "position"));
     file.extend_from_slice(&size(HEADER + content.bytes.len())?);
-    file.extend_from_slice(&content.bytes);
-    second_header(&mut file, first, width, if content.kind == POINT { content.count } else { 0 })?;
     Ok(file)
 }
 

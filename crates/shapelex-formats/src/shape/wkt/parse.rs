@@ -47,7 +47,8 @@ pub(super) fn begins_geometry(text: &str) -> bool {
         |text: &str| text.chars().take_while(char::is_ascii_alphabetic).collect::<String>().to_uppercase();
     let text = text.trim_start();
     let (first, rest) = (word(text), text.trim_start_matches(|c: char| c.is_ascii_alphabetic()).trim_start());
-    let is_type = typed(&first).is_some() && (rest.starts_with('(') || !word(rest).is_empty());
+    let follows = rest.starts_with('(') || ["Z", "M", "ZM", "EMPTY"].contains(&word(rest).as_str());
+    let is_type = follows && typed(&first).is_some();
     is_type || (first == "SRID" && rest.starts_with('='))
 }
 

@@ -30,7 +30,7 @@ fn written(records: &[Record]) -> String {
 fn lines_come_back_as_they_were_written() {
     let text = concat!(
         "POINT (1 2)\n",
-        "b\tMULTIPOINT (1 2, 3 4.5)\n",
+        "b\tSRID=4326;MULTIPOINT (1 2, 3 4.5)\n",
         "c d\tLINESTRING Z (1 2 3, 4 5 -0.125)\n",
         "\"e,\"\"f\"\tPOLYGON ((0 0, 4 0, 4 3, 0 0), (1 1, 2 1, 2 2, 1 1))\n",
         "g\tMULTILINESTRING ((0 0, 1 1), (2 2, 3 3, 1e-7 1e+100))\n",
@@ -60,7 +60,7 @@ fn ids_stand_before_or_behind_and_forms_vary() {
         "\"MULTIPOINT((1 2),(3 4))\",\"a \"\"b\"\"\"\n",
         "POINTZM(1 2 3 4)\n",
         "LINESTRING M (1 2 9, 3 4 9);x\n",
-        "LINEARRING (0 0, 1 0, 1 1, 0 0)\n",
+        "point\tLINEARRING (0 0, 1 0, 1 1, 0 0)\n",
         "POLYGON EMPTY\n",
         "GEOMETRYCOLLECTION(POINT EMPTY,MULTIPOLYGON EMPTY)\n",
     );
@@ -72,7 +72,7 @@ fn ids_stand_before_or_behind_and_forms_vary() {
         (Some("a \"b\""), Some(5), Some(2)),
         (None, Some(6), Some(3)),
         (Some("x"), Some(7), Some(4)),
-        (None, Some(8), Some(5)),
+        (Some("point"), Some(8), Some(5)),
     ];
     assert_eq!(found, expected);
     assert_eq!(records[1].metadata.get("srid"), Some(&4326.into()));

@@ -3,7 +3,7 @@
 use std::io::Write;
 
 use super::super::error::FileError;
-use super::super::objects::{Grouping, PartRef, number, parts, refusal};
+use super::super::objects::{Grouping, PartRef, count_lost, number, parts, refusal};
 use super::super::options::WriteOptions;
 use super::super::record::{Points, Record};
 use super::super::summary::Summary;
@@ -50,13 +50,19 @@ impl Lines<'_> {
         if dimensions.any(|other| other != dimension) {
             return Err(refusal(first, "WKT", "parts of several dimensions"));
         }
-        if first.label.is_some() || !first.labels.is_empty() {
-            self.summary.drop("labels and attributes", first.name.as_deref(), || first.place.clone());
-        }
+        let lost = [
+            ("labels", first.label.is_some()),
+            ("attributes", !first.labels.is_empty()),
+            ("metadata", first.metadata.keys().any(|key| key != "srid")),
+        ];
+        count_lost(first, &lost, &mut self.summary);
         let mut text = Vec::new();
         if let Some(name) = &first.name {
             text.extend_from_slice(quoted(name).as_bytes());
             text.push(b'\t');
+        }
+        if let Some(srid) = first.metadata.get("srid").and_then(serde_json::Value::as_u64) {
+            text.extend_from_slice(format!("SRID={srid};").as_bytes());
         }
         geometry(&mut text, &parts, if dimension == 3 { " Z" } else { "" });
         text.push(b'\n');
