@@ -77,6 +77,7 @@ impl File<'_> {
             Geometry::Landmarks(points) if records.len() == 1 => keypoints(points, first)?,
             _ => polygons(records, first)?,
         };
+        count_lost(first, &[], &mut self.summary);
         let number =
             first.name.as_deref().and_then(|name| name.parse().ok()).filter(|id| !self.ids.contains(id));
         let id = number.unwrap_or_else(|| self.free_id());
