@@ -8,7 +8,9 @@ use super::record::Kind;
 use super::source::Source;
 use super::summary::Summary;
 use super::write::Writer;
-use super::{Sink, archive, chc, csv, mesh, morphologika, ndjson, nef, nts, slicer, tps};
+use super::{
+    Sink, archive, chc, coco, csv, geojson, imagej, mesh, morphologika, ndjson, nef, nts, slicer, tps, wkt,
+};
 
 /// Reads all records of a file.
 pub(super) type Read = fn(&mut Source<'_>, &ReadOptions, Sink<'_>) -> Result<Summary, FileError>;
@@ -58,6 +60,10 @@ pub static FORMATS: &[&Format] = &[
     &chc::FORMAT,
     &nef::FORMAT,
     &csv::FORMAT,
+    &geojson::FORMAT,
+    &imagej::FORMAT,
+    &wkt::FORMAT,
+    &coco::FORMAT,
 ];
 
 impl Format {

@@ -18,15 +18,19 @@
 
 mod archive;
 mod chc;
+mod coco;
 mod csv;
 mod error;
 mod format;
+mod geojson;
+mod imagej;
 mod limits;
 mod mesh;
 mod morphologika;
 mod ndjson;
 mod nef;
 mod nts;
+mod objects;
 mod options;
 mod record;
 mod slicer;
@@ -36,12 +40,13 @@ mod summary;
 mod testing;
 mod text;
 mod tps;
+mod wkt;
 mod write;
 
 pub use error::{FaultKind, FileError, Place};
 pub use format::{FORMATS, Format, detect, find};
 pub use limits::{Limits, MAX_COORDINATE};
-pub use options::{Columns, Curves, Encoding, Holes, Layout, ReadOptions, Scale, WriteOptions};
+pub use options::{Columns, Curves, Encoding, Holes, Layout, Nuclei, ReadOptions, Scale, WriteOptions};
 pub use record::{Domain, Faces, Field, Fourier, Geometry, Kind, Mesh, Points, Record, Ring, Value};
 pub use source::Source;
 pub use summary::{Dropped, Summary};

@@ -25,6 +25,8 @@ pub struct ReadOptions {
     pub dimension: Option<usize>,
     /// Which columns of a table are what. Default: recognised by their names.
     pub columns: Option<Columns>,
+    /// What becomes of the outlines of nuclei beside those of their cells. Default: `skip`.
+    pub nuclei: Option<Nuclei>,
 }
 
 /// What becomes of scales.
@@ -84,6 +86,19 @@ pub enum Holes {
     Keep,
     /// A file that has some is refused.
     Refuse,
+}
+
+/// What becomes of the outlines of nuclei beside those of their cells.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Nuclei {
+    /// They are left out and counted.
+    #[default]
+    Skip,
+    /// They become records of their own, named `{cell}/nucleus`.
+    Keep,
+    /// They are the only outlines that become records.
+    Only,
 }
 
 impl ReadOptions {

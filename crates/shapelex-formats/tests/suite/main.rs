@@ -5,6 +5,7 @@ mod data;
 mod files;
 mod landmarks;
 mod meshes;
+mod microscopy;
 mod nifti;
 mod png;
 mod tiff;

@@ -1,0 +1,278 @@
+//! Annotations to records. Their images and categories may stand behind them, so a file is held as a whole; only its lists of
+//! images and categories are kept beside it.
+
+use std::collections::BTreeMap;
+use std::fmt;
+
+use serde::Deserialize;
+use serde::de::{Deserializer, IgnoredAny, MapAccess, SeqAccess, Visitor};
+use serde_json::value::RawValue;
+use serde_json::{Map, Value as Json};
+
+use super::super::Sink;
+use super::super::error::{FaultKind, FileError, Place};
+use super::super::limits::Limits;
+use super::super::objects::{Giving, Part};
+use super::super::options::{Holes, ReadOptions};
+use super::super::record::{Geometry, Points, Record, Value};
+use super::super::source::Source;
+use super::super::summary::Summary;
+
+/// A file, whose annotations are read one by one. Members such as `info` and `licenses` say nothing of shapes.
+#[derive(Deserialize, Default)]
+#[serde(default)]
+struct File<'a> {
+    images: Vec<Image>,
+    categories: Vec<Category>,
+    #[serde(borrow)]
+    annotations: Option<Vec<&'a RawValue>>,
+}
+
+#[derive(Deserialize)]
+struct Image {
+    id: Json,
+    #[serde(flatten)]
+    others: Map<String, Json>,
+}
+
+#[derive(Deserialize)]
+struct Category {
+    id: Json,
+    name: String,
+}
+
+#[derive(Deserialize)]
+struct Annotation {
+    #[serde(default)]
+    id: Json,
+    name: Option<String>,
+    #[serde(default)]
+    image_id: Json,
+    #[serde(default)]
+    category_id: Json,
+    segmentation: Option<Segmentation>,
+    keypoints: Option<Vec<f64>>,
+    #[serde(default)]
+    attributes: Map<String, Json>,
+    #[serde(flatten)]
+    others: Map<String, Json>,
+}
+
+/// Polygons as lists of x and y in turn, or a mask.
+#[derive(Debug, PartialEq)]
+enum Segmentation {
+    Polygons(Vec<Vec<f64>>),
+    Mask,
+}
+
+/// Members of an annotation that follow from its polygons.
+const DERIVED: [&str; 3] = ["area", "bbox", "num_keypoints"];
+
+pub(super) fn read(
+    source: &mut Source<'_>,
+    options: &ReadOptions,
+    sink: Sink<'_>,
+) -> Result<Summary, FileError> {
+    let limits = *source.limits();
+    let text = source.text()?;
+    let fault = |error: serde_json::Error| {
+        let place =
+            Place { tag: Some(format!("column {}", error.column())), ..Place::line(error.line() as u64) };
+        FileError::malformed(
+            place,
+            format!("expected images, categories and annotations, got: {}", message(&error)),
+        )
+    };
+    let file: File<'_> = if text.trim_start().starts_with('[') {
+        // Results of a detector are a bare list of annotations.
+        File { annotations: Some(serde_json::from_str(&text).map_err(fault)?), ..File::default() }
+    } else {
+        serde_json::from_str(&text).map_err(fault)?
+    };
+    let Some(annotations) = file.annotations else {
+        return Err(FileError::malformed(
+            Place::tag("annotations"),
+            "expected a list of annotations, got none",
+        ));
+    };
+    let images = file.images.into_iter().map(|Image { id, others }| (id.to_string(), others)).collect();
+    let categories =
+        file.categories.into_iter().map(|Category { id, name }| (id.to_string(), name)).collect();
+    let mut reading =
+        Reading { options, limits, images, categories, summary: Summary::default(), masks: 0, given: 0 };
+    for (item, annotation) in (0..).zip(annotations) {
+        // The annotation is a part of the text, so that the difference is its offset.
+        let start = (annotation.get().as_ptr() as usize).saturating_sub(text.as_ptr() as usize);
+        let place = Place { byte: Some(start as u64), ..Place::item(item) };
+        reading.annotation(annotation.get(), item, &place, sink)?;
+    }
+    reading.finish()
+}
+
+/// What a message of serde says, without its line and column.
+fn message(error: &serde_json::Error) -> String {
+    let text = error.to_string();
+    text.rsplit_once(" at line ").map_or_else(|| text.clone(), |(text, _)| text.to_owned())
+}
+
+struct Reading<'o> {
+    options: &'o ReadOptions,
+    limits: Limits,
+    images: BTreeMap<String, Map<String, Json>>,
+    categories: BTreeMap<String, String>,
+    summary: Summary,
+    /// Number of masks, and of annotations that became records.
+    masks: u64,
+    given: u64,
+}
+
+impl Reading<'_> {
+    fn annotation(&mut self, text: &str, item: u64, place: &Place, sink: Sink<'_>) -> Result<(), FileError> {
+        let mut annotation: Annotation = serde_json::from_str(text).map_err(|error| {
+            FileError::malformed(place.clone(), format!("expected an annotation, got: {}", message(&error)))
+        })?;
+        let (segmentation, keypoints) = (annotation.segmentation.take(), annotation.keypoints.take());
+        let template = self.template(annotation, place);
+        let name = template.name.clone();
+        if !self.options.selects(template.label.as_deref().unwrap_or_default()) {
+            self.summary.drop("annotations that are not selected", name.as_deref(), || place.clone());
+            return Ok(());
+        }
+        let parts = match (segmentation, keypoints) {
+            (Some(Segmentation::Mask), _) => {
+                self.summary.drop("masks", name.as_deref(), || place.clone());
+                self.masks += 1;
+                return Ok(());
+            }
+            (Some(Segmentation::Polygons(polygons)), keypoints) if !polygons.is_empty() => {
+                if keypoints.is_some() {
+                    self.summary.drop("keypoints beside polygons", name.as_deref(), || place.clone());
+                }
+                polygons.into_iter().map(|polygon| ring(polygon, place)).collect::<Result<Vec<_>, _>>()?
+            }
+            (_, Some(keypoints)) => vec![landmarks(&keypoints, place)?],
+            _ => {
+                self.summary.drop("annotations without outline", name.as_deref(), || place.clone());
+                return Ok(());
+            }
+        };
+        self.given += 1;
+        let limits = self.limits;
+        let giving = Giving { holes: Holes::Keep, limits: &limits };
+        giving.give(parts, item, template, &mut self.summary, sink)
+    }
+
+    /// What an annotation says of its shapes.
+    fn template(&mut self, annotation: Annotation, place: &Place) -> Record {
+        let Annotation { id, name, image_id, category_id, attributes, others, .. } = annotation;
+        let mut record = Record::new(Geometry::Landmarks(Points::new(2)), place.clone());
+        record.name = name.or_else(|| word(&id));
+        record.label = self.categories.get(&category_id.to_string()).cloned().or_else(|| word(&category_id));
+        for (name, value) in attributes {
+            if let Some(value) = attribute(&value) {
+                record.labels.insert(name, value);
+            } else {
+                self.summary
+                    .drop("attributes that are no text, number or Boolean", Some(&name), || place.clone());
+            }
+        }
+        for (name, value) in others {
+            match name.as_str() {
+                "score" => record.labels.extend(attribute(&value).map(|value| (name, value))),
+                _ if DERIVED.contains(&name.as_str()) => {}
+                _ => drop(record.metadata.insert(name, value)),
+            }
+        }
+        if !image_id.is_null() {
+            let mut image = Map::from_iter([("id".into(), image_id.clone())]);
+            image.extend(self.images.get(&image_id.to_string()).cloned().unwrap_or_default());
+            record.metadata.insert("image".into(), Json::Object(image));
+        }
+        record
+    }
+
+    fn finish(mut self) -> Result<Summary, FileError> {
+        let advice = "make label images of them, with annToMask of pycocotools for example, and import these";
+        if self.masks > 0 && self.given == 0 {
+            let detail = format!("expected annotations with polygons, got {} masks: {advice}", self.masks);
+            return Err(FileError::new(FaultKind::Unsupported, detail));
+        }
+        if self.masks > 0 {
+            self.summary.warnings.push(format!("{} masks are not read: {advice}", self.masks));
+        }
+        self.summary.set("unit", "pixel");
+        Ok(self.summary)
+    }
+}
+
+/// An id as a text.
+fn word(id: &Json) -> Option<String> {
+    match id {
+        Json::String(text) => Some(text.clone()),
+        Json::Number(number) => Some(number.to_string()),
+        _ => None,
+    }
+}
+
+fn attribute(value: &Json) -> Option<Value> {
+    match value {
+        Json::Bool(value) => Some(Value::Bool(*value)),
+        Json::String(text) => Some(Value::Text(text.clone())),
+        Json::Number(number) => number.as_f64().map(Value::Number),
+        _ => None,
+    }
+}
+
+fn ring(polygon: Vec<f64>, place: &Place) -> Result<Part, FileError> {
+    let count = polygon.len();
+    if count == 0 || !count.is_multiple_of(2) {
+        let detail = format!("expected x and y of every point of a polygon, got {count} numbers");
+        return Err(FileError::malformed(Place::tag("segmentation").within(place), detail));
+    }
+    let mut points = Points::from_rows(2, polygon);
+    points.open();
+    Ok(Part::Area(vec![points]))
+}
+
+/// Points of x, y and visibility; a point that is not labelled (0) is missing.
+fn landmarks(keypoints: &[f64], place: &Place) -> Result<Part, FileError> {
+    let count = keypoints.len();
+    if count == 0 || !count.is_multiple_of(3) {
+        let detail = format!("expected x, y and visibility of every keypoint, got {count} numbers");
+        return Err(FileError::malformed(Place::tag("keypoints").within(place), detail));
+    }
+    let mut points = Points::new(2);
+    for point in keypoints.chunks_exact(3) {
+        if point[2] == 0.0 { points.push_missing() } else { points.push(&point[..2]) }
+    }
+    Ok(Part::Points(points))
+}
+
+impl<'de> Deserialize<'de> for Segmentation {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_any(Either)
+    }
+}
+
+struct Either;
+
+impl<'de> Visitor<'de> for Either {
+    type Value = Segmentation;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("a list of polygons or a mask")
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<Segmentation, A::Error> {
+        let mut polygons = Vec::new();
+        while let Some(polygon) = list.next_element()? {
+            polygons.push(polygon);
+        }
+        Ok(Segmentation::Polygons(polygons))
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Segmentation, A::Error> {
+        while map.next_entry::<IgnoredAny, IgnoredAny>()?.is_some() {}
+        Ok(Segmentation::Mask)
+    }
+}

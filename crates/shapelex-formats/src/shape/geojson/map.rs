@@ -1,0 +1,195 @@
+//! Features to records.
+
+use super::super::Sink;
+use super::super::error::{FileError, Place};
+use super::super::limits::Limits;
+use super::super::objects::{Giving, Part};
+use super::super::options::{Nuclei, ReadOptions};
+use super::super::record::{Geometry, Points, Record};
+use super::super::summary::Summary;
+use super::coordinates::Coordinates;
+use super::feature::{Node, Own, Properties};
+
+/// Makes records of features, and counts what becomes none.
+pub(super) struct Mapping<'o> {
+    options: &'o ReadOptions,
+    limits: Limits,
+    pub(super) summary: Summary,
+    /// Number of rings that did not repeat their first point.
+    unclosed: u64,
+}
+
+impl<'o> Mapping<'o> {
+    pub(super) fn new(options: &'o ReadOptions, limits: Limits) -> Self {
+        Self { options, limits, summary: Summary::default(), unclosed: 0 }
+    }
+
+    /// Gives the shapes of one feature, or of a geometry without properties, on.
+    pub(super) fn give(
+        &mut self,
+        node: Node,
+        item: u64,
+        place: &Place,
+        sink: Sink<'_>,
+    ) -> Result<(), FileError> {
+        let Node { kind, id, geometry, nucleus, properties, others, .. } = match node.kind.as_str() {
+            "Feature" => node,
+            _ if node.is_geometry() => Node {
+                kind: "Feature".into(),
+                id: node.id.clone(),
+                geometry: Some(Box::new(node)),
+                ..Node::default()
+            },
+            "" => return Err(FileError::malformed(place.clone(), "expected a member type, got none")),
+            other => {
+                let detail = format!("expected a Feature or a geometry, got type '{other}'");
+                return Err(FileError::malformed(place.clone(), detail));
+            }
+        };
+        debug_assert_eq!(kind, "Feature");
+        let mut template = self.template(properties, id, place);
+        template.metadata.extend(others);
+        let name = template.name.clone();
+        let selected = [&template.label, &name].into_iter().flatten().any(|word| self.options.selects(word));
+        if self.options.select.is_some() && !selected {
+            self.summary.drop("features that are not selected", name.as_deref(), || place.clone());
+            return Ok(());
+        }
+        let Some(outline) = geometry else {
+            self.summary.drop("features without geometry", name.as_deref(), || place.clone());
+            return Ok(());
+        };
+        let nuclei = self.options.nuclei.unwrap_or_default();
+        let nucleus = match (nucleus, nuclei) {
+            (Some(_), Nuclei::Skip) => {
+                self.summary.drop("nuclei of cells", name.as_deref(), || place.clone());
+                None
+            }
+            (nucleus, _) => nucleus,
+        };
+        if nuclei == Nuclei::Only {
+            self.summary.drop("outlines beside the nuclei", name.as_deref(), || place.clone());
+        } else {
+            let outer = if nucleus.is_some() {
+                template.clone()
+            } else {
+                std::mem::replace(&mut template, blank(place))
+            };
+            self.geometry(*outline, item, outer, place, sink)?;
+        }
+        let Some(nucleus) = nucleus else { return Ok(()) };
+        template.name = name.map(|name| format!("{name}/nucleus"));
+        self.geometry(*nucleus, item, template, place, sink)
+    }
+
+    /// A record without shape that has what a feature says.
+    fn template(&mut self, properties: Properties, id: Option<String>, place: &Place) -> Record {
+        let Properties { name, class, measurements, children, own, others } = properties;
+        for name in &measurements.empty {
+            self.summary.drop("measurements without a number", Some(name), || place.clone());
+        }
+        for _ in 0..children {
+            self.summary.drop("child objects", name.as_deref().or(id.as_deref()), || place.clone());
+        }
+        let mut record = blank(place);
+        (record.label, record.labels, record.metadata) = (class, measurements.values, others);
+        match (name, id) {
+            (Some(name), Some(id)) => {
+                record.name = Some(name);
+                record.metadata.insert("id".into(), id.into());
+            }
+            (name, id) => record.name = name.or(id),
+        }
+        if let Some(Own { subject, labels, weight }) = own {
+            (record.subject, record.weight) = (subject, weight);
+            record.labels.extend(labels);
+        }
+        record
+    }
+
+    /// Gives the parts of a geometry on.
+    fn geometry(
+        &mut self,
+        mut node: Node,
+        item: u64,
+        mut template: Record,
+        place: &Place,
+        sink: Sink<'_>,
+    ) -> Result<(), FileError> {
+        if !node.others.is_empty() {
+            template.metadata.insert("geometry".into(), std::mem::take(&mut node.others).into());
+        }
+        let mut parts = Vec::new();
+        self.collect(node, &mut parts, place)?;
+        if parts.is_empty() {
+            self.summary.drop("empty geometries", template.name.as_deref(), || place.clone());
+        }
+        let limits = self.limits;
+        let giving = Giving { holes: self.options.holes.unwrap_or_default(), limits: &limits };
+        giving.give(parts, item, template, &mut self.summary, sink)
+    }
+
+    /// Adds the parts of a geometry. Its depth is bounded by that of the text.
+    fn collect(&mut self, node: Node, parts: &mut Vec<Part>, place: &Place) -> Result<(), FileError> {
+        let Node { kind, coordinates, geometries, .. } = node;
+        if kind == "GeometryCollection" {
+            return geometries.into_iter().try_for_each(|node| self.collect(node, parts, place));
+        }
+        let place = || Place::tag("coordinates").within(place);
+        let height = match kind.as_str() {
+            "Point" => 0,
+            "MultiPoint" | "LineString" => 1,
+            "Polygon" | "MultiLineString" => 2,
+            "MultiPolygon" => 3,
+            other => {
+                let detail = format!("expected a type of geometry, got '{other}'");
+                return Err(FileError::malformed(place(), detail));
+            }
+        };
+        let Some(coordinates) = coordinates else {
+            return Err(FileError::malformed(place(), format!("expected coordinates of a {kind}, got none")));
+        };
+        let Some(found) = coordinates.height else { return Ok(()) };
+        if found != height {
+            let [expected, found] = [height, found].map(|height| {
+                ["a position", "a list of positions", "lists of positions", "lists of lists of positions"]
+                    [height]
+            });
+            let detail = format!("expected {expected} as coordinates of a {kind}, got {found}");
+            return Err(FileError::malformed(place(), detail));
+        }
+        match kind.as_str() {
+            "Point" | "MultiPoint" => parts.push(Part::Points(coordinates.points())),
+            "LineString" => parts.push(Part::Line(coordinates.points())),
+            "MultiLineString" => parts.extend(coordinates.lines().into_iter().map(Part::Line)),
+            "Polygon" => parts.push(self.polygon(coordinates.lines())),
+            _ => {
+                parts.extend(Coordinates::polygons(coordinates).into_iter().map(|rings| self.polygon(rings)))
+            }
+        }
+        Ok(())
+    }
+
+    fn polygon(&mut self, mut rings: Vec<Points>) -> Part {
+        for ring in &mut rings {
+            if !ring.open() {
+                self.unclosed += 1;
+            }
+        }
+        Part::Area(rings)
+    }
+
+    /// What is to be said of the whole file.
+    pub(super) fn finish(mut self) -> Summary {
+        if self.unclosed > 0 {
+            let warning = format!("{} rings do not repeat their first point, taken as closed", self.unclosed);
+            self.summary.warnings.push(warning);
+        }
+        self.summary
+    }
+}
+
+/// A record of which only the place is known.
+fn blank(place: &Place) -> Record {
+    Record::new(Geometry::Landmarks(Points::new(2)), place.clone())
+}

@@ -1,0 +1,209 @@
+//! Records to features that QuPath reads.
+
+use std::collections::BTreeMap;
+use std::io::Write;
+
+use serde_json::{Map, Value as Json, json};
+
+use super::super::error::FileError;
+use super::super::objects::{Grouping, PartRef, number, parts};
+use super::super::options::WriteOptions;
+use super::super::record::{Points, Record, Value};
+use super::super::summary::Summary;
+use super::super::write::Writer;
+use super::feature::Own;
+
+/// A collection that is being written, a feature a line.
+struct Features<'a> {
+    output: Box<dyn Write + Send + 'a>,
+    grouping: Grouping,
+    /// Number of records taken and of features written.
+    records: u64,
+    features: u64,
+    buffer: Vec<u8>,
+}
+
+pub(super) fn open<'a>(
+    mut output: Box<dyn Write + Send + 'a>,
+    _: &WriteOptions,
+) -> Result<Box<dyn Writer + 'a>, FileError> {
+    output.write_all(b"{\"type\":\"FeatureCollection\",\"features\":[")?;
+    Ok(Box::new(Features {
+        output,
+        grouping: Grouping::default(),
+        records: 0,
+        features: 0,
+        buffer: Vec::new(),
+    }))
+}
+
+impl Writer for Features<'_> {
+    fn push(&mut self, record: &Record) -> Result<(), FileError> {
+        let before = self.grouping.push(record);
+        self.records += 1;
+        self.feature(&before)
+    }
+
+    fn finish(mut self: Box<Self>) -> Result<Summary, FileError> {
+        let left = self.grouping.finish();
+        self.feature(&left)?;
+        self.output.write_all(b"\n]}\n")?;
+        self.output.flush()?;
+        Ok(Summary { records: self.records, ..Summary::default() })
+    }
+}
+
+impl Features<'_> {
+    /// Writes the feature of the rings of one object.
+    fn feature(&mut self, records: &[Record]) -> Result<(), FileError> {
+        let Some(first) = records.first() else { return Ok(()) };
+        let parts = parts(records, "GeoJSON")?;
+        let mut text = std::mem::take(&mut self.buffer);
+        text.clear();
+        text.extend_from_slice(if self.features > 0 { b",\n" } else { b"\n" });
+        text.extend_from_slice(b"{\"type\":\"Feature\",");
+        let mut metadata = first.metadata.clone();
+        let (id, name) = names(first, &mut metadata);
+        if let Some(id) = id {
+            text.extend_from_slice(format!("\"id\":{},", Json::String(id)).as_bytes());
+        }
+        text.extend_from_slice(b"\"geometry\":");
+        geometry(&mut text, &parts, metadata.remove("geometry"));
+        text.extend_from_slice(b",\"properties\":");
+        serde_json::to_writer(&mut text, &properties(first, metadata, name)).map_err(std::io::Error::from)?;
+        text.push(b'}');
+        self.output.write_all(&text)?;
+        (self.buffer, self.features) = (text, self.features + 1);
+        Ok(())
+    }
+}
+
+/// Id and name of a feature. A name that has the form of an id of QuPath is one: unnamed objects have it as name of their record.
+fn names(record: &Record, metadata: &mut Map<String, Json>) -> (Option<String>, Option<String>) {
+    let id = match metadata.remove("id") {
+        Some(Json::String(id)) => Some(id),
+        Some(other) => {
+            metadata.insert("id".into(), other);
+            None
+        }
+        None => None,
+    };
+    match (id, record.name.clone()) {
+        (None, Some(name)) if is_uuid(&name) => (Some(name), None),
+        (id, name) => (id, name),
+    }
+}
+
+/// Whether a text is five groups of 8, 4, 4, 4 and 12 hexadecimal digits.
+fn is_uuid(text: &str) -> bool {
+    let groups: Vec<&str> = text.split('-').collect();
+    groups.iter().map(|group| group.len()).eq([8, 4, 4, 4, 12])
+        && groups.iter().all(|group| group.bytes().all(|byte| byte.is_ascii_hexdigit()))
+}
+
+/// The properties as QuPath names them: numbers are measurements; what it does not know stands in `shapelex`.
+fn properties(record: &Record, mut metadata: Map<String, Json>, name: Option<String>) -> Map<String, Json> {
+    let mut properties = Map::new();
+    let object_type = metadata.remove("objectType").unwrap_or_else(|| "annotation".into());
+    properties.insert("objectType".into(), object_type);
+    if let Some(name) = name {
+        metadata.remove("name");
+        properties.insert("name".into(), name.into());
+    }
+    if let Some(label) = &record.label {
+        let mut class = match metadata.remove("classification") {
+            Some(Json::Object(class)) => class,
+            _ => Map::new(),
+        };
+        class.insert("name".into(), label.clone().into());
+        properties.insert("classification".into(), Json::Object(class));
+    }
+    let (mut measurements, mut labels) = (Map::new(), BTreeMap::new());
+    for (name, value) in &record.labels {
+        match value {
+            Value::Number(number) => drop(measurements.insert(name.clone(), json!(number))),
+            other => drop(labels.insert(name.clone(), other.clone())),
+        }
+    }
+    if !measurements.is_empty() {
+        metadata.remove("measurements");
+        properties.insert("measurements".into(), Json::Object(measurements));
+    }
+    let own = Own { subject: record.subject.clone(), labels, weight: record.weight };
+    if own.subject.is_some() || !own.labels.is_empty() || own.weight.is_some() {
+        properties.insert("shapelex".into(), json!(own));
+    }
+    properties.extend(metadata);
+    properties
+}
+
+/// Writes a geometry: one part as itself, parts of one kind as a group of them, others as a collection; then its other members.
+fn geometry(text: &mut Vec<u8>, parts: &[PartRef<'_>], members: Option<Json>) {
+    let groups = |part: &PartRef<'_>| match part {
+        PartRef::Area(_) => "MultiPolygon",
+        PartRef::Line(_) => "MultiLineString",
+        // Points of several parts would become one list of points.
+        PartRef::Points(_) => "GeometryCollection",
+    };
+    let one_kind = parts.windows(2).all(|pair| groups(&pair[0]) == groups(&pair[1]));
+    match parts {
+        [part] => single(text, part),
+        [first, ..] if one_kind && groups(first) != "GeometryCollection" => {
+            text.extend_from_slice(format!("{{\"type\":\"{}\",\"coordinates\":", groups(first)).as_bytes());
+            list(text, parts, coordinates);
+        }
+        _ => {
+            text.extend_from_slice(b"{\"type\":\"GeometryCollection\",\"geometries\":");
+            list(text, parts, |text, part| {
+                single(text, part);
+                text.push(b'}');
+            });
+        }
+    }
+    if let Some(Json::Object(members)) = members {
+        for (name, value) in members {
+            text.extend_from_slice(format!(",{}:{value}", Json::String(name)).as_bytes());
+        }
+    }
+    text.push(b'}');
+}
+
+/// Writes one part without the bracket that closes it.
+fn single(text: &mut Vec<u8>, part: &PartRef<'_>) {
+    let kind = match part {
+        PartRef::Area(_) => "Polygon",
+        PartRef::Line(_) => "LineString",
+        PartRef::Points(points) if points.len() == 1 => "Point",
+        PartRef::Points(_) => "MultiPoint",
+    };
+    text.extend_from_slice(format!("{{\"type\":\"{kind}\",\"coordinates\":").as_bytes());
+    coordinates(text, part);
+}
+
+fn coordinates(text: &mut Vec<u8>, part: &PartRef<'_>) {
+    match part {
+        PartRef::Area(rings) => list(text, rings, |text, ring| rows(text, ring, true)),
+        PartRef::Line(points) => rows(text, points, false),
+        PartRef::Points(points) => match points.rows().next() {
+            Some(row) if points.len() == 1 => list(text, row, |text, x| number(text, *x)),
+            _ => rows(text, points, false),
+        },
+    }
+}
+
+/// Writes points; a ring repeats its first one.
+fn rows(text: &mut Vec<u8>, points: &Points, ring: bool) {
+    let again = points.rows().take(usize::from(ring));
+    list(text, points.rows().chain(again), |text, row| list(text, row, |text, x| number(text, *x)));
+}
+
+fn list<T>(text: &mut Vec<u8>, items: impl IntoIterator<Item = T>, mut item: impl FnMut(&mut Vec<u8>, T)) {
+    text.push(b'[');
+    for (k, content) in items.into_iter().enumerate() {
+        if k > 0 {
+            text.push(b',');
+        }
+        item(text, content);
+    }
+    text.push(b']');
+}

@@ -1,0 +1,318 @@
+//! Objects of the plane, as several formats have them: areas with holes, lines and points, alone or in groups.
+//!
+//! Reading makes one record of every ring, line or list of points; writing puts those with the same [`Ring::object`] together again.
+
+use std::io::Write;
+
+use super::Sink;
+use super::error::{FileError, Place};
+use super::limits::Limits;
+use super::options::Holes;
+use super::record::{Geometry, Points, Record, Ring};
+use super::summary::Summary;
+
+/// A part of an object.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Part {
+    /// A ring and those of its holes. No ring repeats its first point.
+    Area(Vec<Points>),
+    /// An open line.
+    Line(Points),
+    /// Points that belong together.
+    Points(Points),
+}
+
+/// What a reader says of all its objects.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Giving<'a> {
+    /// What becomes of holes.
+    pub(super) holes: Holes,
+    /// Bounds on the number of points.
+    pub(super) limits: &'a Limits,
+}
+
+impl Giving<'_> {
+    /// Gives the parts of an object on, each with what `template` says. Only an object of several rings or parts has a
+    /// [`Ring`]; rings of skipped holes count as such.
+    pub(super) fn give(
+        &self,
+        parts: Vec<Part>,
+        object: u64,
+        template: Record,
+        summary: &mut Summary,
+        sink: Sink<'_>,
+    ) -> Result<(), FileError> {
+        let rings = parts.iter().map(|part| if let Part::Area(rings) = part { rings.len() } else { 1 });
+        let several = rings.sum::<usize>() > 1;
+        let mut found = Vec::new();
+        for (part, content) in (0..).zip(parts) {
+            match content {
+                Part::Area(rings) => {
+                    for (k, points) in rings.into_iter().enumerate() {
+                        let hole = k > 0;
+                        if hole && !self.keeps(&template, summary)? {
+                            continue;
+                        }
+                        found.push((part, hole, Geometry::Curve { points, closed: true }));
+                    }
+                }
+                Part::Line(points) => found.push((part, false, Geometry::Curve { points, closed: false })),
+                Part::Points(points) => found.push((part, false, Geometry::Landmarks(points))),
+            }
+        }
+        let record = |(part, hole, geometry): (u64, bool, Geometry), template: Record| Record {
+            ring: several.then_some(Ring { object, part, hole }),
+            geometry,
+            ..template
+        };
+        let last = found.pop();
+        for content in found {
+            self.check(&content.2, &template.place)?;
+            sink(record(content, template.clone()))?;
+        }
+        last.map_or(Ok(()), |content| {
+            self.check(&content.2, &template.place)?;
+            sink(record(content, template))
+        })
+    }
+
+    fn check(&self, geometry: &Geometry, place: &Place) -> Result<(), FileError> {
+        if let Geometry::Curve { points, .. } | Geometry::Landmarks(points) = geometry {
+            self.limits.points(points.len() as u64, || place.clone())?;
+        }
+        Ok(())
+    }
+
+    /// Whether a hole becomes a record.
+    fn keeps(&self, template: &Record, summary: &mut Summary) -> Result<bool, FileError> {
+        match self.holes {
+            Holes::Keep => Ok(true),
+            Holes::Skip => {
+                summary.drop("holes", template.name.as_deref(), || template.place.clone());
+                Ok(false)
+            }
+            Holes::Refuse => {
+                let detail = "expected areas without holes, as the option holes asks, got a hole";
+                Err(FileError::unsupported(template.place.clone(), detail))
+            }
+        }
+    }
+}
+
+/// Collects the records of an object for writing.
+#[derive(Debug, Default)]
+pub(super) struct Grouping {
+    records: Vec<Record>,
+}
+
+impl Grouping {
+    /// Adds a record; returns those of the object before it, if the record begins another one.
+    ///
+    /// A ring begins another object if its number, its name or its label differs, or if the numbers of parts do not go on: files that
+    /// are written one after the other all count their objects from 0.
+    pub(super) fn push(&mut self, record: &Record) -> Vec<Record> {
+        let goes_on = self.records.last().is_some_and(|last| match (&last.ring, &record.ring) {
+            (Some(a), Some(b)) => {
+                let next = if b.hole { b.part >= a.part } else { b.part > a.part };
+                a.object == b.object && next && last.name == record.name && last.label == record.label
+            }
+            _ => false,
+        });
+        let before = if goes_on { Vec::new() } else { self.finish() };
+        self.records.push(record.clone());
+        before
+    }
+
+    /// The records that are left.
+    pub(super) fn finish(&mut self) -> Vec<Record> {
+        std::mem::take(&mut self.records)
+    }
+}
+
+/// A part of an object to be written.
+#[derive(Debug)]
+pub(super) enum PartRef<'a> {
+    /// A ring and those of its holes.
+    Area(Vec<&'a Points>),
+    /// An open line.
+    Line(&'a Points),
+    /// Points that belong together.
+    Points(&'a Points),
+}
+
+/// The parts of an object, for a format that knows neither meshes nor missing points.
+///
+/// # Errors
+/// A record that `format` cannot hold, by name.
+pub(super) fn parts<'a>(records: &'a [Record], format: &str) -> Result<Vec<PartRef<'a>>, FileError> {
+    let mut parts: Vec<(Option<u64>, PartRef<'a>)> = Vec::new();
+    for record in records {
+        let refused = |got: &str| Err(refusal(record, format, got));
+        let (points, part) = match &record.geometry {
+            Geometry::Curve { points, closed: true } => (points, PartRef::Area(vec![points])),
+            Geometry::Curve { points, closed: false } => (points, PartRef::Line(points)),
+            Geometry::Landmarks(points) => (points, PartRef::Points(points)),
+            Geometry::Mesh(_) => return refused("a mesh"),
+            Geometry::Fourier(_) => return refused("Fourier coefficients"),
+        };
+        if points.is_empty() {
+            return refused("no points");
+        }
+        if !points.missing().is_empty() {
+            return refused("missing points");
+        }
+        if !(2..=3).contains(&points.dimension()) {
+            return refused(&format!("points of {} coordinates", points.dimension()));
+        }
+        if let (PartRef::Area(_), true) = (&part, points.len() < 3) {
+            return refused(&format!("a closed curve of {} points", points.len()));
+        }
+        let number = record.ring.as_ref().map(|ring| ring.part);
+        match (parts.last_mut(), &record.ring) {
+            (Some((last, PartRef::Area(rings))), Some(ring)) if ring.hole && *last == number => {
+                rings.push(points);
+            }
+            _ => parts.push((number, part)),
+        }
+    }
+    Ok(parts.into_iter().map(|(_, part)| part).collect())
+}
+
+/// A record that a format cannot hold.
+pub(super) fn refusal(record: &Record, format: &str, got: &str) -> FileError {
+    let name = record.name.as_ref().map(|name| format!(" of '{name}'")).unwrap_or_default();
+    let detail = format!("expected curves and points that {format} can hold, got {got}{name}");
+    FileError::unsupported(record.place.clone(), detail)
+}
+
+/// Counts what a record says and a format does not: subject, weight, and what else is lost.
+pub(super) fn count_lost(record: &Record, others: &[(&str, bool)], summary: &mut Summary) {
+    let common = [("subjects", record.subject.is_some()), ("weights", record.weight.is_some())];
+    for (what, lost) in others.iter().chain(&common) {
+        if *lost {
+            summary.drop(what, record.name.as_deref(), || record.place.clone());
+        }
+    }
+}
+
+/// Writes a number so that it is read as the same one. Whole numbers have no fraction, as most programs write them.
+pub(super) fn number(text: &mut Vec<u8>, x: f64) {
+    let whole = x.fract() == 0.0 && x.abs() < 1e15;
+    let written = if whole { write!(text, "{x:.0}") } else { write!(text, "{}", serde_json::Value::from(x)) };
+    written.expect("a list of bytes takes all that is written");
+}
+
+/// Signed area of a polygon of the plane, positive where `x` turns to `y`:
+///
+/// ```text
+/// A = ½ Σ_k (x_k − x_0)(y_{k+1} − y_0) − (x_{k+1} − x_0)(y_k − y_0)
+/// ```
+pub(super) fn area(ring: &Points) -> f64 {
+    let Some(first) = ring.rows().next() else { return 0.0 };
+    let from_first = |row: &[f64]| (row[0] - first[0], row[1] - first[1]);
+    let pairs = ring.rows().zip(ring.rows().skip(1));
+    pairs
+        .map(|(a, b)| {
+            let ((ax, ay), (bx, by)) = (from_first(a), from_first(b));
+            ax * by - bx * ay
+        })
+        .sum::<f64>()
+        / 2.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::FaultKind;
+    use super::*;
+
+    fn ring(coordinates: &[f64]) -> Points {
+        Points::from_rows(2, coordinates.to_vec())
+    }
+
+    fn square() -> Points {
+        ring(&[0.0, 0.0, 2.0, 0.0, 2.0, 1.0, 0.0, 1.0])
+    }
+
+    fn given(parts: Vec<Part>, holes: Holes) -> Result<(Vec<Record>, Summary), FileError> {
+        let (mut records, mut summary) = (Vec::new(), Summary::default());
+        let template = Record {
+            name: Some("a".into()),
+            ..Record::new(Geometry::Landmarks(Points::new(2)), Place::item(7))
+        };
+        Giving { holes, limits: &Limits::default() }.give(
+            parts,
+            7,
+            template,
+            &mut summary,
+            &mut |record| {
+                records.push(record);
+                Ok(())
+            },
+        )?;
+        Ok((records, summary))
+    }
+
+    #[test]
+    fn rings_of_an_object_are_put_together_again() {
+        let object =
+            vec![Part::Area(vec![square(), square()]), Part::Line(square()), Part::Area(vec![square()])];
+        let (records, summary) = given(object.clone(), Holes::Keep).expect("records");
+        let rings: Vec<_> =
+            records.iter().filter_map(|r| r.ring.clone()).map(|r| (r.object, r.part, r.hole)).collect();
+        assert_eq!(rings, [(7, 0, false), (7, 0, true), (7, 1, false), (7, 2, false)]);
+        assert!(summary.dropped.is_empty());
+        let mut grouping = Grouping::default();
+        for record in &records {
+            assert!(grouping.push(record).is_empty());
+        }
+        assert_eq!(grouping.push(&records[0]).len(), 4, "the same number again is another object");
+        let sizes: Vec<_> = parts(&records, "x")
+            .expect("parts")
+            .iter()
+            .map(|part| match part {
+                PartRef::Area(rings) => rings.len(),
+                _ => 0,
+            })
+            .collect();
+        assert_eq!(sizes, [2, 0, 1]);
+    }
+
+    #[test]
+    fn holes_are_counted_or_refused() {
+        let (records, summary) =
+            given(vec![Part::Area(vec![square(), square()])], Holes::Skip).expect("records");
+        assert_eq!((records.len(), records[0].ring.is_some()), (1, true));
+        assert_eq!((summary.dropped[0].count, &summary.dropped[0].names[..]), (1, &["a".to_owned()][..]));
+        let error = given(vec![Part::Area(vec![square(), square()])], Holes::Refuse).expect_err("a hole");
+        assert_eq!(
+            error.to_string(),
+            "item 7: expected areas without holes, as the option holes asks, got a hole"
+        );
+        let (records, _) = given(vec![Part::Area(vec![square()])], Holes::Refuse).expect("records");
+        assert_eq!(records[0].ring, None);
+    }
+
+    #[test]
+    fn records_that_do_not_fit_are_named() {
+        let mut missing = square();
+        missing.push_missing();
+        for (geometry, got) in [
+            (Geometry::Landmarks(missing), "missing points"),
+            (Geometry::Landmarks(Points::new(2)), "no points"),
+            (Geometry::Curve { points: ring(&[0.0, 1.0]), closed: true }, "a closed curve of 1 points"),
+            (Geometry::Landmarks(Points::from_rows(1, vec![1.0])), "points of 1 coordinates"),
+        ] {
+            let record = Record { name: Some("b".into()), ..Record::new(geometry, Place::default()) };
+            let error = parts(std::slice::from_ref(&record), "WKT").expect_err("a fault");
+            let message = format!("expected curves and points that WKT can hold, got {got} of 'b'");
+            assert_eq!((error.kind, error.to_string()), (FaultKind::Unsupported, message));
+        }
+    }
+
+    #[test]
+    fn areas_have_a_sign() {
+        assert_eq!(area(&square()), 2.0);
+        assert_eq!(area(&ring(&[0.0, 0.0, 0.0, 1.0, 2.0, 1.0, 2.0, 0.0])), -2.0);
+        assert_eq!(area(&Points::new(2)), 0.0);
+    }
+}
