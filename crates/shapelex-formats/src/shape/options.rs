@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::error::{FaultKind, FileError};
 use super::format::Format;
+use crate::dicom::SeriesImage;
 
 /// Options of reading. A format refuses those that it does not name in [`Format::options`].
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -13,6 +14,8 @@ pub struct ReadOptions {
     pub select: Option<String>,
     /// What becomes of rings that bound holes. Default: `skip`.
     pub holes: Option<Holes>,
+    /// What becomes of contours that were drawn on slices of a volume. Default: `space`.
+    pub contours: Option<Contours>,
     /// Whether curves are closed, where the format does not say.
     pub closed: Option<bool>,
 }
@@ -28,6 +31,19 @@ pub enum Holes {
     Keep,
     /// A file that has some is refused.
     Refuse,
+}
+
+/// What becomes of contours that were drawn on slices of a volume.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Contours {
+    /// Curves with three coordinates, as in the file.
+    #[default]
+    Space,
+    /// Curves with two coordinates in the plane of their slice, as cohorts of planar curves take them.
+    Plane,
+    /// One surface for each region, through its slices.
+    Stack,
 }
 
 impl ReadOptions {
@@ -82,6 +98,10 @@ fn matches_pattern(pattern: &[u8], text: &[u8]) -> bool {
 pub struct WriteOptions {
     /// Unit of the coordinates, where a format has a place for it.
     pub unit: Option<String>,
+    /// Headers of the images that a structure set refers to, all of one series (`dicom::series` reads them).
+    pub series: Vec<SeriesImage>,
+    /// When the file is made, where a format has a place for it: `2026-11-26T03:00:00`. No date if absent.
+    pub created: Option<String>,
 }
 
 #[cfg(test)]
