@@ -13,9 +13,9 @@ mod series;
 mod values;
 
 pub(crate) use content::{Content, is_dicom};
-pub(crate) use data_set::{DataSet, Value};
 pub(crate) use identity::list_identifying;
 pub(crate) use number::decimal;
+pub(crate) use series::check_orientation;
 pub use series::{Patient, SeriesImage, Study, series};
 pub(crate) use values::{File, Node};
 
@@ -24,10 +24,10 @@ use dicom_dictionary_std::{StandardSopClassDictionary, tags};
 
 use crate::shape::{FileError, Place};
 
-/// Refuses a file of another class than `class`, and says what it is.
-pub(crate) fn check_class(root: &Node<'_>, class: &str, name: &str) -> Result<(), FileError> {
+/// Refuses a file of another class than those given, and says what it is.
+pub(crate) fn check_class(root: &Node<'_>, classes: &[&str], name: &str) -> Result<(), FileError> {
     let found = root.text(tags::SOP_CLASS_UID)?;
-    if found.as_deref() == Some(class) {
+    if found.as_deref().is_some_and(|found| classes.contains(&found)) {
         return Ok(());
     }
     let modality = root.text(tags::MODALITY)?.unwrap_or_else(|| "none".into());

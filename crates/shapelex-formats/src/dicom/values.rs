@@ -78,11 +78,6 @@ pub(crate) struct Node<'f> {
 }
 
 impl<'f> Node<'f> {
-    /// Its elements.
-    pub(crate) fn set(&self) -> &'f DataSet<'f> {
-        self.set
-    }
-
     /// Where an element is, or would be.
     pub(crate) fn place(&self, tag: Tag) -> Place {
         let byte = self.set.get(tag).map(|element| element.at);

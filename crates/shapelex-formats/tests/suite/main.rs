@@ -2,8 +2,12 @@
 #![allow(clippy::unwrap_used, missing_docs)]
 
 mod data;
+mod dicom;
 mod files;
 mod nifti;
+mod nrrd;
 mod png;
+mod rtstruct;
+mod segmentation;
 mod tiff;
 mod written;

@@ -51,7 +51,7 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
     let content = Content::new(&bytes, limits.content.min(limits.held as u64))?;
     let file = content.parse(limits.depth)?;
     let root = file.root();
-    dicom::check_class(&root, uids::RT_STRUCTURE_SET_STORAGE, &format!("a {NAME}"))?;
+    dicom::check_class(&root, &[uids::RT_STRUCTURE_SET_STORAGE], &format!("a {NAME}"))?;
     let mut summary = Summary::default();
     dicom::list_identifying(&file, &mut summary);
     summary.set("unit", "mm");
