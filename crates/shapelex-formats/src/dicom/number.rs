@@ -4,10 +4,7 @@
 const LONGEST: usize = 16;
 
 /// The number as a decimal string of at most 16 characters: the shortest that reads back the same, else the nearest that fits.
-///
-/// ```text
-/// |x − decimal(x)| ≤ 10⁻¹⁰ |x|
-/// ```
+/// It has 13 significant digits or more where 0.1 ≤ |x| < 10¹³, and 9 everywhere.
 pub(crate) fn decimal(x: f64) -> String {
     // −0 has no meaning for positions.
     let x = x + 0.0;

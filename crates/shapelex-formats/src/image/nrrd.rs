@@ -357,13 +357,12 @@ fn text<T: Target>(bytes: &[u8], cells: usize) -> Result<Vec<T>, ImageError> {
     })?;
     // Every number takes a digit and a blank.
     if bytes.len() / 2 + 1 < cells {
-        let found = bytes.len() as u64 / 2 + 1;
-        return Err(ImageError::Truncated { place: CELLS, expected: cells as u64, found });
+        return Err(ImageError::Values { what: CELLS, expected: cells, found: bytes.len() / 2 + 1 });
     }
     let mut values = reserve(cells)?;
     for word in text.split(|c: char| c.is_ascii_whitespace() || c == ',').filter(|word| !word.is_empty()) {
         if values.len() == cells {
-            return Err(ImageError::Excess { place: CELLS, expected: cells as u64 });
+            return Err(ImageError::Values { what: CELLS, expected: cells, found: cells + 1 });
         }
         values.push(match word.parse::<i64>() {
             Ok(whole) => whole.to(values.len())?,
@@ -371,8 +370,7 @@ fn text<T: Target>(bytes: &[u8], cells: usize) -> Result<Vec<T>, ImageError> {
         });
     }
     if values.len() < cells {
-        let found = values.len() as u64;
-        return Err(ImageError::Truncated { place: CELLS, expected: cells as u64, found });
+        return Err(ImageError::Values { what: CELLS, expected: cells, found: values.len() });
     }
     Ok(values)
 }

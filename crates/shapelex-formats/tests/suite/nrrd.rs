@@ -49,7 +49,7 @@ fn labels_of_text_are_exact() {
     let values = read_labels(&raw(&header, b"4294967295 16777217 0 1"), &LIMITS).unwrap().values;
     assert_eq!(values, [u32::MAX, 16_777_217, 0, 1]);
     assert!(refusal(&raw(&header, b"1 2 3")).ends_with("got 3"));
-    assert!(refusal(&raw(&header, b"1 2 3 4 5")).starts_with("expected the file to end after 4 bytes"));
+    assert!(refusal(&raw(&header, b"1 2 3 4 5")).ends_with("expected 4 NRRD cells, got 5"));
     assert!(refusal(&raw(&header, b"1 2 3 x")).ends_with("expected finite numbers in the cells, got 'x'"));
     assert!(refusal(&raw(&header, b"1 2 3 1e999")).ends_with("got '1e999'"));
 }

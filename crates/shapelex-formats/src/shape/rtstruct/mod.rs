@@ -104,7 +104,7 @@ impl Reading<'_, '_> {
         self.warn(&region, &sliced);
         let wanted = self.options.contours.unwrap_or_default();
         if wanted != Contours::Space && sliced.basis.is_none() {
-            let what = "regions whose contours are not in parallel planes";
+            let what = "regions without contours in parallel planes";
             self.summary.drop(what, Some(&region.name), || place);
             return Ok(());
         }

@@ -264,7 +264,13 @@ fn kinds(root: &Node<'_>) -> Result<BTreeMap<i64, String>, FileError> {
 /// Lists of contours by numbers of regions.
 fn contours<'f>(root: &Node<'f>) -> Result<BTreeMap<i64, Node<'f>>, FileError> {
     let mut contours = BTreeMap::new();
-    for node in root.items(tags::ROI_CONTOUR_SEQUENCE)? {
+    let lists = root.items(tags::ROI_CONTOUR_SEQUENCE)?;
+    if lists.is_empty() {
+        return Err(
+            root.malformed(tags::ROI_CONTOUR_SEQUENCE, "expected the contours of the regions, got none")
+        );
+    }
+    for node in lists {
         let tag = tags::REFERENCED_ROI_NUMBER;
         let number = number(&node, tag)?;
         let place = node.place(tag);

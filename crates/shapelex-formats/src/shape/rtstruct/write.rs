@@ -47,10 +47,16 @@ pub(super) fn open<'a>(
             "expected images of one series in one frame of reference, got another at image {k}"
         ));
     }
-    let filled = [&first.series, &first.study.instance, &first.frame_of_reference];
-    let named = |image: &SeriesImage| !image.class.is_empty() && !image.instance.is_empty();
-    if filled.iter().any(|uid| uid.is_empty()) || !options.series.iter().all(named) {
-        return fault("expected all identifiers of the images of the series, got an empty one".into());
+    let shared = [&first.series, &first.study.instance, &first.frame_of_reference];
+    let own = options.series.iter().flat_map(|image| [&image.class, &image.instance]);
+    if let Some(uid) = shared.into_iter().chain(own).find(|uid| !is_uid(uid)) {
+        let detail = "expected identifiers of the images of the series, at most 64 digits and points, got";
+        return fault(format!("{detail} '{}'", uid.escape_default()));
+    }
+    let (study, patient) = (&first.study, &first.patient);
+    let texts = [&study.id, &study.accession_number, &study.referring_physician, &patient.name, &patient.id];
+    for text in texts.into_iter().chain([&study.date, &study.time, &patient.birth_date, &patient.sex]) {
+        check_text(text, LONGEST_NAME, "what is said of patient and study")?;
     }
     let created = options.created.as_deref().map(moment).transpose()?;
     Ok(Box::new(Structures {
@@ -61,6 +67,10 @@ pub(super) fn open<'a>(
         known: BTreeMap::new(),
         summary: Summary::default(),
     }))
+}
+
+fn is_uid(text: &str) -> bool {
+    (1..=64).contains(&text.len()) && text.bytes().all(|byte| byte.is_ascii_digit() || byte == b'.')
 }
 
 /// `2026-11-26T03:00:00` as `20261126` and `030000`.
