@@ -87,6 +87,6 @@ fn identifies(element: &Element<'_>) -> bool {
 }
 
 fn name(tag: Tag) -> String {
-    let entry = StandardDataDictionary.by_tag(tag).filter(|_| tag.group() % 2 == 0);
+    let entry = StandardDataDictionary.by_tag(tag).filter(|_| tag.group().is_multiple_of(2));
     entry.map_or_else(|| shown(tag), |entry| entry.alias().to_owned())
 }

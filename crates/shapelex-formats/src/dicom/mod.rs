@@ -3,7 +3,7 @@
 //! Containers are read by `dicom-parser`, one header after the other; values stay where they are in the file until they are asked
 //! for. So a length is compared with the bytes that are left before anything is read, and nested sequences cost no stack.
 //!
-//! * [`series`] reads what a structure set has to know of an image that it refers to.
+//! * [`series()`] reads what a structure set has to know of an image that it refers to.
 
 mod content;
 mod data_set;

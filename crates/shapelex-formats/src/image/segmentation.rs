@@ -268,7 +268,7 @@ fn arrange(
     limits: &Limits,
 ) -> Result<(Grid, Vec<Frame>), ImageError> {
     let mut positions = Vec::with_capacity(per_frame.len());
-    let mut planes: Option<([f64; 6], [f64; 2], Option<f64>)> = None;
+    let mut planes: Option<Plane> = None;
     for frame in per_frame {
         let found = plane(frame, shared)?;
         if *planes.get_or_insert(found) != found {
@@ -277,7 +277,7 @@ fn arrange(
         let node = described(frame, shared, tags::PLANE_POSITION_SEQUENCE, "the position")?;
         positions.push(vector::<3>(&node, tags::IMAGE_POSITION_PATIENT, "the position of a frame")?);
     }
-    let Some((directions, [row_spacing, column_spacing], between)) = planes else {
+    let Some(Plane { directions, spacing: [row_spacing, column_spacing], between }) = planes else {
         return Err(ImageError::corrupt(NAME, "expected at least one frame, got none"));
     };
     dicom::check_orientation(&directions).map_err(|detail| ImageError::corrupt(NAME, detail))?;
@@ -306,18 +306,25 @@ fn arrange(
     Ok((grid, frames))
 }
 
-/// Orientation, spacing of rows and columns, and distance of slices.
-fn plane(
-    frame: &Node<'_>,
-    shared: Option<&Node<'_>>,
-) -> Result<([f64; 6], [f64; 2], Option<f64>), ImageError> {
+/// How a frame lies, but for its position.
+#[derive(Clone, Copy, PartialEq)]
+struct Plane {
+    /// Directions of a row and of a column.
+    directions: [f64; 6],
+    /// Distances of rows and of columns, in mm.
+    spacing: [f64; 2],
+    /// Distance of slices, if the file says it.
+    between: Option<f64>,
+}
+
+fn plane(frame: &Node<'_>, shared: Option<&Node<'_>>) -> Result<Plane, ImageError> {
     let node = described(frame, shared, tags::PLANE_ORIENTATION_SEQUENCE, "the orientation")?;
     let directions = vector(&node, tags::IMAGE_ORIENTATION_PATIENT, "the orientation of a frame")?;
     let node = described(frame, shared, tags::PIXEL_MEASURES_SEQUENCE, "the spacing")?;
     let spacing = vector(&node, tags::PIXEL_SPACING, "the spacing of the pixels of a frame")?;
     let between = node.array::<1>(tags::SPACING_BETWEEN_SLICES).map_err(refused)?;
     let thickness = node.array::<1>(tags::SLICE_THICKNESS).map_err(refused)?;
-    Ok((directions, spacing, between.or(thickness).map(|[x]| x).filter(|x| *x > 0.0)))
+    Ok(Plane { directions, spacing, between: between.or(thickness).map(|[x]| x).filter(|x| *x > 0.0) })
 }
 
 /// The position of the first slice, the distance of slices, and the slice of each frame.

@@ -244,7 +244,7 @@ fn any_wrong_byte_is_refused_or_gives_numbers() {
                 let mut bytes = bytes.clone();
                 bytes[at] = value;
                 if let Ok((records, _)) = records(&bytes, &ReadOptions::default()) {
-                    assert!(records.iter().flat_map(|r| coordinates(r)).all(f64::is_finite), "{at} {value}");
+                    assert!(records.iter().flat_map(coordinates).all(f64::is_finite), "{at} {value}");
                 }
             }
         }

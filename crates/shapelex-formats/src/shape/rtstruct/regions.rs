@@ -298,11 +298,10 @@ fn contour(node: &Node<'_>, number: usize, limits: &Limits) -> Result<Contour, F
         return Err(node.malformed(tag, detail));
     }
     let count = coordinates.len() / 3;
-    if let Some(claimed) = node.integer(tags::NUMBER_OF_CONTOUR_POINTS)? {
-        if usize::try_from(claimed) != Ok(count) {
-            let detail = format!("expected {count} points, as many as there are, got {claimed}");
-            return Err(node.malformed(tags::NUMBER_OF_CONTOUR_POINTS, detail));
-        }
+    let claimed = node.integer(tags::NUMBER_OF_CONTOUR_POINTS)?;
+    if let Some(claimed) = claimed.filter(|claimed| usize::try_from(*claimed) != Ok(count)) {
+        let detail = format!("expected {count} points, as many as there are, got {claimed}");
+        return Err(node.malformed(tags::NUMBER_OF_CONTOUR_POINTS, detail));
     }
     let place = node.place(tag);
     Ok(Contour { kind, points: Points::from_rows(3, coordinates), number, place })
