@@ -124,6 +124,14 @@ pub enum ImageError {
         /// Its colour.
         colour: [f64; 3],
     },
+    /// A cell belongs to several segments.
+    #[error("expected segments that do not overlap, got segments {} and {} at cell {index}", segments[0], segments[1])]
+    Overlap {
+        /// Position of the first such cell, x fastest, from 0.
+        index: usize,
+        /// Numbers of two segments.
+        segments: [u32; 2],
+    },
     /// The pages of a file are not of one kind.
     #[error("expected pages of one size and type, {first} as on page 1, got {found} on page {page}")]
     Pages {

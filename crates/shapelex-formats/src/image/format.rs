@@ -1,9 +1,11 @@
 //! The formats that are read.
 
+use std::collections::BTreeMap;
+
 use super::error::ImageError;
 use super::file::{Description, ImageFile};
 use super::limits::Limits;
-use super::{nifti, png, tiff};
+use super::{nifti, nrrd, png, segmentation, tiff};
 
 /// Number of bytes that an error shows of an unknown file.
 const SHOWN: usize = 8;
@@ -22,10 +24,14 @@ pub struct Format {
     pub(super) describe: fn(&[u8], &Limits) -> Result<Description, ImageError>,
     pub(super) image: fn(&[u8], &Limits) -> Result<ImageFile, ImageError>,
     pub(super) labels: fn(&[u8], &Limits) -> Result<ImageFile<u32>, ImageError>,
+    pub(super) names: Option<Names>,
 }
 
+/// Reads the names of labels.
+type Names = fn(&[u8], &Limits) -> Result<BTreeMap<u32, String>, ImageError>;
+
 /// All formats. The magic bytes of NIfTI include those of its other variants, which its reader refuses by name.
-pub static FORMATS: [Format; 4] = [
+pub static FORMATS: [Format; 6] = [
     Format {
         name: png::NAME,
         media_types: &["image/png"],
@@ -34,6 +40,7 @@ pub static FORMATS: [Format; 4] = [
         describe: png::describe,
         image: png::read,
         labels: png::read,
+        names: None,
     },
     Format {
         name: tiff::NAME,
@@ -43,6 +50,7 @@ pub static FORMATS: [Format; 4] = [
         describe: tiff::describe,
         image: tiff::read,
         labels: tiff::read,
+        names: None,
     },
     Format {
         name: nifti::NAME,
@@ -52,6 +60,7 @@ pub static FORMATS: [Format; 4] = [
         describe: nifti::describe,
         image: nifti::read,
         labels: nifti::read,
+        names: None,
     },
     Format {
         name: nifti::COMPRESSED,
@@ -61,6 +70,27 @@ pub static FORMATS: [Format; 4] = [
         describe: nifti::describe_compressed,
         image: nifti::read_compressed,
         labels: nifti::read_compressed,
+        names: None,
+    },
+    Format {
+        name: nrrd::NAME,
+        media_types: &["application/x-nrrd"],
+        extensions: &["nrrd"],
+        magic: &[(0, b"NRRD000")],
+        describe: nrrd::describe,
+        image: nrrd::read,
+        labels: nrrd::read,
+        names: Some(nrrd::names),
+    },
+    Format {
+        name: segmentation::NAME,
+        media_types: &["application/dicom"],
+        extensions: &["dcm"],
+        magic: &[(128, b"DICM")],
+        describe: segmentation::describe,
+        image: segmentation::read,
+        labels: segmentation::read_labels,
+        names: Some(segmentation::names),
     },
 ];
 
@@ -94,11 +124,15 @@ mod tests {
     fn formats_are_recognised() {
         let mut nifti = vec![0; 348];
         nifti[344..].copy_from_slice(b"n+1\0");
-        let files: [(&[u8], &str); 4] = [
+        let mut dicom = vec![0; 132];
+        dicom[128..].copy_from_slice(b"DICM");
+        let files: [(&[u8], &str); 6] = [
             (b"\x89PNG\r\n\x1a\n...", "PNG"),
             (b"MM\0*....", "TIFF"),
             (&nifti, "NIfTI-1"),
             (b"\x1f\x8b", "NIfTI-1 (gzip)"),
+            (b"NRRD0004\n", "NRRD"),
+            (&dicom, "DICOM Segmentation"),
         ];
         for (bytes, name) in files {
             assert_eq!(detect(bytes).map(|format| format.name), Ok(name));
@@ -107,7 +141,7 @@ mod tests {
 
     #[test]
     fn an_unknown_file_gets_the_list_of_formats() {
-        let expected = "expected a file of one of the formats PNG, TIFF, NIfTI-1, NIfTI-1 (gzip), got one that begins with";
+        let expected = "expected a file of one of the formats PNG, TIFF, NIfTI-1, NIfTI-1 (gzip), NRRD, DICOM Segmentation, got one that begins with";
         assert_eq!(detect(b"GIF89a").unwrap_err().to_string(), format!("{expected} 47 49 46 38 39 61"));
         assert_eq!(detect(b"").unwrap_err().to_string(), format!("{expected} no bytes"));
     }

@@ -7,10 +7,15 @@
 //! Values are whole numbers as stored (0 to 255 for 8 bits, not 0 to 1), after slope and intercept of NIfTI. Colours become
 //! luma, `0.2126 R + 0.7152 G + 0.0722 B` (ITU-R BT.709) of the stored numbers; alpha is left out.
 //!
+//! Positions are in the axes of the file: those of NIfTI point to the right, the front and the head of the patient, those of DICOM to
+//! the left, the back and the head, those of NRRD as its field `space` says.
+//!
 //! # Values
 //! Images have values of single precision, the type that segmentation computes with: integers of 8 and 16 bits and
 //! floating-point numbers of 32 bits are exact, others are rounded once, after slope and intercept in double precision. Labels
 //! are 32-bit integers that never pass through a floating-point type unless the file itself stores one.
+
+use std::collections::BTreeMap;
 
 mod error;
 mod file;
@@ -19,7 +24,9 @@ mod grid;
 mod limits;
 pub mod mask;
 mod nifti;
+mod nrrd;
 mod png;
+mod segmentation;
 mod stream;
 mod tiff;
 mod value;
@@ -48,10 +55,21 @@ pub fn read_labels(bytes: &[u8], limits: &Limits) -> Result<ImageFile<u32>, Imag
     (detect(bytes)?.labels)(bytes, limits)
 }
 
+/// Names of the labels in a file, where it has some.
+///
+/// # Errors
+/// As [`read`].
+pub fn label_names(bytes: &[u8], limits: &Limits) -> Result<BTreeMap<u32, String>, ImageError> {
+    match detect(bytes)?.names {
+        Some(names) => names(bytes, limits),
+        None => Ok(BTreeMap::new()),
+    }
+}
+
 /// Size, type and memory of a file, from its header; nothing is decoded.
 ///
-/// `bytes` may be the start of a file: 4 KiB are enough for PNG and NIfTI. TIFF needs all bytes, because its directories may be
-/// anywhere.
+/// `bytes` may be the start of a file: 4 KiB are enough for PNG, NIfTI and most of NRRD. TIFF and DICOM need all bytes, because their
+/// directories and elements may be anywhere.
 ///
 /// # Errors
 /// Those of the header, and sizes beyond the limits.

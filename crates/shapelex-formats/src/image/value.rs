@@ -144,6 +144,57 @@ impl Source for f64 {
     }
 }
 
+/// How the numbers of a file are stored one after the other.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Numbers {
+    pub(super) stored: ValueType,
+    pub(super) big_endian: bool,
+    /// Slope and intercept, unless values are as stored.
+    pub(super) scale: Option<[f64; 2]>,
+}
+
+impl Numbers {
+    /// Appends the values of whole numbers.
+    pub(super) fn decode<T: Target>(&self, block: &[u8], values: &mut Vec<T>) -> Result<(), ImageError> {
+        macro_rules! decode {
+            ($type:ty) => {
+                self.append(block, values, <$type>::from_le_bytes, <$type>::from_be_bytes)
+            };
+        }
+        match self.stored {
+            ValueType::U8 => decode!(u8),
+            ValueType::U16 => decode!(u16),
+            ValueType::U32 => decode!(u32),
+            ValueType::U64 => decode!(u64),
+            ValueType::I8 => decode!(i8),
+            ValueType::I16 => decode!(i16),
+            ValueType::I32 => decode!(i32),
+            ValueType::I64 => decode!(i64),
+            ValueType::F32 => decode!(f32),
+            ValueType::F64 => decode!(f64),
+        }
+    }
+
+    /// `value = slope · stored + intercept`, where the file has a slope.
+    fn append<S: Source, T: Target, const N: usize>(
+        &self,
+        block: &[u8],
+        values: &mut Vec<T>,
+        little: fn([u8; N]) -> S,
+        big: fn([u8; N]) -> S,
+    ) -> Result<(), ImageError> {
+        let from_bytes = if self.big_endian { big } else { little };
+        for bytes in block.as_chunks::<N>().0 {
+            let (stored, cell) = (from_bytes(*bytes), values.len());
+            values.push(match self.scale {
+                None => stored.to(cell)?,
+                Some([slope, intercept]) => T::real(slope * stored.to_f64() + intercept, cell)?,
+            });
+        }
+        Ok(())
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

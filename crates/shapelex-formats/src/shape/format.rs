@@ -9,7 +9,8 @@ use super::source::Source;
 use super::summary::Summary;
 use super::write::Writer;
 use super::{
-    Sink, archive, chc, coco, csv, geojson, imagej, mesh, morphologika, ndjson, nef, nts, slicer, tps, wkt,
+    Sink, archive, chc, coco, csv, geojson, imagej, mesh, morphologika, ndjson, nef, nts, rtstruct, slicer,
+    tps, wkt,
 };
 
 /// Reads all records of a file.
@@ -64,6 +65,7 @@ pub static FORMATS: &[&Format] = &[
     &imagej::FORMAT,
     &wkt::FORMAT,
     &coco::FORMAT,
+    &rtstruct::FORMAT,
 ];
 
 impl Format {

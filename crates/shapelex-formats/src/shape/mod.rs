@@ -33,6 +33,7 @@ mod nts;
 mod objects;
 mod options;
 mod record;
+mod rtstruct;
 mod slicer;
 mod source;
 mod summary;
@@ -46,7 +47,9 @@ mod write;
 pub use error::{FaultKind, FileError, Place};
 pub use format::{FORMATS, Format, detect, find};
 pub use limits::{Limits, MAX_COORDINATE};
-pub use options::{Columns, Curves, Encoding, Holes, Layout, Nuclei, ReadOptions, Scale, WriteOptions};
+pub use options::{
+    Columns, Contours, Curves, Encoding, Holes, Layout, Nuclei, ReadOptions, Scale, WriteOptions,
+};
 pub use record::{Domain, Faces, Field, Fourier, Geometry, Kind, Mesh, Points, Record, Ring, Value};
 pub use source::Source;
 pub use summary::{Dropped, Summary};

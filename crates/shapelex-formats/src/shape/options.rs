@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::error::{FaultKind, FileError};
 use super::format::Format;
+use crate::dicom::SeriesImage;
 
 /// Options of reading. A format refuses those that it does not name in [`Format::options`].
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -27,6 +28,8 @@ pub struct ReadOptions {
     pub columns: Option<Columns>,
     /// What becomes of the outlines of nuclei beside those of their cells. Default: `skip`.
     pub nuclei: Option<Nuclei>,
+    /// What becomes of contours that were drawn on slices of a volume. Default: `space`.
+    pub contours: Option<Contours>,
 }
 
 /// What becomes of scales.
@@ -101,6 +104,19 @@ pub enum Nuclei {
     Only,
 }
 
+/// What becomes of contours that were drawn on slices of a volume.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Contours {
+    /// Curves with three coordinates, as in the file.
+    #[default]
+    Space,
+    /// Curves with two coordinates in the plane of their slice, as cohorts of planar curves take them.
+    Plane,
+    /// One surface for each region, through its slices.
+    Stack,
+}
+
 impl ReadOptions {
     /// Refuses options that the format does not have.
     pub(super) fn check(&self, format: &Format) -> Result<(), FileError> {
@@ -159,6 +175,10 @@ pub struct WriteOptions {
     pub layout: Option<Layout>,
     /// Number of harmonics of Fourier coefficients. Default: as many as the shape with most of them has.
     pub harmonics: Option<usize>,
+    /// Headers of the images that a structure set refers to, all of one series (`dicom::series` reads them).
+    pub series: Vec<SeriesImage>,
+    /// When the file is made, where a format has a place for it: `2026-11-26T03:00:00`. No date if absent.
+    pub created: Option<String>,
 }
 
 /// How numbers are written.

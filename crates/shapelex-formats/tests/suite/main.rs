@@ -2,11 +2,15 @@
 #![allow(clippy::unwrap_used, missing_docs)]
 
 mod data;
+mod dicom;
 mod files;
 mod landmarks;
 mod meshes;
 mod microscopy;
 mod nifti;
+mod nrrd;
 mod png;
+mod rtstruct;
+mod segmentation;
 mod tiff;
 mod written;

@@ -6,7 +6,7 @@ use super::super::grid::{check_spacing, cross};
 use super::NAME;
 use crate::image::error::ImageError;
 use crate::image::limits::Limits;
-use crate::image::value::ValueType;
+use crate::image::value::{Numbers, ValueType};
 use crate::image::{Grid, LengthUnit};
 
 /// Number of bytes of a header.
@@ -26,10 +26,7 @@ const HALF_TURN: f64 = 1e-7;
 /// What is used of a header, checked.
 pub(super) struct Header {
     pub(super) grid: Grid,
-    pub(super) stored: ValueType,
-    pub(super) big_endian: bool,
-    /// Slope and intercept, unless values are as stored.
-    pub(super) scale: Option<[f64; 2]>,
+    pub(super) numbers: Numbers,
     /// Position of the first voxel.
     pub(super) offset: u64,
 }
@@ -51,7 +48,7 @@ impl Header {
         let millimetres = unit.millimetres();
         let grid = Grid::new(size, affine(&raw)?.map(|row| row.map(|entry| millimetres * entry)), [unit; 3])?;
         let big_endian = raw.endianness == Endianness::Big;
-        Ok(Self { grid, stored, big_endian, scale: scale(&raw)?, offset })
+        Ok(Self { grid, numbers: Numbers { stored, big_endian, scale: scale(&raw)? }, offset })
     }
 }
 

@@ -8,7 +8,7 @@ use super::error::ImageError;
 use super::file::{Description, ImageFile};
 use super::limits::{Limits, reserve};
 use super::stream::{DEFLATE_RATIO, STREAM_BYTES, Stream};
-use super::value::{Source, Target, ValueType};
+use super::value::Target;
 use header::{HEADER_BYTES, Header};
 
 /// Name in messages.
@@ -63,58 +63,20 @@ fn read_stream<T: Target>(
     let skipped = header.offset - HEADER_BYTES as u64;
     stream.blocks(skipped, 1, "NIfTI-1 extensions", |_| Ok(()))?;
     let mut values = reserve(header.grid.cells())?;
-    stream.blocks(expected, header.stored.bytes(), VOXELS, |block| header.decode(block, &mut values))?;
+    stream.blocks(expected, header.numbers.stored.bytes(), VOXELS, |block| {
+        header.numbers.decode(block, &mut values)
+    })?;
     stream.end(expected, VOXELS)?;
     Ok(ImageFile { grid: header.grid, values })
 }
 
 impl Header {
     fn voxel_bytes(&self) -> u64 {
-        self.grid.cells() as u64 * self.stored.bytes() as u64
+        self.grid.cells() as u64 * self.numbers.stored.bytes() as u64
     }
 
     fn description(&self) -> Description {
         let memory_bytes = self.grid.cells() as u64 * size_of::<f32>() as u64 + STREAM_BYTES;
-        Description { grid: self.grid, stored: self.stored, channels: 1, memory_bytes }
-    }
-
-    /// Appends the values of whole voxels.
-    fn decode<T: Target>(&self, block: &[u8], values: &mut Vec<T>) -> Result<(), ImageError> {
-        macro_rules! decode {
-            ($type:ty) => {
-                self.append(block, values, <$type>::from_le_bytes, <$type>::from_be_bytes)
-            };
-        }
-        match self.stored {
-            ValueType::U8 => decode!(u8),
-            ValueType::U16 => decode!(u16),
-            ValueType::U32 => decode!(u32),
-            ValueType::U64 => decode!(u64),
-            ValueType::I8 => decode!(i8),
-            ValueType::I16 => decode!(i16),
-            ValueType::I32 => decode!(i32),
-            ValueType::I64 => decode!(i64),
-            ValueType::F32 => decode!(f32),
-            ValueType::F64 => decode!(f64),
-        }
-    }
-
-    /// `value = slope · stored + intercept`, where the header has a slope.
-    fn append<S: Source, T: Target, const N: usize>(
-        &self,
-        block: &[u8],
-        values: &mut Vec<T>,
-        little: fn([u8; N]) -> S,
-        big: fn([u8; N]) -> S,
-    ) -> Result<(), ImageError> {
-        let from_bytes = if self.big_endian { big } else { little };
-        for bytes in block.as_chunks::<N>().0 {
-            let (stored, cell) = (from_bytes(*bytes), values.len());
-            values.push(match self.scale {
-                None => stored.to(cell)?,
-                Some([slope, intercept]) => T::real(slope * stored.to_f64() + intercept, cell)?,
-            });
-        }
-        Ok(())
+        Description { grid: self.grid, stored: self.numbers.stored, channels: 1, memory_bytes }
     }
 }

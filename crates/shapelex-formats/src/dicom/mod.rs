@@ -1,0 +1,39 @@
+//! What files of DICOM have in common: their data sets, and which elements tell of a person.
+//!
+//! Containers are read by `dicom-parser`, one header after the other; values stay where they are in the file until they are asked
+//! for. So a length is compared with the bytes that are left before anything is read, and nested sequences cost no stack.
+//!
+//! * [`series()`] reads what a structure set has to know of an image that it refers to.
+
+mod content;
+mod data_set;
+mod identity;
+mod number;
+mod series;
+mod values;
+
+pub(crate) use content::{Content, is_dicom};
+pub(crate) use identity::list_identifying;
+pub(crate) use number::decimal;
+pub(crate) use series::check_orientation;
+pub use series::{Patient, SeriesImage, Study, series};
+pub(crate) use values::{File, Node};
+
+use dicom_core::dictionary::UidDictionary;
+use dicom_dictionary_std::{StandardSopClassDictionary, tags};
+
+use crate::shape::{FileError, Place};
+
+/// Refuses a file of another class than those given, and says what it is.
+pub(crate) fn check_class(root: &Node<'_>, classes: &[&str], name: &str) -> Result<(), FileError> {
+    let found = root.text(tags::SOP_CLASS_UID)?;
+    if found.as_deref().is_some_and(|found| classes.contains(&found)) {
+        return Ok(());
+    }
+    let modality = root.text(tags::MODALITY)?.unwrap_or_else(|| "none".into());
+    let known =
+        found.as_deref().and_then(|uid| StandardSopClassDictionary.by_uid(uid)).map(|entry| entry.name);
+    let found = known.or(found.as_deref()).unwrap_or("a data set without a class");
+    let detail = format!("expected {name}, got {found} (modality {modality})");
+    Err(FileError::unsupported(Place::tag(values::shown(tags::SOP_CLASS_UID)), detail))
+}

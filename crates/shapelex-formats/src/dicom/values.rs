@@ -1,0 +1,247 @@
+//! Texts and numbers of elements, with the place of a fault.
+
+use dicom_core::{Tag, VR};
+use dicom_dictionary_std::tags;
+use dicom_encoding::text::{SpecificCharacterSet, TextCodec};
+use dicom_encoding::transfer_syntax::TransferSyntax;
+
+use super::data_set::{DataSet, Element, Value};
+use super::number;
+use crate::shape::{FileError, Place};
+
+/// Most characters of a value that a message shows.
+const SHOWN: usize = 20;
+
+/// Starts an escape sequence of ISO 2022, which changes the character set in the middle of a text.
+const ESCAPE: u8 = 0x1b;
+
+/// A tag as it is written in the standard.
+pub(crate) fn shown(tag: Tag) -> String {
+    format!("({:04X},{:04X})", tag.group(), tag.element())
+}
+
+/// A data set with what its values need.
+pub(crate) struct File<'a> {
+    set: DataSet<'a>,
+    big_endian: bool,
+    charset: Charset,
+    syntax: &'static TransferSyntax,
+}
+
+/// How texts are encoded.
+enum Charset {
+    /// ASCII, and what is not ASCII against the rules: UTF-8 if it is valid, else ISO 8859-1.
+    Default,
+    Utf8,
+    Other(SpecificCharacterSet),
+}
+
+impl<'a> File<'a> {
+    pub(super) fn new(
+        set: DataSet<'a>,
+        big_endian: bool,
+        syntax: &'static TransferSyntax,
+    ) -> Result<Self, FileError> {
+        let mut file = Self { set, big_endian, charset: Charset::Default, syntax };
+        file.charset = file.root().charset()?;
+        Ok(file)
+    }
+
+    /// The data set itself.
+    pub(crate) fn root(&self) -> Node<'_> {
+        Node { file: self, set: &self.set, path: String::new() }
+    }
+
+    /// All elements, in the order of the file.
+    pub(super) fn set(&self) -> &DataSet<'a> {
+        &self.set
+    }
+
+    /// Name of the transfer syntax.
+    pub(crate) fn syntax(&self) -> &'static str {
+        self.syntax.name()
+    }
+
+    /// Whether the most significant byte comes first.
+    pub(crate) fn big_endian(&self) -> bool {
+        self.big_endian
+    }
+}
+
+/// A data set within a file: the whole of it, or an item of a sequence.
+#[derive(Clone)]
+pub(crate) struct Node<'f> {
+    file: &'f File<'f>,
+    set: &'f DataSet<'f>,
+    /// Sequences and items that lead to it.
+    path: String,
+}
+
+impl<'f> Node<'f> {
+    /// Where an element is, or would be.
+    pub(crate) fn place(&self, tag: Tag) -> Place {
+        let byte = self.set.get(tag).map(|element| element.at);
+        Place { byte, ..Place::tag(format!("{}{}", self.path, shown(tag))) }
+    }
+
+    /// A fault of the value of an element.
+    pub(crate) fn malformed(&self, tag: Tag, detail: impl Into<String>) -> FileError {
+        FileError::malformed(self.place(tag), detail)
+    }
+
+    /// The bytes of an element; `None` if it is absent or empty.
+    pub(crate) fn bytes(&self, tag: Tag) -> Result<Option<&'f [u8]>, FileError> {
+        let Some(element) = self.set.get(tag) else { return Ok(None) };
+        match element.bytes() {
+            Some(bytes) => Ok(Some(bytes).filter(|bytes| !bytes.is_empty())),
+            None => Err(self.malformed(tag, "expected a value, got a sequence")),
+        }
+    }
+
+    /// A text without the blanks around it; `None` if it is absent or blank.
+    pub(crate) fn text(&self, tag: Tag) -> Result<Option<String>, FileError> {
+        let Some(bytes) = self.bytes(tag)? else { return Ok(None) };
+        let text = self.decode(tag, bytes)?;
+        let text = text.trim_matches([' ', '\0']);
+        Ok((!text.is_empty()).then(|| text.to_owned()))
+    }
+
+    /// A text that must be there.
+    pub(crate) fn required_text(&self, tag: Tag, what: &str) -> Result<String, FileError> {
+        self.text(tag)?.ok_or_else(|| self.malformed(tag, format!("expected {what}, got none")))
+    }
+
+    /// Numbers, as text or binary; none if the element is absent or empty.
+    pub(crate) fn numbers(&self, tag: Tag) -> Result<Vec<f64>, FileError> {
+        let (Some(element), Some(bytes)) = (self.set.get(tag), self.bytes(tag)?) else {
+            return Ok(Vec::new());
+        };
+        let big = self.file.big_endian;
+        macro_rules! binary {
+            ($type:ty) => {{
+                const WIDTH: usize = size_of::<$type>();
+                if !bytes.len().is_multiple_of(WIDTH) {
+                    let detail = format!("expected numbers of {WIDTH} bytes, got {} bytes", bytes.len());
+                    return Err(self.malformed(tag, detail));
+                }
+                let number = |bytes: &[u8; WIDTH]| {
+                    f64::from(if big {
+                        <$type>::from_be_bytes(*bytes)
+                    } else {
+                        <$type>::from_le_bytes(*bytes)
+                    })
+                };
+                Ok(bytes.as_chunks::<WIDTH>().0.iter().map(number).collect())
+            }};
+        }
+        match element.vr {
+            VR::US => binary!(u16),
+            VR::SS => binary!(i16),
+            VR::UL => binary!(u32),
+            VR::SL => binary!(i32),
+            VR::FL => binary!(f32),
+            VR::FD => binary!(f64),
+            _ => self.decimals(element, bytes),
+        }
+    }
+
+    fn decimals(&self, element: &Element<'_>, bytes: &[u8]) -> Result<Vec<f64>, FileError> {
+        if bytes.iter().all(|byte| matches!(byte, b' ' | b'\0')) {
+            return Ok(Vec::new());
+        }
+        let parse = |(k, part): (usize, &[u8])| {
+            number::parse(part).ok_or_else(|| {
+                let part = String::from_utf8_lossy(&part[..part.len().min(SHOWN)]).into_owned();
+                let detail =
+                    format!("expected finite numbers, got '{}' as number {k}", part.escape_default());
+                self.malformed(element.tag, detail)
+            })
+        };
+        bytes.split(|byte| *byte == b'\\').enumerate().map(parse).collect()
+    }
+
+    /// Exactly `N` numbers; `None` if the element is absent or empty.
+    pub(crate) fn array<const N: usize>(&self, tag: Tag) -> Result<Option<[f64; N]>, FileError> {
+        let numbers = self.numbers(tag)?;
+        if numbers.is_empty() {
+            return Ok(None);
+        }
+        let found = numbers.len();
+        let array = <[f64; N]>::try_from(numbers);
+        array.map(Some).map_err(|_| self.malformed(tag, format!("expected {N} numbers, got {found}")))
+    }
+
+    /// A whole number; `None` if the element is absent or empty.
+    pub(crate) fn integer(&self, tag: Tag) -> Result<Option<i64>, FileError> {
+        let Some([x]) = self.array::<1>(tag)? else { return Ok(None) };
+        if x.fract() == 0.0 && x.abs() <= f64::from(u32::MAX) {
+            Ok(Some(x as i64))
+        } else {
+            Err(self.malformed(tag, format!("expected a whole number, got {x}")))
+        }
+    }
+
+    /// A whole number that must be there and is not negative.
+    pub(crate) fn count(&self, tag: Tag, what: &str) -> Result<u64, FileError> {
+        let found = self.integer(tag)?;
+        found.and_then(|found| u64::try_from(found).ok()).ok_or_else(|| {
+            let found = found.map_or_else(|| "none".into(), |found| found.to_string());
+            self.malformed(tag, format!("expected {what}, got {found}"))
+        })
+    }
+
+    /// The items of a sequence; none if it is absent.
+    pub(crate) fn items(&self, tag: Tag) -> Result<Vec<Node<'f>>, FileError> {
+        let Some(element) = self.set.get(tag) else { return Ok(Vec::new()) };
+        match &element.value {
+            Value::Items(items) => {
+                let path = |k| format!("{}{}[{k}] ", self.path, shown(tag));
+                let node = |(k, set)| Node { file: self.file, set, path: path(k) };
+                Ok(items.iter().enumerate().map(node).collect())
+            }
+            Value::Bytes([]) => Ok(Vec::new()),
+            _ => Err(self.malformed(tag, "expected a sequence, got a value")),
+        }
+    }
+
+    /// The first item of a sequence.
+    pub(crate) fn item(&self, tag: Tag) -> Result<Option<Node<'f>>, FileError> {
+        Ok(self.items(tag)?.into_iter().next())
+    }
+
+    fn charset(&self) -> Result<Charset, FileError> {
+        let tag = tags::SPECIFIC_CHARACTER_SET;
+        let Some(bytes) = self.bytes(tag)? else { return Ok(Charset::Default) };
+        let text = String::from_utf8_lossy(bytes);
+        let first = text.split('\\').map(|code| code.trim_matches([' ', '\0'])).find(|code| !code.is_empty());
+        match first {
+            None | Some("ISO_IR 6" | "ISO 2022 IR 6") => Ok(Charset::Default),
+            Some("ISO_IR 192") => Ok(Charset::Utf8),
+            Some(code) => SpecificCharacterSet::from_code(code).map(Charset::Other).ok_or_else(|| {
+                let code: String = code.chars().take(SHOWN).collect();
+                let detail =
+                    format!("expected a character set of the standard, got '{}'", code.escape_default());
+                FileError::unsupported(self.place(tag), detail)
+            }),
+        }
+    }
+
+    fn decode(&self, tag: Tag, bytes: &[u8]) -> Result<String, FileError> {
+        let fault = |what: &str| self.malformed(tag, format!("expected text in {what}, got other bytes"));
+        if bytes.contains(&ESCAPE) {
+            let detail = "expected text in one character set, got an escape sequence (ISO 2022)";
+            return Err(FileError::unsupported(self.place(tag), detail));
+        }
+        match &self.file.charset {
+            _ if bytes.is_ascii() => Ok(String::from_utf8_lossy(bytes).into_owned()),
+            Charset::Utf8 => {
+                std::str::from_utf8(bytes).map(str::to_owned).map_err(|_| fault("UTF-8 (ISO_IR 192)"))
+            }
+            Charset::Other(set) => set.decode(bytes).map_err(|_| fault(&set.name())),
+            Charset::Default => Ok(match std::str::from_utf8(bytes) {
+                Ok(text) => text.to_owned(),
+                Err(_) => bytes.iter().copied().map(char::from).collect(),
+            }),
+        }
+    }
+}

@@ -1,0 +1,167 @@
+//! DICOM segmentations: bits, numbers, places of frames, and files that are wrong.
+
+use shapelex_formats::image::{ImageError, describe, label_names, read, read_labels};
+
+use crate::dicom::{BIG, EXPLICIT, Encoding, IMPLICIT, file};
+use crate::files::{LIMITS, refusal};
+
+/// A small file, each part of which can be wrong. Frames are 3 × 2 cells.
+struct Small<'a> {
+    encoding: Encoding,
+    kind: &'a str,
+    bits: u16,
+    /// Segment and position of each frame.
+    frames: Vec<(u16, [f64; 3])>,
+    pixels: Vec<u8>,
+    between: &'a str,
+}
+
+impl Default for Small<'_> {
+    fn default() -> Self {
+        // Three frames of 6 cells: 110000, 000011, 101010, the least significant bit first.
+        let pixels = vec![0b0000_0011, 0b0101_1100, 0b01];
+        let frames = vec![(1, [5.0, 6.0, 7.0]), (2, [5.0, 6.0, 7.0]), (1, [5.0, 6.0, 11.0])];
+        Self { encoding: IMPLICIT, kind: "BINARY", bits: 1, frames, pixels, between: "2" }
+    }
+}
+
+impl Small<'_> {
+    fn data_set(&self) -> Vec<u8> {
+        let e = self.encoding;
+        let plane = e.sequence(0x0020_9116, &[e.text(0x0020_0037, "DS", "1\\0\\0\\0\\1\\0")]);
+        let measures =
+            [e.text(0x0018_0088, "DS", self.between), e.text(0x0028_0030, "DS", "0.5\\0.25")].concat();
+        let shared = [plane, e.sequence(0x0028_9110, &[measures])].concat();
+        let frame = |(segment, [x, y, z]): &(u16, [f64; 3])| {
+            let position = e.text(0x0020_0032, "DS", &format!("{x}\\{y}\\{z}"));
+            let number = e.number(0x0062_000b, *segment);
+            [e.sequence(0x0020_9113, &[position]), e.sequence(0x0062_000a, &[number])].concat()
+        };
+        let frames: Vec<Vec<u8>> = self.frames.iter().map(frame).collect();
+        let segment =
+            |(k, name): (u16, &str)| [e.number(0x0062_0004, k), e.text(0x0062_0005, "LO", name)].concat();
+        let segments: Vec<Vec<u8>> = [(1, "Liver"), (2, "Spleen")].map(segment).into();
+        [
+            e.text(0x0008_0016, "UI", "1.2.840.10008.5.1.4.1.1.66.4"),
+            e.text(0x0028_0008, "IS", &self.frames.len().to_string()),
+            e.number(0x0028_0010, 2),
+            e.number(0x0028_0011, 3),
+            e.number(0x0028_0100, self.bits),
+            e.text(0x0062_0001, "CS", self.kind),
+            e.sequence(0x0062_0002, &segments),
+            e.sequence(0x5200_9229, &[shared]),
+            e.sequence(0x5200_9230, &frames),
+            e.bytes(0x7fe0_0010, if self.bits > 8 { "OW" } else { "OB" }, &self.pixels),
+        ]
+        .concat()
+    }
+
+    fn file(&self) -> Vec<u8> {
+        self.encoding.file(&self.data_set())
+    }
+}
+
+#[test]
+fn bits_become_labels_in_their_slices() {
+    for encoding in [IMPLICIT, EXPLICIT] {
+        let bytes = Small { encoding, ..Small::default() }.file();
+        let labels = read_labels(&bytes, &LIMITS).unwrap();
+        // 2 mm apart: the middle slice has no frame.
+        assert_eq!(labels.grid.size(), [3, 2, 3]);
+        assert_eq!(labels.grid.affine(), [[0.25, 0.0, 0.0, 5.0], [0.0, 0.5, 0.0, 6.0], [0.0, 0.0, 2.0, 7.0]]);
+        assert_eq!(labels.values[..6], [1, 1, 0, 0, 2, 2]);
+        assert_eq!(labels.values[6..12], [0; 6]);
+        assert_eq!(labels.values[12..], [1, 0, 1, 0, 1, 0]);
+        assert_eq!(describe(&bytes, &LIMITS).unwrap().grid, labels.grid);
+        assert_eq!(read(&bytes, &LIMITS).unwrap().values[4], 2.0);
+        let names: Vec<_> = label_names(&bytes, &LIMITS).unwrap().into_iter().collect();
+        assert_eq!(names, [(1, "Liver".to_owned()), (2, "Spleen".to_owned())]);
+    }
+}
+
+#[test]
+fn numbers_of_labels_are_read() {
+    let frames = vec![(0, [0.0, 0.0, 0.0]), (0, [0.0, 0.0, -2.0])];
+    let pixels: Vec<u8> = (0..12).collect();
+    let small = Small { kind: "LABELMAP", bits: 8, frames: frames.clone(), pixels, ..Small::default() };
+    let values = read_labels(&small.file(), &LIMITS).unwrap().values;
+    assert_eq!(values, [6, 7, 8, 9, 10, 11, 0, 1, 2, 3, 4, 5]);
+    let pixels: Vec<u8> = (0..12_u16).flat_map(|value| (1000 * value).to_le_bytes()).collect();
+    let small = Small { kind: "LABELMAP", bits: 16, frames, pixels, encoding: EXPLICIT, ..Small::default() };
+    assert_eq!(read_labels(&small.file(), &LIMITS).unwrap().values[1], 7000);
+}
+
+#[test]
+fn shares_are_values_of_an_image_and_no_labels() {
+    let frames = vec![(1, [0.0, 0.0, 0.0])];
+    let small = Small {
+        kind: "FRACTIONAL",
+        bits: 8,
+        frames,
+        pixels: vec![0, 50, 100, 150, 200, 255],
+        ..Small::default()
+    };
+    assert_eq!(read(&small.file(), &LIMITS).unwrap().values, [0.0, 50.0, 100.0, 150.0, 200.0, 255.0]);
+    let error = read_labels(&small.file(), &LIMITS).unwrap_err().to_string();
+    let expected =
+        "expected segments of whole cells (BINARY or LABELMAP) in a DICOM Segmentation file, got FRACTIONAL";
+    assert_eq!(error, expected);
+    let frames = vec![(1, [0.0, 0.0, 0.0]), (2, [0.0, 0.0, 0.0])];
+    let small = Small { kind: "FRACTIONAL", bits: 8, frames, pixels: vec![0; 12], ..Small::default() };
+    assert!(refusal(&small.file()).ends_with("got segments 1 and 2"));
+}
+
+#[test]
+fn segments_that_overlap_are_refused() {
+    let small = Small { pixels: vec![0b0100_0011, 0, 0], ..Small::default() };
+    let expected = Err(ImageError::Overlap { index: 0, segments: [1, 2] });
+    assert_eq!(read_labels(&small.file(), &LIMITS), expected);
+}
+
+#[test]
+fn frames_must_form_a_volume() {
+    let at = |frames: Vec<(u16, [f64; 3])>| refusal(&Small { frames, ..Small::default() }.file());
+    let z = |z: f64| [0.0, 0.0, z];
+    assert!(
+        at(vec![(1, z(0.0)), (2, z(0.0)), (1, [0.0, 1.0, 2.0])]).ends_with("got one that is 1.000 mm aside")
+    );
+    assert!(at(vec![(1, z(0.0)), (1, z(3.0)), (1, z(7.0))]).ends_with("got gaps of 3.000 mm and others"));
+    assert!(at(vec![(1, z(0.0)), (1, z(0.0)), (1, z(7.0))]).ends_with("got two of segment 1 in slice 0"));
+    assert!(at(vec![(1, z(0.0)), (1, z(2.0)), (1, z(1e12))]).starts_with("expected at most 4096 cells"));
+    // Gaps that are no multiples of the distance of the file: the least gap is one.
+    let frames = vec![(1, z(0.0)), (1, z(3.0)), (1, z(9.0))];
+    let image = read_labels(&Small { frames, ..Small::default() }.file(), &LIMITS).unwrap();
+    assert_eq!((image.grid.size()[2], image.grid.spacing()[2]), (4, 3.0));
+}
+
+#[test]
+fn wrong_files_are_refused() {
+    let bytes = Small::default().file();
+    for length in 0..bytes.len() {
+        assert!(read(&bytes[..length], &LIMITS).is_err(), "{length}");
+    }
+    for at in 128..bytes.len() {
+        for value in [0x00, 0x01, 0x7f, 0xff] {
+            let mut bytes = bytes.clone();
+            bytes[at] = value;
+            let _ = (read(&bytes, &LIMITS), label_names(&bytes, &LIMITS));
+        }
+    }
+    let short = refusal(&Small { pixels: vec![3], ..Small::default() }.file());
+    assert!(short.starts_with("expected 3 bytes of DICOM Segmentation pixels, got 2"), "{short}");
+    let bits = refusal(&Small { bits: 8, ..Small::default() }.file());
+    assert!(bits.ends_with("got 8"), "{bits}");
+    let big = refusal(&Small { encoding: BIG, ..Small::default() }.file());
+    assert!(big.starts_with("expected the least significant byte first"), "{big}");
+    let mut set = Small { encoding: EXPLICIT, pixels: Vec::new(), ..Small::default() }.data_set();
+    set.truncate(set.len() - EXPLICIT.header(0x7fe0_0010, "OB", 0).len());
+    let mut compressed = set.clone();
+    compressed.extend(EXPLICIT.header(0x7fe0_0010, "OB", u32::MAX));
+    compressed.extend([0xfe, 0xff, 0, 0xe0, 0, 0, 0, 0, 0xfe, 0xff, 0xdd, 0xe0, 0, 0, 0, 0]);
+    let refused = refusal(&file("1.2.840.10008.1.2.5", &compressed));
+    assert!(
+        refused.starts_with("expected pixels without compression in a DICOM Segmentation file, got RLE"),
+        "{refused}"
+    );
+    assert!(refusal(&EXPLICIT.file(&set)).ends_with("expected pixels (7FE0,0010), got none"));
+}
