@@ -363,7 +363,8 @@ fn names_are_read_in_their_character_set() {
     let (kind, message) = refusal(&named(b"K\xf6rper", "ISO_IR 192"));
     assert_eq!(kind, FaultKind::Malformed);
     assert!(message.ends_with("expected text in UTF-8 (ISO_IR 192), got other bytes"), "{message}");
-    assert!(refusal(&named(b"x", "EBCDIC")).1.ends_with("got 'EBCDIC'"));
+    assert!(refusal(&named(b"K\xf6rper", "EBCDIC")).1.ends_with("got 'EBCDIC'"));
+    assert_eq!(all(&named(b"Heart", "EBCDIC")).0[0].label.as_deref(), Some("Heart"));
 }
 
 #[test]
