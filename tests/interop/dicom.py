@@ -43,10 +43,15 @@ def regions(dataset):
              for o in dataset.get("RTROIObservationsSequence", [])}
     for roi in dataset.ROIContourSequence:
         number = roi.ReferencedROINumber
-        contours = [(c.ContourGeometricType, np.array(c.ContourData, float).reshape(-1, 3))
+        contours = [(c.ContourGeometricType, numbers(c.ContourData).reshape(-1, 3))
                     for c in roi.get("ContourSequence", [])]
         colour = roi.get("ROIDisplayColor")
         yield int(number), names[number], kinds.get(number), colour and [float(x) for x in colour], contours
+
+
+def numbers(value):
+    """Decimal strings; pydicom leaves those of the type UN as they are."""
+    return np.array(value.decode().split("\\") if isinstance(value, bytes) else value, float)
 
 
 def difference(records, dataset):
@@ -196,6 +201,8 @@ def check_encodings(convert, folder):
         ("Größe", [("CLOSED_PLANAR", circle(30, (5, 7), 2.5, 100)), ("CLOSED_PLANAR", circle(5, (5, 7), 2.5, 40))]),
         ("path", [("OPEN_NONPLANAR", circle(3, (0, 0), 1, 9) * [1, 1, 0] + [[0, 0, k] for k in range(9)])]),
         ("point", [("POINT", [[1.5, -2, 3]])]),
+        # More than 64 kB, which explicit types have no length for: pydicom writes the type UN.
+        ("long", [("CLOSED_PLANAR", circle(123.456, (0, 0), 9, 3000))]),
     ]
     for syntax in [ImplicitVRLittleEndian, ExplicitVRLittleEndian, ExplicitVRBigEndian, DeflatedExplicitVRLittleEndian]:
         path = folder / f"{syntax.keyword}.dcm"

@@ -169,10 +169,10 @@ fn meta(bytes: &[u8], start: usize) -> Result<(String, usize), FileError> {
 fn inflated(bytes: &[u8], limit: u64) -> Result<Vec<u8>, FileError> {
     let mut content = Vec::new();
     let place = || Place::tag("(0002,0010)");
-    DeflateDecoder::new(bytes)
-        .take(limit.saturating_add(1))
-        .read_to_end(&mut content)
-        .map_err(|error| FileError::from(error).at(place()))?;
+    DeflateDecoder::new(bytes).take(limit.saturating_add(1)).read_to_end(&mut content).map_err(|error| {
+        let kind = FileError::from(error).kind;
+        FileError::of(kind, place(), "expected a deflated data set, got bytes that cannot be inflated")
+    })?;
     if content.len() as u64 > limit {
         let detail = format!("expected at most {limit} bytes of content, got more");
         return Err(FileError::too_large(place(), detail));

@@ -34,6 +34,8 @@ enum Charset {
     Default,
     Utf8,
     Other(SpecificCharacterSet),
+    /// A set that is not known, in which texts of ASCII are read.
+    Unknown(String),
 }
 
 impl<'a> File<'a> {
@@ -217,11 +219,9 @@ impl<'f> Node<'f> {
         match first {
             None | Some("ISO_IR 6" | "ISO 2022 IR 6") => Ok(Charset::Default),
             Some("ISO_IR 192") => Ok(Charset::Utf8),
-            Some(code) => SpecificCharacterSet::from_code(code).map(Charset::Other).ok_or_else(|| {
-                let code: String = code.chars().take(SHOWN).collect();
-                let detail =
-                    format!("expected a character set of the standard, got '{}'", code.escape_default());
-                FileError::unsupported(self.place(tag), detail)
+            Some(code) => Ok(match SpecificCharacterSet::from_code(code) {
+                Some(set) => Charset::Other(set),
+                None => Charset::Unknown(code.chars().take(SHOWN).collect()),
             }),
         }
     }
@@ -238,6 +238,11 @@ impl<'f> Node<'f> {
                 std::str::from_utf8(bytes).map(str::to_owned).map_err(|_| fault("UTF-8 (ISO_IR 192)"))
             }
             Charset::Other(set) => set.decode(bytes).map_err(|_| fault(&set.name())),
+            Charset::Unknown(code) => {
+                let detail =
+                    format!("expected a character set of the standard, got '{}'", code.escape_default());
+                Err(FileError::unsupported(self.place(tag), detail))
+            }
             Charset::Default => Ok(match std::str::from_utf8(bytes) {
                 Ok(text) => text.to_owned(),
                 Err(_) => bytes.iter().copied().map(char::from).collect(),

@@ -363,7 +363,8 @@ fn names_are_read_in_their_character_set() {
     let (kind, message) = refusal(&named(b"K\xf6rper", "ISO_IR 192"));
     assert_eq!(kind, FaultKind::Malformed);
     assert!(message.ends_with("expected text in UTF-8 (ISO_IR 192), got other bytes"), "{message}");
-    assert!(refusal(&named(b"x", "EBCDIC")).1.ends_with("got 'EBCDIC'"));
+    assert!(refusal(&named(b"K\xf6rper", "EBCDIC")).1.ends_with("got 'EBCDIC'"));
+    assert_eq!(all(&named(b"Heart", "EBCDIC")).0[0].label.as_deref(), Some("Heart"));
 }
 
 #[test]
@@ -374,6 +375,49 @@ fn regions_are_chosen_by_their_names() {
     let left =
         summary.dropped.iter().find(|dropped| dropped.what == "regions that are not selected").unwrap();
     assert_eq!(left.names, ["Heart"]);
+}
+
+#[test]
+fn a_pattern_that_selects_nothing_is_reported() {
+    let options = ReadOptions { select: Some("lung".into()), ..ReadOptions::default() };
+    let (records, summary) = records(&Small::default().file(), &options).unwrap();
+    assert!(records.is_empty());
+    assert_eq!(summary.warnings, ["no region has a name that 'lung' selects"]);
+}
+
+#[test]
+fn what_identifies_is_named_and_not_shown() {
+    let e = IMPLICIT;
+    let mut set = Small::default().data_set();
+    let nested = [e.text(0x0008_0090, "PN", "Doctor^Secret"), e.text(0x3006_0036, "CS", "MANUAL")].concat();
+    set.extend(e.sequence(0x4008_0050, &[nested]));
+    set.extend(e.text(0x4009_0010, "LO", "Vendor secret"));
+    set.extend(e.text(0x4010_1077, "DA", ""));
+    let (records, summary) = all(&e.file(&set));
+    let named = |what: &str| {
+        let found = summary.dropped.iter().find(|dropped| dropped.what == what).unwrap();
+        (found.count, found.names.iter().map(String::as_str).collect::<Vec<_>>())
+    };
+    assert_eq!(named("identifying elements"), (2, vec!["PatientName", "ReferringPhysicianName"]));
+    assert_eq!(named("private elements"), (1, vec!["(4009,0010)"]));
+    let said = format!("{records:?} {}", serde_json::to_string(&summary).unwrap());
+    assert!(!said.to_lowercase().contains("secret") && !said.contains("Nobody"), "{said}");
+}
+
+#[test]
+fn long_contours_of_explicit_files_have_no_type() {
+    // Lengths of decimal strings have 16 bits where types are explicit: longer ones are of the type UN.
+    let e = EXPLICIT;
+    let points: Vec<String> = (0..9000).map(|k| format!("{k}.25\\{}.5\\7", k % 90)).collect();
+    let data = e.bytes(0x3006_0050, "UN", points.join("\\").as_bytes());
+    let item = [e.text(0x3006_0042, "CS", "OPEN_PLANAR"), data].concat();
+    let roi = [e.sequence(0x3006_0040, &[item]), e.text(0x3006_0084, "IS", "1")].concat();
+    let rois = vec![Roi { name: b"a", contours: Vec::new() }];
+    let set = Small { encoding: e, rois, ..Small::default() }.data_set();
+    let at = e.text(0x0008_0005, "CS", "ISO_IR 100").len();
+    let set = [&set[..at], &e.sequence(0x3006_0039, &[roi]), &set[at..]].concat();
+    let found = coordinates(&all(&e.file(&set)).0[0]);
+    assert_eq!((found.len(), found[27_000 - 3]), (27_000, 8999.25));
 }
 
 #[test]

@@ -70,6 +70,10 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
         reading.region(region, unique)?;
     }
     let mut summary = reading.summary;
+    if lines.is_empty() {
+        let select = options.select.as_deref().unwrap_or_default();
+        summary.warnings.push(format!("no region has a name that '{select}' selects"));
+    }
     summary.set("regions", lines);
     Ok(summary)
 }
