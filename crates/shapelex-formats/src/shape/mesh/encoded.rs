@@ -73,7 +73,7 @@ fn next_part(text: &mut &[u8], quads: usize) -> Vec<u8> {
             continue;
         }
         part.push(*byte);
-        if part.len() % 4 == 0 && *byte == b'=' {
+        if part.len().is_multiple_of(4) && *byte == b'=' {
             break;
         }
     }

@@ -182,7 +182,8 @@ impl<'a> Array<'a> {
             let matrix = words(text("MatrixData").as_bytes());
             let matrix = matrix.map(|word| number(word, "a number", || system.place()));
             let matrix = matrix.collect::<Result<Vec<f64>, _>>()?;
-            let identity = matrix.iter().enumerate().all(|(k, x)| *x == f64::from(u8::from(k % 5 == 0)));
+            let identity =
+                matrix.iter().enumerate().all(|(k, x)| *x == f64::from(u8::from(k.is_multiple_of(5))));
             summary.set("coordinate_system", text("DataSpace"));
             if !identity {
                 let value = serde_json::json!({ "to": text("TransformedSpace"), "matrix": matrix });

@@ -276,7 +276,7 @@ impl<'a> Arrays<'a> {
                 return Err(FileError::unsupported(place(), detail));
             }
         };
-        if bytes.len() % scalar.size() != 0 {
+        if !bytes.len().is_multiple_of(scalar.size()) {
             let detail = format!("expected a multiple of {} bytes, got {}", scalar.size(), bytes.len());
             return Err(FileError::malformed(place(), detail));
         }
