@@ -278,10 +278,30 @@ mod tests {
                 "expected steps of one pixel of 1, got NaN pixels between points 0 and 1",
             ),
             (&[], "expected a point or more, got none"),
+            (&[0.0, 0.0], "expected steps of one pixel, got none between points 0 and 0"),
         ] {
             let error = written(&FORMAT, &[curve(rows)], &WriteOptions::default()).expect_err("no chain");
             assert_eq!(error.to_string(), format!("shape 'a b': {message}"));
         }
+    }
+
+    #[test]
+    fn digits_beside_the_lattice_are_told() {
+        let curve = |rows: &[f64]| {
+            let points = Points::from_rows(2, rows.to_vec());
+            Record::new(Geometry::Curve { points, closed: false }, Place::default())
+        };
+        let (text, summary) =
+            written(&FORMAT, &[curve(&[0.0, 0.0, 1.0, 0.0, 2.00005, 1.0])], &WriteOptions::default())
+                .expect("a chain");
+        assert_eq!(text, "1 0 0 1 2 0 7 -1\n");
+        assert_eq!(summary.dropped[0].what, "digits of points beside the lattice of pixels");
+        assert_eq!(summary.warnings, ["1 shapes have no name: written with their number"]);
+        let back = curve(&[0.0, 0.0, 1.0, 0.0, 0.0, 0.0]);
+        let error = written(&FORMAT, &[back], &WriteOptions::default()).expect_err("a ring");
+        let expected =
+            "a shape without a name: expected a closed curve, got an open one that ends at its start";
+        assert_eq!(error.to_string(), expected);
     }
 
     #[test]

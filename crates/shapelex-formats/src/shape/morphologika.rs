@@ -473,6 +473,21 @@ mod tests {
     }
 
     #[test]
+    fn names_and_points_that_mean_something_else_are_refused() {
+        let (found, _) = records(&FORMAT, TWO, &ReadOptions::default()).expect("a valid file");
+        let refusal = |record: Record| {
+            let written = super::super::testing::written(&FORMAT, &[record], &WriteOptions::default());
+            written.expect_err("a record that does not fit").to_string()
+        };
+        let named = Record { name: Some("[names]".into()), ..found[0].clone() };
+        let expected = "shape '[names]': expected a name without brackets around it, got one with them";
+        assert!(refusal(named).ends_with(expected));
+        let mut coded = found[0].clone();
+        coded.geometry = Geometry::Landmarks(Points::from_rows(2, vec![9999.0; 2]));
+        assert!(refusal(coded).ends_with("expected no point at 9999, which means a missing one, got one"));
+    }
+
+    #[test]
     fn sections_may_stand_in_any_order() {
         let text =
             "[RawPoints]\n\n1 2\n3 4\n[Dimensions]\n2\n[Landmarks]\n2\n[Individuals]\n1\n[colours]\nred\n";
