@@ -164,19 +164,13 @@ def fourier(convert, folder):
     zero = flat.copy()
     zero[:, :: harmonics + 1] = 0
     theirs = numpy.asarray(analysis.inverse_transform(zero, t_num=64))
-    for t in (numpy.arange(64) / 64, numpy.arange(64) / 63):
-        k = numpy.arange(1, harmonics + 1)
-        ours = [
-            numpy.cos(2 * math.pi * numpy.outer(t, k)) @ numpy.array(r["fourier"]["cosine"])
-            + numpy.sin(2 * math.pi * numpy.outer(t, k)) @ numpy.array(r["fourier"]["sine"])
-            for r in found
-        ]
-        # Written with eight digits.
-        if all(same(a, b, 1e-6) for a, b in zip(ours, theirs)):
-            yield "nef in: curve of ktch", True, "64 points of each, to the eight digits of the file"
-            break
-    else:
-        yield "nef in: curve of ktch", False, "points differ"
+    theta = 2 * math.pi * numpy.outer(numpy.arange(1, 65) / 64, numpy.arange(1, harmonics + 1))
+    ours = [
+        numpy.cos(theta) @ numpy.array(r["fourier"]["cosine"]) + numpy.sin(theta) @ numpy.array(r["fourier"]["sine"]) for r in found
+    ]
+    # Written with eight digits.
+    ok = all(same(a, b, 1e-6) for a, b in zip(ours, theirs))
+    yield "nef in: curve of ktch", ok, "64 points of each, to the eight digits of the file"
     written = folder / "ours.nef"
     written.write_bytes(convert(path, "nef")[0])
     again = read_nef(written)

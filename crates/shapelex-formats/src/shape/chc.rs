@@ -41,6 +41,9 @@ const STEPS: [[i64; 2]; 8] = [[1, 0], [1, -1], [0, -1], [-1, -1], [-1, 0], [-1, 
 /// Largest distance of a step from a whole number of pixels: coordinates of files often have six digits.
 const TOLERANCE: f64 = 1e-4;
 
+/// Largest distance that rounding of doubles explains.
+const ROUNDING: f64 = 1e-9;
+
 fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Result<Summary, FileError> {
     let limits = *source.limits();
     let text = source.text()?;
@@ -131,7 +134,14 @@ impl Writer for Chains<'_> {
             None => spacing(points),
         };
         let area = area.unwrap_or(scale * scale);
-        let codes = codes(points, closed, scale).map_err(|detail| text::unfit(record, detail))?;
+        if area == 0.0 && scale != 1.0 {
+            return Err(text::unfit(record, format!("expected steps whose square is a number, got {scale}")));
+        }
+        let (codes, moved) = codes(points, closed, scale).map_err(|detail| text::unfit(record, detail))?;
+        if moved > ROUNDING {
+            let name = record.name.as_deref();
+            self.summary.drop("digits of points beside the lattice of pixels", name, || record.place.clone());
+        }
         let name = match &record.name {
             Some(name) if !name.trim().is_empty() => text::word(name, &mut self.summary, &record.place),
             _ => {
@@ -172,8 +182,9 @@ fn spacing(points: &Points) -> f64 {
     if smallest.is_finite() { smallest } else { 1.0 }
 }
 
-/// The codes of a curve on a lattice, with the step back to the start of a closed one.
-fn codes(points: &Points, closed: bool, scale: f64) -> Result<Vec<usize>, String> {
+/// The codes of a curve on a lattice and the largest distance of a coordinate from it in pixels, with the step back to the start of a closed one.
+fn codes(points: &Points, closed: bool, scale: f64) -> Result<(Vec<usize>, f64), String> {
+    let mut moved: f64 = 0.0;
     let (rows, mut found) = (points.rows(), Vec::with_capacity(points.len()));
     let Some(first) = points.rows().next() else { return Err("expected a point or more, got none".into()) };
     let mut at = [0_i64; 2];
@@ -190,6 +201,7 @@ fn codes(points: &Points, closed: bool, scale: f64) -> Result<Vec<usize>, String
                     place()
                 ));
             }
+            moved = moved.max((pixels - pixels.round()).abs());
             step[axis] = if pixels > 0.5 { 1 } else { -i64::from(pixels < -0.5) };
         }
         let Some(code) = STEPS.iter().position(|of_code| *of_code == step) else {
@@ -198,7 +210,10 @@ fn codes(points: &Points, closed: bool, scale: f64) -> Result<Vec<usize>, String
         at = [at[0] + step[0], at[1] + step[1]];
         found.push(code);
     }
-    Ok(found)
+    if !closed && !found.is_empty() && at == [0, 0] {
+        return Err("expected a closed curve, got an open one that ends at its start".into());
+    }
+    Ok((found, moved))
 }
 
 /// Number of pixels on and within an outline by Pick's theorem: A + B/2 + 1 for area A and B pixels on the outline.
@@ -263,10 +278,30 @@ mod tests {
                 "expected steps of one pixel of 1, got NaN pixels between points 0 and 1",
             ),
             (&[], "expected a point or more, got none"),
+            (&[0.0, 0.0], "expected steps of one pixel, got none between points 0 and 0"),
         ] {
             let error = written(&FORMAT, &[curve(rows)], &WriteOptions::default()).expect_err("no chain");
             assert_eq!(error.to_string(), format!("shape 'a b': {message}"));
         }
+    }
+
+    #[test]
+    fn digits_beside_the_lattice_are_told() {
+        let curve = |rows: &[f64]| {
+            let points = Points::from_rows(2, rows.to_vec());
+            Record::new(Geometry::Curve { points, closed: false }, Place::default())
+        };
+        let (text, summary) =
+            written(&FORMAT, &[curve(&[0.0, 0.0, 1.0, 0.0, 2.00005, 1.0])], &WriteOptions::default())
+                .expect("a chain");
+        assert_eq!(text, "1 0 0 1 2 0 7 -1\n");
+        assert_eq!(summary.dropped[0].what, "digits of points beside the lattice of pixels");
+        assert_eq!(summary.warnings, ["1 shapes have no name: written with their number"]);
+        let back = curve(&[0.0, 0.0, 1.0, 0.0, 0.0, 0.0]);
+        let error = written(&FORMAT, &[back], &WriteOptions::default()).expect_err("a ring");
+        let expected =
+            "a shape without a name: expected a closed curve, got an open one that ends at its start";
+        assert_eq!(error.to_string(), expected);
     }
 
     #[test]

@@ -71,6 +71,11 @@ const LISTS: [&str; 2] = ["wireframe", "polygons"];
 const SECTIONS: [&str; 8] =
     ["individuals", "landmarks", "dimensions", "names", "labels", "labelvalues", "groups", "rawpoints"];
 
+/// Whether a line begins a section.
+fn is_header(line: &str) -> bool {
+    line.len() > 1 && line.starts_with('[') && line.ends_with(']')
+}
+
 /// Sections by name: the number of lines before their body, and the body.
 struct Sections<'t>(BTreeMap<String, (u64, &'t str)>);
 
@@ -203,7 +208,7 @@ impl<'t> Specimens<'t> {
     fn new(sections: &Sections<'t>, limits: &Limits, options: &ReadOptions) -> Result<Self, FileError> {
         let landmarks = sections.number("landmarks")?;
         limits.points(landmarks, || Place::tag("[landmarks]"))?;
-        if landmarks == 0 {
+        if landmarks == 0 && sections.number("individuals")? > 0 {
             // A number of specimens without points could be any.
             let detail = "expected 1 or more landmarks, got 0";
             return Err(FileError::malformed(Place::tag("[landmarks]"), detail));
@@ -329,8 +334,12 @@ impl Writer for Morphologika<'_> {
     fn push(&mut self, record: &Record) -> Result<(), FileError> {
         let points = text::points(record, &mut self.summary)?;
         self.size.check(record, points)?;
-        if !(2..=3).contains(&points.dimension()) {
-            let detail = format!("expected points of 2 or 3 coordinates, got {}", points.dimension());
+        if !(2..=3).contains(&points.dimension()) || points.is_empty() {
+            let detail = format!(
+                "expected a point or more of 2 or 3 coordinates, got {} of {}",
+                points.len(),
+                points.dimension()
+            );
             return Err(text::unfit(record, detail));
         }
         if points.rows().any(|row| row.iter().all(|x| *x == MISSING)) {
@@ -338,7 +347,8 @@ impl Writer for Morphologika<'_> {
             return Err(text::unfit(record, detail));
         }
         if self.names.is_empty() {
-            self.labels = record.labels.keys().cloned().collect();
+            let has_column = |label: &&String| !label.trim().is_empty() && text::name_fits(label).is_ok();
+            self.labels = record.labels.keys().filter(has_column).cloned().collect();
             for (name, lines) in
                 LISTS.iter().filter_map(|name| Some((name, lines(record.metadata.get(*name)?)?)))
             {
@@ -348,7 +358,12 @@ impl Writer for Morphologika<'_> {
         // Writing to a text cannot fail.
         let _ = writeln!(self.points, "'{}", self.names.len() + 1);
         points.rows().for_each(|row| text::write_row(&mut self.points, row, "9999"));
-        self.names.push(record.name.as_deref().map(|name| name.lines().collect::<Vec<_>>().join(" ")));
+        let name = record.name.as_deref().map(|name| name.split_whitespace().collect::<Vec<_>>().join(" "));
+        let name = name.filter(|name| !name.is_empty());
+        if name.as_deref().is_some_and(is_header) {
+            return Err(text::unfit(record, "expected a name without brackets around it, got one with them"));
+        }
+        self.names.push(name);
         self.attributes(record);
         text::left_out(&mut self.summary, record, &["label", "labels", "wireframe", "polygons"]);
         self.summary.records += 1;
@@ -393,7 +408,7 @@ impl Morphologika<'_> {
         if !self.labels.is_empty() {
             let summary = &mut self.summary;
             let values = self.labels.iter().map(|label| match record.labels.get(label).map(text::text_of) {
-                Some(value) if !value.is_empty() => text::word(&value, summary, place),
+                Some(value) if !value.is_empty() && !is_header(&value) => text::word(&value, summary, place),
                 _ => "NA".into(),
             });
             let values: Vec<String> = values.collect();
@@ -401,7 +416,7 @@ impl Morphologika<'_> {
             self.values.push('\n');
         }
         for label in record.labels.keys().filter(|label| !self.labels.contains(label)) {
-            self.summary.drop("labels that the first shape does not have", Some(label), || place.clone());
+            self.summary.drop("labels without a column", Some(label), || place.clone());
         }
         match (&mut self.groups, &record.label) {
             (Some(groups), Some(label)) if !label.trim().is_empty() => {
@@ -455,6 +470,21 @@ mod tests {
         let Geometry::Landmarks(points) = &found[1].geometry else { panic!("landmarks") };
         assert_eq!(points.missing(), [1]);
         assert!((FORMAT.recognise)(TWO.as_bytes()));
+    }
+
+    #[test]
+    fn names_and_points_that_mean_something_else_are_refused() {
+        let (found, _) = records(&FORMAT, TWO, &ReadOptions::default()).expect("a valid file");
+        let refusal = |record: Record| {
+            let written = super::super::testing::written(&FORMAT, &[record], &WriteOptions::default());
+            written.expect_err("a record that does not fit").to_string()
+        };
+        let named = Record { name: Some("[names]".into()), ..found[0].clone() };
+        let expected = "shape '[names]': expected a name without brackets around it, got one with them";
+        assert!(refusal(named).ends_with(expected));
+        let mut coded = found[0].clone();
+        coded.geometry = Geometry::Landmarks(Points::from_rows(2, vec![9999.0; 2]));
+        assert!(refusal(coded).ends_with("expected no point at 9999, which means a missing one, got one"));
     }
 
     #[test]

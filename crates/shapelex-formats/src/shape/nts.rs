@@ -116,7 +116,10 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
     let Some(dimension) = header.dimension.or(options.dimension) else {
         return Err(at_header("expected DIM= in the header or the option dimension, got neither".into()));
     };
-    if dimension == 0 || !header.columns.is_multiple_of(dimension as u64) || header.columns == 0 {
+    if dimension == 0
+        || !header.columns.is_multiple_of(dimension as u64)
+        || (header.columns == 0 && header.rows > 0)
+    {
         let detail = format!("expected a multiple of {dimension} columns, got {}", header.columns);
         return Err(at_header(detail));
     }
@@ -260,7 +263,7 @@ impl Writer for Nts<'_> {
         for (code, taken) in CODES.iter().zip(&mut self.taken) {
             *taken |= points.coordinates().contains(code);
         }
-        let name = record.name.as_deref();
+        let name = record.name.as_deref().filter(|name| !name.is_empty());
         self.names.push(name.map(|name| text::word(name, &mut self.summary, &record.place)));
         text::left_out(&mut self.summary, record, &[]);
         self.summary.records += 1;

@@ -198,3 +198,94 @@ fn landmarks_pass_through_every_format_of_landmarks() {
     let (again, _) = records(&bytes, find("fcsv").unwrap(), &ReadOptions::default());
     assert_eq!(found[0].geometry, again[0].geometry);
 }
+
+/// Seeds of the fuzz target with changed bytes: whatever is read of them can be written, and what is written is read as the same
+/// shapes.
+#[test]
+fn changed_files_are_refused_or_pass_through_every_format() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fuzz/corpus/shape_files");
+    let formats = ["tps", "nts", "morphologika", "fcsv", "mrk", "csv", "chc", "nef"];
+    let mut names: Vec<_> = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+    names.retain(|path| {
+        let name = path.file_name().unwrap().to_string_lossy().into_owned();
+        detect(b"", Some(&name)).is_ok_and(|format| formats.contains(&format.id))
+    });
+    names.sort();
+    assert!(names.len() >= 12);
+    let mut random = 1_u64;
+    let mut draw = |below: usize| {
+        // The generator of Knuth's MMIX, whose high bits are good.
+        random = random.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (random >> 33) as usize % below
+    };
+    let (mut read_back, mut refused, mut faults) = (0, 0, Vec::new());
+    for path in names {
+        let name = path.file_name().unwrap().to_string_lossy().into_owned();
+        let format = detect(b"", Some(&name)).unwrap();
+        let seed = std::fs::read(&path).unwrap();
+        for _ in 0..200 {
+            let mut bytes = seed.clone();
+            for _ in 0..1 + draw(2) {
+                let at = draw(bytes.len());
+                match draw(4) {
+                    0 => bytes[at] = b"0123456789-.eNA=[]{},;\"' \n\t\xff"[draw(28)],
+                    1 => drop(bytes.remove(at)),
+                    2 => bytes.insert(at, b"0-.e[\"=#\n"[draw(9)]),
+                    _ => drop(bytes.splice(at..at, seed[draw(seed.len())..].iter().copied().take(20))),
+                }
+            }
+            let mut found = Vec::new();
+            let limits = Limits { points: 1000, records: 100, held: 1 << 20, ..Limits::default() };
+            let mut source = Source::new(&bytes[..], limits).unwrap();
+            let result = read(format, &mut source, &ReadOptions::default(), &mut |record| {
+                found.push(record);
+                Ok(())
+            });
+            refused += usize::from(result.is_err());
+            read_back +=
+                found.iter().map(|record| pass_through(record, &formats, &mut faults)).sum::<usize>();
+        }
+    }
+    assert!(
+        faults.is_empty(),
+        "{} faults, such as {}",
+        faults.len(),
+        faults[..faults.len().min(8)].join("\n\n")
+    );
+    // Neither is rare: the test would be empty.
+    assert!(refused > 1000 && read_back > 3000, "{refused} refused, {read_back} read back");
+}
+
+/// Writes a record to each format that holds it, and compares what is read of that. Returns the number of formats.
+fn pass_through(record: &Record, formats: &[&str], faults: &mut Vec<String>) -> usize {
+    let mut count = 0;
+    for id in formats {
+        let (format, mut bytes) = (find(id).unwrap(), Vec::new());
+        let mut writer = format.writer(&mut bytes, &WriteOptions::default()).unwrap();
+        if writer.push(record).is_err() {
+            continue;
+        }
+        let summary = writer.finish().unwrap();
+        // As the record may have a scale that was left.
+        let scale = (*id == "tps").then_some(Scale::Leave);
+        let options = ReadOptions { scale, ..ReadOptions::default() };
+        let mut again = Vec::new();
+        let mut source = Source::new(&bytes[..], Limits::default()).unwrap();
+        let result = read(format, &mut source, &options, &mut |record| {
+            again.push(record);
+            Ok(())
+        });
+        let shape = |record: &Record| match &record.geometry {
+            Geometry::Landmarks(points) | Geometry::Curve { points, .. } => format!("{points:?}"),
+            other => format!("{other:?}"),
+        };
+        let is_less = |what: &str| what.starts_with("digits") || what == "centres";
+        let is_whole = summary.dropped.iter().all(|dropped| !is_less(&dropped.what));
+        let text = String::from_utf8_lossy(&bytes);
+        if result.is_err() || again.len() != 1 || is_whole && shape(record) != shape(&again[0]) {
+            faults.push(format!("{id}: {result:?}\n{text}\n{record:?}"));
+        }
+        count += 1;
+    }
+    count
+}

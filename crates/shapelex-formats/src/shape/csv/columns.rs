@@ -209,7 +209,7 @@ fn recognised(names: &[String], dimension: Option<usize>) -> Result<Coordinates,
 }
 
 /// Number and axis of a column such as `x1`, `1.X` or `LM1_x`.
-fn numbered(name: &str) -> Option<(u32, usize)> {
+pub(super) fn numbered(name: &str) -> Option<(u32, usize)> {
     let name: String =
         name.to_lowercase().chars().filter(|c| !matches!(c, ' ' | '_' | '.' | '-' | ':')).collect();
     let name = PREFIXES.iter().find_map(|prefix| name.strip_prefix(prefix)).unwrap_or(&name);

@@ -210,6 +210,18 @@ mod tests {
     }
 
     #[test]
+    fn attributes_with_the_name_of_another_column_are_counted() {
+        let mut found = read(WIDE);
+        for name in ["x7", "Label", "subject", " ", "closed", "Z"] {
+            found[0].labels.insert(name.into(), Value::Number(1.0));
+        }
+        let (text, summary) = written(&FORMAT, &found, &WriteOptions::default()).expect("written");
+        assert_eq!((text.as_str(), summary.dropped.len()), (WIDE, 1));
+        let dropped = &summary.dropped[0];
+        assert_eq!((dropped.what.as_str(), dropped.count), ("labels without a column", 6));
+    }
+
+    #[test]
     fn shapes_that_do_not_fit_are_refused_by_name() {
         let mut found = read("id,x1,y1\na,1,2\nb,1,2\n");
         found[1] = read("id,x1,y1,x2,y2\nb,1,2,3,4\n").remove(0);

@@ -148,9 +148,10 @@ impl Table {
             }
             let closed = self.closed(&rows.record, &place)?;
             // A row of a curve may have fewer points than the table has columns for.
-            let is_absent = |row: &[f64]| row.iter().all(|x| x.is_nan());
-            while closed.is_some() && points.rows().next_back().is_some_and(is_absent) {
-                points.pop();
+            if closed.is_some() {
+                let is_empty =
+                    |columns: &&[usize]| columns.iter().all(|at| rows.record[*at].trim().is_empty());
+                columns.chunks_exact(*dimension).rev().take_while(is_empty).for_each(|_| points.pop());
             }
             let record = self.record(&rows.record, geometry(points, closed), place)?;
             sink(record)?;

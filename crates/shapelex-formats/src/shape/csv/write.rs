@@ -6,9 +6,10 @@ use super::super::error::{FileError, Place};
 use super::super::options::{Layout, WriteOptions};
 use super::super::record::{Geometry, Points, Record};
 use super::super::summary::Summary;
-use super::super::text::{self, Uniform, left_out, refused, unfit};
+use super::super::text::{self, Uniform, left_out, name_fits, refused, unfit};
 use super::super::write::Writer;
 use super::AXES;
+use super::columns::numbered;
 
 /// Columns of the table, those of the first shape.
 struct Header {
@@ -52,8 +53,12 @@ impl Writer for Table<'_> {
             Geometry::Curve { points, closed } => (points, Some(*closed)),
             _ => return Err(refused(record, "landmarks or a curve")),
         };
-        if !(2..=3).contains(&points.dimension()) {
-            let detail = format!("expected points of 2 or 3 coordinates, got {}", points.dimension());
+        if !(2..=3).contains(&points.dimension()) || points.is_empty() {
+            let detail = format!(
+                "expected a point or more of 2 or 3 coordinates, got {} of {}",
+                points.len(),
+                points.dimension()
+            );
             return Err(unfit(record, detail));
         }
         let header = match self.header.take() {
@@ -87,7 +92,7 @@ impl Table<'_> {
             subject: record.subject.is_some(),
             weight: record.weight.is_some(),
             closed: is_curve,
-            attributes: record.labels.keys().cloned().collect(),
+            attributes: record.labels.keys().filter(|name| is_attribute(name)).cloned().collect(),
         };
         let mut names: Vec<String> = vec!["id".into(), "label".into()];
         let optional =
@@ -155,11 +160,10 @@ impl Table<'_> {
         points: &Points,
         closed: Option<bool>,
     ) -> Result<(), FileError> {
-        if points.dimension() != header.dimension || points.is_empty() {
+        if points.dimension() != header.dimension {
             let detail = format!(
-                "expected a point or more of {} coordinates as in the first shape, got {} of {}",
+                "expected points of {} coordinates as in the first shape, got {}",
                 header.dimension,
-                points.len(),
                 points.dimension()
             );
             return Err(unfit(record, detail));
@@ -196,12 +200,22 @@ impl Table<'_> {
         left_out(&mut self.summary, record, &kept);
         let place = || record.place.clone();
         for name in record.labels.keys().filter(|name| !header.attributes.contains(name)) {
-            self.summary.drop("labels that the first shape does not have", Some(name), place);
+            self.summary.drop("labels without a column", Some(name), place);
         }
         if is_curve && !header.closed {
             self.summary.drop("curves written as landmarks", record.name.as_deref(), place);
         }
     }
+}
+
+/// Whether the name of an attribute can be that of a column, which is none of a table's own.
+fn is_attribute(name: &str) -> bool {
+    let own = ["id", "label", "subject", "mean_weight", "closed", "point"];
+    let lower = name.trim().to_lowercase();
+    name_fits(name).is_ok()
+        && !own.iter().chain(&AXES).any(|own| *own == lower)
+        && numbered(name).is_none()
+        && !lower.is_empty()
 }
 
 fn coordinate(x: &f64) -> String {

@@ -101,6 +101,19 @@ mod tests {
     }
 
     #[test]
+    fn metadata_that_would_be_keys_are_refused_by_name() {
+        let (mut found, _) =
+            records(&FORMAT, "LM=1\n1 2\nID=a\n", &ReadOptions::default()).expect("a valid file");
+        found[0].metadata.insert("variables".into(), serde_json::json!(["1", "LM=3"]));
+        let error = super::super::testing::written(&FORMAT, &found, &super::super::WriteOptions::default());
+        let expected = "expected one line of values without '=' in variables, got 'LM=3'";
+        assert!(error.expect_err("a key").to_string().ends_with(expected));
+        found[0].metadata =
+            [("other".into(), serde_json::json!({"LM": "3", "WHO": "me"}))].into_iter().collect();
+        assert_eq!(converted(&FORMAT, &found), "LM=1\n1 2\nID=a\nWHO=me\n\n");
+    }
+
+    #[test]
     fn negative_points_are_missing_if_asked() {
         let text = "LM=2\n-1 -1\n5 3\n";
         let (found, summary) = records(&FORMAT, text, &ReadOptions::default()).expect("a valid file");

@@ -9,7 +9,7 @@ use super::super::error::FileError;
 use super::super::options::WriteOptions;
 use super::super::record::{Geometry, Points, Record};
 use super::super::summary::Summary;
-use super::super::text::{left_out, refused, unfit, write_row};
+use super::super::text::{left_out, name_fits, refused, shown, unfit, write_row};
 use super::super::write::Writer;
 
 /// Keys of the metadata that are written.
@@ -130,6 +130,7 @@ fn entries(record: &Record, name: Option<&str>) -> Result<String, String> {
         entry("IMAGE", image)?;
     }
     if let Some(name) = name {
+        name_fits(name)?;
         entry("ID", name)?;
     }
     for comment in text(record, "comment").into_iter().flat_map(|comment| comment.split('\n')) {
@@ -139,8 +140,14 @@ fn entries(record: &Record, name: Option<&str>) -> Result<String, String> {
     if let Some((first, rest)) = variables.and_then(|lines| lines.split_first()) {
         entry("VARIABLES", first.as_str().unwrap_or_default())?;
         for line in rest {
-            lines.push_str(line.as_str().unwrap_or_default().lines().next().unwrap_or_default());
-            lines.push('\n');
+            let line = line.as_str().unwrap_or_default();
+            if line.contains(['=', '\n', '\r']) {
+                return Err(format!(
+                    "expected one line of values without '=' in variables, got {}",
+                    shown(line)
+                ));
+            }
+            lines.push_str(&format!("{line}\n"));
         }
     }
     let mut entry = |key: &str, value: &str| {
