@@ -221,7 +221,7 @@ def check_made_regions(convert, folder):
         ("whole", roifile.ROI_TYPE.TRACED, points.astype(numpy.int32)),
     ]:
         path = folder / f"made-{name}.roi"
-        region = roifile.ImagejRoi.frompoints(array, name=f"über {name}", c=1, z=2, t=3)
+        region = roifile.ImagejRoi.frompoints(array, name=f"über {name}", c=0, z=1, t=2)
         region.roitype = type_
         region.stroke_color = b"\xff\x10\x20\x30"
         region.tofile(path)
@@ -250,6 +250,22 @@ def check_made_regions(convert, folder):
     yield "holes of the composite, read by us", holes == [False, True, True], str(holes)
 
 
+def check_set(convert, folder):
+    """A zip of regions, read by roifile."""
+    path, out = folder / "kinds.geojson", folder / "kinds.roi.zip"
+    names = [name for name in shapes() if name not in ("space", "mixed")]
+    features = [
+        {"type": "Feature", "properties": {"name": name}, "geometry": shapely.geometry.mapping(shapes()[name])}
+        for name in names
+    ]
+    path.write_text(json.dumps(features))
+    convert(path, "imagej-roi-set", KEEP, out)
+    regions = roifile.roiread(out)
+    found = [region.name for region in regions]
+    rings = [len(region.coordinates(multi=True)) for region in regions]
+    yield "zip: names and rings, read by roifile", found == names and rings == [1, 3, 3, 1, 2, 1, 1], f"{found} {rings}"
+
+
 def check(convert, data, folder):
     """All comparisons."""
     if data is not None:
@@ -259,3 +275,4 @@ def check(convert, data, folder):
     yield from check_wkt(convert, folder)
     yield from check_coco(convert, folder)
     yield from check_made_regions(convert, folder)
+    yield from check_set(convert, folder)

@@ -39,7 +39,7 @@ pub struct Format {
 
 /// All formats.
 pub static FORMATS: &[&Format] =
-    &[&ndjson::FORMAT, &geojson::FORMAT, &imagej::FORMAT, &wkt::FORMAT, &coco::FORMAT];
+    &[&ndjson::FORMAT, &geojson::FORMAT, &imagej::FORMAT, &imagej::SET, &wkt::FORMAT, &coco::FORMAT];
 
 impl Format {
     /// Whether files of the format can be read.
