@@ -81,7 +81,7 @@ pub fn find(word: &str) -> Option<&'static Format> {
     FORMATS.iter().find(named).copied()
 }
 
-/// The format of a file by its first bytes, else by the end of its name.
+/// The format of a file by its first bytes, else by the end of its name; of several with one that ends so, one that is read.
 ///
 /// # Errors
 /// [`FaultKind::Unknown`], which lists the formats.
@@ -89,8 +89,10 @@ pub fn detect(head: &[u8], name: Option<&str>) -> Result<&'static Format, FileEr
     let recognised = FORMATS.iter().find(|format| (format.recognise)(head));
     let name = name.unwrap_or_default().to_lowercase();
     let ends = |extension: &&str| name.strip_suffix(*extension).is_some_and(|rest| rest.ends_with('.'));
-    let named = || FORMATS.iter().find(|format| format.extensions.iter().any(&ends));
-    recognised.or_else(named).copied().ok_or_else(|| {
+    let named = |read: bool| {
+        FORMATS.iter().find(|format| format.is_read() == read && format.extensions.iter().any(&ends))
+    };
+    recognised.or_else(|| named(true)).or_else(|| named(false)).copied().ok_or_else(|| {
         let known = FORMATS.iter().filter(|format| format.is_read()).map(|format| format.name);
         let known = known.collect::<Vec<_>>().join(", ");
         let detail = format!(
