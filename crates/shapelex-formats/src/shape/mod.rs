@@ -34,7 +34,7 @@ mod write;
 pub use error::{FaultKind, FileError, Place};
 pub use format::{FORMATS, Format, detect, find};
 pub use limits::{Limits, MAX_COORDINATE};
-pub use options::{Holes, Nuclei, ReadOptions, WriteOptions};
+pub use options::{Holes, Names, Nuclei, ReadOptions, WriteOptions};
 pub use record::{Domain, Faces, Field, Fourier, Geometry, Kind, Mesh, Points, Record, Ring, Value};
 pub use source::Source;
 pub use summary::{Dropped, Summary};

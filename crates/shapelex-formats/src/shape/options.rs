@@ -17,6 +17,8 @@ pub struct ReadOptions {
     pub closed: Option<bool>,
     /// What becomes of the outlines of nuclei beside those of their cells. Default: `skip`.
     pub nuclei: Option<Nuclei>,
+    /// What names the shapes of a file with names and ids. Default: `name`.
+    pub names: Option<Names>,
 }
 
 /// What becomes of rings that bound holes.
@@ -30,6 +32,17 @@ pub enum Holes {
     Keep,
     /// A file that has some is refused.
     Refuse,
+}
+
+/// What names the shapes of a file whose features have names and ids.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Names {
+    /// Their name; their id where they have none.
+    #[default]
+    Name,
+    /// Their id, for files in which several have one name; their name where they have none.
+    Id,
 }
 
 /// What becomes of the outlines of nuclei beside those of their cells.
