@@ -70,7 +70,7 @@ def check_qupath(convert, data, folder):
         features = json.loads(path.read_text())["features"]
         by_name = {}
         for record in records:
-            key = record["metadata"].get("id", record["external_id"])
+            key = record["metadata"].get("id", record["external_id"].split("/")[0])
             by_name.setdefault(key, []).append(record)
         wrong = []
         for feature in features:
@@ -80,7 +80,9 @@ def check_qupath(convert, data, folder):
             good = near(area(own), geometry.area) and near(length(own), geometry.length)
             good = good and len(own) == len(getattr(geometry, "geoms", [geometry]))
             good = good and all(record.get("label") == label for record in own)
-            good = good and all(record["external_id"] == properties.get("name", feature["id"]) for record in own)
+            name = properties.get("name", feature["id"])
+            names = [name, *(f"{name}/{k}" for k in range(2, len(own) + 1))]
+            good = good and [record["external_id"] for record in own] == names
             if not good:
                 wrong.append(feature["id"])
         ok = not wrong and not summary["dropped"] and len(by_name) == len(features)
@@ -145,7 +147,7 @@ def check_coco(convert, folder):
     path.write_text(json.dumps(document))
     records, _ = convert(path)
     names = [(record["external_id"], record["label"]) for record in records]
-    yield "coco: names and labels", names == [("5", "cell"), ("6", "nucleus"), ("6", "nucleus")], str(names)
+    yield "coco: names and labels", names == [("5", "cell"), ("6", "nucleus"), ("6/2", "nucleus")], str(names)
     convert(path, "coco", None, out)
     again = json.loads(out.read_text())
     wrong = []
@@ -221,7 +223,7 @@ def check_made_regions(convert, folder):
         ("whole", roifile.ROI_TYPE.TRACED, points.astype(numpy.int32)),
     ]:
         path = folder / f"made-{name}.roi"
-        region = roifile.ImagejRoi.frompoints(array, name=f"über {name}", c=1, z=2, t=3)
+        region = roifile.ImagejRoi.frompoints(array, name=f"über {name}", c=0, z=1, t=2)
         region.roitype = type_
         region.stroke_color = b"\xff\x10\x20\x30"
         region.tofile(path)
@@ -250,6 +252,22 @@ def check_made_regions(convert, folder):
     yield "holes of the composite, read by us", holes == [False, True, True], str(holes)
 
 
+def check_set(convert, folder):
+    """A zip of regions, read by roifile."""
+    path, out = folder / "kinds.geojson", folder / "kinds.roi.zip"
+    names = [name for name in shapes() if name not in ("space", "mixed")]
+    features = [
+        {"type": "Feature", "properties": {"name": name}, "geometry": shapely.geometry.mapping(shapes()[name])}
+        for name in names
+    ]
+    path.write_text(json.dumps(features))
+    convert(path, "imagej-roi-set", KEEP, out)
+    regions = roifile.roiread(out)
+    found = [region.name for region in regions]
+    rings = [len(region.coordinates(multi=True)) for region in regions]
+    yield "zip: names and rings, read by roifile", found == names and rings == [1, 3, 3, 1, 2, 1, 1], f"{found} {rings}"
+
+
 def check(convert, data, folder):
     """All comparisons."""
     if data is not None:
@@ -259,3 +277,4 @@ def check(convert, data, folder):
     yield from check_wkt(convert, folder)
     yield from check_coco(convert, folder)
     yield from check_made_regions(convert, folder)
+    yield from check_set(convert, folder)

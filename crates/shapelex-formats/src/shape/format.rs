@@ -63,6 +63,7 @@ pub static FORMATS: &[&Format] = &[
     &csv::FORMAT,
     &geojson::FORMAT,
     &imagej::FORMAT,
+    &imagej::SET,
     &wkt::FORMAT,
     &coco::FORMAT,
     &rtstruct::FORMAT,
@@ -108,7 +109,8 @@ pub fn find(word: &str) -> Option<&'static Format> {
     FORMATS.iter().find(named).copied()
 }
 
-/// The format of a file by its first bytes, else by the end of its name, without the `.gz` of a compressed file.
+/// The format of a file by its first bytes, else by the end of its name, without the `.gz` of a compressed file; of several formats
+/// with one ending, one that is read.
 ///
 /// # Errors
 /// [`FaultKind::Unknown`], which lists the formats.
@@ -117,9 +119,12 @@ pub fn detect(head: &[u8], name: Option<&str>) -> Result<&'static Format, FileEr
     let name = name.unwrap_or_default().to_lowercase();
     let name = name.strip_suffix(".gz").unwrap_or(&name);
     let ends = |extension: &&str| name.strip_suffix(*extension).is_some_and(|rest| rest.ends_with('.'));
-    let named = || FORMATS.iter().find(|format| format.extensions.iter().any(&ends));
+    let named = |read: bool| {
+        FORMATS.iter().find(|format| format.is_read() == read && format.extensions.iter().any(&ends)).copied()
+    };
     let archive = || archive::is_archive(head).then_some(&archive::FORMAT);
-    recognised.or_else(named).copied().or_else(archive).ok_or_else(|| {
+    let found = recognised.copied().or_else(|| named(true)).or_else(archive).or_else(|| named(false));
+    found.ok_or_else(|| {
         let known = FORMATS.iter().filter(|format| format.is_read()).map(|format| format.name);
         let known = known.collect::<Vec<_>>().join(", ");
         let detail = format!(

@@ -48,7 +48,7 @@ pub use error::{FaultKind, FileError, Place};
 pub use format::{FORMATS, Format, detect, find};
 pub use limits::{Limits, MAX_COORDINATE};
 pub use options::{
-    Columns, Contours, Curves, Encoding, Holes, Layout, Nuclei, ReadOptions, Scale, WriteOptions,
+    Columns, Contours, Curves, Encoding, Holes, Layout, Names, Nuclei, ReadOptions, Scale, WriteOptions,
 };
 pub use record::{Domain, Faces, Field, Fourier, Geometry, Kind, Mesh, Points, Record, Ring, Value};
 pub use source::Source;

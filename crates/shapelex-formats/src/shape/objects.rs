@@ -33,7 +33,8 @@ pub(super) struct Giving<'a> {
 
 impl Giving<'_> {
     /// Gives the parts of an object on, each with what `template` says. Only an object of several rings or parts has a
-    /// [`Ring`]; rings of skipped holes count as such.
+    /// [`Ring`]; rings of skipped holes count as such. The second record and those after it have its position behind their name,
+    /// `cell/2`, since names of stored shapes differ.
     pub(super) fn give(
         &self,
         parts: Vec<Part>,
@@ -60,19 +61,20 @@ impl Giving<'_> {
                 Part::Points(points) => found.push((part, false, Geometry::Landmarks(points))),
             }
         }
-        let record = |(part, hole, geometry): (u64, bool, Geometry), template: Record| Record {
+        let record = |k: usize, (part, hole, geometry): (u64, bool, Geometry), template: Record| Record {
             ring: several.then_some(Ring { object, part, hole }),
+            name: template.name.map(|name| if k > 0 { format!("{name}/{}", k + 1) } else { name }),
             geometry,
             ..template
         };
-        let last = found.pop();
-        for content in found {
+        let (last, count) = (found.pop(), found.len());
+        for (k, content) in found.into_iter().enumerate() {
             self.check(&content.2, &template.place)?;
-            sink(record(content, template.clone()))?;
+            sink(record(k, content, template.clone()))?;
         }
         last.map_or(Ok(()), |content| {
             self.check(&content.2, &template.place)?;
-            sink(record(content, template))
+            sink(record(count, content, template))
         })
     }
 
@@ -111,10 +113,12 @@ impl Grouping {
     /// A ring begins another object if its number, its name or its label differs, or if the numbers of parts do not go on: files that
     /// are written one after the other all count their objects from 0.
     pub(super) fn push(&mut self, record: &Record) -> Vec<Record> {
+        let first = self.records.first();
         let goes_on = self.records.last().is_some_and(|last| match (&last.ring, &record.ring) {
             (Some(a), Some(b)) => {
                 let next = if b.hole { b.part >= a.part } else { b.part > a.part };
-                a.object == b.object && next && last.name == record.name && last.label == record.label
+                let named = first.is_some_and(|first| continues(first, record, self.records.len()));
+                a.object == b.object && next && named && last.label == record.label
             }
             _ => false,
         });
@@ -126,6 +130,18 @@ impl Grouping {
     /// The records that are left.
     pub(super) fn finish(&mut self) -> Vec<Record> {
         std::mem::take(&mut self.records)
+    }
+}
+
+/// Whether a record has the name of the first one of an object, or that with its position behind it.
+fn continues(first: &Record, record: &Record, position: usize) -> bool {
+    match (&first.name, &record.name) {
+        (Some(first), Some(name)) => {
+            let position = (position + 1).to_string();
+            name == first
+                || name.strip_prefix(first.as_str()).and_then(|end| end.strip_prefix('/')) == Some(&*position)
+        }
+        (first, name) => first == name,
     }
 }
 
@@ -261,6 +277,8 @@ mod tests {
             records.iter().filter_map(|r| r.ring.clone()).map(|r| (r.object, r.part, r.hole)).collect();
         assert_eq!(rings, [(7, 0, false), (7, 0, true), (7, 1, false), (7, 2, false)]);
         assert!(summary.dropped.is_empty());
+        let names: Vec<_> = records.iter().filter_map(|r| r.name.as_deref()).collect();
+        assert_eq!(names, ["a", "a/2", "a/3", "a/4"]);
         let mut grouping = Grouping::default();
         for record in &records {
             assert!(grouping.push(record).is_empty());

@@ -30,6 +30,8 @@ pub struct ReadOptions {
     pub nuclei: Option<Nuclei>,
     /// What becomes of contours that were drawn on slices of a volume. Default: `space`.
     pub contours: Option<Contours>,
+    /// What names the shapes of a file with names and ids. Default: `name`.
+    pub names: Option<Names>,
 }
 
 /// What becomes of scales.
@@ -115,6 +117,17 @@ pub enum Contours {
     Plane,
     /// One surface for each region, through its slices.
     Stack,
+}
+
+/// What names the shapes of a file whose features have names and ids.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Names {
+    /// Their name; their id where they have none.
+    #[default]
+    Name,
+    /// Their id, for files in which several have one name; their name where they have none.
+    Id,
 }
 
 impl ReadOptions {

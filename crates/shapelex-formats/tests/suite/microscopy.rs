@@ -25,7 +25,8 @@ fn read_all(bytes: &[u8], name: &str) -> Result<(Vec<Record>, Summary), FileErro
     let mut records = Vec::new();
     let mut source = Source::new(bytes, Limits::default())?;
     let format = detect(source.head(), Some(name))?;
-    let options = ReadOptions { holes: Some(Holes::Keep), ..ReadOptions::default() };
+    let holes = format.options.contains(&"holes").then_some(Holes::Keep);
+    let options = ReadOptions { holes, ..ReadOptions::default() };
     let summary = read(format, &mut source, &options, &mut |record| {
         records.push(record);
         Ok(())
@@ -158,5 +159,55 @@ fn names_and_positions_are_those_of_imagej() {
         ("counters", serde_json::json!([0])),
     ] {
         assert_eq!(records[0].metadata.get(key), Some(&value), "{key}");
+    }
+}
+
+#[test]
+fn damaged_seeds_are_read_or_refused() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fuzz/corpus/shape_files");
+    let seeds = [
+        "cell.geojson",
+        "kinds.geojsonl",
+        "polygon.roi",
+        "composite.roi",
+        "oval.roi",
+        "kinds.wkt",
+        "instances.coco.json",
+    ];
+    let mut state = 7_u64;
+    // The generator of Knuth (MMIX); its upper bits are used.
+    let mut draw = |below: usize| {
+        state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (state >> 33) as usize % below
+    };
+    for name in seeds {
+        let seed = std::fs::read(folder.join(name)).unwrap();
+        assert!(read_all(&seed, name).is_ok(), "{name}");
+        for _ in 0..1500 {
+            let mut bytes = seed.clone();
+            for _ in 0..=draw(3) {
+                let at = draw(bytes.len());
+                match draw(4) {
+                    0 => bytes[at] = draw(256) as u8,
+                    1 => bytes[at] ^= 1 << draw(8),
+                    2 => drop(bytes.remove(at)),
+                    _ => bytes.insert(at, b"{}[],:\"\\0-e(x"[draw(13)]),
+                }
+            }
+            // What is read is finite and can be written and read again.
+            let Ok((records, _)) = read_all(&bytes, name) else { continue };
+            let finite =
+                |record: &Record| points(record).coordinates().iter().all(|x| x.abs() <= 1e100 || x.is_nan());
+            assert!(records.iter().all(finite), "{name}: {bytes:?}");
+            let known: Vec<Record> = records
+                .into_iter()
+                .filter(|record| points(record).len() > 2 && points(record).missing().is_empty())
+                .collect();
+            assert_eq!(
+                read_all(&written(&known, "geojson"), "x.geojson").unwrap().0.len(),
+                known.len(),
+                "{name}: {bytes:?}"
+            );
+        }
     }
 }

@@ -44,7 +44,7 @@ fn annotations_have_category_image_and_attributes() {
     let expected = [
         (Some("1"), Some("cell"), None),
         (Some("2"), Some("cell"), ring(0)),
-        (Some("2"), Some("cell"), ring(1)),
+        (Some("2/2"), Some("cell"), ring(1)),
         (Some("4"), Some("nerve"), None),
     ];
     assert_eq!(found, expected);

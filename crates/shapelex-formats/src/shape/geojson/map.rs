@@ -4,7 +4,7 @@ use super::super::Sink;
 use super::super::error::{FileError, Place};
 use super::super::limits::Limits;
 use super::super::objects::{Giving, Part};
-use super::super::options::{Nuclei, ReadOptions};
+use super::super::options::{Names, Nuclei, ReadOptions};
 use super::super::record::{Geometry, Points, Record};
 use super::super::summary::Summary;
 use super::coordinates::Coordinates;
@@ -94,6 +94,10 @@ impl<'o> Mapping<'o> {
         let mut record = blank(place);
         (record.label, record.labels, record.metadata) = (class, measurements.values, others);
         match (name, id) {
+            (Some(name), Some(id)) if self.options.names == Some(Names::Id) => {
+                record.name = Some(id);
+                record.metadata.insert("name".into(), name.into());
+            }
             (Some(name), Some(id)) => {
                 record.name = Some(name);
                 record.metadata.insert("id".into(), id.into());

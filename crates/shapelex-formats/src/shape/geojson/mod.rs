@@ -32,7 +32,7 @@ pub(super) static FORMAT: Format = Format {
     extensions: &["geojson", "geojsonl", "geojsons"],
     recognise,
     kinds: &[Kind::Curve, Kind::Landmarks],
-    options: &["holes", "nuclei", "select"],
+    options: &["holes", "names", "nuclei", "select"],
     read: Some(read),
     open: Some(write::open),
 };

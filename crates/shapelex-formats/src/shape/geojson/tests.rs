@@ -58,7 +58,7 @@ fn a_cell_of_qupath_has_class_measurements_and_colours() {
         ReadOptions { nuclei: Some(Nuclei::Keep), holes: Some(Holes::Keep), ..ReadOptions::default() };
     let (records, _) = read_with(CELL.as_bytes(), &options, Limits::default()).expect("a cell");
     let names: Vec<_> = records.iter().filter_map(|r| r.name.as_deref()).collect();
-    assert_eq!(names, ["one", "one", "one/nucleus"]);
+    assert_eq!(names, ["one", "one/2", "one/nucleus"]);
     assert!(records[1].ring.as_ref().is_some_and(|ring| ring.hole));
 }
 
@@ -155,6 +155,16 @@ fn records_come_back_as_they_were_written() {
     let back = read_all(&text).0;
     let Geometry::Curve { points, .. } = &back[0].geometry else { panic!("{back:?}") };
     assert!(points.coordinates().iter().zip(bytes).all(|(a, b)| a.to_bits() == b.to_bits()), "{text}");
+}
+
+#[test]
+fn ids_may_name_the_shapes() {
+    let options = ReadOptions { names: Some(super::super::Names::Id), ..ReadOptions::default() };
+    let (records, _) = read_with(CELL.as_bytes(), &options, Limits::default()).expect("a cell");
+    assert_eq!(records[0].name.as_deref(), Some("e7ac14bf-1f34-4531-974f-08196f93867a"));
+    assert_eq!(records[0].metadata.get("name"), Some(&"one".into()));
+    let (again, _) = read_with(written(&records).as_bytes(), &options, Limits::default()).expect("a cell");
+    assert_eq!((&again[0].name, &again[0].metadata), (&records[0].name, &records[0].metadata));
 }
 
 #[test]

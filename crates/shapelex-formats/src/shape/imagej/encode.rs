@@ -49,8 +49,9 @@ impl Writer for Region<'_> {
             let detail = "expected one shape, as a file of ImageJ ROI holds, got none";
             return Err(FileError::new(FaultKind::Unsupported, detail));
         };
-        let file = file(&records, first, &mut self.summary)?;
+        let (file, rounded) = file(&records, first, &mut self.summary)?;
         self.output.write_all(&file)?;
+        warn(rounded, &mut self.summary);
         self.output.flush()?;
         self.summary.records = self.records;
         Ok(self.summary)
@@ -71,7 +72,19 @@ struct Content {
     bytes: Vec<u8>,
 }
 
-fn file(records: &[Record], first: &Record, summary: &mut Summary) -> Result<Vec<u8>, FileError> {
+/// Says how many coordinates are rounded.
+pub(super) fn warn(rounded: u64, summary: &mut Summary) {
+    if rounded > 0 {
+        summary.warnings.push(format!("{rounded} coordinates are rounded to single precision"));
+    }
+}
+
+/// The bytes of a region, and how many coordinates are rounded in it. What it cannot hold is counted.
+pub(super) fn file(
+    records: &[Record],
+    first: &Record,
+    summary: &mut Summary,
+) -> Result<(Vec<u8>, u64), FileError> {
     let parts = parts(records, "ImageJ ROI")?;
     let all: Vec<&Points> = parts
         .iter()
@@ -83,7 +96,7 @@ fn file(records: &[Record], first: &Record, summary: &mut Summary) -> Result<Vec
     if let Some(points) = all.iter().find(|points| points.dimension() != 2) {
         return Err(refusal(first, "ImageJ ROI", &format!("points of {} coordinates", points.dimension())));
     }
-    check_precision(&all, first, summary)?;
+    let rounded = check_precision(&all, first)?;
     count_lost(first, &[("attributes", !first.labels.is_empty())], summary);
     let content = content(&parts, first)?;
     let metadata = &first.metadata;
@@ -92,7 +105,7 @@ fn file(records: &[Record], first: &Record, summary: &mut Summary) -> Result<Vec
     let mut file = header(&content, bounds(&all), metadata, width)?;
     file.extend_from_slice(&content.bytes);
     second_header(&mut file, first, width, if content.kind == POINT { content.count } else { 0 })?;
-    Ok(file)
+    Ok((file, rounded))
 }
 
 /// What follows the header, by the kind of the shape and the type that the metadata wish for.
@@ -150,17 +163,13 @@ fn header(
     Ok(file)
 }
 
-/// Refuses numbers that are no finite ones of single precision, and says if some are rounded.
-fn check_precision(all: &[&Points], record: &Record, summary: &mut Summary) -> Result<(), FileError> {
+/// Refuses numbers that are no finite ones of single precision; how many are rounded.
+fn check_precision(all: &[&Points], record: &Record) -> Result<u64, FileError> {
     let numbers = || all.iter().flat_map(|points| points.coordinates());
     if let Some(x) = numbers().find(|x| !nearest(**x).is_finite()) {
         return Err(refusal(record, "ImageJ ROI", &format!("a coordinate {x:e} beyond single precision")));
     }
-    let rounded = numbers().filter(|x| f64::from(nearest(**x)) != **x).count();
-    if rounded > 0 {
-        summary.warnings.push(format!("{rounded} coordinates are rounded to single precision"));
-    }
-    Ok(())
+    Ok(numbers().filter(|x| f64::from(nearest(**x)) != **x).count() as u64)
 }
 
 /// Points of one curve: as whole numbers if they are some, else with fractions beside them.

@@ -19,6 +19,7 @@ mod decode;
 mod encode;
 mod nesting;
 mod outline;
+mod set;
 #[cfg(test)]
 mod tests;
 
@@ -36,6 +37,19 @@ pub(super) static FORMAT: Format = Format {
     options: &["holes", "select"],
     read: Some(decode::read),
     open: Some(encode::open),
+};
+
+/// Several regions, as the ROI Manager of ImageJ saves them. They are read as any archive of files.
+pub(super) static SET: Format = Format {
+    id: "imagej-roi-set",
+    name: "ImageJ ROI set",
+    media_types: &["application/x-imagej-roi+zip"],
+    extensions: &["roi.zip"],
+    recognise: |_| false,
+    kinds: &[Kind::Curve, Kind::Landmarks],
+    options: &[],
+    read: None,
+    open: Some(set::open),
 };
 
 /// Length of the first header, and of the second one.

@@ -41,7 +41,7 @@ fn lines_come_back_as_they_were_written() {
     assert_eq!(records.len(), 12);
     assert!(summary.dropped.is_empty());
     let names: Vec<_> = records.iter().filter_map(|r| r.name.as_deref()).collect();
-    assert_eq!(names, ["b", "c d", "e,\"f", "e,\"f", "g", "g", "h", "h", "wkt", "wkt", "wkt"]);
+    assert_eq!(names, ["b", "c d", "e,\"f", "e,\"f/2", "g", "g/2", "h", "h/2", "wkt", "wkt/2", "wkt/3"]);
     assert_eq!(written(&records), text);
     assert!(recognise(text) && !recognise("pointed (1 2)") && !recognise("POINT"));
 }
