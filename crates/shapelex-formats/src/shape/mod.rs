@@ -18,6 +18,7 @@
 
 mod error;
 mod format;
+mod inspection;
 mod limits;
 mod ndjson;
 mod options;
@@ -28,6 +29,7 @@ mod write;
 
 pub use error::{FaultKind, FileError, Place};
 pub use format::{FORMATS, Format, detect, find};
+pub use inspection::{Group, Inspected, Inspection};
 pub use limits::{Limits, MAX_COORDINATE};
 pub use options::{Holes, ReadOptions, WriteOptions};
 pub use record::{Domain, Faces, Field, Fourier, Geometry, Kind, Mesh, Points, Record, Ring, Value};
