@@ -5,5 +5,6 @@ mod data;
 mod files;
 mod nifti;
 mod png;
+mod registry;
 mod tiff;
 mod written;
