@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 use axum::body::{Body, Bytes};
 use axum::extract::Request;
-use axum::http::{StatusCode, header};
+use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use futures_util::stream;
 use serde::Serialize;
@@ -27,15 +27,15 @@ use crate::formats::files::{self, Group, Inspection, ReadOptions, WriteOptions};
 use crate::formats::record::{MAX_SAMPLES, Placing, Plane};
 use crate::formats::summary::FileSummary;
 use crate::service::app::outgoing::BodyWriter;
-use crate::service::app::{App, Limits, ServiceError};
+use crate::service::app::{Limits, ServiceError};
 use crate::service::cohorts::catalogue;
 use crate::service::cohorts::upload_file::FileToAdd;
 use crate::service::files::export::{self, Content, Export, USUAL_POINTS};
 use crate::service::files::translate::{self, FileReading};
 use crate::service::files::{FileFormat, file_limits, unknown_format};
 
-/// Media types that say nothing of a file.
-const ANY_FILE: [&str; 2] = ["application/octet-stream", ""];
+/// Media type that says nothing of a file.
+const ANY_FILE: &str = "application/octet-stream";
 /// Number of bytes of an answer that are kept until it is known that all of it can be written.
 const KEPT: usize = 1 << 20;
 
@@ -173,7 +173,7 @@ impl FileParameters {
                 let format = FileFormat::find(word).filter(|format| format.is_read());
                 Some(format.ok_or_else(|| Problem::of_parameter("format", unknown_format(word).detail))?)
             }
-            None if ANY_FILE.contains(&media_type) => None,
+            None if media_type == ANY_FILE || (media_type.is_empty() && name.is_some()) => None,
             None => match FileFormat::find(media_type).filter(|format| format.is_read()) {
                 Some(format) => Some(format),
                 None => return Err(unsupported(media_type)),
@@ -210,7 +210,7 @@ fn unsupported(media_type: &str) -> Problem {
     let known: Vec<&str> =
         FileFormat::all().filter_map(|format| format.media_types().first().copied()).collect();
     let detail = format!(
-        "expected a media type of a format ({}), or application/octet-stream, got '{media_type}'",
+        "expected application/json for a document, a media type of a format ({}) or application/octet-stream for a file, got '{media_type}'",
         known.join(", ")
     );
     Problem::new(ProblemKind::UnsupportedMediaType, detail)
@@ -338,17 +338,21 @@ pub(super) async fn convert_file(
     request: Request,
 ) -> Result<Response, Problem> {
     let mut parameters = FileParameters::take(&mut pairs);
-    let at = pairs.iter().position(|(name, _)| name == "to");
-    let to = at.map(|at| pairs.remove(at).1);
+    let format = take_target(&mut pairs)?;
     refuse_rest(&pairs)?;
-    let to = to.ok_or_else(|| Problem::of_parameter("to", "required parameter is missing"))?;
-    let format = written(&to, "to")?;
     let options = parameters.writing()?;
     let reading = parameters.reading(&media_type(request.headers()))?;
     let (output, pieces) = BodyWriter::new();
     let stream = body::pieces(request.into_body());
     let work = async move { translate::translate(&app, stream, reading, format, options, output).await };
     answer(format, None, pieces, work).await
+}
+
+/// Takes the format that is to be written.
+fn take_target(pairs: &mut Vec<(String, String)>) -> Result<&'static files::Format, Problem> {
+    let at = pairs.iter().position(|(name, _)| name == "to");
+    let at = at.ok_or_else(|| Problem::of_parameter("to", "required parameter is missing"))?;
+    written(&pairs.remove(at).1, "to")
 }
 
 /// The format that a word names, if it is written.
@@ -380,7 +384,7 @@ async fn answer(
         kept += piece.len();
         first.push(piece);
     }
-    let media_type = format.media_types.first().copied().unwrap_or("application/octet-stream");
+    let media_type = format.media_types.first().copied().unwrap_or(ANY_FILE);
     let body = if has_ended {
         finished(work.await)?;
         Body::from(first.concat())
@@ -448,37 +452,32 @@ pub(super) struct ExportQuery {
 pub(super) async fn export_cohort(
     Caller(app): Caller,
     Path(key): Path<String>,
-    Query(mut pairs): Query<Vec<(String, String)>>,
-    headers: axum::http::HeaderMap,
+    Query(pairs): Query<Vec<(String, String)>>,
+    headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    let mut own: Vec<(String, String)>;
-    (own, pairs) = pairs.into_iter().partition(|(name, _)| name.starts_with(WRITE));
+    let wanted = take_export(pairs, &headers)?;
+    let (cohort, format) = (catalogue::find(&app, &key).await?, wanted.format);
+    let ending = format.extensions.first().copied().unwrap_or(format.id);
+    let name = format!("{}.{ending}", cohort.spec.name);
+    let (output, pieces) = BodyWriter::new();
+    let work = async move { export::export(&app, cohort, wanted, output).await };
+    answer(format, Some(name), pieces, work).await.map(not_stored)
+}
+
+/// Takes the parameters of an export.
+fn take_export(pairs: Vec<(String, String)>, headers: &HeaderMap) -> Result<Export, Problem> {
+    let (mut own, pairs): (Vec<_>, Vec<_>) = pairs.into_iter().partition(|(name, _)| name.starts_with(WRITE));
     let options = FileParameters::take(&mut own).writing()?;
     let mut parameters = Parameters::read(pairs)?;
     let format = match parameters.take("format") {
         Some(word) => written(&word, "format")?,
-        None => by_accept(&accepted(&headers))?,
+        None => by_accept(&accepted(headers))?,
     };
     let content = parameters.take_word("content")?.unwrap_or_default();
     let points = parameters.take("points").map(|text| count_of("points", &text, MAX_SAMPLES)).transpose()?;
     let filter = parameters.take_filter();
     parameters.refuse_rest()?;
-    let cohort = catalogue::find(&app, &key).await?;
-    let wanted = Export { filter, format, options, content, points: points.unwrap_or(USUAL_POINTS) };
-    let ending = format.extensions.first().copied().unwrap_or(format.id);
-    let name = format!("{}.{ending}", cohort.spec.name);
-    let (output, pieces) = BodyWriter::new();
-    let work = async move { export_all(app, cohort, wanted, output).await };
-    answer(format, Some(name), pieces, work).await.map(not_stored)
-}
-
-async fn export_all(
-    app: App,
-    cohort: crate::domain::cohort::Cohort,
-    wanted: Export,
-    output: BodyWriter,
-) -> Result<(), ServiceError> {
-    export::export(&app, cohort, wanted, output).await
+    Ok(Export { filter, format, options, content, points: points.unwrap_or(USUAL_POINTS) })
 }
 
 /// The format that an `Accept` header prefers.

@@ -32,7 +32,7 @@ use crate::formats::summary::FileSummary;
 use crate::formats::time::rfc3339;
 use crate::geometry::resample::RepeatedPoints;
 use crate::service::app::{App, ServiceError, Work};
-use crate::service::cohorts::catalogue::{ShapeListing, revision_tag};
+use crate::service::cohorts::catalogue::{Expected, ShapeListing, revision_tag};
 use crate::service::cohorts::upload::{Returned, Stored, Treatment, UploadResult};
 use crate::service::cohorts::{catalogue, upload, upload_file};
 use crate::service::shapes::draw::draw_shapes;
@@ -143,6 +143,11 @@ pub(super) struct AddQuery {
 }
 
 impl AddQuery {
+    fn treatment(self) -> Treatment {
+        let Self { on_error, repeated_points, returned } = self;
+        Treatment { on_error, repeated_points, returned }
+    }
+
     /// Reads the parameters that do not concern files.
     fn read(pairs: &[(String, String)]) -> Result<Self, Problem> {
         let mut query = Self::default();
@@ -184,10 +189,27 @@ pub(super) async fn add_shapes(
     request: Request,
 ) -> Result<Response, Problem> {
     let parameters = FileParameters::take(&mut pairs);
-    let AddQuery { on_error, repeated_points, returned } = AddQuery::read(&pairs)?;
-    let treatment = Treatment { on_error, repeated_points, returned };
-    let (found, cohort) = (media_type(request.headers()), catalogue::find(&app, &key).await?);
-    let (body, touched) = (request.into_body(), app.touched.clone());
+    let treatment = AddQuery::read(&pairs)?.treatment();
+    let touched = app.touched.clone();
+    let stored = add(app, &key, request, parameters, treatment, expected).await?;
+    let mut response = json(StatusCode::CREATED, &AddAnswer::from(stored))?;
+    if touched.is_repeat() {
+        response.headers_mut().insert(REPLAYED, HeaderValue::from_static("true"));
+    }
+    Ok(response)
+}
+
+/// Adds the shapes of a body by its media type, or by the parameters of a file.
+async fn add(
+    app: App,
+    key: &str,
+    request: Request,
+    parameters: FileParameters,
+    treatment: Treatment,
+    expected: Option<Expected>,
+) -> Result<Stored, Problem> {
+    let (found, cohort) = (media_type(request.headers()), catalogue::find(&app, key).await?);
+    let body = request.into_body();
     let stored = match found.as_str() {
         other if parameters.is_format_stated() || !(is_stream(other) || is_json(other)) => {
             let file = parameters.to_add(other, &app.limits)?;
@@ -204,11 +226,7 @@ pub(super) async fn add_shapes(
             upload::add(&app, cohort, shapes, treatment, expected).await
         }
     };
-    let mut response = json(StatusCode::CREATED, &AddAnswer::from(stored?))?;
-    if touched.is_repeat() {
-        response.headers_mut().insert(REPLAYED, HeaderValue::from_static("true"));
-    }
-    Ok(response)
+    Ok(stored?)
 }
 
 async fn read_shapes(app: &App, body: Bytes) -> Result<Vec<ShapeInput>, ServiceError> {

@@ -19,6 +19,7 @@ use super::context::App;
 use super::error::ServiceError;
 use super::idempotency::Retry;
 use super::memory::Purpose;
+use crate::formats::fault::Fault;
 
 /// Time within which the next [`LEAST`] bytes of a body must arrive.
 const PAUSE: Duration = Duration::from_secs(30);
@@ -159,7 +160,7 @@ async fn pass(
 ) -> Result<(), ServiceError> {
     let mut stream = pin!(stream);
     let mut room = app.memory.hold(Purpose::Bodies, FIXED)?;
-    let (mut total, mut arrived, mut end) = (0_usize, 0, Instant::now() + PAUSE);
+    let (mut total, mut arrived, mut after, mut end) = (0_usize, 0, 0, Instant::now() + PAUSE);
     loop {
         let piece = tokio::time::timeout_at(end, stream.next()).await.map_err(|_| stalled())?;
         let Some(bytes) = piece.transpose()? else { break };
@@ -170,6 +171,10 @@ async fn pass(
         room.resize(FIXED.saturating_add(kept).saturating_add(expanded))?;
         if let Some(retry) = retry {
             retry.update(&bytes);
+        }
+        if sender.is_closed() && arrived_after(&mut after, bytes.len()) > held {
+            let detail = format!("expected the end of the body after the file, got more than {held} bytes");
+            return Err(ServiceError::TooLarge(Fault::new("", detail)));
         }
         let begun = Instant::now();
         // The reader may have ended before the body.
@@ -184,6 +189,12 @@ async fn pass(
     // The memory is that of the reader, until it has ended.
     sender.closed().await;
     Ok(())
+}
+
+/// Number of bytes that have arrived after the end of the reading.
+fn arrived_after(after: &mut usize, more: usize) -> usize {
+    *after = after.saturating_add(more);
+    *after
 }
 
 fn stalled() -> ServiceError {

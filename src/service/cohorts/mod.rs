@@ -4,6 +4,7 @@
 //!   restored; [`changes`] — the feed;
 //! * [`corrections`] — attributes of shapes changed, shapes deleted by a filter, subjects erased;
 //! * [`upload`] — streams of shapes into a cohort; [`upload_file`] — files of other programs; `placer` — their records as shapes;
+//!   `arriving` — shapes on their way;
 //! * [`example`] — the example cohort of an empty store;
 //! * [`source`] — shapes of a cohort at one revision, as a source for statistics;
 //! * [`selection`] — control points of selected shapes, in the order of their descriptions;
@@ -11,6 +12,7 @@
 //! * [`attributes`] — labels of shapes, addressed by their names in requests;
 //! * [`live_mean`] — mean of a cohort at its current revision; `placements` — where its search begins.
 
+mod arriving;
 pub mod attributes;
 pub mod catalogue;
 pub mod changes;

@@ -14,28 +14,25 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::mpsc;
 
+use super::arriving::{Arrived, Incoming, Origin, Taken, read};
 use super::catalogue::{Expected, revision_tag};
 use super::measures::Measuring;
 use super::placer::Placer;
 use crate::analysis::conversion::Conversion;
 use crate::domain::cohort::{Cohort, CohortSpec};
-use crate::domain::id;
 use crate::domain::job::Job;
-use crate::domain::shape::NewShape;
 use crate::formats::bounds::Census;
-use crate::formats::files::{Geometry, Place, Record};
 use crate::formats::ndjson::{Line, LineTooLong, Lines};
 use crate::formats::record::Placing;
 use crate::formats::shape::ShapeInput;
 use crate::geometry::representation::ShapeSpace;
-use crate::geometry::resample::{RepeatedPoints, check_extent};
+use crate::geometry::resample::RepeatedPoints;
 use crate::service::app::idempotency::Retry;
 use crate::service::app::memory::Purpose;
 use crate::service::app::{App, Limits, ServiceError, Work, idempotency, now_ms};
 use crate::service::cost::requests::{self, Counts, FitCounts};
-use crate::service::shapes::names::external_id;
 use crate::service::shapes::outcome::OnError;
-use crate::service::shapes::read::{ReadShape, Reading, parse, read_shape};
+use crate::service::shapes::read::Reading;
 use crate::store::{Added, ShapeRow, StoreError, Upload};
 
 /// Number of shapes written to the store at once.
@@ -130,41 +127,6 @@ pub struct Occasion {
     pub note: Option<serde_json::Value>,
     /// The job that adds them, as it was claimed: nothing is stored unless it is still held.
     pub job: Option<Job>,
-}
-
-/// A shape as received.
-pub(super) enum Incoming {
-    Line(Line),
-    Parsed(Box<ShapeInput>),
-    Record(Box<Record>),
-}
-
-/// Where a shape was in a stream or a file.
-#[derive(Debug, Default)]
-struct Origin {
-    line: Option<u64>,
-    place: Place,
-}
-
-impl Origin {
-    /// The fault with what is known of the place.
-    fn of(&self, fault: Fault) -> Fault {
-        Fault { line: self.line, ..fault }.at_place(&self.place)
-    }
-}
-
-/// External id of an input, and its shape or its faults.
-type Taken = (Option<String>, Result<Arrived, Vec<Fault>>);
-
-/// A shape on its way to the store, with its place in the stream.
-struct Arrived {
-    origin: Origin,
-    row: ShapeRow,
-    /// Number of repeated points that were dropped.
-    repeated_points: usize,
-    is_self_intersecting: bool,
-    /// Warnings of the fit of a surface to a mesh.
-    warnings: Vec<String>,
 }
 
 /// Adds the shapes of one body.
@@ -385,6 +347,14 @@ impl Writer {
         }
     }
 
+    /// Predicted work of shapes once they are parsed.
+    fn work(&self, incoming: &[Incoming], limits: &Limits) -> Work {
+        let counts = Counts::for_space(&self.space, incoming.len(), limits);
+        requests::store(counts, self.cohort.spec.correspondence)
+            + requests::measure_stored(self.space.representation(), counts, limits)
+            + self.fits(incoming, limits)
+    }
+
     /// Predicted work of fits to the meshes among these shapes.
     fn fits(&self, incoming: &[Incoming], limits: &Limits) -> Work {
         let sizes = incoming.iter().filter_map(Incoming::mesh_vertices);
@@ -431,11 +401,7 @@ impl Writer {
         let measuring = Arc::clone(&self.measuring);
         let repeated_points = self.treatment.repeated_points;
         let bytes = incoming.iter().map(Incoming::bytes).sum();
-        let counts = Counts::for_space(&space, incoming.len(), &limits);
-        let work = Work::reading(bytes)
-            + requests::store(counts, cohort.spec.correspondence)
-            + requests::measure_stored(space.representation(), counts, &limits)
-            + self.fits(&incoming, &limits);
+        let work = Work::reading(bytes) + self.work(&incoming, &limits);
         let placing = Arc::clone(&self.placing);
         let results: Vec<Taken> = app
             .pool
@@ -613,82 +579,6 @@ fn located(error: StoreError, first: usize, origins: &[Origin], prefix: &str) ->
         Some(origin) => origin.of(fault),
         None => fault,
     })
-}
-
-impl Incoming {
-    /// Bytes to be parsed.
-    fn bytes(&self) -> usize {
-        match self {
-            Self::Line(line) => line.text.len(),
-            Self::Parsed(_) | Self::Record(_) => 0,
-        }
-    }
-
-    /// Number of vertices of a mesh.
-    fn mesh_vertices(&self) -> Option<usize> {
-        match self {
-            Self::Record(record) => match &record.geometry {
-                Geometry::Mesh(mesh) => Some(mesh.vertices.len()),
-                _ => None,
-            },
-            Self::Line(_) | Self::Parsed(_) => None,
-        }
-    }
-}
-
-/// Parses the shape at `index` of the upload and makes a row of it. Its text and what is parsed of it end here.
-fn read(placer: &Placer<'_>, measuring: &Measuring, incoming: Incoming, index: usize, prefix: &str) -> Taken {
-    let reading = placer.reading();
-    let (origin, shape) = match incoming {
-        Incoming::Line(Line { number, text }) => {
-            let origin = Origin { line: Some(number), ..Origin::default() };
-            (origin, parse(reading.limits, text.trim_ascii_end()).map(Incoming::Parsed))
-        }
-        Incoming::Parsed(shape) => (Origin::default(), Ok(Incoming::Parsed(shape))),
-        Incoming::Record(record) => {
-            let origin = Origin { line: record.place.line, place: record.place.clone() };
-            (origin, Ok(Incoming::Record(record)))
-        }
-    };
-    // Each line is a document of its own; in a body, pointers include the position of the shape.
-    let prefix = if prefix.is_empty() { String::new() } else { format!("{prefix}{index}") };
-    let placed = |fault: Fault| {
-        let pointer = format!("{prefix}{}", fault.pointer);
-        origin.of(Fault { pointer, index: Some(index), ..fault })
-    };
-    let all = |faults: Vec<Fault>| faults.into_iter().map(placed).collect();
-    let (external_id, shape) = match shape {
-        Ok(Incoming::Parsed(shape)) => {
-            (external_id(&shape).map(str::to_owned), read_shape(reading, *shape).map(plain))
-        }
-        Ok(Incoming::Record(record)) => {
-            (record.name.as_ref().map(|name| placer.name(name)), placer.read(*record))
-        }
-        Ok(Incoming::Line(_)) => return (None, Err(vec![placed(Fault::new("", "expected a shape"))])),
-        Err(ServiceError::Malformed(faults)) => return (None, Err(all(faults))),
-        Err(other) => return (None, Err(vec![placed(Fault::new("", other.to_string()))])),
-    };
-    let shape = shape.and_then(|found| {
-        // Once stored, a shape without extent would break every mean of the cohort.
-        check_extent(&found.0.control_points, reading.conversion.space.representation().size())
-            .map_err(|error| vec![Fault::new("", error.to_string())])?;
-        Ok(found)
-    });
-    let (shape, warnings) = match shape {
-        Ok(found) => found,
-        Err(faults) => return (external_id, Err(all(faults))),
-    };
-    let ReadShape { control_points, attributes, points, repeated_points } = shape;
-    let measures = measuring.measure(&control_points, Some(points));
-    let is_self_intersecting = measures.self_intersecting == Some(true);
-    let shape = NewShape { id: id::new_id(id::SHAPE), attributes, measures, control_points };
-    let arrived = Arrived { origin, row: shape.into(), repeated_points, is_self_intersecting, warnings };
-    (external_id, Ok(arrived))
-}
-
-/// A shape without warnings.
-fn plain(shape: ReadShape) -> (ReadShape, Vec<String>) {
-    (shape, Vec::new())
 }
 
 #[cfg(test)]

@@ -9,8 +9,9 @@ use bytes::Bytes;
 use futures_util::Stream;
 use tokio::sync::mpsc;
 
+use super::arriving::Incoming;
 use super::catalogue::Expected;
-use super::upload::{Incoming, Stored, Treatment, Writer};
+use super::upload::{Stored, Treatment, Writer};
 use crate::domain::cohort::Cohort;
 use crate::formats::files::{
     FaultKind, FileError, Geometry, Limits as FileLimits, Points, Record, Sink, Source,

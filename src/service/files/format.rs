@@ -39,6 +39,9 @@ impl FileFormat {
     /// # Errors
     /// [`FaultKind::Unknown`], which lists the formats.
     pub fn detect(head: &[u8], name: Option<&str>) -> Result<Self, FileError> {
+        if let (true, Ok(format)) = (is_segmentation(head), image::detect(head)) {
+            return Ok(Self::Labels(format));
+        }
         // Formats of shapes come first: some are compressed, as are images.
         files::detect(head, name).map(Self::Shapes).or_else(|error| {
             let format = image::detect(head).map_err(|_| {
@@ -105,10 +108,20 @@ impl FileFormat {
             Self::Shapes(format) => files::read(format, source, options, sink),
             Self::Labels(format) => {
                 let bytes = source.bytes()?;
+                // A compressed image may have been decompressed on the way.
+                let format = image::detect(&bytes).unwrap_or(format);
                 read_label_image(format, &bytes, options, limits, stop, sink)
             }
         }
     }
+}
+
+/// Class of the objects of DICOM that are label images; those of other classes hold contours.
+const SEGMENTATION: &[u8] = b"1.2.840.10008.5.1.4.1.1.66.4";
+
+/// Whether the first bytes of a file name the class of segmentations.
+fn is_segmentation(head: &[u8]) -> bool {
+    memchr::memmem::find(head, SEGMENTATION).is_some()
 }
 
 /// Limits of files that the service reads: whole files and single features are as large as a body may be.
