@@ -44,6 +44,8 @@ test: tools spell
 	else echo "SKIPPED: the contract test, there is no python3"; fi
 	@if command -v python3 >/dev/null; then python3 tests/clients/run.py; \
 	else echo "SKIPPED: the generated clients, there is no python3"; fi
+	@if command -v python3 >/dev/null; then python3 tests/interop/run.py; \
+	else echo "SKIPPED: the comparisons with independent readers, there is no python3"; fi
 	dashboard/run.sh check
 	dashboard/run.sh test
 	@if command -v python3 >/dev/null; then python3 tests/attack/run.py small; \

@@ -1,12 +1,15 @@
-//! Command line: the service, its OpenAPI document, a health check, API keys, and maintenance of the store.
+//! Command line: the service, its OpenAPI document, a health check, API keys, files of shapes, maintenance of the store, and
+//! pages about all of it.
 
+mod files;
 mod keys;
 mod maintenance;
+mod manual;
 
 use std::io::{ErrorKind, Write};
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 
 use crate::config::{ServeArgs, ServeConfig};
 use crate::service::app::build;
@@ -38,6 +41,18 @@ enum Command {
         command: keys::KeyCommand,
     },
     #[command(flatten)]
+    Files(files::FileCommand),
+    /// Print the completions of a shell
+    Completions {
+        /// The shell
+        shell: clap_complete::Shell,
+    },
+    /// Write the man pages into a folder, or print the first one
+    Man {
+        /// Folder, created if missing
+        folder: Option<std::path::PathBuf>,
+    },
+    #[command(flatten)]
     Maintenance(maintenance::Maintenance),
 }
 
@@ -48,7 +63,16 @@ pub fn run() -> ExitCode {
         Command::Openapi => openapi(),
         Command::Health { url } => runtime().and_then(|runtime| runtime.block_on(health::ask(&url))),
         Command::Key { command } => key(command),
-        Command::Maintenance(command) => return maintain(command),
+        Command::Files(command) => return code(files::run(command)),
+        Command::Completions { shell } => {
+            manual::completions(shell, &mut Cli::command()).and_then(|text| say(&text))
+        }
+        Command::Man { folder } => {
+            manual::pages(&Cli::command(), folder.as_deref()).and_then(|text| say(&text))
+        }
+        Command::Maintenance(command) => {
+            return code(runtime().and_then(|runtime| runtime.block_on(maintenance::run(command))));
+        }
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
@@ -68,8 +92,8 @@ fn complain(message: &str) {
 }
 
 /// Exit code 0 if done, 1 if done with findings, 2 if it failed.
-fn maintain(command: maintenance::Maintenance) -> ExitCode {
-    match runtime().and_then(|runtime| runtime.block_on(maintenance::run(command))) {
+fn code(outcome: Result<maintenance::Outcome, String>) -> ExitCode {
+    match outcome {
         Ok(maintenance::Outcome::Done) => ExitCode::SUCCESS,
         Ok(maintenance::Outcome::Findings) => ExitCode::from(1),
         Err(message) => {

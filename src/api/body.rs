@@ -20,6 +20,7 @@ use super::problem::{Problem, ProblemKind};
 use crate::formats::bounds::Census;
 use crate::service::app::memory::{Held, Purpose};
 use crate::service::app::{App, Limits, ServiceError};
+use crate::service::files::FileFormat;
 
 /// Whether a body is a stream of lines, which is never held in memory as a whole.
 pub fn is_stream(media_type: &str) -> bool {
@@ -27,6 +28,12 @@ pub fn is_stream(media_type: &str) -> bool {
         media_type,
         "application/x-ndjson" | "application/ndjson" | "application/jsonl" | "application/x-jsonlines"
     )
+}
+
+/// Whether a body is a file of another program, which is read as it arrives and bounded by its reader. No other route takes it.
+pub fn is_file(media_type: &str) -> bool {
+    media_type == "application/octet-stream"
+        || FileFormat::all().any(|format| format.media_types().contains(&media_type))
 }
 
 /// Refuses bodies whose declared length is too long before reading them, and cuts off longer ones while they arrive. Runs
@@ -39,7 +46,7 @@ pub async fn bound(mut request: Request, next: Next) -> Response {
         request = request.map(|body| Body::new(wire.counting(body)));
     }
     let found = media_type(request.headers());
-    if is_stream(&found) {
+    if is_stream(&found) || is_file(&found) {
         return next.run(request).await;
     }
     let limit = if form::is_form(&found) { edge.form_bytes } else { edge.body_bytes };

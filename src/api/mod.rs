@@ -71,6 +71,7 @@ use problem::{Problem, ProblemKind};
         (name = "curves", description = "Curves and surfaces: evaluation, measures, fits, paths, deformation"),
         (name = "cohorts", description = "Named sets of shapes and their mean"),
         (name = "images", description = "Shapes from images and volumes"),
+        (name = "files", description = "Files of other programs: described, translated, written"),
         (name = "retrieval", description = "Nearest shapes, and distances of all pairs"),
         (name = "jobs", description = "Long-running work: progress, events, cancellation"),
         (name = "dictionaries", description = "Components and sparse atoms learnt from cohorts, and their use"),

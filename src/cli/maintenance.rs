@@ -6,6 +6,9 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
 
+use super::files;
+use super::files::export::ExportArgs;
+use super::files::import::ImportArgs;
 use crate::service::app::clock;
 use crate::store::maintenance::{self, Checked, MaintenanceError, Site};
 use crate::store::{Store, StoreError};
@@ -44,19 +47,26 @@ pub(super) enum Maintenance {
         #[command(flatten)]
         at: At,
     },
-    /// Write everything as lines that any store can import, even while the service runs
+    /// Write everything as lines that any store can import, or the shapes of a cohort as a file, even while the service runs
     Export {
         /// File to write, which must not exist; `-` is standard output
         file: PathBuf,
+        #[command(flatten)]
+        shapes: Box<ExportArgs>,
         #[command(flatten)]
         at: At,
     },
     /// Accept the clock of this machine as correct, even while the service runs, so that expired data may be removed again
     ConfirmClock(At),
-    /// Read an export into an empty store, all or nothing
+    /// Take files of shapes into a cohort, or read an export into an empty store, all or nothing
+    ///
+    /// With a cohort: exits with 1 if some files or shapes are refused.
     Import {
-        /// File written by `export`; `-` is standard input
-        file: PathBuf,
+        /// File written by `export`, `-` is standard input; with a cohort: files, folders with all files in them, and patterns
+        #[arg(required = true)]
+        files: Vec<PathBuf>,
+        #[command(flatten)]
+        shapes: Box<ImportArgs>,
         #[command(flatten)]
         at: At,
     },
@@ -77,6 +87,11 @@ pub(super) struct At {
 }
 
 impl At {
+    /// Folder, address, and the file with the address.
+    pub(super) fn parts(self) -> (PathBuf, String, Option<PathBuf>) {
+        (self.data_dir, self.database_url, self.database_url_file)
+    }
+
     fn site(self) -> Result<Site, String> {
         let url = store_location::database_url(&self.database_url, self.database_url_file.as_deref())?;
         Ok(if url.is_empty() { Site::Folder(self.data_dir) } else { Site::Url(url) })
@@ -103,8 +118,17 @@ pub(super) async fn run(command: Maintenance) -> Result<Outcome, String> {
         Maintenance::Migrate { check: true, at } => versions(&at.site()?).await,
         Maintenance::Migrate { check: false, at } => migrate(&at.site()?).await,
         Maintenance::ConfirmClock(at) => confirm_clock(&at.site()?).await,
-        Maintenance::Export { file, at } => export(&file, &at.site()?).await,
-        Maintenance::Import { file, at } => import(&file, &at.site()?).await,
+        Maintenance::Export { file, shapes, at } if shapes.cohort.is_some() => {
+            return files::export::run(&file, *shapes, at).await;
+        }
+        Maintenance::Import { files, shapes, at } if shapes.cohort.is_some() => {
+            return files::import::run(&files, *shapes, at).await;
+        }
+        Maintenance::Export { file, at, .. } => export(&file, &at.site()?).await,
+        Maintenance::Import { files, at, .. } => match files.as_slice() {
+            [file] => import(file, &at.site()?).await,
+            _ => return Err("expected one file written by export, or a cohort for files of shapes".into()),
+        },
     };
     done.map_err(|error| sentence(&error))
 }

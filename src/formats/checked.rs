@@ -11,8 +11,8 @@ use crate::formats::fault::Fault;
 use std::borrow::Cow;
 use std::fmt;
 
-use serde::Deserialize;
 use serde::de::{DeserializeOwned, Deserializer, Error, IgnoredAny, SeqAccess, Visitor};
+use serde::{Deserialize, Serialize};
 use serde_json::value::RawValue;
 
 use super::bounds;
@@ -30,6 +30,11 @@ pub const LARGE: usize = usize::MAX;
 pub struct Checked<T, const MOST: usize = SMALL>(Result<T, Box<Fault>>);
 
 impl<T, const MOST: usize> Checked<T, MOST> {
+    /// A value that was not read from JSON.
+    pub fn of(value: T) -> Self {
+        Self(Ok(value))
+    }
+
     /// The value, unless it is faulty.
     pub fn get(&self) -> Option<&T> {
         self.0.as_ref().ok()
@@ -150,6 +155,11 @@ fn remove(value: &mut serde_json::Value, pointer: &str, member: &str) {
 pub struct Raw(Box<RawValue>);
 
 impl Raw {
+    /// A value that was not read from JSON; `None` if JSON has none for it.
+    pub fn of(value: &impl Serialize) -> Option<Self> {
+        serde_json::value::to_raw_value(value).ok().map(Self)
+    }
+
     /// Length of its text in bytes.
     pub fn len(&self) -> usize {
         self.0.get().len()
@@ -198,6 +208,16 @@ impl Metadata {
     pub fn of(value: &serde_json::Value) -> Self {
         let text = RawValue::from_string(value.to_string());
         Self(text.map(Raw).map_err(|error| Box::new(Fault::new("", plain(&error)))))
+    }
+
+    /// Data of a file, at most `most` bytes of text.
+    pub fn within(value: &serde_json::Value, most: usize) -> Self {
+        let text = value.to_string();
+        let found = text.len();
+        match RawValue::from_string(text) {
+            Ok(text) if found <= most => Self(Ok(Raw(text))),
+            _ => Self(Err(Box::new(Fault::new("", format!("expected at most {most} bytes, got {found}"))))),
+        }
     }
 
     /// Takes the value; a fault goes to `errors` below `pointer`.

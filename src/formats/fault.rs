@@ -3,6 +3,7 @@
 use serde::ser::SerializeMap;
 use serde::{Deserialize, Serialize, Serializer};
 
+use super::files::{FileError, Place};
 use crate::geometry::capability::FieldFault;
 
 /// A single fault of an input.
@@ -22,21 +23,55 @@ pub struct Fault {
     #[serde(default)]
     #[schema(example = 17)]
     pub index: Option<usize>,
-    /// Line of the stream, counted from 1.
+    /// Line of the stream or file, counted from 1.
     #[serde(default)]
     pub line: Option<u64>,
+    /// Place in a file of another program.
+    #[serde(default)]
+    #[schema(value_type = Option<FilePlace>)]
+    pub place: Option<Box<Place>>,
+}
+
+/// Place in a file: as much of it as is known.
+#[derive(utoipa::ToSchema)]
+#[allow(dead_code, reason = "only for the document")]
+struct FilePlace {
+    /// Name of the file within an archive.
+    entry: Option<String>,
+    /// Line, counted from 1.
+    line: Option<u64>,
+    /// Offset in bytes, counted from 0.
+    byte: Option<u64>,
+    /// Tag, element, field or column, as the format writes it.
+    #[schema(example = "(3006,0050)")]
+    tag: Option<String>,
+    /// Position of the feature, specimen, region or row, counted from 0.
+    item: Option<u64>,
 }
 
 impl Fault {
     /// A fault at a pointer (RFC 6901); client input repeated in it is shortened.
     pub fn new(pointer: impl Into<String>, detail: impl Into<String>) -> Self {
         let (pointer, detail) = (brief_pointer(pointer.into()), brief(detail.into()));
-        Self { pointer, parameter: None, detail, index: None, line: None }
+        Self { pointer, parameter: None, detail, index: None, line: None, place: None }
     }
 
     /// A fault of a parameter of the query or the path.
     pub fn of_parameter(name: impl Into<String>, detail: impl Into<String>) -> Self {
         Self { parameter: Some(brief(name.into())), ..Self::new("", detail) }
+    }
+
+    /// A fault of a file of another program.
+    pub fn of_file(error: &FileError) -> Self {
+        Self { line: error.place.line, ..Self::new("", error.detail.clone()) }.at_place(&error.place)
+    }
+
+    /// The same fault, at a place in a file.
+    pub fn at_place(self, place: &Place) -> Self {
+        let brief_text = |text: &Option<String>| text.clone().map(brief);
+        let place = Place { entry: brief_text(&place.entry), tag: brief_text(&place.tag), ..place.clone() };
+        let line = self.line.or(place.line);
+        Self { line, place: (place != Place::default()).then(|| Box::new(place)), ..self }
     }
 
     /// The same fault with `prefix` before its pointer.
@@ -69,6 +104,9 @@ impl Serialize for Fault {
         }
         if let Some(line) = self.line {
             map.serialize_entry("line", &line)?;
+        }
+        if let Some(place) = &self.place {
+            map.serialize_entry("place", place)?;
         }
         map.end()
     }

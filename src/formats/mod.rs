@@ -5,12 +5,14 @@
 //! * [`json`] — text to values; [`bounds`] — memory bounds of documents while they are read;
 //! * [`checked`] — JSON values that keep their own error, so that a request reports all of them;
 //! * [`ndjson`] — lines of a byte stream;
+//! * [`record`] — shapes of files as posted shapes, and stored shapes as those of files;
 //! * [`representation`] — representations as JSON;
 //! * [`merge_patch`] — changes of a JSON object; [`time`] — times as text;
 //! * [`matrix`] — square matrices as JSON, CSV and NPY;
+//! * [`summary`] — what a file holds beside its shapes;
 //! * [`table`] — tables as JSON, CSV, NDJSON and Arrow;
 //! * [`mesh`] — triangle meshes as OBJ, PLY, STL and glTF; [`gltf`] — also with displacements;
-//! * [`picture`] — drawings as SVG and PNG; [`image`] — images and volumes, a crate.
+//! * [`picture`] — drawings as SVG and PNG; [`image`] — images and volumes, [`files`] — shapes of other programs, a crate.
 
 pub mod bounds;
 pub mod checked;
@@ -23,9 +25,11 @@ pub mod mesh;
 pub mod ndjson;
 pub mod partial;
 pub mod picture;
+pub mod record;
 pub mod representation;
 pub mod shape;
+pub mod summary;
 pub mod table;
 pub mod time;
 
-pub use shapelex_formats::image;
+pub use shapelex_formats::{image, shape as files};

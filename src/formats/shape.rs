@@ -53,6 +53,12 @@ impl From<&Points> for PointList {
 }
 
 impl PointList {
+    /// Points of a file: row-major coordinates that are finite and within bounds.
+    pub fn of_rows(dimension: usize, coordinates: Vec<f64>) -> Self {
+        let rows = coordinates.len().checked_div(dimension).unwrap_or(0);
+        Self { coordinates, width: dimension, rows, ..Self::default() }
+    }
+
     /// Number of points.
     pub fn len(&self) -> usize {
         self.rows * self.columns.unwrap_or(1)

@@ -9,6 +9,7 @@
 //! * [`segmentation`] — images to shapes;
 //! * [`cost`] — predicted cost of requests;
 //! * [`cohorts`] — stored shapes; [`access`] — authentication of callers; [`events`] — what happens, as a stream;
+//! * [`files`] — files of other programs: read, described, translated;
 //! * [`correspondence`] — surfaces of a cohort in correspondence, as a new cohort;
 //! * [`hooks`] — deliveries of changes to addresses of clients;
 //! * [`search`] — distances and neighbours;
@@ -25,6 +26,7 @@ pub mod cost;
 pub mod dictionaries;
 pub mod dispatch;
 pub mod events;
+pub mod files;
 pub mod hooks;
 pub mod incomplete;
 pub mod inference;

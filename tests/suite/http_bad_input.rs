@@ -891,6 +891,10 @@ fn other_media_types_methods_routes_and_formats_are_refused() {
         for media_type in
             ["text/plain", "text/csv", "application/xml", "multipart/form-data; boundary=x", "nonsense"]
         {
+            // Files of these types are shapes.
+            if path.ends_with("/shapes") && shapelex_formats::shape::find(media_type).is_some() {
+                continue;
+            }
             let reply = server.post_bytes(path, media_type, "{}");
             reply.expect_problem(415, "unsupported-media-type", &[]);
         }

@@ -4,6 +4,7 @@
 mod commands;
 mod document;
 mod endless;
+mod file_commands;
 mod form;
 mod guards;
 mod health;
@@ -23,6 +24,7 @@ mod http_dashboard;
 mod http_dictionaries;
 mod http_drawings;
 mod http_events;
+mod http_files;
 mod http_geomorph;
 mod http_hooks;
 mod http_input;

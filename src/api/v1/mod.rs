@@ -20,6 +20,7 @@ mod dictionaries;
 mod drift;
 mod entity_tags;
 mod events;
+mod files;
 mod fitting;
 mod hooks;
 mod incomplete;
@@ -136,10 +137,13 @@ pub(super) fn computing_routes() -> OpenApiRouter<App> {
         .routes(routes!(keys::find_key, keys::revoke_key))
 }
 
-/// Routes that last as long as their stream: uploads and job events.
+/// Routes that last as long as their stream: uploads, files and events.
 pub(super) fn streamed_routes() -> OpenApiRouter<App> {
     OpenApiRouter::new()
         .routes(routes!(shapes::list_shapes, shapes::add_shapes, corrections::delete_shapes))
+        .routes(routes!(files::inspect_file))
+        .routes(routes!(files::convert_file))
+        .routes(routes!(files::export_cohort))
         .routes(routes!(jobs::job_events))
         .routes(routes!(events::list_events))
 }

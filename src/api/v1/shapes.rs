@@ -5,21 +5,22 @@ use std::sync::Arc;
 
 use axum::body::Bytes;
 use axum::extract::Request;
-use axum::http::StatusCode;
+use axum::http::{HeaderValue, StatusCode};
 use axum::response::Response;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 use serde_json::value::RawValue;
 use utoipa::openapi::{RefOr, Schema};
 use utoipa::{PartialSchema, ToSchema};
 
-use super::batches::{FailedShape, InputShape, unsupported};
+use super::batches::{FailedShape, InputShape};
 use super::entity_tags::{Asked, not_stored};
+use super::files::{FileParameters, FileQuery, PlacingQuery, ReadQuery, word_of};
 use super::request_macros::{IfMatchHeader, PageQuery, RetryHeader, checked};
 use super::shape_query::{FilterQuery, Parameters};
 use crate::api::body::{self, is_stream};
 use crate::api::extract::{
     Caller, DrawingQuery, Format, IfMatch, NoQuery, OnlyShapeFormat, Path, Query, ShapeFormat,
-    ShapeFormatQuery, is_json, media_type,
+    ShapeFormatQuery, TWICE, is_json, media_type, unknown_parameter,
 };
 use crate::api::problem::Problem;
 use crate::api::respond::{Binary, compute, json, mesh, picture};
@@ -27,12 +28,13 @@ use crate::domain::cohort::Cohort;
 use crate::domain::shape::{Shape, ShapeMeasures};
 use crate::formats::checked::{List, document};
 use crate::formats::shape::{Attributes, Points, ShapeInput};
+use crate::formats::summary::FileSummary;
 use crate::formats::time::rfc3339;
 use crate::geometry::resample::RepeatedPoints;
 use crate::service::app::{App, ServiceError, Work};
-use crate::service::cohorts::catalogue::{ShapeListing, revision_tag};
+use crate::service::cohorts::catalogue::{Expected, ShapeListing, revision_tag};
 use crate::service::cohorts::upload::{Returned, Stored, Treatment, UploadResult};
-use crate::service::cohorts::{catalogue, upload};
+use crate::service::cohorts::{catalogue, upload, upload_file};
 use crate::service::shapes::draw::draw_shapes;
 use crate::service::shapes::outcome::OnError;
 
@@ -48,6 +50,9 @@ document! {
         shapes: List<ShapeInput>, required;
     }
 }
+
+/// Header of the answer to a request that was executed before, by its idempotency key.
+const REPLAYED: &str = "idempotent-replayed";
 
 /// Result of adding shapes.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
@@ -71,6 +76,9 @@ pub(super) struct AddAnswer {
     ids: Vec<Option<String>>,
     /// Number of stored shapes beyond the first 100 000, of which the answer says nothing else.
     left_out: usize,
+    /// What a file of another program holds beside its shapes.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    file: Option<FileSummary>,
 }
 
 /// Entry of an input shape: its id, or the reason why it was not stored.
@@ -110,43 +118,65 @@ impl From<UploadResult> for AddResult {
 impl From<Stored> for AddAnswer {
     fn from(stored: Stored) -> Self {
         let Stored { added, revision, ids, skipped, results, left_out, .. } = stored;
-        let Stored { repeated_points, self_intersecting, .. } = stored;
+        let Stored { repeated_points, self_intersecting, note, .. } = stored;
         let results = results.into_iter().map(AddResult::from).collect();
-        Self { added, revision, repeated_points, self_intersecting, skipped, results, ids, left_out }
+        let file = note.and_then(|note| serde_json::from_value(note).ok());
+        Self { added, revision, repeated_points, self_intersecting, skipped, results, ids, left_out, file }
     }
 }
 
 /// Handling of invalid shapes and of repeated points.
-#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[derive(Debug, Default, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
-#[serde(deny_unknown_fields)]
 pub(super) struct AddQuery {
     /// Handling of invalid shapes: `abort` stores nothing, `skip` stores the valid ones. Default: `abort`.
-    #[serde(default)]
-    #[param(inline)]
+    #[param(inline, required = false)]
     on_error: OnError,
     /// Points that are equal to their predecessor, where contours are resampled (correspondences `arc_length` and
     /// `cyclic`): `drop` leaves them out, `refuse` makes the shape invalid. Default: `drop`.
-    #[serde(default)]
-    #[param(inline)]
+    #[param(inline, required = false)]
     repeated_points: RepeatedPoints,
     /// What the answer says of stored shapes: `results` has an entry for each of them, `ids` their ids in a list, `none`
     /// nothing. Invalid shapes have an entry in any case. Default: `results`.
-    #[serde(default, rename = "return")]
-    #[param(inline, rename = "return")]
+    #[param(inline, rename = "return", required = false)]
     returned: Returned,
+}
+
+impl AddQuery {
+    fn treatment(self) -> Treatment {
+        let Self { on_error, repeated_points, returned } = self;
+        Treatment { on_error, repeated_points, returned }
+    }
+
+    /// Reads the parameters that do not concern files.
+    fn read(pairs: &[(String, String)]) -> Result<Self, Problem> {
+        let mut query = Self::default();
+        for (index, (name, word)) in pairs.iter().enumerate() {
+            if pairs[..index].iter().any(|(before, _)| before == name) {
+                return Err(Problem::of_parameter(name, TWICE));
+            }
+            match name.as_str() {
+                "on_error" => query.on_error = word_of(name, word)?,
+                "repeated_points" => query.repeated_points = word_of(name, word)?,
+                "return" => query.returned = word_of(name, word)?,
+                unknown => return Err(unknown_parameter(unknown)),
+            }
+        }
+        Ok(query)
+    }
 }
 
 /// Adds shapes, all or none.
 ///
-/// Send JSON for one body, or NDJSON (`application/x-ndjson`, one shape per line) for a stream of any length. Repeating an
+/// Send JSON for one body, NDJSON (`application/x-ndjson`, one shape per line) for a stream of any length, or a file of another
+/// program: with the media type of its format, or with any beside the parameter `format` or `name`. Repeating an
 /// `external_id` with the same content is a safe retry; with other content it is a conflict. Once the response is 201, the
 /// shapes are on disk.
 #[utoipa::path(post, path = "/cohorts/{cohort}/shapes", tag = "cohorts",
-    params(("cohort" = String, Path, description = "Id or name"), AddQuery, RetryHeader, IfMatchHeader),
-    request_body(content((AddRequest = "application/json"), (ShapeInput = "application/x-ndjson", example = json!("{\"external_id\": \"scan-19\", \"points\": [[0, 0], [5, 1], [1, 3]]}\n")))),
+    params(("cohort" = String, Path, description = "Id or name"), AddQuery, FileQuery, PlacingQuery, ReadQuery, RetryHeader, IfMatchHeader),
+    request_body(content((AddRequest = "application/json"), (ShapeInput = "application/x-ndjson", example = json!("{\"external_id\": \"scan-19\", \"points\": [[0, 0], [5, 1], [1, 3]]}\n")), (Binary = "application/octet-stream", example = json!("{\"points\": [[0, 0], [5, 1], [1, 3]], \"closed\": true}\n")))),
     responses(
-        (status = 201, description = "Stored", body = AddAnswer),
+        (status = 201, description = "Stored; `idempotent-replayed: true` if an earlier request with the same Idempotency-Key did", body = AddAnswer),
         (status = 404, description = "No such cohort"),
         (status = 412, description = "The cohort has changed meanwhile"),
         (status = 409, description = "An external id belongs to another shape")
@@ -154,26 +184,49 @@ pub(super) struct AddQuery {
 pub(super) async fn add_shapes(
     Caller(app): Caller,
     Path(key): Path<String>,
-    Query(query): Query<AddQuery>,
+    Query(mut pairs): Query<Vec<(String, String)>>,
     IfMatch(expected): IfMatch,
     request: Request,
 ) -> Result<Response, Problem> {
-    let (found, cohort) = (media_type(request.headers()), catalogue::find(&app, &key).await?);
-    let AddQuery { on_error, repeated_points, returned } = query;
-    let (treatment, body) = (Treatment { on_error, repeated_points, returned }, request.into_body());
+    let parameters = FileParameters::take(&mut pairs);
+    let treatment = AddQuery::read(&pairs)?.treatment();
+    let touched = app.touched.clone();
+    let stored = add(app, &key, request, parameters, treatment, expected).await?;
+    let mut response = json(StatusCode::CREATED, &AddAnswer::from(stored))?;
+    if touched.is_repeat() {
+        response.headers_mut().insert(REPLAYED, HeaderValue::from_static("true"));
+    }
+    Ok(response)
+}
+
+/// Adds the shapes of a body by its media type, or by the parameters of a file.
+async fn add(
+    app: App,
+    key: &str,
+    request: Request,
+    parameters: FileParameters,
+    treatment: Treatment,
+    expected: Option<Expected>,
+) -> Result<Stored, Problem> {
+    let (found, cohort) = (media_type(request.headers()), catalogue::find(&app, key).await?);
+    let body = request.into_body();
     let stored = match found.as_str() {
+        other if parameters.is_format_stated() || !(is_stream(other) || is_json(other)) => {
+            let file = parameters.to_add(other, &app.limits)?;
+            upload_file::add_file(&app, cohort, body::pieces(body), file, treatment, expected).await
+        }
+        _ if !parameters.is_empty() => return Err(unknown_parameter(parameters.first())),
         lines if is_stream(lines) => {
             upload::add_stream(&app, cohort, body::pieces(body), treatment, expected).await
         }
-        json if is_json(json) => {
+        _ => {
             let body = body::read(&app, body).await?;
             let app = app.with_body(&body);
             let shapes = read_shapes(&app, body).await?;
             upload::add(&app, cohort, shapes, treatment, expected).await
         }
-        other => return Err(unsupported(other)),
     };
-    Ok(json(StatusCode::CREATED, &AddAnswer::from(stored?))?)
+    Ok(stored?)
 }
 
 async fn read_shapes(app: &App, body: Bytes) -> Result<Vec<ShapeInput>, ServiceError> {

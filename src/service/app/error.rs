@@ -4,6 +4,7 @@ use super::faults::Faults;
 use crate::analysis::AnalysisError;
 use crate::analysis::dictionary::procedure::ParameterFault;
 use crate::formats::fault::Fault;
+use crate::formats::files::{FaultKind, FileError};
 use crate::geometry::capability::FieldFault;
 use crate::store::StoreError;
 
@@ -253,6 +254,24 @@ impl From<AnalysisError> for ServiceError {
 impl From<FieldFault> for ServiceError {
     fn from(fault: FieldFault) -> Self {
         Self::Invalid(vec![fault.into()].into())
+    }
+}
+
+impl From<FileError> for ServiceError {
+    fn from(error: FileError) -> Self {
+        let fault = Fault::of_file(&error);
+        match error.kind {
+            FaultKind::TooLarge => Self::TooLarge(fault),
+            FaultKind::Option => {
+                let name = error.place.tag.unwrap_or_else(|| "format".into());
+                Self::parameter(name, error.detail)
+            }
+            FaultKind::Unknown | FaultKind::Malformed | FaultKind::Truncated | FaultKind::Unsupported => {
+                Self::Invalid(vec![fault].into())
+            }
+            FaultKind::Io => Self::Malformed(vec![fault]),
+            FaultKind::Stopped => Self::Cancelled,
+        }
     }
 }
 

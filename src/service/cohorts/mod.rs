@@ -3,13 +3,16 @@
 //! * [`catalogue`] — create, list, find and delete cohorts and shapes; [`trash`] — deleted objects that can be
 //!   restored; [`changes`] — the feed;
 //! * [`corrections`] — attributes of shapes changed, shapes deleted by a filter, subjects erased;
-//! * [`upload`] — streams of shapes into a cohort; [`example`] — the example cohort of an empty store;
+//! * [`upload`] — streams of shapes into a cohort; [`upload_file`] — files of other programs; `placer` — their records as shapes;
+//!   `arriving` — shapes on their way;
+//! * [`example`] — the example cohort of an empty store;
 //! * [`source`] — shapes of a cohort at one revision, as a source for statistics;
 //! * [`selection`] — control points of selected shapes, in the order of their descriptions;
 //! * `measures` — measures of shapes that arrive;
 //! * [`attributes`] — labels of shapes, addressed by their names in requests;
 //! * [`live_mean`] — mean of a cohort at its current revision; `placements` — where its search begins.
 
+mod arriving;
 pub mod attributes;
 pub mod catalogue;
 pub mod changes;
@@ -18,7 +21,9 @@ pub mod example;
 pub mod live_mean;
 pub(crate) mod measures;
 pub(crate) mod placements;
+mod placer;
 pub mod selection;
 pub mod source;
 pub mod trash;
 pub mod upload;
+pub mod upload_file;

@@ -9,29 +9,30 @@ use bytes::Bytes;
 use futures_util::{Stream, StreamExt};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::mpsc;
 
+use super::arriving::{Arrived, Incoming, Origin, Taken, read};
 use super::catalogue::{Expected, revision_tag};
 use super::measures::Measuring;
+use super::placer::Placer;
 use crate::analysis::conversion::Conversion;
 use crate::domain::cohort::{Cohort, CohortSpec};
-use crate::domain::id;
 use crate::domain::job::Job;
-use crate::domain::shape::NewShape;
 use crate::formats::bounds::Census;
 use crate::formats::ndjson::{Line, LineTooLong, Lines};
+use crate::formats::record::Placing;
 use crate::formats::shape::ShapeInput;
 use crate::geometry::representation::ShapeSpace;
-use crate::geometry::resample::{RepeatedPoints, check_extent};
+use crate::geometry::resample::RepeatedPoints;
 use crate::service::app::idempotency::Retry;
 use crate::service::app::memory::Purpose;
 use crate::service::app::{App, Limits, ServiceError, Work, idempotency, now_ms};
-use crate::service::cost::requests::{self, Counts};
-use crate::service::shapes::names::external_id;
+use crate::service::cost::requests::{self, Counts, FitCounts};
 use crate::service::shapes::outcome::OnError;
-use crate::service::shapes::read::{ReadShape, Reading, parse, read_shape};
+use crate::service::shapes::read::Reading;
 use crate::store::{Added, ShapeRow, StoreError, Upload};
 
 /// Number of shapes written to the store at once.
@@ -48,6 +49,8 @@ const STOPPING: Duration = Duration::from_secs(5);
 const MAX_NAMED: usize = 100_000;
 /// Maximum number of invalid shapes of an upload: a response names all of them.
 const MAX_REFUSED: usize = 100_000;
+/// Maximum number of different warnings in a response.
+const MAX_WARNINGS: usize = 20;
 /// Maximum number of faults of an invalid shape in a response.
 const MAX_FAULTS: usize = 5;
 
@@ -124,24 +127,6 @@ pub struct Occasion {
     pub note: Option<serde_json::Value>,
     /// The job that adds them, as it was claimed: nothing is stored unless it is still held.
     pub job: Option<Job>,
-}
-
-/// A shape as received.
-enum Incoming {
-    Line(Line),
-    Parsed(Box<ShapeInput>),
-}
-
-/// External id of an input, and its shape or its faults.
-type Taken = (Option<String>, Result<Arrived, Vec<Fault>>);
-
-/// A shape on its way to the store, with its line.
-struct Arrived {
-    line: Option<u64>,
-    row: ShapeRow,
-    /// Number of repeated points that were dropped.
-    repeated_points: usize,
-    is_self_intersecting: bool,
 }
 
 /// Adds the shapes of one body.
@@ -257,7 +242,7 @@ fn too_long(error: LineTooLong) -> ServiceError {
 type Written = (Upload, usize, Vec<String>);
 
 /// Parses shapes on the pool while a task writes the previous ones to the store.
-struct Writer {
+pub(super) struct Writer {
     space: ShapeSpace,
     measuring: Arc<Measuring>,
     /// Number of shapes that are read and measured at once.
@@ -265,10 +250,10 @@ struct Writer {
     cohort: Cohort,
     treatment: Treatment,
     prefix: &'static str,
-    position: usize,
+    pub(super) position: usize,
     expected: Option<Expected>,
     /// The request as far as it has been read, if it has an idempotency key.
-    retry: Option<Retry>,
+    pub(super) retry: Option<Retry>,
     chunks: mpsc::Sender<Vec<Arrived>>,
     task: tokio::task::JoinHandle<Result<Written, ServiceError>>,
     skipped: usize,
@@ -276,12 +261,16 @@ struct Writer {
     repeated_points: usize,
     self_intersecting: usize,
     results: Vec<UploadResult>,
-    occasion: Occasion,
+    pub(super) occasion: Occasion,
     faults: Faults,
+    /// How records of files become shapes.
+    pub(super) placing: Arc<Placing>,
+    /// Warnings of the shapes: their text with the number of shapes that have it.
+    pub(super) warnings: BTreeMap<String, usize>,
 }
 
 impl Writer {
-    async fn new(
+    pub(super) async fn new(
         app: &App,
         cohort: &Cohort,
         treatment: Treatment,
@@ -316,6 +305,8 @@ impl Writer {
             results: Vec::new(),
             occasion: Occasion::default(),
             faults: Faults::default(),
+            placing: Arc::default(),
+            warnings: BTreeMap::new(),
         })
     }
 
@@ -330,9 +321,10 @@ impl Writer {
     }
 
     /// Takes shapes in groups, because parsed shapes need more memory than their text.
-    async fn take(&mut self, app: &App, mut incoming: Vec<Incoming>) -> Result<(), ServiceError> {
+    pub(super) async fn take(&mut self, app: &App, mut incoming: Vec<Incoming>) -> Result<(), ServiceError> {
         while !incoming.is_empty() {
-            let rest = incoming.split_off(incoming.len().min(self.group));
+            let group = self.group.min(self.group_of_fits(&incoming, &app.limits));
+            let rest = incoming.split_off(incoming.len().min(group));
             self.take_some(app, std::mem::replace(&mut incoming, rest)).await?;
         }
         if self.refuses() {
@@ -344,6 +336,45 @@ impl Writer {
             return Err(ServiceError::invalid("", detail));
         }
         Ok(())
+    }
+
+    /// Notes a warning of a shape.
+    fn warn(&mut self, warning: &str) {
+        if let Some(count) = self.warnings.get_mut(warning) {
+            *count += 1;
+        } else if self.warnings.len() < MAX_WARNINGS {
+            self.warnings.insert(warning.into(), 1);
+        }
+    }
+
+    /// Predicted work of shapes once they are parsed.
+    fn work(&self, incoming: &[Incoming], limits: &Limits) -> Work {
+        let counts = Counts::for_space(&self.space, incoming.len(), limits);
+        requests::store(counts, self.cohort.spec.correspondence)
+            + requests::measure_stored(self.space.representation(), counts, limits)
+            + self.fits(incoming, limits)
+    }
+
+    /// Predicted work of fits to the meshes among these shapes.
+    fn fits(&self, incoming: &[Incoming], limits: &Limits) -> Work {
+        let sizes = incoming.iter().filter_map(Incoming::mesh_vertices);
+        let (meshes, points) = sizes.fold((0, 0.0), |(count, sum), size| (count + 1, sum + size as f64));
+        if meshes == 0 || !self.space.domain().is_sheet() {
+            return Work::from_seconds(0.0);
+        }
+        let counts = Counts::for_space(&self.space, meshes, limits);
+        let fit = FitCounts { points, meshes: true, tolerance: false, turns: 0 };
+        requests::fit(self.space.representation(), counts, fit, limits)
+    }
+
+    /// Number of the first shapes whose fits take [`GROUP_SECONDS`], at least one.
+    fn group_of_fits(&self, incoming: &[Incoming], limits: &Limits) -> usize {
+        let mut seconds = 0.0;
+        let mut take = |shape: &Incoming| {
+            seconds += self.fits(std::slice::from_ref(shape), limits).seconds();
+            seconds <= GROUP_SECONDS
+        };
+        incoming.iter().take_while(|shape| take(shape)).count().max(1)
     }
 
     /// Notes what became of an input; the id of a valid one follows.
@@ -370,10 +401,8 @@ impl Writer {
         let measuring = Arc::clone(&self.measuring);
         let repeated_points = self.treatment.repeated_points;
         let bytes = incoming.iter().map(Incoming::bytes).sum();
-        let counts = Counts::for_space(&space, incoming.len(), &limits);
-        let work = Work::reading(bytes)
-            + requests::store(counts, cohort.spec.correspondence)
-            + requests::measure_stored(space.representation(), counts, &limits);
+        let work = Work::reading(bytes) + self.work(&incoming, &limits);
+        let placing = Arc::clone(&self.placing);
         let results: Vec<Taken> = app
             .pool
             .weighing(work)
@@ -381,7 +410,8 @@ impl Writer {
                 let CohortSpec { correspondence, direction, .. } = cohort.spec;
                 let conversion = Conversion { space: &space, correspondence, direction, repeated_points };
                 let reading = Reading { conversion, limits: &limits };
-                let read = |(offset, shape)| read(&reading, &measuring, shape, first + offset, prefix);
+                let placer = Placer::new(reading, &placing);
+                let read = |(offset, shape)| read(&placer, &measuring, shape, first + offset, prefix);
                 Ok(incoming.into_par_iter().enumerate().map(read).collect())
             })
             .await?;
@@ -392,6 +422,9 @@ impl Writer {
                     self.record(index, external_id, Vec::new());
                     self.repeated_points += shape.repeated_points;
                     self.self_intersecting += usize::from(shape.is_self_intersecting);
+                    for warning in &shape.warnings {
+                        self.warn(warning);
+                    }
                     good.push(shape);
                 }
                 Err(faults) => {
@@ -421,7 +454,11 @@ impl Writer {
     /// Makes the shapes visible if all were accepted. Otherwise nothing of them remains when this function returns, so
     /// that a client that corrects its input and resends the same external ids at once does not conflict with its own
     /// first attempt.
-    async fn end(self, app: &App, taken: Result<(), ServiceError>) -> Result<Stored, ServiceError> {
+    pub(super) async fn end(
+        self,
+        app: &App,
+        taken: Result<(), ServiceError>,
+    ) -> Result<Stored, ServiceError> {
         let Self { chunks, task, position, treatment, skipped, left_out, results, occasion, .. } = self;
         let Self { repeated_points, self_intersecting, retry, cohort, expected, .. } = self;
         drop(chunks);
@@ -502,16 +539,16 @@ async fn write(
     let (mut new, mut ids) = (0, Vec::new());
     let mut first = 0;
     while let Some(chunk) = chunks.recv().await {
-        let (lines, rows): (Vec<Option<u64>>, Vec<ShapeRow>) =
-            chunk.into_iter().map(|arrived| (arrived.line, arrived.row)).unzip();
+        let (origins, rows): (Vec<Origin>, Vec<ShapeRow>) =
+            chunk.into_iter().map(|arrived| (arrived.origin, arrived.row)).unzip();
         let added = match upload.add(rows).await {
             Ok(added) => added,
             Err(error) => {
                 upload.abort().await?;
-                return Err(located(error, first, &lines, prefix));
+                return Err(located(error, first, &origins, prefix));
             }
         };
-        first += lines.len();
+        first += origins.len();
         for added in added {
             let id = match added {
                 Added::New { id } => {
@@ -528,67 +565,20 @@ async fn write(
     Ok((upload, new, ids))
 }
 
-/// Locates a conflict in the input; `lines` are those of the chunk that begins at shape `first`.
-fn located(error: StoreError, first: usize, lines: &[Option<u64>], prefix: &str) -> ServiceError {
+/// Locates a conflict in the input; `origins` are those of the chunk that begins at shape `first`.
+fn located(error: StoreError, first: usize, origins: &[Origin], prefix: &str) -> ServiceError {
     let StoreError::ExternalIdConflict { position, external_id } = error else { return error.into() };
     let index = usize::try_from(position).unwrap_or(usize::MAX);
-    let line = index.checked_sub(first).and_then(|offset| lines.get(offset).copied().flatten());
+    let origin = index.checked_sub(first).and_then(|offset| origins.get(offset));
     let pointer =
         if prefix.is_empty() { "/external_id".into() } else { format!("{prefix}{index}/external_id") };
     let detail =
         format!("the external id '{external_id}' belongs to another shape of the cohort, with other content");
-    ServiceError::ExternalIdConflict(Fault { index: Some(index), line, ..Fault::new(pointer, detail) })
-}
-
-impl Incoming {
-    /// Bytes to be parsed.
-    fn bytes(&self) -> usize {
-        match self {
-            Self::Line(line) => line.text.len(),
-            Self::Parsed(_) => 0,
-        }
-    }
-}
-
-/// Parses the shape at `index` of the upload and makes a row of it. Its text and what is parsed of it end here.
-fn read(
-    reading: &Reading<'_>,
-    measuring: &Measuring,
-    incoming: Incoming,
-    index: usize,
-    prefix: &str,
-) -> Taken {
-    let (line, shape) = match incoming {
-        Incoming::Line(Line { number, text }) => (Some(number), parse(reading.limits, text.trim_ascii_end())),
-        Incoming::Parsed(shape) => (None, Ok(*shape)),
-    };
-    // Each line is a document of its own; in a body, pointers include the position of the shape.
-    let prefix = if prefix.is_empty() { String::new() } else { format!("{prefix}{index}") };
-    let placed = |fault: Fault| Fault {
-        pointer: format!("{prefix}{}", fault.pointer),
-        index: Some(index),
-        line,
-        ..fault
-    };
-    let shape = match shape {
-        Ok(shape) => shape,
-        Err(ServiceError::Malformed(faults)) => return (None, Err(faults.into_iter().map(placed).collect())),
-        Err(other) => return (None, Err(vec![placed(Fault::new("", other.to_string()))])),
-    };
-    let external_id = external_id(&shape).map(str::to_owned);
-    let shape = read_shape(reading, shape).and_then(|shape| {
-        // Once stored, a shape without extent would break every mean of the cohort.
-        check_extent(&shape.control_points, reading.conversion.space.representation().size())
-            .map_err(|error| vec![Fault::new("", error.to_string())])?;
-        Ok(shape)
-    });
-    let arrived = |ReadShape { control_points, attributes, points, repeated_points }| {
-        let measures = measuring.measure(&control_points, Some(points));
-        let is_self_intersecting = measures.self_intersecting == Some(true);
-        let shape = NewShape { id: id::new_id(id::SHAPE), attributes, measures, control_points };
-        Arrived { line, row: shape.into(), repeated_points, is_self_intersecting }
-    };
-    (external_id, shape.map(arrived).map_err(|faults| faults.into_iter().map(placed).collect()))
+    let fault = Fault::new(pointer, detail).at_shape(index);
+    ServiceError::ExternalIdConflict(match origin {
+        Some(origin) => origin.of(fault),
+        None => fault,
+    })
 }
 
 #[cfg(test)]

@@ -9,7 +9,7 @@ use crate::segmentation::contours::{
     Component, Components, Dropped, Labels, Region, Selection, Solid, Surface,
 };
 use crate::service::app::memory::{Held, Purpose};
-use crate::service::app::{App, ServiceError, Work};
+use crate::service::app::{App, Limits, ServiceError, Work};
 
 /// Predicted seconds per cell: reading, and finding components.
 const CELL: f64 = 6e-8;
@@ -55,13 +55,13 @@ pub struct SolidOutput {
 #[derive(Debug, Clone, Copy, Serialize, utoipa::ToSchema)]
 pub struct ComponentOutput {
     /// The label.
-    label: u32,
+    pub(super) label: u32,
     /// Position among the components of this label, from 0, in the order of their first cells.
-    component: usize,
+    pub(super) component: usize,
     /// Number of cells.
-    cells: usize,
+    pub(super) cells: usize,
     /// Number of sides or faces of cells on the edge of the image, along which the component is closed.
-    edge_sides: usize,
+    pub(super) edge_sides: usize,
 }
 
 /// A closed surface as a mesh.
@@ -70,7 +70,7 @@ pub struct SurfaceOutput {
     /// Positions of the vertices.
     pub(super) vertices: Vec<[f64; 3]>,
     /// Triangles, counter-clockwise as seen from outside of the component.
-    faces: Vec<[u32; 3]>,
+    pub(super) faces: Vec<[u32; 3]>,
     /// Number of handles.
     pub(super) genus: usize,
 }
@@ -160,17 +160,9 @@ impl Planned {
     /// A file that is broken or holds no labels; wanted labels without cells; too many vertices; [`ServiceError::Cancelled`].
     pub fn contours(&self, app: &App, image: Part<'_>) -> Result<ContoursAnswer, ServiceError> {
         let file = image.labels(&app.limits)?;
-        let selection = Selection {
-            labels: self.wanted.labels.clone(),
-            least_cells: self.wanted.least_cells,
-            most_components: app.limits.shapes,
-        };
         let context = app.pool.context();
         let stop = || context.is_cancelled();
-        let (results, dropped) = match file.grid.is_planar() {
-            true => self.regions(app, &file, &selection, &stop)?,
-            false => self.solids(app, &file, &selection, &stop)?,
-        };
+        let (results, dropped) = boundaries(&file, &self.wanted, &app.limits, &stop)?;
         Ok(ContoursAnswer {
             image: ImageOutput::new(&file.grid),
             coordinates: self.wanted.coordinates,
@@ -178,42 +170,63 @@ impl Planned {
             left_out: LeftOutOutput { components: dropped.components, cells: dropped.cells },
         })
     }
+}
 
-    fn regions(
-        &self,
-        app: &App,
-        file: &ImageFile<u32>,
-        selection: &Selection,
-        stop: &(dyn Fn() -> bool + Sync),
-    ) -> Result<(Vec<LabelBoundary>, Dropped), ServiceError> {
-        let frame = plane_frame(&file.grid, self.wanted.coordinates)?;
-        let [width, height, _] = file.grid.size();
-        let labels = Labels::<2>::new([width, height], &file.values).map_err(faulty)?;
-        let found = Components::find(&labels, selection, stop).map_err(faulty)?;
-        let found = found.ok_or(ServiceError::Cancelled)?;
-        let most = app.limits.samples.min(app.limits.answer_numbers / 2);
-        let regions = found.regions(&frame, self.wanted.blur, most, stop).map_err(faulty)?;
-        let regions = regions.ok_or(ServiceError::Cancelled)?;
-        Ok((regions.into_iter().map(region).collect(), found.dropped()))
+/// The boundaries of the labels of an image, in the order of the first cells of their components.
+///
+/// # Errors
+/// Wanted labels without cells; more components, points or vertices than `limits` allow; [`ServiceError::Cancelled`].
+pub(super) fn boundaries(
+    file: &ImageFile<u32>,
+    wanted: &Wanted,
+    limits: &Limits,
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Result<(Vec<LabelBoundary>, Dropped), ServiceError> {
+    let selection = Selection {
+        labels: wanted.labels.clone(),
+        least_cells: wanted.least_cells,
+        most_components: limits.shapes,
+    };
+    match file.grid.is_planar() {
+        true => regions(file, wanted, &selection, limits, stop),
+        false => solids(file, wanted, &selection, limits, stop),
     }
+}
 
-    fn solids(
-        &self,
-        app: &App,
-        file: &ImageFile<u32>,
-        selection: &Selection,
-        stop: &(dyn Fn() -> bool + Sync),
-    ) -> Result<(Vec<LabelBoundary>, Dropped), ServiceError> {
-        let frame = volume_frame(&file.grid, self.wanted.coordinates).map_err(faulty)?;
-        let labels = Labels::<3>::new(file.grid.size(), &file.values).map_err(faulty)?;
-        let found = Components::find(&labels, selection, stop).map_err(faulty)?;
-        let found = found.ok_or(ServiceError::Cancelled)?;
-        // Three coordinates, and two triangles of three indices.
-        let most = app.limits.vertices.min(app.limits.answer_numbers / 3);
-        let solids = found.solids(&frame, self.wanted.blur, most, stop).map_err(faulty)?;
-        let solids = solids.ok_or(ServiceError::Cancelled)?;
-        Ok((solids.into_iter().map(solid).collect(), found.dropped()))
-    }
+fn regions(
+    file: &ImageFile<u32>,
+    wanted: &Wanted,
+    selection: &Selection,
+    limits: &Limits,
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Result<(Vec<LabelBoundary>, Dropped), ServiceError> {
+    let frame = plane_frame(&file.grid, wanted.coordinates)?;
+    let [width, height, _] = file.grid.size();
+    let labels = Labels::<2>::new([width, height], &file.values).map_err(faulty)?;
+    let found = Components::find(&labels, selection, stop).map_err(faulty)?;
+    let found = found.ok_or(ServiceError::Cancelled)?;
+    let most = limits.samples.min(limits.answer_numbers / 2);
+    let regions = found.regions(&frame, wanted.blur, most, stop).map_err(faulty)?;
+    let regions = regions.ok_or(ServiceError::Cancelled)?;
+    Ok((regions.into_iter().map(region).collect(), found.dropped()))
+}
+
+fn solids(
+    file: &ImageFile<u32>,
+    wanted: &Wanted,
+    selection: &Selection,
+    limits: &Limits,
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Result<(Vec<LabelBoundary>, Dropped), ServiceError> {
+    let frame = volume_frame(&file.grid, wanted.coordinates).map_err(faulty)?;
+    let labels = Labels::<3>::new(file.grid.size(), &file.values).map_err(faulty)?;
+    let found = Components::find(&labels, selection, stop).map_err(faulty)?;
+    let found = found.ok_or(ServiceError::Cancelled)?;
+    // Three coordinates, and two triangles of three indices.
+    let most = limits.vertices.min(limits.answer_numbers / 3);
+    let solids = found.solids(&frame, wanted.blur, most, stop).map_err(faulty)?;
+    let solids = solids.ok_or(ServiceError::Cancelled)?;
+    Ok((solids.into_iter().map(solid).collect(), found.dropped()))
 }
 
 /// Refusal of labels or of a setting.

@@ -46,7 +46,7 @@ impl ImageOutput {
 }
 
 /// Limits on the files of images.
-fn file_limits(limits: &Limits) -> FileLimits {
+pub(super) fn file_limits(limits: &Limits) -> FileLimits {
     FileLimits { bytes: limits.image_bytes as u64, cells: limits.voxels as u64 }
 }
 

@@ -1,7 +1,7 @@
 //! Images to shapes. The functions are synchronous and run on the pool, but for [`reference`](mod@reference), [`membership`] and
 //! [`job`], which use the store.
 //!
-//! * [`image`] — images of requests; [`contours`] — boundaries of labels; [`sheets`] — thin surfaces in volumes;
+//! * [`image`] — images of requests; [`contours`] — boundaries of labels; [`records`] — as records of a file; [`sheets`] — thin surfaces in volumes;
 //! * [`posted`] — requests; [`request`] — energies, stages and boxes in them; [`parts`] — requests with their files;
 //!   [`starts`] — initial shapes; [`wanted`] — all that is wanted; [`cost`] — predictions;
 //! * [`segment`] — objects of an image; [`answer`] — what is answered of them; [`shown`] — pictures and labels; [`membership`] —
@@ -20,6 +20,7 @@ pub mod membership;
 pub mod parts;
 pub mod posted;
 pub mod prior;
+pub mod records;
 pub mod reference;
 pub mod request;
 pub mod segment;

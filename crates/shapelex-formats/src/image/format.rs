@@ -29,6 +29,20 @@ pub struct Format {
 
 /// Reads the names of labels.
 type Names = fn(&[u8], &Limits) -> Result<BTreeMap<u32, String>, ImageError>;
+impl Format {
+    /// Word in options and queries.
+    pub fn id(&self) -> &'static str {
+        self.extensions[0]
+    }
+
+    /// The labels in a file of this format: [`read_labels`](super::read_labels).
+    ///
+    /// # Errors
+    /// Those of [`read_labels`](super::read_labels).
+    pub fn read_labels(&self, bytes: &[u8], limits: &Limits) -> Result<ImageFile<u32>, ImageError> {
+        (self.labels)(bytes, limits)
+    }
+}
 
 /// All formats. The magic bytes of NIfTI include those of its other variants, which its reader refuses by name.
 pub static FORMATS: [Format; 6] = [

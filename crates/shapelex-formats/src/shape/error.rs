@@ -3,7 +3,8 @@
 use std::fmt;
 
 /// Where in a file something is. Empty for the file as a whole.
-#[derive(Debug, Clone, Default, PartialEq, Eq, serde::Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(default)]
 pub struct Place {
     /// Name of the file within an archive.
     #[serde(skip_serializing_if = "Option::is_none")]

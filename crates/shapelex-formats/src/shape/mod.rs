@@ -24,6 +24,7 @@ mod error;
 mod format;
 mod geojson;
 mod imagej;
+mod inspection;
 mod limits;
 mod mesh;
 mod morphologika;
@@ -46,6 +47,7 @@ mod write;
 
 pub use error::{FaultKind, FileError, Place};
 pub use format::{FORMATS, Format, detect, find};
+pub use inspection::{Group, Inspected, Inspection};
 pub use limits::{Limits, MAX_COORDINATE};
 pub use options::{
     Columns, Contours, Curves, Encoding, Holes, Layout, Names, Nuclei, ReadOptions, Scale, WriteOptions,

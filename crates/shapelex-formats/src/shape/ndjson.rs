@@ -10,15 +10,19 @@
 //! Beside them: `external_id`, `subject`, `label`, `labels`, `weight`, `metadata`, `ring`.
 
 use std::collections::BTreeMap;
+use std::fmt;
 use std::io::Write;
+use std::marker::PhantomData;
 
-use serde::{Deserialize, Serialize};
+use serde::de::{DeserializeOwned, DeserializeSeed, Deserializer, SeqAccess, Visitor};
+use serde::{Deserialize, Serialize, Serializer};
+use serde_json::value::RawValue;
 
 use super::Sink;
 use super::error::{FileError, Place};
 use super::format::Format;
 use super::options::{ReadOptions, WriteOptions};
-use super::record::{Domain, Field, Fourier, Geometry, Kind, Mesh, Points, Record, Value};
+use super::record::{Domain, Faces, Field, Fourier, Geometry, Kind, Mesh, Points, Record};
 use super::source::Source;
 use super::summary::Summary;
 use super::write::Writer;
@@ -29,14 +33,31 @@ pub(super) static FORMAT: Format = Format {
     name: "NDJSON",
     media_types: &["application/x-ndjson"],
     extensions: &["ndjson", "jsonl"],
-    recognise: |_| false,
+    recognise,
     kinds: &[Kind::Curve, Kind::Landmarks, Kind::Mesh, Kind::Fourier],
     options: &["closed"],
     read: Some(read),
     open: Some(open),
 };
 
-/// A line. `ring` is written only: it follows from the order of other formats.
+/// Fields by which a line begins as no other format does.
+const FIRST: [&[u8]; 5] = [b"points", b"closed", b"vertices", b"fourier", b"external_id"];
+
+/// Whether a file begins with an object of shapes.
+fn recognise(head: &[u8]) -> bool {
+    let head = head.strip_prefix("\u{feff}".as_bytes()).unwrap_or(head).trim_ascii_start();
+    let name =
+        head.strip_prefix(b"{").map(<[u8]>::trim_ascii_start).and_then(|rest| rest.strip_prefix(b"\""));
+    name.is_some_and(|name| {
+        FIRST.iter().any(|first| name.strip_prefix(*first).is_some_and(|rest| rest.starts_with(b"\"")))
+    })
+}
+
+/// Maximum number of bytes of the labels, and of the metadata, of a shape: in memory they take ten times that.
+const SMALL: usize = 1 << 20;
+
+/// A line. `ring` is written only: it follows from the order of other formats. Lists are read into flat vectors, so that a line
+/// takes a few times its length.
 #[derive(Serialize, Deserialize, Default)]
 #[serde(deny_unknown_fields, default)]
 struct Line {
@@ -47,7 +68,7 @@ struct Line {
     #[serde(skip_serializing_if = "Option::is_none")]
     vertices: Option<Rows>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    faces: Option<Vec<Vec<u32>>>,
+    faces: Option<FaceLists>,
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     fields: BTreeMap<String, FieldLine>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -58,18 +79,15 @@ struct Line {
     subject: Option<String>,
     #[serde(skip_serializing_if = "Option::is_none")]
     label: Option<String>,
-    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
-    labels: BTreeMap<String, Value>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    labels: Option<Box<RawValue>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     weight: Option<f64>,
-    #[serde(skip_serializing_if = "serde_json::Map::is_empty")]
-    metadata: serde_json::Map<String, serde_json::Value>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    ring: Option<serde_json::Value>,
+    metadata: Option<Box<RawValue>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    ring: Option<Box<RawValue>>,
 }
-
-/// Points, `null` for a missing one.
-type Rows = Vec<Option<Vec<f64>>>;
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -77,7 +95,7 @@ struct FieldLine {
     /// `vertices` or `faces`.
     on: Carrier,
     width: usize,
-    values: Vec<Option<f64>>,
+    values: Values,
 }
 
 #[derive(Serialize, Deserialize, Clone, Copy)]
@@ -91,8 +109,8 @@ enum Carrier {
 #[serde(deny_unknown_fields)]
 struct FourierLine {
     constant: Vec<f64>,
-    cosine: Vec<Vec<f64>>,
-    sine: Vec<Vec<f64>>,
+    cosine: Rows,
+    sine: Rows,
 }
 
 fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Result<Summary, FileError> {
@@ -113,25 +131,26 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
 
 fn record(line: Line, options: &ReadOptions, place: Place) -> Result<Record, FileError> {
     let fault = |detail: &str| Err(FileError::malformed(place.clone(), detail));
+    let points = |rows: Rows| rows.points().map_err(|detail| FileError::malformed(place.clone(), detail));
     let closed = line.closed.or(options.closed);
     let geometry = match (line.points, line.vertices, line.fourier) {
-        (Some(rows), None, None) => {
-            let points = points(rows, &place)?;
-            closed.map_or(Geometry::Landmarks(points.clone()), |closed| Geometry::Curve { points, closed })
-        }
-        (None, Some(rows), None) => {
-            let mut mesh = Mesh { vertices: points(rows, &place)?, ..Mesh::default() };
-            for face in line.faces.unwrap_or_default() {
-                mesh.faces.push(face);
-            }
-            mesh.fields = line.fields.into_iter().map(|(name, field)| (name, field.into())).collect();
-            Geometry::Mesh(mesh)
-        }
+        (Some(rows), None, None) => match closed {
+            None => Geometry::Landmarks(points(rows)?),
+            Some(closed) => Geometry::Curve { points: points(rows)?, closed },
+        },
+        (None, Some(rows), None) => Geometry::Mesh(Mesh {
+            vertices: points(rows)?,
+            faces: line.faces.unwrap_or_default().0,
+            fields: line.fields.into_iter().map(|(name, field)| (name, field.into())).collect(),
+        }),
         (None, None, Some(FourierLine { constant, cosine, sine })) => {
-            if cosine.iter().chain(&sine).any(|row| row.len() != constant.len()) {
+            let [cosine, sine] = [points(cosine)?, points(sine)?];
+            if [&cosine, &sine].into_iter().any(|rows| !rows.is_empty() && rows.dimension() != constant.len())
+            {
                 return fault("expected coefficients of one dimension, got several");
             }
-            Geometry::Fourier(Fourier { constant, cosine: cosine.concat(), sine: sine.concat() })
+            let [cosine, sine] = [&cosine, &sine].map(|rows| rows.coordinates().to_vec());
+            Geometry::Fourier(Fourier { constant, cosine, sine })
         }
         _ => return fault("expected one of points, vertices and fourier, got none or several"),
     };
@@ -139,31 +158,196 @@ fn record(line: Line, options: &ReadOptions, place: Place) -> Result<Record, Fil
         name: line.external_id,
         subject: line.subject,
         label: line.label,
-        labels: line.labels,
+        labels: small(line.labels.as_deref(), "labels", &place)?,
         weight: line.weight,
-        metadata: line.metadata,
+        metadata: small(line.metadata.as_deref(), "metadata", &place)?,
         ..Record::new(geometry, place)
     })
 }
 
-fn points(rows: Rows, place: &Place) -> Result<Points, FileError> {
-    let dimension = rows.iter().flatten().map(Vec::len).next().unwrap_or(2);
-    let mut points = Points::new(dimension);
-    for (k, row) in rows.iter().enumerate() {
-        match row {
-            Some(row) if row.len() == dimension && dimension > 0 => points.push(row),
-            Some(row) => {
-                let detail = format!("expected {dimension} coordinates, got {} in point {k}", row.len());
-                return Err(FileError::malformed(place.clone(), detail));
-            }
-            None => points.push_missing(),
-        }
+/// A value that is read if it is small.
+fn small<T: Default + DeserializeOwned>(
+    text: Option<&RawValue>,
+    field: &str,
+    place: &Place,
+) -> Result<T, FileError> {
+    let Some(text) = text.map(RawValue::get) else { return Ok(T::default()) };
+    let at = || Place { tag: Some(field.into()), ..place.clone() };
+    if text.len() > SMALL {
+        let detail = format!("expected at most {SMALL} bytes of {field}, got {}", text.len());
+        return Err(FileError::too_large(at(), detail));
     }
-    Ok(points)
+    let wrong = |_| FileError::malformed(at(), format!("expected an object of {field}, got other text"));
+    serde_json::from_str(text).map_err(wrong)
 }
 
-fn rows(points: &Points) -> Rows {
-    points.rows().map(|row| row.iter().all(|x| !x.is_nan()).then(|| row.to_vec())).collect()
+/// Points as they are read and written: one list of coordinates each, `null` for a missing one.
+#[derive(Default)]
+struct Rows {
+    points: Points,
+    /// Number of missing points before the dimension is known.
+    before: usize,
+    fault: Option<String>,
+}
+
+impl Rows {
+    fn of(points: &Points) -> Self {
+        Self { points: points.clone(), ..Self::default() }
+    }
+
+    /// Rows without missing ones.
+    fn of_flat(dimension: usize, flat: &[f64]) -> Self {
+        Self { points: Points::from_rows(dimension.max(1), flat.to_vec()), ..Self::default() }
+    }
+
+    fn points(mut self) -> Result<Points, String> {
+        if self.before > 0 {
+            self.points = missing(2, self.before);
+        }
+        self.fault.map_or(Ok(self.points), Err)
+    }
+
+    /// Adds the row that was read, or a missing one.
+    fn push(&mut self, row: Option<&[f64]>) {
+        let (dimension, k) = (self.points.dimension(), self.points.len() + self.before);
+        match row {
+            None if dimension == 0 => self.before += 1,
+            None => self.points.push_missing(),
+            Some(row) if dimension == 0 && !row.is_empty() => {
+                self.points = missing(row.len(), std::mem::take(&mut self.before));
+                self.points.push(row);
+            }
+            Some(row) if row.len() == dimension && dimension > 0 => self.points.push(row),
+            Some(row) => {
+                let detail = format!("expected {dimension} coordinates, got {} in point {k}", row.len());
+                self.fault.get_or_insert(detail);
+            }
+        }
+    }
+}
+
+fn missing(dimension: usize, count: usize) -> Points {
+    let mut points = Points::new(dimension);
+    (0..count).for_each(|_| points.push_missing());
+    points
+}
+
+impl Serialize for Rows {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_seq(self.points.rows().map(|row| row.iter().all(|x| !x.is_nan()).then_some(row)))
+    }
+}
+
+impl<'de> Deserialize<'de> for Rows {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let mut rows = Self::default();
+        each(deserializer, |row: Option<&[f64]>| rows.push(row))?;
+        Ok(rows)
+    }
+}
+
+/// Faces of a mesh, one list of indices each.
+#[derive(Default)]
+struct FaceLists(Faces);
+
+impl Serialize for FaceLists {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_seq(self.0.iter())
+    }
+}
+
+impl<'de> Deserialize<'de> for FaceLists {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let mut faces = Faces::default();
+        each(deserializer, |face: Option<&[u32]>| faces.push(face.unwrap_or_default().iter().copied()))?;
+        Ok(Self(faces))
+    }
+}
+
+/// Values of a field, `null` where there is none.
+struct Values(Vec<f64>);
+
+impl Serialize for Values {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_seq(self.0.iter().map(|value| value.is_finite().then_some(*value)))
+    }
+}
+
+impl<'de> Deserialize<'de> for Values {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct List;
+        impl<'de> Visitor<'de> for List {
+            type Value = Vec<f64>;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("a list of numbers")
+            }
+
+            fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<Vec<f64>, A::Error> {
+                let mut values = Vec::new();
+                while let Some(value) = list.next_element::<Option<f64>>()? {
+                    values.push(value.unwrap_or(f64::NAN));
+                }
+                Ok(values)
+            }
+        }
+        deserializer.deserialize_seq(List).map(Self)
+    }
+}
+
+/// Reads a list of lists, each into the same buffer; `null` in place of one is none.
+fn each<'de, T: Deserialize<'de>, D: Deserializer<'de>>(
+    deserializer: D,
+    take: impl FnMut(Option<&[T]>),
+) -> Result<(), D::Error> {
+    struct Outer<T, F>(F, PhantomData<T>);
+    impl<'de, T: Deserialize<'de>, F: FnMut(Option<&[T]>)> Visitor<'de> for Outer<T, F> {
+        type Value = ();
+
+        fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+            f.write_str("a list of lists of numbers")
+        }
+
+        fn visit_seq<A: SeqAccess<'de>>(mut self, mut list: A) -> Result<(), A::Error> {
+            let mut buffer = Vec::new();
+            while let Some(is_there) = list.next_element_seed(Inner(&mut buffer))? {
+                (self.0)(is_there.then_some(&buffer));
+            }
+            Ok(())
+        }
+    }
+    deserializer.deserialize_seq(Outer(take, PhantomData))
+}
+
+/// Reads a list into a buffer; whether there is one.
+struct Inner<'a, T>(&'a mut Vec<T>);
+
+impl<'de, T: Deserialize<'de>> DeserializeSeed<'de> for Inner<'_, T> {
+    type Value = bool;
+
+    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<bool, D::Error> {
+        deserializer.deserialize_any(self)
+    }
+}
+
+impl<'de, T: Deserialize<'de>> Visitor<'de> for Inner<'_, T> {
+    type Value = bool;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("a list of numbers or null")
+    }
+
+    fn visit_unit<E>(self) -> Result<bool, E> {
+        Ok(false)
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<bool, A::Error> {
+        self.0.clear();
+        while let Some(value) = list.next_element()? {
+            self.0.push(value);
+        }
+        Ok(true)
+    }
 }
 
 impl From<FieldLine> for Field {
@@ -172,7 +356,7 @@ impl From<FieldLine> for Field {
             Carrier::Vertices => Domain::Vertices,
             Carrier::Faces => Domain::Faces,
         };
-        Self { domain, width, values: values.into_iter().map(|value| value.unwrap_or(f64::NAN)).collect() }
+        Self { domain, width, values: values.0 }
     }
 }
 
@@ -182,8 +366,7 @@ impl From<&Field> for FieldLine {
             Domain::Vertices => Carrier::Vertices,
             Domain::Faces => Carrier::Faces,
         };
-        let values = field.values.iter().map(|value| value.is_finite().then_some(*value)).collect();
-        Self { on, width: field.width, values }
+        Self { on, width: field.width, values: Values(field.values.clone()) }
     }
 }
 
@@ -193,26 +376,24 @@ impl From<&Record> for Line {
             external_id: record.name.clone(),
             subject: record.subject.clone(),
             label: record.label.clone(),
-            labels: record.labels.clone(),
+            labels: (!record.labels.is_empty()).then(|| raw(&record.labels)).flatten(),
             weight: record.weight,
-            metadata: record.metadata.clone(),
-            ring: record.ring.as_ref().and_then(|ring| serde_json::to_value(ring).ok()),
+            metadata: (!record.metadata.is_empty()).then(|| raw(&record.metadata)).flatten(),
+            ring: record.ring.as_ref().and_then(raw),
             ..Self::default()
         };
         match &record.geometry {
             Geometry::Curve { points, closed } => {
-                (line.points, line.closed) = (Some(rows(points)), Some(*closed));
+                (line.points, line.closed) = (Some(Rows::of(points)), Some(*closed));
             }
-            Geometry::Landmarks(points) => line.points = Some(rows(points)),
+            Geometry::Landmarks(points) => line.points = Some(Rows::of(points)),
             Geometry::Mesh(Mesh { vertices, faces, fields }) => {
-                line.vertices = Some(rows(vertices));
-                line.faces = Some(faces.iter().map(<[u32]>::to_vec).collect());
+                line.vertices = Some(Rows::of(vertices));
+                line.faces = Some(FaceLists(faces.clone()));
                 line.fields = fields.iter().map(|(name, field)| (name.clone(), field.into())).collect();
             }
             Geometry::Fourier(fourier) => {
-                let rows = |flat: &[f64]| {
-                    flat.chunks_exact(fourier.dimension().max(1)).map(<[f64]>::to_vec).collect()
-                };
+                let rows = |flat: &[f64]| Rows::of_flat(fourier.dimension(), flat);
                 line.fourier = Some(FourierLine {
                     constant: fourier.constant.clone(),
                     cosine: rows(&fourier.cosine),
@@ -222,6 +403,11 @@ impl From<&Record> for Line {
         }
         line
     }
+}
+
+/// A value as text; `None` if JSON has none for it.
+fn raw(value: &impl Serialize) -> Option<Box<RawValue>> {
+    serde_json::value::to_raw_value(value).ok()
 }
 
 struct Lines<'a> {
@@ -284,6 +470,27 @@ mod tests {
         }
         assert_eq!(writer.finish().expect("the end").records, 4);
         assert_eq!(String::from_utf8(bytes).expect("text"), text);
+    }
+
+    #[test]
+    fn files_are_recognised_by_their_first_field() {
+        for (text, expected) in [
+            ("{\"points\": []}", true),
+            ("\u{feff}\n { \"external_id\":\"a\"}", true),
+            ("{\"pointsets\": []}", false),
+            ("{\"type\": \"FeatureCollection\"}", false),
+            ("[{\"points\": []}]", false),
+            ("", false),
+        ] {
+            assert_eq!(recognise(text.as_bytes()), expected, "{text}");
+        }
+    }
+
+    #[test]
+    fn large_labels_and_metadata_are_refused_before_they_are_parsed() {
+        let text = format!("{{\"points\":[],\"metadata\":{{\"a\":[{}0]}}}}", "0,".repeat(SMALL / 2));
+        let error = records(&text, Limits::default()).expect_err("too large");
+        assert_eq!((error.kind, error.place.tag.as_deref()), (FaultKind::TooLarge, Some("metadata")));
     }
 
     #[test]

@@ -1,8 +1,10 @@
 //! What a caller may say about a file.
 
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
 
-use super::error::{FaultKind, FileError};
+use super::error::{FaultKind, FileError, Place};
 use super::format::Format;
 use crate::dicom::SeriesImage;
 
@@ -131,6 +133,14 @@ pub enum Names {
 }
 
 impl ReadOptions {
+    /// Options by name, as texts of a query or of a command line.
+    ///
+    /// # Errors
+    /// [`FaultKind::Option`], at the name of an option that does not exist, is given twice or has another type.
+    pub fn from_pairs<'a>(pairs: impl IntoIterator<Item = (&'a str, &'a str)>) -> Result<Self, FileError> {
+        from_pairs("reading", pairs)
+    }
+
     /// Refuses options that the format does not have.
     pub(super) fn check(&self, format: &Format) -> Result<(), FileError> {
         let given = serde_json::to_value(self).unwrap_or_default();
@@ -174,6 +184,51 @@ pub(super) fn matches_pattern(pattern: &[u8], text: &[u8]) -> bool {
         }
     }
     pattern[p..].iter().all(|c| *c == b'*')
+}
+
+impl WriteOptions {
+    /// Options by name, as texts of a query or of a command line.
+    ///
+    /// # Errors
+    /// As [`ReadOptions::from_pairs`].
+    pub fn from_pairs<'a>(pairs: impl IntoIterator<Item = (&'a str, &'a str)>) -> Result<Self, FileError> {
+        from_pairs("writing", pairs)
+    }
+}
+
+/// Reads each option alone, so that a fault has its name. What is no number, list or Boolean of the right type is a text.
+fn from_pairs<'a, T: Default + Serialize + DeserializeOwned>(
+    of: &str,
+    pairs: impl IntoIterator<Item = (&'a str, &'a str)>,
+) -> Result<T, FileError> {
+    let fault = |name: &str, detail: String| {
+        Err(FileError { kind: FaultKind::Option, place: Box::new(Place::tag(name)), detail })
+    };
+    let mut options = Map::new();
+    let known = serde_json::to_value(T::default()).unwrap_or_default();
+    for (name, text) in pairs {
+        if known.get(name).is_none() {
+            let known = known.as_object().into_iter().flatten().map(|(name, _)| name.as_str());
+            let known = known.collect::<Vec<_>>().join(", ");
+            return fault(name, format!("expected an option of {of} ({known}), got {name}"));
+        }
+        let typed = serde_json::from_str::<Value>(text).ok();
+        let fits = |value: &Value| {
+            let one = Map::from_iter([(name.to_owned(), value.clone())]);
+            serde_json::from_value::<T>(Value::Object(one)).map(drop)
+        };
+        let value = match typed.filter(|value| fits(value).is_ok()) {
+            Some(value) => value,
+            None => Value::String(text.to_owned()),
+        };
+        if let Err(error) = fits(&value) {
+            return fault(name, format!("expected another value, got '{text}': {error}"));
+        }
+        if options.insert(name.to_owned(), value).is_some() {
+            return fault(name, "expected one value, got several".into());
+        }
+    }
+    serde_json::from_value(Value::Object(options)).or_else(|error| fault("options", error.to_string()))
 }
 
 /// Options of writing.
@@ -236,5 +291,23 @@ mod tests {
             assert_eq!(options(pattern).selects(name), expected, "{pattern} {name}");
         }
         assert!(ReadOptions::default().selects("anything"));
+    }
+
+    #[test]
+    fn options_are_read_from_texts() {
+        let read = |pairs: &[(&'static str, &'static str)]| ReadOptions::from_pairs(pairs.iter().copied());
+        let options =
+            read(&[("select", "12"), ("holes", "keep"), ("closed", "true")]).expect("valid options");
+        let expected = (Some("12"), Some(Holes::Keep), Some(true));
+        assert_eq!((options.select.as_deref(), options.holes, options.closed), expected);
+        for (pairs, message) in [
+            (&[("colour", "red")][..], "colour: expected an option of reading ("),
+            (&[("closed", "perhaps")], "closed: expected another value, got 'perhaps'"),
+            (&[("closed", "true"), ("closed", "true")], "closed: expected one value, got several"),
+        ] {
+            let error = read(pairs).expect_err("a fault");
+            assert_eq!(error.kind, FaultKind::Option);
+            assert!(error.to_string().starts_with(message), "{error}");
+        }
     }
 }

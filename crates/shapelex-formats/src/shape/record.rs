@@ -120,7 +120,36 @@ pub enum Geometry {
     Fourier(Fourier),
 }
 
+impl Kind {
+    /// Word in options and answers.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Curve => "curve",
+            Self::Landmarks => "landmarks",
+            Self::Mesh => "mesh",
+            Self::Fourier => "fourier",
+        }
+    }
+}
+
 impl Geometry {
+    /// Its points: vertices of a mesh, none of Fourier coefficients.
+    pub fn points(&self) -> Option<&Points> {
+        match self {
+            Self::Curve { points, .. } | Self::Landmarks(points) => Some(points),
+            Self::Mesh(mesh) => Some(&mesh.vertices),
+            Self::Fourier(_) => None,
+        }
+    }
+
+    /// Number of coordinates of a point.
+    pub fn dimension(&self) -> usize {
+        match self {
+            Self::Fourier(fourier) => fourier.dimension(),
+            other => other.points().map_or(0, Points::dimension),
+        }
+    }
+
     /// Its kind.
     pub fn kind(&self) -> Kind {
         match self {

@@ -10,6 +10,7 @@ mod microscopy;
 mod nifti;
 mod nrrd;
 mod png;
+mod registry;
 mod rtstruct;
 mod segmentation;
 mod tiff;

@@ -12,12 +12,13 @@
 //! * [`refine`] — the same shape on a finer or another grid of knots;
 //! * [`deform`] — places of handles, and the change of a deformation;
 //! * [`idealise`] — control points of idealised shapes; [`interpolate`] — grids of points that determine a surface;
-//! * [`enclose`] — boundaries of regions, and those that fill a box.
+//! * [`fourier`] — curves given by Fourier coefficients; [`enclose`] — boundaries of regions, and those that fill a box.
 
 pub mod deform;
 pub mod domain;
 pub mod enclose;
 pub mod fit;
+pub mod fourier;
 pub mod idealise;
 pub mod interpolate;
 pub mod measure;

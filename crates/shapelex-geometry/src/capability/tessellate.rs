@@ -2,7 +2,7 @@
 
 use crate::drawing::layer::MAX_FACES;
 use crate::mesh::TriangleMesh;
-use crate::representation::ShapeSpace;
+use crate::representation::{Representation, ShapeSpace};
 use crate::subdivision::basis::SubdivisionBasis;
 use crate::subdivision::measures::frames;
 use crate::surface::basis::Extent;
@@ -64,6 +64,14 @@ pub fn with_normals(mesh: TriangleMesh) -> TriangleMesh {
 pub fn moved(mesh: TriangleMesh, by: [f64; 3]) -> TriangleMesh {
     let vertices = mesh.vertices.into_iter().map(|vertex| plus(vertex, by)).collect();
     TriangleMesh { vertices, ..mesh }
+}
+
+impl Representation {
+    /// Faces of the control mesh of a refined surface; `None` for other shapes.
+    pub fn control_faces(&self) -> Option<Vec<[u32; 3]>> {
+        let control = self.subdivision()?.control().ok()?;
+        Some(control.faces().to_vec())
+    }
 }
 
 impl ShapeSpace {

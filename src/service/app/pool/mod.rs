@@ -159,6 +159,17 @@ impl Pool {
         self.readers.run(read).await
     }
 
+    /// Runs `read`, which may wait for a client, on a thread of its own with lower priority.
+    ///
+    /// # Errors
+    /// Those of `read`; [`ServiceError::Overloaded`] if too many files are being read.
+    pub async fn read_blocking<T: Send + 'static>(
+        &self,
+        read: impl FnOnce() -> Result<T, ServiceError> + Send + 'static,
+    ) -> Result<T, ServiceError> {
+        self.readers.run_blocking(read).await
+    }
+
     /// Parses a body: at once if it is tiny, otherwise in the lane for its length.
     ///
     /// # Errors

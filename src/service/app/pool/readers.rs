@@ -5,14 +5,21 @@ use std::future::Future;
 use std::sync::Arc;
 
 use tokio::runtime::{Builder, Runtime};
+use tokio::sync::Semaphore;
 use tokio_util::task::AbortOnDropHandle;
 
 use super::priority;
 use crate::service::app::error::ServiceError;
 
+/// Maximum number of files that are read at the same time: each has a thread, which mostly waits for its client.
+const MOST_FILES: usize = 64;
+
 /// Threads of their own. Clones share them.
 #[derive(Debug, Clone)]
-pub(super) struct Readers(Arc<Threads>);
+pub(super) struct Readers {
+    threads: Arc<Threads>,
+    files: Arc<Semaphore>,
+}
 
 #[derive(Debug)]
 struct Threads(Option<Runtime>);
@@ -32,11 +39,12 @@ impl Readers {
         let runtime = Builder::new_multi_thread()
             .worker_threads(threads)
             .thread_name("reader")
+            .max_blocking_threads(MOST_FILES)
             .on_thread_start(|| priority::give_way(priority::HEAVY))
             .enable_all()
             .build()
             .expect("the system can start threads");
-        Self(Arc::new(Threads(Some(runtime))))
+        Self { threads: Arc::new(Threads(Some(runtime))), files: Arc::new(Semaphore::new(MOST_FILES)) }
     }
 
     /// Runs `read` on these threads. A caller that stops waiting cancels it.
@@ -47,11 +55,34 @@ impl Readers {
         &self,
         read: impl Future<Output = T> + Send + 'static,
     ) -> Result<T, ServiceError> {
-        let Some(runtime) = &self.0.0 else { return Err(ServiceError::Cancelled) };
+        let Some(runtime) = &self.threads.0 else { return Err(ServiceError::Cancelled) };
         let reading = AbortOnDropHandle::new(runtime.spawn(read));
         reading.await.map_err(|error| match error.try_into_panic() {
             Ok(panic) => std::panic::resume_unwind(panic),
             Err(_) => ServiceError::Cancelled,
         })
+    }
+
+    /// Runs `read`, which may wait for a client, on a thread of its own. A caller that stops waiting does not end it.
+    ///
+    /// # Errors
+    /// Those of `read`; [`ServiceError::Overloaded`] if too many files are being read; [`ServiceError::Cancelled`] if the
+    /// process ends.
+    pub(super) async fn run_blocking<T: Send + 'static>(
+        &self,
+        read: impl FnOnce() -> Result<T, ServiceError> + Send + 'static,
+    ) -> Result<T, ServiceError> {
+        let Ok(place) = Arc::clone(&self.files).try_acquire_owned() else {
+            return Err(ServiceError::Overloaded(format!("{MOST_FILES} files are being read")));
+        };
+        let Some(runtime) = &self.threads.0 else { return Err(ServiceError::Cancelled) };
+        let reading = runtime.spawn_blocking(move || {
+            let _place = place;
+            read()
+        });
+        reading.await.map_err(|error| match error.try_into_panic() {
+            Ok(panic) => std::panic::resume_unwind(panic),
+            Err(_) => ServiceError::Cancelled,
+        })?
     }
 }

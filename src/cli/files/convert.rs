@@ -1,0 +1,111 @@
+//! `shapelex convert`: translates a file of shapes.
+
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use serde::Serialize;
+
+use super::{Complete, Opened, Reading, note, own_limits, pairs, shown};
+use crate::cli::maintenance::Outcome;
+use crate::formats::files::{self, FileError, Format, Summary, WriteOptions};
+use crate::service::files::unknown_format;
+
+/// Number of bytes written at once.
+const BUFFER: usize = 1 << 20;
+
+#[derive(Debug, Args)]
+pub(in crate::cli) struct ConvertArgs {
+    /// File to read; `-` is standard input
+    file: PathBuf,
+    /// Format to write, as an id, a media type or an ending. Default: by the name of the output, else ndjson
+    #[arg(long, value_name = "FORMAT")]
+    to: Option<String>,
+    /// File to write, which must not exist. Default: standard output
+    #[arg(long, short, value_name = "FILE")]
+    output: Option<PathBuf>,
+    #[command(flatten)]
+    reading: Reading,
+    /// Option of writing, such as `unit=mm`; may be repeated
+    #[arg(long = "write", value_name = "NAME=VALUE")]
+    writing: Vec<String>,
+    /// Describe the files on standard error as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// What was done.
+#[derive(Debug, Serialize)]
+struct Converted {
+    from: &'static str,
+    to: &'static str,
+    /// What the reader says.
+    #[serde(flatten)]
+    read: Summary,
+    /// What the writer says.
+    written: Summary,
+}
+
+/// Translates the file.
+pub(super) fn run(args: &ConvertArgs) -> Result<Outcome, String> {
+    let target = target(args)?;
+    let (options, stated) = (args.reading.options()?, args.reading.format()?);
+    let writing = WriteOptions::from_pairs(pairs(&args.writing)?).map_err(|error| error.to_string())?;
+    let failed = |error: FileError| format!("{}: {error}", shown(&args.file));
+    let opened = Opened::new(&args.file, stated).map_err(failed)?;
+    let convert = |output: &mut (dyn Write + Send)| {
+        let mut opened = opened;
+        let mut writer = target.writer(output, &writing)?;
+        let mut push = |record| writer.push(&record);
+        let format = opened.format;
+        let read = format.read(&mut opened.source, &options, &own_limits(), &|| false, &mut push)?;
+        let written = writer.finish()?;
+        Ok(Converted { from: format.id(), to: target.id, read, written })
+    };
+    let converted = match &args.output {
+        None => {
+            let mut output = BufWriter::with_capacity(BUFFER, std::io::stdout());
+            let converted = convert(&mut output).map_err(failed)?;
+            output.flush().map_err(|error| format!("standard output: {error}"))?;
+            converted
+        }
+        Some(path) => {
+            let (complete, file) = Complete::new(path)?;
+            let mut output = BufWriter::with_capacity(BUFFER, file);
+            let converted = convert(&mut output).map_err(failed);
+            let flushed = |converted| {
+                output.flush().map(|()| converted).map_err(|error| format!("{}: {error}", path.display()))
+            };
+            complete.end(converted.and_then(flushed))?
+        }
+    };
+    match args.json {
+        true => note(&serde_json::to_string(&converted).map_err(|error| error.to_string())?),
+        false => tell(&converted),
+    }
+    Ok(Outcome::Done)
+}
+
+/// The format that is written.
+fn target(args: &ConvertArgs) -> Result<&'static Format, String> {
+    let name = args.output.as_deref().and_then(Path::file_name).map(|name| name.to_string_lossy());
+    let format = match (&args.to, name) {
+        (Some(word), _) => files::find(word).ok_or_else(|| unknown_format(word)),
+        (None, Some(name)) => files::detect(&[], Some(&name)),
+        (None, None) => files::find("ndjson").ok_or_else(|| unknown_format("ndjson")),
+    };
+    let format = format.map_err(|error| error.to_string())?;
+    match format.is_written() {
+        true => Ok(format),
+        false => {
+            Err(format!("expected a format that can be written, got {}, which is only read", format.name))
+        }
+    }
+}
+
+/// Says what was left out.
+fn tell(converted: &Converted) {
+    let Converted { from, to, read, written } = converted;
+    note(&format!("{} shapes from {from} to {to}", written.records));
+    super::inspect::left_out(read).chain(super::inspect::left_out(written)).for_each(|line| note(&line));
+}

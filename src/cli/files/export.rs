@@ -1,0 +1,149 @@
+//! `shapelex export FILE --cohort NAME`: writes the shapes of a cohort as a file.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use futures_util::StreamExt;
+
+use super::target::{Target, TargetArgs, refusal};
+use super::{Complete, is_standard, note, pairs};
+use crate::cli::maintenance::{At, Outcome};
+use crate::domain::attribute::Attribute;
+use crate::domain::filter::ShapeFilter;
+use crate::formats::files::{self, Format, WriteOptions};
+use crate::service::app::App;
+use crate::service::app::outgoing::BodyWriter;
+use crate::service::cohorts::catalogue;
+use crate::service::files::export::{Content, Export, USUAL_POINTS, export};
+use crate::service::files::unknown_format;
+
+/// How a cohort is written.
+#[derive(Debug, Clone, Args)]
+pub(in crate::cli) struct ExportArgs {
+    /// Cohort whose shapes are written, by id or name. Without it, the whole store is
+    #[arg(long)]
+    pub(in crate::cli) cohort: Option<String>,
+    #[command(flatten)]
+    target: TargetArgs,
+    /// Format to write, as an id, a media type or an ending. Default: by the name of the file, else ndjson
+    #[arg(long, requires = "cohort", value_name = "FORMAT")]
+    to: Option<String>,
+    /// Write control points in place of points on curves and meshes of surfaces
+    #[arg(long, requires = "cohort")]
+    control_points: bool,
+    /// Number of points on a curve
+    #[arg(long, requires = "cohort", value_name = "N", default_value_t = USUAL_POINTS as u16, value_parser = clap::value_parser!(u16).range(3..=10_000))]
+    points: u16,
+    /// Only shapes with this label; may be repeated
+    #[arg(long = "label", requires = "cohort", value_name = "LABEL")]
+    labels: Vec<String>,
+    /// Option of writing, such as `unit=mm`; may be repeated
+    #[arg(long = "write", requires = "cohort", value_name = "NAME=VALUE")]
+    writing: Vec<String>,
+}
+
+/// Writes the file.
+///
+/// # Errors
+/// Reason for the failure, in one sentence.
+pub(in crate::cli) async fn run(file: &Path, args: ExportArgs, at: At) -> Result<Outcome, String> {
+    let format = target(file, args.to.as_deref())?;
+    let target = args.target.clone().open(at).await?;
+    let bytes = if is_standard(file) {
+        write(&target, &args, format, &mut std::io::stdout()).await?
+    } else {
+        let (complete, mut output) = Complete::new(file)?;
+        let written = write(&target, &args, format, &mut output).await;
+        let synced = written.and_then(|bytes| {
+            output.sync_all().map(|()| bytes).map_err(|error| format!("{}: {error}", file.display()))
+        });
+        complete.end(synced)?
+    };
+    if let Target::Store(app) = &target {
+        app.store.close().await;
+    }
+    note(&format!("{bytes} bytes of {}", format.name));
+    Ok(Outcome::Done)
+}
+
+/// The format of the file.
+fn target(file: &Path, stated: Option<&str>) -> Result<&'static Format, String> {
+    let name = file.file_name().map(PathBuf::from).unwrap_or_default();
+    let format = match stated {
+        Some(word) => files::find(word).ok_or_else(|| unknown_format(word)),
+        None if is_standard(file) => files::find("ndjson").ok_or_else(|| unknown_format("ndjson")),
+        None => files::detect(&[], Some(&name.to_string_lossy())),
+    };
+    let format = format.map_err(|error| error.to_string())?;
+    match format.is_written() {
+        true => Ok(format),
+        false => {
+            Err(format!("expected a format that can be written, got {}, which is only read", format.name))
+        }
+    }
+}
+
+async fn write(
+    target: &Target,
+    args: &ExportArgs,
+    format: &'static Format,
+    output: &mut (dyn Write + Send),
+) -> Result<u64, String> {
+    let cohort = args.cohort.as_deref().unwrap_or_default();
+    let writing = pairs(&args.writing)?;
+    let options = WriteOptions::from_pairs(writing.iter().copied()).map_err(|error| error.to_string())?;
+    let content = if args.control_points { Content::ControlPoints } else { Content::Points };
+    let service = match target {
+        Target::Store(app) => {
+            let mut filter = ShapeFilter::default();
+            for label in &args.labels {
+                let added = filter.condition(Attribute::Label).add("eq", label.clone());
+                added.map_err(str::to_owned)?;
+            }
+            let wanted = Export { filter, format, options, content, points: usize::from(args.points) };
+            return from_store(app, cohort, wanted, output).await;
+        }
+        Target::Service(service) => service,
+    };
+    let pair = |name: &str, value: &str| (name.to_owned(), value.to_owned());
+    let mut query = vec![pair("format", format.id), pair("points", &args.points.to_string())];
+    if content == Content::ControlPoints {
+        query.push(pair("content", "control_points"));
+    }
+    query.extend(args.labels.iter().map(|label| pair("label", label)));
+    query.extend(writing.iter().map(|(name, value)| (format!("write.{name}"), (*value).to_owned())));
+    let request = service.request(reqwest::Method::GET, &["v1", "cohorts", cohort, "export"], &query)?;
+    let response = request.send().await.map_err(|error| format!("the service does not answer: {error}"))?;
+    if !response.status().is_success() {
+        return Err(refusal(response).await);
+    }
+    let (mut stream, mut bytes) = (response.bytes_stream(), 0);
+    while let Some(piece) = stream.next().await {
+        let piece = piece.map_err(|error| format!("the file breaks off: {error}"))?;
+        output.write_all(&piece).map_err(|error| error.to_string())?;
+        bytes += piece.len() as u64;
+    }
+    Ok(bytes)
+}
+
+async fn from_store(
+    app: &App,
+    cohort: &str,
+    wanted: Export,
+    output: &mut (dyn Write + Send),
+) -> Result<u64, String> {
+    let cohort = catalogue::find(app, cohort).await.map_err(|error| error.to_string())?;
+    let (writer, mut pieces) = BodyWriter::new();
+    let writing = async { export(app, cohort, wanted, writer).await.map_err(|error| error.to_string()) };
+    let taking = async {
+        let mut bytes = 0;
+        while let Some(piece) = pieces.recv().await {
+            output.write_all(&piece).map_err(|error| error.to_string())?;
+            bytes += piece.len() as u64;
+        }
+        Ok(bytes)
+    };
+    let ((), bytes) = tokio::try_join!(writing, taking)?;
+    Ok(bytes)
+}

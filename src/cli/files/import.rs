@@ -1,0 +1,446 @@
+//! `shapelex import FILE… --cohort NAME`: takes files of shapes into a cohort.
+//!
+//! Each file is one request, stored as a whole or not at all. Its `Idempotency-Key` is the digest of its content, the cohort and the
+//! options: a file that was imported within the last seven days is not stored again, whatever its name. A journal remembers
+//! longer, and spares sending.
+
+use std::collections::BTreeSet;
+use std::fs::{File, OpenOptions};
+use std::io::{BufRead, BufReader, IsTerminal, Read, Write};
+use std::path::{Path, PathBuf};
+
+use bytes::Bytes;
+use clap::Args;
+use futures_util::{Stream, StreamExt};
+use indicatif::{ProgressBar, ProgressStyle};
+use serde::Serialize;
+use serde_json::{Value, json};
+use tokio_util::io::ReaderStream;
+
+use super::places::{Place, expand};
+use super::target::{Service, Target, TargetArgs, refusal};
+use super::{Opened, Reading, note, say, shown};
+use crate::cli::maintenance::{At, Outcome};
+use crate::formats::record::{Placing, Plane};
+use crate::formats::summary::FileSummary;
+use crate::service::app::idempotency::Retry;
+use crate::service::app::{App, ServiceError};
+use crate::service::cohorts::catalogue;
+use crate::service::cohorts::upload::{Returned, Stored, Treatment};
+use crate::service::cohorts::upload_file::{FileToAdd, add_file};
+use crate::service::files::{FileFormat, file_limits};
+use crate::service::shapes::outcome::OnError;
+
+/// Number of bytes read at once.
+const BLOCK: usize = 256 << 10;
+
+/// How files of shapes are imported.
+#[derive(Debug, Clone, Args)]
+pub(in crate::cli) struct ImportArgs {
+    /// Cohort that takes the shapes of the files, by id or name. Without it, the file is an export of a whole store
+    #[arg(long)]
+    pub(in crate::cli) cohort: Option<String>,
+    #[command(flatten)]
+    target: TargetArgs,
+    #[command(flatten)]
+    reading: Reading,
+    /// Store the valid shapes of a file that has invalid ones
+    #[arg(long, requires = "cohort")]
+    skip_invalid: bool,
+    /// Plane onto which shapes in space are projected, for planar cohorts: xy, xz or yz
+    #[arg(long, requires = "cohort", value_parser = plane)]
+    plane: Option<Plane>,
+    /// Number of points of curves given by Fourier coefficients that the cohort does not contain
+    #[arg(long, requires = "cohort", value_name = "N", value_parser = clap::value_parser!(u16).range(3..=10_000))]
+    samples: Option<u16>,
+    /// Text before the names of shapes; `{file}` is the name of the file without its ending
+    #[arg(long, requires = "cohort", value_name = "TEXT")]
+    prefix: Option<String>,
+    /// File that lists what was imported: files in it are not sent again
+    #[arg(long, requires = "cohort", value_name = "FILE")]
+    journal: Option<PathBuf>,
+    /// Print a line of JSON for each file
+    #[arg(long, requires = "cohort")]
+    json: bool,
+}
+
+fn plane(word: &str) -> Result<Plane, String> {
+    serde_json::from_value(word.into()).map_err(|_| "expected xy, xz or yz".into())
+}
+
+/// What became of a file.
+#[derive(Debug, Serialize)]
+struct Line {
+    file: String,
+    #[serde(flatten)]
+    fate: Fate,
+}
+
+#[derive(Debug, Serialize)]
+#[serde(tag = "status", rename_all = "snake_case")]
+enum Fate {
+    /// Its shapes are stored.
+    Imported { added: u64, skipped: u64, revision: u64, summary: Box<FileSummary> },
+    /// It was imported before.
+    Known,
+    /// A file of a folder that has no known format.
+    LeftOut { error: String },
+    /// Nothing of it is stored.
+    Refused { error: String },
+}
+
+/// Imports the files.
+///
+/// # Errors
+/// Reason why none of them is stored, in one sentence.
+pub(in crate::cli) async fn run(files: &[PathBuf], args: ImportArgs, at: At) -> Result<Outcome, String> {
+    let places = expand(files)?;
+    let cohort = args.cohort.clone().unwrap_or_default();
+    // Faults of options are found before anything is sent.
+    args.reading.options()?;
+    let stated = args.reading.format()?;
+    let target = args.target.clone().open(at).await?;
+    let mut journal = args.journal.as_deref().map(Journal::open).transpose()?;
+    let progress = Progress::new(&places, args.json);
+    let import = Import { args: &args, cohort, stated, target, progress };
+    let (mut stored, mut refused) = (0_u64, 0_u64);
+    for place in &places {
+        let fate = import.one(place, journal.as_mut()).await?;
+        match &fate {
+            Fate::Refused { .. } => refused += 1,
+            Fate::Imported { skipped, .. } => {
+                stored += 1;
+                refused += u64::from(*skipped > 0);
+            }
+            Fate::Known => stored += 1,
+            Fate::LeftOut { .. } => {}
+        }
+        import.progress.tell(&Line { file: shown(&place.path), fate })?;
+    }
+    import.progress.end();
+    if let Target::Store(app) = &import.target {
+        app.store.close().await;
+    }
+    match (stored, refused) {
+        (_, 0) => Ok(Outcome::Done),
+        (0, _) => Err("nothing is imported".into()),
+        _ => Ok(Outcome::Findings),
+    }
+}
+
+/// An import of several files.
+struct Import<'a> {
+    args: &'a ImportArgs,
+    cohort: String,
+    stated: Option<FileFormat>,
+    target: Target,
+    progress: Progress,
+}
+
+impl Import<'_> {
+    /// Imports one file.
+    ///
+    /// # Errors
+    /// What would refuse all files: a service that does not answer, a journal that cannot be written.
+    async fn one(&self, place: &Place, journal: Option<&mut Journal>) -> Result<Fate, String> {
+        let path = &place.path;
+        let refused = |error: String| Ok(Fate::Refused { error });
+        let format = match Opened::new(path, self.stated) {
+            Ok(opened) => opened.format,
+            Err(error) if place.in_folder => return Ok(Fate::LeftOut { error: error.to_string() }),
+            Err(error) => return refused(error.to_string()),
+        };
+        let query = self.query(path, format);
+        let digest = match digest(path, &self.cohort, &query) {
+            Ok(digest) => digest,
+            Err(error) => return refused(error.to_string()),
+        };
+        if journal.as_ref().is_some_and(|journal| journal.known.contains(&digest)) {
+            self.progress.pass(path);
+            return Ok(Fate::Known);
+        }
+        let fate = match &self.target {
+            Target::Service(service) => self.send(service, path, &query, &digest).await?,
+            Target::Store(app) => self.store(app, path, format, &query, &digest).await?,
+        };
+        if let (Some(journal), Fate::Imported { .. } | Fate::Known) = (journal, &fate) {
+            journal.add(&digest, path)?;
+        }
+        Ok(fate)
+    }
+
+    /// Parameters of the request.
+    fn query(&self, path: &Path, format: FileFormat) -> Vec<(String, String)> {
+        let args = self.args;
+        let mut query = vec![("format".to_owned(), format.id().to_owned())];
+        let pairs = super::pairs(&args.reading.options).unwrap_or_default();
+        query.extend(pairs.into_iter().map(|(name, value)| (name.to_owned(), value.to_owned())));
+        let mut add = |name: &str, value: Option<String>| {
+            query.extend(value.map(|value| (name.to_owned(), value)));
+        };
+        add(
+            "plane",
+            args.plane.and_then(|plane| serde_json::to_value(plane).ok()?.as_str().map(str::to_owned)),
+        );
+        add("samples", args.samples.map(|count| count.to_string()));
+        let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+        add("prefix", args.prefix.as_ref().map(|prefix| prefix.replace("{file}", &stem)));
+        add("on_error", args.skip_invalid.then(|| "skip".to_owned()));
+        add("return", Some("none".into()));
+        query
+    }
+
+    /// Sends a file to a service.
+    async fn send(
+        &self,
+        service: &Service,
+        path: &Path,
+        query: &[(String, String)],
+        digest: &str,
+    ) -> Result<Fate, String> {
+        let request =
+            service.request(reqwest::Method::POST, &["v1", "cohorts", &self.cohort, "shapes"], query)?;
+        let stream = match self.stream(path).await {
+            Ok(stream) => stream,
+            Err(error) => return Ok(Fate::Refused { error: error.to_string() }),
+        };
+        let request = Service::with_file(request, reqwest::Body::wrap_stream(stream));
+        let request = request.header("idempotency-key", format!("import-{digest}"));
+        let response =
+            request.send().await.map_err(|error| format!("the service does not answer: {error}"))?;
+        match response.status().as_u16() {
+            201 if response.headers().contains_key(REPLAYED) => Ok(Fate::Known),
+            201 => {
+                let answer: Value = response.json().await.map_err(|error| error.to_string())?;
+                let count = |name: &str| answer[name].as_u64().unwrap_or_default();
+                let summary = serde_json::from_value(answer["file"].clone()).unwrap_or_default();
+                let (added, skipped, revision) = (count("added"), count("skipped"), count("revision"));
+                Ok(Fate::Imported { added, skipped, revision, summary: Box::new(summary) })
+            }
+            // These would refuse every file.
+            401 | 403 | 404 => Err(refusal(response).await),
+            _ => Ok(Fate::Refused { error: refusal(response).await }),
+        }
+    }
+
+    /// Adds a file to a store.
+    async fn store(
+        &self,
+        app: &App,
+        path: &Path,
+        format: FileFormat,
+        query: &[(String, String)],
+        digest: &str,
+    ) -> Result<Fate, String> {
+        let refused = |error: String| Ok(Fate::Refused { error });
+        let value =
+            |name: &str| query.iter().find(|(found, _)| found == name).map(|(_, value)| value.clone());
+        let placing = Placing {
+            plane: self.args.plane,
+            samples: self.args.samples.map(usize::from),
+            prefix: value("prefix"),
+            metadata_bytes: app.limits.metadata_bytes,
+        };
+        let options = self.args.reading.options()?;
+        let limits = app.limits;
+        let read: crate::service::cohorts::upload_file::ReadFile = Box::new(move |source, stop, sink| {
+            let summary = format.read(source, &options, &limits, stop, sink)?;
+            Ok(FileSummary::new(format.id(), summary))
+        });
+        let file = FileToAdd { limits: file_limits(&limits), placing, read };
+        let on_error = if self.args.skip_invalid { OnError::Skip } else { OnError::Abort };
+        let treatment = Treatment { on_error, returned: Returned::None, ..Treatment::default() };
+        let retry =
+            Retry::new(&format!("import-{digest}"), "shapelex import").map_err(|error| error.to_string())?;
+        let app =
+            app.clone().with_retry(Some(retry)).noting(crate::service::app::touched::Touched::default());
+        let cohort = catalogue::find(&app, &self.cohort).await.map_err(|error| error.to_string())?;
+        let stream = match self.stream(path).await {
+            Ok(stream) => {
+                stream.map(|bytes| bytes.map_err(|error| ServiceError::Interrupted(error.to_string())))
+            }
+            Err(error) => return refused(error.to_string()),
+        };
+        match add_file(&app, cohort, stream, file, treatment, None).await {
+            Ok(_) if app.touched.is_repeat() => Ok(Fate::Known),
+            Ok(Stored { added, skipped, revision, note, .. }) => {
+                let summary = note.and_then(|note| serde_json::from_value(note).ok()).unwrap_or_default();
+                let (added, skipped) = (added as u64, skipped as u64);
+                Ok(Fate::Imported { added, skipped, revision, summary: Box::new(summary) })
+            }
+            Err(error) => refused(sentence(&error)),
+        }
+    }
+
+    /// The bytes of a file, counted by the progress bar.
+    async fn stream(
+        &self,
+        path: &Path,
+    ) -> std::io::Result<impl Stream<Item = std::io::Result<Bytes>> + Send + 'static> {
+        let bar = self.progress.bar.clone();
+        let file = tokio::fs::File::open(path).await?;
+        Ok(ReaderStream::with_capacity(file, BLOCK).inspect(move |bytes| {
+            if let (Some(bar), Ok(bytes)) = (&bar, bytes) {
+                bar.inc(bytes.len() as u64);
+            }
+        }))
+    }
+}
+
+/// Header of the answer to a request that was executed before.
+pub(in crate::cli) const REPLAYED: &str = "idempotent-replayed";
+
+/// A refusal with the place of its first fault.
+fn sentence(error: &ServiceError) -> String {
+    let fault = match error {
+        ServiceError::Invalid(faults) => faults.listed().first(),
+        ServiceError::Malformed(faults) | ServiceError::Parameters(faults) => faults.first(),
+        ServiceError::TooLarge(fault) | ServiceError::ExternalIdConflict(fault) => Some(fault),
+        _ => None,
+    };
+    let Some(fault) = fault else { return error.to_string() };
+    let place = fault.place.as_ref().map_or_else(String::new, |place| format!("{place}: "));
+    let pointer = if fault.pointer.is_empty() { String::new() } else { format!("{} ", fault.pointer) };
+    format!("{place}{pointer}{}", fault.detail)
+}
+
+/// Digest of a file, its cohort and the options.
+fn digest(path: &Path, cohort: &str, query: &[(String, String)]) -> std::io::Result<String> {
+    let mut hasher = blake3::Hasher::new();
+    for text in [cohort].into_iter().chain(query.iter().flat_map(|(name, value)| [name.as_str(), value])) {
+        hasher.update(&(text.len() as u64).to_le_bytes()).update(text.as_bytes());
+    }
+    let (mut file, mut block) = (File::open(path)?, vec![0; BLOCK]);
+    loop {
+        match file.read(&mut block)? {
+            0 => return Ok(hasher.finalize().to_hex().to_string()),
+            count => hasher.update(&block[..count]),
+        };
+    }
+}
+
+/// What was imported, a line of JSON for each file.
+struct Journal {
+    known: BTreeSet<String>,
+    file: File,
+    path: PathBuf,
+}
+
+impl Journal {
+    fn open(path: &Path) -> Result<Self, String> {
+        let failed = |error: std::io::Error| format!("{}: {error}", path.display());
+        let file = OpenOptions::new().read(true).append(true).create(true).open(path).map_err(failed)?;
+        let mut known = BTreeSet::new();
+        for line in BufReader::new(&file).lines() {
+            let line = line.map_err(failed)?;
+            // The last line of a process that was killed may be incomplete.
+            let entry: Value = serde_json::from_str(&line).unwrap_or_default();
+            known.extend(entry["digest"].as_str().map(str::to_owned));
+        }
+        Ok(Self { known, file, path: path.to_owned() })
+    }
+
+    fn add(&mut self, digest: &str, path: &Path) -> Result<(), String> {
+        let line = json!({"digest": digest, "file": path.display().to_string()});
+        let written = writeln!(self.file, "{line}").and_then(|()| self.file.sync_data());
+        self.known.insert(digest.to_owned());
+        written.map_err(|error| format!("{}: {error}", self.path.display()))
+    }
+}
+
+/// A bar on a terminal, lines elsewhere.
+struct Progress {
+    bar: Option<ProgressBar>,
+    json: bool,
+}
+
+impl Progress {
+    fn new(places: &[Place], json: bool) -> Self {
+        let sizes = places.iter().filter_map(|place| std::fs::metadata(&place.path).ok());
+        let total = sizes.map(|metadata| metadata.len()).sum();
+        let bar = (std::io::stderr().is_terminal() && !json).then(|| {
+            let style = "{wide_bar} {bytes}/{total_bytes} {bytes_per_sec}, {eta} left";
+            let style = ProgressStyle::with_template(style).unwrap_or_else(|_| ProgressStyle::default_bar());
+            ProgressBar::new(total).with_style(style)
+        });
+        Self { bar, json }
+    }
+
+    /// Counts a file that is not sent.
+    fn pass(&self, path: &Path) {
+        if let (Some(bar), Ok(metadata)) = (&self.bar, std::fs::metadata(path)) {
+            bar.inc(metadata.len());
+        }
+    }
+
+    fn tell(&self, line: &Line) -> Result<(), String> {
+        if self.json {
+            say(&serde_json::to_string(line).map_err(|error| error.to_string())?);
+            return Ok(());
+        }
+        let text = words(line);
+        match &self.bar {
+            Some(bar) => bar.println(text),
+            None => note(&text),
+        }
+        Ok(())
+    }
+
+    fn end(&self) {
+        if let Some(bar) = &self.bar {
+            bar.finish_and_clear();
+        }
+    }
+}
+
+/// What became of a file in words.
+fn words(Line { file, fate }: &Line) -> String {
+    match fate {
+        Fate::Known => format!("{file}: imported before"),
+        Fate::LeftOut { error } => format!("{file}: left out: {error}"),
+        Fate::Refused { error } => format!("{file}: refused: {error}"),
+        Fate::Imported { added, skipped, summary, .. } => {
+            let mut parts = vec![format!("{file}: {added} shapes added")];
+            if *skipped > 0 {
+                parts.push(format!("{skipped} invalid ones skipped"));
+            }
+            parts
+                .extend(summary.left_out.iter().map(|left| format!("{} {} left out", left.count, left.what)));
+            parts.extend(summary.warnings.iter().map(|warning| format!("warning: {warning}")));
+            parts.join("; ")
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn digests_are_of_content_cohort_and_options() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str, text: &str| {
+            let path = folder.path().join(name);
+            std::fs::write(&path, text).unwrap();
+            path
+        };
+        let (a, b, c) = (path("a", "x"), path("b", "x"), path("c", "y"));
+        let query = |text: &str| vec![("format".to_owned(), text.to_owned())];
+        let of = |path: &Path, cohort: &str, text: &str| digest(path, cohort, &query(text)).unwrap();
+        assert_eq!(of(&a, "one", "tps"), of(&b, "one", "tps"));
+        for other in [of(&c, "one", "tps"), of(&a, "two", "tps"), of(&a, "one", "nts")] {
+            assert_ne!(other, of(&a, "one", "tps"));
+        }
+    }
+
+    #[test]
+    fn a_journal_survives_an_incomplete_line() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("journal");
+        let mut journal = Journal::open(&path).unwrap();
+        journal.add("d1", Path::new("a.tps")).unwrap();
+        std::fs::write(&path, std::fs::read_to_string(&path).unwrap() + "{\"digest\": \"d2").unwrap();
+        let journal = Journal::open(&path).unwrap();
+        assert_eq!(journal.known.iter().collect::<Vec<_>>(), ["d1"]);
+    }
+}

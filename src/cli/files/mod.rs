@@ -1,0 +1,159 @@
+//! Commands for files of shapes: translate and describe them here, take them into a cohort, write a cohort as one.
+//!
+//! Exit code 0 if all is done, 1 if some of it was refused, 2 if nothing could be done.
+
+mod convert;
+pub(super) mod export;
+pub(super) mod import;
+mod inspect;
+mod places;
+mod target;
+
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use clap::{Args, Subcommand};
+
+use super::maintenance::Outcome;
+use crate::formats::files::{FileError, Limits, ReadOptions, Source};
+use crate::service::files::{FileFormat, unknown_format};
+
+/// Commands for files that need no service and no store.
+#[derive(Debug, Subcommand)]
+pub(super) enum FileCommand {
+    /// Translate a file of shapes to another format
+    Convert(convert::ConvertArgs),
+    /// Tell what is in files of shapes; exits with 1 if some cannot be read
+    Inspect(inspect::InspectArgs),
+}
+
+/// How files are read.
+#[derive(Debug, Clone, Args)]
+pub(super) struct Reading {
+    /// Format of the files, as an id, a media type or an ending. Default: by content, else by name
+    #[arg(long, value_name = "FORMAT")]
+    from: Option<String>,
+    /// Option of reading, such as `select=lung*` or `holes=keep`; may be repeated
+    #[arg(long = "option", value_name = "NAME=VALUE")]
+    options: Vec<String>,
+}
+
+impl Reading {
+    /// The options.
+    fn options(&self) -> Result<ReadOptions, String> {
+        let pairs = pairs(&self.options)?;
+        ReadOptions::from_pairs(pairs).map_err(|error| error.to_string())
+    }
+
+    /// The format that is stated, if one is.
+    fn format(&self) -> Result<Option<FileFormat>, String> {
+        let find = |word: &String| FileFormat::find(word).ok_or_else(|| unknown_format(word).to_string());
+        self.from.as_ref().map(find).transpose()
+    }
+}
+
+/// Names and values of options.
+fn pairs(options: &[String]) -> Result<Vec<(&str, &str)>, String> {
+    let pair = |text: &'_ String| -> Result<(usize, usize), String> {
+        let at = text.find('=').ok_or_else(|| format!("expected an option NAME=VALUE, got '{text}'"))?;
+        Ok((at, at + 1))
+    };
+    options.iter().map(|text| pair(text).map(|(end, start)| (&text[..end], &text[start..]))).collect()
+}
+
+/// An open file with its format.
+struct Opened {
+    format: FileFormat,
+    source: Source<'static>,
+}
+
+impl Opened {
+    /// Opens a file; `-` is standard input.
+    fn new(path: &Path, stated: Option<FileFormat>) -> Result<Self, FileError> {
+        let reader: Box<dyn Read> = match is_standard(path) {
+            true => Box::new(std::io::stdin()),
+            false => Box::new(File::open(path)?),
+        };
+        let source = Source::new(reader, Limits::default())?;
+        let name = path.file_name().map(|name| name.to_string_lossy());
+        let format = match stated {
+            Some(format) => format,
+            None => FileFormat::detect(source.head(), name.as_deref())?,
+        };
+        Ok(Self { format, source })
+    }
+}
+
+fn is_standard(path: &Path) -> bool {
+    path == Path::new("-")
+}
+
+/// Limits of shapes of files on this machine: those of the memory are those of [`Limits`].
+fn own_limits() -> crate::service::app::Limits {
+    let usual = crate::service::app::Limits::default();
+    crate::service::app::Limits { samples: usize::MAX, vertices: Limits::default().points, ..usual }
+}
+
+/// Executes the command.
+///
+/// # Errors
+/// Reason for the failure, in one sentence.
+pub(super) fn run(command: FileCommand) -> Result<Outcome, String> {
+    match command {
+        FileCommand::Convert(args) => convert::run(&args),
+        FileCommand::Inspect(args) => inspect::run(&args),
+    }
+}
+
+/// Prints a line of an answer.
+fn say(line: &str) {
+    #[allow(clippy::print_stdout, reason = "the answer is what was asked for")]
+    {
+        println!("{line}");
+    }
+}
+
+/// Prints a line beside the answer.
+fn note(line: &str) {
+    #[allow(clippy::print_stderr, reason = "standard output holds the file")]
+    {
+        eprintln!("{line}");
+    }
+}
+
+/// A path in a message.
+fn shown(path: &Path) -> String {
+    if is_standard(path) { "standard input".into() } else { path.display().to_string() }
+}
+
+/// Writes a file that appears under its name only when it is complete.
+struct Complete {
+    path: PathBuf,
+    partial: PathBuf,
+}
+
+impl Complete {
+    /// A file that does not exist yet.
+    fn new(path: &Path) -> Result<(Self, File), String> {
+        if path.exists() {
+            return Err(format!("{}: expected a new file, got one that already exists", path.display()));
+        }
+        let partial = PathBuf::from(format!("{}.partial", path.display()));
+        let file = File::create(&partial).map_err(|error| format!("{}: {error}", partial.display()))?;
+        Ok((Self { path: path.to_owned(), partial }, file))
+    }
+
+    /// Gives the file its name, or removes it.
+    fn end<T>(self, written: Result<T, String>) -> Result<T, String> {
+        let named = written.and_then(|value| {
+            let renamed = std::fs::rename(&self.partial, &self.path);
+            renamed.map(|()| value).map_err(|error| format!("{}: {error}", self.path.display()))
+        });
+        if named.is_err() {
+            // If removal fails, the name of the remaining file marks it as partial.
+            let _ = std::fs::remove_file(&self.partial);
+        }
+        named
+    }
+}

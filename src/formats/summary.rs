@@ -1,0 +1,58 @@
+//! What a file holds beside its shapes, as it is answered.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use super::fault::brief;
+use super::files::{Dropped, Summary};
+
+/// Maximum number of warnings, and of names of what was left out.
+const MOST: usize = 20;
+
+/// What the reader of a file says of it.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+pub struct FileSummary {
+    /// Id of the format.
+    #[schema(example = "ndjson")]
+    pub format: String,
+    /// Number of shapes.
+    pub records: u64,
+    /// Facts of the file: unit, frame of reference, size of the image.
+    pub properties: BTreeMap<String, serde_json::Value>,
+    /// What was read and is no shape.
+    pub left_out: Vec<LeftOut>,
+    /// Warnings.
+    pub warnings: Vec<String>,
+}
+
+/// Something of a file that becomes no shape.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+pub struct LeftOut {
+    /// What it is.
+    #[schema(example = "holes")]
+    pub what: String,
+    /// Number of them.
+    pub count: u64,
+    /// Names of the first ones.
+    pub names: Vec<String>,
+    /// Place of the first one.
+    pub first: String,
+}
+
+impl FileSummary {
+    /// What is said of a file of a format.
+    pub fn new(format: &str, summary: Summary) -> Self {
+        let Summary { records, properties, dropped, warnings } = summary;
+        let left_out = dropped.into_iter().map(LeftOut::from).collect();
+        let warnings = warnings.into_iter().take(MOST).map(brief).collect();
+        Self { format: format.into(), records, properties, left_out, warnings }
+    }
+}
+
+impl From<Dropped> for LeftOut {
+    fn from(Dropped { what, count, names, first }: Dropped) -> Self {
+        let names = names.into_iter().take(MOST).map(brief).collect();
+        Self { what, count, names, first: brief(first.to_string()) }
+    }
+}

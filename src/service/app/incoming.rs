@@ -1,0 +1,202 @@
+//! Bodies for readers that wait for bytes: files of other programs are read by libraries that know of no async runtime.
+//!
+//! A thread of its own reads while the body arrives. A channel that holds two chunks connects the two: a slow reader slows the
+//! client down.
+
+use std::io::{self, Read};
+use std::pin::pin;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use bytes::{Buf, Bytes};
+use futures_util::future::{Either, select};
+use futures_util::{Stream, StreamExt};
+use tokio::sync::mpsc;
+use tokio::time::Instant;
+
+use super::context::App;
+use super::error::ServiceError;
+use super::idempotency::Retry;
+use super::memory::Purpose;
+use crate::formats::fault::Fault;
+
+/// Time within which the next [`LEAST`] bytes of a body must arrive.
+const PAUSE: Duration = Duration::from_secs(30);
+/// Number of bytes that keep a body alive: one that trickles would hold a thread for ever.
+const LEAST: usize = 16 << 10;
+/// Number of chunks between body and reader.
+const CHUNKS: usize = 2;
+/// Memory of a reader beside what it holds of the file: chunks, and records on their way.
+const FIXED: usize = 12 << 20;
+/// Memory for each byte of a file that is held: the byte, and the numbers made of it.
+const PER_BYTE: usize = 3;
+/// Ratio of compression that is reserved before it is known: files of formats that are archives may expand.
+const RATIO: usize = 16;
+/// Time for which streams may continue when the service is stopping.
+const STOPPING: Duration = Duration::from_secs(5);
+
+/// A part of a body.
+enum Piece {
+    Bytes(Bytes),
+    /// The body has ended as it should.
+    End,
+}
+
+/// A body as a blocking reader.
+pub struct BodyReader {
+    pieces: mpsc::Receiver<Piece>,
+    current: Bytes,
+    has_ended: bool,
+    stop: Stop,
+}
+
+/// Whether nobody waits for the result any more.
+#[derive(Debug, Clone, Default)]
+pub struct Stop(Arc<AtomicBool>);
+
+impl Stop {
+    /// Whether it is so.
+    pub fn is_set(&self) -> bool {
+        self.0.load(Ordering::Relaxed)
+    }
+}
+
+/// Sets a [`Stop`] when it is dropped.
+struct Guard(Stop);
+
+impl Drop for Guard {
+    fn drop(&mut self) {
+        self.0.0.store(true, Ordering::Relaxed);
+    }
+}
+
+impl BodyReader {
+    /// Whether nobody waits for the result any more; computations should then end.
+    pub fn stop(&self) -> Stop {
+        self.stop.clone()
+    }
+}
+
+impl Read for BodyReader {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        while self.current.is_empty() && !self.has_ended {
+            match self.pieces.blocking_recv() {
+                Some(Piece::Bytes(bytes)) => self.current = bytes,
+                Some(Piece::End) => self.has_ended = true,
+                // A body that broke off must not pass for a short file. Its own error is answered.
+                None => return Err(io::Error::other("the body ended early")),
+            }
+        }
+        if self.stop.is_set() {
+            return Err(io::Error::other("nobody waits for the result"));
+        }
+        let count = buffer.len().min(self.current.len());
+        self.current.copy_to_slice(&mut buffer[..count]);
+        Ok(count)
+    }
+}
+
+impl std::fmt::Debug for BodyReader {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("BodyReader").field("has_ended", &self.has_ended).finish_non_exhaustive()
+    }
+}
+
+/// Reads a body on a thread of its own; `held` bounds the part of the file that the reader keeps at once. The bytes are added
+/// to `retry`.
+///
+/// # Errors
+/// A body that stalls, breaks off or takes more memory than there is; [`ServiceError::Unavailable`] if the service stops;
+/// errors of `read`. They end the reading.
+pub async fn read_incoming<T: Send + 'static>(
+    app: &App,
+    stream: impl Stream<Item = Result<Bytes, ServiceError>>,
+    held: usize,
+    retry: &mut Option<Retry>,
+    read: impl FnOnce(BodyReader) -> Result<T, ServiceError> + Send + 'static,
+) -> Result<T, ServiceError> {
+    let (sender, pieces) = mpsc::channel(CHUNKS);
+    let stop = Stop::default();
+    let _guard = Guard(stop.clone());
+    let reader = BodyReader { pieces, current: Bytes::new(), has_ended: false, stop };
+    let reading = pin!(app.pool.read_blocking(move || read(reader)));
+    let passing = pin!(pass(app, stream, held, retry, sender));
+    let both = async {
+        match select(reading, passing).await {
+            // What follows a file, such as the padding of an archive, belongs to the request too.
+            Either::Left((read, passing)) => {
+                let value = read?;
+                passing.await?;
+                Ok(value)
+            }
+            Either::Right((passed, reading)) => {
+                passed?;
+                reading.await
+            }
+        }
+    };
+    tokio::select! {
+        done = both => done,
+        () = stopped(app) => Err(ServiceError::Unavailable(
+            "the service is stopping: nothing of the file is kept, send it again".into(),
+        )),
+    }
+}
+
+/// Completes when the service is stopping and the grace period of streams is over.
+async fn stopped(app: &App) {
+    app.stopping().await;
+    tokio::time::sleep(STOPPING).await;
+}
+
+/// Passes a body on to its reader. Once that has ended, the rest is only counted.
+async fn pass(
+    app: &App,
+    stream: impl Stream<Item = Result<Bytes, ServiceError>>,
+    held: usize,
+    retry: &mut Option<Retry>,
+    sender: mpsc::Sender<Piece>,
+) -> Result<(), ServiceError> {
+    let mut stream = pin!(stream);
+    let mut room = app.memory.hold(Purpose::Bodies, FIXED)?;
+    let (mut total, mut arrived, mut after, mut end) = (0_usize, 0, 0, Instant::now() + PAUSE);
+    loop {
+        let piece = tokio::time::timeout_at(end, stream.next()).await.map_err(|_| stalled())?;
+        let Some(bytes) = piece.transpose()? else { break };
+        arrived += bytes.len();
+        total = total.saturating_add(bytes.len());
+        let kept = total.min(held).saturating_mul(PER_BYTE);
+        let expanded = total.saturating_mul(RATIO).min(held);
+        room.resize(FIXED.saturating_add(kept).saturating_add(expanded))?;
+        if let Some(retry) = retry {
+            retry.update(&bytes);
+        }
+        if sender.is_closed() && arrived_after(&mut after, bytes.len()) > held {
+            let detail = format!("expected the end of the body after the file, got more than {held} bytes");
+            return Err(ServiceError::TooLarge(Fault::new("", detail)));
+        }
+        let begun = Instant::now();
+        // The reader may have ended before the body.
+        let _ = sender.send(Piece::Bytes(bytes)).await;
+        // The time in which the reader was busy is not that of the client.
+        end += begun.elapsed();
+        if arrived >= LEAST {
+            (arrived, end) = (0, Instant::now() + PAUSE);
+        }
+    }
+    let _ = sender.send(Piece::End).await;
+    // The memory is that of the reader, until it has ended.
+    sender.closed().await;
+    Ok(())
+}
+
+/// Number of bytes that have arrived after the end of the reading.
+fn arrived_after(after: &mut usize, more: usize) -> usize {
+    *after = after.saturating_add(more);
+    *after
+}
+
+fn stalled() -> ServiceError {
+    ServiceError::Interrupted(format!("expected {LEAST} bytes within {} s, got fewer", PAUSE.as_secs()))
+}

@@ -1,0 +1,132 @@
+//! Shapes of an upload on their way: as received, and as rows for the store.
+
+use super::measures::Measuring;
+use super::placer::Placer;
+use crate::domain::id;
+use crate::domain::shape::NewShape;
+use crate::formats::fault::Fault;
+use crate::formats::files::{Geometry, Place, Record};
+use crate::formats::ndjson::Line;
+use crate::formats::shape::ShapeInput;
+use crate::geometry::resample::check_extent;
+use crate::service::app::ServiceError;
+use crate::service::shapes::names::external_id;
+use crate::service::shapes::read::{ReadShape, parse, read_shape};
+use crate::store::ShapeRow;
+
+/// A shape as received.
+pub(super) enum Incoming {
+    Line(Line),
+    Parsed(Box<ShapeInput>),
+    Record(Box<Record>),
+}
+
+/// Where a shape was in a stream or a file.
+#[derive(Debug, Default)]
+pub(super) struct Origin {
+    line: Option<u64>,
+    place: Place,
+}
+
+impl Origin {
+    /// The fault with what is known of the place.
+    pub(super) fn of(&self, fault: Fault) -> Fault {
+        Fault { line: self.line, ..fault }.at_place(&self.place)
+    }
+}
+
+/// External id of an input, and its shape or its faults.
+pub(super) type Taken = (Option<String>, Result<Arrived, Vec<Fault>>);
+
+/// A shape on its way to the store, with its place in the stream.
+pub(super) struct Arrived {
+    pub(super) origin: Origin,
+    pub(super) row: ShapeRow,
+    /// Number of repeated points that were dropped.
+    pub(super) repeated_points: usize,
+    pub(super) is_self_intersecting: bool,
+    /// Warnings of the fit of a surface to a mesh.
+    pub(super) warnings: Vec<String>,
+}
+
+impl Incoming {
+    /// Bytes to be parsed.
+    pub(super) fn bytes(&self) -> usize {
+        match self {
+            Self::Line(line) => line.text.len(),
+            Self::Parsed(_) | Self::Record(_) => 0,
+        }
+    }
+
+    /// Number of vertices of a mesh.
+    pub(super) fn mesh_vertices(&self) -> Option<usize> {
+        match self {
+            Self::Record(record) => match &record.geometry {
+                Geometry::Mesh(mesh) => Some(mesh.vertices.len()),
+                _ => None,
+            },
+            Self::Line(_) | Self::Parsed(_) => None,
+        }
+    }
+}
+
+/// Parses the shape at `index` of the upload and makes a row of it. Its text and what is parsed of it end here.
+pub(super) fn read(
+    placer: &Placer<'_>,
+    measuring: &Measuring,
+    incoming: Incoming,
+    index: usize,
+    prefix: &str,
+) -> Taken {
+    let reading = placer.reading();
+    let (origin, shape) = match incoming {
+        Incoming::Line(Line { number, text }) => {
+            let origin = Origin { line: Some(number), ..Origin::default() };
+            (origin, parse(reading.limits, text.trim_ascii_end()).map(Incoming::Parsed))
+        }
+        Incoming::Parsed(shape) => (Origin::default(), Ok(Incoming::Parsed(shape))),
+        Incoming::Record(record) => {
+            let origin = Origin { line: record.place.line, place: record.place.clone() };
+            (origin, Ok(Incoming::Record(record)))
+        }
+    };
+    // Each line is a document of its own; in a body, pointers include the position of the shape.
+    let prefix = if prefix.is_empty() { String::new() } else { format!("{prefix}{index}") };
+    let placed = |fault: Fault| {
+        let pointer = format!("{prefix}{}", fault.pointer);
+        origin.of(Fault { pointer, index: Some(index), ..fault })
+    };
+    let all = |faults: Vec<Fault>| faults.into_iter().map(placed).collect();
+    let (external_id, shape) = match shape {
+        Ok(Incoming::Parsed(shape)) => {
+            (external_id(&shape).map(str::to_owned), read_shape(reading, *shape).map(plain))
+        }
+        Ok(Incoming::Record(record)) => {
+            (record.name.as_ref().map(|name| placer.name(name)), placer.read(*record))
+        }
+        Ok(Incoming::Line(_)) => return (None, Err(vec![placed(Fault::new("", "expected a shape"))])),
+        Err(ServiceError::Malformed(faults)) => return (None, Err(all(faults))),
+        Err(other) => return (None, Err(vec![placed(Fault::new("", other.to_string()))])),
+    };
+    let shape = shape.and_then(|found| {
+        // Once stored, a shape without extent would break every mean of the cohort.
+        check_extent(&found.0.control_points, reading.conversion.space.representation().size())
+            .map_err(|error| vec![Fault::new("", error.to_string())])?;
+        Ok(found)
+    });
+    let (shape, warnings) = match shape {
+        Ok(found) => found,
+        Err(faults) => return (external_id, Err(all(faults))),
+    };
+    let ReadShape { control_points, attributes, points, repeated_points } = shape;
+    let measures = measuring.measure(&control_points, Some(points));
+    let is_self_intersecting = measures.self_intersecting == Some(true);
+    let shape = NewShape { id: id::new_id(id::SHAPE), attributes, measures, control_points };
+    let arrived = Arrived { origin, row: shape.into(), repeated_points, is_self_intersecting, warnings };
+    (external_id, Ok(arrived))
+}
+
+/// A shape without warnings.
+fn plain(shape: ReadShape) -> (ReadShape, Vec<String>) {
+    (shape, Vec::new())
+}

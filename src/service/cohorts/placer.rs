@@ -1,0 +1,102 @@
+//! Records of files as shapes of a cohort.
+
+use crate::formats::fault::Fault;
+use crate::formats::files::{Fourier, Record};
+use crate::formats::record::{MAX_SAMPLES, Placed, Placing};
+use crate::formats::shape::{PointList, ShapeInput};
+use crate::geometry::capability::fit::{FitSettings, FitTarget, Fitted, Fitter, ParameterSource};
+use crate::geometry::capability::fourier::FourierCurve;
+use crate::geometry::mesh::TriangleMesh;
+use crate::numeric::bounded::never;
+use crate::numeric::dense::Matrix;
+use crate::service::shapes::read::{ReadShape, Reading, attributes, read_shape};
+
+/// Reads records into the space of a cohort. Prepared once for many.
+pub(super) struct Placer<'a> {
+    reading: Reading<'a>,
+    placing: &'a Placing,
+    /// Fits surfaces with two parameters to meshes.
+    fitter: Option<Fitter<'a>>,
+}
+
+/// A shape with warnings of its fit.
+type Found = (ReadShape, Vec<String>);
+
+impl<'a> Placer<'a> {
+    pub(super) fn new(reading: Reading<'a>, placing: &'a Placing) -> Self {
+        let space = reading.conversion.space;
+        let fits = space.domain().is_sheet();
+        let fitter = fits.then(|| Fitter::new(space, FitSettings::default()).ok()).flatten();
+        Self { reading, placing, fitter }
+    }
+
+    pub(super) fn reading(&self) -> &Reading<'a> {
+        &self.reading
+    }
+
+    /// External id of a record with this name.
+    pub(super) fn name(&self, name: &str) -> String {
+        format!("{}{name}", self.placing.prefix.as_deref().unwrap_or_default())
+    }
+
+    /// The shape of a record.
+    ///
+    /// # Errors
+    /// All faults of the record, with pointers into the posted shape; those of a fit to its mesh.
+    pub(super) fn read(&self, record: Record) -> Result<Found, Vec<Fault>> {
+        let representation = self.reading.conversion.space.representation();
+        match self.placing.place(record, representation)? {
+            Placed::Shape(shape) => Ok((read_shape(&self.reading, shape)?, Vec::new())),
+            Placed::Mesh(shape, mesh) => self.fit(shape, mesh),
+            Placed::Fourier(shape, fourier) => self.expand(shape, &fourier),
+        }
+    }
+
+    /// A surface fitted to a mesh.
+    fn fit(&self, shape: ShapeInput, mesh: TriangleMesh) -> Result<Found, Vec<Fault>> {
+        let refused = |detail: String| Err(vec![Fault::new("/vertices", detail)]);
+        let (points, most) = (mesh.vertices.len(), self.reading.limits.points);
+        if points > most {
+            return refused(format!("expected at most {most} vertices, got {points}"));
+        }
+        let Some(fitter) = &self.fitter else {
+            return refused("expected a representation with two parameters, got another one".into());
+        };
+        let source = ParameterSource::Computed { poles: None };
+        let fitted = fitter.fit(FitTarget::Mesh { mesh, source }, &never);
+        let Fitted { control_points, warnings, .. } =
+            fitted.map_err(|faults| faults.into_iter().map(Fault::from).collect::<Vec<_>>())?;
+        let control_points = control_points.as_slice().to_vec();
+        let attributes = attributes(shape)?;
+        Ok((ReadShape { control_points, attributes, points, repeated_points: 0 }, warnings))
+    }
+
+    /// The curve of Fourier coefficients: itself where the space contains it, else at the number of points that is asked for.
+    fn expand(&self, shape: ShapeInput, fourier: &Fourier) -> Result<Found, Vec<Fault>> {
+        let space = self.reading.conversion.space;
+        let curve =
+            FourierCurve { constant: &fourier.constant, cosine: &fourier.cosine, sine: &fourier.sine };
+        let list = |points: &Matrix| {
+            let rows = points.row_iter().flat_map(|row| row.iter().copied().collect::<Vec<_>>()).collect();
+            Some(Box::new(PointList::of_rows(fourier.dimension(), rows)))
+        };
+        let shape = match (space.fourier_control_points(&curve), self.placing.samples) {
+            (Some(control_points), _) => ShapeInput { control_points: list(&control_points), ..shape },
+            (None, Some(samples)) => {
+                let samples = samples.min(MAX_SAMPLES);
+                ShapeInput { points: list(&curve.points(samples)), ..shape }
+            }
+            (None, None) => {
+                let (harmonics, size) = (fourier.harmonics(), space.representation().size());
+                let detail = format!(
+                    "expected a representation that contains curves of {harmonics} harmonics (at least {} control \
+                     points of a generator with the poles of all of them), got one of {size} control points that does \
+                     not: samples=N takes N points of the curve",
+                    2 * harmonics + 1
+                );
+                return Err(vec![Fault::new("", detail)]);
+            }
+        };
+        Ok((read_shape(&self.reading, shape)?, Vec::new()))
+    }
+}

@@ -1,0 +1,127 @@
+//! Files of other programs into a cohort: all or nothing, or only the valid shapes.
+//!
+//! A thread of its own reads records while the body arrives, and passes them on in batches; from there they go the way of the
+//! lines of a stream.
+
+use std::sync::Arc;
+
+use bytes::Bytes;
+use futures_util::Stream;
+use tokio::sync::mpsc;
+
+use super::arriving::Incoming;
+use super::catalogue::Expected;
+use super::upload::{Stored, Treatment, Writer};
+use crate::domain::cohort::Cohort;
+use crate::formats::files::{
+    FaultKind, FileError, Geometry, Limits as FileLimits, Points, Record, Sink, Source,
+};
+use crate::formats::record::Placing;
+use crate::formats::summary::FileSummary;
+use crate::service::app::incoming::read_incoming;
+use crate::service::app::{App, ServiceError};
+
+/// Number of records passed on at once.
+const BATCH: usize = 2048;
+/// Number of numbers passed on at once.
+const BATCH_NUMBERS: usize = 1 << 18;
+
+/// Reads the records of a file until `stop` says that nobody waits for them.
+pub type ReadFile = Box<
+    dyn FnOnce(&mut Source<'_>, &(dyn Fn() -> bool + Sync), Sink<'_>) -> Result<FileSummary, FileError>
+        + Send,
+>;
+
+/// A file to come.
+pub struct FileToAdd {
+    /// Most that is read of it.
+    pub limits: FileLimits,
+    /// How its records become shapes.
+    pub placing: Placing,
+    /// Reads it.
+    pub read: ReadFile,
+}
+
+impl std::fmt::Debug for FileToAdd {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("FileToAdd").field("placing", &self.placing).finish_non_exhaustive()
+    }
+}
+
+/// Adds the shapes of a file.
+///
+/// # Errors
+/// Faults of the file, at their places; faults of its shapes as for [`add`](super::upload::add); a body that breaks off or
+/// stalls.
+pub async fn add_file(
+    app: &App,
+    cohort: Cohort,
+    stream: impl Stream<Item = Result<Bytes, ServiceError>>,
+    file: FileToAdd,
+    treatment: Treatment,
+    expected: Option<Expected>,
+) -> Result<Stored, ServiceError> {
+    let mut writer = Writer::new(app, &cohort, treatment, "", expected).await?;
+    let taken = take_file(app, &mut writer, stream, file).await;
+    writer.end(app, taken).await
+}
+
+async fn take_file(
+    app: &App,
+    writer: &mut Writer,
+    stream: impl Stream<Item = Result<Bytes, ServiceError>>,
+    file: FileToAdd,
+) -> Result<(), ServiceError> {
+    let FileToAdd { limits, placing, read } = file;
+    writer.placing = Arc::new(placing);
+    let mut retry = writer.retry.take();
+    let (sender, mut batches) = mpsc::channel(1);
+    let reading = read_incoming(app, stream, limits.held, &mut retry, move |body| {
+        let stop = body.stop();
+        let mut source = Source::new(body, limits)?;
+        let mut batch = Batch { sender, records: Vec::new(), numbers: 0 };
+        let summary = read(&mut source, &|| stop.is_set(), &mut |record| batch.push(record))?;
+        batch.pass()?;
+        Ok(summary)
+    });
+    let taking = async {
+        while let Some(batch) = batches.recv().await {
+            writer.take(app, batch).await?;
+        }
+        Ok(())
+    };
+    let (mut summary, ()) = tokio::try_join!(reading, taking)?;
+    writer.retry = retry;
+    if writer.position == 0 {
+        return Err(ServiceError::TooFewShapes { found: 0, needed: 1 });
+    }
+    let counted = |(text, count): (&String, &usize)| format!("{count} shapes: {text}");
+    summary.warnings.extend(writer.warnings.iter().map(counted));
+    writer.occasion.note = serde_json::to_value(&summary).ok();
+    Ok(())
+}
+
+/// Records on their way from the reader.
+struct Batch {
+    sender: mpsc::Sender<Vec<Incoming>>,
+    records: Vec<Incoming>,
+    numbers: usize,
+}
+
+impl Batch {
+    fn push(&mut self, record: Record) -> Result<(), FileError> {
+        self.numbers += match &record.geometry {
+            Geometry::Mesh(mesh) => mesh.vertices.coordinates().len() + 2 * mesh.faces.len(),
+            other => other.points().map_or(0, |points: &Points| points.coordinates().len()),
+        };
+        self.records.push(Incoming::Record(Box::new(record)));
+        if self.records.len() >= BATCH || self.numbers >= BATCH_NUMBERS { self.pass() } else { Ok(()) }
+    }
+
+    fn pass(&mut self) -> Result<(), FileError> {
+        self.numbers = 0;
+        let records = std::mem::take(&mut self.records);
+        let stopped = |_| FileError::new(FaultKind::Stopped, "the shapes before were refused");
+        if records.is_empty() { Ok(()) } else { self.sender.blocking_send(records).map_err(stopped) }
+    }
+}

@@ -1,0 +1,165 @@
+//! The format of a file: one of the registry of shapes, or one of images whose labels become shapes.
+
+use crate::formats::files::{self, Limits as FileLimits, ReadOptions, Sink, Source, Summary};
+use crate::formats::files::{FaultKind, FileError};
+use crate::formats::image;
+use crate::service::app::Limits;
+use crate::service::segmentation::records::{OPTIONS, read_label_image};
+
+/// A format of files that hold shapes.
+#[derive(Debug, Clone, Copy)]
+pub enum FileFormat {
+    /// Of the registry of shapes.
+    Shapes(&'static files::Format),
+    /// Of the registry of images, for label images.
+    Labels(&'static image::Format),
+}
+
+impl FileFormat {
+    /// All formats: those of shapes, then those of images.
+    pub fn all() -> impl Iterator<Item = Self> {
+        files::FORMATS
+            .iter()
+            .map(|format| Self::Shapes(format))
+            .chain(image::FORMATS.iter().map(Self::Labels))
+    }
+
+    /// The format with an id, a media type or a file extension.
+    pub fn find(word: &str) -> Option<Self> {
+        let word = word.trim().to_lowercase();
+        let is_image = |format: &&image::Format| {
+            format.media_types.contains(&word.as_str()) || format.extensions.contains(&word.as_str())
+        };
+        let shapes = files::find(&word).map(Self::Shapes);
+        shapes.or_else(|| image::FORMATS.iter().find(is_image).map(Self::Labels))
+    }
+
+    /// The format of a file by its first bytes, else by the end of its name.
+    ///
+    /// # Errors
+    /// [`FaultKind::Unknown`], which lists the formats.
+    pub fn detect(head: &[u8], name: Option<&str>) -> Result<Self, FileError> {
+        if let (true, Ok(format)) = (is_segmentation(head), image::detect(head)) {
+            return Ok(Self::Labels(format));
+        }
+        // Formats of shapes come first: some are compressed, as are images.
+        files::detect(head, name).map(Self::Shapes).or_else(|error| {
+            let format = image::detect(head).map_err(|_| {
+                let images = image::FORMATS.iter().map(|format| format.name).collect::<Vec<_>>().join(", ");
+                FileError { detail: format!("{} (or a label image: {images})", error.detail), ..error }
+            })?;
+            Ok(Self::Labels(format))
+        })
+    }
+
+    /// Word in options and queries.
+    pub fn id(self) -> &'static str {
+        match self {
+            Self::Shapes(format) => format.id,
+            Self::Labels(format) => format.id(),
+        }
+    }
+
+    /// Name in messages.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Shapes(format) => format.name,
+            Self::Labels(format) => format.name,
+        }
+    }
+
+    /// Media types of requests and responses.
+    pub fn media_types(self) -> &'static [&'static str] {
+        match self {
+            Self::Shapes(format) => format.media_types,
+            Self::Labels(format) => format.media_types,
+        }
+    }
+
+    /// Options of reading that it obeys.
+    pub fn options(self) -> &'static [&'static str] {
+        match self {
+            Self::Shapes(format) => format.options,
+            Self::Labels(_) => &OPTIONS,
+        }
+    }
+
+    /// Whether files of the format can be read.
+    pub fn is_read(self) -> bool {
+        match self {
+            Self::Shapes(format) => format.is_read(),
+            Self::Labels(_) => true,
+        }
+    }
+
+    /// Reads all records of a file. It ends soon after `stop` says so, where the format is computed and not only read.
+    ///
+    /// # Errors
+    /// Faults of the file, sizes beyond the limits, options that the format does not have, and errors of `sink`.
+    pub fn read(
+        self,
+        source: &mut Source<'_>,
+        options: &ReadOptions,
+        limits: &Limits,
+        stop: &(dyn Fn() -> bool + Sync),
+        sink: Sink<'_>,
+    ) -> Result<Summary, FileError> {
+        match self {
+            Self::Shapes(format) => files::read(format, source, options, sink),
+            Self::Labels(format) => {
+                let bytes = source.bytes()?;
+                // A compressed image may have been decompressed on the way.
+                let format = image::detect(&bytes).unwrap_or(format);
+                read_label_image(format, &bytes, options, limits, stop, sink)
+            }
+        }
+    }
+}
+
+/// Class of the objects of DICOM that are label images; those of other classes hold contours.
+const SEGMENTATION: &[u8] = b"1.2.840.10008.5.1.4.1.1.66.4";
+
+/// Whether the first bytes of a file name the class of segmentations.
+fn is_segmentation(head: &[u8]) -> bool {
+    memchr::memmem::find(head, SEGMENTATION).is_some()
+}
+
+/// Limits of files that the service reads: whole files and single features are as large as a body may be.
+pub fn file_limits(limits: &Limits) -> FileLimits {
+    FileLimits {
+        content: (limits.body_bytes as u64).saturating_mul(limits.compression_ratio as u64),
+        held: limits.body_bytes,
+        points: limits.points.max(limits.vertices),
+        ..FileLimits::default()
+    }
+}
+
+/// The fault of a word that names no format.
+pub fn unknown_format(word: &str) -> FileError {
+    let known = FileFormat::all().map(FileFormat::id).collect::<Vec<_>>().join(", ");
+    FileError::new(FaultKind::Unknown, format!("expected one of the formats {known}, got '{word}'"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_of_all_formats_are_their_own() {
+        for format in FileFormat::all() {
+            for word in format.media_types().iter().copied().chain([format.id()]) {
+                let found = FileFormat::find(word).map(FileFormat::name);
+                assert_eq!(found, Some(format.name()), "{word}");
+            }
+        }
+    }
+
+    #[test]
+    fn formats_are_found_by_bytes_or_name() {
+        let id = |head: &[u8], name| FileFormat::detect(head, name).map(FileFormat::id);
+        assert_eq!(id(b"\x89PNG\r\n\x1a\n", None), Ok("png"));
+        assert_eq!(id(b"{}", Some("a.NDJSON")), Ok("ndjson"));
+        let error = id(b"????", Some("a.xyz")).unwrap_err().to_string();
+        assert!(error.contains("NDJSON") && error.contains("PNG") && error.contains("3f 3f"), "{error}");
+    }
+}

@@ -1,0 +1,12 @@
+//! Files of other programs: which format they have, what is in them, and the same in other formats.
+//!
+//! Shapes are read by the registry of [`files`](crate::formats::files), label images by their contours: both give records.
+//!
+//! * [`translate`](mod@translate) — files described and translated; [`export`](mod@export) — cohorts as files;
+//! * `format` — formats of shapes and of label images.
+
+pub mod export;
+mod format;
+pub mod translate;
+
+pub use format::{FileFormat, file_limits, unknown_format};

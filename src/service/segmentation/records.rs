@@ -1,0 +1,209 @@
+//! Boundaries of the labels of an image as records of a file: the features of a label image.
+
+use std::collections::BTreeMap;
+
+use super::contours::{ComponentOutput, LabelBoundary, SurfaceOutput, Wanted, boundaries};
+use super::image::{Coordinates, file_limits};
+use crate::formats::files::{
+    FaultKind, FileError, Geometry, Holes, Mesh, Place, Points, ReadOptions, Record, Ring, Sink, Summary,
+    Value,
+};
+use crate::formats::image::{Format, LengthUnit};
+use crate::service::app::{Limits, ServiceError};
+
+/// Options of reading that label images obey.
+pub const OPTIONS: [&str; 2] = ["holes", "select"];
+
+/// Reads a label image: one record for the outer boundary of each component of each label but 0, in world coordinates.
+///
+/// The name of a record is its label, with the number of the component where the label has several. `bytes` are those of the
+/// whole file.
+///
+/// # Errors
+/// Faults of the image; options other than [`OPTIONS`]; holes under [`Holes::Refuse`]; errors of `sink`.
+pub fn read_label_image(
+    format: &Format,
+    bytes: &[u8],
+    options: &ReadOptions,
+    limits: &Limits,
+    stop: &(dyn Fn() -> bool + Sync),
+    sink: Sink<'_>,
+) -> Result<Summary, FileError> {
+    check_options(format, options)?;
+    let file = format.read_labels(bytes, &file_limits(limits));
+    let file = file.map_err(|error| FileError::of(FaultKind::Malformed, Place::default(), error))?;
+    let wanted = Wanted { labels: None, blur: 0.0, least_cells: 1, coordinates: Coordinates::World };
+    // Answers are bounded by what is written of them.
+    let limits = Limits { answer_numbers: usize::MAX, ..*limits };
+    let (found, _) = boundaries(&file, &wanted, &limits, stop).map_err(refused)?;
+    let mut summary = Summary::default();
+    summary.set("size", file.grid.size().to_vec());
+    summary.set("spacing", file.grid.spacing().to_vec());
+    if file.grid.units().iter().any(|unit| *unit != LengthUnit::Unknown) {
+        summary.set("unit", "mm");
+    }
+    let mut components: BTreeMap<u32, usize> = BTreeMap::new();
+    for boundary in &found {
+        *components.entry(boundary.component().label).or_default() += 1;
+    }
+    for (object, boundary) in (0..).zip(found) {
+        let of = *boundary.component();
+        let name = match components.get(&of.label) {
+            Some(1) => of.label.to_string(),
+            _ => format!("{}.{}", of.label, of.component),
+        };
+        if options.selects(&of.label.to_string()) {
+            give(boundary, object, &name, options, &mut summary, sink)?;
+            summary.records += 1;
+        }
+    }
+    Ok(summary)
+}
+
+/// Refuses options that label images do not have.
+fn check_options(format: &Format, options: &ReadOptions) -> Result<(), FileError> {
+    let given = serde_json::to_value(options).unwrap_or_default();
+    let given = given.as_object().into_iter().flatten().filter(|(_, value)| !value.is_null());
+    for (name, _) in given {
+        if !OPTIONS.contains(&name.as_str()) {
+            let known = OPTIONS.join(", ");
+            let detail =
+                format!("expected options of label images ({known}), got {name} for {}", format.name);
+            return Err(FileError {
+                place: Box::new(Place::tag(name)),
+                ..FileError::new(FaultKind::Option, detail)
+            });
+        }
+    }
+    Ok(())
+}
+
+/// Gives on the outer boundary of a component, and its holes as the options say.
+fn give(
+    boundary: LabelBoundary,
+    object: u64,
+    name: &str,
+    options: &ReadOptions,
+    summary: &mut Summary,
+    sink: Sink<'_>,
+) -> Result<(), FileError> {
+    let (component, outer, holes): (_, _, Vec<Geometry>) = match boundary {
+        LabelBoundary::Region(region) => {
+            let holes = region.holes.iter().map(|hole| curve(hole)).collect();
+            (region.component, curve(&region.points), holes)
+        }
+        LabelBoundary::Solid(solid) => {
+            let holes = solid.cavities.into_iter().map(mesh).collect();
+            (solid.component, mesh(solid.outer), holes)
+        }
+    };
+    let policy = options.holes.unwrap_or_default();
+    if policy == Holes::Refuse && !holes.is_empty() {
+        let detail = format!("expected labels without holes, got {} in '{name}'", holes.len());
+        return Err(FileError::unsupported(Place::item(object), detail));
+    }
+    let is_alone = holes.is_empty() || policy == Holes::Skip;
+    sink(record(
+        outer,
+        &component,
+        name,
+        (!is_alone).then_some(Ring { object, part: 0, hole: false }),
+        object,
+    ))?;
+    for (number, hole) in (1..).zip(holes) {
+        if policy == Holes::Skip {
+            summary.drop("holes", Some(name), || Place::item(object));
+            continue;
+        }
+        let ring = Some(Ring { object, part: 0, hole: true });
+        sink(record(hole, &component, &format!("{name}.hole{number}"), ring, object))?;
+        summary.records += 1;
+    }
+    Ok(())
+}
+
+fn record(geometry: Geometry, of: &ComponentOutput, name: &str, ring: Option<Ring>, object: u64) -> Record {
+    let number = |value: usize| Value::Number(value as f64);
+    let labels = BTreeMap::from([
+        ("label".to_owned(), Value::Number(f64::from(of.label))),
+        ("component".to_owned(), number(of.component)),
+        ("cells".to_owned(), number(of.cells)),
+        ("edge_sides".to_owned(), number(of.edge_sides)),
+    ]);
+    Record { name: Some(name.to_owned()), labels, ring, ..Record::new(geometry, Place::item(object)) }
+}
+
+fn curve(points: &[[f64; 2]]) -> Geometry {
+    Geometry::Curve { points: Points::from_rows(2, points.as_flattened().to_vec()), closed: true }
+}
+
+fn mesh(surface: SurfaceOutput) -> Geometry {
+    let vertices = Points::from_rows(3, surface.vertices.as_flattened().to_vec());
+    let mut mesh = Mesh { vertices, ..Mesh::default() };
+    surface.faces.into_iter().for_each(|face| mesh.faces.push(face));
+    mesh.into()
+}
+
+/// The refusal of an image as one of a file.
+fn refused(error: ServiceError) -> FileError {
+    match error {
+        ServiceError::Cancelled => FileError::new(FaultKind::Stopped, "the reading was stopped"),
+        ServiceError::Invalid(faults) => {
+            let detail = faults.listed().first().map_or_else(String::new, |fault| fault.detail.clone());
+            FileError::new(FaultKind::Unsupported, detail)
+        }
+        other => FileError::new(FaultKind::Unsupported, other.to_string()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::formats::image::write::png_u8;
+    use crate::formats::image::{Grid, detect};
+
+    /// An image of 6 × 5 cells: a ring of label 7 around a hole, and two cells of label 3 apart.
+    fn image() -> Vec<u8> {
+        let rows = ["777.3.", "7.7...", "777...", "......", "3....."];
+        let cell = |c: char| c.to_digit(10).map_or(0, |digit| digit as u8);
+        let cells: Vec<u8> = rows.iter().flat_map(|row| row.chars().map(cell)).collect();
+        let grid = Grid::along_axes([6, 5, 1], [1.0; 3], [LengthUnit::Unknown; 3]).unwrap();
+        png_u8(&grid, &cells).unwrap()
+    }
+
+    fn records(options: &ReadOptions) -> Result<(Vec<Record>, Summary), FileError> {
+        let (bytes, mut found) = (image(), Vec::new());
+        let format = detect(&bytes).unwrap();
+        let summary =
+            read_label_image(format, &bytes, options, &Limits::default(), &|| false, &mut |record| {
+                found.push(record);
+                Ok(())
+            })?;
+        Ok((found, summary))
+    }
+
+    fn names(records: &[Record]) -> Vec<&str> {
+        records.iter().filter_map(|record| record.name.as_deref()).collect()
+    }
+
+    #[test]
+    fn features_are_kept_by_label_and_holes_as_the_options_say() {
+        let (found, summary) = records(&ReadOptions::default()).unwrap();
+        assert_eq!(names(&found), ["7", "3.0", "3.1"]);
+        assert_eq!(
+            (summary.records, summary.dropped[0].what.as_str(), summary.dropped[0].count),
+            (3, "holes", 1)
+        );
+        assert_eq!(found[0].labels["cells"], Value::Number(8.0));
+        let keep =
+            ReadOptions { holes: Some(Holes::Keep), select: Some("7".into()), ..ReadOptions::default() };
+        let (found, summary) = records(&keep).unwrap();
+        assert_eq!((names(&found), summary.records), (vec!["7", "7.hole1"], 2));
+        assert_eq!(found[1].ring, Some(Ring { object: 0, part: 0, hole: true }));
+        let refuse = ReadOptions { holes: Some(Holes::Refuse), ..ReadOptions::default() };
+        let error = records(&refuse).unwrap_err();
+        assert_eq!(error.to_string(), "item 0: expected labels without holes, got 1 in '7'");
+        let closed = ReadOptions { closed: Some(true), ..ReadOptions::default() };
+        assert_eq!(records(&closed).unwrap_err().kind, FaultKind::Option);
+    }
+}

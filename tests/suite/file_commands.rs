@@ -1,0 +1,165 @@
+//! Files of shapes on the command line: described, translated, into a cohort and out of it.
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+use serde_json::{Value, json};
+
+use crate::form::label_picture;
+use crate::server::{Server, Setting};
+
+const LINES: &str = concat!(
+    r#"{"points":[[0.0,0.0],[4.0,0.0],[4.0,1.0]],"external_id":"first","label":"a"}"#,
+    "\n",
+    r#"{"points":[[0.0,0.0],[3.0,0.0],[4.0,2.0]],"external_id":"second"}"#,
+    "\n",
+);
+
+/// Exit code, standard output and standard error.
+fn run(command: &mut Command) -> (i32, String, String) {
+    let Output { status, stdout, stderr } = command.output().unwrap();
+    let text = |bytes| String::from_utf8(bytes).unwrap();
+    (status.code().unwrap(), text(stdout), text(stderr))
+}
+
+fn shapelex(arguments: &[&str], folder: &Path) -> (i32, String, String) {
+    run(Command::new(env!("CARGO_BIN_EXE_shapelex")).args(arguments).current_dir(folder))
+}
+
+/// A folder with a file of lines, an image, a broken file and one of no format.
+fn files() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, bytes: &[u8]| std::fs::write(folder.path().join(name), bytes).unwrap();
+    std::fs::create_dir(folder.path().join("scans")).unwrap();
+    write("scans/a.ndjson", LINES.as_bytes());
+    write("scans/b.ndjson", b"{\"points\":[[0,0],[1]]}\n");
+    write("scans/notes.txt", b"not a shape");
+    write("cells.png", &label_picture());
+    folder
+}
+
+fn create(server: &Server) {
+    let representation = json!({"kind": "landmarks", "dimension": 2, "points": 3});
+    let cohort = json!({"name": "c", "representation": representation, "correspondence": "landmarks"});
+    server.post("/v1/cohorts", &cohort).expect(201);
+}
+
+#[test]
+fn files_are_described_without_a_service() {
+    let folder = files();
+    let (code, said, _) = shapelex(&["inspect", "scans/a.ndjson", "c*.png"], folder.path());
+    assert_eq!(code, 0, "{said}");
+    assert!(said.contains("scans/a.ndjson: NDJSON, 2 shapes"), "{said}");
+    assert!(said.contains("cells.png: PNG, 3 shapes") && said.contains("left out: 1 holes"), "{said}");
+    let (code, said, _) = shapelex(&["inspect", "--json", "scans"], folder.path());
+    assert_eq!(code, 1, "{said}");
+    let lines: Vec<Value> = said.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert_eq!((&lines[0]["format"], &lines[0]["groups"][0]["records"]), (&json!("ndjson"), &json!(2)));
+    assert!(lines[1]["error"].as_str().unwrap().starts_with("line 1: expected 2 coordinates"), "{said}");
+    assert_eq!(shapelex(&["inspect", "scans/b.ndjson"], folder.path()).0, 2);
+    assert_eq!(shapelex(&["inspect", "nothing"], folder.path()).0, 2);
+}
+
+#[test]
+fn files_are_translated_without_a_service() {
+    let folder = files();
+    let (code, said, summary) = shapelex(
+        &["convert", "cells.png", "--option", "holes=keep", "--option", "select=3", "--json"],
+        folder.path(),
+    );
+    assert_eq!((code, said.lines().count()), (0, 2), "{said} {summary}");
+    let summary: Value = serde_json::from_str(summary.trim()).unwrap();
+    assert_eq!(
+        (&summary["from"], &summary["to"], &summary["records"]),
+        (&json!("png"), &json!("ndjson"), &json!(2))
+    );
+    let same = ["convert", "scans/a.ndjson", "--output", "copy.ndjson"];
+    assert_eq!(shapelex(&same, folder.path()).0, 0);
+    assert_eq!(std::fs::read_to_string(folder.path().join("copy.ndjson")).unwrap(), LINES);
+    let (code, _, said) = shapelex(&same, folder.path());
+    assert!(code == 2 && said.contains("already exists"), "{said}");
+    for (arguments, wanted) in [
+        (&["convert", "scans/b.ndjson", "--output", "x.ndjson"][..], "line 1: expected 2 coordinates"),
+        (&["convert", "scans/notes.txt"], "expected a file of one of the formats"),
+        (&["convert", "cells.png", "--to", "word"], "expected one of the formats"),
+        (&["convert", "cells.png", "--option", "colour=red"], "expected an option of reading"),
+        (&["convert", "cells.png", "--option", "holes"], "expected an option NAME=VALUE"),
+    ] {
+        let (code, _, said) = shapelex(arguments, folder.path());
+        assert!(code == 2 && said.contains(wanted), "{arguments:?}: {said}");
+    }
+    let left: Vec<_> =
+        std::fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    assert!(!left.iter().any(|name| name.to_string_lossy().starts_with("x.ndjson")), "{left:?}");
+}
+
+#[test]
+fn folders_go_into_a_service_once() {
+    let (server, folder) = (Server::fresh(), files());
+    create(&server);
+    let import = |more: &[&str]| {
+        let common = ["import", "scans", "--cohort", "c", "--server", server.address(), "--json"];
+        shapelex(&[&common[..], more].concat(), folder.path())
+    };
+    let (code, said, _) = import(&["--journal", "journal"]);
+    let status = |said: &str| -> Vec<String> {
+        let line =
+            |line: &str| serde_json::from_str::<Value>(line).unwrap()["status"].as_str().unwrap().to_owned();
+        said.lines().map(line).collect()
+    };
+    assert_eq!(
+        (code, status(&said)),
+        (1, ["imported", "refused", "left_out"].map(str::to_owned).to_vec()),
+        "{said}"
+    );
+    assert!(said.lines().nth(1).unwrap().contains("line 1"), "{said}");
+    assert_eq!(server.get("/v1/cohorts/c").expect(200)["shape_count"], 2);
+    // By the journal, and by the receipt of the service.
+    for more in [&["--journal", "journal"][..], &[]] {
+        let (code, said, _) = import(more);
+        assert_eq!((code, status(&said)[0].as_str()), (1, "known"), "{said}");
+    }
+    let (code, _, said) =
+        shapelex(&["import", "scans", "--cohort", "none", "--server", server.address()], folder.path());
+    assert!(code == 2 && said.contains("cohort 'none' not found"), "{said}");
+    let (code, _, said) = shapelex(&["import", "scans", "--server", server.address()], folder.path());
+    assert!(code == 2 && said.contains("--cohort"), "{said}");
+    let output = ["export", "out.ndjson", "--cohort", "c", "--server", server.address(), "--label", "a"];
+    assert_eq!(shapelex(&output, folder.path()).0, 0);
+    let text = std::fs::read_to_string(folder.path().join("out.ndjson")).unwrap();
+    assert_eq!(text.lines().count(), 1);
+}
+
+#[test]
+fn files_go_into_a_store_and_out_of_it() {
+    let server = Setting::fresh().start();
+    create(&server);
+    let folder = files();
+    let file = folder.path().join("scans/a.ndjson");
+    // Beside the running service.
+    let import = |more: &[&str]| {
+        run(server.command("import").arg(&file).args(["--cohort", "c", "--prefix", "{file}/"]).args(more))
+    };
+    let (code, _, said) = import(&[]);
+    assert!(code == 0 && said.contains("2 shapes added"), "{said}");
+    let (code, _, said) = import(&[]);
+    assert!(code == 0 && said.contains("imported before"), "{said}");
+    server.get("/v1/cohorts/c/shapes/a%2Ffirst").expect(200);
+    let (code, said, _) = run(server.command("export").arg("-").args(["--cohort", "c"]));
+    assert_eq!((code, said.lines().count()), (0, 2), "{said}");
+    let shape: Value = serde_json::from_str(said.lines().next().unwrap()).unwrap();
+    assert_eq!((&shape["external_id"], &shape["points"][2]), (&json!("a/first"), &json!([4.0, 1.0])));
+}
+
+#[test]
+fn completions_and_man_pages_are_written() {
+    let folder = tempfile::tempdir().unwrap();
+    for shell in ["bash", "zsh", "fish", "powershell", "elvish"] {
+        let (code, said, _) = shapelex(&["completions", shell], folder.path());
+        assert!(code == 0 && said.contains("convert"), "{shell}: {said}");
+    }
+    let (code, said, _) = shapelex(&["man"], folder.path());
+    assert!(code == 0 && said.contains(".TH shapelex"), "{said}");
+    assert_eq!(shapelex(&["man", "pages"], folder.path()).0, 0);
+    assert!(folder.path().join("pages/shapelex-convert.1").exists());
+}

@@ -1,0 +1,277 @@
+//! Files of other programs over HTTP: uploads, descriptions, translations, exports.
+
+use std::io::{Read, Write};
+use std::net::TcpStream;
+use std::time::{Duration, Instant};
+
+use reqwest::Method;
+use serde_json::{Value, json};
+
+use crate::form::label_picture;
+use crate::server::{Reply, Server, shared};
+
+const LINES: &str = concat!(
+    r#"{"points":[[0,0],[4,0],[4,1]],"external_id":"first","label":"a","labels":{"age":61}}"#,
+    "\n\n",
+    r#"{"points":[[0,0],[3,0],[4,2]],"external_id":"second","metadata":{"site":"zrh"}}"#,
+    "\n",
+);
+
+fn cohort(server: &Server, name: &str, representation: &Value, correspondence: &str) -> String {
+    let body = json!({"name": name, "representation": representation, "correspondence": correspondence});
+    server.post("/v1/cohorts", &body).expect(201);
+    format!("/v1/cohorts/{name}")
+}
+
+fn landmarks(points: usize) -> Value {
+    json!({"kind": "landmarks", "dimension": 2, "points": points})
+}
+
+fn curves() -> Value {
+    json!({"kind": "closed_curve", "dimension": 2, "control_points": 16, "generator": {"name": "cubic"}})
+}
+
+fn post(server: &Server, path: &str, body: impl Into<Vec<u8>>) -> Reply {
+    server.post_bytes(path, "application/octet-stream", body)
+}
+
+fn count(server: &Server, cohort: &str) -> Value {
+    server.get(cohort).expect(200)["shape_count"].clone()
+}
+
+#[test]
+fn a_file_is_taken_by_its_name_its_format_or_its_media_type() {
+    let server = Server::fresh();
+    let path = cohort(&server, "c", &landmarks(3), "landmarks");
+    let found = post(&server, &format!("{path}/shapes?name=a.ndjson"), LINES).expect(201);
+    assert_eq!((&found["added"], &found["revision"]), (&json!(2), &json!(1)));
+    let file = json!({"format": "ndjson", "records": 2, "properties": {}, "left_out": [], "warnings": []});
+    assert_eq!(found["file"], file);
+    assert_eq!(found["results"][1]["external_id"], "second");
+    let shape = server.get(&format!("{path}/shapes/first")).expect(200);
+    assert_eq!((&shape["label"], &shape["labels"]), (&json!("a"), &json!({"age": 61.0})));
+    assert_eq!(shape["control_points"], json!([[0.0, 0.0], [4.0, 0.0], [4.0, 1.0]]));
+    let shape = server.get(&format!("{path}/shapes/second")).expect(200);
+    assert_eq!(shape["metadata"], json!({"site": "zrh"}));
+    // The same again adds nothing; with a prefix they are others.
+    let again = post(&server, &format!("{path}/shapes?format=ndjson"), LINES).expect(201);
+    assert_eq!((&again["added"], &again["revision"]), (&json!(0), &json!(1)));
+    let more = post(&server, &format!("{path}/shapes?format=ndjson&prefix=b-&return=ids"), LINES).expect(201);
+    assert_eq!((&more["added"], more["ids"].as_array().unwrap().len()), (&json!(2), 2));
+    server.get(&format!("{path}/shapes/b-first")).expect(200);
+}
+
+#[test]
+fn labels_of_an_image_are_shapes_with_their_holes_counted() {
+    let server = Server::fresh();
+    let path = cohort(&server, "cells", &curves(), "arc_length");
+    let shapes = format!("{path}/shapes");
+    let found = server.post_bytes(&shapes, "image/png", label_picture()).expect(201);
+    let names: Vec<&str> =
+        found["results"].as_array().unwrap().iter().filter_map(|r| r["external_id"].as_str()).collect();
+    assert_eq!(names, ["3", "7.0", "7.1"]);
+    assert_eq!(found["file"]["left_out"][0]["what"], "holes");
+    assert_eq!(found["file"]["left_out"][0]["count"], 1);
+    let kept =
+        server.post_bytes(&format!("{shapes}?holes=keep&select=3&prefix=k"), "image/png", label_picture());
+    let kept = kept.expect(201);
+    assert_eq!((&kept["added"], &kept["results"][1]["external_id"]), (&json!(2), &json!("k3.hole1")));
+    let hole = server.get(&format!("{shapes}/k3.hole1")).expect(200);
+    assert_eq!((&hole["labels"]["hole"], &hole["metadata"]["ring"]["hole"]), (&json!(true), &json!(true)));
+    let refused = server.post_bytes(&format!("{shapes}?holes=refuse"), "image/png", label_picture());
+    let refused = refused.expect_problem(422, "invalid-input", &[""]);
+    assert_eq!(refused["errors"][0]["place"], json!({"item": 0}));
+}
+
+#[test]
+fn faults_name_their_place_and_nothing_is_stored() {
+    let server = Server::fresh();
+    let path = cohort(&server, "c", &landmarks(3), "landmarks");
+    let shapes = format!("{path}/shapes?format=ndjson");
+    // The second line is broken, or not a shape of the cohort.
+    let broken = format!("{LINES}{{\"points\":[[0,0],[1]]}}\n");
+    let problem = post(&server, &shapes, broken).expect_problem(422, "invalid-input", &[""]);
+    assert_eq!(problem["errors"][0]["place"], json!({"line": 4}));
+    assert!(problem["errors"][0]["detail"].as_str().unwrap().contains("expected 2 coordinates, got 1"));
+    let short = format!("{LINES}{{\"points\":[[0,0],[1,1]]}}\n");
+    let problem = post(&server, &shapes, short.clone()).expect_problem(422, "invalid-input", &["/points"]);
+    assert_eq!(
+        (&problem["errors"][0]["place"], &problem["errors"][0]["index"]),
+        (&json!({"line": 4}), &json!(2))
+    );
+    assert_eq!(count(&server, &path), 0);
+    let skipped = post(&server, &format!("{shapes}&on_error=skip"), short).expect(201);
+    assert_eq!((&skipped["added"], &skipped["skipped"]), (&json!(2), &json!(1)));
+    let missing = "{\"points\":[[0,0],null,[1,1]]}\n";
+    post(&server, &shapes, missing).expect_problem(422, "invalid-input", &["/points/1"]);
+    let space = "{\"points\":[[0,0,5],[1,0,5],[1,1,5]]}\n";
+    let problem = post(&server, &shapes, space).expect_problem(422, "invalid-input", &["/points"]);
+    assert!(problem["errors"][0]["detail"].as_str().unwrap().contains("plane=xy"), "{problem}");
+    let flat = post(&server, &format!("{shapes}&plane=yz"), space).expect(201);
+    let id = flat["results"][0]["id"].as_str().unwrap();
+    let stored = server.get(&format!("{path}/shapes/{id}")).expect(200);
+    assert_eq!(stored["control_points"], json!([[0.0, 5.0], [0.0, 5.0], [1.0, 5.0]]));
+    // Another shape has the name.
+    let other =
+        "{\"points\":[[0,0],[9,0],[4,2]]}\n{\"points\":[[0,0],[9,0],[4,2]],\"external_id\":\"first\"}\n";
+    let problem =
+        post(&server, &shapes, other).expect_problem(409, "external-id-conflict", &["/external_id"]);
+    assert_eq!(problem["errors"][0]["place"], json!({"line": 2}));
+    assert_eq!(count(&server, &path), 3);
+    post(&server, &shapes, "").expect_problem(422, "too-few-shapes", &[]);
+}
+
+#[test]
+fn formats_and_options_that_do_not_exist_are_refused_before_the_file() {
+    let server = Server::fresh();
+    let path = cohort(&server, "c", &landmarks(3), "landmarks");
+    let shapes = format!("{path}/shapes");
+    let parameter = |reply: Reply| {
+        let problem = reply.expect(400);
+        assert_eq!(problem["code"], "invalid-query", "{problem}");
+        problem["errors"][0]["parameter"].as_str().unwrap().to_owned()
+    };
+    assert_eq!(parameter(post(&server, &format!("{shapes}?format=word"), LINES)), "format");
+    assert_eq!(parameter(post(&server, &format!("{shapes}?format=ndjson&closed=perhaps"), LINES)), "closed");
+    assert_eq!(parameter(post(&server, &format!("{shapes}?format=ndjson&plane=zz"), LINES)), "plane");
+    assert_eq!(parameter(post(&server, &format!("{shapes}?format=ndjson&samples=2"), LINES)), "samples");
+    assert_eq!(parameter(post(&server, &format!("{shapes}?format=ndjson&format=ndjson"), LINES)), "format");
+    assert_eq!(parameter(post(&server, &format!("{shapes}?colour=red"), LINES)), "colour");
+    // Options of files say nothing of JSON.
+    let json = server.request(Method::POST, &format!("{shapes}?plane=xy")).json(&json!({"shapes": []}));
+    assert_eq!(parameter(server.send(json)), "plane");
+    assert_eq!(parameter(post(&server, "/v1/convert", LINES)), "to");
+    assert_eq!(parameter(post(&server, "/v1/convert?to=png", LINES)), "to");
+    assert_eq!(parameter(server.get(&format!("{path}/export?points=1"))), "points");
+    server.post_bytes(&shapes, "text/x-nothing", LINES).expect_problem(415, "unsupported-media-type", &[]);
+    let unknown = post(&server, &shapes, "\u{1}\u{2}").expect_problem(422, "invalid-input", &[""]);
+    assert!(unknown["detail"].as_str().unwrap().contains("got one that begins with 01 02"), "{unknown}");
+    server.get("/v1/cohorts/nothing/export").expect_problem(404, "not-found", &[]);
+    let accept = server.request(Method::GET, &format!("{path}/export")).header("accept", "text/x-nothing");
+    server.send(accept).expect_problem(406, "not-acceptable", &[]);
+}
+
+#[test]
+fn an_inspection_counts_what_an_upload_would_take() {
+    let server = shared();
+    let found = post(&server, "/v1/inspect?name=a.jsonl", LINES).expect(200);
+    let group = &found["groups"][0];
+    assert_eq!(
+        (&group["kind"], &group["records"], &group["points"]),
+        (&json!("landmarks"), &json!(2), &json!([3, 3]))
+    );
+    assert_eq!((&group["lower"], &group["upper"]), (&json!([0.0, 0.0]), &json!([4.0, 2.0])));
+    assert_eq!((&found["labels"], &found["attributes"]), (&json!({"a": 1}), &json!({"age": 1})));
+    let image = post(&server, "/v1/inspect", label_picture()).expect(200);
+    assert_eq!((&image["format"], &image["records"]), (&json!("png"), &json!(3)));
+    assert_eq!(image["properties"]["size"], json!([40, 24, 1]));
+}
+
+#[test]
+fn a_translation_is_the_same_shapes() {
+    let server = shared();
+    let lines = post(&server, "/v1/convert?to=ndjson", label_picture());
+    assert_eq!((lines.status, lines.header("content-type")), (200, Some("application/x-ndjson")));
+    let shapes: Vec<Value> = lines.text().lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert_eq!(shapes.len(), 3);
+    assert_eq!((&shapes[0]["external_id"], &shapes[0]["closed"]), (&json!("3"), &json!(true)));
+    let again = post(&server, "/v1/convert?to=ndjson&format=ndjson", lines.text());
+    assert_eq!(again.text(), lines.text());
+    post(&server, "/v1/convert?to=ndjson&format=ndjson", "{").expect_problem(422, "invalid-input", &[""]);
+    // More than is kept before the answer begins.
+    let many = LINES.repeat(20_000);
+    let long = post(&server, "/v1/convert?to=ndjson&format=ndjson", many);
+    assert_eq!((long.status, long.text().lines().count()), (200, 40_000));
+}
+
+#[test]
+fn a_cohort_goes_out_and_comes_back() {
+    let server = Server::fresh();
+    let path = cohort(&server, "c", &landmarks(3), "landmarks");
+    post(&server, &format!("{path}/shapes?format=ndjson"), LINES).expect(201);
+    let file = server.get(&format!("{path}/export?format=ndjson"));
+    assert_eq!((file.status, file.header("content-type")), (200, Some("application/x-ndjson")));
+    assert_eq!(file.header("content-disposition"), Some("attachment; filename=\"c.ndjson\""));
+    let other = cohort(&server, "d", &landmarks(3), "landmarks");
+    post(&server, &format!("{other}/shapes?format=ndjson"), file.text()).expect(201);
+    for name in ["first", "second"] {
+        let [a, b] = [&path, &other].map(|path| server.get(&format!("{path}/shapes/{name}")).expect(200));
+        for field in ["label", "labels", "metadata", "control_points", "weight"] {
+            assert_eq!(a[field], b[field], "{name} {field}");
+        }
+    }
+    let some = server.get(&format!("{path}/export?label=a"));
+    assert_eq!(some.text().lines().count(), 1);
+    // Curves go out as points, or as control points.
+    let path = cohort(&server, "cells", &curves(), "arc_length");
+    server.post_bytes(&format!("{path}/shapes"), "image/png", label_picture()).expect(201);
+    for (query, points, closed) in [
+        ("", 128, json!(true)),
+        ("?points=40", 40, json!(true)),
+        ("?content=control_points", 16, Value::Null),
+    ] {
+        let line = server.get(&format!("{path}/export{query}"));
+        let shape: Value = serde_json::from_str(line.text().lines().next().unwrap()).unwrap();
+        assert_eq!(
+            (shape["points"].as_array().unwrap().len(), &shape["closed"]),
+            (points, &closed),
+            "{query}"
+        );
+    }
+}
+
+#[test]
+fn a_file_that_is_sent_again_is_stored_once() {
+    let server = Server::fresh();
+    let path = cohort(&server, "c", &landmarks(3), "landmarks");
+    let send = |body: &'static str| {
+        let request = server.request(Method::POST, &format!("{path}/shapes?format=ndjson"));
+        let request =
+            request.header("idempotency-key", "one").header("content-type", "application/octet-stream");
+        server.send(request.body(body))
+    };
+    let unnamed = "{\"points\":[[0,0],[4,0],[4,1]]}\n";
+    let first = send(unnamed);
+    assert_eq!((first.expect(201), first.header("idempotent-replayed")), (first.json(), None));
+    let second = send(unnamed);
+    assert_eq!(second.expect(201), first.json());
+    assert_eq!(second.header("idempotent-replayed"), Some("true"));
+    assert_eq!(count(&server, &path), 1);
+    send(LINES).expect_problem(422, "idempotency-key-reused", &[]);
+}
+
+#[test]
+fn a_body_that_breaks_off_or_trickles_stores_nothing() {
+    let server = Server::fresh();
+    let path = cohort(&server, "c", &landmarks(3), "landmarks");
+    let address = server.address().strip_prefix("http://").unwrap().to_owned();
+    let head = format!(
+        "POST {path}/shapes?format=ndjson HTTP/1.1\r\nhost: {address}\r\ncontent-type: application/octet-stream\r\n\
+         content-length: 100000\r\n\r\n"
+    );
+    let connect = || {
+        let mut stream = TcpStream::connect(&address).unwrap();
+        stream.write_all(head.as_bytes()).unwrap();
+        stream.write_all(LINES.as_bytes()).unwrap();
+        stream
+    };
+    drop(connect());
+    let (begun, mut stream) = (Instant::now(), connect());
+    stream.set_read_timeout(Some(Duration::from_secs(1))).unwrap();
+    let mut answer = Vec::new();
+    while !answer.starts_with(b"HTTP/1.1 408") {
+        assert!(begun.elapsed() < Duration::from_secs(90), "{}", String::from_utf8_lossy(&answer));
+        // A byte a second is too slow.
+        let _ = stream.write_all(b"\n");
+        let mut block = [0; 4096];
+        match stream.read(&mut block) {
+            Ok(count) => answer.extend_from_slice(&block[..count]),
+            Err(error) => assert!(
+                matches!(error.kind(), std::io::ErrorKind::WouldBlock | std::io::ErrorKind::TimedOut),
+                "{error}"
+            ),
+        }
+    }
+    assert!(begun.elapsed() >= Duration::from_secs(25), "{:?}", begun.elapsed());
+    assert_eq!(count(&server, &path), 0);
+}
