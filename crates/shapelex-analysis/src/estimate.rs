@@ -252,7 +252,7 @@ impl Estimate {
         let reading = READING * 3.0 * rows as f64;
         let work =
             k * (groupwise::shape_work(options) + refit + reading) + groupwise::model_work(shapes, options);
-        Self::of(shapes as u64, work, groupwise::bytes(shapes, rows))
+        Self::of(shapes as u64, work, groupwise::bytes(shapes, rows, options))
     }
 
     /// Cost of tests of shapes aligned to one mean.

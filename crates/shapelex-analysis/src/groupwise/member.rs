@@ -36,12 +36,13 @@ pub(super) struct Penalty {
 
 impl Penalty {
     /// Weight of one coefficient: the square of the Laplacian of its harmonic, relative to that of degree 1.
-    fn of(self, index: usize) -> f64 {
+    pub(super) fn of(self, index: usize) -> f64 {
         let l = degree_of(index / 2) as f64;
         self.weight * (0.5 * l * (l + 1.0)).powi(2)
     }
 
-    fn total(self, map: &Reparametrisation) -> f64 {
+    /// Sum over all coefficients of a map.
+    pub(super) fn total(self, map: &Reparametrisation) -> f64 {
         map.coefficients().iter().enumerate().map(|(i, a)| self.of(i) * a * a).sum()
     }
 }
@@ -158,13 +159,8 @@ impl Member {
         let Ok(factor) = Definite::new(&normal) else { return (before, false) };
         let change = factor.solve(&right);
         for share in SHARES {
-            let part = |i: usize| share * change[i];
-            let mut coefficients = self.map.coefficients().to_vec();
-            wanted.iter().enumerate().for_each(|(j, &index)| coefficients[index] += part(6 + j));
-            let mut map = self.map.with_coefficients(self.map.degree(), coefficients);
-            map.outer = map.outer.after(Rotation::about([part(0), part(1), part(2)]));
-            let pose = turned(Rotation::about([part(3), part(4), part(5)]), &self.pose);
-            let found = self.coefficients_at(domain, &map, &pose);
+            let part: Vec<f64> = change.iter().map(|x| share * x).collect();
+            let (map, pose, found) = self.moved(domain, wanted, &part);
             let cost = model.cost(&found) + penalty.total(&map);
             if cost < before {
                 (self.map, self.pose, self.coefficients) = (map, pose, found);
@@ -174,8 +170,24 @@ impl Member {
         (before, false)
     }
 
+    /// Map, pose and coefficients after a change: rotation of the parameters, rotation in space, and the `wanted` coefficients.
+    pub(super) fn moved(
+        &self,
+        domain: &Domain,
+        wanted: &[usize],
+        change: &[f64],
+    ) -> (Reparametrisation, Pose, Vec<f64>) {
+        let mut coefficients = self.map.coefficients().to_vec();
+        wanted.iter().enumerate().for_each(|(j, &index)| coefficients[index] += change[6 + j]);
+        let mut map = self.map.with_coefficients(self.map.degree(), coefficients);
+        map.outer = map.outer.after(Rotation::about([change[0], change[1], change[2]]));
+        let pose = turned(Rotation::about([change[3], change[4], change[5]]), &self.pose);
+        let found = self.coefficients_at(domain, &map, &pose);
+        (map, pose, found)
+    }
+
     /// Derivatives of the coefficients, `3 B × (6 + J)`: by rotation of the parameters, rotation in space, and `wanted` coefficients.
-    fn jacobian(&self, domain: &Domain, wanted: &[usize]) -> Matrix {
+    pub(super) fn jacobian(&self, domain: &Domain, wanted: &[usize]) -> Matrix {
         let (count, size, fields) = (Domain::NODES, Domain::SIZE, 3 + wanted.len());
         let (mut work, mut moved) = (Workspace::new(self.map.degree()), Moved::default());
         let mut values = Matrix::zeros(count, 3 * fields);

@@ -6,20 +6,21 @@
 //!
 //! Shapes are compared by the coefficients `z` of their points in spherical harmonics of the common parameter sphere: there the metric
 //! of the area of the sphere is the identity, and no pole of a space counts more than another point. The scatter has the size `p` of
-//! these coefficients, whatever the number of shapes. The logarithm is concave, so that each shape lowers a bound of the objective on
-//! its own, by Gauss–Newton steps of its Mahalanobis distance; the mean and the covariance follow after each round. Degrees rise
-//! and the noise `δ` falls from stage to stage.
+//! these coefficients, whatever the number of shapes. In each round all shapes are moved by one Gauss–Newton step of the objective;
+//! the mean and the covariance follow. Degrees rise and the noise `δ` falls from stage to stage.
 //!
 //! The order of the shapes and the rotation of their parameters do not matter: the start depends on each shape alone, the fields of
 //! one degree are mapped among themselves by rotations, and the common parameters end where the long axis of the mean is.
 //!
-//! * `domain` — functions on the parameter sphere; `start` — rotations; `member` — one shape; `model` — the distribution;
+//! * `domain` — functions on the parameter sphere; `start` — rotations; `member` — one shape; `model` — the distribution; `joint` —
+//!   steps of all shapes together;
 //! * [`Reference`] — the same for a new shape and a distribution that stays as it is.
 //!
 //! Sources: Davies, Twining and Taylor 2008 (description length over reparametrisations); Cates, Fletcher, Styner, Shenton and
-//! Whitaker 2007 (entropy of the ensemble, a falling regularisation); Hunter and Lange 2004 (majorisation).
+//! Whitaker 2007 (entropy of the ensemble, a falling regularisation).
 
 mod domain;
+mod joint;
 mod member;
 mod model;
 mod reference;
@@ -110,15 +111,18 @@ pub fn shape_work(options: &GroupwiseOptions) -> f64 {
         + (1..=options.degree).map(|degree| options.rounds as f64 * step(degree)).sum::<f64>()
 }
 
-/// Multiply-adds of the mean and covariance of `shapes` shapes, over all rounds.
+/// Multiply-adds of the mean and covariance of `shapes` shapes, over all rounds: before each and for two trials.
 pub fn model_work(shapes: usize, options: &GroupwiseOptions) -> f64 {
     let size = 3.0 * Domain::SIZE as f64;
-    (SEARCHES + options.degree * options.rounds) as f64 * (shapes as f64 * size * size + size.powi(3))
+    (SEARCHES + 3 * options.degree * options.rounds) as f64 * (shapes as f64 * size * size + size.powi(3))
 }
 
-/// Bytes for `shapes` shapes of `rows` control points: control points, points at the nodes, coefficients, and the refitted shapes.
-pub fn bytes(shapes: usize, rows: usize) -> f64 {
-    let each = 3 * (4 * rows + Domain::NODES + 4 * Domain::SIZE);
+/// Bytes for `shapes` shapes of `rows` control points: control points, points at the nodes, coefficients, the equations of a step, and
+/// the refitted shapes.
+pub fn bytes(shapes: usize, rows: usize, options: &GroupwiseOptions) -> f64 {
+    let unknowns = if options.degree > 0 { 6 + free(options.degree).len() } else { 0 };
+    let equations = unknowns * (3 * Domain::SIZE + 2 * unknowns);
+    let each = 3 * (4 * rows + Domain::NODES + 4 * Domain::SIZE) + equations;
     let size = 3.0 * Domain::SIZE as f64;
     8.0 * (shapes as f64 * each as f64 + 6.0 * size * size + 4.0 * (Domain::NODES * Domain::SIZE) as f64)
 }
@@ -145,9 +149,9 @@ pub fn correspond(
     let domain = Domain::new();
     let mut members = settled(&domain, spherical, shapes, options.sizes, watch)?;
     rotate(&domain, &mut members, watch)?;
-    let begin = spread(&members)?;
+    let begin = spread_of(&members)?;
     let noise = deform(&domain, &mut members, &begin, options, watch)?;
-    let end = spread(&members)?;
+    let end = spread_of(&members)?;
     let mean = mean_points(&domain, &members);
     let inner = start::axes(&domain, &mean).map(|[_, sphere]| Rotation::onto(sphere));
     let finish = |member: &Member| {
@@ -235,19 +239,14 @@ fn deform(
         let share = NOISE[0] * (NOISE[1] / NOISE[0]).powf(round as f64 / last);
         share * total
     };
+    let mut damping = joint::DAMPING;
     for degree in 1..=options.degree {
         let wanted = free(degree);
         members.iter_mut().for_each(|member| member.map = member.map.raised(degree));
         for round in (degree - 1) * options.rounds..degree * options.rounds {
-            let model = spread(members)?.model(noise_at(round));
-            let penalty = Penalty { weight: options.stiffness * total * noise_at(round) / noise_at(0) };
-            let step = |member: &mut Member| {
-                watch.check()?;
-                member.step(domain, &model, &wanted, penalty);
-                watch.worked(1);
-                Ok(())
-            };
-            members.par_iter_mut().map(step).collect::<Result<(), AnalysisError>>()?;
+            let noise = noise_at(round);
+            let penalty = Penalty { weight: options.stiffness * total * noise / noise_at(0) };
+            joint::step(domain, members, (noise, penalty), &wanted, &mut damping, watch)?;
             centre_fields(members);
             members.par_iter_mut().for_each(|member| member.refresh(domain));
         }
@@ -255,7 +254,7 @@ fn deform(
     Ok(noise_at(last as usize))
 }
 
-fn spread(members: &[Member]) -> Result<Spread, AnalysisError> {
+fn spread_of(members: &[Member]) -> Result<Spread, AnalysisError> {
     Spread::of(&members.iter().map(|member| &member.coefficients[..]).collect::<Vec<_>>())
 }
 

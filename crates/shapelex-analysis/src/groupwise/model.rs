@@ -46,9 +46,14 @@ impl Model {
         columns - multiply(&self.vectors, &along)
     }
 
+    /// `x − μ`.
+    pub(super) fn apart(&self, x: &[f64]) -> Vec<f64> {
+        x.iter().zip(&self.mean).map(|(x, mean)| x - mean).collect()
+    }
+
     /// `δ (x − μ)ᵀ M⁻¹ (x − μ)`.
     pub(super) fn cost(&self, x: &[f64]) -> f64 {
-        let apart = Matrix::from_iterator(x.len(), 1, x.iter().zip(&self.mean).map(|(x, mean)| x - mean));
+        let apart = Matrix::from_vec(x.len(), 1, self.apart(x));
         self.weigh(&apart).dot(&apart).max(0.0)
     }
 }
@@ -95,6 +100,17 @@ impl Spread {
     /// `Σ log(1 + λ/δ)`: what `log det(S/n + δI)` is above that of no variance.
     pub(super) fn entropy(&self, delta: f64) -> f64 {
         self.variances.iter().map(|variance| (variance / delta).ln_1p()).sum()
+    }
+
+    /// Scores of centred shapes along the first `most` directions, as orthonormal columns, and `λ/(λ + δ)` of each.
+    pub(super) fn patterns(&self, apart: &[Vec<f64>], delta: f64, most: usize) -> (Matrix, Vec<f64>) {
+        let count = self.variances.len().min(most);
+        let norm = |i: usize| (apart.len() as f64 * self.variances[i]).sqrt();
+        let score = |k: usize, i: usize| {
+            apart[k].iter().zip(self.vectors.column(i).iter()).map(|(x, v)| x * v).sum::<f64>() / norm(i)
+        };
+        let shares = self.variances[..count].iter().map(|variance| variance / (variance + delta)).collect();
+        (Matrix::from_fn(apart.len(), count, score), shares)
     }
 
     /// The model with noise `delta`.

@@ -19,6 +19,9 @@ const STEPS: usize = 8;
 /// Relative decrease of the cost below which steps end.
 const SETTLED: f64 = 1e-4;
 
+/// Signs of three axes that keep a frame right-handed.
+static TURNS: [[f64; 3]; 4] = [[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]];
+
 /// Axes of the first-order ellipsoid of points at the nodes: in space, and on the parameter sphere, each a right-handed frame whose
 /// third axis is the long one and whose second is the middle one.
 pub(super) fn axes(domain: &Domain, points: &[[f64; 3]]) -> Option<[[[f64; 3]; 3]; 2]> {
@@ -32,15 +35,19 @@ pub(super) fn axes(domain: &Domain, points: &[[f64; 3]]) -> Option<[[[f64; 3]; 3
     let (left, right) = (found.u?, found.v_t?);
     let mut order = [0, 1, 2];
     order.sort_by(|&i, &j| found.singular_values[j].total_cmp(&found.singular_values[i]));
-    let axis = |i: usize| {
-        let along = |point: &[f64; 3]| (0..3).map(|c| left[(c, i)] * (point[c] - mean[c])).sum::<f64>();
-        let skew: f64 = points.iter().zip(weights).map(|(point, weight)| weight * along(point).powi(3)).sum();
-        let sign = if skew < 0.0 { -1.0 } else { 1.0 };
-        ([0, 1, 2].map(|c| sign * left[(c, i)]), [0, 1, 2].map(|c| sign * right[(i, c)]))
-    };
-    let (long, middle) = (axis(order[0]), axis(order[1]));
+    let axis = |i: usize| ([0, 1, 2].map(|c| left[(c, i)]), [0, 1, 2].map(|c| right[(i, c)]));
     let frame = |z: [f64; 3], y: [f64; 3]| [cross(y, z), y, z];
-    Some([frame(long.0, middle.0), frame(long.1, middle.1)])
+    let (long, middle) = (axis(order[0]), axis(order[1]));
+    let (space, sphere) = (frame(long.0, middle.0), frame(long.1, middle.1));
+    let skew = space.map(|axis| {
+        let along = |point: &[f64; 3]| (0..3).map(|c| axis[c] * (point[c] - mean[c])).sum::<f64>();
+        points.iter().zip(weights).map(|(point, weight)| weight * along(point).powi(3)).sum::<f64>()
+    });
+    let value = |signs: &[f64; 3]| signs.iter().zip(skew).map(|(sign, skew)| sign * skew).sum::<f64>();
+    let best =
+        TURNS.iter().fold(&TURNS[0], |best, signs| if value(signs) > value(best) { signs } else { best });
+    let signed = |frame: [[f64; 3]; 3]| [0, 1, 2].map(|e| frame[e].map(|part| best[e] * part));
+    Some([signed(space), signed(sphere)])
 }
 
 fn centre(domain: &Domain, points: &[[f64; 3]]) -> [f64; 3] {
