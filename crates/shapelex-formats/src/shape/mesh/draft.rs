@@ -7,6 +7,9 @@ use super::super::error::{FileError, Place};
 use super::super::record::{Domain, Faces, Field, Geometry, Mesh, Points, Record};
 use super::super::summary::Summary;
 
+/// Most fields of a shape: a name that is taken is looked for among all of them.
+const MAX_FIELDS: usize = 1000;
+
 /// Vertices with the polygons and lines between them.
 pub(super) struct Draft {
     /// The vertices.
@@ -16,6 +19,8 @@ pub(super) struct Draft {
     /// Open and closed lines. A closed one ends with its first vertex.
     pub(super) lines: Vec<Vec<u32>>,
     fields: BTreeMap<String, Field>,
+    /// Names of fields beyond the most.
+    beyond: Vec<String>,
     /// Name of the shape.
     pub(super) name: Option<String>,
     /// What else the file says.
@@ -31,6 +36,7 @@ impl Draft {
             faces: Faces::default(),
             lines: Vec::new(),
             fields: BTreeMap::new(),
+            beyond: Vec::new(),
             name: None,
             metadata: serde_json::Map::new(),
             place,
@@ -39,6 +45,10 @@ impl Draft {
 
     /// Adds a field, under another name if it is taken.
     pub(super) fn field(&mut self, name: &str, domain: Domain, width: usize, values: Vec<f64>) {
+        if self.fields.len() >= MAX_FIELDS {
+            self.beyond.push(name.to_owned());
+            return;
+        }
         let taken = self.fields.contains_key(name);
         let mut free =
             if taken && domain == Domain::Faces { format!("face_{name}") } else { name.to_owned() };
@@ -54,6 +64,9 @@ impl Draft {
     pub(super) fn send(mut self, summary: &mut Summary, sink: Sink<'_>) -> Result<(), FileError> {
         if self.vertices.is_empty() {
             return Err(FileError::malformed(self.place, "expected points, got none"));
+        }
+        for name in &self.beyond {
+            summary.drop("fields beyond the first thousand", Some(name), || self.place.clone());
         }
         self.drop_small_faces(summary);
         if self.faces.is_empty() {

@@ -31,6 +31,10 @@ pub(in super::super) static FORMAT: Format = Format {
     open: None,
 };
 
+/// Most arrays of points of a file, and most arrays: each surface has all data, so the work is their product.
+const MAX_SURFACES: usize = 64;
+const MAX_ARRAYS: usize = 10_000;
+
 /// Entries of the metadata that say what a surface is of. Others may name a person or a computer.
 const KEPT: [&str; 4] =
     ["AnatomicalStructurePrimary", "AnatomicalStructureSecondary", "GeometricType", "TopologicalType"];
@@ -50,6 +54,12 @@ fn read(source: &mut Source<'_>, _: &ReadOptions, sink: Sink<'_>) -> Result<Summ
     let mut arrays = Vec::new();
     for (k, element) in root.all("DataArray").enumerate() {
         let place = Place { item: Some(k as u64), ..element.place() };
+        if k == MAX_ARRAYS {
+            return Err(FileError::too_large(
+                place,
+                format!("expected at most {MAX_ARRAYS} arrays, got more"),
+            ));
+        }
         arrays.push(Array::read(element, &limits).map_err(|error| error.at(place))?);
         drop_metadata(element, &mut summary);
     }
@@ -59,6 +69,10 @@ fn read(source: &mut Source<'_>, _: &ReadOptions, sink: Sink<'_>) -> Result<Summ
     if count == 0 {
         let detail = "expected an array of points (NIFTI_INTENT_POINTSET), got none";
         return Err(FileError::malformed(root.place(), detail));
+    }
+    if count > MAX_SURFACES {
+        let detail = format!("expected at most {MAX_SURFACES} arrays of points, got {count}");
+        return Err(FileError::too_large(root.place(), detail));
     }
     if triangles.len() > 1 && triangles.len() != count {
         let detail =

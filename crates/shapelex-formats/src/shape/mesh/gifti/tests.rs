@@ -96,6 +96,26 @@ fn faults_are_named() {
 }
 
 #[test]
+fn many_surfaces_are_refused_and_many_fields_counted() {
+    let text = file();
+    let [points, shape] = ["POINTSET", "SHAPE"].map(|intent| {
+        let start = text.find(&format!("<DataArray Intent=\"NIFTI_INTENT_{intent}")).unwrap();
+        let end = start + text[start..].find("</DataArray>").unwrap() + 12;
+        text[start..end].to_owned()
+    });
+    let many = format!("<GIFTI>{}</GIFTI>", points.repeat(65));
+    assert_eq!(
+        refusal(&FORMAT, many.as_bytes()),
+        "GIFTI, byte 7: expected at most 64 arrays of points, got 65"
+    );
+    let many = text.replace("</GIFTI>", &format!("{}</GIFTI>", shape.repeat(1001)));
+    let (found, summary) = read(&FORMAT, many.as_bytes()).unwrap();
+    assert_eq!(mesh(&found[0]).fields.len(), 1000);
+    let beyond = summary.dropped.iter().find(|dropped| dropped.what == "fields beyond the first thousand");
+    assert_eq!(beyond.unwrap().count, 2);
+}
+
+#[test]
 fn damaged_files_do_not_panic() {
     cut_off(&FORMAT, file().as_bytes(), false);
     changed(&FORMAT, file().as_bytes());
