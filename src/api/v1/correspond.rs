@@ -43,7 +43,7 @@ document! {
         /// Steps of every surface for each degree, 1 to 20. Default: 4.
         #[schema(value_type = Option<usize>, minimum = 1, maximum = 20)]
         rounds: Checked<usize>;
-        /// Weight of the deformations of the parameters. Default: 0.03.
+        /// Weight of the deformations of the parameters. Default: 10.
         #[schema(value_type = Option<f64>, minimum = 1e-4, maximum = 1e4)]
         stiffness: Checked<f64>;
         /// Whether sizes are compared; otherwise every surface is scaled to unit area while its parameters are searched. Stored
@@ -125,7 +125,7 @@ asking_request! {
         /// Steps of every surface for each degree, 1 to 20. Default: 4.
         #[schema(value_type = Option<usize>, minimum = 1, maximum = 20)]
         rounds: Checked<usize>;
-        /// Weight of the deformations of the parameters. Default: 0.03.
+        /// Weight of the deformations of the parameters. Default: 10.
         #[schema(value_type = Option<f64>, minimum = 1e-4, maximum = 1e4)]
         stiffness: Checked<f64>;
     }

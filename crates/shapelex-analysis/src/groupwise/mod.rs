@@ -45,7 +45,7 @@ pub const MAX_DEGREE: usize = 6;
 /// Default degree.
 pub const DEGREE: usize = 4;
 /// Default weight of the deformations.
-pub const STIFFNESS: f64 = 0.03;
+pub const STIFFNESS: f64 = 10.0;
 /// Smallest and largest weight of the deformations.
 pub const STIFFNESS_RANGE: [f64; 2] = [1e-4, 1e4];
 
