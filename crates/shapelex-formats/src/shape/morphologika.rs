@@ -95,7 +95,11 @@ impl<'t> Sections<'t> {
                         sections.insert(name, (line, &text[from..end]));
                     }
                     let name = name.trim().to_lowercase();
-                    if sections.contains_key(&name) || sections.len() == MAX_SECTIONS {
+                    if sections.len() == MAX_SECTIONS {
+                        let detail = format!("expected at most {MAX_SECTIONS} sections, got more");
+                        return Err(FileError::too_large(Place::line(line), detail));
+                    }
+                    if sections.contains_key(&name) {
                         let detail = format!("expected each section once, got {} again", shown(&name));
                         return Err(FileError::malformed(Place::line(line), detail));
                     }

@@ -36,6 +36,9 @@ pub(in super::super) static FORMAT: Format = Format {
 /// Columns of a file without a line that names them.
 const COLUMNS: &str = "id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNodeID";
 
+/// Most columns of a row. The format has 14.
+const MAX_COLUMNS: usize = 1024;
+
 /// Where the columns are that are read.
 struct Columns {
     position: [usize; 3],
@@ -45,7 +48,9 @@ struct Columns {
 
 impl Columns {
     fn new(names: &str) -> Result<Self, String> {
-        let find = |wanted: &str| names.split(',').position(|name| name.trim().eq_ignore_ascii_case(wanted));
+        let find = |wanted: &str| {
+            names.split(',').take(MAX_COLUMNS).position(|name| name.trim().eq_ignore_ascii_case(wanted))
+        };
         let required = |wanted: &str| {
             find(wanted).ok_or_else(|| format!("expected a column {wanted}, got {}", shown(names)))
         };
@@ -63,7 +68,7 @@ fn read(source: &mut Source<'_>, _: &ReadOptions, sink: Sink<'_>) -> Result<Summ
     // Old versions of Slicer wrote RAS, and no header that says so.
     let mut system = String::from("RAS");
     let (mut points, mut labels, mut descriptions) = (Points::new(3), Vec::new(), Vec::new());
-    let mut fields = csv::StringRecord::new();
+    let mut fields = Vec::new();
     while source.next_line(&mut line)? {
         let place = Place::line(source.line());
         let malformed = |detail| FileError::malformed(place.clone(), detail);
@@ -82,12 +87,7 @@ fn read(source: &mut Source<'_>, _: &ReadOptions, sink: Sink<'_>) -> Result<Summ
             Some(columns) => columns,
             none => none.insert(Columns::new(COLUMNS).map_err(malformed)?),
         };
-        let reader = csv::ReaderBuilder::new().has_headers(false).from_reader(line.as_bytes());
-        fields.clear();
-        let mut reader = reader;
-        if !reader.read_record(&mut fields).map_err(|error| malformed(error.to_string()))? {
-            continue;
-        }
+        split(&line, &mut fields);
         let mut row = [None; 3];
         for (x, at) in row.iter_mut().zip(columns.position) {
             let Some(field) = fields.get(at) else {
@@ -97,7 +97,7 @@ fn read(source: &mut Source<'_>, _: &ReadOptions, sink: Sink<'_>) -> Result<Summ
         }
         source.limits().points(points.len() as u64 + 1, || place.clone())?;
         push(&mut points, &row).map_err(malformed)?;
-        let text = |at: Option<usize>| at.and_then(|at| fields.get(at)).unwrap_or_default().to_owned();
+        let text = |at: Option<usize>| at.and_then(|at| fields.get(at)).cloned().unwrap_or_default();
         labels.push(text(columns.label));
         descriptions.push(text(columns.description));
     }
@@ -110,6 +110,27 @@ fn read(source: &mut Source<'_>, _: &ReadOptions, sink: Sink<'_>) -> Result<Summ
     keep(&mut record, "descriptions", descriptions);
     sink(record)?;
     Ok(summary)
+}
+
+/// The fields of a row, of which one may be in quotation marks. At most [`MAX_COLUMNS`] are taken.
+fn split(line: &str, fields: &mut Vec<String>) {
+    fields.clear();
+    let (mut field, mut quoted) = (String::new(), false);
+    let mut chars = line.chars().peekable();
+    while let Some(c) = chars.next() {
+        match c {
+            '"' if quoted && chars.next_if_eq(&'"').is_some() => field.push(c),
+            '"' if quoted || field.is_empty() => quoted = !quoted,
+            ',' if !quoted => {
+                fields.push(std::mem::take(&mut field));
+                if fields.len() == MAX_COLUMNS {
+                    return;
+                }
+            }
+            _ => field.push(c),
+        }
+    }
+    fields.push(field);
 }
 
 /// The name of a coordinate system, which old versions number.
@@ -221,6 +242,7 @@ mod tests {
     #[test]
     fn faults_name_their_line() {
         for (text, message) in [
+            (",\"1,2,3\n", "line 1: expected a number, got '1,2,3'"),
             ("1,2,3\n", "line 1: expected 4 or more fields, got 3"),
             ("1,2,3,x\n", "line 1: expected a number, got 'x'"),
             ("1,2,3,nan\n", "line 1: expected all coordinates of a point or none, got 2 of 3 in point 0"),
