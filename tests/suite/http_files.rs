@@ -140,7 +140,6 @@ fn formats_and_options_that_do_not_exist_are_refused_before_the_file() {
     // Options of files say nothing of JSON.
     let json = server.request(Method::POST, &format!("{shapes}?plane=xy")).json(&json!({"shapes": []}));
     assert_eq!(parameter(server.send(json)), "plane");
-    assert_eq!(parameter(post(&server, "/v1/convert", LINES)), "to");
     assert_eq!(parameter(post(&server, "/v1/convert?to=png", LINES)), "to");
     assert_eq!(parameter(server.get(&format!("{path}/export?points=1"))), "points");
     server.post_bytes(&shapes, "text/x-nothing", LINES).expect_problem(415, "unsupported-media-type", &[]);

@@ -191,7 +191,8 @@ const KIND_WORDS: [&str; 5] = ["Representation::", ".surface()", ".subdivision()
 
 /// Lines of a file above the geometry that tell kinds of shapes apart; not those of tests and comments.
 fn kind_questions<'a>(path: &str, text: &'a str) -> Vec<&'a str> {
-    let asks_freely = ["geometry/", "numeric/", "formats/"].iter().any(|layer| path.starts_with(layer));
+    let asks_freely =
+        ["geometry/", "numeric/", "formats/", "files/"].iter().any(|layer| path.starts_with(layer));
     if asks_freely || path.ends_with("/tests.rs") {
         return Vec::new();
     }

@@ -30,7 +30,7 @@ use crate::service::app::outgoing::BodyWriter;
 use crate::service::app::{Limits, ServiceError};
 use crate::service::cohorts::catalogue;
 use crate::service::cohorts::upload_file::FileToAdd;
-use crate::service::files::export::{self, Content, Export, USUAL_POINTS};
+use crate::service::files::export::{self, Export, ExportContent, USUAL_POINTS};
 use crate::service::files::translate::{self, FileReading};
 use crate::service::files::{FileFormat, file_limits, unknown_format};
 
@@ -93,7 +93,7 @@ impl IntoParams for WriteQuery {
 }
 
 /// What stands before the names of options of writing.
-const WRITE: &str = "write.";
+const WRITE: &str = "write_";
 
 /// Names of options.
 fn names_of(options: &impl Serialize) -> Vec<String> {
@@ -319,9 +319,9 @@ fn refuse_rest(pairs: &[(String, String)]) -> Result<(), Problem> {
 #[into_params(parameter_in = Query)]
 #[allow(dead_code, reason = "only for the document")]
 pub(super) struct ToQuery {
-    /// Format to write, as an id, a media type or an ending.
+    /// Format to write, as an id, a media type or an ending. Default: `ndjson`.
     #[param(example = "ndjson")]
-    to: String,
+    to: Option<String>,
 }
 
 /// Translates a file, without storing it.
@@ -350,9 +350,10 @@ pub(super) async fn convert_file(
 
 /// Takes the format that is to be written.
 fn take_target(pairs: &mut Vec<(String, String)>) -> Result<&'static files::Format, Problem> {
-    let at = pairs.iter().position(|(name, _)| name == "to");
-    let at = at.ok_or_else(|| Problem::of_parameter("to", "required parameter is missing"))?;
-    written(&pairs.remove(at).1, "to")
+    match pairs.iter().position(|(name, _)| name == "to") {
+        Some(at) => written(&pairs.remove(at).1, "to"),
+        None => written("ndjson", "to"),
+    }
 }
 
 /// The format that a word names, if it is written.
@@ -432,7 +433,7 @@ pub(super) struct ExportQuery {
     /// What is written of each shape: `points` on curves, landmarks and meshes of surfaces, or `control_points`. Default:
     /// `points`.
     #[param(inline)]
-    content: Option<Content>,
+    content: Option<ExportContent>,
     /// Number of points on a curve. Default: 128.
     #[param(minimum = 3, maximum = 10_000)]
     points: Option<usize>,

@@ -15,7 +15,7 @@ use crate::formats::files::{self, Format, WriteOptions};
 use crate::service::app::App;
 use crate::service::app::outgoing::BodyWriter;
 use crate::service::cohorts::catalogue;
-use crate::service::files::export::{Content, Export, USUAL_POINTS, export};
+use crate::service::files::export::{Export, ExportContent, USUAL_POINTS, export};
 use crate::service::files::unknown_format;
 
 /// How a cohort is written.
@@ -93,7 +93,7 @@ async fn write(
     let cohort = args.cohort.as_deref().unwrap_or_default();
     let writing = pairs(&args.writing)?;
     let options = WriteOptions::from_pairs(writing.iter().copied()).map_err(|error| error.to_string())?;
-    let content = if args.control_points { Content::ControlPoints } else { Content::Points };
+    let content = if args.control_points { ExportContent::ControlPoints } else { ExportContent::Points };
     let service = match target {
         Target::Store(app) => {
             let mut filter = ShapeFilter::default();
@@ -108,11 +108,11 @@ async fn write(
     };
     let pair = |name: &str, value: &str| (name.to_owned(), value.to_owned());
     let mut query = vec![pair("format", format.id), pair("points", &args.points.to_string())];
-    if content == Content::ControlPoints {
+    if content == ExportContent::ControlPoints {
         query.push(pair("content", "control_points"));
     }
     query.extend(args.labels.iter().map(|label| pair("label", label)));
-    query.extend(writing.iter().map(|(name, value)| (format!("write.{name}"), (*value).to_owned())));
+    query.extend(writing.iter().map(|(name, value)| (format!("write_{name}"), (*value).to_owned())));
     let request = service.request(reqwest::Method::GET, &["v1", "cohorts", cohort, "export"], &query)?;
     let response = request.send().await.map_err(|error| format!("the service does not answer: {error}"))?;
     if !response.status().is_success() {

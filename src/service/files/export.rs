@@ -27,7 +27,7 @@ const PAGE: usize = 1000;
 /// What is written of each shape.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
-pub enum Content {
+pub enum ExportContent {
     /// Points on a curve, landmarks, the mesh of a surface.
     #[default]
     Points,
@@ -45,7 +45,7 @@ pub struct Export {
     /// Options of its writer.
     pub options: WriteOptions,
     /// What is written of each shape.
-    pub content: Content,
+    pub content: ExportContent,
     /// Number of points on a curve.
     pub points: usize,
 }
@@ -99,15 +99,20 @@ pub async fn export(
 }
 
 /// A stored shape as a record.
-fn record(space: &ShapeSpace, shape: Shape, content: Content, points: usize) -> Result<Record, FileError> {
+fn record(
+    space: &ShapeSpace,
+    shape: Shape,
+    content: ExportContent,
+    points: usize,
+) -> Result<Record, FileError> {
     let Shape { id, attributes, control_points, .. } = shape;
     let representation = space.representation();
     let matrix =
         Matrix::from_column_slice(representation.size(), representation.dimension(), &control_points);
     let place = Place { tag: Some(id.clone()), ..Place::default() };
     let geometry = match content {
-        Content::ControlPoints => control(representation, &matrix),
-        Content::Points => on_shape(space, &matrix, points),
+        ExportContent::ControlPoints => control(representation, &matrix),
+        ExportContent::Points => on_shape(space, &matrix, points),
     };
     let geometry = geometry.ok_or_else(|| {
         let detail = format!("expected a shape with points, got a {}", representation.kind_name());

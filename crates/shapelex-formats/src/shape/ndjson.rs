@@ -201,7 +201,7 @@ impl Rows {
     }
 
     fn points(mut self) -> Result<Points, String> {
-        if self.before > 0 {
+        if self.points.dimension() == 0 {
             self.points = missing(2, self.before);
         }
         self.fault.map_or(Ok(self.points), Err)
