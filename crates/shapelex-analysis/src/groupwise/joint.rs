@@ -15,11 +15,11 @@ use rayon::prelude::*;
 use shapelex_geometry::reparametrisation::Reparametrisation;
 use shapelex_numeric::dense::{Definite, Matrix, multiply, transpose_multiply};
 
-use super::super::watch::Watch;
 use super::domain::Domain;
 use super::member::{Member, Penalty, Pose};
 use super::model::{Model, Spread};
 use super::{AnalysisError, spread_of};
+use crate::watch::Watch;
 
 /// Most patterns of displacements over the shapes that are cheaper than others, `n × PATTERNS` numbers.
 const PATTERNS: usize = 32;

@@ -106,7 +106,7 @@ pub fn rounds(options: &GroupwiseOptions) -> usize {
 
 /// Multiply-adds of a search and all steps of one shape, measured.
 pub fn shape_work(options: &GroupwiseOptions) -> f64 {
-    let step = |degree: usize| 3.0e6 + 2.0e5 * (free(degree).len() as f64);
+    let step = |degree: usize| 4.0e6 + 2.6e5 * (free(degree).len() as f64);
     SEARCHES as f64 * 1.2e7
         + (1..=options.degree).map(|degree| options.rounds as f64 * step(degree)).sum::<f64>()
 }
