@@ -8,7 +8,7 @@ use super::record::Kind;
 use super::source::Source;
 use super::summary::Summary;
 use super::write::Writer;
-use super::{Sink, ndjson};
+use super::{Sink, ndjson, table};
 
 /// Reads all records of a file.
 pub(super) type Read = fn(&mut Source<'_>, &ReadOptions, Sink<'_>) -> Result<Summary, FileError>;
@@ -38,7 +38,7 @@ pub struct Format {
 }
 
 /// All formats.
-pub static FORMATS: &[&Format] = &[&ndjson::FORMAT];
+pub static FORMATS: &[&Format] = &[&ndjson::FORMAT, &table::ARROW, &table::PARQUET, &table::NPY, &table::NPZ];
 
 impl Format {
     /// Whether files of the format can be read.

@@ -24,6 +24,7 @@ mod options;
 mod record;
 mod source;
 mod summary;
+mod table;
 mod write;
 
 pub use error::{FaultKind, FileError, Place};

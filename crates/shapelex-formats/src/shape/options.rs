@@ -15,6 +15,10 @@ pub struct ReadOptions {
     pub holes: Option<Holes>,
     /// Whether curves are closed, where the format does not say.
     pub closed: Option<bool>,
+    /// Name of the column that holds the points, of tables by other programs.
+    pub column: Option<String>,
+    /// Number of coordinates of a point, where the format does not say.
+    pub dimension: Option<usize>,
 }
 
 /// What becomes of rings that bound holes.
@@ -82,6 +86,8 @@ fn matches_pattern(pattern: &[u8], text: &[u8]) -> bool {
 pub struct WriteOptions {
     /// Unit of the coordinates, where a format has a place for it.
     pub unit: Option<String>,
+    /// What else is known of the shapes, by name, where a format has a place for it: representation, cohort, revision.
+    pub facts: std::collections::BTreeMap<String, String>,
 }
 
 #[cfg(test)]
