@@ -63,15 +63,18 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
         exactly(source, MAGIC.len() + padding, "the magic text of a file")?;
     }
     let mut decoder = StreamDecoder::new();
-    let mut reading = None;
+    let (mut reading, mut schema) = (None, Vec::new());
     loop {
-        let message = next_message(source)?;
+        let message = next_message(source, &schema)?;
         let (at, parts) = match message {
             Some(Message { at, parts }) => (at, parts),
             // The decoder takes a message without a body when more bytes follow: here the mark of the end.
             None => (source.offset(), [[CONTINUATION, [0; 4]].concat(), Vec::new(), Vec::new()]),
         };
         let is_end = parts[1].is_empty();
+        if schema.is_empty() {
+            schema.clone_from(&parts[1]);
+        }
         let batches = guarded("an Arrow message", || decode(&mut decoder, parts));
         let batches = batches.map_err(|error| error.at(Place::byte(at)))?;
         if let (None, Some(schema)) = (&reading, decoder.schema()) {
@@ -114,8 +117,8 @@ struct Message {
     parts: [Vec<u8>; 3],
 }
 
-/// The next message, or `None` at the end of the stream.
-fn next_message(source: &mut Source<'_>) -> Result<Option<Message>, FileError> {
+/// The next message, or `None` at the end of the stream. `schema` are the metadata of the first one.
+fn next_message(source: &mut Source<'_>, schema: &[u8]) -> Result<Option<Message>, FileError> {
     let at = source.offset();
     let mut first = Vec::new();
     source.by_ref().take(4).read_to_end(&mut first)?;
@@ -139,7 +142,7 @@ fn next_message(source: &mut Source<'_>) -> Result<Option<Message>, FileError> {
     let held = source.limits().held;
     let body = check_message(&metadata, held).map_err(|error| error.at(Place::byte(at)))?;
     let body = exactly(source, body, "the body of a message")?;
-    check_buffers(&metadata, &body, held).map_err(|error| error.at(Place::byte(at)))?;
+    check_buffers(&metadata, &body, schema, held).map_err(|error| error.at(Place::byte(at)))?;
     let head = [CONTINUATION, length].concat();
     Ok(Some(Message { at, parts: [head, metadata, body] }))
 }

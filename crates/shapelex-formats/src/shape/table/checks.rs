@@ -6,6 +6,7 @@ use arrow_ipc::{
 };
 
 use super::super::error::{FileError, Place};
+use super::layout::{check_dictionary, check_rows};
 
 /// Depth of nested columns: a list of points of a struct is three deep.
 const MAX_DEPTH: usize = 8;
@@ -121,36 +122,45 @@ fn check_field(field: &Field<'_>, depth: usize) -> Result<(), FileError> {
 }
 
 /// Checks that the buffers of a message lie within its body, that what they decompress to is at most `held` bytes and in
-/// proportion to them, and that no column claims more values than these bytes can hold.
-pub(super) fn check_buffers(metadata: &[u8], body: &[u8], held: usize) -> Result<(), FileError> {
+/// proportion to them, and that no column claims more values than these bytes can hold. `schema` is the message with the schema.
+pub(super) fn check_buffers(
+    metadata: &[u8],
+    body: &[u8],
+    schema: &[u8],
+    held: usize,
+) -> Result<(), FileError> {
     let message = message(metadata)?;
+    let dictionary = message.header_as_dictionary_batch();
     let batch = match message.header_type() {
-        MessageHeader::DictionaryBatch => message.header_as_dictionary_batch().and_then(|batch| batch.data()),
+        MessageHeader::DictionaryBatch => dictionary.and_then(|batch| batch.data()),
         MessageHeader::RecordBatch => message.header_as_record_batch(),
         _ => return Ok(()),
     };
     let batch = batch.ok_or_else(|| malformed("expected a batch of rows, got none"))?;
-    let bytes = content(&batch, body)?;
+    let sizes = sizes(&batch, body)?;
+    let bytes = sizes.iter().fold(0_u64, |sum, size| sum.saturating_add(*size));
     if bytes > held as u64 {
-        return Err(FileError::too_large(
-            Place::default(),
-            format!("expected a batch of at most {held} bytes, got {bytes}"),
-        ));
+        let detail = format!("expected a batch of at most {held} bytes, got {bytes}");
+        return Err(FileError::too_large(Place::default(), detail));
     }
     // A value takes a bit at least; columns that are null throughout take nothing, beside others that do.
     let most = i64::try_from(bytes.saturating_mul(8).saturating_add(64)).unwrap_or(i64::MAX);
     let nodes = batch.nodes().ok_or_else(|| malformed("expected the lengths of columns, got none"))?;
-    let lengths = nodes.iter().map(|node| node.length()).chain([batch.length()]);
-    match lengths.into_iter().find(|length| !(0..=most).contains(length)) {
-        Some(length) => {
-            Err(malformed(format!("expected at most {most} values in {bytes} bytes, got {length}")))
-        }
-        None => Ok(()),
+    let lengths = nodes.iter().flat_map(|node| [node.length(), node.null_count()]).chain([batch.length()]);
+    if let Some(length) = lengths.into_iter().find(|length| !(0..=most).contains(length)) {
+        return Err(malformed(format!("expected at most {most} values in {bytes} bytes, got {length}")));
+    }
+    let schema = self::message(schema)?;
+    let schema =
+        schema.header_as_schema().ok_or_else(|| malformed("expected a schema before all rows, got rows"))?;
+    match dictionary {
+        Some(dictionary) => check_dictionary(&schema, dictionary.id(), &batch, &sizes),
+        None => check_rows(&schema, &batch, &sizes),
     }
 }
 
-/// Number of bytes of all buffers after decompression.
-fn content(batch: &RecordBatch<'_>, body: &[u8]) -> Result<u64, FileError> {
+/// Number of bytes of each buffer after decompression.
+fn sizes(batch: &RecordBatch<'_>, body: &[u8]) -> Result<Vec<u64>, FileError> {
     let compressed = match batch.compression().map(|compression| compression.codec()) {
         None => false,
         Some(CompressionType::LZ4_FRAME) => true,
@@ -160,22 +170,20 @@ fn content(batch: &RecordBatch<'_>, body: &[u8]) -> Result<u64, FileError> {
             ));
         }
     };
-    let mut content = 0_u64;
-    for buffer in batch.buffers().into_iter().flatten() {
+    let size = |buffer: &arrow_ipc::Buffer| {
         let range = usize::try_from(buffer.offset()).ok().zip(usize::try_from(buffer.length()).ok());
-        let bytes = range
-            .and_then(|(start, length)| body.get(start..start.checked_add(length)?))
-            .ok_or_else(|| {
-                malformed(format!(
-                    "expected buffers within a body of {} bytes, got one of {} bytes at {}",
-                    body.len(),
-                    buffer.length(),
-                    buffer.offset()
-                ))
-            })?;
-        content = content.saturating_add(if compressed { decompressed(bytes)? } else { bytes.len() as u64 });
-    }
-    Ok(content)
+        let bytes = range.and_then(|(start, length)| body.get(start..start.checked_add(length)?));
+        let bytes = bytes.ok_or_else(|| {
+            malformed(format!(
+                "expected buffers within a body of {} bytes, got one of {} bytes at {}",
+                body.len(),
+                buffer.length(),
+                buffer.offset()
+            ))
+        })?;
+        if compressed { decompressed(bytes) } else { Ok(bytes.len() as u64) }
+    };
+    batch.buffers().into_iter().flatten().map(size).collect()
 }
 
 /// Number of bytes that a compressed buffer claims to hold.

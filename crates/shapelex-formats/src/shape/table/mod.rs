@@ -21,9 +21,11 @@
 //! The metadata of the file have `shapelex.schema` (`shapes/1`), `shapelex.unit` and other facts of the writer, and
 //! `shapelex.fields`: a JSON object that says what carries each field, and the number of components of its values.
 
+mod array_zip;
 mod arrays;
 pub(super) mod arrow;
 mod checks;
+mod layout;
 mod npy;
 mod npy_file;
 mod npz;
@@ -33,6 +35,9 @@ mod read_rows;
 mod rows;
 #[cfg(test)]
 mod tests;
+
+pub use array_zip::ArrayZip;
+pub use npy::header_bytes as npy_header;
 
 pub(super) use arrow::FORMAT as ARROW;
 pub(super) use npy_file::FORMAT as NPY;
@@ -64,10 +69,13 @@ fn unwritten(error: impl std::fmt::Display) -> FileError {
     FileError::of(FaultKind::Io, Place::default(), error)
 }
 
-/// Runs a step of a library of containers. Such a step may panic at a file that contradicts itself in a way that the checks
-/// before it do not see: for the caller that is a malformed file, as any other contradiction.
+/// Runs a step of a library of containers. Should it panic at a file that contradicts itself in a way that the checks before
+/// it do not see, that is for the caller a malformed file, as any other contradiction. Tests are told: a check is missing.
 fn guarded<T>(what: &str, step: impl FnOnce() -> Result<T, FileError>) -> Result<T, FileError> {
-    std::panic::catch_unwind(std::panic::AssertUnwindSafe(step)).unwrap_or_else(|_| {
+    std::panic::catch_unwind(std::panic::AssertUnwindSafe(step)).unwrap_or_else(|panic| {
+        if cfg!(test) {
+            std::panic::resume_unwind(panic);
+        }
         let detail = format!("expected {what} that does not contradict itself, got one that does");
         Err(FileError::malformed(Place::default(), detail))
     })

@@ -288,8 +288,8 @@ impl Layout {
     }
 }
 
-/// The bytes before the items of an array.
-pub(super) fn header_bytes(descr: &str, shape: &[usize]) -> Vec<u8> {
+/// The bytes before the items of an array in C order: `descr` is the type of NumPy, such as `<f8`.
+pub fn header_bytes(descr: &str, shape: &[usize]) -> Vec<u8> {
     const ALIGNMENT: usize = 64;
     const BEFORE: usize = 10;
     let axes = shape.iter().map(|axis| format!("{axis},")).collect::<Vec<_>>().join(" ");

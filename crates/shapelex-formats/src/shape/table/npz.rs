@@ -14,8 +14,7 @@
 use std::io::{Cursor, Read, Write};
 
 use serde_json::Value as Json;
-use zip::write::{SimpleFileOptions, StreamWriter};
-use zip::{CompressionMethod, ZipArchive, ZipWriter};
+use zip::ZipArchive;
 
 use super::super::Sink;
 use super::super::error::{FileError, Place};
@@ -26,8 +25,9 @@ use super::super::record::{Geometry, Kind, Points, Record};
 use super::super::source::Source;
 use super::super::summary::Summary;
 use super::super::write::Writer;
-use super::npy::{Header, Items, Layout, exactly, header_bytes};
-use super::npy_file::{geometry, points_of, write_numbers};
+use super::array_zip::ArrayZip;
+use super::npy::{Header, Items, Layout, exactly};
+use super::npy_file::{geometry, points_of};
 use super::unwritten;
 
 /// NPZ.
@@ -337,8 +337,8 @@ impl Writer for Zip<'_> {
 
     fn finish(self: Box<Self>) -> Result<Summary, FileError> {
         let Self { output, arrays, summary } = *self;
-        let mut zip = Entries { zip: ZipWriter::new_stream(output) };
-        zip.points(&arrays)?;
+        let mut zip = ArrayZip::new(output);
+        write_points(&mut zip, &arrays)?;
         zip.texts("ids", &arrays.ids)?;
         zip.texts("subjects", &arrays.subjects)?;
         zip.texts("labels", &arrays.labels)?;
@@ -346,67 +346,24 @@ impl Writer for Zip<'_> {
             zip.numbers("weights", &[arrays.weights.len()], &arrays.weights)?;
         }
         if arrays.closed.iter().any(Option::is_some) {
-            zip.begin("closed", "|i1", 1, &[arrays.closed.len()])?;
-            let flag = |closed: &Option<bool>| closed.map_or(0xff, u8::from);
-            zip.zip.write_all(&arrays.closed.iter().map(flag).collect::<Vec<u8>>())?;
+            zip.flags("closed", &arrays.closed)?;
         }
         zip.texts("attributes", &arrays.attributes)?;
         zip.texts("metadata", &arrays.metadata)?;
-        let mut output = zip.zip.finish().map_err(unwritten)?.into_inner();
+        let mut output = zip.finish()?;
         output.flush()?;
         Ok(summary)
     }
 }
 
-/// Arrays that are being written.
-struct Entries<W: Write> {
-    zip: ZipWriter<StreamWriter<W>>,
-}
-
-impl<W: Write> Entries<W> {
-    fn begin(&mut self, name: &str, descr: &str, size: usize, shape: &[usize]) -> Result<(), FileError> {
-        let bytes = shape.iter().fold(size as u64, |bytes, axis| bytes.saturating_mul(*axis as u64));
-        let options = SimpleFileOptions::default()
-            .compression_method(CompressionMethod::Deflated)
-            .compression_level(Some(1))
-            .large_file(bytes >= u64::from(u32::MAX) / 2);
-        self.zip.start_file(format!("{name}.npy"), options).map_err(unwritten)?;
-        Ok(self.zip.write_all(&header_bytes(descr, shape))?)
+/// The points, and their offsets unless all shapes have as many.
+fn write_points<W: Write>(zip: &mut ArrayZip<W>, arrays: &Collected) -> Result<(), FileError> {
+    let (shapes, dimension) = (arrays.ends.len(), arrays.dimension.unwrap_or(2));
+    let all = arrays.ends.last().copied().unwrap_or(0);
+    let each = arrays.ends.first().copied().unwrap_or(0);
+    if arrays.ends.iter().enumerate().all(|(k, end)| *end == each * (k + 1)) {
+        return zip.numbers("points", &[shapes, each, dimension], &arrays.values);
     }
-
-    fn numbers(&mut self, name: &str, shape: &[usize], values: &[f64]) -> Result<(), FileError> {
-        self.begin(name, "<f8", 8, shape)?;
-        write_numbers(&mut self.zip, values)
-    }
-
-    /// The points, and their offsets unless all shapes have as many.
-    fn points(&mut self, arrays: &Collected) -> Result<(), FileError> {
-        let (shapes, dimension) = (arrays.ends.len(), arrays.dimension.unwrap_or(2));
-        let all = arrays.ends.last().copied().unwrap_or(0);
-        let each = arrays.ends.first().copied().unwrap_or(0);
-        if arrays.ends.iter().enumerate().all(|(k, end)| *end == each * (k + 1)) {
-            return self.numbers("points", &[shapes, each, dimension], &arrays.values);
-        }
-        self.numbers("points", &[all, dimension], &arrays.values)?;
-        self.begin("offsets", "<i8", 8, &[shapes + 1])?;
-        let offsets = std::iter::once(&0).chain(&arrays.ends);
-        let bytes: Vec<u8> = offsets.flat_map(|end| (*end as u64).to_le_bytes()).collect();
-        Ok(self.zip.write_all(&bytes)?)
-    }
-
-    /// Texts as code points, padded to the length of the longest; nothing if there are none.
-    fn texts(&mut self, name: &str, texts: &[Option<String>]) -> Result<(), FileError> {
-        if texts.iter().all(Option::is_none) {
-            return Ok(());
-        }
-        let width = texts.iter().flatten().map(|text| text.chars().count()).max().unwrap_or(0).max(1);
-        self.begin(name, &format!("<U{width}"), 4 * width, &[texts.len()])?;
-        for text in texts {
-            let points = text.iter().flat_map(|text| text.chars()).map(u32::from);
-            let points = points.chain(std::iter::repeat(0)).take(width);
-            let bytes: Vec<u8> = points.flat_map(u32::to_le_bytes).collect();
-            self.zip.write_all(&bytes)?;
-        }
-        Ok(())
-    }
+    zip.numbers("points", &[all, dimension], &arrays.values)?;
+    zip.offsets("offsets", &arrays.ends)
 }
