@@ -28,7 +28,7 @@ pub(super) fn check_columns(
         let chunk = metadata.row_group(group).column(*column);
         let place = || Place {
             item: u64::try_from(group).ok(),
-            ..Place::tag(format!("row group, column '{}'", chunk.column_path()))
+            ..Place::tag(format!("row group, column '{}'", chunk.column_path().string()))
         };
         most = most.max(check_chunk(bytes, chunk).map_err(|error| error.at(place()))?);
     }
@@ -44,8 +44,13 @@ fn ratio(compression: Compression) -> Result<u64, FileError> {
         Compression::GZIP(_) => Ok(1032),
         Compression::LZ4_RAW | Compression::LZ4 => Ok(255),
         other => {
+            let name = match other {
+                Compression::ZSTD(_) => "Zstandard",
+                Compression::BROTLI(_) => "Brotli",
+                _ => "LZO",
+            };
             let detail = format!(
-                "expected Snappy, gzip, LZ4 or no compression, got {other}; write the file with compression='snappy'"
+                "expected Snappy, gzip, LZ4 or no compression, got {name}; write the file with compression='snappy'"
             );
             Err(FileError::new(FaultKind::Unsupported, detail))
         }

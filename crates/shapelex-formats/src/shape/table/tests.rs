@@ -370,7 +370,7 @@ fn pages_that_claim_more_than_they_hold_are_refused() {
     lying[7..9].copy_from_slice(&[0xff, 0x7f]);
     let error = read_with(&lying, &options, Limits::default()).expect_err("a size");
     assert!(error.to_string().contains("to hold at most"), "{error}");
-    assert_eq!(error.place.tag.as_deref(), Some("row group, column '\"external_id\"'"));
+    assert_eq!(error.place.tag.as_deref(), Some("row group, column 'external_id'"));
 }
 
 #[test]
