@@ -7,13 +7,16 @@
 //! * [`ndjson`] — lines of a byte stream;
 //! * [`representation`] — representations as JSON;
 //! * [`merge_patch`] — changes of a JSON object; [`time`] — times as text;
-//! * [`matrix`] — square matrices as JSON, CSV and NPY;
-//! * [`table`] — tables as JSON, CSV, NDJSON and Arrow;
+//! * [`matrix`] — square matrices as JSON, CSV, NPY, Arrow and Parquet;
+//! * [`table`] — tables as JSON, CSV, NDJSON, Arrow and Parquet; [`batches`] — the latter two;
+//! * [`columns`] — answers of JSON as tables of numbers, texts and lists: CSV, Arrow, Parquet, NPY and NPZ;
 //! * [`mesh`] — triangle meshes as OBJ, PLY, STL and glTF; [`gltf`] — also with displacements;
 //! * [`picture`] — drawings as SVG and PNG; [`image`] — images and volumes, a crate.
 
+pub mod batches;
 pub mod bounds;
 pub mod checked;
+pub mod columns;
 pub mod fault;
 pub mod gltf;
 pub mod json;
