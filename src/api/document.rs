@@ -10,7 +10,7 @@ use utoipa::openapi::{
     Type,
 };
 
-use super::{health, negotiation};
+use super::{health, negotiation, tabular};
 use crate::formats::picture::PictureFormat;
 
 /// Media type of problem documents.
@@ -30,12 +30,20 @@ fn problem() -> Content {
 }
 
 /// Adds the common parts to all operations: problem documents to all refusals, the limits to all but the probes, and to
-/// those under `/v1` the refusals that every operation has. Names the variants of tagged enums. Offers drawings as PNG.
+/// those under `/v1` the refusals that every operation has. Names the variants of tagged enums. Offers drawings as PNG, and
+/// answers with numbers as tables.
 pub(super) fn complete(document: &mut OpenApi) {
     variants::name(document);
     for (path, item) in &mut document.paths.paths {
-        let methods = [&mut item.get, &mut item.post, &mut item.put, &mut item.patch, &mut item.delete];
-        for operation in methods.into_iter().flatten() {
+        let methods = [
+            (Method::GET, &mut item.get),
+            (Method::POST, &mut item.post),
+            (Method::PUT, &mut item.put),
+            (Method::PATCH, &mut item.patch),
+            (Method::DELETE, &mut item.delete),
+        ];
+        for (method, operation) in methods {
+            let Some(operation) = operation else { continue };
             if path.starts_with("/v1/") {
                 add_refusal(operation);
             }
@@ -43,10 +51,11 @@ pub(super) fn complete(document: &mut OpenApi) {
                 add_limits(operation);
             }
             offer_png(operation);
-            if negotiation::only_media_type(operation).is_some() {
+            if negotiation::only_media_type(operation, |_| true).is_some() {
                 let refused = || refusal("The media type of the answer is not accepted").build().into();
                 operation.responses.responses.entry("406".to_owned()).or_insert_with(refused);
             }
+            tabular::describe(path, &method, operation);
             describe_refusals(operation);
         }
     }

@@ -640,7 +640,7 @@ impl<S: Send + Sync> FromRequestParts<S> for OutputFormat {
         only(parts, &["format"])?;
         let query = axum::extract::Query::<FormatQuery>::try_from_uri(&parts.uri).ok();
         let asked = query.and_then(|query| query.0.format);
-        const NAMES: [&str; 7] = ["json", "csv", "npy", "ndjson", "svg", "png", "nifti"];
+        const NAMES: [&str; 9] = ["json", "csv", "npy", "arrow", "parquet", "ndjson", "svg", "png", "nifti"];
         if let Some(other) = asked.as_deref().filter(|name| !NAMES.contains(name)) {
             let detail = format!("expected one of {}, got '{other}'", NAMES.join(", "));
             return Err(Problem::of_parameter("format", detail));
@@ -713,7 +713,7 @@ impl OutputFormat {
     }
 }
 
-/// Response format of a matrix, on a route without other query parameters: `?format=json|csv|npy`, else the `Accept`
+/// Response format of a matrix, on a route without other query parameters: `?format=json|csv|npy|arrow|parquet`, else the `Accept`
 /// header, else JSON.
 #[derive(Debug)]
 pub struct OnlyMatrixFormat(pub MatrixFormat);
@@ -730,29 +730,25 @@ impl<S: Send + Sync> FromRequestParts<S> for OnlyMatrixFormat {
 }
 
 fn matrix_format_of(asked: Option<&str>, accept: &str) -> Result<MatrixFormat, Problem> {
-    match asked {
-        Some("json") => Ok(MatrixFormat::Json),
-        Some("csv") => Ok(MatrixFormat::Csv),
-        Some("npy") => Ok(MatrixFormat::Npy),
-        Some(other) => {
-            let detail = format!("expected 'json', 'csv' or 'npy', got '{other}'");
-            Err(Problem::of_parameter("format", detail))
-        }
-        None => preferred(accept, matrix_format).ok_or_else(|| {
-            let detail = format!(
-                "expected application/json, text/csv or application/x-npy to be accepted, got '{accept}'"
-            );
-            Problem::new(ProblemKind::NotAcceptable, detail)
-        }),
+    if let Some(name) = asked {
+        return MatrixFormat::ALL.into_iter().find(|format| format.name() == name).ok_or_else(|| {
+            let detail = format!("expected 'json', 'csv', 'npy', 'arrow' or 'parquet', got '{name}'");
+            Problem::of_parameter("format", detail)
+        });
     }
+    preferred(accept, matrix_format).ok_or_else(|| {
+        let types = MatrixFormat::ALL.map(MatrixFormat::media_type).join(", ");
+        let detail = format!("expected one of {types} to be accepted, got '{accept}'");
+        Problem::new(ProblemKind::NotAcceptable, detail)
+    })
 }
 
 fn matrix_format(media_range: &str) -> Option<MatrixFormat> {
     match media_range {
-        "application/json" | "application/*" | "*/*" | "" => Some(MatrixFormat::Json),
-        "text/csv" | "text/*" => Some(MatrixFormat::Csv),
-        "application/x-npy" | "application/octet-stream" => Some(MatrixFormat::Npy),
-        _ => None,
+        "application/*" | "*/*" | "" => Some(MatrixFormat::Json),
+        "text/*" => Some(MatrixFormat::Csv),
+        "application/octet-stream" => Some(MatrixFormat::Npy),
+        range => MatrixFormat::ALL.into_iter().find(|format| format.media_type() == range),
     }
 }
 

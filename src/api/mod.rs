@@ -8,7 +8,7 @@
 //! * [`body`] — request memory; [`answers`] — response memory; [`drain`] — draining of refused bodies;
 //!   [`inspected_body`] — bodies that report what passes through them;
 //! * [`observe`], [`audit`] — metrics, log and audit trail of every request; [`metrics`] — the metrics endpoint;
-//! * `negotiation` — media types of answers; `cross_origin` — pages of other origins that may read answers;
+//! * `negotiation` — media types of answers; `tabular` — tables of answers; `cross_origin` — pages of other origins that may read answers;
 //! * [`extract`] — bodies, queries and formats, with problem documents as rejections;
 //! * [`respond`] — responses computed and serialised on the thread pool;
 //! * [`health`] — liveness and readiness;
@@ -35,6 +35,7 @@ pub mod origin;
 pub mod overload;
 pub mod problem;
 pub mod respond;
+mod tabular;
 pub mod v1;
 
 use std::sync::Arc;
@@ -96,6 +97,7 @@ fn routes() -> (Router<App>, utoipa::openapi::OpenApi) {
     let (router, mut document) = light
         .merge(computing)
         .merge(streamed)
+        .layer(from_fn(tabular::answer))
         .layer(from_fn(gate::pass))
         // Probes are not rate-limited, and need no key.
         .merge(health::routes().layer(from_fn(overload::light)))

@@ -1,5 +1,5 @@
 //! Media types of answers: refuses a request whose `Accept` header excludes the media type of its operation, before any work
-//! is done. Operations with several media types choose one themselves.
+//! is done. Operations with several media types choose one themselves; tables of answers are chosen in `tabular`.
 
 use std::collections::HashMap;
 use std::sync::LazyLock;
@@ -12,7 +12,7 @@ use utoipa::openapi::{OpenApi, RefOr};
 
 use super::extract::{ANYTHING, accepted, preferred};
 use super::problem::{Problem, ProblemKind};
-use super::{document, observe};
+use super::{document, observe, tabular};
 
 /// Media types by route template and method.
 type Offers = HashMap<(String, Method), String>;
@@ -22,19 +22,20 @@ static OFFERS: LazyLock<Offers> = LazyLock::new(|| offers(&super::openapi()));
 /// Media types of the successful answers of every operation that has a single one.
 fn offers(document: &OpenApi) -> Offers {
     let single = document::operations(document).filter_map(|(path, method, operation)| {
-        Some(((path.to_owned(), method), only_media_type(operation)?))
+        let only = only_media_type(operation, |kind| !tabular::is_table(&method, path, kind))?;
+        Some(((path.to_owned(), method), only))
     });
     single.collect()
 }
 
-/// Media type of the successful answers of an operation, if there is exactly one.
-pub(super) fn only_media_type(operation: &Operation) -> Option<String> {
+/// Media type of the successful answers of an operation, if there is exactly one among those that count.
+pub(super) fn only_media_type(operation: &Operation, counts: impl Fn(&str) -> bool) -> Option<String> {
     let responses = operation.responses.responses.iter().filter(|(status, _)| status.starts_with('2'));
     let contents = responses.filter_map(|(_, response)| match response {
         RefOr::T(response) => Some(response.content.keys().cloned()),
         RefOr::Ref(_) => None,
     });
-    let mut found: Vec<String> = contents.flatten().collect();
+    let mut found: Vec<String> = contents.flatten().filter(|kind| counts(kind)).collect();
     found.dedup();
     found.pop().filter(|_| found.is_empty())
 }
@@ -48,6 +49,9 @@ pub(super) fn refuse(request: &Request) -> Option<Response> {
         .is_some_and(|query| query.split('&').any(|parameter| parameter.split('=').next() == Some("format")));
     let accept = accepted(request.headers());
     if names_format || accept == ANYTHING {
+        return None;
+    }
+    if tabular::Wanted::of(request).is_some() {
         return None;
     }
     let route = observe::route(request).unwrap_or_default();

@@ -1,13 +1,21 @@
-//! Square matrices as JSON, CSV and NPY, written row by row, so that the text of a whole matrix is never in memory.
+//! Square matrices as JSON, CSV, NPY, Arrow and Parquet, written row by row, so that the text of a whole matrix is never in memory.
 //!
 //! * JSON — `{"ids": […], "labels": […], "distances": [[…], …]}`, preceded by further fields;
 //! * CSV (RFC 4180) — a line of ids, then one line of numbers per row;
-//! * NPY (version 1.0) — little-endian `f64` in C order, readable by `numpy.load`.
+//! * NPY (version 1.0) — little-endian `f64` in C order, readable by `numpy.load`;
+//! * Arrow and Parquet — a row per row: `id`, `label`, and `distances` as a list, the further fields in the metadata.
 //!
 //! Numbers in text formats have as many digits as needed to read back the same bits.
 
-use serde_json::{Map, Value};
+use std::collections::HashMap;
+use std::sync::Arc;
 
+use arrow_array::{ArrayRef, FixedSizeListArray, Float64Array, RecordBatch, StringArray};
+use arrow_schema::{ArrowError, DataType, Field, Schema, SchemaRef};
+use serde_json::{Map, Value};
+use shapelex_formats::shape::npy_header;
+
+use super::batches::{ARROW, BatchError, BatchFormat, PARQUET, Pieces, Written};
 use super::table::quoted;
 
 /// File format of a matrix.
@@ -19,6 +27,10 @@ pub enum MatrixFormat {
     Csv,
     /// NumPy binary format.
     Npy,
+    /// Arrow IPC stream.
+    Arrow,
+    /// Parquet file.
+    Parquet,
 }
 
 /// A square matrix with row names.
@@ -35,30 +47,60 @@ pub struct NamedMatrix {
 }
 
 impl MatrixFormat {
+    /// All formats.
+    pub const ALL: [Self; 5] = [Self::Json, Self::Csv, Self::Npy, Self::Arrow, Self::Parquet];
+
+    /// Name in requests.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Json => "json",
+            Self::Csv => "csv",
+            Self::Npy => "npy",
+            Self::Arrow => "arrow",
+            Self::Parquet => "parquet",
+        }
+    }
+
     /// Media type of the format.
     pub fn media_type(self) -> &'static str {
         match self {
             Self::Json => "application/json",
             Self::Csv => "text/csv",
             Self::Npy => "application/x-npy",
+            Self::Arrow => ARROW,
+            Self::Parquet => PARQUET,
         }
     }
 }
 
+/// Number of values of a batch of rows.
+const BATCH: usize = 1 << 20;
+
 impl NamedMatrix {
-    /// Writes the file in pieces of about one row each.
-    pub fn pieces(self, format: MatrixFormat) -> impl Iterator<Item = Vec<u8>> + Send + 'static {
+    /// Writes the file in pieces of about one row each, or a batch of rows.
+    ///
+    /// # Errors
+    /// None that values can cause: an error of a piece is a bug, after which the file ends.
+    pub fn pieces(self, format: MatrixFormat) -> Result<Written, BatchError> {
+        let text = match format {
+            MatrixFormat::Json => Text::Json,
+            MatrixFormat::Csv => Text::Csv,
+            MatrixFormat::Npy => Text::Npy,
+            MatrixFormat::Arrow => return Ok(Box::new(self.batches(BatchFormat::Arrow)?)),
+            MatrixFormat::Parquet => return Ok(Box::new(self.batches(BatchFormat::Parquet)?)),
+        };
         let size = self.ids.len();
-        (0..size + 2).map(move |piece| match piece {
-            0 => self.head(format),
-            last if last == size + 1 => tail(format),
-            row => write_row(format, row == 1, &self.values[(row - 1) * size..row * size]),
-        })
+        let pieces = (0..size + 2).map(move |piece| match piece {
+            0 => self.head(text),
+            last if last == size + 1 => tail(text),
+            row => write_row(text, row == 1, &self.values[(row - 1) * size..row * size]),
+        });
+        Ok(Box::new(pieces.map(Ok)))
     }
 
-    fn head(&self, format: MatrixFormat) -> Vec<u8> {
+    fn head(&self, format: Text) -> Vec<u8> {
         match format {
-            MatrixFormat::Json => {
+            Text::Json => {
                 let mut head = self.fields.clone();
                 head.insert("ids".into(), Value::from(self.ids.clone()));
                 head.insert("labels".into(), Value::from(self.labels.clone()));
@@ -67,46 +109,86 @@ impl NamedMatrix {
                 text.push_str(",\"distances\":[");
                 text.into_bytes()
             }
-            MatrixFormat::Csv => {
+            Text::Csv => {
                 let ids: Vec<String> = self.ids.iter().map(|id| quoted(id)).collect();
                 (ids.join(",") + "\r\n").into_bytes()
             }
-            MatrixFormat::Npy => npy_head(self.ids.len()),
+            Text::Npy => npy_header("<f8", &[self.ids.len(), self.ids.len()]),
         }
     }
-}
 
-fn tail(format: MatrixFormat) -> Vec<u8> {
-    match format {
-        MatrixFormat::Json => b"]}".to_vec(),
-        MatrixFormat::Csv | MatrixFormat::Npy => Vec::new(),
+    /// Pieces of a columnar file.
+    fn batches(
+        self,
+        format: BatchFormat,
+    ) -> Result<impl Iterator<Item = Result<Vec<u8>, BatchError>> + Send, BatchError> {
+        let size = self.ids.len();
+        let schema = self.schema()?;
+        let rows = (BATCH / size.max(1)).max(1);
+        let of_matrix = Arc::clone(&schema);
+        let batches = (0..size).step_by(rows).map_while(move |start| {
+            // Columns of equal lengths with the types of the schema.
+            self.batch(&of_matrix, start..size.min(start + rows)).ok()
+        });
+        Pieces::new(format, &schema, batches)
+    }
+
+    fn schema(&self) -> Result<SchemaRef, ArrowError> {
+        let size = i32::try_from(self.ids.len()).map_err(|error| ArrowError::CastError(error.to_string()))?;
+        let text = |value: &Value| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
+        let metadata: HashMap<String, String> =
+            self.fields.iter().map(|(name, value)| (name.clone(), text(value))).collect();
+        let item = Arc::new(Field::new("item", DataType::Float64, false));
+        let fields = vec![
+            Field::new("id", DataType::Utf8, false),
+            Field::new("label", DataType::Utf8, true),
+            Field::new("distances", DataType::FixedSizeList(item, size), false),
+        ];
+        Ok(Arc::new(Schema::new_with_metadata(fields, metadata)))
+    }
+
+    fn batch(&self, schema: &SchemaRef, rows: std::ops::Range<usize>) -> Result<RecordBatch, ArrowError> {
+        let size = self.ids.len();
+        let values = Float64Array::from(self.values[rows.start * size..rows.end * size].to_vec());
+        let DataType::FixedSizeList(item, width) = schema.field(2).data_type() else {
+            return Err(ArrowError::SchemaError("expected lists".into()));
+        };
+        let columns: [ArrayRef; 3] = [
+            Arc::new(StringArray::from_iter_values(&self.ids[rows.clone()])),
+            Arc::new(self.labels[rows].iter().map(Option::as_deref).collect::<StringArray>()),
+            Arc::new(FixedSizeListArray::try_new(Arc::clone(item), *width, Arc::new(values), None)?),
+        ];
+        RecordBatch::try_new(Arc::clone(schema), columns.into())
     }
 }
 
-fn write_row(format: MatrixFormat, first: bool, row: &[f64]) -> Vec<u8> {
+/// Formats that are written row by row.
+#[derive(Clone, Copy)]
+enum Text {
+    Json,
+    Csv,
+    Npy,
+}
+
+fn tail(format: Text) -> Vec<u8> {
+    match format {
+        Text::Json => b"]}".to_vec(),
+        Text::Csv | Text::Npy => Vec::new(),
+    }
+}
+
+fn write_row(format: Text, first: bool, row: &[f64]) -> Vec<u8> {
     let list = || serde_json::to_vec(row).expect("numbers are JSON");
     match format {
-        MatrixFormat::Json if first => list(),
-        MatrixFormat::Json => [b",".as_slice(), &list()].concat(),
-        MatrixFormat::Csv => {
+        Text::Json if first => list(),
+        Text::Json => [b",".as_slice(), &list()].concat(),
+        Text::Csv => {
             // A CSV line is the JSON list without its brackets.
             let list = list();
             [&list[1..list.len() - 1], b"\r\n"].concat()
         }
-        MatrixFormat::Npy => row.iter().flat_map(|value| value.to_le_bytes()).collect(),
+        Text::Npy => row.iter().flat_map(|value| value.to_le_bytes()).collect(),
     }
-}
-
-/// NPY header of version 1.0: magic, version, length, and a Python literal, padded to a multiple of 64 bytes.
-fn npy_head(size: usize) -> Vec<u8> {
-    const ALIGNMENT: usize = 64;
-    const BEFORE: usize = 10;
-    let mut text = format!("{{'descr': '<f8', 'fortran_order': False, 'shape': ({size}, {size}), }}");
-    let padding = (ALIGNMENT - (BEFORE + text.len() + 1) % ALIGNMENT) % ALIGNMENT;
-    text.push_str(&" ".repeat(padding));
-    text.push('\n');
-    let length = u16::try_from(text.len()).expect("two numbers fill no 64 KiB");
-    [b"\x93NUMPY\x01\x00".as_slice(), &length.to_le_bytes(), text.as_bytes()].concat()
 }
 
 #[cfg(test)]
@@ -121,7 +203,7 @@ mod tests {
             labels: (0..count).map(|k| (k % 2 == 0).then(|| "x".into())).collect(),
             values: (0..count * count).map(|k| k as f64 / 10.0).collect(),
         };
-        matrix.pieces(format).flatten().collect()
+        matrix.pieces(format).unwrap().flat_map(Result::unwrap).collect()
     }
 
     #[test]

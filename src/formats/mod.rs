@@ -8,14 +8,17 @@
 //! * [`record`] — shapes of files as posted shapes, and stored shapes as those of files;
 //! * [`representation`] — representations as JSON;
 //! * [`merge_patch`] — changes of a JSON object; [`time`] — times as text;
-//! * [`matrix`] — square matrices as JSON, CSV and NPY;
 //! * [`summary`] — what a file holds beside its shapes;
-//! * [`table`] — tables as JSON, CSV, NDJSON and Arrow;
+//! * [`matrix`] — square matrices as JSON, CSV, NPY, Arrow and Parquet;
+//! * [`table`] — tables as JSON, CSV, NDJSON, Arrow and Parquet; [`batches`] — the latter two;
+//! * [`columns`] — answers of JSON as tables of numbers, texts and lists: CSV, Arrow, Parquet, NPY and NPZ;
 //! * [`mesh`] — triangle meshes as OBJ, PLY, STL and glTF; [`gltf`] — also with displacements;
 //! * [`picture`] — drawings as SVG and PNG; [`image`] — images and volumes, [`files`] — shapes of other programs, a crate.
 
+pub mod batches;
 pub mod bounds;
 pub mod checked;
+pub mod columns;
 pub mod fault;
 pub mod gltf;
 pub mod json;

@@ -1,9 +1,10 @@
-//! Tables in JSON by columns, CSV, NDJSON and Arrow, written in blocks of rows.
+//! Tables in JSON by columns, CSV, NDJSON, Arrow and Parquet, written in blocks of rows.
 //!
 //! * JSON — `{…, "rows": n, "columns": [{"name", "type", "values"}]}`, preceded by further fields;
 //! * CSV (RFC 4180) — a line of names, then a line per row; missing values are empty;
 //! * NDJSON — an object per row; missing values are null;
-//! * Arrow — an IPC stream of record batches, texts that repeat as dictionaries, the further fields in the metadata of the schema.
+//! * Arrow — an IPC stream of record batches, texts that repeat as dictionaries, the further fields in the metadata of the schema;
+//! * Parquet — the same columns and metadata as a file.
 //!
 //! Numbers in text formats have as many digits as needed to read back the same bits.
 
@@ -15,10 +16,10 @@ use arrow_array::{
     ArrayRef, BooleanArray, DictionaryArray, Float64Array, PrimitiveArray, RecordBatch, StringArray,
     TimestampMillisecondArray,
 };
-use arrow_ipc::writer::StreamWriter;
 use arrow_schema::{ArrowError, Field, Schema};
 use serde_json::{Map, Value};
 
+use super::batches::{ARROW, BatchError, BatchFormat, PARQUET, Pieces, Written};
 use super::time::rfc3339;
 
 /// File format of a table.
@@ -32,11 +33,13 @@ pub enum TableFormat {
     Ndjson,
     /// Arrow IPC stream.
     Arrow,
+    /// Parquet file.
+    Parquet,
 }
 
 impl TableFormat {
     /// All formats.
-    pub const ALL: [Self; 4] = [Self::Json, Self::Csv, Self::Ndjson, Self::Arrow];
+    pub const ALL: [Self; 5] = [Self::Json, Self::Csv, Self::Ndjson, Self::Arrow, Self::Parquet];
 
     /// Name in requests.
     pub fn name(self) -> &'static str {
@@ -45,6 +48,7 @@ impl TableFormat {
             Self::Csv => "csv",
             Self::Ndjson => "ndjson",
             Self::Arrow => "arrow",
+            Self::Parquet => "parquet",
         }
     }
 
@@ -54,7 +58,8 @@ impl TableFormat {
             Self::Json => "application/json",
             Self::Csv => "text/csv",
             Self::Ndjson => "application/x-ndjson",
-            Self::Arrow => "application/vnd.apache.arrow.stream",
+            Self::Arrow => ARROW,
+            Self::Parquet => PARQUET,
         }
     }
 }
@@ -142,6 +147,8 @@ pub struct Table {
 
 /// Number of rows written at once.
 const BLOCK: usize = 4096;
+/// Number of rows of a batch.
+const BATCH: usize = 16 * BLOCK;
 
 impl Table {
     /// Memory in bytes.
@@ -150,13 +157,27 @@ impl Table {
     }
 
     /// Writes the file in pieces of some thousand rows each.
-    pub fn pieces(self, format: TableFormat) -> Box<dyn Iterator<Item = Vec<u8>> + Send> {
-        match format {
-            TableFormat::Json => Box::new(self.json()),
-            TableFormat::Csv => Box::new(self.lines(format)),
-            TableFormat::Ndjson => Box::new(self.lines(format)),
-            TableFormat::Arrow => Box::new(Arrow::new(self)),
-        }
+    ///
+    /// # Errors
+    /// None that values can cause: an error of a piece is a bug, after which the file ends.
+    pub fn pieces(self, format: TableFormat) -> Result<Written, BatchError> {
+        Ok(match format {
+            TableFormat::Json => Box::new(self.json().map(Ok)),
+            TableFormat::Csv | TableFormat::Ndjson => Box::new(self.lines(format).map(Ok)),
+            TableFormat::Arrow => Box::new(self.batches(BatchFormat::Arrow)?),
+            TableFormat::Parquet => Box::new(self.batches(BatchFormat::Parquet)?),
+        })
+    }
+
+    /// Pieces of a columnar file.
+    fn batches(
+        self,
+        format: BatchFormat,
+    ) -> Result<impl Iterator<Item = Result<Vec<u8>, BatchError>> + Send, BatchError> {
+        let batch = record_batch(self)?;
+        let (schema, rows) = (batch.schema(), batch.num_rows());
+        let starts = (0..rows).step_by(BATCH);
+        Pieces::new(format, &schema, starts.map(move |start| batch.slice(start, BATCH.min(rows - start))))
     }
 
     /// Ranges of rows that are written at once.
@@ -229,46 +250,6 @@ impl Table {
     }
 }
 
-/// Pieces of an Arrow stream.
-struct Arrow {
-    writer: Option<StreamWriter<Vec<u8>>>,
-    batch: Option<RecordBatch>,
-    written: usize,
-}
-
-impl Arrow {
-    fn new(table: Table) -> Self {
-        // Columns of equal lengths whose types follow from their values fit their schema.
-        let made = record_batch(table)
-            .and_then(|batch| Ok((StreamWriter::try_new(Vec::new(), &batch.schema())?, batch)));
-        match made {
-            Ok((writer, batch)) => Self { writer: Some(writer), batch: Some(batch), written: 0 },
-            Err(error) => {
-                debug_assert!(false, "{error}");
-                Self { writer: None, batch: None, written: 0 }
-            }
-        }
-    }
-}
-
-impl Iterator for Arrow {
-    type Item = Vec<u8>;
-
-    fn next(&mut self) -> Option<Vec<u8>> {
-        let writer = self.writer.as_mut()?;
-        let rows = self.batch.as_ref().map_or(0, RecordBatch::num_rows);
-        if self.written >= rows {
-            let writer = self.writer.take()?;
-            return writer.into_inner().ok();
-        }
-        let length = (16 * BLOCK).min(rows - self.written);
-        let block = self.batch.as_ref()?.slice(self.written, length);
-        self.written += length;
-        writer.write(&block).ok()?;
-        Some(std::mem::take(writer.get_mut()))
-    }
-}
-
 fn record_batch(table: Table) -> Result<RecordBatch, ArrowError> {
     let text = |value: &Value| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
     let metadata: HashMap<String, String> =
@@ -335,6 +316,7 @@ mod tests {
     use arrow_array::Array;
     use arrow_array::cast::AsArray;
     use arrow_ipc::reader::StreamReader;
+    use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
 
     fn table(rows: usize) -> Table {
         let names = (0..rows).map(|row| Arc::from(format!("s{row}, \"x\""))).collect();
@@ -362,7 +344,8 @@ mod tests {
     }
 
     fn written(rows: usize, format: TableFormat) -> Vec<u8> {
-        table(rows).pieces(format).flatten().collect()
+        let pieces = table(rows).pieces(format).unwrap();
+        pieces.flat_map(Result::unwrap).collect()
     }
 
     #[test]
@@ -392,6 +375,21 @@ mod tests {
         let rows: Vec<Value> = lines.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
         assert_eq!(rows.len(), BLOCK + 2);
         assert_eq!((&rows[2]["flag"], &rows[3]["area"]), (&Value::Null, &Value::from(0.1 * 3.0)));
+    }
+
+    #[test]
+    fn parquet_files_are_read_by_the_library() {
+        for rows in [0, 3, 17 * BLOCK] {
+            let bytes = bytes::Bytes::from(written(rows, TableFormat::Parquet));
+            let reader = ParquetRecordBatchReaderBuilder::try_new(bytes).unwrap();
+            assert_eq!(reader.schema().metadata()["revision"], "7");
+            let batches: Vec<RecordBatch> = reader.build().unwrap().map(Result::unwrap).collect();
+            assert_eq!(batches.iter().map(RecordBatch::num_rows).sum::<usize>(), rows);
+            if rows == 3 {
+                let areas = batches[0].column(2).as_primitive::<arrow_array::types::Float64Type>();
+                assert!(areas.is_null(1) && areas.value(2) == 0.1 * 2.0);
+            }
+        }
     }
 
     #[test]

@@ -25,6 +25,7 @@ mod http_dictionaries;
 mod http_drawings;
 mod http_events;
 mod http_files;
+mod http_formats;
 mod http_geomorph;
 mod http_hooks;
 mod http_input;

@@ -245,11 +245,11 @@ pub(super) struct DistancesAnswer {
 /// at `/v1/jobs/{job}/output`; with `Prefer: wait=N` it is the matrix if that is ready within `N` seconds, at most 60.
 #[utoipa::path(post, path = "/distances", tag = "retrieval", request_body = DistancesRequest,
     params(
-        ("format" = Option<String>, Query, description = "`json`, `csv` or `npy`"),
+        ("format" = Option<String>, Query, description = "`json`, `csv`, `npy`, `arrow` or `parquet`"),
         ("prefer" = Option<String>, Header, description = "`wait=10`: wait up to ten seconds for the matrix of the job"), RetryHeader
     ),
     responses(
-        (status = 200, description = "The matrix", content((DistancesAnswer = "application/json"), (String = "text/csv"), (Binary = "application/x-npy"))),
+        (status = 200, description = "The matrix", content((DistancesAnswer = "application/json"), (String = "text/csv"), (Binary = "application/x-npy"), (Binary = "application/vnd.apache.arrow.stream"), (Binary = "application/vnd.apache.parquet"))),
         (status = 202, description = "The job that computes the matrix", body = JobOutput, headers(("Location" = String))),
         (status = 404, description = "No such cohort"),
         (status = 503, description = "Too many jobs are waiting")
@@ -384,10 +384,10 @@ fn misplaced(request: &DistancesRequest) -> Vec<Fault> {
 #[utoipa::path(get, path = "/jobs/{job}/output", tag = "jobs",
     params(
         ("job" = String, Path, description = "Id"),
-        ("format" = Option<String>, Query, description = "`json`, `csv` or `npy` of a matrix, `ndjson` of lines; `svg`, `png` or `nifti` as the segmentation was asked for")
+        ("format" = Option<String>, Query, description = "`json`, `csv`, `npy`, `arrow` or `parquet` of a matrix, `ndjson` of lines; `svg`, `png` or `nifti` as the segmentation was asked for")
     ),
     responses(
-        (status = 200, description = "The matrix, the lines or the file", content((DistancesAnswer = "application/json"), (String = "text/csv"), (Binary = "application/x-npy"), (CohortAssessment = "application/x-ndjson"), (String = "image/svg+xml"), (Binary = "image/png"), (Binary = "application/x-nifti"))),
+        (status = 200, description = "The matrix, the lines or the file", content((DistancesAnswer = "application/json"), (String = "text/csv"), (Binary = "application/x-npy"), (Binary = "application/vnd.apache.arrow.stream"), (Binary = "application/vnd.apache.parquet"), (CohortAssessment = "application/x-ndjson"), (String = "image/svg+xml"), (Binary = "image/png"), (Binary = "application/x-nifti"))),
         (status = 404, description = "No such job, or the job has no output (not yet, none at all, or no longer)")
     ))]
 pub(super) async fn job_output(

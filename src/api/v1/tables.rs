@@ -222,7 +222,7 @@ pub(super) struct TableParameters {
     /// id, all attributes and measures.
     #[param(example = "external_id,labels.treatment,measures.area")]
     columns: Option<Vec<String>>,
-    /// Format: `json`, `csv`, `ndjson` or `arrow`. Default: as the header `Accept` asks, else `json`.
+    /// Format: `json`, `csv`, `ndjson`, `arrow` or `parquet`. Default: as the header `Accept` asks, else `json`.
     format: Option<String>,
 }
 
@@ -283,7 +283,7 @@ const DICTIONARIES: HeaderName = HeaderName::from_static("shapelex-dictionaries"
 #[utoipa::path(get, path = "/cohorts/{cohort}/table", tag = "cohorts",
     params(("cohort" = String, Path, description = "Id or name"), TableParameters, FilterQuery),
     responses(
-        (status = 200, description = "The table", content((TableAnswer = "application/json"), (String = "text/csv"), (String = "application/x-ndjson"), (Binary = "application/vnd.apache.arrow.stream"))),
+        (status = 200, description = "The table", content((TableAnswer = "application/json"), (String = "text/csv"), (String = "application/x-ndjson"), (Binary = "application/vnd.apache.arrow.stream"), (Binary = "application/vnd.apache.parquet"))),
         (status = 304, description = "Unchanged since the version in If-None-Match"),
         (status = 404, description = "No such cohort"),
         (status = "4XX", description = "The query was refused")
@@ -310,9 +310,9 @@ pub(super) async fn find_table(
 /// Returns shapes of a cohort as a table, with columns and filter in the body.
 #[utoipa::path(post, path = "/cohorts/{cohort}/table", tag = "cohorts", request_body = TableRequest,
     params(("cohort" = String, Path, description = "Id or name"),
-        ("format" = Option<String>, Query, description = "Format: `json`, `csv`, `ndjson` or `arrow`. Default: as the header `Accept` asks, else `json`")),
+        ("format" = Option<String>, Query, description = "Format: `json`, `csv`, `ndjson`, `arrow` or `parquet`. Default: as the header `Accept` asks, else `json`")),
     responses(
-        (status = 200, description = "The table", content((TableAnswer = "application/json"), (String = "text/csv"), (String = "application/x-ndjson"), (Binary = "application/vnd.apache.arrow.stream"))),
+        (status = 200, description = "The table", content((TableAnswer = "application/json"), (String = "text/csv"), (String = "application/x-ndjson"), (Binary = "application/vnd.apache.arrow.stream"), (Binary = "application/vnd.apache.parquet"))),
         (status = 404, description = "No such cohort"),
         (status = "4XX", description = "The input was refused")
     ))]
@@ -343,7 +343,7 @@ fn table_format(name: Option<&str>, headers: &HeaderMap) -> Result<TableFormat, 
     let offered = || TableFormat::ALL.into_iter();
     if let Some(name) = name {
         let found = offered().find(|format| format.name() == name);
-        let wanted = || format!("expected 'json', 'csv', 'ndjson' or 'arrow', got '{name}'");
+        let wanted = || format!("expected 'json', 'csv', 'ndjson', 'arrow' or 'parquet', got '{name}'");
         return found.ok_or_else(|| Problem::of_parameter("format", wanted()));
     }
     let accept = accepted(headers);
@@ -397,9 +397,10 @@ fn table_file(
     ];
     table.fields = fields.into_iter().map(|(name, value)| (name.to_owned(), value)).collect();
     let held = app.memory.hold(Purpose::Answers, table.bytes())?;
-    let pieces = table.pieces(format).map(move |piece| {
+    let pieces = table.pieces(format).map_err(|error| ServiceError::Internal(error.to_string()))?;
+    let pieces = pieces.map(move |piece| {
         let _held = &held;
-        Ok::<_, std::convert::Infallible>(piece)
+        piece
     });
     let body = Body::from_stream(stream::iter(pieces));
     Ok(([(header::CONTENT_TYPE, format.media_type())], body).into_response())

@@ -10,7 +10,7 @@ use super::summary::Summary;
 use super::write::Writer;
 use super::{
     Sink, archive, chc, coco, csv, geojson, imagej, mesh, morphologika, ndjson, nef, nts, rtstruct, slicer,
-    tps, wkt,
+    table, tps, wkt,
 };
 
 /// Reads all records of a file.
@@ -67,6 +67,10 @@ pub static FORMATS: &[&Format] = &[
     &wkt::FORMAT,
     &coco::FORMAT,
     &rtstruct::FORMAT,
+    &table::ARROW,
+    &table::PARQUET,
+    &table::NPY,
+    &table::NPZ,
 ];
 
 impl Format {

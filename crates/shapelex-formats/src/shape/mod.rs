@@ -38,6 +38,7 @@ mod rtstruct;
 mod slicer;
 mod source;
 mod summary;
+mod table;
 #[cfg(test)]
 mod testing;
 mod text;
@@ -55,6 +56,7 @@ pub use options::{
 pub use record::{Domain, Faces, Field, Fourier, Geometry, Kind, Mesh, Points, Record, Ring, Value};
 pub use source::Source;
 pub use summary::{Dropped, Summary};
+pub use table::{ArrayZip, npy_header};
 pub use write::Writer;
 
 /// Takes the next record of a file. Its error ends the reading and is returned.

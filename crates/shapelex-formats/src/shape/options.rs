@@ -76,7 +76,7 @@ pub struct Columns {
     /// Number or name of a point, in tables with one point a row.
     pub point: Option<String>,
     /// Columns of coordinates: `["x", "y"]` with one point a row; in tables with one shape a row all of them in order,
-    /// or one pattern with `*` for all columns that match it.
+    /// or one pattern with `*` for all columns that match it; the column or array of lists in Parquet, Arrow and NPZ files.
     pub coordinates: Option<Vec<String>>,
     /// Attributes to take. Default: all other columns.
     pub attributes: Option<Vec<String>>,
@@ -153,6 +153,11 @@ impl ReadOptions {
             }
         }
         Ok(())
+    }
+
+    /// Name of the column or array that holds the points, in files that have one for all coordinates.
+    pub(super) fn points_column(&self) -> Option<&str> {
+        self.columns.as_ref()?.coordinates.as_ref()?.first().map(String::as_str)
     }
 
     /// Whether a name is selected. `*` stands for any text and `?` for one character.
@@ -247,6 +252,8 @@ pub struct WriteOptions {
     pub series: Vec<SeriesImage>,
     /// When the file is made, where a format has a place for it: `2026-11-26T03:00:00`. No date if absent.
     pub created: Option<String>,
+    /// What else is known of the shapes, by name, where a format has a place for it: representation, cohort, revision.
+    pub facts: std::collections::BTreeMap<String, String>,
 }
 
 /// How numbers are written.

@@ -1,0 +1,216 @@
+//! Arrow IPC: streams, in and out, and files, in.
+//!
+//! A stream is a sequence of messages: `FFFFFFFF`, the length of the metadata (32 bits), the metadata (a flat buffer), and a
+//! body whose length the metadata give. A file is a stream between a magic text and a table of contents, which is not needed
+//! to read it from front to back.
+
+use std::io::{Read, Write};
+
+use arrow_array::RecordBatch;
+use arrow_buffer::Buffer;
+use arrow_ipc::reader::StreamDecoder;
+use arrow_ipc::writer::StreamWriter;
+
+use super::super::Sink;
+use super::super::error::{FileError, Place};
+use super::super::format::Format;
+use super::super::options::{ReadOptions, WriteOptions};
+use super::super::record::{Kind, Record};
+use super::super::source::Source;
+use super::super::summary::Summary;
+use super::super::write::Writer;
+use super::checks::{check_buffers, check_message};
+use super::read_rows::Reading;
+use super::rows::Rows;
+use super::{guarded, unwritten};
+
+/// Arrow IPC.
+pub(in super::super) static FORMAT: Format = Format {
+    id: "arrow",
+    name: "Arrow IPC",
+    media_types: &["application/vnd.apache.arrow.stream", "application/vnd.apache.arrow.file"],
+    extensions: &["arrows", "arrow", "feather"],
+    recognise,
+    kinds: &[Kind::Curve, Kind::Landmarks, Kind::Mesh],
+    options: &["closed", "columns", "dimension"],
+    read: Some(read),
+    open: Some(open),
+};
+
+/// First bytes of a file.
+const MAGIC: &[u8] = b"ARROW1\0\0";
+/// First bytes of a message.
+const CONTINUATION: [u8; 4] = [0xff; 4];
+/// Largest number of zeros behind them.
+const MAX_PADDING: usize = 56;
+/// Largest number of bytes of the metadata of a message.
+const MAX_METADATA: usize = 16 << 20;
+
+fn recognise(head: &[u8]) -> bool {
+    if head.starts_with(MAGIC) {
+        return true;
+    }
+    let length = head.strip_prefix(&CONTINUATION).and_then(|rest| rest.first_chunk::<4>());
+    let length = length.and_then(|bytes| usize::try_from(u32::from_le_bytes(*bytes)).ok());
+    length.is_some_and(|length| (8..=MAX_METADATA).contains(&length) && length.is_multiple_of(8))
+}
+
+fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Result<Summary, FileError> {
+    if source.head().starts_with(MAGIC) {
+        // Zeros follow up to a boundary of 8 or 64 bytes.
+        let padding =
+            source.head()[MAGIC.len()..].iter().take(MAX_PADDING).take_while(|byte| **byte == 0).count();
+        exactly(source, MAGIC.len() + padding, "the magic text of a file")?;
+    }
+    let mut decoder = StreamDecoder::new();
+    let (mut reading, mut schema) = (None, Vec::new());
+    loop {
+        let message = next_message(source, &schema)?;
+        let (at, parts) = match message {
+            Some(Message { at, parts }) => (at, parts),
+            // The decoder takes a message without a body when more bytes follow: here the mark of the end.
+            None => (source.offset(), [[CONTINUATION, [0; 4]].concat(), Vec::new(), Vec::new()]),
+        };
+        let is_end = parts[1].is_empty();
+        if schema.is_empty() {
+            schema.clone_from(&parts[1]);
+        }
+        let batches = guarded("an Arrow message", || decode(&mut decoder, parts));
+        let batches = batches.map_err(|error| error.at(Place::byte(at)))?;
+        if let (None, Some(schema)) = (&reading, decoder.schema()) {
+            reading = Some(Reading::new(options, *source.limits(), schema.metadata()));
+        }
+        if let Some(reading) = &mut reading {
+            batches.iter().try_for_each(|batch| reading.batch(batch, sink))?;
+        }
+        if is_end {
+            break;
+        }
+    }
+    match reading {
+        Some(reading) => Ok(reading.summary),
+        None => Err(FileError::truncated(
+            Place::byte(source.offset()),
+            "expected a schema, got the end of the file",
+        )),
+    }
+}
+
+/// The batches that are complete with the parts of a message.
+fn decode(decoder: &mut StreamDecoder, parts: [Vec<u8>; 3]) -> Result<Vec<RecordBatch>, FileError> {
+    let mut batches = Vec::new();
+    for part in parts {
+        let mut part = Buffer::from_vec(part);
+        while !part.is_empty() {
+            let batch = decoder.decode(&mut part).map_err(|error| {
+                FileError::malformed(Place::default(), format!("expected a valid message, got {error}"))
+            })?;
+            batches.extend(batch);
+        }
+    }
+    Ok(batches)
+}
+
+/// A message: its parts as they are given to the decoder.
+struct Message {
+    at: u64,
+    parts: [Vec<u8>; 3],
+}
+
+/// The next message, or `None` at the end of the stream. `schema` are the metadata of the first one.
+fn next_message(source: &mut Source<'_>, schema: &[u8]) -> Result<Option<Message>, FileError> {
+    let at = source.offset();
+    let mut first = Vec::new();
+    source.by_ref().take(4).read_to_end(&mut first)?;
+    if first.is_empty() {
+        return Ok(None);
+    }
+    // Streams before version 0.15 have no continuation mark.
+    let length = if first == CONTINUATION { exactly(source, 4, "the length of a message")? } else { first };
+    let length: [u8; 4] = length
+        .try_into()
+        .map_err(|_| FileError::truncated(Place::byte(at), "expected a message, got the end of the file"))?;
+    let size = u32::from_le_bytes(length) as usize;
+    if size == 0 {
+        return Ok(None);
+    }
+    if size > MAX_METADATA {
+        let detail = format!("expected metadata of at most {MAX_METADATA} bytes, got {size}");
+        return Err(FileError::too_large(Place::byte(at), detail));
+    }
+    let metadata = exactly(source, size, "the metadata of a message")?;
+    let held = source.limits().held;
+    let body = check_message(&metadata, held).map_err(|error| error.at(Place::byte(at)))?;
+    let body = exactly(source, body, "the body of a message")?;
+    check_buffers(&metadata, &body, schema, held).map_err(|error| error.at(Place::byte(at)))?;
+    let head = [CONTINUATION, length].concat();
+    Ok(Some(Message { at, parts: [head, metadata, body] }))
+}
+
+/// The next `count` bytes, for which memory is taken as they arrive.
+fn exactly(source: &mut Source<'_>, count: usize, what: &str) -> Result<Vec<u8>, FileError> {
+    let mut bytes = Vec::new();
+    let found = source.by_ref().take(count as u64).read_to_end(&mut bytes)?;
+    if found == count {
+        return Ok(bytes);
+    }
+    let detail = format!("expected {count} bytes of {what}, got {found}");
+    Err(FileError::truncated(Place::byte(source.offset()), detail))
+}
+
+struct Stream<'a> {
+    rows: Rows,
+    output: Output<'a>,
+}
+
+/// The output, until the first rows say which columns there are.
+enum Output<'a> {
+    Waiting(Box<dyn Write + Send + 'a>),
+    Begun(Box<StreamWriter<Box<dyn Write + Send + 'a>>>),
+    Ended,
+}
+
+fn open<'a>(
+    output: Box<dyn Write + Send + 'a>,
+    options: &WriteOptions,
+) -> Result<Box<dyn Writer + 'a>, FileError> {
+    Ok(Box::new(Stream { rows: Rows::new(options), output: Output::Waiting(output) }))
+}
+
+impl Stream<'_> {
+    fn write(&mut self, batch: &RecordBatch) -> Result<(), FileError> {
+        let mut writer = match std::mem::replace(&mut self.output, Output::Ended) {
+            Output::Waiting(output) => {
+                Box::new(StreamWriter::try_new(output, &batch.schema()).map_err(unwritten)?)
+            }
+            Output::Begun(writer) => writer,
+            Output::Ended => return Err(unwritten("expected rows before the end, got more")),
+        };
+        if batch.num_rows() > 0 {
+            writer.write(batch).map_err(unwritten)?;
+        }
+        self.output = Output::Begun(writer);
+        Ok(())
+    }
+}
+
+impl Writer for Stream<'_> {
+    fn push(&mut self, record: &Record) -> Result<(), FileError> {
+        match self.rows.push(record)? {
+            Some(batch) => self.write(&batch),
+            None => Ok(()),
+        }
+    }
+
+    fn finish(mut self: Box<Self>) -> Result<Summary, FileError> {
+        if !self.rows.is_empty() || matches!(self.output, Output::Waiting(_)) {
+            let batch = self.rows.take()?;
+            self.write(&batch)?;
+        }
+        if let Output::Begun(mut writer) = std::mem::replace(&mut self.output, Output::Ended) {
+            writer.finish().map_err(unwritten)?;
+            writer.get_mut().flush()?;
+        }
+        Ok(self.rows.summary)
+    }
+}

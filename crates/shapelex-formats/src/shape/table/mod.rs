@@ -1,0 +1,82 @@
+//! Tables of shapes: Arrow IPC, Parquet, and the arrays of NumPy.
+//!
+//! A row of an Arrow or Parquet table is a shape:
+//!
+//! | column | type | value |
+//! |---|---|---|
+//! | `external_id`, `subject`, `label` | text | as in [`Record`](super::Record); null if unknown |
+//! | `weight` | double | weight in means |
+//! | `closed` | Boolean | curves only; null for landmarks and meshes |
+//! | `dimension` | 32-bit integer | number of coordinates of a point |
+//! | `points` | list of doubles | curves and landmarks, row-major; a missing point is null in every coordinate |
+//! | `vertices` | list of doubles | meshes, row-major |
+//! | `faces` | list of 32-bit integers | indices of vertices, one face after the other |
+//! | `face_sizes` | list of 32-bit integers | number of corners of every face; null if all are triangles |
+//! | `ring_object`, `ring_part`, `ring_hole` | 64-bit integers, Boolean | place among the rings of an object |
+//! | `labels.NAME` | Boolean, double or text | attributes of the first rows, each of one type |
+//! | `more_labels` | text | all other attributes, a JSON object |
+//! | `fields.NAME` | list of doubles | arrays of values of meshes, row-major; null where there is no value |
+//! | `metadata` | text | what else is known, a JSON object |
+//!
+//! The metadata of the file have `shapelex.schema` (`shapes/1`), `shapelex.unit` and other facts of the writer, and
+//! `shapelex.fields`: a JSON object that says what carries each field, and the number of components of its values.
+
+mod array_zip;
+mod arrays;
+pub(super) mod arrow;
+mod checks;
+mod layout;
+mod npy;
+mod npy_file;
+mod npz;
+mod pages;
+mod parquet;
+mod read_rows;
+mod rows;
+#[cfg(test)]
+mod tests;
+
+pub use array_zip::ArrayZip;
+pub use npy::header_bytes as npy_header;
+
+pub(super) use arrow::FORMAT as ARROW;
+pub(super) use npy_file::FORMAT as NPY;
+pub(super) use npz::FORMAT as NPZ;
+pub(super) use parquet::FORMAT as PARQUET;
+
+use super::error::{FaultKind, FileError, Place};
+
+/// Version of the columns, in the metadata of a file.
+const SCHEMA: &str = "shapes/1";
+/// What the metadata of a file begin with that say something of the shapes.
+const PREFIX: &str = "shapelex.";
+/// Prefix of the columns of attributes.
+const LABELS: &str = "labels.";
+/// Prefix of the columns of values at vertices or faces.
+const FIELDS: &str = "fields.";
+
+/// A field of meshes, in the metadata of a file.
+#[derive(serde::Serialize, serde::Deserialize, Clone, PartialEq)]
+struct FieldNote {
+    /// `vertices` or `faces`.
+    on: String,
+    /// Number of components of a value.
+    width: usize,
+}
+
+/// An error of the output or of the library that writes.
+fn unwritten(error: impl std::fmt::Display) -> FileError {
+    FileError::of(FaultKind::Io, Place::default(), error)
+}
+
+/// Runs a step of a library of containers. Should it panic at a file that contradicts itself in a way that the checks before
+/// it do not see, that is for the caller a malformed file, as any other contradiction. Tests are told: a check is missing.
+fn guarded<T>(what: &str, step: impl FnOnce() -> Result<T, FileError>) -> Result<T, FileError> {
+    std::panic::catch_unwind(std::panic::AssertUnwindSafe(step)).unwrap_or_else(|panic| {
+        if cfg!(test) {
+            std::panic::resume_unwind(panic);
+        }
+        let detail = format!("expected {what} that does not contradict itself, got one that does");
+        Err(FileError::malformed(Place::default(), detail))
+    })
+}

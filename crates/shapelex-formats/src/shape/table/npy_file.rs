@@ -1,0 +1,144 @@
+//! NPY: shapes of equal numbers of points as one array of NumPy, shapes × points × coordinates.
+
+use std::io::{Read, Write};
+
+use super::super::Sink;
+use super::super::error::{FileError, Place};
+use super::super::format::Format;
+use super::super::options::{ReadOptions, WriteOptions};
+use super::super::record::{Geometry, Kind, Points, Record};
+use super::super::source::Source;
+use super::super::summary::Summary;
+use super::super::write::Writer;
+use super::npy::{Header, Layout, MAGIC, exactly, header_bytes};
+
+/// NPY.
+pub(in super::super) static FORMAT: Format = Format {
+    id: "npy",
+    name: "NPY",
+    media_types: &["application/x-npy"],
+    extensions: &["npy"],
+    recognise: |head| head.starts_with(MAGIC),
+    kinds: &[Kind::Curve, Kind::Landmarks],
+    options: &["closed", "dimension"],
+    read: Some(read),
+    open: Some(open),
+};
+
+fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Result<Summary, FileError> {
+    let limits = *source.limits();
+    let header = Header::read(source)?;
+    let layout = Layout::of(&header, options, &limits)?;
+    let mut give =
+        |points, shape: usize| sink(Record::new(geometry(points, options), Place::item(shape as u64)));
+    if header.fortran {
+        let count = header.count()?.saturating_mul(header.size as u64);
+        let count = usize::try_from(count).ok().filter(|count| *count <= limits.held).ok_or_else(|| {
+            let detail = format!("expected at most {} bytes in Fortran order, got {count}", limits.held);
+            FileError::too_large(Place::tag("header of the array"), detail)
+        })?;
+        let bytes = exactly(source, count)?;
+        for shape in 0..layout.shapes {
+            give(layout.transposed(&header, &bytes, shape), shape)?;
+        }
+    } else {
+        for shape in 0..layout.shapes {
+            let items = exactly(source, layout.width().saturating_mul(header.size))
+                .map_err(|error| error.at(Place::item(shape as u64)))?;
+            let coordinates = items.chunks_exact(header.size).map(|item| header.number(item)).collect();
+            give(Points::from_rows(layout.dimension, coordinates), shape)?;
+        }
+    }
+    let mut rest = [0];
+    if source.read(&mut rest)? > 0 {
+        return Err(FileError::malformed(
+            Place::byte(source.offset() - 1),
+            "expected the end of the file, got more bytes",
+        ));
+    }
+    Ok(Summary::default())
+}
+
+/// Points as the options say: a curve if they say whether it is closed.
+pub(super) fn geometry(points: Points, options: &ReadOptions) -> Geometry {
+    match options.closed {
+        Some(closed) => Geometry::Curve { points, closed },
+        None => Geometry::Landmarks(points),
+    }
+}
+
+/// The points of a record, and whether they are a closed curve.
+///
+/// # Errors
+/// Geometry that has more than points.
+pub(super) fn points_of(record: &Record) -> Result<(&Points, Option<bool>), FileError> {
+    match &record.geometry {
+        Geometry::Curve { points, closed } => Ok((points, Some(*closed))),
+        Geometry::Landmarks(points) => Ok((points, None)),
+        other => {
+            let detail =
+                format!("expected curves or landmarks in an array of points, got {:?}", other.kind());
+            Err(FileError::unsupported(record.place.clone(), detail))
+        }
+    }
+}
+
+struct Array<'a> {
+    output: Box<dyn Write + Send + 'a>,
+    /// Points and coordinates of the first shape, which all have.
+    size: Option<(usize, usize)>,
+    values: Vec<f64>,
+    summary: Summary,
+}
+
+fn open<'a>(output: Box<dyn Write + Send + 'a>, _: &WriteOptions) -> Result<Box<dyn Writer + 'a>, FileError> {
+    Ok(Box::new(Array { output, size: None, values: Vec::new(), summary: Summary::default() }))
+}
+
+impl Writer for Array<'_> {
+    fn push(&mut self, record: &Record) -> Result<(), FileError> {
+        let (points, closed) = points_of(record)?;
+        let found = (points.len(), points.dimension());
+        let wanted = *self.size.get_or_insert(found);
+        if found != wanted {
+            let detail = format!(
+                "expected {} points of {} coordinates in every shape of an array, got {} of {}; NPZ and Parquet hold others",
+                wanted.0, wanted.1, found.0, found.1
+            );
+            return Err(FileError::unsupported(record.place.clone(), detail));
+        }
+        self.values.extend_from_slice(points.coordinates());
+        let lost = [
+            ("external ids", record.name.is_some()),
+            ("subjects", record.subject.is_some()),
+            ("labels", record.label.is_some()),
+            ("attributes", !record.labels.is_empty()),
+            ("weights", record.weight.is_some()),
+            ("metadata", !record.metadata.is_empty()),
+            ("statements that a curve is closed or open", closed.is_some()),
+            ("places among the rings of an object", record.ring.is_some()),
+        ];
+        for (what, _) in lost.into_iter().filter(|(_, lost)| *lost) {
+            self.summary.drop(what, None, || record.place.clone());
+        }
+        self.summary.records += 1;
+        Ok(())
+    }
+
+    fn finish(mut self: Box<Self>) -> Result<Summary, FileError> {
+        let (points, dimension) = self.size.unwrap_or((0, 2));
+        let count = usize::try_from(self.summary.records).unwrap_or(usize::MAX);
+        self.output.write_all(&header_bytes("<f8", &[count, points, dimension]))?;
+        write_numbers(&mut self.output, &self.values)?;
+        self.output.flush()?;
+        Ok(self.summary)
+    }
+}
+
+/// Little-endian doubles.
+pub(super) fn write_numbers(output: &mut impl Write, values: &[f64]) -> Result<(), FileError> {
+    for block in values.chunks(4096) {
+        output.write_all(&block.iter().flat_map(|value| value.to_le_bytes()).collect::<Vec<u8>>())?;
+    }
+    Ok(())
+}

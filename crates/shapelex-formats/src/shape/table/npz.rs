@@ -1,0 +1,368 @@
+//! NPZ: arrays of NumPy in a zip.
+//!
+//! | array | items | value |
+//! |---|---|---|
+//! | `points` | double | shapes × points × coordinates; if their numbers of points differ, all points of all shapes × coordinates |
+//! | `offsets` | 64-bit integer | then: number of points before each shape, and of all |
+//! | `ids`, `subjects`, `labels` | text | as in [`Record`]; empty if unknown |
+//! | `weights` | double | NaN if unknown |
+//! | `closed` | 8-bit integer | 1 closed curve, 0 open curve, −1 landmarks |
+//! | `attributes`, `metadata` | text | a JSON object, or empty |
+//!
+//! Only `points` is always there; other arrays are, if a shape has a value.
+
+use std::io::{Cursor, Read, Write};
+
+use serde_json::Value as Json;
+use zip::ZipArchive;
+
+use super::super::Sink;
+use super::super::error::{FileError, Place};
+use super::super::format::Format;
+use super::super::limits::Limits;
+use super::super::options::{ReadOptions, WriteOptions};
+use super::super::record::{Geometry, Kind, Points, Record};
+use super::super::source::Source;
+use super::super::summary::Summary;
+use super::super::write::Writer;
+use super::array_zip::ArrayZip;
+use super::npy::{Header, Items, Layout, exactly};
+use super::npy_file::{geometry, points_of};
+use super::unwritten;
+
+/// NPZ.
+pub(in super::super) static FORMAT: Format = Format {
+    id: "npz",
+    name: "NPZ",
+    media_types: &["application/x-npz"],
+    extensions: &["npz"],
+    recognise,
+    kinds: &[Kind::Curve, Kind::Landmarks],
+    options: &["closed", "columns", "dimension"],
+    read: Some(read),
+    open: Some(open),
+};
+
+/// A zip whose first file is an array.
+fn recognise(head: &[u8]) -> bool {
+    let length = head.get(26..28).map(|bytes| usize::from(bytes[0]) | usize::from(bytes[1]) << 8);
+    let name = length.and_then(|length| head.get(30..30 + length));
+    head.starts_with(b"PK\x03\x04") && name.is_some_and(|name| name.ends_with(b".npy"))
+}
+
+/// An array that is held.
+struct Array {
+    name: String,
+    header: Header,
+    bytes: Vec<u8>,
+}
+
+impl Array {
+    fn fault(&self, detail: impl Into<String>) -> FileError {
+        FileError::malformed(at(&self.name), detail)
+    }
+
+    fn items(&self) -> impl Iterator<Item = &[u8]> {
+        self.bytes.chunks_exact(self.header.size.max(1))
+    }
+
+    /// One item a shape.
+    fn check_length(&self, shapes: usize) -> Result<(), FileError> {
+        if self.header.shape == [shapes] {
+            return Ok(());
+        }
+        Err(self.fault(format!(
+            "expected an item for each of {shapes} shapes, got an array of shape {:?}",
+            self.header.shape
+        )))
+    }
+
+    fn numbers(&self, shapes: usize) -> Result<Vec<f64>, FileError> {
+        self.check_length(shapes)?;
+        if self.header.is_number() || self.header.items == Items::Flag {
+            return Ok(self.items().map(|item| self.header.number(item)).collect());
+        }
+        Err(self.fault("expected numbers or flags, got texts"))
+    }
+
+    /// Texts, `None` where they are empty; numbers are written out.
+    fn texts(&self, shapes: usize) -> Result<Vec<Option<String>>, FileError> {
+        self.check_length(shapes)?;
+        if self.header.is_number() {
+            return Ok(self.items().map(|item| Some(self.header.number(item).to_string())).collect());
+        }
+        if self.header.size == 0 {
+            return Ok(vec![None; shapes]);
+        }
+        let text = |item| {
+            let text = self.header.text(item).ok_or_else(|| self.fault("expected texts, got other items"))?;
+            Ok((!text.is_empty()).then_some(text))
+        };
+        self.items().map(text).collect()
+    }
+}
+
+fn at(name: &str) -> Place {
+    Place { entry: Some(format!("{name}.npy")), ..Place::default() }
+}
+
+/// The arrays of the file, of which points, ids and what else is known by its name.
+#[derive(Default)]
+struct Arrays {
+    found: Vec<Array>,
+}
+
+impl Arrays {
+    fn take(&mut self, name: &str) -> Option<Array> {
+        let at = self.found.iter().position(|array| array.name == name)?;
+        Some(self.found.remove(at))
+    }
+}
+
+const KNOWN: [&str; 8] =
+    ["offsets", "ids", "subjects", "labels", "weights", "closed", "attributes", "metadata"];
+
+fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Result<Summary, FileError> {
+    let limits = *source.limits();
+    let mut summary = Summary::default();
+    let wanted = options.points_column().unwrap_or("points");
+    let mut arrays = unpack(source.bytes()?, wanted, &limits, &mut summary)?;
+    let Some(points) = arrays.take(wanted) else {
+        let detail = format!("expected an array '{wanted}', or columns.coordinates that names it");
+        return Err(FileError::malformed(Place::default(), detail));
+    };
+    let shapes = match arrays.take("offsets") {
+        Some(offsets) => ragged(&points, &offsets, &limits)?,
+        None => regular(&points, options, &limits)?,
+    };
+    let count = shapes.len();
+    let mut texts = |name: &str| arrays.take(name).map(|array| array.texts(count)).transpose();
+    let (ids, subjects, labels) = (texts("ids")?, texts("subjects")?, texts("labels")?);
+    let (attributes, metadata) = (texts("attributes")?, texts("metadata")?);
+    let mut numbers = |name: &str| arrays.take(name).map(|array| array.numbers(count)).transpose();
+    let (weights, closed) = (numbers("weights")?, numbers("closed")?);
+    for (k, points) in shapes.into_iter().enumerate() {
+        let place = Place { item: Some(k as u64), ..at(wanted) };
+        let text = |texts: &Option<Vec<Option<String>>>| texts.as_ref().and_then(|texts| texts[k].clone());
+        let geometry = match closed.as_ref().map(|closed| closed[k]) {
+            Some(closed) if closed < 0.0 => Geometry::Landmarks(points),
+            Some(closed) => Geometry::Curve { points, closed: closed > 0.0 },
+            None => geometry(points, options),
+        };
+        let json = |texts: &Option<Vec<Option<String>>>, name: &str| match text(texts) {
+            Some(text) => serde_json::from_str(&text).map_err(|_| {
+                FileError::malformed(
+                    Place { item: Some(k as u64), ..at(name) },
+                    "expected a JSON object, got other text",
+                )
+            }),
+            None => Ok(Json::Object(serde_json::Map::new())),
+        };
+        let not_object = |name: &str| {
+            FileError::malformed(
+                Place { item: Some(k as u64), ..at(name) },
+                "expected a JSON object of texts, numbers and Booleans, got other values",
+            )
+        };
+        sink(Record {
+            name: text(&ids),
+            subject: text(&subjects),
+            label: text(&labels),
+            labels: serde_json::from_value(json(&attributes, "attributes")?)
+                .map_err(|_| not_object("attributes"))?,
+            weight: weights.as_ref().map(|weights| weights[k]).filter(|weight| weight.is_finite()),
+            metadata: serde_json::from_value(json(&metadata, "metadata")?)
+                .map_err(|_| not_object("metadata"))?,
+            ..Record::new(geometry, place)
+        })?;
+    }
+    Ok(summary)
+}
+
+/// Reads the arrays that are of use; of others, and of other files, the names are kept.
+fn unpack(bytes: Vec<u8>, points: &str, limits: &Limits, summary: &mut Summary) -> Result<Arrays, FileError> {
+    let malformed = |error: &dyn std::fmt::Display| {
+        FileError::malformed(Place::default(), format!("expected a zip of arrays, got {error}"))
+    };
+    let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(|error| malformed(&error))?;
+    let mut arrays = Arrays::default();
+    let mut held = 0_usize;
+    for k in 0..archive.len() {
+        let mut file = archive.by_index(k).map_err(|error| malformed(&error))?;
+        let name = file.name().map_err(|error| malformed(&error))?.into_owned();
+        let array = name.strip_suffix(".npy").filter(|name| *name == points || KNOWN.contains(name));
+        let Some(array) = array.filter(|array| arrays.found.iter().all(|other| other.name != *array)) else {
+            summary.drop("files of other names", Some(&name), || Place {
+                entry: Some(name.clone()),
+                ..Place::default()
+            });
+            continue;
+        };
+        let read = read_array(array, &mut file, limits.held.saturating_sub(held));
+        let array = read.map_err(|error| error.at(at(array)))?;
+        held = held.saturating_add(array.bytes.len());
+        arrays.found.push(array);
+    }
+    Ok(arrays)
+}
+
+fn read_array(name: &str, file: &mut impl Read, held: usize) -> Result<Array, FileError> {
+    let header = Header::read(file)?;
+    let count = header.count()?.saturating_mul(header.size as u64);
+    let Some(count) = usize::try_from(count).ok().filter(|count| *count <= held) else {
+        let detail = format!("expected arrays of at most {held} bytes, got {count}");
+        return Err(FileError::too_large(Place::default(), detail));
+    };
+    // Items of no bytes are of empty texts; there is a list of them below.
+    if header.size == 0 && header.count()? > 0 && header.shape.iter().any(|axis| *axis > held) {
+        return Err(FileError::too_large(Place::default(), "expected fewer items, got more"));
+    }
+    let bytes = exactly(file, count)?;
+    Ok(Array { name: name.to_owned(), header, bytes })
+}
+
+fn regular(array: &Array, options: &ReadOptions, limits: &Limits) -> Result<Vec<Points>, FileError> {
+    let layout = Layout::of(&array.header, options, limits).map_err(|error| error.at(at(&array.name)))?;
+    if array.header.fortran {
+        return Ok((0..layout.shapes).map(|k| layout.transposed(&array.header, &array.bytes, k)).collect());
+    }
+    let width = layout.width().saturating_mul(array.header.size).max(1);
+    let shape = |bytes: &[u8]| {
+        let coordinates =
+            bytes.chunks_exact(array.header.size).map(|item| array.header.number(item)).collect();
+        Points::from_rows(layout.dimension, coordinates)
+    };
+    Ok(array.bytes.chunks_exact(width).map(shape).collect())
+}
+
+/// Shapes of different numbers of points, by the number of points before each.
+fn ragged(array: &Array, offsets: &Array, limits: &Limits) -> Result<Vec<Points>, FileError> {
+    let ([count, dimension], false, true) =
+        (array.header.shape.as_slice(), array.header.fortran, array.header.is_number())
+    else {
+        return Err(array.fault(format!(
+            "expected points × coordinates in C order beside offsets, got {:?}",
+            array.header.shape
+        )));
+    };
+    if *dimension == 0 {
+        return Err(array.fault("expected at least one coordinate, got none"));
+    }
+    let [shapes] = offsets.header.shape.as_slice() else {
+        return Err(offsets
+            .fault(format!("expected a list of offsets, got an array of shape {:?}", offsets.header.shape)));
+    };
+    let ends = offsets.numbers(*shapes)?;
+    let wrong =
+        || offsets.fault(format!("expected offsets that ascend from 0 to the {count} points, got others"));
+    if ends.first() != Some(&0.0) || ends.last() != Some(&(*count as f64)) {
+        return Err(wrong());
+    }
+    let size = array.header.size.saturating_mul(*dimension);
+    let mut found = Vec::new();
+    let mut rest = array.bytes.as_slice();
+    for pair in ends.windows(2) {
+        let length = pair[1] - pair[0];
+        if !(length >= 0.0 && length <= limits.points as f64 && length.fract() == 0.0) {
+            return Err(wrong());
+        }
+        // Within the limit on points, so exact.
+        let Some((shape, others)) = rest.split_at_checked((length as usize).saturating_mul(size)) else {
+            return Err(wrong());
+        };
+        let coordinates =
+            shape.chunks_exact(array.header.size).map(|item| array.header.number(item)).collect();
+        found.push(Points::from_rows(*dimension, coordinates));
+        rest = others;
+    }
+    Ok(found)
+}
+
+/// Arrays that are being collected.
+#[derive(Default)]
+struct Collected {
+    values: Vec<f64>,
+    ends: Vec<usize>,
+    dimension: Option<usize>,
+    ids: Vec<Option<String>>,
+    subjects: Vec<Option<String>>,
+    labels: Vec<Option<String>>,
+    attributes: Vec<Option<String>>,
+    metadata: Vec<Option<String>>,
+    weights: Vec<f64>,
+    closed: Vec<Option<bool>>,
+}
+
+struct Zip<'a> {
+    output: Box<dyn Write + Send + 'a>,
+    arrays: Collected,
+    summary: Summary,
+}
+
+fn open<'a>(output: Box<dyn Write + Send + 'a>, _: &WriteOptions) -> Result<Box<dyn Writer + 'a>, FileError> {
+    Ok(Box::new(Zip { output, arrays: Collected::default(), summary: Summary::default() }))
+}
+
+impl Writer for Zip<'_> {
+    fn push(&mut self, record: &Record) -> Result<(), FileError> {
+        let (points, closed) = points_of(record)?;
+        let arrays = &mut self.arrays;
+        let dimension = *arrays.dimension.get_or_insert(points.dimension());
+        if points.dimension() != dimension {
+            let detail = format!(
+                "expected {dimension} coordinates in every shape of an array, got {}",
+                points.dimension()
+            );
+            return Err(FileError::unsupported(record.place.clone(), detail));
+        }
+        arrays.values.extend_from_slice(points.coordinates());
+        arrays.ends.push(arrays.values.len() / dimension.max(1));
+        arrays.ids.push(record.name.clone());
+        arrays.subjects.push(record.subject.clone());
+        arrays.labels.push(record.label.clone());
+        let json = |empty: bool, text: serde_json::Result<String>| {
+            if empty { Ok(None) } else { text.map(Some).map_err(unwritten) }
+        };
+        arrays.attributes.push(json(record.labels.is_empty(), serde_json::to_string(&record.labels))?);
+        arrays.metadata.push(json(record.metadata.is_empty(), serde_json::to_string(&record.metadata))?);
+        arrays.weights.push(record.weight.unwrap_or(f64::NAN));
+        arrays.closed.push(closed);
+        if record.ring.is_some() {
+            self.summary.drop("places among the rings of an object", None, || record.place.clone());
+        }
+        self.summary.records += 1;
+        Ok(())
+    }
+
+    fn finish(self: Box<Self>) -> Result<Summary, FileError> {
+        let Self { output, arrays, summary } = *self;
+        let mut zip = ArrayZip::new(output);
+        write_points(&mut zip, &arrays)?;
+        zip.texts("ids", &arrays.ids)?;
+        zip.texts("subjects", &arrays.subjects)?;
+        zip.texts("labels", &arrays.labels)?;
+        if arrays.weights.iter().any(|weight| !weight.is_nan()) {
+            zip.numbers("weights", &[arrays.weights.len()], &arrays.weights)?;
+        }
+        if arrays.closed.iter().any(Option::is_some) {
+            zip.flags("closed", &arrays.closed)?;
+        }
+        zip.texts("attributes", &arrays.attributes)?;
+        zip.texts("metadata", &arrays.metadata)?;
+        let mut output = zip.finish()?;
+        output.flush()?;
+        Ok(summary)
+    }
+}
+
+/// The points, and their offsets unless all shapes have as many.
+fn write_points<W: Write>(zip: &mut ArrayZip<W>, arrays: &Collected) -> Result<(), FileError> {
+    let (shapes, dimension) = (arrays.ends.len(), arrays.dimension.unwrap_or(2));
+    let all = arrays.ends.last().copied().unwrap_or(0);
+    let each = arrays.ends.first().copied().unwrap_or(0);
+    if arrays.ends.iter().enumerate().all(|(k, end)| *end == each * (k + 1)) {
+        return zip.numbers("points", &[shapes, each, dimension], &arrays.values);
+    }
+    zip.numbers("points", &[all, dimension], &arrays.values)?;
+    zip.offsets("offsets", &arrays.ends)
+}

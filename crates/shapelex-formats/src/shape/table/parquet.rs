@@ -1,0 +1,233 @@
+//! Parquet: in and out.
+//!
+//! The table of contents is at the end, so that a file is held while it is read. Row groups are written as they fill up; their
+//! columns are encoded in parallel, and come out in the same order and bytes on any number of threads.
+
+use std::collections::HashMap;
+use std::io::Write;
+use std::sync::Arc;
+
+use arrow_array::RecordBatch;
+use arrow_schema::SchemaRef;
+use bytes::Bytes;
+use parquet::arrow::ArrowSchemaConverter;
+use parquet::arrow::arrow_reader::{
+    ArrowReaderMetadata, ArrowReaderOptions, ParquetRecordBatchReaderBuilder,
+};
+use parquet::arrow::arrow_writer::{ArrowColumnChunk, ArrowRowGroupWriterFactory, compute_leaves};
+use parquet::basic::Compression;
+use parquet::errors::ParquetError;
+use parquet::file::metadata::{KeyValue, ParquetMetaData};
+use parquet::file::properties::{EnabledStatistics, WriterProperties};
+use parquet::file::writer::SerializedFileWriter;
+use parquet::schema::types::ColumnPath;
+use rayon::prelude::*;
+
+use super::super::Sink;
+use super::super::error::{FaultKind, FileError, Place};
+use super::super::format::Format;
+use super::super::options::{ReadOptions, WriteOptions};
+use super::super::record::{Kind, Record};
+use super::super::source::Source;
+use super::super::summary::Summary;
+use super::super::write::Writer;
+use super::pages::check_columns;
+use super::read_rows::Reading;
+use super::rows::{ROWS, Rows};
+use super::{guarded, unwritten};
+
+/// Parquet.
+pub(in super::super) static FORMAT: Format = Format {
+    id: "parquet",
+    name: "Parquet",
+    media_types: &["application/vnd.apache.parquet"],
+    extensions: &["parquet", "pq"],
+    recognise: |head| head.starts_with(b"PAR1"),
+    kinds: &[Kind::Curve, Kind::Landmarks, Kind::Mesh],
+    options: &["closed", "columns", "dimension"],
+    read: Some(read),
+    open: Some(open),
+};
+
+/// Number of values of a column that are decoded at once.
+const VALUES: u64 = 1 << 21;
+/// Number of batches of a row group.
+const BATCHES: usize = 4;
+/// Number of row groups that are encoded at once: a constant, so that memory does not depend on the machine.
+const GROUPS: usize = 2;
+
+fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Result<Summary, FileError> {
+    let bytes = Bytes::from(source.bytes()?);
+    let at = || Place::byte(bytes.len() as u64);
+    if bytes.len() < 12 || !bytes.ends_with(b"PAR1") {
+        return Err(FileError::truncated(at(), "expected PAR1 at the end of the file, got other bytes"));
+    }
+    // The Arrow schema of the writer says nothing that is needed here.
+    let settings = ArrowReaderOptions::new().with_skip_arrow_metadata(true);
+    let content =
+        guarded("a table of contents", || ArrowReaderMetadata::load(&bytes, settings).map_err(malformed))?;
+    let metadata = content.metadata();
+    let mut reading = Reading::new(options, *source.limits(), &facts(metadata));
+    let columns: Vec<usize> = (0..content.parquet_schema().num_columns()).collect();
+    for group in 0..metadata.num_row_groups() {
+        let rows = metadata.row_group(group).num_rows();
+        let values = check_columns(&bytes, metadata, group, &columns)?;
+        // As many rows at once as have that number of values on average.
+        let rows = u64::try_from(rows).unwrap_or(1).max(1);
+        let batch = (VALUES.saturating_mul(rows) / values.max(1)).clamp(1, ROWS as u64);
+        let builder = ParquetRecordBatchReaderBuilder::new_with_metadata(bytes.clone(), content.clone())
+            .with_row_groups(vec![group])
+            .with_batch_size(usize::try_from(batch).unwrap_or(ROWS));
+        let mut batches = guarded("a row group", || builder.build().map_err(malformed))?;
+        while let Some(batch) = guarded("a row group", || Ok(batches.next()))? {
+            let batch = batch.map_err(|error| {
+                let place = Place { item: u64::try_from(group).ok(), ..Place::tag("row group") };
+                FileError::malformed(place, format!("expected valid pages, got {error}"))
+            })?;
+            reading.batch(&batch, sink)?;
+        }
+    }
+    Ok(reading.summary)
+}
+
+/// What the metadata of the file say.
+fn facts(metadata: &ParquetMetaData) -> HashMap<String, String> {
+    let pairs = metadata.file_metadata().key_value_metadata().into_iter().flatten();
+    pairs.filter_map(|pair| Some((pair.key.clone(), pair.value.clone()?))).collect()
+}
+
+fn malformed(error: ParquetError) -> FileError {
+    let kind =
+        if matches!(error, ParquetError::NYI(_)) { FaultKind::Unsupported } else { FaultKind::Malformed };
+    FileError::new(kind, format!("expected a Parquet file, got {error}"))
+}
+
+struct File<'a> {
+    rows: Rows,
+    output: Option<Box<dyn Write + Send + 'a>>,
+    begun: Option<Begun<'a>>,
+    /// Batches that are not encoded yet, in order.
+    waiting: Vec<RecordBatch>,
+}
+
+/// A file whose columns are known.
+struct Begun<'a> {
+    writer: SerializedFileWriter<Box<dyn Write + Send + 'a>>,
+    factory: ArrowRowGroupWriterFactory,
+    groups: usize,
+}
+
+fn open<'a>(
+    output: Box<dyn Write + Send + 'a>,
+    options: &WriteOptions,
+) -> Result<Box<dyn Writer + 'a>, FileError> {
+    Ok(Box::new(File { rows: Rows::new(options), output: Some(output), begun: None, waiting: Vec::new() }))
+}
+
+/// Settings: Snappy, which every reader knows; no dictionaries and statistics of coordinates, which help nobody.
+fn properties(schema: &SchemaRef) -> WriterProperties {
+    let mut facts: Vec<KeyValue> =
+        schema.metadata().iter().map(|(name, value)| KeyValue::new(name.clone(), value.clone())).collect();
+    facts.sort_by(|a, b| a.key.cmp(&b.key));
+    let mut properties = WriterProperties::builder()
+        .set_created_by("shapelex".into())
+        .set_compression(Compression::SNAPPY)
+        .set_key_value_metadata(Some(facts));
+    for field in
+        schema.fields().iter().filter(|field| matches!(field.data_type(), arrow_schema::DataType::List(_)))
+    {
+        let path = ColumnPath::new(vec![field.name().clone(), "list".into(), "item".into()]);
+        properties = properties
+            .set_column_dictionary_enabled(path.clone(), false)
+            .set_column_statistics_enabled(path.clone(), EnabledStatistics::None)
+            .set_column_compression(path, Compression::UNCOMPRESSED);
+    }
+    properties.build()
+}
+
+/// The columns of a row group, encoded.
+fn encode(
+    factory: &ArrowRowGroupWriterFactory,
+    group: usize,
+    batches: &[RecordBatch],
+) -> Result<Vec<ArrowColumnChunk>, ParquetError> {
+    let mut columns = factory.create_column_writers(group)?;
+    for batch in batches {
+        let mut leaves = columns.iter_mut();
+        for (field, array) in batch.schema().fields().iter().zip(batch.columns()) {
+            for leaf in compute_leaves(field, array)? {
+                let column = leaves.next();
+                column
+                    .ok_or_else(|| ParquetError::General("a column without a writer".into()))?
+                    .write(&leaf)?;
+            }
+        }
+    }
+    columns.into_iter().map(|column| column.close()).collect()
+}
+
+impl File<'_> {
+    /// Takes a batch, and encodes row groups when there are enough of them.
+    fn add(&mut self, batch: RecordBatch) -> Result<(), FileError> {
+        self.waiting.push(batch);
+        if self.waiting.len() < BATCHES * GROUPS { Ok(()) } else { self.encode() }
+    }
+
+    fn encode(&mut self) -> Result<(), FileError> {
+        let batches = std::mem::take(&mut self.waiting);
+        let Some(first) = batches.first() else { return Ok(()) };
+        self.begin(&first.schema())?;
+        let Some(Begun { writer, factory, groups }) = &mut self.begun else { return Ok(()) };
+        let encoded: Vec<_> = batches
+            .par_chunks(BATCHES)
+            .enumerate()
+            .map(|(k, batches)| encode(factory, *groups + k, batches))
+            .collect();
+        for columns in encoded {
+            let mut group = writer.next_row_group().map_err(unwritten)?;
+            for column in columns.map_err(unwritten)? {
+                column.append_to_row_group(&mut group).map_err(unwritten)?;
+            }
+            group.close().map_err(unwritten)?;
+            *groups += 1;
+        }
+        Ok(())
+    }
+
+    fn begin(&mut self, schema: &SchemaRef) -> Result<(), FileError> {
+        let Some(output) = self.output.take() else { return Ok(()) };
+        let description =
+            ArrowSchemaConverter::new().schema_root("schema").convert(schema).map_err(unwritten)?;
+        let properties = Arc::new(properties(schema));
+        let writer = SerializedFileWriter::new(output, description.root_schema_ptr(), properties)
+            .map_err(unwritten)?;
+        let factory = ArrowRowGroupWriterFactory::new(&writer, Arc::clone(schema));
+        self.begun = Some(Begun { writer, factory, groups: 0 });
+        Ok(())
+    }
+}
+
+impl Writer for File<'_> {
+    fn push(&mut self, record: &Record) -> Result<(), FileError> {
+        match self.rows.push(record)? {
+            Some(batch) => self.add(batch),
+            None => Ok(()),
+        }
+    }
+
+    fn finish(mut self: Box<Self>) -> Result<Summary, FileError> {
+        if !self.rows.is_empty() || (self.output.is_some() && self.waiting.is_empty()) {
+            let batch = self.rows.take()?;
+            self.begin(&batch.schema())?;
+            if batch.num_rows() > 0 {
+                self.waiting.push(batch);
+            }
+        }
+        self.encode()?;
+        if let Some(begun) = self.begun.take() {
+            let mut output = begun.writer.into_inner().map_err(unwritten)?;
+            output.flush()?;
+        }
+        Ok(self.rows.summary)
+    }
+}

@@ -1,0 +1,505 @@
+//! Tables written and read back, cut off, altered, and made by hand with claims that are not true.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use arrow_array::types::{Float32Type, Int32Type, Int64Type};
+use arrow_array::{
+    Array, ArrayRef, DictionaryArray, FixedSizeListArray, Int64Array, LargeListArray, ListArray, RecordBatch,
+    StringArray, TimestampMillisecondArray,
+};
+use arrow_ipc::writer::{FileWriter, StreamWriter};
+use arrow_schema::{DataType, Field as Column, Schema};
+
+use super::super::record::{Domain, Field, Ring};
+use super::super::{
+    Columns, FaultKind, FileError, Format, Fourier, Geometry, Limits, Mesh, Place, Points, ReadOptions,
+    Record, Source, Summary, Value, WriteOptions, detect, find, read,
+};
+use super::npy::{Header, header_bytes};
+
+/// The option by which a column has the points.
+fn points_in(name: &str) -> Columns {
+    Columns { coordinates: Some(vec![name.into()]), ..Columns::default() }
+}
+
+fn format(id: &str) -> &'static Format {
+    find(id).expect("a format")
+}
+
+fn written(id: &str, records: &[Record], options: &WriteOptions) -> (Vec<u8>, Summary) {
+    let mut bytes = Vec::new();
+    let mut writer = format(id).writer(&mut bytes, options).expect("a writer");
+    for record in records {
+        writer.push(record).expect("written");
+    }
+    let summary = writer.finish().expect("the end");
+    (bytes, summary)
+}
+
+fn read_with(
+    bytes: &[u8],
+    options: &ReadOptions,
+    limits: Limits,
+) -> Result<(Vec<Record>, Summary), FileError> {
+    let mut source = Source::new(bytes, limits)?;
+    let format = detect(source.head(), None)?;
+    let mut found = Vec::new();
+    let summary = read(format, &mut source, options, &mut |record| {
+        found.push(record);
+        Ok(())
+    })?;
+    Ok((found, summary))
+}
+
+fn read_back(bytes: &[u8]) -> Result<(Vec<Record>, Summary), FileError> {
+    read_with(bytes, &ReadOptions::default(), Limits::default())
+}
+
+/// Without the places, which a table does not keep.
+fn placeless(records: &[Record]) -> Vec<Record> {
+    records.iter().cloned().map(|record| Record { place: Place::default(), ..record }).collect()
+}
+
+fn curve(points: &[[f64; 2]], closed: bool) -> Record {
+    let points = Points::from_rows(2, points.concat());
+    Record::new(Geometry::Curve { points, closed }, Place::default())
+}
+
+fn landmarks() -> Record {
+    let points = Points::from_rows(3, vec![1e-300, -2.5, 1e99, f64::MIN_POSITIVE, 0.1, 0.2]);
+    Record::new(Geometry::Landmarks(points), Place::default())
+}
+
+/// Curves and landmarks with everything that a record can have, but no missing points, which are not equal to themselves.
+fn points() -> Vec<Record> {
+    let mut full = curve(&[[0.1, 0.0], [2.0, 0.0], [2.0, 1e-7]], true);
+    full.name = Some("Größe, \"x\"".into());
+    full.subject = Some("s1".into());
+    full.label = Some("a".into());
+    full.weight = Some(0.25);
+    full.labels = BTreeMap::from([
+        ("age".into(), Value::Number(61.5)),
+        ("left".into(), Value::Bool(true)),
+        ("site".into(), Value::from("zrh")),
+        ("mixed".into(), Value::Number(1.0)),
+    ]);
+    full.metadata = serde_json::json!({"a": [1, 2.5], "b": null}).as_object().cloned().expect("an object");
+    let mut other = curve(&[[1.0, 2.0], [3.0, 4.0]], false);
+    other.labels = BTreeMap::from([("mixed".into(), Value::from("text"))]);
+    vec![full, other, landmarks()]
+}
+
+fn meshes() -> Vec<Record> {
+    let mut mesh = Mesh {
+        vertices: Points::from_rows(3, vec![0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]),
+        ..Mesh::default()
+    };
+    mesh.faces.push([0, 1, 2]);
+    mesh.faces.push([0, 1, 3]);
+    let mut squares = mesh.clone();
+    squares.faces.push([0, 1, 2, 3]);
+    mesh.fields.insert("colour".into(), Field { domain: Domain::Vertices, width: 3, values: vec![0.5; 12] });
+    mesh.fields.insert("area".into(), Field { domain: Domain::Faces, width: 1, values: vec![0.5, 0.25] });
+    let mut found = vec![Record::new(mesh, Place::default()), Record::new(squares, Place::default())];
+    found[0].ring = Some(Ring { object: 3, part: 1, hole: true });
+    found
+}
+
+#[test]
+fn tables_come_back_as_they_were_written() {
+    let records = [points(), meshes()].concat();
+    let facts = BTreeMap::from([("representation".to_owned(), "polygon".to_owned())]);
+    let options = WriteOptions { unit: Some("mm".into()), facts, ..WriteOptions::default() };
+    for id in ["arrow", "parquet"] {
+        let (bytes, summary) = written(id, &records, &options);
+        assert_eq!((summary.records, summary.dropped), (5, vec![]), "{id}");
+        let (found, summary) = read_back(&bytes).expect("a table");
+        assert_eq!(placeless(&found), records, "{id}");
+        assert_eq!(summary.properties["unit"], "mm", "{id}");
+        assert_eq!(summary.properties["representation"], "polygon", "{id}");
+        assert_eq!(found[4].place, Place::item(4));
+        let (empty, _) = written(id, &[], &options);
+        assert_eq!(read_back(&empty).expect("no rows").0, vec![], "{id}");
+    }
+}
+
+#[test]
+fn arrays_come_back_as_they_were_written() {
+    let mut records = points();
+    records.pop();
+    let (bytes, summary) = written("npz", &records, &WriteOptions::default());
+    assert_eq!((summary.records, summary.dropped), (2, vec![]));
+    assert_eq!(placeless(&read_back(&bytes).expect("arrays").0), records, "offsets");
+    let equal = vec![curve(&[[1.0, 2.0], [3.0, 4.0]], true), curve(&[[0.1, 0.2], [0.3, 0.4]], true)];
+    let (bytes, _) = written("npz", &equal, &WriteOptions::default());
+    assert_eq!(placeless(&read_back(&bytes).expect("arrays").0), equal);
+    let (bytes, summary) = written("npy", &equal, &WriteOptions::default());
+    assert_eq!(summary.dropped[0].count, 2, "that they are closed");
+    let options = ReadOptions { closed: Some(true), ..ReadOptions::default() };
+    assert_eq!(placeless(&read_with(&bytes, &options, Limits::default()).expect("an array").0), equal);
+    for id in ["npy", "npz"] {
+        let (empty, _) = written(id, &[], &WriteOptions::default());
+        assert_eq!(read_back(&empty).expect("no shapes").0, vec![], "{id}");
+    }
+}
+
+#[test]
+fn missing_points_stay_missing() {
+    let points = Points::from_rows(2, vec![0.0, 1.0, f64::NAN, f64::NAN, 2.0, 3.0]);
+    let records = [Record::new(Geometry::Landmarks(points), Place::default())];
+    for id in ["arrow", "parquet", "npy", "npz"] {
+        let (bytes, _) = written(id, &records, &WriteOptions::default());
+        let (found, _) = read_back(&bytes).expect("a table");
+        let Geometry::Landmarks(points) = &found[0].geometry else { panic!("landmarks") };
+        assert_eq!((points.missing(), points.coordinates()[4]), (vec![1], 2.0), "{id}");
+    }
+}
+
+#[test]
+fn many_batches_and_row_groups_keep_the_order() {
+    let count = 100_000;
+    let records: Vec<Record> = (0..count)
+        .map(|k| Record { name: Some(k.to_string()), ..curve(&[[f64::from(k), 0.5], [0.25, -1.0]], true) })
+        .collect();
+    for id in ["arrow", "parquet"] {
+        let (bytes, _) = written(id, &records, &WriteOptions::default());
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a pool");
+        let (alone, _) = pool.install(|| written(id, &records, &WriteOptions::default()));
+        assert!(bytes == alone, "{id}: other bytes on one thread");
+        assert!(placeless(&read_back(&bytes).expect("a table").0) == records, "{id}");
+    }
+}
+
+#[test]
+fn attributes_and_fields_of_later_rows() {
+    let mut records: Vec<Record> = vec![curve(&[[0.0, 1.0]], true); super::rows::ROWS];
+    records.push(Record {
+        labels: BTreeMap::from([("late".into(), Value::Number(2.0))]),
+        ..curve(&[[0.0, 1.0]], true)
+    });
+    records.push(meshes()[0].clone());
+    let (bytes, summary) = written("parquet", &records, &WriteOptions::default());
+    assert_eq!((summary.dropped[0].count, summary.dropped[0].names.len()), (2, 2), "two fields of the mesh");
+    let (found, _) = read_back(&bytes).expect("a table");
+    assert_eq!(found[super::rows::ROWS].labels["late"], Value::Number(2.0));
+}
+
+#[test]
+fn what_a_format_cannot_hold_is_refused() {
+    let fourier = Fourier { constant: vec![0.0; 2], cosine: vec![1.0; 2], sine: vec![0.5; 2] };
+    let fourier = Record::new(fourier, Place::item(7));
+    for (id, records, expected) in [
+        (
+            "parquet",
+            vec![fourier],
+            "item 7: expected curves, landmarks or meshes in a table, got Fourier coefficients",
+        ),
+        ("npz", meshes(), "expected curves or landmarks in an array of points, got Mesh"),
+        (
+            "npy",
+            points(),
+            "expected 3 points of 2 coordinates in every shape of an array, got 2 of 2; NPZ and Parquet hold others",
+        ),
+        ("npz", points(), "expected 2 coordinates in every shape of an array, got 3"),
+    ] {
+        let mut bytes = Vec::new();
+        let mut writer = format(id).writer(&mut bytes, &WriteOptions::default()).expect("a writer");
+        let error = records.iter().find_map(|record| writer.push(record).err()).expect("a refusal");
+        assert_eq!((error.kind, error.to_string().as_str()), (FaultKind::Unsupported, expected));
+    }
+}
+
+/// Files of all formats, small.
+fn files() -> Vec<(&'static str, Vec<u8>)> {
+    let equal = [curve(&[[1.0, 2.0], [3.0, 4.0]], true), curve(&[[0.1, 0.2], [0.3, 0.4]], true)];
+    let all = [points(), meshes()].concat();
+    let mut files: Vec<_> = ["arrow", "parquet"]
+        .into_iter()
+        .map(|id| (id, written(id, &all, &WriteOptions::default()).0))
+        .collect();
+    files.extend(["npy", "npz"].into_iter().map(|id| (id, written(id, &equal, &WriteOptions::default()).0)));
+    files
+}
+
+#[test]
+fn a_file_that_is_cut_off_is_refused_or_shorter() {
+    for (id, bytes) in files() {
+        let whole = read_back(&bytes).expect("a whole file").0.len();
+        for end in (0..bytes.len()).step_by(if bytes.len() > 1000 { 13 } else { 3 }) {
+            match read_back(&bytes[..end]) {
+                Err(_) => {}
+                // A stream of Arrow may end after any message.
+                Ok((found, _)) => assert!(id == "arrow" && found.len() <= whole, "{id} of {end} bytes"),
+            }
+        }
+    }
+}
+
+#[test]
+fn altered_files_neither_panic_nor_take_memory() {
+    let limits = Limits { content: 1 << 24, held: 1 << 22, points: 1 << 12, records: 1000, depth: 8 };
+    for (_, bytes) in files() {
+        // A sample of the bytes, each in two of five ways.
+        for at in (0..bytes.len()).step_by(if bytes.len() > 1000 { 11 } else { 2 }) {
+            let ways = [0x00, 0x7f, 0xff, bytes[at] ^ 0x01, bytes[at] ^ 0x80];
+            for value in [ways[at % 5], ways[(at + 2) % 5]] {
+                let mut altered = bytes.clone();
+                altered[at] = value;
+                let found = read_with(&altered, &ReadOptions::default(), limits);
+                if let Err(error) = found {
+                    assert!(error.to_string().starts_with(|c: char| c.is_ascii()), "{error}");
+                }
+            }
+        }
+    }
+}
+
+/// A table of another program: points as lists of lists, texts by position, numbers of other widths, times.
+fn foreign(points: ArrayRef) -> RecordBatch {
+    let class: DictionaryArray<Int32Type> = ["x", "y", "x"].into_iter().collect();
+    let columns: Vec<(&str, ArrayRef)> = vec![
+        ("contour", points),
+        ("external_id", Arc::new(Int64Array::from(vec![11, 12, 13]))),
+        ("label", Arc::new(class)),
+        ("area", Arc::new(arrow_array::Float32Array::from(vec![Some(0.5), None, Some(2.0)]))),
+        ("note", Arc::new(arrow_array::LargeStringArray::from(vec!["p", "q", "r"]))),
+        ("at", Arc::new(TimestampMillisecondArray::from(vec![1, 2, 3]))),
+    ];
+    let schema = columns.iter().map(|(name, array)| Column::new(*name, array.data_type().clone(), true));
+    let schema = Arc::new(Schema::new(schema.collect::<Vec<_>>()));
+    RecordBatch::try_new(schema, columns.into_iter().map(|(_, array)| array).collect()).expect("a batch")
+}
+
+#[test]
+fn tables_of_other_programs() {
+    let rows = [vec![0.0_f32, 1.0, 2.0, 3.0], vec![4.0, 5.0], vec![6.0, 7.0, 8.0, 9.0, 10.0, 11.0]];
+    let rows = rows.map(|row| Some(row.into_iter().map(Some)));
+    let lists: ArrayRef = Arc::new(LargeListArray::from_iter_primitive::<Float32Type, _, _>(rows));
+    let batch = foreign(lists);
+    let mut bytes = Vec::new();
+    let mut writer = FileWriter::try_new(&mut bytes, &batch.schema()).expect("a writer");
+    writer.write(&batch).expect("written");
+    writer.finish().expect("the end");
+    drop(writer);
+    let options = ReadOptions {
+        columns: Some(points_in("contour")),
+        dimension: Some(2),
+        closed: Some(true),
+        ..ReadOptions::default()
+    };
+    let (found, summary) = read_with(&bytes, &options, Limits::default()).expect("a table");
+    let Geometry::Curve { points, closed: true } = &found[2].geometry else { panic!("a closed curve") };
+    assert_eq!(points.coordinates(), [6.0, 7.0, 8.0, 9.0, 10.0, 11.0]);
+    assert_eq!((found[1].name.as_deref(), found[1].label.as_deref()), (Some("12"), Some("y")));
+    assert_eq!((&found[0].labels["area"], found[1].labels.get("area")), (&Value::Number(0.5), None));
+    assert_eq!(found[2].labels["note"], Value::from("r"));
+    assert_eq!(summary.dropped[0].names, ["at"]);
+
+    let error = read_back(&bytes).expect_err("another column");
+    assert!(
+        error
+            .to_string()
+            .starts_with("expected a column 'points' of lists of numbers, or columns.coordinates")
+    );
+    let options = ReadOptions { columns: Some(points_in("contour")), ..ReadOptions::default() };
+    let error = read_with(&bytes, &options, Limits::default()).expect_err("no dimension");
+    assert_eq!((error.kind, error.place.item), (FaultKind::Option, Some(0)));
+    let options = ReadOptions { columns: Some(points_in("area")), ..ReadOptions::default() };
+    let error = read_with(&bytes, &options, Limits::default()).expect_err("no lists");
+    assert_eq!(error.to_string(), "column 'area': expected lists of numbers, got Float32");
+}
+
+#[test]
+fn lists_of_points() {
+    let point = FixedSizeListArray::from_iter_primitive::<Int64Type, _, _>(
+        [[0, 1], [2, 3], [4, 5]].map(|point| Some(point.map(Some))),
+        2,
+    );
+    let offsets = arrow_buffer::OffsetBuffer::from_lengths([2, 0, 1]);
+    let item = Arc::new(Column::new("item", point.data_type().clone(), true));
+    let batch = foreign(Arc::new(ListArray::new(item, offsets, Arc::new(point), None)));
+    let mut bytes = Vec::new();
+    let mut writer = StreamWriter::try_new(&mut bytes, &batch.schema()).expect("a writer");
+    writer.write(&batch).expect("written");
+    writer.finish().expect("the end");
+    drop(writer);
+    let options = ReadOptions { columns: Some(points_in("contour")), ..ReadOptions::default() };
+    let (found, _) = read_with(&bytes, &options, Limits::default()).expect("a table");
+    let Geometry::Landmarks(points) = &found[0].geometry else { panic!("landmarks") };
+    assert_eq!((points.dimension(), points.coordinates()), (2, [0.0, 1.0, 2.0, 3.0].as_slice()));
+    assert_eq!(found[2].geometry, Geometry::Landmarks(Points::from_rows(2, vec![4.0, 5.0])));
+}
+
+#[test]
+fn lying_sizes_of_arrow_are_refused_before_memory_is_taken() {
+    let (bytes, _) = written("arrow", &points(), &WriteOptions::default());
+    let mut lying = bytes.clone();
+    lying[4..8].copy_from_slice(&0x7fff_fff8_u32.to_le_bytes());
+    let error = super::arrow::FORMAT
+        .read
+        .map(|read| {
+            let mut source = Source::new(lying.as_slice(), Limits::default()).expect("a source");
+            read(&mut source, &ReadOptions::default(), &mut |_| Ok(()))
+        })
+        .expect("a reader")
+        .expect_err("a length");
+    assert_eq!(error.to_string(), "byte 0: expected metadata of at most 16777216 bytes, got 2147483640");
+    // The body of the batch is as long as the limit allows; here it is not.
+    let limits = Limits { held: 64, ..Limits::default() };
+    let error = read_with(&bytes, &ReadOptions::default(), limits).expect_err("a long body");
+    assert_eq!(error.kind, FaultKind::TooLarge);
+}
+
+#[test]
+fn pages_that_claim_more_than_they_hold_are_refused() {
+    let texts: ArrayRef = Arc::new(StringArray::from(vec!["text"; 100]));
+    let lists = ListArray::from_iter_primitive::<Int64Type, _, _>((0..100).map(|k| Some([Some(k), Some(k)])));
+    let schema = Arc::new(Schema::new(vec![
+        Column::new("external_id", DataType::Utf8, true),
+        Column::new("points", lists.data_type().clone(), true),
+    ]));
+    let batch = RecordBatch::try_new(schema, vec![texts, Arc::new(lists)]).expect("a batch");
+    let mut bytes = Vec::new();
+    let settings = parquet::file::properties::WriterProperties::builder()
+        .set_compression(parquet::basic::Compression::SNAPPY)
+        .set_dictionary_enabled(false)
+        .build();
+    let mut writer =
+        parquet::arrow::ArrowWriter::try_new(&mut bytes, batch.schema(), Some(settings)).expect("a writer");
+    writer.write(&batch).expect("written");
+    writer.close().expect("the end");
+    let options = ReadOptions { dimension: Some(2), ..ReadOptions::default() };
+    assert_eq!(read_with(&bytes, &options, Limits::default()).expect("a table").0.len(), 100);
+    // The header of the first page: its type, then its size as a variable number of two bytes.
+    assert_eq!(&bytes[4..7], [0x15, 0x00, 0x15], "a data page");
+    let mut lying = bytes.clone();
+    lying[7..9].copy_from_slice(&[0xff, 0x7f]);
+    let error = read_with(&lying, &options, Limits::default()).expect_err("a size");
+    assert!(error.to_string().contains("to hold at most"), "{error}");
+    assert_eq!(error.place.tag.as_deref(), Some("row group, column 'external_id'"));
+}
+
+#[test]
+fn arrays_of_all_types_and_orders() {
+    let array = |descr: &str, fortran: &str, shape: &str, items: &[u8]| {
+        let text = format!("{{'descr': '{descr}', 'fortran_order': {fortran}, 'shape': {shape}, }}\n");
+        let length = u16::try_from(text.len()).expect("short").to_le_bytes();
+        [b"\x93NUMPY\x01\x00".as_slice(), &length, text.as_bytes(), items].concat()
+    };
+    let numbers = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0];
+    let items = |write: fn(f64) -> Vec<u8>| numbers.into_iter().flat_map(write).collect::<Vec<u8>>();
+    let expected = [[1.0, 2.0, 3.0, 4.0], [5.0, 6.0, 7.0, 8.0]];
+    for (descr, bytes) in [
+        ("<f8", items(|x| x.to_le_bytes().to_vec())),
+        (">f8", items(|x| x.to_be_bytes().to_vec())),
+        ("<f4", items(|x| (x as f32).to_le_bytes().to_vec())),
+        (">f4", items(|x| (x as f32).to_be_bytes().to_vec())),
+        ("<i4", items(|x| (x as i32).to_le_bytes().to_vec())),
+        (">i2", items(|x| (x as i16).to_be_bytes().to_vec())),
+        ("|u1", items(|x| vec![x as u8])),
+    ] {
+        let (found, _) = read_back(&array(descr, "False", "(2, 2, 2)", &bytes)).expect("an array");
+        let found: Vec<_> = found
+            .into_iter()
+            .map(|record| match record.geometry {
+                Geometry::Landmarks(points) => points.coordinates().to_vec(),
+                _ => vec![],
+            })
+            .collect();
+        assert_eq!(found, expected.map(Vec::from), "{descr}");
+    }
+    let bytes = items(|x| x.to_le_bytes().to_vec());
+    let rows = |bytes: &[u8], options: &ReadOptions| {
+        let (found, _) = read_with(bytes, options, Limits::default()).expect("an array");
+        found
+            .into_iter()
+            .map(|record| match record.geometry {
+                Geometry::Landmarks(points) => points.coordinates().to_vec(),
+                _ => vec![],
+            })
+            .collect::<Vec<_>>()
+    };
+    let plain = ReadOptions::default();
+    let flat = ReadOptions { dimension: Some(2), ..ReadOptions::default() };
+    let cube = array("<f8", "True", "(2, 2, 2)", &bytes);
+    assert_eq!(rows(&cube, &plain), [vec![1.0, 5.0, 3.0, 7.0], vec![2.0, 6.0, 4.0, 8.0]]);
+    let table = array("<f8", "True", "(4, 2)", &bytes);
+    assert_eq!(rows(&table, &plain), [vec![1.0, 5.0, 2.0, 6.0, 3.0, 7.0, 4.0, 8.0]]);
+    assert_eq!(
+        rows(&array("<f8", "True", "(2, 4)", &bytes), &flat),
+        [[1.0, 3.0, 5.0, 7.0], [2.0, 4.0, 6.0, 8.0]]
+    );
+    assert_eq!(rows(&array("<f8", "False", "(2, 4)", &bytes), &flat), expected);
+    assert_eq!(rows(&array("<f8", "True", "(1, 8)", &bytes), &flat), [numbers]);
+    let negative = array("<i2", "False", "(1, 2)", &[0xff, 0xff, 0x01, 0x80]);
+    assert_eq!(rows(&negative, &plain), [[-1.0, -32767.0]]);
+    for (descr, shape, message) in [
+        ("|O", "(1, 2)", "Python objects, which are programs"),
+        ("<c16", "(1, 2)", "items of type '<c16'"),
+        ("<U3", "(1, 2)", "flags or texts as points"),
+        ("<f8", "(1, 0, 2)", "expected at least one point"),
+        ("<f8", "(8,)", "expected shapes × points × coordinates"),
+        ("<f8", "(99999999999, 99999999999, 2)", "expected fewer items"),
+        ("<f8", "(1, 99999999999, 2)", "expected at most 4194304 points"),
+        ("<f8", "(3, 2, 2)", "item 2: expected 32 bytes of an array, got 0"),
+        ("<f8", "(1, 2, 2)", "expected the end of the file, got more bytes"),
+    ] {
+        let error = read_back(&array(descr, "False", shape, &bytes)).expect_err("a fault");
+        assert!(error.to_string().contains(message), "{error}");
+    }
+    let error = read_back(&array("<f8", "True", "(99999999, 99, 2)", &bytes)).expect_err("a large array");
+    assert_eq!(error.kind, FaultKind::TooLarge, "{error}");
+}
+
+#[test]
+fn headers_are_those_of_numpy() {
+    let bytes = header_bytes("<f8", &[3, 2]);
+    assert_eq!(bytes.len() % 64, 0);
+    let header = Header::read(&mut bytes.as_slice()).expect("a header");
+    assert_eq!((header.shape.as_slice(), header.fortran, header.size), ([3, 2].as_slice(), false, 8));
+    assert!(String::from_utf8_lossy(&header_bytes("<U3", &[4])).contains("'shape': (4,), }"));
+}
+
+#[test]
+fn arrays_of_other_lengths_are_refused() {
+    let zip = |entries: &[(&str, Vec<u8>)]| {
+        let mut zip = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
+        for (name, bytes) in entries {
+            zip.start_file(*name, zip::write::SimpleFileOptions::default()).expect("a file");
+            std::io::Write::write_all(&mut zip, bytes).expect("written");
+        }
+        zip.finish().expect("the end").into_inner()
+    };
+    let doubles = |shape: &[usize], values: &[f64]| {
+        [header_bytes("<f8", shape), values.iter().flat_map(|x| x.to_le_bytes()).collect()].concat()
+    };
+    let points = ("points.npy", doubles(&[3, 2], &[1.0, 2.0, 3.0, 4.0, 5.0, 6.0]));
+    let offsets = |values: &[f64]| ("offsets.npy", doubles(&[values.len()], values));
+    let found =
+        read_back(&zip(&[points.clone(), offsets(&[0.0, 1.0, 3.0]), ("x.npy", vec![])])).expect("arrays");
+    assert_eq!((found.0.len(), found.1.dropped[0].names[0].as_str()), (2, "x.npy"));
+    for (offsets, _) in [
+        (vec![0.0, 4.0], ()),
+        (vec![1.0, 3.0], ()),
+        (vec![0.0, 2.5, 3.0], ()),
+        (vec![0.0, 3.0, 1.0, 3.0], ()),
+    ] {
+        let error =
+            read_back(&zip(&[points.clone(), self::offsets_entry(&offsets, &doubles)])).expect_err("offsets");
+        assert!(error.to_string().contains("expected offsets that ascend from 0 to the 3 points"), "{error}");
+    }
+    let ids = ("ids.npy", [header_bytes("<U1", &[2]), vec![0; 8]].concat());
+    let error = read_back(&zip(&[points.clone(), ids])).expect_err("two ids of one shape");
+    assert_eq!(
+        error.to_string(),
+        "file 'ids.npy': expected an item for each of 1 shapes, got an array of shape [2]"
+    );
+    let objects = ("ids.npy", [header_bytes("|O", &[1]), vec![0; 8]].concat());
+    let error = read_back(&zip(&[points, objects])).expect_err("objects");
+    assert!(error.to_string().contains("Python objects, which are programs"), "{error}");
+}
+
+fn offsets_entry(values: &[f64], doubles: &impl Fn(&[usize], &[f64]) -> Vec<u8>) -> (&'static str, Vec<u8>) {
+    ("offsets.npy", doubles(&[values.len()], values))
+}
