@@ -35,4 +35,4 @@ pub mod summary;
 pub mod table;
 pub mod time;
 
-pub use shapelex_formats::{image, shape as files};
+pub use shapelex_formats::{dicom, image, shape as files};

@@ -125,8 +125,9 @@ def header(path):
 
 
 def check_written(convert, real, folder):
-    series = [header(real / f"phantom_ct_{k}.dcm") for k in (1, 2)]
-    writing = {"series": series, "created": "2026-11-26T03:00:00"}
+    images_of_series = [real / f"phantom_ct_{k}.dcm" for k in (1, 2)]
+    series = [header(path) for path in images_of_series]
+    writing = {"series": images_of_series, "created": "2026-11-26T03:00:00"}
     source = real / "mim_phantom_rtstruct.dcm"
     output = folder / "written.dcm"
     content, _ = convert(source, "rtstruct", {"holes": "keep"}, output, writing=writing)

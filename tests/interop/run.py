@@ -39,11 +39,13 @@ def converter(program):
 
     `convert(path, format="ndjson", options=None, output=None, writing=None)` returns the list of records, parsed, for NDJSON without
     an output, else the bytes that were written; and what the program says of the file. `options` are those of reading, `writing`
-    those of writing. It raises `Refused` where the program refuses.
+    those of writing, with `series` as paths of images. It raises `Refused` where the program refuses.
     """
 
     def convert(path, format="ndjson", options=None, output=None, writing=None):
         command = [str(program), "convert", str(path), "--to", format, "--json"]
+        writing = dict(writing or {})
+        command += [part for image in writing.pop("series", []) for part in ("--series", str(image))]
         for flag, values in [("--option", options), ("--write", writing)]:
             for name, value in (values or {}).items():
                 text = value if isinstance(value, str) else json.dumps(value)

@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde::Serialize;
 
-use super::{Complete, Opened, Reading, note, own_limits, pairs, shown};
+use super::{Complete, Opened, Reading, Writing, note, own_limits, shown};
 use crate::cli::maintenance::Outcome;
-use crate::formats::files::{self, FileError, Format, Summary, WriteOptions};
+use crate::formats::files::{self, FileError, Format, Summary};
 use crate::service::files::unknown_format;
 
 /// Number of bytes written at once.
@@ -26,9 +26,8 @@ pub(in crate::cli) struct ConvertArgs {
     output: Option<PathBuf>,
     #[command(flatten)]
     reading: Reading,
-    /// Option of writing, such as `unit=mm`; may be repeated
-    #[arg(long = "write", value_name = "NAME=VALUE")]
-    writing: Vec<String>,
+    #[command(flatten)]
+    writing: Writing,
     /// Describe the files on standard error as JSON
     #[arg(long)]
     json: bool,
@@ -50,7 +49,7 @@ struct Converted {
 pub(super) fn run(args: &ConvertArgs) -> Result<Outcome, String> {
     let target = target(args)?;
     let (options, stated) = (args.reading.options()?, args.reading.format()?);
-    let writing = WriteOptions::from_pairs(pairs(&args.writing)?).map_err(|error| error.to_string())?;
+    let writing = args.writing.options()?;
     let failed = |error: FileError| format!("{}: {error}", shown(&args.file));
     let opened = Opened::new(&args.file, stated).map_err(failed)?;
     let convert = |output: &mut (dyn Write + Send)| {

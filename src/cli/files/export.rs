@@ -7,11 +7,11 @@ use clap::Args;
 use futures_util::StreamExt;
 
 use super::target::{Target, TargetArgs, refusal};
-use super::{Complete, is_standard, note, pairs};
+use super::{Complete, Writing, is_standard, note};
 use crate::cli::maintenance::{At, Outcome};
 use crate::domain::attribute::Attribute;
 use crate::domain::filter::ShapeFilter;
-use crate::formats::files::{self, Format, WriteOptions};
+use crate::formats::files::{self, FileError, Format, Limits, ReadOptions, Source, WriteOptions};
 use crate::service::app::App;
 use crate::service::app::outgoing::BodyWriter;
 use crate::service::cohorts::catalogue;
@@ -38,9 +38,8 @@ pub(in crate::cli) struct ExportArgs {
     /// Only shapes with this label; may be repeated
     #[arg(long = "label", requires = "cohort", value_name = "LABEL")]
     labels: Vec<String>,
-    /// Option of writing, such as `unit=mm`; may be repeated
-    #[arg(long = "write", requires = "cohort", value_name = "NAME=VALUE")]
-    writing: Vec<String>,
+    #[command(flatten)]
+    writing: Writing,
 }
 
 /// Writes the file.
@@ -91,8 +90,7 @@ async fn write(
     output: &mut (dyn Write + Send),
 ) -> Result<u64, String> {
     let cohort = args.cohort.as_deref().unwrap_or_default();
-    let writing = pairs(&args.writing)?;
-    let options = WriteOptions::from_pairs(writing.iter().copied()).map_err(|error| error.to_string())?;
+    let options = args.writing.options()?;
     let content = if args.control_points { ExportContent::ControlPoints } else { ExportContent::Points };
     let service = match target {
         Target::Store(app) => {
@@ -107,16 +105,26 @@ async fn write(
         Target::Service(service) => service,
     };
     let pair = |name: &str, value: &str| (name.to_owned(), value.to_owned());
-    let mut query = vec![pair("format", format.id), pair("points", &args.points.to_string())];
+    // What identifies a patient stays here: the shapes come as lines, and become a structure set on this machine.
+    let here = !options.series.is_empty();
+    let asked = if here { "ndjson" } else { format.id };
+    let mut query = vec![pair("format", asked), pair("points", &args.points.to_string())];
     if content == ExportContent::ControlPoints {
         query.push(pair("content", "control_points"));
     }
     query.extend(args.labels.iter().map(|label| pair("label", label)));
-    query.extend(writing.iter().map(|(name, value)| (format!("write_{name}"), (*value).to_owned())));
+    if !here {
+        let writing = args.writing.pairs()?;
+        query.extend(writing.iter().map(|(name, value)| (format!("write_{name}"), (*value).to_owned())));
+    }
     let request = service.request(reqwest::Method::GET, &["v1", "cohorts", cohort, "export"], &query)?;
     let response = request.send().await.map_err(|error| format!("the service does not answer: {error}"))?;
     if !response.status().is_success() {
         return Err(refusal(response).await);
+    }
+    if here {
+        let lines = response.bytes().await.map_err(|error| format!("the file breaks off: {error}"))?;
+        return written_here(&lines, format, &options, output).map_err(|error| error.to_string());
     }
     let (mut stream, mut bytes) = (response.bytes_stream(), 0);
     while let Some(piece) = stream.next().await {
@@ -125,6 +133,24 @@ async fn write(
         bytes += piece.len() as u64;
     }
     Ok(bytes)
+}
+
+/// Writes shapes that came as lines. Returns the number of bytes.
+fn written_here(
+    lines: &[u8],
+    format: &'static Format,
+    options: &WriteOptions,
+    output: &mut (dyn Write + Send),
+) -> Result<u64, FileError> {
+    let lines_format = files::find("ndjson")
+        .ok_or_else(|| FileError::new(files::FaultKind::Unknown, "expected the format ndjson, got none"))?;
+    let mut file = Vec::new();
+    let mut writer = format.writer(&mut file, options)?;
+    let mut source = Source::new(lines, Limits::default())?;
+    files::read(lines_format, &mut source, &ReadOptions::default(), &mut |record| writer.push(&record))?;
+    writer.finish()?;
+    output.write_all(&file)?;
+    Ok(file.len() as u64)
 }
 
 async fn from_store(

@@ -16,7 +16,8 @@ use std::path::{Path, PathBuf};
 use clap::{Args, Subcommand};
 
 use super::maintenance::Outcome;
-use crate::formats::files::{FileError, Limits, ReadOptions, Source};
+use crate::formats::dicom;
+use crate::formats::files::{FileError, Limits, ReadOptions, Source, WriteOptions};
 use crate::service::files::{FileFormat, unknown_format};
 
 /// Commands for files that need no service and no store.
@@ -51,6 +52,60 @@ impl Reading {
         let find = |word: &String| FileFormat::find(word).ok_or_else(|| unknown_format(word).to_string());
         self.from.as_ref().map(find).transpose()
     }
+}
+
+/// How a file is written.
+#[derive(Debug, Clone, Args)]
+pub(super) struct Writing {
+    /// Option of writing, such as `unit=mm`; may be repeated
+    #[arg(long = "write", value_name = "NAME=VALUE")]
+    options: Vec<String>,
+    /// Image, or folder of images, of the DICOM series that a structure set refers to; may be repeated. Its headers stay here
+    #[arg(long, value_name = "FILE")]
+    series: Vec<PathBuf>,
+}
+
+impl Writing {
+    /// The options.
+    fn options(&self) -> Result<WriteOptions, String> {
+        let options = WriteOptions::from_pairs(self.pairs()?).map_err(|error| error.to_string())?;
+        let series = series_files(&self.series)?.iter().map(|path| header(path)).collect::<Result<_, _>>()?;
+        Ok(WriteOptions { series, ..options })
+    }
+
+    /// Names and values of the options that a service takes too.
+    fn pairs(&self) -> Result<Vec<(&str, &str)>, String> {
+        pairs(&self.options)
+    }
+}
+
+/// The files of a series: those that are named, and those of folders that are named, in the order of their names.
+fn series_files(named: &[PathBuf]) -> Result<Vec<PathBuf>, String> {
+    let mut files = Vec::new();
+    for path in named {
+        if !path.is_dir() {
+            files.push(path.clone());
+            continue;
+        }
+        let failed = |error: std::io::Error| format!("{}: {error}", path.display());
+        let entries = std::fs::read_dir(path).map_err(failed)?;
+        let mut inside: Vec<PathBuf> =
+            entries.map(|entry| entry.map(|entry| entry.path())).collect::<Result<_, _>>().map_err(failed)?;
+        inside.retain(|path| path.is_file());
+        inside.sort();
+        files.append(&mut inside);
+    }
+    Ok(files)
+}
+
+/// The header of an image of a series.
+fn header(path: &Path) -> Result<dicom::SeriesImage, String> {
+    let failed = |error: &dyn std::fmt::Display| format!("{}: {error}", path.display());
+    let limit = Limits::default().held as u64;
+    let mut bytes = Vec::new();
+    let file = File::open(path).map_err(|error| failed(&error))?;
+    file.take(limit).read_to_end(&mut bytes).map_err(|error| failed(&error))?;
+    dicom::series(&bytes).map_err(|error| failed(&error))
 }
 
 /// Names and values of options.

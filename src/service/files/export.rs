@@ -62,6 +62,13 @@ pub async fn export(
 ) -> Result<(), ServiceError> {
     let Export { filter, format, mut options, content, points } = export;
     options.unit = options.unit.or_else(|| cohort.spec.length_unit.clone());
+    let representation = serde_json::to_string(&cohort.spec.representation).unwrap_or_default();
+    let facts = [
+        ("cohort", cohort.id.clone()),
+        ("revision", cohort.revision.to_string()),
+        ("representation", representation),
+    ];
+    options.facts.extend(facts.map(|(name, value)| (name.to_owned(), value)));
     let (sender, mut batches) = mpsc::channel::<Vec<Record>>(1);
     let writing = app.pool.read_blocking(move || {
         let mut writer = format.writer(output, &options)?;

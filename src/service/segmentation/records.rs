@@ -16,8 +16,8 @@ pub const OPTIONS: [&str; 2] = ["holes", "select"];
 
 /// Reads a label image: one record for the outer boundary of each component of each label but 0, in world coordinates.
 ///
-/// The name of a record is its label, with the number of the component where the label has several. `bytes` are those of the
-/// whole file.
+/// The name of a record is its label, with the number of the component where the label has several; its class is the name that
+/// the file gives to the label, if any. `select` takes numbers and names. `bytes` are those of the whole file.
 ///
 /// # Errors
 /// Faults of the image; options other than [`OPTIONS`]; holes under [`Holes::Refuse`]; errors of `sink`.
@@ -35,6 +35,8 @@ pub fn read_label_image(
     let wanted = Wanted { labels: None, blur: 0.0, least_cells: 1, coordinates: Coordinates::World };
     // Answers are bounded by what is written of them.
     let limits = Limits { answer_numbers: usize::MAX, ..*limits };
+    let names = format.label_names(bytes, &file_limits(&limits));
+    let names = names.map_err(|error| FileError::of(FaultKind::Malformed, Place::default(), error))?;
     let (found, _) = boundaries(&file, &wanted, &limits, stop).map_err(refused)?;
     let mut summary = Summary::default();
     summary.set("size", file.grid.size().to_vec());
@@ -52,8 +54,10 @@ pub fn read_label_image(
             Some(1) => of.label.to_string(),
             _ => format!("{}.{}", of.label, of.component),
         };
-        if options.selects(&of.label.to_string()) {
-            give(boundary, object, &name, options, &mut summary, sink)?;
+        let title = names.get(&of.label).map(String::as_str);
+        if options.selects(&of.label.to_string()) || title.is_some_and(|title| options.selects(title)) {
+            let mut titled = |record: Record| sink(Record { label: title.map(str::to_owned), ..record });
+            give(boundary, object, &name, options, &mut summary, &mut titled)?;
             summary.records += 1;
         }
     }

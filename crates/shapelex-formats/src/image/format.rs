@@ -42,6 +42,14 @@ impl Format {
     pub fn read_labels(&self, bytes: &[u8], limits: &Limits) -> Result<ImageFile<u32>, ImageError> {
         (self.labels)(bytes, limits)
     }
+
+    /// The names of labels in a file of this format: [`label_names`](super::label_names).
+    ///
+    /// # Errors
+    /// Those of [`label_names`](super::label_names).
+    pub fn label_names(&self, bytes: &[u8], limits: &Limits) -> Result<BTreeMap<u32, String>, ImageError> {
+        self.names.map_or_else(|| Ok(BTreeMap::new()), |names| names(bytes, limits))
+    }
 }
 
 /// All formats. The magic bytes of NIfTI include those of its other variants, which its reader refuses by name.

@@ -60,10 +60,7 @@ pub fn read_labels(bytes: &[u8], limits: &Limits) -> Result<ImageFile<u32>, Imag
 /// # Errors
 /// As [`read`].
 pub fn label_names(bytes: &[u8], limits: &Limits) -> Result<BTreeMap<u32, String>, ImageError> {
-    match detect(bytes)?.names {
-        Some(names) => names(bytes, limits),
-        None => Ok(BTreeMap::new()),
-    }
+    detect(bytes)?.label_names(bytes, limits)
 }
 
 /// Size, type and memory of a file, from its header; nothing is decoded.

@@ -249,10 +249,13 @@ pub struct WriteOptions {
     /// Number of harmonics of Fourier coefficients. Default: as many as the shape with most of them has.
     pub harmonics: Option<usize>,
     /// Headers of the images that a structure set refers to, all of one series (`dicom::series` reads them).
+    /// They identify a patient, and are no option by name: a query must not carry them.
+    #[serde(skip)]
     pub series: Vec<SeriesImage>,
     /// When the file is made, where a format has a place for it: `2026-11-26T03:00:00`. No date if absent.
     pub created: Option<String>,
     /// What else is known of the shapes, by name, where a format has a place for it: representation, cohort, revision.
+    #[serde(skip)]
     pub facts: std::collections::BTreeMap<String, String>,
 }
 

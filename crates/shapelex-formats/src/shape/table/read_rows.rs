@@ -287,7 +287,7 @@ impl Columns {
 fn whole(value: f64) -> Option<usize> {
     const LARGEST: f64 = 9_007_199_254_740_992.0;
     // The cast is exact in this range.
-    (value >= 0.0 && value <= LARGEST && value.fract() == 0.0).then_some(value as usize)
+    ((0.0..=LARGEST).contains(&value) && value.fract() == 0.0).then_some(value as usize)
 }
 
 fn value(cells: &Float64Array, row: usize) -> Option<f64> {
