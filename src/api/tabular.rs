@@ -284,12 +284,13 @@ fn text_parameter(name: &str, description: String) -> utoipa::openapi::path::Par
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::api::document::operations;
 
     #[test]
     fn operations_with_tables_exist() {
         let document = crate::api::openapi();
         for (method, path, _) in OPERATIONS {
-            let mut found = super::super::document::operations(&document);
+            let mut found = operations(&document);
             assert!(found.any(|(at, of, _)| at == path && of.as_str() == method), "{method} {path}");
         }
     }

@@ -154,7 +154,7 @@ fn stored_numbers_are_tables_with_their_own_entity_tags() {
     }
     server.post("/v1/cohorts/squares/shapes", &json!({"shapes": shapes})).expect(201);
 
-    let path = "/v1/cohorts/squares/mean";
+    let path = "/v1/cohorts/squares/mean?transformation=similarity";
     let plain = server.get(path);
     let get = |accept: &str, known: &str| {
         let request = server.request(Method::GET, path).header("accept", accept);

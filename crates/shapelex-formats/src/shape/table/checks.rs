@@ -75,10 +75,17 @@ fn check_field(field: &Field<'_>, depth: usize) -> Result<(), FileError> {
             return refuse();
         }
     }
-    let children = field.children();
-    let count = children.map_or(0, |children| children.len());
+    if !is_known(field) {
+        return refuse();
+    }
+    field.children().into_iter().flatten().try_for_each(|child| check_field(&child, depth + 1))
+}
+
+/// Whether the library knows the type of a column.
+fn is_known(field: &Field<'_>) -> bool {
+    let count = field.children().map_or(0, |children| children.len());
     let time = |unit: TimeUnit| (TimeUnit::SECOND..=TimeUnit::NANOSECOND).contains(&unit);
-    let known = match field.type_type() {
+    match field.type_type() {
         Type::Null | Type::Bool | Type::Binary | Type::BinaryView | Type::LargeBinary => count == 0,
         Type::Utf8 | Type::Utf8View | Type::LargeUtf8 => count == 0,
         Type::Int => field.type_as_int().is_some_and(|int| matches!(int.bitWidth(), 8 | 16 | 32 | 64)),
@@ -114,11 +121,7 @@ fn check_field(field: &Field<'_>, depth: usize) -> Result<(), FileError> {
         }
         Type::Struct_ => true,
         _ => false,
-    };
-    if !known {
-        return refuse();
     }
-    children.into_iter().flatten().try_for_each(|child| check_field(&child, depth + 1))
 }
 
 /// Checks that the buffers of a message lie within its body, that what they decompress to is at most `held` bytes and in

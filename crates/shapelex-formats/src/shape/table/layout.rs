@@ -98,17 +98,7 @@ impl<'a, N: Iterator<Item = &'a FieldNode>> Rest<'a, N> {
             }
             Type::Utf8View | Type::BinaryView => {
                 buffer("views", items(16), 16)?;
-                let count = self.views.next().and_then(|count| usize::try_from(count).ok());
-                let count =
-                    count.ok_or_else(|| fault("expected the number of buffers of views, got none".into()))?;
-                if count > self.sizes.len() {
-                    return Err(fault(format!(
-                        "expected {} buffers of views at most, got {count}",
-                        self.sizes.len()
-                    )));
-                }
-                self.sizes.by_ref().take(count).for_each(drop);
-                Ok(())
+                self.skip_views().map_err(fault)
             }
             Type::List | Type::LargeList | Type::FixedSizeList | Type::Struct_ => {
                 match kind {
@@ -124,6 +114,17 @@ impl<'a, N: Iterator<Item = &'a FieldNode>> Rest<'a, N> {
                 buffer("values", items(width), 1)
             }
         }
+    }
+
+    /// Passes over the buffers of a column of views.
+    fn skip_views(&mut self) -> Result<(), String> {
+        let count = self.views.next().and_then(|count| usize::try_from(count).ok());
+        let count = count.ok_or("expected the number of buffers of views, got none")?;
+        if count > self.sizes.len() {
+            return Err(format!("expected {} buffers of views at most, got {count}", self.sizes.len()));
+        }
+        self.sizes.by_ref().take(count).for_each(drop);
+        Ok(())
     }
 }
 
