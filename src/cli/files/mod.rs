@@ -58,8 +58,8 @@ impl Reading {
 #[derive(Debug, Clone, Args)]
 pub(super) struct Writing {
     /// Option of writing, such as `unit=mm`; may be repeated
-    #[arg(long = "write", value_name = "NAME=VALUE")]
-    options: Vec<String>,
+    #[arg(long, value_name = "NAME=VALUE")]
+    write: Vec<String>,
     /// Image, or folder of images, of the DICOM series that a structure set refers to; may be repeated. Its headers stay here
     #[arg(long, value_name = "FILE")]
     series: Vec<PathBuf>,
@@ -75,7 +75,7 @@ impl Writing {
 
     /// Names and values of the options that a service takes too.
     fn pairs(&self) -> Result<Vec<(&str, &str)>, String> {
-        pairs(&self.options)
+        pairs(&self.write)
     }
 }
 
