@@ -944,13 +944,13 @@ fn other_media_types_methods_routes_and_formats_are_refused() {
 
     let body = statistics("similarity", "landmarks", &[GOOD, OTHER]);
     for path in ["/v1/mean", "/v1/align", "/v1/pca", "/v1/evaluate"] {
-        let reply = server.send(server.request(Method::POST, path).header(ACCEPT, "text/csv").json(&body));
+        let reply = server.send(server.request(Method::POST, path).header(ACCEPT, "text/turtle").json(&body));
         reply.expect_problem(406, "not-acceptable", &[]);
-        server.post(&format!("{path}?format=csv"), &body).expect_problem(400, "invalid-query", &[]);
+        server.post(&format!("{path}?format=ttl"), &body).expect_problem(400, "invalid-query", &[]);
         server.post(&format!("{path}?format="), &body).expect_problem(400, "invalid-query", &[]);
     }
     for path in ["/v1/cohorts/body/mean?transformation=affine", "/v1/cohorts/body/shapes/x?a=b"] {
-        let reply = server.send(server.request(Method::GET, path).header(ACCEPT, "text/csv"));
+        let reply = server.send(server.request(Method::GET, path).header(ACCEPT, "text/turtle"));
         assert!(matches!(reply.status, 400 | 406), "{path}: {}", reply.text());
         server.get(&format!("{path}&format=xml")).expect_problem(400, "invalid-query", &[]);
     }

@@ -159,7 +159,12 @@ impl FileParameters {
             std::mem::take(&mut self.0).into_iter().partition(|(name, _)| name.starts_with(WRITE));
         self.0 = rest;
         let pairs = writing.iter().map(|(name, value)| (&name[WRITE.len()..], value.as_str()));
-        WriteOptions::from_pairs(pairs).map_err(|error| ServiceError::from(error).into())
+        WriteOptions::from_pairs(pairs).map_err(|mut error| {
+            if let Some(name) = &mut error.place.tag {
+                name.insert_str(0, WRITE);
+            }
+            ServiceError::from(error).into()
+        })
     }
 
     /// How a file is read whose request has a media type.
@@ -174,10 +179,15 @@ impl FileParameters {
                 Some(format.ok_or_else(|| Problem::of_parameter("format", unknown_format(word).detail))?)
             }
             None if media_type == ANY_FILE || (media_type.is_empty() && name.is_some()) => None,
-            None => match FileFormat::find(media_type).filter(|format| format.is_read()) {
-                Some(format) => Some(format),
-                None => return Err(unsupported(media_type)),
-            },
+            None => {
+                let mut named = FileFormat::of_media_type(media_type);
+                match (named.next(), named.next()) {
+                    (Some(format), None) => Some(format),
+                    // Several formats: the first bytes tell.
+                    (Some(_), Some(_)) => None,
+                    (None, _) => return Err(unsupported(media_type)),
+                }
+            }
         };
         let options = self.0.iter().map(|(name, value)| (name.as_str(), value.as_str()));
         let options = ReadOptions::from_pairs(options).map_err(ServiceError::from)?;

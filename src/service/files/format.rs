@@ -28,10 +28,17 @@ impl FileFormat {
     pub fn find(word: &str) -> Option<Self> {
         let word = word.trim().to_lowercase();
         let is_image = |format: &&image::Format| {
-            format.media_types.contains(&word.as_str()) || format.extensions.contains(&word.as_str())
+            format.id == word
+                || format.media_types.contains(&word.as_str())
+                || format.extensions.contains(&word.as_str())
         };
         let shapes = files::find(&word).map(Self::Shapes);
         shapes.or_else(|| image::FORMATS.iter().find(is_image).map(Self::Labels))
+    }
+
+    /// The formats that are read and have a media type: several of DICOM.
+    pub fn of_media_type(media_type: &str) -> impl Iterator<Item = Self> {
+        Self::all().filter(move |format| format.is_read() && format.media_types().contains(&media_type))
     }
 
     /// The format of a file by its first bytes, else by the end of its name.
@@ -56,7 +63,7 @@ impl FileFormat {
     pub fn id(self) -> &'static str {
         match self {
             Self::Shapes(format) => format.id,
-            Self::Labels(format) => format.id(),
+            Self::Labels(format) => format.id,
         }
     }
 
@@ -147,10 +154,14 @@ mod tests {
     #[test]
     fn words_of_all_formats_are_their_own() {
         for format in FileFormat::all() {
-            for word in format.media_types().iter().copied().chain([format.id()]) {
-                let found = FileFormat::find(word).map(FileFormat::name);
-                assert_eq!(found, Some(format.name()), "{word}");
-            }
+            assert_eq!(FileFormat::find(format.id()).map(FileFormat::name), Some(format.name()));
+        }
+        let of_dicom = FileFormat::of_media_type("application/dicom").map(FileFormat::id);
+        assert_eq!(of_dicom.collect::<Vec<_>>(), ["rtstruct", "segmentation"]);
+        let shared = |word: &&str| FileFormat::of_media_type(word).count() > 1;
+        for format in FileFormat::all() {
+            let shared: Vec<_> = format.media_types().iter().filter(|word| shared(word)).collect();
+            assert!(shared.is_empty() || *shared[0] == "application/dicom", "{shared:?}");
         }
     }
 

@@ -13,6 +13,8 @@ const SHOWN: usize = 8;
 /// A format of image files.
 #[derive(Debug, Clone, Copy)]
 pub struct Format {
+    /// Word in options and queries.
+    pub id: &'static str,
     /// Name in messages.
     pub name: &'static str,
     /// Media types of requests and responses; the first one is written.
@@ -30,11 +32,6 @@ pub struct Format {
 /// Reads the names of labels.
 type Names = fn(&[u8], &Limits) -> Result<BTreeMap<u32, String>, ImageError>;
 impl Format {
-    /// Word in options and queries.
-    pub fn id(&self) -> &'static str {
-        self.extensions[0]
-    }
-
     /// The labels in a file of this format: [`read_labels`](super::read_labels).
     ///
     /// # Errors
@@ -55,6 +52,7 @@ impl Format {
 /// All formats. The magic bytes of NIfTI include those of its other variants, which its reader refuses by name.
 pub static FORMATS: [Format; 6] = [
     Format {
+        id: "png",
         name: png::NAME,
         media_types: &["image/png"],
         extensions: &["png"],
@@ -65,6 +63,7 @@ pub static FORMATS: [Format; 6] = [
         names: None,
     },
     Format {
+        id: "tiff",
         name: tiff::NAME,
         media_types: &["image/tiff"],
         extensions: &["tif", "tiff"],
@@ -75,6 +74,7 @@ pub static FORMATS: [Format; 6] = [
         names: None,
     },
     Format {
+        id: "nii",
         name: nifti::NAME,
         media_types: &["application/x-nifti"],
         extensions: &["nii"],
@@ -85,6 +85,7 @@ pub static FORMATS: [Format; 6] = [
         names: None,
     },
     Format {
+        id: "nii.gz",
         name: nifti::COMPRESSED,
         media_types: &["application/gzip", "application/x-nifti+gzip"],
         extensions: &["nii.gz"],
@@ -95,6 +96,7 @@ pub static FORMATS: [Format; 6] = [
         names: None,
     },
     Format {
+        id: "nrrd",
         name: nrrd::NAME,
         media_types: &["application/x-nrrd"],
         extensions: &["nrrd"],
@@ -105,6 +107,7 @@ pub static FORMATS: [Format; 6] = [
         names: Some(nrrd::names),
     },
     Format {
+        id: "segmentation",
         name: segmentation::NAME,
         media_types: &["application/dicom"],
         extensions: &["dcm"],

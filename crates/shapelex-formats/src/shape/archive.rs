@@ -12,13 +12,14 @@ use zip::ZipArchive;
 use zip::result::ZipError;
 
 use super::error::{FaultKind, FileError, Place};
-use super::format::{Format, detect};
+use super::format::Format;
 use super::limits::Limits;
 use super::options::ReadOptions;
+use super::record::Sink;
 use super::record::{Kind, Record};
+use super::registry::{detect, read as read_file};
 use super::source::Source;
 use super::summary::Summary;
-use super::{Sink, read as read_file};
 
 /// Archives of several files.
 pub(super) static FORMAT: Format = Format {

@@ -34,6 +34,7 @@ mod nts;
 mod objects;
 mod options;
 mod record;
+mod registry;
 mod rtstruct;
 mod slicer;
 mod source;
@@ -47,48 +48,15 @@ mod wkt;
 mod write;
 
 pub use error::{FaultKind, FileError, Place};
-pub use format::{FORMATS, Format, detect, find};
+pub use format::Format;
 pub use inspection::{Group, Inspected, Inspection};
 pub use limits::{Limits, MAX_COORDINATE};
 pub use options::{
     Columns, Contours, Curves, Encoding, Holes, Layout, Names, Nuclei, ReadOptions, Scale, WriteOptions,
 };
-pub use record::{Domain, Faces, Field, Fourier, Geometry, Kind, Mesh, Points, Record, Ring, Value};
+pub use record::{Domain, Faces, Field, Fourier, Geometry, Kind, Mesh, Points, Record, Ring, Sink, Value};
+pub use registry::{FORMATS, detect, find, read};
 pub use source::Source;
 pub use summary::{Dropped, Summary};
 pub use table::{ArrayZip, npy_header};
 pub use write::Writer;
-
-/// Takes the next record of a file. Its error ends the reading and is returned.
-pub type Sink<'a> = &'a mut dyn FnMut(Record) -> Result<(), FileError>;
-
-/// Reads all records of a file of a format.
-///
-/// # Errors
-/// Faults of the file, sizes beyond the limits, options that the format does not have, and errors of `sink`.
-pub fn read(
-    format: &Format,
-    source: &mut Source<'_>,
-    options: &ReadOptions,
-    sink: Sink<'_>,
-) -> Result<Summary, FileError> {
-    let Some(read) = format.read else {
-        let detail =
-            format!("expected a format that can be read, got {}, which is only written", format.name);
-        return Err(FileError::new(FaultKind::Unsupported, detail));
-    };
-    options.check(format)?;
-    let (mut count, limit) = (0, source.limits().records);
-    let mut counted = |record: Record| {
-        count += 1;
-        if count > limit {
-            let detail = format!("expected at most {limit} shapes, got more");
-            return Err(FileError::new(FaultKind::TooLarge, detail).at(record.place));
-        }
-        record.check()?;
-        sink(record)
-    };
-    let mut summary = read(source, options, &mut counted)?;
-    summary.records = count;
-    Ok(summary)
-}

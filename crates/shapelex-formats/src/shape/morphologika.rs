@@ -34,11 +34,11 @@ use std::io::Write;
 
 use serde_json::Value as Json;
 
-use super::Sink;
 use super::error::{FileError, Place};
 use super::format::Format;
 use super::limits::Limits;
 use super::options::{ReadOptions, WriteOptions};
+use super::record::Sink;
 use super::record::{Geometry, Kind, Points, Record};
 use super::source::Source;
 use super::summary::Summary;

@@ -18,10 +18,10 @@ use serde::de::{DeserializeOwned, DeserializeSeed, Deserializer, SeqAccess, Visi
 use serde::{Deserialize, Serialize, Serializer};
 use serde_json::value::RawValue;
 
-use super::Sink;
 use super::error::{FileError, Place};
 use super::format::Format;
 use super::options::{ReadOptions, WriteOptions};
+use super::record::Sink;
 use super::record::{Domain, Faces, Field, Fourier, Geometry, Kind, Mesh, Points, Record};
 use super::source::Source;
 use super::summary::Summary;
@@ -534,6 +534,6 @@ mod tests {
         let options = ReadOptions { select: Some("*".into()), ..ReadOptions::default() };
         let error =
             super::super::read(&FORMAT, &mut source, &options, &mut |_| Ok(())).expect_err("an option");
-        assert_eq!(error.to_string(), "expected options of NDJSON (closed), got select");
+        assert_eq!(error.to_string(), "select: expected options of NDJSON (closed), got select");
     }
 }

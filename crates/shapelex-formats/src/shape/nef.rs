@@ -10,10 +10,10 @@
 
 use std::io::Write;
 
-use super::Sink;
 use super::error::{FaultKind, FileError, Place};
 use super::format::Format;
 use super::options::{ReadOptions, WriteOptions};
+use super::record::Sink;
 use super::record::{Fourier, Geometry, Kind, Record};
 use super::source::Source;
 use super::summary::Summary;

@@ -13,11 +13,11 @@
 use std::fmt::Write as _;
 use std::io::Write;
 
-use super::Sink;
 use super::error::{FileError, Place};
 use super::format::Format;
 use super::limits::Limits;
 use super::options::{ReadOptions, WriteOptions};
+use super::record::Sink;
 use super::record::{Geometry, Kind, Points, Record};
 use super::source::Source;
 use super::summary::Summary;

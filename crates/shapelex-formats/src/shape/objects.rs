@@ -4,10 +4,10 @@
 
 use std::io::Write;
 
-use super::Sink;
 use super::error::{FileError, Place};
 use super::limits::Limits;
 use super::options::Holes;
+use super::record::Sink;
 use super::record::{Geometry, Points, Record, Ring};
 use super::summary::Summary;
 

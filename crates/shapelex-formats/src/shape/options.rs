@@ -149,7 +149,7 @@ impl ReadOptions {
             if !format.options.contains(&name.as_str()) && format.options != ["*"] {
                 let known = if format.options.is_empty() { "none".into() } else { format.options.join(", ") };
                 let detail = format!("expected options of {} ({known}), got {name}", format.name);
-                return Err(FileError::new(FaultKind::Option, detail));
+                return Err(FileError::of(FaultKind::Option, Place::tag(name), detail));
             }
         }
         Ok(())
@@ -227,13 +227,27 @@ fn from_pairs<'a, T: Default + Serialize + DeserializeOwned>(
             None => Value::String(text.to_owned()),
         };
         if let Err(error) = fits(&value) {
-            return fault(name, format!("expected another value, got '{text}': {error}"));
+            return fault(name, format!("expected {}, got '{text}'", wanted(&error.to_string())));
         }
         if options.insert(name.to_owned(), value).is_some() {
             return fault(name, "expected one value, got several".into());
         }
     }
     serde_json::from_value(Value::Object(options)).or_else(|error| fault("options", error.to_string()))
+}
+
+/// What a value should be, by the message of its reader: the words of a list, or a type.
+fn wanted(message: &str) -> String {
+    let wanted = message.split_once("expected ").map_or("another value", |(_, wanted)| wanted);
+    let wanted = wanted.split(" at line ").next().unwrap_or(wanted);
+    match wanted {
+        "usize" | "u64" | "u32" => "a whole number from 0".into(),
+        "a boolean" => "true or false".into(),
+        wanted if wanted.starts_with("struct ") || wanted.starts_with('`') && wanted.contains(":") => {
+            "an object".into()
+        }
+        wanted => wanted.replace('`', "").trim_start_matches("one of ").to_owned(),
+    }
 }
 
 /// Options of writing.

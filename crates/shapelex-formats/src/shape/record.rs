@@ -5,6 +5,9 @@ use std::collections::BTreeMap;
 use super::error::{FileError, Place};
 use super::limits::MAX_COORDINATE;
 
+/// Takes the next record of a file. Its error ends the reading and is returned.
+pub type Sink<'a> = &'a mut dyn FnMut(Record) -> Result<(), FileError>;
+
 /// A shape of a file, with its attributes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Record {

@@ -9,11 +9,11 @@ use serde::de::{Deserializer, IgnoredAny, MapAccess, SeqAccess, Visitor};
 use serde_json::value::RawValue;
 use serde_json::{Map, Value as Json};
 
-use super::super::Sink;
 use super::super::error::{FaultKind, FileError, Place};
 use super::super::limits::Limits;
 use super::super::objects::{Giving, Part};
 use super::super::options::{Holes, ReadOptions};
+use super::super::record::Sink;
 use super::super::record::{Geometry, Points, Record, Value};
 use super::super::source::Source;
 use super::super::summary::Summary;

@@ -5,10 +5,10 @@ use std::io::{self, Read};
 
 use csv::StringRecord;
 
-use super::super::Sink;
 use super::super::error::{FileError, Place};
 use super::super::limits::Limits;
 use super::super::options::ReadOptions;
+use super::super::record::Sink;
 use super::super::record::{Geometry, Points, Record};
 use super::super::source::Source;
 use super::super::summary::Summary;

@@ -1,10 +1,10 @@
 //! Features to records.
 
-use super::super::Sink;
 use super::super::error::{FileError, Place};
 use super::super::limits::Limits;
 use super::super::objects::{Giving, Part};
 use super::super::options::{Names, Nuclei, ReadOptions};
+use super::super::record::Sink;
 use super::super::record::{Geometry, Points, Record};
 use super::super::summary::Summary;
 use super::coordinates::Coordinates;

@@ -13,11 +13,11 @@ mod write;
 
 use serde_json::Value as Json;
 
-use super::Sink;
 use super::error::{FileError, Place};
 use super::format::Format;
 use super::options::ReadOptions;
 use super::record::Kind;
+use super::record::Sink;
 use super::source::Source;
 use super::summary::Summary;
 use feature::Node;

@@ -216,6 +216,16 @@ fn faults_name_feature_and_byte() {
             FaultKind::Malformed,
             "item 0, coordinates, byte 1: expected lists of positions as coordinates of a Polygon, got a list of positions",
         ),
+    ] {
+        let error = refused(&text);
+        assert_eq!((error.kind, error.to_string().as_str()), (kind, message), "{text}");
+    }
+}
+
+#[test]
+fn faults_of_objects_name_feature_and_byte() {
+    let point = r#"{"type":"Point","coordinates":[0,1]}"#;
+    for (text, kind, message) in [
         (
             "[{\"type\":\"Topology\"}]".into(),
             FaultKind::Malformed,

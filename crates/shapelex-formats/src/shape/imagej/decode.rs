@@ -2,11 +2,11 @@
 
 use serde_json::{Map, Value as Json, json};
 
-use super::super::Sink;
 use super::super::error::{FileError, Place};
 use super::super::limits::Limits;
 use super::super::objects::{Giving, Part};
 use super::super::options::ReadOptions;
+use super::super::record::Sink;
 use super::super::record::{Geometry, Points, Record};
 use super::super::source::Source;
 use super::super::summary::Summary;

@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use super::super::Sink;
 use super::super::error::{FileError, Place};
+use super::super::record::Sink;
 use super::super::record::{Domain, Faces, Field, Geometry, Mesh, Points, Record};
 use super::super::summary::Summary;
 

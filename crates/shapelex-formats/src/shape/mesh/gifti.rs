@@ -3,11 +3,11 @@
 //! Each array of points is a shape. Matrices of coordinate systems are not applied: they are in the metadata, as far as they
 //! change something. Names of persons and paths of files are left out.
 
-use super::super::Sink;
 use super::super::error::{FileError, Place};
 use super::super::format::Format;
 use super::super::limits::Limits;
 use super::super::options::ReadOptions;
+use super::super::record::Sink;
 use super::super::record::{Domain, Kind};
 use super::super::source::Source;
 use super::super::summary::Summary;

@@ -9,7 +9,7 @@ mod write;
 
 use super::super::format::Format;
 use super::super::record::Kind;
-use super::super::{Sink, error::FileError, options::ReadOptions, source::Source, summary::Summary};
+use super::super::{error::FileError, options::ReadOptions, record::Sink, source::Source, summary::Summary};
 use super::scan::Scan;
 
 /// Wavefront OBJ.

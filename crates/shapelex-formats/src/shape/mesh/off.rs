@@ -2,10 +2,10 @@
 //!
 //! Numbers after the corners of a face are its colour.
 
-use super::super::Sink;
 use super::super::error::{FileError, Place};
 use super::super::format::Format;
 use super::super::options::ReadOptions;
+use super::super::record::Sink;
 use super::super::record::{Domain, Kind};
 use super::super::source::Source;
 use super::super::summary::Summary;

@@ -12,7 +12,7 @@ use super::super::options::ReadOptions;
 use super::super::record::{Domain, Kind};
 use super::super::source::Source;
 use super::super::summary::Summary;
-use super::super::{Sink, limits::Limits};
+use super::super::{limits::Limits, record::Sink};
 use super::draft::Draft;
 use super::scalar::{Scalar, index};
 use super::scan::Scan;

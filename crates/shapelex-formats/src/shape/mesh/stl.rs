@@ -7,11 +7,11 @@ mod write;
 
 use std::collections::HashMap;
 
-use super::super::Sink;
 use super::super::error::{FileError, Place};
 use super::super::format::Format;
 use super::super::limits::Limits;
 use super::super::options::ReadOptions;
+use super::super::record::Sink;
 use super::super::record::{Domain, Kind};
 use super::super::source::Source;
 use super::super::summary::Summary;

@@ -1,11 +1,11 @@
 //! VTK XML files: `PolyData` (.vtp) and the polygons of `UnstructuredGrid` (.vtu), as text, base64 or appended raw, compressed by
 //! zlib or not. Each piece is a shape of its own.
 
-use super::super::Sink;
 use super::super::error::{FileError, Place};
 use super::super::format::Format;
 use super::super::limits::Limits;
 use super::super::options::ReadOptions;
+use super::super::record::Sink;
 use super::super::record::{Domain, Faces, Kind};
 use super::super::source::Source;
 use super::super::summary::Summary;

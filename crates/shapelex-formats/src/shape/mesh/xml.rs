@@ -118,14 +118,7 @@ pub(super) fn parse<'a>(source: &'a str, limits: &Limits, last: &str) -> Result<
             Event::Comment(_) | Event::Decl(_) | Event::PI(_) | Event::DocType(_) => continue,
         };
         count += 1;
-        if count > MAX_ELEMENTS {
-            let detail = format!("expected at most {MAX_ELEMENTS} elements of XML, got more");
-            return Err(FileError::too_large(before, detail));
-        }
-        if open.len() >= limits.depth {
-            let detail = format!("expected elements of XML of depth {}, got a deeper one", limits.depth);
-            return Err(FileError::new(FaultKind::TooLarge, detail).at(before));
-        }
+        check_size(count, open.len(), limits).map_err(|error| error.at(before.clone()))?;
         let element = Element::new(&start, at)?;
         let ends = element.name == last;
         open.push(element);
@@ -139,6 +132,18 @@ pub(super) fn parse<'a>(source: &'a str, limits: &Limits, last: &str) -> Result<
             return open.pop().ok_or_else(|| FileError::malformed(before, "expected an element, got none"));
         }
     }
+}
+
+/// Refuses one more element after `count` with `depth` elements around it.
+fn check_size(count: usize, depth: usize, limits: &Limits) -> Result<(), FileError> {
+    let detail = if count > MAX_ELEMENTS {
+        format!("expected at most {MAX_ELEMENTS} elements of XML, got more")
+    } else if depth >= limits.depth {
+        format!("expected elements of XML of depth {}, got a deeper one", limits.depth)
+    } else {
+        return Ok(());
+    };
+    Err(FileError::new(FaultKind::TooLarge, detail))
 }
 
 fn add_text<'a>(open: &mut [Element<'a>], text: Cow<'a, str>) {

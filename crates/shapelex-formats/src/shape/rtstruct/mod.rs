@@ -21,7 +21,7 @@ use super::options::{Contours, Holes, ReadOptions};
 use super::record::{Geometry, Kind, Record, Ring};
 use super::source::Source;
 use super::summary::Summary;
-use super::{Sink, limits::Limits};
+use super::{limits::Limits, record::Sink};
 use crate::dicom::{self, Content};
 use plane::{Basis, FLAT_MM};
 use regions::{Contour, ContourKind, Region, Regions};

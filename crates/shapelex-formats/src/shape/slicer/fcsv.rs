@@ -9,10 +9,10 @@
 
 use std::io::Write;
 
-use super::super::Sink;
 use super::super::error::{FileError, Place};
 use super::super::format::Format;
 use super::super::options::{ReadOptions, WriteOptions};
+use super::super::record::Sink;
 use super::super::record::{Geometry, Kind, Points, Record};
 use super::super::source::Source;
 use super::super::summary::Summary;

@@ -14,11 +14,11 @@ use std::io::Write;
 use serde::Deserialize;
 use serde_json::{Value, json};
 
-use super::super::Sink;
 use super::super::error::{FaultKind, FileError, Place};
 use super::super::format::Format;
 use super::super::limits::Limits;
 use super::super::options::{ReadOptions, WriteOptions};
+use super::super::record::Sink;
 use super::super::record::{Geometry, Kind, Points, Record};
 use super::super::source::Source;
 use super::super::summary::Summary;

@@ -11,10 +11,10 @@ use arrow_buffer::Buffer;
 use arrow_ipc::reader::StreamDecoder;
 use arrow_ipc::writer::StreamWriter;
 
-use super::super::Sink;
 use super::super::error::{FileError, Place};
 use super::super::format::Format;
 use super::super::options::{ReadOptions, WriteOptions};
+use super::super::record::Sink;
 use super::super::record::{Kind, Record};
 use super::super::source::Source;
 use super::super::summary::Summary;

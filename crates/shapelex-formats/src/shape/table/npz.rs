@@ -16,11 +16,11 @@ use std::io::{Cursor, Read, Write};
 use serde_json::Value as Json;
 use zip::ZipArchive;
 
-use super::super::Sink;
 use super::super::error::{FileError, Place};
 use super::super::format::Format;
 use super::super::limits::Limits;
 use super::super::options::{ReadOptions, WriteOptions};
+use super::super::record::Sink;
 use super::super::record::{Geometry, Kind, Points, Record};
 use super::super::source::Source;
 use super::super::summary::Summary;

@@ -23,10 +23,10 @@ use parquet::file::writer::SerializedFileWriter;
 use parquet::schema::types::ColumnPath;
 use rayon::prelude::*;
 
-use super::super::Sink;
 use super::super::error::{FaultKind, FileError, Place};
 use super::super::format::Format;
 use super::super::options::{ReadOptions, WriteOptions};
+use super::super::record::Sink;
 use super::super::record::{Kind, Record};
 use super::super::source::Source;
 use super::super::summary::Summary;

@@ -6,10 +6,10 @@ use arrow_array::cast::AsArray;
 use arrow_array::{Array, ArrayRef, BooleanArray, Float64Array, RecordBatch};
 use arrow_schema::DataType;
 
-use super::super::Sink;
 use super::super::error::{FaultKind, FileError, Place};
 use super::super::limits::Limits;
 use super::super::options::ReadOptions;
+use super::super::record::Sink;
 use super::super::record::{Domain, Field, Geometry, Mesh, Points, Record, Ring, Value};
 use super::super::summary::Summary;
 use super::arrays::{Lists, Texts, numbers};

@@ -2,10 +2,10 @@
 
 use serde_json::{Map, Value, json};
 
-use super::super::Sink;
 use super::super::error::{FileError, Place};
 use super::super::limits::Limits;
 use super::super::options::{Curves, ReadOptions, Scale};
+use super::super::record::Sink;
 use super::super::record::{Geometry, Points, Record};
 use super::super::source::Source;
 use super::super::summary::Summary;

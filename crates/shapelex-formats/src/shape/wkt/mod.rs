@@ -9,11 +9,11 @@ mod parse;
 mod tests;
 mod write;
 
-use super::Sink;
 use super::error::{FileError, Place};
 use super::format::Format;
 use super::objects::Giving;
 use super::options::ReadOptions;
+use super::record::Sink;
 use super::record::{Geometry, Kind, Points, Record};
 use super::source::Source;
 use super::summary::Summary;

@@ -142,6 +142,10 @@ fn faults_name_line_and_column() {
         let error = read_with(text, Limits::default()).expect_err(text);
         assert_eq!((error.kind, error.to_string().as_str()), (kind, message), "{text}");
     }
+}
+
+#[test]
+fn depth_ends_and_points_are_checked() {
     let deep = "GEOMETRYCOLLECTION (".repeat(100_000);
     assert_eq!(read_with(&deep, Limits::default()).expect_err("too deep").kind, FaultKind::TooLarge);
     let line = "a\tPOLYGON Z ((0 0 1, 4 0 1, 4 3 1, 0 0 1), (1 1 1, 2 1 1, 2 2 1, 1 1 1))";

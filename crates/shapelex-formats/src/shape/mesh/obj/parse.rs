@@ -1,8 +1,8 @@
 //! Statements of an OBJ file, and the shapes they make.
 
-use super::super::super::Sink;
 use super::super::super::error::{FileError, Place};
 use super::super::super::limits::Limits;
+use super::super::super::record::Sink;
 use super::super::super::record::{Domain, Faces, Points};
 use super::super::super::summary::Summary;
 use super::super::draft::Draft;

@@ -1,9 +1,9 @@
 //! Reading of VTK legacy files.
 
-use super::super::super::Sink;
 use super::super::super::error::{FileError, Place};
 use super::super::super::limits::Limits;
 use super::super::super::options::ReadOptions;
+use super::super::super::record::Sink;
 use super::super::super::record::{Domain, Faces};
 use super::super::super::source::Source;
 use super::super::super::summary::Summary;

@@ -1,0 +1,140 @@
+//! The registry of formats.
+
+use super::error::{FaultKind, FileError};
+use super::format::Format;
+use super::options::ReadOptions;
+use super::record::{Record, Sink};
+use super::source::Source;
+use super::summary::Summary;
+use super::{
+    archive, chc, coco, csv, geojson, imagej, mesh, morphologika, ndjson, nef, nts, rtstruct, slicer, table,
+    tps, wkt,
+};
+
+/// All formats.
+pub static FORMATS: &[&Format] = &[
+    &ndjson::FORMAT,
+    &archive::FORMAT,
+    &mesh::obj::FORMAT,
+    &mesh::ply::FORMAT,
+    &mesh::stl::FORMAT,
+    &mesh::off::FORMAT,
+    &mesh::vtk::FORMAT,
+    &mesh::vtp::FORMAT,
+    &mesh::gifti::FORMAT,
+    &mesh::gltf::FORMAT,
+    &mesh::particles::FORMAT,
+    &tps::FORMAT,
+    &nts::FORMAT,
+    &morphologika::FORMAT,
+    &slicer::fcsv::FORMAT,
+    &slicer::markups::FORMAT,
+    &chc::FORMAT,
+    &nef::FORMAT,
+    &csv::FORMAT,
+    &geojson::FORMAT,
+    &imagej::FORMAT,
+    &imagej::SET,
+    &wkt::FORMAT,
+    &coco::FORMAT,
+    &rtstruct::FORMAT,
+    &table::ARROW,
+    &table::PARQUET,
+    &table::NPY,
+    &table::NPZ,
+];
+
+/// Reads all records of a file of a format.
+///
+/// # Errors
+/// Faults of the file, sizes beyond the limits, options that the format does not have, and errors of `sink`.
+pub fn read(
+    format: &Format,
+    source: &mut Source<'_>,
+    options: &ReadOptions,
+    sink: Sink<'_>,
+) -> Result<Summary, FileError> {
+    let Some(read) = format.read else {
+        let detail =
+            format!("expected a format that can be read, got {}, which is only written", format.name);
+        return Err(FileError::new(FaultKind::Unsupported, detail));
+    };
+    options.check(format)?;
+    let (mut count, limit) = (0, source.limits().records);
+    let mut counted = |record: Record| {
+        count += 1;
+        if count > limit {
+            let detail = format!("expected at most {limit} shapes, got more");
+            return Err(FileError::new(FaultKind::TooLarge, detail).at(record.place));
+        }
+        record.check()?;
+        sink(record)
+    };
+    let mut summary = read(source, options, &mut counted)?;
+    summary.records = count;
+    Ok(summary)
+}
+
+/// The format with an id, a media type or a file extension.
+pub fn find(word: &str) -> Option<&'static Format> {
+    let word = word.trim().to_lowercase();
+    let named = |format: &&&Format| {
+        format.id == word
+            || format.media_types.contains(&word.as_str())
+            || format.extensions.contains(&word.as_str())
+    };
+    FORMATS.iter().find(named).copied()
+}
+
+/// The format of a file by its first bytes, else by the end of its name, without the `.gz` of a compressed file; of several formats
+/// with one ending, one that is read.
+///
+/// # Errors
+/// [`FaultKind::Unknown`], which lists the formats.
+pub fn detect(head: &[u8], name: Option<&str>) -> Result<&'static Format, FileError> {
+    let recognised = FORMATS.iter().find(|format| (format.recognise)(head));
+    let name = name.unwrap_or_default().to_lowercase();
+    let name = name.strip_suffix(".gz").unwrap_or(&name);
+    let ends = |extension: &&str| name.strip_suffix(*extension).is_some_and(|rest| rest.ends_with('.'));
+    let named = |read: bool| {
+        FORMATS.iter().find(|format| format.is_read() == read && format.extensions.iter().any(&ends)).copied()
+    };
+    let archive = || archive::is_archive(head).then_some(&archive::FORMAT);
+    let found = recognised.copied().or_else(|| named(true)).or_else(archive).or_else(|| named(false));
+    found.ok_or_else(|| {
+        let known = FORMATS.iter().filter(|format| format.is_read()).map(|format| format.name);
+        let known = known.collect::<Vec<_>>().join(", ");
+        let detail = format!(
+            "expected a file of one of the formats {known}, got one that begins with {}",
+            shown(head)
+        );
+        FileError::new(FaultKind::Unknown, detail)
+    })
+}
+
+/// The first bytes of an unknown file, hexadecimal.
+fn shown(head: &[u8]) -> String {
+    if head.is_empty() {
+        return "no bytes".into();
+    }
+    head.iter().take(8).map(|byte| format!("{byte:02x}")).collect::<Vec<_>>().join(" ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeSet;
+
+    #[test]
+    fn words_of_formats_are_their_own() {
+        let mut words = BTreeSet::new();
+        for format in FORMATS {
+            for word in std::iter::once(&format.id).chain(format.media_types).chain(format.extensions) {
+                assert_eq!(**word, word.to_lowercase());
+                let own = format.extensions.contains(word) && *word == format.id;
+                assert!(words.insert(*word) || own, "{word} is used twice");
+            }
+            assert!(format.is_read() || format.is_written());
+        }
+    }
+}
