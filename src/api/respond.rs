@@ -117,9 +117,8 @@ pub fn file_of(format: MeshFormat, bytes: Vec<u8>) -> Response {
 pub fn matrix(app: &App, matrix: NamedMatrix, format: MatrixFormat) -> Result<Response, ServiceError> {
     let held = app.memory.hold(Purpose::Answers, size_of_val(matrix.values.as_slice()))?;
     let pieces = matrix.pieces(format).map_err(|error| ServiceError::Internal(error.to_string()))?;
-    let pieces = pieces.map(move |piece| {
+    let pieces = pieces.inspect(move |_| {
         let _held = &held;
-        piece
     });
     let body = Body::from_stream(stream::iter(pieces));
     Ok(([(header::CONTENT_TYPE, format.media_type())], body).into_response())

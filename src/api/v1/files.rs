@@ -198,7 +198,7 @@ impl FileParameters {
     ///
     /// # Errors
     /// Parameters with values that they cannot have; as for the format.
-    pub(super) fn to_add(mut self, media_type: &str, limits: &Limits) -> Result<FileToAdd, Problem> {
+    pub(super) fn into_file(mut self, media_type: &str, limits: &Limits) -> Result<FileToAdd, Problem> {
         let plane = self.value("plane")?.map(|word| word_of::<Plane>("plane", &word)).transpose()?;
         let samples =
             self.value("samples")?.map(|text| count_of("samples", &text, MAX_SAMPLES)).transpose()?;

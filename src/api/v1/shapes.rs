@@ -212,7 +212,7 @@ async fn add(
     let body = request.into_body();
     let stored = match found.as_str() {
         other if parameters.is_format_stated() || !(is_stream(other) || is_json(other)) => {
-            let file = parameters.to_add(other, &app.limits)?;
+            let file = parameters.into_file(other, &app.limits)?;
             upload_file::add_file(&app, cohort, body::pieces(body), file, treatment, expected).await
         }
         _ if !parameters.is_empty() => return Err(unknown_parameter(parameters.first())),

@@ -75,7 +75,8 @@ pub async fn export(
         while let Some(records) = batches.blocking_recv() {
             records.iter().try_for_each(|record| writer.push(record))?;
         }
-        Ok(drop(writer.finish()?))
+        writer.finish()?;
+        Ok(())
     });
     let mut listing =
         ShapeListing { filter, order: None, cursor: None, limit: PAGE, geometry: true, total: false };

@@ -1,7 +1,7 @@
 //! GeoJSON, as QuPath writes it and as RFC 7946 describes it.
 //!
 //! A file of any size is read with the memory of one feature: [`scan`] finds where a feature ends, [`feature`] reads it whatever the
-//! order of its members is, [`map`] makes records of it. [`write`] writes features one after the other.
+//! order of its members is, [`map`] makes records of it. [`write`](mod@write) writes features one after the other.
 
 mod coordinates;
 mod feature;

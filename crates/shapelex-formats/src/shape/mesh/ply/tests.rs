@@ -112,7 +112,7 @@ fn both_byte_orders_are_read() {
 fn faults_are_named() {
     let vertex = "element vertex 1\nproperty float x\nproperty float y\nproperty float z\n";
     for (body, expected) in [
-        ("formt ascii 1.0\n", "line 2: expected a line of the header, got 'formt ascii 1.0'"),
+        ("layout ascii 1.0\n", "line 2: expected a line of the header, got 'layout ascii 1.0'"),
         (
             "format utf8 1.0\n",
             "line 2: expected ascii, binary_little_endian or binary_big_endian, got 'utf8'",
