@@ -92,6 +92,9 @@ pub(super) struct Wanted {
 impl Wanted {
     /// The table that a request asks for, if it asks for one that its operation has.
     pub(super) fn of(request: &Request) -> Option<Self> {
+        if is_plain(request) {
+            return None;
+        }
         let route = observe::route(request).unwrap_or_default();
         let method = if request.method() == Method::HEAD { &Method::GET } else { request.method() };
         let usual = default_table(method, route)?;
@@ -110,6 +113,13 @@ impl Wanted {
         let text = format!("-{}-{}-{column}", self.format.name(), self.table);
         text.chars().map(|c| if c.is_ascii_alphanumeric() || "-.".contains(c) { c } else { '_' }).collect()
     }
+}
+
+/// Whether a request says nothing of a format, as most do: no parameter, and no media type but JSON or any.
+fn is_plain(request: &Request) -> bool {
+    let mut types = request.headers().get_all(header::ACCEPT).iter();
+    let any = |value: &axum::http::HeaderValue| matches!(value.as_bytes(), b"*/*" | b"application/json");
+    types.all(any) && request.uri().query().is_none_or(|query| !query.contains("format"))
 }
 
 /// The format of tables that a media range names; `Some(None)` for ranges that answers of other kinds satisfy.
