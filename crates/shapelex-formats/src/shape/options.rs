@@ -326,7 +326,7 @@ mod tests {
         assert_eq!((options.select.as_deref(), options.holes, options.closed), expected);
         for (pairs, message) in [
             (&[("colour", "red")][..], "colour: expected an option of reading ("),
-            (&[("closed", "perhaps")], "closed: expected another value, got 'perhaps'"),
+            (&[("closed", "perhaps")], "closed: expected true or false, got 'perhaps'"),
             (&[("closed", "true"), ("closed", "true")], "closed: expected one value, got several"),
         ] {
             let error = read(pairs).expect_err("a fault");
