@@ -21,7 +21,7 @@ use super::record::{Geometry, Kind, Points, Record};
 use super::source::Source;
 use super::summary::Summary;
 use super::text::{self, Lines, Words, shown};
-use super::write::Writer;
+use super::write::{Opened, Output, Writer};
 
 /// Chain codes.
 pub(super) static FORMAT: Format = Format {
@@ -108,12 +108,12 @@ fn take<'t>(words: &mut Words<'t>, what: &str, place: &Place) -> Result<&'t str,
 }
 
 struct Chains<'a> {
-    output: Box<dyn Write + Send + 'a>,
+    output: Output<'a>,
     numbered: u64,
     summary: Summary,
 }
 
-fn open<'a>(output: Box<dyn Write + Send + 'a>, _: &WriteOptions) -> Result<Box<dyn Writer + 'a>, FileError> {
+fn open<'a>(output: Output<'a>, _: &WriteOptions) -> Opened<'a> {
     Ok(Box::new(Chains { output, numbered: 0, summary: Summary::default() }))
 }
 

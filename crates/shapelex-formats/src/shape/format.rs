@@ -7,13 +7,12 @@ use super::options::{ReadOptions, WriteOptions};
 use super::record::{Kind, Sink};
 use super::source::Source;
 use super::summary::Summary;
-use super::write::Writer;
+use super::write::{Opened, Output, Writer};
 
 /// Reads all records of a file.
 pub(super) type Read = fn(&mut Source<'_>, &ReadOptions, Sink<'_>) -> Result<Summary, FileError>;
 /// Begins a file.
-pub(super) type Open =
-    for<'a> fn(Box<dyn Write + Send + 'a>, &WriteOptions) -> Result<Box<dyn Writer + 'a>, FileError>;
+pub(super) type Open = for<'a> fn(Output<'a>, &WriteOptions) -> Opened<'a>;
 
 /// A format of files.
 #[derive(Debug, Clone, Copy)]

@@ -30,7 +30,6 @@
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
-use std::io::Write;
 
 use serde_json::Value as Json;
 
@@ -43,7 +42,7 @@ use super::record::{Geometry, Kind, Points, Record};
 use super::source::Source;
 use super::summary::Summary;
 use super::text::{self, Lines, Missing, Uniform, Words, coordinate, shown};
-use super::write::Writer;
+use super::write::{Opened, Output, Writer};
 
 /// Morphologika.
 pub(super) static FORMAT: Format = Format {
@@ -307,7 +306,7 @@ impl<'t> Specimens<'t> {
 }
 
 struct Morphologika<'a> {
-    output: Box<dyn Write + Send + 'a>,
+    output: Output<'a>,
     size: Uniform,
     points: String,
     names: Vec<Option<String>>,
@@ -320,7 +319,7 @@ struct Morphologika<'a> {
     summary: Summary,
 }
 
-fn open<'a>(output: Box<dyn Write + Send + 'a>, _: &WriteOptions) -> Result<Box<dyn Writer + 'a>, FileError> {
+fn open<'a>(output: Output<'a>, _: &WriteOptions) -> Opened<'a> {
     Ok(Box::new(Morphologika {
         output,
         size: Uniform::default(),

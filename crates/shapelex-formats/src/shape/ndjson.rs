@@ -25,7 +25,7 @@ use super::record::Sink;
 use super::record::{Domain, Faces, Field, Fourier, Geometry, Kind, Mesh, Points, Record};
 use super::source::Source;
 use super::summary::Summary;
-use super::write::Writer;
+use super::write::{Opened, Output, Writer};
 
 /// NDJSON.
 pub(super) static FORMAT: Format = Format {
@@ -411,11 +411,11 @@ fn raw(value: &impl Serialize) -> Option<Box<RawValue>> {
 }
 
 struct Lines<'a> {
-    output: Box<dyn Write + Send + 'a>,
+    output: Output<'a>,
     count: u64,
 }
 
-fn open<'a>(output: Box<dyn Write + Send + 'a>, _: &WriteOptions) -> Result<Box<dyn Writer + 'a>, FileError> {
+fn open<'a>(output: Output<'a>, _: &WriteOptions) -> Opened<'a> {
     Ok(Box::new(Lines { output, count: 0 }))
 }
 

@@ -18,7 +18,7 @@ use super::record::{Fourier, Geometry, Kind, Record};
 use super::source::Source;
 use super::summary::Summary;
 use super::text::{self, Lines, shown};
-use super::write::Writer;
+use super::write::{Opened, Output, Writer};
 
 /// Elliptic Fourier coefficients.
 pub(super) static FORMAT: Format = Format {
@@ -110,7 +110,7 @@ fn four(line: &str) -> Result<[f64; 4], String> {
 }
 
 struct Nef<'a> {
-    output: Box<dyn Write + Send + 'a>,
+    output: Output<'a>,
     /// Names, and the four coefficients of each harmonic.
     shapes: Vec<(String, Vec<[f64; 4]>)>,
     /// Number of harmonics that is asked for.
@@ -120,10 +120,7 @@ struct Nef<'a> {
     summary: Summary,
 }
 
-fn open<'a>(
-    output: Box<dyn Write + Send + 'a>,
-    options: &WriteOptions,
-) -> Result<Box<dyn Writer + 'a>, FileError> {
+fn open<'a>(output: Output<'a>, options: &WriteOptions) -> Opened<'a> {
     if options.harmonics == Some(0) {
         return Err(FileError::new(FaultKind::Option, "expected 1 or more harmonics, got 0"));
     }

@@ -11,7 +11,6 @@
 //! `L` after the number of rows or columns: their labels come before the matrix. `B`, `E`: at the beginning or the end of each row.
 
 use std::fmt::Write as _;
-use std::io::Write;
 
 use super::error::{FileError, Place};
 use super::format::Format;
@@ -22,7 +21,7 @@ use super::record::{Geometry, Kind, Points, Record};
 use super::source::Source;
 use super::summary::Summary;
 use super::text::{self, Lines, Missing, Uniform, Words, coordinate, shown};
-use super::write::Writer;
+use super::write::{Opened, Output, Writer};
 
 /// NTS.
 pub(super) static FORMAT: Format = Format {
@@ -223,7 +222,7 @@ impl<'t> Matrix<'t> {
 const CODES: [f64; 6] = [9999.0, -9999.0, 99999.0, -99999.0, 999_999.0, -999_999.0];
 
 struct Nts<'a> {
-    output: Box<dyn Write + Send + 'a>,
+    output: Output<'a>,
     size: Uniform,
     /// One row a shape; `?` for a missing coordinate.
     rows: String,
@@ -234,7 +233,7 @@ struct Nts<'a> {
     summary: Summary,
 }
 
-fn open<'a>(output: Box<dyn Write + Send + 'a>, _: &WriteOptions) -> Result<Box<dyn Writer + 'a>, FileError> {
+fn open<'a>(output: Output<'a>, _: &WriteOptions) -> Opened<'a> {
     Ok(Box::new(Nts {
         output,
         size: Uniform::default(),

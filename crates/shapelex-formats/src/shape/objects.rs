@@ -105,6 +105,7 @@ impl Giving<'_> {
 #[derive(Debug, Default)]
 pub(super) struct Grouping {
     records: Vec<Record>,
+    count: u64,
 }
 
 impl Grouping {
@@ -124,7 +125,13 @@ impl Grouping {
         });
         let before = if goes_on { Vec::new() } else { self.finish() };
         self.records.push(record.clone());
+        self.count += 1;
         before
+    }
+
+    /// Number of records so far.
+    pub(super) fn count(&self) -> u64 {
+        self.count
     }
 
     /// The records that are left.

@@ -192,6 +192,11 @@ pub(super) fn matches_pattern(pattern: &[u8], text: &[u8]) -> bool {
 }
 
 impl WriteOptions {
+    /// Whether numbers are written as text, where a format has both.
+    pub(super) fn is_text(&self) -> bool {
+        self.encoding == Some(Encoding::Text)
+    }
+
     /// Options by name, as texts of a query or of a command line.
     ///
     /// # Errors

@@ -1,8 +1,15 @@
 //! Writing records one after the other.
 
+use std::io::Write;
+
 use super::error::FileError;
 use super::record::Record;
 use super::summary::Summary;
+
+/// Where the bytes of a file go.
+pub(super) type Output<'a> = Box<dyn Write + Send + 'a>;
+/// A file that was begun, or why it cannot be.
+pub(super) type Opened<'a> = Result<Box<dyn Writer + 'a>, FileError>;
 
 /// A file that is being written.
 pub trait Writer: Send {

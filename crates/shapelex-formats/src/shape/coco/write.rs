@@ -10,16 +10,15 @@ use super::super::objects::{Grouping, PartRef, area, count_lost, parts, refusal}
 use super::super::options::WriteOptions;
 use super::super::record::{Geometry, Points, Record, Value};
 use super::super::summary::Summary;
-use super::super::write::Writer;
+use super::super::write::{Opened, Output, Writer};
 
 /// Category of records without label: every annotation must have one.
 const UNLABELLED: &str = "object";
 
 /// A file that is being written.
 struct File<'a> {
-    output: Box<dyn Write + Send + 'a>,
+    output: Output<'a>,
     grouping: Grouping,
-    records: u64,
     annotations: u64,
     /// Ids of the annotations so far.
     ids: BTreeSet<u64>,
@@ -30,15 +29,11 @@ struct File<'a> {
     summary: Summary,
 }
 
-pub(super) fn open<'a>(
-    mut output: Box<dyn Write + Send + 'a>,
-    _: &WriteOptions,
-) -> Result<Box<dyn Writer + 'a>, FileError> {
+pub(super) fn open<'a>(mut output: Output<'a>, _: &WriteOptions) -> Opened<'a> {
     output.write_all(b"{\"annotations\":[")?;
     Ok(Box::new(File {
         output,
         grouping: Grouping::default(),
-        records: 0,
         annotations: 0,
         ids: BTreeSet::new(),
         categories: BTreeMap::new(),
@@ -50,7 +45,6 @@ pub(super) fn open<'a>(
 impl Writer for File<'_> {
     fn push(&mut self, record: &Record) -> Result<(), FileError> {
         let before = self.grouping.push(record);
-        self.records += 1;
         self.annotation(&before)
     }
 
@@ -65,7 +59,7 @@ impl Writer for File<'_> {
         let end = format!("\n],\n\"categories\":{},\n\"images\":{}}}\n", json!(categories), json!(images));
         self.output.write_all(end.as_bytes())?;
         self.output.flush()?;
-        self.summary.records = self.records;
+        self.summary.records = self.grouping.count();
         Ok(self.summary)
     }
 }

@@ -7,7 +7,7 @@ use super::super::options::{Layout, WriteOptions};
 use super::super::record::{Geometry, Points, Record};
 use super::super::summary::Summary;
 use super::super::text::{self, Uniform, left_out, name_fits, refused, unfit};
-use super::super::write::Writer;
+use super::super::write::{Opened, Output, Writer};
 use super::AXES;
 use super::columns::numbered;
 
@@ -31,10 +31,7 @@ struct Table<'a> {
     summary: Summary,
 }
 
-pub(super) fn open<'a>(
-    output: Box<dyn Write + Send + 'a>,
-    options: &WriteOptions,
-) -> Result<Box<dyn Writer + 'a>, FileError> {
+pub(super) fn open<'a>(output: Output<'a>, options: &WriteOptions) -> Opened<'a> {
     Ok(Box::new(Table {
         writer: csv::Writer::from_writer(output),
         layout: options.layout.unwrap_or_default(),

@@ -10,37 +10,26 @@ use super::super::objects::{Grouping, PartRef, number, parts};
 use super::super::options::WriteOptions;
 use super::super::record::{Points, Record, Value};
 use super::super::summary::Summary;
-use super::super::write::Writer;
+use super::super::write::{Opened, Output, Writer};
 use super::feature::Own;
 
 /// A collection that is being written, a feature a line.
 struct Features<'a> {
-    output: Box<dyn Write + Send + 'a>,
+    output: Output<'a>,
     grouping: Grouping,
     /// Number of records taken and of features written.
-    records: u64,
     features: u64,
     buffer: Vec<u8>,
 }
 
-pub(super) fn open<'a>(
-    mut output: Box<dyn Write + Send + 'a>,
-    _: &WriteOptions,
-) -> Result<Box<dyn Writer + 'a>, FileError> {
+pub(super) fn open<'a>(mut output: Output<'a>, _: &WriteOptions) -> Opened<'a> {
     output.write_all(b"{\"type\":\"FeatureCollection\",\"features\":[")?;
-    Ok(Box::new(Features {
-        output,
-        grouping: Grouping::default(),
-        records: 0,
-        features: 0,
-        buffer: Vec::new(),
-    }))
+    Ok(Box::new(Features { output, grouping: Grouping::default(), features: 0, buffer: Vec::new() }))
 }
 
 impl Writer for Features<'_> {
     fn push(&mut self, record: &Record) -> Result<(), FileError> {
         let before = self.grouping.push(record);
-        self.records += 1;
         self.feature(&before)
     }
 
@@ -49,7 +38,7 @@ impl Writer for Features<'_> {
         self.feature(&left)?;
         self.output.write_all(b"\n]}\n")?;
         self.output.flush()?;
-        Ok(Summary { records: self.records, ..Summary::default() })
+        Ok(Summary { records: self.grouping.count(), ..Summary::default() })
     }
 }
 

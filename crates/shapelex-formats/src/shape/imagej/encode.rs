@@ -9,7 +9,7 @@ use super::super::objects::{Grouping, PartRef, count_lost, parts, refusal};
 use super::super::options::WriteOptions;
 use super::super::record::{Points, Record};
 use super::super::summary::Summary;
-use super::super::write::Writer;
+use super::super::write::{Opened, Output, Writer};
 use super::{CLOSE, HEADER, LINE, LINE_TO, MOVE, POINT, POLYLINE, RECTANGLE, SUB_PIXEL, type_number};
 
 /// Version of the files: the first one with properties of points and groups.
@@ -19,17 +19,13 @@ const BOUNDS: std::ops::RangeInclusive<f64> = -5000.0..=60535.0;
 
 /// A file that is being written.
 struct Region<'a> {
-    output: Box<dyn Write + Send + 'a>,
+    output: Output<'a>,
     grouping: Grouping,
-    records: u64,
     summary: Summary,
 }
 
-pub(super) fn open<'a>(
-    output: Box<dyn Write + Send + 'a>,
-    _: &WriteOptions,
-) -> Result<Box<dyn Writer + 'a>, FileError> {
-    Ok(Box::new(Region { output, grouping: Grouping::default(), records: 0, summary: Summary::default() }))
+pub(super) fn open<'a>(output: Output<'a>, _: &WriteOptions) -> Opened<'a> {
+    Ok(Box::new(Region { output, grouping: Grouping::default(), summary: Summary::default() }))
 }
 
 impl Writer for Region<'_> {
@@ -39,7 +35,6 @@ impl Writer for Region<'_> {
             let detail = format!("expected one shape, as a file of ImageJ ROI holds, got a second one{name}");
             return Err(FileError::unsupported(record.place.clone(), detail));
         }
-        self.records += 1;
         Ok(())
     }
 
@@ -53,7 +48,7 @@ impl Writer for Region<'_> {
         self.output.write_all(&file)?;
         warn(rounded, &mut self.summary);
         self.output.flush()?;
-        self.summary.records = self.records;
+        self.summary.records = self.grouping.count();
         Ok(self.summary)
     }
 }

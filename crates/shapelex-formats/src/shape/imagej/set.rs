@@ -10,7 +10,7 @@ use super::super::objects::Grouping;
 use super::super::options::WriteOptions;
 use super::super::record::Record;
 use super::super::summary::Summary;
-use super::super::write::Writer;
+use super::super::write::{Opened, Output, Writer};
 use super::encode::{file, warn};
 
 /// Version of the zip format that is needed, and the flag of names in UTF-8.
@@ -32,7 +32,7 @@ struct Entry {
 
 /// A zip that is being written.
 struct Set<'a> {
-    output: Box<dyn Write + Send + 'a>,
+    output: Output<'a>,
     grouping: Grouping,
     offset: u32,
     entries: Vec<Entry>,
@@ -49,10 +49,7 @@ struct Names {
     wished: BTreeMap<String, u64>,
 }
 
-pub(super) fn open<'a>(
-    output: Box<dyn Write + Send + 'a>,
-    _: &WriteOptions,
-) -> Result<Box<dyn Writer + 'a>, FileError> {
+pub(super) fn open<'a>(output: Output<'a>, _: &WriteOptions) -> Opened<'a> {
     Ok(Box::new(Set {
         output,
         grouping: Grouping::default(),

@@ -11,7 +11,7 @@ use super::super::format::Format;
 use super::super::options::WriteOptions;
 use super::super::record::{Kind, Record};
 use super::super::summary::Summary;
-use super::super::write::Writer;
+use super::super::write::{Opened, Output, Writer};
 use super::part::{Part, drop_fields, refused, singles};
 use super::{COLOURS, NORMALS, TEXTURE};
 
@@ -40,7 +40,7 @@ const DRAWN_TRIANGLES: u32 = 4;
 const UNIT: f64 = 2.5e-4;
 
 struct File<'a> {
-    output: Box<dyn Write + Send + 'a>,
+    output: Output<'a>,
     bytes: Vec<u8>,
     views: Vec<Value>,
     accessors: Vec<Value>,
@@ -49,7 +49,7 @@ struct File<'a> {
     summary: Summary,
 }
 
-fn open<'a>(output: Box<dyn Write + Send + 'a>, _: &WriteOptions) -> Result<Box<dyn Writer + 'a>, FileError> {
+fn open<'a>(output: Output<'a>, _: &WriteOptions) -> Opened<'a> {
     Ok(Box::new(File {
         output,
         bytes: Vec::new(),

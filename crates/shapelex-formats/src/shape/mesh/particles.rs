@@ -9,7 +9,7 @@ use super::super::record::Sink;
 use super::super::record::{Geometry, Kind, Points, Record};
 use super::super::source::Source;
 use super::super::summary::Summary;
-use super::super::write::Writer;
+use super::super::write::{Opened, Output, Writer};
 use super::part::{Part, one_only, refused};
 use super::scan::{number, words};
 
@@ -60,11 +60,11 @@ fn read(source: &mut Source<'_>, _: &ReadOptions, sink: Sink<'_>) -> Result<Summ
 }
 
 struct File<'a> {
-    output: Box<dyn Write + Send + 'a>,
+    output: Output<'a>,
     summary: Summary,
 }
 
-fn open<'a>(output: Box<dyn Write + Send + 'a>, _: &WriteOptions) -> Result<Box<dyn Writer + 'a>, FileError> {
+fn open<'a>(output: Output<'a>, _: &WriteOptions) -> Opened<'a> {
     Ok(Box::new(File { output, summary: Summary::default() }))
 }
 

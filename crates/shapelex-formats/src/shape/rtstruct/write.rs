@@ -14,7 +14,7 @@ use crate::shape::error::{FaultKind, FileError, Place};
 use crate::shape::options::WriteOptions;
 use crate::shape::record::{Geometry, Points, Record};
 use crate::shape::summary::Summary;
-use crate::shape::write::Writer;
+use crate::shape::write::{Opened, Output, Writer};
 
 /// Most characters of the name of a region (type LO) and of its type (CS).
 const LONGEST_NAME: usize = 64;
@@ -22,7 +22,7 @@ const LONGEST_KIND: usize = 16;
 
 /// Collects regions; the file is written at the end, because lists of all regions come before their contours.
 struct Structures<'a> {
-    output: Box<dyn Write + Send + 'a>,
+    output: Output<'a>,
     series: Vec<SeriesImage>,
     created: Option<Moment>,
     regions: Vec<Region>,
@@ -31,10 +31,7 @@ struct Structures<'a> {
     summary: Summary,
 }
 
-pub(super) fn open<'a>(
-    output: Box<dyn Write + Send + 'a>,
-    options: &WriteOptions,
-) -> Result<Box<dyn Writer + 'a>, FileError> {
+pub(super) fn open<'a>(output: Output<'a>, options: &WriteOptions) -> Opened<'a> {
     let fault = |detail: String| Err(FileError::new(FaultKind::Option, detail));
     let Some(first) = options.series.first() else {
         return fault("expected the headers of the images of a series (option series), got none".into());

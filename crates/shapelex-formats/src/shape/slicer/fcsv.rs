@@ -17,7 +17,7 @@ use super::super::record::{Geometry, Kind, Points, Record};
 use super::super::source::Source;
 use super::super::summary::Summary;
 use super::super::text::{coordinate, left_out, push, shown, unfit};
-use super::super::write::Writer;
+use super::super::write::{Opened, Output, Writer};
 use super::{KEPT, keep, points, system, text_of};
 
 /// Points of 3D Slicer.
@@ -143,11 +143,11 @@ fn system_of(text: &str) -> Result<String, String> {
 }
 
 struct Fcsv<'a> {
-    output: Box<dyn Write + Send + 'a>,
+    output: Output<'a>,
     summary: Summary,
 }
 
-fn open<'a>(output: Box<dyn Write + Send + 'a>, _: &WriteOptions) -> Result<Box<dyn Writer + 'a>, FileError> {
+fn open<'a>(output: Output<'a>, _: &WriteOptions) -> Opened<'a> {
     Ok(Box::new(Fcsv { output, summary: Summary::default() }))
 }
 

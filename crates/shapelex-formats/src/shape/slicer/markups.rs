@@ -23,7 +23,7 @@ use super::super::record::{Geometry, Kind, Points, Record};
 use super::super::source::Source;
 use super::super::summary::Summary;
 use super::super::text::{end, left_out, shown};
-use super::super::write::Writer;
+use super::super::write::{Opened, Output, Writer};
 use super::{KEPT, keep, points, system, text_of};
 
 /// Points and curves of 3D Slicer.
@@ -184,15 +184,12 @@ impl ControlPoint {
 }
 
 struct Markups<'a> {
-    output: Box<dyn Write + Send + 'a>,
+    output: Output<'a>,
     unit: Option<String>,
     summary: Summary,
 }
 
-fn open<'a>(
-    mut output: Box<dyn Write + Send + 'a>,
-    options: &WriteOptions,
-) -> Result<Box<dyn Writer + 'a>, FileError> {
+fn open<'a>(mut output: Output<'a>, options: &WriteOptions) -> Opened<'a> {
     output.write_all(format!("{{\"@schema\": \"{SCHEMA}\", \"markups\": [").as_bytes())?;
     Ok(Box::new(Markups { output, unit: options.unit.clone(), summary: Summary::default() }))
 }

@@ -18,7 +18,7 @@ use super::super::record::Sink;
 use super::super::record::{Kind, Record};
 use super::super::source::Source;
 use super::super::summary::Summary;
-use super::super::write::Writer;
+use super::super::write::{Opened, Output, Writer};
 use super::checks::{check_buffers, check_message};
 use super::read_rows::Reading;
 use super::rows::Rows;
@@ -160,36 +160,33 @@ fn exactly(source: &mut Source<'_>, count: usize, what: &str) -> Result<Vec<u8>,
 
 struct Stream<'a> {
     rows: Rows,
-    output: Output<'a>,
+    stage: Stage<'a>,
 }
 
 /// The output, until the first rows say which columns there are.
-enum Output<'a> {
-    Waiting(Box<dyn Write + Send + 'a>),
-    Begun(Box<StreamWriter<Box<dyn Write + Send + 'a>>>),
+enum Stage<'a> {
+    Waiting(Output<'a>),
+    Begun(Box<StreamWriter<Output<'a>>>),
     Ended,
 }
 
-fn open<'a>(
-    output: Box<dyn Write + Send + 'a>,
-    options: &WriteOptions,
-) -> Result<Box<dyn Writer + 'a>, FileError> {
-    Ok(Box::new(Stream { rows: Rows::new(options), output: Output::Waiting(output) }))
+fn open<'a>(output: Output<'a>, options: &WriteOptions) -> Opened<'a> {
+    Ok(Box::new(Stream { rows: Rows::new(options), stage: Stage::Waiting(output) }))
 }
 
 impl Stream<'_> {
     fn write(&mut self, batch: &RecordBatch) -> Result<(), FileError> {
-        let mut writer = match std::mem::replace(&mut self.output, Output::Ended) {
-            Output::Waiting(output) => {
+        let mut writer = match std::mem::replace(&mut self.stage, Stage::Ended) {
+            Stage::Waiting(output) => {
                 Box::new(StreamWriter::try_new(output, &batch.schema()).map_err(unwritten)?)
             }
-            Output::Begun(writer) => writer,
-            Output::Ended => return Err(unwritten("expected rows before the end, got more")),
+            Stage::Begun(writer) => writer,
+            Stage::Ended => return Err(unwritten("expected rows before the end, got more")),
         };
         if batch.num_rows() > 0 {
             writer.write(batch).map_err(unwritten)?;
         }
-        self.output = Output::Begun(writer);
+        self.stage = Stage::Begun(writer);
         Ok(())
     }
 }
@@ -203,11 +200,11 @@ impl Writer for Stream<'_> {
     }
 
     fn finish(mut self: Box<Self>) -> Result<Summary, FileError> {
-        if !self.rows.is_empty() || matches!(self.output, Output::Waiting(_)) {
+        if !self.rows.is_empty() || matches!(self.stage, Stage::Waiting(_)) {
             let batch = self.rows.take()?;
             self.write(&batch)?;
         }
-        if let Output::Begun(mut writer) = std::mem::replace(&mut self.output, Output::Ended) {
+        if let Stage::Begun(mut writer) = std::mem::replace(&mut self.stage, Stage::Ended) {
             writer.finish().map_err(unwritten)?;
             writer.get_mut().flush()?;
         }

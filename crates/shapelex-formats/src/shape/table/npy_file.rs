@@ -9,7 +9,7 @@ use super::super::record::Sink;
 use super::super::record::{Geometry, Kind, Points, Record};
 use super::super::source::Source;
 use super::super::summary::Summary;
-use super::super::write::Writer;
+use super::super::write::{Opened, Output, Writer};
 use super::npy::{Header, Layout, MAGIC, exactly, header_bytes};
 
 /// NPY.
@@ -84,14 +84,14 @@ pub(super) fn points_of(record: &Record) -> Result<(&Points, Option<bool>), File
 }
 
 struct Array<'a> {
-    output: Box<dyn Write + Send + 'a>,
+    output: Output<'a>,
     /// Points and coordinates of the first shape, which all have.
     size: Option<(usize, usize)>,
     values: Vec<f64>,
     summary: Summary,
 }
 
-fn open<'a>(output: Box<dyn Write + Send + 'a>, _: &WriteOptions) -> Result<Box<dyn Writer + 'a>, FileError> {
+fn open<'a>(output: Output<'a>, _: &WriteOptions) -> Opened<'a> {
     Ok(Box::new(Array { output, size: None, values: Vec::new(), summary: Summary::default() }))
 }
 

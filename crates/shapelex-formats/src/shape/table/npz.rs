@@ -24,7 +24,7 @@ use super::super::record::Sink;
 use super::super::record::{Geometry, Kind, Points, Record};
 use super::super::source::Source;
 use super::super::summary::Summary;
-use super::super::write::Writer;
+use super::super::write::{Opened, Output, Writer};
 use super::array_zip::ArrayZip;
 use super::npy::{Header, Items, Layout, exactly};
 use super::npy_file::{geometry, points_of};
@@ -294,12 +294,12 @@ struct Collected {
 }
 
 struct Zip<'a> {
-    output: Box<dyn Write + Send + 'a>,
+    output: Output<'a>,
     arrays: Collected,
     summary: Summary,
 }
 
-fn open<'a>(output: Box<dyn Write + Send + 'a>, _: &WriteOptions) -> Result<Box<dyn Writer + 'a>, FileError> {
+fn open<'a>(output: Output<'a>, _: &WriteOptions) -> Opened<'a> {
     Ok(Box::new(Zip { output, arrays: Collected::default(), summary: Summary::default() }))
 }
 

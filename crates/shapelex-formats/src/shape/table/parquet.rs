@@ -30,7 +30,7 @@ use super::super::record::Sink;
 use super::super::record::{Kind, Record};
 use super::super::source::Source;
 use super::super::summary::Summary;
-use super::super::write::Writer;
+use super::super::write::{Opened, Output, Writer};
 use super::pages::check_columns;
 use super::read_rows::Reading;
 use super::rows::{ROWS, Rows};
@@ -117,10 +117,7 @@ struct Begun<'a> {
     groups: usize,
 }
 
-fn open<'a>(
-    output: Box<dyn Write + Send + 'a>,
-    options: &WriteOptions,
-) -> Result<Box<dyn Writer + 'a>, FileError> {
+fn open<'a>(output: Output<'a>, options: &WriteOptions) -> Opened<'a> {
     Ok(Box::new(File { rows: Rows::new(options), output: Some(output), begun: None, waiting: Vec::new() }))
 }
 

@@ -10,7 +10,7 @@ use super::super::options::WriteOptions;
 use super::super::record::{Geometry, Points, Record};
 use super::super::summary::Summary;
 use super::super::text::{left_out, name_fits, refused, shown, unfit, write_row};
-use super::super::write::Writer;
+use super::super::write::{Opened, Output, Writer};
 
 /// Keys of the metadata that are written.
 const KEPT: [&str; 7] = ["image", "comment", "variables", "scale", "scale_applied", "curve", "specimen"];
@@ -31,15 +31,12 @@ struct Specimen {
 }
 
 struct Tps<'a> {
-    output: Box<dyn Write + Send + 'a>,
+    output: Output<'a>,
     pending: Option<Specimen>,
     summary: Summary,
 }
 
-pub(super) fn open<'a>(
-    output: Box<dyn Write + Send + 'a>,
-    _: &WriteOptions,
-) -> Result<Box<dyn Writer + 'a>, FileError> {
+pub(super) fn open<'a>(output: Output<'a>, _: &WriteOptions) -> Opened<'a> {
     Ok(Box::new(Tps { output, pending: None, summary: Summary::default() }))
 }
 

@@ -7,28 +7,23 @@ use super::super::objects::{Grouping, PartRef, count_lost, number, parts, refusa
 use super::super::options::WriteOptions;
 use super::super::record::{Points, Record};
 use super::super::summary::Summary;
-use super::super::write::Writer;
+use super::super::write::{Opened, Output, Writer};
 use super::parse::begins_geometry;
 
 /// Lines that are being written: the name of the object, a tabulator and its geometry.
 struct Lines<'a> {
-    output: Box<dyn Write + Send + 'a>,
+    output: Output<'a>,
     grouping: Grouping,
-    records: u64,
     summary: Summary,
 }
 
-pub(super) fn open<'a>(
-    output: Box<dyn Write + Send + 'a>,
-    _: &WriteOptions,
-) -> Result<Box<dyn Writer + 'a>, FileError> {
-    Ok(Box::new(Lines { output, grouping: Grouping::default(), records: 0, summary: Summary::default() }))
+pub(super) fn open<'a>(output: Output<'a>, _: &WriteOptions) -> Opened<'a> {
+    Ok(Box::new(Lines { output, grouping: Grouping::default(), summary: Summary::default() }))
 }
 
 impl Writer for Lines<'_> {
     fn push(&mut self, record: &Record) -> Result<(), FileError> {
         let before = self.grouping.push(record);
-        self.records += 1;
         self.line(&before)
     }
 
@@ -36,7 +31,7 @@ impl Writer for Lines<'_> {
         let left = self.grouping.finish();
         self.line(&left)?;
         self.output.flush()?;
-        self.summary.records = self.records;
+        self.summary.records = self.grouping.count();
         Ok(self.summary)
     }
 }

@@ -6,7 +6,7 @@ use super::super::super::error::FileError;
 use super::super::super::options::WriteOptions;
 use super::super::super::record::{Domain, Field, Mesh, Record};
 use super::super::super::summary::Summary;
-use super::super::super::write::Writer;
+use super::super::super::write::{Opened, Output, Writer};
 use super::super::part::{Part, drop_fields};
 use super::super::{COLOURS, NORMALS, TEXTURE};
 use super::{NORMALS_OF_CORNERS, TEXTURE_OF_CORNERS};
@@ -15,16 +15,13 @@ const WRITTEN: [&str; 7] =
     [COLOURS, NORMALS, TEXTURE, TEXTURE_OF_CORNERS, NORMALS_OF_CORNERS, "group", "material"];
 
 struct Objects<'a> {
-    output: Box<dyn Write + Send + 'a>,
+    output: Output<'a>,
     /// Numbers of vertices, texture coordinates and normals so far.
     before: [u64; 3],
     summary: Summary,
 }
 
-pub(super) fn open<'a>(
-    output: Box<dyn Write + Send + 'a>,
-    _: &WriteOptions,
-) -> Result<Box<dyn Writer + 'a>, FileError> {
+pub(super) fn open<'a>(output: Output<'a>, _: &WriteOptions) -> Opened<'a> {
     Ok(Box::new(Objects { output, before: [0; 3], summary: Summary::default() }))
 }
 

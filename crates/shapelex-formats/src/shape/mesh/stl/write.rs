@@ -3,25 +3,21 @@
 use std::io::Write;
 
 use super::super::super::error::FileError;
-use super::super::super::options::{Encoding, WriteOptions};
+use super::super::super::options::WriteOptions;
 use super::super::super::record::Record;
 use super::super::super::summary::Summary;
-use super::super::super::write::Writer;
+use super::super::super::write::{Opened, Output, Writer};
 use super::super::NORMALS;
 use super::super::part::{Part, drop_fields, one_only, refused, singles};
 
 struct File<'a> {
-    output: Box<dyn Write + Send + 'a>,
+    output: Output<'a>,
     text: bool,
     summary: Summary,
 }
 
-pub(super) fn open<'a>(
-    output: Box<dyn Write + Send + 'a>,
-    options: &WriteOptions,
-) -> Result<Box<dyn Writer + 'a>, FileError> {
-    let text = options.encoding == Some(Encoding::Text);
-    Ok(Box::new(File { output, text, summary: Summary::default() }))
+pub(super) fn open<'a>(output: Output<'a>, options: &WriteOptions) -> Opened<'a> {
+    Ok(Box::new(File { output, text: options.is_text(), summary: Summary::default() }))
 }
 
 impl Writer for File<'_> {

@@ -3,24 +3,20 @@
 use std::io::Write;
 
 use super::super::super::error::FileError;
-use super::super::super::options::{Encoding, WriteOptions};
+use super::super::super::options::WriteOptions;
 use super::super::super::record::{Domain, Faces, Field, Record};
 use super::super::super::summary::Summary;
-use super::super::super::write::Writer;
+use super::super::super::write::{Opened, Output, Writer};
 use super::super::part::{Part, one_only, refused};
 
 struct File<'a> {
-    output: Box<dyn Write + Send + 'a>,
+    output: Output<'a>,
     text: bool,
     summary: Summary,
 }
 
-pub(super) fn open<'a>(
-    output: Box<dyn Write + Send + 'a>,
-    options: &WriteOptions,
-) -> Result<Box<dyn Writer + 'a>, FileError> {
-    let text = options.encoding == Some(Encoding::Text);
-    Ok(Box::new(File { output, text, summary: Summary::default() }))
+pub(super) fn open<'a>(output: Output<'a>, options: &WriteOptions) -> Opened<'a> {
+    Ok(Box::new(File { output, text: options.is_text(), summary: Summary::default() }))
 }
 
 impl Writer for File<'_> {
@@ -87,39 +83,44 @@ impl File<'_> {
         Ok(())
     }
 
+    /// Cells, each as its length and its indices.
     fn cells(&mut self, keyword: &str, cells: &Faces) -> Result<(), FileError> {
         let size: usize = cells.iter().map(|cell| 1 + cell.len()).sum();
         writeln!(self.output, "{keyword} {} {size}", cells.len())?;
         for cell in cells.iter() {
             let length = u32::try_from(cell.len()).unwrap_or(u32::MAX);
-            for value in std::iter::once(&length).chain(cell) {
-                match self.text {
-                    true => write!(self.output, "{value} ")?,
-                    false => self.output.write_all(&value.to_be_bytes())?,
-                }
-            }
-            if self.text {
-                writeln!(self.output)?;
+            self.row(std::iter::once(&length).chain(cell), |value| value.to_be_bytes())?;
+        }
+        self.end_rows()
+    }
+
+    fn numbers(&mut self, values: &[f64], width: usize) -> Result<(), FileError> {
+        for row in values.chunks(width) {
+            self.row(row, |value| value.to_be_bytes())?;
+        }
+        self.end_rows()
+    }
+
+    /// Values as a line of text, or as their bytes.
+    fn row<'v, T: std::fmt::Display + 'v, const N: usize>(
+        &mut self,
+        values: impl IntoIterator<Item = &'v T>,
+        bytes: impl Fn(&T) -> [u8; N],
+    ) -> Result<(), FileError> {
+        for value in values {
+            match self.text {
+                true => write!(self.output, "{value} ")?,
+                false => self.output.write_all(&bytes(value))?,
             }
         }
-        if !self.text {
+        if self.text {
             writeln!(self.output)?;
         }
         Ok(())
     }
 
-    fn numbers(&mut self, values: &[f64], width: usize) -> Result<(), FileError> {
-        for row in values.chunks(width) {
-            for value in row {
-                match self.text {
-                    true => write!(self.output, "{value} ")?,
-                    false => self.output.write_all(&value.to_be_bytes())?,
-                }
-            }
-            if self.text {
-                writeln!(self.output)?;
-            }
-        }
+    /// Bytes end in a line break too.
+    fn end_rows(&mut self) -> Result<(), FileError> {
         if !self.text {
             writeln!(self.output)?;
         }
