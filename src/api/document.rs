@@ -4,10 +4,10 @@
 mod variants;
 
 use axum::http::Method;
-use utoipa::openapi::path::Operation;
+use utoipa::openapi::path::{Operation, Parameter, ParameterBuilder, ParameterIn};
 use utoipa::openapi::{
-    Content, ContentBuilder, HeaderBuilder, ObjectBuilder, OpenApi, Ref, RefOr, Response, ResponseBuilder,
-    Type,
+    Content, ContentBuilder, HeaderBuilder, ObjectBuilder, OpenApi, Ref, RefOr, Required, Response,
+    ResponseBuilder, Type,
 };
 
 use super::{health, negotiation, tabular};
@@ -23,6 +23,17 @@ const LIMITS: [(&str, &str); 2] =
 /// A response with a problem document.
 pub(super) fn refusal(description: impl Into<String>) -> ResponseBuilder {
     ResponseBuilder::new().description(description).content(PROBLEM, problem())
+}
+
+/// A query parameter that is a text and may be absent.
+pub(super) fn text_parameter(name: &str, description: impl Into<String>) -> Parameter {
+    ParameterBuilder::new()
+        .name(name)
+        .parameter_in(ParameterIn::Query)
+        .required(Required::False)
+        .description(Some(description))
+        .schema(Some(ObjectBuilder::new().schema_type(Type::String)))
+        .build()
 }
 
 fn problem() -> Content {

@@ -9,12 +9,14 @@ use axum::extract::Request;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, Uri, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
-use utoipa::openapi::path::{Operation, ParameterBuilder, ParameterIn};
-use utoipa::openapi::{ContentBuilder, ObjectBuilder, Ref, RefOr, Required, Type};
+use utoipa::openapi::path::Operation;
+use utoipa::openapi::{ContentBuilder, ObjectBuilder, Ref, RefOr, Type};
 
+use super::document::text_parameter;
 use super::extract::{ANYTHING, accepted, preferred};
 use super::observe;
 use super::problem::{Problem, ProblemKind};
+
 use crate::formats::columns::{ANSWER, Columns, ColumnsError, ColumnsFormat};
 use crate::service::app::memory::Purpose;
 use crate::service::app::{App, ServiceError, Work};
@@ -118,7 +120,7 @@ impl Wanted {
 /// Whether a request says nothing of a format, as most do: no parameter, and no media type but JSON or any.
 fn is_plain(request: &Request) -> bool {
     let mut types = request.headers().get_all(header::ACCEPT).iter();
-    let any = |value: &axum::http::HeaderValue| matches!(value.as_bytes(), b"*/*" | b"application/json");
+    let any = |value: &HeaderValue| matches!(value.as_bytes(), b"*/*" | b"application/json");
     types.all(any) && request.uri().query().is_none_or(|query| !query.contains("format"))
 }
 
@@ -278,17 +280,7 @@ pub(super) fn describe(path: &str, method: &Method, operation: &mut Operation) {
          Default: `{table}`"
     );
     parameters.push(RefOr::T(text_parameter("table", said)));
-    parameters.push(RefOr::T(text_parameter("column", "With `npy`: the column that is the array".into())));
-}
-
-fn text_parameter(name: &str, description: String) -> utoipa::openapi::path::Parameter {
-    ParameterBuilder::new()
-        .name(name)
-        .parameter_in(ParameterIn::Query)
-        .required(Required::False)
-        .description(Some(description))
-        .schema(Some(ObjectBuilder::new().schema_type(Type::String)))
-        .build()
+    parameters.push(RefOr::T(text_parameter("column", "With `npy`: the column that is the array")));
 }
 
 #[cfg(test)]

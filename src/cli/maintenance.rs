@@ -124,9 +124,15 @@ pub(super) async fn run(command: Maintenance) -> Result<Outcome, String> {
         Maintenance::Import { files, shapes, at } if shapes.cohort.is_some() => {
             return files::import::run(&files, *shapes, at).await;
         }
-        Maintenance::Export { file, at, .. } => export(&file, &at.site()?).await,
-        Maintenance::Import { files, at, .. } => match files.as_slice() {
-            [file] => import(file, &at.site()?).await,
+        Maintenance::Export { file, shapes, at } => {
+            shapes.check_store()?;
+            export(&file, &at.site()?).await
+        }
+        Maintenance::Import { files, shapes, at } => match files.as_slice() {
+            [file] => {
+                shapes.check_store()?;
+                import(file, &at.site()?).await
+            }
             _ => return Err("expected one file written by export, or a cohort for files of shapes".into()),
         },
     };

@@ -111,6 +111,11 @@ impl Placing {
         }
     }
 
+    /// External id of a record with this name.
+    pub fn external_id(&self, name: &str) -> String {
+        format!("{}{name}", self.prefix.as_deref().unwrap_or_default())
+    }
+
     /// Attributes of a shape: its name, labels and metadata.
     fn attributes(&self, record: Record) -> ShapeInput {
         let Record { name, subject, label, mut labels, weight, mut metadata, ring, .. } = record;
@@ -118,7 +123,7 @@ impl Placing {
             labels.entry("hole".into()).or_insert(Value::Bool(ring.hole));
             metadata.entry("ring").or_insert_with(|| serde_json::to_value(ring).unwrap_or_default());
         }
-        let name = name.map(|name| format!("{}{name}", self.prefix.as_deref().unwrap_or_default()));
+        let name = name.map(|name| self.external_id(&name));
         let text = |text: Option<String>| text.map(|text| Checked::of(Some(text)));
         ShapeInput {
             external_id: text(name),

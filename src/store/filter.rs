@@ -22,7 +22,7 @@ impl Revisions {
     }
 
     /// All shapes at the current revision.
-    pub(super) fn latest() -> Self {
+    pub fn latest() -> Self {
         Self::until(u64::MAX)
     }
 }

@@ -61,6 +61,8 @@ pub struct ShapePage {
 /// What a list of shapes holds.
 #[derive(Debug, Clone)]
 pub struct Listing<'a> {
+    /// Revisions between which the shapes are in the cohort.
+    pub revisions: Revisions,
     /// Filter that the shapes pass.
     pub filter: &'a ShapeFilter,
     /// Order of the list. Default: storage order.
@@ -76,7 +78,7 @@ pub struct Listing<'a> {
 impl<'a> Listing<'a> {
     /// The first `limit` shapes that pass the filter, with their geometry, in storage order.
     pub fn first(filter: &'a ShapeFilter, limit: usize) -> Self {
-        Self { filter, order: None, after: None, limit, geometry: true }
+        Self { revisions: Revisions::latest(), filter, order: None, after: None, limit, geometry: true }
     }
 }
 
@@ -274,12 +276,12 @@ impl Store {
     /// # Errors
     /// [`StoreError::CohortGone`] if there is no such cohort, [`StoreError::Corrupt`].
     pub async fn list_shapes(&self, cohort_id: &str, listing: &Listing<'_>) -> Result<ShapePage, StoreError> {
-        let Listing { filter, order, after, limit, geometry } = listing;
+        let Listing { revisions, filter, order, after, limit, geometry } = listing;
         let mut read = self.begin_read().await?;
         let cohort = self.number(&mut read, cohort_id).await?;
         let after_place =
             after.as_ref().map_or((0, -1), |cursor| (cursor.place.chunk, cursor.place.position));
-        let selection = Selection { cohort, revisions: Revisions::latest(), filter, after: (0, -1) };
+        let selection = Selection { cohort, revisions: *revisions, filter, after: (0, -1) };
         let (entries, next) = match order {
             None => stored_entries(&mut read, Selection { after: after_place, ..selection }, *limit).await?,
             Some(order) => ordered_entries(&mut read, selection, order, after.as_ref(), *limit).await?,

@@ -454,6 +454,12 @@ async fn shapes_are_listed_in_pages() {
         after = Some(next.to_string().parse().unwrap());
     }
     assert_eq!(listed, expected);
+    // At an earlier revision, whatever was added and deleted since.
+    let revision = store.find_cohort(&cohort.id).await.unwrap().unwrap().revision - 1;
+    store.delete_shape(&cohort.id, &expected[1], 1).await.unwrap();
+    let then = Listing { revisions: Revisions::until(revision), ..Listing::first(&EVERYTHING, 20) };
+    let then = store.list_shapes(&cohort.id, &then).await.unwrap().shapes;
+    assert_eq!(then.into_iter().map(|s| s.id).collect::<Vec<_>>(), expected[..8]);
     for wrong in ["", "1", "-1-2", "1-+2", "1-g", "1-2-3", "ffffffffffffffffff-1"] {
         assert_eq!(wrong.parse::<Cursor>(), Err(CursorError), "{wrong}");
     }

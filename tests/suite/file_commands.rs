@@ -149,6 +149,11 @@ fn files_go_into_a_store_and_out_of_it() {
     assert_eq!((code, said.lines().count()), (0, 2), "{said}");
     let shape: Value = serde_json::from_str(said.lines().next().unwrap()).unwrap();
     assert_eq!((&shape["external_id"], &shape["points"][2]), (&json!("a/first"), &json!([4.0, 1.0])));
+    // Options of files of shapes say nothing of a whole store.
+    for (command, option) in [("export", "--write"), ("import", "--option")] {
+        let (code, _, said) = run(server.command(command).arg(&file).args([option, "unit=mm"]));
+        assert!(code == 2 && said.contains("expected --cohort"), "{said}");
+    }
 }
 
 #[test]

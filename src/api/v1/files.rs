@@ -13,13 +13,13 @@ use futures_util::stream;
 use serde::Serialize;
 use tokio::sync::mpsc;
 use tokio_util::task::AbortOnDropHandle;
-use utoipa::openapi::path::{Parameter, ParameterBuilder, ParameterIn};
-use utoipa::openapi::{ObjectBuilder, Required, Type};
+use utoipa::openapi::path::{Parameter, ParameterIn};
 use utoipa::{IntoParams, ToSchema};
 
 use super::entity_tags::not_stored;
 use super::shape_query::{FilterQuery, Parameters};
 use crate::api::body;
+use crate::api::document::text_parameter;
 use crate::api::extract::{ANYTHING, Caller, Path, Query, accepted, media_type, preferred};
 use crate::api::problem::{Problem, ProblemKind};
 use crate::api::respond::{Binary, json};
@@ -75,9 +75,9 @@ impl IntoParams for ReadQuery {
         let of = |name: &str| {
             let formats = FileFormat::all().filter(|format| format.options().contains(&name));
             let formats = formats.map(FileFormat::id).collect::<Vec<_>>().join(", ");
-            (name.to_owned(), format!("Option of reading files of the formats {formats}."))
+            text_parameter(name, format!("Option of reading files of the formats {formats}."))
         };
-        names_of(&ReadOptions::default()).iter().map(|name| text_parameter(of(name))).collect()
+        names_of(&ReadOptions::default()).iter().map(|name| of(name)).collect()
     }
 }
 
@@ -86,9 +86,9 @@ pub(super) struct WriteQuery;
 
 impl IntoParams for WriteQuery {
     fn into_params(_: impl Fn() -> Option<ParameterIn>) -> Vec<Parameter> {
-        let of =
-            |name: &String| (format!("{WRITE}{name}"), "Option of the format that is written.".to_owned());
-        names_of(&WriteOptions::default()).iter().map(|name| text_parameter(of(name))).collect()
+        let said = "Option of the format that is written.";
+        let of = |name: &String| text_parameter(&format!("{WRITE}{name}"), said);
+        names_of(&WriteOptions::default()).iter().map(of).collect()
     }
 }
 
@@ -99,16 +99,6 @@ const WRITE: &str = "write_";
 fn names_of(options: &impl Serialize) -> Vec<String> {
     let options = serde_json::to_value(options).unwrap_or_default();
     options.as_object().into_iter().flatten().map(|(name, _)| name.clone()).collect()
-}
-
-fn text_parameter((name, description): (String, String)) -> Parameter {
-    ParameterBuilder::new()
-        .name(name)
-        .parameter_in(ParameterIn::Query)
-        .required(Required::False)
-        .description(Some(description))
-        .schema(Some(ObjectBuilder::new().schema_type(Type::String)))
-        .build()
 }
 
 /// Parameters of a request with a file.
@@ -451,8 +441,9 @@ pub(super) struct ExportQuery {
 
 /// Writes all shapes of a cohort that pass a filter as a file.
 ///
-/// In the order in which they were added, with their external ids (else ids), labels and metadata. The answer is written while
-/// shapes are read: a fault within its first MiB is a problem document, a later one breaks the connection off.
+/// In the order in which they were added, with their external ids (else ids), labels and metadata, all at the revision that the
+/// cohort has when the request arrives. The answer is written while shapes are read: a fault within its first MiB is a problem
+/// document, a later one breaks the connection off.
 #[utoipa::path(get, path = "/cohorts/{cohort}/export", tag = "files",
     params(("cohort" = String, Path, description = "Id or name"), FilterQuery, ExportQuery, WriteQuery),
     responses(

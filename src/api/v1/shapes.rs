@@ -446,6 +446,7 @@ fn take_listing(pairs: Vec<(String, String)>) -> Result<(ShapeListing, Option<Fi
     let fields = take_fields(&mut parameters)?;
     let needs_geometry = |fields: &FieldNames| fields.iter().any(|field| GEOMETRY.contains(&field.as_str()));
     let listing = ShapeListing {
+        revision: None,
         filter: parameters.take_filter(),
         order: parameters.take_order()?,
         limit: page.limit()?,

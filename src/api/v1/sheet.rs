@@ -109,6 +109,7 @@ impl Sheet {
         let cells = Cells::take(&mut parameters)?;
         let page = PageQuery { cursor: parameters.take("cursor"), limit: parameters.take_count("limit")? };
         let listing = ShapeListing {
+            revision: None,
             filter: parameters.take_filter(),
             order: parameters.take_order()?,
             limit: page.limit()?,

@@ -42,6 +42,19 @@ pub(in crate::cli) struct ExportArgs {
     writing: Writing,
 }
 
+impl ExportArgs {
+    /// Refuses options of files of shapes for the export of a whole store.
+    ///
+    /// # Errors
+    /// An option that needs a cohort.
+    pub(in crate::cli) fn check_store(&self) -> Result<(), String> {
+        match self.writing.is_usual() {
+            true => Ok(()),
+            false => Err("expected --cohort beside --write and --series, got none".into()),
+        }
+    }
+}
+
 /// Writes the file.
 ///
 /// # Errors

@@ -64,6 +64,19 @@ pub(in crate::cli) struct ImportArgs {
     json: bool,
 }
 
+impl ImportArgs {
+    /// Refuses options of files of shapes for the import of a whole store.
+    ///
+    /// # Errors
+    /// An option that needs a cohort.
+    pub(in crate::cli) fn check_store(&self) -> Result<(), String> {
+        match self.reading.is_usual() {
+            true => Ok(()),
+            false => Err("expected --cohort beside --from and --option, got none".into()),
+        }
+    }
+}
+
 fn plane(word: &str) -> Result<Plane, String> {
     serde_json::from_value(word.into()).map_err(|_| "expected xy, xz or yz".into())
 }

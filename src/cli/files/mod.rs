@@ -41,6 +41,11 @@ pub(super) struct Reading {
 }
 
 impl Reading {
+    /// Whether nothing is said of the files.
+    fn is_usual(&self) -> bool {
+        self.from.is_none() && self.options.is_empty()
+    }
+
     /// The options.
     fn options(&self) -> Result<ReadOptions, String> {
         let pairs = pairs(&self.options)?;
@@ -66,6 +71,11 @@ pub(super) struct Writing {
 }
 
 impl Writing {
+    /// Whether nothing is said of the file.
+    fn is_usual(&self) -> bool {
+        self.write.is_empty() && self.series.is_empty()
+    }
+
     /// The options.
     fn options(&self) -> Result<WriteOptions, String> {
         let options = WriteOptions::from_pairs(self.pairs()?).map_err(|error| error.to_string())?;

@@ -51,12 +51,12 @@ pub struct BodyReader {
     stop: Stop,
 }
 
-/// Whether nobody waits for the result any more.
+/// Tells a reader that the client has gone, so that it can end.
 #[derive(Debug, Clone, Default)]
 pub struct Stop(Arc<AtomicBool>);
 
 impl Stop {
-    /// Whether it is so.
+    /// Whether the client has gone.
     pub fn is_set(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }
@@ -72,7 +72,7 @@ impl Drop for Guard {
 }
 
 impl BodyReader {
-    /// Whether nobody waits for the result any more; computations should then end.
+    /// Tells computations that the client has gone.
     pub fn stop(&self) -> Stop {
         self.stop.clone()
     }
@@ -89,7 +89,7 @@ impl Read for BodyReader {
             }
         }
         if self.stop.is_set() {
-            return Err(io::Error::other("nobody waits for the result"));
+            return Err(io::Error::other("the client has gone"));
         }
         let count = buffer.len().min(self.current.len());
         self.current.copy_to_slice(&mut buffer[..count]);
@@ -145,7 +145,7 @@ pub async fn read_incoming<T: Send + 'static>(
 }
 
 /// Completes when the service is stopping and the grace period of streams is over.
-async fn stopped(app: &App) {
+pub async fn stopped(app: &App) {
     app.stopping().await;
     tokio::time::sleep(STOPPING).await;
 }

@@ -4,7 +4,8 @@
 //! * [`pool`] — compute threads, shared fairly between tenants; [`work`] — predicted cost; [`progress`] — progress and
 //!   cancellation of a computation;
 //! * [`cache`] — results that are expensive to compute; `state` — state of a use case for the life of the process;
-//! * [`incoming`] — bodies for readers that wait for bytes; [`outgoing`] — answers of such writers; [`memory`] — accounts of memory; [`clock`] — plausibility of the machine's clock;
+//! * [`incoming`] — bodies for readers that wait for bytes; [`outgoing`] — answers of such writers;
+//! * [`memory`] — accounts of memory; [`clock`] — plausibility of the machine's clock;
 //! * [`idempotency`] — requests that are sent again; [`touched`] — objects that a request concerns;
 //! * [`error`], [`problem`] — errors of use cases and their documents for clients;
 //! * [`metrics`], [`scrape`] — counters and gauges, and their text; [`build`] — version, commit and compiler.

@@ -102,7 +102,7 @@ pub(super) fn read(
             (external_id(&shape).map(str::to_owned), read_shape(reading, *shape).map(plain))
         }
         Ok(Incoming::Record(record)) => {
-            (record.name.as_ref().map(|name| placer.name(name)), placer.read(*record))
+            (record.name.as_ref().map(|name| placer.placing().external_id(name)), placer.read(*record))
         }
         Ok(Incoming::Line(_)) => return (None, Err(vec![placed(Fault::new("", "expected a shape"))])),
         Err(ServiceError::Malformed(faults)) => return (None, Err(all(faults))),

@@ -186,6 +186,8 @@ pub async fn list(app: &App, cursor: Option<&str>, limit: usize) -> Result<Page<
 /// What a page of shapes holds.
 #[derive(Debug)]
 pub struct ShapeListing {
+    /// Revision of the cohort. Default: the latest one, of each page.
+    pub revision: Option<u64>,
     /// Filter that the shapes pass.
     pub filter: ShapeFilter,
     /// Order of the list. Default: that of insertion.
@@ -219,7 +221,8 @@ pub async fn list_shapes(
     listing: &ShapeListing,
 ) -> Result<(Cohort, ShapesFound), ServiceError> {
     let cohort = find(app, key).await?;
-    let ShapeListing { filter, order, cursor, limit, geometry, total } = listing;
+    let ShapeListing { revision, filter, order, cursor, limit, geometry, total } = listing;
+    let revisions = revision.map_or_else(Revisions::latest, Revisions::until);
     let after: Option<ListCursor> =
         cursor.as_deref().map(str::parse).transpose().map_err(|_| ServiceError::foreign_cursor())?;
     if after.as_ref().is_some_and(|after| after.key.is_some() != order.is_some()) {
@@ -232,7 +235,7 @@ pub async fn list_shapes(
         measures::complete(app, &cohort).await?;
     }
     measures::complete_for(app, &cohort, filter).await?;
-    let wanted = Listing { filter, order: order.as_ref(), after, limit, geometry: *geometry };
+    let wanted = Listing { revisions, filter, order: order.as_ref(), after, limit, geometry: *geometry };
     let page = app.store.list_shapes(&cohort.id, &wanted).await?;
     let order_attribute = order.as_ref().map(|order| order.attribute.clone());
     if is_first {

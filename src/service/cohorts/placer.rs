@@ -34,9 +34,8 @@ impl<'a> Placer<'a> {
         &self.reading
     }
 
-    /// External id of a record with this name.
-    pub(super) fn name(&self, name: &str) -> String {
-        format!("{}{name}", self.placing.prefix.as_deref().unwrap_or_default())
+    pub(super) fn placing(&self) -> &Placing {
+        self.placing
     }
 
     /// The shape of a record.

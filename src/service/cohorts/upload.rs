@@ -28,6 +28,7 @@ use crate::formats::shape::ShapeInput;
 use crate::geometry::representation::ShapeSpace;
 use crate::geometry::resample::RepeatedPoints;
 use crate::service::app::idempotency::Retry;
+use crate::service::app::incoming::stopped;
 use crate::service::app::memory::Purpose;
 use crate::service::app::{App, Limits, ServiceError, Work, idempotency, now_ms};
 use crate::service::cost::requests::{self, Counts, FitCounts};
@@ -43,8 +44,6 @@ const GROUP_SECONDS: f64 = 1.0;
 const CHUNK_BYTES: usize = 8 << 20;
 /// Maximum pause of a stream.
 const PAUSE: Duration = Duration::from_secs(30);
-/// Time for which streams may continue when the service is stopping.
-const STOPPING: Duration = Duration::from_secs(5);
 /// Number of inputs that a response names one by one; shapes of longer streams can be listed afterwards.
 const MAX_NAMED: usize = 100_000;
 /// Maximum number of invalid shapes of an upload: a response names all of them.
@@ -187,12 +186,6 @@ pub async fn add_stream(
         )),
     };
     writer.end(app, taken).await
-}
-
-/// Completes when the service is stopping and the grace period of streams is over.
-async fn stopped(app: &App) {
-    app.stopping().await;
-    tokio::time::sleep(STOPPING).await;
 }
 
 async fn take_stream(

@@ -26,7 +26,7 @@ const BATCH: usize = 2048;
 /// Number of numbers passed on at once.
 const BATCH_NUMBERS: usize = 1 << 18;
 
-/// Reads the records of a file until `stop` says that nobody waits for them.
+/// Reads the records of a file until `stop` says that the client has gone.
 pub type ReadFile = Box<
     dyn FnOnce(&mut Source<'_>, &(dyn Fn() -> bool + Sync), Sink<'_>) -> Result<FileSummary, FileError>
         + Send,

@@ -50,7 +50,8 @@ pub struct Export {
     pub points: usize,
 }
 
-/// Writes all shapes of a cohort that pass a filter, in the order in which they were added. Memory does not depend on their number.
+/// Writes all shapes of a cohort that pass a filter, in the order in which they were added, at the revision of `cohort`: what is added
+/// or deleted while the file is written does not matter. Memory does not depend on their number.
 ///
 /// # Errors
 /// An attribute that no shape has; shapes that the format cannot hold; a reader that has gone.
@@ -78,8 +79,16 @@ pub async fn export(
         writer.finish()?;
         Ok(())
     });
-    let mut listing =
-        ShapeListing { filter, order: None, cursor: None, limit: PAGE, geometry: true, total: false };
+    let revision = Some(cohort.revision);
+    let mut listing = ShapeListing {
+        revision,
+        filter,
+        order: None,
+        cursor: None,
+        limit: PAGE,
+        geometry: true,
+        total: false,
+    };
     let space = app.space_of(&cohort.spec.representation)?;
     let reading = async {
         loop {

@@ -121,7 +121,8 @@ fn open<'a>(output: Output<'a>, options: &WriteOptions) -> Opened<'a> {
     Ok(Box::new(File { rows: Rows::new(options), output: Some(output), begun: None, waiting: Vec::new() }))
 }
 
-/// Settings: Snappy, which every reader knows; no dictionaries and statistics of coordinates, which help nobody.
+/// Settings: Snappy, which every reader knows. Coordinates hardly repeat, so that dictionaries of them save nothing, and no query
+/// filters by them, so that statistics do not either.
 fn properties(schema: &SchemaRef) -> WriterProperties {
     let mut facts: Vec<KeyValue> =
         schema.metadata().iter().map(|(name, value)| KeyValue::new(name.clone(), value.clone())).collect();

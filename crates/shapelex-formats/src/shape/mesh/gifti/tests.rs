@@ -10,7 +10,7 @@ use crate::shape::{FaultKind, Geometry};
 fn array(intent: &str, of: &str, sizes: [usize; 2], rest: &str, data: &str) -> String {
     format!(
         "<DataArray Intent=\"NIFTI_INTENT_{intent}\" DataType=\"NIFTI_TYPE_{of}\" Dimensionality=\"2\" Dim0=\"{}\" Dim1=\"{}\" {rest}>\
-         <MetaData><MD><Name>Name</Name><Value><![CDATA[/home/x/lh.white]]></Value></MD>\
+         <MetaData><MD><Name>Name</Name><Value><![CDATA[lh.white]]></Value></MD>\
          <MD><Name>AnatomicalStructurePrimary</Name><Value>CortexLeft</Value></MD></MetaData>\
          <CoordinateSystemTransformMatrix><DataSpace>NIFTI_XFORM_UNKNOWN</DataSpace><TransformedSpace>NIFTI_XFORM_TALAIRACH\
          </TransformedSpace><MatrixData>1 0 0 5 0 1 0 0 0 0 1 0 0 0 0 1</MatrixData></CoordinateSystemTransformMatrix>\
