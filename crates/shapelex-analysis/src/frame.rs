@@ -39,7 +39,7 @@ pub(super) struct FrameSum<'a> {
 }
 
 impl<'a> FrameSum<'a> {
-    fn new(elements: &'a Matrix) -> Self {
+    pub(super) fn new(elements: &'a Matrix) -> Self {
         let count = elements.ncols();
         Self { elements, quadratic: Matrix::zeros(count, count), linear: vec![0.0; count] }
     }

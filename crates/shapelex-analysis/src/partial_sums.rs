@@ -1,16 +1,16 @@
 //! Partial sums: the sum of one part of the shapes, made from its description.
 
 use crate::AnalysisError;
-use crate::accumulate::{Accumulator, ShapeSource};
+use crate::accumulate::{Accumulator, ScatterSum, ShapeSource, merge_serialised};
 use crate::alignment::Method;
 use crate::dictionary::preparation::{Pose, Posed, Preparation};
-use crate::frame;
+use crate::frame::{self, FrameSum};
 use crate::matching::Matching;
 use crate::mean::ProjectorSum;
 use crate::metric::Metric;
 use crate::pass::{Aligned, Pass, Sum};
 use crate::pca::FunctionalPca;
-use crate::procrustes;
+use crate::procrustes::{self, FittedSum};
 use shapelex_numeric::dense::Matrix;
 
 /// What shapes are measured by, and how they are brought together.
@@ -49,6 +49,15 @@ impl Pass {
         };
         self.sum.make(&Posed { source, preparation: &preparation }, measured)
     }
+
+    /// Sums of this pass as [`make`](Self::make) returns them, merged in their order: the sum of a group of
+    /// [`FAN_IN`](crate::accumulate::FAN_IN) parts, or of as many groups. The first one may be what an earlier call returned.
+    ///
+    /// # Errors
+    /// [`AnalysisError::NotAnAccumulator`] for bytes that are no sum of this pass.
+    pub fn merge(&self, sums: &[&[u8]], measured: Measured<'_>) -> Result<Vec<u8>, AnalysisError> {
+        self.sum.merge(sums, measured)
+    }
 }
 
 impl Sum {
@@ -70,6 +79,27 @@ impl Sum {
                 Ok(FunctionalPca::scatter(source, origin)?.to_bytes())
             }
             _ => Err(AnalysisError::NotAnAccumulator.into()),
+        }
+    }
+
+    fn merge(&self, sums: &[&[u8]], measured: Measured<'_>) -> Result<Vec<u8>, AnalysisError> {
+        let length = measured.metric.len();
+        let fits = |numbers: &[f64]| !numbers.is_empty() && numbers.len().is_multiple_of(length);
+        match (self, measured.method) {
+            (Self::Projectors, Method::Projection(class)) => {
+                merge_serialised(sums, || ProjectorSum::new(class, length))
+            }
+            (Self::Frame { elements }, _) if fits(elements) => {
+                let elements = Matrix::from_column_slice(length, elements.len() / length, elements);
+                merge_serialised(sums, || FrameSum::new(&elements))
+            }
+            (Self::Fits { fit, mean }, _) if mean.len() == length => {
+                merge_serialised(sums, || FittedSum::new(*fit, mean))
+            }
+            (Self::Scatter { origin }, _) if origin.len() == length => {
+                merge_serialised(sums, || ScatterSum::about(origin.clone()))
+            }
+            _ => Err(AnalysisError::NotAnAccumulator),
         }
     }
 }

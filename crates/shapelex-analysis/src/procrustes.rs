@@ -35,6 +35,13 @@ pub(super) struct FittedSum<'a> {
     weight: f64,
 }
 
+impl<'a> FittedSum<'a> {
+    /// The empty sum of shapes fitted to `mean`.
+    pub(super) fn new(fit: Fit, mean: &'a [f64]) -> Self {
+        Self { mean, fit, sum: vec![0.0; mean.len()], weight: 0.0 }
+    }
+}
+
 impl Accumulator for FittedSum<'_> {
     fn unit(&self) -> usize {
         BLOCK
@@ -77,7 +84,7 @@ pub(super) fn fitted_sum<'a, S: ShapeSource>(
     fit: Fit,
     mean: &'a [f64],
 ) -> Result<FittedSum<'a>, S::Error> {
-    let empty = || FittedSum { mean, fit, sum: vec![0.0; mean.len()], weight: 0.0 };
+    let empty = || FittedSum::new(fit, mean);
     let here = || accumulate(source, empty);
     accumulate_spread(source, Sum::Fits { fit, mean: mean.to_vec() }, empty, here)
 }

@@ -1,8 +1,9 @@
 //! Sums over many shapes that stream, split and merge.
 //!
 //! A set of shapes is summed in units, from a block ([`BLOCK`] shapes) for small sums to a part ([`PART`] shapes) for large
-//! ones. The units of a part merge in order, and so do the parts. The result therefore has the same bits for any number of
-//! threads, any division of the shapes into batches, and any process that computed the sum of a part.
+//! ones. The units of a part merge in order, the parts in groups of [`FAN_IN`], the groups likewise until one sum is left. The
+//! result therefore has the same bits for any number of threads, any division of the shapes into batches, and any process that
+//! computed the sum of a part or of a group.
 //!
 //! * [`ShapeSource`] — a set of shapes: in memory, stored, or changed on the way;
 //! * [`Accumulator`] — a sum over them, made by [`accumulate`]; [`map_shapes`] gives a value for each shape;
@@ -17,8 +18,8 @@ pub use self::source::{
     BLOCK, KEPT_BYTES, MergePart, PART, Reservation, Reserved, ShapeSource, Shapes, ShapesInMemory, Watched,
     map_shapes, prepare, smallest_eligible,
 };
-pub use self::sum::{Accumulator, accumulate};
+pub use self::sum::{Accumulator, FAN_IN, accumulate};
 
 pub(crate) use self::scatter::{for_each_group, unit};
 pub(crate) use self::source::{Leading, for_each_changed, map_blocks};
-pub(crate) use self::sum::{accumulate_spread, read_numbers, write_numbers};
+pub(crate) use self::sum::{accumulate_spread, merge_serialised, read_numbers, write_numbers};

@@ -12,7 +12,7 @@ use crate::watch::Watch;
 /// Shapes per partial sum. Part of the definition of every result: changing it changes last bits.
 pub const BLOCK: usize = 128;
 
-/// Shapes per part: their blocks merge before they are added to the total. A part is the unit of work of a distributed
+/// Shapes per part: their blocks merge before they are added to the sum of its group. A part is the unit of work of a distributed
 /// sum. Part of the definition of every result over more shapes than that, as [`BLOCK`] is.
 pub const PART: usize = 64 * BLOCK;
 
@@ -112,7 +112,8 @@ pub trait ShapeSource: Sync {
     }
 
     /// Distributes the parts to idle workers and passes their sums to `merge` in order, as
-    /// [`Accumulator::to_bytes`](super::Accumulator::to_bytes) wrote them. Returns `false`, doing nothing, if the sum should be computed locally.
+    /// [`Accumulator::to_bytes`](super::Accumulator::to_bytes) wrote them; or the one sum over all parts, if the workers have
+    /// merged them in groups of [`FAN_IN`](super::FAN_IN). Returns `false`, doing nothing, if the sum should be computed locally.
     ///
     /// # Errors
     /// The first error of the storage or of `merge`.

@@ -34,13 +34,59 @@ pub trait Accumulator: Sized + Send {
 /// Maximum number of units that are summed before they merge.
 const TOGETHER: usize = 64;
 
+/// Sums that merge to one of the next level: parts to groups of 64 parts, groups to groups of groups. Part of the definition of
+/// every result over more than `64·PART` = 524 288 shapes.
+pub const FAN_IN: usize = 64;
+
+/// The sum over parts as a tree of fan-in [`FAN_IN`], which depends on their numbers alone: engines on many machines merge
+/// groups where they are, and pass on one sum for each.
+#[derive(Debug)]
+struct PartTree<A> {
+    /// The open group of every level, and how many sums it holds.
+    levels: Vec<(A, usize)>,
+}
+
+impl<A: Accumulator> PartTree<A> {
+    fn new() -> Self {
+        Self { levels: Vec::new() }
+    }
+
+    /// Adds the sum of the next part. `empty` creates an accumulator.
+    fn push(&mut self, mut sum: A, empty: &impl Fn() -> A) {
+        for level in 0.. {
+            if level == self.levels.len() {
+                self.levels.push((empty(), 0));
+            }
+            let (group, held) = &mut self.levels[level];
+            group.merge(sum);
+            *held += 1;
+            if *held < FAN_IN {
+                return;
+            }
+            *held = 0;
+            sum = std::mem::replace(group, empty());
+        }
+    }
+
+    /// The sum over all parts: the open group of a level is the last of the next one.
+    fn finish(self, empty: &impl Fn() -> A) -> A {
+        let mut below = None;
+        for (mut group, held) in self.levels {
+            let any = held > 0 || below.is_some();
+            below.into_iter().for_each(|sum| group.merge(sum));
+            below = any.then_some(group);
+        }
+        below.unwrap_or_else(empty)
+    }
+}
+
 /// Sum over all shapes of `source`, its units in parallel. `empty` creates an accumulator.
 ///
 /// # Errors
 /// The first error of the source or of an update.
 pub fn accumulate<S: ShapeSource, A: Accumulator>(source: &S, empty: impl Fn() -> A) -> Result<A, S::Error> {
-    let (mut total, mut part, mut open) = (empty(), empty(), None);
-    let unit = total.unit();
+    let (mut parts, mut part, mut open) = (PartTree::new(), None::<A>, None);
+    let unit = empty().unit();
     source.for_each_batch(&mut |batch| {
         for pieces in pieces(batch, unit).chunks(TOGETHER) {
             // The first piece may continue a unit.
@@ -50,17 +96,21 @@ pub fn accumulate<S: ShapeSource, A: Accumulator>(source: &S, empty: impl Fn() -
             let sums: Vec<Result<A, AnalysisError>> = begun.into_par_iter().map(update).collect();
             for (piece, sum) in pieces.iter().zip(sums) {
                 if piece.first.is_multiple_of(PART) {
-                    total.merge(std::mem::replace(&mut part, empty()));
+                    part.take().into_iter().for_each(|part| parts.push(part, &empty));
                 }
                 let end = piece.first + piece.weights.len();
-                if end.is_multiple_of(unit) { part.merge(sum?) } else { open = Some(sum?) }
+                if end.is_multiple_of(unit) {
+                    part.get_or_insert_with(&empty).merge(sum?);
+                } else {
+                    open = Some(sum?);
+                }
             }
         }
         Ok(())
     })?;
-    open.into_iter().for_each(|sum| part.merge(sum));
-    total.merge(part);
-    Ok(total)
+    open.into_iter().for_each(|sum| part.get_or_insert_with(&empty).merge(sum));
+    part.into_iter().for_each(|part| parts.push(part, &empty));
+    Ok(parts.finish(&empty))
 }
 
 /// The shapes, cut where units end.
@@ -74,6 +124,24 @@ fn pieces(mut shapes: Shapes<'_>, unit: usize) -> Vec<Shapes<'_>> {
     pieces
 }
 
+/// Serialised sums, merged in their order, serialised. Merging an empty sum with one that was serialised changes no bit of it, so
+/// the sums of a group may arrive in any number of calls, each of which begins with the result of the one before.
+///
+/// # Errors
+/// [`AnalysisError::NotAnAccumulator`].
+pub(crate) fn merge_serialised<A: Accumulator>(
+    sums: &[&[u8]],
+    empty: impl Fn() -> A,
+) -> Result<Vec<u8>, AnalysisError> {
+    let mut group = empty();
+    for bytes in sums {
+        let mut sum = empty();
+        sum.restore(bytes)?;
+        group.merge(sum);
+    }
+    Ok(group.to_bytes())
+}
+
 /// Sum over all shapes of `source`: merged from distributed parts if the source distributes them, else made by `here`.
 ///
 /// # Errors
@@ -84,14 +152,14 @@ pub(crate) fn accumulate_spread<S: ShapeSource, A: Accumulator>(
     empty: impl Fn() -> A,
     here: impl FnOnce() -> Result<A, S::Error>,
 ) -> Result<A, S::Error> {
-    let mut total = empty();
+    let mut parts = PartTree::new();
     let spread = source.spread(&Pass { aligned: None, sum }, &mut |bytes| {
         let mut part = empty();
         part.restore(bytes)?;
-        total.merge(part);
+        parts.push(part, &empty);
         Ok(())
     })?;
-    if spread { Ok(total) } else { here() }
+    if spread { Ok(parts.finish(&empty)) } else { here() }
 }
 
 /// Writes a length and the numbers.

@@ -3,7 +3,7 @@
 use rayon::ThreadPoolBuilder;
 use shapelex_analysis::AnalysisError;
 use shapelex_analysis::accumulate::{
-    Accumulator, BLOCK, MergePart, PART, ScatterSum, ShapeSource, Shapes, ShapesInMemory, accumulate,
+    Accumulator, BLOCK, FAN_IN, MergePart, PART, ScatterSum, ShapeSource, Shapes, ShapesInMemory, accumulate,
 };
 use shapelex_analysis::alignment::{Alignment, Method, mean_shape};
 use shapelex_analysis::correspondence::{Correspondence, Direction, Mirror};
@@ -13,7 +13,7 @@ use shapelex_analysis::frame::Frame;
 use shapelex_analysis::matching::Matching;
 use shapelex_analysis::metric::Metric;
 use shapelex_analysis::partial_sums::Measured;
-use shapelex_analysis::pass::Pass;
+use shapelex_analysis::pass::{Aligned, Pass, Sum};
 use shapelex_analysis::pca::FunctionalPca;
 use shapelex_analysis::transformation::{ClassName, Transformation};
 use shapelex_analysis::watch::Unwatched;
@@ -307,6 +307,46 @@ fn what_is_learnt_from_parts_made_elsewhere_has_the_same_bits() {
         }
         let certificate = Certificate::new(&model, &posed, &Unwatched).unwrap();
         assert_eq!(coded.certificate(), certificate, "the certificate under {class:?}");
+    }
+}
+
+#[test]
+fn groups_of_parts_merge_first_and_what_merged_elsewhere_has_the_same_bits() {
+    let (shapes, metric) = (triangles((FAN_IN + 2) * PART + 5), metric());
+    let similarity = Transformation::Named(ClassName::Similarity);
+    let projection = Method::new(&similarity, Alignment::Projection, 2).unwrap();
+    let procrustes = Method::new(&similarity, Alignment::Procrustes, 2).unwrap();
+    let Method::Procrustes(fit) = procrustes else { panic!("expected a fit") };
+    let matching = Matching::new(&space(), Correspondence::Landmarks, Direction::Given, Mirror::Forbid);
+    let mean = shapes.all().whitened[..LENGTH].to_vec();
+    let aligned = Some(Aligned { mean: mean.clone(), normalise: true });
+    let elements = [mean.clone(), shapes.all().whitened[LENGTH..2 * LENGTH].to_vec()].concat();
+    for (aligned, sum, method) in [
+        (None, Sum::Projectors, &projection),
+        (None, Sum::Frame { elements }, &projection),
+        (None, Sum::Fits { fit, mean: mean.clone() }, &procrustes),
+        (aligned, Sum::Scatter { origin: mean }, &projection),
+    ] {
+        let measured = Measured { metric: &metric, method, matching: &matching };
+        let pass = Pass { aligned, sum };
+        let merged = |sums: &[Vec<u8>]| {
+            let sums: Vec<&[u8]> = sums.iter().map(Vec::as_slice).collect();
+            pass.merge(&sums, measured).unwrap()
+        };
+        let whole = pass.make(&shapes, measured).unwrap();
+        let sums: Vec<Vec<u8>> =
+            parts(&shapes).iter().map(|part| pass.make(part, measured).unwrap()).collect();
+        let groups: Vec<Vec<u8>> = sums.chunks(FAN_IN).map(merged).collect();
+        assert_eq!(groups.len(), 2);
+        assert!(merged(&groups) == whole, "{:?}", pass.sum);
+        assert!(merged(&sums) != whole, "{:?}: the tree does not matter", pass.sum);
+        // In two calls, and an empty sum changes nothing.
+        let begun = merged(&sums[..5]);
+        assert!(merged(&[&[begun], &sums[5..FAN_IN]].concat()) == groups[0], "{:?}", pass.sum);
+        assert!(merged(&[merged(&[]), whole.clone()]) == whole, "{:?}", pass.sum);
+        let other = Pass { aligned: None, sum: Sum::Scatter { origin: vec![0.0; LENGTH + 1] } };
+        assert!(other.merge(&[&whole], measured).is_err());
+        assert!(pass.merge(&[&whole[..whole.len() - 1]], measured).is_err());
     }
 }
 
