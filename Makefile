@@ -9,11 +9,12 @@
 # make attack    the known attack requests in full size, then an hour of search for new ones
 # make fuzz      every fuzz target for ten minutes
 # make sbom      the components of the program, as CycloneDX, in target/sbom.cdx.json
+# make test-engine     crates/shapelex-engine, a workspace of its own with 263 packages to build once
 # make bench     one table beside peers and limits of the machine, losses first, then instructions of the kernels beside the
 #                committed counts; DATA=folder of contours, ARGUMENTS="--write docs" also makes docs/performance.md
 # make criterion the benchmarks behind the figures of docs/benchmarks.md
 
-.PHONY: run help check test spell dashboard dashboard-test contract attack fuzz sbom bench criterion tools
+.PHONY: run help check test test-engine spell dashboard dashboard-test contract attack fuzz sbom bench criterion tools
 
 CODESPELL = 2.4.3
 
@@ -83,6 +84,24 @@ attack:
 fuzz:
 	@cargo fuzz --version >/dev/null 2>&1 || cargo install --locked cargo-fuzz@0.13.2
 	for target in $$(cargo fuzz list); do fuzz/run.sh $$target 600 || exit 1; done
+
+# Not part of `make test`: its dependencies take longer to build than all others. Python reads the parts; the service computes the
+# same mean.
+ENGINE = --locked --manifest-path crates/shapelex-engine/Cargo.toml --target-dir $(or $(CARGO_TARGET_DIR),target/engine)
+ENGINE_PYTHON = target/engine-python/bin/python
+test-engine: tools
+	cargo fmt --manifest-path crates/shapelex-engine/Cargo.toml --check
+	cargo clippy $(ENGINE) --all-targets -- -D warnings
+	RUSTDOCFLAGS="-D warnings" cargo doc $(ENGINE) --no-deps --document-private-items --quiet
+	@command -v python3 >/dev/null && { test -x $(ENGINE_PYTHON) || python3 -m venv target/engine-python; } \
+	&& $(ENGINE_PYTHON) -m pip install --quiet --requirement crates/shapelex-engine/tests/requirements.txt \
+	|| { rm -rf target/engine-python; echo "SKIPPED: pandas and DuckDB read no parts, they cannot be installed"; }
+	if test -x $(ENGINE_PYTHON); then export SHAPELEX_ENGINE_PYTHON="$$PWD/$(ENGINE_PYTHON)"; fi; cargo test $(ENGINE)
+	cargo build $(ENGINE)
+	cargo build --locked --bin shapelex
+	@if command -v python3 >/dev/null; then python3 crates/shapelex-engine/tests/service.py \
+	$(or $(CARGO_TARGET_DIR),target)/debug/shapelex $(or $(CARGO_TARGET_DIR),target/engine)/debug/shapelex-engine; \
+	else echo "SKIPPED: the means of the service and the engine are not compared, there is no python3"; fi
 
 sbom:
 	mkdir -p target

@@ -1,0 +1,161 @@
+//! Shapes as lines of JSON, one shape per line, as `GET /v1/cohorts/{cohort}/shapes` lists them.
+
+use std::collections::BTreeMap;
+use std::io::{BufRead, Read};
+
+use serde::Deserialize;
+use serde_json::value::RawValue;
+
+use crate::EngineError;
+use crate::cohort::Description;
+use crate::cohort::writer::{Writer, Written};
+
+/// Maximum length of a line in bytes: 32 767 numbers of 25 characters, and as much for texts.
+const MAX_LINE_BYTES: u64 = 2 << 20;
+
+/// Maximum length of the description of a cohort in bytes.
+const MAX_DESCRIPTION_BYTES: usize = 16 << 20;
+
+/// Measures of a shape.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Measures {
+    /// Number of points as received.
+    pub points: Option<i64>,
+    /// Centroid size.
+    pub centroid_size: Option<f64>,
+    /// Length of a curve.
+    pub length: Option<f64>,
+    /// Area.
+    pub area: Option<f64>,
+    /// Volume of a surface.
+    pub volume: Option<f64>,
+    /// Whether a planar curve intersects itself.
+    pub self_intersecting: Option<bool>,
+}
+
+/// A shape of a cohort.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Record {
+    /// Identifier.
+    pub id: String,
+    /// Identifier assigned by the client.
+    pub external_id: Option<String>,
+    /// Identifier of the subject.
+    pub subject: Option<String>,
+    /// Class label.
+    pub label: Option<String>,
+    /// Further attributes, a JSON object with sorted names; `None` if there are none.
+    pub attributes: Option<String>,
+    /// Data of the client, JSON.
+    pub metadata: Option<String>,
+    /// Positive weight in means.
+    pub weight: f64,
+    /// Measures.
+    pub measures: Measures,
+    /// Control points, coordinate-major.
+    pub control_points: Vec<f64>,
+    /// Time of creation, RFC 3339.
+    pub created_at: Option<String>,
+}
+
+/// A line, as the service writes it.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Line {
+    id: String,
+    #[serde(default)]
+    external_id: Option<String>,
+    #[serde(default)]
+    subject: Option<String>,
+    #[serde(default)]
+    label: Option<String>,
+    #[serde(default)]
+    labels: BTreeMap<String, serde_json::Value>,
+    #[serde(default)]
+    metadata: Option<Box<RawValue>>,
+    #[serde(default = "one")]
+    weight: f64,
+    #[serde(default)]
+    measures: Measures,
+    control_points: Vec<Vec<f64>>,
+    #[serde(default)]
+    created_at: Option<String>,
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+/// Reads the description of a cohort.
+///
+/// # Errors
+/// [`EngineError::Refused`] for what is none.
+pub fn read_description(text: &[u8]) -> Result<Description, EngineError> {
+    if text.len() > MAX_DESCRIPTION_BYTES {
+        let detail = format!("expected at most {MAX_DESCRIPTION_BYTES} bytes, got {}", text.len());
+        return Err(EngineError::refused("cohort", detail));
+    }
+    let description: Description = serde_json::from_slice(text)
+        .map_err(|error| EngineError::refused("cohort", format!("expected a cohort, got {error}")))?;
+    description.width()?;
+    Ok(description)
+}
+
+/// Reads one line: a shape of `points` control points in dimension `dimension`.
+fn read_line(text: &[u8], [points, dimension]: [usize; 2]) -> Result<Record, String> {
+    let line: Line =
+        serde_json::from_slice(text).map_err(|error| format!("expected a shape, got {error}"))?;
+    let rows = &line.control_points;
+    if rows.len() != points {
+        return Err(format!("expected {points} control points, got {}", rows.len()));
+    }
+    if let Some(row) = rows.iter().find(|row| row.len() != dimension) {
+        return Err(format!("expected {dimension} coordinates of a control point, got {}", row.len()));
+    }
+    if !(line.weight > 0.0) {
+        return Err(format!("expected a positive weight, got {}", line.weight));
+    }
+    let control_points = (0..dimension).flat_map(|c| rows.iter().map(move |row| row[c])).collect();
+    let attributes = (!line.labels.is_empty()).then(|| serde_json::to_string(&line.labels));
+    Ok(Record {
+        id: line.id,
+        external_id: line.external_id,
+        subject: line.subject,
+        label: line.label,
+        attributes: attributes.transpose().map_err(|error| error.to_string())?,
+        metadata: line.metadata.map(|value| value.get().to_string()),
+        weight: line.weight,
+        measures: line.measures,
+        control_points,
+        created_at: line.created_at,
+    })
+}
+
+/// Writes a revision from lines of JSON. Empty lines are skipped.
+///
+/// Memory: one part. Nothing names the parts until the last line has been read.
+///
+/// # Errors
+/// [`EngineError::Refused`] with the number of the first line that is no shape of the cohort, and if there are not as many shapes
+/// as the cohort has; errors of the store.
+pub async fn ingest(mut lines: impl BufRead, mut writer: Writer) -> Result<Written, EngineError> {
+    let size = writer.size();
+    let mut text = Vec::new();
+    for number in 1_u64.. {
+        text.clear();
+        let read = (&mut lines).take(MAX_LINE_BYTES + 1).read_until(b'\n', &mut text)?;
+        if read == 0 {
+            break;
+        }
+        let refused = |detail: String| EngineError::refused(format!("line {number}"), detail);
+        if read as u64 > MAX_LINE_BYTES {
+            return Err(refused(format!("expected at most {MAX_LINE_BYTES} bytes, got more")));
+        }
+        if text.iter().all(u8::is_ascii_whitespace) {
+            continue;
+        }
+        writer.add(read_line(&text, size).map_err(refused)?).await?;
+    }
+    writer.finish().await
+}

@@ -1,0 +1,108 @@
+//! The parts of a revision, and what its shapes are measured by.
+
+use shapelex_analysis::alignment::{Alignment, Method};
+use shapelex_analysis::matching::Matching;
+use shapelex_analysis::metric::Metric;
+use shapelex_analysis::partial_sums::Measured;
+use shapelex_analysis::transformation::Transformation;
+use shapelex_geometry::representation::ShapeSpace;
+
+use crate::EngineError;
+use crate::cohort::manifest::Manifest;
+use crate::cohort::part::{Expected, Numbers};
+use crate::cohort::part_path;
+use crate::objects::Objects;
+
+/// A revision whose parts can be read.
+#[derive(Debug)]
+pub struct Revision {
+    objects: Objects,
+    manifest: Manifest,
+    digest: String,
+    width: usize,
+}
+
+impl Revision {
+    /// Opens a revision: reads its manifest.
+    ///
+    /// # Errors
+    /// As [`Manifest::read`].
+    pub async fn open(objects: Objects, id: &str, revision: u64) -> Result<Self, EngineError> {
+        let (manifest, digest) = Manifest::read(&objects, id, revision).await?;
+        let width = manifest.cohort.width()?;
+        Ok(Self { objects, manifest, digest, width })
+    }
+
+    /// Its manifest.
+    pub fn manifest(&self) -> &Manifest {
+        &self.manifest
+    }
+
+    /// Its digest.
+    pub fn digest(&self) -> &str {
+        &self.digest
+    }
+
+    /// Number of parts.
+    pub fn parts(&self) -> usize {
+        self.manifest.parts.len()
+    }
+
+    /// Number of shapes.
+    pub fn shapes(&self) -> usize {
+        self.manifest.cohort.shape_count as usize
+    }
+
+    /// Number of coordinates of a shape.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Numbers of the part `k`.
+    ///
+    /// # Errors
+    /// [`EngineError::Damaged`] unless length, digest and counts are those of the manifest; errors of the store.
+    pub async fn read(&self, k: usize) -> Result<Numbers, EngineError> {
+        let part = &self.manifest.parts[k];
+        let bytes = self.manifest.read_part(&self.objects, k).await?;
+        let object = part_path(&self.manifest.cohort.id, &part.digest)?.to_string();
+        Expected { number: k, shapes: part.shapes as usize, width: self.width }.decode(&object, bytes)
+    }
+}
+
+/// What shapes are measured by, and how they are brought together.
+#[derive(Debug)]
+pub struct Setting {
+    /// The metric of the representation.
+    pub metric: Metric,
+    /// Projection or Procrustes.
+    pub method: Method,
+    /// Start points, directions, mirror images.
+    pub matching: Matching,
+}
+
+impl Setting {
+    /// Prepares the space of a cohort.
+    ///
+    /// # Errors
+    /// A class that does not suit the shapes, a space that cannot be prepared.
+    pub fn new(
+        manifest: &Manifest,
+        transformation: &Transformation,
+        alignment: Option<Alignment>,
+    ) -> Result<Self, EngineError> {
+        let cohort = &manifest.cohort;
+        let dimension = cohort.representation.dimension();
+        let alignment = alignment.unwrap_or_else(|| Alignment::usual(transformation, dimension));
+        let method = Method::new(transformation, alignment, dimension)?;
+        let space = ShapeSpace::new(&cohort.representation)?;
+        let matching = Matching::new(&space, cohort.correspondence, cohort.direction, cohort.mirror)
+            .translating(method.translates());
+        Ok(Self { metric: Metric::of(&space), method, matching })
+    }
+
+    /// The same as the analysis takes it.
+    pub fn measured(&self) -> Measured<'_> {
+        Measured { metric: &self.metric, method: &self.method, matching: &self.matching }
+    }
+}

@@ -1,0 +1,81 @@
+"""The mean that the service computes from its store has the bits of that of the engine.
+
+    python3 tests/service.py SHAPELEX SHAPELEX_ENGINE
+
+Starts the service on a new store, uploads a cohort, fetches it, writes it at rest, and compares the numbers of both.
+"""
+
+import json
+import math
+import os
+import pathlib
+import subprocess
+import sys
+import tempfile
+import urllib.request
+
+FETCH = pathlib.Path(__file__).parent.parent / "fetch.py"
+SHAPES = 20_000  # three parts
+
+
+def send(address, body, media_type):
+    request = urllib.request.Request(address, body.encode(), {"content-type": media_type})
+    with urllib.request.urlopen(request, timeout=300) as answer:
+        return json.load(answer)
+
+
+def points(k):
+    """A leaf: turned, scaled and moved."""
+    turn, size = k * 0.61, 1 + 0.3 * math.sin(k)
+    leaf = [(math.cos(a) * 2 + 0.3 * math.sin(k * 0.3 + 2 * a), math.sin(a) + 0.2 * math.cos(k + 3 * a))
+            for a in (i * math.tau / 8 for i in range(8))]
+    return [[size * (x * math.cos(turn) - y * math.sin(turn)) + k % 7, size * (x * math.sin(turn) + y * math.cos(turn))]
+            for x, y in leaf]
+
+
+def compare(address, shapelex_engine, folder):
+    closed = {"kind": "closed_curve", "dimension": 2, "control_points": 8, "generator": {"name": "cubic"}}
+    send(f"{address}/v1/cohorts", json.dumps({"name": "leaves", "representation": closed}), "application/json")
+    lines = "\n".join(json.dumps({"external_id": str(k), "label": "ab"[k % 2], "labels": {"k": k}, "weight": 1 + k % 3,
+                                  "points": points(k)}) for k in range(SHAPES))
+    send(f"{address}/v1/cohorts/leaves/shapes?return=none", lines, "application/x-ndjson")
+    subprocess.run([sys.executable, FETCH, address, "leaves", folder], check=True)
+
+    def engine(*arguments):
+        command = [shapelex_engine, f"--store={folder}/store", *arguments]
+        return json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)
+
+    engine("ingest", f"--cohort={folder}/cohort.json", f"--shapes={folder}/shapes.ndjson")
+    cohort = json.loads((folder / "cohort.json").read_text())["id"]
+    for transformation, alignment in [("similarity", "projection"), ("affine", "projection"), ("rigid", "procrustes")]:
+        query = f"transformation={transformation}&alignment={alignment}"
+        with urllib.request.urlopen(f"{address}/v1/cohorts/leaves/mean?{query}", timeout=300) as answer:
+            service = json.load(answer)
+        for threads in [1, 2]:
+            here = engine("run", f"--cohort={cohort}", f"--transformation={transformation}", f"--alignment={alignment}",
+                          "--components=0", f"--threads={threads}")
+            if here["mean"] != service["mean"]["control_points"]:
+                sys.exit(f"{transformation}: the mean of the service is {service['control_points']}, of the engine {here['mean']}")
+            if here["eigenvalues"] != (service["eigenvalues"] or []):
+                sys.exit(f"{transformation}: eigenvalues {service['eigenvalues']} and {here['eigenvalues']}")
+    print(f"{SHAPES} shapes: the means of the service and of the engine have the same bits")
+
+
+def main(shapelex, shapelex_engine):
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("SHAPELEX_")}
+    with tempfile.TemporaryDirectory() as folder:
+        command = [shapelex, "serve", "--listen=127.0.0.1:0", f"--data-dir={folder}/data"]
+        with open(f"{folder}/log", "w") as log:
+            service = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, env=environment, text=True)
+            try:
+                line = service.stdout.readline()
+                if " on http" not in line:
+                    sys.exit(f"the service does not start: {pathlib.Path(folder, 'log').read_text()}")
+                compare(line.split(" on ")[1].strip(), shapelex_engine, pathlib.Path(folder))
+            finally:
+                service.terminate()
+                service.wait(60)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
