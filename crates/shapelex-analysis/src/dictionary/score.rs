@@ -33,10 +33,15 @@ impl Dictionary {
 
     /// Score of the prepared shape `y` with this code.
     pub(super) fn score_of(&self, y: &[f64], code: &SparseCode, quantile: f64) -> Score {
+        let residual = squared_distance(y, &self.model.reconstruct(code));
+        let scores = matches!(self.model, Model::Components { .. }).then(|| code.values.clone());
+        Score { scores, ..self.compared(self.model.distance(code), residual, quantile) }
+    }
+
+    /// Compares both measures of a shape with those of the training shapes.
+    pub(super) fn compared(&self, t_squared: Option<f64>, residual: f64, quantile: f64) -> Score {
         let statistics = &self.content.statistics;
         let known = Known::of(statistics);
-        let residual = squared_distance(y, &self.model.reconstruct(code));
-        let t_squared = self.model.distance(code);
         let outlier = match &statistics.held_out {
             Some(held_out) => {
                 novelty_of(held_out).measure(t_squared, residual)
@@ -48,7 +53,7 @@ impl Dictionary {
             }
         };
         Score {
-            scores: matches!(self.model, Model::Components { .. }).then(|| code.values.clone()),
+            scores: None,
             t_squared,
             t_squared_rank: t_squared.map(|distance| rank(known.t_squared, distance)),
             residual,

@@ -3,27 +3,30 @@
 //! ```text
 //! δ_i = √((r_i − r̂_i)ᵀ C_i⁻¹ (r_i − r̂_i))      at the hidden places i of a held-out shape, of which a patch or arc is hidden
 //! pointwise      the quantile of all δ_i, every hidden part counting once
-//! simultaneous   the level (S + 1)/S quantile of max_i δ_i, S subjects, each with several hidden parts
+//! simultaneous   q^(1−w) l^w,   w = 20/(20 + S),   S subjects, each with several hidden parts:
+//!                q the quantile of max_i δ_i,   l = exp(a + b t_{S−1} √(1 + 1/S)),   a, b mean and deviation of ln max_i δ_i
 //! ```
 //!
 //! Components without a subject are exact downdates, as in the report card. The mean shape to which shapes are aligned is that of all. Hidden parts
 //! are of 10 to 40 % of a shape: arcs of curves, patches of surfaces, neighbouring and scattered landmarks by turns.
 //!
-//! Simultaneous bands cover the level of new shapes like those of the training, on average over hidden parts like these: split
-//! conformal prediction, with the components of nearly the same shapes in place of a split. The quantile is not raised to the next whole
-//! subject, since each has several parts.
+//! Few subjects determine the quantile of the largest errors badly, and one of them determines it alone where it is raised to that of the next
+//! whole subject, as in split conformal prediction. So it is drawn towards the predictive quantile of a lognormal distribution, the more the fewer
+//! subjects there are. The weight and its alternatives are measured on thirty sets (`docs/evaluation.md`).
 
 use rand::rngs::ChaCha12Rng;
 use rand::seq::index::sample;
 use rand::{RngExt, SeedableRng};
 use rayon::prelude::*;
 
+use super::assessed::{PartMeasures, PartScore};
 use super::conditioning::{Posterior, Seen};
 use super::model::PosteriorModel;
 use super::places::{AtPlaces, selected};
 use crate::AnalysisError;
 use crate::dictionary::in_use::Dictionary;
 use crate::dictionary::model::Spread;
+use crate::dictionary::novelty::{Logarithms, Novelty, limit};
 use crate::dictionary::report::TrainingShapes;
 use crate::dictionary::report::sample::{Part, Sample};
 use crate::dictionary::score::{rank, value_at};
@@ -41,6 +44,8 @@ const HIDDEN: [f64; 4] = [0.1, 0.2, 0.3, 0.4];
 pub const MAX_SUBJECTS: usize = 256;
 /// Number of quantiles that are kept.
 const KEPT: usize = 1001;
+/// Number of subjects for which the quantile of the largest errors and that of a lognormal distribution count alike.
+const LOGNORMAL: f64 = 20.0;
 /// Fewest subjects: of two others, one component at most is known.
 const MIN_SUBJECTS: usize = 3;
 
@@ -53,16 +58,59 @@ pub struct Calibration {
     pub shapes: usize,
     /// Quantiles of the distances of hidden places, ascending.
     pointwise: Vec<f64>,
-    /// Quantiles of the largest distance of each hidden part, ascending.
+    /// Quantiles of the largest distance of each hidden part, ascending, and their logarithms.
     simultaneous: Vec<f64>,
+    logarithms: Logarithms,
     /// Quantiles of the misfit of what was seen for each free number, ascending.
     seen: Vec<f64>,
+    /// The same parts by how unlike the model they are, for each hidden fraction.
+    extents: Vec<Extent>,
+}
+
+/// Parts of held-out shapes of which one fraction was hidden, one of each shape, by how unlike the model what was seen of them is.
+#[derive(Debug, Clone, PartialEq)]
+struct Extent {
+    hidden: f64,
+    /// `t` and `s` of [`PartMeasures`], ascending.
+    distances: Vec<f64>,
+    residuals: Vec<f64>,
+    /// The common measure of both, ascending, and its scale.
+    together: Vec<f64>,
+    scale: Novelty,
+}
+
+impl Extent {
+    fn of(hidden: f64, measures: &[PartMeasures]) -> Self {
+        let sorted = |of: &dyn Fn(&PartMeasures) -> f64| {
+            let mut values: Vec<f64> = measures.iter().map(of).collect();
+            values.sort_by(f64::total_cmp);
+            values
+        };
+        let (distances, residuals) = (sorted(&|m| m.distance), sorted(&|m| m.residual));
+        let scale =
+            Novelty { distances: Some(Logarithms::of(&distances)), residuals: Logarithms::of(&residuals) };
+        let together = sorted(&|m| scale.measure(Some(m.distance), m.residual));
+        Self { hidden, distances, residuals, together, scale }
+    }
+
+    fn score(&self, measures: PartMeasures, quantile: f64) -> PartScore {
+        let together = self.scale.measure(Some(measures.distance), measures.residual);
+        PartScore {
+            is_outlier: together > limit(&self.together, quantile),
+            distance_rank: rank(&self.distances, measures.distance),
+            residual_rank: rank(&self.residuals, measures.residual),
+        }
+    }
 }
 
 /// A hidden part of a held-out shape.
 struct Trial {
+    /// Index of the hidden fraction.
+    extent: usize,
     distances: Vec<f64>,
+    /// Misfit of what is seen for each free number.
     seen: f64,
+    measures: PartMeasures,
 }
 
 impl Calibration {
@@ -78,13 +126,32 @@ impl Calibration {
             thinned(&values)
         };
         let largest = |trial: &Trial| trial.distances.iter().copied().fold(0.0, f64::max);
+        let largest: Vec<f64> = trials.iter().map(largest).collect();
         Self {
             subjects,
             shapes,
             pointwise: weighted_quantiles(&all),
-            simultaneous: sorted(trials.iter().map(largest).collect()),
+            logarithms: Logarithms::of(&largest),
+            simultaneous: sorted(largest),
             seen: sorted(trials.iter().map(|trial| trial.seen).collect()),
+            extents: HIDDEN
+                .iter()
+                .enumerate()
+                .filter_map(|(extent, hidden)| {
+                    let of = trials.iter().filter(|trial| trial.extent == extent).map(|trial| trial.measures);
+                    let measures: Vec<PartMeasures> = of.collect();
+                    (!measures.is_empty()).then(|| Extent::of(*hidden, &measures))
+                })
+                .collect(),
         }
+    }
+
+    /// Compares what is seen of a shape, of which the fraction `hidden` is not, with the parts of held-out shapes of which nearly as much
+    /// was hidden. Among parts like those of the training, the fraction `1 − quantile` counts as outliers.
+    pub fn score(&self, measures: PartMeasures, hidden: f64, quantile: f64) -> PartScore {
+        let away = |extent: &&Extent| (extent.hidden - hidden).abs();
+        let nearest = self.extents.iter().min_by(|a, b| away(a).total_cmp(&away(b)));
+        nearest.expect("a calibration has trials").score(measures, quantile)
     }
 
     /// Factor of standard deviations of a pointwise band.
@@ -92,10 +159,16 @@ impl Calibration {
         value_at(&self.pointwise, level)
     }
 
-    /// Factor of standard deviations of a simultaneous band, and whether there are enough subjects for the level.
+    /// Factor of standard deviations of a simultaneous band, and whether there are enough subjects for the level: one of `S + 1` is expected
+    /// beyond it.
     pub fn simultaneous(&self, level: f64) -> (f64, bool) {
-        let raised = level * (self.subjects as f64 + 1.0) / self.subjects as f64;
-        (value_at(&self.simultaneous, raised.min(1.0)), raised <= 1.0)
+        let subjects = self.subjects as f64;
+        let weight = LOGNORMAL / (LOGNORMAL + subjects);
+        let t = student_quantile(level, self.subjects.saturating_sub(1).max(1));
+        let Logarithms { mean, deviation } = self.logarithms;
+        let lognormal = mean + deviation * t * (1.0 + 1.0 / subjects).sqrt();
+        let own = value_at(&self.simultaneous, level).max(f64::MIN_POSITIVE).ln();
+        (((1.0 - weight) * own + weight * lognormal).exp(), level * (subjects + 1.0) <= subjects)
     }
 
     /// Fraction of the held-out parts that what is seen of them fits better, or as well, for `misfit` a free number.
@@ -105,7 +178,8 @@ impl Calibration {
 
     /// Memory in bytes.
     pub fn bytes(&self) -> usize {
-        8 * (self.pointwise.len() + self.simultaneous.len() + self.seen.len()) + 64
+        let extents: usize = self.extents.iter().map(|extent| 3 * extent.together.len() + 8).sum();
+        8 * (self.pointwise.len() + self.simultaneous.len() + self.seen.len() + extents) + 64
     }
 }
 
@@ -136,26 +210,39 @@ pub fn normal_factor(level: f64, dimension: usize) -> f64 {
     if dimension == 2 {
         return (-2.0 * (1.0 - level).ln()).sqrt();
     }
-    // P(|x| ≤ f) = ∫₀^f √(2/π) x² e^(−x²/2) dx of three coordinates, by Simpson's rule.
-    let covered = |f: f64| {
-        let (steps, density) =
-            (400, |x: f64| (2.0 / std::f64::consts::PI).sqrt() * x * x * (-x * x / 2.0).exp());
-        let h = f / steps as f64;
-        let weight = |i: usize| {
-            if i == 0 || i == steps {
-                1.0
-            } else if i % 2 == 1 {
-                4.0
-            } else {
-                2.0
-            }
-        };
-        (0..=steps).map(|i| weight(i) * density(h * i as f64)).sum::<f64>() * h / 3.0
+    // P(|x| ≤ f) = ∫₀^f √(2/π) x² e^(−x²/2) dx of three coordinates.
+    let density = |x: f64| (2.0 / std::f64::consts::PI).sqrt() * x * x * (-x * x / 2.0).exp();
+    root(12.0, |f| integral(f, density) - level)
+}
+
+/// Quantile of Student's `t` with `freedom` degrees of freedom, for levels of at least 0.5.
+fn student_quantile(level: f64, freedom: usize) -> f64 {
+    // With T = √ν tan θ, P(|T| ≤ t) is the part of ∫ cos^(ν−1) θ dθ, from 0 to π/2, up to θ.
+    let density = |angle: f64| angle.cos().max(0.0).powi(i32::try_from(freedom - 1).unwrap_or(i32::MAX));
+    let whole = integral(std::f64::consts::FRAC_PI_2, density);
+    let angle =
+        root(std::f64::consts::FRAC_PI_2, |angle| integral(angle, density) / whole - (2.0 * level - 1.0));
+    (freedom as f64).sqrt() * angle.tan()
+}
+
+/// `∫₀^upper f`, by Simpson's rule.
+fn integral(upper: f64, f: impl Fn(f64) -> f64) -> f64 {
+    const STEPS: usize = 400;
+    let h = upper / STEPS as f64;
+    let weight = |i: usize| match i {
+        0 | STEPS => 1.0,
+        _ if i % 2 == 1 => 4.0,
+        _ => 2.0,
     };
-    let (mut low, mut high) = (0.0, 12.0);
+    (0..=STEPS).map(|i| weight(i) * f(h * i as f64)).sum::<f64>() * h / 3.0
+}
+
+/// Zero of an increasing function between 0 and `most`, by bisection.
+fn root(most: f64, f: impl Fn(f64) -> f64) -> f64 {
+    let (mut low, mut high) = (0.0, most);
     for _ in 0..60 {
         let middle = 0.5 * (low + high);
-        if covered(middle) < level { low = middle } else { high = middle }
+        if f(middle) < 0.0 { low = middle } else { high = middle }
     }
     high
 }
@@ -289,20 +376,26 @@ impl<'a> Held<'a> {
             for turn in 0..HIDDEN.len() {
                 let hidden = hiding.part(k + turn, &mut random);
                 // A part that leaves too little for the pose says nothing.
-                trials.extend(self.trial(&at, &points, &hidden).ok());
+                trials.extend(self.trial(&at, &points, &hidden, (k + turn) % HIDDEN.len()).ok());
             }
         }
         Ok(trials)
     }
 
-    fn trial(&self, at: &AtPlaces, points: &[f64], hidden: &[bool]) -> Result<Trial, AnalysisError> {
+    fn trial(
+        &self,
+        at: &AtPlaces,
+        points: &[f64],
+        hidden: &[bool],
+        extent: usize,
+    ) -> Result<Trial, AnalysisError> {
         let d = self.model.dimension();
         let of = |wanted: bool| (0..hidden.len()).filter(|&i| hidden[i] == wanted).collect::<Vec<usize>>();
         let (seen, unseen) = (of(false), of(true));
         let known = Seen::of(at.select(&seen), selected(points, d, &seen));
         let posterior = Posterior::new(&known, &self.model.freedom)?;
         let distances = posterior.at(&at.select(&unseen)).distances(&selected(points, d, &unseen))?;
-        Ok(Trial { distances, seen: posterior.misfit_per_number() })
+        Ok(Trial { extent, distances, seen: posterior.misfit_per_number(), measures: posterior.measures() })
     }
 }
 
@@ -364,5 +457,82 @@ impl Dictionary {
         }
         let shapes = chosen.iter().map(|&subject| sample.subjects[subject].len().min(HIDDEN.len())).sum();
         Ok(Calibration::of(&trials, chosen.len(), shapes))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// From tables of Student's distribution.
+    #[test]
+    fn quantiles_of_student_are_those_of_tables() {
+        for (level, freedom, wanted) in [
+            (0.95, 1, 6.313_752),
+            (0.95, 2, 2.919_986),
+            (0.95, 13, 1.770_933),
+            (0.99, 45, 2.412_116),
+            (0.95, 255, 1.650_851),
+        ] {
+            let found = student_quantile(level, freedom);
+            assert!((found - wanted).abs() < 1e-5, "{level} {freedom}: {found} {wanted}");
+        }
+    }
+
+    fn trial(extent: usize, largest: f64, measures: (f64, f64)) -> Trial {
+        let measures = PartMeasures { distance: measures.0, residual: measures.1 };
+        Trial { extent, distances: vec![0.5 * largest, largest], seen: 1.0, measures }
+    }
+
+    /// Of a lognormal distribution, the factor is its quantile; of few subjects one wild error does not set it alone.
+    #[test]
+    fn simultaneous_factors_of_few_subjects_are_drawn_towards_a_lognormal() {
+        let normal = |k: usize, n: usize| {
+            let p = (k as f64 + 0.5) / n as f64;
+            if p < 0.5 { -student_quantile(1.0 - p, 10_000) } else { student_quantile(p, 10_000) }
+        };
+        let of = |n: usize, wild: f64| {
+            let trials = (0..n).map(|k| {
+                trial(
+                    k % 4,
+                    (1.0 + 0.3 * normal(k, n)).exp() * if k + 1 == n { wild } else { 1.0 },
+                    (1.0, 1.0),
+                )
+            });
+            Calibration::of(&trials.collect::<Vec<_>>(), n / 4, n / 4).simultaneous(0.95)
+        };
+        let wanted = (1.0 + 0.3 * 1.644_854_f64).exp();
+        let (found, enough) = of(800, 1.0);
+        assert!((found / wanted - 1.0).abs() < 0.01 && enough, "{found} {wanted}");
+        let (few, enough) = of(56, 1.0);
+        assert!(few > wanted && few < 1.15 * wanted && !enough, "{few} {wanted}");
+        assert!(of(56, 5.0).0 < 1.3 * wanted, "{}", of(56, 5.0).0);
+    }
+
+    /// Parts are compared with those of which nearly as much was hidden.
+    #[test]
+    fn parts_are_compared_with_parts_of_their_extent() {
+        let trials: Vec<Trial> = (0..400)
+            .map(|k| {
+                trial(
+                    k % 4,
+                    1.0,
+                    (
+                        0.5 + (k / 4) as f64 / 100.0,
+                        if k % 4 == 3 { 4.0 } else { 1.0 } + (k / 4) as f64 / 100.0,
+                    ),
+                )
+            })
+            .collect();
+        let calibration = Calibration::of(&trials, 100, 100);
+        let of = |hidden: f64, residual: f64| {
+            calibration.score(PartMeasures { distance: 1.0, residual }, hidden, 0.95)
+        };
+        assert!(of(0.2, 4.5).is_outlier && !of(0.6, 4.5).is_outlier && !of(0.2, 1.5).is_outlier);
+        assert!(
+            (of(0.4, 4.495).residual_rank - 0.5).abs() < 1e-12
+                && (of(0.1, 1.0).distance_rank - 0.51).abs() < 1e-12
+        );
+        assert!(calibration.score(PartMeasures { distance: 9.0, residual: 1.5 }, 0.2, 0.95).is_outlier);
     }
 }

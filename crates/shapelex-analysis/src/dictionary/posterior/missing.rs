@@ -49,20 +49,59 @@ pub struct Condition {
     pub deviation: f64,
 }
 
+/// Whether a parameter is on an arc of a curve.
+pub(crate) fn is_on_arcs(u: f64, arcs: &[[f64; 2]], closed: bool) -> bool {
+    arcs.iter().any(|&[from, to]| match closed {
+        // Forwards from the first parameter.
+        true => (u - from).rem_euclid(1.0) <= (to - from).rem_euclid(1.0) + GRID,
+        false => (from - GRID..=to + GRID).contains(&u),
+    })
+}
+
 /// Places of a shape along which an arc is seen: those of the grid of `count` places.
 fn on_arcs(places: &Places, count: usize, arcs: &[[f64; 2]], closed: bool) -> Vec<usize> {
-    let within = |u: f64| {
-        arcs.iter().any(|&[from, to]| match closed {
-            // Forwards from the first parameter.
-            true => (u - from).rem_euclid(1.0) <= (to - from).rem_euclid(1.0) + GRID,
-            false => (from - GRID..=to + GRID).contains(&u),
-        })
-    };
-    (0..count).filter(|&i| within(places.parameter(i))).collect()
+    (0..count).filter(|&i| is_on_arcs(places.parameter(i), arcs, closed)).collect()
+}
+
+/// Control points of a curve whose knots are on arcs; those beyond an end count as at the end.
+fn controls_on_arcs(space: &ShapeSpace, arcs: &[[f64; 2]]) -> Vec<usize> {
+    let representation = space.representation();
+    let (n, knots) = (representation.size(), representation.point_count());
+    let closed = representation.is_closed();
+    let beyond = (n - knots) as f64 / 2.0;
+    let intervals = if closed { n } else { knots - 1 } as f64;
+    let parameter = |i: usize| ((i as f64 - beyond) / intervals).clamp(0.0, 1.0);
+    (0..n).filter(|&i| is_on_arcs(parameter(i), arcs, closed)).collect()
 }
 
 /// Difference of parameters that are the same.
 const GRID: f64 = 1e-12;
+
+impl PartialShape {
+    /// Positions of what is seen: control points, or with arcs those of as many places along the curve.
+    pub(super) fn seen(&self, space: &ShapeSpace) -> Vec<usize> {
+        match &self.arcs {
+            Some((_, arcs)) => {
+                let places = Places::along(space, space.representation().size());
+                on_arcs(&places, places.count(), arcs, space.representation().is_closed())
+            }
+            None => self.control_points.iter().map(|(position, _)| *position).collect(),
+        }
+    }
+
+    /// Puts the seen control points into a shape, `d·N` coordinate-major numbers.
+    pub(super) fn fill(&self, space: &ShapeSpace, shape: &mut [f64]) {
+        let n = space.representation().size();
+        for (i, point) in &self.control_points {
+            point.iter().enumerate().for_each(|(c, x)| shape[c * n + i] = *x);
+        }
+        if let Some((whole, arcs)) = &self.arcs {
+            for i in controls_on_arcs(space, arcs) {
+                (i..shape.len()).step_by(n).for_each(|k| shape[k] = whole[k]);
+            }
+        }
+    }
+}
 
 impl PosteriorModel {
     /// What is seen of a shape.

@@ -17,12 +17,13 @@
 //! * [`places`] — shapes of a model at some places; [`model`] — the model that a dictionary is;
 //! * [`pose`] — the transformation class as unknown; [`feature`] — functions of a shape that may be imposed;
 //! * [`conditioning`] — the posterior; [`predicted`] — points and their covariances; [`calibration`] — factors of their bands;
-//! * [`missing`] — a shape with missing parts.
+//! * [`missing`] — a shape with missing parts; [`assessed`] — how unlike the model what is seen of it is.
 //!
 //! Sources: Albrecht, Lüthi, Gerig, Vetter 2013 (posterior shape models; the pose is alternated there too); Tipping, Bishop 1999
 //! (residual as
 //! noise); Diquigiovanni, Fontana, Vantini 2022 (simultaneous bands by split conformal prediction).
 
+pub mod assessed;
 pub mod calibration;
 pub mod conditioning;
 pub mod feature;
