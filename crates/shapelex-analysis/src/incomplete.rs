@@ -8,6 +8,8 @@
 //!
 //! The model of the M step is that of probabilistic principal components: modes, and a residual of equal variance in all other
 //! directions. Without `V_k` completed shapes would vary too little. Shapes without missing points give exactly the usual components.
+//! The E step takes `ρ² (K − 1)/(K − 1 − I)`: the `I` modes of `K` shapes describe these better than others, and with their residual alone
+//! what is missing would follow the noise of what is seen. The rounds are accelerated (`anderson`).
 //! The pose of an incomplete shape is found with its scores, so that it does not depend on what is missing.
 //!
 //! Sources: Tipping, Bishop 1999; Ilin, Raiko 2010 (missing values).
@@ -16,6 +18,7 @@ use rayon::prelude::*;
 
 use crate::AnalysisError;
 use crate::alignment::{AlignedShape, MeanShape};
+use crate::anderson::Anderson;
 use crate::dictionary::posterior::conditioning::{Posterior, Seen};
 use crate::dictionary::posterior::model::{control_variances, point_variance};
 use crate::dictionary::posterior::places::{AtPlaces, selected};
@@ -95,16 +98,17 @@ impl IncompleteShapes {
         let missing: Vec<usize> = (0..count).filter(|&k| self.seen[k].len() < n).collect();
         // Covariances of the missing control points, of the modes as columns, and how often each is missing.
         let mut unknown = Unknown::none(n);
-        let mut noise = 0.0;
+        let (mut noise, mut anderson) = (0.0, Anderson::default());
         for round in 1..=ROUNDS {
             watch.check()?;
             let stop = || watch.stop();
             let shapes = (self.control_points.clone(), vec![1.0; count]);
             let (mean, aligned) = align_all_by(Estimator::Plain, measured, frame, shapes.0, shapes.1, &stop)?;
-            let (pca, found) =
+            let (pca, own) =
                 maximised(measured.metric, &aligned, &unknown, (components, noise), freedom.count())?;
-            noise = found;
+            noise = own * predictive(count, pca.eigenvalues.len());
             let model = Model::new(measured.metric, &pca, noise, count, &freedom);
+            let before = self.control_points.clone();
             let (change, next) = self.expected(&model, &missing)?;
             unknown = next;
             let converged = change <= CLOSE || missing.is_empty();
@@ -114,13 +118,47 @@ impl IncompleteShapes {
                     aligned,
                     completed: self.control_points,
                     pca,
-                    noise,
+                    noise: own,
                     rounds: round,
                     converged,
                 });
             }
+            self.accelerate(&before, measured.metric, &missing, &mut anderson);
         }
         Err(AnalysisError::Interrupted)
+    }
+
+    /// Moves missing control points on from where they were before the last step, which counts in parts of the size of each shape.
+    fn accelerate(&mut self, before: &[f64], metric: &Metric, missing: &[usize], anderson: &mut Anderson) {
+        let length = metric.len();
+        let sizes: Vec<f64> = missing
+            .iter()
+            .map(|&k| {
+                let mut centred = self.control_points[k * length..(k + 1) * length].to_vec();
+                metric.centre(&mut centred);
+                norm(&centred)
+            })
+            .collect();
+        let own = |shapes: &[f64]| -> Vec<f64> {
+            let of = |(&k, size): (&usize, &f64)| {
+                shapes[k * length..(k + 1) * length].iter().map(|x| x / size).collect::<Vec<f64>>()
+            };
+            missing.iter().zip(&sizes).flat_map(of).collect()
+        };
+        let (x, image) = (own(before), own(&self.control_points));
+        let step: Vec<f64> = image.iter().zip(&x).map(|(image, x)| image - x).collect();
+        let next = anderson.next(&x, &step);
+        for ((&k, size), shape) in missing.iter().zip(&sizes).zip(next.chunks_exact(length)) {
+            let n = metric.size();
+            let seen = &self.seen[k];
+            let target = &mut self.control_points[k * length..(k + 1) * length];
+            for (i, (target, x)) in target.iter_mut().zip(shape).enumerate() {
+                // What is seen stays as it is, to the last bit.
+                if seen.binary_search(&(i % n)).is_err() {
+                    *target = size * x;
+                }
+            }
+        }
     }
 
     fn check(
@@ -204,6 +242,12 @@ impl IncompleteShapes {
     }
 }
 
+/// Residual variance of other shapes, divided by that of the shapes from which the modes were learnt.
+fn predictive(count: usize, modes: usize) -> f64 {
+    let free = count.saturating_sub(1 + modes).max(1);
+    (count - 1) as f64 / free as f64
+}
+
 fn of_shape(error: AnalysisError, k: usize) -> AnalysisError {
     match error {
         AnalysisError::Parameter { detail, .. } => AnalysisError::Unsuitable { index: k, detail },
@@ -225,7 +269,7 @@ impl Unknown {
     }
 }
 
-/// Components of aligned shapes with what is unknown of them, and the variance of the residual. `noise`: that of the round before.
+/// Components of aligned shapes with what is unknown of them, and the variance of the residual. `noise`: that of missing control points.
 fn maximised(
     metric: &Metric,
     aligned: &[AlignedShape],

@@ -67,6 +67,7 @@
 
 pub mod accumulate;
 pub mod alignment;
+mod anderson;
 pub mod classification;
 pub mod conversion;
 pub mod correspondence;
