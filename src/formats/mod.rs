@@ -26,6 +26,7 @@ pub mod matrix;
 pub mod merge_patch;
 pub mod mesh;
 pub mod ndjson;
+pub mod observed;
 pub mod partial;
 pub mod picture;
 pub mod record;

@@ -4,13 +4,11 @@
 //! {"control_points": [[0, 0], null, [2, 1]], "points": [{"at": 0.25, "point": [1, 2]}]}
 //! ```
 
-use std::fmt;
-
 use serde::Deserialize;
-use serde::de::{Deserializer, SeqAccess, Visitor};
 use utoipa::ToSchema;
 
 use super::fault::Fault;
+use super::observed::{Observed, ObservedEntry};
 use super::shape::MAX_COORDINATE;
 use crate::analysis::dictionary::posterior::feature::ShapeFeature;
 use crate::analysis::dictionary::posterior::missing::{Condition, PartialShape, SeenPoint};
@@ -71,61 +69,12 @@ pub struct ConditionInput {
     deviation: f64,
 }
 
-/// An entry of `observed`: whether a control point counts, or an arc.
-#[derive(Debug, serde::Serialize, ToSchema)]
-#[serde(untagged)]
-pub enum ObservedEntry {
-    /// Whether a control point counts.
-    Control(bool),
-    /// First and last parameter.
-    Arc([f64; 2]),
-}
-
-/// The part of a shape that counts.
-#[derive(Debug, Clone, Default)]
-struct Observed {
-    mask: Vec<bool>,
-    arcs: Vec<[f64; 2]>,
-}
-
-/// Written by hand: the derived error of untagged entries names no place.
-impl<'de> Deserialize<'de> for ObservedEntry {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct EntryVisitor;
-        impl<'de> Visitor<'de> for EntryVisitor {
-            type Value = ObservedEntry;
-
-            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str("true or false for a control point, or an arc [from, to]")
-            }
-
-            fn visit_bool<E: serde::de::Error>(self, counts: bool) -> Result<ObservedEntry, E> {
-                Ok(ObservedEntry::Control(counts))
-            }
-
-            fn visit_seq<A: SeqAccess<'de>>(self, list: A) -> Result<ObservedEntry, A::Error> {
-                Deserialize::deserialize(serde::de::value::SeqAccessDeserializer::new(list))
-                    .map(ObservedEntry::Arc)
-            }
-        }
-        deserializer.deserialize_any(EntryVisitor)
-    }
-}
-
-impl<'de> Deserialize<'de> for Observed {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        let mut observed = Self::default();
-        for entry in Vec::<ObservedEntry>::deserialize(deserializer)? {
-            match entry {
-                ObservedEntry::Control(counts) => observed.mask.push(counts),
-                ObservedEntry::Arc(arc) => observed.arcs.push(arc),
-            }
-        }
-        Ok(observed)
-    }
-}
-
 impl PartialInput {
+    /// Control points, `None` where one is missing, of which a part counts.
+    pub fn of(control_points: Vec<Option<Vec<f64>>>, observed: Option<Observed>) -> Self {
+        Self { control_points: Some(control_points), observed, ..Self::default() }
+    }
+
     /// Number of points that are given.
     pub fn len(&self) -> usize {
         self.control_points.as_ref().map_or(0, Vec::len) + self.points.len()
@@ -223,9 +172,10 @@ impl PartialInput {
             }
         }
         let given = |i: usize| rows[i].clone().map(|row| (i, row));
-        let Some(Observed { mask, arcs }) = &self.observed else {
+        let Some(observed) = &self.observed else {
             return ((0..n).filter_map(given).collect(), None);
         };
+        let Observed { mask, arcs } = observed;
         if arcs.is_empty() {
             if mask.len() != n {
                 let detail = format!("expected {n} entries, one for each control point, got {}", mask.len());
@@ -237,7 +187,7 @@ impl PartialInput {
         if !mask.is_empty() {
             faults.push(Fault::new("/observed", "expected either true and false, or arcs, got both"));
         }
-        faults.extend(arc_faults(space, arcs));
+        faults.extend(observed.arc_faults(space).into_iter().map(|fault| fault.below("/observed")));
         if let Some(i) = rows.iter().position(Option::is_none) {
             let detail = "expected a control point, got null: beside arcs all of them are needed";
             faults.push(Fault::new(format!("/control_points/{i}"), detail));
@@ -248,25 +198,6 @@ impl PartialInput {
         let whole = (0..d).flat_map(|c| rows.iter().flatten().map(move |row| row[c])).collect();
         (Vec::new(), Some((whole, arcs.clone())))
     }
-}
-
-/// What is wrong with arcs of shapes of `space`.
-fn arc_faults(space: &ShapeSpace, arcs: &[[f64; 2]]) -> Vec<Fault> {
-    if !space.domain().is_line() {
-        let detail = "expected true and false for each control point: only curves have arcs";
-        return vec![Fault::new("/observed", detail)];
-    }
-    let closed = space.representation().is_closed();
-    let is_proper = |[from, to]: &[f64; 2]| {
-        let bounded = from.abs() <= 1e6 && to.abs() <= 1e6 && from != to;
-        bounded && (closed || (0.0 <= *from && from < to && *to <= 1.0))
-    };
-    let range = if closed { "two different parameters" } else { "two parameters between 0 and 1, ascending" };
-    let improper = arcs.iter().enumerate().filter(|(_, arc)| !is_proper(arc));
-    let fault = |(i, [from, to]): (usize, &[f64; 2])| {
-        Fault::new(format!("/observed/{i}"), format!("expected {range}, got {from} and {to}"))
-    };
-    improper.map(fault).collect()
 }
 
 /// Why a list is no point of `d` coordinates.

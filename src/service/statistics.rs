@@ -16,9 +16,11 @@ use crate::analysis::matching::Matching;
 use crate::analysis::metric::Metric;
 use crate::analysis::partial_sums::Measured;
 use crate::analysis::pca::Components;
+use crate::analysis::region::Region;
 use crate::analysis::robust::{align_all_by, point_weights};
 use crate::analysis::transformation::{Transformation, TransformationClass};
 use crate::formats::fault::Fault;
+use crate::formats::observed::Observed;
 use crate::formats::shape::ShapeInput;
 use crate::geometry::capability::domain::Admitted;
 use crate::geometry::drawing::scene::Drawing;
@@ -213,6 +215,28 @@ impl Setup {
         Measured { metric: &self.metric, method: &self.method, matching: &self.matching }
     }
 
+    /// The region on which shapes are aligned.
+    ///
+    /// # Errors
+    /// Faults at `/region`; a search or a robust mean, which look at whole shapes.
+    fn region(&self, region: &Observed) -> Result<Region, ServiceError> {
+        let mut faults = Faults::default();
+        let found = faults.keep_below("/region", region.region(&self.space));
+        if found.as_ref().is_some_and(|region| region.len() < 2) {
+            faults.add("/region", "expected at least 2 places in the region, got fewer");
+        }
+        if self.matching.searches() {
+            let detail =
+                "expected points that correspond as given beside a region, got a search of whole shapes";
+            faults.add("/correspondence", detail);
+        }
+        if self.estimator != Estimator::Plain {
+            faults.add("/robust", "expected false beside a region, got true");
+        }
+        faults.unless_any()?;
+        found.ok_or_else(|| ServiceError::Internal("a region without a fault".into()))
+    }
+
     /// Correspondence of points between shapes.
     pub(crate) fn correspondence(&self) -> Correspondence {
         self.correspondence
@@ -242,24 +266,30 @@ pub struct Statistics {
     weights: Vec<f64>,
 }
 
-/// Computes the mean and the aligned shapes.
+/// Computes the mean and the aligned shapes, aligned as wholes or on a region.
 ///
 /// # Errors
 /// Faults of the input; degenerate or too few shapes.
 pub fn align(
     app: &App,
     settings: CheckedSettings,
+    region: Option<&Observed>,
     shapes: Vec<ShapeInput>,
 ) -> Result<Statistics, ServiceError> {
     let setup = Setup::new(app, settings)?;
+    let region = region.map(|region| setup.region(region)).transpose()?;
     let Batch { control_points, weights } = read::read_batch(&setup.reading(&app.limits), shapes)?;
     let sizes = norms(&setup.metric, &setup.method, &control_points);
     let context = app.pool.context();
     context.check()?;
     let stop = || context.is_cancelled();
     let (estimator, measured) = (setup.estimator, setup.measured());
-    let (mean, aligned) =
-        align_all_by(estimator, measured, setup.frame, control_points, weights.clone(), &stop)?;
+    let (mean, aligned) = match region {
+        Some(region) => {
+            region.align(&setup.space, measured, setup.frame, &control_points, &weights, &stop)?
+        }
+        None => align_all_by(estimator, measured, setup.frame, control_points, weights.clone(), &stop)?,
+    };
     Ok(Statistics { setup, mean, aligned, sizes, weights })
 }
 

@@ -16,7 +16,7 @@
 //! * [`procrustes`] — generalised Procrustes analysis, for comparison;
 //! * [`alignment`] — the mean of a set of shapes, and the shapes aligned to it;
 //! * [`mean_angle`] — the angle between two mean shapes, and the angle expected by chance;
-//! * [`pca`] — functional principal components;
+//! * [`pca`] — functional principal components; [`region`] — alignment on a part of the shapes;
 //! * [`sparse`] — sparse codes: lasso and group lasso with a certificate, matching pursuit;
 //! * [`dictionary`] — dictionaries: learning, codes, scores, assessments, drift;
 //! * [`classification`] — classifiers of labelled shapes, and their validation;
@@ -93,6 +93,7 @@ pub mod path;
 pub mod pca;
 mod placement_search;
 pub mod procrustes;
+pub mod region;
 pub mod robust;
 pub mod rows;
 pub mod size;

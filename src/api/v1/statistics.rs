@@ -16,8 +16,9 @@ use crate::api::extract::{
 };
 use crate::api::problem::Problem;
 use crate::api::respond::{Binary, compute_planned, json, mesh, picture, planned};
-use crate::formats::checked::{Checked, take_given, take_or_default};
+use crate::formats::checked::{Checked, LARGE, take_given, take_or_default};
 use crate::formats::fault::Fault;
+use crate::formats::observed::{Observed, ObservedEntry};
 use crate::formats::picture::PictureFile;
 use crate::formats::shape::{Points, ShapeInput};
 use crate::numeric::dense::Matrix;
@@ -58,6 +59,11 @@ settings_request! {
         /// Default: false.
         #[schema(value_type = Option<bool>)]
         robust: Checked<bool>;
+        /// The part of the shapes on which they are aligned: arcs `[from, to]` of curves; true or false for each landmark, knot of a surface or
+        /// vertex. Shapes are compared as wholes in the poses that it gives, and their mean is the average of them. Points correspond as
+        /// given, and not with `robust`. Default: the whole shape.
+        #[schema(value_type = Option<Vec<ObservedEntry>>)]
+        region: Checked<Option<Observed>, LARGE>;
         /// Whether to answer a basis of the mean space too. Default: false.
         #[schema(value_type = Option<bool>)]
         basis: Checked<bool>;
@@ -80,6 +86,11 @@ settings_request! {
         /// Default: false.
         #[schema(value_type = Option<bool>)]
         robust: Checked<bool>;
+        /// The part of the shapes on which they are aligned: arcs `[from, to]` of curves; true or false for each landmark, knot of a surface or
+        /// vertex. Shapes are compared as wholes in the poses that it gives, and their mean is the average of them. Points correspond as
+        /// given, and not with `robust`. Default: the whole shape.
+        #[schema(value_type = Option<Vec<ObservedEntry>>)]
+        region: Checked<Option<Observed>, LARGE>;
         /// Whether to subtract the arithmetic mean of the aligned shapes. Default: false.
         #[schema(value_type = Option<bool>)]
         centre: Checked<bool>;
@@ -194,13 +205,15 @@ async fn answer(
         let (settings, shapes) = request.take_settings(&mut errors);
         let robust = take_or_default(request.robust, "/robust", &mut errors);
         let basis = take_or_default(request.basis, "/basis", &mut errors).unwrap_or_default();
+        let region = take_given(request.region, "/region", &mut errors).flatten();
         let (settings, shapes) = checked(by(settings, robust), errors, shapes)?;
         let settings = settings.checked(&app.limits)?;
         let counts = Counts::new(&settings.representation, shapes.len(), &app.limits);
         let drawn = if matches!(format, Format::Picture(_)) { shapes.len().min(MAX_DRAWN) } else { 0 };
-        let work = requests::align(&settings, counts) + requests::draw(counts, drawn) + format.work();
+        let work = requests::align_on(&settings, counts, region.is_some());
+        let work = work + requests::draw(counts, drawn) + format.work();
         planned(work, move |app| {
-            let statistics = statistics::align(app, settings, shapes)?;
+            let statistics = statistics::align(app, settings, region.as_ref(), shapes)?;
             match format {
                 Format::Picture(file) => draw(&statistics, &file),
                 Format::Json => write(&statistics, basis),
@@ -427,12 +440,13 @@ pub(super) async fn pca(
 ) -> Result<Response, Problem> {
     compute_planned(app, body, move |app, body| {
         let sigma = mode.sigma()?;
-        let PcaInput { settings, shapes, components, centre, aligned } =
+        let PcaInput { settings, region, shapes, components, centre, aligned } =
             app.parse::<PcaRequest>(body)?.take(&app.limits)?;
         let counts = Counts::new(&settings.representation, shapes.len(), &app.limits);
-        let work = requests::align(&settings, counts) + requests::components(counts, components);
+        let work = requests::align_on(&settings, counts, region.is_some());
+        let work = work + requests::components(counts, components);
         planned(work + format.work(), move |app| {
-            let statistics = statistics::align(app, settings, shapes)?;
+            let statistics = statistics::align(app, settings, region.as_ref(), shapes)?;
             let pca = statistics::pca(app, &statistics, components, centre)?;
             if let Format::Picture(file) = format {
                 let of = mode.component.unwrap_or(1);
@@ -448,6 +462,7 @@ pub(super) async fn pca(
 /// The checked parts of a [`PcaRequest`].
 struct PcaInput {
     settings: CheckedSettings,
+    region: Option<Observed>,
     shapes: Vec<ShapeInput>,
     components: usize,
     centre: bool,
@@ -465,9 +480,10 @@ impl PcaRequest {
             errors.push(Fault::new("/components", "expected at least 1, got 0"));
         }
         let robust = take_or_default(self.robust, "/robust", &mut errors);
+        let region = take_given(self.region, "/region", &mut errors).flatten();
         let (settings, shapes) = checked(by(settings, robust), errors, shapes)?;
         let settings = settings.checked(limits)?;
-        Ok(PcaInput { settings, shapes, components, centre, aligned })
+        Ok(PcaInput { settings, region, shapes, components, centre, aligned })
     }
 }
 

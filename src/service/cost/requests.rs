@@ -134,6 +134,11 @@ fn scatter(columns: f64, rows: f64) -> Work {
     Work::from_multiply_adds(0.5 * more * less * less + EIGENPAIRS * less.powi(3))
 }
 
+/// Aligning shapes as wholes or on a region, which has up to four places for each control point.
+pub fn align_on(settings: &CheckedSettings, counts: Counts, on_region: bool) -> Work {
+    if on_region { 5.0 * align(settings, counts) } else { align(settings, counts) }
+}
+
 /// Mean of shapes and their alignment to it.
 pub fn align(settings: &CheckedSettings, counts: Counts) -> Work {
     /// Per coordinate: reading, whitening, the basis of the subspace, its projection and the response.
