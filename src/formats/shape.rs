@@ -17,7 +17,8 @@ use utoipa::openapi::schema::{AnyOfBuilder, ObjectBuilder, Schema, SchemaType, T
 use utoipa::{PartialSchema, ToSchema};
 
 use super::bounds::{self, keep_fault};
-use super::checked::{Checked, Ignored, Metadata, Raw, document, visit_others};
+use super::checked::{Checked, Ignored, LARGE, Metadata, Raw, document, visit_others};
+use super::observed::{Observed, ObservedEntry};
 
 /// Largest magnitude of a coordinate.
 pub const MAX_COORDINATE: f64 = crate::numeric::MAX_NUMBER;
@@ -40,6 +41,8 @@ pub struct PointList {
     null: bool,
     /// Limit of the points kept, if it was exceeded; else 0.
     most: usize,
+    /// Positions of entries that are null: points that are missing.
+    gaps: Vec<u32>,
     faults: Vec<Fault>,
 }
 
@@ -84,11 +87,43 @@ impl PointList {
         self.columns.map(|columns| [self.rows, columns])
     }
 
+    /// Whether entries are null: points that are missing.
+    pub fn has_gaps(&self) -> bool {
+        !self.gaps.is_empty()
+    }
+
     /// Row-major coordinates, if every point has `dimension` finite numbers.
     ///
     /// # Errors
-    /// All faults (at most 20) with pointers relative to the list.
+    /// All faults (at most 20, one for all missing points) with pointers relative to the list.
     pub fn checked(&self, dimension: usize) -> Result<&[f64], Vec<Fault>> {
+        let Some(&first) = self.gaps.first() else { return self.present(dimension) };
+        let others = self.gaps.len() - 1;
+        let further = if others > 0 { format!(", as in {others} further entries") } else { String::new() };
+        let gap =
+            Fault::new(format!("/{first}"), format!("expected a list of coordinates, got null{further}"));
+        let mut faults = self.faults.clone();
+        let before = |fault: &Fault| position_of(fault).is_some_and(|position| position < first);
+        faults.insert(faults.iter().take_while(|fault| before(fault)).count(), gap);
+        Err(faults)
+    }
+
+    /// The points, `None` where one is missing, if every other has `dimension` finite numbers.
+    ///
+    /// # Errors
+    /// All faults (at most 20) with pointers relative to the list.
+    pub fn with_gaps(&self, dimension: usize) -> Result<Vec<Option<Vec<f64>>>, Vec<Fault>> {
+        let mut present = self.present(dimension)?.chunks_exact(dimension.max(1));
+        let mut gaps = self.gaps.iter().peekable();
+        let row = |position: usize| match gaps.next_if(|gap| **gap as usize == position) {
+            Some(_) => None,
+            None => present.next().map(<[f64]>::to_vec),
+        };
+        Ok((0..self.rows).map(row).collect())
+    }
+
+    /// Row-major coordinates of the points that are there.
+    fn present(&self, dimension: usize) -> Result<&[f64], Vec<Fault>> {
         if !self.faults.is_empty() {
             return Err(self.faults.clone());
         }
@@ -96,7 +131,7 @@ impl PointList {
             let detail = format!("expected at most {1} points, got {0}", self.len(), self.most);
             return Err(vec![Fault::new("", detail)]);
         }
-        if !self.is_empty() && self.width != dimension {
+        if self.rows > self.gaps.len() && self.width != dimension {
             let detail = format!(
                 "expected {dimension} coordinates per point (the dimension of the representation), got {}",
                 self.width
@@ -113,13 +148,25 @@ impl PointList {
 
     /// Kind of the entries, known once there is one.
     fn kind(&self) -> Option<Kind> {
-        (self.rows > 0).then_some(if self.columns.is_some() { Kind::Points } else { Kind::Point })
+        (self.rows > self.gaps.len()).then_some(if self.columns.is_some() {
+            Kind::Points
+        } else {
+            Kind::Point
+        })
     }
 
     /// Adds the entry that was read: a point, or a column of the grid.
     fn push(&mut self, entry: &Entry) {
         let position = self.rows;
         self.rows += 1;
+        let most = bounds::current().points;
+        if entry.missing && self.columns.is_none() {
+            match u32::try_from(position).ok().filter(|_| self.rows <= most) {
+                Some(gap) => self.gaps.push(gap),
+                None => self.most = most.max(1),
+            }
+            return;
+        }
         for (pointer, detail) in &entry.faults {
             self.fault(format!("/{position}{pointer}"), detail.clone());
         }
@@ -127,7 +174,8 @@ impl PointList {
             self.fault(format!("/{position}"), detail.clone());
             return;
         }
-        if position == 0 {
+        // The first point that is not missing.
+        if position == self.gaps.len() {
             self.columns = entry.points;
             self.width = entry.width;
         }
@@ -153,7 +201,6 @@ impl PointList {
             }
             _ => {}
         }
-        let most = bounds::current().points;
         if entry.cut || self.len() > most {
             self.most = most.max(1);
         } else {
@@ -216,6 +263,8 @@ struct Entry {
     points: Option<usize>,
     faults: Vec<(String, String)>,
     not_a_list: Option<String>,
+    /// Whether it is null.
+    missing: bool,
     /// Whether it has more points than are kept.
     cut: bool,
 }
@@ -224,7 +273,8 @@ impl Entry {
     fn clear(&mut self) {
         self.values.clear();
         self.faults.clear();
-        (self.width, self.points, self.not_a_list, self.cut) = (0, None, None, false);
+        (self.width, self.points, self.not_a_list) = (0, None, None);
+        (self.missing, self.cut) = (false, false);
     }
 
     fn fault(&mut self, pointer: String, detail: String) {
@@ -277,6 +327,16 @@ impl<'de> serde::de::DeserializeSeed<'de> for EntrySeed<'_> {
     }
 }
 
+/// Position of the entry that a fault is about.
+fn position_of(fault: &Fault) -> Option<u32> {
+    fault.pointer.split('/').nth(1)?.parse().ok()
+}
+
+fn missing(seed: EntrySeed<'_>, what: &'static str) {
+    seed.0.missing = true;
+    not_a_list(seed, what);
+}
+
 fn not_a_list(seed: EntrySeed<'_>, what: &'static str) {
     seed.0.not_a_list = Some(format!("expected a list of coordinates, got {what}"));
 }
@@ -308,7 +368,7 @@ impl<'de> Visitor<'de> for EntrySeed<'_> {
     }
 
     visit_others!(@text not_a_list, ());
-    visit_others!(@null not_a_list, ());
+    visit_others!(@null missing, ());
     visit_others!(@number not_a_list, ());
     visit_others!(@map not_a_list, ());
 }
@@ -451,6 +511,10 @@ document! {
         /// Normals at the points, of any length, for the subdivision scheme `normal_based`.
         #[schema(value_type = Option<Vec<[f64; 3]>>)]
         normals: Box<PointList>;
+        /// The part that is seen, where `assess` takes shapes with missing parts: true or false for each control point, or arcs
+        /// `[from, to]` of a curve, forwards in its parameter. Points that are null are missing too. Default: the whole shape.
+        #[schema(value_type = Option<Vec<ObservedEntry>>)]
+        observed: Box<Checked<Option<Observed>, LARGE>>;
         /// Tangents at the poles of a sphere given by `points`. Default: estimated.
         #[schema(value_type = Option<PolesInput>)]
         poles: Box<Checked<PolesInput>>;
@@ -494,6 +558,13 @@ document! {
 }
 
 impl ShapeInput {
+    /// Whether a part of the shape is missing: it has null points, or says what is seen.
+    pub fn has_missing_parts(&self) -> bool {
+        let lists = [self.points.as_deref(), self.control_points.as_deref()];
+        let says = self.observed.as_ref().is_some_and(|observed| observed.get() != Some(&None));
+        says || lists.into_iter().flatten().any(PointList::has_gaps)
+    }
+
     /// The same attributes without geometry, and without landmarks of it.
     #[must_use]
     pub fn without_geometry(&self) -> Self {
@@ -688,8 +759,31 @@ mod tests {
 
     #[test]
     fn faults_are_bounded() {
-        let text = format!("[{}]", vec!["null"; 1000].join(","));
+        let text = format!("[{}]", vec!["7"; 1000].join(","));
         assert_eq!(read(&text).checked(2).unwrap_err().len(), MAX_FAULTS);
+    }
+
+    #[test]
+    fn missing_points_are_gaps_or_one_fault() {
+        let list = read("[null, [1, 2], null, null, [3, 4], null]");
+        let rows = [None, Some(vec![1.0, 2.0]), None, None, Some(vec![3.0, 4.0]), None];
+        assert_eq!((list.len(), list.has_gaps(), list.with_gaps(2).unwrap()), (6, true, rows.to_vec()));
+        let faults = list.checked(2).unwrap_err();
+        let detail = "expected a list of coordinates, got null, as in 3 further entries";
+        assert_eq!(faults, [Fault::new("/0", detail)]);
+        assert_eq!(list.with_gaps(3).unwrap_err()[0].pointer, "/0");
+        let pointers = |text: &str| {
+            let faults = read(text).with_gaps(2).err().unwrap_or_default();
+            faults.into_iter().map(|fault| fault.pointer).collect::<Vec<String>>()
+        };
+        assert_eq!(pointers("[[1, 2], null, [3], null, 4]"), ["/2", "/4"]);
+        // Grids have no missing points, also where one comes first.
+        assert_eq!(pointers("[[[1, 2], [3, 4]], null]"), ["/1"]);
+        assert_eq!(read("[null, [[1, 2], [3, 4]]]").checked(2).unwrap_err()[0].pointer, "/0");
+        assert_eq!(pointers("[null, null]"), [""; 0]);
+        let limits = bounds::Bounds { points: 2, ..bounds::Bounds::default() };
+        let cut = bounds::within(limits, || read("[null, null, null]"));
+        assert_eq!(cut.with_gaps(2).unwrap_err()[0].detail, "expected at most 2 points, got 3");
     }
 
     #[test]

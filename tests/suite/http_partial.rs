@@ -237,3 +237,228 @@ fn components_of_incomplete_shapes() {
         &["/shapes/4"],
     );
 }
+
+fn assess_path(name: &str) -> String {
+    format!("/v1/dictionaries/{name}/assess")
+}
+
+fn outlier(result: &Value) -> bool {
+    result["novelty"]["is_outlier"].as_bool().unwrap()
+}
+
+/// Few of new ovals of which a quarter is hidden are outliers, and nearly all with a dent in what is seen.
+#[test]
+fn assess_scores_what_is_seen() {
+    let server = shared();
+    learnt(&server, "assessed", 60, &curve(), &components());
+    let count = 80;
+    let shapes: Vec<Value> = (100..100 + count).map(|k| json!({"control_points": part(k, 12)})).collect();
+    let asked = json!({"shapes": shapes, "quantile": 0.95});
+    let found = server.post(&assess_path("assessed"), &asked).expect(200);
+    assert_eq!(found["warnings"], Value::Null);
+    let results = found["results"].as_array().unwrap();
+    let alarms = results.iter().filter(|result| outlier(result)).count();
+    // Nominal are 4; more than 12 have a probability below 0.001.
+    assert!(alarms <= 12, "{alarms} of {count}");
+    for (k, result) in results.iter().enumerate() {
+        let part = &result["part"];
+        let seen: Vec<usize> = serde_json::from_value(part["seen"].clone()).unwrap();
+        assert_eq!((seen, &part["seen_fraction"]), ((0..12).collect(), &json!(0.75)));
+        assert_eq!(result["residual"].as_array().unwrap().len(), 12);
+        assert_eq!((&result["class"], &part["converged"]), (&Value::Null, &json!(true)));
+        let (truth, at) = (oval(100 + k), |c: usize| part["control_points"][14][c].as_f64().unwrap());
+        assert!((at(0) - truth[14][0]).hypot(at(1) - truth[14][1]) < 6.0, "{k} {part}");
+        // Residuals of the noise of 0.2 mm.
+        let largest = result["residual"].as_array().unwrap().iter().map(|x| x.as_f64().unwrap());
+        assert!(largest.fold(0.0, f64::max) < 2.0, "{k} {result}");
+    }
+    let dented = |k: usize| -> Value {
+        let points = oval(k).into_iter().enumerate();
+        points
+            .map(
+                |(i, [x, y])| {
+                    if i < 12 { json!([x + if i == 5 { 5.0 } else { 0.0 }, y]) } else { Value::Null }
+                },
+            )
+            .collect()
+    };
+    let shapes: Vec<Value> = (100..140).map(|k| json!({"control_points": dented(k)})).collect();
+    let found = server.post(&assess_path("assessed"), &json!({ "shapes": shapes })).expect(200);
+    let results = found["results"].as_array().unwrap();
+    let alarms = results.iter().filter(|result| outlier(result)).count();
+    assert!(alarms >= 36, "{alarms} of 40");
+    let at = |i: usize| results[0]["residual"][i].as_f64().unwrap();
+    assert!((0..12).all(|i| at(i) <= at(5)), "{}", results[0]);
+}
+
+/// Nulls and a mask say the same, arcs nearly; a shape of which all is seen is a whole one.
+#[test]
+fn parts_are_assessed_as_given() {
+    let server = shared();
+    learnt(&server, "parts", 40, &curve(), &components());
+    let whole = oval(50);
+    let mask = |seen: usize| (0..POINTS).map(|i| i < seen).collect::<Vec<bool>>();
+    let turned: Vec<Value> = whole.iter().map(|p| json!([7.0 - 3.0 * p[1], 2.0 + 3.0 * p[0]])).collect();
+    let shapes = json!([
+        {"control_points": part(50, 12), "external_id": "nulls"},
+        {"control_points": whole, "observed": mask(12)},
+        {"points": whole, "observed": [[0.0, 11.0 / POINTS as f64]]},
+        {"control_points": turned, "observed": mask(12)},
+        {"control_points": whole, "observed": mask(POINTS)},
+        {"control_points": whole},
+    ]);
+    let found = server.post(&assess_path("parts"), &json!({ "shapes": shapes })).expect(200);
+    let result = |k: usize| &found["results"][k];
+    assert_eq!(result(0)["external_id"], "nulls");
+    let near = |a: &Value, b: &Value, tolerance: f64| {
+        let [a, b] = [a, b].map(|value| value.as_f64().unwrap());
+        assert!((a - b).abs() <= tolerance * b.abs().max(1.0), "{a} {b}");
+    };
+    for (k, tolerance) in [(1, 1e-9), (3, 1e-5)] {
+        near(&result(k)["novelty"]["t_squared"], &result(0)["novelty"]["t_squared"], tolerance);
+        let error = |k: usize| &result(k)["novelty"]["squared_prediction_error"];
+        near(error(k), error(0), tolerance);
+        for i in 0..5 {
+            near(&result(k)["code"]["values"][i], &result(0)["code"]["values"][i], tolerance);
+        }
+    }
+    near(&result(2)["novelty"]["t_squared"], &result(0)["novelty"]["t_squared"], 0.5);
+    assert_eq!(result(2)["part"]["seen"], result(0)["part"]["seen"]);
+    assert_eq!(result(4)["part"], Value::Null);
+    for field in ["code", "novelty", "residual", "relative_error"] {
+        assert_eq!(result(4)[field], result(5)[field], "{field}");
+    }
+    // Lines, of which one has an error of its own, and a picture.
+    let lines = [json!({"control_points": part(50, 12)}), json!({"control_points": part(50, 1)})];
+    let body = lines.map(|line| line.to_string()).join("\n");
+    let request = server.request(reqwest::Method::POST, &format!("{}?on_error=skip", assess_path("parts")));
+    let request = request.header("content-type", "application/x-ndjson").body(body);
+    let found = server.send(request).expect(200);
+    assert_eq!(found["results"][0]["part"]["seen"], result(0)["part"]["seen"]);
+    assert_eq!(found["results"][1]["error"]["code"], "invalid-input", "{found}");
+    let svg = server.post(&format!("{}?format=svg", assess_path("parts")), &json!({ "shapes": shapes }));
+    assert!(svg.expect_svg().contains("75 % seen"));
+    // Landmarks are given as points too.
+    let landmarks = json!({"kind": "landmarks", "dimension": 2, "points": POINTS});
+    learnt(&server, "parts-landmarks", 40, &landmarks, &components());
+    let shapes = json!([{"points": part(50, 12)}, {"control_points": part(50, 12)}]);
+    let found = server.post(&assess_path("parts-landmarks"), &json!({ "shapes": shapes })).expect(200);
+    assert_eq!(found["results"][0]["code"], found["results"][1]["code"]);
+}
+
+#[test]
+fn parts_that_cannot_be_assessed_are_refused() {
+    let server = shared();
+    learnt(&server, "ill-assessed", 12, &curve(), &components());
+    let refused = |shape: Value, pointers: &[&str]| {
+        server.post(&assess_path("ill-assessed"), &json!({ "shapes": [shape] })).expect_problem(
+            422,
+            "invalid-input",
+            pointers,
+        );
+    };
+    // All missing, too little for the pose, no extent.
+    refused(json!({"control_points": part(0, 0)}), &["/shapes/0"]);
+    refused(json!({"control_points": part(0, 1)}), &["/shapes/0"]);
+    let at_one_place: Value = (0..POINTS).map(|i| if i < 9 { json!([3, 4]) } else { Value::Null }).collect();
+    refused(json!({ "control_points": at_one_place }), &["/shapes/0"]);
+    refused(json!({"control_points": oval(0), "observed": vec![false; POINTS]}), &["/shapes/0"]);
+    // Not numbers; another representation.
+    let mut nan = part(0, 12);
+    nan[3] = json!([3, "NaN"]);
+    refused(json!({ "control_points": nan }), &["/shapes/0/control_points/3/1"]);
+    refused(json!({"control_points": [[1, 2], null]}), &["/shapes/0/control_points"]);
+    refused(json!({"control_points": part(0, 12), "observed": [true]}), &["/shapes/0/observed"]);
+    refused(json!({"control_points": oval(0), "observed": [[0.2, 0.2]]}), &["/shapes/0/observed/0"]);
+    refused(json!({"control_points": oval(0), "observed": "all"}), &["/shapes/0/observed"]);
+    refused(json!({"points": part(0, 12)}), &["/shapes/0/points"]);
+    refused(json!({"observed": [true]}), &["/shapes/0"]);
+    // Other operations take whole shapes.
+    let body = json!({"shapes": [{"control_points": oval(0), "observed": vec![true; POINTS]}]});
+    for operation in ["encode", "score"] {
+        let path = format!("/v1/dictionaries/ill-assessed/{operation}");
+        server.post(&path, &body).expect_problem(422, "invalid-input", &["/shapes/0/observed"]);
+    }
+    let body = json!({"shapes": [{"control_points": part(0, 12)}]});
+    server.post("/v1/dictionaries/ill-assessed/score", &body).expect_problem(
+        422,
+        "invalid-input",
+        &["/shapes/0/control_points/12"],
+    );
+    learnt(
+        &server,
+        "sparsely-assessed",
+        12,
+        &curve(),
+        &json!({"kind": "sparse", "atoms": 4, "lambda": 0.05}),
+    );
+    server.post(&assess_path("sparsely-assessed"), &body).expect_problem(400, "invalid-query", &[]);
+}
+
+/// Without the training shapes, parts are compared with whole held-out shapes, and the answer says so.
+#[test]
+fn parts_without_training_shapes_say_so() {
+    let server = Server::fresh();
+    learnt(&server, "orphaned-parts", 40, &curve(), &components());
+    assert_eq!(server.delete("/v1/cohorts/orphaned-parts").status, 204);
+    let body = json!({"shapes": [{"control_points": part(60, 12)}]});
+    let found = server.post(&assess_path("orphaned-parts"), &body).expect(200);
+    assert!(found["warnings"][0].as_str().unwrap().contains("was deleted"), "{found}");
+    assert!(!outlier(&found["results"][0]), "{found}");
+}
+
+/// Shapes that are equal within the region coincide there: what differs is outside of it.
+#[test]
+fn shapes_are_aligned_on_a_region() {
+    let server = shared();
+    let arm = |k: usize| -> Vec<[f64; 2]> {
+        let (turn, size) = (0.9 * k as f64, 1.0 + 0.2 * k as f64);
+        let flat = [[0.0, 0.0], [2.0, 0.0], [2.0, 1.0], [0.0, 1.0], [5.0, 0.5 + k as f64]];
+        flat.map(|[x, y]| {
+            [size * (x * turn.cos() - y * turn.sin()) + 9.0, size * (x * turn.sin() + y * turn.cos())]
+        })
+        .to_vec()
+    };
+    let shapes: Vec<Value> = (0..5).map(|k| json!({"points": arm(k)})).collect();
+    let landmarks = json!({"kind": "landmarks", "dimension": 2, "points": 5});
+    let body = |region: Value| json!({"representation": landmarks, "transformation": "similarity", "shapes": shapes, "region": region});
+    let mask = json!([true, true, true, true, false]);
+    let found = server.post("/v1/align", &body(mask.clone())).expect(200);
+    let at = |shape: &Value, i: usize, c: usize| shape["control_points"][i][c].as_f64().unwrap();
+    for shape in found["aligned"].as_array().unwrap() {
+        for i in 0..4 {
+            for c in 0..2 {
+                let (found, mean) = (at(shape, i, c), at(&found["mean"], i, c));
+                assert!((found - mean).abs() < 1e-9, "{i} {found} {mean}");
+            }
+        }
+    }
+    assert_eq!(found["aligned"][0]["reflected"], json!(false));
+    let mut request = body(mask);
+    request["components"] = json!(1);
+    request["centre"] = json!(true);
+    let found = server.post("/v1/pca", &request).expect(200);
+    assert!((found["pca"]["explained"][0].as_f64().unwrap() - 1.0).abs() < 1e-9, "{found}");
+    // An arc of a curve: the same pose as with the whole, if the shapes are similar.
+    let curves: Vec<Value> = (0..4).map(|k| json!({"points": oval(7).iter().map(|p| [p[0] * (1.0 + k as f64), p[1] * (1.0 + k as f64)]).collect::<Vec<_>>()})).collect();
+    let mut request = json!({"representation": curve(), "transformation": "similarity", "shapes": curves, "region": [[0.9, 0.3]]});
+    let found = server.post("/v1/align", &request).expect(200);
+    for shape in found["aligned"].as_array().unwrap() {
+        assert!(shape["residual"].as_f64().unwrap() < 1e-9, "{shape}");
+    }
+    let refused = |request: &Value, pointers: &[&str]| {
+        server.post("/v1/align", request).expect_problem(422, "invalid-input", pointers);
+    };
+    request["region"] = json!([[0.3, 0.3]]);
+    refused(&request, &["/region/0"]);
+    request["region"] = json!([true, false]);
+    refused(&request, &["/region"]);
+    request["region"] = json!([[0.0, 0.5]]);
+    request["correspondence"] = json!("cyclic");
+    refused(&request, &["/correspondence"]);
+    refused(&body(json!([true, true])), &["/region"]);
+    refused(&body(json!([true, false, false, false, false])), &["/region"]);
+    let mut request = body(json!([true, true, true, false, false]));
+    request["robust"] = json!(true);
+    refused(&request, &["/robust"]);
+}

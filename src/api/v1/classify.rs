@@ -19,6 +19,7 @@ use crate::service::app::App;
 use crate::service::dictionaries::answers::{AssessmentOutput, ByDictionary, ClassOutput, NoveltyOutput};
 use crate::service::dictionaries::classify;
 use crate::service::dictionaries::pictures::assessed;
+use crate::service::dictionaries::posterior;
 use crate::service::dictionaries::ready::Ready;
 use crate::service::shapes::outcome::of_shape;
 
@@ -141,6 +142,10 @@ fn assess_settings(
 
 /// Assesses shapes in one call: pose, code, class, novelty, and the residual along the contour.
 ///
+/// Shapes may miss parts: control points or landmarks that are null, or all but what `observed` says. They are posed on what is seen,
+/// with points that correspond as given; scores, residual and novelty are those of the posterior given what is seen, compared with parts of
+/// held-out training shapes. The first such request after a start learns this comparison and takes longer. The dictionary must have components.
+///
 /// Lines of NDJSON are shapes; the other fields of the request are parameters then. As SVG or PNG: the first shapes, coloured by
 /// the distance to their reconstructions.
 #[utoipa::path(post, path = "/dictionaries/{dictionary}/assess", tag = "dictionaries",
@@ -151,7 +156,8 @@ fn assess_settings(
     request_body(content((AssessRequest = "application/json"), (ShapeInput = "application/x-ndjson"))),
     responses(
         (status = 200, description = "One assessment per shape, in order", content((AssessAnswer = "application/json"), (AssessResult = "application/x-ndjson"), (String = "image/svg+xml"))),
-        (status = 404, description = "No such dictionary or cohort")
+        (status = 404, description = "No such dictionary or cohort"),
+        (status = "4XX", description = "The input was refused: also parts that leave their pose open, or a dictionary without components for them")
     ))]
 pub(super) async fn assess(
     Caller(app): Caller,
@@ -160,21 +166,22 @@ pub(super) async fn assess(
 ) -> Result<Response, Problem> {
     let DrawnBatch { batch, picture } = batch;
     let received = receive::<AssessRequest>(&app, &key, batch).await?;
+    let prepared = match received.shapes.have_missing_parts() {
+        true => Some(posterior::prepare(&app, &received.ready, true).await?),
+        false => None,
+    };
     if let Some(file) = picture {
-        let draw = |app: &App, ready: &Ready, asked, (quantile, _)| assessed(app, ready, asked, quantile);
+        let draw = move |app: &App, ready: &Ready, asked, (quantile, _)| {
+            assessed(app, ready, asked, quantile, prepared.as_ref())
+        };
         return draw_dictionary(app, received, file, assess_settings, draw).await;
     }
-    ask_dictionary::<_, _, AssessAnswer>(
-        app,
-        received,
-        assess_settings,
-        |app, ready, asked, (quantile, samples)| {
-            let assessments = classify::assess(app, ready, asked, quantile, samples)?;
-            let assessments = assessments.map(|index, assessment| {
-                AssessmentOutput::new(ready, assessment).map_err(|error| of_shape(index, error))
-            });
-            Ok((assessments, ByDictionary::with_warnings(ready)))
-        },
-    )
-    .await
+    let answer = move |app: &App, ready: &Ready, asked, settings| {
+        let assessments = classify::assess(app, ready, asked, settings, prepared.as_ref())?;
+        let assessments = assessments.map(|index, assessed| {
+            AssessmentOutput::new(ready, assessed).map_err(|error| of_shape(index, error))
+        });
+        Ok((assessments, ByDictionary::with_warnings_of_parts(ready, prepared.as_ref())))
+    };
+    ask_dictionary::<_, _, AssessAnswer>(app, received, assess_settings, answer).await
 }

@@ -158,6 +158,11 @@ pub(super) struct Shapes {
 }
 
 impl Shapes {
+    /// Whether parts of posted shapes are missing.
+    pub(super) fn have_missing_parts(&self) -> bool {
+        self.posted.iter().flatten().any(ShapeInput::has_missing_parts)
+    }
+
     /// Resolves the shapes if the request has no faults.
     pub(super) async fn ask<T>(
         self,

@@ -122,7 +122,7 @@ pub(super) struct CompletedShape {
 /// Comparison of the seen part of a shape with parts of held-out training shapes, each completed by the components of all others.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct PartialNovelty {
-    /// Whether fewer than one minus the quantile of the held-out parts are as far from the mean.
+    /// Whether this is an outlier, as `assess` finds it: by the scores and by the residual of what is seen.
     is_outlier: bool,
     /// Squared Mahalanobis distance of what is seen from the mean, in any pose, divided by the number of seen numbers less those of the
     /// pose.
@@ -134,9 +134,15 @@ pub(super) struct PartialNovelty {
 impl PartialNovelty {
     fn new(prepared: &Prepared, completion: &Completion, quantile: f64) -> Option<Self> {
         let calibration = prepared.calibration.as_ref().ok().filter(|_| !completion.seen.is_empty())?;
-        let distance_per_number = completion.posterior.misfit_per_number();
-        let rank = calibration.rank(distance_per_number);
-        Some(Self { is_outlier: rank > quantile, distance_per_number, rank })
+        let posterior = &completion.posterior;
+        let distance_per_number = posterior.misfit_per_number();
+        let hidden = completion.observed.iter().filter(|seen| !**seen).count();
+        let hidden = hidden as f64 / completion.observed.len().max(1) as f64;
+        Some(Self {
+            is_outlier: calibration.score(posterior.measures(), hidden, quantile).is_outlier,
+            rank: calibration.rank(distance_per_number),
+            distance_per_number,
+        })
     }
 }
 
@@ -187,7 +193,7 @@ pub(super) async fn complete(
     let prepared = posterior::prepare(&app, &ready, calibrated).await?;
     let places: usize = shapes.iter().map(|shape| shape.len() + asking.samples).sum();
     let drawn = requests::draw(Counts::for_space(&ready.setup.space, 0, &app.limits), 2 * MAX_DRAWN);
-    let work = prepared.work(places) + format.work();
+    let work = ready.work_of_parts(shapes.len(), places) + format.work();
     let work = if matches!(format, Format::Picture(_)) { work + drawn } else { work };
     compute(app.weighing(work), move |app| answered(app, &ready, &prepared, shapes, asking, format)).await
 }

@@ -2,14 +2,18 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::classify::Assessed;
 use super::coding;
+use super::posterior::Prepared;
 use super::ready::Ready;
 use crate::analysis::AnalysisError;
 use crate::analysis::dictionary::assess::{Assessment, Classified};
 use crate::analysis::dictionary::coding::CodedShape;
 use crate::analysis::dictionary::in_use::Dictionary;
+use crate::analysis::dictionary::posterior::assessed::{PartAssessment, PartScore};
 use crate::analysis::dictionary::score::Score;
 use crate::domain::dictionary::Listed;
+use crate::formats::shape::Points;
 use crate::numeric::dense::Matrix;
 
 /// The version of a dictionary that an answer was computed with.
@@ -58,6 +62,13 @@ impl ByDictionary {
     /// With warnings about novelty.
     pub fn with_warnings(ready: &Ready) -> Self {
         Self { warnings: coding::outlier_warnings(ready), ..Self::new(ready) }
+    }
+
+    /// With warnings about novelty, also of shapes with missing parts if the dictionary is prepared for them.
+    pub fn with_warnings_of_parts(ready: &Ready, prepared: Option<&Prepared>) -> Self {
+        let mut common = Self::with_warnings(ready);
+        common.warnings.extend(prepared.and_then(Prepared::novelty_warning));
+        common
     }
 }
 
@@ -130,18 +141,18 @@ impl CodeOutput {
     }
 }
 
-/// Comparison of a shape with the training shapes.
+/// Comparison of a shape with the training shapes, or of the seen part of a shape with parts of training shapes.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct NoveltyOutput {
     /// Whether one of the two measures exceeds the limit that the quantile sets for both together.
     is_outlier: bool,
     /// `T²`: squared Mahalanobis distance of the scores; null for sparse dictionaries.
     t_squared: Option<f64>,
-    /// Fraction of the held-out training shapes with a smaller or equal `T²`.
+    /// Fraction of the held-out training shapes with a smaller or equal `T²`; for a part, relative to its expectation given what is seen.
     t_squared_rank: Option<f64>,
-    /// Squared prediction error `‖y − ŷ‖²`.
+    /// Squared prediction error `‖y − ŷ‖²`; for a part, as if the rest of the shape had the same.
     squared_prediction_error: f64,
-    /// Fraction of the held-out training shapes with a smaller or equal squared prediction error.
+    /// Fraction of the held-out training shapes with a smaller or equal squared prediction error; for a part, relative to its expectation.
     squared_prediction_error_rank: f64,
 }
 
@@ -215,15 +226,34 @@ impl ClassOutput {
 pub struct AssessmentOutput {
     /// Sparse code or component scores, and the transformation into the pose of the dictionary.
     code: CodeOutput,
-    /// Class of the shape; null if the dictionary has no classifier.
+    /// Class of the shape; null if the dictionary has no classifier, and for shapes with missing parts.
     class: Option<ClassOutput>,
     /// Comparison of the shape with the training shapes.
     novelty: NoveltyOutput,
     /// `‖y − ŷ‖²/(‖y‖‖ŷ‖)` in the pose of the dictionary.
     relative_error: f64,
     /// Distances between the shape and its reconstruction at equally spaced parameters: `i/samples` on closed curves,
-    /// `i/(samples − 1)` on open ones, every point of landmarks. In the unit of the shape.
+    /// `i/(samples − 1)` on open ones, every point of landmarks. In the unit of the shape. Of a shape with missing parts: those of what is
+    /// seen, in the order of `part.seen`.
     residual: Vec<f64>,
+    /// What is seen of a shape with missing parts, and its most likely shape; absent for whole shapes.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    part: Option<PartOutput>,
+}
+
+/// What is seen of a shape with missing parts, and its most likely shape.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct PartOutput {
+    /// Positions, from 0, of what is seen: control points, or with arcs those of as many equally spaced places.
+    seen: Vec<usize>,
+    /// Fraction of the control points, or of as many places, that are seen.
+    seen_fraction: f64,
+    /// Control points of the most likely shape, in the pose in which the part is seen.
+    control_points: Points,
+    /// Standard deviations of the scores.
+    score_deviations: Vec<f64>,
+    /// Whether the search of the pose converged.
+    converged: bool,
 }
 
 impl AssessmentOutput {
@@ -231,7 +261,54 @@ impl AssessmentOutput {
     ///
     /// # Errors
     /// A code whose members of the class cannot be computed.
-    pub fn new(ready: &Ready, assessment: Assessment) -> Result<Self, AnalysisError> {
+    pub fn new(ready: &Ready, assessed: Assessed) -> Result<Self, AnalysisError> {
+        match assessed {
+            Assessed::Whole(assessment) => Self::of_whole(ready, *assessment),
+            Assessed::Part(part, novelty) => Ok(Self::of_part(ready, *part, &novelty)),
+        }
+    }
+
+    fn of_part(ready: &Ready, part: PartAssessment, novelty: &PartScore) -> Self {
+        let (setup, posterior) = (&ready.setup, &part.posterior);
+        Self {
+            code: CodeOutput {
+                indices: (0..part.scores.len()).collect(),
+                parameters: part.scores.len(),
+                values: part.scores,
+                matrices: None,
+                offset: None,
+                objective: 0.5 * part.squared_error,
+                duality_gap: None,
+                relative_error: part.relative_residual,
+                transformation: TransformationOutput {
+                    matrix: rows(&posterior.pose.matrix),
+                    offset: posterior.pose.offset.clone(),
+                    start: 0,
+                    reversed: false,
+                    mirrored: false,
+                },
+            },
+            class: None,
+            novelty: NoveltyOutput {
+                is_outlier: novelty.is_outlier,
+                t_squared: Some(part.t_squared),
+                t_squared_rank: Some(novelty.distance_rank),
+                squared_prediction_error: part.squared_error,
+                squared_prediction_error_rank: novelty.residual_rank,
+            },
+            relative_error: part.relative_error,
+            residual: part.residual,
+            part: Some(PartOutput {
+                seen_fraction: part.seen.len() as f64 / setup.metric.size() as f64,
+                seen: part.seen,
+                control_points: Points::from_columns(part.completed, setup.metric.dimension()),
+                score_deviations: part.deviations,
+                converged: posterior.converged,
+            }),
+        }
+    }
+
+    fn of_whole(ready: &Ready, assessment: Assessment) -> Result<Self, AnalysisError> {
         let Assessment { coded, classified, score, relative_error, residual } = assessment;
         Ok(Self {
             code: CodeOutput::new(&ready.dictionary, &coded)?,
@@ -239,6 +316,7 @@ impl AssessmentOutput {
             novelty: NoveltyOutput::new(&score),
             relative_error,
             residual,
+            part: None,
         })
     }
 

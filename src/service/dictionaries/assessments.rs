@@ -302,7 +302,7 @@ impl Planned {
     ) -> Result<(), ServiceError> {
         let (plan, ready) = (&self.plan, &self.ready);
         let names = asked.names.clone();
-        let assessed = classify::assess(app, ready, asked, plan.quantile, plan.samples)?;
+        let assessed = classify::assess(app, ready, asked, (plan.quantile, plan.samples), None)?;
         let assessed = assessed.map(|index, assessment| {
             AssessmentOutput::new(ready, assessment).map_err(|error| of_shape(index, error))
         });

@@ -1,9 +1,13 @@
 //! Classification of shapes, and complete assessments. The functions are synchronous and run on the pool.
 
-use super::coding::{self, Asked};
+use super::coding::{self, Asked, Given};
+use super::posterior::{self, Prepared};
 use super::ready::Ready;
+use crate::analysis::AnalysisError;
 use crate::analysis::dictionary::assess::{Assessment, Classified};
 use crate::analysis::dictionary::coding::CodedShape;
+use crate::analysis::dictionary::posterior::assessed::{PartAssessment, PartScore};
+use crate::service::app::progress::JobContext;
 use crate::service::app::{App, ServiceError};
 use crate::service::shapes::outcome::{Outcomes, of_shape};
 
@@ -31,28 +35,78 @@ pub fn classify(
     Ok(classified.map(|_, (_, classified)| Ok(classified)))
 }
 
-/// Assesses shapes: pose, code, class, novelty, and the residual at `samples` parameters.
+/// The assessment of a shape.
+#[derive(Debug)]
+pub enum Assessed {
+    /// Of a whole shape.
+    Whole(Box<Assessment>),
+    /// Of a shape of which a part is seen.
+    Part(Box<PartAssessment>, PartScore),
+}
+
+/// Code of a whole shape with its class; neither for a part.
+type Coded = Option<(CodedShape, Option<Classified>)>;
+
+/// Assesses shapes: pose, code, class, novelty, and the residual at `samples` parameters. Parts are assessed with the model of
+/// `prepared`.
 ///
 /// # Errors
-/// As [`classify`]; too many samples.
+/// As [`classify`]; too many samples; parts that leave their pose open.
 pub fn assess(
     app: &App,
     ready: &Ready,
     asked: Asked,
-    quantile: f64,
-    samples: usize,
-) -> Result<Outcomes<Assessment>, ServiceError> {
+    (quantile, samples): (f64, usize),
+    prepared: Option<&Prepared>,
+) -> Result<Outcomes<Assessed>, ServiceError> {
     coding::check_quantile(quantile)?;
-    let on_error = asked.on_error;
-    let coded = coding::encode(app, ready, asked)?;
-    coding::check_samples(app, samples, coded.len())?;
-    let (dictionary, space) = (&ready.dictionary, &ready.setup.space);
-    let classify = |coded: &[CodedShape]| match dictionary.classify(coded, quantile)? {
-        Some(classified) => Ok(classified.into_iter().map(Some).collect()),
-        None => Ok(vec![None; coded.len()]),
-    };
-    coded.together(on_error, classify)?.each(&app.pool.context(), |index, (coded, classified)| {
-        let assessed = dictionary.assess(space, coded, classified, quantile, samples);
-        assessed.map_err(|error| of_shape(index, error))
+    let (on_error, context) = (asked.on_error, app.pool.context());
+    let given = asked.given(app, ready)?;
+    coding::check_samples(app, samples, given.len())?;
+    let code = |given: &[Given]| coded(ready, given, quantile, &context);
+    given.together(on_error, code)?.each(&context, |index, assessed| match assessed {
+        (Given::Whole(_), Some((coded, classified))) => {
+            let (dictionary, space) = (&ready.dictionary, &ready.setup.space);
+            let assessed = dictionary.assess(space, coded, classified, quantile, samples);
+            Ok(Assessed::Whole(Box::new(assessed.map_err(|error| of_shape(index, error))?)))
+        }
+        (Given::Part(part), _) => {
+            let prepared = prepared.ok_or_else(|| ServiceError::Internal("a part without a model".into()))?;
+            let (part, score) = posterior::assess(ready, prepared, &part, (quantile, samples))
+                .map_err(|faults| ServiceError::of_entry("shapes", index, faults))?;
+            Ok(Assessed::Part(Box::new(part), score))
+        }
+        (Given::Whole(_), None) => Err(ServiceError::Internal("a whole shape without a code".into())),
     })
+}
+
+/// Codes of the whole shapes among some, with their classes if there is a classifier.
+fn coded(
+    ready: &Ready,
+    given: &[Given],
+    quantile: f64,
+    context: &JobContext,
+) -> Result<Vec<Coded>, AnalysisError> {
+    let whole = |(place, given): (usize, &Given)| match given {
+        Given::Whole(shape) => Some((place, shape.clone())),
+        Given::Part(_) => None,
+    };
+    let (places, shapes): (Vec<usize>, Vec<Vec<f64>>) = given.iter().enumerate().filter_map(whole).unzip();
+    let located = |error: AnalysisError| match error.position() {
+        Some(position) => error.at(places[position]),
+        None => error,
+    };
+    let mut found: Vec<Coded> = given.iter().map(|_| None).collect();
+    if shapes.is_empty() {
+        return Ok(found);
+    }
+    let dictionary = &ready.dictionary;
+    let coded = dictionary.encode(&shapes.concat(), context).map_err(located)?;
+    let classes = dictionary.classify(&coded, quantile).map_err(located)?;
+    let classes =
+        classes.map_or_else(|| vec![None; coded.len()], |found| found.into_iter().map(Some).collect());
+    for ((place, coded), class) in places.iter().zip(coded).zip(classes) {
+        found[*place] = Some((coded, class));
+    }
+    Ok(found)
 }

@@ -3,12 +3,14 @@
 //!
 //! They read and limit the shapes; the arithmetic is in [`analysis::dictionary`](crate::analysis::dictionary).
 
+use super::part;
 use super::ready::Ready;
 use crate::analysis::conversion::Conversion;
 use crate::analysis::correspondence::Correspondence;
 use crate::analysis::dictionary::coding::{AnswerPose, CodedShape, Reconstruction};
 use crate::analysis::dictionary::modes::Sample;
 use crate::analysis::dictionary::posted_code::PostedCode;
+use crate::analysis::dictionary::posterior::missing::PartialShape;
 use crate::analysis::dictionary::prior::{Energy, Reference};
 use crate::analysis::dictionary::score::Score;
 use crate::domain::cohort::Cohort;
@@ -24,6 +26,15 @@ use crate::service::cost::requests::{self, Counts};
 use crate::service::shapes::names::InputNames;
 use crate::service::shapes::outcome::{OnError, Outcomes, of_shape};
 use crate::service::shapes::read::{self, Reading};
+
+/// A shape to which a dictionary is applied.
+#[derive(Debug)]
+pub(super) enum Given {
+    /// All of it: its control points.
+    Whole(Vec<f64>),
+    /// The part that is seen.
+    Part(Box<PartialShape>),
+}
 
 /// Shapes to which a dictionary is applied.
 #[derive(Debug)]
@@ -82,7 +93,28 @@ impl Asked {
 
     /// Predicted work of encoding the shapes and answering `numbers` numbers for each.
     pub fn work(&self, ready: &Ready, numbers: usize, limits: &Limits) -> Work {
+        let parts = match &self.shapes {
+            AskedShapes::Posted(shapes) => shapes.iter().filter(|shape| shape.has_missing_parts()).count(),
+            AskedShapes::Stored(_) => 0,
+        };
         ready.work(self.names.len(), numbers, limits)
+            + ready.work_of_parts(parts, parts * ready.setup.metric.size())
+    }
+
+    /// Control points of the shapes, or of the parts of them that are seen.
+    pub(super) fn given(self, app: &App, ready: &Ready) -> Result<Outcomes<Given>, ServiceError> {
+        let given = match self.shapes {
+            AskedShapes::Stored(control_points) => control_points.map(|_, shape| Ok(Given::Whole(shape))),
+            AskedShapes::Posted(shapes) => {
+                let reading = reading(app, ready, ready.dictionary.content.correspondence);
+                let read = read::read_each_by(&reading, shapes, |shape| part::read_given(&reading, shape));
+                read?.checked(self.on_error)?
+            }
+        };
+        if given.is_empty() {
+            return Err(ServiceError::TooFewShapes { found: 0, needed: 1 });
+        }
+        Ok(given)
     }
 
     /// Control points of the shapes, read under `correspondence`.
@@ -95,10 +127,7 @@ impl Asked {
         let control_points = match self.shapes {
             AskedShapes::Stored(control_points) => control_points,
             AskedShapes::Posted(shapes) => {
-                let (space, direction) = (&ready.setup.space, ready.dictionary.content.direction);
-                let repeated_points = RepeatedPoints::Drop;
-                let conversion = Conversion { space, correspondence, direction, repeated_points };
-                let reading = Reading { conversion, limits: &app.limits };
+                let reading = reading(app, ready, correspondence);
                 let read = read::read_each(&reading, shapes)?.checked(self.on_error)?;
                 read.map(|_, (control_points, _)| Ok(control_points))
             }
@@ -108,6 +137,13 @@ impl Asked {
         }
         Ok(control_points)
     }
+}
+
+/// Reader of posted shapes under `correspondence`.
+fn reading<'a>(app: &'a App, ready: &'a Ready, correspondence: Correspondence) -> Reading<'a> {
+    let (space, direction) = (&ready.setup.space, ready.dictionary.content.direction);
+    let conversion = Conversion { space, correspondence, direction, repeated_points: RepeatedPoints::Drop };
+    Reading { conversion, limits: &app.limits }
 }
 
 /// Why the dictionary cannot be applied to shapes of the cohort, if so.

@@ -5,7 +5,7 @@
 //! * [`learning`] — the job that learns; [`distributed`] — its passes, distributed to idle workers;
 //! * [`class_labels`] — classes and subjects of the shapes of a cohort;
 //! * [`ready`] — stored dictionaries prepared for use, cached; [`file`](mod@file) — export and import;
-//! * [`coding`] — codes, reconstructions, scores; [`classify`] — classes; [`answers`] — both as they are written;
+//! * [`coding`] — codes, reconstructions, scores; `part` — shapes of which a part is missing, [`posterior`] — their completion; [`classify`] — classes; [`answers`] — both as they are written;
 //! * [`assessments`] — both for all shapes of a cohort; [`stored_assessments`] — those kept beside the shapes; [`modes`], [`pictures`] — drawings; [`drift`]
 //!   — new shapes of the cohort compared with the training shapes.
 //!
@@ -24,6 +24,7 @@ pub mod drift;
 pub mod file;
 pub mod learning;
 pub mod modes;
+mod part;
 pub mod pictures;
 pub mod plan;
 pub mod planning;

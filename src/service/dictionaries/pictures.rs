@@ -11,7 +11,8 @@ use crate::analysis::drawing::coded::{Pair, draw_pairs, draw_side_by_side};
 use crate::analysis::drawing::drift::draw_drift;
 use crate::geometry::drawing::scene::Drawing;
 use crate::service::app::{App, ServiceError};
-use crate::service::dictionaries::classify;
+use crate::service::dictionaries::classify::{self, Assessed};
+use crate::service::dictionaries::posterior::Prepared;
 use crate::service::shapes::outcome::OnError;
 
 /// Maximum number of shapes in a drawing.
@@ -27,16 +28,39 @@ fn title(what: &str, count: usize, ready: &Ready) -> String {
     }
 }
 
-/// Shapes with their reconstructions, coloured by the distance between them, with class and outlier test as captions.
+/// Shapes with their reconstructions, coloured by the distance between them, with class and outlier test as captions. Missing parts are
+/// those of the reconstruction.
 ///
 /// # Errors
 /// As [`classify::assess`].
-pub fn assessed(app: &App, ready: &Ready, asked: Asked, quantile: f64) -> Result<Drawing, ServiceError> {
-    let assessments = classify::assess(app, ready, asked, quantile, 0)?.all()?;
-    let caption = |(index, assessment): (usize, &Assessment)| verdict(ready, index, assessment);
-    let captions = assessments.iter().enumerate().take(MAX_SHAPES).map(caption).collect();
-    let coded = assessments.iter().map(|assessment| &assessment.coded).collect();
-    drawn_pairs(ready, "assessed", coded, captions, AnswerPose::Input)
+pub fn assessed(
+    app: &App,
+    ready: &Ready,
+    asked: Asked,
+    quantile: f64,
+    prepared: Option<&Prepared>,
+) -> Result<Drawing, ServiceError> {
+    let assessed = classify::assess(app, ready, asked, (quantile, 0), prepared)?.all()?;
+    let count = assessed.len();
+    let pair = |(index, assessed): (usize, Assessed)| match assessed {
+        Assessed::Whole(assessment) => {
+            let shapes = ready.dictionary.pair(&assessment.coded, AnswerPose::Input);
+            let shapes = shapes.map_err(|error| error.at(index))?;
+            Ok(Pair { caption: verdict(ready, index, &assessment), shapes })
+        }
+        Assessed::Part(part, novelty) => {
+            let seen = 100.0 * part.seen.len() as f64 / ready.setup.metric.size() as f64;
+            let novelty = usual(novelty.is_outlier);
+            let caption = format!("{}: {seen:.0} % seen\n{novelty}", index + 1);
+            Ok(Pair { caption, shapes: [part.filled, part.completed] })
+        }
+    };
+    let pairs = assessed.into_iter().take(MAX_SHAPES).enumerate().map(pair);
+    Ok(drawn_as_given(ready, "assessed", count, &pairs.collect::<Result<Vec<Pair>, ServiceError>>()?))
+}
+
+fn usual(is_outlier: bool) -> &'static str {
+    if is_outlier { "unusual" } else { "usual" }
 }
 
 /// Number of a shape, its class and whether it is unusual.
@@ -48,7 +72,7 @@ fn verdict(ready: &Ready, index: usize, assessment: &Assessment) -> String {
         let text = format!("{label} ({:.0} %)", 100.0 * first.confidence);
         Some(if classified.accepted { text } else { format!("of no class, nearest {label}") })
     });
-    let novelty = if assessment.score.outlier { "unusual" } else { "usual" };
+    let novelty = usual(assessment.score.outlier);
     match class {
         Some(class) => format!("{}: {class}\n{novelty}", index + 1),
         None => format!("{}: {novelty}", index + 1),
@@ -80,20 +104,26 @@ fn drawn_pairs(
     captions: Vec<String>,
     pose: AnswerPose,
 ) -> Result<Drawing, ServiceError> {
-    let title = title(what, coded.len(), ready);
+    let count = coded.len();
     let pair = |(index, (coded, caption)): (usize, (&CodedShape, String))| {
         let shapes = ready.dictionary.pair(coded, pose).map_err(|error| error.at(index))?;
         Ok(Pair { caption, shapes })
     };
     let pairs: Vec<Pair> =
         coded.into_iter().zip(captions).enumerate().map(pair).collect::<Result<_, ServiceError>>()?;
-    let unit = ready.dictionary.content.length_unit.as_deref();
     match pose {
-        AnswerPose::Input => {
-            Ok(draw_pairs(&View::as_given(&ready.setup.space), &title, &pairs, unit).to_scale(unit))
+        AnswerPose::Input => Ok(drawn_as_given(ready, what, count, &pairs)),
+        AnswerPose::Model => {
+            let drawing = draw_pairs(&ready.view(), &title(what, count, ready), &pairs, None);
+            Ok(ready.setup.in_scale(drawing, ready.dictionary.content.length_unit.as_deref()))
         }
-        AnswerPose::Model => Ok(ready.setup.in_scale(draw_pairs(&ready.view(), &title, &pairs, None), unit)),
     }
+}
+
+/// The first of `count` shapes with what a dictionary makes of them, in the poses in which they were given.
+fn drawn_as_given(ready: &Ready, what: &str, count: usize, pairs: &[Pair]) -> Drawing {
+    let unit = ready.dictionary.content.length_unit.as_deref();
+    draw_pairs(&View::as_given(&ready.setup.space), &title(what, count, ready), pairs, unit).to_scale(unit)
 }
 
 /// Reconstructions of posted codes, side by side.

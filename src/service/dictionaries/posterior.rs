@@ -11,6 +11,7 @@ use tokio::runtime::Handle;
 use super::ready::Ready;
 use super::report::Training;
 use crate::analysis::AnalysisError;
+use crate::analysis::dictionary::posterior::assessed::{PartAssessment, PartScore};
 use crate::analysis::dictionary::posterior::calibration::{Calibration, normal_factor};
 use crate::analysis::dictionary::posterior::conditioning::Posterior;
 use crate::analysis::dictionary::posterior::missing::PartialShape;
@@ -131,7 +132,7 @@ pub async fn prepare(app: &App, ready: &Arc<Ready>, calibrated: bool) -> Result<
     Ok(Prepared { model, calibration })
 }
 
-const NOT_WANTED: &str = "bands are those of normal errors, without the factors that held-out shapes need";
+const NOT_WANTED: &str = "\"calibrated\" is false";
 
 /// Learns the factors of bands from the training shapes, or says why this is not possible.
 async fn calibrate(
@@ -139,7 +140,7 @@ async fn calibrate(
     ready: &Arc<Ready>,
     model: &Arc<PosteriorModel>,
 ) -> Result<Result<Arc<Calibration>, String>, ServiceError> {
-    let because = |why: &str| Err(format!("bands are not calibrated, and too narrow: {why}"));
+    let because = |why: &str| Err(why.to_owned());
     let training = match Training::of(app, ready).await {
         Ok(training) => training,
         Err(ServiceError::NotFound { .. }) => return Ok(because("the cohort of the dictionary was deleted")),
@@ -191,6 +192,23 @@ fn of_dictionary(error: AnalysisError) -> ServiceError {
 }
 
 impl Prepared {
+    /// Comparison of what is seen of a shape, of which the fraction `hidden` is not, with parts of held-out training shapes; with whole
+    /// ones if there is no calibration.
+    pub fn score(&self, ready: &Ready, posterior: &Posterior, hidden: f64, quantile: f64) -> PartScore {
+        match &self.calibration {
+            Ok(calibration) => calibration.score(posterior.measures(), hidden, quantile),
+            Err(_) => ready.dictionary.score_part(posterior.measures(), self.model.score_count(), quantile),
+        }
+    }
+
+    /// Why parts are not compared with parts of held-out training shapes, if so.
+    pub fn novelty_warning(&self) -> Option<String> {
+        let why = self.calibration.as_ref().err()?;
+        Some(format!(
+            "parts of shapes are compared with whole held-out shapes, not with parts of them: {why}"
+        ))
+    }
+
     /// Factors of bands that cover the fraction `level`, with what limits them.
     pub fn factors(&self, level: f64, dimension: usize, hidden: usize) -> (Factors, Option<String>) {
         match &self.calibration {
@@ -198,7 +216,8 @@ impl Prepared {
                 let (simultaneous, enough) = calibration.simultaneous(level);
                 let few = || {
                     format!(
-                        "{} subjects are too few for simultaneous bands at the level {level}: they are those of the largest deviation",
+                        "{} subjects are few for simultaneous bands at the level {level}: the factor rests on a lognormal distribution of the \
+                         largest deviations",
                         calibration.subjects
                     )
                 };
@@ -211,18 +230,22 @@ impl Prepared {
                     pointwise: normal_factor(level, dimension),
                     simultaneous: normal_factor(each, dimension),
                 };
-                (factors, Some(why.clone()))
+                (factors, Some(format!("bands are not calibrated, and too narrow: {why}")))
             }
         }
     }
+}
 
-    /// Predicted work of completing shapes with `places` places seen or asked for.
-    pub fn work(&self, places: usize) -> Work {
+impl Ready {
+    /// Predicted work of the posteriors of shapes, of which `places` places are seen or asked for altogether.
+    pub fn work_of_parts(&self, shapes: usize, places: usize) -> Work {
         /// A step of a posterior in multiply-adds for each place, coordinate and pair of unknowns; about eight steps are taken.
         const STEP: f64 = 12.0;
-        let unknowns = (self.model.score_count() + self.model.freedom().count()) as f64;
-        let (d, places) = (self.model.dimension() as f64, places as f64);
-        Work::from_multiply_adds(STEP * d * places * unknowns * unknowns) + Work::from_seconds(1e-4)
+        /// Unknowns of a pose in space.
+        const POSE: usize = 12;
+        let unknowns = (self.dictionary.model.len() + POSE) as f64;
+        let steps = STEP * (self.setup.metric.dimension() * places) as f64 * unknowns * unknowns;
+        Work::from_multiply_adds(steps) + shapes as f64 * Work::from_seconds(1e-4)
     }
 }
 
@@ -264,12 +287,40 @@ pub fn complete(
     };
     let numbers =
         completion.control_points.iter().chain(&completion.predicted.points).chain(&completion.scores);
-    if numbers.into_iter().any(|x| !(x.abs() <= MAX_NUMBER)) {
-        let detail =
-            format!("expected a shape whose completion has numbers up to {MAX_NUMBER:.0e}, got larger ones");
-        return Err(vec![Fault::new("", detail)]);
-    }
+    check_numbers(numbers)?;
     Ok(completion)
+}
+
+/// Assesses the part of a shape that is seen: residual, scores and novelty. `samples`: 0 for no residual.
+///
+/// # Errors
+/// Faults of the shape, at their places in it: nothing seen, a pose that is not determined.
+pub fn assess(
+    ready: &Ready,
+    prepared: &Prepared,
+    shape: &PartialShape,
+    (quantile, samples): (f64, usize),
+) -> Result<(PartAssessment, PartScore), Vec<Fault>> {
+    let mut part = prepared.model.assess(&ready.setup.space, shape).map_err(|error| faults_of(&error))?;
+    if samples == 0 {
+        part.residual.clear();
+    }
+    let numbers =
+        part.completed.iter().chain(&part.scores).chain([&part.squared_error, &part.relative_error]);
+    check_numbers(numbers)?;
+    let hidden = 1.0 - part.seen.len() as f64 / ready.setup.metric.size() as f64;
+    let score = prepared.score(ready, &part.posterior, hidden, quantile);
+    Ok((part, score))
+}
+
+/// Faults of a shape whose pose is so far from that of the model that its numbers are too large.
+fn check_numbers<'a>(numbers: impl IntoIterator<Item = &'a f64>) -> Result<(), Vec<Fault>> {
+    if numbers.into_iter().all(|x| x.abs() <= MAX_NUMBER) {
+        return Ok(());
+    }
+    let detail =
+        format!("expected a shape whose completion has numbers up to {MAX_NUMBER:.0e}, got larger ones");
+    Err(vec![Fault::new("", detail)])
 }
 
 /// Faults of a partial shape at their places in it.

@@ -38,6 +38,9 @@ pub struct Reading<'a> {
 const MAX_TEXT: usize = 500;
 /// Why normals are refused.
 const NORMALS: &str = "expected no normals: they belong to the subdivision scheme normal_based";
+/// Why parts of shapes are refused.
+const PART: &str =
+    "expected a whole shape, got one of which a part is seen: assess and complete of a dictionary take these";
 /// Most attributes of a shape.
 const MAX_LABELS: usize = 100;
 
@@ -82,35 +85,43 @@ pub fn check_correspondence(
 }
 
 impl Reading<'_> {
-    /// Control points of one shape.
-    ///
-    /// # Errors
-    /// All faults of the shape, with pointers relative to it.
-    fn convert(&self, shape: &ShapeInput) -> Result<Converted, Vec<Fault>> {
+    /// Why the representation has no such shape, besides its points.
+    pub(crate) fn unsuitable(&self, shape: &ShapeInput) -> Option<Fault> {
         let space = self.conversion.space;
         let closed = shape.closed.as_ref().and_then(Checked::get).copied().flatten();
         if let (Some(closed), Domain::Line { closed: curves_are }) = (closed, space.domain())
             && closed != curves_are
         {
             let kind = if closed { "open" } else { "closed" };
-            return Err(vec![Fault::new(
-                "/closed",
-                format!("expected the value of the representation, whose curves are {kind}, got {closed}"),
-            )]);
+            let detail =
+                format!("expected the value of the representation, whose curves are {kind}, got {closed}");
+            return Some(Fault::new("/closed", detail));
         }
         if given(&shape.normals).is_some() {
-            return Err(vec![Fault::new("/normals", NORMALS)]);
+            return Some(Fault::new("/normals", NORMALS));
         }
-        let poles = shape.poles.as_ref().and_then(|poles| poles.get()).copied();
+        let poles = shape.poles.as_ref().and_then(|poles| poles.get());
         if poles.is_some() && (given(&shape.points).is_none() || !space.has_poles()) {
             let detail = "expected no poles: they belong to the points of a sphere";
-            return Err(vec![Fault::new("/poles", detail)]);
+            return Some(Fault::new("/poles", detail));
         }
         if poles.is_some() && !space.has_smooth_poles() {
             let detail =
                 "expected no tangents: sharp poles have one for each meridian, among the control points";
-            return Err(vec![Fault::new("/poles", detail)]);
+            return Some(Fault::new("/poles", detail));
         }
+        None
+    }
+
+    /// Control points of one shape.
+    ///
+    /// # Errors
+    /// All faults of the shape, with pointers relative to it.
+    fn convert(&self, shape: &ShapeInput) -> Result<Converted, Vec<Fault>> {
+        if let Some(fault) = self.unsuitable(shape) {
+            return Err(vec![fault]);
+        }
+        let poles = shape.poles.as_ref().and_then(|poles| poles.get()).copied();
         match (given(&shape.points), given(&shape.control_points)) {
             (Some(points), None) => finite(self.interpolate(points, poles.unwrap_or_default())?),
             (None, Some(list)) => self.take(list).map_err(|errors| below(errors, "/control_points")),
@@ -278,6 +289,9 @@ pub fn attributes(shape: ShapeInput) -> Result<ShapeAttributes, Vec<Fault>> {
             .push(Fault::new("/weight", format!("expected a number between 1e-100 and 1e100, got {weight}")));
     }
     take_given(shape.closed, "/closed", &mut errors);
+    if take_given(shape.observed.map(|observed| *observed), "/observed", &mut errors).flatten().is_some() {
+        errors.push(Fault::new("/observed", PART));
+    }
     take_given(shape.poles.map(|poles| *poles), "/poles", &mut errors);
     let mut value = |field: Option<Box<Metadata>>, pointer: &str| {
         field.and_then(|field| field.take(pointer, &mut errors)).filter(|value| !value.is_null())
@@ -411,10 +425,21 @@ pub(crate) fn read_each(
     reading: &Reading<'_>,
     shapes: Vec<ShapeInput>,
 ) -> Result<Outcomes<Weighted>, ServiceError> {
-    check_numbers(reading, shapes.len())?;
-    let read = |shape: ShapeInput| {
+    read_each_by(reading, shapes, |shape| {
         read_shape(reading, shape).map(|shape| (shape.control_points, shape.attributes.weight))
-    };
+    })
+}
+
+/// Reads all shapes in parallel with `read`, whose faults have pointers relative to the shape.
+///
+/// # Errors
+/// As [`read_each`].
+pub(crate) fn read_each_by<T: Send>(
+    reading: &Reading<'_>,
+    shapes: Vec<ShapeInput>,
+    read: impl Fn(ShapeInput) -> Result<T, Vec<Fault>> + Send + Sync,
+) -> Result<Outcomes<T>, ServiceError> {
+    check_numbers(reading, shapes.len())?;
     Ok(Outcomes::of_list("shapes", shapes.into_par_iter().map(read).collect()))
 }
 
