@@ -10,6 +10,7 @@ millimetres, weighted by area; shapes are left out one at a time. Prints the tab
 
 import argparse
 import importlib.util
+import os
 import sys
 import tempfile
 import time
@@ -40,16 +41,22 @@ def store(service, name, shapes):
     service.cohort(name, REPRESENTATION, [{**shape, "external_id": f"shape-{k:04d}"} for k, shape in enumerate(shapes)])
 
 
+def spent(service):
+    """Processor seconds of the service so far, all threads."""
+    fields = Path(f"/proc/{service.process.pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
 def correspond(service, cohort, name, **options):
-    """The result of the job, its seconds, and the control points of the new cohort."""
-    start = time.perf_counter()
+    """The result of the job, its seconds by the clock and of the processor, and the control points of the new cohort."""
+    start, before = time.perf_counter(), spent(service)
     job = service.post(f"/v1/cohorts/{cohort}/correspond", {"name": name, **options})
     while job["status"] in ("queued", "running"):
         time.sleep(0.1)
         job = service.call("GET", f"/v1/jobs/{job['id']}")
     if job["status"] != "succeeded":
         raise surfaces.Refused(str(job)[:2000])
-    seconds = time.perf_counter() - start
+    seconds = time.perf_counter() - start, spent(service) - before
     shapes, cursor = [], ""
     while cursor is not None:
         page = service.call("GET", f"/v1/cohorts/{name}/shapes?limit=100{cursor}")
@@ -65,7 +72,23 @@ def aligned(service, shapes):
     points = np.array([one["control_points"] for one in answer["aligned"]])
     centred = (points - points.mean(axis=0)).reshape(len(shapes), -1)
     _, singular, modes = np.linalg.svd(centred, full_matrices=False)
-    return {"points": points, "volume": volume, "explained": singular**2 / (singular**2).sum(), "modes": modes}
+    return {"points": points, "volume": volume, "explained": singular**2 / (singular**2).sum(), "modes": modes, "singular": singular}
+
+
+def bending(service, found):
+    """What the variance of each mode takes from the volume of the mean, over the mean of volumes. The volume is a cubic form of the control
+    points, so that its mean over the shapes is V(mean) + Σ_k ½ λ_k d²V[ξ_k, ξ_k] and a sixth of the mean of d³V; each summand is the
+    even part of V along a mode, exactly."""
+    points, mean = found["points"], found["points"].mean(axis=0)
+    count = len(points)
+    steps = found["singular"][: count - 1, None] / np.sqrt(count) * found["modes"][: count - 1]
+    shapes = [mean + sign * step.reshape(-1, 3) for step in steps for sign in (1, -1)]
+    volumes = lambda shapes: np.array([one["volume"] for one in surfaces.measures(
+        service, REPRESENTATION, [{"control_points": shape.tolist()} for shape in shapes])])
+    own, (middle,) = volumes(points).mean(), volumes([mean])
+    even = volumes(shapes).reshape(-1, 2).mean(axis=1) - middle
+    sizes = np.cbrt(volumes(points))
+    return {"deficit": 1 - middle / own, "modes": even / own, "rest": 1 - (middle + even.sum()) / own, "size": 1 - sizes.mean() ** 3 / own}
 
 
 def evaluation(service):
@@ -150,7 +173,7 @@ def real(service, given):
     sets = {"alone": only(alone), "turned": only(turned), "backwards": only(turned)[::-1]}
     matrix, reference, results = evaluation(service), None, {}
     surfaces.table("parameters", "degree", "volume of the mean − mean of the volumes", "modes 1, 2, 3", "angles to the modes of `alone`",
-                   "largest residual", "largest fold", "least Jacobian", "entropy", "seconds")
+                   "largest residual", "largest fold", "least Jacobian", "entropy", "seconds, of the processor")
     for degree in (0, 2, 4, 6):
         reference = None
         for name, shapes in sets.items():
@@ -166,7 +189,16 @@ def real(service, given):
                          ", ".join(f"{a:.1f}°" for a in angles(found, reference)),
                          f"{100 * max(one['relative_residual'] for one in each):.2f} %",
                          f"{100 * max(one['folded'] for one in each):.2f} %", f"{min(one['least_jacobian'] for one in each):.2f}",
-                         f"{answer['entropy'][0]:.1f} → {answer['entropy'][1]:.1f}", f"{seconds:.1f}")
+                         f"{answer['entropy'][0]:.1f} → {answer['entropy'][1]:.1f}", f"{seconds[0]:.1f}, {seconds[1]:.1f}")
+    print()
+    surfaces.table("degree", "mean of the own volumes − volume of the mean", "modes 1, 2, 3, 4, 5", "6 to 20", "all further", "third order",
+                   "of which size")
+    for degree in (0, 2, 4, 6):
+        parts = bending(service, results["alone", degree])
+        percent = lambda part: f"{100 * part:.2f} %"
+        modes = parts["modes"]
+        surfaces.row(degree, percent(parts["deficit"]), ", ".join(percent(part) for part in modes[:5]), percent(modes[5:20].sum()),
+                     percent(modes[20:].sum()), percent(parts["rest"]), percent(parts["size"]))
     print(f"\n{len(given)} meshes fitted in {fitting:.1f} s\n")
     surfaces.table("shapes", "measure, mm", *(f"{m} modes" for m in MODES if m < len(given) - 1))
     cases = {"alone": aligned(service, sets["alone"])["points"], "rotated (degree 0)": results["alone", 0]["points"],
@@ -182,14 +214,15 @@ def real(service, given):
         for component in (1, 2):
             service.picture(f"{cohort}-mode-{component}", "GET", f"/v1/dictionaries/modes-{cohort}/modes?component={component}&sigma=2")
     new = sets["turned"][:10]
-    times = []
+    times, before = [], spent(service)
     for shape in new:
         start = time.perf_counter()
         service.post("/v1/dictionaries/modes-alone-4-corresponding/correspond", {"shapes": [shape]})
         times.append(time.perf_counter() - start)
+    before = 1000 * (spent(service) - before) / len(new)
     start = time.perf_counter()
     surfaces.fit(service, REPRESENTATION, given[:1])
-    print(f"\na new surface against a dictionary: {1000 * np.median(times):.0f} ms (largest {1000 * max(times):.0f} ms); "
+    print(f"\na new surface against a dictionary: {1000 * np.median(times):.0f} ms (largest {1000 * max(times):.0f} ms), {before:.0f} ms of the processor; "
           f"fit of its mesh {1000 * (time.perf_counter() - start):.0f} ms")
     return sets["alone"]
 
@@ -216,7 +249,7 @@ def box_bump(t, x):
 
 def families(service, count):
     random = np.random.default_rng(11)
-    surfaces.table("family", "parameters", "mode 1 before", "rotated", "corresponding", "largest residual", "largest fold", "seconds")
+    surfaces.table("family", "parameters", "mode 1 before", "rotated", "degree 4", "degree 6, 8 rounds", "largest residual", "largest fold", "seconds, of the processor")
     for name, shape in (("ellipsoids", ellipsoid), ("box-bump", box_bump)):
         for turned in (False, True):
             shapes = []
@@ -229,11 +262,13 @@ def families(service, count):
             fitted = [{"control_points": one["control_points"]} for one in service.post("/v1/align", {**body, **RIGID, "correspondence": "landmarks"})["aligned"]]
             before = aligned(service, fitted)["explained"][0]
             _, _, rotated = correspond(service, label, f"{label}-0", degree=0)
-            answer, seconds, stored = correspond(service, label, f"{label}-6", degree=6, rounds=8)
+            found = [correspond(service, label, f"{label}-{degree}", degree=degree, rounds=rounds) for degree, rounds in ((4, 4), (6, 8))]
+            explained = [f"{100 * aligned(service, stored)['explained'][0]:.1f} %" for _, _, stored in found]
+            answer, seconds, _ = found[1]
             surfaces.row(name, "turned" if turned else "given", f"{100 * before:.1f} %",
-                         f"{100 * aligned(service, rotated)['explained'][0]:.1f} %", f"{100 * aligned(service, stored)['explained'][0]:.1f} %",
+                         f"{100 * aligned(service, rotated)['explained'][0]:.1f} %", *explained,
                          f"{100 * max(one['relative_residual'] for one in answer['shapes']):.1f} %",
-                         f"{100 * max(one['folded'] for one in answer['shapes']):.2f} %", f"{seconds:.1f}")
+                         f"{100 * max(one['folded'] for one in answer['shapes']):.2f} %", f"{seconds[0]:.1f}, {seconds[1]:.1f}")
 
 
 def many(service, shapes, count):
@@ -247,7 +282,7 @@ def many(service, shapes, count):
         drawn.append({"control_points": (share * points[i] + (1 - share) * points[j]).tolist()})
     store(service, "many", drawn)
     _, seconds, _ = correspond(service, "many", "many-corresponding", degree=4)
-    print(f"\n{count} surfaces: {seconds:.1f} s, {1000 * seconds / count:.0f} ms each")
+    print(f"\n{count} surfaces: {seconds[0]:.1f} s, {seconds[1]:.1f} s of the processor, {1000 * seconds[1] / count:.0f} ms each")
 
 
 def main():
