@@ -193,6 +193,13 @@ pub(super) fn quarter_turn(shape: &[f64], sign: f64) -> Vec<f64> {
     y.iter().map(|value| -sign * value).chain(x.iter().map(|value| sign * value)).collect()
 }
 
+/// Writes `J y` of a planar shape into `out`.
+pub(super) fn turn(y: &[f64], out: &mut [f64]) {
+    let (first, second) = out.split_at_mut(y.len() / 2);
+    first.iter_mut().zip(&y[y.len() / 2..]).for_each(|(out, y)| *out = -y);
+    second.copy_from_slice(&y[..y.len() / 2]);
+}
+
 /// `[vec(B_i x)]` for the first `count` matrices: `dN × count`.
 fn transformed(class: &TransformationClass, x: &[f64], n: usize, count: usize) -> Matrix {
     let d = class.dimension();

@@ -395,10 +395,18 @@ pub(crate) fn for_each_changed<S: ShapeSource>(
     change: impl Fn(Shapes<'_>, &mut [f64]) -> Result<(), AnalysisError>,
     visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), S::Error>,
 ) -> Result<(), S::Error> {
-    source.for_each_batch(&mut |batch| {
-        let mut whitened = batch.whitened.to_vec();
-        change(batch, &mut whitened)?;
-        visit(Shapes { whitened: &whitened, ..batch })
+    let mut whitened = Vec::new();
+    source.for_each_batch(&mut |mut rest| {
+        // Parts, so that a source in memory is not copied as a whole.
+        while !rest.weights.is_empty() {
+            let (part, others) = rest.split_at(rest.weights.len().min(PART));
+            whitened.clear();
+            whitened.extend_from_slice(part.whitened);
+            change(part, &mut whitened)?;
+            visit(Shapes { whitened: &whitened, ..part })?;
+            rest = others;
+        }
+        Ok(())
     })
 }
 

@@ -7,18 +7,21 @@ use super::content::{Content, MeanRecord, ScoreStatistics};
 use super::held_out;
 use super::in_use::Dictionary;
 use super::model::{Certificate, Coded, Model};
-use super::preparation::{Posed, Preparation};
+use super::preparation::{Pose, Posed, Preparation};
 use super::procedure::Previous;
 use super::recipe::Recipe;
 use crate::AnalysisError;
 use crate::accumulate::{KEPT_BYTES, ShapeSource, ShapesInMemory, Watched};
 use crate::factors::{Estimator, Factors, RobustSummary};
 use crate::partial_sums::Measured;
-use crate::robust::{Retained, mean_by};
+use crate::robust::{LessCounted, Listed, Retained, mean_by};
 use crate::watch::{Phase, Quiet, Watch};
 
 /// Maximum number of stored values of a distribution.
 const QUANTILES: usize = 1001;
+
+/// Maximum number of listed shapes of a robust dictionary.
+pub const MOST_LISTED: usize = 20;
 
 /// A learnt dictionary.
 #[derive(Debug, Clone)]
@@ -27,6 +30,8 @@ pub struct Learnt {
     pub dictionary: Dictionary,
     /// The sums from which learning can continue.
     pub state: Vec<u8>,
+    /// Shapes that count less in a robust dictionary, at most [`MOST_LISTED`], by ascending factors.
+    pub less_counted: Vec<LessCounted>,
 }
 
 /// Learns a dictionary from `shapes`: whitened, and centred if the class translates, as
@@ -57,6 +62,20 @@ pub struct Learner<'a, S: ShapeSource> {
 }
 
 impl<S: ShapeSource> Learner<'_, S> {
+    /// The shapes that count less, and where they are wrong.
+    fn less_counted(
+        &self,
+        shapes: &S,
+        factors: &Factors,
+        content: &Content,
+    ) -> Result<Vec<LessCounted>, S::Error> {
+        let Some(listed) = Listed::of(shapes, factors, MOST_LISTED)? else { return Ok(Vec::new()) };
+        let aligned = Pose::Aligned { normalise: false };
+        let preparation = Preparation { pose: aligned, ..content.preparation(self.measured)? };
+        let posed = ShapesInMemory::of(&Posed { source: listed.shapes(), preparation: &preparation })?;
+        Ok(listed.described(self.measured, &posed.into_whitened())?)
+    }
+
     /// Learns from scratch.
     ///
     /// # Errors
@@ -71,7 +90,10 @@ impl<S: ShapeSource> Learner<'_, S> {
         };
         // Wrong shapes must not become atoms, nor set the limit of outliers: what follows does not see them.
         let retained = Retained::new(shapes, &factors.factors);
-        self.finish((&retained, &retained), mean, None, Some(factors.summary()), &|_, _| Ok(None))
+        let mut learnt =
+            self.finish((&retained, &retained), mean, None, Some(factors.summary()), &|_, _| Ok(None))?;
+        learnt.less_counted = self.less_counted(shapes, &factors, &learnt.dictionary.content)?;
+        Ok(learnt)
     }
 
     /// Continues an earlier version with the shapes of `new`, which are among `shapes`. Its mean shape is kept.
@@ -112,7 +134,7 @@ impl<S: ShapeSource> Learner<'_, S> {
         let anew = previous.is_none();
         let held_out = held_out::statistics(shapes, &dictionary, self.recipe, &state, anew, self.watch);
         dictionary.content.statistics.held_out = held_out.map_err(|error| shapes.located(error))?;
-        Ok(Learnt { dictionary, state })
+        Ok(Learnt { dictionary, state, less_counted: Vec::new() })
     }
 
     /// Learns from prepared shapes, which are kept in memory if they fit. Components take a single pass and read them from the

@@ -188,6 +188,21 @@ impl Matching {
         moved
     }
 
+    /// The placement of the mirror image of the curve `x` that fits `x` best: mirrored and reversed, and started where it fits if start
+    /// points are searched.
+    ///
+    /// # Errors
+    /// [`AnalysisError::Degenerate`] with index 0.
+    pub(crate) fn mirror_image(&self, x: &[f64], fit: Fit) -> Result<Placement, AnalysisError> {
+        let image = Placement { shift: 0, mirrored: true, reversed: true };
+        if !self.shifts() {
+            return Ok(image);
+        }
+        let scores = Target::shape(x, fit, self).scores(&self.place(x, image), self)?;
+        let scored = [(image, scores.as_slice())];
+        Ok(better(scored.into_iter(), image))
+    }
+
     /// Whether mirror images are tried.
     pub fn mirrors(&self) -> bool {
         self.candidates.iter().any(|candidate| candidate.mirrored)

@@ -23,6 +23,7 @@
 
 use shapelex_numeric::dense::{Matrix, symmetric_eigen};
 
+use super::MOST_WRONG;
 use super::moments::{Moments, square};
 use super::rejection::order;
 
@@ -31,9 +32,6 @@ const DIRECTIONS: usize = 3;
 
 /// Least share of a group in the weight; smaller ones are left to the distances.
 const LEAST: f64 = 0.08;
-
-/// Largest share of all groups together.
-const MOST: f64 = 1.0 / 3.0 + 1e-9;
 
 /// Maximum number of groups.
 const GROUPS: usize = 3;
@@ -69,7 +67,7 @@ pub(super) fn outside_groups(scores: &[f64], components: usize, weights: &[f64],
     for _ in 0..GROUPS {
         let standing: Vec<f64> = weights.iter().zip(&kept).map(|(weight, kept)| weight * kept).collect();
         let part = standing.iter().sum::<f64>() / total;
-        let (count, most) = (distinct * part, 1.0 - (1.0 - MOST) / part);
+        let (count, most) = (distinct * part, 1.0 - (1.0 - MOST_WRONG) / part);
         if count < FEWEST || most < LEAST {
             break;
         }

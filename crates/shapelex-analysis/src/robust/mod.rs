@@ -8,6 +8,7 @@
 //! 5. densest majority  65 % of the weight with the least distances in t, by concentration steps
 //! 6. factors           f_k = min(φ(z(distance of t_k)), φ(z(e_k))),   φ = 1 up to 3 standard deviations, 0 from 5 on
 //! 7. the same          in the components of the shapes with these factors, about their mean,   φ = 1 up to 4.5, 0 from 6 on
+//! 8. mirror images     shapes count by the probability that they are none ([mirrors]); then 1 to 3 and 5 to 7 once more, with it
 //! ```
 //!
 //! Everything after that is the plain estimate with the weights `w_k f_k`: mean, components and atoms need no robust version of
@@ -26,15 +27,19 @@
 //! their limits); Rousseeuw and Van Driessen 1999 (concentration steps).
 
 mod groups;
+mod listed;
+mod mirrors;
 mod moments;
 mod points;
 mod rejection;
 mod sources;
 mod weiszfeld;
 
+pub use self::listed::{LessCounted, Listed};
 pub use self::points::point_weights;
 pub(crate) use self::sources::Retained;
 
+use self::mirrors::{Reflection, unmirrored};
 use self::rejection::{Description, effective};
 use self::sources::{ByDistance, Deviations, Reweighted, Signs};
 use super::AnalysisError;
@@ -62,11 +67,15 @@ pub const MIN_SHAPES: usize = 5;
 /// Number of equal weights that the weights of the shapes must be worth at least, `(Σw)²/Σw²`.
 const MIN_EFFECTIVE: f64 = 3.0;
 
-/// Passes over the shapes: plain sum, median, signs, description, scatter, description, weighted sum, frame.
-pub const PASSES: usize = 1 + MEDIAN_STEPS + 6;
+/// Passes over the shapes: plain sum, median, signs, description, scatter, description, antisymmetric parts and their scores, weighted sum,
+/// frame.
+pub const PASSES: usize = 1 + MEDIAN_STEPS + 8;
 
-/// Further passes if a group of wrong shapes is found: sum, median, signs and description without it.
+/// Further passes if a group of wrong shapes or mirror images are found: sum, median, signs and description without them.
 pub const PASSES_WITHOUT_GROUPS: usize = MEDIAN_STEPS + 3;
+
+/// Largest part of the weight in groups of wrong shapes, and in mirror images.
+const MOST_WRONG: f64 = 1.0 / 3.0 + 1e-9;
 
 /// Steps towards the median. The components that follow are centred on their own medians, so that it need not have
 /// converged.
@@ -184,6 +193,9 @@ fn check_weights(weights: &[f64]) -> Result<(), AnalysisError> {
 
 /// The shapes in their placements, without those that are left out already.
 type Kept<'a, 'p, S> = Reweighted<'a, Placed<'p, S>>;
+
+/// Factors of shapes, and the probabilities that they are no mirror images, if some are.
+type Judged = (Vec<f64>, Option<Vec<f64>>);
 
 struct Task<'a, S> {
     source: &'a S,
@@ -333,37 +345,67 @@ impl<S: ShapeSource> Task<'_, S> {
         unreachable!("the last round returns")
     }
 
-    /// Factors of the shapes by their deviations from the whitened `centre`. Without the [groups] of wrong shapes, if there are some,
-    /// about the centre of the others, which `again` finds.
+    /// Factors of the shapes by their deviations from the whitened `centre`. Without the [groups] of wrong shapes and the mirror images
+    /// ([mirrors]), if there are some, about the centre of the others, which `again` finds.
     fn factors(
         &self,
         placed: &Placed<'_, S>,
         centre: Vec<f64>,
-        again: impl FnOnce(&Kept<'_, '_, S>) -> Result<Vec<f64>, S::Error>,
+        mut again: impl FnMut(&Kept<'_, '_, S>) -> Result<Vec<f64>, S::Error>,
     ) -> Result<Factors, S::Error> {
-        let all = vec![1.0; placed.count()];
+        let mut standing = vec![1.0; placed.count()];
         let bytes = 8 * centre.len().saturating_mul(placed.count());
         let memory = self.source.reserve(bytes);
         let keep = memory.is_some();
-        let kept = Reweighted { source: placed, factors: &all };
+        let kept = Reweighted { source: placed, factors: &standing };
         let away = Deviations::new(&kept, self.method, &centre, keep)?;
         let (described, components) = signs(&away)?;
         check_weights(described.weights())?;
         let weights = described.weights().to_vec();
-        let standing = described.outside_groups(self.start(&centre, &components));
-        let mut factors = if standing.contains(&0.0) {
+        let without = described.outside_groups(self.start(&centre, &components));
+        let (mut factors, own) = if without.contains(&0.0) {
             drop(away);
-            let kept = Reweighted { source: placed, factors: &standing };
-            let centre = again(&kept)?;
-            let away = Deviations::new(&kept, self.method, &centre, keep)?;
-            by_distance(&away, &signs(&away)?.0)?
+            standing = without;
+            self.judged_again(placed, &standing, keep, &mut again)?
         } else {
-            by_distance(&away, &described)?
+            self.judged(&away, &described)?
         };
+        if let Some(own) = own {
+            standing.iter_mut().zip(own).for_each(|(standing, own)| *standing *= own);
+            (factors, _) = self.judged_again(placed, &standing, keep, &mut again)?;
+        }
         factors.iter_mut().zip(&standing).for_each(|(factor, standing)| *factor *= standing);
         let weighted: Vec<f64> =
             weights.iter().zip(&factors).map(|(weight, factor)| weight * factor).collect();
         Ok(Factors { factors, effective: effective(&weighted) })
+    }
+
+    /// [`Self::judged`] about the centre of the shapes with the factors `standing`.
+    fn judged_again(
+        &self,
+        placed: &Placed<'_, S>,
+        standing: &[f64],
+        keep: bool,
+        again: &mut impl FnMut(&Kept<'_, '_, S>) -> Result<Vec<f64>, S::Error>,
+    ) -> Result<Judged, S::Error> {
+        let kept = Reweighted { source: placed, factors: standing };
+        let centre = again(&kept)?;
+        let away = Deviations::new(&kept, self.method, &centre, keep)?;
+        self.judged(&away, &signs(&away)?.0)
+    }
+
+    /// The factors of the shapes by their distances, and the probabilities that they are no mirror images, if some are.
+    fn judged<T: ShapeSource<Error = S::Error>>(
+        &self,
+        away: &Deviations<'_, T>,
+        signs: &Description,
+    ) -> Result<Judged, S::Error> {
+        let factors = by_distance(away, signs)?;
+        let own = match Reflection::new(self.method, self.matching, away.centre())? {
+            Some(reflection) => unmirrored(&reflection, away, signs, &factors)?,
+            None => None,
+        };
+        Ok((factors, own))
     }
 
     /// How much a later start changes the scores of a shape at `centre` in the `components`, where start points are searched. These are
@@ -403,10 +445,11 @@ fn description<S: ShapeSource>(
 ) -> Result<(Description, Matrix), S::Error> {
     let count = pairs.values.iter().take_while(|value| **value > SMALLEST_COMPONENT * total).count();
     let components = pairs.vectors.columns(0, count).into_owned();
+    let of_origin: Vec<f64> = components.column_iter().map(|xi| dot(xi.as_slice(), origin)).collect();
     let described = map_shapes(away, |_, a, weight| {
-        let away: Vec<f64> = a.iter().zip(origin).map(|(a, o)| a - o).collect();
-        let scores: Vec<f64> = components.column_iter().map(|xi| dot(xi.as_slice(), &away)).collect();
-        Ok((scores, dot(&away, &away), weight))
+        let scores = components.column_iter().zip(&of_origin).map(|(xi, o)| dot(xi.as_slice(), a) - o);
+        let square = a.iter().zip(origin).map(|(a, o)| (a - o) * (a - o)).sum();
+        Ok((scores.collect(), square, weight))
     })?;
     let shares = pairs.values[..count].iter().map(|value| value / total).collect();
     Ok((Description::new(described, shares, norm(away.centre())), components))

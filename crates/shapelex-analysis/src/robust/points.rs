@@ -1,17 +1,23 @@
 //! Where along a shape it is wrong: a weight for each of its control points.
 //!
 //! ```text
-//! c_k ≈ c̄ + Σ_i t_i ξ_i + Σ_j b_j B_j c̄ + e       minimise Σ_n v_n |r_n|² + 10 s² Σ_i t_i²/λ_i
-//! r_n  what is left at control point n,   s_n  its median over the shapes,   v_n = 1/(1 + (r_n/(3 s_n))⁴)
+//! c_k ≈ c̄ + Σ_i t_i D_i + Σ_j b_j B_j c̄ + e       minimise Σ_n v_n |r_n|² + g o_k² s² Σ_i t_i²/λ_i
+//! r_n  what is left at control point n,   s_n  its median over the shapes,   o_k² the median of r_n/s_n over the shape, or one
+//! v_n = 1/(1 + (r_n/(3 o_k s_n))⁴)
 //! r_n² is averaged over the neighbours on a curve:  Σ_j (h + 1 − |j|) r_{n+j}² / Σ_j (h + 1 − |j|),   |j| ≤ h,   h = N/32, rounded, or 1
 //! ```
 //!
-//! Damage is a stretch, so that neighbours on a curve tell of each other; what is left by chance is not. Landmarks and
-//! surfaces have no neighbours here.
+//! Three times with the components of all shapes as directions `D_i`, whose scores find the nearest shapes (`g = 10`, `o_k = 1`); then twice
+//! about the mean of the 24
+//! nearest ones, with the deviations of these as directions (`g = 5`). A set of several kinds of shapes has no components of its own in
+//! which damage stands out, but there are shapes like every one. What damage the near shapes have themselves hardly counts, by their
+//! own `v_n`.
 //!
-//! The components `ξ_i` and their variances `λ_i` are those of the robust estimate. Members of the class may move as well, since
-//! damage in one place turns and shifts the alignment of the whole shape. Residuals and weights alternate, so that a damaged stretch
-//! does not pull the fit of the rest.
+//! Damage is a stretch, so that neighbours on a curve tell of each other; what is left by chance is not. Landmarks and
+//! surfaces have no neighbours here. A shape unlike all others leaves more everywhere (`o_k`), which is no damage of a place.
+//!
+//! Members of the class may move as well (`B_j c̄`), since damage in one place turns and shifts the alignment of the whole shape.
+//! Residuals and weights alternate, so that a damaged stretch does not pull the fit of the rest.
 
 use rayon::prelude::*;
 
@@ -33,8 +39,18 @@ const SHAPES_PER_COMPONENT: f64 = 8.0;
 /// Fraction of the variance that the model explains.
 const SHARE: f64 = 0.98;
 
-/// Alternations of residuals and weights; the weights of later ones hardly change.
-const ROUNDS: usize = 5;
+/// Alternations of residuals and weights in the components of all shapes, and then in the nearest shapes.
+const ROUNDS_OF_ALL: usize = 3;
+const ROUNDS: usize = 2;
+
+/// Number of shapes nearest to each one.
+const NEAREST: usize = 24;
+
+/// Fewest shapes that are near enough to describe another one.
+const FEWEST: usize = 4;
+
+/// Maximum number of shapes among which the nearest ones are searched.
+const CANDIDATES: usize = 2048;
 
 /// Multiple of the median residual at which a weight is one half.
 const HALF: f64 = 3.0;
@@ -43,8 +59,10 @@ const HALF: f64 = 3.0;
 const LEAST_SCALE: f64 = 0.25;
 const ROUNDING: f64 = 1e-10;
 
-/// Residuals of about so many neighbouring points go together, and count as one against the variances of the components.
-const TOGETHER: f64 = 10.0;
+/// `g`: residuals of about so many neighbouring points go together, and count as one against the variances of the directions; in the
+/// components of all shapes, and in the nearest shapes. Less lets the directions follow damage on curves of few points.
+const TOGETHER_OF_ALL: f64 = 10.0;
+const TOGETHER: f64 = 5.0;
 
 /// Number of control points for each neighbour that a point is averaged with on one side.
 const POINTS_PER_REACH: usize = 32;
@@ -53,9 +71,10 @@ const POINTS_PER_REACH: usize = 32;
 const RIDGE: f64 = 1e-9;
 
 /// Weights of the control points of aligned shapes, `N` numbers between zero and one for each. `aligned`: whitened, one after the
-/// other; `weights`: the weights `w_k f_k` of the shapes in the robust estimate.
+/// other; `weights`: the weights `w_k f_k` of the shapes in the robust estimate. Of more than [`CANDIDATES`] shapes the nearest ones are
+/// searched among so many, evenly spread along the first component.
 ///
-/// Cost per shape: five least-squares problems of `dN` equations with up to `12 + d² + d` unknowns.
+/// Cost per shape: four least-squares problems of `dN` equations, with up to `12 + d² + d` and `24 + d² + d` unknowns.
 ///
 /// # Errors
 /// A failure of the eigenproblem.
@@ -76,25 +95,149 @@ pub fn point_weights(
     control_points
         .par_chunks_exact_mut(length)
         .for_each(|shape| shape.iter_mut().zip(&model.mean).for_each(|(c, m)| *c -= m));
-    let n = metric.size();
-    let mut points: Vec<Vec<f64>> = vec![vec![1.0; n]; weights.len()];
-    let mut noise = 0.0;
+    let shapes = Away { control_points, length, weights, curve: matching.curve(), size: model.size };
+    let mut points = Points::unknown(weights.len(), metric.size());
+    let mut scores = Vec::new();
+    for _ in 0..ROUNDS_OF_ALL {
+        let fits: Vec<Fitted> = (0..weights.len())
+            .into_par_iter()
+            .map(|k| model.own.fit(shapes.of(k), &points.weights[k], points.noise[k], &model.precisions))
+            .collect();
+        scores = fits.iter().map(|fit| fit.parts[..model.precisions.len()].to_vec()).collect();
+        points.judge(fits.into_iter().map(|fit| fit.residuals).collect(), &shapes, Beside::All);
+    }
+    let near = nearest(&scores, weights);
     for _ in 0..ROUNDS {
-        let shapes = control_points.par_chunks_exact(length).zip(&points);
-        let residuals = shapes.map(|(away, v)| {
-            let residuals = model.residuals(away, v, noise);
-            matching.curve().map_or_else(|| residuals.clone(), |closed| averaged(&residuals, closed))
-        });
-        let residuals: Vec<Vec<f64>> = residuals.collect();
-        let scales = scales(&residuals, weights, n, model.size);
-        noise = TOGETHER * scales.iter().map(|s| s * s).sum::<f64>() / n as f64;
-        points.par_iter_mut().zip(&residuals).for_each(|(points, residuals)| {
+        let local = |k: usize| match &near[k] {
+            few if few.len() < FEWEST => {
+                model.own.fit(shapes.of(k), &points.weights[k], points.noise[k], &model.precisions).residuals
+            }
+            near => shapes.beside(k, near, &points, &model),
+        };
+        let residuals = (0..weights.len()).into_par_iter().map(local).collect();
+        points.judge(residuals, &shapes, Beside::Nearest);
+    }
+    Ok(points.weights)
+}
+
+/// Control points of shapes less those of a mean, one after the other, with the weights of the shapes.
+struct Away<'a> {
+    control_points: Vec<f64>,
+    length: usize,
+    weights: &'a [f64],
+    /// Whether the control points follow each other along a curve, and whether that closes.
+    curve: Option<bool>,
+    /// Largest coordinate of the mean.
+    size: f64,
+}
+
+/// Weights of control points, and how well the shapes are known.
+struct Points {
+    /// `v_n` of each shape.
+    weights: Vec<Vec<f64>>,
+    /// `3 o_k² s²` of each shape.
+    noise: Vec<f64>,
+}
+
+impl Points {
+    fn unknown(shapes: usize, n: usize) -> Self {
+        Self { weights: vec![vec![1.0; n]; shapes], noise: vec![0.0; shapes] }
+    }
+
+    /// New weights from what is left of the shapes `beside` others.
+    fn judge(&mut self, residuals: Vec<Vec<f64>>, shapes: &Away<'_>, beside: Beside) {
+        let n = self.weights[0].len();
+        let together = |r: Vec<f64>| shapes.curve.map_or_else(|| r.clone(), |closed| averaged(&r, closed));
+        let mut residuals: Vec<Vec<f64>> = residuals.into_par_iter().map(together).collect();
+        let (together, own) = match beside {
+            Beside::All => (TOGETHER_OF_ALL, vec![1.0; residuals.len()]),
+            Beside::Nearest => (TOGETHER, shapes.own_scales(&residuals)),
+        };
+        residuals.iter_mut().zip(&own).for_each(|(r, own)| r.iter_mut().for_each(|r| *r /= own));
+        let scales = scales(&residuals, shapes.weights, n, shapes.size);
+        let square = scales.iter().map(|s| s * s).sum::<f64>() / n as f64;
+        self.noise = own.iter().map(|own| together * square * own * own).collect();
+        for (points, residuals) in self.weights.iter_mut().zip(&residuals) {
             for ((v, r), s) in points.iter_mut().zip(residuals).zip(&scales) {
                 *v = 1.0 / (1.0 + (r / (HALF * s)).powi(4));
             }
-        });
+        }
     }
-    Ok(points)
+}
+
+/// The shapes beside which one is seen.
+#[derive(Clone, Copy)]
+enum Beside {
+    All,
+    Nearest,
+}
+
+impl Away<'_> {
+    fn of(&self, k: usize) -> &[f64] {
+        &self.control_points[k * self.length..(k + 1) * self.length]
+    }
+
+    /// `o_k`: roots of the medians over each shape of what is left of it, in that of all shapes.
+    fn own_scales(&self, residuals: &[Vec<f64>]) -> Vec<f64> {
+        let n = residuals[0].len();
+        let (of_all, equal) = (scales(residuals, self.weights, n, self.size), vec![1.0; n]);
+        let own = |r: &Vec<f64>| {
+            let relative: Vec<f64> = r.iter().zip(&of_all).map(|(r, s)| r / s).collect();
+            median(&relative, &equal).max(ROUNDING).sqrt()
+        };
+        residuals.par_iter().map(own).collect()
+    }
+
+    /// What the shapes `near` leave of shape `k`: about their mean, in their deviations and the moves of the class.
+    fn beside(&self, k: usize, near: &[usize], points: &Points, model: &Model) -> Vec<f64> {
+        let n = points.weights[k].len();
+        let total: f64 = near.iter().map(|&j| self.weights[j]).sum();
+        let (mut mean, mut known) = (vec![0.0; self.length], vec![0.0; n]);
+        for &j in near {
+            let v = &points.weights[j];
+            known.iter_mut().zip(v).for_each(|(sum, v)| *sum += self.weights[j] * v);
+            let values = mean.iter_mut().zip(self.of(j)).enumerate();
+            values.for_each(|(row, (sum, c))| *sum += self.weights[j] * v[row % n] * c);
+        }
+        mean.iter_mut().enumerate().for_each(|(row, sum)| *sum /= known[row % n].max(f64::MIN_POSITIVE));
+        let deviation = |&j: &usize| -> Vec<f64> {
+            let root = (self.weights[j] / total).sqrt();
+            let v = &points.weights[j];
+            let away = self.of(j).iter().zip(&mean).enumerate();
+            away.map(|(row, (c, m))| root * v[row % n] * (c - m)).collect()
+        };
+        let mut columns: Vec<Vec<f64>> = near.iter().map(deviation).collect();
+        columns.extend(model.moves.iter().cloned());
+        let directions = Directions(Matrix::from_vec(self.length, columns.len(), columns.concat()));
+        let away: Vec<f64> = self.of(k).iter().zip(&mean).map(|(c, m)| c - m).collect();
+        directions.fit(&away, &points.weights[k], points.noise[k], &vec![1.0; near.len()]).residuals
+    }
+}
+
+/// Positions of the shapes with the least distances in the `scores` from each one, of those with a weight; copies of a shape are not
+/// near to it.
+fn nearest(scores: &[Vec<f64>], weights: &[f64]) -> Vec<Vec<usize>> {
+    let mut candidates: Vec<usize> = (0..weights.len()).filter(|&k| weights[k] > 0.0).collect();
+    let first = |k: usize| scores[k].first().copied().unwrap_or(0.0);
+    if candidates.len() > CANDIDATES {
+        candidates.sort_by(|&i, &j| first(i).total_cmp(&first(j)));
+        let count = candidates.len();
+        candidates = (0..CANDIDATES).map(|i| candidates[i * count / CANDIDATES]).collect();
+    }
+    let of = |k: usize| {
+        let distance =
+            |j: usize| -> f64 { scores[k].iter().zip(&scores[j]).map(|(a, b)| (a - b).powi(2)).sum() };
+        let mut distances: Vec<(f64, usize)> =
+            candidates.iter().map(|&j| (distance(j), j)).filter(|(distance, _)| *distance > 0.0).collect();
+        if distances.len() > NEAREST {
+            distances.select_nth_unstable_by(NEAREST, |a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+            distances.truncate(NEAREST);
+        }
+        // Sums do not depend on how the nearest ones were selected.
+        distances.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        distances.into_iter().map(|(_, j)| j).collect()
+    };
+    (0..scores.len()).into_par_iter().map(of).collect()
 }
 
 /// The residuals of neighbours on a curve together: roots of the weighted means of their squares, at the ends of an open one of
@@ -129,10 +272,11 @@ fn scales(residuals: &[Vec<f64>], weights: &[f64], n: usize, size: f64) -> Vec<f
 /// Mean and directions of the robust estimate, as control points.
 struct Model {
     mean: Vec<f64>,
-    /// `dN × p`: components, then the directions of the class.
-    directions: Matrix,
-    /// `1/λ_i` of the components; empty beyond.
+    /// Components, then the moves of the class.
+    own: Directions,
+    /// `1/λ_i` of the components.
     precisions: Vec<f64>,
+    moves: Vec<Vec<f64>>,
     /// Largest coordinate of the mean.
     size: f64,
 }
@@ -158,35 +302,53 @@ impl Model {
         let total: f64 = weights.iter().sum();
         let precisions = pca.eigenvalues[..count].iter().map(|value| total / value).collect();
         let mean = unwhitened(metric, &pca.mean);
+        let moves = moves(&mean, method, metric);
         let mut columns: Vec<Vec<f64>> =
             (0..count).map(|i| unwhitened(metric, pca.eigenshapes.column(i).as_slice())).collect();
-        columns.extend(moves(&mean, method, metric));
-        let directions = Matrix::from_vec(metric.len(), columns.len(), columns.concat());
+        columns.extend(moves.iter().cloned());
+        let own = Directions(Matrix::from_vec(metric.len(), columns.len(), columns.concat()));
         let size = mean.iter().fold(0.0, |most: f64, value| most.max(value.abs()));
-        Ok(Self { mean, directions, precisions, size })
+        Ok(Self { mean, own, precisions, moves, size })
     }
+}
 
-    /// Distances between the control points of a shape, given without the mean, and its fit under the weights `v`.
-    fn residuals(&self, away: &[f64], v: &[f64], noise: f64) -> Vec<f64> {
-        let (n, p) = (v.len(), self.directions.ncols());
-        let mut left = away.to_vec();
+/// Directions in which a shape may differ, as columns of `dN` control coordinates.
+struct Directions(Matrix);
+
+/// A shape in some directions.
+struct Fitted {
+    /// What is left at every control point.
+    residuals: Vec<f64>,
+    /// Factors of the directions; zero if they cannot be told.
+    parts: Vec<f64>,
+}
+
+impl Directions {
+    /// The fit of a shape, given without the mean, under the weights `v`: `noise` times the `precisions` are added to the diagonal of
+    /// the first directions.
+    fn fit(&self, away: &[f64], v: &[f64], noise: f64, precisions: &[f64]) -> Fitted {
+        let (n, p) = (v.len(), self.0.ncols());
+        let (mut left, mut parts) = (away.to_vec(), vec![0.0; p]);
         if p > 0 {
-            let mut weighted = self.directions.clone();
+            let mut weighted = self.0.clone();
             for mut column in weighted.column_iter_mut() {
                 column.iter_mut().enumerate().for_each(|(row, value)| *value *= v[row % n]);
             }
-            let mut normal = weighted.tr_mul(&self.directions);
+            let mut normal = weighted.tr_mul(&self.0);
             let ridge = RIDGE * normal.trace() / p as f64;
             for i in 0..p {
-                normal[(i, i)] += ridge + self.precisions.get(i).map_or(0.0, |precision| noise * precision);
+                normal[(i, i)] += ridge + precisions.get(i).map_or(0.0, |precision| noise * precision);
             }
             let right = Matrix::from_fn(p, 1, |i, _| dot(weighted.column(i).as_slice(), away));
             if let Some(root) = normal.cholesky() {
-                let found = &self.directions * root.solve(&right);
-                left.iter_mut().zip(found.iter()).for_each(|(e, f)| *e -= f);
+                let found = root.solve(&right);
+                let fitted = &self.0 * &found;
+                left.iter_mut().zip(fitted.iter()).for_each(|(e, f)| *e -= f);
+                parts = found.as_slice().to_vec();
             }
         }
-        (0..n).map(|i| left.iter().skip(i).step_by(n).map(|e| e * e).sum::<f64>().sqrt()).collect()
+        let residuals = (0..n).map(|i| left.iter().skip(i).step_by(n).map(|e| e * e).sum::<f64>().sqrt());
+        Fitted { residuals: residuals.collect(), parts }
     }
 }
 

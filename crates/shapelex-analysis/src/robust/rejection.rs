@@ -163,6 +163,11 @@ impl Description {
         &self.weights
     }
 
+    /// Number of distinct shapes of the same weight in a part `weight` of all.
+    pub(super) fn distinct_of(&self, weight: f64) -> f64 {
+        self.distinct * weight / self.weights.iter().sum::<f64>()
+    }
+
     /// The factor of each shape, for what is estimated next. `known`: factors of an earlier description, instead of the densest
     /// majority.
     pub(super) fn factors(&self, known: Option<&[f64]>) -> Vec<f64> {

@@ -8,7 +8,8 @@ use crate::accumulate::{BLOCK, Reservation, ShapeSource, Shapes, ShapesInMemory,
 use crate::alignment::Method;
 use crate::fit::{Scaling, cross_product, transform};
 use crate::metric::{dot, norm};
-use crate::transformation::Structure;
+use crate::subspace::{Subspace, turn};
+use crate::transformation::{Structure, TransformationClass};
 
 /// The shapes of a source with the weights `w_k f_k`. Only this process knows the factors, so no pass is distributed.
 pub(crate) struct Reweighted<'a, S> {
@@ -95,6 +96,11 @@ impl<S: ShapeSource> ShapeSource for ByDistance<'_, S> {
 /// # Errors
 /// [`AnalysisError::Degenerate`] with index 0.
 fn deviation(method: &Method, x: &[f64], centre: &[f64]) -> Result<Vec<f64>, AnalysisError> {
+    if let Method::Projection(class) = method
+        && class.structure == Structure::Complex
+    {
+        return deviation_of_complex(class, x, centre);
+    }
     let mut y = method.bring(x, centre)?.whitened;
     let scale = |y: &mut [f64], m: &[f64]| {
         let (size, product) = (dot(m, m), dot(y, m));
@@ -122,6 +128,24 @@ fn deviation(method: &Method, x: &[f64], centre: &[f64]) -> Result<Vec<f64>, Ana
     }
     y.iter_mut().zip(centre).for_each(|(y, m)| *y -= m);
     Ok(y)
+}
+
+/// [`deviation`] in the span of `q` and `J q`: `P m = a q + b J q` with `a = ⟨q, m⟩`, `b = ⟨J q, m⟩`, and `⟨P m, m⟩ = a² + b²`.
+fn deviation_of_complex(
+    class: &TransformationClass,
+    x: &[f64],
+    centre: &[f64],
+) -> Result<Vec<f64>, AnalysisError> {
+    let (mut q, mut away) = (vec![0.0; x.len()], vec![0.0; x.len()]);
+    Subspace::write_basis(class, x, 1.0, &mut q)?;
+    turn(&q, &mut away);
+    let (a, b, size) = (dot(&q, centre), dot(&away, centre), dot(centre, centre));
+    let product = a * a + b * b;
+    let factor = if product * MOST_SCALED > size { size / product } else { 1.0 };
+    for ((away, q), m) in away.iter_mut().zip(&q).zip(centre) {
+        *away = factor * (a * q + b * *away) - m;
+    }
+    Ok(away)
 }
 
 /// Largest factor of a shape in the chart of [`deviation`].
@@ -194,7 +218,8 @@ impl<S: ShapeSource> ShapeSource for Deviations<'_, S> {
     }
 }
 
-/// The spatial signs `a_k/‖a_k‖` of the deviations of a source; zero for shapes at the centre.
+/// The deviations of a source with the weights `w_k/‖a_k‖²`, zero for shapes at the centre: their outer products are those of the spatial signs
+/// `a_k/‖a_k‖`.
 pub(super) struct Signs<'a, S>(pub(super) &'a Deviations<'a, S>);
 
 impl<S: ShapeSource> ShapeSource for Signs<'_, S> {
@@ -208,16 +233,15 @@ impl<S: ShapeSource> ShapeSource for Signs<'_, S> {
         &self,
         visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), S::Error>,
     ) -> Result<(), S::Error> {
-        let (length, least) = (self.0.centre.len(), ROUNDING * norm(self.0.centre));
-        let change = |_: Shapes<'_>, away: &mut [f64]| {
-            away.par_chunks_mut(length).for_each(|a| {
-                let size = norm(a);
-                let factor = if size > least { 1.0 / size } else { 0.0 };
-                a.iter_mut().for_each(|a| *a *= factor);
-            });
-            Ok(())
-        };
-        for_each_changed(self.0, change, visit)
+        let (length, least) = (self.0.centre.len(), (ROUNDING * norm(self.0.centre)).powi(2));
+        self.0.for_each_batch(&mut |batch| {
+            let of = |(a, weight): (&[f64], &f64)| match dot(a, a) {
+                square if square > least => weight / square,
+                _ => 0.0,
+            };
+            let weights: Vec<f64> = batch.whitened.par_chunks(length).zip(batch.weights).map(of).collect();
+            visit(Shapes { weights: &weights, ..batch })
+        })
     }
 }
 

@@ -4,14 +4,18 @@ use super::NEAREST;
 use crate::AnalysisError;
 use crate::accumulate::{Accumulator, BLOCK, ShapeSource, Shapes, accumulate, read_numbers, write_numbers};
 use crate::mean::MeanSpace;
-use crate::subspace::{Subspace, quarter_turn};
+use crate::metric::dot;
+use crate::subspace::{Subspace, turn};
 use crate::transformation::Structure;
 use shapelex_numeric::dense::Matrix;
+use shapelex_numeric::kernels::add_scaled;
 
 /// `Σ_k (w_k/max(d_k, ε)) P_k S̄` for every block of a mean space `S̄`, where `d_k² = I − tr(P_S̄ P_k)`.
 struct NearSum<'a> {
     space: &'a MeanSpace<'a>,
     sums: Vec<Matrix>,
+    /// `q` and `J q` of one shape, for complex classes.
+    own: Vec<f64>,
 }
 
 /// One step of Weiszfeld: the mean space of `Σ_k (w_k/d_k) P_k`, as far as one power iteration from `space` finds it. Its
@@ -22,7 +26,11 @@ struct NearSum<'a> {
 /// # Errors
 /// Degenerate shapes; errors of the source.
 pub(super) fn step<'a, S: ShapeSource>(source: &S, space: MeanSpace<'a>) -> Result<MeanSpace<'a>, S::Error> {
-    let empty = || NearSum { space: &space, sums: space.bases.iter().map(|b| b * 0.0).collect() };
+    let both = if space.class.structure == Structure::Complex { 2 * space.bases[0].nrows() } else { 0 };
+    let empty = || {
+        let sums = space.bases.iter().map(|b| b * 0.0).collect();
+        NearSum { space: &space, sums, own: vec![0.0; both] }
+    };
     let sums = accumulate(source, empty)?.sums;
     let bases: Option<Vec<Matrix>> = sums.into_iter().map(orthonormal).collect();
     // Shapes orthogonal to the space in one of its directions leave it as it is.
@@ -56,12 +64,10 @@ impl NearSum<'_> {
     /// Adds one shape of weight `weight`.
     fn add(&mut self, x: &[f64], weight: f64) -> Result<(), AnalysisError> {
         let class = self.space.class;
-        let mut blocks: Vec<Matrix> =
-            Subspace::new(class, x)?.blocks.into_iter().map(|block| block.q).collect();
         if class.structure == Structure::Complex {
-            let turned = Matrix::from_vec(x.len(), 1, quarter_turn(blocks[0].as_slice(), 1.0));
-            blocks[0] = Matrix::from_columns(&[blocks[0].column(0), turned.column(0)]);
+            return self.add_complex(x, weight);
         }
+        let blocks: Vec<Matrix> = Subspace::new(class, x)?.blocks.into_iter().map(|block| block.q).collect();
         let cosines: Vec<Matrix> =
             blocks.iter().zip(&self.space.bases).map(|(q, base)| q.tr_mul(base)).collect();
         let shared: f64 = cosines.iter().map(Matrix::norm_squared).sum();
@@ -72,6 +78,25 @@ impl NearSum<'_> {
         let factor = weight / distance.max(NEAREST);
         for ((sum, q), cosines) in self.sums.iter_mut().zip(&blocks).zip(&cosines) {
             sum.gemm(factor, q, cosines, 1.0);
+        }
+        Ok(())
+    }
+
+    /// The same for the span of `q` and `J q`, without matrices of one shape.
+    fn add_complex(&mut self, x: &[f64], weight: f64) -> Result<(), AnalysisError> {
+        let length = x.len();
+        let (q, turned) = self.own.split_at_mut(length);
+        Subspace::write_basis(self.space.class, x, 1.0, q)?;
+        turn(q, turned);
+        let base = &self.space.bases[0];
+        let products: Vec<[f64; 2]> =
+            base.column_iter().map(|f| [dot(q, f.as_slice()), dot(turned, f.as_slice())]).collect();
+        let shared: f64 = products.iter().flatten().map(|product| product * product).sum();
+        let distance = (base.ncols() as f64 - shared).max(0.0).sqrt();
+        let factor = weight / distance.max(NEAREST);
+        for (sum, [a, b]) in self.sums[0].as_mut_slice().chunks_exact_mut(length).zip(products) {
+            add_scaled(sum, factor * a, q);
+            add_scaled(sum, factor * b, turned);
         }
         Ok(())
     }

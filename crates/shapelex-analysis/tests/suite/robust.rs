@@ -205,6 +205,43 @@ fn a_tight_group_within_a_wide_set_is_left_out() {
     }
 }
 
+/// A contour that is nearly its own mirror image: how asymmetric it is varies as much as the asymmetry that all have.
+fn nearly_symmetric(random: &mut Noise) -> Vec<f64> {
+    let modes = [0.08 * random.normal(), 0.05 * random.normal(), 0.03 * random.normal()];
+    let asymmetry = 0.04 + 0.02 * random.normal();
+    let radius = |u: f64| {
+        1.0 + (0.35 + modes[0]) * (2.0 * u).cos()
+            + (0.1 + modes[1]) * (3.0 * u).cos()
+            + modes[2] * (4.0 * u).cos()
+            + asymmetry * (3.0 * u).sin()
+    };
+    contour(radius, random)
+}
+
+#[test]
+fn mirror_images_of_nearly_symmetric_shapes_are_left_out() {
+    let mut random = Noise(31);
+    let right: Vec<Vec<f64>> = (0..140).map(|_| nearly_symmetric(&mut random)).collect();
+    let wrong: Vec<Vec<f64>> = (0..60).map(|_| mirrored(&nearly_symmetric(&mut random))).collect();
+    let all = [right.clone(), wrong].concat();
+    for (name, alignment) in [CLASSES[0], CLASSES[4], CLASSES[5]] {
+        let setting = setting(name, alignment);
+        let factors = mean(&setting, &all, ones(&all), true).robust.unwrap().factors;
+        let kept: [f64; 2] = [factors[..140].iter().sum(), factors[140..].iter().sum()];
+        // At four standard deviations one in 44 is on the other side.
+        assert!(
+            kept[0] > 128.0 && kept[1] < 6.0,
+            "{name:?} {alignment:?}: {kept:?} of 140 right, 60 mirrored"
+        );
+        let alone = mean(&setting, &right, ones(&right), true).robust.unwrap();
+        assert!(alone.effective > 138.0, "{name:?} {alignment:?}: worth {:.1}", alone.effective);
+        let backwards: Vec<Vec<f64>> = all.iter().rev().cloned().collect();
+        let reversed = mean(&setting, &backwards, ones(&all), true).robust.unwrap().factors;
+        let off = factors.iter().rev().zip(&reversed).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(off < 1e-6, "{name:?} {alignment:?}: factors differ by {off:e} in reverse order");
+    }
+}
+
 #[test]
 fn right_shapes_keep_their_weights() {
     let right = right(200, 3);
