@@ -62,6 +62,25 @@ pub struct Provenance {
     pub continued_from: Option<String>,
     /// Program and its version.
     pub program: String,
+    /// Shapes with the smallest factors below one of a robust dictionary, at most 20.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    #[schema(max_items = 20)]
+    pub less_counted: Vec<LessCountedShape>,
+}
+
+/// A shape of a cohort that counts less than its weight in a robust estimate, or not at all.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct LessCountedShape {
+    /// Id of the shape.
+    pub id: String,
+    /// Factor of its weight; 0 for a shape that is left out.
+    #[schema(minimum = 0, maximum = 1)]
+    pub weight: f64,
+    /// Where the shape is like the others: a number between 0 and 1 for each control point, small where it is damaged. Absent where a list
+    /// would become too long: shapes of very many control points.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub point_weights: Option<Vec<f64>>,
 }
 
 /// List entry of a version.

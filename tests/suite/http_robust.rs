@@ -121,6 +121,8 @@ fn the_mean_of_a_cohort_names_what_it_leaves_out_and_is_kept_apart() {
         let listed = left_out["shapes"].as_array().unwrap();
         assert!(listed.len() >= WRONG && left_out.get("weights").is_none(), "{left_out}");
         for (k, shape) in listed[..WRONG].iter().enumerate() {
+            let points = numbers(&shape["point_weights"]);
+            assert!(points.len() == POINTS && points.iter().all(|v| (0.0..=1.0).contains(v)), "{points:?}");
             let id = shape["id"].as_str().unwrap();
             let found = server.get(&format!("/v1/cohorts/robust-cohort/shapes/{id}")).expect(200);
             assert_eq!(
@@ -158,6 +160,14 @@ fn robust_dictionaries_are_other_dictionaries() {
         (&robust["robust"]["rejected"], &robust["statistics"]["shapes"]),
         (&json!(WRONG), &json!(RIGHT))
     );
+    let listed = robust["robust"]["shapes"].as_array().unwrap();
+    assert!(listed.len() >= WRONG && listed.len() <= 20, "{listed:?}");
+    for (k, shape) in listed[..WRONG].iter().enumerate() {
+        let id = shape["id"].as_str().unwrap();
+        let found = server.get(&format!("/v1/cohorts/robust-learning/shapes/{id}")).expect(200);
+        assert_eq!(found["external_id"], json!(format!("s{}", RIGHT + k)));
+        assert_eq!((&shape["weight"], numbers(&shape["point_weights"]).len()), (&json!(0.0), POINTS));
+    }
     assert!(plain.get("robust").is_none());
     assert_ne!(plain["provenance"]["digest"], robust["provenance"]["digest"]);
     assert_eq!(again["provenance"]["digest"], robust["provenance"]["digest"]);
@@ -219,4 +229,40 @@ fn bad_input_is_refused_and_equal_shapes_are_not() {
     let mut project = request(true, &all);
     project["reference"] = json!({"points": all[0]["points"]});
     server.post("/v1/project", &project).expect_problem(422, "invalid-input", &["/robust"]);
+}
+
+/// A stretch of two control points is displaced, in a cohort and in a dictionary: it has the smallest weights there.
+#[test]
+fn cohorts_and_dictionaries_tell_where_a_shape_is_damaged() {
+    const DAMAGED: usize = 5;
+    let server = Server::fresh();
+    let mut right = shapes();
+    right.truncate(RIGHT);
+    for i in 6..8 {
+        let point = right[DAMAGED]["points"][i].as_array().unwrap().clone();
+        let moved: Vec<f64> = point.iter().map(|value| 1.8 * value.as_f64().unwrap()).collect();
+        right[DAMAGED]["points"][i] = json!(moved);
+    }
+    server.post("/v1/cohorts", &json!({"name": "damaged", "representation": representation()})).expect(201);
+    server.post("/v1/cohorts/damaged/shapes", &json!({"shapes": right})).expect(201);
+    let located = |answer: &Value| {
+        let shape = &answer["robust"]["shapes"][0];
+        let id = shape["id"].as_str().unwrap();
+        let found = server.get(&format!("/v1/cohorts/damaged/shapes/{id}")).expect(200);
+        assert_eq!(found["external_id"], json!(format!("s{DAMAGED}")), "{answer}");
+        let points = numbers(&shape["point_weights"]);
+        assert!(points[6..8].iter().all(|v| *v < 0.05), "{points:?}");
+        let elsewhere: f64 = points[10..].iter().chain(&points[..4]).sum();
+        assert!(elsewhere > 5.0, "{points:?}");
+    };
+    for alignment in ["projection", "procrustes"] {
+        let path =
+            format!("/v1/cohorts/damaged/mean?transformation=similarity&alignment={alignment}&robust=true");
+        located(&server.get(&path).expect(200));
+    }
+    let method = json!({"kind": "functional_pca", "components": 2, "centre": true});
+    let body = json!({"name": "damaged", "cohort": "damaged", "transformation": "similarity", "method": method, "robust": true});
+    let done = finished(&server, &submit(&server, &body));
+    assert_eq!(done["status"], "succeeded", "{done}");
+    located(&server.get("/v1/dictionaries/damaged").expect(200));
 }

@@ -28,7 +28,7 @@ use crate::api::extract::{
 };
 use crate::api::problem::Problem;
 use crate::api::respond::{Binary, compute, file_of, json, mesh, picture};
-use crate::domain::dictionary::Listed;
+use crate::domain::dictionary::{LessCountedShape, Listed};
 use crate::domain::filter::ShapeFilter;
 use crate::domain::job::{Job, JobStatus, Priority};
 use crate::formats::checked::{Checked, document, take_given, take_or_default};
@@ -257,11 +257,32 @@ pub(super) struct DictionaryOutput<'a> {
     statistics: &'a Statistics,
     /// Shapes that were left out, or count less; absent without `robust`.
     #[serde(skip_serializing_if = "Option::is_none")]
-    robust: Option<RobustSummary>,
+    robust: Option<RobustDictionary<'a>>,
     /// Classifier and its validation; null if none was requested.
     classifier: Option<ClassifierOutput<'a>>,
     /// Training data, seed and program behind the dictionary.
     provenance: ProvenanceOutput,
+}
+
+/// What a robust dictionary leaves out.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct RobustDictionary<'a> {
+    /// Number of shapes that are left out: their weight is zero.
+    rejected: usize,
+    /// Number of shapes that count less than their weight, without those left out.
+    reduced: usize,
+    /// Number of equal weights that the weights are worth, `(Σw)²/Σw²`.
+    effective: f64,
+    /// Shapes with the smallest factors below one, at most 20, and where along them they are wrong.
+    #[schema(max_items = 20)]
+    shapes: &'a [LessCountedShape],
+}
+
+impl<'a> RobustDictionary<'a> {
+    fn new(summary: RobustSummary, shapes: &'a [LessCountedShape]) -> Self {
+        let RobustSummary { rejected, reduced, effective } = summary;
+        Self { rejected, reduced, effective, shapes }
+    }
 }
 
 impl<'a> DictionaryOutput<'a> {
@@ -288,7 +309,7 @@ impl<'a> DictionaryOutput<'a> {
             centre: content.centre.as_deref(),
             atoms: &content.atoms,
             statistics: &content.statistics,
-            robust: content.robust,
+            robust: content.robust.map(|summary| RobustDictionary::new(summary, &provenance.less_counted)),
             classifier: content.classifier.as_ref().map(ClassifierOutput::new),
             provenance: ProvenanceOutput::new(listed),
         }

@@ -8,6 +8,7 @@ use crate::analysis::factors::{Factors, RobustSummary};
 use crate::analysis::matching::Disagreement;
 use crate::analysis::transformation::ClassName;
 use crate::api::problem::Problem;
+use crate::domain::dictionary::LessCountedShape;
 use crate::domain::job::Priority;
 use crate::formats::checked::{Checked, take_or_default};
 use crate::formats::shape::{Points, ShapeInput};
@@ -215,22 +216,13 @@ pub(super) struct RobustOutput {
     weights: Option<Vec<f64>>,
     /// Shapes of the cohort with the smallest factors below one, at most 100. Absent for posted shapes.
     #[serde(skip_serializing_if = "Option::is_none")]
-    shapes: Option<Vec<ShapeFactor>>,
+    shapes: Option<Vec<LessCountedShape>>,
     /// Number of shapes that are left out.
     rejected_count: usize,
     /// Number of shapes that count less, without those left out.
     reduced_count: usize,
     /// Number of equal weights that the weights of the shapes are worth, `(Σw)²/Σw²`.
     effective_count: f64,
-}
-
-/// A shape of a cohort that counts less than its weight.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
-pub(super) struct ShapeFactor {
-    /// Id of the shape.
-    id: String,
-    /// Factor of its weight.
-    weight: f64,
 }
 
 impl RobustOutput {
@@ -241,8 +233,7 @@ impl RobustOutput {
 
     /// Of a cohort.
     pub(super) fn of_cohort(left_out: &LeftOut) -> Self {
-        let factor = |(id, weight): &(String, f64)| ShapeFactor { id: id.clone(), weight: *weight };
-        Self { shapes: Some(left_out.shapes.iter().map(factor).collect()), ..Self::of(left_out.summary) }
+        Self { shapes: Some(left_out.shapes.clone()), ..Self::of(left_out.summary) }
     }
 
     fn of(summary: RobustSummary) -> Self {

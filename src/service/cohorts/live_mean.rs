@@ -15,13 +15,14 @@ use super::attributes::{FilterPlace, refuse_unknown};
 use super::measures;
 use super::placements::{KnownPlacements, SearchSettings, Which};
 use super::source::StoredShapes;
-use crate::analysis::accumulate::prepare;
+use crate::analysis::accumulate::{ShapeSource, prepare};
 use crate::analysis::alignment::{AlignedShape, Alignment, MeanShape, align};
-use crate::analysis::factors::{Estimator, Factors, RobustSummary};
+use crate::analysis::factors::{Estimator, RobustSummary};
 use crate::analysis::frame::Frame;
-use crate::analysis::robust::mean_by;
+use crate::analysis::robust::{Listed, mean_by};
 use crate::analysis::transformation::{ClassName, Transformation};
 use crate::domain::cohort::Cohort;
+use crate::domain::dictionary::LessCountedShape;
 use crate::domain::filter::ShapeFilter;
 use crate::service::app::cache::Cached;
 use crate::service::app::{App, ServiceError};
@@ -106,35 +107,42 @@ pub struct LiveMean {
 pub struct LeftOut {
     /// Their numbers.
     pub summary: RobustSummary,
-    /// Id and factor of those with the smallest factors, ascending; at most [`MAX_LISTED`].
-    pub shapes: Vec<(String, f64)>,
+    /// Those with the smallest factors, ascending; at most [`MAX_LISTED`].
+    pub shapes: Vec<LessCountedShape>,
 }
 
 /// Maximum number of listed shapes of a robust mean.
 pub const MAX_LISTED: usize = 100;
 
+/// Maximum number of weights of control points that they have.
+const LISTED_NUMBERS: usize = 1 << 16;
+
 impl LeftOut {
-    /// With the ids of the shapes of `source`.
-    fn new(factors: Factors, source: &StoredShapes<'_>) -> Result<Self, ServiceError> {
-        let (summary, factors) = (factors.summary(), factors.factors);
-        let mut least: Vec<usize> = (0..factors.len()).filter(|k| factors[*k] < 1.0).collect();
-        least.sort_by(|&i, &j| factors[i].total_cmp(&factors[j]).then(i.cmp(&j)));
-        least.truncate(MAX_LISTED);
-        let mut ids = vec![String::new(); least.len()];
-        let mut first = 0;
-        if !least.is_empty() {
-            source.for_each_named(&mut |batch| {
-                for (id, &k) in ids.iter_mut().zip(&least) {
-                    if let Some(found) = k.checked_sub(first).and_then(|k| batch.ids.get(k)) {
-                        id.clone_from(found);
-                    }
-                }
-                first += batch.weights.len();
-                Ok(())
-            })?;
+    /// Of a robust `mean` of `shapes`, which are those of `source`. `None` of a plain one.
+    fn new<S: ShapeSource<Error = ServiceError>>(
+        setup: &Setup,
+        mean: &MeanShape,
+        shapes: &S,
+        source: &StoredShapes<'_>,
+    ) -> Result<Option<Self>, ServiceError> {
+        let Some(factors) = &mean.robust else { return Ok(None) };
+        let Some(listed) = Listed::of(shapes, factors, MAX_LISTED)? else {
+            return Ok(Some(Self { summary: factors.summary(), shapes: Vec::new() }));
+        };
+        let Setup { metric, method, matching, .. } = setup;
+        let (mut aligned, centroid) = (Vec::new(), vec![0.0; metric.dimension()]);
+        for (x, &k) in listed.shapes().all().whitened.chunks_exact(metric.len()).zip(listed.positions()) {
+            let shape = align(method, matching, &mean.whitened, x, &centroid, mean.placements[k])?;
+            aligned.extend(shape.whitened);
         }
-        let shapes = ids.into_iter().zip(least.into_iter().map(|k| factors[k])).collect();
-        Ok(Self { summary, shapes })
+        let described = listed.described(setup.measured(), &aligned)?;
+        let shapes = source.less_counted(described, LISTED_NUMBERS)?;
+        Ok(Some(Self { summary: factors.summary(), shapes }))
+    }
+
+    fn bytes(&self) -> usize {
+        let of = |shape: &LessCountedShape| 64 + 8 * shape.point_weights.as_ref().map_or(0, Vec::len);
+        self.shapes.iter().map(of).sum()
     }
 }
 
@@ -144,7 +152,9 @@ impl Cached for LiveMean {
     fn bytes(&self) -> usize {
         // Control points, plain and whitened, of the mean and of every drawn shape, plus a few vectors.
         let vectors = 8 + 3 * self.drawn.len();
-        8 * vectors * self.setup.metric.len() + self.setup.space.bytes()
+        8 * vectors * self.setup.metric.len()
+            + self.setup.space.bytes()
+            + self.robust.as_ref().map_or(0, LeftOut::bytes)
     }
 }
 
@@ -263,8 +273,13 @@ fn compute(
         Some(shapes) => mean_by(*estimator, shapes, metric, method, *frame, matching),
         None => mean_by(*estimator, &source, metric, method, *frame, matching),
     };
-    drop(kept);
     let mut mean = mean.map_err(|error| source.named(error))?;
+    let robust = match &kept {
+        Some(shapes) => LeftOut::new(&setup, &mean, shapes, &source)?,
+        None => LeftOut::new(&setup, &mean, &source, &source)?,
+    };
+    mean.robust = None;
+    drop(kept);
     let mut drawn = Vec::new();
     let first = source.first(MAX_DRAWN)?;
     for (k, shape) in first.chunks_exact(metric.len()).enumerate() {
@@ -272,7 +287,6 @@ fn compute(
         prepare(metric, method.translates(), k, &mut x)?;
         drawn.push(align(method, matching, &mean.whitened, &x, &centroid, mean.placements[k])?);
     }
-    let robust = mean.robust.take().map(|factors| LeftOut::new(factors, &source)).transpose()?;
     let started_from = known.as_ref().filter(|_| which == Which::All).map(|known| known.revision);
     if let Some(search) = search {
         let (revision, places) = (cohort.revision, source.places()?);

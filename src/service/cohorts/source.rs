@@ -14,8 +14,10 @@ use crate::analysis::accumulate::{
 use crate::analysis::dictionary::content::Content;
 use crate::analysis::matching::Placement;
 use crate::analysis::pass::Pass;
+use crate::analysis::robust::LessCounted;
 use crate::analysis::watch::Watch;
 use crate::domain::cohort::Cohort;
+use crate::domain::dictionary::LessCountedShape;
 use crate::domain::filter::ShapeFilter;
 use crate::domain::shape::Shape;
 use crate::service::app::cache::{Cache, Reserved};
@@ -321,6 +323,32 @@ impl<'a> StoredShapes<'a> {
             visited.map_err(|error| self.named(error.after(first)))?;
             first += batch.weights.len();
         }
+    }
+
+    /// The shapes that count less in a robust estimate, with their ids; without those that were erased meanwhile. The first ones keep
+    /// weights of control points, at most `numbers` of them.
+    pub(crate) fn less_counted(
+        &self,
+        shapes: Vec<LessCounted>,
+        numbers: usize,
+    ) -> Result<Vec<LessCountedShape>, ServiceError> {
+        if shapes.is_empty() {
+            return Ok(Vec::new());
+        }
+        let with_points = numbers / self.setup.metric.size().max(1);
+        let places = self.places()?;
+        let at: Vec<Cursor> = shapes.iter().filter_map(|shape| places.get(shape.position)).collect();
+        let names = self.handle.block_on(self.store.shapes_at(&self.cohort.id, &at))?;
+        let named = shapes.into_iter().zip(names).enumerate().filter_map(|(i, (shape, name))| {
+            let LessCounted { factor, point_weights, .. } = shape;
+            let rounded = || point_weights.iter().map(|weight| (weight * 1e4).round() / 1e4).collect();
+            Some(LessCountedShape {
+                id: name?.id,
+                weight: factor,
+                point_weights: (i < with_points).then(rounded),
+            })
+        });
+        Ok(named.collect())
     }
 
     /// Calls `visit` with every stored batch as it is, with the ids of its shapes.

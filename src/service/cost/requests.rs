@@ -173,14 +173,18 @@ pub fn align(settings: &CheckedSettings, counts: Counts) -> Work {
 
 /// What a robust mean takes besides a plain one, with the weights of control points.
 fn robust_mean(settings: &CheckedSettings, counts: Counts) -> Work {
-    /// Per coordinate: bases and alignments of six passes, and five fits of a model.
-    const COORDINATE: f64 = 6e-7;
+    /// Per coordinate: bases and alignments of six passes, and four fits of a model.
+    const COORDINATE: f64 = 8e-7;
+    /// Multiply-adds for two shapes, of which the nearest ones are searched, and maximum number of those.
+    const PAIR: f64 = 12.0;
+    const CANDIDATES: f64 = 2048.0;
     /// Rounds in which placements and weights alternate, if there are placements.
     const ROUNDS: f64 = 3.0;
     let rounds = if settings.correspondence == Correspondence::Cyclic { ROUNDS } else { 1.0 };
     let (columns, rows) = operator(settings, counts);
     let sums = 2.0 * scatter(columns * counts.shapes, rows) + scatter(counts.shapes, counts.length());
-    rounds * (Work(counts.values() * COORDINATE) + sums)
+    let near = Work::from_multiply_adds(PAIR * counts.shapes * counts.shapes.min(CANDIDATES));
+    rounds * (Work(counts.values() * COORDINATE) + sums) + near
 }
 
 /// Principal components of aligned shapes, and their scores.

@@ -23,7 +23,7 @@ use crate::analysis::dictionary::procedure;
 use crate::analysis::estimate::{self, Stage, Trainings};
 use crate::analysis::watch::{Phase, Watch};
 use crate::domain::cohort::Cohort;
-use crate::domain::dictionary::{NewDictionary, Provenance, Summary};
+use crate::domain::dictionary::{LessCountedShape, NewDictionary, Provenance, Summary};
 use crate::domain::id;
 use crate::domain::job::Job;
 use crate::service::app::progress::{JobContext, Meter, Part};
@@ -66,6 +66,9 @@ pub fn run(app: &App, handle: &Handle, job: &Job, context: &JobContext) -> Resul
     Ok(Outcome { result, dictionary: Some(Box::new(dictionary)), output: None })
 }
 
+/// Maximum number of weights of control points that the provenance of a robust dictionary has.
+const LISTED_NUMBERS: usize = 4096;
+
 /// Learns the dictionary of a plan.
 ///
 /// # Errors
@@ -86,7 +89,7 @@ pub fn learn(
     let others = Spreading { app, handle, job, plan };
     let meter = meter(app, handle, plan, &setup, context)?;
     let task = Task { app, handle, plan, cohort: &cohort, setup: &setup, context, meter, others };
-    let (content, state) = task.content(previous)?;
+    let (content, state, less_counted) = task.content(previous)?;
     let text = serde_json::to_vec(&content)
         .map_err(|error| ServiceError::Internal(format!("a dictionary is not JSON: {error}")))?;
     let provenance = Provenance {
@@ -97,6 +100,7 @@ pub fn learn(
         shapes_digest: task.shapes_digest()?,
         continued_from: plan.continue_from.clone(),
         program: program(),
+        less_counted,
     };
     Ok(NewDictionary {
         id: id::new_id(id::DICTIONARY),
@@ -205,8 +209,11 @@ impl Watch for Task<'_> {
 }
 
 impl Task<'_> {
-    /// The learnt content, and the sums from which learning can continue.
-    fn content(&self, previous: Option<Previous>) -> Result<(Content, Vec<u8>), ServiceError> {
+    /// The learnt content, the sums from which learning can continue, and the shapes that count less.
+    fn content(
+        &self,
+        previous: Option<Previous>,
+    ) -> Result<(Content, Vec<u8>, Vec<LessCountedShape>), ServiceError> {
         let stop = || self.context.is_cancelled();
         let known = self.known_placements();
         let known = known.as_ref().map(|(known, which)| (&**known, *which));
@@ -214,7 +221,7 @@ impl Task<'_> {
         let recipe = self.plan.recipe(self.cohort);
         let help = |shapes: &StoredShapes<'_>, dictionary: &Dictionary| self.coded(shapes, dictionary);
         let learner = Learner { recipe: &recipe, measured: self.setup.measured(), watch: self, help: &help };
-        let Learnt { mut dictionary, state } = match &previous {
+        let Learnt { mut dictionary, state, less_counted } = match &previous {
             None => learner.learn(&shapes)?,
             Some(Previous { content, revision, state }) => {
                 let new = self.shapes(*revision, &stop)?;
@@ -224,7 +231,8 @@ impl Task<'_> {
         if let Some(settings) = &self.plan.classifier {
             dictionary.content.classifier = Some(self.classifier(&shapes, settings, &dictionary)?);
         }
-        Ok((dictionary.content, state))
+        let named = shapes.less_counted(less_counted, LISTED_NUMBERS)?;
+        Ok((dictionary.content, state, named))
     }
 
     /// Placements that a search for the same mean has found, of which the dictionary does not depend: those of all shapes at the same
