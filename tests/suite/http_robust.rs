@@ -178,6 +178,14 @@ fn robust_dictionaries_are_other_dictionaries() {
     assert_eq!((&file["format_version"], &file["content"]["robust"]["rejected"]), (&json!(3), &json!(WRONG)));
     let imported = server.post("/v1/dictionaries/import?name=imported", &file).expect(201);
     assert_eq!(imported["provenance"]["digest"], robust["provenance"]["digest"]);
+    assert_eq!(imported["robust"], robust["robust"]);
+    let mut long = file.clone();
+    long["provenance"]["less_counted"] = json!(vec![file["provenance"]["less_counted"][0].clone(); 21]);
+    server.post("/v1/dictionaries/import?name=long", &long).expect_problem(
+        422,
+        "invalid-input",
+        &["/provenance/less_counted"],
+    );
 
     // A prediction counts its passes.
     let dry = |robust| {

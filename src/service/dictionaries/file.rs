@@ -14,6 +14,7 @@ use super::planning::method_faults;
 use super::ready::{self, Ready};
 use crate::analysis::classification::consistency::classifier_faults;
 use crate::analysis::dictionary::content::Content;
+use crate::analysis::dictionary::learn::MOST_LISTED;
 use crate::domain::cohort::name_problem;
 use crate::domain::dictionary::{NewDictionary, Provenance, Summary};
 use crate::domain::id;
@@ -186,6 +187,11 @@ fn checked_file(
     let name = name.unwrap_or(file.name);
     if let Some(problem) = name_problem(&name, id::DICTIONARY) {
         return Err(ServiceError::invalid("/name", problem));
+    }
+    let listed = file.provenance.less_counted.len();
+    if listed > MOST_LISTED {
+        let detail = format!("expected at most {MOST_LISTED} shapes, got {listed}");
+        return Err(ServiceError::invalid("/provenance/less_counted", detail));
     }
     let text = text_of(&file.content, &file.digest)?;
     let admitted = check_content(&file.content, &app.limits);
