@@ -3,8 +3,8 @@
 use serde::de::DeserializeOwned;
 
 use super::bounds::{self, Bounds};
-use super::checked::plain;
 use super::fault::{Fault, json_pointer};
+use super::words::plain;
 
 /// Parses `T` from JSON text. The types of this layer collect their own faults and keep no more data than `bounds` allow.
 ///

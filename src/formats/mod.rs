@@ -13,7 +13,8 @@
 //! * [`table`] — tables as JSON, CSV, NDJSON, Arrow and Parquet; [`batches`] — the latter two;
 //! * [`columns`] — answers of JSON as tables of numbers, texts and lists: CSV, Arrow, Parquet, NPY and NPZ;
 //! * [`mesh`] — triangle meshes as OBJ, PLY, STL and glTF; [`gltf`] — also with displacements;
-//! * [`picture`] — drawings as SVG and PNG; [`image`] — images and volumes, [`files`] — shapes of other programs, a crate.
+//! * [`picture`] — drawings as SVG and PNG; of a crate: [`image`] — images and volumes, [`files`] — shapes of other programs,
+//!   [`words`] — messages of parsers as clients read them.
 
 pub mod batches;
 pub mod bounds;
@@ -36,4 +37,4 @@ pub mod summary;
 pub mod table;
 pub mod time;
 
-pub use shapelex_formats::{dicom, image, shape as files};
+pub use shapelex_formats::{dicom, image, shape as files, words};

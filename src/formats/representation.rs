@@ -6,7 +6,8 @@ use serde::{Deserialize, Deserializer};
 use serde_json::value::RawValue;
 use serde_json::{Map, Value};
 
-use super::checked::{plain, take_value};
+use super::checked::take_value;
+use super::words::plain;
 use crate::geometry::generator::{Exact, GeneratorKind, PoleList};
 use crate::geometry::representation::Representation;
 use crate::geometry::subdivision::control::ControlMesh;

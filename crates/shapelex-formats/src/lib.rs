@@ -2,8 +2,10 @@
 //!
 //! * [`image`] — images, volumes, label images and masks;
 //! * [`shape`] — contours, landmarks and meshes of other programs;
-//! * [`dicom`] — what the files of DICOM of both have in common.
+//! * [`dicom`] — what the files of DICOM of both have in common;
+//! * [`words`] — messages of parsers in words that clients know.
 
 pub mod dicom;
 pub mod image;
 pub mod shape;
+pub mod words;

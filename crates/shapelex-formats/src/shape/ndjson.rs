@@ -26,6 +26,7 @@ use super::record::{Domain, Faces, Field, Fourier, Geometry, Kind, Mesh, Points,
 use super::source::Source;
 use super::summary::Summary;
 use super::write::{Opened, Output, Writer};
+use crate::words::plain;
 
 /// NDJSON.
 pub(super) static FORMAT: Format = Format {
@@ -122,7 +123,7 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
         let place = Place::line(source.line());
         let line: Line = serde_json::from_str(&text).map_err(|error| {
             let at = Place { tag: Some(format!("column {}", error.column())), ..place.clone() };
-            FileError::malformed(at, "expected a shape as a JSON object, got other text or an unknown field")
+            FileError::malformed(at, plain(&error))
         })?;
         sink(record(line, options, place)?)?;
     }
@@ -514,7 +515,9 @@ mod tests {
             (
                 "{\"point\":[]}",
                 FaultKind::Malformed,
-                "column 8, line 1: expected a shape as a JSON object, got other text or an unknown field",
+                "column 8, line 1: expected one of \"points\", \"closed\", \"vertices\", \"faces\", \"fields\", \"fourier\", \
+                 \"external_id\", \"subject\", \"label\", \"labels\", \"weight\", \"metadata\", \"ring\" as the name of a field, \
+                 got \"point\"",
             ),
         ] {
             let error = records(text, Limits::default()).expect_err("a fault");

@@ -17,6 +17,7 @@ use super::super::record::Sink;
 use super::super::record::{Geometry, Points, Record, Value};
 use super::super::source::Source;
 use super::super::summary::Summary;
+use crate::words::plain;
 
 /// A file, whose annotations are read one by one. Members such as `info` and `licenses` say nothing of shapes.
 #[derive(Deserialize, Default)]
@@ -78,10 +79,8 @@ pub(super) fn read(
     let fault = |error: serde_json::Error| {
         let place =
             Place { tag: Some(format!("column {}", error.column())), ..Place::line(error.line() as u64) };
-        FileError::malformed(
-            place,
-            format!("expected images, categories and annotations, got: {}", message(&error)),
-        )
+        let kind = if error.is_eof() { FaultKind::Truncated } else { FaultKind::Malformed };
+        FileError::of(kind, place, plain(&error))
     };
     let file: File<'_> = if text.trim_start().starts_with('[') {
         // Results of a detector are a bare list of annotations.
@@ -109,12 +108,6 @@ pub(super) fn read(
     reading.finish()
 }
 
-/// What a message of serde says, without its line and column.
-fn message(error: &serde_json::Error) -> String {
-    let text = error.to_string();
-    text.rsplit_once(" at line ").map_or_else(|| text.clone(), |(text, _)| text.to_owned())
-}
-
 struct Reading<'o> {
     options: &'o ReadOptions,
     limits: Limits,
@@ -128,9 +121,8 @@ struct Reading<'o> {
 
 impl Reading<'_> {
     fn annotation(&mut self, text: &str, item: u64, place: &Place, sink: Sink<'_>) -> Result<(), FileError> {
-        let mut annotation: Annotation = serde_json::from_str(text).map_err(|error| {
-            FileError::malformed(place.clone(), format!("expected an annotation, got: {}", message(&error)))
-        })?;
+        let mut annotation: Annotation =
+            serde_json::from_str(text).map_err(|error| FileError::malformed(place.clone(), plain(&error)))?;
         let (segmentation, keypoints) = (annotation.segmentation.take(), annotation.keypoints.take());
         let template = self.template(annotation, place);
         let name = template.name.clone();

@@ -137,12 +137,12 @@ fn faults_name_annotation_and_byte() {
         (
             "{\"annotations\":[{\"segmentation\":7}]}",
             FaultKind::Malformed,
-            "item 0, byte 16: expected an annotation, got: invalid type: integer `7`, expected a list of polygons or a mask",
+            "item 0, byte 16: expected a list of polygons or a mask, got 7",
         ),
         (
             "[{\"segmentation\":{\"counts\":\"x\",\"size\":[1,1]}}]",
             FaultKind::Unsupported,
-            "expected annotations with polygons, got 1 masks: make label images of them, with annToMask of pycocotools for example, and import these",
+            "item 0, byte 1: expected annotations with polygons, got 1 masks: make label images of them, with annToMask of pycocotools for example, and import these",
         ),
         (
             "[{\"segmentation\":[[1,2,3,1e101]]}]",

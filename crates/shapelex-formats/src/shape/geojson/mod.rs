@@ -20,6 +20,7 @@ use super::record::Kind;
 use super::record::Sink;
 use super::source::Source;
 use super::summary::Summary;
+use crate::words::plain;
 use feature::Node;
 use map::Mapping;
 use scan::Scanner;
@@ -155,9 +156,8 @@ impl Reading<'_, '_, '_> {
     fn collection(&mut self, start: u64) -> Result<(), FileError> {
         let text = &self.scanner.kept;
         let place = Place::byte(start);
-        let members: serde_json::Map<String, Json> = serde_json::from_slice(text).map_err(|error| {
-            FileError::malformed(place.clone(), format!("expected JSON, got: {}", message(&error)))
-        })?;
+        let members: serde_json::Map<String, Json> = serde_json::from_slice(text)
+            .map_err(|error| FileError::malformed(place.clone(), plain(&error)))?;
         for (name, value) in members {
             match (name.as_str(), value) {
                 ("type", Json::String(kind)) if kind == "FeatureCollection" => {}
@@ -194,21 +194,12 @@ impl Reading<'_, '_, '_> {
     }
 }
 
-/// What an error of serde says, without its line and column.
-fn message(error: &serde_json::Error) -> String {
-    let text = error.to_string();
-    text.rsplit_once(" at line ").map_or_else(|| text.clone(), |(text, _)| text.to_owned())
-}
-
 /// A fault of the text of a feature, with its offset in the file.
 fn fault(error: &serde_json::Error, text: &[u8], start: u64, place: Place) -> FileError {
     let lines = text.split_inclusive(|byte| *byte == b'\n');
     let before: usize = lines.take(error.line().saturating_sub(1)).map(<[u8]>::len).sum();
     let byte = start + (before + error.column().saturating_sub(1)) as u64;
-    let message = message(error);
-    let detail =
-        if message.contains("expected") { message } else { format!("expected a feature, got: {message}") };
-    FileError::malformed(Place { byte: Some(byte), ..place }, detail)
+    FileError::malformed(Place { byte: Some(byte), ..place }, plain(error))
 }
 
 /// The text with `null` for `NaN`, `Infinity` and `-Infinity`, which QuPath writes for measurements without a value; `None` if

@@ -198,7 +198,7 @@ fn faults_name_feature_and_byte() {
         (
             format!("[{point},{{\"type\":\"Point\",\"coordinates\":[0,x]}}]"),
             FaultKind::Malformed,
-            "item 1, byte 71: expected value",
+            "item 1, byte 71: expected a value, got another character",
         ),
         (
             format!("[{point},\n{{\"type\":\"Point\",\n\"coordinates\":[0]}}]"),
@@ -239,7 +239,7 @@ fn faults_of_objects_name_feature_and_byte() {
         (
             "{\"type\":\"Point\",\"type\":\"Point\",\"coordinates\":[0,1]}".into(),
             FaultKind::Malformed,
-            "item 0, byte 21: expected a feature, got: duplicate field `type`",
+            "item 0, byte 21: expected the field \"type\" once, got it twice",
         ),
         (
             "[{\"type\":\"Point\",\"coordinates\":[0,1e101]}]".into(),

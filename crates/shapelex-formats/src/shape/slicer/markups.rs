@@ -25,6 +25,7 @@ use super::super::summary::Summary;
 use super::super::text::{end, left_out, shown};
 use super::super::write::{Opened, Output, Writer};
 use super::{KEPT, keep, points, system, text_of};
+use crate::words::plain;
 
 /// Points and curves of 3D Slicer.
 pub(in super::super) static FORMAT: Format = Format {
@@ -80,7 +81,7 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
         let at =
             Place { tag: Some(format!("column {}", error.column())), ..Place::line(error.line() as u64) };
         let kind = if error.is_eof() { FaultKind::Truncated } else { FaultKind::Malformed };
-        FileError::of(kind, at, format!("expected markups of 3D Slicer, got other JSON or none: {error}"))
+        FileError::of(kind, at, plain(&error))
     })?;
     let mut summary = Summary::default();
     for (item, markup) in file.markups.into_iter().enumerate() {
@@ -314,7 +315,7 @@ mod tests {
             assert_eq!(fault(&FORMAT, &text, &ReadOptions::default()), message);
         }
         let deep = format!("{{\"markups\":{}", "[".repeat(100_000));
-        assert!(fault(&FORMAT, &deep, &ReadOptions::default()).contains("expected markups of 3D Slicer"));
+        assert!(fault(&FORMAT, &deep, &ReadOptions::default()).contains("expected a string, got a list"));
         check_truncations(&FORMAT, FILE.as_bytes());
     }
 }
