@@ -511,7 +511,7 @@ fn slices_become_a_surface() {
     let branches = vec![ring(0.0, 1.0), ring(30.0, 1.0)];
     let (found, summary) = records(&closed("a", branches).file(), &stack).unwrap();
     assert!(found.is_empty());
-    let expected = "region 'a' makes no surface: expected one contour a slice, got 2 at 5.000 mm";
+    let expected = "region 'a' makes no surface: expected one contour in every slice, got 2 at z = 5.000 mm";
     assert!(summary.warnings.iter().any(|warning| warning == expected), "{:?}", summary.warnings);
 }
 

@@ -84,6 +84,15 @@ impl Basis {
         json!({ "u": self.u, "v": self.v, "normal": self.normal, "offset": self.offset(points) + 0.0 })
     }
 
+    /// A slice in words: `z = 12.500 mm` where its normal is an axis of the patient.
+    pub(super) fn slice(&self, offset: f64) -> String {
+        let [x, y, z] = self.normal;
+        match (0..3).find(|k| self.normal[*k].abs() == 1.0) {
+            Some(k) => format!("{} = {:.3} mm", ["x", "y", "z"][k], offset * self.normal[k] + 0.0),
+            None => format!("{offset:.3} mm along ({x:.3}, {y:.3}, {z:.3})"),
+        }
+    }
+
     fn height(&self, row: &[f64]) -> f64 {
         dot(self.normal, [row[0], row[1], row[2]])
     }

@@ -46,15 +46,7 @@ pub(super) fn surface(
     limits: &Limits,
 ) -> Result<Stack, FileError> {
     slices.sort_by(|a, b| a.0.total_cmp(&b.0));
-    if let Some((offset, contours)) = slices.iter().find(|(_, contours)| contours.len() != 1) {
-        let place = contours.first().map_or_else(Place::default, |contour| contour.place.clone());
-        let detail = format!("expected one contour a slice, got {} at {offset:.3} mm", contours.len());
-        return Err(FileError::unsupported(place, detail));
-    }
-    if slices.len() < 2 {
-        let place = slices.first().map_or_else(Place::default, |slice| slice.1[0].place.clone());
-        return Err(FileError::unsupported(place, "expected contours in at least two slices, got fewer"));
-    }
+    check(&slices, basis)?;
     let total: usize = slices.iter().map(|slice| slice.1[0].points.len()).sum();
     limits.points(total as u64, || slices[0].1[0].place.clone())?;
     let mut mesh = Mesh { vertices: Points::new(3), ..Mesh::default() };
@@ -70,8 +62,10 @@ pub(super) fn surface(
         (&levels[levels.len() - 1], slices[slices.len() - 1].1[0], false),
     ];
     for (level, contour, down) in ends {
-        cap(level, down, &mut mesh)
-            .map_err(|detail| FileError::unsupported(contour.place.clone(), detail))?;
+        cap(level, down, &mut mesh).map_err(|detail| {
+            let detail = format!("{detail} at {}", basis.slice(level.offset));
+            FileError::unsupported(contour.place.clone(), detail)
+        })?;
     }
     let gaps = levels.windows(2).map(|pair| pair[1].offset - pair[0].offset);
     let (least, most) =
@@ -80,6 +74,33 @@ pub(super) fn surface(
         .then(|| format!("its slices are {least:.3} to {most:.3} mm apart; gaps are bridged like others"));
     let about = json!({ "slices": levels.len(), "spacing": [least, most], "normal": basis.normal });
     Ok(Stack { mesh, about, warning })
+}
+
+/// Two slices or more with one contour each: branches are not joined, and holes not cut out.
+fn check(slices: &[(f64, Vec<&Contour>)], basis: &Basis) -> Result<(), FileError> {
+    let mut others = slices.iter().filter(|(_, contours)| contours.len() != 1);
+    if let Some((offset, contours)) = others.next() {
+        let place = contours.first().map_or_else(Place::default, |contour| contour.place.clone());
+        let more = match others.count() {
+            0 => String::new(),
+            count => format!("; further slices with another number: {count}"),
+        };
+        let (count, slice) = (contours.len(), basis.slice(*offset));
+        let detail = format!("expected one contour in every slice, got {count} at {slice}{more}");
+        return Err(FileError::unsupported(place, detail));
+    }
+    match slices {
+        [(offset, contours)] => {
+            let slice = basis.slice(*offset);
+            let detail = format!("expected contours in at least two slices, got them only at {slice}");
+            Err(FileError::unsupported(contours[0].place.clone(), detail))
+        }
+        [] => Err(FileError::unsupported(
+            Place::default(),
+            "expected contours in at least two slices, got none",
+        )),
+        _ => Ok(()),
+    }
 }
 
 /// Adds the points of a contour to the vertices, counter-clockwise.
@@ -231,17 +252,27 @@ mod tests {
         let message = |contours: &[Contour]| stack(contours).map(|_| ()).expect_err("a fault").detail;
         assert_eq!(
             message(&[contour(0.0, &triangle)]),
-            "expected contours in at least two slices, got fewer"
+            "expected contours in at least two slices, got them only at z = 0.000 mm"
         );
         let crossing = [[0.0, 0.0], [4.0, 4.0], [4.0, 0.0], [0.0, 3.0]];
         let detail = message(&[contour(0.0, &triangle), contour(1.0, &crossing)]);
-        assert_eq!(detail, "expected contours at the ends that do not cross themselves, got one that does");
+        let expected =
+            "expected contours at the ends that do not cross themselves, got one that does at z = 1.000 mm";
+        assert_eq!(detail, expected);
         let (a, b) = (contour(0.0, &triangle), contour(1.0, &triangle));
         let basis = Basis::of(&[&a, &b]).expect("a plane");
-        let detail = surface(vec![(0.0, vec![&a]), (1.0, vec![&b, &b])], &basis, &Limits::default());
+        let branches =
+            |slices| surface(slices, &basis, &Limits::default()).map(|_| ()).expect_err("a fault").detail;
         assert_eq!(
-            detail.map(|_| ()).expect_err("a fault").detail,
-            "expected one contour a slice, got 2 at 1.000 mm"
+            branches(vec![(0.0, vec![&a]), (1.0, vec![&b, &b])]),
+            "expected one contour in every slice, got 2 at z = 1.000 mm"
         );
+        assert_eq!(
+            branches(vec![(0.0, vec![&a]), (1.0, vec![&b, &b]), (2.0, vec![&b, &b, &b])]),
+            "expected one contour in every slice, got 2 at z = 1.000 mm; further slices with another number: 1"
+        );
+        let oblique = Basis { normal: [0.0, -0.6, 0.8], ..basis };
+        assert_eq!(oblique.slice(2.5), "2.500 mm along (0.000, -0.600, 0.800)");
+        assert_eq!(Basis { normal: [0.0, -1.0, 0.0], ..basis }.slice(-7.5), "y = 7.500 mm");
     }
 }
