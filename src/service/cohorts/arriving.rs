@@ -26,6 +26,8 @@ pub(super) enum Incoming {
 pub(super) struct Origin {
     line: Option<u64>,
     place: Place,
+    /// Option of reading that gives other names.
+    pub(super) other_names: Option<&'static str>,
 }
 
 impl Origin {
@@ -86,7 +88,8 @@ pub(super) fn read(
         }
         Incoming::Parsed(shape) => (Origin::default(), Ok(Incoming::Parsed(shape))),
         Incoming::Record(record) => {
-            let origin = Origin { line: record.place.line, place: record.place.clone() };
+            let place = record.place.clone();
+            let origin = Origin { line: place.line, place, other_names: record.other_names };
             (origin, Ok(Incoming::Record(record)))
         }
     };

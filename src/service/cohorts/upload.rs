@@ -565,8 +565,13 @@ fn located(error: StoreError, first: usize, origins: &[Origin], prefix: &str) ->
     let origin = index.checked_sub(first).and_then(|offset| origins.get(offset));
     let pointer =
         if prefix.is_empty() { "/external_id".into() } else { format!("{prefix}{index}/external_id") };
-    let detail =
+    let mut detail =
         format!("the external id '{external_id}' belongs to another shape of the cohort, with other content");
+    if let Some(option) = origin.and_then(|origin| origin.other_names) {
+        detail.push_str(&format!(
+            ": where shapes of a file have one name, the option {option} gives them others"
+        ));
+    }
     let fault = Fault::new(pointer, detail).at_shape(index);
     ServiceError::ExternalIdConflict(match origin {
         Some(origin) => origin.of(fault),

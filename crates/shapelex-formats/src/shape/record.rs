@@ -15,6 +15,8 @@ pub struct Record {
     pub geometry: Geometry,
     /// Name of the shape within the file: the external id where it is stored.
     pub name: Option<String>,
+    /// Option of reading that gives the shapes of the file other names, where several may have the same: `names=id`.
+    pub other_names: Option<&'static str>,
     /// Opaque identifier of the subject; never a name of a person.
     pub subject: Option<String>,
     /// Class label.
@@ -37,6 +39,7 @@ impl Record {
         Self {
             geometry: geometry.into(),
             name: None,
+            other_names: None,
             subject: None,
             label: None,
             labels: BTreeMap::new(),

@@ -100,6 +100,7 @@ impl<'o> Mapping<'o> {
             }
             (Some(name), Some(id)) => {
                 record.name = Some(name);
+                record.other_names = Some("names=id");
                 record.metadata.insert("id".into(), id.into());
             }
             (name, id) => record.name = name.or(id),
