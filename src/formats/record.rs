@@ -11,7 +11,7 @@ use serde_json::{Map, Value as Json};
 
 use super::checked::{Checked, Metadata, Raw};
 use super::fault::Fault;
-use super::files::{Faces, Fourier, Geometry, Mesh, Points, Record, Value};
+use super::files::{Faces, Fourier, Geometry, Mesh, Points, Record, Summary, Value};
 use super::shape::{PointList, ShapeInput};
 use crate::geometry::capability::domain::Domain;
 use crate::geometry::mesh::TriangleMesh;
@@ -55,6 +55,19 @@ pub struct Placing {
     pub prefix: Option<String>,
     /// Maximum size of the metadata of a shape in bytes.
     pub metadata_bytes: usize,
+}
+
+/// Counts what of a record is not stored: the fields of meshes, and their faces where the vertices become landmarks. Without a
+/// domain, what no cohort stores.
+pub fn count_unstored(record: &Record, domain: Option<Domain>, summary: &mut Summary) {
+    let Geometry::Mesh(mesh) = &record.geometry else { return };
+    let place = || record.place.clone();
+    for name in mesh.fields.keys() {
+        summary.drop("fields of meshes", Some(name), place);
+    }
+    if domain == Some(Domain::Points) && !mesh.faces.is_empty() {
+        summary.drop("faces of meshes whose vertices become landmarks", record.name.as_deref(), place);
+    }
 }
 
 /// What a record becomes.

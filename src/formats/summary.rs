@@ -48,6 +48,13 @@ impl FileSummary {
         let warnings = warnings.into_iter().take(MOST).map(brief).collect();
         Self { format: format.into(), records, properties, left_out, warnings }
     }
+
+    /// The same, with what is left out of the records afterwards.
+    #[must_use]
+    pub fn without(mut self, unstored: Summary) -> Self {
+        self.left_out.extend(unstored.dropped.into_iter().map(LeftOut::from));
+        self
+    }
 }
 
 impl From<Dropped> for LeftOut {

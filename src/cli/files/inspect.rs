@@ -9,6 +9,7 @@ use super::places::{Place, expand};
 use super::{Opened, Reading, own_limits, say, shown};
 use crate::cli::maintenance::Outcome;
 use crate::formats::files::{FileError, Group, Inspected, Inspection, ReadOptions, Summary};
+use crate::formats::record::count_unstored;
 use crate::service::files::FileFormat;
 
 /// Number of names in a line for people.
@@ -70,12 +71,15 @@ pub(super) fn run(args: &InspectArgs) -> Result<Outcome, String> {
 
 fn inspect(mut opened: Opened, options: &ReadOptions) -> Result<Inspected, FileError> {
     let mut found = Inspection::default();
+    let mut unstored = Summary::default();
     let mut add = |record| {
         found.add(&record);
+        count_unstored(&record, None, &mut unstored);
         Ok(())
     };
     let format = opened.format;
-    let summary = format.read(&mut opened.source, options, &own_limits(), &|| false, &mut add)?;
+    let mut summary = format.read(&mut opened.source, options, &own_limits(), &|| false, &mut add)?;
+    summary.dropped.append(&mut unstored.dropped);
     Ok(Inspected { format: format.id(), summary, found })
 }
 

@@ -25,6 +25,7 @@ use crate::formats::bounds::Census;
 use crate::formats::ndjson::{Line, LineTooLong, Lines};
 use crate::formats::record::Placing;
 use crate::formats::shape::ShapeInput;
+use crate::geometry::capability::domain::Domain;
 use crate::geometry::representation::ShapeSpace;
 use crate::geometry::resample::RepeatedPoints;
 use crate::service::app::idempotency::Retry;
@@ -301,6 +302,11 @@ impl Writer {
             placing: Arc::default(),
             warnings: BTreeMap::new(),
         })
+    }
+
+    /// Domain of the shapes of the cohort.
+    pub(super) fn domain(&self) -> Domain {
+        self.space.domain()
     }
 
     async fn take_lines(&mut self, app: &App, lines: Vec<Line>) -> Result<(), ServiceError> {

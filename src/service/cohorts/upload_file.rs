@@ -13,10 +13,11 @@ use super::arriving::Incoming;
 use super::catalogue::Expected;
 use super::upload::{Stored, Treatment, Writer};
 use crate::domain::cohort::Cohort;
+use crate::formats::fault::Fault;
 use crate::formats::files::{
-    FaultKind, FileError, Geometry, Limits as FileLimits, Points, Record, Sink, Source,
+    FaultKind, FileError, Geometry, Limits as FileLimits, Points, Record, Sink, Source, Summary,
 };
-use crate::formats::record::Placing;
+use crate::formats::record::{Placing, count_unstored};
 use crate::formats::summary::FileSummary;
 use crate::service::app::incoming::read_incoming;
 use crate::service::app::{App, ServiceError};
@@ -74,15 +75,19 @@ async fn take_file(
 ) -> Result<(), ServiceError> {
     let FileToAdd { limits, placing, read } = file;
     writer.placing = Arc::new(placing);
-    let mut retry = writer.retry.take();
+    let (mut retry, domain) = (writer.retry.take(), writer.domain());
     let (sender, mut batches) = mpsc::channel(1);
     let reading = read_incoming(app, stream, limits.held, &mut retry, move |body| {
         let stop = body.stop();
         let mut source = Source::new(body, limits)?;
         let mut batch = Batch { sender, records: Vec::new(), numbers: 0 };
-        let summary = read(&mut source, &|| stop.is_set(), &mut |record| batch.push(record))?;
+        let mut unstored = Summary::default();
+        let summary = read(&mut source, &|| stop.is_set(), &mut |record| {
+            count_unstored(&record, Some(domain), &mut unstored);
+            batch.push(record)
+        })?;
         batch.pass()?;
-        Ok(summary)
+        Ok(summary.without(unstored))
     });
     let taking = async {
         while let Some(batch) = batches.recv().await {
@@ -93,12 +98,23 @@ async fn take_file(
     let (mut summary, ()) = tokio::try_join!(reading, taking)?;
     writer.retry = retry;
     if writer.position == 0 {
-        return Err(ServiceError::TooFewShapes { found: 0, needed: 1 });
+        return Err(without_shapes(&summary));
     }
     let counted = |(text, count): (&String, &usize)| format!("{count} shapes: {text}");
     summary.warnings.extend(writer.warnings.iter().map(counted));
     writer.occasion.note = serde_json::to_value(&summary).ok();
     Ok(())
+}
+
+/// The refusal of a file that holds no shape: with what its reader says, where it says something.
+fn without_shapes(summary: &FileSummary) -> ServiceError {
+    let left_out = summary.left_out.iter().map(|left_out| format!("{} {}", left_out.count, left_out.what));
+    let said: Vec<String> = summary.warnings.iter().cloned().chain(left_out).collect();
+    if said.is_empty() {
+        return ServiceError::TooFewShapes { found: 0, needed: 1 };
+    }
+    let fault = |said| Fault::new("", format!("expected at least one shape, got none: {said}"));
+    ServiceError::Invalid(said.into_iter().map(fault).collect())
 }
 
 /// Records on their way from the reader.

@@ -4,7 +4,8 @@ use bytes::Bytes;
 use futures_util::Stream;
 
 use super::format::{FileFormat, file_limits};
-use crate::formats::files::{Format, Inspection, ReadOptions, Source, WriteOptions};
+use crate::formats::files::{Format, Inspection, ReadOptions, Source, Summary, WriteOptions};
+use crate::formats::record::count_unstored;
 use crate::formats::summary::FileSummary;
 use crate::service::app::incoming::{BodyReader, read_incoming};
 use crate::service::app::outgoing::BodyWriter;
@@ -42,12 +43,13 @@ pub async fn inspect(
 ) -> Result<(FileSummary, Inspection), ServiceError> {
     let (limits, held) = (app.limits, file_limits(&app.limits).held);
     read_incoming(app, stream, held, &mut None, move |body| {
-        let mut found = Inspection::default();
+        let (mut found, mut unstored) = (Inspection::default(), Summary::default());
         let summary = read(body, &reading, &limits, &mut |record| {
             found.add(&record);
+            count_unstored(&record, None, &mut unstored);
             Ok(())
         })?;
-        Ok((summary, found))
+        Ok((summary.without(unstored), found))
     })
     .await
 }
