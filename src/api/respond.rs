@@ -90,19 +90,22 @@ pub fn picture(drawing: &Drawing, file: &PictureFile) -> Result<Response, Servic
 /// Mesh of a shape; see [`mesh_of`].
 ///
 /// # Errors
-/// Shapes that are not surfaces, grids that form no mesh.
+/// Shapes that are not surfaces, grids that form no mesh; as [`mesh_file`].
 pub fn mesh(
     space: &ShapeSpace,
     control_points: &[f64],
     format: MeshFormat,
     grid: Option<[usize; 2]>,
 ) -> Result<Response, ServiceError> {
-    Ok(mesh_file(format, &mesh_of(space, control_points, grid)?))
+    mesh_file(format, mesh_of(space, control_points, grid)?)
 }
 
 /// Mesh file as a response.
-pub fn mesh_file(format: MeshFormat, mesh: &TexturedMesh) -> Response {
-    file_of(format, format.write(mesh))
+///
+/// # Errors
+/// Coordinates beyond single precision, where the format has it.
+pub fn mesh_file(format: MeshFormat, mesh: TexturedMesh) -> Result<Response, ServiceError> {
+    Ok(file_of(format, format.write(mesh)?))
 }
 
 /// The bytes of a mesh file as a response.

@@ -9,6 +9,7 @@ use std::ops::Range;
 
 use serde_json::{Value, json};
 
+use super::files::{FileError, Place};
 use crate::geometry::mesh::TriangleMesh;
 use crate::geometry::texture::{Texture, TexturedMesh};
 use crate::geometry::vector::minus;
@@ -118,12 +119,33 @@ impl Buffer {
 }
 
 /// A point in single precision.
-pub(super) fn single(point: [f64; 3]) -> impl Iterator<Item = u8> {
+fn single(point: [f64; 3]) -> impl Iterator<Item = u8> {
     point.into_iter().flat_map(|value| (value as f32).to_le_bytes())
 }
 
+/// Largest coordinate: the difference of two is a number of single precision.
+const MOST: f64 = f32::MAX as f64 / 2.0;
+
 /// Writes a mesh with its displacements. With texture coordinates, it has one vertex for each of their places.
-pub fn write(textured: &TexturedMesh, displacements: &[Displacement], play: Play) -> Vec<u8> {
+///
+/// # Errors
+/// Coordinates beyond single precision.
+pub fn write(
+    textured: &TexturedMesh,
+    displacements: &[Displacement],
+    play: Play,
+) -> Result<Vec<u8>, FileError> {
+    let all = std::iter::once(&textured.mesh).chain(displacements.iter().map(|to| &to.mesh));
+    let far = all.flat_map(|mesh| mesh.vertices.as_flattened()).find(|x| !(x.abs() <= MOST));
+    if let Some(far) = far {
+        let detail =
+            format!("expected coordinates in single precision, as glTF has them (±{MOST:.1e}), got {far:e}");
+        return Err(FileError::unsupported(Place::default(), detail));
+    }
+    Ok(file(textured, displacements, play))
+}
+
+fn file(textured: &TexturedMesh, displacements: &[Displacement], play: Play) -> Vec<u8> {
     let texture = textured.texture.as_ref();
     let mut buffer = Buffer::default();
     let mesh = by_place(texture, &textured.mesh);
@@ -243,7 +265,7 @@ mod tests {
 
     #[test]
     fn files_have_the_length_that_they_state() {
-        let file = write(&triangle(0.5).into(), &[], Play::Each);
+        let file = write(&triangle(0.5).into(), &[], Play::Each).unwrap();
         let (json, binary) = parts(&file);
         assert_eq!(json["buffers"][0]["byteLength"], binary.len());
         assert_eq!(json["accessors"][1]["max"], json!([2.0, 1.0, 0.5]));
@@ -262,7 +284,7 @@ mod tests {
         let to =
             |height: f64| Displacement { name: format!("{height}"), mesh: two(height), extras: json!({}) };
         let textured = TexturedMesh { mesh: two(0.0), texture: Some(texture) };
-        let file = write(&textured, &[to(1.0), to(2.0), to(3.0)], Play::Sequence);
+        let file = write(&textured, &[to(1.0), to(2.0), to(3.0)], Play::Sequence).unwrap();
         let (json, binary) = parts(&file);
         let primitive = &json["meshes"][0]["primitives"][0];
         let accessor = |k: &Value| &json["accessors"][k.as_u64().unwrap() as usize];
@@ -292,7 +314,8 @@ mod tests {
             mesh: triangle(height),
             extras: json!({"explained": 0.5}),
         };
-        let file = write(&triangle(0.5).into(), &[to("mode 1", 2.5), to("mode 2", -0.5)], Play::Each);
+        let file =
+            write(&triangle(0.5).into(), &[to("mode 1", 2.5), to("mode 2", -0.5)], Play::Each).unwrap();
         let (json, binary) = parts(&file);
         let mesh = &json["meshes"][0];
         assert_eq!(mesh["weights"], json!([0, 0]));

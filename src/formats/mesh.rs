@@ -11,14 +11,19 @@
 //! OBJ has a place for every corner of a face, glTF one for every vertex: there, the vertices of a closed direction and of poles are
 //! repeated. Several meshes of an OBJ are objects with names.
 //!
+//! OBJ, PLY and STL are written by the registry of [`files`]; glTF with displacements by [`gltf`].
+//!
 //! Single precision is inaccurate far from the origin: use STL and glTF for display, OBJ and PLY for data.
 
-use std::fmt::Write;
+use std::collections::BTreeMap;
 
-use super::gltf::{self, Play, single};
+use super::files::{
+    self, Domain, FaultKind, Field, FileError, Mesh, NORMALS, Place, Points, Record, TEXTURE_OF_CORNERS,
+    WriteOptions,
+};
+use super::gltf::{self, Play};
 use crate::geometry::mesh::TriangleMesh;
 use crate::geometry::texture::{Texture, TexturedMesh};
-use crate::geometry::vector::{cross, minus, norm};
 
 /// File format of a mesh.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -58,127 +63,63 @@ impl MeshFormat {
     }
 
     /// Writes the mesh as a file.
-    pub fn write(self, textured: &TexturedMesh) -> Vec<u8> {
+    ///
+    /// # Errors
+    /// Coordinates beyond single precision, in STL and glTF.
+    pub fn write(self, textured: TexturedMesh) -> Result<Vec<u8>, FileError> {
+        let TexturedMesh { mesh, texture } = textured;
         match self {
-            Self::Obj => Objects::of(textured).text.into_bytes(),
-            Self::Ply => ply(&textured.mesh),
-            Self::Stl => stl(&textured.mesh),
-            Self::Gltf => gltf::write(textured, &[], Play::Each),
+            Self::Obj => file(self, [record(None, mesh, texture.as_ref())]),
+            Self::Ply | Self::Stl => file(self, [record(None, mesh, None)]),
+            Self::Gltf => gltf::write(&TexturedMesh { mesh, texture }, &[], Play::Each),
         }
     }
 }
 
-/// An OBJ file of several meshes with the same faces.
-#[derive(Debug, Default)]
-pub struct Objects {
-    text: String,
-    /// Numbers of vertices, texture coordinates and normals so far.
-    before: [usize; 3],
+/// An OBJ file of several meshes with the same faces and texture coordinates, which are objects with names.
+///
+/// # Errors
+/// None that meshes of this service can cause.
+pub fn objects(
+    meshes: impl IntoIterator<Item = (String, TriangleMesh)>,
+    texture: Option<&Texture>,
+) -> Result<Vec<u8>, FileError> {
+    file(MeshFormat::Obj, meshes.into_iter().map(|(name, mesh)| record(Some(name), mesh, texture)))
 }
 
-impl Objects {
-    fn of(textured: &TexturedMesh) -> Self {
-        let mut objects = Self::default();
-        objects.add(&textured.mesh, textured.texture.as_ref());
-        objects
-    }
-
-    /// Adds a mesh as the object `name`, which has no spaces.
-    pub fn push(&mut self, name: &str, mesh: &TriangleMesh, texture: Option<&Texture>) {
-        self.line(format_args!("o {name}\n"));
-        self.add(mesh, texture);
-    }
-
-    /// The bytes of the file.
-    pub fn into_bytes(self) -> Vec<u8> {
-        self.text.into_bytes()
-    }
-
-    fn line(&mut self, args: std::fmt::Arguments<'_>) {
-        self.text.write_fmt(args).expect("texts take all that is written");
-    }
-
-    fn add(&mut self, mesh: &TriangleMesh, texture: Option<&Texture>) {
-        self.text.reserve(60 * mesh.vertices.len() + 30 * mesh.faces.len());
-        for [x, y, z] in &mesh.vertices {
-            self.line(format_args!("v {x} {y} {z}\n"));
-        }
-        // A picture of this format begins with its lower row.
-        for [u, v] in texture.iter().flat_map(|texture| &texture.places) {
-            self.line(format_args!("vt {u} {}\n", 1.0 - v));
-        }
-        for [x, y, z] in mesh.normals.iter().flatten() {
-            self.line(format_args!("vn {x} {y} {z}\n"));
-        }
-        let [first, place, normal] = self.before.map(|count| count + 1);
-        for (k, face) in mesh.faces.iter().enumerate() {
-            let corner = |i: usize| {
-                let vertex = face[i] as usize;
-                let place = texture.map(|texture| place + texture.faces[k][i] as usize);
-                (first + vertex, place, mesh.normals.is_some().then_some(normal + vertex))
-            };
-            self.text.push('f');
-            for (vertex, place, normal) in (0..3).map(corner) {
-                match (place, normal) {
-                    (None, None) => self.line(format_args!(" {vertex}")),
-                    (None, Some(normal)) => self.line(format_args!(" {vertex}//{normal}")),
-                    (Some(place), None) => self.line(format_args!(" {vertex}/{place}")),
-                    (Some(place), Some(normal)) => self.line(format_args!(" {vertex}/{place}/{normal}")),
-                }
-            }
-            self.text.push('\n');
-        }
-        let counts = [
-            mesh.vertices.len(),
-            texture.map_or(0, |texture| texture.places.len()),
-            mesh.normals.as_ref().map_or(0, Vec::len),
-        ];
-        self.before.iter_mut().zip(counts).for_each(|(before, count)| *before += count);
-    }
+/// A file by the writer of the registry.
+fn file(format: MeshFormat, records: impl IntoIterator<Item = Record>) -> Result<Vec<u8>, FileError> {
+    let name = format.name();
+    let found = files::find(name).ok_or_else(|| {
+        FileError::new(FaultKind::Unknown, format!("expected a format that is written, got {name}"))
+    })?;
+    let mut bytes = Vec::new();
+    let mut writer = found.writer(&mut bytes, &WriteOptions::default())?;
+    records.into_iter().try_for_each(|record| writer.push(&record))?;
+    writer.finish()?;
+    Ok(bytes)
 }
 
-fn ply(mesh: &TriangleMesh) -> Vec<u8> {
-    let properties = |names: [&str; 3]| names.map(|name| format!("property double {name}\n")).concat();
-    let normals = if mesh.normals.is_some() { properties(["nx", "ny", "nz"]) } else { String::new() };
-    let head = format!(
-        "ply\nformat binary_little_endian 1.0\nelement vertex {}\n{}{normals}element face {}\n\
-         property list uchar int vertex_indices\nend_header\n",
-        mesh.vertices.len(),
-        properties(["x", "y", "z"]),
-        mesh.faces.len()
-    );
-    let mut bytes = head.into_bytes();
-    for (i, vertex) in mesh.vertices.iter().enumerate() {
-        let normal = mesh.normals.as_ref().map(|normals| normals[i]);
-        for value in vertex.iter().chain(normal.iter().flatten()) {
-            bytes.extend(value.to_le_bytes());
-        }
+/// A mesh as a record. Texture coordinates are those of corners: a vertex may have several.
+fn record(name: Option<String>, mesh: TriangleMesh, texture: Option<&Texture>) -> Record {
+    let mut fields = BTreeMap::new();
+    if let Some(normals) = mesh.normals {
+        let field = Field { domain: Domain::Vertices, width: 3, values: normals.into_flattened() };
+        fields.insert(NORMALS.to_owned(), field);
     }
-    for face in &mesh.faces {
-        bytes.push(3);
-        face.iter().for_each(|vertex| bytes.extend(vertex.to_le_bytes()));
+    if let Some(texture) = texture {
+        // A picture of files begins with its lower row.
+        let place = |place: &u32| {
+            let [u, v] = texture.places[*place as usize];
+            [u, 1.0 - v]
+        };
+        let values = texture.faces.as_flattened().iter().flat_map(place).collect();
+        fields.insert(TEXTURE_OF_CORNERS.to_owned(), Field { domain: Domain::Faces, width: 6, values });
     }
-    bytes
-}
-
-fn stl(mesh: &TriangleMesh) -> Vec<u8> {
-    let mut bytes = vec![0; 80];
-    bytes.extend((mesh.faces.len() as u32).to_le_bytes());
-    for face in &mesh.faces {
-        let corners = face.map(|vertex| mesh.vertices[vertex as usize]);
-        for point in [normal(corners)].iter().chain(&corners) {
-            bytes.extend(single(*point));
-        }
-        bytes.extend([0; 2]);
-    }
-    bytes
-}
-
-/// Unit normal of a triangle; zero if it has no area.
-fn normal([a, b, c]: [[f64; 3]; 3]) -> [f64; 3] {
-    let n = cross(minus(b, a), minus(c, a));
-    let length = norm(n);
-    if length > 0.0 { n.map(|value| value / length) } else { [0.0; 3] }
+    let mut found =
+        Mesh { vertices: Points::from_rows(3, mesh.vertices.into_flattened()), fields, ..Mesh::default() };
+    mesh.faces.into_iter().for_each(|face| found.faces.push(face));
+    Record { name, ..Record::new(found, Place::default()) }
 }
 
 #[cfg(test)]
@@ -193,9 +134,13 @@ mod tests {
         }
     }
 
+    fn written(format: MeshFormat, mesh: TriangleMesh) -> Vec<u8> {
+        format.write(mesh.into()).expect("a mesh that the format holds")
+    }
+
     #[test]
     fn text_has_every_digit_and_counts_from_one() {
-        let obj = |mesh: TriangleMesh| Objects::of(&mesh.into()).text;
+        let obj = |mesh: TriangleMesh| String::from_utf8(written(MeshFormat::Obj, mesh)).unwrap();
         let mesh = TriangleMesh { vertices: vec![[0.1, 1e-7, 3.0]; 3], normals: None, ..triangle() };
         assert_eq!(obj(mesh), "v 0.1 0.0000001 3\nv 0.1 0.0000001 3\nv 0.1 0.0000001 3\nf 1 2 3\n");
         assert!(obj(triangle()).ends_with("vn 0 0 1\nf 1//1 2//2 3//3\n"));
@@ -205,31 +150,36 @@ mod tests {
     fn corners_have_places_and_objects_count_on() {
         let texture = Texture {
             places: vec![[0.0, 0.0], [1.0, 0.0], [0.5, 0.75], [0.25, 1.0]],
-            faces: vec![[3, 1, 2]],
+            faces: vec![[3, 1, 2], [3, 2, 0]],
         };
-        let mut objects = Objects::default();
-        let bare = TriangleMesh { normals: None, ..triangle() };
-        objects.push("a", &triangle(), Some(&texture));
-        objects.push("b", &bare, Some(&texture));
-        objects.push("c", &bare, None);
-        let text = String::from_utf8(objects.into_bytes()).unwrap();
-        assert!(text.contains("vt 0 1\nvt 1 1\nvt 0.5 0.25\nvt 0.25 0\nvn 0 0 1\n"), "{text}");
+        let twice = |mesh: TriangleMesh| TriangleMesh { faces: vec![[0, 1, 2]; 2], ..mesh };
+        let bare = || TriangleMesh { normals: None, ..triangle() };
+        let meshes = [("a".to_owned(), twice(triangle())), ("b".to_owned(), twice(bare()))];
+        let text = String::from_utf8(objects(meshes, Some(&texture)).unwrap()).unwrap();
+        // Each place once, in the order in which corners have them.
+        assert!(text.contains("vt 0.25 0\nvt 1 1\nvt 0.5 0.25\nvt 0 1\nvn 0 0 1\n"), "{text}");
         let faces: Vec<&str> =
             text.lines().filter(|line| line.starts_with("f ") || line.starts_with("o ")).collect();
-        assert_eq!(faces, ["o a", "f 1/4/1 2/2/2 3/3/3", "o b", "f 4/8 5/6 6/7", "o c", "f 7 8 9"]);
+        let wanted =
+            ["o a", "f 1/1/1 2/2/2 3/3/3", "f 1/1/1 2/3/2 3/4/3", "o b", "f 4/5 5/6 6/7", "f 4/5 5/7 6/8"];
+        assert_eq!(faces, wanted);
     }
 
     #[test]
     fn binary_files_have_the_length_that_they_state() {
-        let mesh = triangle();
-        let ply = ply(&mesh);
+        let ply = written(MeshFormat::Ply, triangle());
         let head = ply.windows(11).position(|bytes| bytes == b"end_header\n").unwrap() + 11;
         assert_eq!(ply.len() - head, 3 * 6 * 8 + 13);
-        assert_eq!(stl(&mesh).len(), 84 + 50);
+        assert_eq!(written(MeshFormat::Stl, triangle()).len(), 84 + 50);
     }
 
     #[test]
-    fn a_triangle_without_area_has_no_normal() {
-        assert_eq!(normal([[1.0; 3]; 3]), [0.0; 3]);
+    fn coordinates_beyond_single_precision_are_refused() {
+        let far = || TriangleMesh { vertices: vec![[1e39, 0.0, 0.0]; 3], ..triangle() };
+        for format in [MeshFormat::Stl, MeshFormat::Gltf] {
+            let error = format.write(far().into()).unwrap_err().to_string();
+            assert!(error.contains("single precision"), "{error}");
+        }
+        assert!(String::from_utf8_lossy(&written(MeshFormat::Obj, far())).starts_with("v 1000000"));
     }
 }

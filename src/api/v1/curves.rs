@@ -197,7 +197,7 @@ impl EvaluateRequest {
         let work = evaluate_work(&task, shapes.len(), format, &app.limits) + format.work();
         planned(work, move |app| match format {
             ShapeFormat::Plain(Format::Picture(file)) => picture(&task.drawing(app, shapes)?, &file),
-            ShapeFormat::Mesh(format, grid) => Ok(mesh_file(format, &task.mesh(app, shapes, grid)?)),
+            ShapeFormat::Mesh(format, grid) => mesh_file(format, task.mesh(app, shapes, grid)?),
             ShapeFormat::Plain(Format::Json) => {
                 let Evaluated { evaluations, faces } = task.values(app, shapes)?;
                 let evaluations = evaluations.into_iter().map(EvaluationOutput::from).collect();

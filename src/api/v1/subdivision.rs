@@ -289,7 +289,7 @@ fn answer_mesh(refined: RefinedMesh, format: ShapeFormat) -> Result<Response, Se
                 },
                 None => refined.shape,
             };
-            return Ok(mesh_file(format, &with_normals(mesh).into()));
+            return mesh_file(format, with_normals(mesh).into());
         }
     }
     let TriangleMesh { vertices, normals, faces } = refined.shape;

@@ -13,7 +13,7 @@ use crate::analysis::correspondence::Correspondence;
 use crate::analysis::path::{Path, PathKind, Positions};
 use crate::formats::fault::Fault;
 use crate::formats::gltf::{self, Displacement, Play};
-use crate::formats::mesh::{MeshFormat, Objects};
+use crate::formats::mesh::{MeshFormat, objects};
 use crate::formats::shape::ShapeInput;
 use crate::geometry::GeometryError;
 use crate::geometry::capability::domain::Admitted;
@@ -78,16 +78,13 @@ impl PathMeshes {
     /// through them. The other formats hold one mesh.
     ///
     /// # Errors
-    /// Several meshes in a format for one.
+    /// Several meshes in a format for one; coordinates beyond single precision where a format has it.
     pub fn write(self, format: MeshFormat) -> Result<Vec<u8>, ServiceError> {
         let Self { meshes, texture } = self;
         match format {
             MeshFormat::Obj => {
-                let mut objects = Objects::default();
-                for (position, mesh) in &meshes {
-                    objects.push(&format!("position_{position}"), mesh, texture.as_ref());
-                }
-                Ok(objects.into_bytes())
+                let named = |(position, mesh)| (format!("position_{position}"), mesh);
+                Ok(objects(meshes.into_iter().map(named), texture.as_ref())?)
             }
             MeshFormat::Gltf => {
                 let mut meshes = meshes.into_iter();
@@ -98,10 +95,10 @@ impl PathMeshes {
                     extras: json!({"position": position}),
                 };
                 let displacements: Vec<Displacement> = meshes.map(displacement).collect();
-                Ok(gltf::write(&TexturedMesh { mesh, texture }, &displacements, Play::Sequence))
+                Ok(gltf::write(&TexturedMesh { mesh, texture }, &displacements, Play::Sequence)?)
             }
             MeshFormat::Ply | MeshFormat::Stl => match <[_; 1]>::try_from(meshes) {
-                Ok([(_, mesh)]) => Ok(format.write(&TexturedMesh { mesh, texture })),
+                Ok([(_, mesh)]) => Ok(format.write(TexturedMesh { mesh, texture })?),
                 Err(meshes) => {
                     let detail = format!(
                         "expected one position in a file of the format {}, which holds one mesh, got {}: ask for 'obj' or 'gltf'",

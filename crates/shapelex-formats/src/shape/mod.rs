@@ -51,6 +51,7 @@ pub use error::{FaultKind, FileError, Place};
 pub use format::Format;
 pub use inspection::{Group, Inspected, Inspection};
 pub use limits::{Limits, MAX_COORDINATE};
+pub use mesh::{NORMALS, TEXTURE_OF_CORNERS};
 pub use options::{
     Columns, Contours, Curves, Encoding, Holes, Layout, Names, Nuclei, ReadOptions, Scale, WriteOptions,
 };

@@ -40,7 +40,9 @@ mod xml;
 mod testing;
 
 /// Name of the field of normals.
-const NORMALS: &str = "normals";
+pub const NORMALS: &str = "normals";
+/// Name of the field of texture coordinates that differ between the corners of a vertex.
+pub const TEXTURE_OF_CORNERS: &str = "texture_coordinates_of_corners";
 /// Name of the field of colours: red, green, blue and perhaps opacity.
 const COLOURS: &str = "colours";
 /// Name of the field of texture coordinates: `u` to the right, `v` upwards.

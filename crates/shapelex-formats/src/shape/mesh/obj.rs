@@ -25,8 +25,6 @@ pub(in super::super) static FORMAT: Format = Format {
     open: Some(write::open),
 };
 
-/// Name of the field of texture coordinates that differ between the corners of a vertex.
-const TEXTURE_OF_CORNERS: &str = "texture_coordinates_of_corners";
 /// Name of the field of normals that differ between the corners of a vertex.
 const NORMALS_OF_CORNERS: &str = "normals_of_corners";
 

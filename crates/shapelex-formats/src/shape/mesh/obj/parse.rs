@@ -7,8 +7,8 @@ use super::super::super::record::{Domain, Faces, Points};
 use super::super::super::summary::Summary;
 use super::super::draft::Draft;
 use super::super::scan::{count, number, shown, text, words, wrong};
-use super::super::{COLOURS, NORMALS, TEXTURE};
-use super::{NORMALS_OF_CORNERS, TEXTURE_OF_CORNERS};
+use super::super::{COLOURS, NORMALS, TEXTURE, TEXTURE_OF_CORNERS};
+use super::NORMALS_OF_CORNERS;
 
 /// No index.
 const NONE: u32 = u32::MAX;

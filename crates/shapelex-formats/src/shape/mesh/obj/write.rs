@@ -1,5 +1,6 @@
 //! Shapes as OBJ text, one object a record.
 
+use std::collections::HashMap;
 use std::io::Write;
 
 use super::super::super::error::FileError;
@@ -8,8 +9,8 @@ use super::super::super::record::{Domain, Field, Mesh, Record};
 use super::super::super::summary::Summary;
 use super::super::super::write::{Opened, Output, Writer};
 use super::super::part::{Part, drop_fields};
-use super::super::{COLOURS, NORMALS, TEXTURE};
-use super::{NORMALS_OF_CORNERS, TEXTURE_OF_CORNERS};
+use super::super::{COLOURS, NORMALS, TEXTURE, TEXTURE_OF_CORNERS};
+use super::NORMALS_OF_CORNERS;
 
 const WRITTEN: [&str; 7] =
     [COLOURS, NORMALS, TEXTURE, TEXTURE_OF_CORNERS, NORMALS_OF_CORNERS, "group", "material"];
@@ -96,7 +97,8 @@ impl Objects<'_> {
         Ok(())
     }
 
-    /// Writes the values of a field of vertices or corners. Values that are not there are left out.
+    /// Writes the values of a field of vertices or corners: those of corners once for all that have the same. Values that are not
+    /// there are left out.
     fn attribute(
         &mut self,
         keyword: &str,
@@ -114,13 +116,21 @@ impl Objects<'_> {
         let vertices = field(of_vertices, Domain::Vertices, mesh.vertices.len());
         let found = vertices.or_else(|| field(of_corners, Domain::Faces, corners));
         let mut indices = Vec::new();
+        // Only asked, never gone through: its order does not matter.
+        let mut known: HashMap<[u64; 3], u64> = HashMap::new();
         for row in found.map_or(&[][..], |field| &field.values).chunks_exact(width) {
             if row.iter().any(|value| value.is_nan()) {
                 indices.push(None);
                 continue;
             }
-            self.before[at] += 1;
-            indices.push(Some(self.before[at]));
+            let next = self.before[at] + 1;
+            let bits = [0, 1, 2].map(|k| row.get(k).map_or(0, |value| value.to_bits()));
+            let index = if vertices.is_some() { next } else { *known.entry(bits).or_insert(next) };
+            indices.push(Some(index));
+            if index < next {
+                continue;
+            }
+            self.before[at] = next;
             write!(self.output, "{keyword}")?;
             for value in row {
                 write!(self.output, " {value}")?;
