@@ -43,7 +43,7 @@ document! {
 pub(super) struct ContoursForm {
     /// What is wanted; the first part.
     parameters: ContoursRequest,
-    /// Image of whole numbers: PNG, TIFF or NIfTI.
+    /// Image of whole numbers: PNG, TIFF, NIfTI-1, NRRD or DICOM segmentation.
     image: Binary,
 }
 

@@ -36,7 +36,7 @@ use crate::service::segmentation::shown::{LabelFormat, Segmented, Shown, ShownFi
 pub(super) struct SegmentForm {
     /// What is wanted; the first part.
     parameters: SegmentRequest,
-    /// Image: PNG, TIFF or NIfTI. Colours are read as luma.
+    /// Image: PNG, TIFF, NIfTI-1, NRRD or DICOM segmentation. Colours are read as luma.
     image: Binary,
     /// Label image of the same size, with which the results are compared.
     truth: Option<Binary>,
@@ -220,7 +220,7 @@ fn shown(format: ImageFormat, mask: bool) -> Result<Shown, Problem> {
 pub(super) struct CohortSegmentForm {
     /// What is wanted; the first part.
     parameters: CohortSegmentRequest,
-    /// Image: PNG, TIFF or NIfTI. Colours are read as luma.
+    /// Image: PNG, TIFF, NIfTI-1, NRRD or DICOM segmentation. Colours are read as luma.
     image: Binary,
     /// Label image of the same size, with which the results are compared.
     truth: Option<Binary>,

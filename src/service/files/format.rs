@@ -2,9 +2,9 @@
 
 use crate::formats::files::{self, Limits as FileLimits, ReadOptions, Sink, Source, Summary};
 use crate::formats::files::{FaultKind, FileError};
-use crate::formats::image;
+use crate::formats::image::{self, LABEL_OPTIONS};
 use crate::service::app::Limits;
-use crate::service::segmentation::records::{OPTIONS, read_label_image};
+use crate::service::segmentation::records::read_label_image;
 
 /// A format of files that hold shapes.
 #[derive(Debug, Clone, Copy)]
@@ -87,7 +87,7 @@ impl FileFormat {
     pub fn options(self) -> &'static [&'static str] {
         match self {
             Self::Shapes(format) => format.options,
-            Self::Labels(_) => &OPTIONS,
+            Self::Labels(_) => &LABEL_OPTIONS,
         }
     }
 

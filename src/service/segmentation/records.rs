@@ -8,11 +8,8 @@ use crate::formats::files::{
     FaultKind, FileError, Geometry, Holes, Mesh, Place, Points, ReadOptions, Record, Ring, Sink, Summary,
     Value,
 };
-use crate::formats::image::{Format, LengthUnit};
+use crate::formats::image::{Format, ImageError, LABEL_OPTIONS, LengthUnit};
 use crate::service::app::{Limits, ServiceError};
-
-/// Options of reading that label images obey.
-pub const OPTIONS: [&str; 2] = ["holes", "select"];
 
 /// Reads a label image: one record for the outer boundary of each component of each label but 0, in world coordinates.
 ///
@@ -20,7 +17,7 @@ pub const OPTIONS: [&str; 2] = ["holes", "select"];
 /// the file gives to the label, if any. `select` takes numbers and names. `bytes` are those of the whole file.
 ///
 /// # Errors
-/// Faults of the image; options other than [`OPTIONS`]; holes under [`Holes::Refuse`]; errors of `sink`.
+/// Faults of the image; options other than [`LABEL_OPTIONS`]; holes under [`Holes::Refuse`]; errors of `sink`.
 pub fn read_label_image(
     format: &Format,
     bytes: &[u8],
@@ -30,13 +27,12 @@ pub fn read_label_image(
     sink: Sink<'_>,
 ) -> Result<Summary, FileError> {
     check_options(format, options)?;
-    let file = format.read_labels(bytes, &file_limits(limits));
-    let file = file.map_err(|error| FileError::of(FaultKind::Malformed, Place::default(), error))?;
+    let faulty = |error| placed(&error, bytes.len());
+    let file = format.read_labels(bytes, &file_limits(limits)).map_err(faulty)?;
     let wanted = Wanted { labels: None, blur: 0.0, least_cells: 1, coordinates: Coordinates::World };
     // Answers are bounded by what is written of them.
     let limits = Limits { answer_numbers: usize::MAX, ..*limits };
-    let names = format.label_names(bytes, &file_limits(&limits));
-    let names = names.map_err(|error| FileError::of(FaultKind::Malformed, Place::default(), error))?;
+    let names = format.label_names(bytes, &file_limits(&limits)).map_err(faulty)?;
     let (found, _) = boundaries(&file, &wanted, &limits, stop).map_err(refused)?;
     let mut summary = Summary::default();
     summary.set("size", file.grid.size().to_vec());
@@ -64,13 +60,33 @@ pub fn read_label_image(
     Ok(summary)
 }
 
+/// A fault of an image of `length` bytes, as one of a file of shapes.
+fn placed(error: &ImageError, length: usize) -> FileError {
+    let end = Place::byte(length as u64);
+    let (kind, place) = match error {
+        ImageError::Truncated { place, .. } => (FaultKind::Truncated, Place::tag(*place).within(&end)),
+        ImageError::Short { .. } => (FaultKind::Truncated, end),
+        ImageError::Cells { .. } => (FaultKind::TooLarge, Place::tag("size")),
+        ImageError::Bytes { place, .. } => (FaultKind::TooLarge, Place::tag(*place)),
+        ImageError::Excess { place, .. } => (FaultKind::Malformed, Place::tag(*place)),
+        ImageError::NotFinite { index, .. }
+        | ImageError::Label { index, .. }
+        | ImageError::Colour { index, .. }
+        | ImageError::Overlap { index, .. } => (FaultKind::Malformed, Place::tag(format!("cell {index}"))),
+        ImageError::Pages { page, .. } => (FaultKind::Malformed, Place::tag(format!("page {page}"))),
+        ImageError::Unsupported { .. } => (FaultKind::Unsupported, Place::default()),
+        _ => (FaultKind::Malformed, Place::default()),
+    };
+    FileError::of(kind, place, error)
+}
+
 /// Refuses options that label images do not have.
 fn check_options(format: &Format, options: &ReadOptions) -> Result<(), FileError> {
     let given = serde_json::to_value(options).unwrap_or_default();
     let given = given.as_object().into_iter().flatten().filter(|(_, value)| !value.is_null());
     for (name, _) in given {
-        if !OPTIONS.contains(&name.as_str()) {
-            let known = OPTIONS.join(", ");
+        if !LABEL_OPTIONS.contains(&name.as_str()) {
+            let known = LABEL_OPTIONS.join(", ");
             let detail =
                 format!("expected options of label images ({known}), got {name} for {}", format.name);
             return Err(FileError {

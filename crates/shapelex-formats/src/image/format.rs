@@ -10,6 +10,9 @@ use super::{nifti, nrrd, png, segmentation, tiff};
 /// Number of bytes that an error shows of an unknown file.
 const SHOWN: usize = 8;
 
+/// Fields of [`ReadOptions`](crate::shape::ReadOptions) that are obeyed where the boundaries of labels become records.
+pub const LABEL_OPTIONS: [&str; 2] = ["holes", "select"];
+
 /// A format of image files.
 #[derive(Debug, Clone, Copy)]
 pub struct Format {

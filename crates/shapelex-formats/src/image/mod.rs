@@ -34,7 +34,7 @@ pub mod write;
 
 pub use error::ImageError;
 pub use file::{Description, ImageFile};
-pub use format::{FORMATS, Format, detect};
+pub use format::{FORMATS, Format, LABEL_OPTIONS, detect};
 pub use grid::{Grid, LengthUnit};
 pub use limits::Limits;
 pub use value::ValueType;

@@ -3,6 +3,7 @@
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
+use shapelex_formats::image;
 use shapelex_formats::shape::FORMATS;
 
 /// The lines around the table.
@@ -32,6 +33,21 @@ fn table() -> String {
             words(format.extensions),
             words(format.options),
             id = format.id,
+        )
+        .unwrap();
+    }
+    for format in &image::FORMATS {
+        // Pictures and NIfTI have no page of their own.
+        let own = folder().join(format!("{}.md", format.id)).is_file();
+        let page = if own { format!("{}.md", format.id) } else { "../images.md".into() };
+        writeln!(
+            text,
+            "| [`{}`]({page}) | {} of labels | {} | {} | read | curve, mesh | {} |",
+            format.id,
+            format.name,
+            words(format.media_types),
+            words(format.extensions),
+            words(&image::LABEL_OPTIONS),
         )
         .unwrap();
     }
