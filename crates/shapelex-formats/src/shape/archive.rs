@@ -41,7 +41,7 @@ pub(super) fn is_archive(head: &[u8]) -> bool {
 }
 
 fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Result<Summary, FileError> {
-    let mut archive = ZipArchive::new(Cursor::new(source.bytes()?)).map_err(fault)?;
+    let mut archive = opened(source.bytes()?)?;
     check_names(&archive)?;
     let mut files = Files { limits: *source.limits(), content: 0, summary: Summary::default(), facts: None };
     let mut count = 0_u64;
@@ -62,6 +62,21 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
     summary.properties = files.facts.unwrap_or_default();
     summary.set("files", count);
     Ok(summary)
+}
+
+/// The archive that a whole file is, by the directory at its end.
+///
+/// # Errors
+/// Bytes without a directory.
+pub(super) fn opened(bytes: Vec<u8>) -> Result<ZipArchive<Cursor<Vec<u8>>>, FileError> {
+    let end = Place::byte(bytes.len() as u64);
+    ZipArchive::new(Cursor::new(bytes)).map_err(|error| match error {
+        ZipError::InvalidArchive(_) => {
+            let detail = "expected the directory of a zip archive at the end of the file, got other bytes";
+            FileError::truncated(end, detail)
+        }
+        other => fault(other).at(end),
+    })
 }
 
 /// Refuses names that leave a folder, and those that occur twice.

@@ -1,6 +1,6 @@
 //! The registry of formats.
 
-use super::error::{FaultKind, FileError};
+use super::error::{FaultKind, FileError, Place};
 use super::format::Format;
 use super::options::ReadOptions;
 use super::record::{Record, Sink};
@@ -67,10 +67,17 @@ pub fn read(
             let detail = format!("expected at most {limit} shapes, got more");
             return Err(FileError::new(FaultKind::TooLarge, detail).at(record.place));
         }
-        record.check()?;
+        if let Err(error) = record.check() {
+            let is_placed = *error.place != Place::default();
+            return Err(if is_placed { error } else { error.at(Place::item(count - 1)) });
+        }
         sink(record)
     };
-    let mut summary = read(source, options, &mut counted)?;
+    let read = read(source, options, &mut counted);
+    let mut summary = read.map_err(|error| match error.kind {
+        FaultKind::Truncated if *error.place == Place::default() => error.at(Place::byte(source.offset())),
+        _ => error,
+    })?;
     summary.records = count;
     Ok(summary)
 }

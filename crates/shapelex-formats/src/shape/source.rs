@@ -38,7 +38,8 @@ impl<'a> Source<'a> {
         let mut reader: Box<dyn Read + 'a> =
             if compressed { Box::new(Decompressed(MultiGzDecoder::new(reader))) } else { Box::new(reader) };
         let mut head = Vec::new();
-        (&mut reader).take(HEAD as u64).read_to_end(&mut head)?;
+        let begun = (&mut reader).take(HEAD as u64).read_to_end(&mut head);
+        begun.map_err(|error| FileError::from(error).at(Place::byte(head.len() as u64)))?;
         let whole: Box<dyn Read + 'a> = Box::new(Cursor::new(head.clone()).chain(reader));
         Ok(Self { reader: BufReader::with_capacity(BLOCK, whole), head, offset: 0, line: 0, limits })
     }

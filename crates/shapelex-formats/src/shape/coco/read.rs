@@ -66,6 +66,8 @@ enum Segmentation {
     Mask,
 }
 
+/// What is left out of files with masks.
+const MASKS: &str = "masks";
 /// Members of an annotation that follow from its polygons.
 const DERIVED: [&str; 3] = ["area", "bbox", "num_keypoints"];
 
@@ -132,7 +134,7 @@ impl Reading<'_> {
         }
         let parts = match (segmentation, keypoints) {
             (Some(Segmentation::Mask), _) => {
-                self.summary.drop("masks", name.as_deref(), || place.clone());
+                self.summary.drop(MASKS, name.as_deref(), || place.clone());
                 self.masks += 1;
                 return Ok(());
             }
@@ -187,7 +189,9 @@ impl Reading<'_> {
         let advice = "make label images of them, with annToMask of pycocotools for example, and import these";
         if self.masks > 0 && self.given == 0 {
             let detail = format!("expected annotations with polygons, got {} masks: {advice}", self.masks);
-            return Err(FileError::new(FaultKind::Unsupported, detail));
+            let masks = self.summary.dropped.iter().find(|dropped| dropped.what == MASKS);
+            let first = masks.map(|masks| masks.first.clone()).unwrap_or_default();
+            return Err(FileError::unsupported(first, detail));
         }
         if self.masks > 0 {
             self.summary.warnings.push(format!("{} masks are not read: {advice}", self.masks));

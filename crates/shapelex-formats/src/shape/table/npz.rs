@@ -11,11 +11,11 @@
 //!
 //! Only `points` is always there; other arrays are, if a shape has a value.
 
-use std::io::{Cursor, Read, Write};
+use std::io::{Read, Write};
 
 use serde_json::Value as Json;
-use zip::ZipArchive;
 
+use super::super::archive::opened;
 use super::super::error::{FileError, Place};
 use super::super::format::Format;
 use super::super::limits::Limits;
@@ -119,6 +119,8 @@ impl Arrays {
     }
 }
 
+/// Number of files of other names that a fault names.
+const NAMED: usize = 5;
 const KNOWN: [&str; 8] =
     ["offsets", "ids", "subjects", "labels", "weights", "closed", "attributes", "metadata"];
 
@@ -128,8 +130,12 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
     let wanted = options.points_column().unwrap_or("points");
     let mut arrays = unpack(source.bytes()?, wanted, &limits, &mut summary)?;
     let Some(points) = arrays.take(wanted) else {
-        let detail = format!("expected an array '{wanted}', or columns.coordinates that names it");
-        return Err(FileError::malformed(Place::default(), detail));
+        let others = summary.dropped.iter().flat_map(|dropped| &dropped.names).take(NAMED);
+        let others = others.cloned().collect::<Vec<_>>().join(", ");
+        let others = if others.is_empty() { "no other".into() } else { others };
+        let detail =
+            format!("expected an array '{wanted}', or columns.coordinates that names it, got {others}");
+        return Err(FileError::malformed(Place::tag(wanted), detail));
     };
     let shapes = match arrays.take("offsets") {
         Some(offsets) => ragged(&points, &offsets, &limits)?,
@@ -184,7 +190,7 @@ fn unpack(bytes: Vec<u8>, points: &str, limits: &Limits, summary: &mut Summary) 
     let malformed = |error: &dyn std::fmt::Display| {
         FileError::malformed(Place::default(), format!("expected a zip of arrays, got {error}"))
     };
-    let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(|error| malformed(&error))?;
+    let mut archive = opened(bytes)?;
     let mut arrays = Arrays::default();
     let mut held = 0_usize;
     for k in 0..archive.len() {

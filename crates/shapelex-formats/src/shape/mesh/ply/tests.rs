@@ -151,7 +151,7 @@ fn faults_are_named() {
         ),
         (
             "format ascii 1.0\nVERTEXelement face 1\nproperty list char int vertex_indices\nend_header\n0 0 0\n3 0 0 1\n",
-            "expected indices of vertices below 1, got 1 in face 0",
+            "item 0: expected indices of vertices below 1, got 1 in face 0",
         ),
     ] {
         let text = format!("ply\n{}", body.replace("VERTEX", vertex));

@@ -87,7 +87,7 @@ fn faults_are_named() {
             "line 2: expected finite coordinates, got inf",
         ),
         ("solid a\nendsolid\nfacet", "line 3: expected 'solid', got 'facet'"),
-        ("solder", "expected 'solid', or the 84 bytes of a header, got 6 bytes"),
+        ("solder", "byte 6: expected 'solid', or the 84 bytes of a header, got 6 bytes"),
     ] {
         let refused = refusal(&FORMAT, text.as_bytes());
         assert!(

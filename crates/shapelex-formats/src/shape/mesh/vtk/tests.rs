@@ -112,7 +112,7 @@ fn faults_are_named() {
         ("POINTS 99999999 float\n", "line 4: expected at most 4194304 points of a shape, got 99999999"),
         ("POINTS 1 half\n0 0 0", "line 4: expected an array of numbers, got one of 'half'"),
         ("POINTS 1 float\n0 0\n", "line 6: expected a number, got the end of the file"),
-        ("@POLYGONS 1 4\n3 0 1 3\n", "expected indices of vertices below 3, got 3 in face 0"),
+        ("@POLYGONS 1 4\n3 0 1 3\n", "item 0: expected indices of vertices below 3, got 3 in face 0"),
         ("@POLYGONS 1 4\n3 0 1 -1\n", "line 7: expected lengths and indices of cells, got -1"),
         ("@POLYGONS 2 4\n3 0 1 2\n", "line 7: expected 2 cells in 4 numbers, got 1"),
         ("@POLYGONS 1 5\n3 0 1 2 0\n", "line 7: expected 4 numbers of 1 cells, got 5"),
