@@ -8,7 +8,7 @@ use reqwest::Method;
 use serde_json::{Value, json};
 
 use crate::document::furnished;
-use crate::form::{label_picture, post_image, shell_volume};
+use crate::form::{form, label_picture, post_form, shell_volume};
 use crate::http_correspond::{first_mode, stored};
 use crate::server::{Setting, shared};
 use crate::structure::{name, program};
@@ -279,6 +279,10 @@ pub(crate) fn resolve<'a>(document: &'a Value, value: &'a Value) -> &'a Value {
     }
 }
 
+/// A contour in a slice of a series.
+const SLICE: &str =
+    r#"{"points": [[0, 0, 12.5], [9, 0, 12.5], [0, 7, 12.5]], "closed": true, "external_id": "a"}"#;
+
 #[test]
 fn the_examples_of_the_interface_document_work() {
     let document: Value = serde_json::from_str(&committed()).unwrap();
@@ -297,13 +301,20 @@ fn the_examples_of_the_interface_document_work() {
             continue;
         }
         for (media_type, body) in content {
-            // The example of a form is that of its JSON document; its files are a picture.
-            let form = resolve(&document, &body["schema"]).pointer("/properties/parameters");
-            if let Some(parameters) = form.filter(|_| media_type == "multipart/form-data") {
-                let example = &resolve(&document, parameters)["example"];
+            // The example of a form is that of its JSON document; its file is a picture, or a contour.
+            let parts = &resolve(&document, &body["schema"])["properties"];
+            let form = parts.get("parameters").filter(|_| media_type == "multipart/form-data");
+            if let Some(parameters) = form {
+                let example = resolve(&document, parameters)["example"].to_string();
                 let path = name.split_once(' ').unwrap().1.replace("{cohort}", &cohort);
-                let file = if path == "/v1/sheets" { shell_volume() } else { label_picture() };
-                let reply = post_image(&server, &path, example, &file);
+                let (part, file) = match path.as_str() {
+                    "/v1/sheets" => ("image", shell_volume()),
+                    "/v1/convert" => ("file", SLICE.into()),
+                    _ => ("image", label_picture()),
+                };
+                let parts: [(&str, &str, &[u8]); 2] =
+                    [("parameters", "application/json", example.as_bytes()), (part, "image/png", &file)];
+                let reply = post_form(&server, &path, self::form(&parts));
                 assert!((200..300).contains(&reply.status), "{name}: {}", reply.text());
                 continue;
             }

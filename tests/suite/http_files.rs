@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use reqwest::Method;
 use serde_json::{Value, json};
 
-use crate::form::label_picture;
+use crate::form::{form, label_picture, post_form};
 use crate::server::{Reply, Server, shared};
 
 const LINES: &str = concat!(
@@ -181,6 +181,130 @@ fn a_translation_is_the_same_shapes() {
     let many = LINES.repeat(20_000);
     let long = post(&server, "/v1/convert?to=ndjson&format=ndjson", many);
     assert_eq!((long.status, long.text().lines().count()), (200, 40_000));
+}
+
+/// A triangle in space with a colour and a thickness at its vertices.
+const COLOURED: &str = "ply\nformat ascii 1.0\nelement vertex 3\nproperty double x\nproperty double y\nproperty double z\nproperty double thickness\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0 1.5\n4 0 0 2.5\n4 1 0 3.5\n3 0 1 2\n";
+
+/// What an answer says of what is left out: what, how many, and their names.
+fn left_out(answer: &Value) -> Vec<(String, u64, Value)> {
+    let list = answer["left_out"].as_array().unwrap().iter();
+    list.map(|left| {
+        (left["what"].as_str().unwrap().to_owned(), left["count"].as_u64().unwrap(), left["names"].clone())
+    })
+    .collect()
+}
+
+#[test]
+fn what_is_not_stored_of_a_mesh_is_counted() {
+    let server = Server::fresh();
+    let path = cohort(&server, "c", &landmarks(3), "landmarks");
+    let fields = ("fields of meshes".to_owned(), 1, json!(["thickness"]));
+    let found = post(&server, "/v1/inspect?name=a.ply", COLOURED).expect(200);
+    assert_eq!(left_out(&found), [fields.clone()]);
+    let stored = post(&server, &format!("{path}/shapes?name=a.ply&plane=xy&prefix=a"), COLOURED).expect(201);
+    let faces = ("faces of meshes whose vertices become landmarks".to_owned(), 1, json!([]));
+    assert_eq!(left_out(&stored["file"]), [fields, faces]);
+}
+
+#[test]
+fn a_file_without_shapes_says_what_it_holds_instead() {
+    let server = Server::fresh();
+    let path = cohort(&server, "c", &landmarks(3), "landmarks");
+    let empty = r#"{"type":"Feature","geometry":null,"properties":{"name":"a"}}"#;
+    let problem = post(&server, &format!("{path}/shapes?name=a.geojson"), empty);
+    let problem = problem.expect_problem(422, "invalid-input", &[""]);
+    assert_eq!(
+        problem["errors"][0]["detail"],
+        "expected at least one shape, got none: 1 features without geometry"
+    );
+}
+
+#[test]
+fn objects_with_one_name_are_refused_with_the_option_that_helps() {
+    let server = Server::fresh();
+    let path = cohort(&server, "c", &landmarks(3), "landmarks");
+    let cell = |id: &str, x: u32| {
+        format!(
+            r#"{{"type":"Feature","id":"{id}","properties":{{"name":"Cell"}},"geometry":{{"type":"Polygon","coordinates":[[[0,0],[{x},0],[0,3],[0,0]]]}}}}"#
+        )
+    };
+    let file = format!("[{},{}]", cell("1-a", 4), cell("1-b", 5));
+    let problem = post(&server, &format!("{path}/shapes?name=a.geojson"), file.clone());
+    let problem = problem.expect_problem(409, "external-id-conflict", &["/external_id"]);
+    let detail = problem["errors"][0]["detail"].as_str().unwrap();
+    assert!(detail.contains("'Cell'") && detail.contains("names=id"), "{detail}");
+    assert_eq!(problem["errors"][0]["place"]["item"], json!(1));
+    post(&server, &format!("{path}/shapes?name=a.geojson&names=id"), file).expect(201);
+    let stored = server.get(&format!("{path}/shapes/1-b")).expect(200);
+    assert_eq!(stored["metadata"]["name"], "Cell");
+    // Where another shape of the cohort has the name, there is no such option.
+    let line = "{\"points\":[[0,0],[9,0],[0,3]],\"external_id\":\"1-b\"}\n";
+    let problem = post(&server, &format!("{path}/shapes?format=ndjson"), line).expect(409);
+    assert!(!problem.to_string().contains("names=id"), "{problem}");
+}
+
+/// Images of a series 5 mm apart.
+fn series(count: usize) -> Value {
+    let image = |k: usize| {
+        json!({
+            "class": "1.2.840.10008.5.1.4.1.1.2", "instance": format!("1.2.3.{k}"), "series": "1.2.6",
+            "frame_of_reference": "1.2.4", "position": [-100.0, -100.0, 5.0 * k as f64],
+            "orientation": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0], "study": {"instance": "1.2.5"},
+        })
+    };
+    (0..count).map(image).collect::<Vec<_>>().into()
+}
+
+#[test]
+fn a_structure_set_refers_to_the_series_of_the_form() {
+    let server = shared();
+    let lines = concat!(
+        r#"{"points":[[1.5,2.0,5.0],[9.0,2.0,5.0],[9.0,7.25,5.0]],"closed":true,"external_id":"Heart 1","label":"Heart"}"#,
+        "\n",
+        r#"{"points":[[1.0,2.0,10.0],[8.0,2.0,10.0],[8.0,7.0,10.0]],"closed":true,"external_id":"Heart 2","label":"Heart"}"#,
+        "\n",
+    );
+    let send = |query: &str, parameters: &Value| {
+        let parameters = parameters.to_string();
+        let parts: [(&str, &str, &[u8]); 2] = [
+            ("parameters", "application/json", parameters.as_bytes()),
+            ("file", "application/x-ndjson", lines.as_bytes()),
+        ];
+        post_form(&server, &format!("/v1/convert?{query}"), form(&parts))
+    };
+    let file =
+        send("to=rtstruct&format=ndjson&write_created=2026-11-26T03:00:00", &json!({"series": series(3)}));
+    assert_eq!(
+        (file.status, file.header("content-type")),
+        (200, Some("application/dicom")),
+        "{}",
+        file.text()
+    );
+    let back = post(&server, "/v1/convert?to=ndjson", file.body.clone());
+    let shapes: Vec<Value> = back.text().lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let wanted: Vec<Value> = lines.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    for (shape, wanted) in shapes.iter().zip(&wanted) {
+        assert_eq!((&shape["points"], &shape["label"]), (&wanted["points"], &wanted["label"]));
+        assert_eq!(shape["metadata"]["frame_of_reference"], "1.2.4");
+    }
+    assert_eq!(shapes.len(), 2);
+    // It refers to the images in whose planes its contours lie.
+    let holds = |text: &str| file.body.windows(text.len()).any(|bytes| bytes == text.as_bytes());
+    assert!(holds("1.2.3.1") && holds("1.2.3.2"));
+
+    send("to=obj&format=ndjson", &json!({"series": series(1)})).expect_problem(400, "invalid-query", &[]);
+    let mut other = series(2);
+    other[1]["frame_of_reference"] = json!("1.2.40");
+    let rtstruct = "to=rtstruct&format=ndjson";
+    send(rtstruct, &json!({"series": other})).expect_problem(422, "invalid-input", &["/series"]);
+    send(rtstruct, &json!({"series": []})).expect_problem(422, "invalid-input", &["/series"]);
+    send(rtstruct, &json!({})).expect_problem(422, "invalid-input", &["/series"]);
+    other[1]["position"] = json!([0, "x", 0]);
+    send(rtstruct, &json!({"series": other})).expect_problem(422, "invalid-input", &["/series/1/position/1"]);
+    // Without a form there is no series.
+    let plain = post(&server, "/v1/convert?to=rtstruct&format=ndjson", lines);
+    assert!(plain.expect_problem(400, "invalid-query", &[]).to_string().contains("series"));
 }
 
 #[test]

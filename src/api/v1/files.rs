@@ -9,6 +9,7 @@ use axum::body::{Body, Bytes};
 use axum::extract::Request;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
+use futures_util::future::Either;
 use futures_util::stream;
 use serde::Serialize;
 use tokio::sync::mpsc;
@@ -17,15 +18,18 @@ use utoipa::openapi::path::{Parameter, ParameterIn};
 use utoipa::{IntoParams, ToSchema};
 
 use super::entity_tags::not_stored;
+use super::series::{ConvertForm, SeriesRequest};
 use super::shape_query::{FilterQuery, Parameters};
 use crate::api::body;
 use crate::api::document::text_parameter;
 use crate::api::extract::{ANYTHING, Caller, Path, Query, accepted, media_type, preferred};
+use crate::api::form;
 use crate::api::problem::{Problem, ProblemKind};
 use crate::api::respond::{Binary, json};
 use crate::formats::files::{self, Group, Inspection, ReadOptions, WriteOptions};
 use crate::formats::record::{MAX_SAMPLES, Placing, Plane};
 use crate::formats::summary::FileSummary;
+use crate::formats::words::plain_sentence;
 use crate::service::app::outgoing::BodyWriter;
 use crate::service::app::{Limits, ServiceError};
 use crate::service::cohorts::catalogue;
@@ -36,6 +40,8 @@ use crate::service::files::{FileFormat, file_limits, unknown_format};
 
 /// Media type that says nothing of a file.
 const ANY_FILE: &str = "application/octet-stream";
+/// Format of files that refer to a series of images.
+const STRUCTURES: &str = "rtstruct";
 /// Number of bytes of an answer that are kept until it is known that all of it can be written.
 const KEPT: usize = 1 << 20;
 
@@ -218,9 +224,7 @@ fn unsupported(media_type: &str) -> Problem {
 
 pub(super) fn word_of<T: serde::de::DeserializeOwned>(name: &str, word: &str) -> Result<T, Problem> {
     let read = serde_json::from_value(word.into());
-    read.map_err(|error: serde_json::Error| {
-        Problem::of_parameter(name, crate::formats::checked::plain_sentence(&error.to_string()))
-    })
+    read.map_err(|error: serde_json::Error| Problem::of_parameter(name, plain_sentence(&error.to_string())))
 }
 
 fn count_of(name: &str, text: &str, most: usize) -> Result<usize, Problem> {
@@ -319,7 +323,7 @@ fn refuse_rest(pairs: &[(String, String)]) -> Result<(), Problem> {
 #[into_params(parameter_in = Query)]
 #[allow(dead_code, reason = "only for the document")]
 pub(super) struct ToQuery {
-    /// Format to write, as an id, a media type or an ending. Default: `ndjson`.
+    /// Format to write, as an id, a media type or an ending. Default: `ndjson`; of a form, `rtstruct`.
     #[param(example = "ndjson")]
     to: Option<String>,
 }
@@ -327,10 +331,13 @@ pub(super) struct ToQuery {
 /// Translates a file, without storing it.
 ///
 /// The answer is written while the file arrives. A fault within the first MiB of the answer is a problem document; a later one
-/// breaks the connection off. What the formats leave out is told by `POST /v1/inspect`.
+/// breaks the connection off. What the formats leave out is told by `POST /v1/inspect`. A DICOM structure set (`to=rtstruct`)
+/// refers to the images of a series: the body is a form with the part `parameters`, which lists them, and the part `file`.
 #[utoipa::path(post, path = "/convert", tag = "files",
     params(ToQuery, FileQuery, ReadQuery, WriteQuery),
-    request_body(content((Binary = "application/octet-stream", example = json!("{\"points\": [[0, 0], [5, 1], [1, 3]], \"closed\": true}\n")))),
+    request_body(content(
+        (Binary = "application/octet-stream", example = json!("{\"points\": [[0, 0], [5, 1], [1, 3]], \"closed\": true}\n")),
+        (ConvertForm = "multipart/form-data"))),
     responses((status = 200, description = "The file", content((Binary = "application/octet-stream"), (Binary = "application/x-ndjson")))))]
 pub(super) async fn convert_file(
     Caller(app): Caller,
@@ -338,21 +345,43 @@ pub(super) async fn convert_file(
     request: Request,
 ) -> Result<Response, Problem> {
     let mut parameters = FileParameters::take(&mut pairs);
-    let format = take_target(&mut pairs)?;
+    let media_type = media_type(request.headers());
+    let is_form = form::is_form(&media_type);
+    let format = take_target(&mut pairs, if is_form { STRUCTURES } else { "ndjson" })?;
     refuse_rest(&pairs)?;
-    let options = parameters.writing()?;
-    let reading = parameters.reading(&media_type(request.headers()))?;
+    let mut options = parameters.writing()?;
+    let (reading, stream) = if is_form {
+        let reading = parameters.reading(ANY_FILE)?;
+        let form = form::read(&app, request, &["file"]).await?;
+        let file = form.required("file")?;
+        options.series = app.read::<SeriesRequest>(form.parameters).await?.images()?;
+        check_series(format, &options)?;
+        (reading, Either::Left(stream::iter([Ok(file)])))
+    } else {
+        (parameters.reading(&media_type)?, Either::Right(body::pieces(request.into_body())))
+    };
     let (output, pieces) = BodyWriter::new();
-    let stream = body::pieces(request.into_body());
     let work = async move { translate::translate(&app, stream, reading, format, options, output).await };
     answer(format, None, pieces, work).await
 }
 
-/// Takes the format that is to be written.
-fn take_target(pairs: &mut Vec<(String, String)>) -> Result<&'static files::Format, Problem> {
+/// Refuses a series that the format cannot refer to, before the file is read.
+fn check_series(format: &'static files::Format, options: &WriteOptions) -> Result<(), ServiceError> {
+    if format.id != STRUCTURES {
+        let detail = format!("expected {STRUCTURES}, which refers to a series, got '{}'", format.id);
+        return Err(ServiceError::parameter("to", detail));
+    }
+    match format.writer(std::io::sink(), options) {
+        Ok(_) => Ok(()),
+        Err(error) => Err(ServiceError::invalid("/series", error.detail)),
+    }
+}
+
+/// Takes the format that is to be written, by default the `usual` one.
+fn take_target(pairs: &mut Vec<(String, String)>, usual: &str) -> Result<&'static files::Format, Problem> {
     match pairs.iter().position(|(name, _)| name == "to") {
         Some(at) => written(&pairs.remove(at).1, "to"),
-        None => written("ndjson", "to"),
+        None => written(usual, "to"),
     }
 }
 

@@ -36,6 +36,7 @@ mod report;
 mod request_macros;
 mod retrieval;
 mod segment;
+mod series;
 mod settings;
 mod shape_query;
 mod shapes;

@@ -597,7 +597,7 @@ fn what_cannot_be_written_is_named() {
     let (records, _) = all(&Small::default().file());
     let refused =
         |records: &[Record], options: &WriteOptions| written(records, options).unwrap_err().to_string();
-    let expected = "expected the headers of the images of a series (option series), got none";
+    let expected = "series: expected the images of a series that the structure set refers to, got none";
     assert_eq!(refused(&records, &WriteOptions::default()), expected);
     let mut options = WriteOptions { series: images(), ..WriteOptions::default() };
     assert!(refused(&[], &options).ends_with("got none"));

@@ -32,9 +32,12 @@ struct Structures<'a> {
 }
 
 pub(super) fn open<'a>(output: Output<'a>, options: &WriteOptions) -> Opened<'a> {
-    let fault = |detail: String| Err(FileError::new(FaultKind::Option, detail));
+    let fault = |detail: String| {
+        let place = Box::new(Place::tag("series"));
+        Err(FileError { kind: FaultKind::Option, place, detail })
+    };
     let Some(first) = options.series.first() else {
-        return fault("expected the headers of the images of a series (option series), got none".into());
+        return fault("expected the images of a series that the structure set refers to, got none".into());
     };
     let shared = |image: &SeriesImage| {
         (image.series.clone(), image.study.instance.clone(), image.frame_of_reference.clone())
