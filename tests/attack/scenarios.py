@@ -6,6 +6,7 @@ the report prints) and what is wrong. `attack` starts services on copies of a fu
 
 import json
 import os
+import re
 import shutil
 import socket
 import sqlite3
@@ -17,7 +18,9 @@ import time
 from contextlib import contextmanager
 from pathlib import Path
 
+import hostile
 from recipe import Recipe, points
+from seeds import all_seeds
 from service import KILL_BEYOND, MIB, Service, Skipped, exchange, head, known_flags, percentile, send_and_leave
 
 HERE = Path(__file__).resolve().parent
@@ -721,3 +724,70 @@ def resolves(document, reference):
     for part in reference.removeprefix("#/").split("/"):
         document = document.get(part.replace("~1", "/").replace("~0", "~")) if isinstance(document, dict) else None
     return document is not None
+
+
+# Files of other programs
+
+
+# What a file is sent to.
+READERS = {
+    "inspect": "/v1/inspect?name={name}",
+    "convert": "/v1/convert?to=ndjson&name={name}",
+    "upload": "/v1/cohorts/attacked/shapes?plane=xy&prefix={prefix}-&name={name}",
+}
+FILE = {"content-type": "application/octet-stream"}
+# Faults of a group that are told: the others are likely to be the same.
+TOLD = 20
+
+
+def hostile_files(attack, group, mb, **settings):
+    """Files that are not what they say, to everything that reads files: refused with a place, in bounded memory."""
+    with started(attack) as (service, _):
+        seeds = all_seeds(service)
+        sent = list(enumerate(hostile.GROUPS[group](seeds, **settings)))
+        wrong = [fault for kind, file in seeds.items() for fault in valid_file_faults(service, kind, file)]
+        with service.watched(KILL_BEYOND[attack.bounds]) as watch:
+            for number, lie in sent:
+                if service.ended():
+                    break
+                wrong += hostile_file_faults(service, lie, f"h{number}")
+        if watch.above_idle > mb * 1e6:
+            wrong.append(f"took {watch.above_idle / 1e6:.0f} MB, expected at most {mb}")
+        most = max(len(lie.file.data) for _, lie in sent)
+        says = f"{len(sent)} files, {watch.cpu:.1f} CPU s, {watch.above_idle / 1e6:.0f} MB, {len(wrong)} wrong"
+        return {"bytes": most, "says": says}, aftermath(service, wrong[:TOLD])
+
+
+def file_answers(service, file, prefix):
+    """What everything that reads files answers to one."""
+    for reader, path in READERS.items():
+        yield reader, service.send("POST", path.format(name=file.name, prefix=prefix), file.data, FILE, timeout=PATIENCE)
+
+
+def valid_file_faults(service, kind, file):
+    """A valid file is taken: else a refusal of what is made of it would say nothing."""
+    for reader, answer in file_answers(service, file, f"valid-{kind}"):
+        if answer.status not in ANSWERED and (file.fits or reader != "upload"):
+            yield f"{reader} of a valid {kind}: {answer.status} {answer.error or answer.body[:200].decode(errors='replace')}"
+
+
+def hostile_file_faults(service, lie, prefix):
+    """What is wrong with the answers to a file."""
+    for reader, answer in file_answers(service, lie.file, prefix):
+        text, problem = answer.body.decode(errors="replace"), answer.json()
+        said = f"{reader} of {lie.what}: {answer.status} {answer.error or text[:300]}"
+        if answer.status not in lie.expect:
+            yield f"{said}, expected one of {lie.expect}"
+        elif answer.status in ANSWERED:
+            if re.search(r"[:\[,]\s*-?(NaN|inf)", text):
+                yield f"{said}, expected numbers"
+        elif not isinstance(problem, dict) or answer.headers.get("content-type") != "application/problem+json":
+            yield f"{said}, expected a problem document"
+        elif lie.place and not named_place(problem, lie.place):
+            yield f"{said}, expected a place ({lie.place})"
+
+
+def named_place(problem, part):
+    """Whether a problem names this part of a place, or any."""
+    places = [fault.get("place") or {} for fault in problem.get("errors", [])]
+    return any(place and (part == "any" or part in place) for place in places)
