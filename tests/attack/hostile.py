@@ -45,10 +45,11 @@ def cut(seeds, offsets):
         size = len(file.data)
         for at in sorted({k * size // (offsets + 1) for k in range(1, offsets + 1)} | {1, size - 1}):
             part = replace(file, data=file.data[:at])
-            # Where a file ends at a line, or before bytes that only fill it up, nothing is missing. Too few bytes to tell the format by
-            # have no place.
+            # Where a file ends at a line, or before bytes that only fill it up, nothing is missing: less text is another file, of other
+            # shapes or of none. Too few bytes to tell the format by have no place.
             expect = EITHER if kind in ENDLESS or file.text else REFUSED
-            yield Lie(f"{kind} of {at} of {size} bytes", part, expect, "any" if at > 1 and kind not in PLACELESS else None)
+            is_placed = at > 1 and kind not in PLACELESS and not file.text
+            yield Lie(f"{kind} of {at} of {size} bytes", part, expect, "any" if is_placed else None)
 
 
 def changed(seeds, offsets):
