@@ -21,7 +21,7 @@ use crate::matching::Matching;
 use crate::metric::{Metric, dot, norm};
 use crate::partial_sums::Measured;
 use crate::robust::align_all_by;
-use shapelex_geometry::representation::{Representation, ShapeSpace};
+use shapelex_geometry::representation::ShapeSpace;
 use shapelex_geometry::sampling::Places;
 use shapelex_numeric::dense::Matrix;
 
@@ -86,8 +86,7 @@ impl Region {
     ) -> Result<(MeanShape, Vec<AlignedShape>), AnalysisError> {
         let (n, d) = (metric.size(), metric.dimension());
         let refused = |detail: String| AnalysisError::Parameter { field: "region", detail };
-        let landmarks = Representation::Landmarks { dimension: d, points: self.len() };
-        let part = ShapeSpace::new(&landmarks).ok().filter(|_| self.len() >= 2);
+        let part = ShapeSpace::of_points(d, self.len()).ok().filter(|_| self.len() >= 2);
         let part = part.ok_or_else(|| refused(format!("expected at least 2 places, got {}", self.len())))?;
         let matching = Matching::new(&part, Correspondence::Landmarks, Direction::default(), Mirror::Forbid)
             .translating(method.translates());
@@ -158,7 +157,7 @@ mod tests {
     }
 
     fn aligned(mask: &[bool], alignment: Alignment) -> Result<(MeanShape, Vec<AlignedShape>), AnalysisError> {
-        let space = ShapeSpace::new(&Representation::Landmarks { dimension: 2, points: 5 }).unwrap();
+        let space = ShapeSpace::of_points(2, 5).unwrap();
         let similarity = Transformation::Named(ClassName::Similarity);
         let method = Method::new(&similarity, alignment, 2).unwrap();
         let matching = Matching::new(&space, Correspondence::Landmarks, Direction::default(), Mirror::Forbid)

@@ -319,6 +319,14 @@ impl ShapeSpace {
         Ok(Self { representation: representation.clone(), basis, gram })
     }
 
+    /// Shapes that are `points` points of `dimension` coordinates, without interpolation.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn of_points(dimension: usize, points: usize) -> Result<Self, GeometryError> {
+        Self::new(&Representation::Landmarks { dimension, points })
+    }
+
     /// The representation of the space.
     pub fn representation(&self) -> &Representation {
         &self.representation

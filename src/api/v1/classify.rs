@@ -164,13 +164,12 @@ pub(super) async fn assess(
     Path(key): Path<String>,
     batch: DrawnBatch,
 ) -> Result<Response, Problem> {
-    let DrawnBatch { batch, picture } = batch;
-    let received = receive::<AssessRequest>(&app, &key, batch).await?;
+    let received = receive::<AssessRequest>(&app, &key, batch.batch).await?;
     let prepared = match received.shapes.have_missing_parts() {
         true => Some(posterior::prepare(&app, &received.ready, true).await?),
         false => None,
     };
-    if let Some(file) = picture {
+    if let Some(file) = batch.picture {
         let draw = move |app: &App, ready: &Ready, asked, (quantile, _)| {
             assessed(app, ready, asked, quantile, prepared.as_ref())
         };

@@ -443,8 +443,8 @@ pub(super) async fn pca(
         let PcaInput { settings, region, shapes, components, centre, aligned } =
             app.parse::<PcaRequest>(body)?.take(&app.limits)?;
         let counts = Counts::new(&settings.representation, shapes.len(), &app.limits);
-        let work = requests::align_on(&settings, counts, region.is_some());
-        let work = work + requests::components(counts, components);
+        let work = requests::align_on(&settings, counts, region.is_some())
+            + requests::components(counts, components);
         planned(work + format.work(), move |app| {
             let statistics = statistics::align(app, settings, region.as_ref(), shapes)?;
             let pca = statistics::pca(app, &statistics, components, centre)?;

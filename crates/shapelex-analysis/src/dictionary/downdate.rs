@@ -207,7 +207,7 @@ mod tests {
     use crate::dictionary::model::squared_distance;
     use crate::metric::Metric;
     use crate::pca::FunctionalPca;
-    use shapelex_geometry::representation::{Representation, ShapeSpace};
+    use shapelex_geometry::representation::ShapeSpace;
 
     /// Shapes of `2·points` numbers near one of them, with falling variances and unequal weights.
     fn shapes(count: usize, points: usize, weighted: bool) -> ShapesInMemory {
@@ -222,7 +222,7 @@ mod tests {
     }
 
     fn metric(points: usize) -> Metric {
-        Metric::of(&ShapeSpace::new(&Representation::Landmarks { dimension: 2, points }).unwrap())
+        Metric::of(&ShapeSpace::of_points(2, points).unwrap())
     }
 
     /// `T²` and residual of shape `k` under components that are learnt anew from the others.

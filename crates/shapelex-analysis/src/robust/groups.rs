@@ -23,9 +23,11 @@
 
 use shapelex_numeric::dense::{Matrix, symmetric_eigen};
 
-use super::MOST_WRONG;
 use super::moments::{Moments, square};
 use super::rejection::order;
+
+/// Largest part of the weight in groups of wrong shapes, and in mirror images.
+pub(super) const MOST_WRONG: f64 = 1.0 / 3.0 + 1e-9;
 
 /// Number of leading components in which groups are searched. Of more, small groups that any set has gain as much as wrong ones.
 const DIRECTIONS: usize = 3;

@@ -22,7 +22,7 @@
 
 use rayon::prelude::*;
 
-use super::MOST_WRONG;
+use super::groups::MOST_WRONG;
 use super::rejection::Description;
 use super::sources::{Deviations, ROUNDING, Reweighted};
 use crate::AnalysisError;

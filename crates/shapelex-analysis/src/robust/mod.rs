@@ -74,9 +74,6 @@ pub const PASSES: usize = 1 + MEDIAN_STEPS + 8;
 /// Further passes if a group of wrong shapes or mirror images are found: sum, median, signs and description without them.
 pub const PASSES_WITHOUT_GROUPS: usize = MEDIAN_STEPS + 3;
 
-/// Largest part of the weight in groups of wrong shapes, and in mirror images.
-const MOST_WRONG: f64 = 1.0 / 3.0 + 1e-9;
-
 /// Steps towards the median. The components that follow are centred on their own medians, so that it need not have
 /// converged.
 const MEDIAN_STEPS: usize = 2;
@@ -89,9 +86,6 @@ const NUMBERS: usize = 1 << 25;
 
 /// Maximum number of rounds in which placements and factors alternate, after the search of the plain mean.
 const ROUNDS: usize = 16;
-
-/// Distance to the mean, as a fraction of its norm, below which shapes count as equally near.
-const NEAREST: f64 = 1e-3;
 
 /// Memory of a robust mean in bytes, besides that of a plain one.
 pub fn bytes(shapes: usize) -> usize {

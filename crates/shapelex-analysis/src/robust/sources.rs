@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::NEAREST;
+use super::weiszfeld::NEAREST;
 use crate::AnalysisError;
 use crate::accumulate::{BLOCK, Reservation, ShapeSource, Shapes, ShapesInMemory, for_each_changed};
 use crate::alignment::Method;

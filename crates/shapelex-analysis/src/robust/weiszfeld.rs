@@ -1,6 +1,5 @@
 //! A step towards the median of subspaces.
 
-use super::NEAREST;
 use crate::AnalysisError;
 use crate::accumulate::{Accumulator, BLOCK, ShapeSource, Shapes, accumulate, read_numbers, write_numbers};
 use crate::mean::MeanSpace;
@@ -9,6 +8,9 @@ use crate::subspace::{Subspace, turn};
 use crate::transformation::Structure;
 use shapelex_numeric::dense::Matrix;
 use shapelex_numeric::kernels::add_scaled;
+
+/// Distance to the mean, as a fraction of its norm, below which shapes count as equally near.
+pub(super) const NEAREST: f64 = 1e-3;
 
 /// `Σ_k (w_k/max(d_k, ε)) P_k S̄` for every block of a mean space `S̄`, where `d_k² = I − tr(P_S̄ P_k)`.
 struct NearSum<'a> {

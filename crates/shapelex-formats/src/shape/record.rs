@@ -50,6 +50,15 @@ impl Record {
         }
     }
 
+    /// Whether it has no points.
+    pub fn is_empty(&self) -> bool {
+        match &self.geometry {
+            Geometry::Curve { points, .. } | Geometry::Landmarks(points) => points.is_empty(),
+            Geometry::Mesh(mesh) => mesh.vertices.is_empty(),
+            Geometry::Fourier(_) => false,
+        }
+    }
+
     /// Checks what every reader must keep: coordinates, faces and fields.
     ///
     /// # Errors

@@ -44,7 +44,7 @@ pub static FORMATS: &[&Format] = &[
     &table::NPZ,
 ];
 
-/// Reads all records of a file of a format.
+/// Reads all records of a file of a format. Those without points are left out, and counted.
 ///
 /// # Errors
 /// Faults of the file, sizes beyond the limits, options that the format does not have, and errors of `sink`.
@@ -61,7 +61,12 @@ pub fn read(
     };
     options.check(format)?;
     let (mut count, limit) = (0, source.limits().records);
+    let mut left_out = Summary::default();
     let mut counted = |record: Record| {
+        if record.is_empty() {
+            left_out.drop("shapes without points", record.name.as_deref(), || record.place.clone());
+            return Ok(());
+        }
         count += 1;
         if count > limit {
             let detail = format!("expected at most {limit} shapes, got more");
@@ -79,6 +84,7 @@ pub fn read(
         _ => error,
     })?;
     summary.records = count;
+    summary.dropped.extend(left_out.dropped);
     Ok(summary)
 }
 
@@ -130,6 +136,7 @@ fn shown(head: &[u8]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::shape::Limits;
     use std::collections::BTreeSet;
 
     #[test]
@@ -143,5 +150,24 @@ mod tests {
             }
             assert!(format.is_read() || format.is_written());
         }
+    }
+
+    #[test]
+    fn shapes_without_points_are_left_out_and_counted() {
+        let file = b"{\"points\": [[0, 1], [2, 3]]}\n{\"external_id\": \"b\", \"points\": []}\n[]\n[[]]\n";
+        let mut source = Source::new(&file[..], Limits::default()).unwrap();
+        let mut found = Vec::new();
+        let summary = read(find("ndjson").unwrap(), &mut source, &ReadOptions::default(), &mut |record| {
+            found.push(record);
+            Ok(())
+        });
+        let summary = summary.unwrap();
+        let dropped = &summary.dropped[0];
+        assert_eq!((summary.records, found.len()), (1, 1));
+        assert_eq!(
+            (&*dropped.what, dropped.count, &*dropped.names),
+            ("shapes without points", 3, &["b".to_owned()][..])
+        );
+        assert_eq!(dropped.first.to_string(), "line 2");
     }
 }

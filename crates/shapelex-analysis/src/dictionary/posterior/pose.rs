@@ -248,6 +248,6 @@ fn centred(points: &[f64], d: usize) -> (Vec<f64>, Vec<f64>) {
 
 /// The seen points do not determine the pose.
 pub(super) fn undetermined() -> AnalysisError {
-    let detail = "what is seen does not determine the pose: see more points, apart from each other, or set \"pose\" to \"model\"";
+    let detail = "expected seen points that determine the pose, got too few, or some too near to each other";
     AnalysisError::Parameter { field: "observed", detail: detail.into() }
 }

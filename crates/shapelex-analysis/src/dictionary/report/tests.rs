@@ -39,9 +39,7 @@ fn anew(all: &ShapesInMemory, subjects: &[usize], k: usize, centred: bool, count
     let whitened = others.iter().flat_map(|&j| all.shape(j).iter().copied()).collect();
     let weights = others.iter().map(|&j| all.all().weights[j]).collect();
     let others = ShapesInMemory::prepared(whitened, weights);
-    let metric = Metric::of(
-        &ShapeSpace::new(&Representation::Landmarks { dimension: 2, points: length / 2 }).unwrap(),
-    );
+    let metric = Metric::of(&ShapeSpace::of_points(2, length / 2).unwrap());
     let y = all.shape(k);
     let pca = FunctionalPca::new(&others, &metric, y, centred, count).unwrap();
     let scores = pca.scores(y);
