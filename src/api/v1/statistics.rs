@@ -439,7 +439,7 @@ pub(super) async fn pca(
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
     compute_planned(app, body, move |app, body| {
-        let sigma = mode.sigma()?;
+        let (of, sigma) = (mode.component.unwrap_or(1), mode.sigma()?);
         let PcaInput { settings, region, shapes, components, centre, aligned } =
             app.parse::<PcaRequest>(body)?.take(&app.limits)?;
         let counts = Counts::new(&settings.representation, shapes.len(), &app.limits);
@@ -449,7 +449,6 @@ pub(super) async fn pca(
             let statistics = statistics::align(app, settings, region.as_ref(), shapes)?;
             let pca = statistics::pca(app, &statistics, components, centre)?;
             if let Format::Picture(file) = format {
-                let of = mode.component.unwrap_or(1);
                 return picture(&statistics::draw_mode(&statistics, &pca, of, sigma)?, &file);
             }
             let aligned = aligned.then(|| aligned_output(app, &statistics)).transpose()?;

@@ -60,13 +60,9 @@ pub fn read(
         return Err(FileError::new(FaultKind::Unsupported, detail));
     };
     options.check(format)?;
-    let (mut count, limit) = (0, source.limits().records);
+    let (mut count, mut empty, limit) = (0, 0, source.limits().records);
     let mut left_out = Summary::default();
     let mut counted = |record: Record| {
-        if record.is_empty() {
-            left_out.drop("shapes without points", record.name.as_deref(), || record.place.clone());
-            return Ok(());
-        }
         count += 1;
         if count > limit {
             let detail = format!("expected at most {limit} shapes, got more");
@@ -76,6 +72,11 @@ pub fn read(
             let is_placed = *error.place != Place::default();
             return Err(if is_placed { error } else { error.at(Place::item(count - 1)) });
         }
+        if record.is_empty() {
+            empty += 1;
+            left_out.drop("shapes without points", record.name.as_deref(), || record.place.clone());
+            return Ok(());
+        }
         sink(record)
     };
     let read = read(source, options, &mut counted);
@@ -83,7 +84,7 @@ pub fn read(
         FaultKind::Truncated if *error.place == Place::default() => error.at(Place::byte(source.offset())),
         _ => error,
     })?;
-    summary.records = count;
+    summary.records = count - empty;
     summary.dropped.extend(left_out.dropped);
     Ok(summary)
 }
@@ -154,7 +155,7 @@ mod tests {
 
     #[test]
     fn shapes_without_points_are_left_out_and_counted() {
-        let file = b"{\"points\": [[0, 1], [2, 3]]}\n{\"external_id\": \"b\", \"points\": []}\n[]\n[[]]\n";
+        let file = b"{\"points\": [[0, 1], [2, 3]]}\n{\"external_id\": \"b\", \"points\": []}\n[[]]\n";
         let mut source = Source::new(&file[..], Limits::default()).unwrap();
         let mut found = Vec::new();
         let summary = read(find("ndjson").unwrap(), &mut source, &ReadOptions::default(), &mut |record| {
@@ -166,7 +167,7 @@ mod tests {
         assert_eq!((summary.records, found.len()), (1, 1));
         assert_eq!(
             (&*dropped.what, dropped.count, &*dropped.names),
-            ("shapes without points", 3, &["b".to_owned()][..])
+            ("shapes without points", 2, &["b".to_owned()][..])
         );
         assert_eq!(dropped.first.to_string(), "line 2");
     }

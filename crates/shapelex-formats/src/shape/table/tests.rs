@@ -325,10 +325,14 @@ fn lists_of_points() {
     writer.finish().expect("the end");
     drop(writer);
     let options = ReadOptions { columns: Some(points_in("contour")), ..ReadOptions::default() };
-    let (found, _) = read_with(&bytes, &options, Limits::default()).expect("a table");
+    let (found, summary) = read_with(&bytes, &options, Limits::default()).expect("a table");
     let Geometry::Landmarks(points) = &found[0].geometry else { panic!("landmarks") };
     assert_eq!((points.dimension(), points.coordinates()), (2, [0.0, 1.0, 2.0, 3.0].as_slice()));
-    assert_eq!(found[2].geometry, Geometry::Landmarks(Points::from_rows(2, vec![4.0, 5.0])));
+    assert_eq!(
+        (&*summary.dropped[0].what, summary.dropped[0].first.item),
+        ("shapes without points", Some(1))
+    );
+    assert_eq!(found[1].geometry, Geometry::Landmarks(Points::from_rows(2, vec![4.0, 5.0])));
 }
 
 #[test]
