@@ -41,9 +41,16 @@ pub struct PointList {
     null: bool,
     /// Limit of the points kept, if it was exceeded; else 0.
     most: usize,
+    /// Small where nothing is wrong or missing: a request may have 100 000 lists.
+    apart: Option<Box<Apart>>,
+}
+
+/// What is wrong in a list of points, and what is missing.
+#[derive(Debug, Clone, Default, PartialEq)]
+struct Apart {
+    faults: Vec<Fault>,
     /// Positions of entries that are null: points that are missing.
     gaps: Vec<u32>,
-    faults: Vec<Fault>,
 }
 
 impl From<&Points> for PointList {
@@ -89,7 +96,15 @@ impl PointList {
 
     /// Whether entries are null: points that are missing.
     pub fn has_gaps(&self) -> bool {
-        !self.gaps.is_empty()
+        !self.gaps().is_empty()
+    }
+
+    fn gaps(&self) -> &[u32] {
+        self.apart.as_ref().map_or(&[], |apart| &apart.gaps)
+    }
+
+    fn faults(&self) -> &[Fault] {
+        self.apart.as_ref().map_or(&[], |apart| &apart.faults)
     }
 
     /// Row-major coordinates, if every point has `dimension` finite numbers.
@@ -97,12 +112,12 @@ impl PointList {
     /// # Errors
     /// All faults (at most 20, one for all missing points) with pointers relative to the list.
     pub fn checked(&self, dimension: usize) -> Result<&[f64], Vec<Fault>> {
-        let Some(&first) = self.gaps.first() else { return self.present(dimension) };
-        let others = self.gaps.len() - 1;
+        let Some(&first) = self.gaps().first() else { return self.present(dimension) };
+        let others = self.gaps().len() - 1;
         let further = if others > 0 { format!(", as in {others} further entries") } else { String::new() };
         let gap =
             Fault::new(format!("/{first}"), format!("expected a list of coordinates, got null{further}"));
-        let mut faults = self.faults.clone();
+        let mut faults = self.faults().to_vec();
         let before = |fault: &Fault| position_of(fault).is_some_and(|position| position < first);
         faults.insert(faults.iter().take_while(|fault| before(fault)).count(), gap);
         Err(faults)
@@ -114,7 +129,7 @@ impl PointList {
     /// All faults (at most 20) with pointers relative to the list.
     pub fn with_gaps(&self, dimension: usize) -> Result<Vec<Option<Vec<f64>>>, Vec<Fault>> {
         let mut present = self.present(dimension)?.chunks_exact(dimension.max(1));
-        let mut gaps = self.gaps.iter().peekable();
+        let mut gaps = self.gaps().iter().peekable();
         let row = |position: usize| match gaps.next_if(|gap| **gap as usize == position) {
             Some(_) => None,
             None => present.next().map(<[f64]>::to_vec),
@@ -124,14 +139,14 @@ impl PointList {
 
     /// Row-major coordinates of the points that are there.
     fn present(&self, dimension: usize) -> Result<&[f64], Vec<Fault>> {
-        if !self.faults.is_empty() {
-            return Err(self.faults.clone());
+        if !self.faults().is_empty() {
+            return Err(self.faults().to_vec());
         }
         if self.most > 0 {
             let detail = format!("expected at most {1} points, got {0}", self.len(), self.most);
             return Err(vec![Fault::new("", detail)]);
         }
-        if self.rows > self.gaps.len() && self.width != dimension {
+        if self.rows > self.gaps().len() && self.width != dimension {
             let detail = format!(
                 "expected {dimension} coordinates per point (the dimension of the representation), got {}",
                 self.width
@@ -143,12 +158,14 @@ impl PointList {
     }
 
     fn fault(&mut self, pointer: String, detail: String) {
-        keep_fault(&mut self.faults, MAX_FAULTS, || Fault::new(pointer, detail));
+        keep_fault(&mut self.apart.get_or_insert_default().faults, MAX_FAULTS, || {
+            Fault::new(pointer, detail)
+        });
     }
 
     /// Kind of the entries, known once there is one.
     fn kind(&self) -> Option<Kind> {
-        (self.rows > self.gaps.len()).then_some(if self.columns.is_some() {
+        (self.rows > self.gaps().len()).then_some(if self.columns.is_some() {
             Kind::Points
         } else {
             Kind::Point
@@ -162,7 +179,7 @@ impl PointList {
         let most = bounds::current().points;
         if entry.missing && self.columns.is_none() {
             match u32::try_from(position).ok().filter(|_| self.rows <= most) {
-                Some(gap) => self.gaps.push(gap),
+                Some(gap) => self.apart.get_or_insert_default().gaps.push(gap),
                 None => self.most = most.max(1),
             }
             return;
@@ -175,7 +192,7 @@ impl PointList {
             return;
         }
         // The first point that is not missing.
-        if position == self.gaps.len() {
+        if position == self.gaps().len() {
             self.columns = entry.points;
             self.width = entry.width;
         }
