@@ -357,9 +357,10 @@ fn parts_that_cannot_be_assessed_are_refused() {
             pointers,
         );
     };
-    // All missing, too little for the pose, no extent.
+    // All missing, too little for the pose, no more than the pose, no extent.
     refused(json!({"control_points": part(0, 0)}), &["/shapes/0"]);
     refused(json!({"control_points": part(0, 1)}), &["/shapes/0"]);
+    refused(json!({"control_points": part(0, 2)}), &["/shapes/0"]);
     let at_one_place: Value = (0..POINTS).map(|i| if i < 9 { json!([3, 4]) } else { Value::Null }).collect();
     refused(json!({ "control_points": at_one_place }), &["/shapes/0"]);
     refused(json!({"control_points": oval(0), "observed": vec![false; POINTS]}), &["/shapes/0"]);

@@ -21,6 +21,9 @@ use shapelex_geometry::representation::ShapeSpace;
 /// Least number of residual numbers for each of which the misfit is counted: below it hardly anything is left to misfit.
 const LEAST_FREE: f64 = 0.5;
 
+/// Least expectation of `T²`: below it only the pose is seen, and scores are rounding errors.
+const LEAST_KNOWN: f64 = 1e-6;
+
 /// How unlike the model the seen part of a shape is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PartMeasures {
@@ -61,7 +64,7 @@ impl Posterior {
     /// How unlike the model the seen part is.
     pub fn measures(&self) -> PartMeasures {
         let j = self.scores.len();
-        let known = j as f64 - (0..j).map(|i| self.covariance[(i, i)]).sum::<f64>();
+        let known = (j as f64 - (0..j).map(|i| self.covariance[(i, i)]).sum::<f64>()).max(LEAST_KNOWN);
         let free = (self.freedom as f64 - known).max(LEAST_FREE);
         PartMeasures { distance: self.distance().powi(2) / known, residual: self.misfit / free }
     }
@@ -100,12 +103,18 @@ impl PosteriorModel {
     /// Cost: that of its [`Posterior`].
     ///
     /// # Errors
-    /// As [`Posterior::new`], for parts that leave the pose open.
+    /// As [`Posterior::new`], for parts that leave the pose open; [`AnalysisError::Parameter`] at `observed` for parts that determine the
+    /// pose alone, which say nothing of the shape.
     pub fn assess(&self, space: &ShapeSpace, shape: &PartialShape) -> Result<PartAssessment, AnalysisError> {
         let (d, n) = (self.dimension(), self.size());
         let known = self.seen(space, shape)?;
         let posterior = Posterior::new(&known, self.freedom())?;
         let Seen { at, points, .. } = &known;
+        if posterior.freedom == 0 {
+            let detail =
+                format!("expected more seen numbers than the pose has unknowns, got {}", d * at.count());
+            return Err(AnalysisError::Parameter { field: "observed", detail });
+        }
         let (q, y) = (posterior.pose.apply(points), at.points(&posterior.scores));
         let back = posterior.back.apply(&y);
         let count = at.count();
