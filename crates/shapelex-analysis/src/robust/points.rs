@@ -71,7 +71,7 @@ const POINTS_PER_REACH: usize = 32;
 const RIDGE: f64 = 1e-9;
 
 /// Weights of the control points of aligned shapes, `N` numbers between zero and one for each. `aligned`: whitened, one after the
-/// other; `weights`: the weights `w_k f_k` of the shapes in the robust estimate. Of more than [`CANDIDATES`] shapes the nearest ones are
+/// other; `weights`: the weights `w_k f_k` of the shapes in the robust estimate. Of more than 2048 shapes the nearest ones are
 /// searched among so many, evenly spread along the first component.
 ///
 /// Cost per shape: four least-squares problems of `dN` equations, with up to `12 + d² + d` and `24 + d² + d` unknowns.
