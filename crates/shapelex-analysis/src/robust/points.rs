@@ -28,7 +28,7 @@ use crate::alignment::{Method, unwhitened};
 use crate::metric::{Metric, dot};
 use crate::partial_sums::Measured;
 use crate::pca::FunctionalPca;
-use shapelex_numeric::dense::Matrix;
+use shapelex_numeric::dense::{Matrix, transpose_multiply};
 
 /// Maximum number of components of the model.
 const COMPONENTS: usize = 12;
@@ -334,7 +334,7 @@ impl Directions {
             for mut column in weighted.column_iter_mut() {
                 column.iter_mut().enumerate().for_each(|(row, value)| *value *= v[row % n]);
             }
-            let mut normal = weighted.tr_mul(&self.0);
+            let mut normal = transpose_multiply(&weighted, &self.0);
             let ridge = RIDGE * normal.trace() / p as f64;
             for i in 0..p {
                 normal[(i, i)] += ridge + precisions.get(i).map_or(0.0, |precision| noise * precision);

@@ -2,9 +2,10 @@
 
 use super::FieldFault;
 use super::domain::Domain;
-use super::sample::{Derivative, Parameters};
+use crate::deformation::weights;
 use crate::representation::ShapeSpace;
 use shapelex_numeric::dense::Matrix;
+use shapelex_numeric::sparse::SparseRows;
 
 /// A place of a shape: the parameter `u` of a curve, `u` and `v` of a surface, or the index of a landmark, from 0.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -93,34 +94,83 @@ impl ShapeSpace {
         faults.map(|(i, detail)| FieldFault::new(i.to_string(), detail)).collect()
     }
 
-    /// Points of a shape (`N × d` control points) at places of one kind; `None` if it has no such places.
+    /// Points of a shape (`N × d` control points) at places, `d` coordinates for each in the unit of the control points; `None` if
+    /// it has no such places. Cost: that of [`Self::weights_at`], and the same for each coordinate.
     pub fn points_at(&self, control_points: &Matrix, places: &[Place]) -> Option<Vec<Vec<f64>>> {
-        let d = self.representation().dimension();
-        if self.domain() == Domain::Points {
-            let row = |place: &Place| {
-                let index = place.first() as usize;
-                (index < control_points.nrows()).then(|| (0..d).map(|c| control_points[(index, c)]).collect())
+        let weights = self.weights_at(places)?;
+        let columns: Vec<Vec<f64>> =
+            control_points.column_iter().map(|column| weights.apply_column(column.as_slice())).collect();
+        Some((0..places.len()).map(|i| columns.iter().map(|column| column[i]).collect()).collect())
+    }
+
+    /// Points at places as weighted sums of control points: a row for each place, a column for each of the `N` control points; `None`
+    /// if shapes have no such places.
+    ///
+    /// Cost: the supports of the generators at each place, whatever the number of control points.
+    pub fn weights_at(&self, places: &[Place]) -> Option<SparseRows> {
+        let size = self.representation().size();
+        let mut rows = SparseRows::new(size, places.len(), 4 * places.len());
+        for place in places {
+            let weights = match place {
+                Place::One(index) if self.domain() == Domain::Points => {
+                    Some(*index as usize).filter(|index| *index < size).map(|index| vec![(index, 1.0)])?
+                }
+                Place::One(u) if self.line().is_some() => weights(self, &[*u]),
+                Place::Two(uv) if self.surface().is_some() => weights(self, uv),
+                _ => return None,
             };
-            return places.iter().map(row).collect();
+            let row: Vec<(u32, f64)> = weights.into_iter().map(|(k, weight)| (k as u32, weight)).collect();
+            rows.push(&row);
         }
-        let line = |place: &Place| if let Place::One(u) = place { Some(*u) } else { None };
-        let pair = |place: &Place| if let Place::Two(uv) = place { Some(*uv) } else { None };
-        let parameters = match places.first()? {
-            Place::One(_) => Parameters::At(places.iter().map(line).collect::<Option<_>>()?),
-            Place::Two(_) => Parameters::Pairs(places.iter().map(pair).collect::<Option<_>>()?),
-        };
-        let evaluation = self.evaluate(control_points, &parameters, 0, false)?;
-        let (_, values) = evaluation.derivatives.iter().find(|(name, _)| *name == Derivative::Value)?;
-        let count = places.len();
-        Some((0..count).map(|i| (0..d).map(|c| values[c * count + i]).collect()).collect())
+        Some(rows)
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::sample::Parameters;
     use super::*;
     use crate::generator::GeneratorKind;
     use crate::representation::Representation;
+    use crate::surface::Topology;
+    use crate::surface::seam::Seam;
+
+    /// Weighted sums of control points are the points that the evaluation of curves and surfaces gives.
+    #[test]
+    fn points_at_places_are_those_of_the_evaluation() {
+        let generator = GeneratorKind::Trigonometric {};
+        let topology = Topology::Sphere;
+        let representations = [
+            Representation::ClosedCurve { dimension: 2, control_points: 8, generator: generator.clone() },
+            Representation::OpenCurve { dimension: 3, intervals: 6, generator },
+            Representation::Surface {
+                topology,
+                seam: Seam::Straight,
+                control_points: [6, 5],
+                generators: topology.usual_generators(),
+            },
+        ];
+        let at = [0.0, 0.13, 0.5, 0.987, 1.0];
+        for representation in representations {
+            let space = ShapeSpace::new(&representation).unwrap();
+            let (size, d) = (representation.size(), representation.dimension());
+            let control_points = Matrix::from_fn(size, d, |k, c| (7.0 * (3 * k + c) as f64).sin());
+            let pairs = at.map(|u| [u, 1.0 - u]);
+            let (places, parameters) = match space.line() {
+                Some(_) => (at.map(Place::One), Parameters::At(at.to_vec())),
+                None => (pairs.map(Place::Two), Parameters::Pairs(pairs.to_vec())),
+            };
+            let found = space.points_at(&control_points, &places).unwrap();
+            let evaluation = space.evaluate(&control_points, &parameters, 0, false).unwrap();
+            let (_, wanted) = &evaluation.derivatives[0];
+            for (i, point) in found.iter().enumerate() {
+                for (c, x) in point.iter().enumerate() {
+                    let wanted = wanted[c * at.len() + i];
+                    assert!((x - wanted).abs() < 1e-13, "{representation:?} {i}: {x} {wanted}");
+                }
+            }
+        }
+    }
 
     #[test]
     fn only_places_that_a_shape_has_are_taken() {

@@ -7,6 +7,7 @@ use super::flow::{Reparametrisation, Workspace};
 use crate::representation::ShapeSpace;
 use crate::surface::basis::SurfaceBasis;
 use crate::surface::fit::{spherical_direction, spherical_parameters};
+use crate::surface::measures::signed_volume;
 use crate::surface::{Surface, Topology};
 use crate::vector::{cross, dot, minus, norm};
 use shapelex_numeric::dense::Matrix;
@@ -16,6 +17,8 @@ use shapelex_numeric::sparse::SparseRows;
 /// Sine of the colatitude below which derivatives are those at this distance from the pole: a surface has the same tangent plane
 /// there, while longitudes have no derivative at the pole itself.
 const NEAR_POLE: f64 = 1e-7;
+/// Largest change of scale with which a refit keeps the volume. One that needs more is another shape, and its residual says so.
+const MAX_RESCALING: f64 = 0.05;
 /// Gauss nodes per half-interval and direction: products of two generators are integrated to a millionth.
 const NODES: usize = 3;
 
@@ -102,7 +105,10 @@ impl Spherical {
     /// The shape of the space nearest to `r∘γ` in the metric of the space. The conditions at its poles are part of the space: the new
     /// poles are points `r(γ(pole))` only as nearly as everywhere else, and the residual counts them.
     ///
-    /// Cost: 36 points of `γ` and of two surfaces per pair of intervals, and one solve of `Φ`.
+    /// Least squares alone change volumes (those of hippocampi by −0.18 % with 14 × 14 control points). The fit is therefore scaled about
+    /// its mean position to the volume of the shape, unless that takes more than 5 %: it is another shape then.
+    ///
+    /// Cost: 36 points of `γ` and of two surfaces per pair of intervals, the volumes of both, and one solve of `Φ`.
     pub fn refit(&self, shape: &SphericalShape, map: &Reparametrisation) -> Refit {
         let mut work = Workspace::new(map.degree());
         let images: Vec<[f64; 3]> = self.directions.iter().map(|x| map.apply(*x, &mut work)).collect();
@@ -114,9 +120,10 @@ impl Spherical {
             }
         }
         self.basis.gram().solve(rows.as_mut_slice());
-        let new = self.shape(&rows);
         let mean =
             [0, 1, 2].map(|c| jets.iter().zip(&*self.weights).map(|(jet, w)| w * jet.point[c]).sum::<f64>());
+        self.keep_volume(&mut rows, signed_volume(&shape.surface), mean);
+        let new = self.shape(&rows);
         let (mut apart, mut extent, mut area, mut folded) = (0.0, 0.0, 0.0, 0.0);
         for (((x, y), weight), jet) in self.directions.iter().zip(&images).zip(&*self.weights).zip(&jets) {
             let here = new.jet(*x);
@@ -135,6 +142,15 @@ impl Spherical {
             residual: apart.sqrt(),
             relative_residual: if extent > 0.0 { (apart / extent).sqrt() } else { 0.0 },
             folded: if area > 0.0 { folded / area } else { 1.0 },
+        }
+    }
+
+    /// Scales a shape about `centre` to `volume`, unless it is another shape or encloses nothing.
+    fn keep_volume(&self, rows: &mut Matrix, volume: f64, centre: [f64; 3]) {
+        let factor = (volume / signed_volume(&self.basis.surface(rows))).cbrt();
+        if (factor - 1.0).abs() <= MAX_RESCALING {
+            *rows *= factor;
+            self.basis.translate(rows, centre.map(|x| (1.0 - factor) * x));
         }
     }
 }
@@ -251,6 +267,9 @@ mod tests {
             Reparametrisation::rotation(Rotation::about([1.0, -0.4, 0.7])).with_coefficients(2, coefficients);
         let found = spherical.refit(&spherical.shape(&rows), &map);
         assert!(found.relative_residual < 3e-3 && found.folded == 0.0, "{found:?}");
+        let volume = |rows: &Matrix| signed_volume(&spherical.shape(rows).surface);
+        let change = volume(&found.rows) / volume(&rows) - 1.0;
+        assert!(change.abs() < 1e-12, "{change:e}");
         let mut work = Workspace::new(2);
         for x in [[0.0, 0.0, 1.0], [0.6, 0.0, 0.8], [0.48, 0.64, -0.6]] {
             let (a, b) = (spherical.shape(&found.rows).point(x), bean(map.apply(x, &mut work)));

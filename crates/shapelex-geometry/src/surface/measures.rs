@@ -143,6 +143,19 @@ impl SurfaceMeasures {
     }
 }
 
+/// Volume within a sheet that is closed without lids, in the cube of the unit of its control points; positive if the normal of the
+/// topology points outwards, exact to rounding. Of other sheets it has no meaning. Cost: 400 jets per pair of intervals.
+///
+/// Source: (7.20), as of [`SurfaceMeasures`], without the area.
+pub fn signed_volume(surface: &Surface) -> f64 {
+    let mut sums = Sums::new(surface.point(0.5, 0.5));
+    surface.each_node(&GaussLegendre::new(NODES), |weight, point, [du, dv]| {
+        let normal = cross(du, dv).map(|value| surface.topology.orientation() * value);
+        sums.enclose(weight, minus(point, sums.origin), normal);
+    });
+    sums.volume
+}
+
 /// Outward flux `∯ ⟨F, n⟩ dA` through the sheet, without lids, exact to rounding for polynomial fields: the Gauss rules have
 /// nodes in proportion to the number of generators in a product, `D + 2` for the degree `D`. Cost: the square of
 /// [`flux_nodes`], times the terms of the field, per pair of half-intervals.

@@ -212,7 +212,7 @@ pub fn normal_factor(level: f64, dimension: usize) -> f64 {
     }
     // P(|x| ≤ f) = ∫₀^f √(2/π) x² e^(−x²/2) dx of three coordinates.
     let density = |x: f64| (2.0 / std::f64::consts::PI).sqrt() * x * x * (-x * x / 2.0).exp();
-    root(12.0, |f| integral(f, density) - level)
+    upper_limit(12.0, density, level)
 }
 
 /// Quantile of Student's `t` with `freedom` degrees of freedom, for levels of at least 0.5.
@@ -220,29 +220,39 @@ fn student_quantile(level: f64, freedom: usize) -> f64 {
     // With T = √ν tan θ, P(|T| ≤ t) is the part of ∫ cos^(ν−1) θ dθ, from 0 to π/2, up to θ.
     let density = |angle: f64| angle.cos().max(0.0).powi(i32::try_from(freedom - 1).unwrap_or(i32::MAX));
     let whole = integral(std::f64::consts::FRAC_PI_2, density);
-    let angle =
-        root(std::f64::consts::FRAC_PI_2, |angle| integral(angle, density) / whole - (2.0 * level - 1.0));
+    let angle = upper_limit(std::f64::consts::FRAC_PI_2, density, (2.0 * level - 1.0) * whole);
     (freedom as f64).sqrt() * angle.tan()
 }
 
-/// `∫₀^upper f`, by Simpson's rule.
-fn integral(upper: f64, f: impl Fn(f64) -> f64) -> f64 {
-    const STEPS: usize = 400;
-    let h = upper / STEPS as f64;
-    let weight = |i: usize| match i {
-        0 | STEPS => 1.0,
-        _ if i % 2 == 1 => 4.0,
-        _ => 2.0,
-    };
-    (0..=STEPS).map(|i| weight(i) * f(h * i as f64)).sum::<f64>() * h / 3.0
+/// Steps in which integrals are taken between 0 and the end.
+const STEPS_OF_INTEGRALS: usize = 200;
+
+/// `∫ f` between two limits, by Simpson's rule on one step.
+fn integral_of_step(low: f64, high: f64, f: impl Fn(f64) -> f64) -> f64 {
+    (high - low) / 6.0 * (f(low) + 4.0 * f(0.5 * (low + high)) + f(high))
 }
 
-/// Zero of an increasing function between 0 and `most`, by bisection.
-fn root(most: f64, f: impl Fn(f64) -> f64) -> f64 {
-    let (mut low, mut high) = (0.0, most);
-    for _ in 0..60 {
+/// `∫₀^upper f`.
+fn integral(upper: f64, f: impl Fn(f64) -> f64 + Copy) -> f64 {
+    let at = |i: usize| upper * i as f64 / STEPS_OF_INTEGRALS as f64;
+    (0..STEPS_OF_INTEGRALS).map(|i| integral_of_step(at(i), at(i + 1), f)).sum()
+}
+
+/// The `x` between 0 and `most` for which `∫₀ˣ f = wanted`; `f` is not negative. The step that contains it is halved.
+fn upper_limit(most: f64, f: impl Fn(f64) -> f64 + Copy, wanted: f64) -> f64 {
+    let at = |i: usize| most * i as f64 / STEPS_OF_INTEGRALS as f64;
+    let (mut step, mut sum) = (0, 0.0);
+    while step + 1 < STEPS_OF_INTEGRALS {
+        let part = integral_of_step(at(step), at(step + 1), f);
+        if sum + part >= wanted {
+            break;
+        }
+        (step, sum) = (step + 1, sum + part);
+    }
+    let (mut low, mut high) = (at(step), at(step + 1));
+    for _ in 0..50 {
         let middle = 0.5 * (low + high);
-        if f(middle) < 0.0 { low = middle } else { high = middle }
+        if sum + integral_of_step(at(step), middle, f) < wanted { low = middle } else { high = middle }
     }
     high
 }

@@ -191,17 +191,15 @@ impl PosteriorModel {
     /// Shapes at named places; `None` if they have no such places. Several points in the stretch of one control point share its
     /// residual: the variance of each is multiplied by their number.
     pub fn at(&self, space: &ShapeSpace, places: &[Place]) -> Option<AtPlaces> {
-        let d = self.dimension();
-        let points = |shape: &Matrix| {
-            let points = space.points_at(shape, places)?;
-            Some((0..d).flat_map(|c| points.iter().map(move |point| point[c])).collect::<Vec<f64>>())
-        };
-        let columns: Vec<Vec<f64>> = self.shapes.iter().map(points).collect::<Option<_>>()?;
+        let weights = space.weights_at(places)?;
+        let points =
+            |shape: &Matrix| shape.column_iter().flat_map(|c| weights.apply_column(c.as_slice())).collect();
+        let columns: Vec<Vec<f64>> = self.shapes.iter().map(points).collect();
         let cells: Vec<[i64; 2]> = places.iter().map(|place| self.cell(space, place)).collect();
         let mut shared: HashMap<[i64; 2], f64> = HashMap::new();
         cells.iter().for_each(|cell| *shared.entry(*cell).or_default() += 1.0);
         let noise = cells.iter().map(|cell| self.noise * shared[cell]).collect();
-        Some(AtPlaces::new(d, columns[0].clone(), &columns[1..], noise))
+        Some(AtPlaces::new(self.dimension(), columns[0].clone(), &columns[1..], noise))
     }
 
     /// The stretch of a shape, of the size of one control point, in which a place is.
