@@ -26,6 +26,7 @@ mod arrays;
 pub(super) mod arrow;
 mod checks;
 mod layout;
+mod list_pages;
 mod npy;
 mod npy_file;
 mod npz;

@@ -8,19 +8,22 @@ use std::io::Write;
 use std::sync::Arc;
 
 use arrow_array::RecordBatch;
+use arrow_array::cast::AsArray;
 use arrow_schema::SchemaRef;
 use bytes::Bytes;
 use parquet::arrow::ArrowSchemaConverter;
 use parquet::arrow::arrow_reader::{
     ArrowReaderMetadata, ArrowReaderOptions, ParquetRecordBatchReaderBuilder,
 };
-use parquet::arrow::arrow_writer::{ArrowColumnChunk, ArrowRowGroupWriterFactory, compute_leaves};
+use parquet::arrow::arrow_writer::{
+    ArrowColumnChunk, ArrowColumnWriter, ArrowRowGroupWriterFactory, compute_leaves,
+};
 use parquet::basic::Compression;
 use parquet::errors::ParquetError;
 use parquet::file::metadata::{KeyValue, ParquetMetaData};
-use parquet::file::properties::{EnabledStatistics, WriterProperties};
+use parquet::file::properties::WriterProperties;
 use parquet::file::writer::SerializedFileWriter;
-use parquet::schema::types::ColumnPath;
+use parquet::schema::types::ColumnDescPtr;
 use rayon::prelude::*;
 
 use super::super::error::{FaultKind, FileError, Place};
@@ -31,6 +34,7 @@ use super::super::record::{Kind, Record};
 use super::super::source::Source;
 use super::super::summary::Summary;
 use super::super::write::{Opened, Output, Writer};
+use super::list_pages::ListColumn;
 use super::pages::check_columns;
 use super::read_rows::Reading;
 use super::rows::{ROWS, Rows};
@@ -114,6 +118,7 @@ struct File<'a> {
 struct Begun<'a> {
     writer: SerializedFileWriter<Box<dyn Write + Send + 'a>>,
     factory: ArrowRowGroupWriterFactory,
+    columns: Vec<ColumnDescPtr>,
     groups: usize,
 }
 
@@ -121,47 +126,48 @@ fn open<'a>(output: Output<'a>, options: &WriteOptions) -> Opened<'a> {
     Ok(Box::new(File { rows: Rows::new(options), output: Some(output), begun: None, waiting: Vec::new() }))
 }
 
-/// Settings: Snappy, which every reader knows. Coordinates hardly repeat, so that dictionaries of them save nothing, and no query
-/// filters by them, so that statistics do not either.
+/// Settings of the columns that are not lists: Snappy, which every reader knows.
 fn properties(schema: &SchemaRef) -> WriterProperties {
     let mut facts: Vec<KeyValue> =
         schema.metadata().iter().map(|(name, value)| KeyValue::new(name.clone(), value.clone())).collect();
     facts.sort_by(|a, b| a.key.cmp(&b.key));
-    let mut properties = WriterProperties::builder()
+    WriterProperties::builder()
         .set_created_by("shapelex".into())
         .set_compression(Compression::SNAPPY)
-        .set_key_value_metadata(Some(facts));
-    for field in
-        schema.fields().iter().filter(|field| matches!(field.data_type(), arrow_schema::DataType::List(_)))
-    {
-        let path = ColumnPath::new(vec![field.name().clone(), "list".into(), "item".into()]);
-        properties = properties
-            .set_column_dictionary_enabled(path.clone(), false)
-            .set_column_statistics_enabled(path.clone(), EnabledStatistics::None)
-            .set_column_compression(path, Compression::UNCOMPRESSED);
-    }
-    properties.build()
+        .set_key_value_metadata(Some(facts))
+        .build()
+}
+
+/// A column of a row group, encoded.
+enum Encoded {
+    /// Coordinates, faces and fields. They hardly repeat, so that dictionaries and compression save nothing, and no query filters by
+    /// them, so that statistics do not either.
+    Lists(ListColumn),
+    /// Other columns, encoded by the library.
+    Cells(ArrowColumnChunk),
 }
 
 /// The columns of a row group, encoded.
 fn encode(
-    factory: &ArrowRowGroupWriterFactory,
+    (factory, columns): (&ArrowRowGroupWriterFactory, &[ColumnDescPtr]),
     group: usize,
     batches: &[RecordBatch],
-) -> Result<Vec<ArrowColumnChunk>, ParquetError> {
-    let mut columns = factory.create_column_writers(group)?;
-    for batch in batches {
-        let mut leaves = columns.iter_mut();
-        for (field, array) in batch.schema().fields().iter().zip(batch.columns()) {
-            for leaf in compute_leaves(field, array)? {
-                let column = leaves.next();
-                column
-                    .ok_or_else(|| ParquetError::General("a column without a writer".into()))?
-                    .write(&leaf)?;
+) -> Result<Vec<Encoded>, ParquetError> {
+    let writers = factory.create_column_writers(group)?;
+    // Every column has one leaf.
+    let encode = |(k, (mut writer, column)): (usize, (ArrowColumnWriter, &ColumnDescPtr))| {
+        if column.max_rep_level() > 0 {
+            let lists = batches.iter().map(|batch| batch.column(k).as_list());
+            return ListColumn::encode(column, lists).map(Encoded::Lists);
+        }
+        for batch in batches {
+            for leaf in compute_leaves(batch.schema().field(k), batch.column(k))? {
+                writer.write(&leaf)?;
             }
         }
-    }
-    columns.into_iter().map(|column| column.close()).collect()
+        writer.close().map(Encoded::Cells)
+    };
+    writers.into_iter().zip(columns).enumerate().map(encode).collect()
 }
 
 impl File<'_> {
@@ -175,20 +181,25 @@ impl File<'_> {
         let batches = std::mem::take(&mut self.waiting);
         let Some(first) = batches.first() else { return Ok(()) };
         self.begin(&first.schema())?;
-        let Some(Begun { writer, factory, groups }) = &mut self.begun else { return Ok(()) };
+        let Some(Begun { writer, factory, columns, groups }) = &mut self.begun else { return Ok(()) };
         let encoded: Vec<_> = batches
             .par_chunks(BATCHES)
             .enumerate()
-            .map(|(k, batches)| encode(factory, *groups + k, batches))
+            .map(|(k, batches)| encode((factory, columns), *groups + k, batches))
             .collect();
         for columns in encoded {
             let mut group = writer.next_row_group().map_err(unwritten)?;
             for column in columns.map_err(unwritten)? {
-                column.append_to_row_group(&mut group).map_err(unwritten)?;
+                let written = match column {
+                    Encoded::Lists(column) => column.append_to_row_group(&mut group),
+                    Encoded::Cells(column) => column.append_to_row_group(&mut group),
+                };
+                written.map_err(unwritten)?;
             }
             group.close().map_err(unwritten)?;
             *groups += 1;
         }
+        batches.into_iter().for_each(|batch| self.rows.reuse(batch));
         Ok(())
     }
 
@@ -200,7 +211,8 @@ impl File<'_> {
         let writer = SerializedFileWriter::new(output, description.root_schema_ptr(), properties)
             .map_err(unwritten)?;
         let factory = ArrowRowGroupWriterFactory::new(&writer, Arc::clone(schema));
-        self.begun = Some(Begun { writer, factory, groups: 0 });
+        let columns = description.columns().to_vec();
+        self.begun = Some(Begun { writer, factory, columns, groups: 0 });
         Ok(())
     }
 }

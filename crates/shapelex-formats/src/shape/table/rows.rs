@@ -4,7 +4,9 @@ use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
 use arrow_array::builder::{BooleanBuilder, Float64Builder, Int32Builder, Int64Builder, StringBuilder};
-use arrow_array::{ArrayRef, Float64Array, Int32Array, ListArray, RecordBatch};
+use arrow_array::cast::AsArray;
+use arrow_array::types::Float64Type;
+use arrow_array::{Array, ArrayRef, Float64Array, Int32Array, ListArray, RecordBatch};
 use arrow_buffer::{BooleanBuffer, NullBuffer, OffsetBuffer, ScalarBuffer};
 use arrow_schema::{DataType, Field, Schema, SchemaRef};
 
@@ -18,6 +20,9 @@ use super::{FIELDS, FieldNote, LABELS, PREFIX, SCHEMA, unwritten};
 pub(super) const ROWS: usize = 8192;
 /// Number of coordinates and indices at which a batch ends.
 const NUMBERS: usize = 1 << 22;
+
+const POINTS: &str = "points";
+const VERTICES: &str = "vertices";
 
 /// Lists of one column, one after the other.
 struct Lists<T> {
@@ -86,6 +91,8 @@ pub(super) struct Rows {
     metadata: HashMap<String, String>,
     layout: Option<Layout>,
     columns: Columns,
+    /// Memory of batches that were written, for the next ones.
+    spare: Vec<Vec<f64>>,
     /// What was left out.
     pub(super) summary: Summary,
 }
@@ -122,7 +129,13 @@ impl Rows {
             metadata.insert(format!("{PREFIX}unit"), unit.clone());
         }
         metadata.insert(format!("{PREFIX}schema"), SCHEMA.into());
-        Self { metadata, layout: None, columns: Columns::default(), summary: Summary::default() }
+        Self {
+            metadata,
+            layout: None,
+            columns: Columns::default(),
+            spare: Vec::new(),
+            summary: Summary::default(),
+        }
     }
 
     /// Adds a row. Returns a batch when there are enough of them.
@@ -145,8 +158,32 @@ impl Rows {
     /// None that the columns of this module can cause.
     pub(super) fn take(&mut self) -> Result<RecordBatch, FileError> {
         let columns = std::mem::take(&mut self.columns);
+        let next = &mut self.columns;
+        let numbers = if columns.points.values.is_empty() {
+            &mut next.vertices.values
+        } else {
+            &mut next.points.values
+        };
+        *numbers = self.spare.pop().unwrap_or_default();
         let layout = self.layout.get_or_insert_with(|| Layout::new(&columns, &self.metadata));
         columns.batch(layout, &mut self.summary)
+    }
+
+    /// Takes back the memory of a batch that was written. New memory would take longer to get than its numbers to write.
+    pub(super) fn reuse(&mut self, batch: RecordBatch) {
+        let numbers = |name: &str| Some(batch.column_by_name(name)?.as_list_opt::<i32>()?.values().clone());
+        let largest = [POINTS, VERTICES].into_iter().filter_map(numbers).max_by_key(|numbers| numbers.len());
+        drop(batch);
+        let Some(numbers) = largest else { return };
+        let Some(buffer) = numbers.as_primitive_opt::<Float64Type>().map(|n| n.values().inner().clone())
+        else {
+            return;
+        };
+        drop(numbers);
+        if let Ok(mut numbers) = buffer.into_vec::<f64>() {
+            numbers.clear();
+            self.spare.push(numbers);
+        }
     }
 
     /// Whether there are no rows that were not taken.
@@ -166,8 +203,8 @@ impl Layout {
             ("weight", DataType::Float64),
             ("closed", DataType::Boolean),
             ("dimension", DataType::Int32),
-            ("points", list(DataType::Float64)),
-            ("vertices", list(DataType::Float64)),
+            (POINTS, list(DataType::Float64)),
+            (VERTICES, list(DataType::Float64)),
             ("faces", list(DataType::Int32)),
             ("face_sizes", list(DataType::Int32)),
             ("ring_object", DataType::Int64),

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use arrow_array::cast::AsArray;
 use arrow_array::types::{Float32Type, Int32Type, Int64Type};
 use arrow_array::{
     Array, ArrayRef, DictionaryArray, FixedSizeListArray, Int64Array, LargeListArray, ListArray, RecordBatch,
@@ -10,6 +11,7 @@ use arrow_array::{
 };
 use arrow_ipc::writer::{FileWriter, StreamWriter};
 use arrow_schema::{DataType, Field as Column, Schema};
+use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
 
 use super::super::record::{Domain, Field, Ring};
 use super::super::{
@@ -168,6 +170,42 @@ fn many_batches_and_row_groups_keep_the_order() {
         let (alone, _) = pool.install(|| written(id, &records, &WriteOptions::default()));
         assert!(bytes == alone, "{id}: other bytes on one thread");
         assert!(placeless(&read_back(&bytes).expect("a table").0) == records, "{id}");
+    }
+}
+
+/// The lists of all columns that have them, row by row.
+fn lists_of(batches: &[RecordBatch]) -> Vec<Vec<Option<ArrayRef>>> {
+    let rows = |batch: &RecordBatch| {
+        let lists: Vec<&ListArray> = batch.columns().iter().filter_map(|array| array.as_list_opt()).collect();
+        let row =
+            |row: usize| lists.iter().map(|lists| lists.is_valid(row).then(|| lists.value(row))).collect();
+        (0..batch.num_rows()).map(row).collect::<Vec<_>>()
+    };
+    batches.iter().flat_map(rows).collect()
+}
+
+/// Pages made here, as the library reads them: lists that are null, empty, longer than a page, with null numbers, in many pages.
+#[test]
+fn lists_of_parquet_are_those_of_arrow() {
+    let mut records = [points(), meshes()].concat();
+    let missing = [f64::NAN, f64::NAN, 2.0, 3.0, f64::NAN, f64::NAN];
+    records.push(Record::new(Geometry::Landmarks(Points::from_rows(2, missing.into())), Place::default()));
+    records.push(Record::new(Geometry::Landmarks(Points::new(2)), Place::default()));
+    for count in [70_000_u32, 65_536, 1, 300, 40_000, 40_000] {
+        let numbers = (0..2 * count).map(|k| f64::from(k) / 7.0).collect();
+        records.push(Record::new(Geometry::Landmarks(Points::from_rows(2, numbers)), Place::default()));
+    }
+    records.extend((0..super::rows::ROWS).map(|k| curve(&[[k as f64, 0.5]], true)));
+    records.extend(points());
+    let (stream, _) = written("arrow", &records, &WriteOptions::default());
+    let stream = arrow_ipc::reader::StreamReader::try_new(stream.as_slice(), None).expect("a stream");
+    let expected = lists_of(&stream.collect::<Result<Vec<_>, _>>().expect("batches"));
+    let (file, _) = written("parquet", &records, &WriteOptions::default());
+    let file = ParquetRecordBatchReaderBuilder::try_new(bytes::Bytes::from(file)).expect("a file");
+    let found = lists_of(&file.build().expect("batches").collect::<Result<Vec<_>, _>>().expect("batches"));
+    assert_eq!(found.len(), records.len());
+    for (row, (found, expected)) in found.iter().zip(&expected).enumerate() {
+        assert_eq!(found, expected, "row {row}");
     }
 }
 
