@@ -162,8 +162,24 @@ impl Store {
         }
         const PROBE: &str = "INSERT INTO probe (id, count) VALUES (1, 1)
             ON CONFLICT (id) DO UPDATE SET count = probe.count + 1";
-        sql(self.writer(), PROBE).execute().await?;
-        Ok(())
+        let probe = async || sql(self.writer(), PROBE).execute().await.map_err(StoreError::from);
+        match probe().await {
+            Err(error) if self.make_room(&error).await => probe().await.map(drop),
+            outcome => outcome.map(drop),
+        }
+    }
+
+    /// Empties the log of the embedded database into its file if a write found no room, and returns whether it did: on a full disk the
+    /// log cannot grow by a page, and SQLite reuses its pages only once it is thousands of them long.
+    pub async fn make_room(&self, failure: &StoreError) -> bool {
+        if !matches!(failure, StoreError::Full | StoreError::ReadOnly) {
+            return false;
+        }
+        let folded = self.inner.pools.fold_log().await;
+        if let Err(error) = &folded {
+            tracing::warn!(%error, "the write-ahead log could not be emptied to make room");
+        }
+        folded.is_ok()
     }
 
     /// Waits for work in progress, closes all connections and frees the data folder. The file of the embedded database then holds

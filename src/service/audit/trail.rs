@@ -356,8 +356,9 @@ impl Writer {
     async fn write(&self, entries: &[Entry]) {
         let mut said: Option<Instant> = None;
         while let Err(error) = self.store.append_audit(entries).await {
-            let error = ServiceError::from(error);
             self.state.failing.store(true, Ordering::Relaxed);
+            self.store.make_room(&error).await;
+            let error = ServiceError::from(error);
             if said.is_none_or(|said| said.elapsed() >= QUIET) {
                 said = Some(Instant::now());
                 tracing::error!(
