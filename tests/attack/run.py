@@ -334,6 +334,9 @@ def main():
     for why in dict.fromkeys(still_open(case) for case in opened):
         print(f"OPEN: {sum(still_open(case) == why for case in opened)} cases: {why}")
     if not arguments.table:
+        # Again at the end: of a long log often only the end is kept.
+        for case in (case for case in report if case["verdict"] == "FAIL"):
+            print(f"FAIL {case['finding']} {case['name']}: {'; '.join(case['wrong'])}")
         print(f"attack: {time.monotonic() - begin:.0f} s, {counts['skip']} skipped")
         print(f"{counts['ok']} passed, {counts['FAIL']} failed")
     sys.exit(1 if counts["FAIL"] else 0)

@@ -271,10 +271,29 @@ def http2_head(address, path, length):
     return b"".join(b"\0" + bytes([len(n)]) + n.encode() + bytes([len(v)]) + v.encode() for n, v in fields)
 
 
+# What a client may send on a connection before the service says that it has taken some of it.
+HTTP2_WINDOW = 65535
+HEADERS, GOAWAY = 1, 7
+
+
+def http2_frames(connection, seconds):
+    """Kinds of the frames that come within some seconds."""
+    connection.settimeout(seconds)
+    try:
+        with connection.makefile("rb") as frames:
+            while len(start := frames.read(9)) == 9:
+                frames.read(int.from_bytes(start[:3], "big"))
+                yield start[3]
+    except TimeoutError:
+        return
+
+
 def window_of_zero(attack, streams, samples, mb):
     """HTTP/2 with a window of zero: answers can never be sent."""
     body = recipe({"representation": CURVE, "samples": samples, "derivatives": 2, "frames": True,
-                   "shapes": [{"$repeat": {"points": {"$points": {"kind": "circle"}}}, "times": 8}]})
+                   "shapes": [{"$repeat": {"points": {"$points": {"kind": "circle"}}}, "times": 2}]})
+    if streams * len(body) > HTTP2_WINDOW:
+        raise RuntimeError(f"{streams} bodies of {len(body)} bytes are more than a connection takes at once")
     with started(attack) as (service, _):
         with service.watched(KILL_BEYOND[attack.bounds]) as watch:
             with socket.create_connection(service.address, timeout=30) as connection:
@@ -287,10 +306,14 @@ def window_of_zero(attack, streams, samples, mb):
                     connection.sendall(http2_frame(1, 4, stream, fields) + http2_frame(0, 1, stream, body))
                 time.sleep(1)
                 settled(service)
-        wrong = []
+                kinds = list(http2_frames(connection, 1))
+        begun = kinds.count(HEADERS)
+        wrong = ["the service ended the connection"] if GOAWAY in kinds else []
+        if begun != streams:
+            wrong.append(f"{begun} of {streams} answers begin")
         if watch.above_idle > mb * 1e6:
             wrong.append(f"took {watch.above_idle / 1e6:.0f} MB, expected at most {mb}")
-        return {"bytes": streams * len(body), "says": f"{watch.above_idle / 1e6:.0f} MB"}, aftermath(service, wrong)
+        return {"bytes": streams * len(body), "says": f"{watch.above_idle / 1e6:.0f} MB, {begun} answers begin"}, aftermath(service, wrong)
 
 
 # H2
@@ -582,9 +605,7 @@ def clock_shim(folder):
 
 def kept(service):
     """What lies in the trash, and entries of the audit trail."""
-    trash = service.send("GET", "/v1/trash?limit=1000").json() or {}
-    audit = service.send("GET", "/v1/audit?limit=1000").json() or {}
-    return len(trash.get("items", [])), len(audit.get("items", []))
+    return tuple(len(service.send("GET", path).json()["items"]) for path in ("/v1/trash?limit=1000", "/v1/audit?limit=1000"))
 
 
 def clock_ahead(attack, days):
@@ -592,6 +613,8 @@ def clock_ahead(attack, days):
     with started(attack) as (service, _):
         service.send("DELETE", "/v1/cohorts/attacked")
         before = kept(service)
+        if not all(before):
+            raise RuntimeError(f"expected something in the trash and in the trail, got {before}")
         service.stop()
         environment = dict(service.environment)
         service.environment |= {"LD_PRELOAD": clock_shim(service.folder), "ATTACK_SECONDS": str(86400 * days)}
@@ -613,23 +636,27 @@ def clock_ahead(attack, days):
 
 
 def filled_store(service, shapes=3000, at_once=500):
-    """Uploads that are acknowledged; how many."""
+    """Uploads that are acknowledged; the number of shapes that are stored then."""
+    before = shape_count(service)
     for first in range(0, shapes, at_once):
         rows = [{"points": points("random", 3, seed=k)} for k in range(first, first + at_once)]
         service.post("/v1/cohorts/attacked/shapes", {"shapes": rows})
-    return shapes
+    count = shape_count(service)
+    if count != before + shapes:
+        raise RuntimeError(f"the cohort has {count} shapes, expected {before} and {shapes}")
+    return count
 
 
 def shape_count(service):
     """Shapes of the cohort, or nothing when it is not there."""
-    return (service.send("GET", "/v1/cohorts/attacked").json() or {}).get("shapes")
+    answer = service.send("GET", "/v1/cohorts/attacked")
+    return answer.json()["shape_count"] if answer.status == 200 else None
 
 
 def stop_checkpoints(attack):
     """After an orderly stop the store is one file."""
     with started(attack) as (service, _):
-        filled_store(service)
-        count = shape_count(service)
+        count = filled_store(service)
         service.stop()
         wal = [path for path in (service.folder / "data").glob("*-wal")]
         left = sum(path.stat().st_size for path in wal)
@@ -645,8 +672,7 @@ def stop_checkpoints(attack):
 def damaged_wal(attack, damage):
     """A store that has lost what was acknowledged does not start as if nothing were."""
     with started(attack) as (service, _):
-        filled_store(service)
-        count = shape_count(service)
+        count = filled_store(service)
         service.kill()
         for path in (service.folder / "data").glob("*-wal"):
             if damage == "missing":
