@@ -26,8 +26,9 @@ TOOLS = ROOT / "target" / "lint"
 PYTHON = TOOLS / "bin" / "python"
 REQUIREMENTS = ROOT / "deploy" / "requirements.txt"
 DOCKERFILE = ROOT / "docker" / "Dockerfile"
-COMPOSE = ROOT / "docker" / "compose.yaml"
-MANIFESTS = ROOT / "deploy" / "kubernetes"
+ENGINE_DOCKERFILE = ROOT / "docker" / "Dockerfile.engine"
+COMPOSES = {"shapelex": ROOT / "docker" / "compose.yaml", "executor": ROOT / "docker" / "compose.engine.yaml"}
+MANIFESTS = [ROOT / "deploy" / "kubernetes", ROOT / "deploy" / "kubernetes-engine"]
 UNIT = ROOT / "deploy" / "systemd" / "shapelex.service"
 # Points of exposure of 100 that systemd may count: what is left is the network and files that can be read.
 EXPOSURE = 15
@@ -83,9 +84,9 @@ def documents(text):
     return [document for document in yaml.safe_load_all(text) if document]
 
 
-def manifests():
+def manifests(folder):
     """What is applied to a cluster, as text."""
-    return run(tool("kubectl"), "kustomize", MANIFESTS)
+    return run(tool("kubectl"), "kustomize", folder)
 
 
 def refuse(found):
@@ -95,14 +96,17 @@ def refuse(found):
 
 
 def check_yaml():
-    run(tool("yamllint"), "--strict", "-d", YAML_RULES, COMPOSE, MANIFESTS)
+    run(tool("yamllint"), "--strict", "-d", YAML_RULES, *COMPOSES.values(), *MANIFESTS)
 
 
 def check_dockerfile():
-    run(tool("hadolint"), "--failure-threshold", "style", DOCKERFILE)
-    last = DOCKERFILE.read_text().rsplit("\nFROM ", 1)[1]
-    wanted = ("USER 65532:65532", "HEALTHCHECK", "COPY --from=sbom ")
-    refuse([f"the last stage has no {line}" for line in wanted if f"\n{line}" not in last])
+    found = []
+    for path in (DOCKERFILE, ENGINE_DOCKERFILE):
+        run(tool("hadolint"), "--failure-threshold", "style", path)
+        last = path.read_text().rsplit("\nFROM ", 1)[1]
+        wanted = ("USER 65532:65532", "HEALTHCHECK", "COPY --from=sbom ")
+        found += [f"{path.name}: the last stage has no {line}" for line in wanted if f"\n{line}" not in last]
+    refuse(found)
 
 
 def check_shell():
@@ -150,33 +154,45 @@ def check_image():
 
 
 def check_compose():
-    run(tool("check-jsonschema"), "--builtin-schema", "vendor.compose-spec", COMPOSE)
-    services = documents(COMPOSE.read_text())[0]["services"]
-    replicas = {name: s for name, s in services.items() if name.startswith("shapelex")}
-    found = [] if len(replicas) >= 2 else ["fewer than two replicas"]
-    for name, service in services.items():
-        if not re.search(r":.*\d", service["image"]):
-            found.append(f"{name}: an image without a version")
-        found += [f"{name}: {port} is open to the world" for port in service.get("ports", []) if "127.0.0.1" not in port]
-    for name, service in replicas.items():
-        wanted = {"read_only": True, "cap_drop": ["ALL"], "user": "65532:65532", "security_opt": ["no-new-privileges:true"]}
-        found += [f"{name}: {key} is not {value}" for key, value in wanted.items() if service.get(key) != value]
-        # 4096 connections, and 500 files for the rest: docs/limits.md.
-        if service.get("ulimits", {}).get("nofile", 0) < 4096 + 500:
-            found.append(f"{name}: too few files for its connections")
+    found = []
+    for replicated, path in COMPOSES.items():
+        run(tool("check-jsonschema"), "--builtin-schema", "vendor.compose-spec", path)
+        services = documents(path.read_text())[0]["services"]
+        if sum(name.startswith(replicated) for name in services) < 2:
+            found.append(f"{path.name}: fewer than two of {replicated}")
+        for name, service in services.items():
+            found += [f"{path.name}: {name}: {what}" for what in service_faults(name, service)]
     refuse(found)
 
 
+def service_faults(name, service):
+    """What a service of a compose file lacks."""
+    found = [f"{port} is open to the world" for port in service.get("ports", []) if "127.0.0.1" not in port]
+    if not re.search(r":.*\d", service["image"]):
+        found.append("an image without a version")
+    if not service["image"].startswith("shapelex"):
+        return found
+    wanted = {"read_only": True, "cap_drop": ["ALL"], "user": "65532:65532", "security_opt": ["no-new-privileges:true"]}
+    found += [f"{key} is not {value}" for key, value in wanted.items() if service.get(key) != value]
+    # 4096 connections, and 500 files for the rest: docs/limits.md.
+    if name.startswith("shapelex") and service.get("ulimits", {}).get("nofile", 0) < 4096 + 500:
+        found.append("too few files for its connections")
+    return found
+
+
 def check_kubernetes():
-    text = manifests()
+    refuse([f"{folder.name}: {what}" for folder in MANIFESTS for what in manifest_faults(folder)])
+
+
+def manifest_faults(folder):
+    """What the manifests of a folder lack."""
+    text = manifests(folder)
     for version in KUBERNETES:
         run(tool("kubernetes-validate"), "--strict", "-k", version, "/dev/stdin", input=text)
-    found = []
-    labels = []
-    selectors = []
+    found, labels, selectors = [], [], []
     for document in documents(text):
         spec = document["spec"]
-        if document["kind"] == "Deployment":
+        if document["kind"] in ("Deployment", "StatefulSet"):
             labels.append(spec["template"]["metadata"]["labels"])
             found += pod_rights(spec["template"]["spec"])
         selector = spec.get("podSelector") or spec["selector"]
@@ -184,14 +200,14 @@ def check_kubernetes():
     for kind, selector in selectors:
         if not any(selector.items() <= of_pods.items() for of_pods in labels):
             found.append(f"{kind}: selects no pod of the deployment")
-    for path in sorted(MANIFESTS.glob("*.yaml")):
+    for path in sorted(folder.glob("*.yaml")):
         if path.name == "kustomization.yaml":
             continue
         run(tool("kubernetes-validate"), "--strict", path)
         for document in documents(path.read_text()):
             if document["kind"] == "Job":
                 found += pod_rights(document["spec"]["template"]["spec"])
-    refuse(found)
+    return found
 
 
 def pod_rights(pod):
@@ -227,7 +243,8 @@ def check_systemd():
 
 def check_names():
     """Settings, routes, commands and tests that the files name exist."""
-    program = "".join(path.read_text() for path in [*sorted((ROOT / "src").rglob("*.rs")), *ROOT.glob("build.rs")])
+    sources = [*sorted((ROOT / "src").rglob("*.rs")), *sorted((ROOT / "crates" / "shapelex-engine" / "src").rglob("*.rs"))]
+    program = "".join(path.read_text() for path in [*sources, *ROOT.glob("build.rs")])
     settings = set(re.findall(r'"(SHAPELEX_[A-Z_]+|DATABASE_URL)"', program))
     fields = set(re.findall(r'(?m)^    (\w+): .* = "(?:SHAPELEX_\w+|DATABASE_URL)"', program)) | {"no_example"}
     files = [path for folder in ("docker", "deploy") for path in sorted((ROOT / folder).rglob("*")) if path.is_file()]

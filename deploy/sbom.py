@@ -112,7 +112,7 @@ def document(metadata, lock, page_lock):
            "purl": purl(program), "licenses": [{"expression": program["license"]}]}
     dependencies = [{"ref": purl(packages[crate]), "dependsOn": sorted(purl(packages[other]) for other in edges[crate])}
                     for crate in sorted(edges, key=lambda crate: purl(packages[crate]))]
-    shipped, edges_of_page, direct, faults = page_packages(page_lock)
+    shipped, edges_of_page, direct, faults = page_packages(page_lock) if page_lock else ([], [], [], [])
     wrong += faults
     components += shipped
     for one in dependencies:
@@ -129,11 +129,11 @@ def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("metadata", type=Path)
     parser.add_argument("--lock", type=Path, required=True)
-    parser.add_argument("--page-lock", type=Path, required=True)
+    parser.add_argument("--page-lock", type=Path, help="of a program with a page")
     parser.add_argument("--out", type=Path, required=True)
     arguments = parser.parse_args()
     found, wrong = document(json.loads(arguments.metadata.read_text()), tomllib.loads(arguments.lock.read_text()),
-                            json.loads(arguments.page_lock.read_text()))
+                            json.loads(arguments.page_lock.read_text()) if arguments.page_lock else None)
     if wrong or not found["components"]:
         print("\n".join(wrong or ["no crates"]), file=sys.stderr)
         raise SystemExit(1)

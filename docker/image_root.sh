@@ -10,7 +10,7 @@ root=$2
 epoch=${SOURCE_DATE_EPOCH:-0}
 
 mkdir -p "$root/usr/local/bin" "$root/etc/ssl/certs" "$root/var/lib/dpkg/status.d"
-install -m 0555 "$program" "$root/usr/local/bin/shapelex"
+install -m 0555 "$program" "$root/usr/local/bin/$(basename "$program")"
 
 # Libraries lie where the loader looks for them; the names of their packages stay readable for scanners.
 ldd "$program" | grep -o '/[^ ]*' | sort -u | while read -r library; do

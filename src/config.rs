@@ -13,6 +13,7 @@ use crate::service::access::AccessSettings;
 use crate::service::access::login::LoginSettings;
 use crate::service::access::tokens::TokenSettings;
 use crate::service::app::{Limits, memory};
+use crate::service::dictionaries::at_engine::EngineSettings;
 use crate::service::hooks::HookSettings;
 use crate::store_location::{self, StoreLocation};
 use crate::worker::Places;
@@ -230,6 +231,14 @@ serve_settings! {
     allow_private_hooks: bool = "SHAPELEX_ALLOW_PRIVATE_HOOKS", false;
     /// Days after which a hook whose delivery fails is given up; 0 gives up after the first attempt
     hook_days: u32 = "SHAPELEX_HOOK_DAYS", HookSettings::default().days;
+    /// Path of `shapelex-engine`, which computes passes over large cohorts; empty for none
+    engine: PathBuf = "SHAPELEX_ENGINE", PathBuf::new();
+    /// Store of the engine: a folder, or `s3://bucket/folder`
+    engine_store: String = "SHAPELEX_ENGINE_STORE", String::new();
+    /// Scheduler of a cluster of the engine, as `host:port`; empty if the engine computes on this machine
+    engine_scheduler: String = "SHAPELEX_ENGINE_SCHEDULER", String::new();
+    /// Number of shapes from which on a job uses the engine
+    engine_min_shapes: NonZeroUsize = "SHAPELEX_ENGINE_MIN_SHAPES", most(1_000_000);
     /// Serve /metrics without authentication
     metrics_open: bool = "SHAPELEX_METRICS_OPEN", false;
     /// Log filter, such as `info` or `shapelex=debug`
@@ -375,6 +384,9 @@ impl ServeConfig {
             let found = self.oidc_leeway_seconds;
             return Err(format!("oidc_leeway_seconds: expected at most {MAX_LEEWAY_SECONDS}, got {found}"));
         }
+        if self.engine.as_os_str().is_empty() != self.engine_store.is_empty() {
+            return Err("expected both engine and engine_store, or neither".into());
+        }
         if self.oidc_issuer.is_empty() != self.oidc_audience.is_empty() {
             // Without an audience, a token issued for any other service would be accepted.
             return Err("expected both oidc_issuer and oidc_audience, or neither".into());
@@ -388,6 +400,16 @@ impl ServeConfig {
     /// Settings of hooks.
     pub fn hooks(&self) -> HookSettings {
         HookSettings { allow_private: self.allow_private_hooks, days: self.hook_days }
+    }
+
+    /// The engine that jobs may use.
+    pub fn engine(&self) -> EngineSettings {
+        EngineSettings {
+            program: self.engine.clone(),
+            store: self.engine_store.clone(),
+            scheduler: self.engine_scheduler.clone(),
+            min_shapes: self.engine_min_shapes.get(),
+        }
     }
 
     /// Access control settings.

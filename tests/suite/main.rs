@@ -23,6 +23,7 @@ mod http_curves;
 mod http_dashboard;
 mod http_dictionaries;
 mod http_drawings;
+mod http_engine;
 mod http_events;
 mod http_files;
 mod http_formats;

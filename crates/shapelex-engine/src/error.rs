@@ -43,6 +43,9 @@ pub enum EngineError {
         /// What was expected, and what was found.
         detail: String,
     },
+    /// An error of a part, on another machine.
+    #[error("{0}")]
+    Remote(String),
     /// A file, the standard input or the standard output.
     #[error("input or output failed: {0}")]
     Io(#[from] std::io::Error),

@@ -1,8 +1,12 @@
-//! Shapes as lines of JSON, one shape per line, as `GET /v1/cohorts/{cohort}/shapes` lists them.
+//! Shapes as lines of JSON, one shape per line, as `GET /v1/cohorts/{cohort}/shapes` lists them, or as a stream of Arrow.
 
 use std::collections::BTreeMap;
 use std::io::{BufRead, Read};
 
+use arrow_array::cast::AsArray;
+use arrow_array::types::Float64Type;
+use arrow_array::{Array, RecordBatch};
+use arrow_ipc::reader::StreamReader;
 use serde::Deserialize;
 use serde_json::value::RawValue;
 
@@ -139,23 +143,116 @@ fn read_line(text: &[u8], [points, dimension]: [usize; 2]) -> Result<Record, Str
 /// # Errors
 /// [`EngineError::Refused`] with the number of the first line that is no shape of the cohort, and if there are not as many shapes
 /// as the cohort has; errors of the store.
-pub async fn ingest(mut lines: impl BufRead, mut writer: Writer) -> Result<Written, EngineError> {
-    let size = writer.size();
-    let mut text = Vec::new();
-    for number in 1_u64.. {
-        text.clear();
-        let read = (&mut lines).take(MAX_LINE_BYTES + 1).read_until(b'\n', &mut text)?;
-        if read == 0 {
-            break;
-        }
-        let refused = |detail: String| EngineError::refused(format!("line {number}"), detail);
-        if read as u64 > MAX_LINE_BYTES {
-            return Err(refused(format!("expected at most {MAX_LINE_BYTES} bytes, got more")));
-        }
-        if text.iter().all(u8::is_ascii_whitespace) {
-            continue;
-        }
-        writer.add(read_line(&text, size).map_err(refused)?).await?;
+pub async fn ingest(lines: impl BufRead, mut writer: Writer) -> Result<Written, EngineError> {
+    let mut lines = Lines { lines, number: 0, text: Vec::new(), size: writer.size() };
+    while let Some(record) = lines.next()? {
+        writer.add(record).await?;
     }
     writer.finish().await
+}
+
+/// Reads at most `most` shapes of `[points, dimension]` into memory, one JSON object per line.
+///
+/// # Errors
+/// As [`ingest`]; no shape, or more than `most`.
+pub fn read_shapes(lines: impl BufRead, size: [usize; 2], most: usize) -> Result<Vec<Record>, EngineError> {
+    let mut lines = Lines { lines, number: 0, text: Vec::new(), size };
+    let mut shapes = Vec::new();
+    while let Some(record) = lines.next()? {
+        shapes.push(record);
+        if shapes.len() > most {
+            return Err(EngineError::refused("shapes", format!("expected at most {most}, got more")));
+        }
+    }
+    if shapes.is_empty() {
+        Err(EngineError::refused("shapes", "expected a shape, got none"))
+    } else {
+        Ok(shapes)
+    }
+}
+
+/// Shapes of a size, one JSON object per line; empty lines are skipped.
+struct Lines<L> {
+    lines: L,
+    number: u64,
+    text: Vec<u8>,
+    size: [usize; 2],
+}
+
+impl<L: BufRead> Lines<L> {
+    fn next(&mut self) -> Result<Option<Record>, EngineError> {
+        loop {
+            self.text.clear();
+            let read = (&mut self.lines).take(MAX_LINE_BYTES + 1).read_until(b'\n', &mut self.text)?;
+            if read == 0 {
+                return Ok(None);
+            }
+            self.number += 1;
+            let refused = |detail: String| EngineError::refused(format!("line {}", self.number), detail);
+            if read as u64 > MAX_LINE_BYTES {
+                return Err(refused(format!("expected at most {MAX_LINE_BYTES} bytes, got more")));
+            }
+            if !self.text.iter().all(u8::is_ascii_whitespace) {
+                return read_line(&self.text, self.size).map(Some).map_err(refused);
+            }
+        }
+    }
+}
+
+/// Writes a revision from a stream of Arrow with the columns `id` (string), `weight` (double) and `control_points` (fixed-size list of
+/// doubles, coordinate-major: all `x`, then all `y`, …); others are ignored.
+///
+/// Memory: one part and one batch.
+///
+/// # Errors
+/// As [`ingest`], with the number of the shape, counted from 0.
+pub async fn ingest_arrow(stream: impl Read, mut writer: Writer) -> Result<Written, EngineError> {
+    let refused = |detail: String| EngineError::refused("shapes", detail);
+    let expected =
+        |error: arrow_schema::ArrowError| refused(format!("expected a stream of Arrow, got {error}"));
+    let width: usize = writer.size().iter().product();
+    let mut first = 0;
+    for batch in StreamReader::try_new(stream, None).map_err(expected)? {
+        let batch = batch.map_err(expected)?;
+        let records = read_batch(&batch, width).map_err(refused)?;
+        for (i, record) in records.enumerate() {
+            let record =
+                record.map_err(|detail| EngineError::refused(format!("shape {}", first + i), detail))?;
+            writer.add(record).await?;
+        }
+        first += batch.num_rows();
+    }
+    writer.finish().await
+}
+
+fn read_batch(
+    batch: &RecordBatch,
+    width: usize,
+) -> Result<impl Iterator<Item = Result<Record, String>>, String> {
+    let column = |name: &str| {
+        let column = batch.column_by_name(name).filter(|column| column.null_count() == 0);
+        column.cloned().ok_or_else(|| format!("expected a column '{name}' without nulls, got none"))
+    };
+    let (ids, weights, points) = (column("id")?, column("weight")?, column("control_points")?);
+    let ids = ids.as_string_opt::<i32>().cloned().ok_or("expected strings in 'id', got others")?;
+    let weights = weights.as_primitive_opt::<Float64Type>().cloned();
+    let weights = weights.ok_or("expected doubles in 'weight', got others")?;
+    let points =
+        points.as_fixed_size_list_opt().filter(|list| list.value_length() as usize == width).cloned();
+    let points =
+        points.ok_or_else(|| format!("expected lists of {width} in 'control_points', got others"))?;
+    let numbers =
+        points.values().as_primitive_opt::<Float64Type>().filter(|numbers| numbers.null_count() == 0);
+    let numbers = numbers.cloned().ok_or("expected doubles in 'control_points', got others")?;
+    Ok((0..batch.num_rows()).map(move |i| {
+        let (weight, first) = (weights.value(i), points.value_offset(i) as usize);
+        let control_points = numbers.values()[first..first + width].to_vec();
+        if !(weight > 0.0 && weight.is_finite()) {
+            return Err(format!("expected a positive weight, got {weight}"));
+        }
+        if !control_points.iter().all(|value| value.is_finite()) {
+            return Err("expected finite control points, got others".into());
+        }
+        Ok(Record { id: ids.value(i).into(), weight, control_points, ..Record::default() })
+    }))
 }

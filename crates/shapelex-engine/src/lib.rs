@@ -11,13 +11,23 @@
 //! * [`cohort`] — a revision as content-addressed parts and a manifest; its checks and the collection of garbage;
 //! * [`ingest`] — shapes as lines of JSON, as the service lists them;
 //! * [`pass`] — a revision as a source of shapes, whose sums run on DataFusion;
+//! * [`dictionary`] — dictionaries learnt from a revision, and used in passes over it;
 //! * [`statistics`] — mean and principal components of a revision;
-//! * [`location`] — where objects are.
+//! * [`estimate`] — predicted cost;
+//! * [`location`] — where objects are;
+//! * `nearest` — approximate search by an index, with the feature `approximate`;
+//! * `cluster` — passes on many machines, with the feature of this name.
 
+#[cfg(feature = "cluster")]
+pub mod cluster;
 pub mod cohort;
+pub mod dictionary;
 pub mod error;
+pub mod estimate;
 pub mod ingest;
 pub mod location;
+#[cfg(feature = "approximate")]
+pub mod nearest;
 pub mod objects;
 pub mod pass;
 pub mod statistics;

@@ -2,6 +2,7 @@
 
 use std::fmt;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use bytes::Bytes;
@@ -40,11 +41,27 @@ pub enum Length {
     UpTo(u64),
 }
 
+/// What was done with a store, since it was opened.
+#[derive(Debug, Default)]
+pub struct Counters {
+    /// Units of work that were computed from it: parts, or groups of them.
+    pub units: AtomicU64,
+    /// Units of work that could not be computed.
+    pub failures: AtomicU64,
+    /// Bytes that were read.
+    pub read_bytes: AtomicU64,
+    /// Bytes that were written.
+    pub written_bytes: AtomicU64,
+    /// Requests that were repeated.
+    pub retries: AtomicU64,
+}
+
 /// An object store, with patience.
 #[derive(Clone)]
 pub struct Objects {
     store: Arc<dyn ObjectStore>,
     patience: Patience,
+    counters: Arc<Counters>,
 }
 
 impl fmt::Debug for Objects {
@@ -56,7 +73,12 @@ impl fmt::Debug for Objects {
 impl Objects {
     /// Objects of `store`.
     pub fn new(store: Arc<dyn ObjectStore>, patience: Patience) -> Self {
-        Self { store, patience }
+        Self { store, patience, counters: Arc::default() }
+    }
+
+    /// What was done with it by this process.
+    pub fn counters(&self) -> &Arc<Counters> {
+        &self.counters
     }
 
     /// Content of an object.
@@ -66,6 +88,19 @@ impl Objects {
     /// of the store once all attempts have failed.
     pub async fn read(&self, path: &Path, length: Length) -> Result<Bytes, EngineError> {
         self.patiently(path, || self.read_once(path, length)).await
+    }
+
+    /// Content of an object whose size and blake3 digest are known.
+    ///
+    /// # Errors
+    /// [`EngineError::Damaged`] for other bytes; errors of the store once all attempts have failed.
+    pub async fn read_digested(&self, path: &Path, size: u64, digest: &str) -> Result<Bytes, EngineError> {
+        let bytes = self.read(path, Length::Exactly(size)).await?;
+        let found = blake3::hash(&bytes).to_hex();
+        if found.as_str() != digest {
+            return Err(EngineError::damaged(path, format!("digest {digest}"), format!("digest {found}")));
+        }
+        Ok(bytes)
     }
 
     async fn read_once(&self, path: &Path, length: Length) -> Result<Bytes, EngineError> {
@@ -88,7 +123,9 @@ impl Objects {
             }
             _ => {}
         }
-        collect(path, answer, announced).await
+        let bytes = collect(path, answer, announced).await?;
+        self.counters.read_bytes.fetch_add(announced, Ordering::Relaxed);
+        Ok(bytes)
     }
 
     /// Size of an object in bytes, if it exists.
@@ -114,7 +151,10 @@ impl Objects {
         let write = || async {
             let options = PutOptions { mode: mode.clone(), ..PutOptions::default() };
             match self.store.put_opts(path, PutPayload::from(content.clone()), options).await {
-                Ok(_) => Ok(true),
+                Ok(_) => {
+                    self.counters.written_bytes.fetch_add(content.len() as u64, Ordering::Relaxed);
+                    Ok(true)
+                }
                 Err(object_store::Error::AlreadyExists { .. }) => Ok(false),
                 Err(source) => Err(failed(path, source)),
             }
@@ -183,6 +223,7 @@ impl Objects {
             if attempt >= attempts {
                 return Err(failure);
             }
+            self.counters.retries.fetch_add(1, Ordering::Relaxed);
             tokio::time::sleep(pause).await;
             (attempt, pause) = (attempt + 1, pause * 2);
         }

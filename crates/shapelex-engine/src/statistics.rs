@@ -40,7 +40,7 @@ impl Statistics {
     /// # Errors
     /// Fewer than two shapes, degenerate shapes, errors of the source.
     pub fn of<S: ShapeSource>(source: &S, setting: &Setting, request: Request) -> Result<Self, S::Error> {
-        let Setting { metric, method, matching } = setting;
+        let Setting { metric, method, matching, .. } = setting;
         let Request { frame, components, centred, normalise } = request;
         let mean = mean_shape(source, metric, method, frame, matching)?;
         if components == 0 {

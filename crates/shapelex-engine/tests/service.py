@@ -12,6 +12,7 @@ import pathlib
 import subprocess
 import sys
 import tempfile
+import time
 import urllib.request
 
 FETCH = pathlib.Path(__file__).parent.parent / "fetch.py"
@@ -60,21 +61,76 @@ def compare(address, shapelex_engine, folder):
                 sys.exit(f"{transformation}: eigenvalues {service['eigenvalues']} and {here['eigenvalues']}")
     print(f"{SHAPES} shapes: the means of the service and of the engine have the same bits")
 
+    method = {"kind": "functional_pca", "components": 5, "centre": True}
+    job = send(f"{address}/v1/dictionaries", json.dumps({"name": "leaves", "cohort": "leaves", "method": method,
+               "transformation": "similarity"}), "application/json")
+    finished(address, job)
+    here = engine("learn", f"--cohort={cohort}", "--name=leaves", "--transformation=similarity", f"--method={json.dumps(method)}")
+    with urllib.request.urlopen(f"{address}/v1/dictionaries/leaves/export", timeout=60) as answer:
+        exported = json.load(answer)
+    for field in ["digest", "content"]:
+        if here[field] != exported[field]:
+            sys.exit(f"the {field} of the dictionary of the service and of the engine differ")
+    if here["provenance"]["shapes_digest"] != exported["provenance"]["shapes_digest"]:
+        sys.exit("the service and the engine note other digests of the shapes")
+    send(f"{address}/v1/dictionaries/import?name=imported", json.dumps(here), "application/json")
+    with urllib.request.urlopen(f"{address}/v1/dictionaries/imported/export", timeout=60) as answer:
+        imported = json.load(answer)
+    if imported["digest"] != here["digest"]:
+        sys.exit("the service imports another dictionary")
+    print(f"{SHAPES} shapes: the dictionaries of the service and of the engine have the same bits")
+    return here["digest"]
+
+
+def learn_through(address, digest, folder):
+    """A service whose jobs use the engine learns the same dictionary, and leaves no files of shapes behind."""
+    method = {"kind": "functional_pca", "components": 5, "centre": True}
+    finished(address, send(f"{address}/v1/dictionaries", json.dumps({"name": "again", "cohort": "leaves", "method": method,
+                           "transformation": "similarity"}), "application/json"))
+    with urllib.request.urlopen(f"{address}/v1/dictionaries/again/export", timeout=60) as answer:
+        again = json.load(answer)
+    log = (folder / "log").read_text()
+    if again["digest"] != digest or log.count("the engine computed a pass") < 4:
+        sys.exit(f"the service with an engine learns {again['digest']} for {digest}: {log}")
+    kept = [path for path in folder.glob("jobs/**/*") if path.is_file()]
+    if kept:
+        sys.exit(f"the engine keeps {kept}")
+    print(f"{SHAPES} shapes: jobs of the service on the engine have the same bits")
+
+
+def finished(address, job):
+    """Waits for the end of a job."""
+    while True:
+        with urllib.request.urlopen(f"{address}/v1/jobs/{job['id']}", timeout=60) as answer:
+            job = json.load(answer)
+        if job["status"] not in ("queued", "running"):
+            break
+        time.sleep(0.2)
+    if job["status"] != "succeeded":
+        sys.exit(f"the job of the service ended as {job}")
+
+
+def serve(shapelex, folder, use, *flags):
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("SHAPELEX_")}
+    command = [shapelex, "serve", "--listen=127.0.0.1:0", f"--data-dir={folder}/data", *flags]
+    with open(folder / "log", "w") as log:
+        service = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, env=environment, text=True)
+        try:
+            line = service.stdout.readline()
+            if " on http" not in line:
+                sys.exit(f"the service does not start: {(folder / 'log').read_text()}")
+            return use(line.split(" on ")[1].strip())
+        finally:
+            service.terminate()
+            service.wait(60)
+
 
 def main(shapelex, shapelex_engine):
-    environment = {name: value for name, value in os.environ.items() if not name.startswith("SHAPELEX_")}
     with tempfile.TemporaryDirectory() as folder:
-        command = [shapelex, "serve", "--listen=127.0.0.1:0", f"--data-dir={folder}/data"]
-        with open(f"{folder}/log", "w") as log:
-            service = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, env=environment, text=True)
-            try:
-                line = service.stdout.readline()
-                if " on http" not in line:
-                    sys.exit(f"the service does not start: {pathlib.Path(folder, 'log').read_text()}")
-                compare(line.split(" on ")[1].strip(), shapelex_engine, pathlib.Path(folder))
-            finally:
-                service.terminate()
-                service.wait(60)
+        folder = pathlib.Path(folder)
+        digest = serve(shapelex, folder, lambda address: compare(address, shapelex_engine, folder))
+        serve(shapelex, folder, lambda address: learn_through(address, digest, folder), f"--engine={shapelex_engine}",
+              f"--engine-store={folder}/jobs", "--engine-min-shapes=1000")
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ use std::sync::Arc;
 use serde::Serialize;
 use tokio::runtime::Handle;
 
+use super::at_engine::AtEngine;
 use super::class_labels;
 use super::distributed::Spreading;
 use super::plan::{NO_STATE, Plan, program};
@@ -29,7 +30,7 @@ use crate::domain::job::Job;
 use crate::service::app::progress::{JobContext, Meter, Part};
 use crate::service::app::{App, ServiceError, now_ms};
 use crate::service::cohorts::placements::{KnownPlacements, SearchSettings, Which};
-use crate::service::cohorts::source::{StoredShapes, Work};
+use crate::service::cohorts::source::{Distribute, StoredShapes, Work};
 use crate::service::jobs::Outcome;
 use crate::service::statistics::Setup;
 use crate::store::Revisions;
@@ -86,9 +87,13 @@ pub fn learn(
         Some(id) => Some(Previous::read(app, handle, id)?),
     };
     let setup = Setup::of(app, plan.settings(&cohort))?;
-    let others = Spreading { app, handle, job, plan };
-    let meter = meter(app, handle, plan, &setup, context)?;
-    let task = Task { app, handle, plan, cohort: &cohort, setup: &setup, context, meter, others };
+    let shapes = count(app, handle, plan)?;
+    let meter = meter(plan, &setup, shapes, context);
+    let others: Box<dyn Distribute + '_> = match AtEngine::of(app, plan, &cohort, shapes) {
+        Some(engine) => Box::new(engine),
+        None => Box::new(Spreading { app, handle, job, plan }),
+    };
+    let task = Task { app, handle, job, plan, cohort: &cohort, setup: &setup, context, meter, others };
     let (content, state, less_counted) = task.content(previous)?;
     let text = serde_json::to_vec(&content)
         .map_err(|error| ServiceError::Internal(format!("a dictionary is not JSON: {error}")))?;
@@ -114,17 +119,15 @@ pub fn learn(
     })
 }
 
-/// Progress of a plan, by the predicted work of its phases.
-fn meter(
-    app: &App,
-    handle: &Handle,
-    plan: &Plan,
-    setup: &Setup,
-    context: &JobContext,
-) -> Result<Meter, ServiceError> {
+/// Number of shapes of a plan.
+fn count(app: &App, handle: &Handle, plan: &Plan) -> Result<usize, ServiceError> {
     let revisions = Revisions { after: 0, until: plan.revision };
     let shapes = handle.block_on(app.store.count(&plan.cohort, revisions, &plan.filter))?;
-    let shapes = usize::try_from(shapes).unwrap_or(usize::MAX);
+    Ok(usize::try_from(shapes).unwrap_or(usize::MAX))
+}
+
+/// Progress of a plan over `shapes` shapes, by the predicted work of its phases.
+fn meter(plan: &Plan, setup: &Setup, shapes: usize, context: &JobContext) -> Meter {
     let known = plan.continue_from.is_some();
     let trainings = Trainings {
         held_out: if known { 0 } else { plan.held_out_trainings(setup, shapes) },
@@ -140,7 +143,7 @@ fn meter(
     let parts: Vec<Part> = stages.iter().map(part).collect();
     // The digest of the shapes reads them once more, as the certificate does.
     let rest = estimate::READING * shapes as f64 * setup.metric.len() as f64;
-    Ok(Meter::new(context, parts, rest))
+    Meter::new(context, parts, rest)
 }
 
 /// The version from which learning continues.
@@ -164,13 +167,14 @@ impl Previous {
 struct Task<'a> {
     app: &'a App,
     handle: &'a Handle,
+    job: &'a Job,
     plan: &'a Plan,
     cohort: &'a Cohort,
     setup: &'a Setup,
     context: &'a JobContext,
     meter: Meter,
-    /// Workers to which parts of a pass can be distributed.
-    others: Spreading<'a>,
+    /// Where passes can be computed: the engine, or the workers of all replicas.
+    others: Box<dyn Distribute + 'a>,
 }
 
 /// Place of a phase among the parts of [`estimate::stages`].
@@ -204,7 +208,7 @@ impl Watch for Task<'_> {
 
     fn not_held_out(&self, error: &AnalysisError) {
         let error = ServiceError::from(error.clone());
-        tracing::warn!(job = self.others.job.id, %error, "no shapes could be held out");
+        tracing::warn!(job = self.job.id, %error, "no shapes could be held out");
     }
 }
 
@@ -285,7 +289,7 @@ impl Task<'_> {
     ) -> Result<StoredShapes<'a>, ServiceError> {
         let Self { app, handle, plan, cohort, setup, .. } = *self;
         let shapes = StoredShapes::new(app, handle, cohort, &plan.filter, since, setup, stop)?;
-        Ok(shapes.distributed_by(&self.others).counted_by(self))
+        Ok(shapes.distributed_by(&*self.others).counted_by(self))
     }
 
     /// BLAKE3 digest of control points and weights, in storage order.

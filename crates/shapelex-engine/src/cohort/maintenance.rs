@@ -126,7 +126,7 @@ async fn read_numbers(objects: &Objects, manifest: &Manifest, k: usize) -> Resul
     let bytes = manifest.read_part(objects, k).await?;
     let expected = Expected { number: k, shapes: part.shapes as usize, width: manifest.cohort.width()? };
     let object = part_path(&manifest.cohort.id, &part.digest)?.to_string();
-    let decoded = tokio::task::spawn_blocking(move || expected.decode(&object, bytes).map(|_| ()));
+    let decoded = tokio::task::spawn_blocking(move || expected.decode(&object, bytes, true).map(|_| ()));
     decoded.await.map_err(|error| EngineError::refused("check", error.to_string()))?
 }
 
@@ -182,16 +182,42 @@ pub async fn collect(objects: &Objects, age: Duration, dry_run: bool) -> Result<
     Ok(collected)
 }
 
-/// Forgets a revision. Its parts stay until they are collected.
+/// Forgets a revision. Its parts stay until they are collected, or, with `parts`, those go that no other revision names, and with the last
+/// revision all that is kept of the cohort: not for one of which another revision is being written, which may rely on them.
 ///
 /// # Errors
-/// [`EngineError::Refused`] for a revision that does not exist; errors of the store.
-pub async fn forget(objects: &Objects, id: &str, revision: u64) -> Result<(), EngineError> {
+/// [`EngineError::Refused`] for a revision that does not exist; damaged manifests with `parts`; errors of the store.
+pub async fn forget(objects: &Objects, id: &str, revision: u64, parts: bool) -> Result<(), EngineError> {
     let path = manifest_path(id, revision)?;
-    if objects.size(&path).await?.is_none() {
-        let known = revisions(objects, id).await?;
+    let known = revisions(objects, id).await?;
+    if !known.contains(&revision) {
         let detail = format!("expected one of {known:?}, got {revision}");
         return Err(EngineError::refused(format!("revision of '{id}'"), detail));
     }
-    objects.remove(&path).await
+    let going = if parts { own_parts(objects, id, revision, &known).await? } else { Vec::new() };
+    objects.remove(&path).await?;
+    let remove = |path| async move { objects.remove(&path).await };
+    futures_util::stream::iter(going).map(remove).buffered(AT_ONCE).try_collect::<()>().await
+}
+
+/// Parts that this revision names and no other one of `known`; all objects of the cohort if there is no other.
+async fn own_parts(
+    objects: &Objects,
+    id: &str,
+    revision: u64,
+    known: &[u64],
+) -> Result<Vec<object_store::path::Path>, EngineError> {
+    if known == [revision] {
+        let all = objects.list(&folder(id)?).await?;
+        return Ok(all.into_iter().map(|object| object.location).collect());
+    }
+    let (manifest, _) = Manifest::read(objects, id, revision).await?;
+    let mut own: HashSet<String> = manifest.parts.into_iter().map(|part| part.digest).collect();
+    for other in known.iter().filter(|other| **other != revision) {
+        let (manifest, _) = Manifest::read(objects, id, *other).await?;
+        manifest.parts.iter().for_each(|part| {
+            own.remove(&part.digest);
+        });
+    }
+    own.iter().map(|digest| part_path(id, digest)).collect()
 }

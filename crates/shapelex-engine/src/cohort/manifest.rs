@@ -143,17 +143,7 @@ impl Manifest {
     /// [`EngineError::Damaged`] for other bytes; errors of the store.
     pub async fn read_part(&self, objects: &Objects, k: usize) -> Result<Bytes, EngineError> {
         let part = &self.parts[k];
-        let path = part_path(&self.cohort.id, &part.digest)?;
-        let bytes = objects.read(&path, Length::Exactly(part.size_bytes)).await?;
-        let found = blake3::hash(&bytes).to_hex();
-        if found.as_str() != part.digest {
-            return Err(EngineError::damaged(
-                path,
-                format!("digest {}", part.digest),
-                format!("digest {found}"),
-            ));
-        }
-        Ok(bytes)
+        objects.read_digested(&part_path(&self.cohort.id, &part.digest)?, part.size_bytes, &part.digest).await
     }
 }
 

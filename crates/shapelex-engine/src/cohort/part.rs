@@ -165,6 +165,18 @@ pub struct Numbers {
     pub control_points: Vec<f64>,
     /// Weights.
     pub weights: Vec<f64>,
+    /// Ids, where they were asked for.
+    pub ids: Option<StringArray>,
+}
+
+impl Numbers {
+    /// The ids, which were asked for.
+    ///
+    /// # Errors
+    /// [`EngineError::Refused`] if they were not.
+    pub(crate) fn ids(&self) -> Result<StringArray, EngineError> {
+        self.ids.clone().ok_or_else(|| EngineError::refused("part", "expected ids, got none"))
+    }
 }
 
 /// What a part must be.
@@ -179,21 +191,39 @@ pub struct Expected {
 }
 
 impl Expected {
-    /// Reads the numbers of a part whose digest has been checked.
+    /// Reads the numbers of a part whose digest has been checked, and its ids if `ids`.
     ///
     /// # Errors
     /// [`EngineError::Damaged`] for a part with another number or other counts, and for numbers that are not finite or weights
     /// that are not positive.
-    pub fn decode(self, object: &str, bytes: Bytes) -> Result<Numbers, EngineError> {
+    pub fn decode(self, object: &str, bytes: Bytes, ids: bool) -> Result<Numbers, EngineError> {
         let not = |error: &dyn std::fmt::Display| EngineError::damaged(object, "a part", error.to_string());
         let builder = ParquetRecordBatchReaderBuilder::try_new(bytes).map_err(|error| not(&error))?;
-        let mask = NUMBERS.map(|name| builder.schema().index_of(name));
-        let mask: Vec<usize> = mask.into_iter().collect::<Result<_, _>>().map_err(|error| not(&error))?;
+        let names = NUMBERS.into_iter().chain(ids.then_some(TEXTS[0]));
+        let mask: Vec<usize> = names
+            .map(|name| builder.schema().index_of(name))
+            .collect::<Result<_, _>>()
+            .map_err(|error| not(&error))?;
         let mask = ProjectionMask::roots(builder.parquet_schema(), mask);
         let mut reader = builder.with_projection(mask).build().map_err(|error| not(&error))?;
         let row = reader.next().ok_or_else(|| EngineError::damaged(object, "one row", "none"))?;
         let row = row.map_err(|error| not(&error))?;
-        self.read(&row).map_err(|(expected, got)| EngineError::damaged(object, expected, got))
+        let read = || {
+            let mut numbers = self.read(&row)?;
+            numbers.ids = ids.then(|| self.ids(&row)).transpose()?;
+            Ok(numbers)
+        };
+        read().map_err(|(expected, got): (String, String)| EngineError::damaged(object, expected, got))
+    }
+
+    fn ids(self, row: &RecordBatch) -> Result<StringArray, (String, String)> {
+        let ids = row[TEXTS[0]].as_list_opt::<i32>().map(|list| list.value(0));
+        let ids = ids.as_ref().and_then(|values| values.as_string_opt::<i32>()).cloned();
+        let ids = ids.ok_or_else(|| ("a list of ids".to_string(), "none".to_string()))?;
+        if ids.len() != self.shapes || ids.null_count() > 0 {
+            return Err((format!("{} ids", self.shapes), (ids.len() - ids.null_count()).to_string()));
+        }
+        Ok(ids)
     }
 
     fn read(self, row: &RecordBatch) -> Result<Numbers, (String, String)> {
@@ -233,6 +263,6 @@ impl Expected {
         if !control_points.iter().all(|value| value.is_finite()) {
             return Err(("finite control points".into(), "others".into()));
         }
-        Ok(Numbers { control_points, weights })
+        Ok(Numbers { control_points, weights, ids: None })
     }
 }

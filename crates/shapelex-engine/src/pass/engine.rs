@@ -15,13 +15,16 @@ use datafusion_physical_expr::{LexOrdering, Partitioning, PhysicalSortExpr};
 use datafusion_physical_plan::repartition::RepartitionExec;
 use datafusion_physical_plan::sorts::sort::SortExec;
 use datafusion_physical_plan::{ExecutionPlan, displayable};
+use futures_util::FutureExt;
+use futures_util::future::BoxFuture;
 use shapelex_analysis::accumulate::FAN_IN;
-use shapelex_analysis::pass::Pass;
 
 use super::fold::FoldExec;
-use super::revision::{Revision, Setting};
 use super::rows;
-use super::sum::{SumExec, Task};
+use super::source::{Runner, Subject};
+use super::sum::{Parts, SumExec};
+use super::task::Task;
+use super::work::Work;
 use crate::EngineError;
 
 /// Maximum size of a batch of rows in bytes, unless one row is larger: what an operator takes at once.
@@ -45,25 +48,29 @@ pub struct Took {
     pub spills: usize,
     /// Their size in bytes.
     pub spilled_bytes: usize,
+    /// Number of jobs of a cluster.
+    pub jobs: usize,
+    /// Number of jobs that were submitted again because a scheduler or results were lost.
+    pub resubmitted: usize,
+}
+
+impl Runner for Engine {
+    /// Cost: one read of all parts, the sums, and the states of all parts once through hash and sort.
+    fn run<'a>(
+        &'a self,
+        subject: Subject,
+        work: &'a Work,
+    ) -> BoxFuture<'a, Result<(Vec<u8>, Took), EngineError>> {
+        self.compute(subject, work).boxed()
+    }
 }
 
 impl Engine {
-    /// The sum of a pass over a revision, serialised, and what it took.
-    ///
-    /// Cost: one read of all parts, the sums, and the states of all parts once through hash and sort.
-    ///
-    /// # Errors
-    /// Damaged parts, degenerate shapes, errors of the store (of several, the first one among those found before the plan ended);
-    /// memory or temporary files that do not suffice.
-    pub(super) async fn run(
-        &self,
-        revision: Arc<Revision>,
-        setting: Arc<Setting>,
-        pass: &Pass,
-    ) -> Result<(Vec<u8>, Took), EngineError> {
-        let context = self.context(self.batch_rows(revision.width()))?;
-        let task = Arc::new(Task::new(revision, setting, pass.clone()));
-        let plan = self.plan(task.clone())?;
+    async fn compute(&self, subject: Subject, work: &Work) -> Result<(Vec<u8>, Took), EngineError> {
+        let parts = work.units(subject.revision.parts());
+        let context = self.context(self.batch_rows(subject.revision.width()))?;
+        let task = Arc::new(Task::new(subject, work.clone()));
+        let plan = self.plan(&task, parts)?;
         let found = datafusion_physical_plan::collect(plan.clone(), context).await;
         let found = found.map_err(|error| task.error(error))?;
         let mut sums = Vec::new();
@@ -81,10 +88,10 @@ impl Engine {
     }
 
     /// Sums of the parts, folded until one is left.
-    fn plan(&self, task: Arc<Task>) -> Result<Arc<dyn ExecutionPlan>> {
-        let mut rows = task.revision.parts();
-        let partitions = self.threads.get().min(rows);
-        let mut plan: Arc<dyn ExecutionPlan> = Arc::new(SumExec::new(task.clone(), partitions));
+    fn plan(&self, task: &Arc<Task>, parts: usize) -> Result<Arc<dyn ExecutionPlan>> {
+        let mut rows = parts;
+        let all = Parts::All { count: parts, partitions: self.threads.get().min(parts) };
+        let mut plan: Arc<dyn ExecutionPlan> = Arc::new(SumExec::new(task.clone(), all));
         while rows > 1 {
             let groups = rows.div_ceil(FAN_IN);
             let by_group = vec![Arc::new(Column::new("group", rows::GROUP)) as _];

@@ -19,20 +19,21 @@ use futures_util::{StreamExt, TryStreamExt};
 use shapelex_analysis::accumulate::FAN_IN;
 
 use super::rows;
-use super::sum::{Task, interrupted};
+use super::sum::interrupted;
+use super::task::Task;
 
 /// Folds rows that are sorted by part, and of which every group is in one partition: 64 rows become one.
 #[derive(Debug)]
-pub(super) struct FoldExec {
+pub(crate) struct FoldExec {
     task: Arc<Task>,
     input: Arc<dyn ExecutionPlan>,
     /// Number of rows of all partitions.
-    rows: usize,
+    pub(crate) rows: usize,
     properties: Arc<PlanProperties>,
 }
 
 impl FoldExec {
-    pub(super) fn new(task: Arc<Task>, input: Arc<dyn ExecutionPlan>, rows: usize) -> Self {
+    pub(crate) fn new(task: Arc<Task>, input: Arc<dyn ExecutionPlan>, rows: usize) -> Self {
         let properties = PlanProperties::new(
             EquivalenceProperties::new(rows::schema()),
             input.output_partitioning().clone(),
@@ -164,8 +165,7 @@ fn fold(
 fn merge(task: &Task, open: Option<Open>, pending: &[&[u8]]) -> Result<Vec<u8>> {
     let begun = open.map(|open| open.state);
     let sums: Vec<&[u8]> = begun.as_deref().into_iter().chain(pending.iter().copied()).collect();
-    let merged = task.pass.merge(&sums, task.setting.measured());
-    merged.map_err(|error| task.fail(usize::MAX, error.into()))
+    task.merge(&sums).map_err(|error| task.fail(usize::MAX, error))
 }
 
 #[cfg(test)]
@@ -180,6 +180,8 @@ mod tests {
     use crate::ingest::{Record, read_description};
     use crate::objects::{Objects, Patience};
     use crate::pass::revision::{Revision, Setting};
+    use crate::pass::source::Subject;
+    use crate::pass::work::Work;
 
     /// Numbers of a shape: three landmarks in the plane.
     const WIDTH: usize = 6;
@@ -207,7 +209,8 @@ mod tests {
         let class = Transformation::Named(ClassName::Similarity);
         let setting = Setting::new(revision.manifest(), &class, None).unwrap();
         let pass = Pass { aligned: None, sum: Sum::Scatter { origin: vec![0.0; WIDTH] } };
-        Task::new(Arc::new(revision), Arc::new(setting), pass)
+        let (revision, setting) = (Arc::new(revision), Arc::new(setting));
+        Task::new(Subject::new(revision, setting, None), Work::Sum(pass))
     }
 
     /// The empty sums of these parts as one batch.

@@ -13,11 +13,20 @@
 //! * [`revision`] — the parts of a revision, read and checked;
 //! * [`source`] — a revision as a [`ShapeSource`](shapelex_analysis::accumulate::ShapeSource), whose passes run on an [`engine`];
 //! * [`engine`] — plans of DataFusion, their memory and their threads;
-//! * [`sum`], [`fold`] — the two operators.
+//! * [`sum`], [`fold`] — the two operators; [`division`] — tasks of a cluster;
+//! * [`work`] — what is computed of each part: a sum, codes, the nearest shapes; [`codes`] — codes as Parquet; `graph` — graphs of near neighbours; [`search`] — the nearest shapes;
+//! * [`task`] — what both need: the revision, opened when the first part is read, and the pass.
 
+pub mod codes;
+pub mod division;
 pub mod engine;
 pub mod fold;
+#[cfg(feature = "approximate")]
+pub(crate) mod graph;
 pub mod revision;
 pub mod rows;
+pub mod search;
 pub mod source;
 pub mod sum;
+pub mod task;
+pub mod work;

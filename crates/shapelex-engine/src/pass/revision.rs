@@ -1,5 +1,6 @@
 //! The parts of a revision, and what its shapes are measured by.
 
+use shapelex_analysis::accumulate::ShapesInMemory;
 use shapelex_analysis::alignment::{Alignment, Method};
 use shapelex_analysis::matching::Matching;
 use shapelex_analysis::metric::Metric;
@@ -58,21 +59,35 @@ impl Revision {
         self.width
     }
 
-    /// Numbers of the part `k`.
+    /// Where its objects are.
+    pub(crate) fn objects(&self) -> &Objects {
+        &self.objects
+    }
+
+    /// Numbers of the part `k`, and its ids if `ids`.
     ///
     /// # Errors
     /// [`EngineError::Damaged`] unless length, digest and counts are those of the manifest; errors of the store.
-    pub async fn read(&self, k: usize) -> Result<Numbers, EngineError> {
-        let part = &self.manifest.parts[k];
+    pub async fn read(&self, k: usize, ids: bool) -> Result<Numbers, EngineError> {
+        let part = self.manifest.parts.get(k).ok_or_else(|| {
+            let detail = format!("expected a part below {}, got {k}", self.parts());
+            EngineError::refused(format!("revision of '{}'", self.manifest.cohort.id), detail)
+        })?;
         let bytes = self.manifest.read_part(&self.objects, k).await?;
         let object = part_path(&self.manifest.cohort.id, &part.digest)?.to_string();
-        Expected { number: k, shapes: part.shapes as usize, width: self.width }.decode(&object, bytes)
+        Expected { number: k, shapes: part.shapes as usize, width: self.width }.decode(&object, bytes, ids)
     }
 }
 
 /// What shapes are measured by, and how they are brought together.
 #[derive(Debug)]
 pub struct Setting {
+    /// Class of transformations that is removed.
+    pub transformation: Transformation,
+    /// The alignment that was asked for.
+    pub alignment: Option<Alignment>,
+    /// The alignment that is used: what suits the class, unless another one was asked for.
+    pub chosen: Alignment,
     /// The metric of the representation.
     pub metric: Metric,
     /// Projection or Procrustes.
@@ -93,12 +108,22 @@ impl Setting {
     ) -> Result<Self, EngineError> {
         let cohort = &manifest.cohort;
         let dimension = cohort.representation.dimension();
-        let alignment = alignment.unwrap_or_else(|| Alignment::usual(transformation, dimension));
-        let method = Method::new(transformation, alignment, dimension)?;
+        let chosen = alignment.unwrap_or_else(|| Alignment::usual(transformation, dimension));
+        let method = Method::new(transformation, chosen, dimension)?;
         let space = ShapeSpace::new(&cohort.representation)?;
         let matching = Matching::new(&space, cohort.correspondence, cohort.direction, cohort.mirror)
             .translating(method.translates());
-        Ok(Self { metric: Metric::of(&space), method, matching })
+        let metric = Metric::of(&space);
+        Ok(Self { transformation: transformation.clone(), alignment, chosen, metric, method, matching })
+    }
+
+    /// The shapes of a part, prepared.
+    ///
+    /// # Errors
+    /// A degenerate shape, with its position in the part.
+    pub(crate) fn shapes(&self, numbers: Numbers) -> Result<ShapesInMemory, EngineError> {
+        let Numbers { control_points, weights, .. } = numbers;
+        Ok(ShapesInMemory::new(&self.metric, self.method.translates(), control_points, weights)?)
     }
 
     /// The same as the analysis takes it.

@@ -10,13 +10,13 @@ use datafusion_common::{DataFusionError, Result, internal_datafusion_err};
 use shapelex_analysis::accumulate::FAN_IN;
 
 /// Position of the column of groups.
-pub(super) const GROUP: usize = 0;
+pub(crate) const GROUP: usize = 0;
 
 /// Position of the column of parts.
-pub(super) const PART: usize = 1;
+pub(crate) const PART: usize = 1;
 
 /// Schema of the rows.
-pub(super) fn schema() -> SchemaRef {
+pub(crate) fn schema() -> SchemaRef {
     let field = |name: &str, kind: DataType| Field::new(name, kind, false);
     let number = DataType::UInt64;
     Arc::new(Schema::new(vec![
@@ -27,7 +27,7 @@ pub(super) fn schema() -> SchemaRef {
 }
 
 /// One row: the sum of a part, or of a group that is a part of the next level.
-pub(super) fn row(part: usize, state: &[u8]) -> Result<RecordBatch> {
+pub(crate) fn row(part: usize, state: &[u8]) -> Result<RecordBatch> {
     // A value beyond this would need offsets of 64 bits.
     if state.len() > i32::MAX as usize {
         return Err(DataFusionError::ResourcesExhausted(format!(
@@ -41,7 +41,7 @@ pub(super) fn row(part: usize, state: &[u8]) -> Result<RecordBatch> {
 }
 
 /// Parts and states of a batch.
-pub(super) fn read(batch: &RecordBatch) -> Result<impl Iterator<Item = (usize, &[u8])>> {
+pub(crate) fn read(batch: &RecordBatch) -> Result<impl Iterator<Item = (usize, &[u8])>> {
     let parts = batch.column(PART).as_primitive_opt::<UInt64Type>();
     let states = batch.column(PART + 1).as_binary_opt::<i32>();
     match (parts, states) {

@@ -23,7 +23,7 @@ async fn a_revision_comes_back_as_it_was_written() {
     assert_eq!(revision.digest(), written.digest);
     assert_eq!(revision.manifest().cohort, description(3, count));
     for (k, range) in [(0, 0..PART), (1, PART..count)] {
-        let numbers = revision.read(k).await.unwrap();
+        let numbers = revision.read(k, false).await.unwrap();
         for (i, position) in range.enumerate() {
             let expected = triangle(position);
             assert_eq!(numbers.control_points[i * WIDTH..(i + 1) * WIDTH], expected.control_points);
@@ -100,7 +100,7 @@ async fn what_no_manifest_names_is_collected_once_it_is_old() {
     let day = Duration::from_secs(24 * 3600);
     let young = collect(&objects, day, false).await.unwrap();
     assert_eq!((young.named, young.removed, young.young), (3, 0, 1), "a writer may name it");
-    forget(&objects, "coh_triangles", 1).await.unwrap();
+    forget(&objects, "coh_triangles", 1, false).await.unwrap();
     let dry = collect(&objects, Duration::ZERO, true).await.unwrap();
     assert_eq!((dry.named, dry.removed), (2, 2), "the part with 10 shapes goes too");
     assert!(store.head(&orphan).await.is_ok(), "a dry run removes nothing");
@@ -110,8 +110,21 @@ async fn what_no_manifest_names_is_collected_once_it_is_old() {
     let checked = check(&objects).await.unwrap();
     assert_eq!((checked.revisions, checked.parts, checked.unnamed), (1, 2, 0));
     assert_eq!(checked.faults, [""; 0]);
-    let missing = forget(&objects, "coh_triangles", 1).await.unwrap_err().to_string();
+    let missing = forget(&objects, "coh_triangles", 1, false).await.unwrap_err().to_string();
     assert_eq!(missing, "revision of 'coh_triangles': expected one of [2], got 1");
+}
+
+#[tokio::test]
+async fn a_revision_goes_with_its_own_parts() {
+    let (store, objects) = in_memory();
+    write(&objects, 1, 0..PART + 10).await.unwrap();
+    write(&objects, 2, 0..PART + 20).await.unwrap();
+    forget(&objects, "coh_triangles", 1, true).await.unwrap();
+    let checked = check(&objects).await.unwrap();
+    assert_eq!((checked.revisions, checked.parts, checked.unnamed), (1, 2, 0), "the shared part stays");
+    forget(&objects, "coh_triangles", 2, true).await.unwrap();
+    let left: Vec<_> = store.list(None).try_collect().await.unwrap();
+    assert!(left.is_empty(), "{left:?}");
 }
 
 #[tokio::test]

@@ -1,9 +1,17 @@
 //! All integration tests of the engine, one binary.
 #![allow(clippy::unwrap_used, missing_docs)]
 
+#[cfg(feature = "s3")]
+mod buckets;
+#[cfg(feature = "cluster")]
+mod cluster;
 mod cohorts;
 mod damage;
+mod dictionaries;
+#[cfg(feature = "approximate")]
+mod indexes;
 mod lines;
+mod nearest;
 mod passes;
 mod program;
 mod readers;

@@ -13,11 +13,11 @@ use shapelex_engine::cohort::writer::Writer;
 use shapelex_engine::objects::Objects;
 use shapelex_engine::pass::engine::{Engine, Took};
 use shapelex_engine::pass::revision::{Revision, Setting};
-use shapelex_engine::pass::source::AtRest;
+use shapelex_engine::pass::source::{AtRest, Runner};
 use shapelex_engine::statistics::{Request, Statistics};
 use tokio::runtime::Runtime;
 
-use crate::support::{description, in_memory, shapes, triangle, write};
+use crate::support::{description, in_memory, shapes, triangle, write, write_with_degenerate};
 
 pub(crate) const REQUEST: Request =
     Request { frame: Frame::Training, components: 3, centred: true, normalise: false };
@@ -29,7 +29,7 @@ pub(crate) fn similarity(manifest: &Manifest) -> Setting {
     Setting::new(manifest, &Transformation::Named(ClassName::Similarity), None).unwrap()
 }
 
-fn runtime() -> &'static Runtime {
+pub(crate) fn runtime() -> &'static Runtime {
     static RUNTIME: OnceLock<Runtime> = OnceLock::new();
     RUNTIME.get_or_init(|| Runtime::new().unwrap())
 }
@@ -45,7 +45,7 @@ fn cohort() -> Arc<Revision> {
     Arc::new(runtime().block_on(Revision::open(objects.clone(), "coh_triangles", 1)).unwrap())
 }
 
-fn engine(threads: usize, memory_bytes: usize) -> Engine {
+pub(crate) fn engine(threads: usize, memory_bytes: usize) -> Engine {
     Engine { threads: NonZeroUsize::new(threads).unwrap(), memory_bytes, spill: None }
 }
 
@@ -55,7 +55,12 @@ fn by(
     revision: &Arc<Revision>,
     setting: &Arc<Setting>,
 ) -> Result<(String, Vec<Took>), EngineError> {
-    let source = AtRest::new(revision.clone(), setting.clone(), runtime().handle(), engine);
+    let source = AtRest::new(
+        revision.clone(),
+        setting.clone(),
+        runtime().handle(),
+        engine.map(|engine| engine as &dyn Runner),
+    );
     let statistics = Statistics::of(&source, setting, REQUEST)?;
     Ok((statistics.digest(), source.took()))
 }
@@ -127,15 +132,7 @@ fn a_degenerate_shape_is_named_by_its_position() {
     let (_, objects) = in_memory();
     let (count, bad) = (2 * PART, PART + 4321);
     let revision = runtime().block_on(async {
-        let mut writer = Writer::begin(objects.clone(), description(1, count), false).await.unwrap();
-        for k in 0..count {
-            let mut shape = triangle(k);
-            if k == bad {
-                shape.control_points = vec![1.0; 6];
-            }
-            writer.add(shape).await.unwrap();
-        }
-        writer.finish().await.unwrap();
+        write_with_degenerate(&objects, count, bad).await.unwrap();
         Arc::new(Revision::open(objects, "coh_triangles", 1).await.unwrap())
     });
     let setting = Arc::new(similarity(revision.manifest()));

@@ -8,7 +8,12 @@ use serde_json::Value;
 /// Runs the program on the folder; its output if it succeeds, else what it says.
 fn engine(folder: &Path, arguments: &[&str]) -> Result<Value, String> {
     let mut command = Command::new(env!("CARGO_BIN_EXE_shapelex-engine"));
-    let output = command.arg("--store").arg(folder).args(arguments).output().unwrap();
+    answer(command.arg("--store").arg(folder).args(arguments))
+}
+
+/// The output of the program if it succeeds, else what it says.
+pub(crate) fn answer(command: &mut Command) -> Result<Value, String> {
+    let output = command.output().unwrap();
     let text = String::from_utf8(output.stdout).unwrap();
     if output.status.success() {
         return Ok(serde_json::from_str(&text).unwrap_or(Value::Null));
@@ -17,7 +22,7 @@ fn engine(folder: &Path, arguments: &[&str]) -> Result<Value, String> {
 }
 
 /// Writes the description of a cohort and its shapes into the folder: their paths.
-fn fetched(folder: &Path, count: usize) -> [String; 2] {
+pub(crate) fn fetched(folder: &Path, count: usize) -> [String; 2] {
     let cohort = serde_json::json!({"id": "coh_1", "name": "leaves",
         "representation": {"kind": "closed_curve", "dimension": 2, "control_points": 5, "generator": {"name": "cubic"}},
         "correspondence": "landmarks", "direction": "given", "mirror": "forbid", "revision": 4, "shape_count": count});
@@ -60,6 +65,10 @@ fn a_cohort_is_written_checked_and_computed() {
         assert_eq!(found["digest"], direct["digest"], "{threads} threads");
         assert_eq!(found["passes"].as_array().unwrap().len(), 3);
     }
+    let predicted = engine(&store, &[&run[..], &["--dry-run"]].concat()).unwrap();
+    let seconds = |i: usize| predicted["estimates"][i]["seconds"].as_f64().unwrap();
+    // Three parts are three tasks: four executors are as fast as sixty-four.
+    assert!(seconds(0) > seconds(1) && seconds(1) > seconds(2) && seconds(2) == seconds(6), "{predicted}");
     let rigid = [&run[..], &["--transformation", "rigid", "--alignment", "procrustes"]].concat();
     assert_ne!(engine(&store, &rigid).unwrap()["digest"], direct["digest"]);
 
@@ -70,7 +79,7 @@ fn a_cohort_is_written_checked_and_computed() {
         refused(&["run", "--cohort", "coh_1", "--transformation", "rigid", "--alignment", "projection"]);
     assert!(class.starts_with("shapelex-engine: "), "{class}");
     let scheme = engine(Path::new("ftp://x"), &["list"]).unwrap_err();
-    assert!(scheme.contains("expected a folder, got 'ftp://x'"), "{scheme}");
+    assert!(scheme.contains("expected a folder") && scheme.contains("got 'ftp://x'"), "{scheme}");
 
     let parts = std::fs::read_dir(store.join("coh_1/parts")).unwrap();
     let part = parts.map(|part| part.unwrap().path()).max().unwrap();

@@ -9,8 +9,19 @@ use shapelex_engine::objects::{Objects, Patience};
 
 use crate::support::{WIDTH, triangle, write};
 
-/// Python with pyarrow, pandas and duckdb, as `make test-engine` prepares it.
+/// Python with pyarrow, pandas, duckdb and moto, as `make test-engine` prepares it.
 const PYTHON: &str = "SHAPELEX_ENGINE_PYTHON";
+
+/// That Python, or a visible note that a test is skipped.
+pub(crate) fn python(skipped: &str) -> Option<PathBuf> {
+    let python = std::env::var_os(PYTHON).map(PathBuf::from);
+    if python.is_none() {
+        // Visible in the log of the tests: libtest shows what goes to the error stream of the process itself.
+        use std::io::Write;
+        let _ = writeln!(std::io::stderr(), "SKIPPED: {skipped}, {PYTHON} is not set");
+    }
+    python
+}
 
 const SCRIPT: &str = r#"
 import glob, json, sys
@@ -37,13 +48,7 @@ print(json.dumps({"metadata": metadata, "rows": rows.shape, "seventh": rows[7].r
 
 #[tokio::test]
 async fn python_and_duckdb_read_what_is_written() {
-    let Some(python) = std::env::var_os(PYTHON).map(PathBuf::from) else {
-        // Visible in the log of the tests: libtest shows what goes to the error stream of the process itself.
-        use std::io::Write;
-        let _ =
-            writeln!(std::io::stderr(), "SKIPPED: parts are not read by other programs, {PYTHON} is not set");
-        return;
-    };
+    let Some(python) = python("parts are not read by other programs") else { return };
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().to_str().unwrap();
     let objects = Objects::new(open(path).unwrap(), Patience::default());

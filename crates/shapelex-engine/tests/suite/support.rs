@@ -80,6 +80,23 @@ pub(crate) async fn write(
     writer.finish().await
 }
 
+/// Writes the first triangles as revision 1; the one at `bad` is a single point.
+pub(crate) async fn write_with_degenerate(
+    objects: &Objects,
+    count: usize,
+    bad: usize,
+) -> Result<Written, EngineError> {
+    let mut writer = Writer::begin(objects.clone(), description(1, count), false).await?;
+    for k in 0..count {
+        let mut shape = triangle(k);
+        if k == bad {
+            shape.control_points = vec![1.0; WIDTH];
+        }
+        writer.add(shape).await?;
+    }
+    writer.finish().await
+}
+
 /// The same triangles in memory, for the analysis alone.
 pub(crate) fn shapes(setting: &Setting, count: usize) -> ShapesInMemory {
     let triangles: Vec<Record> = (0..count).map(triangle).collect();

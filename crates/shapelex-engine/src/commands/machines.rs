@@ -1,0 +1,72 @@
+//! Where a command computes.
+
+use std::num::NonZeroUsize;
+use std::path::PathBuf;
+
+use clap::Args;
+use shapelex_engine::EngineError;
+use shapelex_engine::pass::engine::Engine;
+use shapelex_engine::pass::source::Runner;
+
+#[derive(Debug, Args)]
+pub(crate) struct Machines {
+    /// Threads. Default: those of the machine.
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
+    /// Memory of sums that wait for their group, in MiB; beyond it they are written to temporary files.
+    #[arg(long, default_value_t = 1024, value_parser = clap::value_parser!(u32).range(1..))]
+    memory_mib: u32,
+    /// Folder of temporary files. Default: that of the system.
+    #[arg(long)]
+    spill: Option<PathBuf>,
+    /// Computes without the engine, part after part: the same digest.
+    #[arg(long)]
+    direct: bool,
+    #[cfg(feature = "cluster")]
+    #[command(flatten)]
+    cluster: super::cluster::ClusterOptions,
+}
+
+/// The runners of a command.
+pub(crate) struct Runners {
+    direct: bool,
+    engine: Engine,
+    #[cfg(feature = "cluster")]
+    client: Option<shapelex_engine::cluster::client::Client>,
+}
+
+impl Machines {
+    /// Number of threads that was asked for.
+    pub(crate) fn threads(&self) -> Option<NonZeroUsize> {
+        self.threads.and_then(|threads| NonZeroUsize::new(threads.into()))
+    }
+
+    pub(crate) fn runners(&self, threads: NonZeroUsize) -> Result<Runners, EngineError> {
+        Ok(Runners {
+            direct: self.direct,
+            engine: Engine {
+                threads,
+                memory_bytes: (self.memory_mib as usize) << 20,
+                spill: self.spill.clone(),
+            },
+            #[cfg(feature = "cluster")]
+            client: self.cluster.client()?,
+        })
+    }
+}
+
+impl Runners {
+    /// The cluster if there is one, else the engine of this process; `None` for this thread alone.
+    pub(crate) fn chosen(&self) -> Option<&dyn Runner> {
+        (!self.direct).then(|| self.or_threads())
+    }
+
+    /// The cluster if there is one, else the engine of this process.
+    pub(crate) fn or_threads(&self) -> &dyn Runner {
+        #[cfg(feature = "cluster")]
+        if let Some(client) = &self.client {
+            return client;
+        }
+        &self.engine
+    }
+}

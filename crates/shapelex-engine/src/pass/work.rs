@@ -1,0 +1,107 @@
+//! What is computed of each part, and how the results of parts become one.
+
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use shapelex_analysis::accumulate::FAN_IN;
+use shapelex_analysis::dictionary::model::Coded;
+use shapelex_analysis::partial_sums::Measured;
+use shapelex_analysis::pass::Pass;
+
+use super::search::Search;
+use crate::EngineError;
+
+/// What is computed of each part. The results of consecutive parts are merged in their order into that of all: sums are added,
+/// lists joined.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum Work {
+    /// A sum over the shapes.
+    Sum(Pass),
+    /// How well a dictionary describes each shape; the dictionary is named by its digest.
+    Certify(String),
+    /// The codes of the shapes in a dictionary, written to the store as a file for each part.
+    Code(String),
+    /// Graphs of near neighbours over the codes of the shapes in a dictionary of components, which exist, written to the store as a
+    /// file for each group of parts.
+    Index(String),
+    /// The nearest shapes to some queries.
+    Search(Search),
+}
+
+/// The codes of a part, as a file.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CodedPart {
+    /// Digest of the part.
+    pub part: String,
+    /// Number of shapes.
+    pub shapes: u64,
+    /// blake3 digest of the file, hexadecimal.
+    pub digest: String,
+    /// Its size in bytes.
+    pub size_bytes: u64,
+}
+
+/// The graph of a group of parts, as a file.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct IndexedGroup {
+    /// Number of shapes.
+    pub shapes: u64,
+    /// blake3 digest of the file, hexadecimal.
+    pub digest: String,
+    /// Its size in bytes.
+    pub size_bytes: u64,
+}
+
+impl Work {
+    /// Number of units of the work in a revision of `parts` parts: what is computed at once is a part, or for graphs a group of
+    /// them.
+    pub fn units(&self, parts: usize) -> usize {
+        match self {
+            Self::Index(_) => parts.div_ceil(FAN_IN),
+            _ => parts,
+        }
+    }
+
+    /// The digest of the dictionary that is used.
+    pub fn dictionary(&self) -> Option<&str> {
+        match self {
+            Self::Sum(_) | Self::Search(_) => None,
+            Self::Certify(digest) | Self::Code(digest) | Self::Index(digest) => Some(digest),
+        }
+    }
+
+    /// The result of consecutive parts from their results, in this order.
+    ///
+    /// # Errors
+    /// Bytes that are no result of this work.
+    pub(crate) fn merge(&self, states: &[&[u8]], measured: Measured<'_>) -> Result<Vec<u8>, EngineError> {
+        match self {
+            Self::Sum(pass) => Ok(pass.merge(states, measured)?),
+            Self::Certify(_) => {
+                let mut joined = Coded::default();
+                states.iter().try_for_each(|state| joined.append(state))?;
+                Ok(joined.to_bytes())
+            }
+            Self::Search(search) => search.merge(states),
+            Self::Code(_) => join::<CodedPart>(states),
+            Self::Index(_) => join::<IndexedGroup>(states),
+        }
+    }
+}
+
+/// A list of files as bytes.
+pub(crate) fn write_files<T: Serialize>(files: &[T]) -> Result<Vec<u8>, EngineError> {
+    serde_json::to_vec(files).map_err(|error| EngineError::refused("files", error.to_string()))
+}
+
+/// The list of files that [`write_files`] wrote.
+pub(crate) fn read_files<T: DeserializeOwned>(bytes: &[u8]) -> Result<Vec<T>, EngineError> {
+    serde_json::from_slice(bytes).map_err(|error| EngineError::refused("files", error.to_string()))
+}
+
+fn join<T: Serialize + DeserializeOwned>(lists: &[&[u8]]) -> Result<Vec<u8>, EngineError> {
+    let lists: Vec<Vec<T>> = lists.iter().map(|list| read_files(list)).collect::<Result<_, _>>()?;
+    write_files(&lists.into_iter().flatten().collect::<Vec<T>>())
+}
