@@ -4,7 +4,7 @@ import { existsSync, readdirSync, readFileSync } from "node:fs";
 import path from "node:path";
 import { after, before, test } from "node:test";
 import { ply } from "./files.mjs";
-import { accessible, browse, key, open, ROOT, serve, settled } from "./service.mjs";
+import { accessible, browse, drop, key, open, ROOT, serve, settled, store } from "./service.mjs";
 
 const DATA = path.join(ROOT, "../shared/data");
 /** Pictures of data are for looking at, in the folder DATA_SCREENS: `docs/screens` has those that every machine can make. */
@@ -76,7 +76,7 @@ withData("curves-mpeg7", "MPEG-7: 910 contours by upload, filters by class, a di
   const page = await open(browser, service.address);
   await page.goto(`${service.address}/app/cohorts/mpeg7/upload`);
   await settled(page);
-  await page.locator("input[type=file]").setInputFiles({ name: "mpeg7.ndjson", mimeType: "application/x-ndjson", buffer: Buffer.from(lines.join("\n")) });
+  await store(page, { name: "mpeg7.ndjson", mimeType: "application/x-ndjson", buffer: Buffer.from(lines.join("\n")) });
   await page.getByText(`${lines.length} added`).waitFor({ timeout: 120_000 });
   await visit(page, "/app/cohorts/mpeg7", "mpeg7");
   await page.getByText(`All ${lines.length} shapes`).waitFor();
@@ -93,7 +93,7 @@ withData("landmarks-plethodon", "salamanders: a table of landmarks by upload, tw
   const page = await open(browser, service.address);
   await page.goto(`${service.address}/app/cohorts/plethodon/upload`);
   await settled(page);
-  await page.locator("input[type=file]").setInputFiles(path.join(from, "landmarks.csv"));
+  await store(page, path.join(from, "landmarks.csv"));
   await page.getByText("40 added").waitFor();
   await visit(page, "/app/cohorts/plethodon", "plethodon");
   await visit(page, "/app/cohorts/plethodon/compare?by=labels.species", "plethodon-groups");
@@ -134,6 +134,67 @@ withData("volumes-hippocampus-mri", "a magnetic resonance volume is looked at in
     await page.waitForTimeout(200);
     await screen(page, `mri-${name.toLowerCase()}`);
   }
+  assert.deepEqual(page.faults, []);
+  await page.context().close();
+});
+
+/** A cohort and its page of uploads. */
+async function uploads(name, representation) {
+  await service.call("POST", "/v1/cohorts", { name, correspondence: representation.kind === "closed_curve" ? "arc_length" : "landmarks", representation });
+  const page = await open(browser, service.address, {}, ["422"]);
+  await page.goto(`${service.address}/app/cohorts/${name}/upload`);
+  await settled(page);
+  return page;
+}
+
+const CONTOURS = { kind: "closed_curve", dimension: 2, control_points: 16, generator: { name: "cubic" } };
+
+withData("formats-qupath-geojson", "annotations of QuPath, and their first half", async (from) => {
+  const page = await uploads("qupath", CONTOURS);
+  const file = path.join(from, "TD_01_verysmall_mIF.geojson"), bytes = readFileSync(file);
+  let card = await drop(page, file);
+  // Six polygons; three points, which are landmarks.
+  for (const text of ["GeoJSON", "6 · in the plane", "3 · in the plane", "class_1 (3), class_2 (3)"]) await card.getByText(text).first().waitFor();
+  await screen(page, "file-qupath");
+  await card.getByRole("button", { name: "Store", exact: true }).click();
+  await card.getByText("6 added, 3 left out").waitFor();
+  card = await drop(page, { name: "half.geojson", mimeType: "application/geo+json", buffer: bytes.subarray(0, bytes.length / 2) });
+  await card.getByText("Cannot be read").waitFor();
+  await card.locator("code", { hasText: /line \d+|byte \d+/ }).first().waitFor();
+  await screen(page, "file-broken");
+  assert.deepEqual(page.faults, []);
+  await page.context().close();
+});
+
+withData("formats-tps", "landmarks of tpsDig", async (from) => {
+  const page = await uploads("triangles", { kind: "landmarks", dimension: 2, points: 3 });
+  const file = path.join(from, "landmarks_triangle.tps"), all = readFileSync(file, "utf8").match(/^LM=3/gm).length;
+  const card = await store(page, file);
+  await card.getByText(`${all} added`).waitFor();
+  assert.equal((await service.call("GET", "/v1/cohorts/triangles")).shape_count, all);
+  await page.context().close();
+});
+
+withData("formats-meshes", "a mesh becomes a surface", async (from) => {
+  const page = await uploads("meshes", { kind: "surface", topology: "sphere", control_points: [8, 6] });
+  const card = await drop(page, path.join(from, "ico4.obj"));
+  await card.getByText(/1 · in space · 642 points · 1,280 faces/).waitFor();
+  await screen(page, "file-mesh");
+  await card.getByRole("button", { name: "Store", exact: true }).click();
+  await card.getByText("1 added").waitFor();
+  await page.context().close();
+});
+
+withData("formats-dicom-rtstruct", "contours of a structure set, in the plane of their slices", async (from) => {
+  const page = await uploads("regions", CONTOURS);
+  const card = await drop(page, path.join(from, "mim_phantom_rtstruct.dcm"));
+  await card.getByText("12 · in space").waitFor();
+  await card.getByText("DICOM RT Structure Set").first().waitFor();
+  await screen(page, "file-rtstruct", { fullPage: true });
+  await card.getByLabel(/^Plane/).selectOption("xy");
+  await card.getByRole("button", { name: "Store", exact: true }).click();
+  await card.getByText("12 added").waitFor();
+  await screen(page, "file-rtstruct-stored", { fullPage: true });
   assert.deepEqual(page.faults, []);
   await page.context().close();
 });

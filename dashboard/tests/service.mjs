@@ -121,3 +121,16 @@ export async function accessible(page, name) {
   const serious = violations.filter((one) => ["serious", "critical"].includes(one.impact));
   assert.deepEqual(serious.map((one) => `${name}: ${one.id}: ${one.nodes.map((node) => node.target.join(" ")).slice(0, 4).join(", ")}`), []);
 }
+
+/** Drops a file, `{ name, mimeType, buffer }` or a path, and gives the card of the last file. */
+export async function drop(page, file) {
+  await page.locator("input[type=file]").setInputFiles(file);
+  return page.locator("section.card").last();
+}
+
+/** Drops a file and stores what is in it. */
+export async function store(page, file) {
+  const card = await drop(page, file);
+  await card.getByRole("button", { name: "Store", exact: true }).click();
+  return card;
+}

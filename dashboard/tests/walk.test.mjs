@@ -5,7 +5,7 @@ import path from "node:path";
 import { after, before, test } from "node:test";
 import { gzipSync } from "node:zlib";
 import { nifti, tiff } from "./files.mjs";
-import { accessible, browse, key, open, ROOT, screen, serve, settled } from "./service.mjs";
+import { accessible, browse, drop, key, open, ROOT, screen, serve, settled, store } from "./service.mjs";
 
 const HANDS = path.join(ROOT, "../shared/data/curves-hands/curves.ndjson");
 const WAITED = { prefer: "wait=60" };
@@ -208,6 +208,8 @@ test("the modes of a dictionary are examined on request, and the answer is saved
   await page.context().close();
 });
 
+const textFile = (name, text) => ({ name, mimeType: "text/plain", buffer: Buffer.from(text) });
+
 test("an upload with bad shapes names them by their line; a repeated one stores nothing twice", async () => {
   const page = await open(browser, service.address);
   await page.goto(`${service.address}/app/cohorts?new=yes`);
@@ -217,24 +219,121 @@ test("an upload with bad shapes names them by their line; a repeated one stores 
   const good = (id, k) => JSON.stringify({ external_id: id, label: k % 2 ? "a" : "b", points: Array.from({ length: 24 }, (_, i) => [(2 + k / 9) * Math.cos(i / 3.82), Math.sin(i / 3.82) + 0.2 * Math.cos(k + i / 1.91)]) });
   const lines = [good("one", 1), '{"external_id": "two", "points": [[0, 0], [1, 1]]}', "this is not JSON", good("three", 2), good("four", 3)].join("\n");
   const file = { name: "cells.ndjson", mimeType: "application/x-ndjson", buffer: Buffer.from(lines) };
-  await page.locator("input[type=file]").setInputFiles(file);
+  await store(page, file);
   await page.getByText("3 added, 2 left out").waitFor();
   await page.getByText("line 2").waitFor();
   await page.getByText("line 3").waitFor();
   await screen(page, "upload-faults");
-  await page.locator("input[type=file]").setInputFiles(file);
+  await store(page, file);
   await page.getByText("0 added, 2 left out").waitFor();
-  // The other formats.
+  // Bodies of the API, and files that the service reads.
   const square = [[0, 0], [4, 0], [4, 3], [0, 3]];
   const geojson = { type: "FeatureCollection", features: [{ type: "Feature", id: "polygon", properties: { classification: { name: "tumour" } }, geometry: { type: "Polygon", coordinates: [[...square, square[0]]] } }] };
   for (const [name, text] of [["map.geojson", JSON.stringify(geojson)], ["points.csv", `id,label,x,y\n${square.map((p) => `table,a,${p.join(",")}`).join("\n")}`], ["landmarks.tps", `LM=4\n${square.map((p) => p.join(" ")).join("\n")}\nID=tps\n`], ["single.json", JSON.stringify({ external_id: "single", points: square })]]) {
-    await page.locator("input[type=file]").setInputFiles({ name, mimeType: "text/plain", buffer: Buffer.from(text) });
-    await page.locator("section", { hasText: name }).getByText("1 added").waitFor();
+    const card = await store(page, textFile(name, text));
+    await card.getByText("1 added").waitFor();
   }
-  await page.locator("input[type=file]").setInputFiles({ name: "broken.json", mimeType: "application/json", buffer: Buffer.from("{") });
+  await drop(page, textFile("broken.json", "{"));
   await page.getByText("not valid JSON").last().waitFor();
   const { shape_count } = await service.call("GET", "/v1/cohorts/dropped");
   assert.equal(shape_count, 7);
+  assert.deepEqual(page.faults, []);
+  await page.context().close();
+});
+
+test("files of other programs: what is in them, what would be left out, and then their shapes", async () => {
+  const page = await open(browser, service.address, {}, ["422"]);
+  await service.call("POST", "/v1/cohorts", { name: "files", correspondence: "arc_length", representation: { kind: "closed_curve", dimension: 2, control_points: 8, generator: { name: "cubic" } } });
+  await page.goto(`${service.address}/app/cohorts/files/upload`);
+  await settled(page);
+  await page.getByText(/Which formats\? \d\d, by content and name/).click();
+  for (const name of ["GeoJSON .geojson", "TPS .tps", "DICOM RT Structure Set .dcm", "NIfTI-1 .nii"]) await page.locator(".formats li", { hasText: name }).waitFor();
+  const { items } = await service.call("GET", "/v1/formats");
+  assert.equal(await page.locator(".formats li").count(), items.filter((one) => one.read).length);
+  await page.getByText(/Which formats/).click();
+  // A file of QuPath: a class, a hole, a point, and a place that is no shape.
+  const ring = (x, size) => [[x, 0], [x + 4 * size, 0], [x + 4 * size, 3 * size], [x, 2 * size], [x, 0]];
+  const feature = (id, geometry, name) => ({ type: "Feature", id, geometry, properties: { objectType: "annotation", classification: { name } } });
+  const features = [feature("whole", { type: "Polygon", coordinates: [ring(0, 1)] }, "Tumor"), feature("holed", { type: "Polygon", coordinates: [ring(10, 10), ring(12, 1)] }, "Stroma"), feature("nowhere", null, "Stroma")];
+  let card = await drop(page, textFile("slide.geojson", JSON.stringify({ type: "FeatureCollection", features })));
+  await card.getByText("Not stored yet").waitFor();
+  for (const text of ["GeoJSON", "2 · in the plane", "whole, holed", "x 0 – 50, y 0 – 30", "not said", "Stroma (1), Tumor (1)", "1 holes"]) await card.getByText(text).first().waitFor();
+  assert.equal((await service.call("GET", "/v1/cohorts/files")).shape_count, 0, "nothing is stored yet");
+  await accessible(page, "file");
+  await screen(page, "upload-inspected", { fullPage: true });
+  // The options of the format: with its hole there are three shapes.
+  await card.getByText("How it is read").click();
+  await card.getByLabel("holes").fill("keep");
+  await card.getByLabel("holes").press("Enter");
+  await card.getByText("3 · in the plane").waitFor();
+  await card.getByText("1 bound holes").waitFor();
+  await card.getByRole("button", { name: "Store", exact: true }).click();
+  await card.getByText("3 added").waitFor();
+  assert.equal((await service.call("GET", "/v1/cohorts/files/shapes/whole")).label, "Tumor");
+  // Faults have their place: the line of a TPS, the feature of a GeoJSON. What cannot be read is not stored.
+  card = await drop(page, textFile("broken.tps", "LM=3\n0 0\n4 x\n1 1\nID=a\n"));
+  await card.getByText("Cannot be read").waitFor();
+  await card.getByText("line 3").first().waitFor();
+  features[1].geometry.coordinates[0][1] = [50, "far"];
+  card = await drop(page, textFile("broken.geojson", JSON.stringify({ type: "FeatureCollection", features })));
+  await card.getByText(/item 1 byte \d+/).first().waitFor();
+  assert.equal(await card.getByRole("button", { name: "Store", exact: true }).count(), 0);
+  await screen(page, "upload-broken", { fullPage: true });
+  card = await drop(page, textFile("nothing.xyz", "????"));
+  await card.getByText(/^expected a file of one of the formats/).waitFor();
+  // Points in space enter a planar cohort by a plane; two files are stored by one button.
+  const table = (id, height) => textFile(`${id}.csv`, `id,x,y,z,closed\n${ring(0, 1).slice(0, 4).map(([x, y]) => `${id},${x},${height},${y},true`).join("\n")}\n`);
+  card = await drop(page, table("flat", 7));
+  await card.getByText("1 · in space").waitFor();
+  await card.getByRole("button", { name: "Store", exact: true }).click();
+  await card.getByText("1 left out").first().waitFor();
+  await page.locator("input[type=file]").setInputFiles([table("first", 7), table("second", 8)]);
+  await page.getByRole("button", { name: "Store all 2 files" }).waitFor();
+  for (const name of ["first", "second"]) await page.locator("section.card", { hasText: `${name}.csv` }).getByLabel(/^Plane/).selectOption("xz");
+  await page.getByRole("button", { name: "Store all 2 files" }).click();
+  for (const name of ["first", "second"]) await page.locator("section.card", { hasText: `${name}.csv` }).getByText("1 added").waitFor();
+  const { measures } = await service.call("GET", "/v1/cohorts/files/shapes/first");
+  assert.ok(measures.area > 5, `the contour has an area: ${measures.area}`);
+  assert.deepEqual(page.faults, []);
+  await page.context().close();
+});
+
+test("landmarks with a scale, and a mesh that becomes a surface, are stored and assessed", async () => {
+  const page = await open(browser, service.address, { locale: "de-DE" });
+  const german = async (file) => {
+    const card = await drop(page, file);
+    await card.getByText("Noch nicht gespeichert").waitFor();
+    return card;
+  };
+  await page.goto(`${service.address}/app/cohorts/landmarks/upload`);
+  await settled(page);
+  let card = await german(textFile("wing.tps", "LM=5\n0 0\n8 0.4\n8 6.5\n4 8\n0.2 6\nIMAGE=wing.jpg\nID=wing\nSCALE=0.5\n"));
+  await card.getByText("1 · in der Ebene · 5 Punkte").waitFor();
+  await card.getByText("x 0 – 4, y 0 – 4").waitFor();
+  await screen(page, "upload-german");
+  await card.getByRole("button", { name: "Speichern", exact: true }).click();
+  await card.getByText("1 hinzugefügt").waitFor();
+  assert.deepEqual((await service.call("GET", "/v1/cohorts/landmarks/shapes/wing")).control_points[1], [4, 0.2]);
+  await page.goto(`${service.address}/app/cohorts/ellipsoids/upload`);
+  await settled(page);
+  const obj = await (await fetch(`${service.address}/v1/cohorts/ellipsoids/shapes/ellipsoid3?format=obj`)).text();
+  card = await german(textFile("body.obj", `o body\n${obj}`));
+  await card.getByText("Netze").waitFor();
+  await card.getByRole("button", { name: "Speichern", exact: true }).click();
+  await card.getByText("1 hinzugefügt").waitFor();
+  // The same mesh against the surfaces: its fit is the one that was stored.
+  await page.goto(`${service.address}/app/assess?dictionary=ellipsoids@1`);
+  await settled(page);
+  await page.locator("input[type=file]").setInputFiles(textFile("body.obj", obj));
+  await page.getByRole("heading", { name: /^Wo .* abweicht$/ }).waitFor();
+  await page.getByText("Netze", { exact: true }).waitFor();
+  await page.locator("section.card", { hasText: /^Ähnlichste/ }).getByRole("link", { name: "body" }).waitFor();
+  await screen(page, "assess-mesh");
+  // A dictionary of curves says what it cannot compare.
+  await page.goto(`${service.address}/app/assess?dictionary=treatment@1`);
+  await settled(page);
+  await page.locator("input[type=file]").setInputFiles(textFile("body.obj", obj));
+  await page.getByText(/^Dieses Wörterbuch vergleicht Kurven/).waitFor();
   assert.deepEqual(page.faults, []);
   await page.context().close();
 });

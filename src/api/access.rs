@@ -72,6 +72,7 @@ const OPERATIONS: &[(Needs, &[&str])] = &[
             "GET /v1/dictionaries/{dictionary}/export",
             "GET /v1/dictionaries/{dictionary}/modes",
             "GET /v1/events",
+            "GET /v1/formats",
             "GET /v1/generators",
             "GET /v1/generators/{name}",
             "GET /v1/idealised",

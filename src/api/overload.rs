@@ -11,7 +11,9 @@ use axum::http::{HeaderValue, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use governor::clock::{Clock, DefaultClock};
-use governor::{DefaultKeyedRateLimiter, Quota, RateLimiter};
+use governor::middleware::NoOpMiddleware;
+use governor::state::keyed::DefaultKeyedStateStore;
+use governor::{Quota, RateLimiter};
 
 use super::form;
 use super::observe;
@@ -125,16 +127,16 @@ impl Caller {
     }
 }
 
-/// Rate limiter of callers.
+/// Rate limiter of callers, by a clock that tests advance.
 #[derive(Debug)]
-struct Rates {
-    limiter: DefaultKeyedRateLimiter<Caller>,
+struct Rates<C: Clock = DefaultClock> {
+    limiter: RateLimiter<Caller, DefaultKeyedStateStore<Caller>, C, NoOpMiddleware<C::Instant>>,
     /// Description of the rate for the client.
     rate: String,
     checks: AtomicU32,
 }
 
-impl Rates {
+impl<C: Clock + Default> Rates<C> {
     /// `None` if `per_second` is 0; a `burst` of 0 means twice `per_second`.
     fn new(per_second: u32, burst: u32) -> Option<Self> {
         let rate = NonZeroU32::new(per_second)?;
@@ -151,7 +153,8 @@ impl Rates {
     }
 
     fn from_quota(quota: Quota, rate: String) -> Self {
-        Self { limiter: RateLimiter::keyed(quota), rate, checks: AtomicU32::new(0) }
+        let limiter = RateLimiter::new(quota, DefaultKeyedStateStore::default(), C::default());
+        Self { limiter, rate, checks: AtomicU32::new(0) }
     }
 
     /// Counts a request; returns a 429 response if it is over the limit.
@@ -161,7 +164,7 @@ impl Rates {
             self.limiter.shrink_to_fit();
         }
         let early = self.limiter.check_key(caller).err()?;
-        let wait = early.wait_time_from(DefaultClock::default().now());
+        let wait = early.wait_time_from(self.limiter.clock().now());
         Some(refusal(&self.rate, wait.as_secs() + 1))
     }
 }
@@ -194,12 +197,13 @@ mod tests {
     use std::net::SocketAddr;
 
     use axum::extract::ConnectInfo;
+    use governor::clock::FakeRelativeClock;
 
     use super::*;
 
     #[test]
     fn callers_have_their_own_counts_which_are_forgotten() {
-        let rates = Rates::new(1000, 3).unwrap();
+        let rates = Rates::<FakeRelativeClock>::new(1000, 3).unwrap();
         let caller = |i: u32| Caller::Address(IpAddr::from(std::net::Ipv4Addr::from_bits(i)));
         for _ in 0..3 {
             assert!(rates.refuse(&caller(0)).is_none());
@@ -213,12 +217,12 @@ mod tests {
         for i in 2..SWEEP {
             assert!(rates.refuse(&caller(i)).is_none());
         }
-        std::thread::sleep(Duration::from_millis(20));
+        rates.limiter.clock().advance(Duration::from_millis(20));
         for _ in 0..2 * SWEEP {
             let _ = rates.refuse(&caller(0));
         }
-        assert!(rates.limiter.len() < 10, "{} are remembered", rates.limiter.len());
-        assert!(Rates::new(0, 5).is_none());
+        assert_eq!(rates.limiter.len(), 1);
+        assert!(Rates::<FakeRelativeClock>::new(0, 5).is_none());
     }
 
     #[test]

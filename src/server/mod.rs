@@ -84,7 +84,10 @@ async fn start(config: &ServeConfig) -> Result<App, String> {
     metrics::start();
     tokio::spawn(metrics::upkeep());
     let access = Access::new(config.access())?;
-    let app = App::new(store, config.limits(), config.threads).with_access(access).with_hooks(config.hooks());
+    let app = App::new(store, config.limits(), config.threads)
+        .with_access(access)
+        .with_hooks(config.hooks())
+        .with_engine(config.engine());
     app.memory.watch(Arc::clone(&app.cache));
     access::check_start(&app, config.listen).await?;
     app.trail().start(&app.store, config.audit_required);

@@ -917,7 +917,9 @@ fn other_media_types_methods_routes_and_formats_are_refused() {
             assert!(reply.header("allow").is_some_and(|allow| allow.contains("POST")), "{method} {path}");
         }
     }
-    for path in ["/v1/generators", "/v1/transformations", "/livez", "/readyz", "/v1/cohorts/body/mean"] {
+    for path in
+        ["/v1/formats", "/v1/generators", "/v1/transformations", "/livez", "/readyz", "/v1/cohorts/body/mean"]
+    {
         let reply = server.post(path, &json!({}));
         reply.expect_problem(405, "method-not-allowed", &[]);
         assert!(reply.header("allow").is_some_and(|allow| allow.contains("GET")), "{path}");
@@ -991,6 +993,7 @@ fn bad_queries_are_refused() {
         "/v1/cohorts/body/mean?transformation=affine&alignment=left",
         "/v1/cohorts/body/mean?transformation=affine&colour=red",
         "/v1/cohorts/body/mean?transformation=affine&transformation=similarity",
+        "/v1/formats?colour=red",
         "/v1/generators?colour=red",
         "/v1/transformations?colour=red",
     ];

@@ -61,6 +61,30 @@ fn a_file_is_taken_by_its_name_its_format_or_its_media_type() {
     server.get(&format!("{path}/shapes/b-first")).expect(200);
 }
 
+/// A program sends a media type of its own where it knows none of a file.
+#[test]
+fn a_name_tells_the_format_where_the_media_type_is_of_none() {
+    let server = Server::fresh();
+    let path = cohort(&server, "c", &landmarks(3), "landmarks");
+    let shapes = format!("{path}/shapes");
+    let points = r#"{"type":"Feature","id":"f","properties":{},"geometry":{"type":"MultiPoint","coordinates":[[0,0],[4,0],[4,1]]}}"#;
+    for (media_type, added) in [("application/x-www-form-urlencoded", 1), ("text/x-nothing", 0)] {
+        let found = server.post_bytes(&format!("{shapes}?name=x.geojson"), media_type, points).expect(201);
+        assert_eq!((&found["file"]["format"], &found["added"]), (&json!("geojson"), &json!(added)));
+        let found = server.post_bytes("/v1/inspect?name=x.geojson", media_type, points).expect(200);
+        assert_eq!((&found["format"], &found["records"]), (&json!("geojson"), &json!(1)));
+        server.post_bytes(&shapes, media_type, points).expect_problem(415, "unsupported-media-type", &[]);
+    }
+    // A name of no format does not tell it; the media type of a format is believed before the name; a form is not the file.
+    let named = format!("{shapes}?name=x.unknown");
+    let unknown = server.post_bytes(&named, "application/x-www-form-urlencoded", "\u{1}\u{2}");
+    unknown.expect_problem(422, "invalid-input", &[""]);
+    let lines = server.post_bytes("/v1/inspect?name=x.geojson", "application/x-ndjson", LINES).expect(200);
+    assert_eq!(lines["format"], "ndjson");
+    let form = server.post_bytes(&named, "multipart/form-data; boundary=x", "--x--\r\n");
+    form.expect_problem(415, "unsupported-media-type", &[]);
+}
+
 #[test]
 fn labels_of_an_image_are_shapes_with_their_holes_counted() {
     let server = Server::fresh();
@@ -148,6 +172,30 @@ fn formats_and_options_that_do_not_exist_are_refused_before_the_file() {
     server.get("/v1/cohorts/nothing/export").expect_problem(404, "not-found", &[]);
     let accept = server.request(Method::GET, &format!("{path}/export")).header("accept", "text/x-nothing");
     server.send(accept).expect_problem(406, "not-acceptable", &[]);
+}
+
+#[test]
+fn the_formats_are_listed_as_they_are_taken() {
+    let server = shared();
+    let found = server.get("/v1/formats").expect(200);
+    let items = found["items"].as_array().unwrap();
+    let one = |id: &str| items.iter().find(|item| item["id"] == id).unwrap();
+    assert_eq!(
+        *one("geojson"),
+        json!({
+            "id": "geojson", "name": "GeoJSON", "read": true, "written": true, "kinds": ["curve", "landmarks"],
+            "media_types": ["application/geo+json", "application/geo+json-seq"],
+            "extensions": ["geojson", "geojsonl", "geojsons"], "options": ["holes", "names", "nuclei", "select"],
+        })
+    );
+    assert_eq!((&one("gltf")["read"], &one("gltf")["written"]), (&json!(false), &json!(true)));
+    assert_eq!((&one("png")["written"], &one("png")["kinds"]), (&json!(false), &json!(["curve", "mesh"])));
+    // Every format that is read is a value of `format`, and every other one is not.
+    for item in items {
+        let id = item["id"].as_str().unwrap();
+        let reply = post(&server, &format!("/v1/inspect?format={id}"), "");
+        assert_eq!(reply.status == 400, item["read"] == false, "{id}: {}", reply.text());
+    }
 }
 
 #[test]

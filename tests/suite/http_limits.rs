@@ -450,7 +450,7 @@ fn light_requests_pass_heavy_ones_and_what_nobody_waits_for_is_not_computed() {
 
 #[test]
 fn a_request_that_takes_too_long_is_given_up() {
-    let server = Setting::fresh().flags(&ONE_HEAVY).flags(&["--compute-seconds", "2"]).start();
+    let server = Setting::fresh().flags(&ONE_HEAVY).flags(&["--compute-seconds", "5"]).start();
     let mut stream = occupied(&server);
     let (status, text) = answer(&mut stream);
     assert!(status == 503 && text.contains("took-too-long"), "{text}");

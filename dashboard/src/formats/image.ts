@@ -22,6 +22,8 @@ type Direction = { axis: number; sign: 1 | -1 };
 /** What the service takes at most. */
 const MOST_CELLS = 1 << 27;
 const SUFFIX = /(\.nii)?(\.gz)?$|\.[^.]*$/i;
+/** What the page reads itself, because it shows the cells and sends the slice that is shown; the service reads files of shapes. */
+export const IMAGE_FORMATS = "PNG, JPEG, WebP, TIFF, NIfTI";
 export const ACCEPT_IMAGES = ".png,.jpg,.jpeg,.webp,.tif,.tiff,.nii,.gz";
 export const isPicture = (name: string): boolean => /\.(png|jpe?g|webp|tiff?|nii|nii\.gz)$/i.test(name);
 const bare = (name: string): string => name.replace(/\.nii(\.gz)?$/i, "").replace(SUFFIX, "");

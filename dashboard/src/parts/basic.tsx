@@ -1,8 +1,8 @@
 /** What every view is made of. */
 import type { ComponentChildren } from "preact";
 import { useEffect, useRef, useState } from "preact/hooks";
-import { Refusal, Said, search, send, type Query } from "../api/client";
-import { t } from "../strings";
+import { Refusal, Said, search, send, type Query, type Schemas } from "../api/client";
+import { count, t } from "../strings";
 import { shown } from "../preferences";
 import { useSetting } from "../router";
 
@@ -48,11 +48,13 @@ export function Fault({ error, retry }: { error: Error | undefined; retry?: () =
   if (!error) return null;
   const problem = error instanceof Refusal ? error.problem : undefined;
   const faults = problem?.errors ?? [];
+  // The detail of the problem is that of its only fault.
+  const repeated = faults.length === 1 && problem!.detail.includes(faults[0]!.detail);
   return (
     <div class="note bad" role="alert">
       <strong>{problem ? problem.title : error instanceof Said ? error.message : lostConnection(error) ? t.fault.connection : t.fault.page}</strong>
-      {!(error instanceof Said) && <p>{problem ? problem.detail : lostConnection(error) ? t.fault.connectionHint : error.message}</p>}
-      {faults.length > 0 && !(faults.length === 1 && problem!.detail.includes(faults[0]!.detail)) && (
+      {!(error instanceof Said) && <p>{repeated && <Place fault={faults[0]!} />}{problem ? problem.detail : lostConnection(error) ? t.fault.connectionHint : error.message}</p>}
+      {faults.length > 0 && !repeated && (
         <ul>
           {faults.slice(0, 20).map((fault) => <li><Place fault={fault} />{fault.detail}</li>)}
           {faults.length > 20 && <li>{t.fault.more(faults.length - 20)}</li>}
@@ -64,10 +66,12 @@ export function Fault({ error, retry }: { error: Error | undefined; retry?: () =
   );
 }
 
-export function Place({ fault }: { fault: { pointer?: string; index?: number | null; line?: number | null } }) {
+export function Place({ fault }: { fault: Partial<Schemas["FaultDocument"]> }) {
+  const { entry, item, tag, line, byte } = fault.place ?? {};
+  const lines = fault.line ?? line;
   const words = [
-    fault.line ? t.fault.line(fault.line) : fault.index !== undefined && fault.index !== null ? t.fault.shape(fault.index + 1) : "",
-    fault.pointer,
+    entry, lines ? t.fault.line(lines) : typeof fault.index === "number" ? t.fault.shape(fault.index + 1) : "",
+    typeof item === "number" && t.fault.item(item), tag, typeof byte === "number" && t.fault.byte(count(byte)), fault.pointer,
   ].filter(Boolean);
   return words.length ? <><code>{words.join(" ")}</code> </> : null;
 }

@@ -2,7 +2,7 @@
 import { useRef, useState } from "preact/hooks";
 import { t } from "../strings";
 
-export function Drop({ title, hint, accept, multiple, onFiles }: { title: string; hint: string; accept: string; multiple?: boolean; onFiles: (files: File[]) => void }) {
+export function Drop({ title, hint, accept, multiple, onFiles }: { title: string; hint: string; accept?: string; multiple?: boolean; onFiles: (files: File[]) => void }) {
   const [over, setOver] = useState(false);
   const input = useRef<HTMLInputElement>(null);
   const take = (list: FileList | null | undefined) => {

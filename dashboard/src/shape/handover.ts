@@ -1,5 +1,5 @@
 /** A shape on its way from one view to another; it survives a reload of the tab. */
-import type { Input } from "../formats/read";
+import type { Input } from "../formats/file";
 
 const NAME = "shapelex.shape";
 export function handOver(shapes: Input[]): void {

@@ -21,7 +21,7 @@ export const de: Strings = {
   fault: {
     page: "Auf dieser Seite ist ein Fehler aufgetreten",
     connection: "Der Dienst ist nicht erreichbar", connectionHint: "Die Verbindung ist abgerissen, oder der Dienst läuft nicht mehr. Diese Seite hat nichts verändert; versuchen Sie es erneut, sobald er wieder da ist.",
-    line: (line) => `Zeile ${line}`, shape: (place) => `Form ${place}`, more: (count) => `und ${count} weitere`, request: "Anfrage",
+    line: (line) => `Zeile ${line}`, shape: (place) => `Form ${place}`, item: (place) => `Eintrag ${place}`, byte: (place) => `Byte ${place}`, more: (count) => `und ${count} weitere`, request: "Anfrage",
   },
   login: {
     title: "Dieser Dienst verlangt einen Schlüssel", lead: "Fügen Sie den Schlüssel ein, den die Verwaltung für Sie angelegt hat. Er bestimmt, was Sie sehen und ändern dürfen.", key: "Schlüssel", enter: "Weiter",
@@ -46,7 +46,7 @@ export const de: Strings = {
       ["Lernen, wie sie variieren", "Zehn Komponenten der Kohorte, in einer Sekunde; dann bewegen Sie die Regler."], ["Eine Zelle beurteilen", "Die wahrscheinlichste Behandlung, ob die Zelle ungewöhnlich ist und wo sie abweicht."],
       ["Behandlungen vergleichen", "Unterscheiden sie sich, wie stark und wo? Mit einem Permutationstest."],
     ],
-    toCohorts: "Mengen von Formen mit Merkmalen, Maßen und Mitteln.", toAssess: "Kontur oder Maske ablegen; einen Bericht von einer Seite drucken.", toSegment: "Den Umriss eines Objekts in einem Bild finden.",
+    toCohorts: "Mengen von Formen mit Merkmalen, Maßen und Mitteln.", toAssess: "Form, Maske oder Bild ablegen; einen Bericht von einer Seite drucken.", toSegment: "Den Umriss eines Objekts in einem Bild finden.",
   },
   kinds: {
     closed_curve: "Geschlossene Kontur", open_curve: "Offene Kurve", surface: "Fläche", subdivision: "Unterteilungsfläche", landmarks: "Landmarken",
@@ -117,9 +117,16 @@ export const de: Strings = {
   },
   upload: {
     lead: "Jede Form wird geprüft, bevor sie gespeichert wird. Dieselbe Datei kann noch einmal gesendet werden: Formen mit bekannter Kennung und gleichem Inhalt werden nicht doppelt gespeichert.", onError: "Fehlerhafte Formen", skip: "Fehlerhafte auslassen", abort: "Alles oder nichts",
-    drop: "Dateien hier ablegen", formats: "JSON, NDJSON, GeoJSON, CSV, TPS, Labelmasken (PNG, TIFF, NIfTI)", choose: "Dateien wählen", added: (count) => `${count} hinzugefügt`, skipped: (count) => `${count} ausgelassen`, failed: "Nichts gespeichert",
+    drop: "Dateien hier ablegen", formats: "Konturen, Landmarken, Netze, Labelbilder. Sie sehen, was in einer Datei ist, bevor es gespeichert wird", choose: "Dateien wählen", added: (count) => `${count} hinzugefügt`, skipped: (count) => `${count} ausgelassen`, failed: "Nichts gespeichert",
     stopped: "Abgebrochen. Aus dieser Datei wurde nichts gespeichert.", syntax: (message) => `Die Datei ist kein gültiges JSON: ${message}`, crossing: (count) => `${count} der Formen schneiden sich selbst. Sie sind gespeichert; sehen Sie sie an, bevor Sie Schlüsse ziehen.`,
     left: (count) => (count === 1 ? "1 Form wurde ausgelassen:" : `${count} Formen wurden ausgelassen:`), repeated: (count) => `${count} wiederholte Punkte wurden ausgelassen.`, look: "Kohorte ansehen",
+    looking: "Wird gelesen", ready: "Noch nicht gespeichert", store: "Speichern", storeAll: (count) => `Alle ${count} Dateien speichern`, refused: "Nicht lesbar", storedWithout: "Aus dieser Datei nicht gespeichert:", document: (count) => `${count} Formen, wie eine Anfrage an diesen Dienst sie enthält.`, lines: "Zeilen, wie Anfragen an diesen Dienst sie enthalten. Jede wird geprüft, wenn sie gespeichert werden.",
+  },
+  file: {
+    format: "Format", kinds: { curve: "Kurven", landmarks: "Landmarken", mesh: "Netze", fourier: "Fourier-Koeffizienten" }, points: (count) => `${count} Punkte`, harmonics: (count) => `${count} Harmonische`, faces: (count) => `${count} Seitenflächen`,
+    closed: (closed, all) => (closed === all ? "geschlossen" : closed === "0" ? "offen" : `${closed} davon geschlossen`), holes: (count) => `${count} umranden Löcher`, incomplete: (count) => `${count} mit fehlenden Punkten`,
+    extent: "Koordinaten", noUnit: "nicht genannt", labels: "Bezeichnungen", attributes: "Merkmale", none: "Diese Datei enthält keine Form.", leftOut: "Ausgelassen würden:", warnings: "Warnungen", which: (count) => `Welche Formate? ${count}, nach Inhalt und Name`,
+    own: "Auch JSON dieses Dienstes: {\"shapes\": […]}, eine Liste von Formen, eine Form oder nur Punkte.", reading: "Wie sie gelesen wird", recognised: "nach Inhalt und Name erkannt", plane: "Ebene, auf die Punkte im Raum projiziert werden", noPlane: "keine: Sie werden abgelehnt", samples: "Punkte auf Kurven aus Koeffizienten", prefix: "Text vor den Namen",
   },
   dictionaries: {
     lead: "Ein Wörterbuch ist ein aus einer Kohorte gelerntes Modell: das Mittel und was um es variiert. Es ändert sich nie; erneutes Lernen ergibt eine neue Version.", none: "Es wurde noch kein Wörterbuch gelernt.",
@@ -159,12 +166,12 @@ export const de: Strings = {
   },
   assess: {
     title: "Form beurteilen", lead: "Vergleichen Sie eine Form mit dem, was ein Wörterbuch gelernt hat: Lage, Klasse, Neuheit und wo sie abweicht.", print: "Drucken oder als PDF sichern", nothing: "Die Datei enthält keine Form.", posted: "Übergebene Form", withClasses: "mit Klassen",
-    stored: (cohort) => `Oder eine Form aus ${cohort}, nach Kennung`, drop: "Kontur, Maske oder Bild ablegen", formats: "JSON, GeoJSON, CSV, TPS; Masken und Bilder: PNG, JPEG, WebP, TIFF, NIfTI", noClass: "keine Klasse",
+    stored: (cohort) => `Oder eine Form aus ${cohort}, nach Kennung`, drop: "Form, Maske oder Bild ablegen", formats: (pictures) => `Konturen, Landmarken, Netze; Masken und Bilder (${pictures})`, noClass: "keine Klasse",
     verdict: (label, confidence, accepted) => (accepted === false ? `Aus keiner der bekannten Klassen; die nächste ist ${label}.` : `Am ehesten ${label} (${confidence}).`), usual: "Eine übliche Form", unusual: "Eine ungewöhnliche Form",
     outlier: "ungewöhnlich: jenseits der Grenze von 99 % der Formen", inlier: "im Rahmen des Üblichen", against: (name, shapes, time) => `verglichen mit ${name}, gelernt aus ${shapes} Formen, ${time}`,
     where: "Wo sie abweicht", whereAlt: (name) => `${name}, gefärbt nach dem Abstand von der Rekonstruktion`, whereCaption: "Die Form, gefärbt nach ihrem Abstand von der Rekonstruktion durch das Wörterbuch.", whereKey: (most) => `Abstand von der Rekonstruktion: 0 bis ${most}`, reconstruction: "Rekonstruktion", outside: "Farben: wo die Form außerhalb (rot) oder innerhalb (blau) ihrer Rekonstruktion liegt.",
     accuracy: (value, majority) => `Bei ungesehenen Formen waren ${value} solcher Antworten richtig; die häufigste Klasse allein ergäbe ${majority}.`, novelty: "Wie ungewöhnlich", within: "Entlang der Moden", beyond: "Jenseits der Moden", rank: (part) => `ungewöhnlicher als ${part} der Formen`, first: "ungewöhnlicher als jede Form, aus der gelernt wurde", rejected: "Die Form wurde zurückgewiesen: Diese Werte vergleichen nur die Klassen untereinander.",
-    error: "Relativer Fehler", noveltyHint: "Entlang der Moden: extrem, aber von bekannter Art. Jenseits der Moden: von einer Art, die das Wörterbuch nicht kennt.", code: "Code", scores: "Werte in Standardabweichungen der gelernten Formen.", atoms: "Gewichte der verwendeten Atome.", weight: "Gewicht", picture: "Mehrere Objekte oder ein Volumen? Finden Sie zuerst die Kontur:", from: "Aus dem Bild", readAs: "Lesen als", mask: "Maske: jedes Label ist ein Objekt", image: "Bild: das größte Objekt wird gesucht", contourAlt: (name) => `${name} mit der gefundenen Kontur`, contourHint: "Ist dies das Objekt und sein Rand? Alles Weitere handelt von dieser Kontur.", correct: "Berichtigen", noObject: "Aus diesem Bild hebt sich kein Objekt ab.", solid: "Eine Maske im Raum hat keine Kontur. Passen Sie ihre Fläche an wie die der Kohorte und legen Sie deren Kontrollpunkte ab, oder wählen Sie eine Schicht.", volume: "Ein Volumen aus Grauwerten zeigt vieles. Wählen Sie Schicht und Objekt:", pose: "Lage", scale: "Größe, je Einheit des Mittels", angle: "Drehung", nearest: "Ähnlichste Formen", printed: (time) => `Shapelex, ${time}. Eine statistische Beschreibung, keine Diagnose.`,
+    error: "Relativer Fehler", noveltyHint: "Entlang der Moden: extrem, aber von bekannter Art. Jenseits der Moden: von einer Art, die das Wörterbuch nicht kennt.", code: "Code", scores: "Werte in Standardabweichungen der gelernten Formen.", atoms: "Gewichte der verwendeten Atome.", weight: "Gewicht", picture: "Mehrere Objekte oder ein Volumen? Finden Sie zuerst die Kontur:", from: "Aus dem Bild", readAs: "Lesen als", mask: "Maske: jedes Label ist ein Objekt", image: "Bild: das größte Objekt wird gesucht", contourAlt: (name) => `${name} mit der gefundenen Kontur`, contourHint: "Ist dies das Objekt und sein Rand? Alles Weitere handelt von dieser Kontur.", correct: "Berichtigen", noObject: "Aus diesem Bild hebt sich kein Objekt ab.", unfit: "Dieses Wörterbuch vergleicht Kurven oder Punkte, und die Datei enthält ein Netz oder Koeffizienten. Wählen Sie bei einem Volumen eine Schicht.", volume: "Ein Volumen aus Grauwerten zeigt vieles. Wählen Sie Schicht und Objekt:", pose: "Lage", scale: "Größe, je Einheit des Mittels", angle: "Drehung", nearest: "Ähnlichste Formen", printed: (time) => `Shapelex, ${time}. Eine statistische Beschreibung, keine Diagnose.`,
   },
   jobs: {
     lead: "Lange Arbeiten, während sie laufen. Sie gehen weiter, wenn Sie die Seite verlassen, auch nach einem Neustart des Dienstes.", live: "verbunden", offline: "nicht verbunden", status: "Status", all: "alle", none: "Keine Aufträge.", work: "Arbeit", progress: "Fortschritt", begun: "Begonnen", duration: "Dauer", running: "Wird berechnet …",
@@ -176,7 +183,7 @@ export const de: Strings = {
     files: "Diese Anfrage braucht eine Datei; die Kopie ist ein Anfang.",
   },
   segment: {
-    lead: "Ziehen Sie einen Rahmen um ein Objekt. Eine Kontur beginnt darin und wandert zum Rand; berichtigen Sie einen Punkt, wo sie irrt, und lassen Sie sie weiterlaufen.", drop: "Bild oder Volumen ablegen", formats: "PNG, JPEG, WebP, TIFF, NIfTI; es bleibt zwischen dieser Seite und dem Dienst", unreadable: (name) => `${name} ist kein Bild oder Volumen, das diese Seite lesen kann.`,
+    lead: "Ziehen Sie einen Rahmen um ein Objekt. Eine Kontur beginnt darin und wandert zum Rand; berichtigen Sie einen Punkt, wo sie irrt, und lassen Sie sie weiterlaufen.", drop: "Bild oder Volumen ablegen", formats: (pictures) => `${pictures}; es bleibt zwischen dieser Seite und dem Dienst`, unreadable: (name) => `${name} ist kein Bild oder Volumen, das diese Seite lesen kann.`,
     alt: (name) => `${name} mit Rahmen und Kontur`, box: "Ziehen Sie einen Rahmen um ein Objekt.", correct: "Ziehen Sie einen Punkt an seinen Ort und setzen Sie fort; Ziehen an anderer Stelle ergibt einen neuen Rahmen.", size: (width, height) => `${width} × ${height} Pixel.`, run: "Kontur finden", resume: "Von hier weiter", assess: "Diese Form beurteilen", other: "Anderes Bild",
     history: "Energie nach jedem Schritt", energy: "Energie", iteration: "Schritt", iterations: "Schritte", term: "Das Objekt zeigt sich durch", polarity: "Das Objekt ist", bright: "hell", dark: "dunkel", sigma: "Unschärfe in Pixeln", points: "Kontrollpunkte", boxOf: (unit) => `Rahmen, in ${unit}`, pixels: "Pixeln", point: (number) => `Punkt ${number}: mit den Pfeiltasten verschieben`, again: "Neuer Rahmen",
     plane: "Ausrichtung", planes: ["Sagittal", "Koronal", "Axial"], across: ["Quer zu x", "Quer zu y", "Quer zu z"], slice: "Schicht", sliceOf: (slice, all) => `${slice} von ${all}`, spacing: (across, down) => `Ein Pixel misst ${across} × ${down} mm.`, sides: { x: "Links", y: "Oben", w: "Breite", h: "Höhe" }, result: "Ergebnis",

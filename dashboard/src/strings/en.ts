@@ -19,7 +19,7 @@ export const en = {
   fault: {
     page: "Something went wrong on this page",
     connection: "The service cannot be reached", connectionHint: "The connection was lost, or the service has stopped. Nothing was changed by this page; try again when it is back.",
-    line: (line: number) => `line ${line}`, shape: (place: number) => `shape ${place}`, more: (count: number) => `and ${count} more`, request: "Request",
+    line: (line: number) => `line ${line}`, shape: (place: number) => `shape ${place}`, item: (place: number) => `item ${place}`, byte: (place: string) => `byte ${place}`, more: (count: number) => `and ${count} more`, request: "Request",
   },
   login: {
     title: "This service needs a key", lead: "Paste a key that an administrator has made for you. It decides what you may see and change.", key: "Key", enter: "Continue",
@@ -44,7 +44,7 @@ export const en = {
       ["Learn how they vary", "Ten components from the cohort, in a second; then move the sliders."], ["Assess one cell", "Its most likely treatment, whether it is unusual, and where it deviates."],
       ["Compare treatments", "Do they differ, by how much, and where? With a permutation test."],
     ] as [string, string][],
-    toCohorts: "Sets of shapes with their attributes, measures and means.", toAssess: "Drop a contour or a mask; print a report of one page.", toSegment: "Find the outline of an object in a picture.",
+    toCohorts: "Sets of shapes with their attributes, measures and means.", toAssess: "Drop a shape, a mask or a picture; print a report of one page.", toSegment: "Find the outline of an object in a picture.",
   },
   kinds: {
     closed_curve: "Closed contour", open_curve: "Open curve", surface: "Surface", subdivision: "Subdivision surface", landmarks: "Landmarks",
@@ -114,9 +114,16 @@ export const en = {
   },
   upload: {
     lead: "Every shape is checked before it is stored. The same file can be sent again: shapes with a known id and the same content are not stored twice.", onError: "Bad shapes", skip: "Leave bad shapes out", abort: "All or nothing",
-    drop: "Drop files here", formats: "JSON, NDJSON, GeoJSON, CSV, TPS, label masks (PNG, TIFF, NIfTI)", choose: "Choose files", added: (count: number) => `${count} added`, skipped: (count: number) => `${count} left out`, failed: "Nothing stored",
+    drop: "Drop files here", formats: "Contours, landmarks, meshes, label images. You see what is in a file before it is stored", choose: "Choose files", added: (count: number) => `${count} added`, skipped: (count: number) => `${count} left out`, failed: "Nothing stored",
     stopped: "Stopped. Nothing of this file was stored.", syntax: (message: string) => `The file is not valid JSON: ${message}`, crossing: (count: number) => `${count} of the shapes cross themselves. They are stored; look at them before you draw conclusions.`,
     left: (count: number) => `${count} ${count === 1 ? "shape was" : "shapes were"} left out:`, repeated: (count: string) => `${count} repeated points were left out.`, look: "Look at the cohort",
+    looking: "Looking into it", ready: "Not stored yet", store: "Store", storeAll: (count: number) => `Store all ${count} files`, refused: "Cannot be read", storedWithout: "Not stored from this file:", document: (count: string) => `${count} shapes as a request of this service has them.`, lines: "Lines as requests of this service have them. Each one is checked when they are stored.",
+  },
+  file: {
+    format: "Format", kinds: { curve: "Curves", landmarks: "Landmarks", mesh: "Meshes", fourier: "Fourier coefficients" } as Record<string, string>, points: (count: string) => `${count} points`, harmonics: (count: string) => `${count} harmonics`, faces: (count: string) => `${count} faces`,
+    closed: (closed: string, all: string) => (closed === all ? "closed" : closed === "0" ? "open" : `${closed} of them closed`), holes: (count: string) => `${count} bound holes`, incomplete: (count: string) => `${count} with missing points`,
+    extent: "Coordinates", noUnit: "not said", labels: "Labels", attributes: "Attributes", none: "There is no shape in this file.", leftOut: "Would be left out:", warnings: "Warnings", which: (count: number) => `Which formats? ${count}, by content and name`,
+    own: "Also JSON of this service: {\"shapes\": […]}, a list of shapes, one shape, or points alone.", reading: "How it is read", recognised: "recognised by content and name", plane: "Plane onto which points in space are projected", noPlane: "none: they are refused", samples: "Points taken on curves given by coefficients", prefix: "Text before the names",
   },
   dictionaries: {
     lead: "A dictionary is a model learnt from a cohort: the mean, and what varies about it. It never changes; learning again makes a new version.", none: "No dictionary has been learnt yet.",
@@ -156,12 +163,12 @@ export const en = {
   },
   assess: {
     title: "Assess a shape", lead: "Compare one shape with what a dictionary has learnt: pose, class, novelty, and where it deviates.", print: "Print or save as PDF", nothing: "The file contains no shape.", posted: "Posted shape", withClasses: "with classes",
-    stored: (cohort: string) => `Or a shape of ${cohort}, by id`, drop: "Drop a contour, a mask or a picture", formats: "JSON, GeoJSON, CSV, TPS; masks and pictures: PNG, JPEG, WebP, TIFF, NIfTI", noClass: "no class",
+    stored: (cohort: string) => `Or a shape of ${cohort}, by id`, drop: "Drop a shape, a mask or a picture", formats: (pictures: string) => `Contours, landmarks, meshes; masks and pictures (${pictures})`, noClass: "no class",
     verdict: (label: string, confidence: string, accepted: boolean | null | undefined) => (accepted === false ? `Of none of the known classes; nearest is ${label}.` : `Most likely ${label} (${confidence}).`), usual: "A usual shape", unusual: "An unusual shape",
     outlier: "unusual: beyond the limit of 99 % of the shapes", inlier: "within what is usual", against: (name: string, shapes: number, time: string) => `against ${name}, learnt from ${shapes} shapes, ${time}`,
     where: "Where it deviates", whereAlt: (name: string) => `${name}, coloured by its distance from the reconstruction`, whereCaption: "The shape, coloured by its distance from the reconstruction by the dictionary.", whereKey: (most: string) => `distance to the reconstruction: 0 to ${most}`, reconstruction: "reconstruction", outside: "Colours: where the shape lies outside (red) or inside (blue) of its reconstruction.",
     accuracy: (value: string, majority: string) => `On unseen shapes ${value} of such answers were right; the most frequent class alone gives ${majority}.`, novelty: "How unusual", within: "Along the modes", beyond: "Beyond the modes", rank: (part: string) => `more unusual than ${part} of the shapes`, first: "more unusual than every shape it was learnt from", rejected: "The shape was rejected: these confidences compare the classes with each other only.",
-    error: "Relative error", noveltyHint: "Along the modes: extreme, but of a known kind. Beyond the modes: of a kind that the dictionary has not seen.", code: "Code", scores: "Scores in standard deviations of the shapes learnt from.", atoms: "Weights of the atoms in use.", weight: "Weight", picture: "Several objects, or a volume? Find the contour first:", from: "From the picture", readAs: "Read as", mask: "mask: each label is an object", image: "picture: the largest object is found", contourAlt: (name: string) => `${name} with the contour that was found`, contourHint: "Is this the object, and its edge? What follows is about this contour.", correct: "Correct it", noObject: "No object stands out from this picture.", solid: "A mask in space has no contour. Fit its surface as those of the cohort were fitted, and drop its control points, or choose a slice.", volume: "A volume of greys shows many things. Choose a slice and the object:", pose: "Pose", scale: "Size, per unit of the mean", angle: "Rotation", nearest: "Most similar shapes", printed: (time: string) => `Shapelex, ${time}. A statistical description, not a diagnosis.`,
+    error: "Relative error", noveltyHint: "Along the modes: extreme, but of a known kind. Beyond the modes: of a kind that the dictionary has not seen.", code: "Code", scores: "Scores in standard deviations of the shapes learnt from.", atoms: "Weights of the atoms in use.", weight: "Weight", picture: "Several objects, or a volume? Find the contour first:", from: "From the picture", readAs: "Read as", mask: "mask: each label is an object", image: "picture: the largest object is found", contourAlt: (name: string) => `${name} with the contour that was found`, contourHint: "Is this the object, and its edge? What follows is about this contour.", correct: "Correct it", noObject: "No object stands out from this picture.", unfit: "This dictionary compares curves or points, and the file has a mesh or coefficients. Of a volume, choose a slice.", volume: "A volume of greys shows many things. Choose a slice and the object:", pose: "Pose", scale: "Size, per unit of the mean", angle: "Rotation", nearest: "Most similar shapes", printed: (time: string) => `Shapelex, ${time}. A statistical description, not a diagnosis.`,
   },
   jobs: {
     lead: "Long work, as it happens. It goes on when you leave, and after a restart of the service.", live: "live", offline: "not connected", status: "Status", all: "all", none: "No jobs.", work: "Work", progress: "Progress", begun: "Begun", duration: "Duration", running: "Computing …",
@@ -173,7 +180,7 @@ export const en = {
     files: "This request takes a file; use the copy as a beginning.",
   },
   segment: {
-    lead: "Draw a box around an object. A contour starts in it and moves to the edge; correct a point where it went wrong, and let it go on.", drop: "Drop a picture or a volume", formats: "PNG, JPEG, WebP, TIFF, NIfTI; it stays between this page and the service", unreadable: (name: string) => `${name} is not a picture or volume that this page can read.`,
+    lead: "Draw a box around an object. A contour starts in it and moves to the edge; correct a point where it went wrong, and let it go on.", drop: "Drop a picture or a volume", formats: (pictures: string) => `${pictures}; it stays between this page and the service`, unreadable: (name: string) => `${name} is not a picture or volume that this page can read.`,
     alt: (name: string) => `${name} with the box and the contour`, box: "Drag to draw a box around one object.", correct: "Drag a point to correct it, then go on; drag elsewhere for a new box.", size: (width: string, height: string) => `${width} × ${height} pixels.`, run: "Find the contour", resume: "Go on from here", assess: "Assess this shape", other: "Another picture",
     history: "Energy after each step", energy: "Energy", iteration: "Step", iterations: "Steps", term: "The object is seen by", polarity: "The object is", bright: "bright", dark: "dark", sigma: "Blur in pixels", points: "Control points", boxOf: (unit: string) => `Box, in ${unit}`, pixels: "pixels", point: (number: number) => `Point ${number}: move it with the arrow keys`, again: "A new box",
     plane: "Orientation", planes: ["Sagittal", "Coronal", "Axial"], across: ["Across x", "Across y", "Across z"], slice: "Slice", sliceOf: (slice: number, all: number) => `${slice} of ${all}`, spacing: (across: string, down: string) => `A pixel is ${across} × ${down} mm.`, sides: { x: "Left", y: "Top", w: "Width", h: "Height" }, result: "Result",

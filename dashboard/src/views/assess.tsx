@@ -1,8 +1,9 @@
-/** One shape against a dictionary, as a report of one page: from a file of contours, a mask, or a picture in which it is found first. */
+/** One shape against a dictionary, as a report of one page: from a file of shapes, a mask, or a picture in which it is found first. */
 import { useEffect, useState } from "preact/hooks";
-import { get, pages, post, Said, type Schemas } from "../api/client";
-import { ACCEPT_IMAGES, isPicture, shownOf, sliceOf, volumeOf, type Volume } from "../formats/image";
-import { ACCEPT, ofLabels, shapesOf, type Input } from "../formats/read";
+import { get, pages, post, Refusal, Said, type Problem, type Schemas } from "../api/client";
+import { IMAGE_FORMATS, isPicture, shownOf, sliceOf, volumeOf, type Volume } from "../formats/image";
+import { contoursOf, formats, inspected, keptLines, linesOf, type Found, type Input, type Line } from "../formats/file";
+import { Contents, Formats } from "../parts/contents";
 import { Drop } from "../parts/drop";
 import { Choice, Fault, Field, Loading, Page, Picture, Select } from "../parts/basic";
 import { Chart, colour } from "../parts/chart";
@@ -10,7 +11,7 @@ import { Scale, Solid } from "../parts/solid";
 import { shown } from "../preferences";
 import { useLoaded } from "../hooks";
 import { navigate, useSetting } from "../router";
-import { hasMesh, inPlane, path, type Points } from "../shape/points";
+import { hasMesh, inPlane, isDots, path, type Points, type Representation } from "../shape/points";
 import { isMask, largestObject } from "../shape/object";
 import { segmented, USUAL } from "../shape/snake";
 import { number, percent, t, time } from "../strings";
@@ -21,7 +22,9 @@ export function Assess(_: object) {
   const [chosen, setChosen] = useSetting("dictionary", "");
   const [cohort] = useSetting("cohort", "");
   const [stored, setStored] = useSetting("shape", "");
-  const [shapes, setShapes] = useState<Input[]>(() => handedOver());
+  const [shapes, setShapes] = useState<(Input | Line)[]>(() => handedOver());
+  const [round, setRound] = useState(0);
+  const [found, setFound] = useState<Found>();
   const [index, setIndex] = useState(0);
   const [error, setError] = useState<Error>();
   const dictionaries = [...(list.data ?? [])].reverse();
@@ -30,22 +33,23 @@ export function Assess(_: object) {
   useEffect(() => setIndex(0), [shapes]);
   const [image, setImage] = useState<Image>();
   const [busy, setBusy] = useState(false);
-  const set = (found: Input[]) => {
-    if (!found.length) throw new Said(t.assess.nothing);
-    setShapes(found);
+  const known = useLoaded("formats", formats);
+  const set = (all: (Input | Line)[]) => {
+    if (!all.length) throw new Said(t.assess.nothing);
+    setShapes(all);
+    setRound(round + 1);
     if (stored) setStored("");
   };
   /** A picture as labels, or as greys among which an object is found. */
   const read = async (file: File, volume: Volume, as: Image["as"]) => {
-    const found = as === "mask" ? await ofLabels(file) : [];
-    if (as === "mask" && found.some((one) => !one.points)) throw new Said(t.assess.solid);
+    const found = as === "image" ? [] : volume.size[2] > 1 ? await linesOf(file) : await contoursOf(file, volume.name);
     let outline: Points | undefined;
     if (as === "image") {
       if (volume.size[2] > 1) { setImage({ file, volume, as }); setShapes([]); return; }
       const slice = sliceOf(volume, 2, 0), object = largestObject(slice);
       if (!object) throw new Said(t.assess.noObject);
       outline = (await segmented(volume, slice, { ...USUAL, polarity: object.polarity }, { box: object.box })).outline;
-      found.push({ external_id: volume.name, points: outline } as Input);
+      found.push({ external_id: volume.name, points: outline });
     }
     setImage({ file, volume, as, outline });
     set(found);
@@ -54,11 +58,16 @@ export function Assess(_: object) {
     setBusy(true);
     setError(undefined);
     setImage(undefined);
+    setFound(undefined);
     try {
       if (isPicture(file!.name)) {
         const volume = await volumeOf(file!).catch(() => { throw new Said(t.segment.unreadable(file!.name)); });
         await read(file!, volume, isMask(volume) ? "mask" : "image");
-      } else set(await shapesOf(file!));
+      } else {
+        const kept = await keptLines(file!);
+        if (!kept) setFound(await inspected(file!, {}));
+        set(kept ?? (await linesOf(file!)));
+      }
     } catch (fault) {
       setError(fault instanceof SyntaxError ? new Said(t.upload.syntax(fault.message)) : (fault as Error));
     }
@@ -72,7 +81,9 @@ export function Assess(_: object) {
   };
   const source = about.data?.cohort_name ?? cohort;
   const shape = shapes[index];
-  const body: Schemas["AssessRequest"] | null = stored ? { cohort: cohort || source, ids: [stored] } : shape ? { shapes: [{ points: shape.points, control_points: shape.control_points }] as Input[] } : null;
+  const key = shape && about.data ? `${about.data.name}@${about.data.version} ${round} ${index}` : null;
+  const taken = useLoaded(stored ? null : key, async (signal) => ({ key, input: await assessable(shape!, about.data!.representation, signal) }));
+  const body: Schemas["AssessRequest"] | null = stored ? { cohort: cohort || source, ids: [stored] } : taken.data && taken.data.key === key ? { shapes: [taken.data.input] } : null;
   const name = stored || shape?.external_id || t.assess.posted;
   return (
     <Page title={t.assess.title} lead={<span class="no-print">{t.assess.lead}</span>} actions={body && <button onClick={() => print()}>{t.assess.print}</button>}>
@@ -85,8 +96,11 @@ export function Assess(_: object) {
             <Field label={t.assess.stored(source || "–")}><input value={stored} placeholder="external_id" onChange={(event) => setStored(event.currentTarget.value.trim())} /></Field>
             {shapes.length > 1 && !stored && <Select label={t.words.shape} value={String(index)} options={shapes.slice(0, 500).map((one, at) => [String(at), one.external_id ?? String(at + 1)])} onChange={(value) => setIndex(Number(value))} />}
           </div>
-          <Drop title={t.assess.drop} hint={t.assess.formats} accept={`${ACCEPT},${ACCEPT_IMAGES}`} onFiles={(files) => void take(files)} />
-          <Loading on={busy} />
+          <Drop title={t.assess.drop} hint={t.assess.formats(IMAGE_FORMATS)} onFiles={(files) => void take(files)} />
+          {known.data && <Formats formats={known.data} />}
+          <Loading on={busy || taken.loading} />
+          {found && !stored && <section class="card no-print"><Contents found={found} formats={known.data} /></section>}
+          <Fault error={taken.error} />
           {image && !stored && <Source image={image} shapes={shapes} index={index} onRead={(as) => void reread(as)} />}
           <p class="small quiet no-print">{t.assess.picture} <a href="/app/segment">{t.menu.segment}</a></p>
           <Fault error={about.error} />
@@ -97,6 +111,25 @@ export function Assess(_: object) {
   );
 }
 
+/** A shape as the dictionary takes it. A mesh becomes its vertices, or the surface that is fitted to it, as in an upload to a cohort. */
+async function assessable(shape: Input | Line, representation: Representation, signal: AbortSignal): Promise<Input> {
+  if (!("vertices" in shape) || !shape.vertices) {
+    const { points, control_points } = shape as Input;
+    if (!points && !control_points) throw new Said(t.assess.unfit);
+    return { points, control_points };
+  }
+  const { vertices, faces = [] } = shape;
+  if (isDots(representation)) return { points: vertices };
+  if (representation.kind === "subdivision") return { control_points: vertices };
+  if (representation.kind !== "surface") throw new Said(t.assess.unfit);
+  // Polygons as fans of triangles.
+  const triangles = faces.flatMap(([first, ...rest]) => rest.slice(1).map((last, at) => [first!, rest[at]!, last]));
+  const answer = await post("/v1/fit", { body: { representation, meshes: [{ vertices, faces: triangles }] } as Schemas["FitRequest"], signal });
+  const [fitted] = answer.results as { control_points?: Points; error?: Problem }[];
+  if (fitted?.error) throw new Refusal(fitted.error);
+  return { control_points: fitted!.control_points };
+}
+
 interface Image {
   file: File;
   volume: Volume;
@@ -105,7 +138,7 @@ interface Image {
 }
 
 /** The picture from which the shape comes, with its contour: whoever reads the report must see whether it is the right one. */
-function Source({ image: { file, volume, as, outline }, shapes, index, onRead }: { image: Image; shapes: Input[]; index: number; onRead: (as: Image["as"]) => void }) {
+function Source({ image: { file, volume, as, outline }, shapes, index, onRead }: { image: Image; shapes: (Input | Line)[]; index: number; onRead: (as: Image["as"]) => void }) {
   const planar = volume.size[2] === 1;
   const picture = useLoaded(planar ? `${file.name} ${file.size} ${file.lastModified}` : null, async () => URL.createObjectURL(await shownOf(volume, sliceOf(volume, 2, 0))));
   useEffect(() => () => { if (picture.data) URL.revokeObjectURL(picture.data); }, [picture.data]);

@@ -5,7 +5,7 @@ import { Chart } from "../parts/chart";
 import { Choice, Fault, Field, Loading, Page, Select, save } from "../parts/basic";
 import { Drop } from "../parts/drop";
 import { useAction } from "../hooks";
-import { ACCEPT_IMAGES, depthOf, shownOf, sliceOf, volumeOf, type Plane, type Volume } from "../formats/image";
+import { ACCEPT_IMAGES, IMAGE_FORMATS, depthOf, shownOf, sliceOf, volumeOf, type Plane, type Volume } from "../formats/image";
 import { navigate, useSetting } from "../router";
 import { evaluated, path } from "../shape/points";
 import { handedOverImage, handOver } from "../shape/handover";
@@ -147,7 +147,7 @@ export function Segment() {
     <Page title={t.menu.segment} lead={t.segment.lead}>
       <Fault error={error} />
       <Loading on={opening} />
-      {!volume && !opening && <Drop title={t.segment.drop} hint={t.segment.formats} accept={ACCEPT_IMAGES} onFiles={(files) => void open(files)} />}
+      {!volume && !opening && <Drop title={t.segment.drop} hint={t.segment.formats(IMAGE_FORMATS)} accept={ACCEPT_IMAGES} onFiles={(files) => void open(files)} />}
       {volume && slice && (
         <div class="aside right">
           <div class="stack" style={{ gap: "22px" }}>

@@ -1,14 +1,23 @@
-/** Shapes from files, with progress, and faults at their place in the file. */
+/** Shapes from files: what is in each of them, then its shapes into the cohort, with faults at their place in the file. */
 import { useRef, useState } from "preact/hooks";
-import { authorization, Refusal, Said, type Problem, type Schemas } from "../api/client";
-import { Choice, Fault, Place } from "../parts/basic";
-import { ACCEPT, isLines, shapesOf } from "../formats/read";
+import { authorization, Refusal, Said, search, type Problem, type Schemas } from "../api/client";
+import { Choice, Fault, Field, Place, Select } from "../parts/basic";
+import { formats, inspected, keptBody, type Format, type Found, type Kept, type Reading } from "../formats/file";
 import { count, percent, t } from "../strings";
 import { CohortPage } from "./cohort";
+import { Contents, Formats, Remarks } from "../parts/contents";
 import { Drop } from "../parts/drop";
+import { useLoaded } from "../hooks";
 
-interface Outcome {
-  name: string;
+/** A file on its way into the cohort. */
+interface Dropped {
+  file: File;
+  state: "looking" | "ready" | "refused" | "sending" | "stored" | "failed";
+  /** Its format and the options of reading that were chosen, and how its shapes become those of the cohort. */
+  reading: Reading;
+  placing: Reading;
+  found?: Found;
+  kept?: Kept;
   part: number;
   answer?: Schemas["AddAnswer"];
   error?: Error;
@@ -36,56 +45,143 @@ function upload(url: string, type: string, body: Blob, key: string, progress: (p
   return { done, stop: () => request.abort() };
 }
 
+/** The parameters of reading that a format has; archives have those of the files within. */
+function optionsOf(list: Format[], id: string | undefined): string[] {
+  const options = list.find((one) => one.id === id)?.options ?? [];
+  return options.includes("*") ? [...new Set(list.flatMap((one) => one.options))].filter((name) => name !== "*").sort() : options;
+}
+
 export function Upload({ cohort }: { cohort: string }) {
-  const [files, setFiles] = useState<Outcome[]>([]);
+  const [files, setFiles] = useState<Dropped[]>([]);
   const [onError, setOnError] = useState("skip");
+  const [busy, setBusy] = useState(false);
   const stop = useRef<(() => void) | undefined>(undefined);
-  const set = (index: number, change: Partial<Outcome>) => setFiles((before) => before.map((one, at) => (at === index ? { ...one, ...change } : one)));
-  const begin = async (chosen: File[]) => {
-    const first = files.length;
-    setFiles([...files, ...chosen.map((file) => ({ name: file.name, part: 0 }))]);
-    for (const [offset, file] of chosen.entries()) {
-      const index = first + offset;
-      try {
-        const lines = isLines(file.name);
-        const body = lines ? file : new Blob([JSON.stringify({ shapes: await shapesOf(file) })]);
-        const url = `/v1/cohorts/${encodeURIComponent(cohort)}/shapes?return=none&on_error=${onError}`;
-        const sent = upload(url, lines ? "application/x-ndjson" : "application/json", body, crypto.randomUUID(), (part) => set(index, { part }));
-        stop.current = sent.stop;
-        set(index, { answer: await sent.done, part: 1 });
-      } catch (error) {
-        set(index, { error: error instanceof SyntaxError ? new Said(t.upload.syntax(error.message)) : (error as Error), part: 1 });
-      } finally {
-        stop.current = undefined;
-      }
+  const known = useLoaded("formats", formats);
+  const set = (index: number, change: Partial<Dropped>) => setFiles((before) => before.map((one, at) => (at === index ? { ...one, ...change } : one)));
+  const look = async (index: number, file: File, reading: Reading) => {
+    set(index, { state: "looking", reading, error: undefined });
+    try {
+      const kept = Object.keys(reading).length ? null : await keptBody(file);
+      set(index, kept ? { state: "ready", kept } : { state: "ready", kept: undefined, found: await inspected(file, reading) });
+    } catch (error) {
+      set(index, { state: "refused", found: undefined, error: error instanceof SyntaxError ? new Said(t.upload.syntax(error.message)) : (error as Error) });
     }
   };
+  const take = async (chosen: File[]) => {
+    const first = files.length;
+    setFiles([...files, ...chosen.map((file): Dropped => ({ file, state: "looking", reading: {}, placing: {}, part: 0 }))]);
+    for (const [offset, file] of chosen.entries()) await look(first + offset, file, {});
+  };
+  const store = async (index: number, { file, kept, reading, placing }: Dropped) => {
+    set(index, { state: "sending", part: 0, error: undefined });
+    try {
+      const query = { return: "none", on_error: onError, ...(kept ? {} : { name: file.name, ...reading, ...placing }) };
+      const url = `/v1/cohorts/${encodeURIComponent(cohort)}/shapes${search(query)}`;
+      const sent = upload(url, kept?.type ?? "application/octet-stream", kept?.body ?? file, crypto.randomUUID(), (part) => set(index, { part }));
+      stop.current = sent.stop;
+      set(index, { state: "stored", answer: await sent.done });
+    } catch (error) {
+      set(index, { state: "failed", error: error as Error });
+    } finally {
+      stop.current = undefined;
+    }
+  };
+  const storeAll = async (which: number[]) => {
+    setBusy(true);
+    for (const index of which) await store(index, files[index]!);
+    setBusy(false);
+  };
+  const ready = files.flatMap((one, index) => (one.state === "ready" && one.found?.records !== 0 ? [index] : []));
   return (
     <CohortPage cohort={cohort}>
-      {() => (
+      {({ representation }) => (
         <>
           <div class="row spread">
             <p class="quiet prose">{t.upload.lead}</p>
             <Choice label={t.upload.onError} value={onError} options={[["skip", t.upload.skip], ["abort", t.upload.abort]]} onChange={setOnError} />
           </div>
-          <Drop title={t.upload.drop} hint={t.upload.formats} accept={ACCEPT} multiple onFiles={(chosen) => void begin(chosen)} />
+          <Drop title={t.upload.drop} hint={t.upload.formats} multiple onFiles={(chosen) => void take(chosen)} />
+          <Fault error={known.error} retry={known.reload} />
+          {known.data && <Formats formats={known.data} />}
+          {ready.length > 1 && <div class="row"><button class="main" disabled={busy} onClick={() => void storeAll(ready)}>{t.upload.storeAll(ready.length)}</button></div>}
           <div class="stack" aria-live="polite">
-            {files.map((file, index) => (
-              <section class="card" key={index}>
-                <div class="row spread">
-                  <h2>{file.name}</h2>
-                  {file.answer ? <span class={`tag ${file.answer.skipped ? "warn" : "good"}`}>{t.upload.added(file.answer.added)}{file.answer.skipped ? `, ${t.upload.skipped(file.answer.skipped)}` : ""}</span> : file.error ? <span class="tag bad">{t.upload.failed}</span> : <span class="tag live">{percent(file.part, 0)}</span>}
-                </div>
-                {!file.answer && !file.error && <div class="row" style={{ flexWrap: "nowrap" }}><progress value={file.part} max={1} aria-label={file.name} />{stop.current && <button onClick={() => stop.current?.()}>{t.act.cancel}</button>}</div>}
-                <Fault error={file.error} />
-                {file.answer && <Added answer={file.answer} />}
-              </section>
+            {files.map((one, index) => (
+              <Card key={index} one={one} formats={known.data ?? []} planar={"dimension" in representation && representation.dimension === 2} busy={busy} onStop={() => stop.current?.()} onStore={() => void storeAll([index])}
+                onRead={(reading) => void look(index, one.file, reading)} onPlace={(placing) => set(index, { placing, state: "ready", error: undefined })} />
             ))}
           </div>
           {files.some((file) => file.answer?.added) && <div class="row"><a class="button main" href={`/app/cohorts/${encodeURIComponent(cohort)}`}>{t.upload.look}</a></div>}
         </>
       )}
     </CohortPage>
+  );
+}
+
+function State({ state, part, answer }: Dropped) {
+  if (answer) return <span class={`tag ${answer.skipped ? "warn" : "good"}`}>{t.upload.added(answer.added)}{answer.skipped ? `, ${t.upload.skipped(answer.skipped)}` : ""}</span>;
+  if (state === "ready") return <span class="tag">{t.upload.ready}</span>;
+  if (state === "looking") return <span class="tag live">{t.upload.looking}</span>;
+  return state === "sending" ? <span class="tag live">{percent(part, 0)}</span> : <span class="tag bad">{state === "refused" ? t.upload.refused : t.upload.failed}</span>;
+}
+
+interface CardProps {
+  one: Dropped;
+  formats: Format[];
+  planar: boolean;
+  busy: boolean;
+  onStop: () => void;
+  onStore: () => void;
+  onRead: (reading: Reading) => void;
+  onPlace: (placing: Reading) => void;
+}
+
+function Card({ one, formats, planar, busy, onStop, onStore, onRead, onPlace }: CardProps) {
+  const { file, state, found, kept } = one;
+  const waits = state === "ready" || state === "failed";
+  return (
+    <section class="card">
+      <div class="row spread"><h2>{file.name}</h2><State {...one} /></div>
+      {state === "sending" && <div class="row" style={{ flexWrap: "nowrap" }}><progress value={one.part} max={1} aria-label={file.name} /><button onClick={onStop}>{t.act.cancel}</button></div>}
+      <Fault error={one.error} />
+      {one.answer ? <Added answer={one.answer} /> : (
+        <>
+          {found && <Contents found={found} formats={formats} />}
+          {kept && <p class="quiet">{kept.shapes ? t.upload.document(count(kept.shapes.length)) : t.upload.lines}</p>}
+          {found && waits && <Placing found={found} planar={planar} value={one.placing} onChange={onPlace} />}
+          {!kept && (waits || state === "refused") && <HowRead key={state} one={one} formats={formats} onRead={onRead} />}
+          {waits && <div class="row"><button class={busy ? "" : "main"} disabled={busy || found?.records === 0} onClick={onStore}>{t.upload.store}</button></div>}
+        </>
+      )}
+    </section>
+  );
+}
+
+/** How records become shapes of the cohort, as far as these records need it. */
+function Placing({ found, planar, value, onChange }: { found: Found; planar: boolean; value: Reading; onChange: (value: Reading) => void }) {
+  const projected = planar && found.groups.some((group) => group.dimension === 3), sampled = found.groups.some((group) => group.kind === "fourier");
+  return (
+    <div class="form">
+      {projected && <Select label={t.file.plane} value={value.plane ?? ""} options={[["", t.file.noPlane], ["xy", "xy"], ["xz", "xz"], ["yz", "yz"]]} onChange={(plane) => onChange({ ...value, plane })} />}
+      {sampled && <Field label={t.file.samples}><input type="number" min={3} max={10_000} value={value.samples ?? ""} onChange={(event) => onChange({ ...value, samples: event.currentTarget.value })} /></Field>}
+      <Field label={t.file.prefix}><input value={value.prefix ?? ""} onChange={(event) => onChange({ ...value, prefix: event.currentTarget.value })} /></Field>
+    </div>
+  );
+}
+
+/** The format, where the service should not recognise it, and the options of reading that the format has. */
+function HowRead({ one: { reading, found, error }, formats, onRead }: { one: Dropped; formats: Format[]; onRead: (reading: Reading) => void }) {
+  const change = (name: string, value: string) => {
+    const { [name]: _, ...others } = reading;
+    onRead(value ? { ...others, [name]: value } : others);
+  };
+  return (
+    <details open={Boolean(error) || Object.keys(reading).length > 0}>
+      <summary>{t.file.reading}</summary>
+      <div class="form">
+        <Select label={t.file.format} value={reading.format ?? ""} options={[["", t.file.recognised], ...formats.map((one): [string, string] => [one.id, one.name])]} onChange={(format) => onRead(format ? { format } : {})} />
+        {optionsOf(formats, reading.format ?? found?.format).map((name) => <Field key={name} label={name}><input value={reading[name] ?? ""} spellcheck={false} onChange={(event) => change(name, event.currentTarget.value)} /></Field>)}
+      </div>
+    </details>
   );
 }
 
@@ -106,6 +202,7 @@ function Added({ answer }: { answer: Schemas["AddAnswer"] }) {
           {failed.length > 50 && <p>{t.fault.more(failed.length - 50)}</p>}
         </div>
       )}
+      {answer.file && <Remarks file={answer.file} title={t.upload.storedWithout} />}
       {answer.repeated_points > 0 && <p class="small quiet">{t.upload.repeated(count(answer.repeated_points))}</p>}
     </>
   );

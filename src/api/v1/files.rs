@@ -1,7 +1,7 @@
 //! Files of other programs: what is in them, the same in another format, cohorts as files.
 //!
-//! A file is the body of a request, with the media type of its format, or with any other media type beside the parameter
-//! `format` or the file name `name`.
+//! A file is the body of a request: with the media type of its format, with any media type beside the parameter `format`, or with
+//! one that no format has beside the file name `name`.
 
 use std::collections::BTreeMap;
 
@@ -174,13 +174,15 @@ impl FileParameters {
                 let format = FileFormat::find(word).filter(|format| format.is_read());
                 Some(format.ok_or_else(|| Problem::of_parameter("format", unknown_format(word).detail))?)
             }
-            None if media_type == ANY_FILE || (media_type.is_empty() && name.is_some()) => None,
+            None if media_type == ANY_FILE => None,
             None => {
                 let mut named = FileFormat::of_media_type(media_type);
                 match (named.next(), named.next()) {
                     (Some(format), None) => Some(format),
                     // Several formats: the first bytes tell.
                     (Some(_), Some(_)) => None,
+                    // Programs send a type of their own where they know none of the file: curl that of a web form.
+                    (None, _) if name.is_some() && !form::is_form(media_type) => None,
                     (None, _) => return Err(unsupported(media_type)),
                 }
             }
@@ -216,7 +218,7 @@ fn unsupported(media_type: &str) -> Problem {
     let known: Vec<&str> =
         FileFormat::all().filter_map(|format| format.media_types().first().copied()).collect();
     let detail = format!(
-        "expected application/json for a document, a media type of a format ({}) or application/octet-stream for a file, got '{media_type}'",
+        "expected application/json for a document, or for a file a media type of a format ({}), application/octet-stream, or the parameter name, got '{media_type}'",
         known.join(", ")
     );
     Problem::new(ProblemKind::UnsupportedMediaType, detail)

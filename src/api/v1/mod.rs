@@ -22,6 +22,7 @@ mod entity_tags;
 mod events;
 mod files;
 mod fitting;
+mod formats;
 mod hooks;
 mod incomplete;
 pub mod jobs;
@@ -61,6 +62,7 @@ pub(super) fn light_routes() -> OpenApiRouter<App> {
         .routes(routes!(catalogue::list_generators))
         .routes(routes!(catalogue::find_generator))
         .routes(routes!(catalogue::list_transformations))
+        .routes(routes!(formats::list_formats))
         .routes(routes!(cohorts::list_cohorts, cohorts::create_cohort))
         .routes(routes!(cohorts::find_cohort, cohorts::update_cohort, cohorts::delete_cohort))
         .routes(routes!(changes::list_changes))

@@ -1,6 +1,6 @@
 //! The format of a file: one of the registry of shapes, or one of images whose labels become shapes.
 
-use crate::formats::files::{self, Limits as FileLimits, ReadOptions, Sink, Source, Summary};
+use crate::formats::files::{self, Kind, Limits as FileLimits, ReadOptions, Sink, Source, Summary};
 use crate::formats::files::{FaultKind, FileError};
 use crate::formats::image::{self, LABEL_OPTIONS};
 use crate::service::app::Limits;
@@ -83,6 +83,22 @@ impl FileFormat {
         }
     }
 
+    /// Endings of file names, lower case, without the first dot; the first one is written.
+    pub fn extensions(self) -> &'static [&'static str] {
+        match self {
+            Self::Shapes(format) => format.extensions,
+            Self::Labels(format) => format.extensions,
+        }
+    }
+
+    /// What its records can be: boundaries of labels are curves, of volumes meshes.
+    pub fn kinds(self) -> &'static [Kind] {
+        match self {
+            Self::Shapes(format) => format.kinds,
+            Self::Labels(_) => &[Kind::Curve, Kind::Mesh],
+        }
+    }
+
     /// Options of reading that it obeys.
     pub fn options(self) -> &'static [&'static str] {
         match self {
@@ -96,6 +112,14 @@ impl FileFormat {
         match self {
             Self::Shapes(format) => format.is_read(),
             Self::Labels(_) => true,
+        }
+    }
+
+    /// Whether files of the format can be written.
+    pub fn is_written(self) -> bool {
+        match self {
+            Self::Shapes(format) => format.is_written(),
+            Self::Labels(_) => false,
         }
     }
 
