@@ -40,6 +40,7 @@ def converter(program):
     `convert(path, format="ndjson", options=None, output=None, writing=None)` returns the list of records, parsed, for NDJSON without
     an output, else the bytes that were written; and what the program says of the file. `options` are those of reading, `writing`
     those of writing, with `series` as paths of images. It raises `Refused` where the program refuses.
+    `convert.program` is its path.
     """
 
     def convert(path, format="ndjson", options=None, output=None, writing=None):
@@ -64,6 +65,7 @@ def converter(program):
             return [json.loads(line) for line in done.stdout.splitlines() if line.strip()], summary
         return done.stdout, summary
 
+    convert.program = program
     return convert
 
 
