@@ -10,6 +10,7 @@ use utoipa::openapi::{
     ResponseBuilder, Type,
 };
 
+use super::v1::files;
 use super::{health, negotiation, tabular};
 use crate::formats::picture::PictureFormat;
 
@@ -41,8 +42,8 @@ fn problem() -> Content {
 }
 
 /// Adds the common parts to all operations: problem documents to all refusals, the limits to all but the probes, and to
-/// those under `/v1` the refusals that every operation has. Names the variants of tagged enums. Offers drawings as PNG, and
-/// answers with numbers as tables.
+/// those under `/v1` the refusals that every operation has. Names the variants of tagged enums. Offers drawings as PNG,
+/// answers with numbers as tables, and files in every format.
 pub(super) fn complete(document: &mut OpenApi) {
     variants::name(document);
     for (path, item) in &mut document.paths.paths {
@@ -67,6 +68,7 @@ pub(super) fn complete(document: &mut OpenApi) {
                 operation.responses.responses.entry("406".to_owned()).or_insert_with(refused);
             }
             tabular::describe(path, &method, operation);
+            files::describe(operation);
             describe_refusals(operation);
         }
     }

@@ -45,6 +45,21 @@ fn entries<'a>(schema: &'a Value, key: &str) -> &'a [Value] {
 }
 
 #[test]
+fn the_result_of_every_kind_of_job_is_described() {
+    let document = served();
+    let schemas = &document["components"]["schemas"];
+    let results = entries(&schemas["JobResult"], "oneOf");
+    let described = |kind: &str| {
+        let of = format!("Of `{kind}`");
+        results.iter().any(|result| result["description"].as_str().is_some_and(|text| text.starts_with(&of)))
+    };
+    let kinds: Vec<&str> = entries(&schemas["JobKind"], "enum").iter().filter_map(Value::as_str).collect();
+    assert!(kinds.len() >= 8, "{kinds:?}");
+    let forgotten: Vec<&&str> = kinds.iter().filter(|kind| !described(kind)).collect();
+    assert!(forgotten.is_empty(), "JobResult in src/api/v1/jobs.rs does not know the results of {forgotten:?}");
+}
+
+#[test]
 fn references_lead_somewhere_and_names_are_words() {
     let document = served();
     for (pointer, schema) in objects(&document) {

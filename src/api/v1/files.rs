@@ -14,7 +14,8 @@ use futures_util::stream;
 use serde::Serialize;
 use tokio::sync::mpsc;
 use tokio_util::task::AbortOnDropHandle;
-use utoipa::openapi::path::{Parameter, ParameterIn};
+use utoipa::openapi::RefOr;
+use utoipa::openapi::path::{Operation, Parameter, ParameterIn};
 use utoipa::{IntoParams, ToSchema};
 
 use super::entity_tags::not_stored;
@@ -511,6 +512,19 @@ fn take_export(pairs: Vec<(String, String)>, headers: &HeaderMap) -> Result<Expo
     let filter = parameters.take_filter();
     parameters.refuse_rest()?;
     Ok(Export { filter, format, options, content, points: points.unwrap_or(USUAL_POINTS) })
+}
+
+/// Describes the answers of an operation that writes files: in the media type of any format.
+pub(in crate::api) fn describe(operation: &mut Operation) {
+    let written = files::FORMATS.iter().filter(|format| format.is_written());
+    let media_types: Vec<&str> = written.filter_map(|format| format.media_types.first().copied()).collect();
+    for response in operation.responses.responses.values_mut() {
+        let RefOr::T(response) = response else { continue };
+        let Some(file) = response.content.get(ANY_FILE).cloned() else { continue };
+        for media_type in &media_types {
+            response.content.entry((*media_type).into()).or_insert_with(|| file.clone());
+        }
+    }
 }
 
 /// The format that an `Accept` header prefers.

@@ -19,8 +19,10 @@ use crate::domain::study::{Comparison, ShapeRegression};
 use crate::formats::time::rfc3339;
 use crate::service::app::{ServiceError, now_ms};
 use crate::service::cohorts::catalogue;
+use crate::service::correspondence::CohortCorrespondence;
 use crate::service::dictionaries::assessments::AssessedCohort;
 use crate::service::dictionaries::learning::LearntDictionary;
+use crate::service::dictionaries::report::DictionaryReport;
 use crate::service::jobs;
 use crate::service::jobs::watch::Watch;
 use crate::service::search::distances::StoredMatrix;
@@ -91,6 +93,10 @@ enum JobResult {
     Segmented(SegmentAnswer),
     /// Of `segment`, into a cohort.
     Members(MembersAnswer),
+    /// Of `report`.
+    Report(DictionaryReport),
+    /// Of `correspond`.
+    Correspondence(CohortCorrespondence),
 }
 
 page! {

@@ -20,7 +20,7 @@ mod dictionaries;
 mod drift;
 mod entity_tags;
 mod events;
-mod files;
+pub(super) mod files;
 mod fitting;
 mod formats;
 mod hooks;
