@@ -84,8 +84,13 @@ class Service:
         if self.max_bytes:
             resource.setrlimit(resource.RLIMIT_AS, (self.max_bytes, self.max_bytes))
         if self.file_bytes:
-            resource.setrlimit(resource.RLIMIT_FSIZE, (self.file_bytes, self.file_bytes))
+            resource.setrlimit(resource.RLIMIT_FSIZE, (self.file_bytes, resource.getrlimit(resource.RLIMIT_FSIZE)[1]))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+    def lift_file_bound(self):
+        """Files may grow again, as if somebody had made room on the disk."""
+        most = resource.prlimit(self.process.pid, resource.RLIMIT_FSIZE)[1]
+        resource.prlimit(self.process.pid, resource.RLIMIT_FSIZE, (most, most))
 
     def start(self):
         """Waits for the line with its address, then for readiness."""
