@@ -56,7 +56,10 @@ fn the_result_of_every_kind_of_job_is_described() {
     let kinds: Vec<&str> = entries(&schemas["JobKind"], "enum").iter().filter_map(Value::as_str).collect();
     assert!(kinds.len() >= 8, "{kinds:?}");
     let forgotten: Vec<&&str> = kinds.iter().filter(|kind| !described(kind)).collect();
-    assert!(forgotten.is_empty(), "JobResult in src/api/v1/jobs.rs does not know the results of {forgotten:?}");
+    assert!(
+        forgotten.is_empty(),
+        "JobResult in src/api/v1/jobs.rs does not know the results of {forgotten:?}"
+    );
 }
 
 #[test]

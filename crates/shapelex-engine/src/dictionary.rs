@@ -194,6 +194,6 @@ fn certify(source: &AtRest<'_>, dictionary: &Dictionary) -> Result<Option<Coded>
     let work = Work::Certify(named.digest.clone());
     source.wait(named.keep(revision.objects(), &revision.manifest().cohort.id))?;
     let mut coded = Coded::default();
-    coded.append(&source.run(Arc::new(named), Arc::new(setting), &work)?)?;
+    coded.append(&source.run(Some(Arc::new(named)), Arc::new(setting), &work)?)?;
     Ok(Some(coded))
 }

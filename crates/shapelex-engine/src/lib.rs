@@ -12,6 +12,7 @@
 //! * [`ingest`] — shapes as lines of JSON, as the service lists them;
 //! * [`pass`] — a revision as a source of shapes, whose sums run on DataFusion;
 //! * [`dictionary`] — dictionaries learnt from a revision, and used in passes over it;
+//! * [`regression`] — regression of a revision on an attribute;
 //! * [`statistics`] — mean and principal components of a revision;
 //! * [`estimate`] — predicted cost;
 //! * [`location`] — where objects are;
@@ -30,6 +31,7 @@ pub mod location;
 pub mod nearest;
 pub mod objects;
 pub mod pass;
+pub mod regression;
 pub mod statistics;
 
 pub use error::EngineError;

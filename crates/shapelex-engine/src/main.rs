@@ -11,7 +11,7 @@ use shapelex_engine::EngineError;
 use shapelex_engine::objects::{Objects, Patience};
 
 use commands::maintenance::{Maintenance, maintain};
-use commands::{dictionary, pass, print, search, statistics};
+use commands::{dictionary, pass, print, regression, search, statistics};
 
 /// Cohorts at rest, and statistics of cohorts larger than memory.
 #[derive(Debug, Parser)]
@@ -30,6 +30,8 @@ enum Command {
     Maintenance(Maintenance),
     /// Mean and principal components of a revision.
     Run(statistics::Run),
+    /// Regression of all shapes of a revision on an attribute.
+    Regress(regression::RegressCommand),
     /// Learns a dictionary from a revision: a file that the service imports.
     Learn(dictionary::Learn),
     /// Writes the codes of all shapes of a revision in a dictionary, as Parquet.
@@ -65,6 +67,7 @@ impl Command {
     fn threads(&self) -> Option<NonZeroUsize> {
         match self {
             Self::Run(run) => run.machines.threads(),
+            Self::Regress(regress) => regress.machines.threads(),
             Self::Learn(learn) => learn.machines.threads(),
             Self::Code(code) => code.machines.threads(),
             Self::Search(search) => search.machines.threads(),
@@ -103,6 +106,7 @@ fn run(Cli { store, command }: Cli) -> Result<ExitCode, EngineError> {
         #[cfg(feature = "cluster")]
         Command::Executor(command) => return runtime.block_on(command.run(objects(store)?)),
         Command::Run(command) => print(&command.answer(objects(store)?, handle, threads)?)?,
+        Command::Regress(command) => print(&command.answer(objects(store)?, handle, threads)?)?,
         Command::Learn(command) => print(&command.answer(objects(store)?, handle, threads)?)?,
         Command::Search(command) => print(&command.answer(objects(store)?, handle, threads)?)?,
         #[cfg(feature = "approximate")]

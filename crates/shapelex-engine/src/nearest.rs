@@ -18,6 +18,7 @@ use shapelex_analysis::neighbours::NeighbourSearch;
 
 use crate::EngineError;
 use crate::cohort::index::{GROUP, Index, Recall};
+use crate::cohort::part::IDS;
 use crate::dictionary::Named;
 use crate::pass::graph::{Graph, Scores};
 use crate::pass::revision::{Revision, Setting};
@@ -124,7 +125,7 @@ impl Indexed<'_> {
         let read = |positions: &'_ [usize]| {
             let positions = positions.to_vec();
             async move {
-                let numbers = self.revision.read(positions[0] / PART, true).await?;
+                let numbers = self.revision.read(positions[0] / PART, &[IDS]).await?;
                 Ok::<_, EngineError>((positions, numbers))
             }
         };
@@ -198,7 +199,7 @@ impl Indexed<'_> {
     async fn points(&self, positions: &[usize]) -> Result<Vec<Vec<f64>>, EngineError> {
         let (mut points, width) = (Vec::new(), self.revision.width());
         for in_part in positions.chunk_by(|a, b| a / PART == b / PART) {
-            let numbers = self.revision.read(in_part[0] / PART, false).await?;
+            let numbers = self.revision.read(in_part[0] / PART, &[]).await?;
             let shape =
                 |position: &usize| numbers.control_points[position % PART * width..][..width].to_vec();
             points.extend(in_part.iter().map(shape));

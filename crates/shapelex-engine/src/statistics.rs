@@ -3,7 +3,7 @@
 use serde::Serialize;
 use shapelex_analysis::accumulate::ShapeSource;
 use shapelex_analysis::alignment::{MeanShape, mean_shape};
-use shapelex_analysis::dictionary::preparation::{Pose, Posed, Preparation};
+use shapelex_analysis::dictionary::preparation::Posed;
 use shapelex_analysis::frame::Frame;
 use shapelex_analysis::pca::FunctionalPca;
 
@@ -46,13 +46,7 @@ impl Statistics {
         if components == 0 {
             return Ok(Self { mean, pca: None });
         }
-        let preparation = Preparation {
-            metric: metric.clone(),
-            method: method.clone(),
-            matching: matching.clone(),
-            mean: mean.whitened.clone(),
-            pose: Pose::Aligned { normalise },
-        };
+        let preparation = setting.aligned_to(&mean.whitened, normalise);
         let posed = Posed { source, preparation: &preparation };
         let pca = FunctionalPca::new(&posed, metric, &preparation.mean, centred, components)?;
         Ok(Self { mean, pca: Some(pca) })

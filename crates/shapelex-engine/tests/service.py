@@ -60,6 +60,7 @@ def compare(address, shapelex_engine, folder):
             if here["eigenvalues"] != (service["eigenvalues"] or []):
                 sys.exit(f"{transformation}: eigenvalues {service['eigenvalues']} and {here['eigenvalues']}")
     print(f"{SHAPES} shapes: the means of the service and of the engine have the same bits")
+    regressions(address, engine, cohort)
 
     method = {"kind": "functional_pca", "components": 5, "centre": True}
     job = send(f"{address}/v1/dictionaries", json.dumps({"name": "leaves", "cohort": "leaves", "method": method,
@@ -82,6 +83,27 @@ def compare(address, shapelex_engine, folder):
     return here["digest"]
 
 
+def regressions(address, engine, cohort):
+    """The service permutes over all shapes, the engine within parts: everything but the draws agrees."""
+    study = {"cohort": "leaves", "attribute": "labels.k", "covariates": ["label", "log_centroid_size"], "permutations": 20}
+    service = send(f"{address}/v1/regressions", json.dumps(study), "application/json")
+    if "status" in service:
+        with urllib.request.urlopen(f"{address}/v1/jobs/{finished(address, service)['id']}/output", timeout=60) as answer:
+            service = json.load(answer)
+    here = engine("regress", f"--cohort={cohort}", "--attribute=labels.k", "--covariate=label",
+                  "--covariate=log_centroid_size", "--permutations=20")
+    for field in ["r_squared", "partial_r_squared", "model_r_squared", "pseudo_f"]:
+        if not math.isclose(here[field], service[field], rel_tol=1e-9):
+            sys.exit(f"{field}: the service finds {service[field]}, the engine {here[field]}")
+    for field in ["degrees", "covariates", "shape_count"]:
+        if here[field] != service[field]:
+            sys.exit(f"{field}: the service has {service[field]}, the engine {here[field]}")
+    rows = zip(here["change_per_deviation"], service["change_per_deviation"])
+    if not all(math.isclose(a, b, abs_tol=1e-9) for own, other in rows for a, b in zip(own, other)):
+        sys.exit("the change of the shape differs")
+    print(f"{SHAPES} shapes: the regressions of the service and of the engine agree to 1e-9")
+
+
 def learn_through(address, digest, folder):
     """A service whose jobs use the engine learns the same dictionary, and leaves no files of shapes behind."""
     method = {"kind": "functional_pca", "components": 5, "centre": True}
@@ -99,7 +121,7 @@ def learn_through(address, digest, folder):
 
 
 def finished(address, job):
-    """Waits for the end of a job."""
+    """Waits for the end of a job, and returns it."""
     while True:
         with urllib.request.urlopen(f"{address}/v1/jobs/{job['id']}", timeout=60) as answer:
             job = json.load(answer)
@@ -108,6 +130,7 @@ def finished(address, job):
         time.sleep(0.2)
     if job["status"] != "succeeded":
         sys.exit(f"the job of the service ended as {job}")
+    return job
 
 
 def serve(shapelex, folder, use, *flags):

@@ -146,42 +146,54 @@ impl<'a> AlignedShapes<'a> {
         Some(self.sizes.values.row(row).iter().map(|size| size.ln()).collect())
     }
 
-    /// Warnings about the mean of all shapes.
-    pub(super) fn mean_warnings(&self) -> Vec<String> {
-        let mut warnings = Vec::new();
-        if self.mean.unique == Some(false) {
-            warnings.push(
-                "the pooled mean is not unique: the eigenvalue gap is below 1e-6 of the total weight".into(),
-            );
-        }
-        if !self.mean.converged {
-            warnings.push(format!("the pooled mean has not converged after {} rounds", self.mean.rounds));
-        }
-        warnings
-    }
-
     /// Warning about sizes that are left out.
     pub(super) fn size_warning(&self) -> Option<String> {
         self.sizes.is_cut.then(|| format!("sizes beyond {LARGEST_SIZE:.0e} are not compared"))
     }
 }
 
+/// Warnings about the mean of all shapes.
+pub fn mean_warnings(mean: &MeanShape) -> Vec<String> {
+    let mut warnings = Vec::new();
+    if mean.unique == Some(false) {
+        warnings.push(
+            "the pooled mean is not unique: the eigenvalue gap is below 1e-6 of the total weight".into(),
+        );
+    }
+    if !mean.converged {
+        warnings.push(format!("the pooled mean has not converged after {} rounds", mean.rounds));
+    }
+    warnings
+}
+
 /// Aligns a whitened shape to the mean, in place.
-///
-/// The statistics are linear, and partial Procrustes fits lie on a sphere: each moves orthogonally to the tangent space at the
-/// mean `m`, to `y − (⟨y, m⟩/‖m‖² − 1) m`. Other aligned shapes stay.
 fn bring(method: &Method, mean: &[f64], shape: &mut [f64]) -> Result<(), AnalysisError> {
     shape.copy_from_slice(&method.bring(shape, mean)?.whitened);
+    on_tangent(method, mean, shape);
+    Ok(())
+}
+
+/// Moves a partial Procrustes fit to the tangent space at the mean; other aligned shapes stay.
+///
+/// The statistics are linear, and partial Procrustes fits lie on a sphere: each moves orthogonally to the tangent space at the
+/// mean `m`, to `y − (⟨y, m⟩/‖m‖² − 1) m`.
+pub(super) fn on_tangent(method: &Method, mean: &[f64], shape: &mut [f64]) {
     if matches!(method, Method::Procrustes(fit) if fit.scaling == Scaling::Partial) {
         let excess = dot(shape, mean) / dot(mean, mean) - 1.0;
         shape.iter_mut().zip(mean).for_each(|(y, m)| *y -= excess * m);
     }
-    Ok(())
 }
 
 fn check_weights(weights: &[f64]) -> Result<(), StudyError> {
     let smallest = weights.iter().copied().fold(f64::MAX, f64::min);
-    let largest = weights.iter().copied().fold(0.0, f64::max);
+    check_weight_range(smallest, weights.iter().copied().fold(0.0, f64::max))
+}
+
+/// Checks that no shape dominates the others.
+///
+/// # Errors
+/// [`StudyError::Weights`].
+pub fn check_weight_range(smallest: f64, largest: f64) -> Result<(), StudyError> {
     if largest <= MAX_WEIGHT_RATIO * smallest {
         return Ok(());
     }

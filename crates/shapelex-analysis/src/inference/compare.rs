@@ -1,6 +1,6 @@
 //! Comparison of groups of shapes: means, distances, tests, effects along the shape, sizes.
 
-use super::aligned::{AlignedShapes, mean_and_deviation};
+use super::aligned::{AlignedShapes, mean_and_deviation, mean_warnings};
 use super::comparison::{PairTests, Sample};
 use super::error::StudyError;
 use super::groups::Groups;
@@ -90,7 +90,7 @@ impl<'a> Study<'a> {
     fn comparison(&self, watch: &dyn Watch) -> Result<GroupComparison, StudyError> {
         let groups: Vec<Group> =
             (0..self.groups.names.len()).map(|group| self.group(group)).collect::<Result<_, _>>()?;
-        let mut warnings = self.shapes.mean_warnings();
+        let mut warnings = mean_warnings(&self.shapes.mean);
         warnings.extend(self.shapes.size_warning());
         let (mut pairs, wanted) = (Vec::new(), self.groups.pairs());
         let tests = wanted.len() + usize::from(groups.len() > 2);

@@ -20,7 +20,8 @@
 //! * [`histogram`] — histograms of a statistic over the relabellings;
 //! * [`span`] — coordinates in the span of the shapes, the fewest possible;
 //! * [`comparison`] — groups: distance of the means, pseudo-F, Hotelling's statistic, the effect along the shape;
-//! * [`regression`] — linear regression of shapes on an attribute, adjusted for covariates.
+//! * [`regression`] — linear regression of shapes on an attribute, adjusted for covariates; [`regression_sums`] — the same of
+//!   more shapes than fit into memory.
 //!
 //! Sources: Anderson 2001 (pseudo-F), Freedman and Lane 1983 (residuals are permuted), Holm 1979, Phipson and Smyth
 //! 2010 (the observed labelling counts as one).
@@ -36,6 +37,7 @@ pub mod permutation;
 pub mod records;
 pub mod regress;
 pub mod regression;
+pub mod regression_sums;
 pub mod span;
 pub mod variables;
 

@@ -1,13 +1,14 @@
 //! Regression of shapes on an attribute: change of the shape, explained variation, predictions, scores.
 
-use super::aligned::AlignedShapes;
+use super::aligned::{AlignedShapes, mean_warnings};
 use super::error::StudyError;
 use super::permutation::Draws;
-use super::records::{AttributeSummary, Prediction, RegressionRecord};
+use super::records::{AttributeSummary, CovariateRecord, Prediction, RegressionRecord};
 use super::regression::Regression;
 use super::variables::Variables;
+use crate::alignment::MeanShape;
 use crate::dictionary::content::MeanRecord;
-use crate::metric::{dot, norm};
+use crate::metric::{Metric, dot, norm};
 use crate::watch::{Counted, Watch};
 
 /// Quantiles of the attribute at which shapes are predicted.
@@ -55,51 +56,68 @@ pub fn regress(
     let all: Vec<usize> = (0..shapes.count()).collect();
     let average = shapes.average(&all);
     let scores = all.iter().map(|&k| score(shapes, k, &average, &found.slope)).collect();
-    let record = record(shapes, variables, &values, (&average, summary), found);
-    Ok(Regressed { record, values, scores, warnings: shapes.mean_warnings() })
-}
-
-fn record(
-    shapes: &AlignedShapes<'_>,
-    variables: &Variables,
-    values: &[f64],
-    (average, summary): (&[f64], AttributeSummary),
-    found: Regression,
-) -> RegressionRecord {
-    let slope = &found.slope;
-    let per_deviation: Vec<f64> = slope.iter().map(|b| b * summary.deviation).collect();
-    RegressionRecord {
-        pooled: MeanRecord::of(&shapes.mean, shapes.space.metric.dimension()),
-        covariates: variables.covariate_records(),
-        degrees: found.degrees,
-        r_squared: found.r_squared,
-        partial_r_squared: found.partial_r_squared,
-        model_r_squared: found.model_r_squared,
-        pseudo_f: found.pseudo_f,
-        test: found.tally.into(),
-        average: shapes.rows(average),
-        change_per_unit: shapes.rows(slope),
-        change_per_deviation: shapes.rows(&per_deviation),
-        predictions: predictions(shapes, values, (average, summary.mean), slope),
-        attribute: summary,
-    }
-}
-
-/// Predictions at [`QUANTILES`]; `average` is the prediction at the mean of the attribute.
-fn predictions(
-    shapes: &AlignedShapes<'_>,
-    values: &[f64],
-    (average, mean): (&[f64], f64),
-    slope: &[f64],
-) -> Vec<Prediction> {
-    let moved = |step: f64| -> Vec<f64> { average.iter().zip(slope).map(|(a, b)| a + step * b).collect() };
-    let mut sorted = values.to_vec();
+    let mut sorted = values.clone();
     sorted.sort_by(f64::total_cmp);
-    let prediction = |q: f64| {
-        let value = quantile(&sorted, q);
-        Prediction { quantile: q, attribute: value, control_points: shapes.rows(&moved(value - mean)) }
+    let outcome = Outcome {
+        metric: shapes.space.metric,
+        mean: &shapes.mean,
+        covariates: variables.covariate_records(),
+        attribute: summary,
+        sorted: &sorted,
+        average: &average,
+        found,
     };
-    QUANTILES.map(prediction).to_vec()
+    Ok(Regressed { record: outcome.record(), values, scores, warnings: mean_warnings(&shapes.mean) })
+}
+
+/// What the record of a regression is made from.
+#[derive(Debug)]
+pub struct Outcome<'a> {
+    /// Metric of the shapes.
+    pub metric: &'a Metric,
+    /// The mean that shapes are aligned to.
+    pub mean: &'a MeanShape,
+    /// Covariates, as used.
+    pub covariates: Vec<CovariateRecord>,
+    /// Summary of the attribute.
+    pub attribute: AttributeSummary,
+    /// Values of the attribute, ascending.
+    pub sorted: &'a [f64],
+    /// Mean of the aligned shapes, whitened: the prediction at the mean of the attribute.
+    pub average: &'a [f64],
+    /// The regression.
+    pub found: Regression,
+}
+
+impl Outcome<'_> {
+    /// The regression as a record, with predictions at the quantiles 5, 50 and 95 %.
+    pub fn record(self) -> RegressionRecord {
+        let Self { metric, mean, covariates, attribute, sorted, average, found } = self;
+        let slope = &found.slope;
+        let moved =
+            |step: f64| -> Vec<f64> { average.iter().zip(slope).map(|(a, b)| a + step * b).collect() };
+        let prediction = |q: f64| {
+            let value = quantile(sorted, q);
+            let control_points = metric.rows(&moved(value - attribute.mean));
+            Prediction { quantile: q, attribute: value, control_points }
+        };
+        let per_deviation: Vec<f64> = slope.iter().map(|b| b * attribute.deviation).collect();
+        RegressionRecord {
+            pooled: MeanRecord::of(mean, metric.dimension()),
+            covariates,
+            degrees: found.degrees,
+            r_squared: found.r_squared,
+            partial_r_squared: found.partial_r_squared,
+            model_r_squared: found.model_r_squared,
+            pseudo_f: found.pseudo_f,
+            test: found.tally.into(),
+            average: metric.rows(average),
+            change_per_unit: metric.rows(slope),
+            change_per_deviation: metric.rows(&per_deviation),
+            predictions: QUANTILES.map(prediction).to_vec(),
+            attribute,
+        }
+    }
 }
 
 /// Score of shape `k`.

@@ -29,10 +29,10 @@ use crate::watch::Watch;
 use shapelex_numeric::dense::{self, Matrix};
 
 /// Minimum fraction of its norm that a column must keep after orthogonalisation against the previous columns.
-const COLLINEAR: f64 = 1e-9;
+pub(super) const COLLINEAR: f64 = 1e-9;
 
 /// Approximate number of columns per product.
-const COLUMNS: usize = 64;
+pub(super) const COLUMNS: usize = 64;
 
 /// Design of the regression: orthonormal columns for intercept, covariates and attribute, each scaled by the root weights.
 #[derive(Debug, Clone)]
@@ -72,6 +72,22 @@ pub struct Regression {
     pub degrees: usize,
     /// Tally of the draws whose `F` reaches the observed one.
     pub tally: Tally,
+}
+
+impl Regression {
+    /// The regression with `S_a`, `S_reduced` and the total of squared distances from the mean.
+    pub(super) fn of(slope: Vec<f64>, [own, reduced, total]: [f64; 3], degrees: usize, tally: Tally) -> Self {
+        let left = reduced - own;
+        Self {
+            slope,
+            r_squared: part(own, total),
+            partial_r_squared: part(own, reduced),
+            model_r_squared: if total > 0.0 { (1.0 - left.max(0.0) / total).clamp(0.0, 1.0) } else { 0.0 },
+            pseudo_f: (left > 1e-12 * total).then(|| own / left * degrees as f64),
+            degrees,
+            tally,
+        }
+    }
 }
 
 impl Design {
@@ -116,16 +132,7 @@ impl Design {
         let reaching = self.count_reaching(&residuals, observed, draws, watch)?;
         let degrees = self.degrees();
         let tally = Tally { exceeding: reaching, permutations: draws.permutations, exact: false };
-        let left = reduced - own;
-        Ok(Regression {
-            slope: self.slope(vectors),
-            r_squared: part(own, total),
-            partial_r_squared: observed,
-            model_r_squared: if total > 0.0 { (1.0 - left.max(0.0) / total).clamp(0.0, 1.0) } else { 0.0 },
-            pseudo_f: (left > 1e-12 * total).then(|| own / left * degrees as f64),
-            degrees,
-            tally,
-        })
+        Ok(Regression::of(self.slope(vectors), [own, reduced, total], degrees, tally))
     }
 
     /// `b = Σ w ã y / Σ w ã²`, computed about the first vector to avoid cancellation.
@@ -200,7 +207,7 @@ impl Design {
     }
 }
 
-fn part(own: f64, whole: f64) -> f64 {
+pub(super) fn part(own: f64, whole: f64) -> f64 {
     if whole > 0.0 { (own / whole).min(1.0) } else { 0.0 }
 }
 

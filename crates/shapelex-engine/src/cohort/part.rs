@@ -40,6 +40,9 @@ const MAX_TEXT_BYTES: usize = 1 << 30;
 /// Columns that a pass reads.
 const NUMBERS: [&str; 5] = ["part", "first", "shapes", "control_points", "weights"];
 
+/// Name of the list of ids.
+pub(crate) const IDS: &str = "ids";
+
 /// The shapes of a part, while they are collected.
 #[derive(Debug, Default)]
 pub struct Rows {
@@ -51,8 +54,7 @@ pub struct Rows {
 }
 
 /// Columns of texts.
-const TEXTS: [&str; 7] =
-    ["ids", "created_at", "external_ids", "subjects", "labels", "attributes", "metadata"];
+const TEXTS: [&str; 7] = [IDS, "created_at", "external_ids", "subjects", "labels", "attributes", "metadata"];
 
 impl Rows {
     /// Number of shapes.
@@ -165,17 +167,23 @@ pub struct Numbers {
     pub control_points: Vec<f64>,
     /// Weights.
     pub weights: Vec<f64>,
-    /// Ids, where they were asked for.
-    pub ids: Option<StringArray>,
+    /// The lists that were asked for, each with a value for every shape.
+    lists: Vec<(&'static str, ArrayRef)>,
 }
 
 impl Numbers {
-    /// The ids, which were asked for.
+    /// The ids, which were asked for by [`IDS`].
     ///
     /// # Errors
     /// [`EngineError::Refused`] if they were not.
     pub(crate) fn ids(&self) -> Result<StringArray, EngineError> {
-        self.ids.clone().ok_or_else(|| EngineError::refused("part", "expected ids, got none"))
+        let ids = self.list(IDS).and_then(|ids| ids.as_string_opt::<i32>()).cloned();
+        ids.ok_or_else(|| EngineError::refused("part", "expected ids, got none"))
+    }
+
+    /// The list with this name, if it was asked for.
+    pub(crate) fn list(&self, name: &str) -> Option<&ArrayRef> {
+        self.lists.iter().find(|(own, _)| *own == name).map(|(_, list)| list)
     }
 }
 
@@ -191,15 +199,15 @@ pub struct Expected {
 }
 
 impl Expected {
-    /// Reads the numbers of a part whose digest has been checked, and its ids if `ids`.
+    /// Reads the numbers of a part whose digest has been checked, and the lists with these names.
     ///
     /// # Errors
     /// [`EngineError::Damaged`] for a part with another number or other counts, and for numbers that are not finite or weights
     /// that are not positive.
-    pub fn decode(self, object: &str, bytes: Bytes, ids: bool) -> Result<Numbers, EngineError> {
+    pub fn decode(self, object: &str, bytes: Bytes, lists: &[&'static str]) -> Result<Numbers, EngineError> {
         let not = |error: &dyn std::fmt::Display| EngineError::damaged(object, "a part", error.to_string());
         let builder = ParquetRecordBatchReaderBuilder::try_new(bytes).map_err(|error| not(&error))?;
-        let names = NUMBERS.into_iter().chain(ids.then_some(TEXTS[0]));
+        let names = NUMBERS.iter().chain(lists);
         let mask: Vec<usize> = names
             .map(|name| builder.schema().index_of(name))
             .collect::<Result<_, _>>()
@@ -210,20 +218,23 @@ impl Expected {
         let row = row.map_err(|error| not(&error))?;
         let read = || {
             let mut numbers = self.read(&row)?;
-            numbers.ids = ids.then(|| self.ids(&row)).transpose()?;
+            for name in lists {
+                numbers.lists.push((name, self.list(&row, name)?));
+            }
             Ok(numbers)
         };
         read().map_err(|(expected, got): (String, String)| EngineError::damaged(object, expected, got))
     }
 
-    fn ids(self, row: &RecordBatch) -> Result<StringArray, (String, String)> {
-        let ids = row[TEXTS[0]].as_list_opt::<i32>().map(|list| list.value(0));
-        let ids = ids.as_ref().and_then(|values| values.as_string_opt::<i32>()).cloned();
-        let ids = ids.ok_or_else(|| ("a list of ids".to_string(), "none".to_string()))?;
-        if ids.len() != self.shapes || ids.null_count() > 0 {
-            return Err((format!("{} ids", self.shapes), (ids.len() - ids.null_count()).to_string()));
+    /// The values of a list, one for each shape.
+    fn list(self, row: &RecordBatch, name: &str) -> Result<ArrayRef, (String, String)> {
+        let list = row[name].as_list_opt::<i32>().map(|list| list.value(0));
+        let list = list.ok_or_else(|| (format!("a list in '{name}'"), row[name].data_type().to_string()))?;
+        let found = if name == IDS { list.len() - list.null_count() } else { list.len() };
+        if found != self.shapes {
+            return Err((format!("{} values in '{name}'", self.shapes), found.to_string()));
         }
-        Ok(ids)
+        Ok(list)
     }
 
     fn read(self, row: &RecordBatch) -> Result<Numbers, (String, String)> {
@@ -263,6 +274,6 @@ impl Expected {
         if !control_points.iter().all(|value| value.is_finite()) {
             return Err(("finite control points".into(), "others".into()));
         }
-        Ok(Numbers { control_points, weights, ids: None })
+        Ok(Numbers { control_points, weights, lists: Vec::new() })
     }
 }

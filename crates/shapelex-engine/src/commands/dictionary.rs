@@ -154,7 +154,7 @@ pub(crate) fn code(
     runtime: &Handle,
 ) -> Result<(Codes, String), EngineError> {
     let work = Work::Code(named.digest.clone());
-    let state = source.run(named.clone(), setting.clone(), &work)?;
+    let state = source.run(Some(named.clone()), setting.clone(), &work)?;
     let codes = Codes::new(source.revision(), &named.digest, &state)?;
     let digest = runtime.block_on(codes.write(objects))?;
     Ok((codes, digest))

@@ -75,7 +75,7 @@ impl Index {
         if runtime.block_on(Codes::find(&revision, &named.digest))?.is_none() {
             code(&source, &objects, &named, &setting, runtime)?;
         }
-        let state = source.run(named.clone(), setting.clone(), &Work::Index(named.digest.clone()))?;
+        let state = source.run(Some(named.clone()), setting.clone(), &Work::Index(named.digest.clone()))?;
         let mut index = index::Index::new(&revision, &named.digest, &state)?;
         if self.recall_queries > 0 {
             let indexed =

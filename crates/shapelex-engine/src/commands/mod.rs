@@ -8,6 +8,7 @@ pub(crate) mod index;
 pub(crate) mod machines;
 pub(crate) mod maintenance;
 pub(crate) mod pass;
+pub(crate) mod regression;
 pub(crate) mod search;
 pub(crate) mod selection;
 pub(crate) mod statistics;

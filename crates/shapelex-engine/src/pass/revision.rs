@@ -2,6 +2,7 @@
 
 use shapelex_analysis::accumulate::ShapesInMemory;
 use shapelex_analysis::alignment::{Alignment, Method};
+use shapelex_analysis::dictionary::preparation::{Pose, Preparation};
 use shapelex_analysis::matching::Matching;
 use shapelex_analysis::metric::Metric;
 use shapelex_analysis::partial_sums::Measured;
@@ -64,18 +65,18 @@ impl Revision {
         &self.objects
     }
 
-    /// Numbers of the part `k`, and its ids if `ids`.
+    /// Numbers of the part `k`, and its lists with these names.
     ///
     /// # Errors
     /// [`EngineError::Damaged`] unless length, digest and counts are those of the manifest; errors of the store.
-    pub async fn read(&self, k: usize, ids: bool) -> Result<Numbers, EngineError> {
+    pub async fn read(&self, k: usize, lists: &[&'static str]) -> Result<Numbers, EngineError> {
         let part = self.manifest.parts.get(k).ok_or_else(|| {
             let detail = format!("expected a part below {}, got {k}", self.parts());
             EngineError::refused(format!("revision of '{}'", self.manifest.cohort.id), detail)
         })?;
         let bytes = self.manifest.read_part(&self.objects, k).await?;
         let object = part_path(&self.manifest.cohort.id, &part.digest)?.to_string();
-        Expected { number: k, shapes: part.shapes as usize, width: self.width }.decode(&object, bytes, ids)
+        Expected { number: k, shapes: part.shapes as usize, width: self.width }.decode(&object, bytes, lists)
     }
 }
 
@@ -124,6 +125,17 @@ impl Setting {
     pub(crate) fn shapes(&self, numbers: Numbers) -> Result<ShapesInMemory, EngineError> {
         let Numbers { control_points, weights, .. } = numbers;
         Ok(ShapesInMemory::new(&self.metric, self.method.translates(), control_points, weights)?)
+    }
+
+    /// Prepares shapes for alignment to a whitened mean, and to unit norm if `normalise`.
+    pub fn aligned_to(&self, mean: &[f64], normalise: bool) -> Preparation {
+        Preparation {
+            metric: self.metric.clone(),
+            method: self.method.clone(),
+            matching: self.matching.clone(),
+            mean: mean.to_vec(),
+            pose: Pose::Aligned { normalise },
+        }
     }
 
     /// The same as the analysis takes it.

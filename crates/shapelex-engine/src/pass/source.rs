@@ -82,18 +82,18 @@ impl<'a> AtRest<'a> {
         self.took.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// The result of a pass with a dictionary. Without runner, this thread computes it, part after part.
+    /// The result of a pass that is no sum of the analysis. Without runner, this thread computes it, part after part.
     ///
     /// # Errors
     /// As [`Runner::run`].
     pub fn run(
         &self,
-        dictionary: Arc<Named>,
+        dictionary: Option<Arc<Named>>,
         setting: Arc<Setting>,
         work: &Work,
     ) -> Result<Vec<u8>, EngineError> {
         let revision = self.subject.revision.clone();
-        let subject = Subject::new(revision, setting, Some(dictionary));
+        let subject = Subject::new(revision, setting, dictionary);
         let Some(runner) = self.runner else {
             return self.runtime.block_on(Task::new(subject, work.clone()).alone());
         };
@@ -133,7 +133,7 @@ impl<'a> AtRest<'a> {
     /// Starts to read a part, if there is one with this number.
     fn read(&self, k: usize) -> Option<tokio::task::JoinHandle<Result<Numbers, EngineError>>> {
         let revision = self.subject.revision.clone();
-        (k < revision.parts()).then(|| self.runtime.spawn(async move { revision.read(k, false).await }))
+        (k < revision.parts()).then(|| self.runtime.spawn(async move { revision.read(k, &[]).await }))
     }
 
     /// Visits the parts in order; one is read while the one before it is visited.

@@ -137,8 +137,7 @@ impl Task {
     pub(crate) async fn read(&self, k: usize) -> Result<Input, EngineError> {
         let revision = &self.opened().await?.revision;
         let Work::Index(dictionary) = &self.description.work else {
-            let ids = matches!(self.description.work, Work::Code(_) | Work::Search(_));
-            return revision.read(k, ids).await.map(Input::Part);
+            return revision.read(k, &self.description.work.lists()).await.map(Input::Part);
         };
         let none =
             || EngineError::refused("codes", "expected those of this revision in the dictionary, got none");
@@ -185,6 +184,9 @@ impl Task {
                 Ok(Made::File { bytes: bytes.map_err(located)?.into(), shapes })
             }
             Work::Search(search) => search.of(setting, k, numbers).map(Made::State),
+            Work::Regress(regress) => {
+                regress.of(setting, (k, k * PART), numbers).map(Made::State).map_err(located)
+            }
             Work::Index(_) => Err(EngineError::refused("pass", "expected codes, got a part")),
         }
     }

@@ -7,8 +7,10 @@ use shapelex_analysis::dictionary::model::Coded;
 use shapelex_analysis::partial_sums::Measured;
 use shapelex_analysis::pass::Pass;
 
+use super::regress::Regress;
 use super::search::Search;
 use crate::EngineError;
+use crate::cohort::part::IDS;
 
 /// What is computed of each part. The results of consecutive parts are merged in their order into that of all: sums are added,
 /// lists joined.
@@ -26,6 +28,8 @@ pub enum Work {
     Index(String),
     /// The nearest shapes to some queries.
     Search(Search),
+    /// A pass of a regression.
+    Regress(Box<Regress>),
 }
 
 /// The codes of a part, as a file.
@@ -64,10 +68,19 @@ impl Work {
         }
     }
 
+    /// The lists of a part that are read beside its numbers.
+    pub(crate) fn lists(&self) -> Vec<&'static str> {
+        match self {
+            Self::Sum(_) | Self::Certify(_) | Self::Index(_) => Vec::new(),
+            Self::Code(_) | Self::Search(_) => vec![IDS],
+            Self::Regress(regress) => regress.lists(),
+        }
+    }
+
     /// The digest of the dictionary that is used.
     pub fn dictionary(&self) -> Option<&str> {
         match self {
-            Self::Sum(_) | Self::Search(_) => None,
+            Self::Sum(_) | Self::Search(_) | Self::Regress(_) => None,
             Self::Certify(digest) | Self::Code(digest) | Self::Index(digest) => Some(digest),
         }
     }
@@ -85,6 +98,7 @@ impl Work {
                 Ok(joined.to_bytes())
             }
             Self::Search(search) => search.merge(states),
+            Self::Regress(regress) => regress.merge(states, measured.metric.len()),
             Self::Code(_) => join::<CodedPart>(states),
             Self::Index(_) => join::<IndexedGroup>(states),
         }

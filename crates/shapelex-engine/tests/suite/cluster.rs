@@ -11,7 +11,9 @@ use ballista_core::serde::protobuf::GetJobStatusParams;
 use ballista_core::serde::protobuf::scheduler_grpc_client::SchedulerGrpcClient;
 use rcgen::{BasicConstraints, CertificateParams, IsCa, Issuer, KeyPair};
 use shapelex_analysis::accumulate::{FAN_IN, PART};
+use shapelex_analysis::alignment::Alignment;
 use shapelex_analysis::dictionary::method::Method;
+use shapelex_analysis::transformation::ClassName;
 use shapelex_engine::EngineError;
 use shapelex_engine::cluster::client::Client;
 use shapelex_engine::cluster::network::{Address, Network};
@@ -29,6 +31,7 @@ use tonic::transport::Endpoint;
 
 use crate::dictionaries::{code, learnt};
 use crate::passes::{REQUEST, engine, runtime, similarity};
+use crate::regressions;
 use crate::support::{WIDTH, objects, triangle, write, write_with_degenerate};
 
 /// Two groups of parts, the second of three parts, the last of which is not whole.
@@ -183,6 +186,21 @@ fn neighbours_are_those_of_one_process() {
     let subject = || Subject::new(revision.clone(), Arc::new(similarity(revision.manifest())), None);
     let (found, _) = runtime().block_on(cluster.client(2).run(subject(), &work)).unwrap();
     assert_eq!(found, runtime().block_on(engine(2, 64 << 20).run(subject(), &work)).unwrap().0);
+}
+
+#[test]
+fn regressions_are_those_of_one_process() {
+    let cluster = Cluster::start(store(), 2, &[]);
+    let revision = revision(store());
+    let of = |runner: &dyn Runner| {
+        let request = regressions::request("measures.area", &["label"]);
+        let request = regressions::Request { skip_missing: true, ..request };
+        let (class, alignment) = (ClassName::Similarity, Alignment::Projection);
+        regressions::by(Some(runner), &revision, class, alignment, request).unwrap()
+    };
+    let found = of(&cluster.client(2));
+    assert_eq!(found, of(&engine(2, 64 << 20)));
+    assert_eq!(found.shape_count + found.left_out as usize, SHAPES);
 }
 
 #[test]

@@ -23,7 +23,7 @@ async fn a_revision_comes_back_as_it_was_written() {
     assert_eq!(revision.digest(), written.digest);
     assert_eq!(revision.manifest().cohort, description(3, count));
     for (k, range) in [(0, 0..PART), (1, PART..count)] {
-        let numbers = revision.read(k, false).await.unwrap();
+        let numbers = revision.read(k, &[]).await.unwrap();
         for (i, position) in range.enumerate() {
             let expected = triangle(position);
             assert_eq!(numbers.control_points[i * WIDTH..(i + 1) * WIDTH], expected.control_points);

@@ -48,7 +48,7 @@ pub(crate) fn code(
     runtime().block_on(named.keep(objects, "coh_triangles"))?;
     let (named, setting) = (Arc::new(named), Arc::new(setting));
     let source = AtRest::new(revision.clone(), setting.clone(), runtime().handle(), runner);
-    let state = source.run(named.clone(), setting, &Work::Code(named.digest.clone()))?;
+    let state = source.run(Some(named.clone()), setting, &Work::Code(named.digest.clone()))?;
     let codes = Codes::new(revision, &named.digest, &state)?;
     let digest = runtime().block_on(codes.write(objects))?;
     Ok((codes, digest))

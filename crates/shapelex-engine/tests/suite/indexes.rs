@@ -44,7 +44,7 @@ impl Coded {
         let Self { revision, named, setting } = self;
         let source = AtRest::new(revision.clone(), setting.clone(), runtime().handle(), runner);
         let work = Work::Index(named.digest.clone());
-        let state = source.run(named.clone(), setting.clone(), &work)?;
+        let state = source.run(Some(named.clone()), setting.clone(), &work)?;
         Index::new(revision, &named.digest, &state)
     }
 

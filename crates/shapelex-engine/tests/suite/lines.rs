@@ -32,7 +32,7 @@ fn one_line(text: &str) -> String {
 async fn points_become_coordinates_one_after_the_other() {
     let second = r#"{"id": "shp_2", "control_points": [[1, 0], [0, 1], [-1, 0], [0, -1]]}"#;
     let revision = read(&format!("{}\n\n{second}", one_line(FIRST))).await.unwrap();
-    let numbers = revision.read(0, false).await.unwrap();
+    let numbers = revision.read(0, &[]).await.unwrap();
     let expected = [[0.0, 2.0, 4.5, 6.0, 1.0, 3.0, 5.0, 7.0], [1.0, 0.0, -1.0, 0.0, 0.0, 1.0, 0.0, -1.0]];
     assert_eq!(numbers.control_points, expected.concat());
     assert_eq!(numbers.weights, [2.0, 1.0]);

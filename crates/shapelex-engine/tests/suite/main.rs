@@ -15,5 +15,6 @@ mod nearest;
 mod passes;
 mod program;
 mod readers;
+mod regressions;
 mod stores;
 mod support;

@@ -32,7 +32,7 @@ pub(crate) fn fetched(folder: &Path, count: usize) -> [String; 2] {
             [3.0 * angle.cos() + (k as f64 * 0.11).cos() * 0.2, 2.0 * angle.sin()]
         };
         let points: Vec<[f64; 2]> = (0..5).map(point).collect();
-        serde_json::json!({"id": format!("shp_{k}"), "control_points": points}).to_string() + "\n"
+        serde_json::json!({"id": format!("shp_{k}"), "labels": {"turn": (k as f64 * 0.37).sin()}, "control_points": points}).to_string() + "\n"
     };
     let write = |name: &str, text: String| {
         let path = folder.join(name);
@@ -72,7 +72,20 @@ fn a_cohort_is_written_checked_and_computed() {
     let rigid = [&run[..], &["--transformation", "rigid", "--alignment", "procrustes"]].concat();
     assert_ne!(engine(&store, &rigid).unwrap()["digest"], direct["digest"]);
 
+    let regress = ["regress", "--cohort", "coh_1", "--attribute", "labels.turn", "--permutations", "19"];
+    let regressed = engine(&store, &regress).unwrap();
+    assert_eq!((&regressed["shape_count"], &regressed["test"]["p"]), (&count.into(), &0.05.into()));
+    // The values, the mean, the sums, the permutations.
+    assert_eq!(regressed["passes"].as_array().unwrap().len(), 4);
+
     let refused = |arguments: &[&str]| engine(&store, arguments).unwrap_err();
+    let unknown = refused(&["regress", "--cohort", "coh_1", "--attribute", "turn"]);
+    assert!(
+        unknown.contains("'labels.<attribute>', 'measures.<measure>' or 'log_centroid_size', got 'turn'"),
+        "{unknown}"
+    );
+    let twice = refused(&[&regress[..], &["--covariate", "labels.turn"]].concat());
+    assert!(twice.contains("expected each variable once, got 'labels.turn' twice"), "{twice}");
     let unknown = refused(&["run", "--cohort", "coh_2"]);
     assert!(unknown.ends_with("cohort: expected a cohort with a revision, got 'coh_2'\n"), "{unknown}");
     let class =

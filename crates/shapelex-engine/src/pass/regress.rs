@@ -1,0 +1,158 @@
+//! The passes of a regression: values of the variables, sums over shapes and values, sums of permuted residuals.
+
+use serde::{Deserialize, Serialize};
+use shapelex_analysis::AnalysisError;
+use shapelex_analysis::inference::regression_sums::{Observed, Reduced, RegressionSums};
+
+use super::revision::Setting;
+use super::variables::{Columns, Summary, Variable, entries, read};
+use crate::EngineError;
+use crate::cohort::part::Numbers;
+
+/// A pass of a regression.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Regress {
+    /// Covariates, and last the attribute.
+    pub variables: Vec<Variable>,
+    /// What is made of the values.
+    pub step: Step,
+}
+
+/// What a pass of a regression makes of the shapes that have all values.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum Step {
+    /// What is known of the values.
+    Summarise,
+    /// The sums of a regression.
+    Sum(Design),
+    /// Sums of permuted residuals.
+    Permute {
+        /// The design.
+        design: Design,
+        /// What residuals are made of.
+        reduced: Reduced,
+        /// Seed of the permutations.
+        seed: u64,
+        /// Their number.
+        draws: usize,
+    },
+}
+
+/// Shapes and columns of a regression.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Design {
+    /// Whitened mean that shapes are aligned to.
+    pub mean: Vec<f64>,
+    /// Columns of each variable.
+    pub columns: Vec<Columns>,
+}
+
+impl Design {
+    /// Number of columns beside the intercept.
+    fn width(&self) -> usize {
+        self.columns.iter().map(|columns| columns.scales().len()).sum()
+    }
+
+    fn observe(
+        &self,
+        setting: &Setting,
+        variables: &[Variable],
+        numbers: Numbers,
+    ) -> Result<Observed, EngineError> {
+        let values = entries(&self.columns, read(variables, &numbers)?);
+        let scales: Vec<_> = self.columns.iter().flat_map(Columns::scales).collect();
+        let preparation = setting.aligned_to(&self.mean, false);
+        Ok(Observed::new(&setting.shapes(numbers)?, &preparation, &scales, &values)?)
+    }
+}
+
+impl Regress {
+    /// Names of the lists that hold the values.
+    pub(crate) fn lists(&self) -> Vec<&'static str> {
+        let mut lists: Vec<&'static str> = self.variables.iter().map(Variable::list).collect();
+        lists.sort_unstable();
+        lists.dedup();
+        lists
+    }
+
+    /// The result of the part `k`, whose first shape has the position `first`.
+    ///
+    /// # Errors
+    /// A degenerate shape, with its position in the part.
+    pub(crate) fn of(
+        &self,
+        setting: &Setting,
+        (k, first): (usize, usize),
+        numbers: Numbers,
+    ) -> Result<Vec<u8>, EngineError> {
+        let variables = &self.variables;
+        match &self.step {
+            Step::Summarise => {
+                let rows = read(variables, &numbers)?;
+                Summary::of(variables.len(), first, &rows, &numbers.weights).to_bytes()
+            }
+            Step::Sum(design) => {
+                Ok(RegressionSums::of(&design.observe(setting, variables, numbers)?).to_bytes())
+            }
+            Step::Permute { design, reduced, seed, draws } => {
+                let observed = design.observe(setting, variables, numbers)?;
+                Ok(write_numbers(&reduced.permuted(&observed, k, *seed, *draws)))
+            }
+        }
+    }
+
+    /// The result of consecutive parts from theirs, in this order.
+    ///
+    /// # Errors
+    /// Bytes that are no result of this pass.
+    pub(crate) fn merge(&self, states: &[&[u8]], length: usize) -> Result<Vec<u8>, EngineError> {
+        match &self.step {
+            Step::Summarise => {
+                let mut all = Summary::new(self.variables.len());
+                states
+                    .iter()
+                    .try_for_each(|state| Summary::from_bytes(state).map(|other| all.append(other)))?;
+                all.to_bytes()
+            }
+            Step::Sum(design) => {
+                let empty = RegressionSums::new(length, design.width());
+                let mut sums = empty.clone();
+                for state in states {
+                    let mut other = empty.clone();
+                    other.restore(state)?;
+                    sums.add(&other);
+                }
+                Ok(sums.to_bytes())
+            }
+            Step::Permute { .. } => {
+                let mut sums: Vec<f64> = Vec::new();
+                for state in states {
+                    let other = read_numbers(state)?;
+                    if sums.is_empty() {
+                        sums = other;
+                    } else if sums.len() == other.len() {
+                        sums.iter_mut().zip(other).for_each(|(sum, other)| *sum += other);
+                    } else {
+                        return Err(AnalysisError::NotAnAccumulator.into());
+                    }
+                }
+                Ok(write_numbers(&sums))
+            }
+        }
+    }
+}
+
+fn write_numbers(numbers: &[f64]) -> Vec<u8> {
+    numbers.iter().flat_map(|number| number.to_le_bytes()).collect()
+}
+
+/// Reads the sums of permuted residuals.
+pub(crate) fn read_numbers(bytes: &[u8]) -> Result<Vec<f64>, EngineError> {
+    match bytes.as_chunks::<8>() {
+        (numbers, []) => Ok(numbers.iter().map(|number| f64::from_le_bytes(*number)).collect()),
+        _ => Err(AnalysisError::NotAnAccumulator.into()),
+    }
+}
