@@ -51,3 +51,21 @@ pub enum Sum {
         origin: Vec<f64>,
     },
 }
+
+/// Consecutive shapes that another process codes with the same atoms, while a dictionary is learnt.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Group<'a> {
+    /// Number of the epoch, from 0 on. Codes start from those of the epoch before.
+    pub epoch: usize,
+    /// Position of the first shape.
+    pub first: usize,
+    /// Position after the last one.
+    pub end: usize,
+    /// Atoms, whitened, one after the other.
+    pub atoms: &'a [f64],
+    /// Whitened mean by which shapes are prepared; empty if the source prepares none.
+    pub mean: &'a [f64],
+}
+
+/// Codes a group of shapes and returns their sums, as [`Coding::to_bytes`](crate::dictionary::learning::Coding::to_bytes) writes them.
+pub type CodeGroup<'a, E> = Box<dyn Fn(Group<'_>) -> Result<Vec<u8>, E> + 'a>;

@@ -1,21 +1,26 @@
 //! Dictionaries of cohorts at rest: learnt from a revision, kept beside it, used in passes over it.
 
 use std::sync::Arc;
+use std::time::SystemTime;
 
 use bytes::Bytes;
 use object_store::PutMode;
+use object_store::path::Path;
 use serde::{Deserialize, Serialize};
 use serde_json::value::RawValue;
+use shapelex_analysis::accumulate::{MergePart, ShapeSource, Shapes};
 use shapelex_analysis::dictionary::content::Content;
 use shapelex_analysis::dictionary::in_use::Dictionary;
 use shapelex_analysis::dictionary::learn::Learner;
 use shapelex_analysis::dictionary::model::Coded;
 use shapelex_analysis::dictionary::recipe::Recipe;
+use shapelex_analysis::pass::{CodeGroup, Group, Pass};
 use shapelex_analysis::watch::Watch;
 
 use crate::EngineError;
-use crate::cohort::dictionary_path;
+use crate::cohort::{dictionary_path, learning_folder, learning_path};
 use crate::objects::{Length, Objects};
+use crate::pass::learn::Learn;
 use crate::pass::revision::{Revision, Setting};
 use crate::pass::source::AtRest;
 use crate::pass::work::Work;
@@ -148,7 +153,8 @@ impl Named {
 }
 
 /// Learns a dictionary from the shapes of `source`. Sums, and the pass that tells how well each shape is described, run where the
-/// sums of the source do; the others read the shapes here.
+/// sums of the source do; the others read the shapes here. So do codes of sparse dictionaries whose shapes take more than
+/// `kept_bytes`: smaller ones are coded here, from memory.
 ///
 /// Cost: as learning in the service; memory: a part, the sums, and 48 bytes a shape for the measures of the description.
 ///
@@ -159,11 +165,14 @@ pub fn learn(
     recipe: &Recipe,
     watch: &dyn Watch,
     name: String,
+    kept_bytes: usize,
 ) -> Result<File, EngineError> {
     let setting = recipe.setting()?;
-    let help = |source: &AtRest<'_>, dictionary: &Dictionary| certify(source, dictionary);
+    let help = |source: &Learnt<'_>, dictionary: &Dictionary| certify(source.source, dictionary);
     let learner = Learner { recipe, measured: setting.measured(), watch, help: &help };
-    let learnt = learner.learn(source)?;
+    let shapes = Learnt::new(source, recipe, kept_bytes);
+    let learnt = learner.learn(&shapes);
+    let (learnt, ()) = (learnt?, shapes.clear()?);
     let (content, digest) = text(&learnt.dictionary.content)?;
     let cohort = &source.revision().manifest().cohort;
     let statistics = &learnt.dictionary.content.statistics;
@@ -182,6 +191,75 @@ pub fn learn(
         },
         content,
     })
+}
+
+/// The shapes that a dictionary is learnt from, and who codes them.
+struct Learnt<'a> {
+    source: &'a AtRest<'a>,
+    recipe: &'a Recipe,
+    /// Whether groups of shapes are coded where the sums of the source are.
+    elsewhere: bool,
+    /// Folder of the codes, a name that no other process uses.
+    run: String,
+}
+
+impl<'a> Learnt<'a> {
+    fn new(source: &'a AtRest<'a>, recipe: &'a Recipe, kept_bytes: usize) -> Self {
+        let bytes = 8 * source.revision().width() * source.count();
+        let elsewhere = source.has_runner() && recipe.method.is_sparse() && bytes > kept_bytes;
+        let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
+        let run = format!("{:x}-{}", since.as_nanos(), std::process::id());
+        Self { source, recipe, elsewhere, run }
+    }
+
+    fn code(&self, group: Group<'_>) -> Result<Vec<u8>, EngineError> {
+        if let Some(old) = group.epoch.checked_sub(2).filter(|_| group.first == 0) {
+            self.remove(&learning_path(&self.source.revision().manifest().cohort.id, &self.run, old)?)?;
+        }
+        let work = Work::Learn(Box::new(Learn::new(&self.recipe.method, group, &self.run)));
+        self.source.run(None, self.source.setting().clone(), &work)
+    }
+
+    /// Removes what was kept of codes.
+    fn clear(&self) -> Result<(), EngineError> {
+        match self.elsewhere {
+            true => self.remove(&learning_folder(&self.source.revision().manifest().cohort.id, &self.run)?),
+            false => Ok(()),
+        }
+    }
+
+    fn remove(&self, folder: &Path) -> Result<(), EngineError> {
+        let objects = self.source.revision().objects();
+        self.source.wait(async {
+            for object in objects.list(folder).await? {
+                objects.remove(&object.location).await?;
+            }
+            Ok(())
+        })
+    }
+}
+
+impl ShapeSource for Learnt<'_> {
+    type Error = EngineError;
+
+    fn count(&self) -> usize {
+        self.source.count()
+    }
+
+    fn for_each_batch(
+        &self,
+        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), EngineError>,
+    ) -> Result<(), EngineError> {
+        self.source.for_each_batch(visit)
+    }
+
+    fn spread(&self, pass: &Pass, merge: &mut MergePart<'_>) -> Result<bool, EngineError> {
+        self.source.spread(pass, merge)
+    }
+
+    fn coders(&self) -> Option<CodeGroup<'_, EngineError>> {
+        self.elsewhere.then(|| Box::new(|group: Group<'_>| self.code(group)) as CodeGroup<'_, EngineError>)
+    }
 }
 
 /// How well a dictionary describes each shape, computed where the sums of the source are; `None` if that is here.

@@ -22,4 +22,4 @@ pub use self::sum::{Accumulator, FAN_IN, accumulate};
 
 pub(crate) use self::scatter::{for_each_group, unit};
 pub(crate) use self::source::{Leading, for_each_changed, map_blocks};
-pub(crate) use self::sum::{accumulate_spread, merge_serialised, read_numbers, write_numbers};
+pub(crate) use self::sum::{PartTree, accumulate_spread, merge_serialised, read_numbers, write_numbers};

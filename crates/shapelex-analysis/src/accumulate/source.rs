@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use crate::AnalysisError;
 use crate::matching::placement::Placement;
 use crate::metric::{Metric, norm};
-use crate::pass::Pass;
+use crate::pass::{CodeGroup, Pass};
 use crate::subspace::{check_extent, flatten};
 use crate::watch::Watch;
 
@@ -120,6 +120,11 @@ pub trait ShapeSource: Sync {
     fn spread(&self, pass: &Pass, merge: &mut MergePart<'_>) -> Result<bool, Self::Error> {
         let _ = (pass, merge);
         Ok(false)
+    }
+
+    /// Codes groups of shapes in other processes while a dictionary is learnt; `None` if shapes are to be coded here.
+    fn coders(&self) -> Option<CodeGroup<'_, Self::Error>> {
+        None
     }
 }
 

@@ -41,42 +41,45 @@ pub const FAN_IN: usize = 64;
 /// The sum over parts as a tree of fan-in [`FAN_IN`], which depends on their numbers alone: engines on many machines merge
 /// groups where they are, and pass on one sum for each.
 #[derive(Debug)]
-struct PartTree<A> {
+pub(crate) struct PartTree<A, E, M> {
     /// The open group of every level, and how many sums it holds.
     levels: Vec<(A, usize)>,
+    empty: E,
+    merge: M,
 }
 
-impl<A: Accumulator> PartTree<A> {
-    fn new() -> Self {
-        Self { levels: Vec::new() }
+impl<A, E: Fn() -> A, M: Fn(&mut A, A)> PartTree<A, E, M> {
+    /// No parts. `empty` makes a sum of nothing, `merge` adds the second sum to the first.
+    pub(crate) fn new(empty: E, merge: M) -> Self {
+        Self { levels: Vec::new(), empty, merge }
     }
 
-    /// Adds the sum of the next part. `empty` creates an accumulator.
-    fn push(&mut self, mut sum: A, empty: &impl Fn() -> A) {
+    /// Adds the sum of the next part.
+    pub(crate) fn push(&mut self, mut sum: A) {
         for level in 0.. {
             if level == self.levels.len() {
-                self.levels.push((empty(), 0));
+                self.levels.push(((self.empty)(), 0));
             }
             let (group, held) = &mut self.levels[level];
-            group.merge(sum);
+            (self.merge)(group, sum);
             *held += 1;
             if *held < FAN_IN {
                 return;
             }
             *held = 0;
-            sum = std::mem::replace(group, empty());
+            sum = std::mem::replace(group, (self.empty)());
         }
     }
 
-    /// The sum over all parts: the open group of a level is the last of the next one.
-    fn finish(self, empty: &impl Fn() -> A) -> A {
+    /// The sum over all parts: the open group of a level is the last of the next one. No parts are left.
+    pub(crate) fn finish(&mut self) -> A {
         let mut below = None;
-        for (mut group, held) in self.levels {
+        for (mut group, held) in self.levels.drain(..) {
             let any = held > 0 || below.is_some();
-            below.into_iter().for_each(|sum| group.merge(sum));
+            below.into_iter().for_each(|sum| (self.merge)(&mut group, sum));
             below = any.then_some(group);
         }
-        below.unwrap_or_else(empty)
+        below.unwrap_or_else(&self.empty)
     }
 }
 
@@ -85,7 +88,7 @@ impl<A: Accumulator> PartTree<A> {
 /// # Errors
 /// The first error of the source or of an update.
 pub fn accumulate<S: ShapeSource, A: Accumulator>(source: &S, empty: impl Fn() -> A) -> Result<A, S::Error> {
-    let (mut parts, mut part, mut open) = (PartTree::new(), None::<A>, None);
+    let (mut parts, mut part, mut open) = (PartTree::new(&empty, A::merge), None::<A>, None);
     let unit = empty().unit();
     source.for_each_batch(&mut |batch| {
         for pieces in pieces(batch, unit).chunks(TOGETHER) {
@@ -96,7 +99,7 @@ pub fn accumulate<S: ShapeSource, A: Accumulator>(source: &S, empty: impl Fn() -
             let sums: Vec<Result<A, AnalysisError>> = begun.into_par_iter().map(update).collect();
             for (piece, sum) in pieces.iter().zip(sums) {
                 if piece.first.is_multiple_of(PART) {
-                    part.take().into_iter().for_each(|part| parts.push(part, &empty));
+                    part.take().into_iter().for_each(|part| parts.push(part));
                 }
                 let end = piece.first + piece.weights.len();
                 if end.is_multiple_of(unit) {
@@ -109,8 +112,8 @@ pub fn accumulate<S: ShapeSource, A: Accumulator>(source: &S, empty: impl Fn() -
         Ok(())
     })?;
     open.into_iter().for_each(|sum| part.get_or_insert_with(&empty).merge(sum));
-    part.into_iter().for_each(|part| parts.push(part, &empty));
-    Ok(parts.finish(&empty))
+    part.into_iter().for_each(|part| parts.push(part));
+    Ok(parts.finish())
 }
 
 /// The shapes, cut where units end.
@@ -152,14 +155,14 @@ pub(crate) fn accumulate_spread<S: ShapeSource, A: Accumulator>(
     empty: impl Fn() -> A,
     here: impl FnOnce() -> Result<A, S::Error>,
 ) -> Result<A, S::Error> {
-    let mut parts = PartTree::new();
+    let mut parts = PartTree::new(&empty, A::merge);
     let spread = source.spread(&Pass { aligned: None, sum }, &mut |bytes| {
         let mut part = empty();
         part.restore(bytes)?;
-        parts.push(part, &empty);
+        parts.push(part);
         Ok(())
     })?;
-    if spread { Ok(parts.finish(&empty)) } else { here() }
+    if spread { Ok(parts.finish()) } else { here() }
 }
 
 /// Writes a length and the numbers.

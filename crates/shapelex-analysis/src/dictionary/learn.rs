@@ -138,7 +138,7 @@ impl<S: ShapeSource> Learner<'_, S> {
     }
 
     /// Learns from prepared shapes, which are kept in memory if they fit. Components take a single pass and read them from the
-    /// source.
+    /// source, as shapes that are coded elsewhere are.
     fn fit<T: ShapeSource<Error = S::Error>>(
         &self,
         shapes: &T,
@@ -148,7 +148,8 @@ impl<S: ShapeSource> Learner<'_, S> {
     ) -> Result<Vec<u8>, S::Error> {
         let (method, watch) = (&self.recipe.method, self.watch);
         let posed = Posed { source: shapes, preparation };
-        if !method.is_sparse() || bytes(shapes, preparation) > KEPT_BYTES {
+        let elsewhere = posed.coders().is_some();
+        if !method.is_sparse() || elsewhere || bytes(shapes, preparation) > KEPT_BYTES {
             return method.fit(&posed, previous, preparation, content, watch);
         }
         let kept = ShapesInMemory::of(&posed)?;

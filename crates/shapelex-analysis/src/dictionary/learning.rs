@@ -11,6 +11,9 @@
 //! objective (every shape with its latest code, the atoms as they are) never rises, for any number of groups. A pursuit does
 //! not minimise, so its objective may rise; the result is then the atoms of the best pass.
 //!
+//! The statistics of a group are summed by parts of [`PART`] shapes, and these by the tree of all sums, so that other processes can
+//! code parts.
+//!
 //! Atoms start as shapes drawn from the seed. An atom that no shape uses is replaced by the worst coded shape. Results have
 //! the same bits for any number of threads.
 
@@ -21,8 +24,9 @@ use rayon::prelude::*;
 use super::algebra::Algebra;
 use super::statistics::Statistics;
 use crate::AnalysisError;
-use crate::accumulate::{BLOCK, ShapeSource, Shapes};
+use crate::accumulate::{BLOCK, PART, PartTree, ShapeSource, Shapes, read_numbers, write_numbers};
 use crate::metric::dot;
+use crate::pass::{CodeGroup, Group};
 use crate::sparse::{Atoms, Coder, Encode, SparseCode};
 use crate::watch::Watch;
 use shapelex_numeric::dense::Matrix;
@@ -137,7 +141,12 @@ impl Learning {
         let patience = if self.coder.lambda() > 0.0 { 1 } else { PURSUIT_PATIENCE };
         let (mut least, mut waited, mut chances) = (f64::INFINITY, 0, CHANCES);
         while waited < patience && learnt.history.len() < self.max_epochs {
-            let residuals = self.epoch(source, &mut state, watch)?;
+            let residuals = match source.coders() {
+                Some(code) => {
+                    self.epoch_elsewhere(source.count(), &code, learnt.history.len(), &mut state, watch)?
+                }
+                None => self.epoch(source, &mut state, watch)?,
+            };
             state.gather();
             let objective = state.total.objective(&state.atoms, self.coder.lambda());
             learnt.history.push(objective);
@@ -202,21 +211,26 @@ impl Learning {
         watch: &dyn Watch,
     ) -> Result<Vec<f64>, S::Error> {
         let mut residuals = Vec::with_capacity(source.count());
-        let mut group = state.empty();
+        let empty = state.empty();
+        let mut group = PartTree::new(|| empty.clone(), merge);
+        let mut part = empty.clone();
         let size = self.group_size(source.count(), state.total.bytes());
         let mut atoms = self.atoms_of(&state.atoms);
         source.for_each_batch(&mut |batch| {
             let mut rest = batch;
             while !rest.weights.is_empty() {
-                let room = size - residuals.len() % size;
-                let part;
-                (part, rest) = rest.split_at(room.min(rest.weights.len()));
-                self.code_part(&atoms, part, watch, &mut group, &mut state.codes)?;
-                residuals
-                    .extend(part.iter().map(|(k, x, _)| state.codes[k].relative_error.powi(2) * dot(x, x)));
-                if residuals.len() % size == 0 || residuals.len() == source.count() {
-                    let number = (residuals.len() - 1) / size;
-                    state.replace(number, std::mem::replace(&mut group, state.empty()));
+                let known = residuals.len();
+                let room = (size - known % size).min(PART - known % PART);
+                let piece;
+                (piece, rest) = rest.split_at(room.min(rest.weights.len()));
+                self.code_piece(&atoms, piece, watch, &mut part, &mut state.codes)?;
+                residuals.extend(errors(piece, &state.codes[piece.first..]));
+                let ended = residuals.len() % size == 0 || residuals.len() == source.count();
+                if ended || residuals.len() % PART == 0 {
+                    group.push(std::mem::replace(&mut part, empty.clone()));
+                }
+                if ended {
+                    state.replace((residuals.len() - 1) / size, group.finish());
                     state.improve();
                     atoms = self.atoms_of(&state.atoms);
                 }
@@ -226,31 +240,86 @@ impl Learning {
         Ok(residuals)
     }
 
-    /// Codes the shapes of a part and adds their statistics to the group, in order.
-    fn code_part(
+    /// As [`epoch`](Self::epoch), with groups that `code` codes: the same bits.
+    fn epoch_elsewhere<E: From<AnalysisError>>(
+        &self,
+        count: usize,
+        code: &CodeGroup<'_, E>,
+        epoch: usize,
+        state: &mut State<'_>,
+        watch: &dyn Watch,
+    ) -> Result<Vec<f64>, E> {
+        let mut residuals = Vec::with_capacity(count);
+        let size = self.group_size(count, state.total.bytes());
+        while residuals.len() < count {
+            watch.check()?;
+            let (first, end) = (residuals.len(), count.min(residuals.len() + size));
+            let bytes = code(Group { epoch, first, end, atoms: state.atoms.as_slice(), mean: &[] })?;
+            let mut coding = Coding::new(&state.total);
+            coding.append(&bytes)?;
+            if coding.errors.len() != end - first {
+                return Err(AnalysisError::NotAnAccumulator.into());
+            }
+            watch.worked(end - first);
+            residuals.extend(coding.errors);
+            state.replace(first / size, coding.statistics);
+            state.improve();
+        }
+        Ok(residuals)
+    }
+
+    /// Codes prepared shapes of one part, one after another from its first of a group on: their sums, and their codes, from the
+    /// codes `known` of the epoch before, if there was one. `atoms` are those of a [`Group`].
+    ///
+    /// # Errors
+    /// Errors of the coder and of the source; [`AnalysisError::NotAnAccumulator`] for atoms of another size.
+    pub fn coded<S: ShapeSource>(
+        &self,
+        atoms: &[f64],
+        shapes: &S,
+        known: Vec<SparseCode>,
+        watch: &dyn Watch,
+    ) -> Result<(Coding, Vec<SparseCode>), S::Error> {
+        let columns = self.algebra.size() * self.atoms;
+        if atoms.is_empty() || !atoms.len().is_multiple_of(columns) {
+            return Err(AnalysisError::NotAnAccumulator.into());
+        }
+        let atoms = Matrix::from_column_slice(atoms.len() / columns, columns, atoms);
+        let mut coding = Coding::new(&State::new(self, atoms.clone(), None).total);
+        let (atoms, mut codes) = (self.atoms_of(&atoms), known);
+        shapes.for_each_batch(&mut |batch| {
+            self.code_piece(&atoms, batch, watch, &mut coding.statistics, &mut codes)?;
+            coding.errors.extend(errors(batch, &codes[batch.first..]));
+            Ok(())
+        })?;
+        Ok((coding, codes))
+    }
+
+    /// Codes consecutive shapes of a part and adds their statistics to its sum, in order.
+    fn code_piece(
         &self,
         atoms: &Atoms,
-        part: Shapes<'_>,
+        piece: Shapes<'_>,
         watch: &dyn Watch,
-        group: &mut Statistics,
+        part: &mut Statistics,
         known: &mut Vec<SparseCode>,
     ) -> Result<(), AnalysisError> {
-        self.codes(atoms, part, watch, known)?;
-        let codes = &known[part.first..];
-        let empty = group.emptied();
+        self.codes(atoms, piece, watch, known)?;
+        let codes = &known[piece.first..];
+        let empty = part.emptied();
         let sum = |block: Shapes<'_>| {
             let mut sum = empty.clone();
-            let first = block.first - part.first;
+            let first = block.first - piece.first;
             sum.add(&self.algebra, block, &codes[first..first + block.weights.len()]);
             sum
         };
-        let together = (BLOCK_BYTES / group.bytes()).clamp(1, MAX_GROUPS);
-        let mut rest = part;
+        let together = (BLOCK_BYTES / part.bytes()).clamp(1, MAX_GROUPS);
+        let mut rest = piece;
         while !rest.weights.is_empty() {
             let several;
             (several, rest) = rest.split_at((BLOCK * together).min(rest.weights.len()));
             let sums: Vec<Statistics> = several.blocks(BLOCK).map(sum).collect();
-            sums.iter().for_each(|sum| group.merge(sum));
+            sums.iter().for_each(|sum| part.merge(sum));
         }
         Ok(())
     }
@@ -294,6 +363,63 @@ impl Learnt {
             algebra.act(atom, &turn);
             self.statistics.substitute(j, &turn);
         }
+    }
+}
+
+/// Adds a sum to another.
+fn merge(sum: &mut Statistics, other: Statistics) {
+    sum.merge(&other);
+}
+
+/// Squared distance of each shape from its reconstruction by its code.
+fn errors(shapes: Shapes<'_>, codes: &[SparseCode]) -> Vec<f64> {
+    shapes.iter().zip(codes).map(|((_, x, _), code)| code.relative_error.powi(2) * dot(x, x)).collect()
+}
+
+/// Sums over coded shapes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Coding {
+    statistics: Statistics,
+    /// Squared distance of each shape from its reconstruction.
+    errors: Vec<f64>,
+}
+
+impl Coding {
+    /// The sums over no shapes, of the sizes of `like`.
+    fn new(like: &Statistics) -> Self {
+        Self { statistics: like.emptied(), errors: Vec::new() }
+    }
+
+    /// Adds the sums over the shapes that follow, as [`to_bytes`](Self::to_bytes) wrote them.
+    ///
+    /// # Errors
+    /// [`AnalysisError::NotAnAccumulator`] for sums of other sizes.
+    pub fn append(&mut self, mut bytes: &[u8]) -> Result<(), AnalysisError> {
+        self.errors.extend(read_numbers(&mut bytes)?);
+        let mut statistics = self.statistics.emptied();
+        statistics.restore(bytes)?;
+        self.statistics.merge(&statistics);
+        Ok(())
+    }
+
+    /// Writes the sums: equal bytes for equal sums.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        write_numbers(&mut bytes, &self.errors);
+        bytes.extend(self.statistics.to_bytes());
+        bytes
+    }
+}
+
+impl Learning {
+    /// The sums over no shapes, for shapes of `length` numbers.
+    pub fn coding(&self, length: usize) -> Coding {
+        Coding::new(&Statistics::new(length, self.algebra.size(), self.atoms))
+    }
+
+    /// Whether codes start from those of the epoch before: a pursuit starts afresh.
+    pub fn resumes(&self) -> bool {
+        self.coder.lambda() > 0.0
     }
 }
 

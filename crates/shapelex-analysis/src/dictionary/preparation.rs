@@ -16,7 +16,7 @@ use crate::alignment::{Method, align};
 use crate::matching::{Matching, Placement, Target};
 use crate::mean::MeanSpace;
 use crate::metric::{Metric, norm};
-use crate::pass::{Aligned, Pass};
+use crate::pass::{Aligned, CodeGroup, Group, Pass};
 use crate::{AnalysisError, DEGENERATE};
 use shapelex_numeric::dense::Matrix;
 
@@ -209,5 +209,10 @@ impl<S: ShapeSource> ShapeSource for Posed<'_, S> {
         }
         let aligned = Some(Aligned { mean: self.preparation.mean.clone(), normalise });
         self.source.spread(&Pass { aligned, ..pass.clone() }, merge)
+    }
+
+    fn coders(&self) -> Option<CodeGroup<'_, S::Error>> {
+        let code = self.source.coders()?;
+        Some(Box::new(move |group| code(Group { mean: &self.preparation.mean, ..group })))
     }
 }

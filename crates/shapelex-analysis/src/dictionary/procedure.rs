@@ -3,6 +3,7 @@
 use super::components::Components;
 use super::content::Content;
 use super::downdate::Downdate;
+use super::learning::Learning;
 use super::method::Method;
 use super::model::Model;
 use super::preparation::{Pose, Preparation};
@@ -86,6 +87,15 @@ pub(super) trait Procedure {
     /// # Errors
     /// [`AnalysisError::Parameter`] at `method.codes` if the alignment does not suit the method.
     fn pose(&self, alignment: &Alignment) -> Result<Pose, AnalysisError>;
+
+    /// How atoms are learnt by coding shapes; `None` if they are not.
+    ///
+    /// # Errors
+    /// As [`Self::pose`].
+    fn learning(&self, alignment: &Alignment) -> Result<Option<Learning>, AnalysisError> {
+        let _ = alignment;
+        Ok(None)
+    }
 
     /// Learns from prepared shapes into `content`, and returns the sums from which learning can continue.
     ///
@@ -218,6 +228,14 @@ impl Method {
     /// [`AnalysisError::Parameter`] at `method.codes` if the alignment does not suit the method.
     pub fn pose(&self, alignment: &Alignment) -> Result<Pose, AnalysisError> {
         with_procedure!(self, procedure => procedure.pose(alignment))
+    }
+
+    /// How atoms are learnt by coding shapes; `None` if they are not.
+    ///
+    /// # Errors
+    /// As [`Self::pose`].
+    pub fn learning(&self, alignment: &Alignment) -> Result<Option<Learning>, AnalysisError> {
+        with_procedure!(self, procedure => procedure.learning(alignment))
     }
 
     /// Predicted cost of learning.

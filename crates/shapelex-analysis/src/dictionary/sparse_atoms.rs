@@ -54,7 +54,7 @@ impl SparseAtoms {
         }
     }
 
-    fn learning(&self, algebra: Algebra) -> Learning {
+    fn learning_by(&self, algebra: Algebra) -> Learning {
         let &Self { atoms, schedule, seed, max_epochs, tolerance, .. } = self;
         let coder = match (self.lambda, self.nonzeros) {
             (None, nonzeros) => Coder::Pursuit(Pursuit { nonzeros: nonzeros.unwrap_or(1) }),
@@ -164,6 +164,10 @@ impl Procedure for SparseAtoms {
         })
     }
 
+    fn learning(&self, alignment: &Alignment) -> Result<Option<Learning>, AnalysisError> {
+        Ok(Some(self.learning_by(self.algebra(alignment)?)))
+    }
+
     fn fit<S: ShapeSource>(
         &self,
         shapes: &S,
@@ -175,7 +179,7 @@ impl Procedure for SparseAtoms {
         watch.check()?;
         watch.phase(Phase::Learn, 0.0);
         let metric = &preparation.metric;
-        let learning = self.learning(self.algebra(&preparation.method)?);
+        let learning = self.learning_by(self.algebra(&preparation.method)?);
         let start = previous.map(|previous| self.start(previous, metric, &learning.algebra)).transpose()?;
         let mut learnt = learning.learn(shapes, start, watch)?;
         if !self.nonnegative {
@@ -192,7 +196,7 @@ impl Procedure for SparseAtoms {
     }
 
     fn model(&self, content: &Content, measured: Measured<'_>) -> Result<Model, AnalysisError> {
-        let learning = self.learning(self.algebra(measured.method)?);
+        let learning = self.learning_by(self.algebra(measured.method)?);
         let (rows, columns) = (measured.metric.len() / learning.algebra.size(), learning.algebra.size());
         let atoms = content.columns(measured.metric);
         let atoms = atoms.reshape_generic(nalgebra::Dyn(rows), nalgebra::Dyn(columns * content.atoms.len()));

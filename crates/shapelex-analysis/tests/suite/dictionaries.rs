@@ -1,11 +1,15 @@
 //! Learning dictionaries: descent, reproducibility, invariance, continuation.
 
+use std::collections::BTreeMap;
+use std::sync::Mutex;
+
 use rayon::ThreadPoolBuilder;
-use shapelex_analysis::accumulate::ShapesInMemory;
+use shapelex_analysis::accumulate::{PART, ShapeSource, Shapes, ShapesInMemory};
 use shapelex_analysis::dictionary::algebra::Algebra;
 use shapelex_analysis::dictionary::learning::{Learning, Learnt, Schedule, Start};
 use shapelex_analysis::dictionary::model::{Certificate, Model};
-use shapelex_analysis::sparse::{Coder, Encode, GroupLasso, Lasso, Pursuit};
+use shapelex_analysis::pass::{CodeGroup, Group};
+use shapelex_analysis::sparse::{Coder, Encode, GroupLasso, Lasso, Pursuit, SparseCode};
 use shapelex_analysis::transformation::{ClassName, TransformationClass};
 use shapelex_analysis::watch::{Unwatched, Watch};
 use shapelex_analysis::{AnalysisError, metric};
@@ -265,4 +269,66 @@ fn too_few_shapes_and_a_stop_are_errors() {
         }
     }
     assert_eq!(learning.learn(&source(contours(50)), None, &Stopped), Err(AnalysisError::Interrupted));
+}
+
+/// Shapes that are coded part by part, as other processes do: each part anew from its description and its codes of the epoch before.
+struct Elsewhere<'a> {
+    shapes: &'a ShapesInMemory,
+    learning: &'a Learning,
+    known: Mutex<BTreeMap<usize, Vec<SparseCode>>>,
+}
+
+impl Elsewhere<'_> {
+    fn code(&self, group: Group<'_>) -> Result<Vec<u8>, AnalysisError> {
+        let (all, mut known) = (self.shapes.all(), self.known.lock().unwrap());
+        let mut sums = self.learning.coding(LENGTH);
+        let mut first = group.first;
+        while first < group.end {
+            let end = group.end.min((first / PART + 1) * PART);
+            let whitened = all.whitened[first * LENGTH..end * LENGTH].to_vec();
+            let part = ShapesInMemory::prepared(whitened, all.weights[first..end].to_vec());
+            let before = known.remove(&first).unwrap_or_default();
+            assert_eq!(before.len(), if group.epoch > 0 { end - first } else { 0 });
+            let (coding, codes) = self.learning.coded(group.atoms, &part, before, &Unwatched)?;
+            sums.append(&coding.to_bytes())?;
+            known.insert(first, codes);
+            first = end;
+        }
+        Ok(sums.to_bytes())
+    }
+}
+
+impl ShapeSource for Elsewhere<'_> {
+    type Error = AnalysisError;
+
+    fn count(&self) -> usize {
+        self.shapes.count()
+    }
+
+    fn for_each_batch(
+        &self,
+        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), AnalysisError>,
+    ) -> Result<(), AnalysisError> {
+        self.shapes.for_each_batch(visit)
+    }
+
+    fn coders(&self) -> Option<CodeGroup<'_, AnalysisError>> {
+        Some(Box::new(|group: Group<'_>| self.code(group)))
+    }
+}
+
+#[test]
+fn shapes_that_are_coded_elsewhere_give_the_same_bits() {
+    let shapes = source(contours(2 * PART + 300));
+    for (coder, schedule) in [
+        (lasso(0.05), Schedule::Online),
+        (lasso(0.05), Schedule::Batch),
+        (Coder::Pursuit(Pursuit { nonzeros: 2 }), Schedule::Online),
+    ] {
+        let learning = Learning { max_epochs: 3, ..learning(6, coder, Algebra::numbers(), schedule) };
+        let elsewhere = Elsewhere { shapes: &shapes, learning: &learning, known: Mutex::default() };
+        let found = learning.learn(&elsewhere, None, &Unwatched).unwrap();
+        assert_eq!(found.history.len(), 3);
+        assert_eq!(found, learning.learn(&shapes, None, &Unwatched).unwrap(), "{coder:?}, {schedule:?}");
+    }
 }

@@ -162,8 +162,10 @@ pub async fn collect(objects: &Objects, age: Duration, dry_run: bool) -> Result<
             let (manifest, _) = Manifest::read(objects, &id, revision).await?;
             named.extend(manifest.parts.into_iter().map(|part| format!("{}.parquet", part.digest)));
         }
+        // Codes of dictionaries whose learning has ended otherwise than it should.
+        let learning = objects.list(&folder(&id)?.join("learning")).await?;
         let mut going = Vec::new();
-        for part in parts {
+        for part in parts.into_iter().chain(learning) {
             if is_named(&part, &named) {
                 collected.named += 1;
             } else if SystemTime::from(part.last_modified) > until {

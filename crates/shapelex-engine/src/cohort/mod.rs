@@ -154,6 +154,22 @@ pub fn codes_manifest_path(id: &str, dictionary: &str, revision: u64) -> Result<
     Ok(folder(id)?.join("codes").join(dictionary).join(format!("{revision:020}.json")))
 }
 
+/// Folder of the codes of an epoch, while a dictionary is learnt.
+///
+/// # Errors
+/// As [`folder`].
+pub(crate) fn learning_path(id: &str, run: &str, epoch: usize) -> Result<Path, EngineError> {
+    Ok(learning_folder(id, run)?.join(format!("{epoch:05}")))
+}
+
+/// Folder of the codes of all epochs.
+///
+/// # Errors
+/// As [`folder`].
+pub(crate) fn learning_folder(id: &str, run: &str) -> Result<Path, EngineError> {
+    Ok(folder(id)?.join("learning").join(run))
+}
+
 /// Path of the graph of a group of parts.
 ///
 /// # Errors

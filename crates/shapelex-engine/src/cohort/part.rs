@@ -181,6 +181,17 @@ impl Numbers {
         ids.ok_or_else(|| EngineError::refused("part", "expected ids, got none"))
     }
 
+    /// The numbers of the shapes at these positions, without lists.
+    pub(crate) fn within(mut self, shapes: std::ops::Range<usize>) -> Self {
+        let width = self.control_points.len() / self.weights.len().max(1);
+        self.control_points.truncate(shapes.end * width);
+        self.control_points.drain(..shapes.start * width);
+        self.weights.truncate(shapes.end);
+        self.weights.drain(..shapes.start);
+        self.lists.clear();
+        self
+    }
+
     /// The list with this name, if it was asked for.
     pub(crate) fn list(&self, name: &str) -> Option<&ArrayRef> {
         self.lists.iter().find(|(own, _)| *own == name).map(|(_, list)| list)

@@ -9,6 +9,7 @@ use std::time::Instant;
 use clap::Args;
 use serde::Serialize;
 use serde_json::json;
+use shapelex_analysis::accumulate::KEPT_BYTES;
 use shapelex_analysis::alignment::Alignment;
 use shapelex_analysis::dictionary::method::Method;
 use shapelex_analysis::dictionary::recipe::Recipe;
@@ -106,7 +107,7 @@ impl Learn {
         };
         let runners = self.machines.runners(threads)?;
         let source = AtRest::new(revision.clone(), Arc::new(setting), runtime, runners.chosen());
-        dictionary::learn(&source, &recipe, &Progress(self.progress), self.name)
+        dictionary::learn(&source, &recipe, &Progress(self.progress), self.name, KEPT_BYTES)
     }
 }
 

@@ -15,6 +15,7 @@
 //! * [`engine`] — plans of DataFusion, their memory and their threads;
 //! * [`sum`], [`fold`] — the two operators; [`division`] — tasks of a cluster;
 //! * [`work`] — what is computed of each part: a sum, codes, the nearest shapes; [`codes`] — codes as Parquet; `graph` — graphs of near neighbours; [`search`] — the nearest shapes;
+//! * [`learn`] — groups of shapes that are coded while atoms are learnt;
 //! * [`regress`] — the passes of a regression; [`variables`] — values of its variables;
 //! * [`task`] — what both need: the revision, opened when the first part is read, and the pass.
 
@@ -24,6 +25,7 @@ pub mod engine;
 pub mod fold;
 #[cfg(feature = "approximate")]
 pub(crate) mod graph;
+pub mod learn;
 pub mod regress;
 pub mod revision;
 pub mod rows;

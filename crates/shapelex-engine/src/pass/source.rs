@@ -77,6 +77,11 @@ impl<'a> AtRest<'a> {
         &self.subject.revision
     }
 
+    /// What its shapes are measured by.
+    pub(crate) fn setting(&self) -> &Arc<Setting> {
+        &self.subject.setting
+    }
+
     /// What each pass on the engine took so far.
     pub fn took(&self) -> Vec<Took> {
         self.took.lock().unwrap_or_else(PoisonError::into_inner).clone()

@@ -16,6 +16,7 @@ use shapelex_analysis::watch::Unwatched;
 use tokio::sync::OnceCell;
 
 use super::codes;
+use super::learn::Coded;
 use super::revision::{Revision, Setting};
 use super::source::Subject;
 use super::work::{CodedPart, IndexedGroup, Work, write_files};
@@ -24,7 +25,10 @@ use crate::cohort::codes::Codes;
 use crate::cohort::part::Numbers;
 use crate::cohort::{codes_path, graph_path};
 use crate::dictionary::Named;
-use crate::objects::Objects;
+use crate::objects::{Length, Objects};
+
+/// Maximum size of a file of codes: all of the shapes of a part with as many atoms as a dictionary may have.
+const MAX_CODES: u64 = 4 << 30;
 
 /// Begin of the text of an error of our own within that of an engine.
 const BEGIN: &str = "[engine: ";
@@ -52,6 +56,8 @@ pub(crate) enum Input {
     Part(Numbers),
     /// Files with the codes of the parts of a group.
     Codes(Vec<Bytes>),
+    /// The numbers of a part, and the codes from which those of its shapes start.
+    Learning(Numbers, Option<Bytes>),
 }
 
 /// What was made of a unit of work.
@@ -65,6 +71,8 @@ pub(crate) enum Made {
         /// Number of shapes.
         shapes: u64,
     },
+    /// Its result, and codes that the next epoch starts from.
+    Learnt(Coded),
 }
 
 /// A pass over a revision, which is opened when the first part is read.
@@ -135,9 +143,18 @@ impl Task {
 
     /// Reads what the unit `k` is made from.
     pub(crate) async fn read(&self, k: usize) -> Result<Input, EngineError> {
-        let revision = &self.opened().await?.revision;
-        let Work::Index(dictionary) = &self.description.work else {
-            return revision.read(k, &self.description.work.lists()).await.map(Input::Part);
+        let Subject { revision, setting, .. } = self.opened().await?;
+        let dictionary = match &self.description.work {
+            Work::Index(dictionary) => dictionary,
+            Work::Learn(learn) => {
+                let numbers = revision.read(learn.part(k).0, &[]).await?;
+                let known = match learn.path_before(setting, &self.description.cohort, k)? {
+                    Some(path) => Some(revision.objects().read(&path, Length::UpTo(MAX_CODES)).await?),
+                    None => None,
+                };
+                return Ok(Input::Learning(numbers, known));
+            }
+            work => return revision.read(k, &work.lists()).await.map(Input::Part),
         };
         let none =
             || EngineError::refused("codes", "expected those of this revision in the dictionary, got none");
@@ -159,11 +176,9 @@ impl Task {
         let numbers = match input {
             Input::Part(numbers) => numbers,
             Input::Codes(files) => return self.graph(files),
+            Input::Learning(numbers, known) => return self.learn(k, numbers, known),
         };
-        let located = |error: EngineError| match error {
-            EngineError::Analysis(error) => error.after(k * PART).into(),
-            other => other,
-        };
+        let located = |error| after(error, k * PART);
         match &self.description.work {
             Work::Sum(pass) => {
                 let sum =
@@ -187,8 +202,19 @@ impl Task {
             Work::Regress(regress) => {
                 regress.of(setting, (k, k * PART), numbers).map(Made::State).map_err(located)
             }
-            Work::Index(_) => Err(EngineError::refused("pass", "expected codes, got a part")),
+            Work::Index(_) | Work::Learn(_) => {
+                Err(EngineError::refused("pass", "expected codes, got a part alone"))
+            }
         }
+    }
+
+    fn learn(&self, k: usize, numbers: Numbers, known: Option<Bytes>) -> Result<Made, EngineError> {
+        let Work::Learn(learn) = &self.description.work else {
+            return Err(EngineError::refused("pass", "expected a part, got codes beside it"));
+        };
+        let (part, shapes) = learn.part(k);
+        let coded = learn.of(&self.subject()?.setting, k, numbers, known.as_deref());
+        coded.map(Made::Learnt).map_err(|error| after(error, part * PART + shapes.start))
     }
 
     fn graph(&self, files: Vec<Bytes>) -> Result<Made, EngineError> {
@@ -208,11 +234,18 @@ impl Task {
     /// Errors of the store.
     pub(crate) async fn keep(&self, k: usize, made: Made) -> Result<Vec<u8>, EngineError> {
         self.count(1);
+        let revision = &self.subject()?.revision;
         let (bytes, shapes) = match made {
             Made::State(state) => return Ok(state),
             Made::File { bytes, shapes } => (bytes, shapes),
+            Made::Learnt(Coded { state, codes }) => {
+                if let (Some(codes), Work::Learn(learn)) = (codes, &self.description.work) {
+                    let path = learn.path(&self.description.cohort, k)?;
+                    revision.objects().write(&path, codes, PutMode::Overwrite).await?;
+                }
+                return Ok(state);
+            }
         };
-        let revision = &self.subject()?.revision;
         let Description { cohort, work, .. } = &self.description;
         let dictionary = work.dictionary().unwrap_or_default();
         let (digest, size_bytes) = (blake3::hash(&bytes).to_hex().to_string(), bytes.len() as u64);
@@ -252,7 +285,7 @@ impl Task {
     /// # Errors
     /// Bytes that are no result of this work.
     pub(crate) fn merge(&self, states: &[&[u8]]) -> Result<Vec<u8>, EngineError> {
-        self.description.work.merge(states, self.subject()?.setting.measured())
+        self.description.work.merge(states, &self.subject()?.setting)
     }
 
     /// The result of all parts from those of consecutive parts or groups, by the tree of all passes: 64 become one until one is
@@ -293,6 +326,14 @@ impl Task {
     pub(crate) fn error(&self, error: DataFusionError) -> EngineError {
         let failure = self.failure.lock().unwrap_or_else(PoisonError::into_inner).take();
         failure.map_or_else(|| error.into(), |(_, own)| own)
+    }
+}
+
+/// The error of a shape whose position is counted from the shape at `first`, counted from the first of the revision.
+fn after(error: EngineError, first: usize) -> EngineError {
+    match error {
+        EngineError::Analysis(error) => error.after(first).into(),
+        other => other,
     }
 }
 

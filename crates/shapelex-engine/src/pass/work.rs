@@ -4,10 +4,11 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use shapelex_analysis::accumulate::FAN_IN;
 use shapelex_analysis::dictionary::model::Coded;
-use shapelex_analysis::partial_sums::Measured;
 use shapelex_analysis::pass::Pass;
 
+use super::learn::Learn;
 use super::regress::Regress;
+use super::revision::Setting;
 use super::search::Search;
 use crate::EngineError;
 use crate::cohort::part::IDS;
@@ -30,6 +31,8 @@ pub enum Work {
     Search(Search),
     /// A pass of a regression.
     Regress(Box<Regress>),
+    /// The codes of a group of shapes in atoms that are being learnt: their sums. The codes are kept in the store.
+    Learn(Box<Learn>),
 }
 
 /// The codes of a part, as a file.
@@ -64,6 +67,7 @@ impl Work {
     pub fn units(&self, parts: usize) -> usize {
         match self {
             Self::Index(_) => parts.div_ceil(FAN_IN),
+            Self::Learn(learn) => learn.units(),
             _ => parts,
         }
     }
@@ -71,7 +75,7 @@ impl Work {
     /// The lists of a part that are read beside its numbers.
     pub(crate) fn lists(&self) -> Vec<&'static str> {
         match self {
-            Self::Sum(_) | Self::Certify(_) | Self::Index(_) => Vec::new(),
+            Self::Sum(_) | Self::Certify(_) | Self::Index(_) | Self::Learn(_) => Vec::new(),
             Self::Code(_) | Self::Search(_) => vec![IDS],
             Self::Regress(regress) => regress.lists(),
         }
@@ -80,7 +84,7 @@ impl Work {
     /// The digest of the dictionary that is used.
     pub fn dictionary(&self) -> Option<&str> {
         match self {
-            Self::Sum(_) | Self::Search(_) | Self::Regress(_) => None,
+            Self::Sum(_) | Self::Search(_) | Self::Regress(_) | Self::Learn(_) => None,
             Self::Certify(digest) | Self::Code(digest) | Self::Index(digest) => Some(digest),
         }
     }
@@ -89,16 +93,17 @@ impl Work {
     ///
     /// # Errors
     /// Bytes that are no result of this work.
-    pub(crate) fn merge(&self, states: &[&[u8]], measured: Measured<'_>) -> Result<Vec<u8>, EngineError> {
+    pub(crate) fn merge(&self, states: &[&[u8]], setting: &Setting) -> Result<Vec<u8>, EngineError> {
         match self {
-            Self::Sum(pass) => Ok(pass.merge(states, measured)?),
+            Self::Sum(pass) => Ok(pass.merge(states, setting.measured())?),
             Self::Certify(_) => {
                 let mut joined = Coded::default();
                 states.iter().try_for_each(|state| joined.append(state))?;
                 Ok(joined.to_bytes())
             }
             Self::Search(search) => search.merge(states),
-            Self::Regress(regress) => regress.merge(states, measured.metric.len()),
+            Self::Regress(regress) => regress.merge(states, setting.metric.len()),
+            Self::Learn(learn) => learn.merge(states, setting),
             Self::Code(_) => join::<CodedPart>(states),
             Self::Index(_) => join::<IndexedGroup>(states),
         }

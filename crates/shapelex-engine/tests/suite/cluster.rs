@@ -29,7 +29,7 @@ use shapelex_engine::statistics::Statistics;
 use tonic::Code;
 use tonic::transport::Endpoint;
 
-use crate::dictionaries::{code, learnt};
+use crate::dictionaries::{code, learnt, sparse_methods};
 use crate::passes::{REQUEST, engine, runtime, similarity};
 use crate::regressions;
 use crate::support::{WIDTH, objects, triangle, write, write_with_degenerate};
@@ -175,6 +175,10 @@ fn dictionaries_and_codes_are_those_of_one_process() {
     assert_eq!(file.digest, learnt(Some(&one), &revision, Method::components(3, true)).unwrap().digest);
     let codes = code(Some(&client), &objects, &revision, &file).unwrap();
     assert_eq!(codes, code(Some(&one), &objects, &revision, &file).unwrap());
+    // In batches: two groups of parts, and as many jobs as epochs.
+    let sparse = sparse_methods().swap_remove(0);
+    let file = learnt(Some(&client), &revision, sparse.clone()).unwrap();
+    assert_eq!(file.digest, learnt(None, &revision, sparse).unwrap().digest);
 }
 
 #[test]

@@ -1,21 +1,26 @@
 //! Dictionaries learnt and used on the engine are those of the analysis.
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use arrow_array::cast::AsArray;
 use arrow_array::types::{Float64Type, UInt32Type};
-use object_store::{ObjectStoreExt, path::Path};
+use futures_util::StreamExt;
+use object_store::path::Path;
+use object_store::{ObjectStore, ObjectStoreExt};
 use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
 use shapelex_analysis::accumulate::{PART, ShapeSource};
 use shapelex_analysis::alignment::Alignment;
 use shapelex_analysis::dictionary::learn::learn;
-use shapelex_analysis::dictionary::method::Method;
+use shapelex_analysis::dictionary::learning::Schedule;
+use shapelex_analysis::dictionary::method::{self, Method};
 use shapelex_analysis::dictionary::preparation::Posed;
 use shapelex_analysis::dictionary::recipe::Recipe;
 use shapelex_analysis::transformation::{ClassName, Transformation};
 use shapelex_analysis::watch::Unwatched;
 use shapelex_engine::EngineError;
 use shapelex_engine::cohort::codes::Codes;
+use shapelex_engine::cohort::maintenance::collect;
 use shapelex_engine::dictionary::{self, Named};
 use shapelex_engine::objects::Objects;
 use shapelex_engine::pass::revision::{Revision, Setting};
@@ -62,7 +67,67 @@ pub(crate) fn learnt(
 ) -> Result<dictionary::File, EngineError> {
     let setting: Arc<Setting> = Arc::new(similarity(revision.manifest()));
     let source = AtRest::new(revision.clone(), setting, runtime().handle(), runner);
-    dictionary::learn(&source, &recipe(revision, method), &Unwatched, "triangles".into())
+    // Whatever is larger than nothing is coded where sums are.
+    dictionary::learn(&source, &recipe(revision, method), &Unwatched, "triangles".into(), 0)
+}
+
+/// Methods of sparse dictionaries: penalised, whose codes start from those of the epoch before, in batches and online, and a pursuit.
+pub(crate) fn sparse_methods() -> Vec<Method> {
+    let of = |lambda, nonzeros, codes, schedule, max_epochs| Method::Sparse {
+        atoms: 5,
+        lambda,
+        nonzeros,
+        codes,
+        nonnegative: false,
+        normalise: true,
+        seed: 1,
+        max_epochs,
+        tolerance: 1e-4,
+        schedule,
+    };
+    vec![
+        of(Some(0.05), None, method::Codes::Aligned, Schedule::Batch, 4),
+        of(Some(0.05), None, method::Codes::Aligned, Schedule::Online, 3),
+        of(Some(0.05), None, method::Codes::Invariant, Schedule::Batch, 3),
+        of(None, Some(2), method::Codes::Aligned, Schedule::Batch, 2),
+    ]
+}
+
+#[test]
+fn sparse_dictionaries_are_those_of_the_analysis_and_leave_no_codes_behind() {
+    let (store, objects) = in_memory();
+    let revision = runtime().block_on(async {
+        write(&objects, 1, 0..SHAPES).await.unwrap();
+        Arc::new(Revision::open(objects.clone(), "coh_triangles", 1).await.unwrap())
+    });
+    for method in sparse_methods() {
+        let setting = similarity(revision.manifest());
+        let alone = shapes(&setting, SHAPES);
+        let expected = learn(&alone, &recipe(&revision, method.clone()), &Unwatched).unwrap().dictionary;
+        let file = learnt(Some(&engine(2, 64 << 20)), &revision, method.clone()).unwrap();
+        let content = dictionary::read(&serde_json::to_vec(&file).unwrap()).unwrap();
+        assert_eq!(content, expected.content, "{method:?}");
+        assert!(content.statistics.history.len() > 1);
+        assert_eq!(learnt(None, &revision, method).unwrap().digest, file.digest);
+    }
+    let folder = Path::from("coh_triangles/learning");
+    let left = runtime().block_on(async { store.list(Some(&folder)).collect::<Vec<_>>().await });
+    assert!(left.is_empty(), "{left:?}");
+}
+
+#[test]
+fn codes_that_learning_left_behind_are_collected() {
+    let (store, objects) = in_memory();
+    let path = Path::from("coh_triangles/learning/run/00003/0.codes");
+    runtime().block_on(async {
+        write(&objects, 1, 0..50).await.unwrap();
+        store.put(&path, vec![1_u8; 9].into()).await.unwrap();
+        let young = collect(&objects, Duration::from_secs(3600), false).await.unwrap();
+        assert_eq!((young.removed, young.young), (0, 1));
+        let collected = collect(&objects, Duration::ZERO, false).await.unwrap();
+        assert_eq!((collected.removed, collected.removed_bytes), (1, 9));
+        assert!(store.get(&path).await.is_err());
+    });
 }
 
 #[test]
