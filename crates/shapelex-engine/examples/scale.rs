@@ -19,7 +19,7 @@ use shapelex_engine::EngineError;
 use shapelex_engine::cohort::Description;
 use shapelex_engine::cohort::manifest::revisions;
 use shapelex_engine::cohort::writer::Writer;
-use shapelex_engine::ingest::Record;
+use shapelex_engine::ingest::{Measures, Record};
 use shapelex_engine::location::open;
 use shapelex_engine::objects::{Objects, Patience};
 use shapelex_engine::pass::engine::Engine;
@@ -67,7 +67,10 @@ fn wave(k: usize, table: &[f64], points: usize) -> Record {
         let (x, y) = (shape[i], shape[points + i]);
         (shape[i], shape[points + i]) = (c * x - s * y + dx, s * x + c * y + dy);
     }
-    Record { id: format!("shp_{k:010}"), weight: 1.0, control_points: shape, ..Record::default() }
+    // Of the ellipse without waves.
+    let area = Some(std::f64::consts::TAU * (c * c + s * s));
+    let measures = Measures { area, ..Measures::default() };
+    Record { id: format!("shp_{k:010}"), weight: 1.0, measures, control_points: shape, ..Record::default() }
 }
 
 /// The ellipse and the waves.

@@ -25,7 +25,7 @@ use crate::pass::work::Work;
 const MAX_COLUMNS: usize = 256;
 
 /// Maximum size of the sums of permuted residuals of a part.
-const MAX_PERMUTED_BYTES: usize = 64 << 20;
+const MAX_PERMUTED_BYTES: usize = 16 << 20;
 
 /// What is regressed.
 #[derive(Debug, Clone)]
@@ -66,7 +66,7 @@ pub struct Regressed {
 ///
 /// # Errors
 /// Shapes without values, variables that vary too little, depend on each other or are too large, more permutations than fit into
-/// 64 MiB; degenerate shapes; errors of the store.
+/// 16 MiB; degenerate shapes; errors of the store.
 pub fn regress(
     source: &AtRest<'_>,
     setting: &Arc<Setting>,

@@ -27,8 +27,9 @@ use super::task::Task;
 use super::work::Work;
 use crate::EngineError;
 
-/// Maximum size of a batch of rows in bytes, unless one row is larger: what an operator takes at once.
-const BATCH_BYTES: usize = 16 << 20;
+/// Maximum size of a batch of rows in bytes, unless one row is larger: what an operator takes at once. A sort that merges what it has
+/// spilled holds two batches of each file, all of its memory if there are many, and the sort of the next level needs some.
+const BATCH_BYTES: usize = 2 << 20;
 
 /// What a plan may use.
 #[derive(Debug, Clone)]
@@ -68,7 +69,7 @@ impl Runner for Engine {
 impl Engine {
     async fn compute(&self, subject: Subject, work: &Work) -> Result<(Vec<u8>, Took), EngineError> {
         let parts = work.units(subject.revision.parts());
-        let context = self.context(self.batch_rows(subject.revision.width()))?;
+        let context = self.context(self.batch_rows(work.state_bytes(&subject.setting)))?;
         let task = Arc::new(Task::new(subject, work.clone()));
         let plan = self.plan(&task, parts)?;
         let found = datafusion_physical_plan::collect(plan.clone(), context).await;
@@ -107,11 +108,10 @@ impl Engine {
         Ok(plan)
     }
 
-    /// Rows of a batch: as many as [`BATCH_BYTES`] hold, and a sixteenth of the memory of a partition. The largest sum of a shape of
-    /// `width` numbers is their square.
-    fn batch_rows(&self, width: usize) -> usize {
+    /// Rows of a batch: as many states of about `state_bytes` as [`BATCH_BYTES`] hold, and a sixteenth of the memory of a partition.
+    fn batch_rows(&self, state_bytes: usize) -> usize {
         let bytes = BATCH_BYTES.min(self.memory_bytes / 16 / self.threads);
-        (bytes / (8 * width * width).max(1)).clamp(1, FAN_IN)
+        (bytes / state_bytes.max(1)).clamp(1, FAN_IN)
     }
 
     fn context(&self, batch_rows: usize) -> Result<Arc<TaskContext>> {

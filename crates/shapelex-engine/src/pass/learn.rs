@@ -69,6 +69,12 @@ impl Learn {
         self.end.div_ceil(PART) - self.first / PART
     }
 
+    /// At most the size of the sums of a part, with as many columns for each atom as a shape has coordinates.
+    pub(crate) fn state_bytes(&self, setting: &Setting) -> usize {
+        let columns = self.method.atoms() * setting.metric.dimension();
+        8 * (columns * columns + self.atoms.len() + PART)
+    }
+
     /// The part of the unit `k`, and the positions of the group's shapes within it.
     pub(crate) fn part(&self, k: usize) -> (usize, std::ops::Range<usize>) {
         let part = self.first / PART + k;

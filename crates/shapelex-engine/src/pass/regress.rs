@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 use shapelex_analysis::AnalysisError;
+use shapelex_analysis::accumulate::PART;
 use shapelex_analysis::inference::regression_sums::{Observed, Reduced, RegressionSums};
 
 use super::revision::Setting;
@@ -76,6 +77,15 @@ impl Regress {
         lists.sort_unstable();
         lists.dedup();
         lists
+    }
+
+    /// About the size of the result of a part, for shapes of `length` numbers.
+    pub(crate) fn state_bytes(&self, length: usize) -> usize {
+        match &self.step {
+            Step::Summarise => 8 * PART,
+            Step::Sum(design) => 8 * (design.width() + 1) * (length + design.width() + 1),
+            Step::Permute { design, draws, .. } => 8 * length * (design.width() + 1) * draws,
+        }
     }
 
     /// The result of the part `k`, whose first shape has the position `first`.

@@ -72,6 +72,18 @@ impl Work {
         }
     }
 
+    /// About the largest size of the result of a part in bytes. That of a sum is the square of the numbers of a shape.
+    pub(crate) fn state_bytes(&self, setting: &Setting) -> usize {
+        let length = setting.metric.len();
+        match self {
+            Self::Sum(_) | Self::Certify(_) | Self::Code(_) | Self::Index(_) | Self::Search(_) => {
+                8 * length * length
+            }
+            Self::Regress(regress) => regress.state_bytes(length),
+            Self::Learn(learn) => learn.state_bytes(setting),
+        }
+    }
+
     /// The lists of a part that are read beside its numbers.
     pub(crate) fn lists(&self) -> Vec<&'static str> {
         match self {
