@@ -8,7 +8,7 @@ use bytes::Bytes;
 use object_store::path::Path;
 use serde::{Deserialize, Serialize};
 use shapelex_analysis::AnalysisError;
-use shapelex_analysis::accumulate::PART;
+use shapelex_analysis::accumulate::{FAN_IN, PART};
 use shapelex_analysis::dictionary::learning::Learning;
 use shapelex_analysis::dictionary::method::Method;
 use shapelex_analysis::dictionary::preparation::{Posed, Preparation};
@@ -69,10 +69,10 @@ impl Learn {
         self.end.div_ceil(PART) - self.first / PART
     }
 
-    /// At most the size of the sums of a part, with as many columns for each atom as a shape has coordinates.
+    /// At most the size of the sums of a group of parts, with as many columns for each atom as a shape has coordinates.
     pub(crate) fn state_bytes(&self, setting: &Setting) -> usize {
         let columns = self.method.atoms() * setting.metric.dimension();
-        8 * (columns * columns + self.atoms.len() + PART)
+        8 * (columns * columns + self.atoms.len() + FAN_IN * PART)
     }
 
     /// The part of the unit `k`, and the positions of the group's shapes within it.

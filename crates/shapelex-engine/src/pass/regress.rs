@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 use shapelex_analysis::AnalysisError;
-use shapelex_analysis::accumulate::PART;
+use shapelex_analysis::accumulate::{FAN_IN, PART};
 use shapelex_analysis::inference::regression_sums::{Observed, Reduced, RegressionSums};
 
 use super::revision::Setting;
@@ -79,10 +79,10 @@ impl Regress {
         lists
     }
 
-    /// About the size of the result of a part, for shapes of `length` numbers.
+    /// About the size of what is sorted, for shapes of `length` numbers.
     pub(crate) fn state_bytes(&self, length: usize) -> usize {
         match &self.step {
-            Step::Summarise => 8 * PART,
+            Step::Summarise => 8 * PART * FAN_IN,
             Step::Sum(design) => 8 * (design.width() + 1) * (length + design.width() + 1),
             Step::Permute { design, draws, .. } => 8 * length * (design.width() + 1) * draws,
         }

@@ -2,7 +2,7 @@
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
-use shapelex_analysis::accumulate::FAN_IN;
+use shapelex_analysis::accumulate::{FAN_IN, PART};
 use shapelex_analysis::dictionary::model::Coded;
 use shapelex_analysis::pass::Pass;
 
@@ -34,6 +34,9 @@ pub enum Work {
     /// The codes of a group of shapes in atoms that are being learnt: their sums. The codes are kept in the store.
     Learn(Box<Learn>),
 }
+
+/// Bytes of how well a shape is described.
+const CERTIFIED_BYTES: usize = 48;
 
 /// The codes of a part, as a file.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -72,13 +75,13 @@ impl Work {
         }
     }
 
-    /// About the largest size of the result of a part in bytes. That of a sum is the square of the numbers of a shape.
+    /// About the largest size in bytes of what is sorted: the result of a part, or where results are joined, of a group of them. That
+    /// of a sum is the square of the numbers of a shape.
     pub(crate) fn state_bytes(&self, setting: &Setting) -> usize {
         let length = setting.metric.len();
         match self {
-            Self::Sum(_) | Self::Certify(_) | Self::Code(_) | Self::Index(_) | Self::Search(_) => {
-                8 * length * length
-            }
+            Self::Sum(_) | Self::Code(_) | Self::Index(_) | Self::Search(_) => 8 * length * length,
+            Self::Certify(_) => FAN_IN * PART * CERTIFIED_BYTES,
             Self::Regress(regress) => regress.state_bytes(length),
             Self::Learn(learn) => learn.state_bytes(setting),
         }
