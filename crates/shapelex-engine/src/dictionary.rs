@@ -171,8 +171,10 @@ pub fn learn(
     let help = |source: &Learnt<'_>, dictionary: &Dictionary| certify(source.source, dictionary);
     let learner = Learner { recipe, measured: setting.measured(), watch, help: &help };
     let shapes = Learnt::new(source, recipe, kept_bytes);
-    let learnt = learner.learn(&shapes);
-    let (learnt, ()) = (learnt?, shapes.clear()?);
+    // Codes go also where learning failed.
+    let (learnt, cleared) = (learner.learn(&shapes), shapes.clear());
+    let learnt = learnt?;
+    cleared?;
     let (content, digest) = text(&learnt.dictionary.content)?;
     let cohort = &source.revision().manifest().cohort;
     let statistics = &learnt.dictionary.content.statistics;

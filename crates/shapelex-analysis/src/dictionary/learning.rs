@@ -269,7 +269,9 @@ impl Learning {
     }
 
     /// Codes prepared shapes of one part, one after another from its first of a group on: their sums, and their codes, from the
-    /// codes `known` of the epoch before, if there was one. `atoms` are those of a [`Group`].
+    /// codes `known` of the epoch before, if there was one. `atoms` are those of a [`Group`], `m` numbers for each of `cJ` columns.
+    ///
+    /// Cost: the Gram matrix of the atoms, `O(m c² J²)`, a code for each shape, and `O(m c² J)` for its sums.
     ///
     /// # Errors
     /// Errors of the coder and of the source; [`AnalysisError::NotAnAccumulator`] for atoms of another size.

@@ -14,10 +14,13 @@ pub(crate) mod selection;
 pub(crate) mod statistics;
 
 use std::io::Write;
+use std::time::Instant;
 
 use serde::Serialize;
 use shapelex_analysis::transformation::Transformation;
 use shapelex_engine::EngineError;
+use shapelex_engine::pass::engine::Took;
+use shapelex_engine::pass::source::AtRest;
 
 /// Reads a word of the API.
 fn json_word<T: serde::de::DeserializeOwned>(word: &str) -> Result<T, String> {
@@ -30,6 +33,34 @@ fn transformation(text: &str) -> Result<Transformation, String> {
         return serde_json::from_str(text).map_err(|error| error.to_string());
     }
     json_word(text)
+}
+
+/// A result over a revision, where it comes from, and what it took.
+#[derive(Debug, Serialize)]
+pub(crate) struct Answer<T> {
+    cohort: String,
+    revision: u64,
+    revision_digest: String,
+    seconds: f64,
+    passes: Vec<Took>,
+    #[serde(flatten)]
+    found: T,
+}
+
+impl<T> Answer<T> {
+    /// What was found over the shapes of `source` since `began`.
+    fn new(source: &AtRest<'_>, began: Instant, found: T) -> Self {
+        let revision = source.revision();
+        let cohort = &revision.manifest().cohort;
+        Self {
+            cohort: cohort.id.clone(),
+            revision: cohort.revision,
+            revision_digest: revision.digest().into(),
+            seconds: began.elapsed().as_secs_f64(),
+            passes: source.took(),
+            found,
+        }
+    }
 }
 
 /// Writes an answer to standard output.

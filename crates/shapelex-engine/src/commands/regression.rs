@@ -5,12 +5,10 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use clap::{Args, ValueEnum};
-use serde::Serialize;
 use shapelex_analysis::alignment::Alignment;
 use shapelex_analysis::transformation::Transformation;
 use shapelex_engine::EngineError;
 use shapelex_engine::objects::Objects;
-use shapelex_engine::pass::engine::Took;
 use shapelex_engine::pass::revision::Setting;
 use shapelex_engine::pass::source::AtRest;
 use shapelex_engine::pass::variables::Variable;
@@ -19,7 +17,7 @@ use tokio::runtime::Handle;
 
 use super::machines::Machines;
 use super::selection::Selection;
-use super::{json_word, transformation};
+use super::{Answer, json_word, transformation};
 
 #[derive(Debug, Args)]
 pub(crate) struct RegressCommand {
@@ -66,31 +64,19 @@ fn variable(name: &str) -> Result<Variable, String> {
     Variable::try_from(name.to_string())
 }
 
-/// A regression, and where it comes from.
-#[derive(Debug, Serialize)]
-pub(crate) struct Answer {
-    cohort: String,
-    revision: u64,
-    revision_digest: String,
-    seconds: f64,
-    passes: Vec<Took>,
-    #[serde(flatten)]
-    found: Regressed,
-}
-
 impl RegressCommand {
     pub(crate) fn answer(
         self,
         objects: Objects,
         runtime: &Handle,
         threads: NonZeroUsize,
-    ) -> Result<Answer, EngineError> {
+    ) -> Result<Answer<Regressed>, EngineError> {
         let began = Instant::now();
         check(&self.attribute, &self.covariates)?;
         let revision = runtime.block_on(self.selection.open(objects))?;
         let setting = Arc::new(Setting::new(revision.manifest(), &self.transformation, self.alignment)?);
         let runners = self.machines.runners(threads)?;
-        let source = AtRest::new(revision.clone(), setting.clone(), runtime, runners.chosen());
+        let source = AtRest::new(revision, setting.clone(), runtime, runners.chosen());
         let request = Request {
             covariates: self.covariates,
             attribute: self.attribute,
@@ -99,14 +85,7 @@ impl RegressCommand {
             seed: self.seed,
         };
         let found = regress(&source, &setting, request)?;
-        Ok(Answer {
-            cohort: revision.manifest().cohort.id.clone(),
-            revision: revision.manifest().cohort.revision,
-            revision_digest: revision.digest().into(),
-            seconds: began.elapsed().as_secs_f64(),
-            passes: source.took(),
-            found,
-        })
+        Ok(Answer::new(&source, began, found))
     }
 }
 

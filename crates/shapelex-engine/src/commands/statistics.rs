@@ -12,7 +12,6 @@ use shapelex_analysis::transformation::Transformation;
 use shapelex_engine::EngineError;
 use shapelex_engine::estimate::Estimate;
 use shapelex_engine::objects::Objects;
-use shapelex_engine::pass::engine::Took;
 use shapelex_engine::pass::revision::Setting;
 use shapelex_engine::pass::source::AtRest;
 use shapelex_engine::statistics::{Report, Request, Statistics};
@@ -20,7 +19,7 @@ use tokio::runtime::Handle;
 
 use super::machines::Machines;
 use super::selection::Selection;
-use super::{json_word, transformation};
+use super::{Answer, json_word, transformation};
 
 #[derive(Debug, Args)]
 pub(crate) struct Run {
@@ -61,20 +60,8 @@ const EXECUTORS: [usize; 7] = [1, 2, 4, 8, 16, 32, 64];
 #[derive(Debug, Serialize)]
 #[serde(untagged)]
 pub(crate) enum Outcome {
-    Ran(Box<Answer>),
+    Ran(Box<Answer<Report>>),
     Predicted { estimates: Vec<Estimate> },
-}
-
-/// What a run answers.
-#[derive(Debug, Serialize)]
-pub(crate) struct Answer {
-    cohort: String,
-    revision: u64,
-    revision_digest: String,
-    seconds: f64,
-    passes: Vec<Took>,
-    #[serde(flatten)]
-    report: Report,
 }
 
 impl Run {
@@ -94,7 +81,7 @@ impl Run {
             return Ok(Outcome::Predicted { estimates: EXECUTORS.map(estimate).to_vec() });
         }
         let runners = self.machines.runners(threads)?;
-        let source = AtRest::new(revision.clone(), setting.clone(), runtime, runners.chosen());
+        let source = AtRest::new(revision, setting.clone(), runtime, runners.chosen());
         let request = Request {
             frame: self.frame,
             components: self.components.into(),
@@ -102,13 +89,6 @@ impl Run {
             normalise: self.normalise,
         };
         let statistics = Statistics::of(&source, &setting, request)?;
-        Ok(Outcome::Ran(Box::new(Answer {
-            cohort: revision.manifest().cohort.id.clone(),
-            revision: revision.manifest().cohort.revision,
-            revision_digest: revision.digest().into(),
-            seconds: began.elapsed().as_secs_f64(),
-            passes: source.took(),
-            report: statistics.report(&setting),
-        })))
+        Ok(Outcome::Ran(Box::new(Answer::new(&source, began, statistics.report(&setting)))))
     }
 }

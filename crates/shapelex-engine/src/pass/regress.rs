@@ -88,21 +88,16 @@ impl Regress {
         }
     }
 
-    /// The result of the part `k`, whose first shape has the position `first`.
+    /// The result of the part `k`.
     ///
     /// # Errors
     /// A degenerate shape, with its position in the part.
-    pub(crate) fn of(
-        &self,
-        setting: &Setting,
-        (k, first): (usize, usize),
-        numbers: Numbers,
-    ) -> Result<Vec<u8>, EngineError> {
+    pub(crate) fn of(&self, setting: &Setting, k: usize, numbers: Numbers) -> Result<Vec<u8>, EngineError> {
         let variables = &self.variables;
         match &self.step {
             Step::Summarise => {
                 let rows = read(variables, &numbers)?;
-                Summary::of(variables.len(), first, &rows, &numbers.weights).to_bytes()
+                Summary::of(variables.len(), k * PART, &rows, &numbers.weights).to_bytes()
             }
             Step::Sum(design) => {
                 Ok(RegressionSums::of(&design.observe(setting, variables, numbers)?).to_bytes())

@@ -199,9 +199,7 @@ impl Task {
                 Ok(Made::File { bytes: bytes.map_err(located)?.into(), shapes })
             }
             Work::Search(search) => search.of(setting, k, numbers).map(Made::State),
-            Work::Regress(regress) => {
-                regress.of(setting, (k, k * PART), numbers).map(Made::State).map_err(located)
-            }
+            Work::Regress(regress) => regress.of(setting, k, numbers).map(Made::State).map_err(located),
             Work::Index(_) | Work::Learn(_) => {
                 Err(EngineError::refused("pass", "expected codes, got a part alone"))
             }

@@ -1,6 +1,7 @@
 //! Dictionaries learnt and used on the engine are those of the analysis.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 use arrow_array::cast::AsArray;
@@ -9,6 +10,7 @@ use futures_util::StreamExt;
 use object_store::path::Path;
 use object_store::{ObjectStore, ObjectStoreExt};
 use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
+use shapelex_analysis::AnalysisError;
 use shapelex_analysis::accumulate::{PART, ShapeSource};
 use shapelex_analysis::alignment::Alignment;
 use shapelex_analysis::dictionary::learn::learn;
@@ -17,7 +19,7 @@ use shapelex_analysis::dictionary::method::{self, Method};
 use shapelex_analysis::dictionary::preparation::Posed;
 use shapelex_analysis::dictionary::recipe::Recipe;
 use shapelex_analysis::transformation::{ClassName, Transformation};
-use shapelex_analysis::watch::Unwatched;
+use shapelex_analysis::watch::{Unwatched, Watch};
 use shapelex_engine::EngineError;
 use shapelex_engine::cohort::codes::Codes;
 use shapelex_engine::cohort::maintenance::collect;
@@ -110,6 +112,37 @@ fn sparse_dictionaries_are_those_of_the_analysis_and_leave_no_codes_behind() {
         assert!(content.statistics.history.len() > 1);
         assert_eq!(learnt(None, &revision, method).unwrap().digest, file.digest);
     }
+    let folder = Path::from("coh_triangles/learning");
+    let left = runtime().block_on(async { store.list(Some(&folder)).collect::<Vec<_>>().await });
+    assert!(left.is_empty(), "{left:?}");
+}
+
+/// Ends learning after two epochs, as somebody who no longer wants it.
+struct Ended(AtomicUsize);
+
+impl Watch for Ended {
+    fn stop(&self) -> bool {
+        self.0.load(Ordering::Relaxed) >= 2
+    }
+
+    fn epoch(&self, _: usize, _: f64) {
+        self.0.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
+#[test]
+fn learning_that_fails_leaves_no_codes_behind() {
+    let (store, objects) = in_memory();
+    let revision = runtime().block_on(async {
+        write(&objects, 1, 0..500).await.unwrap();
+        Arc::new(Revision::open(objects.clone(), "coh_triangles", 1).await.unwrap())
+    });
+    let (setting, engine) = (Arc::new(similarity(revision.manifest())), engine(1, 64 << 20));
+    let source = AtRest::new(revision.clone(), setting, runtime().handle(), Some(&engine));
+    let recipe = recipe(&revision, sparse_methods().swap_remove(0));
+    let ended = Ended(AtomicUsize::new(0));
+    let error = dictionary::learn(&source, &recipe, &ended, "triangles".into(), 0).unwrap_err();
+    assert!(matches!(error, EngineError::Analysis(AnalysisError::Interrupted)), "{error}");
     let folder = Path::from("coh_triangles/learning");
     let left = runtime().block_on(async { store.list(Some(&folder)).collect::<Vec<_>>().await });
     assert!(left.is_empty(), "{left:?}");
