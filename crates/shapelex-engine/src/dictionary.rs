@@ -5,7 +5,6 @@ use std::time::SystemTime;
 
 use bytes::Bytes;
 use object_store::PutMode;
-use object_store::path::Path;
 use serde::{Deserialize, Serialize};
 use serde_json::value::RawValue;
 use shapelex_analysis::accumulate::{MergePart, ShapeSource, Shapes};
@@ -18,7 +17,7 @@ use shapelex_analysis::pass::{CodeGroup, Group, Pass};
 use shapelex_analysis::watch::Watch;
 
 use crate::EngineError;
-use crate::cohort::{dictionary_path, learning_folder, learning_path};
+use crate::cohort::dictionary_path;
 use crate::objects::{Length, Objects};
 use crate::pass::learn::Learn;
 use crate::pass::revision::{Revision, Setting};
@@ -201,7 +200,7 @@ struct Learnt<'a> {
     recipe: &'a Recipe,
     /// Whether groups of shapes are coded where the sums of the source are.
     elsewhere: bool,
-    /// Folder of the codes, a name that no other process uses.
+    /// Name that no other process uses.
     run: String,
 }
 
@@ -215,29 +214,21 @@ impl<'a> Learnt<'a> {
     }
 
     fn code(&self, group: Group<'_>) -> Result<Vec<u8>, EngineError> {
-        if let Some(old) = group.epoch.checked_sub(2).filter(|_| group.first == 0) {
-            self.remove(&learning_path(&self.source.revision().manifest().cohort.id, &self.run, old)?)?;
-        }
-        let work = Work::Learn(Box::new(Learn::new(&self.recipe.method, group, &self.run)));
-        self.source.run(None, self.source.setting().clone(), &work)
+        let revision = self.source.revision();
+        let cohort = &revision.manifest().cohort;
+        let learn = Learn::new(&self.recipe.method, group, &self.run, cohort.revision);
+        self.source.wait(learn.remove_old(revision.objects(), &cohort.id))?;
+        self.source.run(None, self.source.setting().clone(), &Work::Learn(Box::new(learn)))
     }
 
     /// Removes what was kept of codes.
     fn clear(&self) -> Result<(), EngineError> {
-        match self.elsewhere {
-            true => self.remove(&learning_folder(&self.source.revision().manifest().cohort.id, &self.run)?),
-            false => Ok(()),
+        if !self.elsewhere {
+            return Ok(());
         }
-    }
-
-    fn remove(&self, folder: &Path) -> Result<(), EngineError> {
-        let objects = self.source.revision().objects();
-        self.source.wait(async {
-            for object in objects.list(folder).await? {
-                objects.remove(&object.location).await?;
-            }
-            Ok(())
-        })
+        let revision = self.source.revision();
+        let cohort = &revision.manifest().cohort;
+        self.source.wait(Learn::remove_run(revision.objects(), &cohort.id, cohort.revision, &self.run))
     }
 }
 

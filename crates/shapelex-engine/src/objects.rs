@@ -177,6 +177,17 @@ impl Objects {
         self.patiently(path, remove).await
     }
 
+    /// Removes all objects below a folder.
+    ///
+    /// # Errors
+    /// Errors of the store once all attempts have failed.
+    pub async fn remove_all(&self, folder: &Path) -> Result<(), EngineError> {
+        for object in self.list(folder).await? {
+            self.remove(&object.location).await?;
+        }
+        Ok(())
+    }
+
     /// All objects below a folder.
     ///
     /// # Errors

@@ -17,6 +17,19 @@ import urllib.request
 
 FETCH = pathlib.Path(__file__).parent.parent / "fetch.py"
 SHAPES = 20_000  # three parts
+ATOMS = {"kind": "sparse", "atoms": 6, "nonzeros": 2, "schedule": "batch", "max_epochs": 3}
+# An engine that does not code after the first epoch.
+FAILS = """#!/bin/sh
+case " $* " in
+*" pass "*) ;;
+*) exec {engine} "$@" ;;
+esac
+request=$(cat)
+case $request in
+*'"epoch":1,'*) echo "no room" >&2; exit 3 ;;
+esac
+printf %s "$request" | {engine} "$@"
+"""
 
 
 def send(address, body, media_type):
@@ -80,7 +93,15 @@ def compare(address, shapelex_engine, folder):
     if imported["digest"] != here["digest"]:
         sys.exit("the service imports another dictionary")
     print(f"{SHAPES} shapes: the dictionaries of the service and of the engine have the same bits")
-    return here["digest"]
+    return {json.dumps(method): here["digest"], json.dumps(ATOMS): learn(address, "atoms", ATOMS)}
+
+
+def learn(address, name, method):
+    """Learns a dictionary by a job; returns its digest."""
+    order = {"name": name, "cohort": "leaves", "method": method, "transformation": "similarity"}
+    finished(address, send(f"{address}/v1/dictionaries", json.dumps(order), "application/json"))
+    with urllib.request.urlopen(f"{address}/v1/dictionaries/{name}/export", timeout=60) as answer:
+        return json.load(answer)["digest"]
 
 
 def regressions(address, engine, cohort):
@@ -104,20 +125,34 @@ def regressions(address, engine, cohort):
     print(f"{SHAPES} shapes: the regressions of the service and of the engine agree to 1e-9")
 
 
-def learn_through(address, digest, folder):
-    """A service whose jobs use the engine learns the same dictionary, and leaves no files of shapes behind."""
-    method = {"kind": "functional_pca", "components": 5, "centre": True}
-    finished(address, send(f"{address}/v1/dictionaries", json.dumps({"name": "again", "cohort": "leaves", "method": method,
-                           "transformation": "similarity"}), "application/json"))
-    with urllib.request.urlopen(f"{address}/v1/dictionaries/again/export", timeout=60) as answer:
-        again = json.load(answer)
-    log = (folder / "log").read_text()
-    if again["digest"] != digest or log.count("the engine computed a pass") < 4:
-        sys.exit(f"the service with an engine learns {again['digest']} for {digest}: {log}")
+def learn_through(address, digests, folder):
+    """A service whose jobs use the engine learns the same dictionaries, and leaves no files of shapes behind."""
+    for number, (method, digest) in enumerate(digests.items()):
+        again = learn(address, f"again-{number}", json.loads(method))
+        log = (folder / "log").read_text()
+        # The mean, its frame, the certificate; components are a pass as well.
+        if again != digest or log.count("the engine computed a pass") < (4, 7)[number]:
+            sys.exit(f"the service with an engine learns {again} for {digest}: {log}")
+    # A group for each epoch.
+    if log.count("the engine coded a group") != ATOMS["max_epochs"] or "the engine failed" in log:
+        sys.exit(f"the engine codes other groups: {log}")
+    nothing_is_kept(folder)
+    print(f"{SHAPES} shapes: jobs of the service on the engine have the same bits")
+
+
+def learn_in_spite_of(address, digests, folder):
+    """An engine that fails to code in the second epoch: learning begins again in the service."""
+    again, log = learn(address, "in-spite", ATOMS), (folder / "log").read_text()
+    if again != digests[json.dumps(ATOMS)] or log.count("the engine coded a group") != 1 or log.count("the engine failed") != 1:
+        sys.exit(f"the service learns {again} for {digests} with an engine that fails to code: {log}")
+    nothing_is_kept(folder)
+    print(f"{SHAPES} shapes: a job whose engine fails to code has the same bits")
+
+
+def nothing_is_kept(folder):
     kept = [path for path in folder.glob("jobs/**/*") if path.is_file()]
     if kept:
         sys.exit(f"the engine keeps {kept}")
-    print(f"{SHAPES} shapes: jobs of the service on the engine have the same bits")
 
 
 def finished(address, job):
@@ -151,9 +186,12 @@ def serve(shapelex, folder, use, *flags):
 def main(shapelex, shapelex_engine):
     with tempfile.TemporaryDirectory() as folder:
         folder = pathlib.Path(folder)
-        digest = serve(shapelex, folder, lambda address: compare(address, shapelex_engine, folder))
-        serve(shapelex, folder, lambda address: learn_through(address, digest, folder), f"--engine={shapelex_engine}",
-              f"--engine-store={folder}/jobs", "--engine-min-shapes=1000")
+        digests = serve(shapelex, folder, lambda address: compare(address, shapelex_engine, folder))
+        (folder / "fails").write_text(FAILS.format(engine=pathlib.Path(shapelex_engine).absolute()))
+        (folder / "fails").chmod(0o755)
+        for use, program in [(learn_through, shapelex_engine), (learn_in_spite_of, folder / "fails")]:
+            serve(shapelex, folder, lambda address: use(address, digests, folder), f"--engine={program}",
+                  f"--engine-store={folder}/jobs", "--engine-min-shapes=1000", "--log=info,shapelex=debug")
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ use crate::analysis::accumulate::{
 };
 use crate::analysis::dictionary::content::Content;
 use crate::analysis::matching::Placement;
-use crate::analysis::pass::Pass;
+use crate::analysis::pass::{CodeGroup, Pass};
 use crate::analysis::robust::LessCounted;
 use crate::analysis::watch::Watch;
 use crate::domain::cohort::Cohort;
@@ -65,6 +65,17 @@ pub(crate) trait Distribute: Sync {
         make: &MakePart<'_>,
         merge: &mut MergePart<'_>,
     ) -> Result<bool, ServiceError>;
+
+    /// Codes groups of `shapes` while a dictionary is learnt; `None` if this process is to code them.
+    fn coders<'a>(&'a self, shapes: &'a StoredShapes<'_>) -> Option<CodeGroup<'a, ServiceError>> {
+        let _ = shapes;
+        None
+    }
+
+    /// Whether a group could not be coded: learning must begin again, and this process codes from then on.
+    fn has_failed_to_code(&self) -> bool {
+        false
+    }
 }
 
 /// Shapes of a cohort with these ids or external ids, in the given order.
@@ -197,6 +208,11 @@ impl<'a> StoredShapes<'a> {
     /// The same shapes, whose passes `counter` counts.
     pub(crate) fn counted_by(self, counter: &'a dyn Watch) -> Self {
         Self { counter: Some(counter), ..self }
+    }
+
+    /// The same shapes, whose passes nobody counts.
+    pub(crate) fn uncounted(self) -> Self {
+        Self { counter: None, ..self }
     }
 
     /// The same shapes, whose search begins with `known` placements.
@@ -558,5 +574,9 @@ impl ShapeSource for StoredShapes<'_> {
     fn spread(&self, pass: &Pass, merge: &mut MergePart<'_>) -> Result<bool, ServiceError> {
         let make = |part: &StoredShapes<'_>| pass.make(part, self.setup.measured());
         self.spread_work(&|| Work::Sum(pass.clone()), &make, merge)
+    }
+
+    fn coders(&self) -> Option<CodeGroup<'_, ServiceError>> {
+        self.distribute?.coders(self)
     }
 }

@@ -2,7 +2,8 @@
 //! cluster, with the bits of this process. `docs/scale.md` describes the program.
 //!
 //! The revision is written as files before the first pass, and forgotten when the job ends: shapes that are erased here must not live on
-//! there. If the program fails, this process computes the pass, and names what is wrong with the shapes.
+//! there. If the program fails, this process computes the pass, and names what is wrong with the shapes. Codes of an epoch start from those
+//! of the epoch before, which the engine keeps; so if it fails to code, learning begins again in this process.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::path::PathBuf;
@@ -19,8 +20,12 @@ use serde_json::{Value, json};
 use super::plan::Plan;
 use crate::analysis::accumulate::{MergePart, PART, ShapeSource};
 use crate::analysis::correspondence::Mirror;
+use crate::analysis::dictionary::learning::{MAX_GROUPS, Schedule};
+use crate::analysis::dictionary::method::Method;
+use crate::analysis::pass::{CodeGroup, Group};
 use crate::domain::cohort::Cohort;
 use crate::domain::filter::ShapeFilter;
+use crate::domain::job::Job;
 use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::source::{Distribute, MakePart, StoredShapes, Work};
 
@@ -60,6 +65,7 @@ impl App {
 /// The engine, for one job.
 pub(crate) struct AtEngine<'a> {
     settings: Arc<EngineSettings>,
+    job: &'a Job,
     plan: &'a Plan,
     cohort: &'a Cohort,
     /// Id of the cohort at rest.
@@ -67,11 +73,18 @@ pub(crate) struct AtEngine<'a> {
     has_begun: AtomicBool,
     is_written: AtomicBool,
     has_failed: AtomicBool,
+    has_failed_to_code: AtomicBool,
 }
 
 impl<'a> AtEngine<'a> {
     /// The engine for a plan, if there is one and the plan is over all shapes of a large cohort.
-    pub(crate) fn of(app: &App, plan: &'a Plan, cohort: &'a Cohort, shapes: usize) -> Option<Self> {
+    pub(crate) fn of(
+        app: &App,
+        job: &'a Job,
+        plan: &'a Plan,
+        cohort: &'a Cohort,
+        shapes: usize,
+    ) -> Option<Self> {
         let settings = app.state::<EngineSettings>();
         let suits = !settings.program.as_os_str().is_empty()
             && shapes >= settings.min_shapes
@@ -82,29 +95,66 @@ impl<'a> AtEngine<'a> {
             Mirror::Allow => format!("{}-mirrored", cohort.id),
         };
         let none = || AtomicBool::new(false);
-        let (has_begun, is_written, has_failed) = (none(), none(), none());
-        suits.then_some(Self { settings, plan, cohort, id, has_begun, is_written, has_failed })
+        let (has_begun, is_written, has_failed, has_failed_to_code) = (none(), none(), none(), none());
+        suits.then_some(Self {
+            settings,
+            job,
+            plan,
+            cohort,
+            id,
+            has_begun,
+            is_written,
+            has_failed,
+            has_failed_to_code,
+        })
     }
 
-    fn compute(&self, shapes: &StoredShapes<'_>, work: Work) -> Result<Answer, Failure> {
+    /// The result of a pass over the revision, which is written before the first one.
+    fn compute(&self, shapes: &StoredShapes<'_>, work: &Value) -> Result<Answer, Failure> {
         if !self.is_written.load(Ordering::Relaxed) {
             self.has_begun.store(true, Ordering::Relaxed);
             self.write(shapes)?;
             self.is_written.store(true, Ordering::Relaxed);
         }
-        let work = match work {
-            Work::Sum(pass) => json!({"sum": pass}),
-            Work::Codes(content) => json!({"certify": content}),
-        };
         let Plan { transformation, alignment, .. } = self.plan;
         let request = json!({"cohort": self.id, "revision": self.cohort.revision,
             "transformation": transformation, "alignment": alignment, "work": work});
         let mut arguments = vec!["pass"];
         if !self.settings.scheduler.is_empty() {
-            arguments.extend(["--scheduler", &self.settings.scheduler]);
+            arguments.extend(["--scheduler", &self.settings.scheduler, "--job-name", &self.job.id]);
         }
         let program = Program::start(&self.settings, &arguments)?;
         program.run(shapes, |mut input| Ok(input.write_all(request.to_string().as_bytes())?))
+    }
+
+    /// Whether the engine has these shapes: it has a whole revision, and computes nothing any more once it has failed.
+    fn has(&self, shapes: &StoredShapes<'_>) -> bool {
+        shapes.revisions().after == 0 && !shapes.is_empty() && !self.has_failed.load(Ordering::Relaxed)
+    }
+
+    /// The sums of a group of shapes that is coded with the same atoms.
+    fn code(&self, shapes: &StoredShapes<'_>, group: Group<'_>) -> Result<Vec<u8>, ServiceError> {
+        let Group { epoch, first, end, atoms, mean } = group;
+        let run = format!("{}-{}", self.job.id, self.job.attempt);
+        let work = json!({"learn": {"method": self.plan.method, "mean": mean, "atoms": atoms, "first": first,
+            "end": end, "epoch": epoch, "run": run, "revision": self.cohort.revision}});
+        match self.compute(&shapes.uncounted(), &work) {
+            Ok(Answer { bytes, .. }) => {
+                tracing::debug!(cohort = self.cohort.id, epoch, first, "the engine coded a group");
+                Ok(bytes)
+            }
+            Err(Failure::Service(error)) => Err(error),
+            Err(Failure::Program(reason)) => {
+                self.failed(&reason);
+                self.has_failed_to_code.store(true, Ordering::Relaxed);
+                Err(ServiceError::Unavailable("the engine failed to code shapes".into()))
+            }
+        }
+    }
+
+    fn failed(&self, reason: &str) {
+        self.has_failed.store(true, Ordering::Relaxed);
+        tracing::warn!(cohort = self.cohort.id, reason, "the engine failed; this process computes");
     }
 
     /// Writes the revision as files.
@@ -133,12 +183,15 @@ impl Distribute for AtEngine<'_> {
         _: &MakePart<'_>,
         merge: &mut MergePart<'_>,
     ) -> Result<bool, ServiceError> {
-        // A pass over new shapes alone, or over a part, is computed here.
-        let is_whole = shapes.revisions().after == 0;
-        if !is_whole || shapes.is_empty() || self.has_failed.load(Ordering::Relaxed) {
+        // A pass over new shapes alone is computed here.
+        if !self.has(shapes) {
             return Ok(false);
         }
-        match self.compute(shapes, work()) {
+        let work = match work() {
+            Work::Sum(pass) => json!({"sum": pass}),
+            Work::Codes(content) => json!({"certify": content}),
+        };
+        match self.compute(shapes, &work) {
             Ok(Answer { bytes: state, counted }) => {
                 merge(&state)?;
                 // The merge counts a part.
@@ -148,11 +201,21 @@ impl Distribute for AtEngine<'_> {
             }
             Err(Failure::Service(error)) => Err(error),
             Err(Failure::Program(reason)) => {
-                self.has_failed.store(true, Ordering::Relaxed);
-                tracing::warn!(cohort = self.cohort.id, reason, "the engine failed; this process computes");
+                self.failed(&reason);
                 Ok(false)
             }
         }
+    }
+
+    fn coders<'s>(&'s self, shapes: &'s StoredShapes<'_>) -> Option<CodeGroup<'s, ServiceError>> {
+        let Method::Sparse { schedule, .. } = self.plan.method else { return None };
+        // Each group is a program that is started: it must be worth one.
+        let pays = schedule == Schedule::Batch || shapes.len() >= MAX_GROUPS * PART;
+        (pays && self.has(shapes)).then(|| Box::new(|group: Group<'_>| self.code(shapes, group)) as _)
+    }
+
+    fn has_failed_to_code(&self) -> bool {
+        self.has_failed_to_code.load(Ordering::Relaxed)
     }
 }
 

@@ -89,7 +89,7 @@ pub fn learn(
     let setup = Setup::of(app, plan.settings(&cohort))?;
     let shapes = count(app, handle, plan)?;
     let meter = meter(plan, &setup, shapes, context);
-    let others: Box<dyn Distribute + '_> = match AtEngine::of(app, plan, &cohort, shapes) {
+    let others: Box<dyn Distribute + '_> = match AtEngine::of(app, job, plan, &cohort, shapes) {
         Some(engine) => Box::new(engine),
         None => Box::new(Spreading { app, handle, job, plan }),
     };
@@ -225,13 +225,18 @@ impl Task<'_> {
         let recipe = self.plan.recipe(self.cohort);
         let help = |shapes: &StoredShapes<'_>, dictionary: &Dictionary| self.coded(shapes, dictionary);
         let learner = Learner { recipe: &recipe, measured: self.setup.measured(), watch: self, help: &help };
-        let Learnt { mut dictionary, state, less_counted } = match &previous {
-            None => learner.learn(&shapes)?,
+        let learn = || match &previous {
+            None => learner.learn(&shapes),
             Some(Previous { content, revision, state }) => {
                 let new = self.shapes(*revision, &stop)?;
-                learner.continue_from(procedure::Previous { content, state }, &shapes, &new)?
+                learner.continue_from(procedure::Previous { content, state }, &shapes, &new)
             }
         };
+        let learnt = match learn() {
+            Err(_) if self.others.has_failed_to_code() => learn(),
+            learnt => learnt,
+        };
+        let Learnt { mut dictionary, state, less_counted } = learnt?;
         if let Some(settings) = &self.plan.classifier {
             dictionary.content.classifier = Some(self.classifier(&shapes, settings, &dictionary)?);
         }

@@ -88,7 +88,7 @@ pub struct Learnt {
 }
 
 /// Maximum number of groups of shapes.
-const MAX_GROUPS: usize = 64;
+pub const MAX_GROUPS: usize = 64;
 
 /// Memory limit for the statistics of all groups, in bytes.
 const GROUP_BYTES: usize = 256 << 20;

@@ -7,13 +7,14 @@ use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::time::Duration;
 
 use ballista_core::client::BallistaClient;
+use ballista_core::config::BALLISTA_JOB_NAME;
 use ballista_core::error::BallistaError;
 use ballista_core::extension::BallistaConfigGrpcEndpoint;
 use ballista_core::serde::protobuf::execute_query_params::Query;
 use ballista_core::serde::protobuf::job_status::Status;
 use ballista_core::serde::protobuf::scheduler_grpc_client::SchedulerGrpcClient;
 use ballista_core::serde::protobuf::{
-    CancelJobParams, ExecuteQueryParams, GetJobStatusResult, JobStatus, PartitionLocation,
+    CancelJobParams, ExecuteQueryParams, GetJobStatusResult, JobStatus, KeyValuePair, PartitionLocation,
 };
 use ballista_core::version::insert_version_header;
 use datafusion_common::{DataFusionError, Result};
@@ -58,6 +59,8 @@ pub struct Client {
     pub attempts: u32,
     /// Number of groups of parts from which on a task sums a whole group: [`MIN_GROUPS`](crate::pass::division::MIN_GROUPS) unless there is a reason.
     pub min_groups: usize,
+    /// Name of its jobs at the scheduler; may be empty.
+    pub job_name: String,
     /// Told why a job is submitted again.
     pub notice: fn(&str),
 }
@@ -176,7 +179,7 @@ impl Client {
         let mut scheduler = SchedulerGrpcClient::new(channel)
             .max_decoding_message_size(MAX_MESSAGE_BYTES)
             .max_encoding_message_size(MAX_MESSAGE_BYTES);
-        let events = scheduler.execute_query_push(request(plan(task, division, units)?)?).await;
+        let events = scheduler.execute_query_push(request(plan(task, division, units)?, &self.job_name)?).await;
         let mut events = events.map_err(|status| refused(&status))?.into_inner();
         let mut job = None;
         match tokio::time::timeout(self.patience, ended(&mut events, &mut job)).await {
@@ -263,17 +266,18 @@ fn plan(task: &Arc<Task>, division: Division, units: &[Unit]) -> Result<Arc<dyn 
     Ok(Arc::new(FoldExec::new(task.clone(), sums, division.parts)))
 }
 
-fn request(plan: Arc<dyn ExecutionPlan>) -> Result<Request<ExecuteQueryParams>> {
+fn request(plan: Arc<dyn ExecutionPlan>, name: &str) -> Result<Request<ExecuteQueryParams>> {
     static NUMBER: AtomicU64 = AtomicU64::new(0);
     let mut bytes = Vec::new();
     PhysicalPlanNode::try_from_physical_plan(plan, &Codec::default())?.try_encode(&mut bytes)?;
     // A session of its own for each job: a scheduler keeps settings by its name.
     let number = NUMBER.fetch_add(1, Ordering::Relaxed);
     let session_id = format!("{}-{number}", std::process::id());
+    let name = KeyValuePair { key: BALLISTA_JOB_NAME.into(), value: Some(name.into()) };
     let mut request = Request::new(ExecuteQueryParams {
         operation_id: session_id.clone(),
         session_id,
-        settings: Vec::new(),
+        settings: vec![name],
         query: Some(Query::PhysicalPlan(bytes)),
     });
     insert_version_header(request.metadata_mut());

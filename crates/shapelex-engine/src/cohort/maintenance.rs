@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use super::manifest::{Manifest, revisions};
 use super::part::{Expected, IDS};
-use super::{folder, manifest_path, part_path};
+use super::{folder, learning_folder, manifest_path, part_path};
 use crate::EngineError;
 use crate::objects::Objects;
 
@@ -184,8 +184,9 @@ pub async fn collect(objects: &Objects, age: Duration, dry_run: bool) -> Result<
     Ok(collected)
 }
 
-/// Forgets a revision. Its parts stay until they are collected, or, with `parts`, those go that no other revision names, and with the last
-/// revision all that is kept of the cohort: not for one of which another revision is being written, which may rely on them.
+/// Forgets a revision. Its parts stay until they are collected, or, with `parts`, those go that no other revision names, as do codes of
+/// learning from it, and with the last revision all that is kept of the cohort: not for one of which another revision is being written,
+/// which may rely on them.
 ///
 /// # Errors
 /// [`EngineError::Refused`] for a revision that does not exist; damaged manifests with `parts`; errors of the store.
@@ -202,7 +203,8 @@ pub async fn forget(objects: &Objects, id: &str, revision: u64, parts: bool) -> 
     futures_util::stream::iter(going).map(remove).buffered(AT_ONCE).try_collect::<()>().await
 }
 
-/// Parts that this revision names and no other one of `known`; all objects of the cohort if there is no other.
+/// Parts that this revision names and no other one of `known`, and codes of learning from it; all objects of the cohort if there is no
+/// other.
 async fn own_parts(
     objects: &Objects,
     id: &str,
@@ -221,5 +223,7 @@ async fn own_parts(
             own.remove(&part.digest);
         });
     }
-    own.iter().map(|digest| part_path(id, digest)).collect()
+    let learning = objects.list(&learning_folder(id, revision)?).await?;
+    let learning = learning.into_iter().map(|object| Ok(object.location));
+    own.iter().map(|digest| part_path(id, digest)).chain(learning).collect()
 }

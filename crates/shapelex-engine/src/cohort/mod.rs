@@ -6,6 +6,7 @@
 //! {cohort id}/dictionaries/{digest}.json   the content of a dictionary, for passes that use it
 //! {cohort id}/codes/{dictionary}/{part}.parquet       codes of the shapes of a part
 //! {cohort id}/codes/{dictionary}/{revision}.json      the manifest of the codes of a revision
+//! {cohort id}/learning/{revision}/{run}/{epoch}/{first}.codes   codes of two epochs, while a sparse dictionary is learnt
 //! {cohort id}/indexes/{dictionary}/{digest}.hnsw      graph of near neighbours of a group of 64 parts
 //! {cohort id}/indexes/{dictionary}/{revision}.json    the manifest of the index of a revision
 //! ```
@@ -158,16 +159,24 @@ pub fn codes_manifest_path(id: &str, dictionary: &str, revision: u64) -> Result<
 ///
 /// # Errors
 /// As [`folder`].
-pub(crate) fn learning_path(id: &str, run: &str, epoch: usize) -> Result<Path, EngineError> {
-    Ok(learning_folder(id, run)?.join(format!("{epoch:05}")))
+pub(crate) fn learning_path(id: &str, revision: u64, run: &str, epoch: usize) -> Result<Path, EngineError> {
+    Ok(learning_run(id, revision, run)?.join(format!("{epoch:05}")))
 }
 
 /// Folder of the codes of all epochs.
 ///
 /// # Errors
 /// As [`folder`].
-pub(crate) fn learning_folder(id: &str, run: &str) -> Result<Path, EngineError> {
-    Ok(folder(id)?.join("learning").join(run))
+pub(crate) fn learning_run(id: &str, revision: u64, run: &str) -> Result<Path, EngineError> {
+    Ok(learning_folder(id, revision)?.join(run))
+}
+
+/// Folder of all that is learnt from a revision.
+///
+/// # Errors
+/// As [`folder`].
+pub(crate) fn learning_folder(id: &str, revision: u64) -> Result<Path, EngineError> {
+    Ok(folder(id)?.join("learning").join(format!("{revision:020}")))
 }
 
 /// Path of the graph of a group of parts.

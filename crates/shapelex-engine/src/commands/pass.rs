@@ -16,6 +16,7 @@ use shapelex_analysis::transformation::Transformation;
 use shapelex_engine::EngineError;
 use shapelex_engine::dictionary::Named;
 use shapelex_engine::objects::Objects;
+use shapelex_engine::pass::learn::Learn;
 use shapelex_engine::pass::revision::{Revision, Setting};
 use shapelex_engine::pass::source::Subject;
 use shapelex_engine::pass::work::Work;
@@ -48,6 +49,7 @@ struct Request {
 enum Asked {
     Sum(Box<Sum>),
     Certify(Box<Content>),
+    Learn(Box<Learn>),
 }
 
 impl Pass {
@@ -78,6 +80,11 @@ impl Pass {
                     named.keep(&objects, &cohort).await?;
                     let work = Work::Certify(named.digest.clone());
                     (Some(Arc::new(named)), setting, work)
+                }
+                Asked::Learn(learn) => {
+                    let setting = Setting::new(revision.manifest(), &transformation, Some(alignment))?;
+                    learn.remove_old(&objects, &cohort).await?;
+                    (None, setting, Work::Learn(learn))
                 }
             };
             let parts = revision.parts();

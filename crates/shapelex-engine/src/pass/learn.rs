@@ -18,8 +18,9 @@ use shapelex_analysis::watch::Unwatched;
 
 use super::revision::Setting;
 use crate::EngineError;
-use crate::cohort::learning_path;
 use crate::cohort::part::Numbers;
+use crate::cohort::{learning_path, learning_run};
+use crate::objects::Objects;
 
 /// Number of bytes of a digest.
 const DIGEST: usize = 32;
@@ -40,8 +41,10 @@ pub struct Learn {
     end: usize,
     /// Number of the epoch.
     epoch: usize,
-    /// Name of what is learnt: the folder of its codes.
+    /// Name of what is learnt, which no other process uses.
     run: String,
+    /// Revision of the cohort, with which codes that were left are forgotten.
+    revision: u64,
 }
 
 /// What was made of the shapes of a part: their sums, and their codes as a file unless the next epoch starts afresh.
@@ -51,8 +54,8 @@ pub(crate) struct Coded {
 }
 
 impl Learn {
-    /// A group, coded by `method`.
-    pub(crate) fn new(method: &Method, group: Group<'_>, run: &str) -> Self {
+    /// A group of the shapes of a revision, coded by `method`.
+    pub(crate) fn new(method: &Method, group: Group<'_>, run: &str, revision: u64) -> Self {
         Self {
             method: method.clone(),
             mean: group.mean.to_vec(),
@@ -61,6 +64,7 @@ impl Learn {
             end: group.end,
             epoch: group.epoch,
             run: run.into(),
+            revision,
         }
     }
 
@@ -108,7 +112,32 @@ impl Learn {
 
     fn path_in(&self, epoch: usize, cohort: &str, k: usize) -> Result<Path, EngineError> {
         let (part, shapes) = self.part(k);
-        Ok(learning_path(cohort, &self.run, epoch)?.join(format!("{}.codes", part * PART + shapes.start)))
+        let folder = learning_path(cohort, self.revision, &self.run, epoch)?;
+        Ok(folder.join(format!("{}.codes", part * PART + shapes.start)))
+    }
+
+    /// Removes the codes of the epoch before the one that this one starts from, once the first group of an epoch is coded.
+    ///
+    /// # Errors
+    /// As [`path`](Self::path); errors of the store.
+    pub async fn remove_old(&self, objects: &Objects, cohort: &str) -> Result<(), EngineError> {
+        match self.epoch.checked_sub(2).filter(|_| self.first == 0) {
+            Some(old) => objects.remove_all(&learning_path(cohort, self.revision, &self.run, old)?).await,
+            None => Ok(()),
+        }
+    }
+
+    /// Removes the codes of all epochs.
+    ///
+    /// # Errors
+    /// As [`path`](Self::path); errors of the store.
+    pub(crate) async fn remove_run(
+        objects: &Objects,
+        cohort: &str,
+        revision: u64,
+        run: &str,
+    ) -> Result<(), EngineError> {
+        objects.remove_all(&learning_run(cohort, revision, run)?).await
     }
 
     fn learning(&self, setting: &Setting) -> Result<Learning, EngineError> {
@@ -196,7 +225,7 @@ mod tests {
     fn units_are_the_pieces_of_parts_in_a_group() {
         let group = |first, end| {
             let group = Group { epoch: 0, first, end, atoms: &[], mean: &[] };
-            let learn = Learn::new(&Method::sparse(2, 0.1), group, "run");
+            let learn = Learn::new(&Method::sparse(2, 0.1), group, "run", 1);
             (0..learn.units()).map(|k| learn.part(k)).collect::<Vec<_>>()
         };
         assert_eq!(group(0, 100), [(0, 0..100)]);

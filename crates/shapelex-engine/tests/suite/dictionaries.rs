@@ -22,7 +22,7 @@ use shapelex_analysis::transformation::{ClassName, Transformation};
 use shapelex_analysis::watch::{Unwatched, Watch};
 use shapelex_engine::EngineError;
 use shapelex_engine::cohort::codes::Codes;
-use shapelex_engine::cohort::maintenance::collect;
+use shapelex_engine::cohort::maintenance::{collect, forget};
 use shapelex_engine::dictionary::{self, Named};
 use shapelex_engine::objects::Objects;
 use shapelex_engine::pass::revision::{Revision, Setting};
@@ -149,9 +149,9 @@ fn learning_that_fails_leaves_no_codes_behind() {
 }
 
 #[test]
-fn codes_that_learning_left_behind_are_collected() {
+fn codes_that_learning_left_behind_are_collected_or_go_with_their_revision() {
     let (store, objects) = in_memory();
-    let path = Path::from("coh_triangles/learning/run/00003/0.codes");
+    let path = Path::from("coh_triangles/learning/00000000000000000001/run/00003/0.codes");
     runtime().block_on(async {
         write(&objects, 1, 0..50).await.unwrap();
         store.put(&path, vec![1_u8; 9].into()).await.unwrap();
@@ -160,6 +160,14 @@ fn codes_that_learning_left_behind_are_collected() {
         let collected = collect(&objects, Duration::ZERO, false).await.unwrap();
         assert_eq!((collected.removed, collected.removed_bytes), (1, 9));
         assert!(store.get(&path).await.is_err());
+        // Those of the revision that stays are kept.
+        write(&objects, 2, 0..60).await.unwrap();
+        let stays = Path::from("coh_triangles/learning/00000000000000000002/run/00003/0.codes");
+        for path in [&path, &stays] {
+            store.put(path, vec![1_u8; 9].into()).await.unwrap();
+        }
+        forget(&objects, "coh_triangles", 1, true).await.unwrap();
+        assert!(store.get(&path).await.is_err() && store.get(&stays).await.is_ok());
     });
 }
 
