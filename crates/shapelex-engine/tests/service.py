@@ -5,10 +5,13 @@
 Starts the service on a new store, uploads a cohort, fetches it, writes it at rest, and compares the numbers of both.
 """
 
+import contextlib
 import json
 import math
 import os
 import pathlib
+import re
+import socket
 import subprocess
 import sys
 import tempfile
@@ -149,6 +152,44 @@ def learn_in_spite_of(address, digests, folder):
     print(f"{SHAPES} shapes: a job whose engine fails to code has the same bits")
 
 
+def learn_on_a_cluster(address, digests, folder):
+    """A job whose passes run on executors; the log names its jobs at the scheduler."""
+    again, log = learn(address, "on-a-cluster", ATOMS), (folder / "log").read_text()
+    if again != digests[json.dumps(ATOMS)] or log.count("the engine coded a group") != ATOMS["max_epochs"]:
+        sys.exit(f"the service learns {again} for {digests} on a cluster: {log}")
+    submitted = set(re.findall(r'job of the cluster was submitted job="job_[0-9a-f]+" at_cluster="(\w+)"', log))
+    known = set(re.findall(r"Job queued: \[(\w+)\]", (folder / "scheduler").read_text()))
+    if submitted != known or len(known) != 3 + ATOMS["max_epochs"]:
+        sys.exit(f"the service names the jobs {submitted}, the scheduler {known}: {log}")
+    nothing_is_kept(folder)
+    print(f"{SHAPES} shapes: jobs of the service on a cluster have the same bits, and the log names them")
+
+
+@contextlib.contextmanager
+def cluster(shapelex_engine, folder):
+    """A scheduler with an executor; its address."""
+    scheduler, executor = (f"127.0.0.1:{free_port()}" for _ in range(2))
+    commands = {"scheduler": ["scheduler", f"--listen={scheduler}"],
+                "executor": ["executor", f"--scheduler={scheduler}", f"--listen={executor}"]}
+    processes, environment = [], {**os.environ, "SHAPELEX_ENGINE_LOG": "info"}
+    try:
+        for name, command in commands.items():
+            with open(folder / name, "w") as log:
+                command = [shapelex_engine, f"--store={folder}/jobs", *command]
+                processes.append(subprocess.Popen(command, stdout=log, stderr=log, env=environment))
+        yield scheduler
+    finally:
+        for process in processes:
+            process.terminate()
+            process.wait(60)
+
+
+def free_port():
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return free.getsockname()[1]
+
+
 def nothing_is_kept(folder):
     kept = [path for path in folder.glob("jobs/**/*") if path.is_file()]
     if kept:
@@ -189,9 +230,12 @@ def main(shapelex, shapelex_engine):
         digests = serve(shapelex, folder, lambda address: compare(address, shapelex_engine, folder))
         (folder / "fails").write_text(FAILS.format(engine=pathlib.Path(shapelex_engine).absolute()))
         (folder / "fails").chmod(0o755)
+        flags = [f"--engine-store={folder}/jobs", "--engine-min-shapes=1000", "--log=info,shapelex=debug"]
         for use, program in [(learn_through, shapelex_engine), (learn_in_spite_of, folder / "fails")]:
-            serve(shapelex, folder, lambda address: use(address, digests, folder), f"--engine={program}",
-                  f"--engine-store={folder}/jobs", "--engine-min-shapes=1000", "--log=info,shapelex=debug")
+            serve(shapelex, folder, lambda address: use(address, digests, folder), f"--engine={program}", *flags)
+        with cluster(shapelex_engine, folder) as scheduler:
+            serve(shapelex, folder, lambda address: learn_on_a_cluster(address, digests, folder),
+                  f"--engine={shapelex_engine}", f"--engine-scheduler={scheduler}", *flags)
 
 
 if __name__ == "__main__":

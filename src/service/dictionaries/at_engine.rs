@@ -121,9 +121,9 @@ impl<'a> AtEngine<'a> {
             "transformation": transformation, "alignment": alignment, "work": work});
         let mut arguments = vec!["pass"];
         if !self.settings.scheduler.is_empty() {
-            arguments.extend(["--scheduler", &self.settings.scheduler, "--job-name", &self.job.id]);
+            arguments.extend(["--scheduler", &self.settings.scheduler]);
         }
-        let program = Program::start(&self.settings, &arguments)?;
+        let program = Program::start(&self.settings, &arguments, &self.job.id)?;
         program.run(shapes, |mut input| Ok(input.write_all(request.to_string().as_bytes())?))
     }
 
@@ -162,8 +162,8 @@ impl<'a> AtEngine<'a> {
         let description = self.description(shapes.len());
         let folder = description_file(&description)?;
         let path = folder.path.to_string_lossy().into_owned();
-        let program =
-            Program::start(&self.settings, &["ingest", "--arrow", "--cohort", &path, "--shapes", "-"])?;
+        let arguments = ["ingest", "--arrow", "--cohort", &path, "--shapes", "-"];
+        let program = Program::start(&self.settings, &arguments, &self.job.id)?;
         program.run(shapes, |input| send(shapes, input)).map(drop)
     }
 
@@ -299,6 +299,8 @@ struct Answer {
 /// A running program, killed if it is not waited for.
 struct Program {
     child: Child,
+    /// Id of the job that it computes for.
+    job: String,
 }
 
 impl Drop for Program {
@@ -309,10 +311,10 @@ impl Drop for Program {
 }
 
 impl Program {
-    fn start(settings: &EngineSettings, arguments: &[&str]) -> Result<Self, Failure> {
+    fn start(settings: &EngineSettings, arguments: &[&str], job: &str) -> Result<Self, Failure> {
         let mut command = command(settings, arguments);
         let piped = command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
-        Ok(Self { child: piped.spawn()? })
+        Ok(Self { child: piped.spawn()?, job: job.into() })
     }
 
     /// Writes the input, and waits for the output; counts the shapes whose parts are reported as done. Ends the program when the job is
@@ -327,12 +329,12 @@ impl Program {
         let output = self.child.stdout.take().ok_or_else(none)?;
         let said = self.child.stderr.take().ok_or_else(none)?;
         let heard = Arc::new(Heard::default());
-        let hearing = Arc::clone(&heard);
+        let (hearing, job) = (Arc::clone(&heard), std::mem::take(&mut self.job));
         let reading = std::thread::spawn(move || {
             let mut bytes = Vec::new();
             BufReader::new(output).read_to_end(&mut bytes).map(|_| bytes)
         });
-        let listening = std::thread::spawn(move || hearing.listen(said));
+        let listening = std::thread::spawn(move || hearing.listen(said, &job));
         let (written, mut counted) = (write(input), 0);
         let status = loop {
             shapes.check()?;
@@ -375,25 +377,38 @@ struct Heard {
     lines: Mutex<Vec<String>>,
 }
 
-/// A report of progress.
+/// What a program reports.
 #[derive(serde::Deserialize)]
-struct Report {
-    parts_done: usize,
+#[serde(untagged)]
+enum Report {
+    Progress {
+        parts_done: usize,
+    },
+    /// Id of a job of the cluster.
+    Submitted {
+        job: String,
+    },
 }
 
 impl Heard {
-    fn listen(&self, said: impl Read) {
+    fn listen(&self, said: impl Read, job: &str) {
         for line in BufReader::new(said).lines().map_while(Result::ok) {
-            if let Ok(Report { parts_done }) = serde_json::from_str(&line) {
-                self.parts.store(parts_done, Ordering::Relaxed);
-                continue;
+            match serde_json::from_str(&line) {
+                Ok(Report::Progress { parts_done }) => self.parts.store(parts_done, Ordering::Relaxed),
+                Ok(Report::Submitted { job: at_cluster }) => {
+                    tracing::info!(job, at_cluster, "a job of the cluster was submitted");
+                }
+                Err(_) => self.keep(line),
             }
-            let mut lines = self.lines.lock().unwrap_or_else(PoisonError::into_inner);
-            if lines.len() == KEPT_LINES {
-                lines.remove(0);
-            }
-            lines.push(line);
         }
+    }
+
+    fn keep(&self, line: String) {
+        let mut lines = self.lines.lock().unwrap_or_else(PoisonError::into_inner);
+        if lines.len() == KEPT_LINES {
+            lines.remove(0);
+        }
+        lines.push(line);
     }
 }
 

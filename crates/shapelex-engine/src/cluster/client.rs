@@ -7,14 +7,13 @@ use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::time::Duration;
 
 use ballista_core::client::BallistaClient;
-use ballista_core::config::BALLISTA_JOB_NAME;
 use ballista_core::error::BallistaError;
 use ballista_core::extension::BallistaConfigGrpcEndpoint;
 use ballista_core::serde::protobuf::execute_query_params::Query;
 use ballista_core::serde::protobuf::job_status::Status;
 use ballista_core::serde::protobuf::scheduler_grpc_client::SchedulerGrpcClient;
 use ballista_core::serde::protobuf::{
-    CancelJobParams, ExecuteQueryParams, GetJobStatusResult, JobStatus, KeyValuePair, PartitionLocation,
+    CancelJobParams, ExecuteQueryParams, GetJobStatusResult, JobStatus, PartitionLocation,
 };
 use ballista_core::version::insert_version_header;
 use datafusion_common::{DataFusionError, Result};
@@ -59,8 +58,8 @@ pub struct Client {
     pub attempts: u32,
     /// Number of groups of parts from which on a task sums a whole group: [`MIN_GROUPS`](crate::pass::division::MIN_GROUPS) unless there is a reason.
     pub min_groups: usize,
-    /// Name of its jobs at the scheduler; may be empty.
-    pub job_name: String,
+    /// Told the id of each job at the scheduler.
+    pub submitted: fn(&str),
     /// Told why a job is submitted again.
     pub notice: fn(&str),
 }
@@ -179,16 +178,42 @@ impl Client {
         let mut scheduler = SchedulerGrpcClient::new(channel)
             .max_decoding_message_size(MAX_MESSAGE_BYTES)
             .max_encoding_message_size(MAX_MESSAGE_BYTES);
-        let events = scheduler.execute_query_push(request(plan(task, division, units)?, &self.job_name)?).await;
+        let events = scheduler.execute_query_push(request(plan(task, division, units)?)?).await;
         let mut events = events.map_err(|status| refused(&status))?.into_inner();
         let mut job = None;
-        match tokio::time::timeout(self.patience, ended(&mut events, &mut job)).await {
+        match tokio::time::timeout(self.patience, self.ended(&mut events, &mut job)).await {
             Ok(locations) => self.fetch(locations?, units, sums).await,
             Err(_) => {
                 cancel(&mut scheduler, job).await;
                 Err(Failure::Passing(format!("not done in {} s", self.patience.as_secs())))
             }
         }
+    }
+
+    /// Waits for the end of a job: where its results are. Notes its id in `job`.
+    async fn ended(
+        &self,
+        events: &mut Streaming<GetJobStatusResult>,
+        job: &mut Option<String>,
+    ) -> Result<Vec<PartitionLocation>, Failure> {
+        while let Some(event) = events.message().await.map_err(|status| refused(&status))? {
+            let Some(JobStatus { job_id, status: Some(status), .. }) = event.status else { continue };
+            if job.is_none() {
+                (self.submitted)(&job_id);
+                *job = Some(job_id);
+            }
+            match status {
+                Status::Successful(done) => return Ok(done.partition_location),
+                Status::Failed(failed) => {
+                    return Err(match own_error(&failed.error) {
+                        Some(own) => Failure::Final(EngineError::Remote(own.into())),
+                        None => Failure::Passing(failed.error),
+                    });
+                }
+                Status::Queued(_) | Status::Running(_) => {}
+            }
+        }
+        Err(Failure::Passing("the scheduler ended the job without a result".into()))
     }
 
     /// Fetches results from the executors that have them. What one of them no longer has does not keep from fetching the others'.
@@ -266,44 +291,21 @@ fn plan(task: &Arc<Task>, division: Division, units: &[Unit]) -> Result<Arc<dyn 
     Ok(Arc::new(FoldExec::new(task.clone(), sums, division.parts)))
 }
 
-fn request(plan: Arc<dyn ExecutionPlan>, name: &str) -> Result<Request<ExecuteQueryParams>> {
+fn request(plan: Arc<dyn ExecutionPlan>) -> Result<Request<ExecuteQueryParams>> {
     static NUMBER: AtomicU64 = AtomicU64::new(0);
     let mut bytes = Vec::new();
     PhysicalPlanNode::try_from_physical_plan(plan, &Codec::default())?.try_encode(&mut bytes)?;
     // A session of its own for each job: a scheduler keeps settings by its name.
     let number = NUMBER.fetch_add(1, Ordering::Relaxed);
     let session_id = format!("{}-{number}", std::process::id());
-    let name = KeyValuePair { key: BALLISTA_JOB_NAME.into(), value: Some(name.into()) };
     let mut request = Request::new(ExecuteQueryParams {
         operation_id: session_id.clone(),
         session_id,
-        settings: vec![name],
+        settings: Vec::new(),
         query: Some(Query::PhysicalPlan(bytes)),
     });
     insert_version_header(request.metadata_mut());
     Ok(request)
-}
-
-/// Waits for the end of a job: where its results are. Notes its id in `job`.
-async fn ended(
-    events: &mut Streaming<GetJobStatusResult>,
-    job: &mut Option<String>,
-) -> Result<Vec<PartitionLocation>, Failure> {
-    while let Some(event) = events.message().await.map_err(|status| refused(&status))? {
-        let Some(JobStatus { job_id, status: Some(status), .. }) = event.status else { continue };
-        *job = Some(job_id);
-        match status {
-            Status::Successful(done) => return Ok(done.partition_location),
-            Status::Failed(failed) => {
-                return Err(match own_error(&failed.error) {
-                    Some(own) => Failure::Final(EngineError::Remote(own.into())),
-                    None => Failure::Passing(failed.error),
-                });
-            }
-            Status::Queued(_) | Status::Running(_) => {}
-        }
-    }
-    Err(Failure::Passing("the scheduler ended the job without a result".into()))
 }
 
 /// A scheduler of another build, a certificate that is not accepted, or bytes that are no plan, will not do better later.

@@ -48,9 +48,6 @@ pub(crate) struct ClusterOptions {
     /// Seconds after which a job of the cluster is cancelled and submitted again.
     #[arg(long, default_value_t = 1800, value_parser = clap::value_parser!(u32).range(1..))]
     patience_seconds: u32,
-    /// Name of the jobs of the cluster, by which its log tells what they belong to.
-    #[arg(long, default_value = "", hide_default_value = true)]
-    job_name: String,
     #[command(flatten)]
     certificates: Certificates,
 }
@@ -60,16 +57,8 @@ impl ClusterOptions {
         let Some(scheduler) = self.scheduler.clone() else { return Ok(None) };
         let network = self.certificates.network()?;
         let patience = Duration::from_secs(self.patience_seconds.into());
-        let (job_name, notice) = (self.job_name.clone(), say);
-        Ok(Some(Client {
-            scheduler,
-            network,
-            patience,
-            attempts: 12,
-            min_groups: MIN_GROUPS,
-            job_name,
-            notice,
-        }))
+        let (min_groups, submitted, notice) = (MIN_GROUPS, (|_| {}) as fn(&str), say);
+        Ok(Some(Client { scheduler, network, patience, attempts: 12, min_groups, submitted, notice }))
     }
 }
 

@@ -56,6 +56,15 @@ impl Machines {
 }
 
 impl Runners {
+    /// The same runners; a cluster tells the id of each of its jobs to `submitted`.
+    pub(crate) fn telling(mut self, submitted: fn(&str)) -> Self {
+        #[cfg(feature = "cluster")]
+        self.client.iter_mut().for_each(|client| client.submitted = submitted);
+        #[cfg(not(feature = "cluster"))]
+        let _ = submitted;
+        self
+    }
+
     /// The cluster if there is one, else the engine of this process; `None` for this thread alone.
     pub(crate) fn chosen(&self) -> Option<&dyn Runner> {
         (!self.direct).then(|| self.or_threads())

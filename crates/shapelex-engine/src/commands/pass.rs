@@ -54,7 +54,7 @@ enum Asked {
 
 impl Pass {
     /// Reads a request from standard input, and writes the result, serialised, to standard output. Standard error has a line of JSON
-    /// for each report of progress.
+    /// for each report of progress, and with the id of each job of a cluster.
     pub(crate) fn run(
         self,
         objects: Objects,
@@ -67,7 +67,7 @@ impl Pass {
         };
         let Request { cohort, revision, transformation, alignment, work } =
             serde_json::from_reader(std::io::stdin().lock()).map_err(refused)?;
-        let runners = self.machines.runners(threads)?;
+        let runners = self.machines.runners(threads)?.telling(|job| say(&json!({"job": job})));
         let state = runtime.block_on(async {
             let revision = Arc::new(Revision::open(objects.clone(), &cohort, revision).await?);
             let (dictionary, setting, work) = match work {
@@ -102,8 +102,11 @@ impl Pass {
 async fn report(done: Arc<AtomicUsize>, parts: usize) {
     loop {
         tokio::time::sleep(REPORT).await;
-        let line = json!({"parts_done": done.load(Ordering::Relaxed), "parts": parts});
-        // Whoever does not read the progress still gets the result.
-        let _ = writeln!(std::io::stderr(), "{line}");
+        say(&json!({"parts_done": done.load(Ordering::Relaxed), "parts": parts}));
     }
+}
+
+fn say(line: &serde_json::Value) {
+    // Whoever does not read the reports still gets the result.
+    let _ = writeln!(std::io::stderr(), "{line}");
 }

@@ -116,7 +116,7 @@ fn client(port: u16, min_groups: usize, network: Network) -> Client {
         patience: Duration::from_secs(120),
         attempts: 12,
         min_groups,
-        job_name: "the suite".into(),
+        submitted: |_| {},
         notice: |_| {},
     }
 }
