@@ -5,6 +5,7 @@ use std::time::SystemTime;
 
 use bytes::Bytes;
 use object_store::PutMode;
+use object_store::path::Path;
 use serde::{Deserialize, Serialize};
 use serde_json::value::RawValue;
 use shapelex_analysis::accumulate::{MergePart, ShapeSource, Shapes};
@@ -17,7 +18,7 @@ use shapelex_analysis::pass::{CodeGroup, Group, Pass};
 use shapelex_analysis::watch::Watch;
 
 use crate::EngineError;
-use crate::cohort::dictionary_path;
+use crate::cohort::{dictionary_path, learning_folder};
 use crate::objects::{Length, Objects};
 use crate::pass::learn::Learn;
 use crate::pass::revision::{Revision, Setting};
@@ -169,7 +170,7 @@ pub fn learn(
     let setting = recipe.setting()?;
     let help = |source: &Learnt<'_>, dictionary: &Dictionary| certify(source.source, dictionary);
     let learner = Learner { recipe, measured: setting.measured(), watch, help: &help };
-    let shapes = Learnt::new(source, recipe, kept_bytes);
+    let shapes = Learnt::new(source, recipe, kept_bytes)?;
     // Codes go also where learning failed.
     let (learnt, cleared) = (learner.learn(&shapes), shapes.clear());
     let learnt = learnt?;
@@ -202,22 +203,25 @@ struct Learnt<'a> {
     elsewhere: bool,
     /// Name that no other process uses.
     run: String,
+    /// Folder of the codes of all dictionaries that are being learnt from the revision.
+    folder: Path,
 }
 
 impl<'a> Learnt<'a> {
-    fn new(source: &'a AtRest<'a>, recipe: &'a Recipe, kept_bytes: usize) -> Self {
+    fn new(source: &'a AtRest<'a>, recipe: &'a Recipe, kept_bytes: usize) -> Result<Self, EngineError> {
         let bytes = 8 * source.revision().width() * source.count();
         let elsewhere = source.has_runner() && recipe.method.is_sparse() && bytes > kept_bytes;
         let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
         let run = format!("{:x}-{}", since.as_nanos(), std::process::id());
-        Self { source, recipe, elsewhere, run }
+        let cohort = &source.revision().manifest().cohort;
+        let folder = learning_folder(&cohort.id, cohort.revision)?;
+        Ok(Self { source, recipe, elsewhere, run, folder })
     }
 
     fn code(&self, group: Group<'_>) -> Result<Vec<u8>, EngineError> {
-        let revision = self.source.revision();
-        let cohort = &revision.manifest().cohort;
-        let learn = Learn::new(&self.recipe.method, group, &self.run, cohort.revision);
-        self.source.wait(learn.remove_old(revision.objects(), &cohort.id))?;
+        let learn = Learn::new(&self.recipe.method, group, &self.run);
+        let old = learn.remove_old(self.source.revision().objects(), &self.folder);
+        self.source.wait(old)?;
         self.source.run(None, self.source.setting().clone(), &Work::Learn(Box::new(learn)))
     }
 
@@ -226,9 +230,8 @@ impl<'a> Learnt<'a> {
         if !self.elsewhere {
             return Ok(());
         }
-        let revision = self.source.revision();
-        let cohort = &revision.manifest().cohort;
-        self.source.wait(Learn::remove_run(revision.objects(), &cohort.id, cohort.revision, &self.run))
+        let run = self.folder.clone().join(self.run.as_str());
+        self.source.wait(self.source.revision().objects().remove_all(&run))
     }
 }
 

@@ -137,7 +137,7 @@ impl<'a> AtEngine<'a> {
         let Group { epoch, first, end, atoms, mean } = group;
         let run = format!("{}-{}", self.job.id, self.job.attempt);
         let work = json!({"learn": {"method": self.plan.method, "mean": mean, "atoms": atoms, "first": first,
-            "end": end, "epoch": epoch, "run": run, "revision": self.cohort.revision}});
+            "end": end, "epoch": epoch, "run": run}});
         match self.compute(&shapes.uncounted(), &work) {
             Ok(Answer { bytes, .. }) => {
                 tracing::debug!(cohort = self.cohort.id, epoch, first, "the engine coded a group");

@@ -155,27 +155,11 @@ pub fn codes_manifest_path(id: &str, dictionary: &str, revision: u64) -> Result<
     Ok(folder(id)?.join("codes").join(dictionary).join(format!("{revision:020}.json")))
 }
 
-/// Folder of the codes of an epoch, while a dictionary is learnt.
+/// Folder of the codes of all dictionaries that are being learnt from a revision.
 ///
 /// # Errors
 /// As [`folder`].
-pub(crate) fn learning_path(id: &str, revision: u64, run: &str, epoch: usize) -> Result<Path, EngineError> {
-    Ok(learning_run(id, revision, run)?.join(format!("{epoch:05}")))
-}
-
-/// Folder of the codes of all epochs.
-///
-/// # Errors
-/// As [`folder`].
-pub(crate) fn learning_run(id: &str, revision: u64, run: &str) -> Result<Path, EngineError> {
-    Ok(learning_folder(id, revision)?.join(run))
-}
-
-/// Folder of all that is learnt from a revision.
-///
-/// # Errors
-/// As [`folder`].
-pub(crate) fn learning_folder(id: &str, revision: u64) -> Result<Path, EngineError> {
+pub fn learning_folder(id: &str, revision: u64) -> Result<Path, EngineError> {
     Ok(folder(id)?.join("learning").join(format!("{revision:020}")))
 }
 

@@ -14,6 +14,7 @@ use shapelex_analysis::dictionary::content::Content;
 use shapelex_analysis::pass::Pass as Sum;
 use shapelex_analysis::transformation::Transformation;
 use shapelex_engine::EngineError;
+use shapelex_engine::cohort::learning_folder;
 use shapelex_engine::dictionary::Named;
 use shapelex_engine::objects::Objects;
 use shapelex_engine::pass::learn::Learn;
@@ -65,11 +66,11 @@ impl Pass {
             place: "request".into(),
             detail: format!("expected a request for a pass, got {error}"),
         };
-        let Request { cohort, revision, transformation, alignment, work } =
+        let Request { cohort, revision: number, transformation, alignment, work } =
             serde_json::from_reader(std::io::stdin().lock()).map_err(refused)?;
         let runners = self.machines.runners(threads)?.telling(|job| say(&json!({"job": job})));
         let state = runtime.block_on(async {
-            let revision = Arc::new(Revision::open(objects.clone(), &cohort, revision).await?);
+            let revision = Arc::new(Revision::open(objects.clone(), &cohort, number).await?);
             let (dictionary, setting, work) = match work {
                 Asked::Sum(sum) => {
                     let setting = Setting::new(revision.manifest(), &transformation, Some(alignment))?;
@@ -83,7 +84,7 @@ impl Pass {
                 }
                 Asked::Learn(learn) => {
                     let setting = Setting::new(revision.manifest(), &transformation, Some(alignment))?;
-                    learn.remove_old(&objects, &cohort).await?;
+                    learn.remove_old(&objects, &learning_folder(&cohort, number)?).await?;
                     (None, setting, Work::Learn(learn))
                 }
             };

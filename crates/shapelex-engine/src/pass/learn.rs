@@ -19,7 +19,6 @@ use shapelex_analysis::watch::Unwatched;
 use super::revision::Setting;
 use crate::EngineError;
 use crate::cohort::part::Numbers;
-use crate::cohort::{learning_path, learning_run};
 use crate::objects::Objects;
 
 /// Number of bytes of a digest.
@@ -43,8 +42,6 @@ pub struct Learn {
     epoch: usize,
     /// Name of what is learnt, which no other process uses.
     run: String,
-    /// Revision of the cohort, with which codes that were left are forgotten.
-    revision: u64,
 }
 
 /// What was made of the shapes of a part: their sums, and their codes as a file unless the next epoch starts afresh.
@@ -54,8 +51,8 @@ pub(crate) struct Coded {
 }
 
 impl Learn {
-    /// A group of the shapes of a revision, coded by `method`.
-    pub(crate) fn new(method: &Method, group: Group<'_>, run: &str, revision: u64) -> Self {
+    /// A group, coded by `method`.
+    pub(crate) fn new(method: &Method, group: Group<'_>, run: &str) -> Self {
         Self {
             method: method.clone(),
             mean: group.mean.to_vec(),
@@ -64,7 +61,6 @@ impl Learn {
             end: group.end,
             epoch: group.epoch,
             run: run.into(),
-            revision,
         }
     }
 
@@ -86,58 +82,45 @@ impl Learn {
         (part, within(self.first)..within(self.end))
     }
 
-    /// Where the codes of the unit `k` are kept in this epoch.
-    ///
-    /// # Errors
-    /// As [`learning_path`].
-    pub(crate) fn path(&self, cohort: &str, k: usize) -> Result<Path, EngineError> {
-        self.path_in(self.epoch, cohort, k)
+    /// Where the codes of the unit `k` are kept in this epoch, below the folder of all that is learnt from the revision.
+    pub(crate) fn path(&self, folder: &Path, k: usize) -> Path {
+        self.path_in(self.epoch, folder, k)
     }
 
     /// Where those of the epoch before are; `None` in the first one, and where codes start afresh.
     ///
     /// # Errors
-    /// As [`path`](Self::path); a method without atoms.
+    /// A method without atoms.
     pub(crate) fn path_before(
         &self,
         setting: &Setting,
-        cohort: &str,
+        folder: &Path,
         k: usize,
     ) -> Result<Option<Path>, EngineError> {
         match self.epoch.checked_sub(1) {
-            Some(before) if self.learning(setting)?.resumes() => self.path_in(before, cohort, k).map(Some),
+            Some(before) if self.learning(setting)?.resumes() => Ok(Some(self.path_in(before, folder, k))),
             _ => Ok(None),
         }
     }
 
-    fn path_in(&self, epoch: usize, cohort: &str, k: usize) -> Result<Path, EngineError> {
+    fn path_in(&self, epoch: usize, folder: &Path, k: usize) -> Path {
         let (part, shapes) = self.part(k);
-        let folder = learning_path(cohort, self.revision, &self.run, epoch)?;
-        Ok(folder.join(format!("{}.codes", part * PART + shapes.start)))
+        self.epoch_in(epoch, folder).join(format!("{}.codes", part * PART + shapes.start))
     }
 
-    /// Removes the codes of the epoch before the one that this one starts from, once the first group of an epoch is coded.
+    fn epoch_in(&self, epoch: usize, folder: &Path) -> Path {
+        folder.clone().join(self.run.as_str()).join(format!("{epoch:05}"))
+    }
+
+    /// Removes, before the first group of an epoch, the codes that neither this epoch nor the next one starts from.
     ///
     /// # Errors
-    /// As [`path`](Self::path); errors of the store.
-    pub async fn remove_old(&self, objects: &Objects, cohort: &str) -> Result<(), EngineError> {
+    /// Errors of the store.
+    pub async fn remove_old(&self, objects: &Objects, folder: &Path) -> Result<(), EngineError> {
         match self.epoch.checked_sub(2).filter(|_| self.first == 0) {
-            Some(old) => objects.remove_all(&learning_path(cohort, self.revision, &self.run, old)?).await,
+            Some(old) => objects.remove_all(&self.epoch_in(old, folder)).await,
             None => Ok(()),
         }
-    }
-
-    /// Removes the codes of all epochs.
-    ///
-    /// # Errors
-    /// As [`path`](Self::path); errors of the store.
-    pub(crate) async fn remove_run(
-        objects: &Objects,
-        cohort: &str,
-        revision: u64,
-        run: &str,
-    ) -> Result<(), EngineError> {
-        objects.remove_all(&learning_run(cohort, revision, run)?).await
     }
 
     fn learning(&self, setting: &Setting) -> Result<Learning, EngineError> {
@@ -225,7 +208,7 @@ mod tests {
     fn units_are_the_pieces_of_parts_in_a_group() {
         let group = |first, end| {
             let group = Group { epoch: 0, first, end, atoms: &[], mean: &[] };
-            let learn = Learn::new(&Method::sparse(2, 0.1), group, "run", 1);
+            let learn = Learn::new(&Method::sparse(2, 0.1), group, "run");
             (0..learn.units()).map(|k| learn.part(k)).collect::<Vec<_>>()
         };
         assert_eq!(group(0, 100), [(0, 0..100)]);

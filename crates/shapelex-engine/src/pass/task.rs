@@ -7,6 +7,7 @@ use arrow_array::Array;
 use bytes::Bytes;
 use datafusion_common::DataFusionError;
 use object_store::PutMode;
+use object_store::path::Path;
 use serde::{Deserialize, Serialize};
 use shapelex_analysis::accumulate::{FAN_IN, PART};
 use shapelex_analysis::alignment::Alignment;
@@ -23,7 +24,7 @@ use super::work::{CodedPart, IndexedGroup, Work, write_files};
 use crate::EngineError;
 use crate::cohort::codes::Codes;
 use crate::cohort::part::Numbers;
-use crate::cohort::{codes_path, graph_path};
+use crate::cohort::{codes_path, graph_path, learning_folder};
 use crate::dictionary::Named;
 use crate::objects::{Length, Objects};
 
@@ -141,6 +142,11 @@ impl Task {
         Ok(Subject::new(Arc::new(revision), Arc::new(setting), dictionary))
     }
 
+    /// Folder of the codes of all dictionaries that are being learnt from the revision.
+    fn learning(&self) -> Result<Path, EngineError> {
+        learning_folder(&self.description.cohort, self.description.revision)
+    }
+
     /// Reads what the unit `k` is made from.
     pub(crate) async fn read(&self, k: usize) -> Result<Input, EngineError> {
         let Subject { revision, setting, .. } = self.opened().await?;
@@ -148,7 +154,7 @@ impl Task {
             Work::Index(dictionary) => dictionary,
             Work::Learn(learn) => {
                 let numbers = revision.read(learn.part(k).0, &[]).await?;
-                let known = match learn.path_before(setting, &self.description.cohort, k)? {
+                let known = match learn.path_before(setting, &self.learning()?, k)? {
                     Some(path) => Some(revision.objects().read(&path, Length::UpTo(MAX_CODES)).await?),
                     None => None,
                 };
@@ -238,7 +244,7 @@ impl Task {
             Made::File { bytes, shapes } => (bytes, shapes),
             Made::Learnt(Coded { state, codes }) => {
                 if let (Some(codes), Work::Learn(learn)) = (codes, &self.description.work) {
-                    let path = learn.path(&self.description.cohort, k)?;
+                    let path = learn.path(&self.learning()?, k);
                     revision.objects().write(&path, codes, PutMode::Overwrite).await?;
                 }
                 return Ok(state);
