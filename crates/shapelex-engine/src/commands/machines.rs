@@ -57,11 +57,15 @@ impl Machines {
 
 impl Runners {
     /// The same runners; a cluster tells the id of each of its jobs to `submitted`.
+    #[cfg(feature = "cluster")]
     pub(crate) fn telling(mut self, submitted: fn(&str)) -> Self {
-        #[cfg(feature = "cluster")]
         self.client.iter_mut().for_each(|client| client.submitted = submitted);
-        #[cfg(not(feature = "cluster"))]
-        let _ = submitted;
+        self
+    }
+
+    /// The same runners: without a cluster there are no jobs to tell of.
+    #[cfg(not(feature = "cluster"))]
+    pub(crate) fn telling(self, _: fn(&str)) -> Self {
         self
     }
 
