@@ -14,6 +14,9 @@ use object_store::{
 
 use crate::EngineError;
 
+/// Objects that are removed at the same time.
+const AT_ONCE: usize = 4;
+
 /// How long a store may take.
 #[derive(Debug, Clone, Copy)]
 pub struct Patience {
@@ -182,10 +185,17 @@ impl Objects {
     /// # Errors
     /// Errors of the store once all attempts have failed.
     pub async fn remove_all(&self, folder: &Path) -> Result<(), EngineError> {
-        for object in self.list(folder).await? {
-            self.remove(&object.location).await?;
-        }
-        Ok(())
+        let found = self.list(folder).await?;
+        self.remove_each(found.into_iter().map(|object| object.location)).await
+    }
+
+    /// Removes objects, a few at a time.
+    ///
+    /// # Errors
+    /// Errors of the store once all attempts have failed; some of the objects may be gone.
+    pub async fn remove_each(&self, paths: impl IntoIterator<Item = Path>) -> Result<(), EngineError> {
+        let remove = |path| async move { self.remove(&path).await };
+        futures_util::stream::iter(paths).map(remove).buffered(AT_ONCE).try_collect().await
     }
 
     /// All objects below a folder.

@@ -210,7 +210,7 @@ impl<'a> StoredShapes<'a> {
         Self { counter: Some(counter), ..self }
     }
 
-    /// The same shapes, whose passes nobody counts.
+    /// The same shapes; their passes do not count as progress of the job.
     pub(crate) fn uncounted(self) -> Self {
         Self { counter: None, ..self }
     }

@@ -3,7 +3,7 @@
 use std::collections::HashSet;
 use std::time::{Duration, SystemTime};
 
-use futures_util::{StreamExt, TryStreamExt};
+use futures_util::StreamExt;
 use object_store::ObjectMeta;
 use serde::Serialize;
 
@@ -177,8 +177,7 @@ pub async fn collect(objects: &Objects, age: Duration, dry_run: bool) -> Result<
             }
         }
         if !dry_run {
-            let remove = |path| async move { objects.remove(&path).await };
-            futures_util::stream::iter(going).map(remove).buffered(AT_ONCE).try_collect::<()>().await?;
+            objects.remove_each(going).await?;
         }
     }
     Ok(collected)
@@ -197,15 +196,14 @@ pub async fn forget(objects: &Objects, id: &str, revision: u64, parts: bool) -> 
         let detail = format!("expected one of {known:?}, got {revision}");
         return Err(EngineError::refused(format!("revision of '{id}'"), detail));
     }
-    let going = if parts { own_parts(objects, id, revision, &known).await? } else { Vec::new() };
+    let going = if parts { own_objects(objects, id, revision, &known).await? } else { Vec::new() };
     objects.remove(&path).await?;
-    let remove = |path| async move { objects.remove(&path).await };
-    futures_util::stream::iter(going).map(remove).buffered(AT_ONCE).try_collect::<()>().await
+    objects.remove_each(going).await
 }
 
 /// Parts that this revision names and no other one of `known`, and codes of learning from it; all objects of the cohort if there is no
 /// other.
-async fn own_parts(
+async fn own_objects(
     objects: &Objects,
     id: &str,
     revision: u64,

@@ -88,9 +88,9 @@ impl Pass {
                     (None, setting, Work::Learn(learn))
                 }
             };
-            let parts = revision.parts();
+            let units = work.units(revision.parts());
             let done = Arc::new(AtomicUsize::new(0));
-            let reports = tokio::spawn(report(done.clone(), parts));
+            let reports = tokio::spawn(report(done.clone(), units));
             let subject = Subject { revision, setting: Arc::new(setting), dictionary, done };
             let outcome = runners.or_threads().run(subject, &work).await;
             reports.abort();

@@ -117,7 +117,7 @@ fn sparse_dictionaries_are_those_of_the_analysis_and_leave_no_codes_behind() {
     assert!(left.is_empty(), "{left:?}");
 }
 
-/// Ends learning after two epochs, as somebody who no longer wants it.
+/// Ends learning after two epochs, as a client that cancels does.
 struct Ended(AtomicUsize);
 
 impl Watch for Ended {
