@@ -63,3 +63,13 @@ impl From<Dropped> for LeftOut {
         Self { what, count, names, first: brief(first.to_string()) }
     }
 }
+
+/// What does not become a shape, and warnings: a line each.
+pub fn left_out(summary: &Summary) -> impl Iterator<Item = String> {
+    let dropped = summary.dropped.iter().map(|dropped| {
+        let place = dropped.first.to_string();
+        let place = if place.is_empty() { place } else { format!(", the first at {place}") };
+        format!("  left out: {} {}{place}", dropped.count, dropped.what)
+    });
+    dropped.chain(summary.warnings.iter().map(|warning| format!("  warning: {warning}")))
+}

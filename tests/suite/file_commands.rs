@@ -157,6 +157,27 @@ fn files_go_into_a_store_and_out_of_it() {
 }
 
 #[test]
+fn what_harmonics_leave_is_said() {
+    let server = Setting::fresh().start();
+    let representation = json!({"kind": "closed_curve", "dimension": 2, "control_points": 8, "generator": {"name": "bspline", "degree": 3}});
+    let cohort = json!({"name": "c", "representation": representation, "correspondence": "arc_length"});
+    server.post("/v1/cohorts", &cohort).expect(201);
+    let folder = files();
+    let import = run(server.command("import").arg(folder.path().join("cells.png")).args(["--cohort", "c"]));
+    assert_eq!(import.0, 0, "{import:?}");
+    let fourier = ["--cohort", "c", "--to", "nef", "--fourier", "--write", "harmonics=2"];
+    let (code, said, told) = run(server.command("export").arg("-").args(fourier));
+    assert!(code == 0 && said.starts_with("#CONST 0 0 0 0\n#HARMO 2\n"), "{said} {told}");
+    assert!(told.contains("warning: 3 shapes have further harmonics; these are at most"), "{told}");
+    let address = server.address().to_owned();
+    let (code, same, told) =
+        run(server.command("export").arg("-").args(fourier).args(["--server", &address]));
+    assert_eq!((code, same), (0, said), "{told}");
+    let (code, _, told) = run(server.command("export").arg("-").args(fourier).arg("--control-points"));
+    assert!(code == 2 && told.contains("cannot be used with"), "{told}");
+}
+
+#[test]
 fn completions_and_man_pages_are_written() {
     let folder = tempfile::tempdir().unwrap();
     for shell in ["bash", "zsh", "fish", "powershell", "elvish"] {

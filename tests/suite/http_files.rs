@@ -392,6 +392,55 @@ fn a_cohort_goes_out_and_comes_back() {
 }
 
 #[test]
+fn closed_curves_go_out_as_fourier_coefficients() {
+    let server = Server::fresh();
+    let ellipses = json!({"kind": "closed_curve", "dimension": 2, "control_points": 9, "generator": {"name": "trigonometric"}});
+    let path = cohort(&server, "ellipses", &ellipses, "arc_length");
+    let file = "#CONST 0 0 0 0\n#HARMO 1\na\n  2e0  0e0  0e0  1.5e0\nb\n  3e0  1e0  -5e-1  1e0\n";
+    let media_type = "application/x-nef";
+    server.post_bytes(&format!("{path}/shapes"), media_type, file.as_bytes().to_vec()).expect(201);
+    let export = |query: &str| server.get(&format!("{path}/export?content=fourier&{query}"));
+    // What came in goes out again, but for rounding.
+    let out = export("format=nef&write_harmonics=1");
+    assert_eq!((out.status, out.header("content-type")), (200, Some(media_type)));
+    let numbers =
+        |text: &str| -> Vec<f64> { text.split_whitespace().filter_map(|word| word.parse().ok()).collect() };
+    let (sent, back) = (numbers(file), numbers(out.text()));
+    assert_eq!(sent.len(), back.len(), "{}", out.text());
+    assert!(sent.iter().zip(&back).all(|(a, b)| (a - b).abs() < 1e-14), "{}", out.text());
+    // As many harmonics as nine control points tell apart, and what they leave.
+    let lines = export("");
+    let shape: Value = serde_json::from_str(lines.text().lines().next().unwrap()).unwrap();
+    let fourier = &shape["fourier"];
+    assert_eq!((fourier["cosine"].as_array().unwrap().len(), &shape["external_id"]), (4, &json!("a")));
+    assert_eq!(shape["metadata"]["fourier"]["harmonics"], 4);
+    assert!(shape["metadata"]["fourier"]["left"].as_f64().unwrap() < 1e-28, "{shape}");
+    // They come back as the same curve.
+    let other = cohort(&server, "others", &ellipses, "arc_length");
+    let two = export("write_harmonics=1");
+    post(&server, &format!("{other}/shapes?format=ndjson"), two.text()).expect(201);
+    let [a, b] = [&path, &other].map(|path| server.get(&format!("{path}/shapes/a")).expect(200));
+    let points = |shape: &Value| -> Vec<f64> {
+        let rows = shape["control_points"].as_array().unwrap();
+        rows.iter().flat_map(|row| row.as_array().unwrap().iter().map(|x| x.as_f64().unwrap())).collect()
+    };
+    assert!(points(&a).iter().zip(points(&b)).all(|(a, b)| (a - b).abs() < 1e-13), "{a} {b}");
+
+    let parameter = |response: Reply, wanted: &str| {
+        let problem = response.expect_problem(400, "invalid-query", &[]);
+        assert_eq!(problem["errors"][0]["parameter"], wanted, "{problem}");
+    };
+    parameter(export("write_harmonics=0"), "write_harmonics");
+    parameter(export("write_harmonics=1025"), "write_harmonics");
+    let huge = "/v1/convert?to=nef&format=nef&write_harmonics=1000000000000";
+    parameter(post(&server, huge, file), "write_harmonics");
+    let points = cohort(&server, "points", &landmarks(3), "landmarks");
+    parameter(server.get(&format!("{points}/export?content=fourier")), "content");
+    let refused = export("format=csv").expect_problem(422, "invalid-input", &[""]);
+    assert!(refused["detail"].as_str().unwrap().contains("got Fourier coefficients"), "{refused}");
+}
+
+#[test]
 fn a_file_that_is_sent_again_is_stored_once() {
     let server = Server::fresh();
     let path = cohort(&server, "c", &landmarks(3), "landmarks");

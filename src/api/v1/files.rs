@@ -462,8 +462,8 @@ pub(super) struct ExportQuery {
     /// Format of the file, as an id, a media type or an ending. Default: by the header `Accept`, else `ndjson`.
     #[param(example = "ndjson")]
     format: Option<String>,
-    /// What is written of each shape: `points` on curves, landmarks and meshes of surfaces, or `control_points`. Default:
-    /// `points`.
+    /// What is written of each shape: `points` on curves, landmarks and meshes of surfaces, `control_points`, or Fourier
+    /// coefficients (`fourier`) of closed curves, `write_harmonics` of them. Default: `points`.
     #[param(inline)]
     content: Option<ExportContent>,
     /// Number of points on a curve. Default: 128.
@@ -494,7 +494,7 @@ pub(super) async fn export_cohort(
     let ending = format.extensions.first().copied().unwrap_or(format.id);
     let name = format!("{}.{ending}", cohort.spec.name);
     let (output, pieces) = BodyWriter::new();
-    let work = async move { export::export(&app, cohort, wanted, output).await };
+    let work = async move { export::export(&app, cohort, wanted, output).await.map(drop) };
     answer(format, Some(name), pieces, work).await.map(not_stored)
 }
 

@@ -9,6 +9,7 @@ use serde::Serialize;
 use super::{Complete, Opened, Reading, Writing, note, own_limits, shown};
 use crate::cli::maintenance::Outcome;
 use crate::formats::files::{self, FileError, Format, Summary};
+use crate::formats::summary::left_out;
 use crate::service::files::unknown_format;
 
 /// Number of bytes written at once.
@@ -106,5 +107,5 @@ fn target(args: &ConvertArgs) -> Result<&'static Format, String> {
 fn tell(converted: &Converted) {
     let Converted { from, to, read, written } = converted;
     note(&format!("{} shapes from {from} to {to}", written.records));
-    super::inspect::left_out(read).chain(super::inspect::left_out(written)).for_each(|line| note(&line));
+    left_out(read).chain(left_out(written)).for_each(|line| note(&line));
 }

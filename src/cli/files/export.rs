@@ -12,6 +12,7 @@ use crate::cli::maintenance::{At, Outcome};
 use crate::domain::attribute::Attribute;
 use crate::domain::filter::ShapeFilter;
 use crate::formats::files::{self, FileError, Format, Limits, ReadOptions, Source, WriteOptions};
+use crate::formats::summary::left_out;
 use crate::service::app::App;
 use crate::service::app::outgoing::BodyWriter;
 use crate::service::cohorts::catalogue;
@@ -32,6 +33,9 @@ pub(in crate::cli) struct ExportArgs {
     /// Write control points in place of points on curves and meshes of surfaces
     #[arg(long, requires = "cohort")]
     control_points: bool,
+    /// Write Fourier coefficients of closed curves, as many as control points tell apart or as `--write harmonics=N` says
+    #[arg(long, requires = "cohort", conflicts_with = "control_points")]
+    fourier: bool,
     /// Number of points on a curve
     #[arg(long, requires = "cohort", value_name = "N", default_value_t = USUAL_POINTS as u16, value_parser = clap::value_parser!(u16).range(3..=10_000))]
     points: u16,
@@ -43,6 +47,15 @@ pub(in crate::cli) struct ExportArgs {
 }
 
 impl ExportArgs {
+    /// What is written of each shape.
+    fn content(&self) -> ExportContent {
+        match (self.control_points, self.fourier) {
+            (true, _) => ExportContent::ControlPoints,
+            (_, true) => ExportContent::Fourier,
+            _ => ExportContent::Points,
+        }
+    }
+
     /// Refuses options of files of shapes for the export of a whole store.
     ///
     /// # Errors
@@ -104,7 +117,7 @@ async fn write(
 ) -> Result<u64, String> {
     let cohort = args.cohort.as_deref().unwrap_or_default();
     let options = args.writing.options()?;
-    let content = if args.control_points { ExportContent::ControlPoints } else { ExportContent::Points };
+    let content = args.content();
     let service = match target {
         Target::Store(app) => {
             let mut filter = ShapeFilter::default();
@@ -122,8 +135,10 @@ async fn write(
     let here = !options.series.is_empty();
     let asked = if here { "ndjson" } else { format.id };
     let mut query = vec![pair("format", asked), pair("points", &args.points.to_string())];
-    if content == ExportContent::ControlPoints {
-        query.push(pair("content", "control_points"));
+    match content {
+        ExportContent::Points => {}
+        ExportContent::ControlPoints => query.push(pair("content", "control_points")),
+        ExportContent::Fourier => query.push(pair("content", "fourier")),
     }
     query.extend(args.labels.iter().map(|label| pair("label", label)));
     if !here {
@@ -183,6 +198,7 @@ async fn from_store(
         }
         Ok(bytes)
     };
-    let ((), bytes) = tokio::try_join!(writing, taking)?;
+    let (summary, bytes) = tokio::try_join!(writing, taking)?;
+    left_out(&summary).for_each(|line| note(&line));
     Ok(bytes)
 }

@@ -10,6 +10,7 @@ use super::{Opened, Reading, own_limits, say, shown};
 use crate::cli::maintenance::Outcome;
 use crate::formats::files::{FileError, Group, Inspected, Inspection, ReadOptions, Summary};
 use crate::formats::record::count_unstored;
+use crate::formats::summary::left_out;
 use crate::service::files::FileFormat;
 
 /// Number of names in a line for people.
@@ -131,14 +132,4 @@ fn group(group: &Group) -> String {
         group.dimension,
         parts.join("; ")
     )
-}
-
-/// What does not become a shape, and warnings.
-pub(super) fn left_out(summary: &Summary) -> impl Iterator<Item = String> {
-    let dropped = summary.dropped.iter().map(|dropped| {
-        let place = dropped.first.to_string();
-        let place = if place.is_empty() { place } else { format!(", the first at {place}") };
-        format!("  left out: {} {}{place}", dropped.count, dropped.what)
-    });
-    dropped.chain(summary.warnings.iter().map(|warning| format!("  warning: {warning}")))
 }

@@ -78,7 +78,9 @@ async fn store(tenant: &str, at: At) -> Result<App, String> {
         data_dir,
         accepts_loss: false,
     };
-    let app = App::new(place.attach().await?, Limits::default(), 0);
+    // The memory of the machine is that of the command.
+    let limits = Limits { answer_bytes: usize::MAX, ..Limits::default() };
+    let app = App::new(place.attach().await?, limits, 0);
     Ok(app.of(Arc::new(Principal::system(tenant))))
 }
 

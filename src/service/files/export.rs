@@ -1,28 +1,40 @@
 //! Shapes of a cohort as records of a file.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use rayon::prelude::*;
+use serde_json::json;
 use tokio::sync::mpsc;
 
 use crate::domain::cohort::Cohort;
 use crate::domain::filter::ShapeFilter;
 use crate::domain::shape::Shape;
-use crate::formats::files::{FileError, Format, Geometry, Mesh, Place, Points, Record, Value, WriteOptions};
+use crate::formats::files::{
+    FileError, Format, Fourier, Geometry, MAX_HARMONICS, Mesh, Place, Points, Record, Summary, Value,
+    WriteOptions,
+};
 use crate::geometry::capability::domain::Domain;
+use crate::geometry::capability::fourier::{FourierExpansion, FourierSeries};
 use crate::geometry::capability::sample::Parameters;
 use crate::geometry::mesh::TriangleMesh;
 use crate::geometry::representation::{Representation, ShapeSpace};
 use crate::numeric::dense::Matrix;
+use crate::service::app::memory::Memory;
 use crate::service::app::outgoing::BodyWriter;
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::cohorts::catalogue::{self, ShapeListing};
 use crate::service::cost::requests::{self, Counts};
+use crate::store::Revisions;
+
+use super::writing::write;
 
 /// Number of points on an exported curve, unless another one is asked for.
 pub const USUAL_POINTS: usize = 128;
 /// Number of shapes read at once.
 const PAGE: usize = 1000;
+/// Share of the squared size of a curve that harmonics may leave without a word: rounding.
+const ROUNDING: f64 = 1e-24;
 
 /// What is written of each shape.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, utoipa::ToSchema)]
@@ -33,6 +45,8 @@ pub enum ExportContent {
     Points,
     /// Control points: as landmarks, of a subdivision surface as its control mesh.
     ControlPoints,
+    /// Fourier coefficients of closed curves, exact for their own parameter.
+    Fourier,
 }
 
 /// What is exported, and how.
@@ -51,17 +65,20 @@ pub struct Export {
 }
 
 /// Writes all shapes of a cohort that pass a filter, in the order in which they were added, at the revision of `cohort`: what is added
-/// or deleted while the file is written does not matter. Memory does not depend on their number.
+/// or deleted while the file is written does not matter. Memory does not depend on their number, but in formats that hold them until
+/// the last one. Returns what the file does not hold.
 ///
 /// # Errors
-/// An attribute that no shape has; shapes that the format cannot hold; a reader that has gone.
+/// An attribute that no shape has; content that the shapes do not have; shapes that the format cannot hold; a reader that has gone.
 pub async fn export(
     app: &App,
     cohort: Cohort,
     export: Export,
     output: BodyWriter,
-) -> Result<(), ServiceError> {
-    let Export { filter, format, mut options, content, points } = export;
+) -> Result<Summary, ServiceError> {
+    let space = app.space_of(&cohort.spec.representation)?;
+    let content = Arc::new(Content::new(&space, &export)?);
+    let Export { filter, format, mut options, .. } = export;
     options.unit = options.unit.or_else(|| cohort.spec.length_unit.clone());
     let representation = serde_json::to_string(&cohort.spec.representation).unwrap_or_default();
     let facts = [
@@ -70,18 +87,9 @@ pub async fn export(
         ("representation", representation),
     ];
     options.facts.extend(facts.map(|(name, value)| (name.to_owned(), value)));
-    let (sender, mut batches) = mpsc::channel::<Vec<Record>>(1);
-    let writing = app.pool.read_blocking(move || {
-        let mut writer = format.writer(output, &options)?;
-        while let Some(records) = batches.blocking_recv() {
-            records.iter().try_for_each(|record| writer.push(record))?;
-        }
-        writer.finish()?;
-        Ok(())
-    });
-    let revision = Some(cohort.revision);
+    let revision = cohort.revision;
     let mut listing = ShapeListing {
-        revision,
+        revision: Some(revision),
         filter,
         order: None,
         cursor: None,
@@ -89,17 +97,21 @@ pub async fn export(
         geometry: true,
         total: false,
     };
-    let space = app.space_of(&cohort.spec.representation)?;
+    let (_, first) = catalogue::list_shapes(app, &cohort.id, &listing).await?;
+    let count = app.store.count(&cohort.id, Revisions::until(revision), &listing.filter).await?;
+    options.shapes = Some(count);
+    let memory = app.memory.clone();
+    let (sender, batches) = mpsc::channel(1);
+    let writing = app.pool.read_blocking(move || write_batches(&memory, format, output, &options, batches));
     let reading = async {
+        let (mut shapes, mut next) = first.page;
         loop {
-            let (_, found) = catalogue::list_shapes(app, &cohort.id, &listing).await?;
-            let (shapes, next) = found.page;
             let counts = Counts::for_stored(space.representation(), shapes.len(), &app.limits);
             let work = Work::MOMENT + requests::draw(counts, shapes.len());
-            let space = space.clone();
+            let (space, content) = (space.clone(), content.clone());
             let make = move || {
                 let records: Result<_, FileError> =
-                    shapes.into_par_iter().map(|shape| record(&space, shape, content, points)).collect();
+                    shapes.into_par_iter().map(|shape| record(&space, shape, &content)).collect();
                 Ok(records?)
             };
             let records = app.pool.weighing(work).run(make).await?;
@@ -109,29 +121,111 @@ pub async fn export(
                 return Ok(());
             }
             listing.cursor = next;
+            let (_, found) = catalogue::list_shapes(app, &cohort.id, &listing).await?;
+            (shapes, next) = found.page;
         }
     };
-    let ((), ()) = tokio::try_join!(writing, reading)?;
-    Ok(())
+    let (summary, ()) = tokio::try_join!(writing, reading)?;
+    Ok(summary)
+}
+
+/// Writes the batches as a file.
+fn write_batches(
+    memory: &Memory,
+    format: &'static Format,
+    output: BodyWriter,
+    options: &WriteOptions,
+    mut batches: mpsc::Receiver<Vec<Written>>,
+) -> Result<Summary, ServiceError> {
+    let mut cut = Cut::default();
+    let ((), mut summary) = write(memory, format, output, options, |push| {
+        while let Some(written) = batches.blocking_recv() {
+            for Written { record, left } in &written {
+                cut.add(*left);
+                push(record)?;
+            }
+        }
+        Ok(())
+    })?;
+    summary.warnings.extend(cut.warning());
+    Ok(summary)
+}
+
+/// What is made of each shape, prepared.
+enum Content {
+    Points(usize),
+    ControlPoints,
+    Fourier(FourierSeries),
+}
+
+impl Content {
+    fn new(space: &ShapeSpace, export: &Export) -> Result<Self, ServiceError> {
+        Ok(match export.content {
+            ExportContent::Points => Self::Points(export.points),
+            ExportContent::ControlPoints => Self::ControlPoints,
+            ExportContent::Fourier => {
+                let representation = space.representation();
+                // As many as the control points tell apart.
+                let usual = (representation.size().saturating_sub(1) / 2).clamp(1, MAX_HARMONICS);
+                let harmonics = export.options.harmonics.unwrap_or(usual);
+                let refused = || {
+                    let kind = representation.kind_name();
+                    let detail = format!("expected a cohort of closed curves, got one of the kind '{kind}'");
+                    ServiceError::parameter("content", detail)
+                };
+                Self::Fourier(FourierSeries::new(space, harmonics).ok_or_else(refused)?)
+            }
+        })
+    }
+
+    /// The geometry of a shape, and the share of its squared size that it leaves.
+    fn of(&self, space: &ShapeSpace, control_points: &Matrix) -> Option<(Geometry, f64)> {
+        match self {
+            Self::Points(count) => Some((on_shape(space, control_points, *count)?, 0.0)),
+            Self::ControlPoints => Some((control(space.representation(), control_points)?, 0.0)),
+            Self::Fourier(series) => {
+                let FourierExpansion { constant, cosine, sine, left } = series.of(control_points);
+                Some((Fourier { constant, cosine, sine }.into(), left))
+            }
+        }
+    }
+}
+
+/// A record, and the share of the squared size of its shape that it leaves.
+struct Written {
+    record: Record,
+    left: f64,
+}
+
+/// What harmonics leave of the shapes so far.
+#[derive(Default)]
+struct Cut {
+    shapes: u64,
+    most: f64,
+}
+
+impl Cut {
+    fn add(&mut self, left: f64) {
+        self.shapes += u64::from(left > ROUNDING);
+        self.most = self.most.max(left);
+    }
+
+    fn warning(&self) -> Option<String> {
+        let Self { shapes, most } = self;
+        (*shapes > 0).then(|| {
+            format!("{shapes} shapes have further harmonics; these are at most {most:.3e} of the squared size of one")
+        })
+    }
 }
 
 /// A stored shape as a record.
-fn record(
-    space: &ShapeSpace,
-    shape: Shape,
-    content: ExportContent,
-    points: usize,
-) -> Result<Record, FileError> {
+fn record(space: &ShapeSpace, shape: Shape, content: &Content) -> Result<Written, FileError> {
     let Shape { id, attributes, control_points, .. } = shape;
     let representation = space.representation();
     let matrix =
         Matrix::from_column_slice(representation.size(), representation.dimension(), &control_points);
     let place = Place { tag: Some(id.clone()), ..Place::default() };
-    let geometry = match content {
-        ExportContent::ControlPoints => control(representation, &matrix),
-        ExportContent::Points => on_shape(space, &matrix, points),
-    };
-    let geometry = geometry.ok_or_else(|| {
+    let (geometry, left) = content.of(space, &matrix).ok_or_else(|| {
         let detail = format!("expected a shape with points, got a {}", representation.kind_name());
         FileError::unsupported(place.clone(), detail)
     })?;
@@ -143,12 +237,16 @@ fn record(
     };
     let labels = attributes.labels.into_iter().filter_map(|(name, found)| Some((name, value(found)?)));
     let metadata = attributes.metadata.as_deref().map(serde_json::from_str::<serde_json::Value>);
-    let metadata = match metadata.and_then(Result::ok) {
+    let mut metadata = match metadata.and_then(Result::ok) {
         Some(serde_json::Value::Object(fields)) => fields,
         Some(other) => std::iter::once(("metadata".to_owned(), other)).collect(),
         None => serde_json::Map::new(),
     };
-    Ok(Record {
+    if let Geometry::Fourier(fourier) = &geometry {
+        let harmonics = json!({"harmonics": fourier.harmonics(), "left": left});
+        metadata.insert("fourier".to_owned(), harmonics);
+    }
+    let record = Record {
         name: Some(attributes.external_id.unwrap_or(id)),
         subject: attributes.subject,
         label: attributes.label,
@@ -156,7 +254,8 @@ fn record(
         weight: (attributes.weight != 1.0).then_some(attributes.weight),
         metadata,
         ..Record::new(geometry, place)
-    })
+    };
+    Ok(Written { record, left })
 }
 
 /// Control points, with the faces of a control mesh.

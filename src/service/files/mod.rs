@@ -3,10 +3,11 @@
 //! Shapes are read by the registry of [`files`](crate::formats::files), label images by their contours: both give records.
 //!
 //! * [`translate`](mod@translate) — files described and translated; [`export`](mod@export) — cohorts as files;
-//! * `format` — formats of shapes and of label images.
+//! * `format` — formats of shapes and of label images; `writing` — files within the memory for answers.
 
 pub mod export;
 mod format;
 pub mod translate;
+mod writing;
 
 pub use format::{FileFormat, file_limits, unknown_format};

@@ -4,7 +4,10 @@ use bytes::Bytes;
 use futures_util::Stream;
 
 use super::format::{FileFormat, file_limits};
-use crate::formats::files::{Format, Inspection, ReadOptions, Source, Summary, WriteOptions};
+use super::writing::write;
+use crate::formats::files::{
+    FileError, Format, Inspection, ReadOptions, Record, Source, Summary, WriteOptions,
+};
 use crate::formats::record::count_unstored;
 use crate::formats::summary::FileSummary;
 use crate::service::app::incoming::{BodyReader, read_incoming};
@@ -66,12 +69,12 @@ pub async fn translate(
     options: WriteOptions,
     output: BodyWriter,
 ) -> Result<(), ServiceError> {
-    let (limits, held) = (app.limits, file_limits(&app.limits).held);
+    let (limits, held, memory) = (app.limits, file_limits(&app.limits).held, app.memory.clone());
     read_incoming(app, stream, held, &mut None, move |body| {
-        let mut writer = to.writer(output, &options)?;
-        read(body, &reading, &limits, &mut |record| writer.push(&record))?;
-        writer.finish()?;
-        Ok(())
+        let fill = |push: &mut dyn FnMut(&Record) -> Result<(), FileError>| {
+            read(body, &reading, &limits, &mut |record| push(&record))
+        };
+        write(&memory, to, output, &options, fill).map(drop)
     })
     .await
 }

@@ -60,6 +60,7 @@ impl Format {
                 format!("expected a format that can be written, got {}, which is only read", self.name);
             return Err(FileError::new(FaultKind::Unsupported, detail));
         };
+        options.check()?;
         open(Box::new(output), options)
     }
 }

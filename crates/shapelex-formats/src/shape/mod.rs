@@ -53,7 +53,8 @@ pub use inspection::{Group, Inspected, Inspection};
 pub use limits::{Limits, MAX_COORDINATE};
 pub use mesh::{NORMALS, TEXTURE_OF_CORNERS};
 pub use options::{
-    Columns, Contours, Curves, Encoding, Holes, Layout, Names, Nuclei, ReadOptions, Scale, WriteOptions,
+    Columns, Contours, Curves, Encoding, Holes, Layout, MAX_HARMONICS, Names, Nuclei, ReadOptions, Scale,
+    WriteOptions,
 };
 pub use record::{Domain, Faces, Field, Fourier, Geometry, Kind, Mesh, Points, Record, Ring, Sink, Value};
 pub use registry::{FORMATS, detect, find, read};

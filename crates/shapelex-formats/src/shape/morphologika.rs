@@ -316,6 +316,7 @@ struct Morphologika<'a> {
     /// Runs of shapes with one label; `None` once a shape has none.
     groups: Option<Vec<(String, u64)>>,
     lists: BTreeMap<&'static str, String>,
+    held: usize,
     summary: Summary,
 }
 
@@ -329,6 +330,7 @@ fn open<'a>(output: Output<'a>, _: &WriteOptions) -> Opened<'a> {
         values: String::new(),
         groups: Some(Vec::new()),
         lists: BTreeMap::new(),
+        held: 0,
         summary: Summary::default(),
     }))
 }
@@ -368,9 +370,14 @@ impl Writer for Morphologika<'_> {
         }
         self.names.push(name);
         self.attributes(record);
+        self.held += record.bytes();
         text::left_out(&mut self.summary, record, &["label", "labels", "wireframe", "polygons"]);
         self.summary.records += 1;
         Ok(())
+    }
+
+    fn held(&self) -> usize {
+        self.held
     }
 
     fn finish(mut self: Box<Self>) -> Result<Summary, FileError> {

@@ -10,7 +10,7 @@
 
 use std::io::Write;
 
-use super::error::{FaultKind, FileError, Place};
+use super::error::{FileError, Place};
 use super::format::Format;
 use super::options::{ReadOptions, WriteOptions};
 use super::record::Sink;
@@ -35,6 +35,9 @@ pub(super) static FORMAT: Format = Format {
     read: Some(read),
     open: Some(open),
 };
+
+/// Maximum number of rows of a file that is written: shapes with few harmonics get the zeros of that with most of them.
+const MAX_ROWS: usize = 1 << 26;
 
 fn read(source: &mut Source<'_>, _: &ReadOptions, sink: Sink<'_>) -> Result<Summary, FileError> {
     let limits = *source.limits();
@@ -117,18 +120,17 @@ struct Nef<'a> {
     harmonics: Option<usize>,
     /// Number of shapes that lose harmonics, and the largest share of Σ a² + b² + c² + d² that one loses.
     cut: (u64, f64),
+    held: usize,
     summary: Summary,
 }
 
 fn open<'a>(output: Output<'a>, options: &WriteOptions) -> Opened<'a> {
-    if options.harmonics == Some(0) {
-        return Err(FileError::new(FaultKind::Option, "expected 1 or more harmonics, got 0"));
-    }
     Ok(Box::new(Nef {
         output,
         shapes: Vec::new(),
         harmonics: options.harmonics,
         cut: (0, 0.0),
+        held: 0,
         summary: Summary::default(),
     }))
 }
@@ -170,15 +172,27 @@ impl Writer for Nef<'_> {
                 "expected a name that does not begin with '#', got one that does",
             ));
         }
+        self.held += record.bytes();
         self.shapes.push((name, rows));
         text::left_out(&mut self.summary, record, &[]);
         self.summary.records += 1;
         Ok(())
     }
 
+    fn held(&self) -> usize {
+        self.held
+    }
+
     fn finish(mut self: Box<Self>) -> Result<Summary, FileError> {
         let most = self.shapes.iter().map(|(_, rows)| rows.len()).max().unwrap_or(0);
         let harmonics = self.harmonics.unwrap_or(most).max(1);
+        if self.shapes.len().saturating_mul(harmonics) > MAX_ROWS {
+            let detail = format!(
+                "expected at most {MAX_ROWS} harmonics of all shapes of a file, got {harmonics} for each of {}",
+                self.shapes.len()
+            );
+            return Err(FileError::too_large(Place::default(), detail));
+        }
         let first = |rows: &[[f64; 4]]| rows.first().is_some_and(|row| row[..3] == [1.0, 0.0, 0.0]);
         let normal = !self.shapes.is_empty() && self.shapes.iter().all(|(_, rows)| first(rows));
         let constant = if normal { "1 1 1 0" } else { "0 0 0 0" };
@@ -206,6 +220,7 @@ impl Writer for Nef<'_> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::error::FaultKind;
     use super::super::testing::{check_truncations, converted, fault, records, written};
     use super::*;
 
@@ -253,10 +268,35 @@ mod tests {
         let more = WriteOptions { harmonics: Some(3), ..WriteOptions::default() };
         let (text, summary) = written(&FORMAT, &found, &more).expect("written");
         assert!(text.contains("#HARMO 3") && summary.warnings.is_empty() && summary.dropped.is_empty());
+        for harmonics in [0, 1025, usize::MAX] {
+            let options = WriteOptions { harmonics: Some(harmonics), ..WriteOptions::default() };
+            let refused = written(&FORMAT, &found, &options).expect_err("out of bounds").to_string();
+            assert_eq!(refused, format!("harmonics: expected 1 to 1024 harmonics, got {harmonics}"));
+        }
         let Geometry::Fourier(fourier) = &mut found[0].geometry else { panic!("coefficients") };
         fourier.constant[1] = 2.0;
         let (text, summary) = written(&FORMAT, &found, &WriteOptions::default()).expect("written");
         assert_eq!((text.as_str(), summary.dropped[0].what.as_str()), (TWO, "centres"));
+    }
+
+    #[test]
+    fn one_shape_with_many_harmonics_does_not_make_all_others_long() {
+        let fourier = |harmonics: usize| Fourier {
+            constant: vec![0.0; 2],
+            cosine: vec![1.0; 2 * harmonics],
+            sine: vec![0.0; 2 * harmonics],
+        };
+        let mut output = Vec::new();
+        let mut writer = FORMAT.writer(&mut output, &WriteOptions::default()).expect("a writer");
+        for harmonics in std::iter::once(70_000).chain(std::iter::repeat_n(1, 999)) {
+            writer.push(&Record::new(fourier(harmonics), Place::default())).expect("held");
+        }
+        assert_eq!(writer.held(), 70_999 * 32 + 1000 * 64);
+        let error = writer.finish().expect_err("70 million rows");
+        assert_eq!(error.kind, FaultKind::TooLarge);
+        let expected =
+            "expected at most 67108864 harmonics of all shapes of a file, got 70000 for each of 1000";
+        assert_eq!((error.to_string().as_str(), output.len()), (expected, 0));
     }
 
     #[test]

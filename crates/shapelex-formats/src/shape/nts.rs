@@ -230,6 +230,7 @@ struct Nts<'a> {
     has_missing: bool,
     /// Which codes are coordinates.
     taken: [bool; CODES.len()],
+    held: usize,
     summary: Summary,
 }
 
@@ -241,6 +242,7 @@ fn open<'a>(output: Output<'a>, _: &WriteOptions) -> Opened<'a> {
         names: Vec::new(),
         has_missing: false,
         taken: [false; CODES.len()],
+        held: 0,
         summary: Summary::default(),
     }))
 }
@@ -265,8 +267,13 @@ impl Writer for Nts<'_> {
         let name = record.name.as_deref().filter(|name| !name.is_empty());
         self.names.push(name.map(|name| text::word(name, &mut self.summary, &record.place)));
         text::left_out(&mut self.summary, record, &[]);
+        self.held += record.bytes();
         self.summary.records += 1;
         Ok(())
+    }
+
+    fn held(&self) -> usize {
+        self.held
     }
 
     fn finish(mut self: Box<Self>) -> Result<Summary, FileError> {

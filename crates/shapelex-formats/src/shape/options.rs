@@ -202,7 +202,21 @@ impl WriteOptions {
     /// # Errors
     /// As [`ReadOptions::from_pairs`].
     pub fn from_pairs<'a>(pairs: impl IntoIterator<Item = (&'a str, &'a str)>) -> Result<Self, FileError> {
-        from_pairs("writing", pairs)
+        let options: Self = from_pairs("writing", pairs)?;
+        options.check()?;
+        Ok(options)
+    }
+
+    /// Refuses numbers beyond their bounds.
+    pub(super) fn check(&self) -> Result<(), FileError> {
+        let is_outside = |harmonics: &usize| !(1..=MAX_HARMONICS).contains(harmonics);
+        match self.harmonics.filter(is_outside) {
+            Some(harmonics) => {
+                let detail = format!("expected 1 to {MAX_HARMONICS} harmonics, got {harmonics}");
+                Err(FileError::of(FaultKind::Option, Place::tag("harmonics"), detail))
+            }
+            None => Ok(()),
+        }
     }
 }
 
@@ -255,6 +269,9 @@ fn wanted(message: &str) -> String {
     }
 }
 
+/// Maximum number of harmonics that can be asked for.
+pub const MAX_HARMONICS: usize = 1024;
+
 /// Options of writing.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -265,7 +282,7 @@ pub struct WriteOptions {
     pub encoding: Option<Encoding>,
     /// Shape of tables. Default: one shape a row.
     pub layout: Option<Layout>,
-    /// Number of harmonics of Fourier coefficients. Default: as many as the shape with most of them has.
+    /// Number of harmonics of Fourier coefficients, 1 to 1024. Default: as many as the shape with most of them has.
     pub harmonics: Option<usize>,
     /// Headers of the images that a structure set refers to, all of one series (`dicom::series` reads them).
     /// They identify a patient, and are no option by name: a query must not carry them.
@@ -273,6 +290,9 @@ pub struct WriteOptions {
     pub series: Vec<SeriesImage>,
     /// When the file is made, where a format has a place for it: `2026-11-26T03:00:00`. No date if absent.
     pub created: Option<String>,
+    /// Number of shapes that will be written, where it is known: formats that begin with it then hold none of them.
+    #[serde(skip)]
+    pub shapes: Option<u64>,
     /// What else is known of the shapes, by name, where a format has a place for it: representation, cohort, revision.
     #[serde(skip)]
     pub facts: std::collections::BTreeMap<String, String>,

@@ -59,6 +59,22 @@ impl Record {
         }
     }
 
+    /// About the number of bytes that it takes, without attributes and metadata.
+    pub(super) fn bytes(&self) -> usize {
+        /// Of the record itself.
+        const OWN: usize = 64;
+        let numbers = match &self.geometry {
+            Geometry::Curve { points, .. } | Geometry::Landmarks(points) => points.coordinates.len(),
+            Geometry::Mesh(mesh) => {
+                let fields = mesh.fields.values().map(|field| field.values.len()).sum::<usize>();
+                mesh.vertices.coordinates.len() + mesh.faces.indices.len() + mesh.faces.len() + fields
+            }
+            Geometry::Fourier(fourier) => fourier.cosine.len() + fourier.sine.len(),
+        };
+        let texts = [&self.name, &self.subject, &self.label];
+        OWN + numbers * size_of::<f64>() + texts.into_iter().flatten().map(String::len).sum::<usize>()
+    }
+
     /// Checks what every reader must keep: coordinates, faces and fields.
     ///
     /// # Errors

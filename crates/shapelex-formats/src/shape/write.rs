@@ -19,6 +19,11 @@ pub trait Writer: Send {
     /// A record that the format cannot hold, by name; errors of the output.
     fn push(&mut self, record: &Record) -> Result<(), FileError>;
 
+    /// Number of bytes that wait for the last record: some formats say at their beginning what follows.
+    fn held(&self) -> usize {
+        0
+    }
+
     /// Writes what follows the last record, and says what was left out.
     ///
     /// # Errors

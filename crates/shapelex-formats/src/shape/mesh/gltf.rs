@@ -39,6 +39,9 @@ const DRAWN_TRIANGLES: u32 = 4;
 /// How far the length of a normal may be from 1: that of the validator of the format, half of it to be safe.
 const UNIT: f64 = 2.5e-4;
 
+/// About what the description of a shape takes.
+const NODE_BYTES: usize = 1024;
+
 struct File<'a> {
     output: Output<'a>,
     bytes: Vec<u8>,
@@ -92,6 +95,10 @@ impl Writer for File<'_> {
         self.nodes.push(node);
         self.summary.records += 1;
         Ok(())
+    }
+
+    fn held(&self) -> usize {
+        self.bytes.len() + self.nodes.len() * NODE_BYTES
     }
 
     fn finish(mut self: Box<Self>) -> Result<Summary, FileError> {

@@ -28,6 +28,7 @@ struct Structures<'a> {
     regions: Vec<Region>,
     /// Positions in `regions` by number and name.
     known: BTreeMap<(Option<i64>, String), usize>,
+    held: usize,
     summary: Summary,
 }
 
@@ -65,6 +66,7 @@ pub(super) fn open<'a>(output: Output<'a>, options: &WriteOptions) -> Opened<'a>
         created,
         regions: Vec::new(),
         known: BTreeMap::new(),
+        held: 0,
         summary: Summary::default(),
     }))
 }
@@ -101,8 +103,13 @@ impl Writer for Structures<'_> {
         let region = self.region(record).map_err(at)?;
         region.xor |= record.ring.as_ref().is_some_and(|ring| ring.hole);
         region.contours.extend(contours);
+        self.held += record.bytes();
         self.summary.records += 1;
         Ok(())
+    }
+
+    fn held(&self) -> usize {
+        self.held
     }
 
     fn finish(mut self: Box<Self>) -> Result<Summary, FileError> {

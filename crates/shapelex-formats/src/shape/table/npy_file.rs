@@ -2,7 +2,7 @@
 
 use std::io::{Read, Write};
 
-use super::super::error::{FileError, Place};
+use super::super::error::{FaultKind, FileError, Place};
 use super::super::format::Format;
 use super::super::options::{ReadOptions, WriteOptions};
 use super::super::record::Sink;
@@ -87,12 +87,29 @@ struct Array<'a> {
     output: Output<'a>,
     /// Points and coordinates of the first shape, which all have.
     size: Option<(usize, usize)>,
+    /// Number of shapes, if it is known before the last one.
+    count: Option<u64>,
+    /// Coordinates of all shapes, if it is not.
     values: Vec<f64>,
     summary: Summary,
 }
 
-fn open<'a>(output: Output<'a>, _: &WriteOptions) -> Opened<'a> {
-    Ok(Box::new(Array { output, size: None, values: Vec::new(), summary: Summary::default() }))
+fn open<'a>(output: Output<'a>, options: &WriteOptions) -> Opened<'a> {
+    Ok(Box::new(Array {
+        output,
+        size: None,
+        count: options.shapes,
+        values: Vec::new(),
+        summary: Summary::default(),
+    }))
+}
+
+impl Array<'_> {
+    fn write_header(&mut self, count: u64) -> Result<(), FileError> {
+        let (points, dimension) = self.size.unwrap_or((0, 2));
+        let count = usize::try_from(count).unwrap_or(usize::MAX);
+        Ok(self.output.write_all(&header_bytes("<f8", &[count, points, dimension]))?)
+    }
 }
 
 impl Writer for Array<'_> {
@@ -107,7 +124,15 @@ impl Writer for Array<'_> {
             );
             return Err(FileError::unsupported(record.place.clone(), detail));
         }
-        self.values.extend_from_slice(points.coordinates());
+        match self.count {
+            None => self.values.extend_from_slice(points.coordinates()),
+            Some(count) => {
+                if self.summary.records == 0 {
+                    self.write_header(count)?;
+                }
+                write_numbers(&mut self.output, points.coordinates())?;
+            }
+        }
         let lost = [
             ("external ids", record.name.is_some()),
             ("subjects", record.subject.is_some()),
@@ -125,10 +150,21 @@ impl Writer for Array<'_> {
         Ok(())
     }
 
+    fn held(&self) -> usize {
+        size_of_val(&self.values[..])
+    }
+
     fn finish(mut self: Box<Self>) -> Result<Summary, FileError> {
-        let (points, dimension) = self.size.unwrap_or((0, 2));
-        let count = usize::try_from(self.summary.records).unwrap_or(usize::MAX);
-        self.output.write_all(&header_bytes("<f8", &[count, points, dimension]))?;
+        let found = self.summary.records;
+        match self.count {
+            Some(count) if count != found => {
+                let detail =
+                    format!("expected {count} shapes, as was said before the first one, got {found}");
+                return Err(FileError::new(FaultKind::Malformed, detail));
+            }
+            Some(_) if found > 0 => {}
+            _ => self.write_header(found)?,
+        }
         write_numbers(&mut self.output, &self.values)?;
         self.output.flush()?;
         Ok(self.summary)
@@ -141,4 +177,33 @@ pub(super) fn write_numbers(output: &mut impl Write, values: &[f64]) -> Result<(
         output.write_all(&block.iter().flat_map(|value| value.to_le_bytes()).collect::<Vec<u8>>())?;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn written(count: Option<u64>, shapes: usize) -> (Result<Summary, FileError>, usize, Vec<u8>) {
+        let mut bytes = Vec::new();
+        let options = WriteOptions { shapes: count, ..WriteOptions::default() };
+        let mut writer = FORMAT.writer(&mut bytes, &options).expect("a writer");
+        for k in 0..shapes {
+            let points = Points::from_rows(2, (0..6).map(|i| (6 * k + i) as f64).collect());
+            writer.push(&Record::new(Geometry::Landmarks(points), Place::default())).expect("three points");
+        }
+        let held = writer.held();
+        (writer.finish(), held, bytes)
+    }
+
+    #[test]
+    fn an_array_whose_length_is_known_is_not_held() {
+        let (summary, held, bytes) = written(None, 5);
+        assert_eq!((summary.expect("written").records, held), (5, 5 * 6 * 8));
+        let (summary, held, same) = written(Some(5), 5);
+        assert_eq!((summary.expect("written").records, held), (5, 0));
+        assert_eq!(bytes, same);
+        assert_eq!(written(Some(0), 0).2, written(None, 0).2);
+        let refused = written(Some(6), 5).0.expect_err("one is missing").to_string();
+        assert_eq!(refused, "expected 6 shapes, as was said before the first one, got 5");
+    }
 }

@@ -302,11 +302,12 @@ struct Collected {
 struct Zip<'a> {
     output: Output<'a>,
     arrays: Collected,
+    held: usize,
     summary: Summary,
 }
 
 fn open<'a>(output: Output<'a>, _: &WriteOptions) -> Opened<'a> {
-    Ok(Box::new(Zip { output, arrays: Collected::default(), summary: Summary::default() }))
+    Ok(Box::new(Zip { output, arrays: Collected::default(), held: 0, summary: Summary::default() }))
 }
 
 impl Writer for Zip<'_> {
@@ -329,8 +330,14 @@ impl Writer for Zip<'_> {
         let json = |empty: bool, text: serde_json::Result<String>| {
             if empty { Ok(None) } else { text.map(Some).map_err(unwritten) }
         };
-        arrays.attributes.push(json(record.labels.is_empty(), serde_json::to_string(&record.labels))?);
-        arrays.metadata.push(json(record.metadata.is_empty(), serde_json::to_string(&record.metadata))?);
+        let texts = [
+            json(record.labels.is_empty(), serde_json::to_string(&record.labels))?,
+            json(record.metadata.is_empty(), serde_json::to_string(&record.metadata))?,
+        ];
+        self.held += record.bytes() + texts.iter().flatten().map(String::len).sum::<usize>();
+        let [attributes, metadata] = texts;
+        arrays.attributes.push(attributes);
+        arrays.metadata.push(metadata);
         arrays.weights.push(record.weight.unwrap_or(f64::NAN));
         arrays.closed.push(closed);
         if record.ring.is_some() {
@@ -340,8 +347,12 @@ impl Writer for Zip<'_> {
         Ok(())
     }
 
+    fn held(&self) -> usize {
+        self.held
+    }
+
     fn finish(self: Box<Self>) -> Result<Summary, FileError> {
-        let Self { output, arrays, summary } = *self;
+        let Self { output, arrays, summary, .. } = *self;
         let mut zip = ArrayZip::new(output);
         write_points(&mut zip, &arrays)?;
         zip.texts("ids", &arrays.ids)?;
