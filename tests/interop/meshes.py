@@ -10,11 +10,12 @@ import zipfile
 import meshio
 import nibabel
 import numpy
+import openpyxl
 import trimesh
 import vtk
 from vtk.util.numpy_support import vtk_to_numpy
 
-PACKAGES = ["trimesh==5.2.0", "meshio==5.3.5", "nibabel==5.4.2", "numpy==2.4.6", "vtk==9.7.2"]
+PACKAGES = ["trimesh==5.2.0", "meshio==5.3.5", "nibabel==5.4.2", "numpy==2.4.6", "vtk==9.7.2", "openpyxl==3.1.5"]
 # Both sides sum areas and volumes in another order.
 TOLERANCE = 1e-6
 # Coordinates that went through single precision, 24 bits.
@@ -258,6 +259,30 @@ def archives(convert, folder):
     yield "particles come back", (numpy.loadtxt(folder / "b.particles") == points).all().item(), f"{len(again)} bytes"
 
 
+def projects(convert, folder):
+    """A study of ShapeWorks, whose table openpyxl writes."""
+    study = folder / "study"
+    (study / "particles").mkdir(parents=True)
+    points = numpy.random.default_rng(5).normal(size=(5, 20, 3))
+    book = openpyxl.Workbook()
+    sheet = book.active
+    sheet.title = "optimize"
+    sheet.append(["key", "value"])
+    sheet = book.create_sheet("data")
+    sheet.append(["name", "local_particles_1", "group_sex", "age", "fixed"])
+    order = [3, 0, 4, 1, 2]
+    for k in order:
+        name = f"particles/s{k}_local.particles"
+        numpy.savetxt(study / name, points[k], fmt="%.17g")
+        sheet.append([f"s{k}", "./" + name, "fm"[k % 2], 50 + k / 4, k == 4])
+    book.save(study / "study.xlsx")
+    records, summary = convert(study / "study.xlsx")
+    said = [(r["external_id"], r["label"], r["labels"]["age"], r["labels"]["fixed"]) for r in records]
+    right = said == [(f"s{k}", "fm"[k % 2], 50 + k / 4, k == 4) for k in order]
+    right = right and all(r["points"] == points[k].tolist() for r, k in zip(records, order))
+    yield "a workbook of openpyxl names its files", right, f"{summary['properties']['files']} files"
+
+
 def check(convert, data, folder):
     if data is not None:
         yield from real_files(convert, data)
@@ -265,3 +290,4 @@ def check(convert, data, folder):
     yield from vtk_files(convert, folder)
     yield from own_files(convert, folder)
     yield from archives(convert, folder)
+    yield from projects(convert, folder)

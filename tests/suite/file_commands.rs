@@ -178,6 +178,67 @@ fn what_harmonics_leave_is_said() {
 }
 
 #[test]
+fn projects_bring_the_files_that_they_name() {
+    let (server, folder) = (Server::fresh(), tempfile::tempdir().unwrap());
+    let representation = json!({"kind": "landmarks", "dimension": 3, "points": 2});
+    let cohort = json!({"name": "c", "representation": representation, "correspondence": "landmarks"});
+    server.post("/v1/cohorts", &cohort).expect(201);
+    let path = |name: &str| folder.path().join(name);
+    let project = json!({"data": [
+        {"name": "m02", "local_particles_1": "../particles/m02.particles", "shape_1": "../m02.ply", "group_sex": "f", "age": 61},
+        {"name": "m01", "local_particles_1": "../particles/m01.particles", "shape_1": "../m01.ply", "group_sex": "m"},
+    ]});
+    ["particles", "study"].iter().for_each(|name| std::fs::create_dir(path(name)).unwrap());
+    std::fs::write(path("study/a.swproj"), project.to_string()).unwrap();
+    std::fs::write(path("particles/m01.particles"), "0 0 0\n1 0 0\n").unwrap();
+    std::fs::write(path("particles/m02.particles"), "0 0 0\n0 2 0\n").unwrap();
+    std::fs::write(path("particles/other.particles"), "0 0 0\n0 0 3\n").unwrap();
+    let (code, said, _) = shapelex(&["inspect", "study/a.swproj"], folder.path());
+    assert!(code == 0 && said.contains("2 × landmarks") && said.contains("m02, m01"), "{said}");
+    let (code, said, _) = shapelex(&["convert", "study/a.swproj"], folder.path());
+    let lines: Vec<Value> = said.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert_eq!((code, &lines[0]["points"][1], &lines[0]["label"]), (0, &json!([0.0, 2.0, 0.0]), &json!("f")));
+    // In a folder, its files belong to the project; the third one does not.
+    let import = || {
+        let arguments = ["import", ".", "--cohort", "c", "--server", server.address(), "--json"];
+        let (code, said, told) = shapelex(&arguments, folder.path());
+        let lines: Vec<Value> = said.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+        let fates: Vec<_> = lines.iter().map(|line| format!("{} {}", line["file"], line["status"])).collect();
+        (code, fates, told)
+    };
+    let wanted = |status: &str| {
+        ["./particles/other.particles", "./study/a.swproj"]
+            .map(|file| format!("\"{file}\" \"{status}\""))
+            .to_vec()
+    };
+    let (code, fates, told) = import();
+    assert_eq!((code, fates), (0, wanted("imported")), "{told}");
+    assert_eq!(import().1, wanted("known"));
+    assert_eq!(server.get("/v1/cohorts/c").expect(200)["shape_count"], 3);
+    let shape = server.get("/v1/cohorts/c/shapes/m02").expect(200);
+    assert_eq!((&shape["label"], &shape["labels"]), (&json!("f"), &json!({"age": 61.0})));
+    // A file that is missing, one that is no shape, and a project that is sent alone.
+    std::fs::remove_file(path("particles/m01.particles")).unwrap();
+    let (code, said, _) = shapelex(&["inspect", "study/a.swproj"], folder.path());
+    assert!(
+        code == 2 && said.contains("item 1, local_particles_1: expected a file that the project names"),
+        "{said}"
+    );
+    std::fs::write(path("particles/m01.particles"), [0xff, 0xfe]).unwrap();
+    std::fs::rename(path("particles/m01.particles"), path("particles/secret")).unwrap();
+    std::fs::write(path("study/a.swproj"), project.to_string().replace("m01.particles", "secret")).unwrap();
+    let (code, said, _) = shapelex(&["inspect", "study/a.swproj"], folder.path());
+    assert!(code == 2 && said.contains("expected a file of one of the formats"), "{said}");
+    let alone = server.post_bytes(
+        "/v1/inspect?name=a.swproj",
+        "application/octet-stream",
+        project.to_string().into_bytes(),
+    );
+    let problem = alone.expect(422);
+    assert!(problem["detail"].as_str().unwrap().contains("got the project alone"), "{problem}");
+}
+
+#[test]
 fn completions_and_man_pages_are_written() {
     let folder = tempfile::tempdir().unwrap();
     for shell in ["bash", "zsh", "fish", "powershell", "elvish"] {

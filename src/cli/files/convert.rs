@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde::Serialize;
 
-use super::{Complete, Opened, Reading, Writing, note, own_limits, shown};
+use super::content::{Opened, shown};
+use super::{Complete, Reading, Writing, note, own_limits};
 use crate::cli::maintenance::Outcome;
 use crate::formats::files::{self, FileError, Format, Summary};
 use crate::formats::summary::left_out;
@@ -52,7 +53,7 @@ pub(super) fn run(args: &ConvertArgs) -> Result<Outcome, String> {
     let (options, stated) = (args.reading.options()?, args.reading.format()?);
     let writing = args.writing.options()?;
     let failed = |error: FileError| format!("{}: {error}", shown(&args.file));
-    let opened = Opened::new(&args.file, stated).map_err(failed)?;
+    let opened = Opened::new(&args.file, stated, &options).map_err(failed)?;
     let convert = |output: &mut (dyn Write + Send)| {
         let mut opened = opened;
         let mut writer = target.writer(output, &writing)?;

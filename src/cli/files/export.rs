@@ -6,8 +6,9 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use futures_util::StreamExt;
 
+use super::content::is_standard;
 use super::target::{Target, TargetArgs, refusal};
-use super::{Complete, Writing, is_standard, note};
+use super::{Complete, Writing, note};
 use crate::cli::maintenance::{At, Outcome};
 use crate::domain::attribute::Attribute;
 use crate::domain::filter::ShapeFilter;

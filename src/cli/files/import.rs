@@ -11,15 +11,16 @@ use std::path::{Path, PathBuf};
 
 use bytes::Bytes;
 use clap::Args;
-use futures_util::{Stream, StreamExt};
+use futures_util::{Stream, StreamExt, stream};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 use serde_json::{Value, json};
 use tokio_util::io::ReaderStream;
 
+use super::content::{Opened, shown};
 use super::places::{Place, expand};
 use super::target::{Service, Target, TargetArgs, refusal};
-use super::{Opened, Reading, note, say, shown};
+use super::{Reading, note, say};
 use crate::cli::maintenance::{At, Outcome};
 use crate::formats::record::{Placing, Plane};
 use crate::formats::summary::FileSummary;
@@ -158,23 +159,25 @@ impl Import<'_> {
     async fn one(&self, place: &Place, journal: Option<&mut Journal>) -> Result<Fate, String> {
         let path = &place.path;
         let refused = |error: String| Ok(Fate::Refused { error });
-        let format = match Opened::new(path, self.stated) {
-            Ok(opened) => opened.format,
+        let (format, content) = match Opened::new(path, self.stated, &self.args.reading.options()?) {
+            Ok(Opened { format, packed, .. }) => (format, Content { path, packed }),
             Err(error) if place.in_folder => return Ok(Fate::LeftOut { error: error.to_string() }),
             Err(error) => return refused(error.to_string()),
         };
+        self.progress.grow(path, &content);
         let query = self.query(path, format);
-        let digest = match digest(path, &self.cohort, &query) {
+        let read = content.reader().and_then(|reader| digest(reader, &self.cohort, &query));
+        let digest = match read {
             Ok(digest) => digest,
             Err(error) => return refused(error.to_string()),
         };
         if journal.as_ref().is_some_and(|journal| journal.known.contains(&digest)) {
-            self.progress.pass(path);
+            self.progress.pass(&content);
             return Ok(Fate::Known);
         }
         let fate = match &self.target {
-            Target::Service(service) => self.send(service, path, &query, &digest).await?,
-            Target::Store(app) => self.store(app, path, format, &query, &digest).await?,
+            Target::Service(service) => self.send(service, &content, &query, &digest).await?,
+            Target::Store(app) => self.store(app, &content, format, &query, &digest).await?,
         };
         if let (Some(journal), Fate::Imported { .. } | Fate::Known) = (journal, &fate) {
             journal.add(&digest, path)?;
@@ -207,13 +210,13 @@ impl Import<'_> {
     async fn send(
         &self,
         service: &Service,
-        path: &Path,
+        content: &Content<'_>,
         query: &[(String, String)],
         digest: &str,
     ) -> Result<Fate, String> {
         let request =
             service.request(reqwest::Method::POST, &["v1", "cohorts", &self.cohort, "shapes"], query)?;
-        let stream = match self.stream(path).await {
+        let stream = match self.stream(content).await {
             Ok(stream) => stream,
             Err(error) => return Ok(Fate::Refused { error: error.to_string() }),
         };
@@ -240,7 +243,7 @@ impl Import<'_> {
     async fn store(
         &self,
         app: &App,
-        path: &Path,
+        content: &Content<'_>,
         format: FileFormat,
         query: &[(String, String)],
         digest: &str,
@@ -268,7 +271,7 @@ impl Import<'_> {
         let app =
             app.clone().with_retry(Some(retry)).noting(crate::service::app::touched::Touched::default());
         let cohort = catalogue::find(&app, &self.cohort).await.map_err(|error| error.to_string())?;
-        let stream = match self.stream(path).await {
+        let stream = match self.stream(content).await {
             Ok(stream) => {
                 stream.map(|bytes| bytes.map_err(|error| ServiceError::Interrupted(error.to_string())))
             }
@@ -288,11 +291,17 @@ impl Import<'_> {
     /// The bytes of a file, counted by the progress bar.
     async fn stream(
         &self,
-        path: &Path,
+        content: &Content<'_>,
     ) -> std::io::Result<impl Stream<Item = std::io::Result<Bytes>> + Send + 'static> {
         let bar = self.progress.bar.clone();
-        let file = tokio::fs::File::open(path).await?;
-        Ok(ReaderStream::with_capacity(file, BLOCK).inspect(move |bytes| {
+        let stream = match &content.packed {
+            Some(bytes) => stream::once(std::future::ready(Ok(bytes.clone()))).left_stream(),
+            None => {
+                let file = tokio::fs::File::open(content.path).await?;
+                ReaderStream::with_capacity(file, BLOCK).right_stream()
+            }
+        };
+        Ok(stream.inspect(move |bytes| {
             if let (Some(bar), Ok(bytes)) = (&bar, bytes) {
                 bar.inc(bytes.len() as u64);
             }
@@ -317,13 +326,34 @@ fn sentence(error: &ServiceError) -> String {
     format!("{place}{pointer}{}", fault.detail)
 }
 
+/// The bytes of a file: of a project, those of its archive.
+struct Content<'p> {
+    path: &'p Path,
+    packed: Option<Bytes>,
+}
+
+impl Content<'_> {
+    /// Number of bytes.
+    fn len(&self) -> u64 {
+        let of_file = || std::fs::metadata(self.path).map_or(0, |metadata| metadata.len());
+        self.packed.as_ref().map_or_else(of_file, |bytes| bytes.len() as u64)
+    }
+
+    fn reader(&self) -> std::io::Result<Box<dyn Read>> {
+        Ok(match &self.packed {
+            Some(bytes) => Box::new(std::io::Cursor::new(bytes.clone())),
+            None => Box::new(File::open(self.path)?),
+        })
+    }
+}
+
 /// Digest of a file, its cohort and the options.
-fn digest(path: &Path, cohort: &str, query: &[(String, String)]) -> std::io::Result<String> {
+fn digest(mut file: impl Read, cohort: &str, query: &[(String, String)]) -> std::io::Result<String> {
     let mut hasher = blake3::Hasher::new();
     for text in [cohort].into_iter().chain(query.iter().flat_map(|(name, value)| [name.as_str(), value])) {
         hasher.update(&(text.len() as u64).to_le_bytes()).update(text.as_bytes());
     }
-    let (mut file, mut block) = (File::open(path)?, vec![0; BLOCK]);
+    let mut block = vec![0; BLOCK];
     loop {
         match file.read(&mut block)? {
             0 => return Ok(hasher.finalize().to_hex().to_string()),
@@ -379,10 +409,17 @@ impl Progress {
         Self { bar, json }
     }
 
-    /// Counts a file that is not sent.
-    fn pass(&self, path: &Path) {
+    /// Counts what is sent with a file beside it.
+    fn grow(&self, path: &Path, content: &Content<'_>) {
         if let (Some(bar), Ok(metadata)) = (&self.bar, std::fs::metadata(path)) {
-            bar.inc(metadata.len());
+            bar.inc_length(content.len().saturating_sub(metadata.len()));
+        }
+    }
+
+    /// Counts a file that is not sent.
+    fn pass(&self, content: &Content<'_>) {
+        if let Some(bar) = &self.bar {
+            bar.inc(content.len());
         }
     }
 
@@ -439,7 +476,9 @@ mod tests {
         };
         let (a, b, c) = (path("a", "x"), path("b", "x"), path("c", "y"));
         let query = |text: &str| vec![("format".to_owned(), text.to_owned())];
-        let of = |path: &Path, cohort: &str, text: &str| digest(path, cohort, &query(text)).unwrap();
+        let of = |path: &Path, cohort: &str, text: &str| {
+            digest(File::open(path).unwrap(), cohort, &query(text)).unwrap()
+        };
         assert_eq!(of(&a, "one", "tps"), of(&b, "one", "tps"));
         for other in [of(&c, "one", "tps"), of(&a, "two", "tps"), of(&a, "one", "nts")] {
             assert_ne!(other, of(&a, "one", "tps"));

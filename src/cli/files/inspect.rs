@@ -5,8 +5,9 @@ use std::path::PathBuf;
 use clap::Args;
 use serde::Serialize;
 
+use super::content::{Opened, shown};
 use super::places::{Place, expand};
-use super::{Opened, Reading, own_limits, say, shown};
+use super::{Reading, own_limits, say};
 use crate::cli::maintenance::Outcome;
 use crate::formats::files::{FileError, Group, Inspected, Inspection, ReadOptions, Summary};
 use crate::formats::record::count_unstored;
@@ -43,7 +44,7 @@ pub(super) fn run(args: &InspectArgs) -> Result<Outcome, String> {
     let (options, stated) = (args.reading.options()?, args.reading.format()?);
     let (mut read, mut refused) = (0_u64, 0_u64);
     for Place { path, .. } in expand(&args.files)? {
-        let inspected = Opened::new(&path, stated).and_then(|opened| inspect(opened, &options));
+        let inspected = Opened::new(&path, stated, &options).and_then(|opened| inspect(opened, &options));
         match &inspected {
             Ok(_) => read += 1,
             Err(_) => refused += 1,

@@ -2,6 +2,7 @@
 //!
 //! Exit code 0 if all is done, 1 if some of it was refused, 2 if nothing could be done.
 
+mod content;
 mod convert;
 pub(super) mod export;
 pub(super) mod import;
@@ -17,7 +18,7 @@ use clap::{Args, Subcommand};
 
 use super::maintenance::Outcome;
 use crate::formats::dicom;
-use crate::formats::files::{FileError, Limits, ReadOptions, Source, WriteOptions};
+use crate::formats::files::{Limits, ReadOptions, WriteOptions};
 use crate::service::files::{FileFormat, unknown_format};
 
 /// Commands for files that need no service and no store.
@@ -127,33 +128,6 @@ fn pairs(options: &[String]) -> Result<Vec<(&str, &str)>, String> {
     options.iter().map(|text| pair(text).map(|(end, start)| (&text[..end], &text[start..]))).collect()
 }
 
-/// An open file with its format.
-struct Opened {
-    format: FileFormat,
-    source: Source<'static>,
-}
-
-impl Opened {
-    /// Opens a file; `-` is standard input.
-    fn new(path: &Path, stated: Option<FileFormat>) -> Result<Self, FileError> {
-        let reader: Box<dyn Read> = match is_standard(path) {
-            true => Box::new(std::io::stdin()),
-            false => Box::new(File::open(path)?),
-        };
-        let source = Source::new(reader, Limits::default())?;
-        let name = path.file_name().map(|name| name.to_string_lossy());
-        let format = match stated {
-            Some(format) => format,
-            None => FileFormat::detect(source.head(), name.as_deref())?,
-        };
-        Ok(Self { format, source })
-    }
-}
-
-fn is_standard(path: &Path) -> bool {
-    path == Path::new("-")
-}
-
 /// Limits of shapes of files on this machine: those of the memory are those of [`Limits`].
 fn own_limits() -> crate::service::app::Limits {
     let usual = crate::service::app::Limits::default();
@@ -185,11 +159,6 @@ fn note(line: &str) {
     {
         eprintln!("{line}");
     }
-}
-
-/// A path in a message.
-fn shown(path: &Path) -> String {
-    if is_standard(path) { "standard input".into() } else { path.display().to_string() }
 }
 
 /// Writes a file that appears under its name only when it is complete.

@@ -1,8 +1,10 @@
 //! The files that arguments name: files themselves, folders and patterns.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use super::is_standard;
+use super::content::{is_standard, named_files};
+use crate::formats::files;
 
 /// A file, and how it was named.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -12,7 +14,8 @@ pub(super) struct Place {
     pub(super) in_folder: bool,
 }
 
-/// All files, in the order of the arguments; those of folders and patterns in the order of their paths.
+/// All files, in the order of the arguments; those of folders and patterns in the order of their paths. Those of folders that a project
+/// among them names belong to it.
 ///
 /// # Errors
 /// A file that does not exist, a pattern without files, a folder that cannot be read.
@@ -39,7 +42,16 @@ pub(super) fn expand(arguments: &[PathBuf]) -> Result<Vec<Place>, String> {
             }
         }
     }
+    let projects = found.iter().filter(|place| may_be_project(&place.path));
+    let named: BTreeSet<PathBuf> = projects.flat_map(|place| named_files(&place.path)).collect();
+    found.retain(|place| !(place.in_folder && named.contains(&place.path)));
     Ok(found)
+}
+
+/// Whether a file is called as projects are.
+fn may_be_project(path: &Path) -> bool {
+    let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
+    files::find("swproj").is_some_and(|format| format.extensions.contains(&&*extension))
 }
 
 /// Adds all files below a folder, but hidden ones.

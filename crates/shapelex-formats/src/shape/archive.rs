@@ -4,22 +4,24 @@
 //!   refused, as such an archive is not what it seems.
 //! * Sizes that an archive declares are claims: what counts is what comes out, at most [`Limits::content`] bytes of all files.
 //! * Files of no known format are left out and counted. An archive within an archive is refused.
+//! * Where one file is a [`project`], the files that it names are read, in its order and with what it says of them.
 
-use std::collections::BTreeMap;
-use std::io::{Cursor, Read};
+use std::collections::{BTreeMap, BTreeSet};
+use std::io::Read;
 
-use zip::ZipArchive;
 use zip::result::ZipError;
 
 use super::error::{FaultKind, FileError, Place};
 use super::format::Format;
 use super::limits::Limits;
 use super::options::ReadOptions;
+use super::project::{self, Project};
 use super::record::Sink;
 use super::record::{Kind, Record};
 use super::registry::{detect, read as read_file};
 use super::source::Source;
 use super::summary::Summary;
+use super::unzip::{Archive, fault, opened};
 
 /// Archives of several files.
 pub(super) static FORMAT: Format = Format {
@@ -44,43 +46,55 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
     let mut archive = opened(source.bytes()?)?;
     check_names(&archive)?;
     let mut files = Files { limits: *source.limits(), content: 0, summary: Summary::default(), facts: None };
-    let mut count = 0_u64;
-    for k in 0..archive.len() {
-        let file = archive.by_index(k).map_err(|error| fault(error).at(Place::item(k as u64)))?;
-        let name = file.name().map_err(fault)?.into_owned();
-        if file.is_dir() {
-            continue;
+    let count = match projects(&mut archive, &mut files)?.as_slice() {
+        [] => files.read_all(&mut archive, options, sink)?,
+        [project] => files.read_project(&mut archive, project, options, sink)?,
+        [_, second, ..] => {
+            let place = Place { entry: Some(second.name.clone()), ..Place::default() };
+            return Err(FileError::unsupported(
+                place,
+                "expected one project in an archive, got a second one",
+            ));
         }
-        let place = Place { entry: Some(name), ..Place::default() };
-        count += u64::from(files.read(file, &place, options, sink).map_err(|error| error.at(place))?);
-    }
-    if count == 0 {
-        let detail = format!("expected an archive with files of a known format, got {}", archive.len());
-        return Err(FileError::new(FaultKind::Unknown, format!("{detail} others")));
-    }
+    };
     let mut summary = files.summary;
     summary.properties = files.facts.unwrap_or_default();
     summary.set("files", count);
     Ok(summary)
 }
 
-/// The archive that a whole file is, by the directory at its end.
-///
-/// # Errors
-/// Bytes without a directory.
-pub(super) fn opened(bytes: Vec<u8>) -> Result<ZipArchive<Cursor<Vec<u8>>>, FileError> {
-    let end = Place::byte(bytes.len() as u64);
-    ZipArchive::new(Cursor::new(bytes)).map_err(|error| match error {
-        ZipError::InvalidArchive(_) => {
-            let detail = "expected the directory of a zip archive at the end of the file, got other bytes";
-            FileError::truncated(end, detail)
+/// A project in an archive.
+struct ProjectEntry {
+    name: String,
+    bytes: Vec<u8>,
+}
+
+/// The projects in an archive. Workbooks may hold something else: those are none.
+fn projects(archive: &mut Archive, files: &mut Files) -> Result<Vec<ProjectEntry>, FileError> {
+    let mut found = Vec::new();
+    for k in 0..archive.len() {
+        let file = archive.by_index(k).map_err(|error| fault(error).at(Place::item(k as u64)))?;
+        let name = file.name().map_err(fault)?.into_owned();
+        let is_candidate = |extension: &&str| name.to_lowercase().ends_with(&format!(".{extension}"));
+        if is_foreign(&name) || !project::FORMAT.extensions.iter().any(|extension| is_candidate(&extension)) {
+            continue;
         }
-        other => fault(other).at(end),
-    })
+        let entry = Place { entry: Some(name.clone()), ..Place::default() };
+        let bytes = files.bytes(file).map_err(|error| error.at(entry.clone()))?;
+        let is_one = name.to_lowercase().ends_with(project::FORMAT.extensions[0])
+            || project::is_project(&bytes, &files.limits).map_err(|error| error.at(entry))?;
+        found.extend(is_one.then_some(ProjectEntry { name, bytes }));
+    }
+    Ok(found)
+}
+
+/// Whether a file of an archive holds attributes of an operating system.
+fn is_foreign(name: &str) -> bool {
+    name.starts_with("__MACOSX/") || name.rsplit('/').next().is_some_and(|name| name.starts_with("._"))
 }
 
 /// Refuses names that leave a folder, and those that occur twice.
-fn check_names<R: Read + std::io::Seek>(archive: &ZipArchive<R>) -> Result<(), FileError> {
+fn check_names(archive: &Archive) -> Result<(), FileError> {
     for name in archive.file_names() {
         let name = name.map_err(fault)?;
         let parts = || name.split(['/', '\\']);
@@ -109,6 +123,91 @@ struct Files {
 }
 
 impl Files {
+    /// Reads all files. Returns how many of them have a known format.
+    fn read_all(
+        &mut self,
+        archive: &mut Archive,
+        options: &ReadOptions,
+        sink: Sink<'_>,
+    ) -> Result<u64, FileError> {
+        let mut count = 0;
+        for k in 0..archive.len() {
+            let file = archive.by_index(k).map_err(|error| fault(error).at(Place::item(k as u64)))?;
+            let name = file.name().map_err(fault)?.into_owned();
+            if file.is_dir() {
+                continue;
+            }
+            let place = Place { entry: Some(name), ..Place::default() };
+            count += u64::from(self.read(file, &place, options, sink).map_err(|error| error.at(place))?);
+        }
+        if count == 0 {
+            let detail = format!("expected an archive with files of a known format, got {}", archive.len());
+            return Err(FileError::new(FaultKind::Unknown, format!("{detail} others")));
+        }
+        Ok(count)
+    }
+
+    /// Reads the files that a project names. Returns their number.
+    fn read_project(
+        &mut self,
+        archive: &mut Archive,
+        entry: &ProjectEntry,
+        options: &ReadOptions,
+        sink: Sink<'_>,
+    ) -> Result<u64, FileError> {
+        let at = Place { entry: Some(entry.name.clone()), ..Place::default() };
+        let project =
+            Project::new(&entry.bytes, options, &self.limits).map_err(|error| error.at(at.clone()))?;
+        let folder = entry.name.rsplit_once('/').map_or("", |(folder, _)| folder);
+        // Those of the project say nothing of its files.
+        let own = ReadOptions { files: None, select: None, ..options.clone() };
+        let mut known = BTreeSet::from([entry.name.clone()]);
+        for named in &project.files {
+            let missing = || {
+                let detail = format!("expected the file '{}' in the archive, got none", named.path);
+                FileError::malformed(named.place.clone().within(&at), detail)
+            };
+            let path = project::within(folder, &named.path).ok_or_else(missing)?;
+            let file = archive.by_name(&path).map_err(|error| match error {
+                ZipError::FileNotFound => missing(),
+                other => fault(other).at(named.place.clone().within(&at)),
+            })?;
+            let place = Place { entry: Some(path.clone()), ..Place::default() };
+            let mut n = 0;
+            let is_known = self.read(file, &place, &own, &mut |record| {
+                n += 1;
+                sink(named.describe(record, n - 1))
+            });
+            if !is_known.map_err(|error| error.at(place.clone()))? {
+                let detail = "expected a file of shapes that the project names, got one of no known format";
+                return Err(FileError::unsupported(place, detail));
+            }
+            known.insert(path);
+        }
+        for name in archive.file_names() {
+            let name = name.map_err(fault)?;
+            if !name.ends_with('/') && !known.contains(&*name) {
+                let place = || Place { entry: Some(name.to_string()), ..Place::default() };
+                self.summary.drop("files beside those that the project names", Some(&name), place);
+            }
+        }
+        let mut dropped = project.summary.dropped;
+        dropped.iter_mut().for_each(|left| left.first = left.first.clone().within(&at));
+        self.summary.dropped.append(&mut dropped);
+        let facts = self.facts.get_or_insert_default();
+        facts.extend(project.summary.properties);
+        Ok(project.files.len() as u64)
+    }
+
+    /// All bytes of a file.
+    fn bytes(&mut self, file: impl Read) -> Result<Vec<u8>, FileError> {
+        let content = self.limits.content.saturating_sub(self.content);
+        let mut source = Source::new(file, Limits { content, ..self.limits })?;
+        let bytes = Source::bytes(&mut source)?;
+        self.content += source.offset();
+        Ok(bytes)
+    }
+
     /// Reads a file. Returns whether it is one of a known format.
     fn read(
         &mut self,
@@ -119,7 +218,7 @@ impl Files {
     ) -> Result<bool, FileError> {
         let name = place.entry.as_deref().unwrap_or_default();
         let file_name = name.rsplit('/').next().unwrap_or_default();
-        if name.starts_with("__MACOSX/") || file_name.starts_with("._") {
+        if is_foreign(name) {
             self.summary.drop("attributes of an operating system", Some(name), || place.clone());
             return Ok(false);
         }
@@ -129,6 +228,11 @@ impl Files {
             self.summary.drop("files of no known format", Some(name), || place.clone());
             return Ok(false);
         };
+        if format.id == project::FORMAT.id {
+            // A workbook that is no project.
+            self.summary.drop("files of no known format", Some(name), || place.clone());
+            return Ok(false);
+        }
         if format.id == FORMAT.id {
             let detail = "expected files of shapes, got an archive within the archive";
             return Err(FileError::new(FaultKind::Unsupported, detail));
@@ -205,23 +309,6 @@ fn stem(file_name: &str) -> &str {
     let ends = |(at, _): (usize, _)| (at > 0).then(|| &file_name[..at]);
     let plain = file_name.strip_suffix(".gz").unwrap_or(file_name);
     plain.rmatch_indices('.').next().and_then(ends).unwrap_or(plain)
-}
-
-fn fault(error: ZipError) -> FileError {
-    match error {
-        ZipError::Io(error) => error.into(),
-        ZipError::InvalidArchive(what) => {
-            FileError::new(FaultKind::Malformed, format!("expected a whole zip archive, got a fault: {what}"))
-        }
-        ZipError::CompressionMethodNotSupported(method) => {
-            let detail = format!("expected files stored or compressed by deflate, got method {method}");
-            FileError::new(FaultKind::Unsupported, detail)
-        }
-        other => FileError::new(
-            FaultKind::Unsupported,
-            format!("expected an archive without encryption or parts, got: {other}"),
-        ),
-    }
 }
 
 #[cfg(test)]

@@ -33,6 +33,7 @@ mod nef;
 mod nts;
 mod objects;
 mod options;
+mod project;
 mod record;
 mod registry;
 mod rtstruct;
@@ -44,6 +45,7 @@ mod table;
 mod testing;
 mod text;
 mod tps;
+mod unzip;
 mod wkt;
 mod write;
 
@@ -53,9 +55,10 @@ pub use inspection::{Group, Inspected, Inspection};
 pub use limits::{Limits, MAX_COORDINATE};
 pub use mesh::{NORMALS, TEXTURE_OF_CORNERS};
 pub use options::{
-    Columns, Contours, Curves, Encoding, Holes, Layout, MAX_HARMONICS, Names, Nuclei, ReadOptions, Scale,
-    WriteOptions,
+    Columns, Contours, Curves, Encoding, Holes, Layout, MAX_HARMONICS, Names, Nuclei, ProjectFiles,
+    ReadOptions, Scale, WriteOptions,
 };
+pub use project::{named_files, pack_project};
 pub use record::{Domain, Faces, Field, Fourier, Geometry, Kind, Mesh, Points, Record, Ring, Sink, Value};
 pub use registry::{FORMATS, detect, find, read};
 pub use source::Source;

@@ -34,6 +34,8 @@ pub struct ReadOptions {
     pub contours: Option<Contours>,
     /// What names the shapes of a file with names and ids. Default: `name`.
     pub names: Option<Names>,
+    /// Which files of a project are read. Default: local particles, else world particles.
+    pub files: Option<ProjectFiles>,
 }
 
 /// What becomes of scales.
@@ -130,6 +132,22 @@ pub enum Names {
     Name,
     /// Their id, for files in which several have one name; their name where they have none.
     Id,
+}
+
+/// Which files of a project are read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ProjectFiles {
+    /// Points in correspondence, each shape in its own frame.
+    LocalParticles,
+    /// Points in correspondence, all shapes in the common frame.
+    WorldParticles,
+    /// Prepared surfaces, segmentations and contours.
+    Groomed,
+    /// Surfaces, segmentations and contours as they came.
+    Shape,
+    /// Landmarks.
+    LandmarksFile,
 }
 
 impl ReadOptions {

@@ -7,8 +7,8 @@ use super::record::{Record, Sink};
 use super::source::Source;
 use super::summary::Summary;
 use super::{
-    archive, chc, coco, csv, geojson, imagej, mesh, morphologika, ndjson, nef, nts, rtstruct, slicer, table,
-    tps, wkt,
+    archive, chc, coco, csv, geojson, imagej, mesh, morphologika, ndjson, nef, nts, project, rtstruct,
+    slicer, table, tps, wkt,
 };
 
 /// All formats.
@@ -24,6 +24,7 @@ pub static FORMATS: &[&Format] = &[
     &mesh::gifti::FORMAT,
     &mesh::gltf::FORMAT,
     &mesh::particles::FORMAT,
+    &project::FORMAT,
     &tps::FORMAT,
     &nts::FORMAT,
     &morphologika::FORMAT,

@@ -15,7 +15,6 @@ use std::io::{Read, Write};
 
 use serde_json::Value as Json;
 
-use super::super::archive::opened;
 use super::super::error::{FileError, Place};
 use super::super::format::Format;
 use super::super::limits::Limits;
@@ -24,6 +23,7 @@ use super::super::record::Sink;
 use super::super::record::{Geometry, Kind, Points, Record};
 use super::super::source::Source;
 use super::super::summary::Summary;
+use super::super::unzip::opened;
 use super::super::write::{Opened, Output, Writer};
 use super::array_zip::ArrayZip;
 use super::npy::{Header, Items, Layout, exactly};

@@ -1,0 +1,96 @@
+//! Tables in workbooks (`.xlsx`), which are archives of XML.
+
+use std::collections::BTreeMap;
+use std::io::{Cursor, Read};
+
+use calamine::{DataRef, Reader, Xlsx, XlsxError};
+
+use super::super::error::{FaultKind, FileError, Place};
+use super::super::limits::Limits;
+use super::super::table::guarded;
+use super::super::unzip::opened;
+use super::sheet::Row;
+
+/// Sheet with the subjects; without it, the first one.
+const SHEET: &str = "data";
+/// First bytes of an archive, and the names that the first file of a workbook has.
+const ARCHIVE: &[u8] = b"PK\x03\x04";
+const FIRST: [&[u8]; 4] = [b"[Content_Types].xml", b"xl/", b"_rels/", b"docProps/"];
+
+/// Whether a file begins as a workbook.
+pub(super) fn is_workbook(head: &[u8]) -> bool {
+    let name = head.get(30..).unwrap_or_default();
+    head.starts_with(ARCHIVE) && FIRST.iter().any(|first| name.starts_with(first))
+}
+
+/// The rows below the first one, by the names in the first one. Empty rows and cells are left out.
+pub(super) fn rows(bytes: &[u8], limits: &Limits) -> Result<Vec<Row>, FileError> {
+    check_size(bytes, limits)?;
+    let mut table = guarded("a workbook", || cells(bytes, limits))?.into_values();
+    let names = table.next().unwrap_or_default();
+    let row = |cells: BTreeMap<u32, String>| -> Row {
+        let named = |(column, text)| Some((names.get(&column)?.trim().to_owned(), text));
+        cells.into_iter().filter_map(named).filter(|(name, _)| !name.is_empty()).collect()
+    };
+    Ok(table.map(row).filter(|row| row.values().any(|text| !text.trim().is_empty())).collect())
+}
+
+/// Texts by row and column.
+fn cells(bytes: &[u8], limits: &Limits) -> Result<BTreeMap<u32, BTreeMap<u32, String>>, FileError> {
+    let mut book: Xlsx<_> = Xlsx::new(Cursor::new(bytes)).map_err(fault)?;
+    let sheets = book.sheet_names();
+    let sheet = sheets.iter().find(|name| *name == SHEET).or(sheets.first()).cloned();
+    let Some(sheet) = sheet else {
+        return Err(FileError::new(FaultKind::Malformed, "expected a workbook with a sheet, got none"));
+    };
+    let mut table: BTreeMap<u32, BTreeMap<u32, String>> = BTreeMap::new();
+    // One long text may be that of many cells.
+    let mut held = 0_usize;
+    let mut reader = book.worksheet_cells_reader(&sheet).map_err(fault)?;
+    while let Some(cell) = reader.next_cell().map_err(fault)? {
+        let text = match cell.get_value() {
+            DataRef::String(text) => text.clone(),
+            DataRef::SharedString(text) => (*text).to_owned(),
+            DataRef::Int(value) => value.to_string(),
+            DataRef::Float(value) => value.to_string(),
+            DataRef::Bool(value) => value.to_string(),
+            _ => continue,
+        };
+        held = held.saturating_add(text.len());
+        if held > limits.held {
+            let detail = format!("expected at most {} bytes of texts, got more", limits.held);
+            return Err(FileError::too_large(Place::default(), detail));
+        }
+        let (row, column) = cell.get_position();
+        table.entry(row).or_default().insert(column, text);
+    }
+    Ok(table)
+}
+
+/// Refuses a workbook that is larger than what may be held, by what comes out of it: the library holds its parts.
+fn check_size(bytes: &[u8], limits: &Limits) -> Result<(), FileError> {
+    let mut archive = opened(bytes.to_vec())?;
+    let mut left = limits.held as u64;
+    for k in 0..archive.len() {
+        let malformed = |error: &dyn std::fmt::Display| {
+            FileError::of(
+                FaultKind::Malformed,
+                Place::item(k as u64),
+                format!("expected a part of a workbook, got {error}"),
+            )
+        };
+        let part = archive.by_index(k).map_err(|error| malformed(&error))?;
+        let count = std::io::copy(&mut part.take(left + 1), &mut std::io::sink());
+        let count = count.map_err(|error| malformed(&error))?;
+        let Some(rest) = left.checked_sub(count) else {
+            let detail = format!("expected at most {} bytes of a workbook, got more", limits.held);
+            return Err(FileError::too_large(Place::default(), detail));
+        };
+        left = rest;
+    }
+    Ok(())
+}
+
+fn fault(error: XlsxError) -> FileError {
+    FileError::new(FaultKind::Malformed, format!("expected a workbook, got a fault: {error}"))
+}
