@@ -76,7 +76,7 @@ fn projects(archive: &mut Archive, files: &mut Files) -> Result<Vec<ProjectEntry
         let file = archive.by_index(k).map_err(|error| fault(error).at(Place::item(k as u64)))?;
         let name = file.name().map_err(fault)?.into_owned();
         let is_candidate = |extension: &&str| name.to_lowercase().ends_with(&format!(".{extension}"));
-        if is_foreign(&name) || !project::FORMAT.extensions.iter().any(|extension| is_candidate(&extension)) {
+        if is_foreign(&name) || !project::FORMAT.extensions.iter().any(is_candidate) {
             continue;
         }
         let entry = Place { entry: Some(name.clone()), ..Place::default() };

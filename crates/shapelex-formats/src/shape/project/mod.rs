@@ -85,8 +85,8 @@ impl<'c> Column<'c> {
             ("name", _) => Self::Name,
             ("excluded", _) => Self::Excluded,
             (_, Some((what, domain))) => Self::Files(what, domain),
-            _ if OTHER_FILES.iter().any(|prefix| begins(prefix)) => Self::OtherFiles,
-            _ if TRANSFORMATIONS.iter().any(|prefix| begins(prefix)) => Self::Transformations,
+            _ if OTHER_FILES.iter().any(begins) => Self::OtherFiles,
+            _ if TRANSFORMATIONS.iter().any(begins) => Self::Transformations,
             _ => name.strip_prefix(GROUP).map_or(Self::Attribute, Self::Group),
         }
     }
