@@ -55,6 +55,7 @@ pub(super) fn read<T: Target>(bytes: &[u8], limits: &Limits) -> Result<ImageFile
     decoder.set_ignore_iccp_chunk(true);
     let mut reader = decoder.read_info().map_err(refusal)?;
     check_frames(reader.info())?;
+    check_palette(reader.info())?;
     let pixels = frame(&mut reader, &header, limits)?;
     let (colour, depth) = reader.output_color_type();
     let mut values = reserve(header.grid.cells())?;
@@ -124,6 +125,17 @@ fn check_frames(info: &Info<'_>) -> Result<(), ImageError> {
     }
 }
 
+/// The decoder takes colours of three bytes from a palette of any length, and panics at its end.
+fn check_palette(info: &Info<'_>) -> Result<(), ImageError> {
+    let is_whole = |palette: &[u8]| (3..=3 * 256).contains(&palette.len()) && palette.len().is_multiple_of(3);
+    match (info.color_type, info.palette.as_deref()) {
+        (ColorType::Indexed, Some(palette)) if !is_whole(palette) => {
+            Err(ImageError::corrupt(NAME, "a palette that is no list of colours"))
+        }
+        _ => Ok(()),
+    }
+}
+
 /// The expanded pixels, and the check that the file is whole.
 fn frame(
     reader: &mut Reader<Cursor<&[u8]>>,
@@ -170,5 +182,42 @@ fn refusal(error: DecodingError) -> ImageError {
             found: "larger ones".into(),
         },
         other => ImageError::corrupt(NAME, other),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn chunk(name: &[u8; 4], content: &[u8]) -> Vec<u8> {
+        let body = [&name[..], content].concat();
+        let mut sum = flate2::Crc::new();
+        sum.update(&body);
+        [&(content.len() as u32).to_be_bytes(), &body[..], &sum.sum().to_be_bytes()].concat()
+    }
+
+    /// One pixel, the first colour of a palette of so many bytes.
+    fn indexed(palette: usize) -> Vec<u8> {
+        let pixel = [0x78, 1, 1, 2, 0, 0xfd, 0xff, 0, 0, 0, 2, 0, 1];
+        [
+            b"\x89PNG\r\n\x1a\n".to_vec(),
+            chunk(b"IHDR", &[0, 0, 0, 1, 0, 0, 0, 1, 8, 3, 0, 0, 0]),
+            chunk(b"PLTE", &vec![7; palette]),
+            chunk(b"IDAT", &pixel),
+            chunk(b"IEND", &[]),
+        ]
+        .concat()
+    }
+
+    #[test]
+    fn palettes_that_end_within_a_colour_are_refused() {
+        let limits = Limits { bytes: 1 << 20, cells: 1 << 10 };
+        for length in [3, 6, 768] {
+            assert_eq!(read::<f32>(&indexed(length), &limits).unwrap().values, [7.0], "{length}");
+        }
+        for length in [0, 1, 2, 4, 40, 767, 769, 771] {
+            let refused = read::<f32>(&indexed(length), &limits).unwrap_err().to_string();
+            assert!(refused.starts_with("expected "), "{length}: {refused}");
+        }
     }
 }
