@@ -168,7 +168,7 @@ fn what_harmonics_leave_is_said() {
     let fourier = ["--cohort", "c", "--to", "nef", "--fourier", "--write", "harmonics=2"];
     let (code, said, told) = run(server.command("export").arg("-").args(fourier));
     assert!(code == 0 && said.starts_with("#CONST 0 0 0 0\n#HARMO 2\n"), "{said} {told}");
-    assert!(told.contains("warning: 3 shapes have further harmonics; these are at most"), "{told}");
+    assert!(told.contains("warning: 3 shapes have further harmonics; these have at most"), "{told}");
     let address = server.address().to_owned();
     let (code, same, told) =
         run(server.command("export").arg("-").args(fourier).args(["--server", &address]));

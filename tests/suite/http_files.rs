@@ -414,7 +414,7 @@ fn closed_curves_go_out_as_fourier_coefficients() {
     let fourier = &shape["fourier"];
     assert_eq!((fourier["cosine"].as_array().unwrap().len(), &shape["external_id"]), (4, &json!("a")));
     assert_eq!(shape["metadata"]["fourier"]["harmonics"], 4);
-    assert!(shape["metadata"]["fourier"]["left"].as_f64().unwrap() < 1e-28, "{shape}");
+    assert!(shape["metadata"]["fourier"]["residual_power"].as_f64().unwrap() < 1e-28, "{shape}");
     // They come back as the same curve.
     let other = cohort(&server, "others", &ellipses, "arc_length");
     let two = export("write_harmonics=1");

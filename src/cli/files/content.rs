@@ -9,8 +9,9 @@ use bytes::Bytes;
 use crate::formats::files::{self, FileError, Limits, ReadOptions, Source};
 use crate::service::files::FileFormat;
 
-/// Id of the format of projects, which only name the files of their shapes, and of that of archives.
-const PROJECT: &str = "swproj";
+/// Id of the format of projects, which only name the files of their shapes.
+pub(super) const PROJECT: &str = "swproj";
+/// Id of the format of archives.
 const ARCHIVE: &str = "zip";
 
 pub(super) fn is_standard(path: &Path) -> bool {

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use super::content::{is_standard, named_files};
+use super::content::{PROJECT, is_standard, named_files};
 use crate::formats::files;
 
 /// A file, and how it was named.
@@ -50,8 +50,8 @@ pub(super) fn expand(arguments: &[PathBuf]) -> Result<Vec<Place>, String> {
 
 /// Whether a file is called as projects are.
 fn may_be_project(path: &Path) -> bool {
-    let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
-    files::find("swproj").is_some_and(|format| format.extensions.contains(&&*extension))
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    files::detect(&[], Some(&name)).is_ok_and(|format| format.id == PROJECT)
 }
 
 /// Adds all files below a folder, but hidden ones.

@@ -33,7 +33,7 @@ use super::writing::write;
 pub const USUAL_POINTS: usize = 128;
 /// Number of shapes read at once.
 const PAGE: usize = 1000;
-/// Share of the squared size of a curve that harmonics may leave without a word: rounding.
+/// Share of the harmonic power of a curve that may be left without a word: rounding.
 const ROUNDING: f64 = 1e-24;
 
 /// What is written of each shape.
@@ -140,8 +140,8 @@ fn write_batches(
     let mut cut = Cut::default();
     let ((), mut summary) = write(memory, format, output, options, |push| {
         while let Some(written) = batches.blocking_recv() {
-            for Written { record, left } in &written {
-                cut.add(*left);
+            for Written { record, residual_power } in &written {
+                cut.add(*residual_power);
                 push(record)?;
             }
         }
@@ -178,23 +178,23 @@ impl Content {
         })
     }
 
-    /// The geometry of a shape, and the share of its squared size that it leaves.
+    /// The geometry of a shape, and the share of its harmonic power that it leaves.
     fn of(&self, space: &ShapeSpace, control_points: &Matrix) -> Option<(Geometry, f64)> {
         match self {
             Self::Points(count) => Some((on_shape(space, control_points, *count)?, 0.0)),
             Self::ControlPoints => Some((control(space.representation(), control_points)?, 0.0)),
             Self::Fourier(series) => {
-                let FourierExpansion { constant, cosine, sine, left } = series.of(control_points);
-                Some((Fourier { constant, cosine, sine }.into(), left))
+                let FourierExpansion { constant, cosine, sine, residual_power } = series.of(control_points);
+                Some((Fourier { constant, cosine, sine }.into(), residual_power))
             }
         }
     }
 }
 
-/// A record, and the share of the squared size of its shape that it leaves.
+/// A record, and the share of harmonic power that it leaves.
 struct Written {
     record: Record,
-    left: f64,
+    residual_power: f64,
 }
 
 /// What harmonics leave of the shapes so far.
@@ -205,15 +205,15 @@ struct Cut {
 }
 
 impl Cut {
-    fn add(&mut self, left: f64) {
-        self.shapes += u64::from(left > ROUNDING);
-        self.most = self.most.max(left);
+    fn add(&mut self, residual_power: f64) {
+        self.shapes += u64::from(residual_power > ROUNDING);
+        self.most = self.most.max(residual_power);
     }
 
     fn warning(&self) -> Option<String> {
         let Self { shapes, most } = self;
         (*shapes > 0).then(|| {
-            format!("{shapes} shapes have further harmonics; these are at most {most:.3e} of the squared size of one")
+            format!("{shapes} shapes have further harmonics; these have at most {most:.3e} of the harmonic power of one")
         })
     }
 }
@@ -225,7 +225,7 @@ fn record(space: &ShapeSpace, shape: Shape, content: &Content) -> Result<Written
     let matrix =
         Matrix::from_column_slice(representation.size(), representation.dimension(), &control_points);
     let place = Place { tag: Some(id.clone()), ..Place::default() };
-    let (geometry, left) = content.of(space, &matrix).ok_or_else(|| {
+    let (geometry, residual_power) = content.of(space, &matrix).ok_or_else(|| {
         let detail = format!("expected a shape with points, got a {}", representation.kind_name());
         FileError::unsupported(place.clone(), detail)
     })?;
@@ -243,7 +243,7 @@ fn record(space: &ShapeSpace, shape: Shape, content: &Content) -> Result<Written
         None => serde_json::Map::new(),
     };
     if let Geometry::Fourier(fourier) = &geometry {
-        let harmonics = json!({"harmonics": fourier.harmonics(), "left": left});
+        let harmonics = json!({"harmonics": fourier.harmonics(), "residual_power": residual_power});
         metadata.insert("fourier".to_owned(), harmonics);
     }
     let record = Record {
@@ -255,7 +255,7 @@ fn record(space: &ShapeSpace, shape: Shape, content: &Content) -> Result<Written
         metadata,
         ..Record::new(geometry, place)
     };
-    Ok(Written { record, left })
+    Ok(Written { record, residual_power })
 }
 
 /// Control points, with the faces of a control mesh.

@@ -75,14 +75,13 @@ fn projects(archive: &mut Archive, files: &mut Files) -> Result<Vec<ProjectEntry
     for k in 0..archive.len() {
         let file = archive.by_index(k).map_err(|error| fault(error).at(Place::item(k as u64)))?;
         let name = file.name().map_err(fault)?.into_owned();
-        let is_candidate = |extension: &&str| name.to_lowercase().ends_with(&format!(".{extension}"));
-        if is_foreign(&name) || !project::FORMAT.extensions.iter().any(is_candidate) {
+        let is_named_so = detect(&[], Some(&name)).is_ok_and(|format| format.id == project::FORMAT.id);
+        if is_foreign(&name) || !is_named_so {
             continue;
         }
         let entry = Place { entry: Some(name.clone()), ..Place::default() };
         let bytes = files.bytes(file).map_err(|error| error.at(entry.clone()))?;
-        let is_one = name.to_lowercase().ends_with(project::FORMAT.extensions[0])
-            || project::is_project(&bytes, &files.limits).map_err(|error| error.at(entry))?;
+        let is_one = project::is_project(&bytes, &files.limits).map_err(|error| error.at(entry))?;
         found.extend(is_one.then_some(ProjectEntry { name, bytes }));
     }
     Ok(found)

@@ -89,7 +89,8 @@ impl ShapeSpace {
 /// ```
 ///
 /// `C` has the period `M`; what harmonics share it holds `Σ_j φ̂(θ + 2πj)² = Σ_m a_00[m] cos mθ`, with the correlation
-/// [`Generator::correlation`] of the generator. So the share of a curve in the harmonics that are left is exact as well.
+/// [`Generator::correlation`] of the generator (Poisson's and Parseval's formulas). So the harmonic power of a curve that is left is exact
+/// as well. Coefficients as Kuhl and Giardina (1982) define them, of a spline in place of a polygon.
 #[derive(Debug, Clone)]
 pub struct FourierSeries {
     /// `φ̂(2πk/M)/M` for `0 ≤ k ≤ n`.
@@ -110,8 +111,9 @@ pub struct FourierExpansion {
     pub cosine: Vec<f64>,
     /// `b_k`, n × d, row-major.
     pub sine: Vec<f64>,
-    /// Share of `∫ |r − c|²` in harmonics beyond the last one, in [0, 1]. 0 of a curve without extent.
-    pub left: f64,
+    /// Share of the harmonic power `∫ |r − c|² = ½ Σ_k |a_k|² + |b_k|²` in harmonics beyond the last one, in [0, 1], without unit.
+    /// 0 of a curve without extent.
+    pub residual_power: f64,
 }
 
 impl FourierSeries {
@@ -149,7 +151,8 @@ impl FourierSeries {
         Some(Self { weights, all, left, fft: RealFft::new(intervals) })
     }
 
-    /// Coefficients of the curve with some control points, exact up to rounding: the same parameter, no points between.
+    /// Coefficients of the curve with control points `M × d`, in their unit, exact up to rounding: the same parameter, no points
+    /// between.
     ///
     /// Cost: `d` transforms of length `M`, and `n · d`.
     pub fn of(&self, control_points: &Matrix) -> FourierExpansion {
@@ -158,7 +161,7 @@ impl FourierSeries {
             constant: vec![0.0; d],
             cosine: vec![0.0; harmonics * d],
             sine: vec![0.0; harmonics * d],
-            left: 0.0,
+            residual_power: 0.0,
         };
         let (mut all, mut left) = (0.0, 0.0);
         let mut scratch = self.fft.scratch();
@@ -186,7 +189,7 @@ impl FourierSeries {
                 left += left_of * square;
             }
         }
-        expansion.left = if all > 0.0 { (left / all).min(1.0) } else { 0.0 };
+        expansion.residual_power = if all > 0.0 { (left / all).min(1.0) } else { 0.0 };
         expansion
     }
 }
@@ -313,7 +316,7 @@ mod tests {
                     );
                 }
             }
-            assert!(found.left < rounding, "{}", found.left);
+            assert!(found.residual_power < rounding, "{}", found.residual_power);
         }
     }
 
@@ -329,10 +332,14 @@ mod tests {
         for harmonics in [0, 1, 3, 4, 8, 9, 20] {
             let expansion = FourierSeries::new(&splines, harmonics).unwrap().of(&control_points);
             let wanted = 1.0 - energy(&expansion) / whole;
-            assert!((expansion.left - wanted).abs() < 1e-13, "{harmonics}: {} {wanted}", expansion.left);
+            assert!(
+                (expansion.residual_power - wanted).abs() < 1e-13,
+                "{harmonics}: {} {wanted}",
+                expansion.residual_power
+            );
         }
         let point = Matrix::from_element(8, 2, 5.0);
-        assert_eq!(FourierSeries::new(&splines, 3).unwrap().of(&point).left, 0.0);
+        assert_eq!(FourierSeries::new(&splines, 3).unwrap().of(&point).residual_power, 0.0);
         let open = Representation::OpenCurve {
             dimension: 2,
             intervals: 8,

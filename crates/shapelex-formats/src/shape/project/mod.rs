@@ -233,11 +233,14 @@ impl Project {
     }
 }
 
-/// Whether a table names files of shapes.
+/// Whether a file is a project by its content: workbooks are tables of anything, and must name files of shapes.
 ///
 /// # Errors
-/// A file that is no table.
+/// A workbook that cannot be read.
 pub(super) fn is_project(bytes: &[u8], limits: &Limits) -> Result<bool, FileError> {
+    if !workbook::is_workbook(bytes) {
+        return Ok(true);
+    }
     let rows = rows(bytes, limits)?;
     Ok(columns(&rows).into_iter().any(|column| matches!(Column::of(column), Column::Files(..))))
 }
