@@ -82,7 +82,8 @@ mod tests {
     #[test]
     fn operations_offer_the_media_type_of_their_answers() {
         let offered = |method: Method, path: &str| OFFERS.get(&(path.to_owned(), method)).map(String::as_str);
-        assert_eq!(offered(Method::GET, "/v1/cohorts/{cohort}/shapes"), Some("application/json"));
+        assert_eq!(offered(Method::GET, "/v1/cohorts"), Some("application/json"));
+        assert_eq!(offered(Method::GET, "/v1/cohorts/{cohort}/shapes"), None, "several");
         assert_eq!(offered(Method::GET, "/metrics"), Some("text/plain; version=0.0.4"));
         assert_eq!(offered(Method::DELETE, "/v1/cohorts/{cohort}"), None, "no answer");
         assert_eq!(offered(Method::GET, "/v1/cohorts/{cohort}/mean"), None, "several");

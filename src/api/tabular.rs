@@ -22,14 +22,16 @@ use crate::service::app::memory::Purpose;
 use crate::service::app::{App, ServiceError, Work};
 
 /// Operations whose answers are also tables, with the list that is the table unless the query names another one.
-const OPERATIONS: [(&str, &str, &str); 38] = [
+const OPERATIONS: [(&str, &str, &str); 42] = [
     ("GET", "/v1/cohorts/{cohort}/assessments", "items"),
     ("GET", "/v1/cohorts/{cohort}/attributes", "items"),
     ("GET", "/v1/cohorts/{cohort}/mean", ANSWER),
     ("GET", "/v1/cohorts/{cohort}/shapes/{shape}", ANSWER),
+    ("GET", "/v1/dictionaries/{dictionary}", ANSWER),
     ("GET", "/v1/dictionaries/{dictionary}/atoms", "atoms"),
     ("GET", "/v1/dictionaries/{dictionary}/drift", "scores"),
     ("GET", "/v1/dictionaries/{dictionary}/modes", ANSWER),
+    ("GET", "/v1/generators/{name}", ANSWER),
     ("POST", "/v1/align", "aligned"),
     ("POST", "/v1/cohorts/{cohort}/correspond", "shapes"),
     ("POST", "/v1/cohorts/{cohort}/search", "results.neighbours"),
@@ -61,6 +63,8 @@ const OPERATIONS: [(&str, &str, &str); 38] = [
     ("POST", "/v1/refine", "shapes"),
     ("POST", "/v1/regressions", "scores"),
     ("POST", "/v1/resample", "shapes"),
+    ("POST", "/v1/segment", "results"),
+    ("POST", "/v1/subdivide", ANSWER),
 ];
 
 /// Parameters that this layer reads.

@@ -58,7 +58,7 @@ fn accept_is_obeyed_or_refused() {
         ("/v1/cohorts", "text/csv"),
         ("/v1/jobs", "image/svg+xml, text/*;q=0.5"),
         ("/v1/generators", "application/json;q=0"),
-        ("/v1/cohorts/none/shapes", "text/csv"),
+        ("/v1/cohorts/none/shapes", "text/x-nothing"),
     ] {
         let reply = asked(&server, Method::GET, path, &[(ACCEPT.as_str(), accept)]);
         let problem = reply.expect_problem(406, "not-acceptable", &[]);

@@ -392,6 +392,84 @@ fn a_cohort_goes_out_and_comes_back() {
 }
 
 #[test]
+fn a_list_of_shapes_is_a_file_where_one_is_asked_for() {
+    let server = Server::fresh();
+    let path = cohort(&server, "c", &landmarks(3), "landmarks");
+    let third = r#"{"points":[[0,0],[5,0],[4,2]],"external_id":"third","label":"a"}"#;
+    post(&server, &format!("{path}/shapes?format=ndjson"), format!("{LINES}{third}\n")).expect(201);
+    let list = |query: &str, accept: &str| {
+        let request = server.request(Method::GET, &format!("{path}/shapes{query}"));
+        server.send(if accept.is_empty() { request } else { request.header("accept", accept) })
+    };
+    // JSON is the default, as `Accept` of programs and browsers leaves it.
+    for accept in
+        ["", "*/*", "application/*", "application/json", "text/html, */*;q=0.1", "text/csv;q=0.5, */*"]
+    {
+        let page = list("", accept);
+        assert_eq!((page.status, page.header("content-type")), (200, Some("application/json")), "{accept}");
+    }
+    assert_eq!(list("?format=json", "text/csv").header("content-type"), Some("application/json"));
+    for (id, media_type) in [
+        ("ndjson", "application/x-ndjson"),
+        ("csv", "text/csv"),
+        ("arrow", "application/vnd.apache.arrow.stream"),
+        ("parquet", "application/vnd.apache.parquet"),
+        ("npy", "application/x-npy"),
+        ("tps", "application/x-tps"),
+    ] {
+        let [named, accepted, exported] = [
+            list(&format!("?format={id}"), ""),
+            list("", &format!("{media_type}, application/json;q=0.5")),
+            server.get(&format!("{path}/export?format={id}")),
+        ];
+        assert_eq!((named.status, named.header("content-type")), (200, Some(media_type)), "{id}");
+        assert_eq!(named.body, accepted.body, "{id}");
+        assert_eq!(named.body, exported.body, "the same file of all shapes: {id}");
+        assert_ne!(named.header("etag"), list("", "").header("etag"), "{id}");
+        assert!(named.header("link").is_none(), "{id}");
+    }
+    // Pages, in an order, until the last one: their shapes come back.
+    let other = cohort(&server, "d", &landmarks(3), "landmarks");
+    let mut next = Some(format!("{path}/shapes?format=ndjson&limit=1&order=-external_id"));
+    let mut names = Vec::new();
+    while let Some(at) = next {
+        let page = server.get(&at);
+        assert_eq!(page.header("cache-control"), Some("no-store"), "{at}");
+        let shape: Value = serde_json::from_str(page.text()).unwrap();
+        names.push(shape["external_id"].as_str().unwrap().to_owned());
+        post(&server, &format!("{other}/shapes?format=ndjson"), page.text()).expect(201);
+        let link = page.header("link").map(str::to_owned);
+        next = link.map(|link| link[1..link.find('>').unwrap()].to_owned());
+    }
+    assert_eq!(names, ["third", "second", "first"]);
+    for name in names {
+        let [a, b] = [&path, &other].map(|path| server.get(&format!("{path}/shapes/{name}")).expect(200));
+        for field in ["label", "labels", "metadata", "control_points", "weight"] {
+            assert_eq!(a[field], b[field], "{name} {field}");
+        }
+    }
+    assert_eq!(list("?format=ndjson&label=a", "").text().lines().count(), 2);
+    let tag = list("", "text/csv").header("etag").unwrap().to_owned();
+    let known = server.request(Method::GET, &format!("{path}/shapes")).header("accept", "text/csv");
+    assert_eq!(server.send(known.header("if-none-match", tag)).status, 304);
+
+    let refused = |query: &str, wanted: &str| {
+        let problem = list(query, "").expect_problem(400, "invalid-query", &[]);
+        assert_eq!(problem["errors"][0]["parameter"], wanted, "{problem}");
+    };
+    refused("?format=csv&fields=id", "fields");
+    refused("?format=csv&total=true", "total");
+    refused("?points=40", "points");
+    refused("?content=points", "content");
+    refused("?write_unit=mm", "write_unit");
+    refused("?format=png", "format");
+    refused("?format=csv&content=fourier", "content");
+    refused("?format=csv&cursor=x", "cursor");
+    let problem = list("", "image/png").expect_problem(406, "not-acceptable", &[]);
+    assert!(problem["detail"].as_str().unwrap().contains("among application/json, "), "{problem}");
+}
+
+#[test]
 fn closed_curves_go_out_as_fourier_coefficients() {
     let server = Server::fresh();
     let ellipses = json!({"kind": "closed_curve", "dimension": 2, "control_points": 9, "generator": {"name": "trigonometric"}});

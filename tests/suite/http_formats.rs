@@ -11,6 +11,7 @@ use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
 use reqwest::Method;
 use serde_json::{Value, json};
 
+use crate::http_segment::{PATH, bright, curves, post_files};
 use crate::server::{Reply, Server, shared};
 
 /// Rings that differ in more than two ways, with their statistics asked for.
@@ -96,6 +97,30 @@ fn statistics_are_tables_with_the_numbers_of_json() {
     assert!(lines[0].starts_with("scores.1,scores.2"), "{}", lines[0]);
     let first: Vec<f64> = lines[1].split(',').map(|field| field.parse().unwrap()).collect();
     assert_eq!(first, numbers(&scores[0]));
+}
+
+#[test]
+fn objects_and_single_answers_are_tables() {
+    let server = shared();
+    let arrow_of = |path: &str| server.get(&format!("{path}&format=arrow"));
+    let path = "/v1/generators/cubic?control_points=8";
+    let (answer, table) = (server.get(path).expect(200), arrow(&arrow_of(path)));
+    let condition = table.column_by_name("condition").unwrap().as_primitive::<Float64Type>();
+    assert_eq!((table.num_rows(), condition.value(0)), (1, answer["condition"].as_f64().unwrap()));
+
+    let body = json!({"scheme": "loop", "level": 1, "start": "icosahedron"});
+    let answer = server.post("/v1/subdivide", &body).expect(200);
+    let table = arrow(&post_for(&server, "/v1/subdivide", "application/vnd.apache.arrow.stream", &body));
+    assert_eq!(list(&table, "mesh.vertices", 0), numbers(&answer["mesh"]["vertices"]));
+
+    let body = curves(json!({}));
+    let answer = post_files(&server, PATH, &body, &[("image", &bright())]).expect(200);
+    let reply = post_files(&server, &format!("{PATH}?format=arrow"), &body, &[("image", &bright())]);
+    let (results, table) = (answer["results"].as_array().unwrap(), arrow(&reply));
+    assert_eq!(table.num_rows(), results.len());
+    for (row, result) in results.iter().enumerate() {
+        assert_eq!(list(&table, "control_points", row), numbers(&result["control_points"]), "row {row}");
+    }
 }
 
 #[test]

@@ -43,6 +43,20 @@ impl Asked {
         let tag = tag_of(&format!("{state} {} {format:?}", self.uri));
         unless_known(&self.headers, &tag, answer).await
     }
+
+    /// A page with the address of the next one, in the header `Link` (RFC 8288).
+    pub(super) fn linked(&self, mut page: Response, next: Option<String>) -> Response {
+        let Some(cursor) = next else { return page };
+        let others = self.uri.query().unwrap_or_default().split('&');
+        let others = others.filter(|parameter| !parameter.is_empty() && !parameter.starts_with("cursor="));
+        let cursor = format!("cursor={cursor}");
+        let query: Vec<&str> = others.chain([cursor.as_str()]).collect();
+        let link = format!("<{}?{}>; rel=\"next\"", self.uri.path(), query.join("&"));
+        if let Ok(link) = HeaderValue::from_str(&link) {
+            page.headers_mut().insert(header::LINK, link);
+        }
+        page
+    }
 }
 
 /// The answer with its entity tag, or 304 if the client has it.

@@ -27,15 +27,18 @@ use crate::api::extract::{ANYTHING, Caller, Path, Query, accepted, media_type, p
 use crate::api::form;
 use crate::api::problem::{Problem, ProblemKind};
 use crate::api::respond::{Binary, json};
+use crate::domain::cohort::Cohort;
+use crate::domain::filter::ShapeFilter;
+use crate::domain::shape::Shape;
 use crate::formats::files::{self, Group, Inspection, ReadOptions, WriteOptions};
 use crate::formats::record::{MAX_SAMPLES, Placing, Plane};
 use crate::formats::summary::FileSummary;
 use crate::formats::words::plain_sentence;
 use crate::service::app::outgoing::BodyWriter;
-use crate::service::app::{Limits, ServiceError};
+use crate::service::app::{App, Limits, ServiceError};
 use crate::service::cohorts::catalogue;
 use crate::service::cohorts::upload_file::FileToAdd;
-use crate::service::files::export::{self, Export, ExportContent, USUAL_POINTS};
+use crate::service::files::export::{self, ExportContent, ShapeFile, USUAL_POINTS};
 use crate::service::files::translate::{self, FileReading};
 use crate::service::files::{FileFormat, file_limits, unknown_format};
 
@@ -43,8 +46,17 @@ use crate::service::files::{FileFormat, file_limits, unknown_format};
 const ANY_FILE: &str = "application/octet-stream";
 /// Format of files that refer to a series of images.
 const STRUCTURES: &str = "rtstruct";
+/// Answers that are no files.
+const JSON: OtherFormat = OtherFormat { id: "json", media_type: "application/json" };
 /// Number of bytes of an answer that are kept until it is known that all of it can be written.
 const KEPT: usize = 1 << 20;
+
+/// What an operation answers beside files.
+#[derive(Debug, Clone, Copy)]
+struct OtherFormat {
+    id: &'static str,
+    media_type: &'static str,
+}
 
 /// Parameters of files.
 #[derive(IntoParams)]
@@ -390,13 +402,25 @@ fn take_target(pairs: &mut Vec<(String, String)>, usual: &str) -> Result<&'stati
 
 /// The format that a word names, if it is written.
 fn written(word: &str, parameter: &str) -> Result<&'static files::Format, Problem> {
-    let found = files::find(word).filter(|format| format.is_written());
-    found.ok_or_else(|| {
-        let known = files::FORMATS.iter().filter(|format| format.is_written());
-        let known = known.map(|format| format.id).collect::<Vec<_>>().join(", ");
-        let detail = format!("expected one of the formats that are written ({known}), got '{word}'");
-        Problem::of_parameter(parameter, detail)
-    })
+    written_format(word).ok_or_else(|| unwritten(parameter, word, None))
+}
+
+/// The written format with an id, a media type or an ending.
+fn written_format(word: &str) -> Option<&'static files::Format> {
+    files::find(word).filter(|format| format.is_written())
+}
+
+/// All formats that are written.
+fn written_formats() -> impl Iterator<Item = &'static files::Format> {
+    files::FORMATS.iter().copied().filter(|format| format.is_written())
+}
+
+/// Refusal of a word that names no format among those that are written and perhaps another one.
+fn unwritten(parameter: &str, word: &str, other: Option<&str>) -> Problem {
+    let known: Vec<&str> = other.into_iter().chain(written_formats().map(|format| format.id)).collect();
+    let known = known.join(", ");
+    let detail = format!("expected one of the formats that are written ({known}), got '{word}'");
+    Problem::of_parameter(parameter, detail)
 }
 
 /// Answers with a file that `work` writes. Its beginning is kept, so that an early fault is answered as such.
@@ -454,15 +478,16 @@ fn finished(work: Result<Result<(), ServiceError>, tokio::task::JoinError>) -> R
     work.unwrap_or_else(|error| Err(ServiceError::Internal(format!("the task that writes a file: {error}"))))
 }
 
-/// What is exported of a cohort.
+/// What a file says of each shape.
 #[derive(IntoParams)]
 #[into_params(parameter_in = Query)]
 #[allow(dead_code, reason = "only for the document; `Parameters` reads them")]
-pub(super) struct ExportQuery {
-    /// Format of the file, as an id, a media type or an ending. Default: by the header `Accept`, else `ndjson`.
+pub(super) struct ShapeFileQuery {
+    /// Format of the file, as an id, a media type or an ending. Default: by the header `Accept`, else that of the operation:
+    /// `ndjson` of an export, `json` of a list.
     #[param(example = "ndjson")]
     format: Option<String>,
-    /// What is written of each shape: `points` on curves, landmarks and meshes of surfaces, `control_points`, or Fourier
+    /// What a file says of each shape: `points` on curves, landmarks and meshes of surfaces, `control_points`, or Fourier
     /// coefficients (`fourier`) of closed curves, `write_harmonics` of them. Default: `points`.
     #[param(inline)]
     content: Option<ExportContent>,
@@ -477,7 +502,7 @@ pub(super) struct ExportQuery {
 /// cohort has when the request arrives. The answer is written while shapes are read: a fault within its first MiB is a problem
 /// document, a later one breaks the connection off.
 #[utoipa::path(get, path = "/cohorts/{cohort}/export", tag = "files",
-    params(("cohort" = String, Path, description = "Id or name"), FilterQuery, ExportQuery, WriteQuery),
+    params(("cohort" = String, Path, description = "Id or name"), FilterQuery, ShapeFileQuery, WriteQuery),
     responses(
         (status = 200, description = "The file", content((Binary = "application/octet-stream"), (Binary = "application/x-ndjson"))),
         (status = 404, description = "No such cohort"),
@@ -489,35 +514,83 @@ pub(super) async fn export_cohort(
     Query(pairs): Query<Vec<(String, String)>>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    let wanted = take_export(pairs, &headers)?;
-    let (cohort, format) = (catalogue::find(&app, &key).await?, wanted.format);
+    let (filter, file) = take_export(pairs, &headers)?;
+    let (cohort, format) = (catalogue::find(&app, &key).await?, file.format);
     let ending = format.extensions.first().copied().unwrap_or(format.id);
     let name = format!("{}.{ending}", cohort.spec.name);
     let (output, pieces) = BodyWriter::new();
-    let work = async move { export::export(&app, cohort, wanted, output).await.map(drop) };
+    let work = async move { export::export(&app, &cohort, filter, file, output).await.map(drop) };
     answer(format, Some(name), pieces, work).await.map(not_stored)
 }
 
 /// Takes the parameters of an export.
-fn take_export(pairs: Vec<(String, String)>, headers: &HeaderMap) -> Result<Export, Problem> {
-    let (mut own, pairs): (Vec<_>, Vec<_>) = pairs.into_iter().partition(|(name, _)| name.starts_with(WRITE));
-    let options = FileParameters::take(&mut own).writing()?;
+fn take_export(
+    pairs: Vec<(String, String)>,
+    headers: &HeaderMap,
+) -> Result<(ShapeFilter, ShapeFile), Problem> {
+    let (writing, pairs) = split_writing(pairs);
     let mut parameters = Parameters::read(pairs)?;
-    let format = match parameters.take("format") {
-        Some(word) => written(&word, "format")?,
-        None => by_accept(&accepted(headers))?,
+    let format = match take_format(&mut parameters, headers, None)? {
+        Some(format) => format,
+        None => written("ndjson", "format")?,
     };
-    let content = parameters.take_word("content")?.unwrap_or_default();
-    let points = parameters.take("points").map(|text| count_of("points", &text, MAX_SAMPLES)).transpose()?;
+    let file = take_shape_file(format, writing, &mut parameters)?;
     let filter = parameters.take_filter();
     parameters.refuse_rest()?;
-    Ok(Export { filter, format, options, content, points: points.unwrap_or(USUAL_POINTS) })
+    Ok((filter, file))
+}
+
+/// The options of writing, and the other parameters.
+pub(super) fn split_writing(pairs: Vec<(String, String)>) -> (Vec<(String, String)>, Vec<(String, String)>) {
+    pairs.into_iter().partition(|(name, _)| name.starts_with(WRITE))
+}
+
+/// Takes what a file of a format says of each shape.
+fn take_shape_file(
+    format: &'static files::Format,
+    writing: Vec<(String, String)>,
+    parameters: &mut Parameters,
+) -> Result<ShapeFile, Problem> {
+    let options = FileParameters(writing).writing()?;
+    let content = parameters.take_word("content")?.unwrap_or_default();
+    let points = parameters.take("points").map(|text| count_of("points", &text, MAX_SAMPLES)).transpose()?;
+    Ok(ShapeFile { format, options, content, points: points.unwrap_or(USUAL_POINTS) })
+}
+
+/// Takes the file in which a list of shapes is wanted; none for JSON, which has none of its parameters.
+pub(super) fn take_listed_file(
+    writing: Vec<(String, String)>,
+    parameters: &mut Parameters,
+    headers: &HeaderMap,
+) -> Result<Option<ShapeFile>, Problem> {
+    let format = take_format(parameters, headers, Some(JSON))?;
+    if let Some(format) = format {
+        return take_shape_file(format, writing, parameters).map(Some);
+    }
+    let mut others = ["content", "points"].into_iter().filter(|name| parameters.take(name).is_some());
+    match writing.first().map(|(name, _)| name.as_str()).or_else(|| others.next()) {
+        Some(name) => Err(Problem::of_parameter(name, "expected a format of files beside it, got JSON")),
+        None => Ok(None),
+    }
+}
+
+/// A page of a list of shapes as a file.
+pub(super) async fn page(
+    app: App,
+    cohort: Cohort,
+    shapes: Vec<Shape>,
+    file: ShapeFile,
+) -> Result<Response, Problem> {
+    let format = file.format;
+    let (output, pieces) = BodyWriter::new();
+    let work = async move { export::export_page(&app, &cohort, shapes, file, output).await.map(drop) };
+    answer(format, None, pieces, work).await
 }
 
 /// Describes the answers of an operation that writes files: in the media type of any format.
 pub(in crate::api) fn describe(operation: &mut Operation) {
-    let written = files::FORMATS.iter().filter(|format| format.is_written());
-    let media_types: Vec<&str> = written.filter_map(|format| format.media_types.first().copied()).collect();
+    let media_types: Vec<&str> =
+        written_formats().filter_map(|format| format.media_types.first().copied()).collect();
     for response in operation.responses.responses.values_mut() {
         let RefOr::T(response) = response else { continue };
         let Some(file) = response.content.get(ANY_FILE).cloned() else { continue };
@@ -527,16 +600,28 @@ pub(in crate::api) fn describe(operation: &mut Operation) {
     }
 }
 
-/// The format that an `Accept` header prefers.
-fn by_accept(accept: &str) -> Result<&'static files::Format, Problem> {
-    let written = |media_range: &str| {
-        let word = if media_range == ANYTHING { "ndjson" } else { media_range };
-        files::find(word).filter(|format| format.is_written())
+/// Takes the format of a file, by the parameter, else by the header `Accept`; none where they leave it open, or name the `other` one.
+fn take_format(
+    parameters: &mut Parameters,
+    headers: &HeaderMap,
+    other: Option<OtherFormat>,
+) -> Result<Option<&'static files::Format>, Problem> {
+    let (other_id, other_type) = (other.map(|other| other.id), other.map(|other| other.media_type));
+    if let Some(word) = parameters.take("format") {
+        let is_other = [other_id, other_type].contains(&Some(&word));
+        let found = is_other.then_some(None).or_else(|| written_format(&word).map(Some));
+        return found.ok_or_else(|| unwritten("format", &word, other_id));
+    }
+    let accept = accepted(headers);
+    let offered = |range: &str| match range {
+        "" | ANYTHING | "application/*" => Some(None),
+        range if other_type == Some(range) => Some(None),
+        range => written_format(range).map(Some),
     };
-    preferred(accept, written).ok_or_else(|| {
-        let known = files::FORMATS.iter().filter(|format| format.is_written());
-        let known = known.filter_map(|format| format.media_types.first().copied()).collect::<Vec<_>>();
-        let detail = format!("expected a media type among {}, got '{accept}'", known.join(", "));
+    preferred(&accept, offered).ok_or_else(|| {
+        let known = written_formats().filter_map(|format| format.media_types.first().copied());
+        let known = other_type.into_iter().chain(known).collect::<Vec<_>>().join(", ");
+        let detail = format!("expected a media type among {known}, got '{accept}'");
         Problem::new(ProblemKind::NotAcceptable, detail)
     })
 }

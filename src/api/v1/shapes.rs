@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use axum::body::Bytes;
 use axum::extract::Request;
-use axum::http::{HeaderValue, StatusCode};
+use axum::http::{HeaderMap, HeaderValue, StatusCode};
 use axum::response::Response;
 use serde::Serialize;
 use serde_json::value::RawValue;
@@ -14,7 +14,9 @@ use utoipa::{PartialSchema, ToSchema};
 
 use super::batches::{FailedShape, InputShape};
 use super::entity_tags::{Asked, not_stored};
-use super::files::{FileParameters, FileQuery, PlacingQuery, ReadQuery, word_of};
+use super::files::{
+    self, FileParameters, FileQuery, PlacingQuery, ReadQuery, ShapeFileQuery, WriteQuery, word_of,
+};
 use super::request_macros::{IfMatchHeader, PageQuery, RetryHeader, checked};
 use super::shape_query::{FilterQuery, Parameters};
 use crate::api::body::{self, is_stream};
@@ -35,6 +37,7 @@ use crate::service::app::{App, ServiceError, Work};
 use crate::service::cohorts::catalogue::{Expected, ShapeListing, revision_tag};
 use crate::service::cohorts::upload::{Returned, Stored, Treatment, UploadResult};
 use crate::service::cohorts::{catalogue, upload, upload_file};
+use crate::service::files::export::ShapeFile;
 use crate::service::shapes::draw::draw_shapes;
 use crate::service::shapes::outcome::OnError;
 
@@ -392,31 +395,45 @@ impl StoredShape {
     }
 }
 
-/// Query parameters of a list of shapes, beside filter and page.
+/// Query parameters of a list of shapes, beside filter, page and file.
 #[derive(utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
 #[allow(dead_code, reason = "only for the document; `Parameters` reads them")]
 pub(super) struct ListQuery {
-    /// Names of the fields of the entries, separated by commas. Default: all. Without `control_points` and `weight` no
-    /// geometry is read.
+    /// With JSON: names of the fields of the entries, separated by commas. Default: all. Without `control_points` and `weight`
+    /// no geometry is read.
     fields: Option<String>,
     /// Attribute that gives the order, such as `labels.age` or `measures.area`, after a minus sign with large values first:
     /// numbers, then texts, then shapes without it. Default: the order in which shapes were added.
     order: Option<String>,
-    /// Whether all shapes that pass the filter are counted. Default: false.
+    /// With JSON: whether all shapes that pass the filter are counted. Default: false.
     total: Option<bool>,
 }
 
+/// How a list of shapes is answered.
+enum Wanted {
+    /// As JSON, with the fields that are named.
+    Document(Option<FieldNames>),
+    /// As a file of shapes.
+    File(ShapeFile),
+}
+
 /// Lists shapes in the order in which they were added, or in that of an attribute.
+///
+/// As JSON, or as a file in any format that is written, which `POST` takes again: by `format`, else by the header `Accept`. The
+/// next page of a file is in the header `Link`. All shapes in one file: `GET /v1/cohorts/{cohort}/export`; their attributes and
+/// measures as a table: `GET /v1/cohorts/{cohort}/table`.
 #[utoipa::path(get, path = "/cohorts/{cohort}/shapes", tag = "cohorts",
     params(
         ("cohort" = String, Path, description = "Id or name"),
         FilterQuery,
         ListQuery,
-        PageQuery
+        PageQuery,
+        ShapeFileQuery,
+        WriteQuery
     ),
     responses(
-        (status = 200, description = "A page of shapes", body = PageOfShapes),
+        (status = 200, description = "A page of shapes", content((PageOfShapes = "application/json"), (Binary = "application/octet-stream"))),
         (status = 304, description = "Unchanged since the version in If-None-Match"),
         (status = 404, description = "No such cohort"),
         (status = "4XX", description = "The query was refused")
@@ -425,10 +442,26 @@ pub(super) async fn list_shapes(
     Caller(app): Caller,
     Path(key): Path<String>,
     Query(pairs): Query<Vec<(String, String)>>,
+    headers: HeaderMap,
     asked: Asked,
 ) -> Result<Response, Problem> {
-    let (listing, fields) = take_listing(pairs)?;
-    let (cohort, found) = catalogue::list_shapes(&app, &key, &listing).await?;
+    let (listing, wanted) = take_listing(pairs, &headers)?;
+    let response = match wanted {
+        Wanted::Document(fields) => list_document(app, &key, listing, fields, &asked).await,
+        Wanted::File(file) => list_file(app, &key, listing, file, &asked).await,
+    };
+    response.map(not_stored)
+}
+
+/// A page of shapes as JSON.
+async fn list_document(
+    app: App,
+    key: &str,
+    listing: ShapeListing,
+    fields: Option<FieldNames>,
+    asked: &Asked,
+) -> Result<Response, Problem> {
+    let (cohort, found) = catalogue::list_shapes(&app, key, &listing).await?;
     let revision = revision_tag(&cohort);
     let answer = compute(app.weighing(Work::MOMENT), move |_| {
         let (shapes, next) = found.page;
@@ -436,26 +469,72 @@ pub(super) async fn list_shapes(
         let items = shapes.into_iter().map(listed).collect();
         json(StatusCode::OK, &PageOfShapes { items, next, total: found.total })
     });
-    asked.unless_known(&revision, "page", answer).await.map(not_stored)
+    asked.unless_known(&revision, "page", answer).await
 }
 
-/// Takes the parameters of a list of shapes, and the fields of its entries.
-fn take_listing(pairs: Vec<(String, String)>) -> Result<(ShapeListing, Option<FieldNames>), Problem> {
+/// A page of shapes as a file, at the revision that it names.
+async fn list_file(
+    app: App,
+    key: &str,
+    mut listing: ShapeListing,
+    file: ShapeFile,
+    asked: &Asked,
+) -> Result<Response, Problem> {
+    let cohort = catalogue::find(&app, key).await?;
+    listing.revision = Some(cohort.revision);
+    let (revision, format) = (revision_tag(&cohort), file.format.id);
+    let answer = async {
+        let (_, found) = catalogue::list_shapes(&app, &cohort.id, &listing).await?;
+        let (shapes, next) = found.page;
+        Ok(asked.linked(files::page(app, cohort, shapes, file).await?, next))
+    };
+    asked.unless_known(&revision, format, answer).await
+}
+
+/// Refuses parameters that files have no place for.
+fn refuse_fields(parameters: &mut Parameters, file: &ShapeFile) -> Result<(), Problem> {
+    match ["fields", "total"].into_iter().find(|name| parameters.take(name).is_some()) {
+        None => Ok(()),
+        Some(name) => {
+            let detail = format!("expected JSON beside it, got the format {}", file.format.id);
+            Err(Problem::of_parameter(name, detail))
+        }
+    }
+}
+
+/// Takes the parameters of a list of shapes, and how it is answered.
+fn take_listing(
+    pairs: Vec<(String, String)>,
+    headers: &HeaderMap,
+) -> Result<(ShapeListing, Wanted), Problem> {
+    let (writing, pairs) = files::split_writing(pairs);
     let mut parameters = Parameters::read(pairs)?;
     let page = PageQuery { cursor: parameters.take("cursor"), limit: parameters.take_count("limit")? };
-    let fields = take_fields(&mut parameters)?;
+    let wanted = match files::take_listed_file(writing, &mut parameters, headers)? {
+        Some(file) => Wanted::File(file),
+        None => Wanted::Document(take_fields(&mut parameters)?),
+    };
     let needs_geometry = |fields: &FieldNames| fields.iter().any(|field| GEOMETRY.contains(&field.as_str()));
+    let (geometry, total) = match &wanted {
+        Wanted::Document(fields) => {
+            (fields.as_ref().is_none_or(needs_geometry), parameters.take_flag("total")?)
+        }
+        Wanted::File(file) => {
+            refuse_fields(&mut parameters, file)?;
+            (true, false)
+        }
+    };
     let listing = ShapeListing {
         revision: None,
         filter: parameters.take_filter(),
         order: parameters.take_order()?,
         limit: page.limit()?,
         cursor: page.cursor,
-        geometry: fields.as_ref().is_none_or(needs_geometry),
-        total: parameters.take_flag("total")?,
+        geometry,
+        total,
     };
     parameters.refuse_rest()?;
-    Ok((listing, fields))
+    Ok((listing, wanted))
 }
 
 /// Returns a shape by id or external id.

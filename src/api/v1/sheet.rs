@@ -1,7 +1,5 @@
 //! Contact sheets: many shapes of a cohort in one picture.
 
-use axum::extract::OriginalUri;
-use axum::http::{HeaderValue, Uri, header};
 use axum::response::Response;
 
 use super::entity_tags::Asked;
@@ -150,7 +148,6 @@ pub(super) async fn cohort_sheet(
     Path(key): Path<String>,
     request: PictureRequest,
     BesideFormat(pairs): BesideFormat<Vec<(String, String)>>,
-    OriginalUri(uri): OriginalUri,
     asked: Asked,
 ) -> Result<Response, Problem> {
     let sheet = Sheet::take(pairs)?;
@@ -166,7 +163,7 @@ pub(super) async fn cohort_sheet(
             catalogue::list_shapes(&app, &cohort.id, &listing).await?;
         let work = work(&app, &cohort, cells, shapes.len(), &file);
         let draw = move |app: &App| picture(&drawn(app, &cohort, cells, shapes)?, &file);
-        Ok(linked(compute(app.weighing(work), draw).await?, &uri, next))
+        Ok(asked.linked(compute(app.weighing(work), draw).await?, next))
     };
     asked.unless_known(&revision, format, answer).await
 }
@@ -183,18 +180,4 @@ fn drawn(app: &App, cohort: &Cohort, cells: Cells, shapes: Vec<Shape>) -> Result
     let shapes: Vec<(String, Vec<f64>)> = shapes.into_iter().map(named).collect();
     let title = format!("{} of {} shapes of {}", shapes.len(), cohort.shapes, cohort.spec.name);
     Ok(draw_sheet(&space, &title, &shapes, cells.columns, cohort.spec.length_unit.as_deref()))
-}
-
-/// Adds the address of the next page to a response.
-fn linked(mut response: Response, uri: &Uri, next: Option<String>) -> Response {
-    let Some(cursor) = next else { return response };
-    let others = uri.query().unwrap_or_default().split('&');
-    let others = others.filter(|parameter| !parameter.is_empty() && !parameter.starts_with("cursor="));
-    let cursor = format!("cursor={cursor}");
-    let query: Vec<&str> = others.chain([cursor.as_str()]).collect();
-    let link = format!("<{}?{}>; rel=\"next\"", uri.path(), query.join("&"));
-    if let Ok(link) = HeaderValue::from_str(&link) {
-        response.headers_mut().insert(header::LINK, link);
-    }
-    response
 }

@@ -17,7 +17,7 @@ use crate::formats::summary::left_out;
 use crate::service::app::App;
 use crate::service::app::outgoing::BodyWriter;
 use crate::service::cohorts::catalogue;
-use crate::service::files::export::{Export, ExportContent, USUAL_POINTS, export};
+use crate::service::files::export::{ExportContent, ShapeFile, USUAL_POINTS, export};
 use crate::service::files::unknown_format;
 
 /// How a cohort is written.
@@ -126,8 +126,8 @@ async fn write(
                 let added = filter.condition(Attribute::Label).add("eq", label.clone());
                 added.map_err(str::to_owned)?;
             }
-            let wanted = Export { filter, format, options, content, points: usize::from(args.points) };
-            return from_store(app, cohort, wanted, output).await;
+            let file = ShapeFile { format, options, content, points: usize::from(args.points) };
+            return from_store(app, cohort, filter, file, output).await;
         }
         Target::Service(service) => service,
     };
@@ -185,12 +185,14 @@ fn written_here(
 async fn from_store(
     app: &App,
     cohort: &str,
-    wanted: Export,
+    filter: ShapeFilter,
+    file: ShapeFile,
     output: &mut (dyn Write + Send),
 ) -> Result<u64, String> {
     let cohort = catalogue::find(app, cohort).await.map_err(|error| error.to_string())?;
     let (writer, mut pieces) = BodyWriter::new();
-    let writing = async { export(app, cohort, wanted, writer).await.map_err(|error| error.to_string()) };
+    let writing =
+        async { export(app, &cohort, filter, file, writer).await.map_err(|error| error.to_string()) };
     let taking = async {
         let mut bytes = 0;
         while let Some(piece) = pieces.recv().await {

@@ -1,8 +1,11 @@
 //! Shapes of a cohort as records of a file.
 
 use std::collections::BTreeMap;
+use std::pin::pin;
 use std::sync::Arc;
 
+use futures_util::stream::BoxStream;
+use futures_util::{StreamExt, TryStreamExt, stream};
 use rayon::prelude::*;
 use serde_json::json;
 use tokio::sync::mpsc;
@@ -33,6 +36,8 @@ use super::writing::write;
 pub const USUAL_POINTS: usize = 128;
 /// Number of shapes read at once.
 const PAGE: usize = 1000;
+/// Number of points on curves that are held at once.
+const POINTS_AT_ONCE: usize = 1 << 20;
 /// Share of the harmonic power of a curve that may be left without a word: rounding.
 const ROUNDING: f64 = 1e-24;
 
@@ -49,12 +54,10 @@ pub enum ExportContent {
     Fourier,
 }
 
-/// What is exported, and how.
+/// A file of shapes: its format, and what it says of each shape.
 #[derive(Debug)]
-pub struct Export {
-    /// Filter that the shapes pass.
-    pub filter: ShapeFilter,
-    /// Format of the file.
+pub struct ShapeFile {
+    /// Format.
     pub format: &'static Format,
     /// Options of its writer.
     pub options: WriteOptions,
@@ -62,6 +65,16 @@ pub struct Export {
     pub content: ExportContent,
     /// Number of points on a curve.
     pub points: usize,
+}
+
+impl ShapeFile {
+    /// Number of shapes that become records at once.
+    fn at_once(&self) -> usize {
+        match self.content {
+            ExportContent::Points => (POINTS_AT_ONCE / self.points.max(1)).clamp(1, PAGE),
+            ExportContent::ControlPoints | ExportContent::Fourier => PAGE,
+        }
+    }
 }
 
 /// Writes all shapes of a cohort that pass a filter, in the order in which they were added, at the revision of `cohort`: what is added
@@ -72,24 +85,13 @@ pub struct Export {
 /// An attribute that no shape has; content that the shapes do not have; shapes that the format cannot hold; a reader that has gone.
 pub async fn export(
     app: &App,
-    cohort: Cohort,
-    export: Export,
+    cohort: &Cohort,
+    filter: ShapeFilter,
+    file: ShapeFile,
     output: BodyWriter,
 ) -> Result<Summary, ServiceError> {
-    let space = app.space_of(&cohort.spec.representation)?;
-    let content = Arc::new(Content::new(&space, &export)?);
-    let Export { filter, format, mut options, .. } = export;
-    options.unit = options.unit.or_else(|| cohort.spec.length_unit.clone());
-    let representation = serde_json::to_string(&cohort.spec.representation).unwrap_or_default();
-    let facts = [
-        ("cohort", cohort.id.clone()),
-        ("revision", cohort.revision.to_string()),
-        ("representation", representation),
-    ];
-    options.facts.extend(facts.map(|(name, value)| (name.to_owned(), value)));
-    let revision = cohort.revision;
-    let mut listing = ShapeListing {
-        revision: Some(revision),
+    let listing = ShapeListing {
+        revision: Some(cohort.revision),
         filter,
         order: None,
         cursor: None,
@@ -97,15 +99,59 @@ pub async fn export(
         geometry: true,
         total: false,
     };
-    let (_, first) = catalogue::list_shapes(app, &cohort.id, &listing).await?;
-    let count = app.store.count(&cohort.id, Revisions::until(revision), &listing.filter).await?;
+    let (_, found) = catalogue::list_shapes(app, &cohort.id, &listing).await?;
+    let count = app.store.count(&cohort.id, Revisions::until(cohort.revision), &listing.filter).await?;
+    let (first, next) = found.page;
+    let rest = stream::try_unfold((listing, next), |(mut listing, next)| async move {
+        if next.is_none() {
+            return Ok(None);
+        }
+        listing.cursor = next;
+        let (_, found) = catalogue::list_shapes(app, &cohort.id, &listing).await?;
+        let (shapes, next) = found.page;
+        Ok(Some((shapes, (listing, next))))
+    });
+    write_pages(app, cohort, file, count, stream::iter([Ok(first)]).chain(rest).boxed(), output).await
+}
+
+/// Writes shapes of a page of a list, at the revision of `cohort`. Returns what the file does not hold.
+///
+/// # Errors
+/// Content that the shapes do not have; shapes that the format cannot hold; a reader that has gone.
+pub async fn export_page(
+    app: &App,
+    cohort: &Cohort,
+    shapes: Vec<Shape>,
+    file: ShapeFile,
+    output: BodyWriter,
+) -> Result<Summary, ServiceError> {
+    let count = shapes.len() as u64;
+    write_pages(app, cohort, file, count, stream::iter([Ok(shapes)]).boxed(), output).await
+}
+
+/// Writes `count` shapes that come in pages.
+async fn write_pages(
+    app: &App,
+    cohort: &Cohort,
+    file: ShapeFile,
+    count: u64,
+    pages: BoxStream<'_, Result<Vec<Shape>, ServiceError>>,
+    output: BodyWriter,
+) -> Result<Summary, ServiceError> {
+    let space = app.space_of(&cohort.spec.representation)?;
+    let content = Arc::new(Content::new(&space, &file)?);
+    let at_once = file.at_once();
+    let ShapeFile { format, mut options, .. } = file;
+    options.unit = options.unit.or_else(|| cohort.spec.length_unit.clone());
+    options.facts.extend(facts(cohort));
     options.shapes = Some(count);
     let memory = app.memory.clone();
     let (sender, batches) = mpsc::channel(1);
     let writing = app.pool.read_blocking(move || write_batches(&memory, format, output, &options, batches));
     let reading = async {
-        let (mut shapes, mut next) = first.page;
-        loop {
+        let batches = pages.map_ok(|page| stream::iter(batches_of(page, at_once).map(Ok::<_, ServiceError>)));
+        let mut batches = pin!(batches.try_flatten());
+        while let Some(shapes) = batches.try_next().await? {
             let counts = Counts::for_stored(space.representation(), shapes.len(), &app.limits);
             let work = Work::MOMENT + requests::draw(counts, shapes.len());
             let (space, content) = (space.clone(), content.clone());
@@ -115,18 +161,36 @@ pub async fn export(
                 Ok(records?)
             };
             let records = app.pool.weighing(work).run(make).await?;
-            if sender.send(records).await.is_err() || next.is_none() {
-                // A writer that has failed says why.
-                drop(sender);
-                return Ok(());
+            if sender.send(records).await.is_err() {
+                // The writer has failed, and says why.
+                break;
             }
-            listing.cursor = next;
-            let (_, found) = catalogue::list_shapes(app, &cohort.id, &listing).await?;
-            (shapes, next) = found.page;
         }
+        drop(sender);
+        Ok(())
     };
     let (summary, ()) = tokio::try_join!(writing, reading)?;
     Ok(summary)
+}
+
+/// The shapes of a page, `most` at a time.
+fn batches_of(mut page: Vec<Shape>, most: usize) -> impl Iterator<Item = Vec<Shape>> {
+    std::iter::from_fn(move || {
+        let rest = page.split_off(most.min(page.len()));
+        let batch = std::mem::replace(&mut page, rest);
+        (!batch.is_empty()).then_some(batch)
+    })
+}
+
+/// What a file says of its cohort.
+fn facts(cohort: &Cohort) -> [(String, String); 3] {
+    let representation = serde_json::to_string(&cohort.spec.representation).unwrap_or_default();
+    [
+        ("cohort", cohort.id.clone()),
+        ("revision", cohort.revision.to_string()),
+        ("representation", representation),
+    ]
+    .map(|(name, value)| (name.to_owned(), value))
 }
 
 /// Writes the batches as a file.
@@ -159,15 +223,15 @@ enum Content {
 }
 
 impl Content {
-    fn new(space: &ShapeSpace, export: &Export) -> Result<Self, ServiceError> {
-        Ok(match export.content {
-            ExportContent::Points => Self::Points(export.points),
+    fn new(space: &ShapeSpace, file: &ShapeFile) -> Result<Self, ServiceError> {
+        Ok(match file.content {
+            ExportContent::Points => Self::Points(file.points),
             ExportContent::ControlPoints => Self::ControlPoints,
             ExportContent::Fourier => {
                 let representation = space.representation();
                 // As many as the control points tell apart.
                 let usual = (representation.size().saturating_sub(1) / 2).clamp(1, MAX_HARMONICS);
-                let harmonics = export.options.harmonics.unwrap_or(usual);
+                let harmonics = file.options.harmonics.unwrap_or(usual);
                 let refused = || {
                     let kind = representation.kind_name();
                     let detail = format!("expected a cohort of closed curves, got one of the kind '{kind}'");
@@ -298,4 +362,24 @@ fn mesh(vertices: Points, faces: &[[u32; 3]]) -> Geometry {
 fn rows(points: &Matrix) -> Points {
     let coordinates = points.row_iter().flat_map(|row| row.iter().copied().collect::<Vec<_>>()).collect();
     Points::from_rows(points.ncols().max(1), coordinates)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::formats::files::find;
+
+    #[test]
+    fn a_batch_holds_a_million_points_whatever_is_asked_for() {
+        let file = |content, points| ShapeFile {
+            format: find("ndjson").unwrap(),
+            options: WriteOptions::default(),
+            content,
+            points,
+        };
+        assert_eq!(file(ExportContent::Points, USUAL_POINTS).at_once(), PAGE);
+        assert_eq!(file(ExportContent::Points, 10_000).at_once(), 104);
+        assert_eq!(file(ExportContent::Points, usize::MAX).at_once(), 1);
+        assert_eq!(file(ExportContent::ControlPoints, 10_000).at_once(), PAGE);
+    }
 }
