@@ -164,9 +164,7 @@ impl FileParameters {
 
     /// The options of writing.
     fn writing(&mut self) -> Result<WriteOptions, Problem> {
-        let (writing, rest): (Vec<_>, Vec<_>) =
-            std::mem::take(&mut self.0).into_iter().partition(|(name, _)| name.starts_with(WRITE));
-        self.0 = rest;
+        let Self(writing) = take_writing(&mut self.0);
         let pairs = writing.iter().map(|(name, value)| (&name[WRITE.len()..], value.as_str()));
         WriteOptions::from_pairs(pairs).map_err(|mut error| {
             if let Some(name) = &mut error.place.tag {
@@ -525,10 +523,10 @@ pub(super) async fn export_cohort(
 
 /// Takes the parameters of an export.
 fn take_export(
-    pairs: Vec<(String, String)>,
+    mut pairs: Vec<(String, String)>,
     headers: &HeaderMap,
 ) -> Result<(ShapeFilter, ShapeFile), Problem> {
-    let (writing, pairs) = split_writing(pairs);
+    let writing = take_writing(&mut pairs);
     let mut parameters = Parameters::read(pairs)?;
     let format = match take_format(&mut parameters, headers, None)? {
         Some(format) => format,
@@ -540,18 +538,20 @@ fn take_export(
     Ok((filter, file))
 }
 
-/// The options of writing, and the other parameters.
-pub(super) fn split_writing(pairs: Vec<(String, String)>) -> (Vec<(String, String)>, Vec<(String, String)>) {
-    pairs.into_iter().partition(|(name, _)| name.starts_with(WRITE))
+/// Takes the options of writing from `pairs`, and leaves the others.
+pub(super) fn take_writing(pairs: &mut Vec<(String, String)>) -> FileParameters {
+    let (taken, rest) = std::mem::take(pairs).into_iter().partition(|(name, _)| name.starts_with(WRITE));
+    *pairs = rest;
+    FileParameters(taken)
 }
 
 /// Takes what a file of a format says of each shape.
 fn take_shape_file(
     format: &'static files::Format,
-    writing: Vec<(String, String)>,
+    mut writing: FileParameters,
     parameters: &mut Parameters,
 ) -> Result<ShapeFile, Problem> {
-    let options = FileParameters(writing).writing()?;
+    let options = writing.writing()?;
     let content = parameters.take_word("content")?.unwrap_or_default();
     let points = parameters.take("points").map(|text| count_of("points", &text, MAX_SAMPLES)).transpose()?;
     Ok(ShapeFile { format, options, content, points: points.unwrap_or(USUAL_POINTS) })
@@ -559,7 +559,7 @@ fn take_shape_file(
 
 /// Takes the file in which a list of shapes is wanted; none for JSON, which has none of its parameters.
 pub(super) fn take_listed_file(
-    writing: Vec<(String, String)>,
+    writing: FileParameters,
     parameters: &mut Parameters,
     headers: &HeaderMap,
 ) -> Result<Option<ShapeFile>, Problem> {
@@ -568,7 +568,8 @@ pub(super) fn take_listed_file(
         return take_shape_file(format, writing, parameters).map(Some);
     }
     let mut others = ["content", "points"].into_iter().filter(|name| parameters.take(name).is_some());
-    match writing.first().map(|(name, _)| name.as_str()).or_else(|| others.next()) {
+    let first = (!writing.is_empty()).then(|| writing.first());
+    match first.or_else(|| others.next()) {
         Some(name) => Err(Problem::of_parameter(name, "expected a format of files beside it, got JSON")),
         None => Ok(None),
     }

@@ -504,10 +504,10 @@ fn refuse_fields(parameters: &mut Parameters, file: &ShapeFile) -> Result<(), Pr
 
 /// Takes the parameters of a list of shapes, and how it is answered.
 fn take_listing(
-    pairs: Vec<(String, String)>,
+    mut pairs: Vec<(String, String)>,
     headers: &HeaderMap,
 ) -> Result<(ShapeListing, Wanted), Problem> {
-    let (writing, pairs) = files::split_writing(pairs);
+    let writing = files::take_writing(&mut pairs);
     let mut parameters = Parameters::read(pairs)?;
     let page = PageQuery { cursor: parameters.take("cursor"), limit: parameters.take_count("limit")? };
     let wanted = match files::take_listed_file(writing, &mut parameters, headers)? {

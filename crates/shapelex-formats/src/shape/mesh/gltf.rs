@@ -75,7 +75,7 @@ impl Writer for File<'_> {
         attributes.insert("POSITION".into(), self.floats(&positions, 3, true).into());
         self.attributes(part, record, &mut attributes);
         let primitive = match part {
-            Part::Mesh(mesh) => {
+            Part::Mesh(mesh) if !mesh.faces.is_empty() => {
                 if mesh.faces.iter().any(|face| face.len() > 3) && self.summary.warnings.is_empty() {
                     self.summary.warnings.push("polygons are fans of triangles".into());
                 }
@@ -83,7 +83,8 @@ impl Writer for File<'_> {
                 let indices = self.indices(&indices);
                 json!({ "attributes": attributes, "indices": indices, "mode": DRAWN_TRIANGLES })
             }
-            Part::Points(_) => json!({ "attributes": attributes, "mode": DRAWN_POINTS }),
+            // An array of no indices is none.
+            Part::Mesh(_) | Part::Points(_) => json!({ "attributes": attributes, "mode": DRAWN_POINTS }),
             Part::Curve(_, true) => json!({ "attributes": attributes, "mode": DRAWN_LOOP }),
             Part::Curve(_, false) => json!({ "attributes": attributes, "mode": DRAWN_LINE }),
         };
@@ -266,6 +267,20 @@ mod tests {
         let indices = values(document["meshes"][0]["primitives"][0]["indices"].as_u64().unwrap() as usize);
         assert_eq!(indices, [0_u32, 1, 2, 0, 2, 3].map(u32::to_le_bytes).concat());
         assert_eq!(document["meshes"][1]["primitives"][0]["mode"], 3);
+    }
+
+    #[test]
+    fn vertices_without_faces_are_drawn_as_points() {
+        let mut record = square();
+        let Geometry::Mesh(mesh) = &mut record.geometry else { panic!("no mesh") };
+        mesh.faces = Faces::default();
+        let bytes = write(&FORMAT, &[record], &WriteOptions::default()).unwrap();
+        let text = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
+        let document: Value = serde_json::from_slice(&bytes[20..20 + text]).unwrap();
+        let primitive = &document["meshes"][0]["primitives"][0];
+        assert_eq!((&primitive["mode"], primitive.get("indices")), (&json!(0), None));
+        let lengths: Vec<_> = document["bufferViews"].as_array().unwrap().iter().collect();
+        assert!(lengths.iter().all(|view| view["byteLength"].as_u64().unwrap() > 0), "{lengths:?}");
     }
 
     #[test]

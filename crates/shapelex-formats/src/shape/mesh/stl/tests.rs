@@ -1,5 +1,6 @@
 use super::super::super::FaultKind;
 use super::super::super::options::{Encoding, WriteOptions};
+use super::super::super::record::{Faces, Geometry, Points};
 use super::super::testing::{changed, cut_off, mesh, read, read_within, refusal, write};
 use super::*;
 
@@ -65,6 +66,25 @@ fn what_is_written_comes_back() {
     assert_eq!(summary.properties["encoding"], "binary");
     let error = write(&FORMAT, &found, &WriteOptions::default()).unwrap_err();
     assert_eq!(error.to_string(), "expected one shape, as binary STL holds only one, got several");
+}
+
+#[test]
+fn vertices_without_faces_have_no_place() {
+    let (mut found, _) = read(&FORMAT, &binary()).unwrap();
+    let Geometry::Mesh(written) = &mut found[0].geometry else { panic!("no mesh") };
+    written.vertices = Points::from_rows(3, [written.vertices.coordinates(), &[5.0; 6]].concat());
+    let mut bytes = Vec::new();
+    let mut writer = FORMAT.writer(&mut bytes, &WriteOptions::default()).unwrap();
+    writer.push(&found[0]).unwrap();
+    let summary = writer.finish().unwrap();
+    let dropped = summary.dropped.iter().find(|dropped| dropped.what == "vertices of no face").unwrap();
+    assert_eq!((dropped.count, bytes == binary()), (2, true));
+
+    let Geometry::Mesh(without) = &mut found[0].geometry else { panic!("no mesh") };
+    without.faces = Faces::default();
+    without.fields.clear();
+    let error = write(&FORMAT, &found, &WriteOptions::default()).unwrap_err();
+    assert_eq!(error.to_string(), "expected shapes in space that STL can hold, got a shape without faces");
 }
 
 #[test]

@@ -4,7 +4,7 @@ use std::io::Write;
 
 use super::super::super::error::FileError;
 use super::super::super::options::WriteOptions;
-use super::super::super::record::Record;
+use super::super::super::record::{Mesh, Record};
 use super::super::super::summary::Summary;
 use super::super::super::write::{Opened, Output, Writer};
 use super::super::NORMALS;
@@ -26,8 +26,12 @@ impl Writer for File<'_> {
             return Err(one_only("binary STL"));
         }
         let part = Part::of(record, "STL")?;
-        let Part::Mesh(mesh) = part else { return Err(refused(record, "STL", "a shape without faces")) };
+        let mesh = match part {
+            Part::Mesh(mesh) if !mesh.faces.is_empty() => mesh,
+            _ => return Err(refused(record, "STL", "a shape without faces")),
+        };
         drop_fields(part, record, &mut self.summary, |name| name == NORMALS);
+        self.drop_loose_vertices(mesh, record);
         let singles = singles(record, part.points(), "STL")?;
         let exact = singles.iter().zip(part.points().coordinates()).all(|(a, b)| f64::from(*a) == *b);
         if !exact && self.summary.warnings.is_empty() {
@@ -65,6 +69,15 @@ impl Writer for File<'_> {
 }
 
 impl File<'_> {
+    /// Counts the vertices of no face: triangles are all that STL holds.
+    fn drop_loose_vertices(&mut self, mesh: &Mesh, record: &Record) {
+        let mut is_used = vec![false; mesh.vertices.len()];
+        mesh.faces.iter().flatten().for_each(|vertex| is_used[*vertex as usize] = true);
+        for _ in is_used.iter().filter(|is_used| !**is_used) {
+            self.summary.drop("vertices of no face", None, || record.place.clone());
+        }
+    }
+
     fn solid(&mut self, name: &str, triangles: impl Iterator<Item = [[f32; 3]; 3]>) -> Result<(), FileError> {
         let name: String = name.chars().map(|c| if c.is_control() { '_' } else { c }).collect();
         writeln!(self.output, "solid {name}")?;
