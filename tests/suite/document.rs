@@ -259,8 +259,12 @@ fn the_bounds_of_parameters_are_those_of_the_service() {
                     continue;
                 }
                 asked += 1;
-                // Settings of drawings belong to one format.
-                let format = if own == "width" { "&format=svg" } else { "" };
+                // Settings of drawings and of files belong to one format.
+                let format = match own {
+                    "width" => "&format=svg",
+                    "points" => "&format=ndjson",
+                    _ => "",
+                };
                 let path = format!("{}?{own}={value}{format}", furnished_path(path));
                 let reply = server.send(server.request(method.parse().unwrap(), &path));
                 let detail = if reply.status == 400 { reply.json()["detail"].clone() } else { json!("") };
