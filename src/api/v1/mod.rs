@@ -20,6 +20,8 @@ mod dictionaries;
 mod drift;
 mod entity_tags;
 mod events;
+mod exports;
+mod file_parameters;
 pub(super) mod files;
 mod fitting;
 mod formats;
@@ -146,7 +148,7 @@ pub(super) fn streamed_routes() -> OpenApiRouter<App> {
         .routes(routes!(shapes::list_shapes, shapes::add_shapes, corrections::delete_shapes))
         .routes(routes!(files::inspect_file))
         .routes(routes!(files::convert_file))
-        .routes(routes!(files::export_cohort))
+        .routes(routes!(exports::export_cohort))
         .routes(routes!(jobs::job_events))
         .routes(routes!(events::list_events))
 }

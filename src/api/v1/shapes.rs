@@ -14,8 +14,9 @@ use utoipa::{PartialSchema, ToSchema};
 
 use super::batches::{FailedShape, InputShape};
 use super::entity_tags::{Asked, not_stored};
-use super::files::{
-    self, FileParameters, FileQuery, PlacingQuery, ReadQuery, ShapeFileQuery, WriteQuery, word_of,
+use super::exports::{self, ShapeFileQuery};
+use super::file_parameters::{
+    FileParameters, FileQuery, PlacingQuery, ReadQuery, WriteQuery, take_writing, word_of,
 };
 use super::request_macros::{IfMatchHeader, PageQuery, RetryHeader, checked};
 use super::shape_query::{FilterQuery, Parameters};
@@ -486,7 +487,7 @@ async fn list_file(
     let answer = async {
         let (_, found) = catalogue::list_shapes(&app, &cohort.id, &listing).await?;
         let (shapes, next) = found.page;
-        Ok(asked.linked(files::page(app, cohort, shapes, file).await?, next))
+        Ok(asked.linked(exports::page(app, cohort, shapes, file).await?, next))
     };
     asked.unless_known(&revision, format, answer).await
 }
@@ -507,10 +508,10 @@ fn take_listing(
     mut pairs: Vec<(String, String)>,
     headers: &HeaderMap,
 ) -> Result<(ShapeListing, Wanted), Problem> {
-    let writing = files::take_writing(&mut pairs);
+    let writing = take_writing(&mut pairs);
     let mut parameters = Parameters::read(pairs)?;
     let page = PageQuery { cursor: parameters.take("cursor"), limit: parameters.take_count("limit")? };
-    let wanted = match files::take_listed_file(writing, &mut parameters, headers)? {
+    let wanted = match exports::take_listed_file(writing, &mut parameters, headers)? {
         Some(file) => Wanted::File(file),
         None => Wanted::Document(take_fields(&mut parameters)?),
     };

@@ -1,0 +1,245 @@
+//! Query parameters of files: format and name, options of reading and of writing, and how records become shapes.
+
+use serde::Serialize;
+use utoipa::IntoParams;
+use utoipa::openapi::path::{Parameter, ParameterIn};
+
+use crate::api::document::text_parameter;
+use crate::api::extract::TWICE;
+use crate::api::form;
+use crate::api::problem::{Problem, ProblemKind};
+use crate::formats::files::{self, ReadOptions, WriteOptions};
+use crate::formats::record::{MAX_SAMPLES, Placing, Plane};
+use crate::formats::summary::FileSummary;
+use crate::formats::words::plain_sentence;
+use crate::service::app::{Limits, ServiceError};
+use crate::service::cohorts::upload_file::FileToAdd;
+use crate::service::files::translate::FileReading;
+use crate::service::files::{FileFormat, file_limits, unknown_format};
+
+/// Media type that says nothing of a file.
+pub(super) const ANY_FILE: &str = "application/octet-stream";
+
+/// Parameters of files.
+#[derive(IntoParams)]
+#[into_params(parameter_in = Query)]
+#[allow(dead_code, reason = "only for the document; `FileParameters` reads them")]
+pub(super) struct FileQuery {
+    /// Format of the file, as an id, a media type or an ending. Default: the media type of the request, else by the first
+    /// bytes, else by the name.
+    format: Option<String>,
+    /// Name of the file, by which its format is known where its bytes do not tell it.
+    name: Option<String>,
+}
+
+/// How records of a file become shapes of a cohort.
+#[derive(IntoParams)]
+#[into_params(parameter_in = Query)]
+#[allow(dead_code, reason = "only for the document; `FileParameters` reads them")]
+pub(super) struct PlacingQuery {
+    /// Plane onto which curves and points in space are projected, where the cohort is planar. Default: they are refused.
+    #[param(inline)]
+    plane: Option<Plane>,
+    /// Number of points at which curves given by Fourier coefficients are taken, where the representation of the cohort does
+    /// not contain them. Default: they are refused.
+    #[param(minimum = 3, maximum = 10_000)]
+    samples: Option<usize>,
+    /// Text before the names of the shapes, which become their external ids.
+    prefix: Option<String>,
+}
+
+/// Options of reading by name, with the formats that have them.
+pub(super) struct ReadQuery;
+
+impl IntoParams for ReadQuery {
+    fn into_params(_: impl Fn() -> Option<ParameterIn>) -> Vec<Parameter> {
+        let of = |name: &str| {
+            let formats = FileFormat::all().filter(|format| format.options().contains(&name));
+            let formats = formats.map(FileFormat::id).collect::<Vec<_>>().join(", ");
+            text_parameter(name, format!("Option of reading files of the formats {formats}."))
+        };
+        names_of(&ReadOptions::default()).iter().map(|name| of(name)).collect()
+    }
+}
+
+/// Options of writing by name.
+pub(super) struct WriteQuery;
+
+impl IntoParams for WriteQuery {
+    fn into_params(_: impl Fn() -> Option<ParameterIn>) -> Vec<Parameter> {
+        let said = "Option of the format that is written.";
+        let of = |name: &String| text_parameter(&format!("{WRITE}{name}"), said);
+        names_of(&WriteOptions::default()).iter().map(of).collect()
+    }
+}
+
+/// What stands before the names of options of writing.
+const WRITE: &str = "write_";
+
+/// Names of options.
+fn names_of(options: &impl Serialize) -> Vec<String> {
+    let options = serde_json::to_value(options).unwrap_or_default();
+    options.as_object().into_iter().flatten().map(|(name, _)| name.clone()).collect()
+}
+
+/// Parameters of a request with a file.
+#[derive(Debug)]
+pub(super) struct FileParameters(Vec<(String, String)>);
+
+impl FileParameters {
+    /// Takes the parameters that concern files from `pairs`, and leaves the others.
+    pub(super) fn take(pairs: &mut Vec<(String, String)>) -> Self {
+        let known = names_of(&ReadOptions::default());
+        let own = ["format", "name", "plane", "samples", "prefix"];
+        let is_own = |name: &str| {
+            own.contains(&name) || name.starts_with(WRITE) || known.iter().any(|known| known == name)
+        };
+        let (taken, rest) = std::mem::take(pairs).into_iter().partition(|(name, _)| is_own(name));
+        *pairs = rest;
+        Self(taken)
+    }
+
+    /// Whether they say the format, whatever the media type.
+    pub(super) fn is_format_stated(&self) -> bool {
+        self.0.iter().any(|(name, _)| name == "format")
+    }
+
+    /// Whether there are none.
+    pub(super) fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// Name of the first one.
+    pub(super) fn first(&self) -> &str {
+        self.0.first().map_or("", |(name, _)| name)
+    }
+
+    /// Takes the value of one parameter.
+    fn value(&mut self, name: &str) -> Result<Option<String>, Problem> {
+        let Some(at) = self.0.iter().position(|(found, _)| found == name) else { return Ok(None) };
+        let (_, value) = self.0.remove(at);
+        match self.0.iter().any(|(found, _)| found == name) {
+            true => Err(Problem::of_parameter(name, TWICE)),
+            false => Ok(Some(value)),
+        }
+    }
+
+    /// The options of writing.
+    pub(super) fn writing(&mut self) -> Result<WriteOptions, Problem> {
+        let Self(writing) = take_writing(&mut self.0);
+        let pairs = writing.iter().map(|(name, value)| (&name[WRITE.len()..], value.as_str()));
+        WriteOptions::from_pairs(pairs).map_err(|mut error| {
+            if let Some(name) = &mut error.place.tag {
+                name.insert_str(0, WRITE);
+            }
+            ServiceError::from(error).into()
+        })
+    }
+
+    /// How a file is read whose request has a media type.
+    ///
+    /// # Errors
+    /// An unknown format; a media type of none without the parameters that tell it.
+    pub(super) fn reading(&mut self, media_type: &str) -> Result<FileReading, Problem> {
+        let (format, name) = (self.value("format")?, self.value("name")?);
+        let found = match &format {
+            Some(word) => {
+                let format = FileFormat::find(word).filter(|format| format.is_read());
+                Some(format.ok_or_else(|| Problem::of_parameter("format", unknown_format(word).detail))?)
+            }
+            None if media_type == ANY_FILE => None,
+            None => {
+                let mut named = FileFormat::of_media_type(media_type);
+                match (named.next(), named.next()) {
+                    (Some(format), None) => Some(format),
+                    // Several formats: the first bytes tell.
+                    (Some(_), Some(_)) => None,
+                    // Programs send a type of their own where they know none of the file: curl that of a web form.
+                    (None, _) if name.is_some() && !form::is_form(media_type) => None,
+                    (None, _) => return Err(unsupported(media_type)),
+                }
+            }
+        };
+        let options = self.0.iter().map(|(name, value)| (name.as_str(), value.as_str()));
+        let options = ReadOptions::from_pairs(options).map_err(ServiceError::from)?;
+        Ok(FileReading { format: found, name, options })
+    }
+
+    /// The file that a request adds to a cohort.
+    ///
+    /// # Errors
+    /// Parameters with values that they cannot have; as for the format.
+    pub(super) fn into_file(mut self, media_type: &str, limits: &Limits) -> Result<FileToAdd, Problem> {
+        let plane = self.value("plane")?.map(|word| word_of::<Plane>("plane", &word)).transpose()?;
+        let samples =
+            self.value("samples")?.map(|text| count_of("samples", &text, MAX_SAMPLES)).transpose()?;
+        let prefix = self.value("prefix")?;
+        let placing = Placing { plane, samples, prefix, metadata_bytes: limits.metadata_bytes };
+        let reading = self.reading(media_type)?;
+        let service = *limits;
+        let read: crate::service::cohorts::upload_file::ReadFile = Box::new(move |source, stop, sink| {
+            let format = reading.format_of(source.head())?;
+            let summary = format.read(source, &reading.options, &service, stop, sink)?;
+            Ok(FileSummary::new(format.id(), summary))
+        });
+        Ok(FileToAdd { limits: file_limits(limits), placing, read })
+    }
+}
+
+/// Refusal of a body whose format is not known.
+fn unsupported(media_type: &str) -> Problem {
+    let known: Vec<&str> =
+        FileFormat::all().filter_map(|format| format.media_types().first().copied()).collect();
+    let detail = format!(
+        "expected application/json for a document, or for a file a media type of a format ({}), application/octet-stream, or the parameter name, got '{media_type}'",
+        known.join(", ")
+    );
+    Problem::new(ProblemKind::UnsupportedMediaType, detail)
+}
+
+/// The value that a word of a parameter names.
+pub(super) fn word_of<T: serde::de::DeserializeOwned>(name: &str, word: &str) -> Result<T, Problem> {
+    let read = serde_json::from_value(word.into());
+    read.map_err(|error: serde_json::Error| Problem::of_parameter(name, plain_sentence(&error.to_string())))
+}
+
+/// A parameter that is a number of points on a curve.
+pub(super) fn count_of(name: &str, text: &str, most: usize) -> Result<usize, Problem> {
+    match text.parse() {
+        Ok(count) if (3..=most).contains(&count) => Ok(count),
+        _ => Err(Problem::of_parameter(
+            name,
+            format!("expected a whole number from 3 to {most}, got '{text}'"),
+        )),
+    }
+}
+
+/// Takes the options of writing from `pairs`, and leaves the others.
+pub(super) fn take_writing(pairs: &mut Vec<(String, String)>) -> FileParameters {
+    let (taken, rest) = std::mem::take(pairs).into_iter().partition(|(name, _)| name.starts_with(WRITE));
+    *pairs = rest;
+    FileParameters(taken)
+}
+
+/// The format that a word names, if it is written.
+pub(super) fn written(word: &str, parameter: &str) -> Result<&'static files::Format, Problem> {
+    written_format(word).ok_or_else(|| unwritten(parameter, word, None))
+}
+
+/// The written format with an id, a media type or an ending.
+pub(super) fn written_format(word: &str) -> Option<&'static files::Format> {
+    files::find(word).filter(|format| format.is_written())
+}
+
+/// All formats that are written.
+pub(super) fn written_formats() -> impl Iterator<Item = &'static files::Format> {
+    files::FORMATS.iter().copied().filter(|format| format.is_written())
+}
+
+/// Refusal of a word that names no format among those that are written and perhaps another one.
+pub(super) fn unwritten(parameter: &str, word: &str, other: Option<&str>) -> Problem {
+    let known: Vec<&str> = other.into_iter().chain(written_formats().map(|format| format.id)).collect();
+    let known = known.join(", ");
+    let detail = format!("expected one of the formats that are written ({known}), got '{word}'");
+    Problem::of_parameter(parameter, detail)
+}
