@@ -486,6 +486,10 @@ fn closed_curves_go_out_as_fourier_coefficients() {
     let (sent, back) = (numbers(file), numbers(out.text()));
     assert_eq!(sent.len(), back.len(), "{}", out.text());
     assert!(sent.iter().zip(&back).all(|(a, b)| (a - b).abs() < 1e-14), "{}", out.text());
+    // They are all that this format holds.
+    for query in ["export?format=nef&write_harmonics=1", "shapes?format=nef&write_harmonics=1"] {
+        assert_eq!(server.get(&format!("{path}/{query}")).text(), out.text(), "{query}");
+    }
     // As many harmonics as nine control points tell apart, and what they leave.
     let lines = export("");
     let shape: Value = serde_json::from_str(lines.text().lines().next().unwrap()).unwrap();

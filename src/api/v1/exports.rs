@@ -43,7 +43,8 @@ pub(super) struct ShapeFileQuery {
     #[param(example = "ndjson")]
     format: Option<String>,
     /// What a file says of each shape: `points` on curves, landmarks and meshes of surfaces, `control_points`, or Fourier
-    /// coefficients (`fourier`) of closed curves, `write_harmonics` of them. Default: `points`.
+    /// coefficients (`fourier`) of closed curves, `write_harmonics` of them. Default: `points`; of formats that hold nothing but
+    /// Fourier coefficients, `fourier`.
     #[param(inline)]
     content: Option<ExportContent>,
     /// Number of points on a curve. Default: 128.
@@ -102,7 +103,7 @@ fn take_shape_file(
     parameters: &mut Parameters,
 ) -> Result<ShapeFile, Problem> {
     let options = writing.writing()?;
-    let content = parameters.take_word("content")?.unwrap_or_default();
+    let content = parameters.take_word("content")?.unwrap_or_else(|| ExportContent::usual(format));
     let points = parameters.take("points").map(|text| count_of("points", &text, MAX_SAMPLES)).transpose()?;
     Ok(ShapeFile { format, options, content, points: points.unwrap_or(USUAL_POINTS) })
 }

@@ -49,11 +49,11 @@ pub(in crate::cli) struct ExportArgs {
 
 impl ExportArgs {
     /// What is written of each shape.
-    fn content(&self) -> ExportContent {
+    fn content(&self, format: &Format) -> ExportContent {
         match (self.control_points, self.fourier) {
             (true, _) => ExportContent::ControlPoints,
             (_, true) => ExportContent::Fourier,
-            _ => ExportContent::Points,
+            _ => ExportContent::usual(format),
         }
     }
 
@@ -118,7 +118,7 @@ async fn write(
 ) -> Result<u64, String> {
     let cohort = args.cohort.as_deref().unwrap_or_default();
     let options = args.writing.options()?;
-    let content = args.content();
+    let content = args.content(format);
     let service = match target {
         Target::Store(app) => {
             let mut filter = ShapeFilter::default();

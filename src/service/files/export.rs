@@ -14,7 +14,7 @@ use crate::domain::cohort::Cohort;
 use crate::domain::filter::ShapeFilter;
 use crate::domain::shape::Shape;
 use crate::formats::files::{
-    FileError, Format, Fourier, Geometry, MAX_HARMONICS, Mesh, Place, Points, Record, Summary, Value,
+    FileError, Format, Fourier, Geometry, Kind, MAX_HARMONICS, Mesh, Place, Points, Record, Summary, Value,
     WriteOptions,
 };
 use crate::geometry::capability::domain::Domain;
@@ -42,16 +42,22 @@ const POINTS_AT_ONCE: usize = 1 << 20;
 const ROUNDING: f64 = 1e-24;
 
 /// What is written of each shape.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, utoipa::ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ExportContent {
     /// Points on a curve, landmarks, the mesh of a surface.
-    #[default]
     Points,
     /// Control points: as landmarks, of a subdivision surface as its control mesh.
     ControlPoints,
     /// Fourier coefficients of closed curves, exact for their own parameter.
     Fourier,
+}
+
+impl ExportContent {
+    /// What a file of a format says of each shape, unless something else is asked for: points, where it holds any.
+    pub fn usual(format: &Format) -> Self {
+        if format.kinds == [Kind::Fourier] { Self::Fourier } else { Self::Points }
+    }
 }
 
 /// A file of shapes: its format, and what it says of each shape.
