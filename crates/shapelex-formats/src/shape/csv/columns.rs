@@ -164,7 +164,7 @@ fn chosen(names: &[String], wanted: &[String], dimension: Option<usize>) -> Resu
 }
 
 /// Coordinates by the names of columns.
-fn recognised(names: &[String], dimension: Option<usize>) -> Result<Coordinates, FileError> {
+pub(super) fn recognised(names: &[String], dimension: Option<usize>) -> Result<Coordinates, FileError> {
     let long: Vec<_> = AXES.iter().map_while(|axis| position(names, axis)).collect();
     if long.len() >= 2 {
         return Ok(Coordinates::Long(long));

@@ -91,6 +91,11 @@ mod tests {
             let text = format!("\u{feff}{header}\r\n{}\r\n", ["1", "2", "3", "4"].join(separator));
             assert_eq!(coordinates(&read(&text)[0]), [1.0, 2.0, 3.0, 4.0], "{header}");
         }
+        // Names of attributes may have other separators.
+        for table in ["id,a;;;;;;;;b,x1,y1,x2,y2\ns,v,1,2,3,4\n", "id;a,,,,,,,,b;x1;y1;x2;y2\ns;v;1;2;3;4\n"]
+        {
+            assert_eq!(coordinates(&read(table)[0]), [1.0, 2.0, 3.0, 4.0], "{table}");
+        }
         // Columns by landmark and axis, in any order, and names of rows of R.
         let found = read("\"\",x1,x2,y1,y2,sex\nA,1,3,2,4,f\n");
         assert_eq!(

@@ -1,5 +1,6 @@
 //! Reading of tables.
 
+use std::cmp::Reverse;
 use std::collections::BTreeSet;
 use std::io::{self, Read};
 
@@ -13,7 +14,7 @@ use super::super::record::{Geometry, Points, Record};
 use super::super::source::Source;
 use super::super::summary::Summary;
 use super::super::text::{Missing, count, is_missing, number, push, shown, value};
-use super::columns::{Coordinates, Roles};
+use super::columns::{Coordinates, Roles, recognised};
 
 /// A row may have a sixteenth of the bytes that may be held: its fields take several times the memory of their text.
 const ROWS: usize = 16;
@@ -71,18 +72,34 @@ impl<'s, 'a> Rows<'s, 'a> {
     }
 }
 
-/// Comma, semicolon or tab, whichever the first line has most of outside of quotation marks.
+/// Comma, semicolon or tab: the one of which the first line has most outside of quotation marks. Names of attributes may have others:
+/// one that makes columns of coordinates of the line comes first.
 fn separator(head: &[u8]) -> u8 {
+    let line = head.split_inclusive(|byte| *byte == b'\n').next().unwrap_or_default();
     let mut counts = [(b',', 0), (b';', 0), (b'\t', 0)];
     let mut quoted = false;
-    for byte in head.iter().take_while(|byte| **byte != b'\n') {
+    for byte in line {
         quoted ^= *byte == b'"';
         for (separator, count) in &mut counts {
             *count += usize::from(!quoted && byte == separator);
         }
     }
-    // The first of equals: the comma.
-    counts.into_iter().rev().max_by_key(|(_, count)| *count).map_or(b',', |(separator, _)| separator)
+    // The first of equals is the comma.
+    counts.sort_by_key(|(_, count)| Reverse(*count));
+    let has_coordinates = |(separator, _): &&(u8, usize)| recognised(&header(line, *separator), None).is_ok();
+    counts.iter().find(has_coordinates).unwrap_or(&counts[0]).0
+}
+
+/// Names of the columns of a line.
+fn header(line: &[u8], separator: u8) -> Vec<String> {
+    let reader = csv::ReaderBuilder::new().has_headers(false).delimiter(separator).from_reader(line);
+    let names = reader.into_records().next().and_then(Result::ok);
+    names.as_ref().map(names_of).unwrap_or_default()
+}
+
+/// Names of columns without the mark of UTF-8 and the space around them.
+fn names_of(record: &StringRecord) -> Vec<String> {
+    record.iter().map(|name| name.trim_start_matches('\u{feff}').trim().to_owned()).collect()
 }
 
 pub(super) fn read(
@@ -95,9 +112,7 @@ pub(super) fn read(
     if rows.next()?.is_none() {
         return Err(FileError::truncated(Place::line(0), "expected a header, got the end of the file"));
     }
-    let names =
-        rows.record.iter().map(|name| name.trim_start_matches('\u{feff}').trim().to_owned()).collect();
-    let roles = Roles::new(names, options, &limits)?;
+    let roles = Roles::new(names_of(&rows.record), options, &limits)?;
     let missing = Missing::new(options, Missing::Words)?;
     let mut summary = Summary::default();
     for column in &roles.others {
