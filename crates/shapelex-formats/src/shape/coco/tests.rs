@@ -107,6 +107,28 @@ fn records_come_back_as_they_were_written() {
 }
 
 #[test]
+fn metadata_do_not_replace_what_an_annotation_says() {
+    let (records, _) = read_with(TEXT, &ReadOptions::default()).expect("annotations");
+    let mut record = records[0].clone();
+    for name in ["segmentation", "area", "id", "name", "category_id", "attributes", "score", "source"] {
+        record.metadata.insert(name.into(), serde_json::json!([67.0]));
+    }
+    let mut bytes = Vec::new();
+    let mut writer = FORMAT.writer(&mut bytes, &WriteOptions::default()).expect("a file");
+    writer.push(&record).expect("an annotation");
+    let summary = writer.finish().expect("a file");
+    let [dropped] = &summary.dropped[..] else { panic!("{summary:?}") };
+    assert_eq!(
+        (dropped.what.as_str(), dropped.count),
+        ("metadata with the name of a member of annotations", 7)
+    );
+    let text = String::from_utf8(bytes).expect("text");
+    let (again, _) = read_with(&text, &ReadOptions::default()).expect("annotations");
+    assert_eq!((&again[0].geometry, &again[0].labels), (&record.geometry, &record.labels));
+    assert_eq!(again[0].metadata["source"], serde_json::json!([67.0]));
+}
+
+#[test]
 fn what_does_not_fit_is_refused_by_name() {
     let points = Points::from_rows(2, vec![0.0, 0.0, 1.0, 0.0, 1.0, 1.0]);
     let curve = |closed, hole| Record {

@@ -64,6 +64,21 @@ impl Writer for File<'_> {
     }
 }
 
+/// Members of an annotation that a reader takes for what they say.
+const OWN: [&str; 11] = [
+    "id",
+    "name",
+    "image_id",
+    "category_id",
+    "segmentation",
+    "keypoints",
+    "num_keypoints",
+    "area",
+    "bbox",
+    "attributes",
+    "score",
+];
+
 impl File<'_> {
     fn annotation(&mut self, records: &[Record]) -> Result<(), FileError> {
         let Some(first) = records.first() else { return Ok(()) };
@@ -97,10 +112,15 @@ impl File<'_> {
         if !attributes.is_empty() {
             annotation.insert("attributes".into(), Json::Object(attributes));
         }
-        annotation.entry("iscrowd").or_insert(0.into());
         for (name, value) in metadata {
-            annotation.insert(name, value);
+            if OWN.contains(&name.as_str()) || annotation.contains_key(&name) {
+                let what = "metadata with the name of a member of annotations";
+                self.summary.drop(what, Some(&name), || first.place.clone());
+            } else {
+                annotation.insert(name, value);
+            }
         }
+        annotation.entry("iscrowd").or_insert(0.into());
         self.output.write_all(if self.annotations > 0 { b",\n" } else { b"\n" })?;
         serde_json::to_writer(&mut self.output, &annotation).map_err(std::io::Error::from)?;
         self.annotations += 1;

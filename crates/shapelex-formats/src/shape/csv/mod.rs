@@ -92,8 +92,11 @@ mod tests {
             assert_eq!(coordinates(&read(&text)[0]), [1.0, 2.0, 3.0, 4.0], "{header}");
         }
         // Names of attributes may have other separators.
-        for table in ["id,a;;;;;;;;b,x1,y1,x2,y2\ns,v,1,2,3,4\n", "id;a,,,,,,,,b;x1;y1;x2;y2\ns;v;1;2;3;4\n"]
-        {
+        for table in [
+            "id,a;;;;;;;;b,x1,y1,x2,y2\ns,v,1,2,3,4\n",
+            "id;a,,,,,,,,b;x1;y1;x2;y2\ns;v;1;2;3;4\n",
+            "id,\";x;y;z\n\",x1,y1,x2,y2\ns,v,1,2,3,4\n",
+        ] {
             assert_eq!(coordinates(&read(table)[0]), [1.0, 2.0, 3.0, 4.0], "{table}");
         }
         // Columns by landmark and axis, in any order, and names of rows of R.

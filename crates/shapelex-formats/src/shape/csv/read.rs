@@ -72,27 +72,29 @@ impl<'s, 'a> Rows<'s, 'a> {
     }
 }
 
-/// Comma, semicolon or tab: the one of which the first line has most outside of quotation marks. Names of attributes may have others:
-/// one that makes columns of coordinates of the line comes first.
+/// Comma, semicolon or tab: the one of which the header has most outside of quotation marks. Names of attributes may have others: one
+/// that makes columns of coordinates of the header comes first.
 fn separator(head: &[u8]) -> u8 {
-    let line = head.split_inclusive(|byte| *byte == b'\n').next().unwrap_or_default();
     let mut counts = [(b',', 0), (b';', 0), (b'\t', 0)];
     let mut quoted = false;
-    for byte in line {
+    for byte in head {
         quoted ^= *byte == b'"';
+        if *byte == b'\n' && !quoted {
+            break;
+        }
         for (separator, count) in &mut counts {
             *count += usize::from(!quoted && byte == separator);
         }
     }
     // The first of equals is the comma.
     counts.sort_by_key(|(_, count)| Reverse(*count));
-    let has_coordinates = |(separator, _): &&(u8, usize)| recognised(&header(line, *separator), None).is_ok();
+    let has_coordinates = |(separator, _): &&(u8, usize)| recognised(&header(head, *separator), None).is_ok();
     counts.iter().find(has_coordinates).unwrap_or(&counts[0]).0
 }
 
-/// Names of the columns of a line.
-fn header(line: &[u8], separator: u8) -> Vec<String> {
-    let reader = csv::ReaderBuilder::new().has_headers(false).delimiter(separator).from_reader(line);
+/// Names of the columns of a table.
+fn header(head: &[u8], separator: u8) -> Vec<String> {
+    let reader = csv::ReaderBuilder::new().has_headers(false).delimiter(separator).from_reader(head);
     let names = reader.into_records().next().and_then(Result::ok);
     names.as_ref().map(names_of).unwrap_or_default()
 }

@@ -158,6 +158,26 @@ fn records_come_back_as_they_were_written() {
 }
 
 #[test]
+fn metadata_do_not_replace_what_a_feature_says() {
+    let (mut records, _) = read_all(CELL);
+    records.truncate(1);
+    let record = &mut records[0];
+    for name in ["shapelex", "measurements", "name", "classification", "source"] {
+        record.metadata.insert(name.into(), serde_json::json!([67.0]));
+    }
+    let mut bytes = Vec::new();
+    let mut writer = FORMAT.writer(&mut bytes, &WriteOptions::default()).expect("a writer");
+    writer.push(&records[0]).expect("a feature");
+    let summary = writer.finish().expect("the end");
+    let [dropped] = &summary.dropped[..] else { panic!("{summary:?}") };
+    assert_eq!((dropped.what.as_str(), dropped.count), ("metadata with the name of a property", 4));
+    let (again, _) = read_all(&String::from_utf8(bytes).expect("text"));
+    let (a, b) = (&records[0], &again[0]);
+    assert_eq!((&a.name, &a.label, &a.labels), (&b.name, &b.label, &b.labels));
+    assert_eq!(b.metadata["source"], serde_json::json!([67.0]));
+}
+
+#[test]
 fn ids_may_name_the_shapes() {
     let options = ReadOptions { names: Some(super::super::Names::Id), ..ReadOptions::default() };
     let (records, _) = read_with(CELL.as_bytes(), &options, Limits::default()).expect("a cell");

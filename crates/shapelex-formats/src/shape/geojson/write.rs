@@ -20,11 +20,13 @@ struct Features<'a> {
     /// Number of records taken and of features written.
     features: u64,
     buffer: Vec<u8>,
+    summary: Summary,
 }
 
 pub(super) fn open<'a>(mut output: Output<'a>, _: &WriteOptions) -> Opened<'a> {
     output.write_all(b"{\"type\":\"FeatureCollection\",\"features\":[")?;
-    Ok(Box::new(Features { output, grouping: Grouping::default(), features: 0, buffer: Vec::new() }))
+    let (grouping, summary) = (Grouping::default(), Summary::default());
+    Ok(Box::new(Features { output, grouping, features: 0, buffer: Vec::new(), summary }))
 }
 
 impl Writer for Features<'_> {
@@ -38,7 +40,7 @@ impl Writer for Features<'_> {
         self.feature(&left)?;
         self.output.write_all(b"\n]}\n")?;
         self.output.flush()?;
-        Ok(Summary { records: self.grouping.count(), ..Summary::default() })
+        Ok(Summary { records: self.grouping.count(), ..self.summary })
     }
 }
 
@@ -59,7 +61,8 @@ impl Features<'_> {
         text.extend_from_slice(b"\"geometry\":");
         geometry(&mut text, &parts, metadata.remove("geometry"));
         text.extend_from_slice(b",\"properties\":");
-        serde_json::to_writer(&mut text, &properties(first, metadata, name)).map_err(std::io::Error::from)?;
+        let properties = properties(first, metadata, name, &mut self.summary);
+        serde_json::to_writer(&mut text, &properties).map_err(std::io::Error::from)?;
         text.push(b'}');
         self.output.write_all(&text)?;
         (self.buffer, self.features) = (text, self.features + 1);
@@ -90,19 +93,29 @@ fn is_uuid(text: &str) -> bool {
         && groups.iter().all(|group| group.bytes().all(|byte| byte.is_ascii_hexdigit()))
 }
 
+/// Properties whose values have a form, which metadata need not have.
+const OWN: [&str; 2] = ["measurements", "shapelex"];
+
 /// The properties as QuPath names them: numbers are measurements; what it does not know stands in `shapelex`.
-fn properties(record: &Record, mut metadata: Map<String, Json>, name: Option<String>) -> Map<String, Json> {
+fn properties(
+    record: &Record,
+    mut metadata: Map<String, Json>,
+    name: Option<String>,
+    summary: &mut Summary,
+) -> Map<String, Json> {
     let mut properties = Map::new();
     let object_type = metadata.remove("objectType").unwrap_or_else(|| "annotation".into());
     properties.insert("objectType".into(), object_type);
     if let Some(name) = name {
-        metadata.remove("name");
         properties.insert("name".into(), name.into());
     }
     if let Some(label) = &record.label {
         let mut class = match metadata.remove("classification") {
             Some(Json::Object(class)) => class,
-            _ => Map::new(),
+            other => {
+                metadata.extend(other.map(|other| ("classification".to_owned(), other)));
+                Map::new()
+            }
         };
         class.insert("name".into(), label.clone().into());
         properties.insert("classification".into(), Json::Object(class));
@@ -115,14 +128,19 @@ fn properties(record: &Record, mut metadata: Map<String, Json>, name: Option<Str
         }
     }
     if !measurements.is_empty() {
-        metadata.remove("measurements");
         properties.insert("measurements".into(), Json::Object(measurements));
     }
     let own = Own { subject: record.subject.clone(), labels, weight: record.weight };
     if own.subject.is_some() || !own.labels.is_empty() || own.weight.is_some() {
         properties.insert("shapelex".into(), json!(own));
     }
-    properties.extend(metadata);
+    for (name, value) in metadata {
+        if OWN.contains(&name.as_str()) || properties.contains_key(&name) {
+            summary.drop("metadata with the name of a property", Some(&name), || record.place.clone());
+        } else {
+            properties.insert(name, value);
+        }
+    }
     properties
 }
 
