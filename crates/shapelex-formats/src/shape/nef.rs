@@ -54,6 +54,7 @@ fn read(source: &mut Source<'_>, _: &ReadOptions, sink: Sink<'_>) -> Result<Summ
         match key {
             "#CONST" => summary.set("constant_coefficients", numbers()?),
             "#HARMO" => match numbers()?[..] {
+                [0] => return Err(malformed("expected at least one harmonic, got 0".into())),
                 [count] => harmonics = Some(limits.points(count, || lines.place())? as u64),
                 _ => return Err(malformed(format!("expected #HARMO and a number, got {}", shown(line)))),
             },
@@ -310,6 +311,7 @@ mod tests {
             ("#HARMO 1\na\n1 0 0 1 2\n", "line 3: expected four coefficients, got '1 0 0 1 2'"),
             ("#HARMO 1\na\n1 0 0 nan\n", "line 3: expected a number, got 'nan'"),
             ("#HARMO x\n", "line 1: expected a whole number, got 'x'"),
+            ("#HARMO 0\na\n", "line 1: expected at least one harmonic, got 0"),
             ("#HARMO 1 2\n", "line 1: expected #HARMO and a number, got '#HARMO 1 2'"),
             ("#HARMO 99999999999\n", "line 1: expected at most 4194304 points of a shape, got 99999999999"),
             ("a\nb\n", "item 0, line 1: expected lines of four coefficients after 'a', got none"),

@@ -4,7 +4,7 @@ use super::super::super::record::{Domain, Geometry};
 use super::super::testing::{changed, cut_off, mesh, read, read_within, refusal, write};
 use super::super::{COLOURS, NORMALS, TEXTURE};
 use super::*;
-use crate::shape::Limits;
+use crate::shape::{Limits, Place, Points, Record};
 
 const TWO: &str = "\
 # two shapes
@@ -81,6 +81,18 @@ fn curves_and_points_come_back() {
     let (found, summary) = read(&FORMAT, b"v 1 2 3\nvn 0 0 1\n").unwrap();
     assert!(matches!(&found[0].geometry, Geometry::Landmarks(points) if points.len() == 1));
     assert_eq!(summary.warnings, ["points without faces are read as landmarks"]);
+}
+
+#[test]
+fn names_do_not_take_the_next_line_in() {
+    let points = Points::from_rows(3, vec![1.0, 2.0, 3.0]);
+    for (name, expected) in [("C:\\a", "C:\\a"), ("C:\\", "C:\\_"), ("a\\ ", "a\\ _"), ("a\n#b", "a__b")] {
+        let record = Record::new(Geometry::Landmarks(points.clone()), Place::default());
+        let record = Record { name: Some(name.into()), ..record };
+        let (found, _) =
+            read(&FORMAT, &write(&FORMAT, &[record], &WriteOptions::default()).unwrap()).unwrap();
+        assert_eq!((found[0].name.as_deref(), found.len()), (Some(expected), 1), "{name}");
+    }
 }
 
 #[test]

@@ -184,7 +184,11 @@ impl<'a> Names<'a> {
     }
 }
 
-/// A name on one line, without the sign of comments.
+/// A name on one line, without the sign of comments. A backslash at its end would take the next line in.
 fn one_line(name: &str) -> String {
-    name.chars().map(|c| if c.is_control() || c == '#' { '_' } else { c }).collect()
+    let mut line: String = name.chars().map(|c| if c.is_control() || c == '#' { '_' } else { c }).collect();
+    if line.trim_end().ends_with('\\') {
+        line.push('_');
+    }
+    line
 }
