@@ -1,0 +1,18 @@
+LM=0
+OUTLINES=1
+POINTS=4
+0 0
+4 0
+4 1
+1 2
+ID=a
+
+LM=0
+OUTLINES=1
+POINTS=4
+0 0
+3 0
+4 2
+1 3
+ID=b
+
