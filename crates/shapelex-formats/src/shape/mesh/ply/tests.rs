@@ -1,6 +1,7 @@
 use super::super::super::FaultKind;
 use super::super::super::options::{self, WriteOptions};
 use super::super::super::record::Geometry;
+use super::super::super::record::{Field, Mesh, Points, Record};
 use super::super::testing::{changed, cut_off, mesh, read, read_within, refusal, write};
 use super::*;
 
@@ -183,4 +184,18 @@ fn damaged_files_do_not_panic() {
         cut_off(&FORMAT, &binary(big_endian), false);
         changed(&FORMAT, &binary(big_endian));
     }
+}
+
+#[test]
+fn fields_whose_names_become_one_stay_apart() {
+    let field = |x: f64| Field { domain: Domain::Vertices, width: 1, values: vec![x] };
+    let names = ["a b", "a\tb", "x", "nx"];
+    let fields = names.iter().zip(1..).map(|(name, k)| ((*name).into(), field(f64::from(k)))).collect();
+    let mut mesh = Mesh { vertices: Points::from_rows(3, vec![0.0; 3]), fields, ..Mesh::default() };
+    mesh.faces.push([0, 0, 0]);
+    let bytes = write(&FORMAT, &[Record::new(mesh, Place::default())], &WriteOptions::default()).unwrap();
+    let (found, _) = read(&FORMAT, &bytes).unwrap();
+    let Geometry::Mesh(mesh) = &found[0].geometry else { panic!("no mesh") };
+    let found: Vec<_> = mesh.fields.iter().map(|(name, field)| (name.as_str(), field.values[0])).collect();
+    assert_eq!(found, [("a_b", 2.0), ("a_b_", 1.0), ("nx", 4.0), ("x_", 3.0)]);
 }

@@ -1,5 +1,6 @@
 //! A mesh or points as PLY.
 
+use std::collections::BTreeSet;
 use std::io::Write;
 
 use super::super::super::error::FileError;
@@ -73,6 +74,18 @@ impl<'a> Columns<'a> {
     }
 }
 
+/// Gives the properties of an element different names: the standard ones stay, others get signs behind.
+fn make_distinct(columns: &mut [Columns<'_>], taken: &[&str]) {
+    let mut taken: BTreeSet<String> = taken.iter().map(|name| (*name).to_owned()).collect();
+    let (standard, others): (Vec<_>, Vec<_>) = columns.iter_mut().partition(|column| column.names.len() > 1);
+    taken.extend(standard.iter().flat_map(|column| column.names.iter().cloned()));
+    for name in others.into_iter().flat_map(|column| &mut column.names) {
+        while !taken.insert(name.clone()) {
+            name.push('_');
+        }
+    }
+}
+
 impl Writer for File<'_> {
     fn push(&mut self, record: &Record) -> Result<(), FileError> {
         if self.summary.records > 0 {
@@ -92,8 +105,10 @@ impl Writer for File<'_> {
         for (name, _) in part.fields().filter(|(_, field)| field.width == 0 || field.width > 255) {
             self.summary.drop("fields that the format has no place for", Some(name), || record.place.clone());
         }
-        let of_vertices: Vec<Columns<'_>> = columns(Domain::Vertices);
-        let of_faces: Vec<Columns<'_>> = columns(Domain::Faces);
+        let mut of_vertices: Vec<Columns<'_>> = columns(Domain::Vertices);
+        let mut of_faces: Vec<Columns<'_>> = columns(Domain::Faces);
+        make_distinct(&mut of_vertices, &["x", "y", "z"]);
+        make_distinct(&mut of_faces, &["vertex_indices", "vertex_index"]);
         let encoding = if self.text { "ascii" } else { "binary_little_endian" };
         let head = |columns: &[Columns<'_>]| columns.iter().map(Columns::header).collect::<String>();
         let axes = "property double x\nproperty double y\nproperty double z\n";
