@@ -4,6 +4,8 @@
 
 use std::io::Write;
 
+use serde_json::{Map, Value as Json};
+
 use super::error::{FileError, Place};
 use super::limits::Limits;
 use super::options::Holes;
@@ -214,6 +216,23 @@ pub(super) fn count_lost(record: &Record, others: &[(&str, bool)], summary: &mut
     for (what, lost) in others.iter().chain(&common) {
         if *lost {
             summary.drop(what, record.name.as_deref(), || record.place.clone());
+        }
+    }
+}
+
+/// Adds metadata to the members of an object, but those that it has and `own` ones, whose values have a form: these are counted.
+pub(super) fn add_metadata(
+    members: &mut Map<String, Json>,
+    metadata: Map<String, Json>,
+    own: &[&str],
+    record: &Record,
+    summary: &mut Summary,
+) {
+    for (name, value) in metadata {
+        if own.contains(&name.as_str()) || members.contains_key(&name) {
+            summary.drop("metadata with the name of a member", Some(&name), || record.place.clone());
+        } else {
+            members.insert(name, value);
         }
     }
 }

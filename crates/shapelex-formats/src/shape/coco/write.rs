@@ -6,7 +6,7 @@ use std::io::Write;
 use serde_json::{Map, Value as Json, json};
 
 use super::super::error::FileError;
-use super::super::objects::{Grouping, PartRef, area, count_lost, parts, refusal};
+use super::super::objects::{Grouping, PartRef, add_metadata, area, count_lost, parts, refusal};
 use super::super::options::WriteOptions;
 use super::super::record::{Geometry, Points, Record, Value};
 use super::super::summary::Summary;
@@ -112,14 +112,7 @@ impl File<'_> {
         if !attributes.is_empty() {
             annotation.insert("attributes".into(), Json::Object(attributes));
         }
-        for (name, value) in metadata {
-            if OWN.contains(&name.as_str()) || annotation.contains_key(&name) {
-                let what = "metadata with the name of a member of annotations";
-                self.summary.drop(what, Some(&name), || first.place.clone());
-            } else {
-                annotation.insert(name, value);
-            }
-        }
+        add_metadata(&mut annotation, metadata, &OWN, first, &mut self.summary);
         annotation.entry("iscrowd").or_insert(0.into());
         self.output.write_all(if self.annotations > 0 { b",\n" } else { b"\n" })?;
         serde_json::to_writer(&mut self.output, &annotation).map_err(std::io::Error::from)?;

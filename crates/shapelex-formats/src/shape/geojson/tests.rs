@@ -170,7 +170,7 @@ fn metadata_do_not_replace_what_a_feature_says() {
     writer.push(&records[0]).expect("a feature");
     let summary = writer.finish().expect("the end");
     let [dropped] = &summary.dropped[..] else { panic!("{summary:?}") };
-    assert_eq!((dropped.what.as_str(), dropped.count), ("metadata with the name of a property", 4));
+    assert_eq!((dropped.what.as_str(), dropped.count), ("metadata with the name of a member", 4));
     let (again, _) = read_all(&String::from_utf8(bytes).expect("text"));
     let (a, b) = (&records[0], &again[0]);
     assert_eq!((&a.name, &a.label, &a.labels), (&b.name, &b.label, &b.labels));

@@ -6,7 +6,7 @@ use std::io::Write;
 use serde_json::{Map, Value as Json, json};
 
 use super::super::error::FileError;
-use super::super::objects::{Grouping, PartRef, number, parts};
+use super::super::objects::{Grouping, PartRef, add_metadata, number, parts};
 use super::super::options::WriteOptions;
 use super::super::record::{Points, Record, Value};
 use super::super::summary::Summary;
@@ -134,13 +134,7 @@ fn properties(
     if own.subject.is_some() || !own.labels.is_empty() || own.weight.is_some() {
         properties.insert("shapelex".into(), json!(own));
     }
-    for (name, value) in metadata {
-        if OWN.contains(&name.as_str()) || properties.contains_key(&name) {
-            summary.drop("metadata with the name of a property", Some(&name), || record.place.clone());
-        } else {
-            properties.insert(name, value);
-        }
-    }
+    add_metadata(&mut properties, metadata, &OWN, record, summary);
     properties
 }
 

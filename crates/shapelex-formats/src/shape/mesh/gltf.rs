@@ -83,7 +83,7 @@ impl Writer for File<'_> {
                 let indices = self.indices(&indices);
                 json!({ "attributes": attributes, "indices": indices, "mode": DRAWN_TRIANGLES })
             }
-            // An array of no indices is none.
+            // The standard has no empty array of indices.
             Part::Mesh(_) | Part::Points(_) => json!({ "attributes": attributes, "mode": DRAWN_POINTS }),
             Part::Curve(_, true) => json!({ "attributes": attributes, "mode": DRAWN_LOOP }),
             Part::Curve(_, false) => json!({ "attributes": attributes, "mode": DRAWN_LINE }),

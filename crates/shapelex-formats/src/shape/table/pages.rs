@@ -1,6 +1,7 @@
-//! What the pages of a Parquet file claim, checked before the library takes it at its word.
+//! What a Parquet file claims, checked before the library takes it at its word.
 //!
-//! Before every page is a header in the compact protocol of Thrift: fields with a type and the difference of their ids.
+//! Its metadata and the header before every page are in the compact protocol of Thrift: fields with a type and the difference of their
+//! ids.
 
 use parquet::basic::{Compression, Encoding};
 use parquet::file::metadata::{ColumnChunkMetaData, ParquetMetaData};
@@ -11,6 +12,21 @@ use super::super::error::{FaultKind, FileError, Place};
 const FREE_VALUES: u64 = 1 << 22;
 /// Number of values for each byte of a column of lists beyond them.
 const VALUES_PER_BYTE: u64 = 64;
+
+/// Checks that the values of the metadata, before the last eight bytes, are as many as they claim: the library skips Booleans of lists
+/// without reading a byte, and two billion of them that six bytes claim.
+///
+/// # Errors
+/// Bytes that are no metadata.
+pub(super) fn check_metadata(bytes: &[u8]) -> Result<(), FileError> {
+    let refused =
+        || FileError::malformed(Place::tag("metadata"), "expected metadata of Parquet, got other bytes");
+    let (rest, tail) = bytes.split_last_chunk::<8>().ok_or_else(refused)?;
+    let [length @ .., _, _, _, _] = tail;
+    let length = usize::try_from(u32::from_le_bytes(*length)).ok();
+    let start = length.and_then(|length| rest.len().checked_sub(length)).ok_or_else(refused)?;
+    skip(&mut &rest[start..], STRUCT, 0).map_err(|_| refused())
+}
 
 /// Checks all pages of some columns of a row group. Returns the largest number of values of a column.
 ///
@@ -183,8 +199,8 @@ const LIST: u8 = 9;
 const SET: u8 = 10;
 pub(super) const STRUCT: u8 = 12;
 
-/// Depth of structures that are skipped.
-const MAX_DEPTH: usize = 8;
+/// Depth of structures that are skipped: those of metadata take nine.
+const MAX_DEPTH: usize = 16;
 
 /// Fields of a structure.
 #[derive(Default)]
@@ -221,7 +237,7 @@ fn byte(bytes: &mut &[u8]) -> Result<u8, FileError> {
 /// A number of up to 64 bits, seven a byte.
 fn varint(bytes: &mut &[u8]) -> Result<u64, FileError> {
     let mut value = 0;
-    for shift in (0..63).step_by(7) {
+    for shift in (0..64).step_by(7) {
         let next = byte(bytes)?;
         value |= u64::from(next & 0x7f) << shift;
         if next & 0x80 == 0 {
@@ -260,13 +276,13 @@ fn skip(bytes: &mut &[u8], kind: u8, depth: usize) -> Result<(), FileError> {
         }
         LIST | SET => {
             let head = byte(bytes)?;
-            let count = if head >> 4 == 15 { varint(bytes)? } else { u64::from(head >> 4) };
-            for _ in 0..count {
-                // Booleans of lists take a byte.
-                let kind = if head & 0x0f <= FALSE { BYTE } else { head & 0x0f };
-                skip(bytes, kind, depth + 1)?;
+            let (count, kind) =
+                (if head >> 4 == 15 { varint(bytes)? } else { u64::from(head >> 4) }, head & 0x0f);
+            // No list of the format has Booleans, of which the library skips any number without a byte.
+            if count > 0 && kind <= FALSE {
+                return Err(broken());
             }
-            Ok(())
+            (0..count).try_for_each(|_| skip(bytes, kind, depth + 1))
         }
         STRUCT => {
             let mut fields = Fields::default();

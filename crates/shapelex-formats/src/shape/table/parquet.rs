@@ -35,7 +35,7 @@ use super::super::source::Source;
 use super::super::summary::Summary;
 use super::super::write::{Opened, Output, Writer};
 use super::list_pages::ListColumn;
-use super::pages::check_columns;
+use super::pages::{check_columns, check_metadata};
 use super::read_rows::Reading;
 use super::rows::{ROWS, Rows};
 use super::{guarded, unwritten};
@@ -66,6 +66,7 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
     if bytes.len() < 12 || !bytes.ends_with(b"PAR1") {
         return Err(FileError::truncated(at(), "expected PAR1 at the end of the file, got other bytes"));
     }
+    check_metadata(&bytes)?;
     // The Arrow schema of the writer says nothing that is needed here.
     let settings = ArrowReaderOptions::new().with_skip_arrow_metadata(true);
     let content =

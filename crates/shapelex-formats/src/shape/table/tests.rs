@@ -392,6 +392,19 @@ fn lying_sizes_of_arrow_are_refused_before_memory_is_taken() {
 }
 
 #[test]
+fn metadata_that_claim_lists_without_bytes_are_refused() {
+    let (mut bytes, _) = written("parquet", &points(), &WriteOptions::default());
+    let tail = bytes.len() - 8;
+    let length = u32::from_le_bytes(bytes[tail..tail + 4].try_into().unwrap());
+    // A field of the id 100, which is skipped: a list of 2³¹ − 1 Booleans.
+    let field = [0x09, 0xc8, 0x01, 0xf1, 0xff, 0xff, 0xff, 0xff, 0x07];
+    bytes[tail..tail + 4].copy_from_slice(&(length + field.len() as u32).to_le_bytes());
+    bytes.splice(tail - 1..tail - 1, field);
+    let refused = read_back(&bytes).unwrap_err();
+    assert_eq!(refused.to_string(), "metadata: expected metadata of Parquet, got other bytes");
+}
+
+#[test]
 fn pages_that_claim_more_than_they_hold_are_refused() {
     let texts: ArrayRef = Arc::new(StringArray::from(vec!["text"; 100]));
     let lists = ListArray::from_iter_primitive::<Int64Type, _, _>((0..100).map(|k| Some([Some(k), Some(k)])));

@@ -74,7 +74,7 @@ impl<'a> Columns<'a> {
     }
 }
 
-/// Gives the properties of an element different names: the standard ones stay, others get signs behind.
+/// Gives the properties of an element different names: the standard ones stay, others get underscores at their end.
 fn make_distinct(columns: &mut [Columns<'_>], taken: &[&str]) {
     let mut taken: BTreeSet<String> = taken.iter().map(|name| (*name).to_owned()).collect();
     let (standard, others): (Vec<_>, Vec<_>) = columns.iter_mut().partition(|column| column.names.len() > 1);
