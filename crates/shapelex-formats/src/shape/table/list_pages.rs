@@ -27,7 +27,7 @@ use parquet::file::reader::{ChunkReader, Length};
 use parquet::file::writer::SerializedRowGroupWriter;
 use parquet::schema::types::ColumnDescPtr;
 
-use super::pages::{I32, STRUCT};
+use super::thrift::{I32, STRUCT};
 
 /// Number of bytes of numbers at which a page ends, between two lists.
 const PAGE: usize = 1 << 20;

@@ -34,8 +34,10 @@ mod pages;
 mod parquet;
 mod read_rows;
 mod rows;
+mod structures;
 #[cfg(test)]
 mod tests;
+mod thrift;
 
 pub use array_zip::ArrayZip;
 pub use npy::header_bytes as npy_header;

@@ -1,31 +1,84 @@
 //! What a Parquet file claims, checked before the library takes it at its word.
-//!
-//! Its metadata and the header before every page are in the compact protocol of Thrift: fields with a type and the difference of their
-//! ids.
 
 use parquet::basic::{Compression, Encoding};
 use parquet::file::metadata::{ColumnChunkMetaData, ParquetMetaData};
 
 use super::super::error::{FaultKind, FileError, Place};
+use super::structures::{CHILDREN, METADATA, PAGE, SCHEMA};
+use super::thrift::{Broken, Fields, I32, check, list, skip, zigzag};
 
 /// Number of values of a column of lists that need no bytes: runs of nulls, or of one value.
 const FREE_VALUES: u64 = 1 << 22;
 /// Number of values for each byte of a column of lists beyond them.
 const VALUES_PER_BYTE: u64 = 64;
+/// Depth of the schema: a list is two levels.
+const MAX_LEVELS: usize = 32;
 
-/// Checks that the values of the metadata, before the last eight bytes, are as many as they claim: the library skips Booleans of lists
-/// without reading a byte, and two billion of them that six bytes claim.
+/// Checks the metadata, before the last eight bytes: known fields have their types, lists have the items that they claim, and the
+/// schema is one tree. The library takes memory for what lists and elements of the schema claim, and descends into these without end.
 ///
 /// # Errors
-/// Bytes that are no metadata.
+/// Bytes that are no metadata, a schema that is no tree or deep.
 pub(super) fn check_metadata(bytes: &[u8]) -> Result<(), FileError> {
-    let refused =
-        || FileError::malformed(Place::tag("metadata"), "expected metadata of Parquet, got other bytes");
-    let (rest, tail) = bytes.split_last_chunk::<8>().ok_or_else(refused)?;
+    let expected = |what: &str| FileError::malformed(Place::tag("metadata"), format!("expected {what}"));
+    let other = || expected("metadata of Parquet, got other bytes");
+    let (rest, tail) = bytes.split_last_chunk::<8>().ok_or_else(other)?;
     let [length @ .., _, _, _, _] = tail;
     let length = usize::try_from(u32::from_le_bytes(*length)).ok();
-    let start = length.and_then(|length| rest.len().checked_sub(length)).ok_or_else(refused)?;
-    skip(&mut &rest[start..], STRUCT, 0).map_err(|_| refused())
+    let start = length.and_then(|length| rest.len().checked_sub(length)).ok_or_else(other)?;
+    let metadata = &rest[start..];
+    check(&mut &*metadata, METADATA).map_err(|Broken| other())?;
+    let children = children(metadata).map_err(|Broken| other())?;
+    if is_tree(&children) {
+        return Ok(());
+    }
+    Err(expected(&format!(
+        "a schema that is one tree of at most {MAX_LEVELS} levels, got other numbers of children"
+    )))
+}
+
+/// Number of children of every element of the schema, in depth-first order.
+fn children(mut metadata: &[u8]) -> Result<Vec<i64>, Broken> {
+    let bytes = &mut metadata;
+    let mut all = Vec::new();
+    let mut fields = Fields::default();
+    while let Some((id, tag)) = fields.next(bytes)? {
+        if id == SCHEMA {
+            for _ in 0..list(bytes)?.0 {
+                all.push(children_of_element(bytes)?);
+            }
+        } else {
+            skip(bytes, tag)?;
+        }
+    }
+    Ok(all)
+}
+
+fn children_of_element(bytes: &mut &[u8]) -> Result<i64, Broken> {
+    let mut children = 0;
+    let mut fields = Fields::default();
+    while let Some((id, tag)) = fields.next(bytes)? {
+        if id == CHILDREN { children = zigzag(bytes)? } else { skip(bytes, tag)? }
+    }
+    Ok(children)
+}
+
+/// Whether nodes with these numbers of children, in depth-first order, are one tree that is not too deep.
+fn is_tree(children: &[i64]) -> bool {
+    // Nodes that are still expected at each level; the first is that of the root.
+    let mut expected = vec![1_i64];
+    for &count in children {
+        let Some(here) = expected.last_mut() else { return false };
+        *here -= 1;
+        if count < 0 || expected.len() > MAX_LEVELS {
+            return false;
+        }
+        expected.push(count);
+        while expected.last() == Some(&0) {
+            expected.pop();
+        }
+    }
+    expected.is_empty()
 }
 
 /// Checks all pages of some columns of a row group. Returns the largest number of values of a column.
@@ -107,7 +160,7 @@ fn check_chunk(bytes: &[u8], chunk: &ColumnChunkMetaData) -> Result<u64, FileErr
             return Err(FileError::malformed(Place::default(), detail));
         }
         header.check_encoding()?;
-        if header.is_data {
+        if matches!(header.page, DATA | DATA_2) {
             values += u64::try_from(header.values).unwrap_or(u64::MAX >> 1).min(u64::MAX >> 1);
         }
         if header.values < 0 || (is_list && values > allowed) {
@@ -127,39 +180,63 @@ fn check_chunk(bytes: &[u8], chunk: &ColumnChunkMetaData) -> Result<u64, FileErr
 /// What is needed of the header of a page.
 #[derive(Default)]
 struct Header {
+    page: i64,
     uncompressed: i64,
     compressed: i64,
     values: i64,
     encoding: i64,
-    is_data: bool,
 }
+
+// Types of pages.
+const DATA: i64 = 0;
+const INDEX: i64 = 1;
+const DICTIONARY: i64 = 2;
+const DATA_2: i64 = 3;
 
 impl Header {
     fn read(bytes: &mut &[u8]) -> Result<Self, FileError> {
-        let mut header = Self::default();
-        let mut outer = Fields::default();
-        while let Some((id, kind)) = outer.next(bytes)? {
-            match (id, kind) {
-                (2, I32) => header.uncompressed = zigzag(bytes)?,
-                (3, I32) => header.compressed = zigzag(bytes)?,
-                // Headers of data pages, dictionary pages and data pages of version 2 begin with the number of values.
-                (5 | 7 | 8, STRUCT) => {
-                    header.is_data = id != 7;
-                    header.read_inner(bytes, if id == 8 { 4 } else { 2 })?;
-                }
-                _ => skip(bytes, kind, 0)?,
-            }
-        }
-        Ok(header)
+        let broken =
+            |Broken| FileError::malformed(Place::default(), "expected the header of a page, got other bytes");
+        check(&mut &**bytes, PAGE).map_err(broken)?;
+        Self::read_checked(bytes).map_err(broken)
     }
 
-    fn read_inner(&mut self, bytes: &mut &[u8], encoding: i64) -> Result<(), FileError> {
-        let mut inner = Fields::default();
-        while let Some((id, kind)) = inner.next(bytes)? {
-            match (id, kind) {
-                (1, I32) => self.values = zigzag(bytes)?,
-                (id, I32) if id == encoding => self.encoding = zigzag(bytes)?,
-                _ => skip(bytes, kind, 0)?,
+    /// Reads a header whose fields have their types. It has the part of its type of page, and no other, so that there is no doubt
+    /// which numbers the library takes.
+    fn read_checked(bytes: &mut &[u8]) -> Result<Self, Broken> {
+        let mut header = Self::default();
+        let mut parts = Vec::new();
+        let mut fields = Fields::default();
+        while let Some((id, tag)) = fields.next(bytes)? {
+            match id {
+                1 => header.page = zigzag(bytes)?,
+                2 => header.uncompressed = zigzag(bytes)?,
+                3 => header.compressed = zigzag(bytes)?,
+                5..=8 => {
+                    parts.push(id);
+                    header.read_part(bytes, if id == 8 { 4 } else { 2 })?;
+                }
+                _ => skip(bytes, tag)?,
+            }
+        }
+        let part = match header.page {
+            DATA => 5,
+            INDEX => 6,
+            DICTIONARY => 7,
+            DATA_2 => 8,
+            _ => return Err(Broken),
+        };
+        if parts == [part] { Ok(header) } else { Err(Broken) }
+    }
+
+    /// Reads the part of a type of page: its number of values is the first field, where there is one.
+    fn read_part(&mut self, bytes: &mut &[u8], encoding: i64) -> Result<(), Broken> {
+        let mut fields = Fields::default();
+        while let Some((id, tag)) = fields.next(bytes)? {
+            match id {
+                1 if tag == I32 => self.values = zigzag(bytes)?,
+                id if id == encoding && tag == I32 => self.encoding = zigzag(bytes)?,
+                _ => skip(bytes, tag)?,
             }
         }
         Ok(())
@@ -186,111 +263,45 @@ impl Header {
     }
 }
 
-// Types of the compact protocol.
-const TRUE: u8 = 1;
-const FALSE: u8 = 2;
-const BYTE: u8 = 3;
-const I16: u8 = 4;
-pub(super) const I32: u8 = 5;
-const I64: u8 = 6;
-const DOUBLE: u8 = 7;
-const BINARY: u8 = 8;
-const LIST: u8 = 9;
-const SET: u8 = 10;
-pub(super) const STRUCT: u8 = 12;
+#[cfg(test)]
+mod tests {
+    use super::*;
 
-/// Depth of structures that are skipped: those of metadata take nine.
-const MAX_DEPTH: usize = 16;
-
-/// Fields of a structure.
-#[derive(Default)]
-struct Fields {
-    id: i64,
-}
-
-impl Fields {
-    /// Id and type of the next field, or `None` at the end of the structure.
-    fn next(&mut self, bytes: &mut &[u8]) -> Result<Option<(i64, u8)>, FileError> {
-        let head = byte(bytes)?;
-        let kind = head & 0x0f;
-        if kind == 0 {
-            return Ok(None);
-        }
-        self.id = match head >> 4 {
-            0 => zigzag(bytes)?,
-            step => self.id.saturating_add(i64::from(step)),
-        };
-        Ok(Some((self.id, kind)))
+    /// A header of a data page without values, of 3 bytes.
+    fn header(parts: &[u8]) -> Result<Header, FileError> {
+        let bytes = [&[0x15, 0x00, 0x15, 0x06, 0x15, 0x06], parts, &[0x00]].concat();
+        Header::read(&mut bytes.as_slice())
     }
-}
 
-fn broken() -> FileError {
-    FileError::malformed(Place::default(), "expected the header of a page, got other bytes")
-}
-
-fn byte(bytes: &mut &[u8]) -> Result<u8, FileError> {
-    let (first, rest) = bytes.split_first().ok_or_else(broken)?;
-    *bytes = rest;
-    Ok(*first)
-}
-
-/// A number of up to 64 bits, seven a byte.
-fn varint(bytes: &mut &[u8]) -> Result<u64, FileError> {
-    let mut value = 0;
-    for shift in (0..64).step_by(7) {
-        let next = byte(bytes)?;
-        value |= u64::from(next & 0x7f) << shift;
-        if next & 0x80 == 0 {
-            return Ok(value);
+    #[test]
+    fn a_header_has_the_part_of_its_page() {
+        // Five values, plain, with levels in runs.
+        let data = [0x2c, 0x15, 0x0a, 0x15, 0x00, 0x15, 0x06, 0x15, 0x06, 0x00];
+        // One value of a dictionary, by the id 7 behind 3 or 5.
+        let [alone, behind] = [0x4c, 0x2c].map(|field| [field, 0x15, 0x02, 0x15, 0x00, 0x00]);
+        let read = header(&data).expect("a header");
+        assert_eq!((read.page, read.values, read.uncompressed, read.compressed), (DATA, 5, 3, 3));
+        for parts in [&[] as &[u8], &alone, &[data.as_slice(), &behind].concat()] {
+            let refused = header(parts).err().expect("other parts");
+            assert_eq!(refused.to_string(), "expected the header of a page, got other bytes");
         }
     }
-    Err(broken())
-}
 
-/// A signed number.
-fn zigzag(bytes: &mut &[u8]) -> Result<i64, FileError> {
-    let value = varint(bytes)?;
-    let half = i64::try_from(value >> 1).map_err(|_| broken())?;
-    Ok(if value & 1 == 0 { half } else { -half - 1 })
-}
-
-fn take(bytes: &mut &[u8], count: u64) -> Result<(), FileError> {
-    let count = usize::try_from(count).ok();
-    *bytes = count.and_then(|count| bytes.get(count..)).ok_or_else(broken)?;
-    Ok(())
-}
-
-/// Skips a value.
-fn skip(bytes: &mut &[u8], kind: u8, depth: usize) -> Result<(), FileError> {
-    if depth > MAX_DEPTH {
-        return Err(broken());
-    }
-    match kind {
-        TRUE | FALSE => Ok(()),
-        BYTE => take(bytes, 1),
-        I16 | I32 | I64 => varint(bytes).map(|_| ()),
-        DOUBLE => take(bytes, 8),
-        BINARY => {
-            let length = varint(bytes)?;
-            take(bytes, length)
+    #[test]
+    fn trees_have_the_children_that_they_claim() {
+        for (children, expected) in [
+            (&[0_i64] as &[i64], true),
+            (&[2, 0, 0], true),
+            (&[1, 2, 0, 0], true),
+            (&[2, 1, 0, 0], true),
+            (&[2, 0], false),
+            (&[1, 0, 0], false),
+            (&[-1, 0], false),
+            (&[], false),
+        ] {
+            assert_eq!(is_tree(children), expected, "{children:?}");
         }
-        LIST | SET => {
-            let head = byte(bytes)?;
-            let (count, kind) =
-                (if head >> 4 == 15 { varint(bytes)? } else { u64::from(head >> 4) }, head & 0x0f);
-            // No list of the format has Booleans, of which the library skips any number without a byte.
-            if count > 0 && kind <= FALSE {
-                return Err(broken());
-            }
-            (0..count).try_for_each(|_| skip(bytes, kind, depth + 1))
-        }
-        STRUCT => {
-            let mut fields = Fields::default();
-            while let Some((_, kind)) = fields.next(bytes)? {
-                skip(bytes, kind, depth + 1)?;
-            }
-            Ok(())
-        }
-        _ => Err(broken()),
+        let chain = |levels: usize| [vec![1; levels - 1], vec![0]].concat();
+        assert!(is_tree(&chain(MAX_LEVELS)) && !is_tree(&chain(MAX_LEVELS + 1)));
     }
 }

@@ -404,6 +404,59 @@ fn metadata_that_claim_lists_without_bytes_are_refused() {
     assert_eq!(refused.to_string(), "metadata: expected metadata of Parquet, got other bytes");
 }
 
+/// A file whose metadata have these elements of the schema, and no row group.
+fn file_of_elements(count: u32, element: &[u8]) -> Vec<u8> {
+    let number = |value: u32| {
+        let seven = |k: u32| (value >> (7 * k)) as u8 & 0x7f;
+        [seven(0) | 0x80, seven(1) | 0x80, seven(2) | 0x80, seven(3)]
+    };
+    // The version, the schema: a list of structures; no rows, no row groups.
+    let mut metadata = vec![0x15, 0x02, 0x19, 0xfc];
+    metadata.extend(number(count));
+    metadata.extend(element.repeat(count as usize));
+    metadata.extend([0x16, 0x00, 0x19, 0x0c, 0x00]);
+    let mut bytes = b"PAR1".to_vec();
+    bytes.extend(&metadata);
+    bytes.extend((metadata.len() as u32).to_le_bytes());
+    bytes.extend(b"PAR1");
+    bytes
+}
+
+#[test]
+fn schemas_are_one_tree_that_is_not_deep() {
+    // A required group `a` with this number of children, of one byte.
+    let group = |children: u8| [0x35, 0x00, 0x18, 0x01, b'a', 0x15, children << 1, 0x00];
+    let shape =
+        "metadata: expected a schema that is one tree of at most 32 levels, got other numbers of children";
+    let other = "metadata: expected metadata of Parquet, got other bytes";
+    for (count, children, expected) in [
+        // The library descends by recursion, which would end the program.
+        (60_000, 1, shape),
+        // It takes memory for the children before it reads them.
+        (3, 63, shape),
+        (2, 0, shape),
+        (0, 0, shape),
+        (70_000, 1, other),
+    ] {
+        let refused = read_back(&file_of_elements(count, &group(children))).expect_err("no tree");
+        assert_eq!(refused.to_string(), expected, "{count} groups of {children}");
+    }
+}
+
+#[test]
+fn fields_of_other_types_are_refused() {
+    let (bytes, _) = written("parquet", &points(), &WriteOptions::default());
+    let tail = bytes.len() - 8;
+    let length = u32::from_le_bytes(bytes[tail..tail + 4].try_into().unwrap()) as usize;
+    // The version is a structure without fields, which takes a byte as well: the library would read it as a number.
+    let mut altered = bytes.clone();
+    assert_eq!(altered[tail - length] & 0x0f, 5);
+    altered[tail - length] = 0x1c;
+    altered[tail - length + 1] = 0x00;
+    let refused = read_back(&altered).expect_err("another type");
+    assert_eq!(refused.to_string(), "metadata: expected metadata of Parquet, got other bytes");
+}
+
 #[test]
 fn pages_that_claim_more_than_they_hold_are_refused() {
     let texts: ArrayRef = Arc::new(StringArray::from(vec!["text"; 100]));
