@@ -272,6 +272,16 @@ fn workbooks_that_grow_are_refused() {
     // Parts that are long when they are unpacked.
     let bomb = workbook("data", &" ".repeat(200_000), "");
     assert_eq!(refused(&bomb), "expected at most 100000 bytes of a workbook, got more");
+    // Texts for which memory would be taken before they are read.
+    let part = |name: &str, content: &str| archive(&[(name, content.as_bytes())]);
+    let claim = "<sst count=\"1\" uniqueCount = '1000000000000'><si/></sst>";
+    let refusal =
+        format!("item 0: expected a part of a workbook, got 1000000000000 texts in {} bytes", claim.len());
+    assert_eq!(refused(&part("xl/sharedStrings.xml", claim)), refusal);
+    let many = refused(&part("xl/a.xml", "uniqueCount=\"99999999999999999999999\""));
+    assert!(many.contains(&format!("got {} texts", u64::MAX)), "{many}");
+    let exact = part("xl/sharedStrings.xml", "<sst uniqueCount=\"8\"><si/><si/><si/></sst>");
+    assert!(!refused(&exact).contains("texts"));
     // A cell far away takes no more memory than one near by.
     let far = workbook("data", "<row r=\"1048576\"><c r=\"XFD1048576\"><v>1</v></c></row>", "");
     assert_eq!(rows(&far, &limits).unwrap(), []);

@@ -17,6 +17,10 @@ const SHEET: &str = "data";
 const ARCHIVE: &[u8] = b"PK\x03\x04";
 const FIRST: [&[u8]; 4] = [b"[Content_Types].xml", b"xl/", b"_rels/", b"docProps/"];
 
+/// Attribute with the number of shared texts, and the shortest of these.
+const CLAIM: &[u8] = b"uniqueCount";
+const TEXT: &[u8] = b"<si/>";
+
 /// Whether a file begins as a workbook.
 pub(super) fn is_workbook(head: &[u8]) -> bool {
     let name = head.get(30..).unwrap_or_default();
@@ -25,7 +29,7 @@ pub(super) fn is_workbook(head: &[u8]) -> bool {
 
 /// The rows below the first one, by the names in the first one. Empty rows and cells are left out.
 pub(super) fn rows(bytes: &[u8], limits: &Limits) -> Result<Vec<Row>, FileError> {
-    check_size(bytes, limits)?;
+    check_parts(bytes, limits)?;
     let mut table = guarded("a workbook", || cells(bytes, limits))?.into_values();
     let names = table.next().unwrap_or_default();
     let row = |cells: BTreeMap<u32, String>| -> Row {
@@ -67,10 +71,12 @@ fn cells(bytes: &[u8], limits: &Limits) -> Result<BTreeMap<u32, BTreeMap<u32, St
     Ok(table)
 }
 
-/// Refuses a workbook that is larger than what may be held, by what comes out of it: the library holds its parts.
-fn check_size(bytes: &[u8], limits: &Limits) -> Result<(), FileError> {
+/// Refuses a workbook that is larger than what may be held, by what comes out of it: the library holds its parts. Nor may a part claim
+/// more texts than it can hold, for which the library takes memory before it reads them.
+fn check_parts(bytes: &[u8], limits: &Limits) -> Result<(), FileError> {
     let mut archive = opened(bytes.to_vec())?;
-    let mut left = limits.held as u64;
+    let mut left = limits.held;
+    let mut part = Vec::new();
     for k in 0..archive.len() {
         let malformed = |error: &dyn std::fmt::Display| {
             FileError::of(
@@ -79,16 +85,31 @@ fn check_size(bytes: &[u8], limits: &Limits) -> Result<(), FileError> {
                 format!("expected a part of a workbook, got {error}"),
             )
         };
-        let part = archive.by_index(k).map_err(|error| malformed(&error))?;
-        let count = std::io::copy(&mut part.take(left + 1), &mut std::io::sink());
-        let count = count.map_err(|error| malformed(&error))?;
-        let Some(rest) = left.checked_sub(count) else {
+        let content = archive.by_index(k).map_err(|error| malformed(&error))?;
+        part.clear();
+        content.take(left as u64 + 1).read_to_end(&mut part).map_err(|error| malformed(&error))?;
+        let Some(rest) = left.checked_sub(part.len()) else {
             let detail = format!("expected at most {} bytes of a workbook, got more", limits.held);
             return Err(FileError::too_large(Place::default(), detail));
         };
         left = rest;
+        let (claimed, most) = (claimed_texts(&part), part.len() / TEXT.len());
+        if claimed > most as u64 {
+            return Err(malformed(&format!("{claimed} texts in {} bytes", part.len())));
+        }
     }
     Ok(())
+}
+
+/// Largest number that is given as that of the texts of a workbook.
+fn claimed_texts(part: &[u8]) -> u64 {
+    let claim = |(at, _): (usize, &[u8])| {
+        let value = part[at + CLAIM.len()..].iter().skip_while(|byte| b" \t\r\n=+'\"".contains(byte));
+        let digits = value.map_while(|byte| char::from(*byte).to_digit(10));
+        digits.fold(0_u64, |value, digit| value.saturating_mul(10).saturating_add(digit.into()))
+    };
+    let names = part.windows(CLAIM.len()).enumerate().filter(|(_, name)| *name == CLAIM);
+    names.map(claim).max().unwrap_or(0)
 }
 
 fn fault(error: XlsxError) -> FileError {
