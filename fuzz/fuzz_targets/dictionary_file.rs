@@ -8,10 +8,10 @@ use axum::body::Body;
 use axum::http::{Request, StatusCode};
 use libfuzzer_sys::fuzz_target;
 use shapelex::formats::checked::Checked;
-use shapelex::service::dictionaries::file::{DictionaryFile, import};
-use shapelex::service::shapes::read::parse;
 use shapelex::service::app::ServiceError;
+use shapelex::service::dictionaries::file::{DictionaryFile, import};
 use shapelex::service::dictionaries::planning;
+use shapelex::service::shapes::read::parse;
 use shapelex_fuzz::LIMITS;
 use shapelex_fuzz::Service;
 

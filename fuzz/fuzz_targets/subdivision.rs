@@ -42,25 +42,40 @@ fuzz_target!(|data: &[u8]| {
         let (face, corner) = (draws.between(0, 7), draws.between(0, 2));
         faces[face][corner] = u32::from(draws.byte()) % 7;
     }
-    let representation =
-        joined(scheme.clone(), json!({"kind": "subdivision", "level": level, "connectivity": {"vertices": 6, "faces": faces}}));
+    let representation = joined(
+        scheme.clone(),
+        json!({"kind": "subdivision", "level": level, "connectivity": {"vertices": 6, "faces": faces}}),
+    );
     match draws.byte() % 4 {
         0 => {
-            let depth = if draws.byte() % 2 == 0 { json!({"level": level}) } else { json!({"tolerance": draws.length()}) };
-            let limit = json!({"limit": draws.byte() % 2 == 0, "mesh": {"vertices": vertices, "faces": faces}});
+            let depth = if draws.byte() % 2 == 0 {
+                json!({"level": level})
+            } else {
+                json!({"tolerance": draws.length()})
+            };
+            let limit =
+                json!({"limit": draws.byte() % 2 == 0, "mesh": {"vertices": vertices, "faces": faces}});
             post("/v1/subdivide", &joined(joined(scheme, depth), limit));
         }
         1 => {
             let shape = json!({"control_points": vertices});
-            post("/v1/measure", &json!({"representation": representation, "shapes": [shape], "reference": shape}));
+            post(
+                "/v1/measure",
+                &json!({"representation": representation, "shapes": [shape], "reference": shape}),
+            );
         }
         2 => {
             let mesh = json!({"vertices": vertices, "faces": faces});
-            let representation = joined(scheme, json!({"kind": "subdivision", "level": level, "connectivity": "octahedron"}));
-            post("/v1/fit", &json!({"representation": representation, "turns": draws.between(0, 3), "meshes": [mesh]}));
+            let representation =
+                joined(scheme, json!({"kind": "subdivision", "level": level, "connectivity": "octahedron"}));
+            post(
+                "/v1/fit",
+                &json!({"representation": representation, "turns": draws.between(0, 3), "meshes": [mesh]}),
+            );
         }
         _ => {
-            let polyline = json!({"points": vertices.map(|[x, y, _]| [x, y]), "closed": draws.byte() % 2 == 0});
+            let polyline =
+                json!({"points": vertices.map(|[x, y, _]| [x, y]), "closed": draws.byte() % 2 == 0});
             post("/v1/subdivide", &joined(scheme, json!({"level": level, "polyline": polyline})));
         }
     }

@@ -21,7 +21,8 @@ fuzz_target!(|data: &[u8]| {
     let count = [draws.between(3, 6), draws.between(2, 6)];
     let mut representation = json!({"kind": "surface", "topology": topology, "control_points": count});
     if draws.byte() % 4 == 0 {
-        let generators = [json!({"name": "cubic"}), json!({"name": "bspline", "degree": draws.between(1, 3)})];
+        let generators =
+            [json!({"name": "cubic"}), json!({"name": "bspline", "degree": draws.between(1, 3)})];
         representation["generators"] = json!(generators);
     }
     if topology == "torus" && draws.byte() % 4 == 0 {
