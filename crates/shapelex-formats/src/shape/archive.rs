@@ -15,7 +15,7 @@ use super::error::{FaultKind, FileError, Place};
 use super::format::Format;
 use super::limits::Limits;
 use super::options::ReadOptions;
-use super::project::{self, Project};
+use super::project::{self, Project, Table};
 use super::record::Sink;
 use super::record::{Kind, Record};
 use super::registry::{detect, read as read_file};
@@ -66,7 +66,7 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
 /// A project in an archive.
 struct ProjectEntry {
     name: String,
-    bytes: Vec<u8>,
+    table: Table,
 }
 
 /// The projects in an archive. Workbooks may hold something else: those are none.
@@ -80,9 +80,8 @@ fn projects(archive: &mut Archive, files: &mut Files) -> Result<Vec<ProjectEntry
             continue;
         }
         let entry = Place { entry: Some(name.clone()), ..Place::default() };
-        let bytes = files.bytes(file).map_err(|error| error.at(entry.clone()))?;
-        let is_one = project::is_project(&bytes, &files.limits).map_err(|error| error.at(entry))?;
-        found.extend(is_one.then_some(ProjectEntry { name, bytes }));
+        let table = files.table(file).map_err(|error| error.at(entry))?;
+        found.extend(project::is_project(&table).then_some(ProjectEntry { name, table }));
     }
     Ok(found)
 }
@@ -155,8 +154,7 @@ impl Files {
         sink: Sink<'_>,
     ) -> Result<u64, FileError> {
         let at = Place { entry: Some(entry.name.clone()), ..Place::default() };
-        let project =
-            Project::new(&entry.bytes, options, &self.limits).map_err(|error| error.at(at.clone()))?;
+        let project = Project::new(&entry.table, options).map_err(|error| error.at(at.clone()))?;
         let folder = entry.name.rsplit_once('/').map_or("", |(folder, _)| folder);
         // Those of the project say nothing of its files.
         let own = ReadOptions { files: None, select: None, ..options.clone() };
@@ -198,13 +196,19 @@ impl Files {
         Ok(project.files.len() as u64)
     }
 
-    /// All bytes of a file.
-    fn bytes(&mut self, file: impl Read) -> Result<Vec<u8>, FileError> {
-        let content = self.limits.content.saturating_sub(self.content);
-        let mut source = Source::new(file, Limits { content, ..self.limits })?;
+    /// What may still be read.
+    fn left(&self) -> Limits {
+        Limits { content: self.limits.content.saturating_sub(self.content), ..self.limits }
+    }
+
+    /// A table. What comes out of a workbook counts as well.
+    fn table(&mut self, file: impl Read) -> Result<Table, FileError> {
+        let mut source = Source::new(file, self.left())?;
         let bytes = Source::bytes(&mut source)?;
         self.content += source.offset();
-        Ok(bytes)
+        let table = Table::read(&bytes, &self.left())?;
+        self.content += table.unpacked;
+        Ok(table)
     }
 
     /// Reads a file. Returns whether it is one of a known format.
@@ -221,8 +225,7 @@ impl Files {
             self.summary.drop("attributes of an operating system", Some(name), || place.clone());
             return Ok(false);
         }
-        let content = self.limits.content.saturating_sub(self.content);
-        let mut source = Source::new(file, Limits { content, ..self.limits })?;
+        let mut source = Source::new(file, self.left())?;
         let Ok(format) = detect(source.head(), Some(file_name)) else {
             self.summary.drop("files of no known format", Some(name), || place.clone());
             return Ok(false);

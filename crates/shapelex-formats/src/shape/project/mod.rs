@@ -22,15 +22,15 @@ use std::collections::BTreeMap;
 
 use super::error::{FaultKind, FileError, Place};
 use super::format::Format;
-use super::limits::Limits;
 use super::options::{ProjectFiles, ReadOptions};
 use super::record::{Kind, Record, Sink, Value};
 use super::source::Source;
 use super::summary::Summary;
 use super::text::{self, shown};
-use sheet::{Row, rows};
+use sheet::Row;
 
 pub use pack::{named_files, pack_project};
+pub(super) use sheet::Table;
 
 /// Projects of ShapeWorks.
 pub(super) static FORMAT: Format = Format {
@@ -94,7 +94,7 @@ impl<'c> Column<'c> {
 
 fn read(source: &mut Source<'_>, options: &ReadOptions, _: Sink<'_>) -> Result<Summary, FileError> {
     let limits = *source.limits();
-    let project = Project::new(&source.bytes()?, options, &limits)?;
+    let project = Project::new(&Table::read(&source.bytes()?, &limits)?, options)?;
     let detail = format!(
         "expected a zip archive of the project and the {} files that it names, got the project alone",
         project.files.len()
@@ -151,9 +151,8 @@ pub(super) struct Project {
 }
 
 impl Project {
-    pub(super) fn new(bytes: &[u8], options: &ReadOptions, limits: &Limits) -> Result<Self, FileError> {
-        let rows = rows(bytes, limits)?;
-        let columns = columns(&rows);
+    pub(super) fn new(table: &Table, options: &ReadOptions) -> Result<Self, FileError> {
+        let columns = table.columns();
         let wanted = wanted(&columns, options.files)?;
         let mut domains: Vec<(&str, &str)> =
             columns.iter().filter_map(|column| domain_of(column, wanted)).collect();
@@ -167,7 +166,7 @@ impl Project {
         }
         project.leave_out(&columns, wanted);
         let groups: Vec<(&str, &str)> = columns.iter().filter_map(group_of).collect();
-        for (item, row) in rows.iter().enumerate() {
+        for (item, row) in table.rows.iter().enumerate() {
             project.subject(item as u64, row, &chosen, &groups, several)?;
         }
         project.summary.set("project_files", serde_json::to_value(wanted).unwrap_or_default());
@@ -233,24 +232,10 @@ impl Project {
     }
 }
 
-/// Whether a file is a project by its content: workbooks are tables of anything, and must name files of shapes.
-///
-/// # Errors
-/// A workbook that cannot be read.
-pub(super) fn is_project(bytes: &[u8], limits: &Limits) -> Result<bool, FileError> {
-    if !workbook::is_workbook(bytes) {
-        return Ok(true);
-    }
-    let rows = rows(bytes, limits)?;
-    Ok(columns(&rows).into_iter().any(|column| matches!(Column::of(column), Column::Files(..))))
-}
-
-/// Names of all columns, sorted.
-fn columns(rows: &[Row]) -> Vec<&str> {
-    let mut columns: Vec<&str> = rows.iter().flat_map(|row| row.keys().map(String::as_str)).collect();
-    columns.sort_unstable();
-    columns.dedup();
-    columns
+/// Whether a table is that of a project: one of a workbook may hold anything, and must name files of shapes.
+pub(super) fn is_project(table: &Table) -> bool {
+    table.unpacked == 0
+        || table.columns().into_iter().any(|column| matches!(Column::of(column), Column::Files(..)))
 }
 
 /// The domain of a column of such files, and the column.

@@ -10,7 +10,7 @@ use super::super::error::{FaultKind, FileError, Place};
 use super::super::limits::Limits;
 use super::super::options::ReadOptions;
 use super::super::source::Source;
-use super::{Column, FORMAT, Project, columns, relative, rows};
+use super::{Column, FORMAT, Project, Table, relative};
 
 /// Folder of an archive that stands for that of the project, if it names files above. None of these is in a folder called so.
 const OWN: &str = "(folder of the project)";
@@ -29,7 +29,7 @@ pub fn pack_project<R: Read>(
     limits: &Limits,
     mut open: impl FnMut(&str) -> std::io::Result<R>,
 ) -> Result<Vec<u8>, FileError> {
-    let project = Project::new(bytes, options, limits)?;
+    let project = Project::new(&Table::read(bytes, limits)?, options)?;
     let above = |path: &str| path.split('/').take_while(|part| *part == "..").count();
     let deepest = project.files.iter().map(|file| above(&file.path)).max().unwrap_or(0);
     let folder = format!("{OWN}/").repeat(deepest);
@@ -61,12 +61,13 @@ pub fn pack_project<R: Read>(
 /// The paths of all files that a project names, from its folder: those that are read, and all others. Empty for other files.
 pub fn named_files(source: &mut Source<'_>) -> Vec<String> {
     let limits = *source.limits();
-    let rows = source.bytes().and_then(|bytes| rows(&bytes, &limits)).unwrap_or_default();
-    let files: Vec<&str> = columns(&rows)
+    let table = source.bytes().and_then(|bytes| Table::read(&bytes, &limits)).unwrap_or_default();
+    let files: Vec<&str> = table
+        .columns()
         .into_iter()
         .filter(|column| matches!(Column::of(column), Column::Files(..) | Column::OtherFiles))
         .collect();
-    let values = rows.iter().flat_map(|row| files.iter().filter_map(|column| row.get(*column)));
+    let values = table.rows.iter().flat_map(|row| files.iter().filter_map(|column| row.get(*column)));
     values.filter_map(|path| relative(path).ok()).collect()
 }
 

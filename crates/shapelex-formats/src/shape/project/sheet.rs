@@ -19,14 +19,39 @@ struct Document {
     data: Vec<BTreeMap<String, Value>>,
 }
 
-/// The subjects of a project, at most as many as records.
-pub(super) fn rows(bytes: &[u8], limits: &Limits) -> Result<Vec<Row>, FileError> {
-    let rows = if workbook::is_workbook(bytes) { workbook::rows(bytes, limits)? } else { document(bytes)? };
-    if rows.len() as u64 > limits.records {
-        let detail = format!("expected at most {} subjects, got {}", limits.records, rows.len());
-        return Err(FileError::too_large(Place::default(), detail));
+/// A table whose rows are subjects.
+#[derive(Debug, Default, PartialEq)]
+pub(in super::super) struct Table {
+    pub(super) rows: Vec<Row>,
+    /// Number of bytes that came out of a workbook, which is an archive; 0 for JSON.
+    pub(in super::super) unpacked: u64,
+}
+
+impl Table {
+    /// The table of a project, with at most as many rows as records. Workbooks may hold any table.
+    ///
+    /// # Errors
+    /// Other files, workbooks of more bytes than may be held or read.
+    pub(in super::super) fn read(bytes: &[u8], limits: &Limits) -> Result<Self, FileError> {
+        let table = match workbook::is_workbook(bytes) {
+            true => workbook::table(bytes, limits)?,
+            false => Self { rows: document(bytes)?, unpacked: 0 },
+        };
+        if table.rows.len() as u64 > limits.records {
+            let detail = format!("expected at most {} subjects, got {}", limits.records, table.rows.len());
+            return Err(FileError::too_large(Place::default(), detail));
+        }
+        Ok(table)
     }
-    Ok(rows)
+
+    /// Names of all columns, sorted.
+    pub(super) fn columns(&self) -> Vec<&str> {
+        let mut columns: Vec<&str> =
+            self.rows.iter().flat_map(|row| row.keys().map(String::as_str)).collect();
+        columns.sort_unstable();
+        columns.dedup();
+        columns
+    }
 }
 
 fn document(bytes: &[u8]) -> Result<Vec<Row>, FileError> {

@@ -3,6 +3,7 @@ use std::io::{Cursor, Write};
 use zip::ZipWriter;
 use zip::write::SimpleFileOptions;
 
+use super::super::limits::Limits;
 use super::*;
 use crate::shape::{Geometry, detect, read as read_file};
 
@@ -263,7 +264,8 @@ fn workbooks_are_tables_too() {
 #[test]
 fn workbooks_that_grow_are_refused() {
     let limits = Limits { held: 100_000, ..Limits::default() };
-    let refused = |book: &[u8]| rows(book, &limits).unwrap_err().to_string();
+    let read = |book: &[u8]| Table::read(book, &limits);
+    let refused = |book: &[u8]| read(book).unwrap_err().to_string();
     // A long text that many cells have.
     let long = "x".repeat(20_000);
     let cells = (1..=9).map(|row| format!("<row r=\"{row}\"><c r=\"A{row}\" t=\"s\"><v>0</v></c></row>"));
@@ -284,18 +286,32 @@ fn workbooks_that_grow_are_refused() {
     assert!(!refused(&exact).contains("texts"));
     // A cell far away takes no more memory than one near by.
     let far = workbook("data", "<row r=\"1048576\"><c r=\"XFD1048576\"><v>1</v></c></row>", "");
-    assert_eq!(rows(&far, &limits).unwrap(), []);
+    assert_eq!(read(&far).unwrap().rows, []);
     let whole = workbook("data", ROWS, SHARED);
     for length in (4..whole.len()).step_by(7) {
-        let error = rows(&whole[..length], &limits).unwrap_err();
+        let error = read(&whole[..length]).unwrap_err();
         assert!(error.to_string().contains("expected "), "{error}");
     }
     for k in (0..whole.len()).step_by(3) {
         let mut changed = whole.clone();
         changed[k] ^= 0x41;
         // Reads or refuses, without a panic.
-        let _ = rows(&changed, &limits);
+        let _ = read(&changed);
     }
+}
+
+#[test]
+fn what_comes_out_of_workbooks_counts_as_content() {
+    let book = workbook("Sheet1", &" ".repeat(30_000), "");
+    let names = ["a.xlsx", "b.xlsx", "c.xlsx"];
+    let books = |count: usize| {
+        let files: Vec<(&str, &[u8])> = names[..count].iter().map(|name| (*name, &book[..])).collect();
+        archive(&[&[("a.particles", &b"1 2 3\n"[..])], &files[..]].concat())
+    };
+    let limits = Limits { content: 80_000, ..Limits::default() };
+    assert_eq!(records_within(&books(2), &[], limits).unwrap().0.len(), 1);
+    let refused = records_within(&books(3), &[], limits).unwrap_err().to_string();
+    assert!(refused.starts_with("file 'c.xlsx': expected at most "), "{refused}");
 }
 
 #[test]

@@ -9,7 +9,7 @@ use super::super::error::{FaultKind, FileError, Place};
 use super::super::limits::Limits;
 use super::super::table::guarded;
 use super::super::unzip::opened;
-use super::sheet::Row;
+use super::sheet::{Row, Table};
 
 /// Sheet with the subjects; without it, the first one.
 const SHEET: &str = "data";
@@ -28,15 +28,16 @@ pub(super) fn is_workbook(head: &[u8]) -> bool {
 }
 
 /// The rows below the first one, by the names in the first one. Empty rows and cells are left out.
-pub(super) fn rows(bytes: &[u8], limits: &Limits) -> Result<Vec<Row>, FileError> {
-    check_parts(bytes, limits)?;
-    let mut table = guarded("a workbook", || cells(bytes, limits))?.into_values();
-    let names = table.next().unwrap_or_default();
+pub(super) fn table(bytes: &[u8], limits: &Limits) -> Result<Table, FileError> {
+    let unpacked = check_parts(bytes, limits)?;
+    let mut cells = guarded("a workbook", || cells(bytes, limits))?.into_values();
+    let names = cells.next().unwrap_or_default();
     let row = |cells: BTreeMap<u32, String>| -> Row {
         let named = |(column, text)| Some((names.get(&column)?.trim().to_owned(), text));
         cells.into_iter().filter_map(named).filter(|(name, _)| !name.is_empty()).collect()
     };
-    Ok(table.map(row).filter(|row| row.values().any(|text| !text.trim().is_empty())).collect())
+    let rows = cells.map(row).filter(|row| row.values().any(|text| !text.trim().is_empty())).collect();
+    Ok(Table { rows, unpacked })
 }
 
 /// Texts by row and column.
@@ -71,11 +72,12 @@ fn cells(bytes: &[u8], limits: &Limits) -> Result<BTreeMap<u32, BTreeMap<u32, St
     Ok(table)
 }
 
-/// Refuses a workbook that is larger than what may be held, by what comes out of it: the library holds its parts. Nor may a part claim
-/// more texts than it can hold, for which the library takes memory before it reads them.
-fn check_parts(bytes: &[u8], limits: &Limits) -> Result<(), FileError> {
+/// Number of bytes that come out of a workbook: at most what may be held, as the library holds its parts. Nor may a part claim more
+/// texts than it can hold, for which the library takes memory before it reads them.
+fn check_parts(bytes: &[u8], limits: &Limits) -> Result<u64, FileError> {
     let mut archive = opened(bytes.to_vec())?;
-    let mut left = limits.held;
+    let most = usize::try_from(limits.content).unwrap_or(usize::MAX).min(limits.held);
+    let mut left = most;
     let mut part = Vec::new();
     for k in 0..archive.len() {
         let malformed = |error: &dyn std::fmt::Display| {
@@ -89,16 +91,16 @@ fn check_parts(bytes: &[u8], limits: &Limits) -> Result<(), FileError> {
         part.clear();
         content.take(left as u64 + 1).read_to_end(&mut part).map_err(|error| malformed(&error))?;
         let Some(rest) = left.checked_sub(part.len()) else {
-            let detail = format!("expected at most {} bytes of a workbook, got more", limits.held);
+            let detail = format!("expected at most {most} bytes of a workbook, got more");
             return Err(FileError::too_large(Place::default(), detail));
         };
         left = rest;
-        let (claimed, most) = (claimed_texts(&part), part.len() / TEXT.len());
-        if claimed > most as u64 {
+        let claimed = claimed_texts(&part);
+        if claimed > (part.len() / TEXT.len()) as u64 {
             return Err(malformed(&format!("{claimed} texts in {} bytes", part.len())));
         }
     }
-    Ok(())
+    Ok((most - left) as u64)
 }
 
 /// Largest number that is given as that of the texts of a workbook.
