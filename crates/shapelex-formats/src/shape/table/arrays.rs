@@ -27,6 +27,31 @@ pub(super) fn numbers(array: &ArrayRef) -> Option<Float64Array> {
     })
 }
 
+/// Whether arrays of a type hold numbers, as [`numbers`] gives them.
+pub(super) fn is_number(kind: &DataType) -> bool {
+    kind.is_integer() || matches!(kind, DataType::Float32 | DataType::Float64 | DataType::Null)
+}
+
+pub(super) fn is_text(kind: &DataType) -> bool {
+    matches!(kind, DataType::Utf8 | DataType::LargeUtf8 | DataType::Utf8View)
+}
+
+pub(super) fn is_flag(kind: &DataType) -> bool {
+    *kind == DataType::Boolean
+}
+
+/// Whether arrays of a type hold lists of numbers, or lists of such lists.
+pub(super) fn is_list_of_numbers(kind: &DataType) -> bool {
+    let item = |kind: &DataType| match kind {
+        DataType::List(item) | DataType::LargeList(item) | DataType::FixedSizeList(item, _) => {
+            Some(item.data_type().clone())
+        }
+        _ => None,
+    };
+    item(kind)
+        .is_some_and(|values| is_number(&values) || item(&values).is_some_and(|values| is_number(&values)))
+}
+
 /// Texts of an array.
 pub(super) enum Texts {
     /// One after the other.
@@ -38,8 +63,6 @@ pub(super) enum Texts {
 impl Texts {
     /// Texts of an array, or `None` if it holds none.
     pub(super) fn of(array: &ArrayRef) -> Option<Self> {
-        let is_text =
-            |kind: &DataType| matches!(kind, DataType::Utf8 | DataType::LargeUtf8 | DataType::Utf8View);
         if is_text(array.data_type()) {
             return Some(Self::Plain(array.clone()));
         }

@@ -25,6 +25,7 @@ mod array_zip;
 mod arrays;
 pub(super) mod arrow;
 mod checks;
+mod decoded;
 mod layout;
 mod list_pages;
 mod npy;

@@ -1,11 +1,14 @@
 //! What a Parquet file claims, checked before the library takes it at its word.
 
+use std::io::Read;
+
+use flate2::read::MultiGzDecoder;
 use parquet::basic::{Compression, Encoding};
 use parquet::file::metadata::{ColumnChunkMetaData, ParquetMetaData};
 
 use super::super::error::{FaultKind, FileError, Place};
 use super::structures::{CHILDREN, METADATA, PAGE, SCHEMA};
-use super::thrift::{Broken, Fields, I32, check, list, skip, zigzag};
+use super::thrift::{Broken, FALSE, Fields, check, list, skip, zigzag};
 
 /// Number of values of a column of lists that need no bytes: runs of nulls, or of one value.
 const FREE_VALUES: u64 = 1 << 22;
@@ -81,27 +84,38 @@ fn is_tree(children: &[i64]) -> bool {
     expected.is_empty()
 }
 
-/// Checks all pages of some columns of a row group. Returns the largest number of values of a column.
+/// What the pages of a column of a row group hold.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct Pages {
+    /// Number of values, those of all lists together.
+    pub(super) values: u64,
+    /// Number of bytes after decompression.
+    pub(super) bytes: u64,
+    /// Number of bytes of the dictionary.
+    pub(super) dictionary: u64,
+    /// Number of bytes of the longest page beside the dictionary.
+    pub(super) longest: u64,
+}
+
+/// Checks all pages of a column of a row group.
 ///
 /// # Errors
-/// Pages beyond the file, pages that claim to decompress to more than their compression can give, more values in lists than
-/// their bytes can hold, compressions and encodings that are not read.
-pub(super) fn check_columns(
+/// Pages beyond the file, pages that decompress to another size than they claim or to more than their compression can give, more
+/// values in lists than their bytes can hold, compressions and encodings that are not read.
+pub(super) fn check_column(
     bytes: &[u8],
     metadata: &ParquetMetaData,
     group: usize,
-    columns: &[usize],
-) -> Result<u64, FileError> {
-    let mut most = 0;
-    for column in columns {
-        let chunk = metadata.row_group(group).column(*column);
-        let place = || Place {
-            item: u64::try_from(group).ok(),
-            ..Place::tag(format!("row group, column '{}'", chunk.column_path().string()))
-        };
-        most = most.max(check_chunk(bytes, chunk).map_err(|error| error.at(place()))?);
-    }
-    Ok(most)
+    column: usize,
+) -> Result<Pages, FileError> {
+    let chunk = metadata.row_group(group).column(column);
+    check_chunk(bytes, chunk).map_err(|error| error.at(place_of(metadata, group, column)))
+}
+
+/// The place of a column of a row group.
+pub(super) fn place_of(metadata: &ParquetMetaData, group: usize, column: usize) -> Place {
+    let path = metadata.row_group(group).column(column).column_path().string();
+    Place { item: u64::try_from(group).ok(), ..Place::tag(format!("row group, column '{path}'")) }
 }
 
 /// Most that a compressed byte stands for.
@@ -126,7 +140,7 @@ fn ratio(compression: Compression) -> Result<u64, FileError> {
     }
 }
 
-fn check_chunk(bytes: &[u8], chunk: &ColumnChunkMetaData) -> Result<u64, FileError> {
+fn check_chunk(bytes: &[u8], chunk: &ColumnChunkMetaData) -> Result<Pages, FileError> {
     let ratio = ratio(chunk.compression())?;
     let start = chunk.dictionary_page_offset().filter(|at| *at > 0).unwrap_or(chunk.data_page_offset());
     let range = usize::try_from(start).ok().zip(usize::try_from(chunk.compressed_size()).ok());
@@ -141,7 +155,7 @@ fn check_chunk(bytes: &[u8], chunk: &ColumnChunkMetaData) -> Result<u64, FileErr
         })?;
     let is_list = chunk.column_descr().max_rep_level() > 0;
     let allowed = FREE_VALUES + VALUES_PER_BYTE * rest.len() as u64;
-    let mut values = 0;
+    let mut pages = Pages::default();
     while !rest.is_empty() {
         let header = Header::read(&mut rest)?;
         let size = usize::try_from(header.compressed).ok();
@@ -151,30 +165,84 @@ fn check_chunk(bytes: &[u8], chunk: &ColumnChunkMetaData) -> Result<u64, FileErr
             return Err(FileError::truncated(Place::default(), detail));
         };
         let most = (page.len() as u64).saturating_mul(ratio).saturating_add(64);
-        if !u64::try_from(header.uncompressed).is_ok_and(|size| size <= most) {
+        let Some(size) = u64::try_from(header.uncompressed).ok().filter(|size| *size <= most) else {
             let detail = format!(
                 "expected a page of {} bytes to hold at most {most}, got {}",
                 page.len(),
                 header.uncompressed
             );
             return Err(FileError::malformed(Place::default(), detail));
+        };
+        if !header.is_plain {
+            check_compression(chunk.compression(), page, size, header.levels)?;
         }
         header.check_encoding()?;
-        if matches!(header.page, DATA | DATA_2) {
-            values += u64::try_from(header.values).unwrap_or(u64::MAX >> 1).min(u64::MAX >> 1);
+        pages.bytes = pages.bytes.saturating_add(size);
+        match header.page {
+            DATA | DATA_2 => {
+                pages.longest = pages.longest.max(size);
+                pages.values += u64::try_from(header.values).unwrap_or(u64::MAX >> 1).min(u64::MAX >> 1);
+            }
+            _ => pages.dictionary = pages.dictionary.max(size),
         }
-        if header.values < 0 || (is_list && values > allowed) {
-            let detail =
-                format!("expected at most {allowed} values in the lists of a column, got {values} or more");
+        if header.values < 0 || (is_list && pages.values > allowed) {
+            let detail = format!(
+                "expected at most {allowed} values in the lists of a column, got {} or more",
+                pages.values
+            );
             return Err(FileError::too_large(Place::default(), detail));
         }
         rest = after;
     }
-    if i64::try_from(values).is_ok_and(|values| values == chunk.num_values()) {
-        return Ok(values);
+    if i64::try_from(pages.values).is_ok_and(|values| values == chunk.num_values()) {
+        return Ok(pages);
     }
-    let detail = format!("expected {} values in the pages of a column, got {values}", chunk.num_values());
+    let detail =
+        format!("expected {} values in the pages of a column, got {}", chunk.num_values(), pages.values);
     Err(FileError::malformed(Place::default(), detail))
+}
+
+/// Checks that a page does not decompress to more than the `size` that it claims, of which `levels` are not compressed. The library
+/// takes memory for the claim, but decompresses gzip and frames of LZ4 to their end.
+fn check_compression(compression: Compression, page: &[u8], size: u64, levels: i64) -> Result<(), FileError> {
+    let levels = usize::try_from(levels).ok().and_then(|levels| page.split_at_checked(levels));
+    let Some((levels, compressed)) = levels else {
+        return Err(FileError::malformed(
+            Place::default(),
+            "expected levels within their page, got a shorter page",
+        ));
+    };
+    match compression {
+        Compression::GZIP(_) => {
+            let expected = size.saturating_sub(levels.len() as u64);
+            let mut content = MultiGzDecoder::new(compressed).take(expected.saturating_add(1));
+            let found = std::io::copy(&mut content, &mut std::io::sink());
+            match found {
+                Ok(found) if found == expected => Ok(()),
+                // A page without values need not be compressed.
+                _ if expected == 0 => Ok(()),
+                Ok(_) | Err(_) => {
+                    let detail =
+                        format!("expected a page that decompresses to {size} bytes, got another size");
+                    Err(FileError::malformed(Place::default(), detail))
+                }
+            }
+        }
+        Compression::LZ4
+            if compressed.first_chunk().is_some_and(|mark| is_frame(u32::from_le_bytes(*mark))) =>
+        {
+            Err(FileError::new(
+                FaultKind::Unsupported,
+                "expected blocks of LZ4, got frames; write the file with compression='snappy'",
+            ))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Whether a frame of LZ4 begins so: one with content, one of the first version, one to skip.
+fn is_frame(mark: u32) -> bool {
+    matches!(mark, 0x184d_2204 | 0x184c_2102 | 0x184d_2a50..=0x184d_2a5f)
 }
 
 /// What is needed of the header of a page.
@@ -185,6 +253,10 @@ struct Header {
     compressed: i64,
     values: i64,
     encoding: i64,
+    /// Bytes of levels before what is compressed.
+    levels: i64,
+    /// Whether the page is not compressed, whatever its column is.
+    is_plain: bool,
 }
 
 // Types of pages.
@@ -214,7 +286,7 @@ impl Header {
                 3 => header.compressed = zigzag(bytes)?,
                 5..=8 => {
                     parts.push(id);
-                    header.read_part(bytes, if id == 8 { 4 } else { 2 })?;
+                    header.read_part(bytes, id)?;
                 }
                 _ => skip(bytes, tag)?,
             }
@@ -229,13 +301,18 @@ impl Header {
         if parts == [part] { Ok(header) } else { Err(Broken) }
     }
 
-    /// Reads the part of a type of page: its number of values is the first field, where there is one.
-    fn read_part(&mut self, bytes: &mut &[u8], encoding: i64) -> Result<(), Broken> {
+    /// Reads the part of a type of page.
+    fn read_part(&mut self, bytes: &mut &[u8], part: i64) -> Result<(), Broken> {
         let mut fields = Fields::default();
         while let Some((id, tag)) = fields.next(bytes)? {
-            match id {
-                1 if tag == I32 => self.values = zigzag(bytes)?,
-                id if id == encoding && tag == I32 => self.encoding = zigzag(bytes)?,
+            match (part, id) {
+                (5 | 7 | 8, 1) => self.values = zigzag(bytes)?,
+                (5 | 7, 2) | (8, 4) => self.encoding = zigzag(bytes)?,
+                (8, 5 | 6) => {
+                    let levels = zigzag(bytes)?;
+                    self.levels = self.levels.checked_add(levels).filter(|_| levels >= 0).ok_or(Broken)?;
+                }
+                (8, 7) => self.is_plain = tag == FALSE,
                 _ => skip(bytes, tag)?,
             }
         }
@@ -265,6 +342,8 @@ impl Header {
 
 #[cfg(test)]
 mod tests {
+    use std::io::Write;
+
     use super::*;
 
     /// A header of a data page without values, of 3 bytes.
@@ -285,6 +364,27 @@ mod tests {
             let refused = header(parts).err().expect("other parts");
             assert_eq!(refused.to_string(), "expected the header of a page, got other bytes");
         }
+    }
+
+    #[test]
+    fn pages_decompress_to_what_they_claim() {
+        let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::best());
+        encoder.write_all(&[0; 100_000]).expect("memory");
+        let page = [&[1, 2], encoder.finish().expect("memory").as_slice()].concat();
+        let gzip = Compression::GZIP(parquet::basic::GzipLevel::default());
+        let check =
+            |compression, page: &[u8], size, levels| check_compression(compression, page, size, levels);
+        assert!(check(gzip, &page, 100_002, 2).is_ok());
+        for (size, levels) in [(1000, 2), (100_003, 2), (100_000, 0)] {
+            let refused = check(gzip, &page, size, levels).expect_err("another size");
+            let expected = format!("expected a page that decompresses to {size} bytes, got another size");
+            assert_eq!(refused.to_string(), expected);
+        }
+        assert!(check(gzip, &[1, 2], 2, 2).is_ok());
+        assert_eq!(check(gzip, &[1, 2], 2, 3).expect_err("levels").kind, FaultKind::Malformed);
+        let frame = [&0x184d_2204_u32.to_le_bytes(), &[0; 9][..]].concat();
+        assert_eq!(check(Compression::LZ4, &frame, 9, 0).expect_err("a frame").kind, FaultKind::Unsupported);
+        assert!(check(Compression::LZ4_RAW, &frame, 9, 0).is_ok());
     }
 
     #[test]

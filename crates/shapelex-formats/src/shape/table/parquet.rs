@@ -9,15 +9,15 @@ use std::sync::Arc;
 
 use arrow_array::RecordBatch;
 use arrow_array::cast::AsArray;
-use arrow_schema::SchemaRef;
+use arrow_schema::{DataType, FieldRef, Fields, Schema, SchemaRef};
 use bytes::Bytes;
-use parquet::arrow::ArrowSchemaConverter;
 use parquet::arrow::arrow_reader::{
     ArrowReaderMetadata, ArrowReaderOptions, ParquetRecordBatchReaderBuilder,
 };
 use parquet::arrow::arrow_writer::{
     ArrowColumnChunk, ArrowColumnWriter, ArrowRowGroupWriterFactory, compute_leaves,
 };
+use parquet::arrow::{ArrowSchemaConverter, ProjectionMask};
 use parquet::basic::Compression;
 use parquet::errors::ParquetError;
 use parquet::file::metadata::{KeyValue, ParquetMetaData};
@@ -34,10 +34,11 @@ use super::super::record::{Kind, Record};
 use super::super::source::Source;
 use super::super::summary::Summary;
 use super::super::write::{Opened, Output, Writer};
+use super::decoded::rows_at_once;
 use super::list_pages::ListColumn;
-use super::pages::{check_columns, check_metadata};
+use super::pages::{Pages, check_column, check_metadata, place_of};
 use super::read_rows::Reading;
-use super::rows::{ROWS, Rows};
+use super::rows::Rows;
 use super::{guarded, unwritten};
 
 /// Parquet.
@@ -53,8 +54,6 @@ pub(in super::super) static FORMAT: Format = Format {
     open: Some(open),
 };
 
-/// Number of values of a column that are decoded at once.
-const VALUES: u64 = 1 << 21;
 /// Number of batches of a row group.
 const BATCHES: usize = 4;
 /// Number of row groups that are encoded at once: a constant, so that memory does not depend on the machine.
@@ -67,22 +66,24 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
         return Err(FileError::truncated(at(), "expected PAR1 at the end of the file, got other bytes"));
     }
     check_metadata(&bytes)?;
-    // The Arrow schema of the writer says nothing that is needed here.
-    let settings = ArrowReaderOptions::new().with_skip_arrow_metadata(true);
-    let content =
-        guarded("a table of contents", || ArrowReaderMetadata::load(&bytes, settings).map_err(malformed))?;
+    let content = guarded("a table of contents", || contents(&bytes))?;
     let metadata = content.metadata();
-    let mut reading = Reading::new(options, *source.limits(), &facts(metadata));
-    let columns: Vec<usize> = (0..content.parquet_schema().num_columns()).collect();
+    let limits = *source.limits();
+    let mut reading = Reading::new(options, limits, &facts(metadata));
+    let roots = reading.of_use(content.schema())?;
+    let schema = content.parquet_schema();
+    let columns: Vec<usize> = (0..schema.num_columns())
+        .filter(|column| roots.contains(&schema.get_column_root_idx(*column)))
+        .collect();
+    let mask = ProjectionMask::roots(schema, roots);
+    let mut left = limits.content;
     for group in 0..metadata.num_row_groups() {
-        let rows = metadata.row_group(group).num_rows();
-        let values = check_columns(&bytes, metadata, group, &columns)?;
-        // As many rows at once as have that number of values on average.
-        let rows = u64::try_from(rows).unwrap_or(1).max(1);
-        let batch = (VALUES.saturating_mul(rows) / values.max(1)).clamp(1, ROWS as u64);
+        let pages = check_group(&bytes, metadata, group, &columns, &mut left)?;
+        let rows = rows_at_once(&bytes, metadata, group, &pages, limits.held)?;
         let builder = ParquetRecordBatchReaderBuilder::new_with_metadata(bytes.clone(), content.clone())
             .with_row_groups(vec![group])
-            .with_batch_size(usize::try_from(batch).unwrap_or(ROWS));
+            .with_projection(mask.clone())
+            .with_batch_size(rows);
         let mut batches = guarded("a row group", || builder.build().map_err(malformed))?;
         while let Some(batch) = guarded("a row group", || Ok(batches.next()))? {
             let batch = batch.map_err(|error| {
@@ -95,13 +96,47 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
     Ok(reading.summary)
 }
 
+/// The table of contents, with texts that stay in their pages: those of a dictionary may be as long as it is.
+fn contents(bytes: &Bytes) -> Result<ArrowReaderMetadata, FileError> {
+    // The Arrow schema of the writer says nothing that is needed here.
+    let settings = ArrowReaderOptions::new().with_skip_arrow_metadata(true);
+    let found = ArrowReaderMetadata::load(bytes, settings.clone()).map_err(malformed)?;
+    let column = |field: &FieldRef| match field.data_type() {
+        DataType::Utf8 => Arc::new(field.as_ref().clone().with_data_type(DataType::Utf8View)),
+        _ => field.clone(),
+    };
+    let schema = Schema::new(found.schema().fields().iter().map(column).collect::<Fields>());
+    ArrowReaderMetadata::try_new(found.metadata().clone(), settings.with_schema(Arc::new(schema)))
+        .map_err(malformed)
+}
+
+/// Checks the pages of some columns of a row group, which may have `left` bytes.
+fn check_group(
+    bytes: &[u8],
+    metadata: &ParquetMetaData,
+    group: usize,
+    columns: &[usize],
+    left: &mut u64,
+) -> Result<Vec<(usize, Pages)>, FileError> {
+    let mut found = Vec::with_capacity(columns.len());
+    for column in columns.iter().copied() {
+        let pages = check_column(bytes, metadata, group, column)?;
+        *left = left.checked_sub(pages.bytes).ok_or_else(|| {
+            let detail = "expected no more bytes in the pages than may be read of a file, got more";
+            FileError::too_large(place_of(metadata, group, column), detail)
+        })?;
+        found.push((column, pages));
+    }
+    Ok(found)
+}
+
 /// What the metadata of the file say.
 fn facts(metadata: &ParquetMetaData) -> HashMap<String, String> {
     let pairs = metadata.file_metadata().key_value_metadata().into_iter().flatten();
     pairs.filter_map(|pair| Some((pair.key.clone(), pair.value.clone()?))).collect()
 }
 
-fn malformed(error: ParquetError) -> FileError {
+pub(super) fn malformed(error: ParquetError) -> FileError {
     let kind =
         if matches!(error, ParquetError::NYI(_)) { FaultKind::Unsupported } else { FaultKind::Malformed };
     FileError::new(kind, format!("expected a Parquet file, got {error}"))

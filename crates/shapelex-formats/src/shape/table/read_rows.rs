@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, HashMap};
 
 use arrow_array::cast::AsArray;
 use arrow_array::{Array, ArrayRef, BooleanArray, Float64Array, RecordBatch};
-use arrow_schema::DataType;
+use arrow_schema::{DataType, Schema};
 
 use super::super::error::{FaultKind, FileError, Place};
 use super::super::limits::Limits;
@@ -12,7 +12,7 @@ use super::super::options::ReadOptions;
 use super::super::record::Sink;
 use super::super::record::{Domain, Field, Geometry, Mesh, Points, Record, Ring, Value};
 use super::super::summary::Summary;
-use super::arrays::{Lists, Texts, numbers};
+use super::arrays::{Lists, Texts, is_flag, is_list_of_numbers, is_number, is_text, numbers};
 use super::{FIELDS, FieldNote, LABELS, PREFIX};
 
 /// Column of the points, unless an option names another one.
@@ -43,6 +43,34 @@ impl<'a> Reading<'a> {
         Self { options, limits, notes, row: 0, summary }
     }
 
+    /// Positions of the columns of a schema that can be of use. Others are counted.
+    ///
+    /// # Errors
+    /// A column of points that holds something else.
+    pub(super) fn of_use(&mut self, schema: &Schema) -> Result<Vec<usize>, FileError> {
+        let points = self.options.points_column().unwrap_or(POINTS);
+        let mut found = Vec::new();
+        for (k, field) in schema.fields().iter().enumerate() {
+            let (name, kind) = (field.name(), field.data_type());
+            if is_list_of_numbers(kind)
+                || (name != points && (is_number(kind) || is_text(kind) || is_flag(kind)))
+            {
+                found.push(k);
+            } else if name == points {
+                return Err(no_lists(name, kind));
+            } else {
+                self.leave_out(name);
+            }
+        }
+        let has_shapes = |k: &usize| [points, "vertices"].contains(&schema.field(*k).name().as_str());
+        if found.iter().any(has_shapes) { Ok(found) } else { Err(no_shapes(points, schema)) }
+    }
+
+    fn leave_out(&mut self, name: &str) {
+        let place = || Place::tag(format!("column '{name}'"));
+        self.summary.drop("columns of other types", Some(name), place);
+    }
+
     /// Gives on the rows of a batch.
     ///
     /// # Errors
@@ -62,17 +90,11 @@ impl<'a> Reading<'a> {
         let points = self.options.points_column().unwrap_or(POINTS);
         for (field, array) in batch.schema().fields().iter().zip(batch.columns()) {
             if !columns.take(field.name(), array, points)? && self.row == 0 {
-                let place = || Place::tag(format!("column '{}'", field.name()));
-                self.summary.drop("columns of other types", Some(field.name()), place);
+                self.leave_out(field.name());
             }
         }
         if columns.points.is_none() && columns.vertices.is_none() {
-            let names = batch.schema().fields().iter().map(|field| field.name().clone()).collect::<Vec<_>>();
-            let detail = format!(
-                "expected a column '{points}' of lists of numbers, or columns.coordinates that names it, got columns {}",
-                names.join(", ")
-            );
-            return Err(FileError::malformed(Place::default(), detail));
+            return Err(no_shapes(points, &batch.schema()));
         }
         Ok(columns)
     }
@@ -151,6 +173,22 @@ impl<'a> Reading<'a> {
     }
 }
 
+fn no_lists(name: &str, kind: &DataType) -> FileError {
+    FileError::malformed(
+        Place::tag(format!("column '{name}'")),
+        format!("expected lists of numbers, got {kind}"),
+    )
+}
+
+fn no_shapes(points: &str, schema: &Schema) -> FileError {
+    let names = schema.fields().iter().map(|field| field.name().as_str()).collect::<Vec<_>>();
+    let detail = format!(
+        "expected a column '{points}' of lists of numbers, or columns.coordinates that names it, got columns {}",
+        names.join(", ")
+    );
+    FileError::malformed(Place::default(), detail)
+}
+
 /// Columns of a batch by what they mean.
 #[derive(Default)]
 struct Columns {
@@ -190,8 +228,7 @@ impl Columns {
         if name == points {
             let found = NumberLists::of(array);
             if found.is_none() {
-                let detail = format!("expected lists of numbers, got {}", array.data_type());
-                return Err(FileError::malformed(Place::tag(format!("column '{name}'")), detail));
+                return Err(no_lists(name, array.data_type()));
             }
             return Ok(fill(&mut self.points, found));
         }
@@ -311,7 +348,7 @@ enum Cells {
 
 impl Cells {
     fn of(array: &ArrayRef) -> Option<Self> {
-        if *array.data_type() == DataType::Boolean {
+        if is_flag(array.data_type()) {
             return Some(Self::Flags(array.as_boolean().clone()));
         }
         numbers(array).map(Self::Numbers).or_else(|| Texts::of(array).map(Self::Texts))

@@ -457,6 +457,64 @@ fn fields_of_other_types_are_refused() {
     assert_eq!(refused.to_string(), "metadata: expected metadata of Parquet, got other bytes");
 }
 
+/// A file of one row group with lists of zeros, and a label for every row.
+fn long_rows(lengths: &[usize], label: &str) -> Vec<u8> {
+    let zeros = |length: &usize| Some(vec![Some(0.0); *length]);
+    let points: ArrayRef = Arc::new(ListArray::from_iter_primitive::<arrow_array::types::Float64Type, _, _>(
+        lengths.iter().map(zeros),
+    ));
+    let labels: ArrayRef = Arc::new(StringArray::from(vec![label; lengths.len()]));
+    let unused: ArrayRef = Arc::new(TimestampMillisecondArray::from(vec![0; lengths.len()]));
+    let columns = [("points", points), ("label", labels), ("at", unused)];
+    let batch = RecordBatch::try_from_iter(columns).expect("a batch");
+    let settings = parquet::file::properties::WriterProperties::builder()
+        .set_compression(parquet::basic::Compression::SNAPPY)
+        .build();
+    let mut bytes = Vec::new();
+    let mut writer =
+        parquet::arrow::ArrowWriter::try_new(&mut bytes, batch.schema(), Some(settings)).expect("a writer");
+    writer.write(&batch).expect("written");
+    writer.close().expect("the end");
+    bytes
+}
+
+#[test]
+fn rows_of_parquet_are_decoded_within_what_may_be_held() {
+    let options = ReadOptions { dimension: Some(2), closed: Some(true), ..ReadOptions::default() };
+    let limits = |held: usize| Limits { held, ..Limits::default() };
+    let lengths = [[4; 1000].as_slice(), &[60_000], &[4; 1000]].concat();
+    let bytes = long_rows(&lengths, "a");
+    // 1.36 MB in all, which are decoded at once where they may be held; else row after row, of which the longest takes 1.2 MB.
+    for held in [1 << 24, 1_300_000] {
+        let (found, summary) = read_with(&bytes, &options, limits(held)).expect("a table");
+        let numbers = |record: &Record| match &record.geometry {
+            Geometry::Curve { points, .. } => points.coordinates().len(),
+            _ => 0,
+        };
+        assert_eq!(found.iter().map(numbers).collect::<Vec<_>>(), lengths);
+        assert_eq!(summary.dropped[0].names, ["at"]);
+    }
+    let error = read_with(&bytes, &options, limits(1_000_000)).expect_err("a long row");
+    assert_eq!(error.kind, FaultKind::TooLarge);
+    assert!(error.to_string().contains("expected rows of at most 1000000 bytes"), "{error}");
+
+    // A long text of many rows is held once: as many texts would take 800 MB.
+    let text = "x".repeat(100_000);
+    let bytes = long_rows(&[4; 8000], &text);
+    let mut count = 0;
+    let mut source = Source::new(bytes.as_slice(), limits(2_000_000)).expect("a source");
+    let all = super::parquet::FORMAT.read.expect("a reader")(&mut source, &options, &mut |record| {
+        count += record.label.map_or(0, |label| label.len());
+        Ok(())
+    });
+    all.expect("a table");
+    assert_eq!(count, 8000 * text.len());
+    // What pages decompress to counts as content.
+    let much = Limits { content: 50_000, ..limits(2_000_000) };
+    assert!(bytes.len() < 40_000);
+    assert_eq!(read_with(&bytes, &options, much).map(|_| ()).expect_err("much").kind, FaultKind::TooLarge);
+}
+
 #[test]
 fn pages_that_claim_more_than_they_hold_are_refused() {
     let texts: ArrayRef = Arc::new(StringArray::from(vec!["text"; 100]));

@@ -7,7 +7,7 @@
 
 // Tags of types.
 const TRUE: u8 = 1;
-const FALSE: u8 = 2;
+pub(super) const FALSE: u8 = 2;
 const BYTE: u8 = 3;
 const I16: u8 = 4;
 pub(super) const I32: u8 = 5;
@@ -130,7 +130,7 @@ fn byte(bytes: &mut &[u8]) -> Result<u8, Broken> {
 }
 
 /// A number of up to 64 bits, seven a byte.
-fn varint(bytes: &mut &[u8]) -> Result<u64, Broken> {
+pub(super) fn varint(bytes: &mut &[u8]) -> Result<u64, Broken> {
     let mut value = 0;
     for shift in (0..64).step_by(7) {
         let next = byte(bytes)?;
