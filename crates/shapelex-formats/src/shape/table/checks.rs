@@ -158,7 +158,7 @@ pub(super) fn check_buffers(
         schema.header_as_schema().ok_or_else(|| malformed("expected a schema before all rows, got rows"))?;
     match dictionary {
         Some(dictionary) => check_dictionary(&schema, dictionary.id(), &batch, &sizes),
-        None => check_rows(&schema, &batch, &sizes),
+        None => check_rows(&schema, &batch, &sizes, (held as u64).saturating_mul(2)),
     }
 }
 

@@ -15,21 +15,33 @@ struct Rest<'a, N> {
     sizes: std::slice::Iter<'a, u64>,
     /// Numbers of buffers of columns of views.
     views: std::vec::IntoIter<i64>,
+    /// Bytes of what is made of the columns: numbers in double precision, places of lists and of texts of a dictionary.
+    made: u64,
 }
 
-/// Checks that the columns of a batch of rows have the buffers that their types want.
+/// Checks that the columns of a batch of rows have the buffers that their types want, and that at most `most` bytes are made of them.
 pub(super) fn check_rows(
     schema: &Schema<'_>,
     batch: &RecordBatch<'_>,
     sizes: &[u64],
+    most: u64,
 ) -> Result<(), FileError> {
     let mut rest = Rest {
         nodes: batch.nodes().into_iter().flatten(),
         sizes: sizes.iter(),
         views: batch.variadicBufferCounts().into_iter().flatten().collect::<Vec<_>>().into_iter(),
+        made: 0,
     };
     let fields = schema.fields().into_iter().flatten();
-    fields.into_iter().try_for_each(|field| rest.column(&field, false))
+    fields.into_iter().try_for_each(|field| rest.column(&field, false))?;
+    if rest.made > most {
+        let detail = format!(
+            "expected a batch of at most {most} bytes in double precision, got {}; write smaller batches",
+            rest.made
+        );
+        return Err(FileError::too_large(Place::default(), detail));
+    }
+    Ok(())
 }
 
 /// Checks the values of a dictionary of the column with this id.
@@ -48,6 +60,7 @@ pub(super) fn check_dictionary(
         nodes: batch.nodes().into_iter().flatten(),
         sizes: sizes.iter(),
         views: batch.variadicBufferCounts().into_iter().flatten().collect::<Vec<_>>().into_iter(),
+        made: 0,
     };
     rest.column(&field, true)
 }
@@ -69,6 +82,11 @@ impl<'a, N: Iterator<Item = &'a FieldNode>> Rest<'a, N> {
         let length = u64::try_from(node.length()).unwrap_or_default();
         let kind = field.type_type();
         let index = field.dictionary().filter(|_| !values).and_then(|dictionary| dictionary.indexType());
+        if index.is_some()
+            || matches!(kind, Type::Null | Type::Int | Type::FloatingPoint | Type::List | Type::LargeList)
+        {
+            self.made = self.made.saturating_add(length.saturating_mul(8));
+        }
         if kind == Type::Null && index.is_none() {
             return Ok(());
         }

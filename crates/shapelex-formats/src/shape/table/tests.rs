@@ -389,6 +389,18 @@ fn lying_sizes_of_arrow_are_refused_before_memory_is_taken() {
     let limits = Limits { held: 64, ..Limits::default() };
     let error = read_with(&bytes, &ReadOptions::default(), limits).expect_err("a long body");
     assert_eq!(error.kind, FaultKind::TooLarge);
+    // Numbers of a byte take eight in double precision, those that are null throughout nothing before.
+    let bytes: ArrayRef = Arc::new(arrow_array::Int8Array::from(vec![0; 10_000]));
+    let nulls: ArrayRef = Arc::new(arrow_array::NullArray::new(10_000));
+    let batch = RecordBatch::try_from_iter([("a", bytes), ("b", nulls)]).expect("a batch");
+    let mut file = Vec::new();
+    let mut writer = StreamWriter::try_new(&mut file, &batch.schema()).expect("a writer");
+    writer.write(&batch).expect("written");
+    writer.finish().expect("the end");
+    drop(writer);
+    let limits = Limits { held: 50_000, ..Limits::default() };
+    let error = read_with(&file, &ReadOptions::default(), limits).expect_err("many numbers");
+    assert!(error.to_string().contains("at most 100000 bytes in double precision, got 160000"), "{error}");
 }
 
 #[test]
