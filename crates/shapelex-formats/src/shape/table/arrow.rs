@@ -4,6 +4,7 @@
 //! body whose length the metadata give. A file is a stream between a magic text and a table of contents, which is not needed
 //! to read it from front to back.
 
+use std::collections::BTreeMap;
 use std::io::{Read, Write};
 
 use arrow_array::RecordBatch;
@@ -19,7 +20,7 @@ use super::super::record::{Kind, Record};
 use super::super::source::Source;
 use super::super::summary::Summary;
 use super::super::write::{Opened, Output, Writer};
-use super::checks::{check_buffers, check_message};
+use super::checks::{Dictionary, check_buffers, check_message};
 use super::read_rows::Reading;
 use super::rows::Rows;
 use super::{guarded, unwritten};
@@ -64,8 +65,10 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
     }
     let mut decoder = StreamDecoder::new();
     let (mut reading, mut schema) = (None, Vec::new());
+    // Bytes of the dictionaries that the decoder keeps.
+    let mut kept = BTreeMap::new();
     loop {
-        let message = next_message(source, &schema)?;
+        let message = next_message(source, &schema, &mut kept)?;
         let (at, parts) = match message {
             Some(Message { at, parts }) => (at, parts),
             // The decoder takes a message without a body when more bytes follow: here the mark of the end.
@@ -118,7 +121,11 @@ struct Message {
 }
 
 /// The next message, or `None` at the end of the stream. `schema` are the metadata of the first one.
-fn next_message(source: &mut Source<'_>, schema: &[u8]) -> Result<Option<Message>, FileError> {
+fn next_message(
+    source: &mut Source<'_>,
+    schema: &[u8],
+    kept: &mut BTreeMap<i64, u64>,
+) -> Result<Option<Message>, FileError> {
     let at = source.offset();
     let mut first = Vec::new();
     source.by_ref().take(4).read_to_end(&mut first)?;
@@ -139,10 +146,15 @@ fn next_message(source: &mut Source<'_>, schema: &[u8]) -> Result<Option<Message
         return Err(FileError::too_large(Place::byte(at), detail));
     }
     let metadata = exactly(source, size, "the metadata of a message")?;
-    let held = source.limits().held;
+    let dictionaries = usize::try_from(kept.values().sum::<u64>()).unwrap_or(usize::MAX);
+    let held = source.limits().held.saturating_sub(dictionaries);
     let body = check_message(&metadata, held).map_err(|error| error.at(Place::byte(at)))?;
     let body = exactly(source, body, "the body of a message")?;
-    check_buffers(&metadata, &body, schema, held).map_err(|error| error.at(Place::byte(at)))?;
+    let found = check_buffers(&metadata, &body, schema, held).map_err(|error| error.at(Place::byte(at)))?;
+    if let Some(Dictionary { id, bytes, is_delta }) = found {
+        let known = kept.entry(id).or_default();
+        *known = if is_delta { *known + bytes } else { bytes };
+    }
     let head = [CONTINUATION, length].concat();
     Ok(Some(Message { at, parts: [head, metadata, body] }))
 }

@@ -4,8 +4,10 @@ use arrow_ipc::{
     CompressionType, DateUnit, Endianness, Field, IntervalUnit, Message, MessageHeader, RecordBatch, Schema,
     TimeUnit, Type, root_as_message,
 };
+use lz4_flex::frame::FrameDecoder;
 
 use super::super::error::{FileError, Place};
+use super::gives;
 use super::layout::{check_dictionary, check_rows};
 
 /// Depth of nested columns: a list of points of a struct is three deep.
@@ -131,13 +133,13 @@ pub(super) fn check_buffers(
     body: &[u8],
     schema: &[u8],
     held: usize,
-) -> Result<(), FileError> {
+) -> Result<Option<Dictionary>, FileError> {
     let message = message(metadata)?;
     let dictionary = message.header_as_dictionary_batch();
     let batch = match message.header_type() {
         MessageHeader::DictionaryBatch => dictionary.and_then(|batch| batch.data()),
         MessageHeader::RecordBatch => message.header_as_record_batch(),
-        _ => return Ok(()),
+        _ => return Ok(None),
     };
     let batch = batch.ok_or_else(|| malformed("expected a batch of rows, got none"))?;
     let sizes = sizes(&batch, body)?;
@@ -157,9 +159,20 @@ pub(super) fn check_buffers(
     let schema =
         schema.header_as_schema().ok_or_else(|| malformed("expected a schema before all rows, got rows"))?;
     match dictionary {
-        Some(dictionary) => check_dictionary(&schema, dictionary.id(), &batch, &sizes),
-        None => check_rows(&schema, &batch, &sizes, (held as u64).saturating_mul(2)),
+        Some(dictionary) => {
+            check_dictionary(&schema, dictionary.id(), &batch, &sizes)?;
+            Ok(Some(Dictionary { id: dictionary.id(), bytes, is_delta: dictionary.isDelta() }))
+        }
+        None => check_rows(&schema, &batch, &sizes, (held as u64).saturating_mul(2)).map(|()| None),
     }
+}
+
+/// The values of columns of positions, which stay until others come in their place.
+pub(super) struct Dictionary {
+    pub(super) id: i64,
+    pub(super) bytes: u64,
+    /// Whether the values are added to those that are known.
+    pub(super) is_delta: bool,
 }
 
 /// Number of bytes of each buffer after decompression.
@@ -198,13 +211,37 @@ fn decompressed(bytes: &[u8]) -> Result<u64, FileError> {
             Err(malformed("expected the size of a buffer, got its end"))
         };
     };
-    let rest = rest.len() as u64;
+    let (content, rest) = (rest, rest.len() as u64);
     match i64::from_le_bytes(*claim) {
         // Not compressed.
         -1 => Ok(rest),
         claim => match u64::try_from(claim) {
-            Ok(size) if size <= rest.saturating_mul(LZ4_RATIO) => Ok(size),
+            Ok(size) if size <= rest.saturating_mul(LZ4_RATIO) && gives(FrameDecoder::new(content), size) => {
+                Ok(size)
+            }
             _ => Err(malformed(format!("expected a size that {rest} bytes can decompress to, got {claim}"))),
         },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Write;
+
+    use super::*;
+
+    #[test]
+    fn buffers_decompress_to_what_they_claim() {
+        let mut encoder = lz4_flex::frame::FrameEncoder::new(Vec::new());
+        encoder.write_all(&[0; 100_000]).expect("memory");
+        let frame = encoder.finish().expect("memory");
+        let claim = |size: i64| decompressed(&[&size.to_le_bytes(), frame.as_slice()].concat());
+        assert_eq!(claim(100_000).expect("its size"), 100_000);
+        assert_eq!(claim(-1).expect("not compressed"), frame.len() as u64);
+        for size in [1000, 100_001, 1 << 40] {
+            let expected =
+                format!("expected a size that {} bytes can decompress to, got {size}", frame.len());
+            assert_eq!(claim(size).expect_err("another size").to_string(), expected);
+        }
     }
 }

@@ -73,6 +73,12 @@ fn unwritten(error: impl std::fmt::Display) -> FileError {
     FileError::of(FaultKind::Io, Place::default(), error)
 }
 
+/// Whether a decoder gives just so many bytes: those of libraries give all that there are.
+fn gives(content: impl std::io::Read, expected: u64) -> bool {
+    let mut content = content.take(expected.saturating_add(1));
+    std::io::copy(&mut content, &mut std::io::sink()).is_ok_and(|found| found == expected)
+}
+
 /// Runs a step of a library of containers. Should it panic at a file that contradicts itself in a way that the checks before
 /// it do not see, that is for the caller a malformed file, as any other contradiction. Tests are told: a check is missing.
 pub(super) fn guarded<T>(what: &str, step: impl FnOnce() -> Result<T, FileError>) -> Result<T, FileError> {

@@ -404,6 +404,28 @@ fn lying_sizes_of_arrow_are_refused_before_memory_is_taken() {
 }
 
 #[test]
+fn dictionaries_of_arrow_are_held_together() {
+    let lists = ListArray::from_iter_primitive::<arrow_array::types::Float64Type, _, _>([Some([
+        Some(1.0),
+        Some(2.0),
+    ])]);
+    let text = "x".repeat(40_000);
+    let class =
+        || -> ArrayRef { Arc::new([text.as_str()].into_iter().collect::<DictionaryArray<Int32Type>>()) };
+    let columns = [("points", Arc::new(lists) as ArrayRef), ("a", class()), ("b", class())];
+    let batch = RecordBatch::try_from_iter(columns).expect("a batch");
+    let mut file = Vec::new();
+    let mut writer = StreamWriter::try_new(&mut file, &batch.schema()).expect("a writer");
+    writer.write(&batch).expect("written");
+    writer.finish().expect("the end");
+    drop(writer);
+    let options = ReadOptions { dimension: Some(2), ..ReadOptions::default() };
+    let found = |held: usize| read_with(&file, &options, Limits { held, ..Limits::default() });
+    assert_eq!(found(100_000).expect("a table").0.len(), 1);
+    assert_eq!(found(60_000).expect_err("two long texts").kind, FaultKind::TooLarge);
+}
+
+#[test]
 fn metadata_that_claim_lists_without_bytes_are_refused() {
     let (mut bytes, _) = written("parquet", &points(), &WriteOptions::default());
     let tail = bytes.len() - 8;
