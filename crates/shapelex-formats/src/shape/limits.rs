@@ -1,5 +1,7 @@
 //! Bounds on what a file may claim, checked before memory is taken.
 
+use std::cell::Cell;
+
 use super::error::{FileError, Place};
 
 /// Largest magnitude of a coordinate, that of the service.
@@ -44,6 +46,14 @@ impl Limits {
         self.count(count, self.points.saturating_mul(4), "faces of a mesh", place)
     }
 
+    /// Number of bytes that may be made of a file of `size` bytes, which are held beside them: 8 MiB, twice its size, and 16 times its
+    /// size as far as that may be held. The service reserves as much.
+    pub(super) fn made(&self, size: usize) -> usize {
+        const FREE: usize = 8 << 20;
+        let expanded = size.saturating_mul(16).min(self.held);
+        FREE.saturating_add(size.saturating_mul(2)).saturating_add(expanded)
+    }
+
     fn count(
         &self,
         count: u64,
@@ -55,5 +65,54 @@ impl Limits {
             Ok(count) if count <= limit => Ok(count),
             _ => Err(FileError::too_large(place(), format!("expected at most {limit} {what}, got {count}"))),
         }
+    }
+}
+
+/// Memory for the numbers of a file, which may take more bytes than the file: they are compressed, narrow or used again.
+#[derive(Debug)]
+pub(super) struct Room {
+    most: usize,
+    left: Cell<usize>,
+}
+
+impl Room {
+    /// Memory for those of a file of `size` bytes.
+    pub(super) fn new(limits: &Limits, size: usize) -> Self {
+        let most = limits.made(size);
+        Self { most, left: Cell::new(most) }
+    }
+
+    /// Takes what numbers need in double precision.
+    ///
+    /// # Errors
+    /// [`FaultKind::TooLarge`](super::FaultKind::TooLarge) at `place`.
+    pub(super) fn take(&self, numbers: usize, place: impl FnOnce() -> Place) -> Result<(), FileError> {
+        let left = self.left.get().checked_sub(numbers.saturating_mul(8)).ok_or_else(|| {
+            let detail =
+                format!("expected at most {} bytes of numbers in double precision, got more", self.most);
+            FileError::too_large(place(), detail)
+        })?;
+        self.left.set(left);
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_made_of_a_file_grows_with_it() {
+        let limits = Limits { held: 64 << 20, ..Limits::default() };
+        let mega = 1 << 20;
+        assert_eq!([0, mega, 64 * mega].map(|size| limits.made(size) / mega), [8, 26, 200]);
+        let room = Room::new(&limits, 0);
+        assert!(room.take(mega - 1, Place::default).is_ok());
+        let refused = room.take(2, || Place::item(3)).expect_err("no room");
+        assert_eq!(
+            refused.to_string(),
+            "item 3: expected at most 8388608 bytes of numbers in double precision, got more"
+        );
+        assert!(room.take(1, Place::default).is_ok());
     }
 }

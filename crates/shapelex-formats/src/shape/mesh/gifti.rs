@@ -5,7 +5,7 @@
 
 use super::super::error::{FileError, Place};
 use super::super::format::Format;
-use super::super::limits::Limits;
+use super::super::limits::{Limits, Room};
 use super::super::options::ReadOptions;
 use super::super::record::Sink;
 use super::super::record::{Domain, Kind};
@@ -52,6 +52,7 @@ fn read(source: &mut Source<'_>, _: &ReadOptions, sink: Sink<'_>) -> Result<Summ
     let mut summary = Summary::default();
     drop_metadata(&root, &mut summary);
     let mut arrays = Vec::new();
+    let room = Room::new(&limits, text.len());
     for (k, element) in root.all("DataArray").enumerate() {
         let place = Place { item: Some(k as u64), ..element.place() };
         if k == MAX_ARRAYS {
@@ -60,7 +61,7 @@ fn read(source: &mut Source<'_>, _: &ReadOptions, sink: Sink<'_>) -> Result<Summ
                 format!("expected at most {MAX_ARRAYS} arrays, got more"),
             ));
         }
-        arrays.push(Array::read(element, &limits).map_err(|error| error.at(place))?);
+        arrays.push(Array::read(element, &limits, &room).map_err(|error| error.at(place))?);
         drop_metadata(element, &mut summary);
     }
     let intent = |name: &'static str| arrays.iter().filter(move |array| array.intent == name);
@@ -107,7 +108,7 @@ struct Array<'a> {
 }
 
 impl<'a> Array<'a> {
-    fn read(element: &'a Element<'a>, limits: &Limits) -> Result<Self, FileError> {
+    fn read(element: &'a Element<'a>, limits: &Limits, room: &Room) -> Result<Self, FileError> {
         let place = || element.place();
         let attribute = |name: &str| element.attribute(name).unwrap_or_default();
         let of = attribute("DataType");
@@ -138,6 +139,7 @@ impl<'a> Array<'a> {
             let detail = format!("expected at most {} bytes of an array, got {bytes}", limits.held);
             return Err(FileError::too_large(place(), detail));
         }
+        room.take(size, place)?;
         let mut values = numbers(element, scalar, size)?;
         if by_column && width > 1 {
             values = (0..rows)

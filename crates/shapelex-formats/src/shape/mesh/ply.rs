@@ -8,11 +8,12 @@ mod write;
 
 use super::super::error::{FileError, Place};
 use super::super::format::Format;
+use super::super::limits::{Limits, Room};
 use super::super::options::ReadOptions;
+use super::super::record::Sink;
 use super::super::record::{Domain, Kind};
 use super::super::source::Source;
 use super::super::summary::Summary;
-use super::super::{limits::Limits, record::Sink};
 use super::draft::Draft;
 use super::scalar::{Scalar, index};
 use super::scan::Scan;
@@ -47,13 +48,14 @@ fn read(source: &mut Source<'_>, _: &ReadOptions, sink: Sink<'_>) -> Result<Summ
     let limits = *source.limits();
     let bytes = source.bytes()?;
     let mut scan = Scan::new(&bytes);
+    let room = Room::new(&limits, bytes.len());
     let header = Header::read(&mut scan)?;
     let mut summary = Summary::default();
     let mut draft = Draft::new(Place::default());
     let mut seen = [false; 2];
     for element in &header.elements {
         let place = Place::tag(format!("element {}", element.name));
-        let rows = Rows::read(&mut scan, element, header.encoding, &limits)
+        let rows = Rows::read(&mut scan, element, header.encoding, (&limits, &room))
             .map_err(|error| error.at(place.clone()))?;
         let known = ["vertex", "face"].iter().position(|name| *name == element.name);
         match known {
@@ -95,6 +97,43 @@ struct Column {
 }
 
 impl Column {
+    /// Reads the value or the list of a row. Only what has a room is kept.
+    fn read(
+        &mut self,
+        scan: &mut Scan<'_>,
+        of: &Type,
+        encoding: Encoding,
+        room: Option<&Room>,
+    ) -> Result<(), FileError> {
+        let (count, scalar) = match *of {
+            Type::One(scalar) => (1, scalar),
+            Type::List(of_count, scalar) => {
+                let length = value(scan, of_count, encoding)?;
+                let length = index(length).ok_or_else(|| {
+                    FileError::malformed(
+                        Place::default(),
+                        format!("expected a length of a list, got {length}"),
+                    )
+                })?;
+                (length as usize, scalar)
+            }
+        };
+        if let Some(room) = room {
+            // A list that claims more values than there are bytes ends with the file.
+            room.take(scan.rest().len().min(count), Place::default)?;
+        }
+        for _ in 0..count {
+            let value = value(scan, scalar, encoding)?;
+            if room.is_some() {
+                self.values.push(value);
+            }
+        }
+        if room.is_some() && matches!(of, Type::List(..)) {
+            self.ends.push(self.values.len());
+        }
+        Ok(())
+    }
+
     fn lists(&self) -> impl Iterator<Item = &[f64]> {
         let starts = std::iter::once(0).chain(self.ends.iter().copied());
         starts.zip(&self.ends).map(|(start, end)| &self.values[start..*end])
@@ -106,7 +145,7 @@ impl Rows {
         scan: &mut Scan<'_>,
         element: &Element,
         encoding: Encoding,
-        limits: &Limits,
+        (limits, room): (&Limits, &Room),
     ) -> Result<Self, FileError> {
         match element.name.as_str() {
             "vertex" => _ = limits.points(element.count, Place::default)?,
@@ -123,34 +162,10 @@ impl Rows {
         let count = if element.properties.is_empty() { 0 } else { element.count };
         for row in 0..count {
             for (property, column) in element.properties.iter().zip(&mut columns) {
-                let place = || Place {
-                    tag: Some(format!("element {}, property {}", element.name, property.name)),
-                    ..Place::item(row)
-                };
-                match property.of {
-                    Type::One(scalar) => {
-                        column.values.push(value(scan, scalar, encoding).map_err(|error| error.at(place()))?);
-                    }
-                    Type::List(of_count, scalar) => {
-                        let length = value(scan, of_count, encoding).map_err(|error| error.at(place()))?;
-                        let length = index(length).ok_or_else(|| {
-                            FileError::malformed(
-                                place(),
-                                format!("expected a length of a list, got {length}"),
-                            )
-                        })?;
-                        for _ in 0..length {
-                            column
-                                .values
-                                .push(value(scan, scalar, encoding).map_err(|error| error.at(place()))?);
-                        }
-                        column.ends.push(column.values.len());
-                    }
-                }
-                if !kept {
-                    column.values.clear();
-                    column.ends.clear();
-                }
+                column.read(scan, &property.of, encoding, kept.then_some(room)).map_err(|error| {
+                    let tag = Some(format!("element {}, property {}", element.name, property.name));
+                    error.at(Place { tag, ..Place::item(row) })
+                })?;
             }
         }
         Ok(Self { columns })

@@ -3,7 +3,7 @@
 
 use super::super::error::{FileError, Place};
 use super::super::format::Format;
-use super::super::limits::Limits;
+use super::super::limits::{Limits, Room};
 use super::super::options::ReadOptions;
 use super::super::record::Sink;
 use super::super::record::{Domain, Faces, Kind};
@@ -41,7 +41,8 @@ fn read(source: &mut Source<'_>, _: &ReadOptions, sink: Sink<'_>) -> Result<Summ
         FileError::malformed(Place::byte(error.valid_up_to() as u64), "expected UTF-8 text, got other bytes")
     })?;
     let root = parse(text.trim_start_matches('\u{feff}'), &limits, "AppendedData")?;
-    let arrays = Arrays::of(&root, &bytes[end.unwrap_or(bytes.len())..], limits)?;
+    let room = Room::new(&limits, bytes.len());
+    let arrays = Arrays::of(&root, &bytes[end.unwrap_or(bytes.len())..], limits, room)?;
     let (grid, is_grid) =
         match (root.attribute("type"), root.child("PolyData"), root.child("UnstructuredGrid")) {
             (Some("PolyData"), Some(data), _) => (data, false),
@@ -84,10 +85,11 @@ struct Arrays<'a> {
     compressed: bool,
     appended: Option<Bytes<'a>>,
     limits: Limits,
+    room: Room,
 }
 
 impl<'a> Arrays<'a> {
-    fn of(root: &Element<'_>, rest: &'a [u8], limits: Limits) -> Result<Self, FileError> {
+    fn of(root: &Element<'_>, rest: &'a [u8], limits: Limits, room: Room) -> Result<Self, FileError> {
         let refused = |what: &str, value: &str| {
             FileError::unsupported(root.place(), format!("expected {what}, got {}", shown(value.as_bytes())))
         };
@@ -127,7 +129,7 @@ impl<'a> Arrays<'a> {
                 })
             }
         };
-        Ok(Self { big_endian, header, compressed, appended, limits })
+        Ok(Self { big_endian, header, compressed, appended, limits, room })
     }
 
     fn piece(
@@ -280,6 +282,7 @@ impl<'a> Arrays<'a> {
             let detail = format!("expected a multiple of {} bytes, got {}", scalar.size(), bytes.len());
             return Err(FileError::malformed(place(), detail));
         }
+        self.room.take(bytes.len() / scalar.size(), place)?;
         Ok((width, scalar.decode_all(&bytes, self.big_endian)))
     }
 

@@ -14,6 +14,7 @@ use arrow_ipc::writer::StreamWriter;
 
 use super::super::error::{FileError, Place};
 use super::super::format::Format;
+use super::super::limits::Limits;
 use super::super::options::{ReadOptions, WriteOptions};
 use super::super::record::Sink;
 use super::super::record::{Kind, Record};
@@ -147,10 +148,12 @@ fn next_message(
     }
     let metadata = exactly(source, size, "the metadata of a message")?;
     let dictionaries = usize::try_from(kept.values().sum::<u64>()).unwrap_or(usize::MAX);
-    let held = source.limits().held.saturating_sub(dictionaries);
-    let body = check_message(&metadata, held).map_err(|error| error.at(Place::byte(at)))?;
+    let limits = source.limits();
+    let limits = Limits { held: limits.held.saturating_sub(dictionaries), ..*limits };
+    let body = check_message(&metadata, limits.held).map_err(|error| error.at(Place::byte(at)))?;
     let body = exactly(source, body, "the body of a message")?;
-    let found = check_buffers(&metadata, &body, schema, held).map_err(|error| error.at(Place::byte(at)))?;
+    let found =
+        check_buffers(&metadata, &body, schema, &limits).map_err(|error| error.at(Place::byte(at)))?;
     if let Some(Dictionary { id, bytes, is_delta }) = found {
         let known = kept.entry(id).or_default();
         *known = if is_delta { *known + bytes } else { bytes };

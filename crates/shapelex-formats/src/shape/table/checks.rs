@@ -7,6 +7,7 @@ use arrow_ipc::{
 use lz4_flex::frame::FrameDecoder;
 
 use super::super::error::{FileError, Place};
+use super::super::limits::Limits;
 use super::gives;
 use super::layout::{check_dictionary, check_rows};
 
@@ -126,13 +127,13 @@ fn is_known(field: &Field<'_>) -> bool {
     }
 }
 
-/// Checks that the buffers of a message lie within its body, that what they decompress to is at most `held` bytes and in
+/// Checks that the buffers of a message lie within its body, that what they decompress to is at most what may be held, in
 /// proportion to them, and that no column claims more values than these bytes can hold. `schema` is the message with the schema.
 pub(super) fn check_buffers(
     metadata: &[u8],
     body: &[u8],
     schema: &[u8],
-    held: usize,
+    limits: &Limits,
 ) -> Result<Option<Dictionary>, FileError> {
     let message = message(metadata)?;
     let dictionary = message.header_as_dictionary_batch();
@@ -144,8 +145,10 @@ pub(super) fn check_buffers(
     let batch = batch.ok_or_else(|| malformed("expected a batch of rows, got none"))?;
     let sizes = sizes(&batch, body)?;
     let bytes = sizes.iter().fold(0_u64, |sum, size| sum.saturating_add(*size));
-    if bytes > held as u64 {
-        let detail = format!("expected a batch of at most {held} bytes, got {bytes}");
+    let made = limits.made(body.len()) as u64;
+    let most = made.min(limits.held as u64);
+    if bytes > most {
+        let detail = format!("expected a batch of at most {most} bytes, got {bytes}");
         return Err(FileError::too_large(Place::default(), detail));
     }
     // A value takes a bit at least; columns that are null throughout take nothing, beside others that do.
@@ -163,7 +166,7 @@ pub(super) fn check_buffers(
             check_dictionary(&schema, dictionary.id(), &batch, &sizes)?;
             Ok(Some(Dictionary { id: dictionary.id(), bytes, is_delta: dictionary.isDelta() }))
         }
-        None => check_rows(&schema, &batch, &sizes, (held as u64).saturating_mul(2)).map(|()| None),
+        None => check_rows(&schema, &batch, &sizes, made).map(|()| None),
     }
 }
 

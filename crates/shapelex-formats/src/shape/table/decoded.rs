@@ -12,6 +12,7 @@ use parquet::file::metadata::ParquetMetaData;
 use parquet::file::serialized_reader::SerializedPageReader;
 
 use super::super::error::{FaultKind, FileError, Place};
+use super::super::limits::Limits;
 use super::pages::{Pages, place_of};
 use super::thrift::varint;
 use super::{guarded, parquet::malformed};
@@ -24,10 +25,6 @@ const ROWS: u64 = super::rows::ROWS as u64;
 const VALUE: u64 = 20;
 /// Bytes of any other value: a number, or where a text is.
 const CELL: u64 = 17;
-/// Bytes that may be held whatever the size of the file.
-const FREE: u64 = 8 << 20;
-/// Bytes that may be held for each byte of the file.
-const RATIO: u64 = 16;
 
 /// Bytes of a column in memory.
 #[derive(Clone, Copy)]
@@ -40,7 +37,7 @@ struct Column {
     fixed: u64,
 }
 
-/// Number of rows of a row group that are decoded at once, so that no more than `held` bytes are held, and less for small files.
+/// Number of rows of a row group that are decoded at once, so that they take no more than may be made of the file.
 ///
 /// # Errors
 /// Rows that are longer than that.
@@ -49,9 +46,9 @@ pub(super) fn rows_at_once(
     metadata: &ParquetMetaData,
     group: usize,
     columns: &[(usize, Pages)],
-    held: usize,
+    limits: &Limits,
 ) -> Result<usize, FileError> {
-    let most = FREE.saturating_add(RATIO.saturating_mul(bytes.len() as u64)).min(held as u64);
+    let most = limits.made(bytes.len()) as u64;
     let count = u64::try_from(metadata.row_group(group).num_rows()).unwrap_or(0).max(1);
     let values = columns.iter().map(|(_, pages)| pages.values).max().unwrap_or(0).max(1);
     let mut rows = (VALUES.saturating_mul(count) / values).clamp(1, ROWS);

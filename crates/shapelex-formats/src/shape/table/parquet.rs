@@ -79,7 +79,7 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
     let mut left = limits.content;
     for group in 0..metadata.num_row_groups() {
         let pages = check_group(&bytes, metadata, group, &columns, &mut left)?;
-        let rows = rows_at_once(&bytes, metadata, group, &pages, limits.held)?;
+        let rows = rows_at_once(&bytes, metadata, group, &pages, &limits)?;
         let builder = ParquetRecordBatchReaderBuilder::new_with_metadata(bytes.clone(), content.clone())
             .with_row_groups(vec![group])
             .with_projection(mask.clone())

@@ -1,7 +1,7 @@
 //! Reading of VTK legacy files.
 
 use super::super::super::error::{FileError, Place};
-use super::super::super::limits::Limits;
+use super::super::super::limits::{Limits, Room};
 use super::super::super::options::ReadOptions;
 use super::super::super::record::Sink;
 use super::super::super::record::{Domain, Faces};
@@ -25,6 +25,7 @@ struct Reader<'a> {
     scan: Scan<'a>,
     binary: bool,
     limits: Limits,
+    room: Room,
     draft: Draft,
     /// Cells of `POLYDATA`: vertices, lines, polygons and strips, in the order of their data.
     parts: [Faces; 4],
@@ -59,6 +60,7 @@ pub(super) fn read(source: &mut Source<'_>, _: &ReadOptions, sink: Sink<'_>) -> 
         scan,
         binary,
         limits,
+        room: Room::new(&limits, bytes.len()),
         draft: Draft::new(Place::default()),
         parts: Default::default(),
         cells: Faces::default(),
@@ -277,6 +279,7 @@ impl<'a> Reader<'a> {
             b"double" => Scalar::F64,
             b"bit" if self.binary => {
                 let bytes = self.scan.take(count.div_ceil(8), what)?;
+                self.room.take(count, || self.scan.place())?;
                 return Ok(Some((0..count).map(|k| f64::from(bytes[k / 8] >> (7 - k % 8) & 1)).collect()));
             }
             b"bit" => Scalar::U8,
@@ -298,6 +301,7 @@ impl<'a> Reader<'a> {
         };
         if self.binary {
             let bytes = self.scan.take(count.saturating_mul(scalar.size()), what)?;
+            self.room.take(count, || self.scan.place())?;
             return Ok(Some(scalar.decode_all(bytes, true)));
         }
         let mut values = Vec::new();

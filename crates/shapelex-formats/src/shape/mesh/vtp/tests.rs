@@ -193,3 +193,21 @@ fn faults_are_named() {
     let limits = Limits { points: 3, ..Limits::default() };
     assert_eq!(read_within(&FORMAT, text.as_bytes(), limits).unwrap_err().kind, FaultKind::TooLarge);
 }
+
+#[test]
+fn arrays_that_share_their_data_are_bounded_together() {
+    let file = |count: usize| {
+        let array =
+            |k: usize| format!("<DataArray type=\"UInt8\" Name=\"a{k}\" format=\"appended\" offset=\"0\"/>");
+        let arrays: String = (0..count).map(array).collect();
+        let head = format!(
+            "<VTKFile type=\"PolyData\"><PolyData><Piece NumberOfPoints=\"100000\"><PointData>{arrays}</PointData>\
+             </Piece></PolyData><AppendedData encoding=\"raw\">_"
+        );
+        [head.as_bytes(), &100_000_u32.to_le_bytes(), &[1; 100_000], b"</AppendedData></VTKFile>"].concat()
+    };
+    let few = refusal(&FORMAT, &file(10));
+    assert!(few.contains("expected points, got none"), "{few}");
+    let many = refusal(&FORMAT, &file(50));
+    assert!(many.contains(" bytes of numbers in double precision, got more"), "{many}");
+}
