@@ -6,6 +6,8 @@ use std::process::Command;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
+use flate2::Compression;
+use flate2::write::GzEncoder;
 use reqwest::Method;
 use reqwest::header::{CONTENT_ENCODING, CONTENT_TYPE};
 use serde_json::{Value, json};
@@ -315,6 +317,23 @@ fn the_bodies_of_all_requests_have_a_common_bound() {
     until("the memory is free", || {
         server.post_bytes("/v1/mean", "application/json", large.as_str()).status == 400
     });
+}
+
+#[test]
+fn compressed_files_are_charged_for_what_they_hold() {
+    let server =
+        Setting::fresh().flags(&["--max-body-bytes", "8000000", "--max-buffered-bytes", "40000000"]).start();
+    let file = |spaces: usize| {
+        let mut encoder = GzEncoder::new(Vec::new(), Compression::best());
+        encoder.write_all(b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n").unwrap();
+        encoder.write_all(&vec![b' '; spaces]).unwrap();
+        encoder.finish().unwrap()
+    };
+    let inspect = |spaces: usize| server.post_bytes("/v1/inspect", "model/off", file(spaces));
+    assert_eq!(inspect(1_000_000).expect(200)["records"], 1);
+    // A few kilobytes arrive, but a file and what is made of it take 30 MB.
+    inspect(7_500_000).expect_problem(503, "overloaded", &[]);
+    assert_eq!(inspect(1_000_000).expect(200)["records"], 1);
 }
 
 #[test]

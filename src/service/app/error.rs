@@ -271,6 +271,7 @@ impl From<FileError> for ServiceError {
             }
             FaultKind::Io => Self::Malformed(vec![fault]),
             FaultKind::Stopped => Self::Cancelled,
+            FaultKind::Memory => Self::Overloaded(error.detail),
         }
     }
 }

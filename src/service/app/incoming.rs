@@ -3,6 +3,7 @@
 //! A thread of its own reads while the body arrives. A channel that holds two chunks connects the two: a slow reader slows the
 //! client down.
 
+use std::cell::RefCell;
 use std::io::{self, Read};
 use std::pin::pin;
 use std::sync::Arc;
@@ -18,8 +19,9 @@ use tokio::time::Instant;
 use super::context::App;
 use super::error::ServiceError;
 use super::idempotency::Retry;
-use super::memory::Purpose;
+use super::memory::{Held, Memory, Purpose};
 use crate::formats::fault::Fault;
+use crate::formats::files::{FaultKind, FileError, Limits, Source};
 
 /// Time within which the next [`LEAST`] bytes of a body must arrive.
 const PAUSE: Duration = Duration::from_secs(30);
@@ -31,7 +33,7 @@ const CHUNKS: usize = 2;
 const FIXED: usize = 12 << 20;
 /// Memory for each byte of a file that is held: the byte, and the numbers made of it.
 const PER_BYTE: usize = 3;
-/// Ratio of compression that is reserved before it is known: files of formats that are archives may expand.
+/// Ratio of compression that is reserved before it is known: formats compress what they hold.
 const RATIO: usize = 16;
 /// Time for which streams may continue when the service is stopping.
 const STOPPING: Duration = Duration::from_secs(5);
@@ -49,6 +51,7 @@ pub struct BodyReader {
     current: Bytes,
     has_ended: bool,
     stop: Stop,
+    memory: Memory,
 }
 
 /// Tells a reader that the client has gone, so that it can end.
@@ -75,6 +78,31 @@ impl BodyReader {
     /// Tells computations that the client has gone.
     pub fn stop(&self) -> Stop {
         self.stop.clone()
+    }
+
+    /// The file that the body is. What it holds beyond the bytes that arrived, since it is compressed, is charged as well.
+    ///
+    /// # Errors
+    /// Those of the first bytes.
+    pub fn source(self, limits: Limits) -> Result<Source<'static>, FileError> {
+        let memory = self.memory.clone();
+        let room: RefCell<Option<Held>> = RefCell::new(None);
+        let ask = move |bytes: usize| {
+            let mut room = room.borrow_mut();
+            let needed = needed(bytes, limits.held);
+            match &mut *room {
+                Some(room) => room.grow_to(needed)?,
+                None => *room = Some(memory.hold(Purpose::Bodies, needed)?),
+            }
+            Ok(())
+        };
+        let asked = move |bytes| {
+            ask(bytes).map_err(|error: ServiceError| match error {
+                ServiceError::Overloaded(detail) => FileError::new(FaultKind::Memory, detail),
+                other => FileError::new(FaultKind::TooLarge, other.to_string()),
+            })
+        };
+        Ok(Source::new(self, limits)?.asking(asked))
     }
 }
 
@@ -119,7 +147,8 @@ pub async fn read_incoming<T: Send + 'static>(
     let (sender, pieces) = mpsc::channel(CHUNKS);
     let stop = Stop::default();
     let _guard = Guard(stop.clone());
-    let reader = BodyReader { pieces, current: Bytes::new(), has_ended: false, stop };
+    let reader =
+        BodyReader { pieces, current: Bytes::new(), has_ended: false, stop, memory: app.memory.clone() };
     let reading = pin!(app.pool.read_blocking(move || read(reader)));
     let passing = pin!(pass(app, stream, held, retry, sender));
     let both = async {
@@ -166,9 +195,7 @@ async fn pass(
         let Some(bytes) = piece.transpose()? else { break };
         arrived += bytes.len();
         total = total.saturating_add(bytes.len());
-        let kept = total.min(held).saturating_mul(PER_BYTE);
-        let expanded = total.saturating_mul(RATIO).min(held);
-        room.resize(FIXED.saturating_add(kept).saturating_add(expanded))?;
+        room.resize(FIXED.saturating_add(needed(total, held)))?;
         if let Some(retry) = retry {
             retry.update(&bytes);
         }
@@ -189,6 +216,12 @@ async fn pass(
     // The memory is that of the reader, until it has ended.
     sender.closed().await;
     Ok(())
+}
+
+/// Memory for `bytes` of a file, of which the reader keeps at most `held` at once.
+fn needed(bytes: usize, held: usize) -> usize {
+    let kept = bytes.min(held).saturating_mul(PER_BYTE);
+    kept.saturating_add(bytes.saturating_mul(RATIO).min(held))
 }
 
 /// Number of bytes that have arrived after the end of the reading.

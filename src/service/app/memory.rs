@@ -242,11 +242,17 @@ impl Held {
     /// # Errors
     /// Those of [`Memory::hold`]; the reservation is then unchanged.
     pub fn resize(&mut self, bytes: usize) -> Result<(), ServiceError> {
-        if bytes > self.bytes {
-            return self.grow(bytes - self.bytes);
-        }
-        self.release(self.bytes - bytes);
+        self.grow_to(bytes)?;
+        self.release(self.bytes.saturating_sub(bytes));
         Ok(())
+    }
+
+    /// Reserves what is missing to `bytes`.
+    ///
+    /// # Errors
+    /// Those of [`Memory::hold`]; the reservation is then unchanged.
+    pub fn grow_to(&mut self, bytes: usize) -> Result<(), ServiceError> {
+        if bytes > self.bytes { self.grow(bytes - self.bytes) } else { Ok(()) }
     }
 
     /// Gives `bytes` of the reservation back.

@@ -79,7 +79,7 @@ async fn take_file(
     let (sender, mut batches) = mpsc::channel(1);
     let reading = read_incoming(app, stream, limits.held, &mut retry, move |body| {
         let stop = body.stop();
-        let mut source = Source::new(body, limits)?;
+        let mut source = body.source(limits)?;
         let mut batch = Batch { sender, records: Vec::new(), numbers: 0 };
         let mut unstored = Summary::default();
         let summary = read(&mut source, &|| stop.is_set(), &mut |record| {

@@ -5,9 +5,7 @@ use futures_util::Stream;
 
 use super::format::{FileFormat, file_limits};
 use super::writing::write;
-use crate::formats::files::{
-    FileError, Format, Inspection, ReadOptions, Record, Source, Summary, WriteOptions,
-};
+use crate::formats::files::{FileError, Format, Inspection, ReadOptions, Record, Summary, WriteOptions};
 use crate::formats::record::count_unstored;
 use crate::formats::summary::FileSummary;
 use crate::service::app::incoming::{BodyReader, read_incoming};
@@ -86,7 +84,7 @@ fn read(
     sink: crate::formats::files::Sink<'_>,
 ) -> Result<FileSummary, ServiceError> {
     let stop = body.stop();
-    let mut source = Source::new(body, file_limits(limits))?;
+    let mut source = body.source(file_limits(limits))?;
     let format = reading.format_of(source.head())?;
     let summary = format.read(&mut source, &reading.options, limits, &|| stop.is_set(), sink)?;
     Ok(FileSummary::new(format.id(), summary))

@@ -19,7 +19,7 @@ use super::project::{self, Project, Table};
 use super::record::Sink;
 use super::record::{Kind, Record};
 use super::registry::{detect, read as read_file};
-use super::source::Source;
+use super::source::{Ask, Source};
 use super::summary::Summary;
 use super::unzip::{Archive, fault, opened};
 
@@ -45,7 +45,13 @@ pub(super) fn is_archive(head: &[u8]) -> bool {
 fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Result<Summary, FileError> {
     let mut archive = opened(source.bytes()?)?;
     check_names(&archive)?;
-    let mut files = Files { limits: *source.limits(), content: 0, summary: Summary::default(), facts: None };
+    let mut files = Files {
+        limits: *source.limits(),
+        ask: source.ask(),
+        content: 0,
+        summary: Summary::default(),
+        facts: None,
+    };
     let count = match projects(&mut archive, &mut files)?.as_slice() {
         [] => files.read_all(&mut archive, options, sink)?,
         [project] => files.read_project(&mut archive, project, options, sink)?,
@@ -70,7 +76,7 @@ struct ProjectEntry {
 }
 
 /// The projects in an archive. Workbooks may hold something else: those are none.
-fn projects(archive: &mut Archive, files: &mut Files) -> Result<Vec<ProjectEntry>, FileError> {
+fn projects(archive: &mut Archive, files: &mut Files<'_>) -> Result<Vec<ProjectEntry>, FileError> {
     let mut found = Vec::new();
     for k in 0..archive.len() {
         let file = archive.by_index(k).map_err(|error| fault(error).at(Place::item(k as u64)))?;
@@ -111,8 +117,9 @@ fn check_names(archive: &Archive) -> Result<(), FileError> {
 }
 
 /// What is known after some of the files.
-struct Files {
+struct Files<'a> {
     limits: Limits,
+    ask: Option<Ask<'a>>,
     /// Number of bytes of the files so far.
     content: u64,
     summary: Summary,
@@ -120,7 +127,7 @@ struct Files {
     facts: Option<BTreeMap<String, serde_json::Value>>,
 }
 
-impl Files {
+impl Files<'_> {
     /// Reads all files. Returns how many of them have a known format.
     fn read_all(
         &mut self,
@@ -203,7 +210,7 @@ impl Files {
 
     /// A table. What comes out of a workbook counts as well.
     fn table(&mut self, file: impl Read) -> Result<Table, FileError> {
-        let mut source = Source::new(file, self.left())?;
+        let mut source = Source::inner(file, self.left(), self.ask.clone())?;
         let bytes = Source::bytes(&mut source)?;
         self.content += source.offset();
         let table = Table::read(&bytes, &self.left())?;
@@ -225,7 +232,7 @@ impl Files {
             self.summary.drop("attributes of an operating system", Some(name), || place.clone());
             return Ok(false);
         }
-        let mut source = Source::new(file, self.left())?;
+        let mut source = Source::inner(file, self.left(), self.ask.clone())?;
         let Ok(format) = detect(source.head(), Some(file_name)) else {
             self.summary.drop("files of no known format", Some(name), || place.clone());
             return Ok(false);

@@ -90,6 +90,8 @@ pub enum FaultKind {
     Io,
     /// The receiver wants no more; its own error says why.
     Stopped,
+    /// Others hold the memory that is needed.
+    Memory,
 }
 
 /// Why a file cannot be read or written: *expected …, got …*, and where.

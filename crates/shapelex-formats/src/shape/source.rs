@@ -1,6 +1,7 @@
 //! The bytes of a file, one after the other, with their count.
 
 use std::io::{self, BufRead, BufReader, Cursor, Read};
+use std::rc::Rc;
 
 use flate2::read::MultiGzDecoder;
 
@@ -14,6 +15,12 @@ const GZIP: [u8; 2] = [0x1f, 0x8b];
 /// Number of bytes read at once.
 const BLOCK: usize = 1 << 16;
 
+/// Number of bytes of a whole file that are read before memory for more is asked for.
+const STEP: u64 = 1 << 20;
+
+/// Asks for memory for as many bytes of a whole file, and what is made of them.
+pub(super) type Ask<'a> = Rc<dyn Fn(usize) -> Result<(), FileError> + 'a>;
+
 /// Bytes of a file. It counts them, and refuses more than the limits allow. A file compressed by gzip is decompressed: its bytes,
 /// offsets and limits are those of what it holds.
 pub struct Source<'a> {
@@ -23,6 +30,9 @@ pub struct Source<'a> {
     offset: u64,
     line: u64,
     limits: Limits,
+    /// Whether more bytes may come out than have arrived.
+    expands: bool,
+    ask: Option<Ask<'a>>,
 }
 
 impl<'a> Source<'a> {
@@ -41,7 +51,30 @@ impl<'a> Source<'a> {
         let begun = (&mut reader).take(HEAD as u64).read_to_end(&mut head);
         begun.map_err(|error| FileError::from(error).at(Place::byte(head.len() as u64)))?;
         let whole: Box<dyn Read + 'a> = Box::new(Cursor::new(head.clone()).chain(reader));
-        Ok(Self { reader: BufReader::with_capacity(BLOCK, whole), head, offset: 0, line: 0, limits })
+        let reader = BufReader::with_capacity(BLOCK, whole);
+        Ok(Self { reader, head, offset: 0, line: 0, limits, expands: compressed, ask: None })
+    }
+
+    /// Asks before more bytes are held than have arrived: of a compressed file, or of one within an archive.
+    pub fn asking(self, ask: impl Fn(usize) -> Result<(), FileError> + 'a) -> Self {
+        Self { ask: Some(Rc::new(ask)), ..self }
+    }
+
+    /// The bytes of a file within this one, an archive.
+    ///
+    /// # Errors
+    /// Those of `reader`.
+    pub(super) fn inner<'b>(
+        reader: impl Read + 'b,
+        limits: Limits,
+        ask: Option<Ask<'b>>,
+    ) -> Result<Source<'b>, FileError> {
+        Ok(Source { expands: true, ask, ..Source::new(reader, limits)? })
+    }
+
+    /// How memory is asked for.
+    pub(super) fn ask(&self) -> Option<Ask<'a>> {
+        self.ask.clone()
     }
 
     /// The first bytes of the file, at most 4096.
@@ -71,10 +104,14 @@ impl<'a> Source<'a> {
     pub fn bytes(&mut self) -> Result<Vec<u8>, FileError> {
         let limit = self.limits.held;
         let mut bytes = Vec::new();
-        let count = self.by_ref().take(limit as u64 + 1).read_to_end(&mut bytes)?;
-        if count > limit {
-            let detail = format!("expected at most {limit} bytes of a file of this format, got more");
-            return Err(FileError::too_large(Place::default(), detail));
+        while self.by_ref().take(STEP).read_to_end(&mut bytes)? > 0 {
+            if bytes.len() > limit {
+                let detail = format!("expected at most {limit} bytes of a file of this format, got more");
+                return Err(FileError::too_large(Place::default(), detail));
+            }
+            if let Some(ask) = self.ask.as_ref().filter(|_| self.expands) {
+                ask(bytes.len())?;
+            }
         }
         Ok(bytes)
     }
@@ -226,5 +263,28 @@ mod tests {
         assert_eq!(error.to_string(), "expected at most 1048576 bytes of content, got more");
         let limits = Limits { held: 1 << 20, ..Limits::default() };
         assert_eq!(whole(&file, limits).unwrap_err().kind, FaultKind::TooLarge);
+    }
+
+    #[test]
+    fn memory_is_asked_for_what_expands() {
+        let text = vec![b'a'; 3 << 20];
+        let file = gzip(&text);
+        let asked = std::cell::RefCell::new(Vec::new());
+        let ask = |most: usize| {
+            let asked = &asked;
+            move |bytes: usize| {
+                asked.borrow_mut().push(bytes >> 20);
+                if bytes <= most { Ok(()) } else { Err(FileError::new(FaultKind::Memory, "none is left")) }
+            }
+        };
+        let read = |file: &[u8], most: usize| {
+            let source = Source::new(file, Limits::default()).unwrap();
+            Source::bytes(&mut source.asking(ask(most))).map(|bytes| bytes.len())
+        };
+        assert_eq!(read(&text, 0).unwrap(), 3 << 20);
+        assert_eq!(asked.borrow().len(), 0, "as many bytes as arrived");
+        assert_eq!(read(&file, 3 << 20).unwrap(), 3 << 20);
+        assert_eq!(*asked.borrow(), [1, 2, 3]);
+        assert_eq!(read(&file, 2 << 20).unwrap_err().kind, FaultKind::Memory);
     }
 }

@@ -145,3 +145,19 @@ fn damaged_archives_are_refused() {
     let error = records(&changed, Limits::default()).unwrap_err();
     assert_eq!((error.kind, error.place.entry.as_deref()), (FaultKind::Malformed, Some("a.ndjson")));
 }
+
+#[test]
+fn memory_is_asked_for_whole_files() {
+    // Two files that are held as a whole, and one that is read line by line.
+    let mesh = [b"OFF\n1 0 0\n0 0 0\n".as_slice(), &vec![b' '; 2 << 20]].concat();
+    let lines = LINE.repeat(100_000);
+    let bytes = archive(&[("a.off", &mesh), ("b.off", &mesh), ("c.ndjson", lines.as_bytes())]);
+    let largest = std::cell::Cell::new(0);
+    let source = Source::new(&bytes[..], Limits::default()).unwrap();
+    let mut source = source.asking(|bytes| {
+        largest.set(largest.get().max(bytes));
+        Ok(())
+    });
+    let summary = read_file(&FORMAT, &mut source, &ReadOptions::default(), &mut |_| Ok(())).unwrap();
+    assert_eq!((summary.records, largest.get()), (100_002, mesh.len()));
+}

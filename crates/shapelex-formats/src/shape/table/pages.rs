@@ -164,15 +164,7 @@ fn check_chunk(bytes: &[u8], chunk: &ColumnChunkMetaData) -> Result<Pages, FileE
                 format!("expected a page of at most {} bytes, got {}", rest.len(), header.compressed);
             return Err(FileError::truncated(Place::default(), detail));
         };
-        let most = (page.len() as u64).saturating_mul(ratio).saturating_add(64);
-        let Some(size) = u64::try_from(header.uncompressed).ok().filter(|size| *size <= most) else {
-            let detail = format!(
-                "expected a page of {} bytes to hold at most {most}, got {}",
-                page.len(),
-                header.uncompressed
-            );
-            return Err(FileError::malformed(Place::default(), detail));
-        };
+        let size = header.size_of(page, ratio)?;
         if !header.is_plain {
             check_compression(chunk.compression(), page, size, header.levels)?;
         }
@@ -304,6 +296,19 @@ impl Header {
             }
         }
         Ok(())
+    }
+
+    /// Number of bytes after decompression: each of the page stands for at most `ratio`.
+    fn size_of(&self, page: &[u8], ratio: u64) -> Result<u64, FileError> {
+        let most = (page.len() as u64).saturating_mul(ratio).saturating_add(64);
+        u64::try_from(self.uncompressed).ok().filter(|size| *size <= most).ok_or_else(|| {
+            let detail = format!(
+                "expected a page of {} bytes to hold at most {most}, got {}",
+                page.len(),
+                self.uncompressed
+            );
+            FileError::malformed(Place::default(), detail)
+        })
     }
 
     /// Other encodings have sizes of their own, which are claims as well.
