@@ -524,6 +524,17 @@ def trail(service):
         return [status for (status,) in store.execute("SELECT status FROM audit WHERE status IN (401, 404, 429)")]
 
 
+def emptied(database):
+    """Bytes of a database once its log is emptied into it: every transaction in the log ends with the number of pages then."""
+    size, log = database.stat().st_size, Path(f"{database}-wal").read_bytes()
+    for frame in range(32, len(log), 24 + PAGE):
+        if log[frame + 8 : frame + 16] != log[16:24]:
+            # What follows is of an earlier use of the log.
+            break
+        size = max(size, int.from_bytes(log[frame + 4 : frame + 8], "big") * PAGE)
+    return size
+
+
 def reads_on_a_full_disk(attack, reads, room):
     """No file can grow by more than `room`: reads go on, a write is refused, the process lives, and is ready when there is room."""
     largest = max(path.stat().st_size for path in attack.open_store.iterdir())
@@ -545,12 +556,12 @@ def reads_on_a_full_disk(attack, reads, room):
             wrong.append(f"a read after the refused write: {after.status} after {after.seconds:.1f} s")
         if slowest > 5:
             wrong.append(f"a read took {slowest:.1f} s")
-        # While the database can grow, its log can be emptied into it. The trail of the reads may have filled it.
-        left = service.file_bytes - (service.folder / "data" / "shapelex.db").stat().st_size
+        # While the database can grow enough, its log can be emptied into it. The trail of the reads may have filled both.
+        left = service.file_bytes - emptied(service.folder / "data" / "shapelex.db")
         if left >= PAGE and not service.ended() and not ready_within(service, RECOVERY):
             wrong.append(f"is not ready with {left} bytes left for the database")
         service.lift_file_bound()
-        says = f"reads {statuses}, write {write.status}, then read {after.status}, {left} bytes left"
+        says = f"reads {statuses}, write {write.status}, then read {after.status}, {left} bytes left beside the log"
         return {"says": says}, aftermath(service, wrong)
 
 
