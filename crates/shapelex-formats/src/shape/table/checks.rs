@@ -143,14 +143,9 @@ pub(super) fn check_buffers(
         _ => return Ok(None),
     };
     let batch = batch.ok_or_else(|| malformed("expected a batch of rows, got none"))?;
-    let sizes = sizes(&batch, body)?;
-    let bytes = sizes.iter().fold(0_u64, |sum, size| sum.saturating_add(*size));
     let made = limits.made(body.len()) as u64;
-    let most = made.min(limits.held as u64);
-    if bytes > most {
-        let detail = format!("expected a batch of at most {most} bytes, got {bytes}");
-        return Err(FileError::too_large(Place::default(), detail));
-    }
+    let sizes = sizes(&batch, body, made.min(limits.held as u64))?;
+    let bytes: u64 = sizes.iter().sum();
     // A value takes a bit at least; columns that are null throughout take nothing, beside others that do.
     let most = i64::try_from(bytes.saturating_mul(8).saturating_add(64)).unwrap_or(i64::MAX);
     let nodes = batch.nodes().ok_or_else(|| malformed("expected the lengths of columns, got none"))?;
@@ -178,8 +173,8 @@ pub(super) struct Dictionary {
     pub(super) is_delta: bool,
 }
 
-/// Number of bytes of each buffer after decompression.
-fn sizes(batch: &RecordBatch<'_>, body: &[u8]) -> Result<Vec<u64>, FileError> {
+/// Number of bytes of each buffer after decompression, at most `most` together.
+fn sizes(batch: &RecordBatch<'_>, body: &[u8], most: u64) -> Result<Vec<u64>, FileError> {
     let compressed = match batch.compression().map(|compression| compression.codec()) {
         None => false,
         Some(CompressionType::LZ4_FRAME) => true,
@@ -189,6 +184,7 @@ fn sizes(batch: &RecordBatch<'_>, body: &[u8]) -> Result<Vec<u64>, FileError> {
             ));
         }
     };
+    let mut left = most;
     let size = |buffer: &arrow_ipc::Buffer| {
         let range = usize::try_from(buffer.offset()).ok().zip(usize::try_from(buffer.length()).ok());
         let bytes = range.and_then(|(start, length)| body.get(start..start.checked_add(length)?));
@@ -200,31 +196,50 @@ fn sizes(batch: &RecordBatch<'_>, body: &[u8]) -> Result<Vec<u64>, FileError> {
                 buffer.offset()
             ))
         })?;
-        if compressed { decompressed(bytes) } else { Ok(bytes.len() as u64) }
+        let claimed = if compressed { claimed(bytes)? } else { bytes.len() as u64 };
+        left = left.checked_sub(claimed).ok_or_else(|| {
+            let detail = format!("expected a batch of at most {most} bytes, got more");
+            FileError::too_large(Place::default(), detail)
+        })?;
+        if compressed {
+            check_claim(bytes, claimed)?;
+        }
+        Ok(claimed)
     };
     batch.buffers().into_iter().flatten().map(size).collect()
 }
 
+/// Number in front of a buffer that is not compressed.
+const PLAIN: i64 = -1;
+
 /// Number of bytes that a compressed buffer claims to hold.
-fn decompressed(bytes: &[u8]) -> Result<u64, FileError> {
-    let Some((claim, rest)) = bytes.split_first_chunk::<8>() else {
-        return if bytes.is_empty() {
-            Ok(0)
-        } else {
-            Err(malformed("expected the size of a buffer, got its end"))
-        };
-    };
-    let (content, rest) = (rest, rest.len() as u64);
-    match i64::from_le_bytes(*claim) {
-        // Not compressed.
-        -1 => Ok(rest),
-        claim => match u64::try_from(claim) {
-            Ok(size) if size <= rest.saturating_mul(LZ4_RATIO) && gives(FrameDecoder::new(content), size) => {
-                Ok(size)
-            }
-            _ => Err(malformed(format!("expected a size that {rest} bytes can decompress to, got {claim}"))),
+fn claimed(bytes: &[u8]) -> Result<u64, FileError> {
+    match bytes.split_first_chunk::<8>() {
+        None if bytes.is_empty() => Ok(0),
+        None => Err(malformed("expected the size of a buffer, got its end")),
+        Some((claim, rest)) => match i64::from_le_bytes(*claim) {
+            PLAIN => Ok(rest.len() as u64),
+            claim => u64::try_from(claim)
+                .ok()
+                .filter(|size| *size <= (rest.len() as u64).saturating_mul(LZ4_RATIO))
+                .ok_or_else(|| other_size(rest, claim)),
         },
     }
+}
+
+/// Checks that a compressed buffer holds what it claims. One that claims nothing is not decompressed.
+fn check_claim(bytes: &[u8], claimed: u64) -> Result<(), FileError> {
+    let Some((claim, rest)) = bytes.split_first_chunk::<8>().filter(|_| claimed > 0) else { return Ok(()) };
+    let claim = i64::from_le_bytes(*claim);
+    if claim == PLAIN || gives(FrameDecoder::new(rest), claimed) {
+        Ok(())
+    } else {
+        Err(other_size(rest, claim))
+    }
+}
+
+fn other_size(rest: &[u8], claim: i64) -> FileError {
+    malformed(format!("expected a size that {} bytes can decompress to, got {claim}", rest.len()))
 }
 
 #[cfg(test)]
@@ -238,7 +253,11 @@ mod tests {
         let mut encoder = lz4_flex::frame::FrameEncoder::new(Vec::new());
         encoder.write_all(&[0; 100_000]).expect("memory");
         let frame = encoder.finish().expect("memory");
-        let claim = |size: i64| decompressed(&[&size.to_le_bytes(), frame.as_slice()].concat());
+        let claim = |size: i64| {
+            let buffer = [&size.to_le_bytes(), frame.as_slice()].concat();
+            let claimed = claimed(&buffer)?;
+            check_claim(&buffer, claimed).map(|()| claimed)
+        };
         assert_eq!(claim(100_000).expect("its size"), 100_000);
         assert_eq!(claim(-1).expect("not compressed"), frame.len() as u64);
         for size in [1000, 100_001, 1 << 40] {

@@ -58,7 +58,9 @@ pub(super) fn rows_at_once(
     let batch = |taken: &[Column], rows: u64| {
         taken.iter().map(|column| column.batch(rows)).fold(0_u64, u64::saturating_add)
     };
-    if batch(&taken, rows) > most {
+    // Pages are not decompressed for their levels if they are too long themselves.
+    let fits = taken.iter().map(|column| column.fixed).fold(0_u64, u64::saturating_add) <= most;
+    if fits && batch(&taken, rows) > most {
         for ((column, _), taken) in columns.iter().zip(&mut taken).filter(|((column, _), _)| is_list(*column))
         {
             let list = longest_list(bytes, metadata, group, *column)

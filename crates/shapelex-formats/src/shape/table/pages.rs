@@ -97,19 +97,20 @@ pub(super) struct Pages {
     pub(super) longest: u64,
 }
 
-/// Checks all pages of a column of a row group.
+/// Checks all pages of a column of a row group, which may hold `most` bytes after decompression.
 ///
 /// # Errors
-/// Pages beyond the file, pages that decompress to another size than they claim or to more than their compression can give, more
+/// More bytes, pages beyond the file, pages that decompress to another size than they claim or to more than their compression can give, more
 /// values in lists than their bytes can hold, compressions and encodings that are not read.
 pub(super) fn check_column(
     bytes: &[u8],
     metadata: &ParquetMetaData,
     group: usize,
     column: usize,
+    most: u64,
 ) -> Result<Pages, FileError> {
     let chunk = metadata.row_group(group).column(column);
-    check_chunk(bytes, chunk).map_err(|error| error.at(place_of(metadata, group, column)))
+    check_chunk(bytes, chunk, most).map_err(|error| error.at(place_of(metadata, group, column)))
 }
 
 /// The place of a column of a row group.
@@ -140,7 +141,7 @@ fn ratio(compression: Compression) -> Result<u64, FileError> {
     }
 }
 
-fn check_chunk(bytes: &[u8], chunk: &ColumnChunkMetaData) -> Result<Pages, FileError> {
+fn check_chunk(bytes: &[u8], chunk: &ColumnChunkMetaData, most: u64) -> Result<Pages, FileError> {
     let ratio = ratio(chunk.compression())?;
     let start = chunk.dictionary_page_offset().filter(|at| *at > 0).unwrap_or(chunk.data_page_offset());
     let range = usize::try_from(start).ok().zip(usize::try_from(chunk.compressed_size()).ok());
@@ -165,11 +166,15 @@ fn check_chunk(bytes: &[u8], chunk: &ColumnChunkMetaData) -> Result<Pages, FileE
             return Err(FileError::truncated(Place::default(), detail));
         };
         let size = header.size_of(page, ratio)?;
+        pages.bytes = pages.bytes.saturating_add(size);
+        if pages.bytes > most {
+            let detail = "expected no more bytes in the pages than may be read of a file, got more";
+            return Err(FileError::too_large(Place::default(), detail));
+        }
         if !header.is_plain {
             check_compression(chunk.compression(), page, size, header.levels)?;
         }
         header.check_encoding()?;
-        pages.bytes = pages.bytes.saturating_add(size);
         match header.page {
             DATA | DATA_2 => {
                 pages.longest = pages.longest.max(size);

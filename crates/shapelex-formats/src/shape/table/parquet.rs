@@ -36,7 +36,7 @@ use super::super::summary::Summary;
 use super::super::write::{Opened, Output, Writer};
 use super::decoded::rows_at_once;
 use super::list_pages::ListColumn;
-use super::pages::{Pages, check_column, check_metadata, place_of};
+use super::pages::{Pages, check_column, check_metadata};
 use super::read_rows::Reading;
 use super::rows::Rows;
 use super::{guarded, unwritten};
@@ -120,11 +120,8 @@ fn check_group(
 ) -> Result<Vec<(usize, Pages)>, FileError> {
     let mut found = Vec::with_capacity(columns.len());
     for column in columns.iter().copied() {
-        let pages = check_column(bytes, metadata, group, column)?;
-        *left = left.checked_sub(pages.bytes).ok_or_else(|| {
-            let detail = "expected no more bytes in the pages than may be read of a file, got more";
-            FileError::too_large(place_of(metadata, group, column), detail)
-        })?;
+        let pages = check_column(bytes, metadata, group, column, *left)?;
+        *left -= pages.bytes;
         found.push((column, pages));
     }
     Ok(found)
