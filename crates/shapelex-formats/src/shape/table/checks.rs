@@ -165,7 +165,7 @@ pub(super) fn check_buffers(
     }
 }
 
-/// The values of columns of positions, which stay until others come in their place.
+/// A dictionary batch: the decoder keeps its values until others come in their place.
 pub(super) struct Dictionary {
     pub(super) id: i64,
     pub(super) bytes: u64,

@@ -63,7 +63,7 @@ pub(super) fn rows_at_once(
     if fits && batch(&taken, rows) > most {
         for ((column, _), taken) in columns.iter().zip(&mut taken).filter(|((column, _), _)| is_list(*column))
         {
-            let list = longest_list(bytes, metadata, group, *column)
+            let list = guarded("a column", || longest_list(bytes, metadata, group, *column))
                 .map_err(|error| error.at(place_of(metadata, group, *column)))?;
             taken.row = list.saturating_mul(VALUE);
         }
@@ -111,9 +111,7 @@ fn longest_list(
     let chunk = group.column(column);
     let width = u32::from(chunk.column_descr().max_rep_level().unsigned_abs()).ilog2() + 1;
     let rows = usize::try_from(group.num_rows()).unwrap_or(0);
-    let pages = guarded("a column", || {
-        SerializedPageReader::new(Arc::new(bytes.clone()), chunk, rows, None).map_err(malformed)
-    })?;
+    let pages = SerializedPageReader::new(Arc::new(bytes.clone()), chunk, rows, None).map_err(malformed)?;
     let mut lists = Lists::default();
     for page in pages {
         let page = page.map_err(malformed)?;
@@ -155,7 +153,8 @@ impl Lists {
             let head = varint(&mut levels).ok()?;
             let (half, is_packed) = (head >> 1, head & 1 == 1);
             let number = if is_packed { half.checked_mul(8)? } else { half }.min(left);
-            left -= if number > 0 { number } else { return None };
+            // A run of none would go on for ever.
+            left = left.checked_sub(number).filter(|_| number > 0)?;
             let length = if is_packed { half.checked_mul(width.into())? } else { 1 };
             let (run, rest) = levels.split_at_checked(usize::try_from(length).ok()?)?;
             levels = rest;
