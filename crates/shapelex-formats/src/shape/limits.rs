@@ -46,12 +46,23 @@ impl Limits {
         self.count(count, self.points.saturating_mul(4), "faces of a mesh", place)
     }
 
-    /// Number of bytes that may be made of a file of `size` bytes, which are held beside them: 8 MiB, twice its size, and 16 times its
-    /// size as far as that may be held. The service reserves as much.
+    /// A number of rings, lines and groups of points of one object, if it is not too large.
+    pub(super) fn rings(&self, count: usize, place: impl FnOnce() -> Place) -> Result<usize, FileError> {
+        self.count(count as u64, self.points, "rings of an object", place)
+    }
+
+    /// Number of bytes that may be made of a file of `size` bytes, which are held beside them: 8 MiB, and what
+    /// [`memory`](Self::memory) says.
     pub(super) fn made(&self, size: usize) -> usize {
         const FREE: usize = 8 << 20;
+        FREE.saturating_add(self.memory(size)).saturating_sub(size.min(self.held))
+    }
+
+    /// Memory for a file of `size` bytes while it is read: three times what is held of it, the bytes themselves and what is made of
+    /// them; and 16 times its size as far as that may be held, since formats compress what they hold.
+    pub fn memory(&self, size: usize) -> usize {
         let expanded = size.saturating_mul(16).min(self.held);
-        FREE.saturating_add(size.saturating_mul(2)).saturating_add(expanded)
+        size.min(self.held).saturating_mul(3).saturating_add(expanded)
     }
 
     fn count(

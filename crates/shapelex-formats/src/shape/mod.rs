@@ -25,6 +25,7 @@ mod format;
 mod geojson;
 mod imagej;
 mod inspection;
+mod json;
 mod limits;
 mod mesh;
 mod morphologika;

@@ -20,6 +20,7 @@ use serde_json::value::RawValue;
 
 use super::error::{FileError, Place};
 use super::format::Format;
+use super::json::check_attributes;
 use super::options::{ReadOptions, WriteOptions};
 use super::record::Sink;
 use super::record::{Domain, Faces, Field, Fourier, Geometry, Kind, Mesh, Points, Record};
@@ -53,9 +54,6 @@ fn recognise(head: &[u8]) -> bool {
         FIRST.iter().any(|first| name.strip_prefix(*first).is_some_and(|rest| rest.starts_with(b"\"")))
     })
 }
-
-/// Maximum number of bytes of the labels, and of the metadata, of a shape: in memory they take ten times that.
-const SMALL: usize = 1 << 20;
 
 /// A line. `ring` is written only: it follows from the order of other formats. Lists are read into flat vectors, so that a line
 /// takes a few times its length.
@@ -174,10 +172,7 @@ fn small<T: Default + DeserializeOwned>(
 ) -> Result<T, FileError> {
     let Some(text) = text.map(RawValue::get) else { return Ok(T::default()) };
     let at = || Place { tag: Some(field.into()), ..place.clone() };
-    if text.len() > SMALL {
-        let detail = format!("expected at most {SMALL} bytes of {field}, got {}", text.len());
-        return Err(FileError::too_large(at(), detail));
-    }
+    check_attributes(text, at)?;
     let wrong = |_| FileError::malformed(at(), format!("expected an object of {field}, got other text"));
     serde_json::from_str(text).map_err(wrong)
 }
@@ -489,7 +484,7 @@ mod tests {
 
     #[test]
     fn large_labels_and_metadata_are_refused_before_they_are_parsed() {
-        let text = format!("{{\"points\":[],\"metadata\":{{\"a\":[{}0]}}}}", "0,".repeat(SMALL / 2));
+        let text = format!("{{\"points\":[],\"metadata\":{{\"a\":[{}0]}}}}", "0,".repeat(1 << 19));
         let error = records(&text, Limits::default()).expect_err("too large");
         assert_eq!((error.kind, error.place.tag.as_deref()), (FaultKind::TooLarge, Some("metadata")));
     }

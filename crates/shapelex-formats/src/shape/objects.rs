@@ -108,6 +108,7 @@ impl Giving<'_> {
 pub(super) struct Grouping {
     records: Vec<Record>,
     count: u64,
+    held: usize,
 }
 
 impl Grouping {
@@ -126,9 +127,17 @@ impl Grouping {
             _ => false,
         });
         let before = if goes_on { Vec::new() } else { self.finish() };
-        self.records.push(record.clone());
+        // An object has the attributes of its first ring.
+        let kept = if goes_on { outline(record) } else { record.clone() };
+        self.held += kept.bytes();
+        self.records.push(kept);
         self.count += 1;
         before
+    }
+
+    /// Number of bytes of the records that wait for the end of their object.
+    pub(super) fn held(&self) -> usize {
+        self.held
     }
 
     /// Number of records so far.
@@ -138,7 +147,18 @@ impl Grouping {
 
     /// The records that are left.
     pub(super) fn finish(&mut self) -> Vec<Record> {
+        self.held = 0;
         std::mem::take(&mut self.records)
+    }
+}
+
+/// A record without attributes and metadata, but the label that tells objects apart.
+fn outline(record: &Record) -> Record {
+    Record {
+        name: record.name.clone(),
+        label: record.label.clone(),
+        ring: record.ring.clone(),
+        ..Record::new(record.geometry.clone(), record.place.clone())
     }
 }
 

@@ -2,8 +2,14 @@
 
 use std::collections::BTreeMap;
 
+use serde_json::{Map, Value as Json};
+
 use super::error::{FileError, Place};
 use super::limits::MAX_COORDINATE;
+
+/// Most bytes that attributes and metadata of one record take in memory. Many records may have the same, as the rings of an object
+/// do.
+pub(super) const MAX_ATTRIBUTES: usize = 16 << 20;
 
 /// Takes the next record of a file. Its error ends the reading and is returned.
 pub type Sink<'a> = &'a mut dyn FnMut(Record) -> Result<(), FileError>;
@@ -26,7 +32,7 @@ pub struct Record {
     /// Weight in means.
     pub weight: Option<f64>,
     /// What else the file says of the shape.
-    pub metadata: serde_json::Map<String, serde_json::Value>,
+    pub metadata: Map<String, Json>,
     /// Its place among the rings of an object with several parts or with holes.
     pub ring: Option<Ring>,
     /// Where it is in the file.
@@ -44,7 +50,7 @@ impl Record {
             label: None,
             labels: BTreeMap::new(),
             weight: None,
-            metadata: serde_json::Map::new(),
+            metadata: Map::new(),
             ring: None,
             place,
         }
@@ -59,8 +65,8 @@ impl Record {
         }
     }
 
-    /// About the number of bytes that it takes, without attributes and metadata.
-    pub(super) fn bytes(&self) -> usize {
+    /// About the number of bytes that it takes in memory.
+    pub fn bytes(&self) -> usize {
         /// Of the record itself.
         const OWN: usize = 64;
         let numbers = match &self.geometry {
@@ -71,15 +77,32 @@ impl Record {
             }
             Geometry::Fourier(fourier) => fourier.cosine.len() + fourier.sine.len(),
         };
-        let texts = [&self.name, &self.subject, &self.label];
-        OWN + numbers * size_of::<f64>() + texts.into_iter().flatten().map(String::len).sum::<usize>()
+        OWN + numbers * size_of::<f64>() + self.attribute_bytes()
     }
 
-    /// Checks what every reader must keep: coordinates, faces and fields.
+    /// About the number of bytes that attributes and metadata take.
+    fn attribute_bytes(&self) -> usize {
+        let texts = [&self.name, &self.subject, &self.label].into_iter().flatten().map(String::len);
+        let label = |(name, value): (&String, &Value)| {
+            name.len()
+                + size_of::<(String, Value)>()
+                + if let Value::Text(text) = value { text.len() } else { 0 }
+        };
+        texts.sum::<usize>() + self.labels.iter().map(label).sum::<usize>() + map_bytes(&self.metadata)
+    }
+
+    /// Checks what every reader must keep: coordinates, faces, fields, and the size of attributes and metadata.
     ///
     /// # Errors
     /// The first fault, at the place of the record.
     pub fn check(&self) -> Result<(), FileError> {
+        let attributes = self.attribute_bytes();
+        if attributes > MAX_ATTRIBUTES {
+            let detail = format!(
+                "expected attributes and metadata of at most {MAX_ATTRIBUTES} bytes in memory, got {attributes}"
+            );
+            return Err(FileError::too_large(self.place.clone(), detail));
+        }
         let checked = match &self.geometry {
             Geometry::Curve { points, .. } | Geometry::Landmarks(points) => points.check(),
             Geometry::Mesh(mesh) => mesh.check(),
@@ -87,6 +110,23 @@ impl Record {
         };
         checked.map_err(|detail| FileError::malformed(self.place.clone(), detail))
     }
+}
+
+/// About the number of bytes that the members of a JSON object take. The first node of a map has room for eleven of them.
+pub(super) fn map_bytes(map: &Map<String, Json>) -> usize {
+    const NODE: usize = 640;
+    let member = |(name, value): (&String, &Json)| size_of::<String>() + name.len() + json_bytes(value);
+    if map.is_empty() { 0 } else { NODE + map.iter().map(member).sum::<usize>() }
+}
+
+fn json_bytes(value: &Json) -> usize {
+    let content = match value {
+        Json::String(text) => text.len(),
+        Json::Array(values) => values.iter().map(json_bytes).sum(),
+        Json::Object(map) => map_bytes(map),
+        Json::Null | Json::Bool(_) | Json::Number(_) => 0,
+    };
+    size_of::<Json>() + content
 }
 
 /// An attribute.

@@ -45,6 +45,10 @@ pub static FORMATS: &[&Format] = &[
     &table::NPZ,
 ];
 
+/// Bytes that the shapes of a file take in memory for each byte of its content: a coordinate of two characters takes eight. Shapes that
+/// have all the same text, as those with one entry of a dictionary or the rings of an object, may take any number.
+const EXPANSION: u64 = 4;
+
 /// Reads all records of a file of a format. Those without points are left out, and counted.
 ///
 /// # Errors
@@ -61,12 +65,18 @@ pub fn read(
         return Err(FileError::new(FaultKind::Unsupported, detail));
     };
     options.check(format)?;
-    let (mut count, mut empty, limit) = (0, 0, source.limits().records);
+    let (mut count, mut empty, mut bytes) = (0, 0, 0_u64);
+    let (limit, most) = (source.limits().records, source.limits().content.saturating_mul(EXPANSION));
     let mut left_out = Summary::default();
     let mut counted = |record: Record| {
         count += 1;
         if count > limit {
             let detail = format!("expected at most {limit} shapes, got more");
+            return Err(FileError::new(FaultKind::TooLarge, detail).at(record.place));
+        }
+        bytes = bytes.saturating_add(record.bytes() as u64);
+        if bytes > most {
+            let detail = format!("expected shapes that take at most {most} bytes in memory in all, got more");
             return Err(FileError::new(FaultKind::TooLarge, detail).at(record.place));
         }
         if let Err(error) = record.check() {

@@ -10,6 +10,7 @@ use serde_json::value::RawValue;
 use serde_json::{Map, Value as Json};
 
 use super::super::error::{FaultKind, FileError, Place};
+use super::super::json::{Beside, Weights, check_attributes};
 use super::super::limits::Limits;
 use super::super::objects::{Giving, Part};
 use super::super::options::{Holes, ReadOptions};
@@ -23,8 +24,10 @@ use crate::words::plain;
 #[derive(Deserialize, Default)]
 #[serde(default)]
 struct File<'a> {
-    images: Vec<Image>,
-    categories: Vec<Category>,
+    #[serde(borrow)]
+    images: Vec<&'a RawValue>,
+    #[serde(borrow)]
+    categories: Vec<&'a RawValue>,
     #[serde(borrow)]
     annotations: Option<Vec<&'a RawValue>>,
 }
@@ -58,6 +61,13 @@ struct Annotation {
     #[serde(flatten)]
     others: Map<String, Json>,
 }
+
+/// What becomes attributes and metadata of an annotation.
+static MEMBERS: Beside =
+    Beside { lists: &["segmentation", "keypoints", "bbox"], objects: &[("segmentation", &MASK)] };
+static MASK: Beside = Beside { lists: &["counts", "size"], objects: &[] };
+/// Memory of polygons: a list each.
+const POLYGONS: Weights = Weights { object: 0, list: 64, item: 0 };
 
 /// Polygons as lists of x and y in turn, or a mask.
 #[derive(Debug, PartialEq)]
@@ -96,24 +106,46 @@ pub(super) fn read(
             "expected a list of annotations, got none",
         ));
     };
-    let images = file.images.into_iter().map(|Image { id, others }| (id.to_string(), others)).collect();
-    let categories =
-        file.categories.into_iter().map(|Category { id, name }| (id.to_string(), name)).collect();
+    let place_of = |tag: &str, item: usize, part: &RawValue| Place {
+        byte: Some(offset(part.get(), &text)),
+        tag: Some(tag.into()),
+        ..Place::item(item as u64)
+    };
+    let mut images = BTreeMap::new();
+    for (k, image) in file.images.into_iter().enumerate() {
+        let Image { id, .. } = part(image.get(), || place_of("images", k, image))?;
+        images.insert(id.to_string(), image.get());
+    }
+    let mut categories = BTreeMap::new();
+    for (k, category) in file.categories.into_iter().enumerate() {
+        let Category { id, name } = part(category.get(), || place_of("categories", k, category))?;
+        categories.insert(id.to_string(), name);
+    }
     let mut reading =
         Reading { options, limits, images, categories, summary: Summary::default(), masks: 0, given: 0 };
     for (item, annotation) in (0..).zip(annotations) {
-        // The annotation is a part of the text, so that the difference is its offset.
-        let start = (annotation.get().as_ptr() as usize).saturating_sub(text.as_ptr() as usize);
-        let place = Place { byte: Some(start as u64), ..Place::item(item) };
+        let place = Place { byte: Some(offset(annotation.get(), &text)), ..Place::item(item) };
         reading.annotation(annotation.get(), item, &place, sink)?;
     }
     reading.finish()
 }
 
+/// Offset of a part of a text.
+fn offset(part: &str, text: &str) -> u64 {
+    (part.as_ptr() as usize).saturating_sub(text.as_ptr() as usize) as u64
+}
+
+/// An image or a category.
+fn part<'a, T: Deserialize<'a>>(text: &'a str, place: impl Fn() -> Place) -> Result<T, FileError> {
+    check_attributes(text, &place)?;
+    serde_json::from_str(text).map_err(|error| FileError::malformed(place(), plain(&error)))
+}
+
 struct Reading<'o> {
     options: &'o ReadOptions,
     limits: Limits,
-    images: BTreeMap<String, Map<String, Json>>,
+    /// Texts of the images by their ids.
+    images: BTreeMap<String, &'o str>,
     categories: BTreeMap<String, String>,
     summary: Summary,
     /// Number of masks, and of annotations that became records.
@@ -123,8 +155,10 @@ struct Reading<'o> {
 
 impl Reading<'_> {
     fn annotation(&mut self, text: &str, item: u64, place: &Place, sink: Sink<'_>) -> Result<(), FileError> {
-        let mut annotation: Annotation =
-            serde_json::from_str(text).map_err(|error| FileError::malformed(place.clone(), plain(&error)))?;
+        let malformed = |error| FileError::malformed(place.clone(), plain(&error));
+        MEMBERS.check(text.as_bytes(), || place.clone()).map_err(malformed)??;
+        POLYGONS.check(text, self.limits.made(text.len()), || place.clone())?;
+        let mut annotation: Annotation = serde_json::from_str(text).map_err(malformed)?;
         let (segmentation, keypoints) = (annotation.segmentation.take(), annotation.keypoints.take());
         let template = self.template(annotation, place);
         let name = template.name.clone();
@@ -179,7 +213,13 @@ impl Reading<'_> {
         }
         if !image_id.is_null() {
             let mut image = Map::from_iter([("id".into(), image_id.clone())]);
-            image.extend(self.images.get(&image_id.to_string()).cloned().unwrap_or_default());
+            let known = self.images.get(&image_id.to_string());
+            image.extend(
+                known
+                    .and_then(|text| serde_json::from_str(text).ok())
+                    .map(|Image { others, .. }| others)
+                    .unwrap_or_default(),
+            );
             record.metadata.insert("image".into(), Json::Object(image));
         }
         record

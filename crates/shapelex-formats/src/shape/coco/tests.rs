@@ -184,3 +184,26 @@ fn faults_name_annotation_and_byte() {
     let deep = format!("{{\"annotations\":[{}{}]}}", "[".repeat(100_000), "]".repeat(100_000));
     assert_eq!(read_with(&deep, &ReadOptions::default()).expect_err("deep").kind, FaultKind::Malformed);
 }
+
+#[test]
+fn what_annotations_say_is_small() {
+    let small = "{\"a\":0},".repeat(50_000);
+    let images = format!(r#"{{"images":[{{"id":1,"a":[{small}0]}}],"annotations":[]}}"#);
+    let categories = format!(r#"{{"categories":[{{"id":[{small}0],"name":"a"}}],"annotations":[]}}"#);
+    let annotation = |members: &str| format!(r#"{{"annotations":[{{"id":1,{members}}}]}}"#);
+    for (text, place) in [
+        (&images, "item 0, images, byte 11"),
+        (&categories, "item 0, categories, byte 15"),
+        (&annotation(&format!("\"a\":[{small}0]")), "item 0, byte 16"),
+        (&annotation(&format!("\"segmentation\":[{}[]]", "[],".repeat(300_000))), "item 0, byte 16"),
+    ] {
+        let error = read_with(text, &ReadOptions::default()).expect_err("too large");
+        assert_eq!((error.kind, error.place.to_string().as_str()), (FaultKind::TooLarge, place), "{error}");
+    }
+    let counts =
+        annotation(&format!(r#""segmentation":{{"counts":[{}1],"size":[5,5]}}"#, "1,".repeat(300_000)));
+    let error = read_with(&counts, &ReadOptions::default()).expect_err("a mask alone");
+    assert!(error.to_string().contains("masks"), "{error}");
+    let polygon = annotation(&format!("\"segmentation\":[[{}1]]", "1,".repeat(299_999)));
+    assert_eq!(read_with(&polygon, &ReadOptions::default()).expect("a polygon").0.len(), 1);
+}

@@ -1,5 +1,6 @@
 //! Records to annotations. Images and categories are collected and written behind them.
 
+use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::Write;
 
@@ -8,12 +9,14 @@ use serde_json::{Map, Value as Json, json};
 use super::super::error::FileError;
 use super::super::objects::{Grouping, PartRef, add_metadata, area, count_lost, parts, refusal};
 use super::super::options::WriteOptions;
-use super::super::record::{Geometry, Points, Record, Value};
+use super::super::record::{Geometry, Points, Record, Value, map_bytes};
 use super::super::summary::Summary;
 use super::super::write::{Opened, Output, Writer};
 
 /// Category of records without label: every annotation must have one.
 const UNLABELLED: &str = "object";
+/// Bytes of an id in a map, and of what belongs to it beside its texts.
+const ID: usize = 64;
 
 /// A file that is being written.
 struct File<'a> {
@@ -26,6 +29,8 @@ struct File<'a> {
     categories: BTreeMap<String, u64>,
     /// Images by their id as text.
     images: BTreeMap<String, Json>,
+    /// Number of bytes of ids, categories and images.
+    kept: usize,
     summary: Summary,
 }
 
@@ -38,6 +43,7 @@ pub(super) fn open<'a>(mut output: Output<'a>, _: &WriteOptions) -> Opened<'a> {
         ids: BTreeSet::new(),
         categories: BTreeMap::new(),
         images: BTreeMap::new(),
+        kept: 0,
         summary: Summary::default(),
     }))
 }
@@ -46,6 +52,10 @@ impl Writer for File<'_> {
     fn push(&mut self, record: &Record) -> Result<(), FileError> {
         let before = self.grouping.push(record);
         self.annotation(&before)
+    }
+
+    fn held(&self) -> usize {
+        self.grouping.held() + self.kept
     }
 
     fn finish(mut self: Box<Self>) -> Result<Summary, FileError> {
@@ -91,12 +101,16 @@ impl File<'_> {
             first.name.as_deref().and_then(|name| name.parse().ok()).filter(|id| !self.ids.contains(id));
         let id = number.unwrap_or_else(|| self.free_id());
         self.ids.insert(id);
+        self.kept += ID;
         annotation.insert("id".into(), id.into());
         if let Some(name) = first.name.as_ref().filter(|name| **name != id.to_string()) {
             annotation.insert("name".into(), name.clone().into());
         }
         let count = self.categories.len() as u64 + 1;
         let label = first.label.clone().unwrap_or_else(|| UNLABELLED.into());
+        if !self.categories.contains_key(&label) {
+            self.kept += ID + label.len();
+        }
         annotation.insert("category_id".into(), (*self.categories.entry(label).or_insert(count)).into());
         let mut metadata = first.metadata.clone();
         annotation.insert("image_id".into(), self.image(metadata.remove("image")));
@@ -144,7 +158,10 @@ impl File<'_> {
             }
         };
         image.insert("id".into(), id.clone());
-        self.images.entry(id.to_string()).or_insert(Json::Object(image));
+        if let Entry::Vacant(entry) = self.images.entry(id.to_string()) {
+            self.kept += ID + map_bytes(&image);
+            entry.insert(Json::Object(image));
+        }
         id
     }
 }

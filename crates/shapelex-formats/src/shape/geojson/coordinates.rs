@@ -56,6 +56,11 @@ impl Coordinates {
         ends.into_iter().map(&mut cut).collect()
     }
 
+    /// Number of the lists of height 1.
+    pub(super) fn rings(&self) -> usize {
+        self.ends[0].len()
+    }
+
     /// Number of lists that have been completed at a height.
     fn count(&self, height: usize) -> usize {
         match height {

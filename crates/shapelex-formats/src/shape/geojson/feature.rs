@@ -6,10 +6,26 @@ use std::fmt;
 
 use serde::Deserialize;
 use serde::de::{Deserializer, Error, IgnoredAny, MapAccess, SeqAccess, Visitor};
+use serde_json::value::RawValue;
 use serde_json::{Map, Value as Json};
 
+use super::super::json::Beside;
 use super::super::record::Value;
 use super::coordinates::Coordinates;
+
+/// What becomes attributes and metadata of a feature.
+pub(super) static MEMBERS: Beside = Beside {
+    lists: &["coordinates", "bbox"],
+    objects: &[
+        ("geometry", &MEMBERS),
+        ("nucleusGeometry", &MEMBERS),
+        ("geometries", &MEMBERS),
+        ("properties", &PROPERTIES),
+    ],
+};
+static PROPERTIES: Beside = Beside { lists: &CHILDREN, objects: &[] };
+/// Features below another one, which are counted.
+const CHILDREN: [&str; 2] = ["childObjects", "children"];
 
 /// An object of type Feature, or a geometry: they have no member but `type` in common, so one type holds both.
 #[derive(Debug, Default)]
@@ -74,6 +90,12 @@ impl Node {
     /// Whether this is a geometry, by its members.
     pub(super) fn is_geometry(&self) -> bool {
         self.coordinates.is_some() || self.kind == "GeometryCollection"
+    }
+
+    /// Number of its rings and lines, with those of the geometries below it.
+    pub(super) fn rings(&self) -> usize {
+        self.coordinates.as_ref().map_or(0, Coordinates::rings)
+            + self.geometries.iter().map(Self::rings).sum::<usize>()
     }
 }
 
@@ -202,10 +224,15 @@ impl<'de> Visitor<'de> for PropertyMembers {
                 "measurements" => {
                     properties.measurements = map.next_value::<Option<Measurements>>()?.unwrap_or_default();
                 }
-                "childObjects" | "children" => match map.next_value()? {
-                    Json::Array(children) => properties.children = children.len() as u64,
-                    other => drop(properties.others.insert(key.into_owned(), other)),
-                },
+                name if CHILDREN.contains(&name) => {
+                    let text = map.next_value::<&RawValue>()?.get();
+                    if let Ok(children) = serde_json::from_str::<Vec<IgnoredAny>>(text) {
+                        properties.children = children.len() as u64;
+                    } else {
+                        let other = serde_json::from_str(text).map_err(A::Error::custom)?;
+                        properties.others.insert(key.into_owned(), other);
+                    }
+                }
                 "shapelex" => properties.own = Some(map.next_value()?),
                 _ => drop(properties.others.insert(key.into_owned(), map.next_value()?)),
             }

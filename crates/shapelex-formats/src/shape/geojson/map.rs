@@ -124,6 +124,7 @@ impl<'o> Mapping<'o> {
         if !node.others.is_empty() {
             template.metadata.insert("geometry".into(), std::mem::take(&mut node.others).into());
         }
+        self.limits.rings(node.rings(), || place.clone())?;
         let mut parts = Vec::new();
         self.collect(node, &mut parts, place)?;
         if parts.is_empty() {

@@ -15,13 +15,14 @@ use serde_json::Value as Json;
 
 use super::error::{FileError, Place};
 use super::format::Format;
+use super::json::VALUES;
 use super::options::ReadOptions;
-use super::record::Kind;
 use super::record::Sink;
+use super::record::{Kind, MAX_ATTRIBUTES};
 use super::source::Source;
 use super::summary::Summary;
 use crate::words::plain;
-use feature::Node;
+use feature::{MEMBERS, Node};
 use map::Mapping;
 use scan::Scanner;
 
@@ -156,6 +157,7 @@ impl Reading<'_, '_, '_> {
     fn collection(&mut self, start: u64) -> Result<(), FileError> {
         let text = &self.scanner.kept;
         let place = Place::byte(start);
+        VALUES.check(text, MAX_ATTRIBUTES, || place.clone())?;
         let members: serde_json::Map<String, Json> = serde_json::from_slice(text)
             .map_err(|error| FileError::malformed(place.clone(), plain(&error)))?;
         for (name, value) in members {
@@ -179,18 +181,26 @@ impl Reading<'_, '_, '_> {
     fn feature(&mut self, start: u64) -> Result<(), FileError> {
         let place = Place { byte: Some(start), ..Place::item(self.item) };
         let text = &self.scanner.kept;
-        let node = match serde_json::from_slice::<Node>(text) {
+        let node = match node(text, &place) {
             Ok(node) => node,
             Err(error) => {
                 let repaired = without_words(text);
-                let again = repaired.and_then(|text| serde_json::from_slice(&text).ok());
+                let again = repaired.and_then(|text| self::node(&text, &place).ok());
                 self.repaired += 1;
                 again.ok_or_else(|| fault(&error, text, start, place.clone()))?
             }
         };
-        self.mapping.give(node, self.item, &place, self.sink)?;
+        self.mapping.give(node?, self.item, &place, self.sink)?;
         self.item += 1;
         Ok(())
+    }
+}
+
+/// The feature of a text, if what it says beside its shape is not too large.
+fn node(text: &[u8], place: &Place) -> Result<Result<Node, FileError>, serde_json::Error> {
+    match MEMBERS.check(text, || place.clone())? {
+        Ok(()) => serde_json::from_slice(text).map(Ok),
+        Err(refusal) => Ok(Err(refusal)),
     }
 }
 

@@ -337,3 +337,74 @@ fn blocks_may_end_anywhere() {
     .expect("cells");
     assert_eq!(records, read_all(&text).0);
 }
+
+#[test]
+fn what_features_say_is_small() {
+    let ring = "[[[0,0],[1,0],[1,1],[0,0]]]";
+    let feature = |properties: &str, geometry: &str| {
+        format!(r#"[{{"type":"Feature","properties":{{{properties}}},"geometry":{geometry}}}]"#)
+    };
+    let polygon = format!(r#"{{"type":"Polygon","coordinates":{ring}}}"#);
+    let many = format!(r#"{{"type":"Polygon","coordinates":[[{}[0,0]]]}}"#, "[0,0],[1,0],".repeat(50_000));
+    let children = format!("\"childObjects\":[{}0]", "{\"a\":[0]},".repeat(50_000));
+    assert_eq!(read_all(&feature("", &many)).0.len(), 1);
+    assert_eq!(read_all(&feature(&children, &polygon)).1.dropped[0].count, 50_001);
+    let text = "x".repeat(17 << 20);
+    let small = "{\"a\":0},".repeat(50_000);
+    for (text, place) in [
+        (feature(&format!("\"a\":\"{text}\""), &polygon), "item 0, byte 1"),
+        (feature(&format!("\"a\":[{small}0]"), &polygon), "item 0, byte 1"),
+        (feature(&format!("\"a\":NaN,\"b\":[{small}0]"), &polygon), "item 0, byte 1"),
+        (
+            feature(
+                "",
+                &format!(r#"{{"type":"GeometryCollection","geometries":[{}{{}}]}}"#, "{},".repeat(50_000)),
+            ),
+            "item 0, byte 1",
+        ),
+        (format!(r#"{{"features":[],"a":[{small}0]}}"#), "byte 0"),
+    ] {
+        let error = refused(&text);
+        assert_eq!(error.kind, FaultKind::TooLarge, "{error}");
+        assert_eq!(error.place.to_string(), place, "{error}");
+    }
+    // A text that is no JSON is refused as such.
+    assert_eq!(refused(&feature(&format!("\"a\":[{small}"), &polygon)).kind, FaultKind::Malformed);
+}
+
+#[test]
+fn rings_with_the_same_properties_count_as_content() {
+    let rings = format!("[{}[[0,0]]]", "[[0,0]],".repeat(999));
+    let text = format!(
+        r#"{{"type":"Feature","properties":{{"a":"{}"}},"geometry":{{"type":"MultiLineString","coordinates":{rings}}}}}"#,
+        "x".repeat(10_000)
+    );
+    let options = ReadOptions::default();
+    let limits = |content: u64| Limits { content, ..Limits::default() };
+    assert_eq!(read_with(text.as_bytes(), &options, limits(4 << 20)).expect("records").0.len(), 1000);
+    let error = read_with(text.as_bytes(), &options, limits(1 << 20)).expect_err("4 MB");
+    assert_eq!(error.kind, FaultKind::TooLarge);
+    assert!(
+        error.to_string().contains("expected shapes that take at most 4194304 bytes in memory in all"),
+        "{error}"
+    );
+    let limits = Limits { points: 500, ..Limits::default() };
+    let error = read_with(text.as_bytes(), &options, limits).expect_err("1000 lines");
+    assert!(error.to_string().contains("expected at most 500 rings of an object, got 1000"), "{error}");
+}
+
+#[test]
+fn a_writer_holds_the_properties_of_an_object_once() {
+    let rings = format!("[{}[[0,0]]]", "[[0,0]],".repeat(99));
+    let text = format!(
+        r#"{{"type":"Feature","properties":{{"a":"{}"}},"geometry":{{"type":"MultiLineString","coordinates":{rings}}}}}"#,
+        "x".repeat(100_000)
+    );
+    let (records, _) = read_all(&text);
+    let mut writer = FORMAT.writer(std::io::sink(), &WriteOptions::default()).expect("a writer");
+    for record in &records {
+        writer.push(record).expect("written");
+    }
+    assert!((100_000..200_000).contains(&writer.held()), "{}", writer.held());
+    assert_eq!(read_all(&written(&records)).0.len(), 100);
+}

@@ -35,6 +35,10 @@ impl Writer for Features<'_> {
         self.feature(&before)
     }
 
+    fn held(&self) -> usize {
+        self.grouping.held()
+    }
+
     fn finish(mut self: Box<Self>) -> Result<Summary, FileError> {
         let left = self.grouping.finish();
         self.feature(&left)?;

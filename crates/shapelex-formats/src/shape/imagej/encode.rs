@@ -38,6 +38,10 @@ impl Writer for Region<'_> {
         Ok(())
     }
 
+    fn held(&self) -> usize {
+        self.grouping.held()
+    }
+
     fn finish(mut self: Box<Self>) -> Result<Summary, FileError> {
         let records = self.grouping.finish();
         let Some(first) = records.first() else {

@@ -21,6 +21,8 @@ const DATE: u16 = 0x0021;
 /// Most files of a zip without extensions, and most bytes of a name.
 const MOST: usize = 65535;
 const LONGEST: usize = 200;
+/// Bytes that a file of the zip takes until its end: its name three times, in the directory and among the names.
+const ENTRY: usize = 1000;
 
 /// A file within the zip.
 struct Entry {
@@ -66,6 +68,10 @@ impl Writer for Set<'_> {
         let before = self.grouping.push(record);
         self.summary.records += 1;
         self.region(&before)
+    }
+
+    fn held(&self) -> usize {
+        self.grouping.held() + self.entries.len() * ENTRY
     }
 
     fn finish(mut self: Box<Self>) -> Result<Summary, FileError> {

@@ -40,7 +40,7 @@ const DRAWN_TRIANGLES: u32 = 4;
 const UNIT: f64 = 2.5e-4;
 
 /// About what the description of a shape takes.
-const NODE_BYTES: usize = 1024;
+const NODE_BYTES: usize = 2048;
 
 struct File<'a> {
     output: Output<'a>,
@@ -49,6 +49,8 @@ struct File<'a> {
     accessors: Vec<Value>,
     meshes: Vec<Value>,
     nodes: Vec<Value>,
+    /// Number of bytes of the descriptions.
+    described: usize,
     summary: Summary,
 }
 
@@ -60,6 +62,7 @@ fn open<'a>(output: Output<'a>, _: &WriteOptions) -> Opened<'a> {
         accessors: Vec::new(),
         meshes: Vec::new(),
         nodes: Vec::new(),
+        described: 0,
         summary: Summary::default(),
     }))
 }
@@ -94,12 +97,13 @@ impl Writer for File<'_> {
         }
         self.meshes.push(json!({ "primitives": [primitive] }));
         self.nodes.push(node);
+        self.described += NODE_BYTES + record.name.as_ref().map_or(0, String::len);
         self.summary.records += 1;
         Ok(())
     }
 
     fn held(&self) -> usize {
-        self.bytes.len() + self.nodes.len() * NODE_BYTES
+        self.bytes.len() + self.described
     }
 
     fn finish(mut self: Box<Self>) -> Result<Summary, FileError> {

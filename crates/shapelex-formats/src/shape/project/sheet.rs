@@ -6,6 +6,7 @@ use serde::Deserialize;
 use serde_json::Value;
 
 use super::super::error::{FaultKind, FileError, Place};
+use super::super::json::Weights;
 use super::super::limits::Limits;
 use super::super::text::shown;
 use super::workbook;
@@ -35,7 +36,7 @@ impl Table {
     pub(in super::super) fn read(bytes: &[u8], limits: &Limits) -> Result<Self, FileError> {
         let table = match workbook::is_workbook(bytes) {
             true => workbook::table(bytes, limits)?,
-            false => Self { rows: document(bytes)?, unpacked: 0 },
+            false => Self { rows: document(bytes, limits)?, unpacked: 0 },
         };
         if table.rows.len() as u64 > limits.records {
             let detail = format!("expected at most {} subjects, got {}", limits.records, table.rows.len());
@@ -54,7 +55,11 @@ impl Table {
     }
 }
 
-fn document(bytes: &[u8]) -> Result<Vec<Row>, FileError> {
+/// Memory of rows: a map of a few members each, most of them texts.
+const ROWS: Weights = Weights { object: 704, list: 0, item: 64 };
+
+fn document(bytes: &[u8], limits: &Limits) -> Result<Vec<Row>, FileError> {
+    ROWS.check(bytes, limits.made(bytes.len()), Place::default)?;
     let document: Document = serde_json::from_slice(bytes).map_err(|error| {
         let at =
             Place { tag: Some(format!("column {}", error.column())), ..Place::line(error.line() as u64) };

@@ -12,10 +12,12 @@
 use std::io::Write;
 
 use serde::Deserialize;
+use serde_json::value::RawValue;
 use serde_json::{Value, json};
 
 use super::super::error::{FaultKind, FileError, Place};
 use super::super::format::Format;
+use super::super::json::Weights;
 use super::super::limits::Limits;
 use super::super::options::{ReadOptions, WriteOptions};
 use super::super::record::Sink;
@@ -43,20 +45,27 @@ pub(in super::super) static FORMAT: Format = Format {
 const SCHEMA: &str = "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/Resources/Schema/markups-schema-v1.0.3.json#";
 
 #[derive(Deserialize)]
-struct File {
-    markups: Vec<Markup>,
+struct File<'a> {
+    #[serde(borrow)]
+    markups: Vec<Markup<'a>>,
 }
+
+/// Memory of markups and their points.
+const MARKUPS: Weights = Weights { object: 256, list: 64, item: 16 };
+/// Longest text of units that is read.
+const UNITS: usize = 1000;
 
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
-struct Markup {
+struct Markup<'a> {
     #[serde(rename = "type")]
     kind: String,
     #[serde(default)]
     name: String,
     coordinate_system: Option<String>,
     /// A code, or a list of a code and its scheme and meaning.
-    coordinate_units: Option<Value>,
+    #[serde(borrow)]
+    coordinate_units: Option<&'a RawValue>,
     #[serde(default)]
     control_points: Vec<ControlPoint>,
     #[serde(default)]
@@ -77,7 +86,8 @@ struct ControlPoint {
 fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Result<Summary, FileError> {
     let limits = *source.limits();
     let text = source.text()?;
-    let file: File = serde_json::from_str(&text).map_err(|error| {
+    MARKUPS.check(&text, limits.made(text.len()), Place::default)?;
+    let file: File<'_> = serde_json::from_str(&text).map_err(|error| {
         let at =
             Place { tag: Some(format!("column {}", error.column())), ..Place::line(error.line() as u64) };
         let kind = if error.is_eof() { FaultKind::Truncated } else { FaultKind::Malformed };
@@ -102,7 +112,7 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
     Ok(summary)
 }
 
-impl Markup {
+impl Markup<'_> {
     fn record(
         self,
         place: &Place,
@@ -124,7 +134,9 @@ impl Markup {
             let detail = format!("expected the coordinate system RAS or LPS, got {}", shown(&system));
             return Err(FileError::unsupported(Place::tag("coordinateSystem"), detail));
         }
-        let unit = match &self.coordinate_units {
+        let units = self.coordinate_units.map(RawValue::get).filter(|text| text.len() <= UNITS);
+        let units: Option<Value> = units.and_then(|text| serde_json::from_str(text).ok());
+        let unit = match &units {
             Some(Value::Array(codes)) => codes.first().and_then(Value::as_str),
             Some(unit) => unit.as_str(),
             None => None,
@@ -314,6 +326,11 @@ mod tests {
         ] {
             assert_eq!(fault(&FORMAT, &text, &ReadOptions::default()), message);
         }
+        let many = format!(
+            "{{\"markups\":[{{\"type\":\"Curve\",\"controlPoints\":[{}{{}}]}}]}}",
+            "{},".repeat(100_000)
+        );
+        assert!(fault(&FORMAT, &many, &ReadOptions::default()).contains("expected JSON that takes at most "));
         let deep = format!("{{\"markups\":{}", "[".repeat(100_000));
         assert!(fault(&FORMAT, &deep, &ReadOptions::default()).contains("expected a string, got a list"));
         check_truncations(&FORMAT, FILE.as_bytes());

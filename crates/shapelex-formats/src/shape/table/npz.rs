@@ -17,6 +17,7 @@ use serde_json::Value as Json;
 
 use super::super::error::{FileError, Place};
 use super::super::format::Format;
+use super::super::json::check_attributes;
 use super::super::limits::Limits;
 use super::super::options::{ReadOptions, WriteOptions};
 use super::super::record::Sink;
@@ -156,12 +157,12 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
             None => geometry(points, options),
         };
         let json = |texts: &Option<Vec<Option<String>>>, name: &str| match text(texts) {
-            Some(text) => serde_json::from_str(&text).map_err(|_| {
-                FileError::malformed(
-                    Place { item: Some(k as u64), ..at(name) },
-                    "expected a JSON object, got other text",
-                )
-            }),
+            Some(text) => {
+                let place = || Place { item: Some(k as u64), ..at(name) };
+                check_attributes(&text, place)?;
+                serde_json::from_str(&text)
+                    .map_err(|_| FileError::malformed(place(), "expected a JSON object, got other text"))
+            }
             None => Ok(Json::Object(serde_json::Map::new())),
         };
         let not_object = |name: &str| {
@@ -334,7 +335,7 @@ impl Writer for Zip<'_> {
             json(record.labels.is_empty(), serde_json::to_string(&record.labels))?,
             json(record.metadata.is_empty(), serde_json::to_string(&record.metadata))?,
         ];
-        self.held += record.bytes() + texts.iter().flatten().map(String::len).sum::<usize>();
+        self.held += record.bytes();
         let [attributes, metadata] = texts;
         arrays.attributes.push(attributes);
         arrays.metadata.push(metadata);

@@ -7,6 +7,7 @@ use arrow_array::{Array, ArrayRef, BooleanArray, Float64Array, RecordBatch};
 use arrow_schema::{DataType, Schema};
 
 use super::super::error::{FaultKind, FileError, Place};
+use super::super::json::check_attributes;
 use super::super::limits::Limits;
 use super::super::options::ReadOptions;
 use super::super::record::Sink;
@@ -103,10 +104,12 @@ impl<'a> Reading<'a> {
         let geometry = self.geometry(columns, row, &place)?;
         let text = |cells: &Option<Cells>| cells.as_ref().and_then(|cells| cells.get(row)).map(shown);
         let json = |cells: &Option<Cells>, name: &str| match text(cells) {
-            Some(text) => serde_json::from_str(&text).map_err(|_| {
-                let place = Place { tag: Some(format!("column '{name}'")), ..place.clone() };
-                FileError::malformed(place, "expected a JSON object, got other text")
-            }),
+            Some(text) => {
+                let place = || Place { tag: Some(format!("column '{name}'")), ..place.clone() };
+                check_attributes(&text, place)?;
+                serde_json::from_str(&text)
+                    .map_err(|_| FileError::malformed(place(), "expected a JSON object, got other text"))
+            }
             None => Ok(serde_json::Map::new()),
         };
         let mut labels: BTreeMap<String, Value> =
@@ -207,8 +210,8 @@ struct Columns {
     ring_object: Option<Float64Array>,
     ring_part: Option<Float64Array>,
     ring_hole: Option<BooleanArray>,
-    labels: Vec<(String, Cells)>,
-    fields: Vec<(String, NumberLists)>,
+    labels: BTreeMap<String, Cells>,
+    fields: BTreeMap<String, NumberLists>,
 }
 
 /// Fills an empty place. Returns whether it was empty and there is something to put there.
@@ -218,6 +221,15 @@ fn fill<T>(place: &mut Option<T>, found: Option<T>) -> bool {
     }
     *place = found;
     true
+}
+
+/// Adds a column, if there is none of its name. Returns whether there was none.
+fn insert<T>(columns: &mut BTreeMap<String, T>, name: &str, column: T) -> bool {
+    let is_new = !columns.contains_key(name);
+    if is_new {
+        columns.insert(name.into(), column);
+    }
+    is_new
 }
 
 impl Columns {
@@ -248,17 +260,9 @@ impl Columns {
             "ring_part" => fill(&mut self.ring_part, number()),
             "ring_hole" => fill(&mut self.ring_hole, flags()),
             name => match (name.strip_prefix(FIELDS).zip(NumberLists::of(array)), Cells::of(array)) {
-                (Some((field, lists)), _) => {
-                    self.fields.push((field.into(), lists));
-                    true
-                }
+                (Some((field, lists)), _) => insert(&mut self.fields, field, lists),
                 (None, Some(cells)) => {
-                    let label = name.strip_prefix(LABELS).unwrap_or(name);
-                    let is_new = self.labels.iter().all(|(other, _)| other != label);
-                    if is_new {
-                        self.labels.push((label.into(), cells));
-                    }
-                    is_new
+                    insert(&mut self.labels, name.strip_prefix(LABELS).unwrap_or(name), cells)
                 }
                 (None, None) => false,
             },

@@ -18,8 +18,10 @@ use super::{FIELDS, FieldNote, LABELS, PREFIX, SCHEMA, unwritten};
 
 /// Largest number of rows of a batch.
 pub(super) const ROWS: usize = 8192;
-/// Number of coordinates and indices at which a batch ends.
-const NUMBERS: usize = 1 << 22;
+/// Number of bytes at which a batch ends.
+const BYTES: usize = 32 << 20;
+/// Most columns of attributes, and of fields: every row has a cell in each.
+const COLUMNS: usize = 1024;
 
 const POINTS: &str = "points";
 const VERTICES: &str = "vertices";
@@ -116,6 +118,7 @@ struct Columns {
     fields: Vec<BTreeMap<String, MeshField>>,
     metadata: StringBuilder,
     places: Vec<Place>,
+    bytes: usize,
 }
 
 impl Rows {
@@ -145,10 +148,7 @@ impl Rows {
     pub(super) fn push(&mut self, record: &Record) -> Result<Option<RecordBatch>, FileError> {
         self.columns.push(record)?;
         self.summary.records += 1;
-        let columns = &self.columns;
-        let full = columns.labels.len() >= ROWS
-            || columns.points.values.len() + columns.vertices.values.len() + columns.faces.values.len()
-                >= NUMBERS;
+        let full = self.columns.labels.len() >= ROWS || self.columns.bytes >= BYTES;
         if full { self.take().map(Some) } else { Ok(None) }
     }
 
@@ -237,7 +237,7 @@ impl Layout {
     }
 }
 
-/// Attributes of the first rows that have one type in all of them.
+/// Attributes of the first rows that have one type in all of them, as many as have a column.
 fn label_types(rows: &[BTreeMap<String, Value>]) -> Vec<(String, Value)> {
     let mut found: BTreeMap<&String, Option<&Value>> = BTreeMap::new();
     for (name, value) in rows.iter().flatten() {
@@ -246,7 +246,7 @@ fn label_types(rows: &[BTreeMap<String, Value>]) -> Vec<(String, Value)> {
             *first = None;
         }
     }
-    found.into_iter().filter_map(|(name, value)| Some((name.clone(), value?.clone()))).collect()
+    found.into_iter().filter_map(|(name, value)| Some((name.clone(), value?.clone()))).take(COLUMNS).collect()
 }
 
 /// Fields of the first rows, as the first mesh has them.
@@ -255,7 +255,7 @@ fn field_notes(rows: &[BTreeMap<String, MeshField>]) -> Vec<(String, FieldNote)>
     for (name, field) in rows.iter().flatten() {
         found.entry(name.clone()).or_insert_with(|| note_of(field));
     }
-    found.into_iter().collect()
+    found.into_iter().take(COLUMNS).collect()
 }
 
 fn note_of(field: &MeshField) -> FieldNote {
@@ -293,6 +293,7 @@ impl Columns {
             self.metadata.append_value(serde_json::to_string(&record.metadata).map_err(unwritten)?);
         }
         self.places.push(place.clone());
+        self.bytes += record.bytes();
         Ok(())
     }
 
@@ -422,7 +423,11 @@ fn field_columns(
     for (row, place) in rows.iter().zip(places) {
         for (name, field) in row {
             if !layout.fields.contains(&(name.clone(), note_of(field))) {
-                summary.drop("fields that the first meshes do not have", Some(name), || place.clone());
+                let what = match layout.fields.len() {
+                    COLUMNS => "fields beside the 1024 that have a column",
+                    _ => "fields that the first meshes do not have",
+                };
+                summary.drop(what, Some(name), || place.clone());
             }
         }
     }

@@ -707,3 +707,22 @@ fn arrays_of_other_lengths_are_refused() {
 fn offsets_entry(values: &[f64], doubles: &impl Fn(&[usize], &[f64]) -> Vec<u8>) -> (&'static str, Vec<u8>) {
     ("offsets.npy", doubles(&[values.len()], values))
 }
+
+#[test]
+fn batches_end_at_a_number_of_bytes_and_have_few_columns() {
+    let points = Points::from_rows(2, vec![0.0; 4]);
+    let mut record = Record::new(Geometry::Landmarks(points), Place::default());
+    record.labels = (0..2000).map(|k| (format!("{k}"), Value::Number(f64::from(k)))).collect();
+    record.metadata.insert("a".into(), "x".repeat(1 << 20).into());
+    let mut rows = super::rows::Rows::new(&WriteOptions::default());
+    let batch = (0..100).find_map(|_| rows.push(&record).expect("a row"));
+    let batch = batch.expect("a batch before all rows");
+    assert!((20..32).contains(&batch.num_rows()), "{}", batch.num_rows());
+    assert!((1024..1050).contains(&batch.num_columns()), "{}", batch.num_columns());
+    let mut bytes = Vec::new();
+    let mut writer = super::arrow::FORMAT.writer(&mut bytes, &WriteOptions::default()).expect("a writer");
+    writer.push(&record).expect("written");
+    writer.finish().expect("the end");
+    let (found, _) = read_back(&bytes).expect("a table");
+    assert_eq!(found[0].labels, record.labels, "the others are in one column");
+}

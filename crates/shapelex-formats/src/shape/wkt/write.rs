@@ -27,6 +27,10 @@ impl Writer for Lines<'_> {
         self.line(&before)
     }
 
+    fn held(&self) -> usize {
+        self.grouping.held()
+    }
+
     fn finish(mut self: Box<Self>) -> Result<Summary, FileError> {
         let left = self.grouping.finish();
         self.line(&left)?;
