@@ -31,10 +31,6 @@ const LEAST: usize = 16 << 10;
 const CHUNKS: usize = 2;
 /// Memory of a reader beside what it holds of the file: chunks, and records on their way.
 const FIXED: usize = 12 << 20;
-/// Memory for each byte of a file that is held: the byte, and the numbers made of it.
-const PER_BYTE: usize = 3;
-/// Ratio of compression that is reserved before it is known: formats compress what they hold.
-const RATIO: usize = 16;
 /// Time for which streams may continue when the service is stopping.
 const STOPPING: Duration = Duration::from_secs(5);
 
@@ -46,7 +42,7 @@ enum Piece {
 }
 
 /// A body as a blocking reader.
-pub struct BodyReader {
+struct BodyReader {
     pieces: mpsc::Receiver<Piece>,
     current: Bytes,
     has_ended: bool,
@@ -75,21 +71,16 @@ impl Drop for Guard {
 }
 
 impl BodyReader {
-    /// Tells computations that the client has gone.
-    pub fn stop(&self) -> Stop {
-        self.stop.clone()
-    }
-
     /// The file that the body is. What it holds beyond the bytes that arrived, since it is compressed, is charged as well.
     ///
     /// # Errors
     /// Those of the first bytes.
-    pub fn source(self, limits: Limits) -> Result<Source<'static>, FileError> {
+    fn source(self, limits: Limits) -> Result<Source<'static>, FileError> {
         let memory = self.memory.clone();
         let room: RefCell<Option<Held>> = RefCell::new(None);
         let ask = move |bytes: usize| {
             let mut room = room.borrow_mut();
-            let needed = needed(bytes, limits.held);
+            let needed = limits.memory(bytes);
             match &mut *room {
                 Some(room) => room.grow_to(needed)?,
                 None => *room = Some(memory.hold(Purpose::Bodies, needed)?),
@@ -125,13 +116,7 @@ impl Read for BodyReader {
     }
 }
 
-impl std::fmt::Debug for BodyReader {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("BodyReader").field("has_ended", &self.has_ended).finish_non_exhaustive()
-    }
-}
-
-/// Reads a body on a thread of its own; `held` bounds the part of the file that the reader keeps at once. The bytes are added
+/// Reads a file on a thread of its own while its body arrives; the [`Stop`] is set when the client has gone. The bytes are added
 /// to `retry`.
 ///
 /// # Errors
@@ -140,17 +125,17 @@ impl std::fmt::Debug for BodyReader {
 pub async fn read_incoming<T: Send + 'static>(
     app: &App,
     stream: impl Stream<Item = Result<Bytes, ServiceError>>,
-    held: usize,
+    limits: Limits,
     retry: &mut Option<Retry>,
-    read: impl FnOnce(BodyReader) -> Result<T, ServiceError> + Send + 'static,
+    read: impl FnOnce(Source<'static>, Stop) -> Result<T, ServiceError> + Send + 'static,
 ) -> Result<T, ServiceError> {
     let (sender, pieces) = mpsc::channel(CHUNKS);
     let stop = Stop::default();
     let _guard = Guard(stop.clone());
-    let reader =
-        BodyReader { pieces, current: Bytes::new(), has_ended: false, stop, memory: app.memory.clone() };
-    let reading = pin!(app.pool.read_blocking(move || read(reader)));
-    let passing = pin!(pass(app, stream, held, retry, sender));
+    let memory = app.memory.clone();
+    let body = BodyReader { pieces, current: Bytes::new(), has_ended: false, stop: stop.clone(), memory };
+    let reading = pin!(app.pool.read_blocking(move || read(body.source(limits)?, stop)));
+    let passing = pin!(pass(app, stream, limits, retry, sender));
     let both = async {
         match select(reading, passing).await {
             // What follows a file, such as the padding of an archive, belongs to the request too.
@@ -183,7 +168,7 @@ pub async fn stopped(app: &App) {
 async fn pass(
     app: &App,
     stream: impl Stream<Item = Result<Bytes, ServiceError>>,
-    held: usize,
+    limits: Limits,
     retry: &mut Option<Retry>,
     sender: mpsc::Sender<Piece>,
 ) -> Result<(), ServiceError> {
@@ -195,12 +180,13 @@ async fn pass(
         let Some(bytes) = piece.transpose()? else { break };
         arrived += bytes.len();
         total = total.saturating_add(bytes.len());
-        room.resize(FIXED.saturating_add(needed(total, held)))?;
+        room.resize(FIXED.saturating_add(limits.memory(total)))?;
         if let Some(retry) = retry {
             retry.update(&bytes);
         }
-        if sender.is_closed() && arrived_after(&mut after, bytes.len()) > held {
-            let detail = format!("expected the end of the body after the file, got more than {held} bytes");
+        if sender.is_closed() && arrived_after(&mut after, bytes.len()) > limits.held {
+            let detail =
+                format!("expected the end of the body after the file, got more than {} bytes", limits.held);
             return Err(ServiceError::TooLarge(Fault::new("", detail)));
         }
         let begun = Instant::now();
@@ -216,12 +202,6 @@ async fn pass(
     // The memory is that of the reader, until it has ended.
     sender.closed().await;
     Ok(())
-}
-
-/// Memory for `bytes` of a file, of which the reader keeps at most `held` at once.
-fn needed(bytes: usize, held: usize) -> usize {
-    let kept = bytes.min(held).saturating_mul(PER_BYTE);
-    kept.saturating_add(bytes.saturating_mul(RATIO).min(held))
 }
 
 /// Number of bytes that have arrived after the end of the reading.

@@ -14,9 +14,7 @@ use super::catalogue::Expected;
 use super::upload::{Stored, Treatment, Writer};
 use crate::domain::cohort::Cohort;
 use crate::formats::fault::Fault;
-use crate::formats::files::{
-    FaultKind, FileError, Geometry, Limits as FileLimits, Points, Record, Sink, Source, Summary,
-};
+use crate::formats::files::{FaultKind, FileError, Limits as FileLimits, Record, Sink, Source, Summary};
 use crate::formats::record::{Placing, count_unstored};
 use crate::formats::summary::FileSummary;
 use crate::service::app::incoming::read_incoming;
@@ -24,8 +22,8 @@ use crate::service::app::{App, ServiceError};
 
 /// Number of records passed on at once.
 const BATCH: usize = 2048;
-/// Number of numbers passed on at once.
-const BATCH_NUMBERS: usize = 1 << 18;
+/// Number of bytes passed on at once, about.
+const BATCH_BYTES: usize = 2 << 20;
 
 /// Reads the records of a file until `stop` says that the client has gone.
 pub type ReadFile = Box<
@@ -77,10 +75,8 @@ async fn take_file(
     writer.placing = Arc::new(placing);
     let (mut retry, domain) = (writer.retry.take(), writer.domain());
     let (sender, mut batches) = mpsc::channel(1);
-    let reading = read_incoming(app, stream, limits.held, &mut retry, move |body| {
-        let stop = body.stop();
-        let mut source = body.source(limits)?;
-        let mut batch = Batch { sender, records: Vec::new(), numbers: 0 };
+    let reading = read_incoming(app, stream, limits, &mut retry, move |mut source, stop| {
+        let mut batch = Batch { sender, records: Vec::new(), bytes: 0 };
         let mut unstored = Summary::default();
         let summary = read(&mut source, &|| stop.is_set(), &mut |record| {
             count_unstored(&record, Some(domain), &mut unstored);
@@ -121,21 +117,18 @@ fn without_shapes(summary: &FileSummary) -> ServiceError {
 struct Batch {
     sender: mpsc::Sender<Vec<Incoming>>,
     records: Vec<Incoming>,
-    numbers: usize,
+    bytes: usize,
 }
 
 impl Batch {
     fn push(&mut self, record: Record) -> Result<(), FileError> {
-        self.numbers += match &record.geometry {
-            Geometry::Mesh(mesh) => mesh.vertices.coordinates().len() + 2 * mesh.faces.len(),
-            other => other.points().map_or(0, |points: &Points| points.coordinates().len()),
-        };
+        self.bytes += record.bytes();
         self.records.push(Incoming::Record(Box::new(record)));
-        if self.records.len() >= BATCH || self.numbers >= BATCH_NUMBERS { self.pass() } else { Ok(()) }
+        if self.records.len() >= BATCH || self.bytes >= BATCH_BYTES { self.pass() } else { Ok(()) }
     }
 
     fn pass(&mut self) -> Result<(), FileError> {
-        self.numbers = 0;
+        self.bytes = 0;
         let records = std::mem::take(&mut self.records);
         let stopped = |_| FileError::new(FaultKind::Stopped, "the shapes before were refused");
         if records.is_empty() { Ok(()) } else { self.sender.blocking_send(records).map_err(stopped) }

@@ -5,10 +5,12 @@ use futures_util::Stream;
 
 use super::format::{FileFormat, file_limits};
 use super::writing::write;
-use crate::formats::files::{FileError, Format, Inspection, ReadOptions, Record, Summary, WriteOptions};
+use crate::formats::files::{
+    FileError, Format, Inspection, ReadOptions, Record, Sink, Source, Summary, WriteOptions,
+};
 use crate::formats::record::count_unstored;
 use crate::formats::summary::FileSummary;
-use crate::service::app::incoming::{BodyReader, read_incoming};
+use crate::service::app::incoming::{Stop, read_incoming};
 use crate::service::app::outgoing::BodyWriter;
 use crate::service::app::{App, Limits, ServiceError};
 
@@ -42,10 +44,10 @@ pub async fn inspect(
     stream: impl Stream<Item = Result<Bytes, ServiceError>>,
     reading: FileReading,
 ) -> Result<(FileSummary, Inspection), ServiceError> {
-    let (limits, held) = (app.limits, file_limits(&app.limits).held);
-    read_incoming(app, stream, held, &mut None, move |body| {
+    let limits = app.limits;
+    read_incoming(app, stream, file_limits(&limits), &mut None, move |source, stop| {
         let (mut found, mut unstored) = (Inspection::default(), Summary::default());
-        let summary = read(body, &reading, &limits, &mut |record| {
+        let summary = read(source, &stop, &reading, &limits, &mut |record| {
             found.add(&record);
             count_unstored(&record, None, &mut unstored);
             Ok(())
@@ -67,10 +69,10 @@ pub async fn translate(
     options: WriteOptions,
     output: BodyWriter,
 ) -> Result<(), ServiceError> {
-    let (limits, held, memory) = (app.limits, file_limits(&app.limits).held, app.memory.clone());
-    read_incoming(app, stream, held, &mut None, move |body| {
+    let (limits, memory) = (app.limits, app.memory.clone());
+    read_incoming(app, stream, file_limits(&limits), &mut None, move |source, stop| {
         let fill = |push: &mut dyn FnMut(&Record) -> Result<(), FileError>| {
-            read(body, &reading, &limits, &mut |record| push(&record))
+            read(source, &stop, &reading, &limits, &mut |record| push(&record))
         };
         write(&memory, to, output, &options, fill).map(drop)
     })
@@ -78,13 +80,12 @@ pub async fn translate(
 }
 
 fn read(
-    body: BodyReader,
+    mut source: Source<'_>,
+    stop: &Stop,
     reading: &FileReading,
     limits: &Limits,
-    sink: crate::formats::files::Sink<'_>,
+    sink: Sink<'_>,
 ) -> Result<FileSummary, ServiceError> {
-    let stop = body.stop();
-    let mut source = body.source(file_limits(limits))?;
     let format = reading.format_of(source.head())?;
     let summary = format.read(&mut source, &reading.options, limits, &|| stop.is_set(), sink)?;
     Ok(FileSummary::new(format.id(), summary))
