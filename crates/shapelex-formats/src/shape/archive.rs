@@ -211,10 +211,8 @@ impl Files<'_> {
     /// A table. What comes out of a workbook counts as well.
     fn table(&mut self, file: impl Read) -> Result<Table, FileError> {
         let mut source = Source::inner(file, self.left(), self.ask.clone())?;
-        let bytes = Source::bytes(&mut source)?;
-        self.content += source.offset();
-        let table = Table::read(&bytes, &self.left())?;
-        self.content += table.unpacked;
+        let table = Table::read(&mut source)?;
+        self.content += source.offset() + table.unpacked;
         Ok(table)
     }
 

@@ -64,7 +64,7 @@ fn refuse_more(bytes: usize, most: usize, place: impl FnOnce() -> Place) -> Resu
     if bytes <= most {
         return Ok(());
     }
-    let detail = format!("expected JSON that takes at most {most} bytes in memory, got some of {bytes}");
+    let detail = format!("expected JSON that takes at most {most} bytes in memory, got {bytes}");
     Err(FileError::too_large(place(), detail))
 }
 
@@ -177,10 +177,7 @@ mod tests {
         let weights = Weights { object: 100, list: 10, item: 1 };
         assert_eq!(weights.bytes(r#"{"a":[{},0,""]}"#), 15 + 200 + 10 + 2);
         let error = weights.check("[[]]", 23, || Place::tag("images")).expect_err("24 bytes");
-        assert_eq!(
-            error.to_string(),
-            "images: expected JSON that takes at most 23 bytes in memory, got some of 24"
-        );
+        assert_eq!(error.to_string(), "images: expected JSON that takes at most 23 bytes in memory, got 24");
         assert!(weights.check("[[]]", 24, Place::default).is_ok());
     }
 

@@ -72,6 +72,14 @@ impl<'a> Source<'a> {
         Ok(Source { expands: true, ask, ..Source::new(reader, limits)? })
     }
 
+    /// Asks for memory for `bytes` in all: those of the file, and what they unpack to.
+    ///
+    /// # Errors
+    /// [`FaultKind::Memory`](super::FaultKind::Memory) where there is none.
+    pub(super) fn reserve(&self, bytes: usize) -> Result<(), FileError> {
+        self.ask.as_ref().map_or(Ok(()), |ask| ask(bytes))
+    }
+
     /// How memory is asked for.
     pub(super) fn ask(&self) -> Option<Ask<'a>> {
         self.ask.clone()

@@ -93,8 +93,7 @@ impl<'c> Column<'c> {
 }
 
 fn read(source: &mut Source<'_>, options: &ReadOptions, _: Sink<'_>) -> Result<Summary, FileError> {
-    let limits = *source.limits();
-    let project = Project::new(&Table::read(&source.bytes()?, &limits)?, options)?;
+    let project = Project::new(&Table::read(source)?, options)?;
     let detail = format!(
         "expected a zip archive of the project and the {} files that it names, got the project alone",
         project.files.len()

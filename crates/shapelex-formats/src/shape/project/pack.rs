@@ -29,7 +29,7 @@ pub fn pack_project<R: Read>(
     limits: &Limits,
     mut open: impl FnMut(&str) -> std::io::Result<R>,
 ) -> Result<Vec<u8>, FileError> {
-    let project = Project::new(&Table::read(bytes, limits)?, options)?;
+    let project = Project::new(&Table::read(&mut Source::new(bytes, *limits)?)?, options)?;
     let above = |path: &str| path.split('/').take_while(|part| *part == "..").count();
     let deepest = project.files.iter().map(|file| above(&file.path)).max().unwrap_or(0);
     let folder = format!("{OWN}/").repeat(deepest);
@@ -60,8 +60,7 @@ pub fn pack_project<R: Read>(
 
 /// The paths of all files that a project names, from its folder: those that are read, and all others. Empty for other files.
 pub fn named_files(source: &mut Source<'_>) -> Vec<String> {
-    let limits = *source.limits();
-    let table = source.bytes().and_then(|bytes| Table::read(&bytes, &limits)).unwrap_or_default();
+    let table = Table::read(source).unwrap_or_default();
     let files: Vec<&str> = table
         .columns()
         .into_iter()

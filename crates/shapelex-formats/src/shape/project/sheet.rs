@@ -8,6 +8,7 @@ use serde_json::Value;
 use super::super::error::{FaultKind, FileError, Place};
 use super::super::json::Weights;
 use super::super::limits::Limits;
+use super::super::source::Source;
 use super::super::text::shown;
 use super::workbook;
 use crate::words::plain;
@@ -32,11 +33,13 @@ impl Table {
     /// The table of a project, with at most as many rows as records. Workbooks may hold any table.
     ///
     /// # Errors
-    /// Other files, workbooks of more bytes than may be held or read.
-    pub(in super::super) fn read(bytes: &[u8], limits: &Limits) -> Result<Self, FileError> {
-        let table = match workbook::is_workbook(bytes) {
-            true => workbook::table(bytes, limits)?,
-            false => Self { rows: document(bytes, limits)?, unpacked: 0 },
+    /// Other files, those that take more bytes than may be held or read.
+    pub(in super::super) fn read(source: &mut Source<'_>) -> Result<Self, FileError> {
+        let bytes = source.bytes()?;
+        let limits = *source.limits();
+        let table = match workbook::is_workbook(&bytes) {
+            true => workbook::table(&bytes, source)?,
+            false => Self { rows: document(&bytes, &limits)?, unpacked: 0 },
         };
         if table.rows.len() as u64 > limits.records {
             let detail = format!("expected at most {} subjects, got {}", limits.records, table.rows.len());
@@ -56,10 +59,10 @@ impl Table {
 }
 
 /// Memory of rows: a map of a few members each, most of them texts.
-const ROWS: Weights = Weights { object: 704, list: 0, item: 64 };
+pub(super) const ROWS: Weights = Weights { object: 704, list: 0, item: 64 };
 
 fn document(bytes: &[u8], limits: &Limits) -> Result<Vec<Row>, FileError> {
-    ROWS.check(bytes, limits.made(bytes.len()), Place::default)?;
+    ROWS.check(bytes, limits.held, Place::default)?;
     let document: Document = serde_json::from_slice(bytes).map_err(|error| {
         let at =
             Place { tag: Some(format!("column {}", error.column())), ..Place::line(error.line() as u64) };

@@ -264,13 +264,13 @@ fn workbooks_are_tables_too() {
 #[test]
 fn workbooks_that_grow_are_refused() {
     let limits = Limits { held: 100_000, ..Limits::default() };
-    let read = |book: &[u8]| Table::read(book, &limits);
+    let read = |book: &[u8]| Table::read(&mut Source::new(book, limits).expect("a source"));
     let refused = |book: &[u8]| read(book).unwrap_err().to_string();
     // A long text that many cells have.
     let long = "x".repeat(20_000);
     let cells = (1..=9).map(|row| format!("<row r=\"{row}\"><c r=\"A{row}\" t=\"s\"><v>0</v></c></row>"));
     let repeated = workbook("data", &cells.collect::<String>(), &format!("<si><t>{long}</t></si>"));
-    assert_eq!(refused(&repeated), "expected at most 100000 bytes of texts, got more");
+    assert_eq!(refused(&repeated), "expected a table of at most 100000 bytes in memory, got more");
     // Parts that are long when they are unpacked.
     let bomb = workbook("data", &" ".repeat(200_000), "");
     assert_eq!(refused(&bomb), "expected at most 100000 bytes of a workbook, got more");

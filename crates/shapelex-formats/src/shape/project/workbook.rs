@@ -7,9 +7,10 @@ use calamine::{DataRef, Reader, Xlsx, XlsxError};
 
 use super::super::error::{FaultKind, FileError, Place};
 use super::super::limits::Limits;
+use super::super::source::Source;
 use super::super::table::guarded;
 use super::super::unzip::opened;
-use super::sheet::{Row, Table};
+use super::sheet::{ROWS, Row, Table};
 
 /// Sheet with the subjects; without it, the first one.
 const SHEET: &str = "data";
@@ -28,8 +29,14 @@ pub(super) fn is_workbook(head: &[u8]) -> bool {
 }
 
 /// The rows below the first one, by the names in the first one. Empty rows and cells are left out.
-pub(super) fn table(bytes: &[u8], limits: &Limits) -> Result<Table, FileError> {
+///
+/// # Errors
+/// More bytes than may be held, or than there is memory for.
+pub(super) fn table(bytes: &[u8], source: &Source<'_>) -> Result<Table, FileError> {
+    let content = source.limits().content.saturating_sub(bytes.len() as u64);
+    let limits = &Limits { content, ..*source.limits() };
     let unpacked = check_parts(bytes, limits)?;
+    source.reserve(bytes.len().saturating_add(usize::try_from(unpacked).unwrap_or(usize::MAX)))?;
     let mut cells = guarded("a workbook", || cells(bytes, limits))?.into_values();
     let names = cells.next().unwrap_or_default();
     let row = |cells: BTreeMap<u32, String>| -> Row {
@@ -61,13 +68,16 @@ fn cells(bytes: &[u8], limits: &Limits) -> Result<BTreeMap<u32, BTreeMap<u32, St
             DataRef::Bool(value) => value.to_string(),
             _ => continue,
         };
-        held = held.saturating_add(text.len());
+        let (row, column) = cell.get_position();
+        let rows = table.len();
+        let cells = table.entry(row).or_default();
+        held = held.saturating_add(text.len() + ROWS.item);
+        cells.insert(column, text);
+        held = held.saturating_add(ROWS.object * (table.len() - rows));
         if held > limits.held {
-            let detail = format!("expected at most {} bytes of texts, got more", limits.held);
+            let detail = format!("expected a table of at most {} bytes in memory, got more", limits.held);
             return Err(FileError::too_large(Place::default(), detail));
         }
-        let (row, column) = cell.get_position();
-        table.entry(row).or_default().insert(column, text);
     }
     Ok(table)
 }

@@ -63,14 +63,19 @@ impl Array {
         FileError::malformed(at(&self.name), detail)
     }
 
-    fn items(&self) -> impl Iterator<Item = &[u8]> {
-        self.bytes.chunks_exact(self.header.size.max(1))
+    fn item(&self, k: usize) -> &[u8] {
+        let size = self.header.size;
+        self.bytes.get(k * size..(k + 1) * size).unwrap_or_default()
     }
 
-    /// One item a shape.
-    fn check_length(&self, shapes: usize) -> Result<(), FileError> {
+    fn number(&self, k: usize) -> f64 {
+        self.header.number(self.item(k))
+    }
+
+    /// The array, if it has one item a shape.
+    fn of_shapes(self, shapes: usize) -> Result<Self, FileError> {
         if self.header.shape == [shapes] {
-            return Ok(());
+            return Ok(self);
         }
         Err(self.fault(format!(
             "expected an item for each of {shapes} shapes, got an array of shape {:?}",
@@ -78,28 +83,22 @@ impl Array {
         )))
     }
 
-    fn numbers(&self, shapes: usize) -> Result<Vec<f64>, FileError> {
-        self.check_length(shapes)?;
-        if self.header.is_number() || self.header.items == Items::Flag {
-            return Ok(self.items().map(|item| self.header.number(item)).collect());
+    /// The array, if its items are numbers or flags.
+    fn of_numbers(self) -> Result<Self, FileError> {
+        match self.header.is_number() || self.header.items == Items::Flag {
+            true => Ok(self),
+            false => Err(self.fault("expected numbers or flags, got texts")),
         }
-        Err(self.fault("expected numbers or flags, got texts"))
     }
 
-    /// Texts, `None` where they are empty; numbers are written out.
-    fn texts(&self, shapes: usize) -> Result<Vec<Option<String>>, FileError> {
-        self.check_length(shapes)?;
+    /// A text, `None` where it is empty; numbers are written out.
+    fn text(&self, k: usize) -> Result<Option<String>, FileError> {
         if self.header.is_number() {
-            return Ok(self.items().map(|item| Some(self.header.number(item).to_string())).collect());
+            return Ok(Some(self.number(k).to_string()));
         }
-        if self.header.size == 0 {
-            return Ok(vec![None; shapes]);
-        }
-        let text = |item| {
-            let text = self.header.text(item).ok_or_else(|| self.fault("expected texts, got other items"))?;
-            Ok((!text.is_empty()).then_some(text))
-        };
-        self.items().map(text).collect()
+        let text = self.header.text(self.item(k));
+        let text = text.ok_or_else(|| self.fault("expected texts, got other items"))?;
+        Ok((!text.is_empty()).then_some(text))
     }
 }
 
@@ -129,7 +128,7 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
     let limits = *source.limits();
     let mut summary = Summary::default();
     let wanted = options.points_column().unwrap_or("points");
-    let mut arrays = unpack(source.bytes()?, wanted, &limits, &mut summary)?;
+    let mut arrays = unpack(source, wanted, &mut summary)?;
     let Some(points) = arrays.take(wanted) else {
         let others = summary.dropped.iter().flat_map(|dropped| &dropped.names).take(NAMED);
         let others = others.cloned().collect::<Vec<_>>().join(", ");
@@ -139,24 +138,25 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
         return Err(FileError::malformed(Place::tag(wanted), detail));
     };
     let shapes = match arrays.take("offsets") {
-        Some(offsets) => ragged(&points, &offsets, &limits)?,
-        None => regular(&points, options, &limits)?,
+        Some(offsets) => Shapes::ragged(points, offsets, &limits)?,
+        None => Shapes::regular(points, options, &limits)?,
     };
-    let count = shapes.len();
-    let mut texts = |name: &str| arrays.take(name).map(|array| array.texts(count)).transpose();
+    let count = shapes.count();
+    let mut texts = |name: &str| arrays.take(name).map(|array| array.of_shapes(count)).transpose();
     let (ids, subjects, labels) = (texts("ids")?, texts("subjects")?, texts("labels")?);
     let (attributes, metadata) = (texts("attributes")?, texts("metadata")?);
-    let mut numbers = |name: &str| arrays.take(name).map(|array| array.numbers(count)).transpose();
+    let mut numbers = |name: &str| texts(name)?.map(Array::of_numbers).transpose();
     let (weights, closed) = (numbers("weights")?, numbers("closed")?);
-    for (k, points) in shapes.into_iter().enumerate() {
+    for k in 0..count {
+        let points = shapes.get(k);
         let place = Place { item: Some(k as u64), ..at(wanted) };
-        let text = |texts: &Option<Vec<Option<String>>>| texts.as_ref().and_then(|texts| texts[k].clone());
-        let geometry = match closed.as_ref().map(|closed| closed[k]) {
+        let text = |array: &Option<Array>| array.as_ref().map_or(Ok(None), |array| array.text(k));
+        let geometry = match closed.as_ref().map(|closed| closed.number(k)) {
             Some(closed) if closed < 0.0 => Geometry::Landmarks(points),
             Some(closed) => Geometry::Curve { points, closed: closed > 0.0 },
             None => geometry(points, options),
         };
-        let json = |texts: &Option<Vec<Option<String>>>, name: &str| match text(texts) {
+        let json = |array: &Option<Array>, name: &str| match text(array)? {
             Some(text) => {
                 let place = || Place { item: Some(k as u64), ..at(name) };
                 check_attributes(&text, place)?;
@@ -172,12 +172,12 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
             )
         };
         sink(Record {
-            name: text(&ids),
-            subject: text(&subjects),
-            label: text(&labels),
+            name: text(&ids)?,
+            subject: text(&subjects)?,
+            label: text(&labels)?,
             labels: serde_json::from_value(json(&attributes, "attributes")?)
                 .map_err(|_| not_object("attributes"))?,
-            weight: weights.as_ref().map(|weights| weights[k]).filter(|weight| weight.is_finite()),
+            weight: weights.as_ref().map(|weights| weights.number(k)).filter(|weight| weight.is_finite()),
             metadata: serde_json::from_value(json(&metadata, "metadata")?)
                 .map_err(|_| not_object("metadata"))?,
             ..Record::new(geometry, place)
@@ -187,10 +187,13 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
 }
 
 /// Reads the arrays that are of use; of others, and of other files, the names are kept.
-fn unpack(bytes: Vec<u8>, points: &str, limits: &Limits, summary: &mut Summary) -> Result<Arrays, FileError> {
+fn unpack(source: &mut Source<'_>, points: &str, summary: &mut Summary) -> Result<Arrays, FileError> {
     let malformed = |error: &dyn std::fmt::Display| {
         FileError::malformed(Place::default(), format!("expected a zip of arrays, got {error}"))
     };
+    let most = source.limits().held;
+    let bytes = source.bytes()?;
+    let size = bytes.len();
     let mut archive = opened(bytes)?;
     let mut arrays = Arrays::default();
     let mut held = 0_usize;
@@ -205,7 +208,8 @@ fn unpack(bytes: Vec<u8>, points: &str, limits: &Limits, summary: &mut Summary) 
             });
             continue;
         };
-        let read = read_array(array, &mut file, limits.held.saturating_sub(held));
+        let reserve = |bytes: usize| source.reserve(size.saturating_add(held).saturating_add(bytes));
+        let read = read_array(array, &mut file, most.saturating_sub(held), reserve);
         let array = read.map_err(|error| error.at(at(array)))?;
         held = held.saturating_add(array.bytes.len());
         arrays.found.push(array);
@@ -213,14 +217,21 @@ fn unpack(bytes: Vec<u8>, points: &str, limits: &Limits, summary: &mut Summary) 
     Ok(arrays)
 }
 
-fn read_array(name: &str, file: &mut impl Read, held: usize) -> Result<Array, FileError> {
+/// Reads an array of at most `held` bytes, after `reserve` has been asked for them.
+fn read_array(
+    name: &str,
+    file: &mut impl Read,
+    held: usize,
+    reserve: impl FnOnce(usize) -> Result<(), FileError>,
+) -> Result<Array, FileError> {
     let header = Header::read(file)?;
     let count = header.count()?.saturating_mul(header.size as u64);
     let Some(count) = usize::try_from(count).ok().filter(|count| *count <= held) else {
         let detail = format!("expected arrays of at most {held} bytes, got {count}");
         return Err(FileError::too_large(Place::default(), detail));
     };
-    // Items of no bytes are of empty texts; there is a list of them below.
+    reserve(count)?;
+    // Items of no bytes are of empty texts, which may be any number.
     if header.size == 0 && header.count()? > 0 && header.shape.iter().any(|axis| *axis > held) {
         return Err(FileError::too_large(Place::default(), "expected fewer items, got more"));
     }
@@ -228,61 +239,80 @@ fn read_array(name: &str, file: &mut impl Read, held: usize) -> Result<Array, Fi
     Ok(Array { name: name.to_owned(), header, bytes })
 }
 
-fn regular(array: &Array, options: &ReadOptions, limits: &Limits) -> Result<Vec<Points>, FileError> {
-    let layout = Layout::of(&array.header, options, limits).map_err(|error| error.at(at(&array.name)))?;
-    if array.header.fortran {
-        return Ok((0..layout.shapes).map(|k| layout.transposed(&array.header, &array.bytes, k)).collect());
-    }
-    let width = layout.width().saturating_mul(array.header.size).max(1);
-    let shape = |bytes: &[u8]| {
-        let coordinates =
-            bytes.chunks_exact(array.header.size).map(|item| array.header.number(item)).collect();
-        Points::from_rows(layout.dimension, coordinates)
-    };
-    Ok(array.bytes.chunks_exact(width).map(shape).collect())
+/// Shapes of one array, made one after the other.
+struct Shapes {
+    array: Array,
+    places: Places,
 }
 
-/// Shapes of different numbers of points, by the number of points before each.
-fn ragged(array: &Array, offsets: &Array, limits: &Limits) -> Result<Vec<Points>, FileError> {
-    let ([count, dimension], false, true) =
-        (array.header.shape.as_slice(), array.header.fortran, array.header.is_number())
-    else {
-        return Err(array.fault(format!(
-            "expected points × coordinates in C order beside offsets, got {:?}",
-            array.header.shape
-        )));
-    };
-    if *dimension == 0 {
-        return Err(array.fault("expected at least one coordinate, got none"));
+/// Where the points of each shape are.
+enum Places {
+    /// All shapes have as many.
+    Regular(Layout),
+    /// The number of points before each, and coordinates of a point.
+    Ragged { offsets: Array, shapes: usize, dimension: usize },
+}
+
+impl Shapes {
+    fn regular(array: Array, options: &ReadOptions, limits: &Limits) -> Result<Self, FileError> {
+        let layout = Layout::of(&array.header, options, limits).map_err(|error| error.at(at(&array.name)))?;
+        Ok(Self { array, places: Places::Regular(layout) })
     }
-    let [shapes] = offsets.header.shape.as_slice() else {
-        return Err(offsets
-            .fault(format!("expected a list of offsets, got an array of shape {:?}", offsets.header.shape)));
-    };
-    let ends = offsets.numbers(*shapes)?;
-    let wrong =
-        || offsets.fault(format!("expected offsets that ascend from 0 to the {count} points, got others"));
-    if ends.first() != Some(&0.0) || ends.last() != Some(&(*count as f64)) {
-        return Err(wrong());
-    }
-    let size = array.header.size.saturating_mul(*dimension);
-    let mut found = Vec::new();
-    let mut rest = array.bytes.as_slice();
-    for pair in ends.windows(2) {
-        let length = pair[1] - pair[0];
-        if !(length >= 0.0 && length <= limits.points as f64 && length.fract() == 0.0) {
-            return Err(wrong());
-        }
-        // Within the limit on points, so exact.
-        let Some((shape, others)) = rest.split_at_checked((length as usize).saturating_mul(size)) else {
-            return Err(wrong());
+
+    /// Shapes of different numbers of points, by the number of points before each.
+    fn ragged(array: Array, offsets: Array, limits: &Limits) -> Result<Self, FileError> {
+        let ([count, dimension], false, true) =
+            (array.header.shape.as_slice(), array.header.fortran, array.header.is_number())
+        else {
+            return Err(array.fault(format!(
+                "expected points × coordinates in C order beside offsets, got {:?}",
+                array.header.shape
+            )));
         };
-        let coordinates =
-            shape.chunks_exact(array.header.size).map(|item| array.header.number(item)).collect();
-        found.push(Points::from_rows(*dimension, coordinates));
-        rest = others;
+        if *dimension == 0 {
+            return Err(array.fault("expected at least one coordinate, got none"));
+        }
+        let [ends] = offsets.header.shape[..] else {
+            return Err(offsets.fault(format!(
+                "expected a list of offsets, got an array of shape {:?}",
+                offsets.header.shape
+            )));
+        };
+        let offsets = offsets.of_numbers()?;
+        let is_length =
+            |length: f64| length >= 0.0 && length <= limits.points as f64 && length.fract() == 0.0;
+        let begins = ends > 0 && offsets.number(0) == 0.0 && offsets.number(ends - 1) == *count as f64;
+        if !(begins && (1..ends).all(|k| is_length(offsets.number(k) - offsets.number(k - 1)))) {
+            return Err(offsets
+                .fault(format!("expected offsets that ascend from 0 to the {count} points, got others")));
+        }
+        let places = Places::Ragged { offsets, shapes: ends - 1, dimension: *dimension };
+        Ok(Self { array, places })
     }
-    Ok(found)
+
+    fn count(&self) -> usize {
+        match &self.places {
+            Places::Regular(layout) => layout.shapes,
+            Places::Ragged { shapes, .. } => *shapes,
+        }
+    }
+
+    /// The points of a shape.
+    fn get(&self, k: usize) -> Points {
+        let header = &self.array.header;
+        let (range, dimension) = match &self.places {
+            Places::Regular(layout) if header.fortran => {
+                return layout.transposed(header, &self.array.bytes, k);
+            }
+            Places::Regular(layout) => (k * layout.width()..(k + 1) * layout.width(), layout.dimension),
+            Places::Ragged { offsets, dimension, .. } => {
+                // They ascend to the number of points, so they are exact.
+                let [start, end] = [k, k + 1].map(|k| offsets.number(k) as usize * dimension);
+                (start..end, *dimension)
+            }
+        };
+        Points::from_rows(dimension, range.map(|item| self.array.number(item)).collect())
+    }
 }
 
 /// Arrays that are being collected.

@@ -19,7 +19,7 @@ use super::{FIELDS, FieldNote, LABELS, PREFIX, SCHEMA, unwritten};
 /// Largest number of rows of a batch.
 pub(super) const ROWS: usize = 8192;
 /// Number of bytes at which a batch ends.
-const BYTES: usize = 32 << 20;
+const BYTES: usize = 8 << 20;
 /// Most columns of attributes, and of fields: every row has a cell in each.
 const COLUMNS: usize = 1024;
 

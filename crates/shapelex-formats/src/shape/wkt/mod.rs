@@ -54,7 +54,7 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
             continue;
         }
         let mut template = Record::new(Geometry::Landmarks(Points::new(2)), place.clone());
-        let mut parsed = Text::new(&line, limits.depth);
+        let mut parsed = Text::new(&line, limits);
         let parts = parsed.line().map_err(|error| error.at(place.clone()))?;
         template.name = parsed.id;
         if let Some(srid) = parsed.srid {

@@ -1,6 +1,7 @@
 //! A line to the parts of its geometry.
 
 use super::super::error::{FileError, Place};
+use super::super::limits::Limits;
 use super::super::objects::Part;
 use super::super::record::Points;
 
@@ -30,7 +31,9 @@ enum Order {
 pub(super) struct Text<'a> {
     line: &'a str,
     at: usize,
-    depth: usize,
+    limits: Limits,
+    /// Number of rings, lines and lists of points so far.
+    rings: usize,
     /// Number of coordinates of a position, after the first one.
     dimension: Option<usize>,
     /// Number of positions with a measure, which is not given on.
@@ -62,8 +65,8 @@ fn typed(word: &str) -> Option<(&'static str, Order)> {
 }
 
 impl<'a> Text<'a> {
-    pub(super) fn new(line: &'a str, depth: usize) -> Self {
-        Self { line, at: 0, depth, dimension: None, measures: 0, id: None, srid: None }
+    pub(super) fn new(line: &'a str, limits: Limits) -> Self {
+        Self { line, at: 0, limits, rings: 0, dimension: None, measures: 0, id: None, srid: None }
     }
 
     /// The parts of the geometry of the line; its id is kept.
@@ -143,8 +146,8 @@ impl<'a> Text<'a> {
 
     /// A geometry with its type.
     fn geometry(&mut self, parts: &mut Vec<Part>, depth: usize) -> Result<(), FileError> {
-        if depth >= self.depth {
-            let detail = format!("expected at most {} nested collections, got more", self.depth);
+        if depth >= self.limits.depth {
+            let detail = format!("expected at most {} nested collections, got more", self.limits.depth);
             return Err(FileError::too_large(self.place(), detail));
         }
         let place = self.place();
@@ -211,6 +214,8 @@ impl<'a> Text<'a> {
 
     /// Positions in brackets; those of a MULTIPOINT may have brackets of their own.
     fn points(&mut self, order: Order) -> Result<Points, FileError> {
+        self.rings += 1;
+        self.limits.rings(self.rings, || self.place())?;
         let mut points = Points::default();
         self.each(|text| {
             text.space();
