@@ -14,6 +14,9 @@ use super::data_set::{self, Reader};
 use super::values::File;
 use crate::shape::{FaultKind, FileError, Place};
 
+/// Number of bytes that are inflated before more are asked for.
+const STEP: u64 = 1 << 20;
+
 /// Where `DICM` is in a file with a preamble.
 const PREAMBLE: usize = 128;
 
@@ -45,8 +48,13 @@ pub(crate) fn is_dicom(head: &[u8]) -> bool {
 }
 
 impl<'a> Content<'a> {
-    /// Reads what comes before the data set. A deflated one is inflated, to at most `limit` bytes.
-    pub(crate) fn new(bytes: &'a [u8], limit: u64) -> Result<Self, FileError> {
+    /// Reads what comes before the data set. A deflated one is inflated, to at most `limit` bytes; `grow` is asked for as many as
+    /// there are.
+    pub(crate) fn new(
+        bytes: &'a [u8],
+        limit: u64,
+        grow: impl Fn(usize) -> Result<(), FileError>,
+    ) -> Result<Self, FileError> {
         let start = if bytes.get(PREAMBLE..PREAMBLE + 4) == Some(b"DICM") { PREAMBLE + 4 } else { 0 };
         let rest = bytes.get(start..).unwrap_or_default();
         if !rest.starts_with(&[2, 0]) {
@@ -55,7 +63,7 @@ impl<'a> Content<'a> {
         let (uid, start) = meta(bytes, start)?;
         let place = || Place::tag("(0002,0010)");
         if uid == uids::DEFLATED_EXPLICIT_VR_LITTLE_ENDIAN {
-            let bytes = inflated(&bytes[start..], limit)?;
+            let bytes = inflated(&bytes[start..], limit, grow)?;
             let content = Self { bytes: bytes.into(), start: 0, syntax: explicit() };
             return content.checked();
         }
@@ -166,16 +174,26 @@ fn meta(bytes: &[u8], start: usize) -> Result<(String, usize), FileError> {
     Ok((uid.into(), usize::try_from(end).unwrap_or(bytes.len()).min(bytes.len())))
 }
 
-fn inflated(bytes: &[u8], limit: u64) -> Result<Vec<u8>, FileError> {
+fn inflated(
+    bytes: &[u8],
+    limit: u64,
+    grow: impl Fn(usize) -> Result<(), FileError>,
+) -> Result<Vec<u8>, FileError> {
     let mut content = Vec::new();
     let place = || Place::tag("(0002,0010)");
-    DeflateDecoder::new(bytes).take(limit.saturating_add(1)).read_to_end(&mut content).map_err(|error| {
-        let kind = FileError::from(error).kind;
-        FileError::of(kind, place(), "expected a deflated data set, got bytes that cannot be inflated")
-    })?;
-    if content.len() as u64 > limit {
-        let detail = format!("expected at most {limit} bytes of content, got more");
-        return Err(FileError::too_large(place(), detail));
+    let mut decoder = DeflateDecoder::new(bytes);
+    loop {
+        let read = decoder.by_ref().take(STEP).read_to_end(&mut content).map_err(|error| {
+            let kind = FileError::from(error).kind;
+            FileError::of(kind, place(), "expected a deflated data set, got bytes that cannot be inflated")
+        })?;
+        if read == 0 {
+            return Ok(content);
+        }
+        if content.len() as u64 > limit {
+            let detail = format!("expected at most {limit} bytes of content, got more");
+            return Err(FileError::too_large(place(), detail));
+        }
+        grow(content.len())?;
     }
-    Ok(content)
 }

@@ -14,6 +14,8 @@ use crate::shape::{FaultKind, FileError, Place};
 
 /// Group of items and delimiters, which are no elements.
 const DELIMITERS: u16 = 0xfffe;
+/// Most elements and items of a data set: an empty one takes eight bytes of the file, and some twenty times as many in memory.
+const MAX_ELEMENTS: usize = 1 << 20;
 
 /// A reader of tokens over the bytes of a file.
 pub(super) type Reader<'a> = LazyDataSetReader<DynStatefulDecoder<Cursor<&'a [u8]>>>;
@@ -88,8 +90,9 @@ pub(super) fn read<'a>(
     depth: usize,
     stop: impl Fn(Tag) -> bool,
 ) -> Result<DataSet<'a>, FileError> {
-    let mut tree = Tree { open: vec![Open::Item(DataSet::default())], bytes, at: 0, depth };
+    let mut tree = Tree { open: vec![Open::Item(DataSet::default())], bytes, at: 0, depth, tokens: 0 };
     while let Some(token) = reader.advance() {
+        tree.count()?;
         match token.map_err(|error| tree.fault(&error))? {
             LazyDataToken::ElementHeader(DataElementHeader { tag, .. }) => {
                 if tag.group() == DELIMITERS {
@@ -143,6 +146,8 @@ struct Tree<'a> {
     at: u64,
     /// Most sequences within each other.
     depth: usize,
+    /// Number of tokens so far: two of an element or an item.
+    tokens: usize,
 }
 
 impl<'a> Tree<'a> {
@@ -156,6 +161,15 @@ impl<'a> Tree<'a> {
                 format!("expected {length} bytes of a value, got the {left} that the file still has");
             FileError::truncated(place, detail)
         })
+    }
+
+    fn count(&mut self) -> Result<(), FileError> {
+        self.tokens += 1;
+        if self.tokens <= 2 * MAX_ELEMENTS {
+            return Ok(());
+        }
+        let detail = format!("expected at most {MAX_ELEMENTS} elements and items, got more");
+        Err(FileError::too_large(self.place(), detail))
     }
 
     fn push(&mut self, element: Element<'a>) -> Result<(), FileError> {
@@ -235,5 +249,56 @@ impl<'a> Tree<'a> {
         }
         let detail = format!("expected elements and items, got other bytes ({error})");
         FileError::of(FaultKind::Malformed, self.place(), detail)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::content::Content;
+    use super::*;
+
+    /// A data set with a sequence of empty items.
+    fn items(count: usize) -> Vec<u8> {
+        let mut bytes = b"\x08\0\x60\0CS\x08\0RTSTRUCT\x06\x30\x39\0SQ\0\0".to_vec();
+        bytes.extend_from_slice(&u32::try_from(8 * count).expect("short").to_le_bytes());
+        bytes.extend(std::iter::repeat_n(*b"\xfe\xff\0\xe0\0\0\0\0", count).flatten());
+        bytes
+    }
+
+    #[test]
+    fn elements_are_counted() {
+        let read = |bytes: &[u8]| Content::new(bytes, 0, |_| Ok(()))?.parse(8).map(|_| ());
+        assert_eq!(read(&items(1000)), Ok(()));
+        let refused = read(&items(MAX_ELEMENTS)).expect_err("many items");
+        assert_eq!(refused.kind, FaultKind::TooLarge);
+        assert_eq!(
+            refused.to_string(),
+            "(3006,0039), byte 16: expected at most 1048576 elements and items, got more"
+        );
+    }
+
+    #[test]
+    fn memory_is_asked_for_what_is_inflated() {
+        let mut deflated = flate2::write::DeflateEncoder::new(Vec::new(), flate2::Compression::fast());
+        std::io::Write::write_all(&mut deflated, &items(400_000)).expect("written");
+        let uid = "1.2.840.10008.1.2.1.99";
+        let mut bytes = [[0; 128].as_slice(), b"DICM\x02\0\0\0UL\x04\0"].concat();
+        bytes.extend_from_slice(&(8 + uid.len() as u32).to_le_bytes());
+        bytes.extend_from_slice(b"\x02\0\x10\0UI");
+        bytes.extend_from_slice(&(uid.len() as u16).to_le_bytes());
+        bytes.extend_from_slice(uid.as_bytes());
+        bytes.extend(deflated.finish().expect("the end"));
+        let asked = std::cell::RefCell::new(Vec::new());
+        let grow = |size: usize| {
+            asked.borrow_mut().push(size >> 20);
+            if size < 3 << 20 { Ok(()) } else { Err(FileError::new(FaultKind::Memory, "none")) }
+        };
+        let refused = Content::new(&bytes, 1 << 30, grow).map(|_| ()).expect_err("no memory");
+        assert_eq!((refused.kind, asked.borrow().as_slice()), (FaultKind::Memory, [1, 2, 3].as_slice()));
+        assert!(
+            Content::new(&bytes, 1 << 30, |_| Ok(()))
+                .and_then(|content| content.parse(8).map(|_| ()))
+                .is_ok()
+        );
     }
 }

@@ -77,7 +77,7 @@ impl SeriesImage {
 /// # Errors
 /// What is no DICOM, and an image without its identifiers, its frame of reference, its position or its orientation.
 pub fn series(bytes: &[u8]) -> Result<SeriesImage, FileError> {
-    let content = Content::new(bytes, bytes.len() as u64)?;
+    let content = Content::new(bytes, bytes.len() as u64, |_| Ok(()))?;
     let file = content.parse_header(DEPTH)?;
     let root = file.root();
     let optional = |tag| root.text(tag).map(Option::unwrap_or_default);

@@ -84,7 +84,7 @@ pub(super) fn read_labels(bytes: &[u8], limits: &Limits) -> Result<ImageFile<u32
 
 /// Labels of segments by their numbers.
 pub(super) fn names(bytes: &[u8], limits: &Limits) -> Result<BTreeMap<u32, String>, ImageError> {
-    let content = Content::new(bytes, limits.bytes).map_err(refused)?;
+    let content = Content::new(bytes, limits.bytes, |_| Ok(())).map_err(refused)?;
     let file = content.parse(DEPTH).map_err(refused)?;
     let mut names = BTreeMap::new();
     for node in file.root().items(tags::SEGMENT_SEQUENCE).map_err(refused)? {
@@ -110,7 +110,7 @@ fn with_segments<T>(
     use_them: impl FnOnce(&Segments<'_>) -> Result<T, ImageError>,
 ) -> Result<T, ImageError> {
     limits.bytes(NAME, bytes.len() as u128)?;
-    let content = Content::new(bytes, limits.bytes).map_err(refused)?;
+    let content = Content::new(bytes, limits.bytes, |_| Ok(())).map_err(refused)?;
     let file = content.parse(DEPTH).map_err(refused)?;
     let segments = Segments::new(&file, limits)?;
     use_them(&segments)

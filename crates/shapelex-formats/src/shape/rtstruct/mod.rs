@@ -48,7 +48,8 @@ const AXES: &str = "x to the left, y to the back, z to the head of the patient (
 fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Result<Summary, FileError> {
     let bytes = source.bytes()?;
     let limits = *source.limits();
-    let content = Content::new(&bytes, limits.content.min(limits.held as u64))?;
+    let grow = |inflated: usize| source.reserve(bytes.len().saturating_add(inflated));
+    let content = Content::new(&bytes, limits.content.min(limits.held as u64), grow)?;
     let file = content.parse(limits.depth)?;
     let root = file.root();
     dicom::check_class(&root, &[uids::RT_STRUCTURE_SET_STORAGE], &format!("a {NAME}"))?;
