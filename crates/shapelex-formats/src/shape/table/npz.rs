@@ -11,9 +11,11 @@
 //!
 //! Only `points` is always there; other arrays are, if a shape has a value.
 
+use std::collections::BTreeMap;
 use std::io::{Read, Write};
 
-use serde_json::Value as Json;
+use serde::de::DeserializeOwned;
+use serde_json::{Map, Value as Json};
 
 use super::super::error::{FileError, Place};
 use super::super::format::Format;
@@ -100,6 +102,19 @@ impl Array {
         let text = text.ok_or_else(|| self.fault("expected texts, got other items"))?;
         Ok((!text.is_empty()).then_some(text))
     }
+
+    /// A JSON object, without members where there is no text.
+    fn object<T: DeserializeOwned + Default>(&self, k: usize) -> Result<T, FileError> {
+        let Some(text) = self.text(k)? else { return Ok(T::default()) };
+        let place = || Place { item: Some(k as u64), ..at(&self.name) };
+        check_attributes(&text, place)?;
+        let json: Json = serde_json::from_str(&text)
+            .map_err(|_| FileError::malformed(place(), "expected a JSON object, got other text"))?;
+        serde_json::from_value(json).map_err(|_| {
+            let detail = "expected a JSON object of texts, numbers and Booleans, got other values";
+            FileError::malformed(place(), detail)
+        })
+    }
 }
 
 fn at(name: &str) -> Place {
@@ -156,30 +171,13 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
             Some(closed) => Geometry::Curve { points, closed: closed > 0.0 },
             None => geometry(points, options),
         };
-        let json = |array: &Option<Array>, name: &str| match text(array)? {
-            Some(text) => {
-                let place = || Place { item: Some(k as u64), ..at(name) };
-                check_attributes(&text, place)?;
-                serde_json::from_str(&text)
-                    .map_err(|_| FileError::malformed(place(), "expected a JSON object, got other text"))
-            }
-            None => Ok(Json::Object(serde_json::Map::new())),
-        };
-        let not_object = |name: &str| {
-            FileError::malformed(
-                Place { item: Some(k as u64), ..at(name) },
-                "expected a JSON object of texts, numbers and Booleans, got other values",
-            )
-        };
         sink(Record {
             name: text(&ids)?,
             subject: text(&subjects)?,
             label: text(&labels)?,
-            labels: serde_json::from_value(json(&attributes, "attributes")?)
-                .map_err(|_| not_object("attributes"))?,
+            labels: attributes.as_ref().map_or(Ok(BTreeMap::new()), |array| array.object(k))?,
             weight: weights.as_ref().map(|weights| weights.number(k)).filter(|weight| weight.is_finite()),
-            metadata: serde_json::from_value(json(&metadata, "metadata")?)
-                .map_err(|_| not_object("metadata"))?,
+            metadata: metadata.as_ref().map_or(Ok(Map::new()), |array| array.object(k))?,
             ..Record::new(geometry, place)
         })?;
     }
