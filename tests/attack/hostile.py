@@ -238,6 +238,41 @@ def bombs(seeds, size):
     yield lie("a volume of zeros", "a.nii.gz", gzip.compress(nifti((2000, 2000, 2000), bytes(size)), mtime=0), place=None)
 
 
+def masses(seeds, size):
+    """Small parts that take far more memory than their bytes."""
+    small = lambda part, end: part * (size // len(part)) + end
+    objects = small('{"a":0},', "0")
+    feature = lambda properties, geometry: f'{{"type":"Feature","properties":{properties},"geometry":{geometry}}}'
+    point = '{"type":"Point","coordinates":[0,0]}'
+    yield lie("a property of small objects", "a.geojson", feature(f'{{"a":[{objects}]}}', point))
+    yield lie("a collection of nothing", "a.geojson", feature("{}", f'{{"type":"GeometryCollection","geometries":[{small("{},", "{}")}]}}'))
+    rings = ",".join(["[[[0,0],[1,0],[1,1],[0,0]]]"] * 400)
+    yield lie("rings with long properties", "a.geojson", feature(json.dumps({"a": "x" * (size >> 5)}), f'{{"type":"MultiPolygon","coordinates":[{rings}]}}'), expect=EITHER)
+    yield lie("an image of small objects", "a.coco.json", f'{{"images":[{{"id":1,"a":[{objects}]}}],"annotations":[]}}')
+    yield lie("empty points", "a.mrk.json", f'{{"markups":[{{"type":"Curve","controlPoints":[{small("{},", "{}")}]}}]}}', place=None)
+    yield lie("subjects of one value", "a.swproj", f'{{"data":[{objects[:-1]}{{}}]}}', place=None)
+    yield lie("rows of one cell", "a.xlsx", workbook(small("<row><c><v>1</v></c></row>", "")), place=None)
+    yield lie("shapes of two bytes", "a.npz", archive([("points.npy", npy((size // 2, 1, 2), bytes(size), "|u1"))]), expect=EITHER, place=None)
+    yield lie("empty items", "a.dcm", Dicom().file(Dicom().sequence(0x30060039, [b""] * (size // 8))), expect=EITHER)
+    yield lie("points of a collection", "a.wkt", f"GEOMETRYCOLLECTION({small('POINT(0 0),', 'POINT(0 0)')})", expect=EITHER, place=None)
+
+
+def workbook(rows):
+    """A workbook whose first sheet has these rows."""
+    schema = "http://schemas.openxmlformats.org"
+    document = f"{schema}/officeDocument/2006/relationships"
+    target = lambda kind, path: f'<Relationships xmlns="{schema}/package/2006/relationships"><Relationship Id="r" Type="{document}/{kind}" Target="{path}"/></Relationships>'
+    sheet = f'{schema}/spreadsheetml/2006/main'
+    parts = {
+        "[Content_Types].xml": f'<Types xmlns="{schema}/package/2006/content-types"/>',
+        "_rels/.rels": target("officeDocument", "xl/workbook.xml"),
+        "xl/_rels/workbook.xml.rels": target("worksheet", "worksheets/sheet1.xml"),
+        "xl/workbook.xml": f'<workbook xmlns="{sheet}" xmlns:r="{document}"><sheets><sheet name="data" sheetId="1" r:id="r"/></sheets></workbook>',
+        "xl/worksheets/sheet1.xml": f'<worksheet xmlns="{sheet}"><sheetData>{rows}</sheetData></worksheet>',
+    }
+    return archive([(name, content.encode()) for name, content in parts.items()])
+
+
 def packed(byte, size, after=b""):
     """Many bytes, compressed."""
     out = io.BytesIO()
@@ -304,4 +339,4 @@ def wrong_sum(seeds):
     return bytes(data)
 
 
-GROUPS = {function.__name__: function for function in (cut, changed, order, counts, cycles, nests, encodings, frames, overflows, bombs, names, archives)}
+GROUPS = {function.__name__: function for function in (cut, changed, order, counts, cycles, nests, encodings, frames, overflows, bombs, masses, names, archives)}
