@@ -16,7 +16,7 @@ const GZIP: [u8; 2] = [0x1f, 0x8b];
 const BLOCK: usize = 1 << 16;
 
 /// Number of bytes of a whole file that are read before memory for more is asked for.
-const STEP: u64 = 1 << 20;
+pub(super) const STEP: u64 = 1 << 20;
 
 /// Asks for memory for as many bytes of a whole file, and what is made of them.
 pub(super) type Ask<'a> = Rc<dyn Fn(usize) -> Result<(), FileError> + 'a>;

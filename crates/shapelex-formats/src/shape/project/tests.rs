@@ -274,6 +274,15 @@ fn workbooks_that_grow_are_refused() {
     // Parts that are long when they are unpacked.
     let bomb = workbook("data", &" ".repeat(200_000), "");
     assert_eq!(refused(&bomb), "expected at most 100000 bytes of a workbook, got more");
+    // Memory is asked for before they are.
+    let asked = std::cell::RefCell::new(Vec::new());
+    let source = Source::new(bomb.as_slice(), Limits::default()).expect("a source");
+    let mut source = source.asking(|size| {
+        asked.borrow_mut().push(size > 200_000);
+        if size < 200_000 { Ok(()) } else { Err(FileError::new(FaultKind::Memory, "none")) }
+    });
+    assert_eq!(Table::read(&mut source).unwrap_err().kind, FaultKind::Memory);
+    assert_eq!(asked.borrow().iter().filter(|much| **much).count(), 1);
     // Texts for which memory would be taken before they are read.
     let part = |name: &str, content: &str| archive(&[(name, content.as_bytes())]);
     let claim = "<sst count=\"1\" uniqueCount = '1000000000000'><si/></sst>";

@@ -7,7 +7,7 @@ use calamine::{DataRef, Reader, Xlsx, XlsxError};
 
 use super::super::error::{FaultKind, FileError, Place};
 use super::super::limits::Limits;
-use super::super::source::Source;
+use super::super::source::{STEP, Source};
 use super::super::table::guarded;
 use super::super::unzip::opened;
 use super::sheet::{ROWS, Row, Table};
@@ -35,8 +35,8 @@ pub(super) fn is_workbook(head: &[u8]) -> bool {
 pub(super) fn table(bytes: &[u8], source: &Source<'_>) -> Result<Table, FileError> {
     let content = source.limits().content.saturating_sub(bytes.len() as u64);
     let limits = &Limits { content, ..*source.limits() };
-    let unpacked = check_parts(bytes, limits)?;
-    source.reserve(bytes.len().saturating_add(usize::try_from(unpacked).unwrap_or(usize::MAX)))?;
+    let unpacked =
+        check_parts(bytes, limits, |unpacked| source.reserve(bytes.len().saturating_add(unpacked)))?;
     let mut cells = guarded("a workbook", || cells(bytes, limits))?.into_values();
     let names = cells.next().unwrap_or_default();
     let row = |cells: BTreeMap<u32, String>| -> Row {
@@ -82,9 +82,13 @@ fn cells(bytes: &[u8], limits: &Limits) -> Result<BTreeMap<u32, BTreeMap<u32, St
     Ok(table)
 }
 
-/// Number of bytes that come out of a workbook: at most what may be held, as the library holds its parts. Nor may a part claim more
-/// texts than it can hold, for which the library takes memory before it reads them.
-fn check_parts(bytes: &[u8], limits: &Limits) -> Result<u64, FileError> {
+/// Number of bytes that come out of a workbook, for which `reserve` is asked: at most what may be held, as the library holds its
+/// parts. Nor may a part claim more texts than it can hold, for which the library takes memory before it reads them.
+fn check_parts(
+    bytes: &[u8],
+    limits: &Limits,
+    reserve: impl Fn(usize) -> Result<(), FileError>,
+) -> Result<u64, FileError> {
     let mut archive = opened(bytes.to_vec())?;
     let most = usize::try_from(limits.content).unwrap_or(usize::MAX).min(limits.held);
     let mut left = most;
@@ -97,14 +101,16 @@ fn check_parts(bytes: &[u8], limits: &Limits) -> Result<u64, FileError> {
                 format!("expected a part of a workbook, got {error}"),
             )
         };
-        let content = archive.by_index(k).map_err(|error| malformed(&error))?;
+        let mut content = archive.by_index(k).map_err(|error| malformed(&error))?;
         part.clear();
-        content.take(left as u64 + 1).read_to_end(&mut part).map_err(|error| malformed(&error))?;
-        let Some(rest) = left.checked_sub(part.len()) else {
-            let detail = format!("expected at most {most} bytes of a workbook, got more");
-            return Err(FileError::too_large(Place::default(), detail));
-        };
-        left = rest;
+        while content.by_ref().take(STEP).read_to_end(&mut part).map_err(|error| malformed(&error))? > 0 {
+            if part.len() > left {
+                let detail = format!("expected at most {most} bytes of a workbook, got more");
+                return Err(FileError::too_large(Place::default(), detail));
+            }
+            reserve(most - left + part.len())?;
+        }
+        left -= part.len();
         let claimed = claimed_texts(&part);
         if claimed > (part.len() / TEXT.len()) as u64 {
             return Err(malformed(&format!("{claimed} texts in {} bytes", part.len())));
