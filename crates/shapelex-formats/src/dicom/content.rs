@@ -1,7 +1,7 @@
 //! Where the data set of a file begins, and how it is encoded.
 
 use std::borrow::Cow;
-use std::io::{Cursor, Read};
+use std::io::Cursor;
 
 use dicom_core::{Tag, VR};
 use dicom_dictionary_std::{tags, uids};
@@ -12,10 +12,7 @@ use flate2::read::DeflateDecoder;
 
 use super::data_set::{self, Reader};
 use super::values::File;
-use crate::shape::{FaultKind, FileError, Place};
-
-/// Number of bytes that are inflated before more are asked for.
-const STEP: u64 = 1 << 20;
+use crate::shape::{FaultKind, FileError, Place, read_step};
 
 /// Where `DICM` is in a file with a preamble.
 const PREAMBLE: usize = 128;
@@ -182,18 +179,16 @@ fn inflated(
     let mut content = Vec::new();
     let place = || Place::tag("(0002,0010)");
     let mut decoder = DeflateDecoder::new(bytes);
-    loop {
-        let read = decoder.by_ref().take(STEP).read_to_end(&mut content).map_err(|error| {
-            let kind = FileError::from(error).kind;
-            FileError::of(kind, place(), "expected a deflated data set, got bytes that cannot be inflated")
-        })?;
-        if read == 0 {
-            return Ok(content);
-        }
+    let failed = |error: std::io::Error| {
+        let kind = FileError::from(error).kind;
+        FileError::of(kind, place(), "expected a deflated data set, got bytes that cannot be inflated")
+    };
+    while read_step(&mut decoder, &mut content).map_err(failed)? {
         if content.len() as u64 > limit {
             let detail = format!("expected at most {limit} bytes of content, got more");
             return Err(FileError::too_large(place(), detail));
         }
         grow(content.len())?;
     }
+    Ok(content)
 }

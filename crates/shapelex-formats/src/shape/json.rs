@@ -1,12 +1,13 @@
-//! Memory that JSON texts take once they are parsed, which may be eighty times their length: it is estimated before.
+//! Memory of JSON: of texts once they are parsed, which may be eighty times their length and is estimated before; and of values.
 
 use std::fmt;
 
 use serde::de::{DeserializeSeed, Deserializer, Error, MapAccess, SeqAccess, Visitor};
 use serde_json::value::RawValue;
+use serde_json::{Map, Value as Json};
 
 use super::error::{FileError, Place};
-use super::record::MAX_ATTRIBUTES;
+use super::limits::MAX_ATTRIBUTES;
 
 /// Length of texts that are parsed as they are: `{},`, which has most weight for its length, is less than [`MAX_ATTRIBUTES`].
 const SHORT: usize = MAX_ATTRIBUTES / 256;
@@ -66,6 +67,22 @@ fn refuse_more(bytes: usize, most: usize, place: impl FnOnce() -> Place) -> Resu
     }
     let detail = format!("expected JSON that takes at most {most} bytes in memory, got {bytes}");
     Err(FileError::too_large(place(), detail))
+}
+
+/// About the number of bytes that the members of an object take.
+pub(super) fn map_bytes(map: &Map<String, Json>) -> usize {
+    let member = |(name, value): (&String, &Json)| size_of::<String>() + name.len() + value_bytes(value);
+    if map.is_empty() { 0 } else { VALUES.object + map.iter().map(member).sum::<usize>() }
+}
+
+fn value_bytes(value: &Json) -> usize {
+    let content = match value {
+        Json::String(text) => text.len(),
+        Json::Array(values) => values.iter().map(value_bytes).sum(),
+        Json::Object(map) => map_bytes(map),
+        Json::Null | Json::Bool(_) | Json::Number(_) => 0,
+    };
+    size_of::<Json>() + content
 }
 
 /// Members of an object beside what becomes attributes and metadata.
@@ -183,23 +200,19 @@ mod tests {
 
     #[test]
     fn values_take_no_more_than_their_weights() {
-        /// Bytes of maps, lists and values, with the room of a list to grow.
-        fn taken(value: &serde_json::Value) -> usize {
-            size_of_val(value)
-                + match value {
-                    serde_json::Value::Array(values) => 2 * values.iter().map(taken).sum::<usize>(),
-                    serde_json::Value::Object(map) => {
-                        // A node of the standard library: eleven keys and values, and where it is.
-                        let nodes = map.len().div_ceil(5);
-                        nodes * (11 * (size_of::<String>() + size_of_val(value)) + 16)
-                            + map
-                                .iter()
-                                .map(|(key, value)| key.len() + 16 + taken(value) - size_of_val(value))
-                                .sum::<usize>()
-                    }
-                    serde_json::Value::String(text) => text.len() + 16,
-                    _ => 0,
+        /// Bytes beside the value itself: a list has grown to twice its length, a map has nodes of eleven members, half of them
+        /// free, and a text is a piece of memory of its own.
+        fn taken(value: &Json) -> usize {
+            match value {
+                Json::Array(values) => 2 * size_of_val(&values[..]) + values.iter().map(taken).sum::<usize>(),
+                Json::Object(map) => {
+                    let node = 11 * size_of::<(String, Json)>() + 16;
+                    let members = map.iter().map(|(name, value)| name.len() + 16 + taken(value));
+                    map.len().div_ceil(5) * node + members.sum::<usize>()
                 }
+                Json::String(text) => text.len() + 16,
+                Json::Null | Json::Bool(_) | Json::Number(_) => 0,
+            }
         }
         for text in [
             "0",
@@ -209,7 +222,9 @@ mod tests {
             r#"{"a":1,"b":2,"c":[],"d":{},"e":"","f":0}"#,
         ] {
             let value = serde_json::from_str(text).expect("JSON");
-            assert!(taken(&value) <= 2 * VALUES.bytes(text).max(32), "{text}: {}", taken(&value));
+            let (taken, weight) = (taken(&value), VALUES.bytes(text));
+            assert!(taken <= weight, "{text}: {taken} of {weight}");
+            assert!(value_bytes(&value) <= weight + size_of_val(&value), "{text}");
         }
     }
 

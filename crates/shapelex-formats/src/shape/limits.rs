@@ -7,6 +7,10 @@ use super::error::{FileError, Place};
 /// Largest magnitude of a coordinate, that of the service.
 pub const MAX_COORDINATE: f64 = 1e100;
 
+/// Most bytes that attributes and metadata of one record take in memory. Many records may have the same, as the rings of an object
+/// do.
+pub(super) const MAX_ATTRIBUTES: usize = 16 << 20;
+
 /// Most that is read of one file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Limits {

@@ -63,6 +63,7 @@ pub use project::{named_files, pack_project};
 pub use record::{Domain, Faces, Field, Fourier, Geometry, Kind, Mesh, Points, Record, Ring, Sink, Value};
 pub use registry::{FORMATS, detect, find, read};
 pub use source::Source;
+pub(crate) use source::read_step;
 pub use summary::{Dropped, Summary};
 pub use table::{ArrayZip, npy_header};
 pub use write::Writer;

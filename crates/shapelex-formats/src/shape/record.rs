@@ -5,11 +5,8 @@ use std::collections::BTreeMap;
 use serde_json::{Map, Value as Json};
 
 use super::error::{FileError, Place};
-use super::limits::MAX_COORDINATE;
-
-/// Most bytes that attributes and metadata of one record take in memory. Many records may have the same, as the rings of an object
-/// do.
-pub(super) const MAX_ATTRIBUTES: usize = 16 << 20;
+use super::json::map_bytes;
+use super::limits::{MAX_ATTRIBUTES, MAX_COORDINATE};
 
 /// Takes the next record of a file. Its error ends the reading and is returned.
 pub type Sink<'a> = &'a mut dyn FnMut(Record) -> Result<(), FileError>;
@@ -110,23 +107,6 @@ impl Record {
         };
         checked.map_err(|detail| FileError::malformed(self.place.clone(), detail))
     }
-}
-
-/// About the number of bytes that the members of a JSON object take. The first node of a map has room for eleven of them.
-pub(super) fn map_bytes(map: &Map<String, Json>) -> usize {
-    const NODE: usize = 640;
-    let member = |(name, value): (&String, &Json)| size_of::<String>() + name.len() + json_bytes(value);
-    if map.is_empty() { 0 } else { NODE + map.iter().map(member).sum::<usize>() }
-}
-
-fn json_bytes(value: &Json) -> usize {
-    let content = match value {
-        Json::String(text) => text.len(),
-        Json::Array(values) => values.iter().map(json_bytes).sum(),
-        Json::Object(map) => map_bytes(map),
-        Json::Null | Json::Bool(_) | Json::Number(_) => 0,
-    };
-    size_of::<Json>() + content
 }
 
 /// An attribute.

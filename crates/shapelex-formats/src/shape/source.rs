@@ -16,7 +16,15 @@ const GZIP: [u8; 2] = [0x1f, 0x8b];
 const BLOCK: usize = 1 << 16;
 
 /// Number of bytes of a whole file that are read before memory for more is asked for.
-pub(super) const STEP: u64 = 1 << 20;
+const STEP: u64 = 1 << 20;
+
+/// Reads on, by at most a MiB, so that memory can be asked for before the next one. Returns whether there was anything.
+///
+/// # Errors
+/// Those of `reader`.
+pub(crate) fn read_step(reader: &mut impl Read, bytes: &mut Vec<u8>) -> io::Result<bool> {
+    Ok(reader.take(STEP).read_to_end(bytes)? > 0)
+}
 
 /// Asks for memory for as many bytes of a whole file, and what is made of them.
 pub(super) type Ask<'a> = Rc<dyn Fn(usize) -> Result<(), FileError> + 'a>;
@@ -112,7 +120,7 @@ impl<'a> Source<'a> {
     pub fn bytes(&mut self) -> Result<Vec<u8>, FileError> {
         let limit = self.limits.held;
         let mut bytes = Vec::new();
-        while self.by_ref().take(STEP).read_to_end(&mut bytes)? > 0 {
+        while read_step(self, &mut bytes)? {
             if bytes.len() > limit {
                 let detail = format!("expected at most {limit} bytes of a file of this format, got more");
                 return Err(FileError::too_large(Place::default(), detail));

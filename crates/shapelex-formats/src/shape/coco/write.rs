@@ -7,9 +7,10 @@ use std::io::Write;
 use serde_json::{Map, Value as Json, json};
 
 use super::super::error::FileError;
+use super::super::json::map_bytes;
 use super::super::objects::{Grouping, PartRef, add_metadata, area, count_lost, parts, refusal};
 use super::super::options::WriteOptions;
-use super::super::record::{Geometry, Points, Record, Value, map_bytes};
+use super::super::record::{Geometry, Points, Record, Value};
 use super::super::summary::Summary;
 use super::super::write::{Opened, Output, Writer};
 

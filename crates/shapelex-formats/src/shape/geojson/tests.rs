@@ -372,13 +372,17 @@ fn what_features_say_is_small() {
     assert_eq!(refused(&feature(&format!("\"a\":[{small}"), &polygon)).kind, FaultKind::Malformed);
 }
 
+/// A feature of lines of one point, with a property of some bytes.
+fn feature_of_lines(count: usize, property: usize) -> String {
+    let (lines, property) = ("[[0,0]],".repeat(count - 1), "x".repeat(property));
+    format!(
+        r#"{{"type":"Feature","properties":{{"a":"{property}"}},"geometry":{{"type":"MultiLineString","coordinates":[{lines}[[0,0]]]}}}}"#
+    )
+}
+
 #[test]
 fn rings_with_the_same_properties_count_as_content() {
-    let rings = format!("[{}[[0,0]]]", "[[0,0]],".repeat(999));
-    let text = format!(
-        r#"{{"type":"Feature","properties":{{"a":"{}"}},"geometry":{{"type":"MultiLineString","coordinates":{rings}}}}}"#,
-        "x".repeat(10_000)
-    );
+    let text = feature_of_lines(1000, 10_000);
     let options = ReadOptions::default();
     let limits = |content: u64| Limits { content, ..Limits::default() };
     assert_eq!(read_with(text.as_bytes(), &options, limits(4 << 20)).expect("records").0.len(), 1000);
@@ -395,12 +399,7 @@ fn rings_with_the_same_properties_count_as_content() {
 
 #[test]
 fn a_writer_holds_the_properties_of_an_object_once() {
-    let rings = format!("[{}[[0,0]]]", "[[0,0]],".repeat(99));
-    let text = format!(
-        r#"{{"type":"Feature","properties":{{"a":"{}"}},"geometry":{{"type":"MultiLineString","coordinates":{rings}}}}}"#,
-        "x".repeat(100_000)
-    );
-    let (records, _) = read_all(&text);
+    let (records, _) = read_all(&feature_of_lines(100, 100_000));
     let mut writer = FORMAT.writer(std::io::sink(), &WriteOptions::default()).expect("a writer");
     for record in &records {
         writer.push(record).expect("written");

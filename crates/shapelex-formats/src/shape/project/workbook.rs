@@ -1,13 +1,13 @@
 //! Tables in workbooks (`.xlsx`), which are archives of XML.
 
 use std::collections::BTreeMap;
-use std::io::{Cursor, Read};
+use std::io::Cursor;
 
 use calamine::{DataRef, Reader, Xlsx, XlsxError};
 
 use super::super::error::{FaultKind, FileError, Place};
 use super::super::limits::Limits;
-use super::super::source::{STEP, Source};
+use super::super::source::{Source, read_step};
 use super::super::table::guarded;
 use super::super::unzip::opened;
 use super::sheet::{ROWS, Row, Table};
@@ -103,7 +103,7 @@ fn check_parts(
         };
         let mut content = archive.by_index(k).map_err(|error| malformed(&error))?;
         part.clear();
-        while content.by_ref().take(STEP).read_to_end(&mut part).map_err(|error| malformed(&error))? > 0 {
+        while read_step(&mut content, &mut part).map_err(|error| malformed(&error))? {
             if part.len() > left {
                 let detail = format!("expected at most {most} bytes of a workbook, got more");
                 return Err(FileError::too_large(Place::default(), detail));

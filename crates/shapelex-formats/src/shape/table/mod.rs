@@ -21,6 +21,8 @@
 //! The metadata of the file have `shapelex.schema` (`shapes/1`), `shapelex.unit` and other facts of the writer, and
 //! `shapelex.fields`: a JSON object that says what carries each field, and the number of components of its values.
 
+#[cfg(test)]
+mod array_tests;
 mod array_zip;
 mod arrays;
 pub(super) mod arrow;
