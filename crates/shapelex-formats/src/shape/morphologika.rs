@@ -354,6 +354,9 @@ impl Writer for Morphologika<'_> {
         if self.names.is_empty() {
             let has_column = |label: &&String| !label.trim().is_empty() && text::name_fits(label).is_ok();
             self.labels = record.labels.keys().filter(has_column).cloned().collect();
+            if is_header(&self.labels.join(" ")) {
+                self.labels.clear();
+            }
             for (name, lines) in
                 LISTS.iter().filter_map(|name| Some((name, lines(record.metadata.get(*name)?)?)))
             {
@@ -418,18 +421,22 @@ impl Morphologika<'_> {
         if !self.labels.is_empty() {
             let summary = &mut self.summary;
             let values = self.labels.iter().map(|label| match record.labels.get(label).map(text::text_of) {
-                Some(value) if !value.is_empty() && !is_header(&value) => text::word(&value, summary, place),
+                Some(value) if !value.is_empty() => text::word(&value, summary, place),
                 _ => "NA".into(),
             });
-            let values: Vec<String> = values.collect();
-            self.values.push_str(&values.join(" "));
+            let mut values = values.collect::<Vec<_>>().join(" ");
+            if is_header(&values) {
+                summary.drop("labels that would begin a section", record.name.as_deref(), || place.clone());
+                values = vec!["NA"; self.labels.len()].join(" ");
+            }
+            self.values.push_str(&values);
             self.values.push('\n');
         }
         for label in record.labels.keys().filter(|label| !self.labels.contains(label)) {
             self.summary.drop("labels without a column", Some(label), || place.clone());
         }
         match (&mut self.groups, &record.label) {
-            (Some(groups), Some(label)) if !label.trim().is_empty() => {
+            (Some(groups), Some(label)) if !label.trim().is_empty() && text::name_fits(label).is_ok() => {
                 let label = text::word(label, &mut self.summary, place);
                 match groups.last_mut() {
                     Some((last, count)) if *last == label => *count += 1,
@@ -440,8 +447,8 @@ impl Morphologika<'_> {
             (None, None) => {}
             _ => {
                 self.groups = None;
-                self.summary
-                    .drop("classes, as not all shapes have one", record.name.as_deref(), || place.clone());
+                let what = "classes, as not all shapes have one of at most 1024 bytes";
+                self.summary.drop(what, record.name.as_deref(), || place.clone());
             }
         }
     }
@@ -495,6 +502,41 @@ mod tests {
         let mut coded = found[0].clone();
         coded.geometry = Geometry::Landmarks(Points::from_rows(2, vec![9999.0; 2]));
         assert!(refusal(coded).ends_with("expected no point at 9999, which means a missing one, got one"));
+    }
+
+    #[test]
+    fn words_that_would_not_be_read_are_left_out() {
+        let (found, _) = records(&FORMAT, TWO, &ReadOptions::default()).expect("a valid file");
+        let write = |record: Record| {
+            let mut bytes = Vec::new();
+            let mut writer = FORMAT.writer(&mut bytes, &WriteOptions::default()).expect("a writer");
+            writer.push(&record).expect("a record");
+            let summary = writer.finish().expect("the end");
+            let text = String::from_utf8(bytes).expect("text");
+            let (again, _) =
+                records(&FORMAT, &text, &ReadOptions::default()).expect("what is written is read");
+            let dropped = summary.dropped.into_iter().map(|dropped| dropped.what).collect::<Vec<_>>();
+            (again[0].label.clone(), again[0].labels.clone(), dropped.join(", "))
+        };
+        let classed = Record { label: Some("x".repeat(1025)), ..found[0].clone() };
+        let (label, labels, dropped) = write(classed);
+        assert_eq!((label, labels), (None, found[0].labels.clone()));
+        assert_eq!(dropped, "classes, as not all shapes have one of at most 1024 bytes");
+        let labelled = |pairs: &[(&str, &str)]| {
+            let pairs = pairs
+                .iter()
+                .map(|(name, value)| ((*name).into(), super::super::Value::Text((*value).into())));
+            Record { labels: pairs.collect(), ..found[0].clone() }
+        };
+        for (pairs, what) in [
+            ([("a", "[names"), ("b", "x]")], "labels that would begin a section"),
+            ([("[a", "1"), ("b]", "2")], "labels without a column"),
+        ] {
+            let (label, labels, dropped) = write(labelled(&pairs));
+            assert_eq!((label.as_deref(), labels.len(), dropped.as_str()), (Some("young"), 0, what));
+        }
+        let bracketed = labelled(&[("a", "[x]"), ("b", "y")]);
+        assert_eq!(write(bracketed.clone()), (found[0].label.clone(), bracketed.labels, String::new()));
     }
 
     #[test]

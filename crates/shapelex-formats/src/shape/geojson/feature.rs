@@ -27,6 +27,10 @@ static PROPERTIES: Beside = Beside { lists: &CHILDREN, objects: &[] };
 /// Features below another one, which are counted.
 const CHILDREN: [&str; 2] = ["childObjects", "children"];
 
+/// Members of a feature or a geometry that say something of their own: all others are kept as they are.
+pub(super) const KNOWN: [&str; 8] =
+    ["type", "coordinates", "geometries", "geometry", "nucleusGeometry", "id", "properties", "bbox"];
+
 /// An object of type Feature, or a geometry: they have no member but `type` in common, so one type holds both.
 #[derive(Debug, Default)]
 pub(super) struct Node {

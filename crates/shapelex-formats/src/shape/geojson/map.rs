@@ -1,5 +1,7 @@
 //! Features to records.
 
+use serde_json::Value as Json;
+
 use super::super::error::{FileError, Place};
 use super::super::limits::Limits;
 use super::super::objects::{Giving, Part};
@@ -48,7 +50,7 @@ impl<'o> Mapping<'o> {
         };
         debug_assert_eq!(kind, "Feature");
         let mut template = self.template(properties, id, place);
-        template.metadata.extend(others);
+        others.into_iter().for_each(|(name, value)| self.add_member(&mut template, name, value));
         let name = template.name.clone();
         let selected = [&template.label, &name].into_iter().flatten().any(|word| self.options.selects(word));
         if self.options.select.is_some() && !selected {
@@ -112,6 +114,15 @@ impl<'o> Mapping<'o> {
         record
     }
 
+    /// Adds a member of a feature to the metadata, or counts it if a property has its name.
+    fn add_member(&mut self, record: &mut Record, name: String, value: Json) {
+        if record.metadata.contains_key(&name) {
+            self.summary.drop("members with the name of a property", Some(&name), || record.place.clone());
+        } else {
+            record.metadata.insert(name, value);
+        }
+    }
+
     /// Gives the parts of a geometry on.
     fn geometry(
         &mut self,
@@ -122,7 +133,8 @@ impl<'o> Mapping<'o> {
         sink: Sink<'_>,
     ) -> Result<(), FileError> {
         if !node.others.is_empty() {
-            template.metadata.insert("geometry".into(), std::mem::take(&mut node.others).into());
+            let members = std::mem::take(&mut node.others).into();
+            self.add_member(&mut template, "geometry".into(), members);
         }
         self.limits.rings(node.rings(), || place.clone())?;
         let mut parts = Vec::new();

@@ -178,6 +178,39 @@ fn metadata_do_not_replace_what_a_feature_says() {
 }
 
 #[test]
+fn a_property_called_geometry_is_kept() {
+    for property in
+        ["\"round\"", r#"{"type":"Point","coordinates":[5,6]}"#, r#"{"id":7}"#, r#"{"bbox":[],"z":1}"#]
+    {
+        let text = format!(
+            r#"{{"type":"Feature","properties":{{"geometry":{property}}},"geometry":{{"type":"Point","coordinates":[1,2]}}}}"#
+        );
+        let (records, _) = read_all(&text);
+        assert_eq!(
+            records[0].metadata["geometry"],
+            serde_json::from_str::<serde_json::Value>(property).expect("JSON")
+        );
+        let (again, summary) = read_all(&written(&records));
+        assert_eq!(
+            (&again[0].geometry, &again[0].metadata["geometry"]),
+            (&records[0].geometry, &records[0].metadata["geometry"])
+        );
+        assert!(summary.dropped.is_empty(), "{summary:?}");
+    }
+}
+
+#[test]
+fn members_do_not_replace_properties() {
+    let text = r#"{"type":"Feature","properties":{"geometry":"round","colour":1},"colour":2,"stain":3,
+        "geometry":{"type":"Point","coordinates":[1,2],"plane":{"z":1}}}"#;
+    let (records, summary) = read_all(text);
+    let metadata = serde_json::json!({"geometry": "round", "colour": 1, "stain": 3});
+    assert_eq!(serde_json::Value::from(records[0].metadata.clone()), metadata);
+    let [dropped] = &summary.dropped[..] else { panic!("{summary:?}") };
+    assert_eq!((dropped.what.as_str(), dropped.count), ("members with the name of a property", 2));
+}
+
+#[test]
 fn ids_may_name_the_shapes() {
     let options = ReadOptions { names: Some(super::super::Names::Id), ..ReadOptions::default() };
     let (records, _) = read_with(CELL.as_bytes(), &options, Limits::default()).expect("a cell");

@@ -11,7 +11,7 @@ use super::super::options::WriteOptions;
 use super::super::record::{Points, Record, Value};
 use super::super::summary::Summary;
 use super::super::write::{Opened, Output, Writer};
-use super::feature::Own;
+use super::feature::{KNOWN, Own};
 
 /// A collection that is being written, a feature a line.
 struct Features<'a> {
@@ -63,7 +63,7 @@ impl Features<'_> {
             text.extend_from_slice(format!("\"id\":{},", Json::String(id)).as_bytes());
         }
         text.extend_from_slice(b"\"geometry\":");
-        geometry(&mut text, &parts, metadata.remove("geometry"));
+        geometry(&mut text, &parts, geometry_members(&mut metadata));
         text.extend_from_slice(b",\"properties\":");
         let properties = properties(first, metadata, name, &mut self.summary);
         serde_json::to_writer(&mut text, &properties).map_err(std::io::Error::from)?;
@@ -87,6 +87,18 @@ fn names(record: &Record, metadata: &mut Map<String, Json>) -> (Option<String>, 
     match (id, record.name.clone()) {
         (None, Some(name)) if is_uuid(&name) => (Some(name), None),
         (id, name) => (id, name),
+    }
+}
+
+/// Takes what the metadata say of the geometry. What would replace a member that it has from its points, or is no object, stays.
+fn geometry_members(metadata: &mut Map<String, Json>) -> Map<String, Json> {
+    match metadata.get_mut("geometry") {
+        Some(Json::Object(members)) if members.keys().all(|name| !KNOWN.contains(&name.as_str())) => {
+            let members = std::mem::take(members);
+            metadata.remove("geometry");
+            members
+        }
+        _ => Map::new(),
     }
 }
 
@@ -143,7 +155,7 @@ fn properties(
 }
 
 /// Writes a geometry: one part as itself, parts of one kind as a group of them, others as a collection; then its other members.
-fn geometry(text: &mut Vec<u8>, parts: &[PartRef<'_>], members: Option<Json>) {
+fn geometry(text: &mut Vec<u8>, parts: &[PartRef<'_>], members: Map<String, Json>) {
     let groups = |part: &PartRef<'_>| match part {
         PartRef::Area(_) => "MultiPolygon",
         PartRef::Line(_) => "MultiLineString",
@@ -165,10 +177,8 @@ fn geometry(text: &mut Vec<u8>, parts: &[PartRef<'_>], members: Option<Json>) {
             });
         }
     }
-    if let Some(Json::Object(members)) = members {
-        for (name, value) in members {
-            text.extend_from_slice(format!(",{}:{value}", Json::String(name)).as_bytes());
-        }
+    for (name, value) in members {
+        text.extend_from_slice(format!(",{}:{value}", Json::String(name)).as_bytes());
     }
     text.push(b'}');
 }
