@@ -447,7 +447,7 @@ impl Morphologika<'_> {
             (None, None) => {}
             _ => {
                 self.groups = None;
-                let what = "classes, as not all shapes have one of at most 1024 bytes";
+                let what = "classes, as not all shapes have one that fits";
                 self.summary.drop(what, record.name.as_deref(), || place.clone());
             }
         }
@@ -467,7 +467,7 @@ fn lines(lists: &Json) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::testing::{check_truncations, converted, fault, records};
+    use super::super::testing::{check_truncations, converted, fault, records, written};
     use super::*;
 
     const TWO: &str = concat!(
@@ -493,8 +493,8 @@ mod tests {
     fn names_and_points_that_mean_something_else_are_refused() {
         let (found, _) = records(&FORMAT, TWO, &ReadOptions::default()).expect("a valid file");
         let refusal = |record: Record| {
-            let written = super::super::testing::written(&FORMAT, &[record], &WriteOptions::default());
-            written.expect_err("a record that does not fit").to_string()
+            let text = written(&FORMAT, &[record], &WriteOptions::default());
+            text.expect_err("a record that does not fit").to_string()
         };
         let named = Record { name: Some("[names]".into()), ..found[0].clone() };
         let expected = "shape '[names]': expected a name without brackets around it, got one with them";
@@ -508,11 +508,8 @@ mod tests {
     fn words_that_would_not_be_read_are_left_out() {
         let (found, _) = records(&FORMAT, TWO, &ReadOptions::default()).expect("a valid file");
         let write = |record: Record| {
-            let mut bytes = Vec::new();
-            let mut writer = FORMAT.writer(&mut bytes, &WriteOptions::default()).expect("a writer");
-            writer.push(&record).expect("a record");
-            let summary = writer.finish().expect("the end");
-            let text = String::from_utf8(bytes).expect("text");
+            let (text, summary) =
+                written(&FORMAT, &[record], &WriteOptions::default()).expect("a record that fits");
             let (again, _) =
                 records(&FORMAT, &text, &ReadOptions::default()).expect("what is written is read");
             let dropped = summary.dropped.into_iter().map(|dropped| dropped.what).collect::<Vec<_>>();
@@ -521,7 +518,7 @@ mod tests {
         let classed = Record { label: Some("x".repeat(1025)), ..found[0].clone() };
         let (label, labels, dropped) = write(classed);
         assert_eq!((label, labels), (None, found[0].labels.clone()));
-        assert_eq!(dropped, "classes, as not all shapes have one of at most 1024 bytes");
+        assert_eq!(dropped, "classes, as not all shapes have one that fits");
         let labelled = |pairs: &[(&str, &str)]| {
             let pairs = pairs
                 .iter()
