@@ -66,8 +66,8 @@ impl Edge {
 
 /// Applies the time limit of light requests.
 pub async fn light(request: Request, next: Next) -> Response {
-    let time = Edge::of(&request).map(|edge| edge.light);
-    within(time, request, next).await
+    let Some(time) = Edge::of(&request).map(|edge| edge.light) else { return next.run(request).await };
+    tokio::time::timeout(time, next.run(request)).await.unwrap_or_else(|_| took_too_long(time))
 }
 
 /// Refusal of a new request while the service is stopping; probes are still answered.
@@ -84,21 +84,26 @@ pub struct Deadline(pub Instant);
 
 /// Applies the time limit of computing requests.
 pub async fn computing(mut request: Request, next: Next) -> Response {
-    let time = Edge::of(&request).map(|edge| edge.compute);
-    if let Some(time) = time {
-        request.extensions_mut().insert(Deadline(Instant::now() + time));
+    let Some(time) = Edge::of(&request).map(|edge| edge.compute) else { return next.run(request).await };
+    let end = Instant::now() + time;
+    request.extensions_mut().insert(Deadline(end));
+    match tokio::time::timeout_at(end.into(), next.run(request)).await {
+        // The work observes the deadline too: it may be cancelled, and say so, before this timer is polled.
+        Ok(response) if end <= Instant::now() && is_unavailable(&response) => took_too_long(time),
+        Ok(response) => response,
+        Err(_) => took_too_long(time),
     }
-    within(time, request, next).await
 }
 
-async fn within(time: Option<Duration>, request: Request, next: Next) -> Response {
-    let Some(time) = time else { return next.run(request).await };
-    tokio::time::timeout(time, next.run(request)).await.unwrap_or_else(|_| {
-        let seconds = time.as_secs();
-        let detail =
-            format!("the request was stopped after {seconds} s, the time limit: ask for less at a time");
-        Problem::new(ProblemKind::TookTooLong, detail).into_response()
-    })
+fn is_unavailable(response: &Response) -> bool {
+    let problem = response.extensions().get::<Problem>();
+    problem.is_some_and(|problem| problem.kind() == ProblemKind::Unavailable)
+}
+
+fn took_too_long(limit: Duration) -> Response {
+    let seconds = limit.as_secs();
+    let detail = format!("the request was stopped after {seconds} s, the time limit: ask for less at a time");
+    Problem::new(ProblemKind::TookTooLong, detail).into_response()
 }
 
 /// Callers whose requests are counted together.
@@ -196,10 +201,37 @@ pub(super) fn count_refused(request: &Request, refusal: Response) -> Response {
 mod tests {
     use std::net::SocketAddr;
 
+    use axum::body::Body;
     use axum::extract::ConnectInfo;
+    use axum::middleware::from_fn;
+    use axum::routing::get;
+    use axum::{Extension, Router};
     use governor::clock::FakeRelativeClock;
+    use tower::ServiceExt as _;
 
     use super::*;
+    use crate::service::app::error::ServiceError;
+
+    #[tokio::test]
+    async fn work_that_sees_the_deadline_before_the_timer_took_too_long() {
+        let time = Duration::from_millis(20);
+        let limits = Limits { compute_time: time, ..Limits::default() };
+        let work = move |share: f64| async move {
+            // A blocked thread polls no timer.
+            std::thread::sleep(time.mul_f64(share));
+            Problem::from(ServiceError::Cancelled)
+        };
+        let router = Router::new()
+            .route("/late", get(move || work(2.0)))
+            .route("/early", get(move || work(0.0)))
+            .layer(from_fn(computing))
+            .layer(Extension(Edge::new(&limits)));
+        for (path, kind) in [("/late", ProblemKind::TookTooLong), ("/early", ProblemKind::Unavailable)] {
+            let request = Request::builder().uri(path).body(Body::empty()).unwrap();
+            let response = router.clone().oneshot(request).await.unwrap();
+            assert_eq!(response.extensions().get::<Problem>().unwrap().kind(), kind, "{path}");
+        }
+    }
 
     #[test]
     fn callers_have_their_own_counts_which_are_forgotten() {
@@ -228,7 +260,7 @@ mod tests {
     #[test]
     fn addresses_of_one_network_are_one_caller() {
         let from = |address: &str| {
-            let mut request = Request::new(axum::body::Body::empty());
+            let mut request = Request::new(Body::empty());
             let address = SocketAddr::new(address.parse().unwrap(), 1);
             request.extensions_mut().insert(ConnectInfo(address));
             Caller::of(&request)
@@ -236,7 +268,7 @@ mod tests {
         assert_eq!(from("2001:db8::1"), from("2001:db8::ffff:1"));
         assert_ne!(from("2001:db8::1"), from("2001:db8:0:1::1"));
         assert_ne!(from("127.0.0.1"), from("127.0.0.2"));
-        let mut request = Request::new(axum::body::Body::empty());
+        let mut request = Request::new(Body::empty());
         request.extensions_mut().insert(Arc::new(Principal::local()));
         assert_eq!(Caller::of(&request), Some(Caller::Key("default".into(), "local".into())));
     }
