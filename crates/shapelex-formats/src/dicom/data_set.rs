@@ -24,6 +24,8 @@ pub(super) type Reader<'a> = LazyDataSetReader<DynStatefulDecoder<Cursor<&'a [u8
 #[derive(Debug, Default)]
 pub(crate) struct DataSet<'a> {
     elements: Vec<Element<'a>>,
+    /// Positions of the elements in the order of their tags, if the file has them in another one.
+    order: Vec<usize>,
 }
 
 /// An element.
@@ -66,9 +68,24 @@ impl<'a> Element<'a> {
 }
 
 impl<'a> DataSet<'a> {
-    /// The first element with a tag.
+    /// The first element with a tag. Cost: logarithmic, since one item may be asked for every frame of an image.
     pub(crate) fn get(&self, tag: Tag) -> Option<&Element<'a>> {
-        self.elements.iter().find(|element| element.tag == tag)
+        let element = if self.order.is_empty() {
+            self.elements.get(self.elements.partition_point(|element| element.tag < tag))
+        } else {
+            let at = self.order.partition_point(|k| self.elements[*k].tag < tag);
+            self.order.get(at).map(|k| &self.elements[*k])
+        };
+        element.filter(|element| element.tag == tag)
+    }
+
+    /// The data set with all its elements.
+    fn finished(mut self) -> Self {
+        if !self.elements.is_sorted_by_key(|element| element.tag) {
+            self.order = (0..self.elements.len()).collect();
+            self.order.sort_by_key(|k| self.elements[*k].tag);
+        }
+        self
     }
 
     /// All elements, in the order of the file.
@@ -196,7 +213,7 @@ impl<'a> Tree<'a> {
     fn end_item(&mut self) -> Result<(), FileError> {
         match (self.open.pop(), self.open.last_mut()) {
             (Some(Open::Item(set)), Some(Open::Sequence { items, .. })) => {
-                items.push(set);
+                items.push(set.finished());
                 Ok(())
             }
             _ => Err(self.malformed("expected an element, got the end of an item that has not begun")),
@@ -215,7 +232,7 @@ impl<'a> Tree<'a> {
 
     fn whole(self) -> Result<DataSet<'a>, FileError> {
         match self.open.into_iter().next() {
-            Some(Open::Item(set)) => Ok(set),
+            Some(Open::Item(set)) => Ok(set.finished()),
             _ => Err(FileError::malformed(Place::default(), "expected a data set, got a sequence")),
         }
     }

@@ -9,6 +9,9 @@ use super::data_set::{DataSet, Element, Value};
 use super::number;
 use crate::shape::{FileError, Place};
 
+/// Most bytes of a short text, and of a number.
+const SHORT: usize = 1024;
+
 /// Most characters of a value that a message shows.
 const SHOWN: usize = 20;
 
@@ -108,6 +111,17 @@ impl<'f> Node<'f> {
         Ok((!text.is_empty()).then(|| text.to_owned()))
     }
 
+    /// A text of at most 1024 bytes, sixteen times as long as the standard lets names be: many shapes repeat it.
+    pub(crate) fn short_text(&self, tag: Tag) -> Result<Option<String>, FileError> {
+        match self.bytes(tag)? {
+            Some(bytes) if bytes.len() > SHORT => {
+                Err(self
+                    .malformed(tag, format!("expected a text of at most {SHORT} bytes, got {}", bytes.len())))
+            }
+            _ => self.text(tag),
+        }
+    }
+
     /// A text that must be there.
     pub(crate) fn required_text(&self, tag: Tag, what: &str) -> Result<String, FileError> {
         self.text(tag)?.ok_or_else(|| self.malformed(tag, format!("expected {what}, got none")))
@@ -164,6 +178,10 @@ impl<'f> Node<'f> {
 
     /// Exactly `N` numbers; `None` if the element is absent or empty.
     pub(crate) fn array<const N: usize>(&self, tag: Tag) -> Result<Option<[f64; N]>, FileError> {
+        // Blanks around numbers have no bound of their own, and an item may be asked for every frame.
+        if let Some(bytes) = self.bytes(tag)?.filter(|bytes| bytes.len() > SHORT * N) {
+            return Err(self.malformed(tag, format!("expected {N} numbers, got {} bytes", bytes.len())));
+        }
         let numbers = self.numbers(tag)?;
         if numbers.is_empty() {
             return Ok(None);
@@ -194,21 +212,25 @@ impl<'f> Node<'f> {
 
     /// The items of a sequence; none if it is absent.
     pub(crate) fn items(&self, tag: Tag) -> Result<Vec<Node<'f>>, FileError> {
-        let Some(element) = self.set.get(tag) else { return Ok(Vec::new()) };
-        match &element.value {
-            Value::Items(items) => {
-                let path = |k| format!("{}{}[{k}] ", self.path, shown(tag));
-                let node = |(k, set)| Node { file: self.file, set, path: path(k) };
-                Ok(items.iter().enumerate().map(node).collect())
-            }
-            Value::Bytes([]) => Ok(Vec::new()),
-            _ => Err(self.malformed(tag, "expected a sequence, got a value")),
-        }
+        let sets = self.sets(tag)?;
+        Ok((0..).zip(sets).map(|(k, set)| self.within(tag, k, set)).collect())
     }
 
     /// The first item of a sequence.
     pub(crate) fn item(&self, tag: Tag) -> Result<Option<Node<'f>>, FileError> {
-        Ok(self.items(tag)?.into_iter().next())
+        Ok(self.sets(tag)?.first().map(|set| self.within(tag, 0, set)))
+    }
+
+    fn sets(&self, tag: Tag) -> Result<&'f [DataSet<'f>], FileError> {
+        match self.set.get(tag).map(|element| &element.value) {
+            Some(Value::Items(items)) => Ok(items),
+            Some(Value::Bytes([])) | None => Ok(&[]),
+            Some(_) => Err(self.malformed(tag, "expected a sequence, got a value")),
+        }
+    }
+
+    fn within(&self, tag: Tag, k: usize, set: &'f DataSet<'f>) -> Node<'f> {
+        Node { file: self.file, set, path: format!("{}{}[{k}] ", self.path, shown(tag)) }
     }
 
     fn charset(&self) -> Result<Charset, FileError> {

@@ -66,6 +66,9 @@ pub(super) fn read<T: Target>(bytes: &[u8], limits: &Limits) -> Result<ImageFile
     Ok(ImageFile { grid: header.grid, values })
 }
 
+/// Most bytes of the name of a segment: every shape of it has a copy.
+const MOST_NAME: usize = 1024;
+
 /// Names of segments as 3D Slicer writes them: `Segment0_LabelValue:=1`, `Segment0_Name:=liver`.
 pub(super) fn names(bytes: &[u8], limits: &Limits) -> Result<BTreeMap<u32, String>, ImageError> {
     Header::new(bytes, limits)?;
@@ -75,7 +78,12 @@ pub(super) fn names(bytes: &[u8], limits: &Limits) -> Result<BTreeMap<u32, Strin
         let name = fields.pairs.get(&format!("{segment}_Name"))?;
         Some((label.trim().parse().ok()?, name.trim().to_owned()))
     };
-    Ok(fields.pairs.iter().filter_map(name).collect())
+    let names: BTreeMap<u32, String> = fields.pairs.iter().filter_map(name).collect();
+    if let Some(long) = names.values().find(|name| name.len() > MOST_NAME) {
+        let fault = format!("expected names of segments of at most {MOST_NAME} bytes, got {}", long.len());
+        return Err(ImageError::corrupt(NAME, fault));
+    }
+    Ok(names)
 }
 
 /// The lines of a header.

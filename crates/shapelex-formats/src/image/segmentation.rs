@@ -89,7 +89,7 @@ pub(super) fn names(bytes: &[u8], limits: &Limits) -> Result<BTreeMap<u32, Strin
     let mut names = BTreeMap::new();
     for node in file.root().items(tags::SEGMENT_SEQUENCE).map_err(refused)? {
         let number = number(&node, tags::SEGMENT_NUMBER)?;
-        if let Some(name) = node.text(tags::SEGMENT_LABEL).map_err(refused)? {
+        if let Some(name) = node.short_text(tags::SEGMENT_LABEL).map_err(refused)? {
             names.insert(number, name);
         }
     }

@@ -4,23 +4,26 @@
 //!   refused, as such an archive is not what it seems.
 //! * Sizes that an archive declares are claims: what counts is what comes out, at most [`Limits::content`] bytes of all files.
 //! * Files of no known format are left out and counted. An archive within an archive is refused.
+//! * Files that overlap are refused, and those of long names, which each of their shapes has.
 //! * Where one file is a [`project`], the files that it names are read, in its order and with what it says of them.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::io::Read;
+use std::io::{Cursor, Read};
 
+use zip::read::ZipFile;
 use zip::result::ZipError;
 
 use super::error::{FaultKind, FileError, Place};
 use super::format::Format;
 use super::limits::Limits;
 use super::options::ReadOptions;
-use super::project::{self, Project, Table};
+use super::project::{self, Project, ProjectFile, Table};
 use super::record::Sink;
 use super::record::{Kind, Record};
 use super::registry::{detect, read as read_file};
-use super::source::{Ask, Source};
+use super::source::Source;
 use super::summary::Summary;
+use super::text::name_fits;
 use super::unzip::{Archive, fault, opened};
 
 /// Archives of several files.
@@ -46,22 +49,15 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
     let mut archive = opened(source.bytes()?)?;
     check_names(&archive)?;
     let mut files = Files {
-        limits: *source.limits(),
-        ask: source.ask(),
+        archive: source,
         content: 0,
+        repeats: Repeats::default(),
         summary: Summary::default(),
         facts: None,
     };
-    let count = match projects(&mut archive, &mut files)?.as_slice() {
-        [] => files.read_all(&mut archive, options, sink)?,
-        [project] => files.read_project(&mut archive, project, options, sink)?,
-        [_, second, ..] => {
-            let place = Place { entry: Some(second.name.clone()), ..Place::default() };
-            return Err(FileError::unsupported(
-                place,
-                "expected one project in an archive, got a second one",
-            ));
-        }
+    let count = match project(&mut archive, &mut files)? {
+        None => files.read_all(&mut archive, options, sink)?,
+        Some(project) => files.read_project(&mut archive, &project, options, sink)?,
     };
     let mut summary = files.summary;
     summary.properties = files.facts.unwrap_or_default();
@@ -75,9 +71,9 @@ struct ProjectEntry {
     table: Table,
 }
 
-/// The projects in an archive. Workbooks may hold something else: those are none.
-fn projects(archive: &mut Archive, files: &mut Files<'_>) -> Result<Vec<ProjectEntry>, FileError> {
-    let mut found = Vec::new();
+/// The project in an archive. Workbooks may hold something else: those are none.
+fn project(archive: &mut Archive, files: &mut Files<'_>) -> Result<Option<ProjectEntry>, FileError> {
+    let mut found = None;
     for k in 0..archive.len() {
         let file = archive.by_index(k).map_err(|error| fault(error).at(Place::item(k as u64)))?;
         let name = file.name().map_err(fault)?.into_owned();
@@ -86,8 +82,15 @@ fn projects(archive: &mut Archive, files: &mut Files<'_>) -> Result<Vec<ProjectE
             continue;
         }
         let entry = Place { entry: Some(name.clone()), ..Place::default() };
-        let table = files.table(file).map_err(|error| error.at(entry))?;
-        found.extend(project::is_project(&table).then_some(ProjectEntry { name, table }));
+        let table = files.table(file).map_err(|error| error.at(entry.clone()))?;
+        if !project::is_project(&table) {
+            continue;
+        }
+        if found.is_some() {
+            let detail = "expected one project in an archive, got a second one";
+            return Err(FileError::unsupported(entry, detail));
+        }
+        found = Some(ProjectEntry { name, table });
     }
     Ok(found)
 }
@@ -97,10 +100,11 @@ fn is_foreign(name: &str) -> bool {
     name.starts_with("__MACOSX/") || name.rsplit('/').next().is_some_and(|name| name.starts_with("._"))
 }
 
-/// Refuses names that leave a folder, and those that occur twice.
+/// Refuses names that leave a folder, long ones, and those that occur twice.
 fn check_names(archive: &Archive) -> Result<(), FileError> {
     for name in archive.file_names() {
         let name = name.map_err(fault)?;
+        name_fits(&name).map_err(|detail| FileError::malformed(Place::default(), detail))?;
         let parts = || name.split(['/', '\\']);
         let drive = name.as_bytes().get(1) == Some(&b':');
         if drive || name.starts_with(['/', '\\']) || parts().any(|part| part == "..") || name.contains('\0') {
@@ -116,12 +120,47 @@ fn check_names(archive: &Archive) -> Result<(), FileError> {
     Ok(())
 }
 
+/// Bytes of files that are read again may be as many times those of all files that have been read.
+const REPEATS: u64 = 16;
+/// Number of bytes of files that may be read again in any archive.
+const FREE: u64 = 64 << 20;
+
+/// Numbers of bytes of the files that a project names: many rows may name the same one.
+#[derive(Debug, Default)]
+struct Repeats {
+    /// Of files when they are read first.
+    first: u64,
+    /// Of files that are read again.
+    again: u64,
+}
+
+impl Repeats {
+    /// Counts a file.
+    ///
+    /// # Errors
+    /// [`FaultKind::TooLarge`]: files that are read again and again.
+    fn add(&mut self, bytes: u64, again: bool) -> Result<(), FileError> {
+        let count = if again { &mut self.again } else { &mut self.first };
+        *count = count.saturating_add(bytes);
+        let most = FREE.saturating_add(self.first.saturating_mul(REPEATS));
+        if self.again <= most {
+            return Ok(());
+        }
+        let detail = format!(
+            "expected at most {most} bytes of files that are read again, {REPEATS} times those of all files and {} MiB, got \
+             more: many rows name the same large file",
+            FREE >> 20
+        );
+        Err(FileError::new(FaultKind::TooLarge, detail))
+    }
+}
+
 /// What is known after some of the files.
 struct Files<'a> {
-    limits: Limits,
-    ask: Option<Ask<'a>>,
+    archive: &'a Source<'a>,
     /// Number of bytes of the files so far.
     content: u64,
+    repeats: Repeats,
     summary: Summary,
     /// Facts that all files so far agree on.
     facts: Option<BTreeMap<String, serde_json::Value>>,
@@ -169,24 +208,16 @@ impl Files<'_> {
         for named in &project.files {
             let missing = || {
                 let detail = format!("expected the file '{}' in the archive, got none", named.path);
-                FileError::malformed(named.place.clone().within(&at), detail)
+                FileError::malformed(named.place().within(&at), detail)
             };
             let path = project::within(folder, &named.path).ok_or_else(missing)?;
             let file = archive.by_name(&path).map_err(|error| match error {
                 ZipError::FileNotFound => missing(),
-                other => fault(other).at(named.place.clone().within(&at)),
+                other => fault(other).at(named.place().within(&at)),
             })?;
-            let place = Place { entry: Some(path.clone()), ..Place::default() };
-            let mut n = 0;
-            let is_known = self.read(file, &place, &own, &mut |record| {
-                n += 1;
-                sink(named.describe(record, n - 1))
-            });
-            if !is_known.map_err(|error| error.at(place.clone()))? {
-                let detail = "expected a file of shapes that the project names, got one of no known format";
-                return Err(FileError::unsupported(place, detail));
-            }
-            known.insert(path);
+            let again = !known.insert(path.clone());
+            let place = Place { entry: Some(path), ..Place::default() };
+            self.read_named(file, named, again, &place, &own, sink).map_err(|error| error.at(place))?;
         }
         for name in archive.file_names() {
             let name = name.map_err(fault)?;
@@ -203,14 +234,43 @@ impl Files<'_> {
         Ok(project.files.len() as u64)
     }
 
+    /// Reads a file that a project names, `again` if another row has named it.
+    fn read_named(
+        &mut self,
+        file: ZipFile<'_, Cursor<Vec<u8>>>,
+        named: &ProjectFile,
+        again: bool,
+        place: &Place,
+        options: &ReadOptions,
+        sink: Sink<'_>,
+    ) -> Result<(), FileError> {
+        let (packed, before, warnings) = (file.compressed_size(), self.content, self.summary.warnings.len());
+        let mut n = 0;
+        let is_known = self.read(file, place, options, &mut |record| {
+            n += 1;
+            sink(named.describe(record, n - 1))
+        })?;
+        if !is_known {
+            let detail = "expected a file of shapes that the project names, got one of no known format";
+            return Err(FileError::new(FaultKind::Unsupported, detail));
+        }
+        if again {
+            // They are those of the first time.
+            self.summary.warnings.truncate(warnings);
+        }
+        // Packed data may be long, and nothing come out.
+        self.repeats.add(packed.saturating_add(self.content - before), again)
+    }
+
     /// What may still be read.
     fn left(&self) -> Limits {
-        Limits { content: self.limits.content.saturating_sub(self.content), ..self.limits }
+        let limits = *self.archive.limits();
+        Limits { content: limits.content.saturating_sub(self.content), ..limits }
     }
 
     /// A table. What comes out of a workbook counts as well.
     fn table(&mut self, file: impl Read) -> Result<Table, FileError> {
-        let mut source = Source::inner(file, self.left(), self.ask.clone())?;
+        let mut source = self.archive.inner(file, self.left())?;
         let table = Table::read(&mut source)?;
         self.content += source.offset() + table.unpacked;
         Ok(table)
@@ -230,7 +290,7 @@ impl Files<'_> {
             self.summary.drop("attributes of an operating system", Some(name), || place.clone());
             return Ok(false);
         }
-        let mut source = Source::inner(file, self.left(), self.ask.clone())?;
+        let mut source = self.archive.inner(file, self.left())?;
         let Ok(format) = detect(source.head(), Some(file_name)) else {
             self.summary.drop("files of no known format", Some(name), || place.clone());
             return Ok(false);

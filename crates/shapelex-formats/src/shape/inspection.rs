@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 
 use super::record::{Geometry, Kind, Record, Value};
-use super::summary::Summary;
+use super::summary::{Summary, shortened};
 
 /// Number of names kept of a group, and of labels of a file.
 const NAMES: usize = 20;
@@ -117,7 +117,7 @@ impl Group {
         self.closed += u64::from(matches!(record.geometry, Geometry::Curve { closed: true, .. }));
         self.holes += u64::from(record.ring.as_ref().is_some_and(|ring| ring.hole));
         if let Some(name) = record.name.as_ref().filter(|_| self.names.len() < NAMES) {
-            self.names.push(name.clone());
+            self.names.push(shortened(name));
         }
         let mut is_incomplete = false;
         for row in record.geometry.points().into_iter().flat_map(|points| points.rows()) {

@@ -85,6 +85,21 @@ fn value_bytes(value: &Json) -> usize {
     size_of::<Json>() + content
 }
 
+/// Number of characters of names and values: at most that of a JSON text of them.
+pub(super) fn map_characters(map: &Map<String, Json>) -> usize {
+    map.iter().map(|(name, value)| name.len() + value_characters(value)).sum()
+}
+
+fn value_characters(value: &Json) -> usize {
+    // Itself, and the comma behind it.
+    2 + match value {
+        Json::String(text) => text.len(),
+        Json::Array(values) => values.iter().map(value_characters).sum(),
+        Json::Object(map) => map_characters(map),
+        Json::Null | Json::Bool(_) | Json::Number(_) => 0,
+    }
+}
+
 /// Members of an object beside what becomes attributes and metadata.
 pub(super) struct Beside {
     /// Members whose lists are read otherwise, or not at all.

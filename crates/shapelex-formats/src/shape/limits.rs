@@ -7,6 +7,9 @@ use super::error::{FileError, Place};
 /// Largest magnitude of a coordinate, that of the service.
 pub const MAX_COORDINATE: f64 = 1e100;
 
+/// Most coordinates of a point. A missing point takes as much memory as one that is there, and a few characters of a file.
+pub(super) const MAX_DIMENSION: usize = 16;
+
 /// Most bytes that attributes and metadata of one record take in memory. Many records may have the same, as the rings of an object
 /// do.
 pub(super) const MAX_ATTRIBUTES: usize = 16 << 20;

@@ -16,6 +16,7 @@
 //!   missing.
 //! * The order of records is that of the file, whatever the number of threads.
 
+mod account;
 mod archive;
 mod chc;
 mod coco;

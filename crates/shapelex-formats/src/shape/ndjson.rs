@@ -21,6 +21,7 @@ use serde_json::value::RawValue;
 use super::error::{FileError, Place};
 use super::format::Format;
 use super::json::check_attributes;
+use super::limits::MAX_DIMENSION;
 use super::options::{ReadOptions, WriteOptions};
 use super::record::Sink;
 use super::record::{Domain, Faces, Field, Fourier, Geometry, Kind, Mesh, Points, Record};
@@ -209,6 +210,11 @@ impl Rows {
         match row {
             None if dimension == 0 => self.before += 1,
             None => self.points.push_missing(),
+            Some(row) if row.len() > MAX_DIMENSION => {
+                let detail =
+                    format!("expected at most {MAX_DIMENSION} coordinates, got {} in point {k}", row.len());
+                self.fault.get_or_insert(detail);
+            }
             Some(row) if dimension == 0 && !row.is_empty() => {
                 self.points = missing(row.len(), std::mem::take(&mut self.before));
                 self.points.push(row);
@@ -496,6 +502,12 @@ mod tests {
                 "\n{\"points\":[[0,1],[2]]}",
                 FaultKind::Malformed,
                 "line 2: expected 2 coordinates, got 1 in point 1",
+            ),
+            (
+                // Each missing point would take as much memory as the long one.
+                "{\"points\":[null,null,[0,1,2,3,4,5,6,7,8,9,10,11,12,13,14,15,16],null]}",
+                FaultKind::Malformed,
+                "line 1: expected at most 16 coordinates, got 17 in point 2",
             ),
             (
                 "{\"points\":[[0,1e101]]}",

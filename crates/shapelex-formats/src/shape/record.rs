@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use serde_json::{Map, Value as Json};
 
 use super::error::{FileError, Place};
-use super::json::map_bytes;
-use super::limits::{MAX_ATTRIBUTES, MAX_COORDINATE};
+use super::json::{map_bytes, map_characters};
+use super::limits::{MAX_COORDINATE, MAX_DIMENSION};
 
 /// Takes the next record of a file. Its error ends the reading and is returned.
 pub type Sink<'a> = &'a mut dyn FnMut(Record) -> Result<(), FileError>;
@@ -64,6 +64,11 @@ impl Record {
 
     /// About the number of bytes that it takes in memory.
     pub fn bytes(&self) -> usize {
+        self.geometry_bytes() + self.attribute_bytes()
+    }
+
+    /// About the number of bytes that it takes without attributes and metadata.
+    pub(super) fn geometry_bytes(&self) -> usize {
         /// Of the record itself.
         const OWN: usize = 64;
         let numbers = match &self.geometry {
@@ -74,38 +79,44 @@ impl Record {
             }
             Geometry::Fourier(fourier) => fourier.cosine.len() + fourier.sine.len(),
         };
-        OWN + numbers * size_of::<f64>() + self.attribute_bytes()
+        OWN + numbers * size_of::<f64>()
     }
 
     /// About the number of bytes that attributes and metadata take.
-    fn attribute_bytes(&self) -> usize {
-        let texts = [&self.name, &self.subject, &self.label].into_iter().flatten().map(String::len);
-        let label = |(name, value): (&String, &Value)| {
-            name.len()
-                + size_of::<(String, Value)>()
-                + if let Value::Text(text) = value { text.len() } else { 0 }
-        };
-        texts.sum::<usize>() + self.labels.iter().map(label).sum::<usize>() + map_bytes(&self.metadata)
+    pub(super) fn attribute_bytes(&self) -> usize {
+        self.attribute_size(size_of::<(String, Value)>()) + map_bytes(&self.metadata)
     }
 
-    /// Checks what every reader must keep: coordinates, faces, fields, and the size of attributes and metadata.
+    /// Number of characters of attributes and metadata, at most as many as a file spends on them.
+    pub(super) fn attribute_characters(&self) -> usize {
+        self.attribute_size(0) + map_characters(&self.metadata)
+    }
+
+    /// Texts, and `each` for every attribute.
+    fn attribute_size(&self, each: usize) -> usize {
+        let texts = [&self.name, &self.subject, &self.label].into_iter().flatten().map(String::len);
+        let label = |(name, value): (&String, &Value)| {
+            name.len() + each + if let Value::Text(text) = value { text.len() } else { 0 }
+        };
+        texts.sum::<usize>() + self.labels.iter().map(label).sum::<usize>()
+    }
+
+    /// Checks what every reader must keep: coordinates, faces and fields.
     ///
     /// # Errors
-    /// The first fault, at the place of the record.
+    /// The first fault.
     pub fn check(&self) -> Result<(), FileError> {
-        let attributes = self.attribute_bytes();
-        if attributes > MAX_ATTRIBUTES {
-            let detail = format!(
-                "expected attributes and metadata of at most {MAX_ATTRIBUTES} bytes in memory, got {attributes}"
-            );
-            return Err(FileError::too_large(self.place.clone(), detail));
+        let dimension = self.geometry.dimension();
+        if dimension > MAX_DIMENSION {
+            let detail = format!("expected points of at most {MAX_DIMENSION} coordinates, got {dimension}");
+            return Err(FileError::malformed(Place::default(), detail));
         }
         let checked = match &self.geometry {
             Geometry::Curve { points, .. } | Geometry::Landmarks(points) => points.check(),
             Geometry::Mesh(mesh) => mesh.check(),
             Geometry::Fourier(fourier) => fourier.check(),
         };
-        checked.map_err(|detail| FileError::malformed(self.place.clone(), detail))
+        checked.map_err(|detail| FileError::malformed(Place::default(), detail))
     }
 }
 

@@ -1,5 +1,6 @@
 //! The registry of formats.
 
+use super::account::Account;
 use super::error::{FaultKind, FileError, Place};
 use super::format::Format;
 use super::options::ReadOptions;
@@ -45,10 +46,6 @@ pub static FORMATS: &[&Format] = &[
     &table::NPZ,
 ];
 
-/// Bytes that the shapes of a file take in memory for each byte of its content: a coordinate of two characters takes eight. Shapes that
-/// have all the same text, as those with one entry of a dictionary or the rings of an object, may take any number.
-const EXPANSION: u64 = 4;
-
 /// Reads all records of a file of a format. Those without points are left out, and counted.
 ///
 /// # Errors
@@ -65,24 +62,14 @@ pub fn read(
         return Err(FileError::new(FaultKind::Unsupported, detail));
     };
     options.check(format)?;
-    let (mut count, mut empty, mut bytes) = (0, 0, 0_u64);
-    let (limit, most) = (source.limits().records, source.limits().content.saturating_mul(EXPANSION));
-    let mut left_out = Summary::default();
+    let (mut account, content) = (Account::new(*source.limits()), source.content());
+    let (mut empty, mut left_out) = (0, Summary::default());
     let mut counted = |record: Record| {
-        count += 1;
-        if count > limit {
-            let detail = format!("expected at most {limit} shapes, got more");
-            return Err(FileError::new(FaultKind::TooLarge, detail).at(record.place));
-        }
-        bytes = bytes.saturating_add(record.bytes() as u64);
-        if bytes > most {
-            let detail = format!("expected shapes that take at most {most} bytes in memory in all, got more");
-            return Err(FileError::new(FaultKind::TooLarge, detail).at(record.place));
-        }
-        if let Err(error) = record.check() {
-            let is_placed = *error.place != Place::default();
-            return Err(if is_placed { error } else { error.at(Place::item(count - 1)) });
-        }
+        let checked = account.add(&record, content.get()).and_then(|()| record.check());
+        checked.map_err(|error| {
+            let is_placed = record.place != Place::default();
+            error.at(if is_placed { record.place.clone() } else { Place::item(account.records - 1) })
+        })?;
         if record.is_empty() {
             empty += 1;
             left_out.drop("shapes without points", record.name.as_deref(), || record.place.clone());
@@ -95,7 +82,7 @@ pub fn read(
         FaultKind::Truncated if *error.place == Place::default() => error.at(Place::byte(source.offset())),
         _ => error,
     })?;
-    summary.records = count - empty;
+    summary.records = account.records - empty;
     summary.dropped.extend(left_out.dropped);
     Ok(summary)
 }

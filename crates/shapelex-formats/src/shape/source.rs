@@ -1,5 +1,6 @@
 //! The bytes of a file, one after the other, with their count.
 
+use std::cell::Cell;
 use std::io::{self, BufRead, BufReader, Cursor, Read};
 use std::rc::Rc;
 
@@ -27,7 +28,7 @@ pub(crate) fn read_step(reader: &mut impl Read, bytes: &mut Vec<u8>) -> io::Resu
 }
 
 /// Asks for memory for as many bytes of a whole file, and what is made of them.
-pub(super) type Ask<'a> = Rc<dyn Fn(usize) -> Result<(), FileError> + 'a>;
+type Ask<'a> = Rc<dyn Fn(usize) -> Result<(), FileError> + 'a>;
 
 /// Bytes of a file. It counts them, and refuses more than the limits allow. A file compressed by gzip is decompressed: its bytes,
 /// offsets and limits are those of what it holds.
@@ -36,6 +37,8 @@ pub struct Source<'a> {
     /// First bytes of the file, which `reader` still gives.
     head: Vec<u8>,
     offset: u64,
+    /// Number of bytes read of the file and of those within it.
+    content: Rc<Cell<u64>>,
     line: u64,
     limits: Limits,
     /// Whether more bytes may come out than have arrived.
@@ -60,7 +63,8 @@ impl<'a> Source<'a> {
         begun.map_err(|error| FileError::from(error).at(Place::byte(head.len() as u64)))?;
         let whole: Box<dyn Read + 'a> = Box::new(Cursor::new(head.clone()).chain(reader));
         let reader = BufReader::with_capacity(BLOCK, whole);
-        Ok(Self { reader, head, offset: 0, line: 0, limits, expands: compressed, ask: None })
+        let content = Rc::default();
+        Ok(Self { reader, head, offset: 0, content, line: 0, limits, expands: compressed, ask: None })
     }
 
     /// Asks before more bytes are held than have arrived: of a compressed file, or of one within an archive.
@@ -73,11 +77,12 @@ impl<'a> Source<'a> {
     /// # Errors
     /// Those of `reader`.
     pub(super) fn inner<'b>(
+        &'b self,
         reader: impl Read + 'b,
         limits: Limits,
-        ask: Option<Ask<'b>>,
     ) -> Result<Source<'b>, FileError> {
-        Ok(Source { expands: true, ask, ..Source::new(reader, limits)? })
+        let (ask, content) = (self.ask.clone(), self.content());
+        Ok(Source { expands: true, ask, content, ..Source::new(reader, limits)? })
     }
 
     /// Asks for memory for `bytes` in all: those of the file, and what they unpack to.
@@ -86,11 +91,6 @@ impl<'a> Source<'a> {
     /// [`FaultKind::Memory`](super::FaultKind::Memory) where there is none.
     pub(super) fn reserve(&self, bytes: usize) -> Result<(), FileError> {
         self.ask.as_ref().map_or(Ok(()), |ask| ask(bytes))
-    }
-
-    /// How memory is asked for.
-    pub(super) fn ask(&self) -> Option<Ask<'a>> {
-        self.ask.clone()
     }
 
     /// The first bytes of the file, at most 4096.
@@ -106,6 +106,11 @@ impl<'a> Source<'a> {
     /// Number of bytes read.
     pub fn offset(&self) -> u64 {
         self.offset
+    }
+
+    /// Counts the bytes read of this file and of those within it.
+    pub(super) fn content(&self) -> Rc<Cell<u64>> {
+        Rc::clone(&self.content)
     }
 
     /// Number of lines read by [`next_line`](Self::next_line).
@@ -173,8 +178,12 @@ impl<'a> Source<'a> {
         Ok(true)
     }
 
-    fn count(&mut self, count: usize) -> io::Result<()> {
+    fn pass(&mut self, count: usize) {
         self.offset += count as u64;
+        self.content.set(self.content.get() + count as u64);
+    }
+
+    fn check_content(&self) -> io::Result<()> {
         if self.offset > self.limits.content {
             let detail = format!("expected at most {} bytes of content, got more", self.limits.content);
             return Err(io::Error::new(io::ErrorKind::FileTooLarge, detail));
@@ -186,21 +195,22 @@ impl<'a> Source<'a> {
 impl Read for Source<'_> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let count = self.reader.read(buffer)?;
-        self.count(count)?;
+        self.pass(count);
+        self.check_content()?;
         Ok(count)
     }
 }
 
 impl BufRead for Source<'_> {
     fn fill_buf(&mut self) -> io::Result<&[u8]> {
-        // Counts of `consume` cannot fail: the limit is checked here.
-        self.count(0)?;
+        // `consume` cannot fail: the limit is checked here.
+        self.check_content()?;
         self.reader.fill_buf()
     }
 
     fn consume(&mut self, amount: usize) {
         self.reader.consume(amount);
-        self.offset += amount as u64;
+        self.pass(amount);
     }
 }
 

@@ -35,6 +35,13 @@ pub struct Dropped {
 
 /// Number of names kept.
 const NAMES: usize = 100;
+/// Number of bytes kept of a name.
+const LENGTH: usize = 1024;
+
+/// A name as it is kept: the first 1024 bytes of a longer one.
+pub(super) fn shortened(name: &str) -> String {
+    name[..name.floor_char_boundary(LENGTH)].into()
+}
 
 impl Summary {
     /// Counts something that is not given on.
@@ -47,7 +54,7 @@ impl Summary {
         let dropped = &mut self.dropped[at];
         dropped.count += 1;
         if let Some(name) = name.filter(|_| dropped.names.len() < NAMES) {
-            dropped.names.push(name.into());
+            dropped.names.push(shortened(name));
         }
     }
 

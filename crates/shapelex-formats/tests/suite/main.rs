@@ -1,6 +1,7 @@
 //! All integration tests of the crate, one binary.
 #![allow(clippy::unwrap_used, missing_docs)]
 
+mod cost;
 mod data;
 mod dicom;
 mod files;

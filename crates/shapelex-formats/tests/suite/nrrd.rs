@@ -91,3 +91,12 @@ fn what_is_not_read_is_named() {
     assert!(refusal(&raw(HEADER, &cells([0; 4])[..5])).ends_with("expected 8 bytes of NRRD cells, got 5"));
     assert!(refusal(&raw(HEADER, &[0; 9])).starts_with("expected the file to end after 8 bytes"));
 }
+
+#[test]
+fn names_of_segments_are_short() {
+    let named =
+        |name: &str| label_names(&raw(&HEADER.replace("heart: left", name), &cells([1, 2, 3, 4])), &LIMITS);
+    assert_eq!(named(&"x".repeat(1024)).unwrap()[&300].len(), 1024);
+    let refused = named(&"x".repeat(1025)).unwrap_err().to_string();
+    assert!(refused.ends_with("expected names of segments of at most 1024 bytes, got 1025"), "{refused}");
+}

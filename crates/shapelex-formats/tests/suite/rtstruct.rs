@@ -322,6 +322,20 @@ fn a_frame_of_reference_is_expected() {
 }
 
 #[test]
+fn texts_that_every_contour_repeats_are_short() {
+    let long = "1".repeat(1025);
+    for (small, tag) in [
+        (Small { frame: &long, ..Small::default() }, "(3006,0024)"),
+        (closed(&long, vec![ring(0.0, 1.0)]), "(3006,0026)"),
+    ] {
+        let (kind, message) = refusal(&small.file());
+        assert!(kind == FaultKind::Malformed && message.contains(tag), "{message}");
+        assert!(message.ends_with("expected a text of at most 1024 bytes, got 1026"), "{message}");
+    }
+    assert_eq!(all(&closed(&long[..1024], vec![ring(0.0, 1.0)]).file()).0.len(), 1);
+}
+
+#[test]
 fn counts_and_numbers_that_lie_are_refused() {
     let (_, message) = refusal(&Small { claimed: Some(1000), ..Small::default() }.file());
     assert!(message.starts_with("item 0, (3006,0039)[0] (3006,0040)[0] (3006,0046), byte "), "{message}");

@@ -1,7 +1,8 @@
 //! DICOM segmentations: bits, numbers, places of frames, and files that are wrong.
 
-use shapelex_formats::image::{ImageError, describe, label_names, read, read_labels};
+use shapelex_formats::image::{ImageError, Limits, describe, label_names, read, read_labels};
 
+use crate::cost::compare;
 use crate::dicom::{BIG, EXPLICIT, Encoding, IMPLICIT, file};
 use crate::files::{LIMITS, refusal};
 
@@ -14,6 +15,8 @@ struct Small<'a> {
     frames: Vec<(u16, [f64; 3])>,
     pixels: Vec<u8>,
     between: &'a str,
+    /// Empty items behind what all frames share, and of a sequence that is not read.
+    empty: [usize; 2],
 }
 
 impl Default for Small<'_> {
@@ -21,14 +24,16 @@ impl Default for Small<'_> {
         // Three frames of 6 cells: 110000, 000011, 101010, the least significant bit first.
         let pixels = vec![0b0000_0011, 0b0101_1100, 0b01];
         let frames = vec![(1, [5.0, 6.0, 7.0]), (2, [5.0, 6.0, 7.0]), (1, [5.0, 6.0, 11.0])];
-        Self { encoding: IMPLICIT, kind: "BINARY", bits: 1, frames, pixels, between: "2" }
+        Self { encoding: IMPLICIT, kind: "BINARY", bits: 1, frames, pixels, between: "2", empty: [0; 2] }
     }
 }
 
 impl Small<'_> {
     fn data_set(&self) -> Vec<u8> {
         let e = self.encoding;
-        let plane = e.sequence(0x0020_9116, &[e.text(0x0020_0037, "DS", "1\\0\\0\\0\\1\\0")]);
+        let [shared, others] = self.empty.map(|count| vec![Vec::new(); count]);
+        let plane = [vec![e.text(0x0020_0037, "DS", "1\\0\\0\\0\\1\\0")], shared].concat();
+        let plane = e.sequence(0x0020_9116, &plane);
         let measures =
             [e.text(0x0018_0088, "DS", self.between), e.text(0x0028_0030, "DS", "0.5\\0.25")].concat();
         let shared = [plane, e.sequence(0x0028_9110, &[measures])].concat();
@@ -47,6 +52,7 @@ impl Small<'_> {
             e.number(0x0028_0010, 2),
             e.number(0x0028_0011, 3),
             e.number(0x0028_0100, self.bits),
+            e.sequence(0x0040_0555, &others),
             e.text(0x0062_0001, "CS", self.kind),
             e.sequence(0x0062_0002, &segments),
             e.sequence(0x5200_9229, &[shared]),
@@ -164,4 +170,22 @@ fn wrong_files_are_refused() {
         "{refused}"
     );
     assert!(refusal(&EXPLICIT.file(&set)).ends_with("expected pixels (7FE0,0010), got none"));
+}
+
+#[test]
+fn what_frames_share_is_not_read_again_for_every_frame() {
+    let frames: Vec<_> = (0..4000_u16).map(|k| (1, [0.0, 0.0, 2.0 * f64::from(k)])).collect();
+    let file =
+        |empty| Small { frames: frames.clone(), pixels: vec![0; 3000], empty, ..Small::default() }.file();
+    let (shared, others) = (file([4000, 0]), file([0, 4000]));
+    let limits = Limits { bytes: 1 << 24, cells: 1 << 16 };
+    let read = |bytes: &[u8]| assert_eq!(read_labels(bytes, &limits).unwrap().grid.size(), [3, 2, 4000]);
+    compare(|| read(&shared), || read(&others));
+}
+
+#[test]
+fn long_texts_and_numbers_are_refused() {
+    let between = format!("2{}", " ".repeat(1024));
+    let refused = refusal(&Small { between: &between, ..Small::default() }.file());
+    assert!(refused.ends_with("expected 1 numbers, got 1026 bytes"), "{refused}");
 }

@@ -91,6 +91,8 @@ fn names_that_lead_out_of_the_archive_are_refused() {
         let refused = refusal(&[("ok.ndjson", LINE.as_bytes()), (name, LINE.as_bytes())]);
         assert_eq!(refused, format!("file '{name}': {expected}"));
     }
+    let long = refusal(&[(&"a".repeat(1025), LINE.as_bytes())]);
+    assert!(long.starts_with("expected a name of at most 1024 bytes, got 1025 of 'aaa"), "{long}");
     let twice = refusal(&[("a.ndjson", LINE.as_bytes()), ("a.ndjson", b"")]);
     assert_eq!(twice, "expected files with names of their own, got two with the same name");
 }
@@ -160,4 +162,47 @@ fn memory_is_asked_for_whole_files() {
     });
     let summary = read_file(&FORMAT, &mut source, &ReadOptions::default(), &mut |_| Ok(())).unwrap();
     assert_eq!((summary.records, largest.get()), (100_002, mesh.len()));
+}
+
+#[test]
+fn files_that_overlap_are_refused() {
+    let mut bytes = archive(&[("a.ndjson", LINE.as_bytes()), ("b.ndjson", LINE.as_bytes())]);
+    let entry = bytes.windows(4).rposition(|window| window == b"PK\x01\x02").unwrap();
+    bytes[entry + 42..entry + 46].fill(0);
+    let error = records(&bytes, Limits::default()).unwrap_err();
+    let expected = "expected files with bytes of their own in the archive, got some that overlap";
+    assert_eq!((error.kind, error.to_string().as_str()), (FaultKind::Malformed, expected));
+}
+
+#[test]
+fn files_that_are_read_again_are_bounded_by_those_that_have_been_read() {
+    let mut repeats = Repeats::default();
+    repeats.add(1 << 20, false).unwrap();
+    for _ in 0..64 + 16 {
+        repeats.add(1 << 20, true).unwrap();
+    }
+    repeats.add(1 << 20, false).unwrap();
+    repeats.add(16 << 20, true).unwrap();
+    let error = repeats.add(1, true).unwrap_err();
+    let expected = "expected at most 100663296 bytes of files that are read again, 16 times those of all files and 64 MiB, got \
+                    more: many rows name the same large file";
+    assert_eq!((error.kind, error.to_string().as_str()), (FaultKind::TooLarge, expected));
+}
+
+#[test]
+fn a_file_that_is_read_again_is_counted_and_warns_once() {
+    let project = r#"{"data":[{"shape_1":"a.obj"},{"shape_1":"a.obj"},{"shape_1":"b.obj"}]}"#;
+    let point = b"v 0 0 0\n";
+    let bytes = archive(&[("a.swproj", project.as_bytes()), ("a.obj", point), ("b.obj", point)]);
+    let mut archive = opened(bytes.clone()).unwrap();
+    let source = Source::new(&bytes[..], Limits::default()).unwrap();
+    let (repeats, summary) = (Repeats::default(), Summary::default());
+    let mut files = Files { archive: &source, content: 0, repeats, summary, facts: None };
+    let found = super::project(&mut archive, &mut files).unwrap().unwrap();
+    let options = ReadOptions::from_pairs([("files", "shape")]).unwrap();
+    files.read_project(&mut archive, &found, &options, &mut |_| Ok(())).unwrap();
+    // Each has eight bytes in the archive, and eight come out.
+    assert_eq!((files.repeats.first, files.repeats.again), (32, 16));
+    let warning = "points without faces are read as landmarks";
+    assert_eq!(files.summary.warnings, ["a", "b"].map(|name| format!("file '{name}.obj': {warning}")));
 }

@@ -18,6 +18,7 @@ use super::super::record::Sink;
 use super::super::record::{Geometry, Points, Record, Value};
 use super::super::source::Source;
 use super::super::summary::Summary;
+use super::super::text::name_fits;
 use crate::words::plain;
 
 /// A file, whose annotations are read one by one. Members such as `info` and `licenses` say nothing of shapes.
@@ -113,12 +114,15 @@ pub(super) fn read(
     };
     let mut images = BTreeMap::new();
     for (k, image) in file.images.into_iter().enumerate() {
-        let Image { id, .. } = part(image.get(), || place_of("images", k, image))?;
-        images.insert(id.to_string(), image.get());
+        let Image { id, others } = part(image.get(), || place_of("images", k, image))?;
+        // Parsed again for each annotation, so without blanks and repeated names. A map takes many times as much memory.
+        images.insert(id.to_string(), Json::Object(others).to_string());
     }
     let mut categories = BTreeMap::new();
     for (k, category) in file.categories.into_iter().enumerate() {
         let Category { id, name } = part(category.get(), || place_of("categories", k, category))?;
+        name_fits(&name)
+            .map_err(|detail| FileError::malformed(place_of("categories", k, category), detail))?;
         categories.insert(id.to_string(), name);
     }
     let mut reading =
@@ -144,8 +148,8 @@ fn part<'a, T: Deserialize<'a>>(text: &'a str, place: impl Fn() -> Place) -> Res
 struct Reading<'o> {
     options: &'o ReadOptions,
     limits: Limits,
-    /// Texts of the images by their ids.
-    images: BTreeMap<String, &'o str>,
+    /// What is said of the images beside their ids, by these, as JSON.
+    images: BTreeMap<String, String>,
     categories: BTreeMap<String, String>,
     summary: Summary,
     /// Number of masks, and of annotations that became records.
@@ -160,9 +164,9 @@ impl Reading<'_> {
         POLYGONS.check(text, self.limits.made(text.len()), || place.clone())?;
         let mut annotation: Annotation = serde_json::from_str(text).map_err(malformed)?;
         let (segmentation, keypoints) = (annotation.segmentation.take(), annotation.keypoints.take());
-        let template = self.template(annotation, place);
-        let name = template.name.clone();
-        if !self.options.selects(template.label.as_deref().unwrap_or_default()) {
+        let name = annotation.name.clone().or_else(|| word(&annotation.id));
+        let label = self.label(&annotation.category_id);
+        if !self.options.selects(label.as_deref().unwrap_or_default()) {
             self.summary.drop("annotations that are not selected", name.as_deref(), || place.clone());
             return Ok(());
         }
@@ -185,17 +189,22 @@ impl Reading<'_> {
             }
         };
         self.given += 1;
+        // It has a copy of what is said of the image, so annotations left out do without it.
+        let template = Record { name, label, ..self.template(annotation, place) };
         let limits = self.limits;
         let giving = Giving { holes: Holes::Keep, limits: &limits };
         giving.give(parts, item, template, &mut self.summary, sink)
     }
 
-    /// What an annotation says of its shapes.
+    /// The name of a category, or its id.
+    fn label(&self, category: &Json) -> Option<String> {
+        self.categories.get(&category.to_string()).cloned().or_else(|| word(category))
+    }
+
+    /// What an annotation says of its shapes, beside name and label.
     fn template(&mut self, annotation: Annotation, place: &Place) -> Record {
-        let Annotation { id, name, image_id, category_id, attributes, others, .. } = annotation;
+        let Annotation { image_id, attributes, others, .. } = annotation;
         let mut record = Record::new(Geometry::Landmarks(Points::new(2)), place.clone());
-        record.name = name.or_else(|| word(&id));
-        record.label = self.categories.get(&category_id.to_string()).cloned().or_else(|| word(&category_id));
         for (name, value) in attributes {
             if let Some(value) = attribute(&value) {
                 record.labels.insert(name, value);
@@ -214,12 +223,8 @@ impl Reading<'_> {
         if !image_id.is_null() {
             let mut image = Map::from_iter([("id".into(), image_id.clone())]);
             let known = self.images.get(&image_id.to_string());
-            image.extend(
-                known
-                    .and_then(|text| serde_json::from_str(text).ok())
-                    .map(|Image { others, .. }| others)
-                    .unwrap_or_default(),
-            );
+            let others = known.and_then(|text| serde_json::from_str::<Map<String, Json>>(text).ok());
+            image.extend(others.unwrap_or_default());
             record.metadata.insert("image".into(), Json::Object(image));
         }
         record

@@ -164,6 +164,17 @@ fn faults_name_annotation_and_byte() {
             "item 0, byte 1: expected annotations with polygons, got 1 masks: make label images of them, with annToMask of pycocotools for example, and import these",
         ),
         (
+            &format!(
+                "{{\"annotations\":[],\"categories\":[{{\"id\":1,\"name\":\"{}\"}}]}}",
+                "x".repeat(1025)
+            ),
+            FaultKind::Malformed,
+            &format!(
+                "item 0, categories, byte 32: expected a name of at most 1024 bytes, got 1025 of '{}…'",
+                "x".repeat(40)
+            ),
+        ),
+        (
             "[{\"segmentation\":[[1,2,3,1e101]]}]",
             FaultKind::Malformed,
             "item 0, byte 1: expected coordinates within ±1e100, got 1e101 in point 1",
@@ -206,4 +217,21 @@ fn what_annotations_say_is_small() {
     assert!(error.to_string().contains("masks"), "{error}");
     let polygon = annotation(&format!("\"segmentation\":[[{}1]]", "1,".repeat(299_999)));
     assert_eq!(read_with(&polygon, &ReadOptions::default()).expect("a polygon").0.len(), 1);
+}
+
+#[test]
+fn copies_of_images_are_bounded_and_made_of_what_is_wanted_alone() {
+    let note = "x".repeat(1 << 20);
+    let list = vec![r#"{"image_id":1,"category_id":2,"segmentation":[[0,0,1,0,0,1]]}"#; 100].join(",");
+    let text = format!(
+        r#"{{"images":[{{"id":1,"note":"{note}"}}],"categories":[{{"id":2,"name":"a"}}],"annotations":[{list}]}}"#
+    );
+    let select = |label: &str| ReadOptions { select: Some(label.into()), ..ReadOptions::default() };
+    let error = read_with(&text, &select("a")).expect_err("100 MiB");
+    assert_eq!((error.kind, error.place.item), (FaultKind::TooLarge, Some(80)), "{error}");
+    let (records, summary) = read_with(&text, &select("b")).expect("no copies");
+    assert_eq!((records.len(), summary.dropped[0].count), (0, 100));
+    let (records, summary) =
+        read_with(&text.replace(r#""segmentation""#, r#""outline""#), &select("a")).expect("no copies");
+    assert_eq!((records.len(), summary.dropped[0].count), (0, 100));
 }

@@ -221,7 +221,7 @@ impl<'a> Region<'a> {
             at += 4 + 4 * numbers;
         }
         path.end(false);
-        let mut parts = areas(path.rings)?;
+        let mut parts = areas(path.rings, self.bytes.0.len() as u64)?;
         parts.extend(path.lines.into_iter().map(Part::Line));
         Ok(parts)
     }

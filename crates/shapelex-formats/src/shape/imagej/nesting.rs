@@ -1,37 +1,68 @@
 //! Which rings of a composite region bound holes. ImageJ fills such a region by the even–odd rule.
 
+use std::cell::OnceCell;
+
 use super::super::error::{FileError, Place};
 use super::super::objects::{Part, area};
 use super::super::record::Points;
 
-/// Most comparisons of a ring with a point of another one: some seconds.
-const MOST: u64 = 1 << 32;
+/// Comparisons for any region, and more for each byte of its file. A comparison is one of the boxes of two rings, or a look at an edge.
+const MOST: u64 = 1 << 24;
+const MOST_PER_BYTE: u64 = 1 << 10;
+/// How many comparisons a search among the edges of a ring takes as long as, besides its looks: the ring is fetched from elsewhere.
+const SEARCH: u64 = 8;
 
 /// A ring with what decides whether it lies in another one.
 struct Candidate {
     ring: Points,
+    frame: Frame,
+    inside: Option<[f64; 2]>,
+    /// Only of a ring whose box is around that of another one.
+    edges: OnceCell<Vec<Edge>>,
+}
+
+/// What tells most rings apart, small enough to go through many of them.
+#[derive(Clone, Copy)]
+struct Frame {
+    position: usize,
     area: f64,
     /// Least and greatest x and y.
     bounds: [f64; 4],
-    inside: Option<[f64; 2]>,
 }
 
+/// An edge that is not horizontal. The middle one of a sorted slice is the root of a tree: those before it begin no higher, those after
+/// it no lower, and it knows where the highest of them all ends.
+struct Edge {
+    ends: [[f64; 2]; 2],
+    highest: f64,
+}
+
+/// Comparisons that are left.
+struct Budget(u64);
+
+/// More comparisons than a budget has.
+struct Exceeded;
+
 /// Makes areas of rings that do not cross: a ring within an odd number of others bounds a hole of the smallest of them. Areas stand
-/// in the order of their outer rings, followed by their holes in theirs.
+/// in the order of their outer rings, followed by their holes in theirs. `bytes` is the size of the file of the region.
+///
+/// Cost: n log n of n points; a comparison of each ring with those that begin left of it and do not end there; and, where its box is
+/// in that of a larger one, a search for the k edges of that one that cross a line, by some (k + 1) log n looks.
 ///
 /// # Errors
-/// More rings and points than can be compared.
-pub(super) fn areas(rings: Vec<Points>) -> Result<Vec<Part>, FileError> {
-    let points: u64 = rings.iter().map(|ring| ring.len() as u64).sum();
-    if points.saturating_mul(rings.len() as u64) > MOST {
+/// More comparisons than a file of that size may cause.
+pub(super) fn areas(rings: Vec<Points>, bytes: u64) -> Result<Vec<Part>, FileError> {
+    let most = MOST.saturating_add(MOST_PER_BYTE.saturating_mul(bytes));
+    let candidates: Vec<Candidate> = rings.into_iter().enumerate().map(Candidate::new).collect();
+    let around = parents(&candidates, &mut Budget(most)).map_err(|Exceeded| {
+        let points: usize = candidates.iter().map(|candidate| candidate.ring.len()).sum();
         let detail = format!(
-            "expected a composite of which rings times points are at most {MOST}, got {} rings of {points} points",
-            rings.len()
+            "expected a composite whose rings can be nested within {most} comparisons, got {} rings of {points} points: \
+             too many of them lie side by side or one around the other",
+            candidates.len()
         );
-        return Err(FileError::too_large(Place::default(), detail));
-    }
-    let candidates: Vec<Candidate> = rings.into_iter().map(Candidate::new).collect();
-    let around: Vec<Option<usize>> = (0..candidates.len()).map(|k| parent(&candidates, k)).collect();
+        FileError::too_large(Place::default(), detail)
+    })?;
     // Rings that cross may name a hole as their outer ring; such a ring stays an area.
     let is_outer = |parent: &usize| around[*parent].is_none();
     let parents: Vec<Option<usize>> = around.iter().map(|parent| parent.filter(is_outer)).collect();
@@ -52,16 +83,60 @@ pub(super) fn areas(rings: Vec<Points>) -> Result<Vec<Part>, FileError> {
     Ok(areas.into_iter().map(Part::Area).collect())
 }
 
-/// The outer ring of which ring `k` bounds a hole: the smallest of those around it, if their number is odd.
-fn parent(candidates: &[Candidate], k: usize) -> Option<usize> {
-    let around: Vec<usize> =
-        (0..candidates.len()).filter(|j| candidates[*j].contains(&candidates[k])).collect();
-    let smallest = around.iter().copied().min_by(|a, b| candidates[*a].area.total_cmp(&candidates[*b].area));
-    smallest.filter(|_| around.len() % 2 == 1)
+/// The outer ring of which each ring bounds a hole.
+fn parents(candidates: &[Candidate], budget: &mut Budget) -> Result<Vec<Option<usize>>, Exceeded> {
+    // From left to right, so that a ring comes after those around it. Zero is added as −0 would stand before 0.
+    let mut order: Vec<Frame> = candidates.iter().map(|candidate| candidate.frame).collect();
+    order.sort_by(|a, b| (a.bounds[0] + 0.0).total_cmp(&(b.bounds[0] + 0.0)).then(b.area.total_cmp(&a.area)));
+    let mut parents = vec![None; candidates.len()];
+    // Rings that do not end left of the one at hand.
+    let mut open: Vec<Frame> = Vec::new();
+    for frame in order {
+        budget.spend(open.len() as u64)?;
+        open.retain(|other| other.bounds[1] >= frame.bounds[0]);
+        parents[frame.position] = parent(candidates, &open, frame, budget)?;
+        open.push(frame);
+    }
+    Ok(parents)
+}
+
+/// The outer ring of which a ring bounds a hole: the smallest of those around it, if their number is odd.
+fn parent(
+    candidates: &[Candidate],
+    open: &[Frame],
+    frame: Frame,
+    budget: &mut Budget,
+) -> Result<Option<usize>, Exceeded> {
+    let Some(point) = candidates[frame.position].inside else { return Ok(None) };
+    let mut around = Vec::new();
+    for other in open.iter().filter(|other| other.is_larger(frame)) {
+        if candidates[other.position].contains(point, budget)? {
+            around.push(other);
+        }
+    }
+    // The first one if some are equally large.
+    let smallest = around.iter().min_by(|a, b| a.area.total_cmp(&b.area).then(a.position.cmp(&b.position)));
+    Ok(smallest.filter(|_| around.len() % 2 == 1).map(|smallest| smallest.position))
+}
+
+impl Frame {
+    /// Whether this ring has the larger area, and its box is around that of another one.
+    fn is_larger(&self, other: Self) -> bool {
+        let [a, b] = [self.bounds, other.bounds];
+        let around = a[0] <= b[0] && a[1] >= b[1] && a[2] <= b[2] && a[3] >= b[3];
+        around && self.area > other.area
+    }
+}
+
+impl Budget {
+    fn spend(&mut self, comparisons: u64) -> Result<(), Exceeded> {
+        self.0 = self.0.checked_sub(comparisons).ok_or(Exceeded)?;
+        Ok(())
+    }
 }
 
 impl Candidate {
-    fn new(ring: Points) -> Self {
+    fn new((position, ring): (usize, Points)) -> Self {
         let mut bounds = [f64::MAX, f64::MIN, f64::MAX, f64::MIN];
         for row in ring.rows() {
             bounds[0] = bounds[0].min(row[0]);
@@ -70,28 +145,73 @@ impl Candidate {
             bounds[3] = bounds[3].max(row[1]);
         }
         let inside = inside(&ring, [bounds[2], bounds[3]]);
-        Self { area: area(&ring).abs(), bounds, inside, ring }
+        let frame = Frame { position, area: area(&ring).abs(), bounds };
+        Self { frame, inside, ring, edges: OnceCell::new() }
     }
 
-    /// Whether another ring, which is smaller, lies within this one.
-    fn contains(&self, other: &Self) -> bool {
-        let [a, b] = [self.bounds, other.bounds];
-        let around = a[0] <= b[0] && a[1] >= b[1] && a[2] <= b[2] && a[3] >= b[3];
-        around
-            && self.area > other.area
-            && other
-                .inside
-                .is_some_and(|[x, y]| crossings(&self.ring, y).filter(|at| *at > x).count() % 2 == 1)
+    /// Whether a point is within the ring: an odd number of edges cross the line to the right of it.
+    fn contains(&self, point: [f64; 2], budget: &mut Budget) -> Result<bool, Exceeded> {
+        let edges = self.edges.get_or_init(|| tree(&self.ring));
+        let mut looks = SEARCH;
+        let count = crossed(edges, point, &mut looks);
+        budget.spend(looks)?;
+        Ok(count % 2 == 1)
     }
+}
+
+/// The edges of a ring that are not horizontal, as a tree.
+fn tree(ring: &Points) -> Vec<Edge> {
+    let next = ring.rows().skip(1).chain(ring.rows().take(1));
+    let sloping = ring.rows().zip(next).filter(|(a, b)| a[1] != b[1]);
+    let mut edges: Vec<Edge> =
+        sloping.map(|(a, b)| Edge { ends: [[a[0], a[1]], [b[0], b[1]]], highest: a[1].max(b[1]) }).collect();
+    edges.sort_unstable_by(|a, b| a.low().total_cmp(&b.low()));
+    raise(&mut edges);
+    edges
+}
+
+impl Edge {
+    fn low(&self) -> f64 {
+        self.ends[0][1].min(self.ends[1][1])
+    }
+}
+
+/// Passes the highest ends on to the roots. Returns that of the whole slice.
+fn raise(edges: &mut [Edge]) -> f64 {
+    let (before, rest) = edges.split_at_mut(edges.len() / 2);
+    let Some((root, after)) = rest.split_first_mut() else { return f64::NEG_INFINITY };
+    root.highest = root.highest.max(raise(before)).max(raise(after));
+    root.highest
+}
+
+/// Number of edges that a horizontal line from a point to the right crosses. Counts the edges looked at.
+fn crossed(edges: &[Edge], [x, y]: [f64; 2], looks: &mut u64) -> usize {
+    let (before, rest) = edges.split_at(edges.len() / 2);
+    let Some((root, after)) = rest.split_first() else { return 0 };
+    *looks += 1;
+    if !(root.highest > y) {
+        return 0;
+    }
+    let mut count = crossed(before, [x, y], looks);
+    if root.low() <= y {
+        count += usize::from(crossing(&root.ends[0], &root.ends[1], y).is_some_and(|at| at > x));
+        count += crossed(after, [x, y], looks);
+    }
+    count
+}
+
+/// Where an edge crosses a horizontal line.
+fn crossing(a: &[f64], b: &[f64], y: f64) -> Option<f64> {
+    ((a[1] > y) != (b[1] > y)).then(|| {
+        let share = (y - a[1]) / (b[1] - a[1]);
+        a[0] + share * (b[0] - a[0])
+    })
 }
 
 /// Where the edges of a ring cross a horizontal line.
 fn crossings(ring: &Points, y: f64) -> impl Iterator<Item = f64> {
     let next = ring.rows().skip(1).chain(ring.rows().take(1));
-    ring.rows().zip(next).filter(move |(a, b)| (a[1] > y) != (b[1] > y)).map(move |(a, b)| {
-        let share = (y - a[1]) / (b[1] - a[1]);
-        a[0] + share * (b[0] - a[0])
-    })
+    ring.rows().zip(next).filter_map(move |(a, b)| crossing(a, b, y))
 }
 
 /// A point within a ring: half-way between two neighbouring crossings of a line that meets no vertex.
@@ -130,7 +250,7 @@ mod tests {
             Part::Area(vec![square(20.0, 3.0), square(21.0, 1.0)]),
             Part::Area(vec![square(3.0, 4.0), square(4.0, 1.0)]),
         ];
-        assert_eq!(areas(rings).expect("areas"), expected);
+        assert_eq!(areas(rings, 0).expect("areas"), expected);
     }
 
     #[test]
@@ -138,15 +258,40 @@ mod tests {
         // The hole shares the left edge with its outer ring.
         let outer = Points::from_rows(2, vec![0.0, 0.0, 4.0, 0.0, 4.0, 3.0, 0.0, 3.0]);
         let hole = Points::from_rows(2, vec![0.0, 1.0, 1.0, 1.0, 1.0, 2.0, 0.0, 2.0]);
-        assert_eq!(areas(vec![hole.clone(), outer.clone()]).expect("areas"), [Part::Area(vec![outer, hole])]);
+        let rings = vec![hole.clone(), outer.clone()];
+        assert_eq!(areas(rings, 0).expect("areas"), [Part::Area(vec![outer, hole])]);
         let flat = Points::from_rows(2, vec![0.0, 0.0, 1.0, 0.0, 2.0, 0.0]);
-        assert_eq!(areas(vec![flat.clone(), square(-1.0, 9.0)]).expect("areas").len(), 2);
-        assert_eq!(areas(vec![]).expect("areas").len(), 0);
+        assert_eq!(areas(vec![flat.clone(), square(-1.0, 9.0)], 0).expect("areas").len(), 2);
+        assert_eq!(areas(vec![], 0).expect("areas").len(), 0);
+    }
+
+    #[test]
+    fn a_large_ring_costs_little_for_each_hole() {
+        let corner = |k: u32| (f64::from(k) / 20_000.0 * std::f64::consts::TAU).sin_cos();
+        let outline = (0..20_000).map(corner).flat_map(|(y, x)| [100.0 * x, 100.0 * y]);
+        let mut rings = vec![Points::from_rows(2, outline.collect())];
+        rings.extend((0..2500).map(|k| {
+            let [x, y] = [k % 50, k / 50].map(|at| 2.0 * f64::from(at) - 50.0);
+            Points::from_rows(2, vec![x, y, x + 1.0, y, x + 1.0, y + 1.0, x, y + 1.0])
+        }));
+        let candidates: Vec<Candidate> = rings.iter().cloned().enumerate().map(Candidate::new).collect();
+        let mut budget = Budget(MOST);
+        let parents = parents(&candidates, &mut budget).unwrap_or_default();
+        assert_eq!(parents.len(), rings.len());
+        assert!(parents[1..].iter().all(|parent| *parent == Some(0)) && parents[0].is_none());
+        let used = MOST - budget.0;
+        assert!(used < 2500 * 400, "{used}");
+        assert_eq!(areas(rings.clone(), 0).expect("areas"), [Part::Area(rings)]);
     }
 
     #[test]
     fn too_many_rings_are_refused() {
-        let rings = vec![square(0.0, 1.0); 1 << 16];
-        assert_eq!(areas(rings).expect_err("too many").kind, FaultKind::TooLarge);
+        // One in the other: each is compared with all that are around it.
+        let rings: Vec<Points> =
+            (0..6000).map(|k| square(f64::from(k), 2.0 * (6000.0 - f64::from(k)))).collect();
+        assert_eq!(areas(rings[..600].to_vec(), 0).expect("areas").len(), 300);
+        let error = areas(rings, 1000).expect_err("too many");
+        assert_eq!(error.kind, FaultKind::TooLarge);
+        assert!(error.detail.contains("6000 rings of 24000 points"), "{}", error.detail);
     }
 }

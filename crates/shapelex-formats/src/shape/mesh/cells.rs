@@ -1,6 +1,7 @@
 //! Cells of VTK by their numbers. Polygons are kept, as are lines, which count if there are no polygons.
 
 use super::super::error::{FileError, Place};
+use super::super::limits::Room;
 use super::super::record::{Domain, Faces};
 use super::super::summary::Summary;
 use super::draft::Draft;
@@ -67,12 +68,27 @@ impl Cells {
         }
     }
 
-    /// Adds a field of the cells as one of the faces.
-    pub(super) fn field(&self, name: &str, width: usize, values: &[f64], draft: &mut Draft) {
-        if !self.rows.is_empty() {
-            let row = |row: &usize| values[row * width..(row + 1) * width].to_vec();
-            draft.field(name, Domain::Faces, width, self.rows.iter().flat_map(row).collect());
+    /// Adds a field of the cells as one of the faces. Each triangle of a strip has a copy of its row: values beyond those of the
+    /// cells take room.
+    pub(super) fn field(
+        &self,
+        name: &str,
+        width: usize,
+        values: &[f64],
+        draft: &mut Draft,
+        room: &Room,
+    ) -> Result<(), FileError> {
+        if self.rows.is_empty() || !draft.keeps(name) {
+            return Ok(());
         }
+        let count = self.rows.len().saturating_mul(width);
+        room.take(count.saturating_sub(values.len()), Place::default)?;
+        let mut of_faces = Vec::with_capacity(count);
+        for row in &self.rows {
+            of_faces.extend_from_slice(&values[row * width..(row + 1) * width]);
+        }
+        draft.field(name, Domain::Faces, width, of_faces);
+        Ok(())
     }
 }
 

@@ -19,6 +19,8 @@ pub(super) struct Draft {
     /// Open and closed lines. A closed one ends with its first vertex.
     pub(super) lines: Vec<Vec<u32>>,
     fields: BTreeMap<String, Field>,
+    /// Next number to try behind each name that is taken: many fields of one name would try all numbers again and again.
+    numbers: BTreeMap<String, u32>,
     /// Names of fields beyond the most.
     beyond: Vec<String>,
     /// Name of the shape.
@@ -36,6 +38,7 @@ impl Draft {
             faces: Faces::default(),
             lines: Vec::new(),
             fields: BTreeMap::new(),
+            numbers: BTreeMap::new(),
             beyond: Vec::new(),
             name: None,
             metadata: serde_json::Map::new(),
@@ -43,21 +46,42 @@ impl Draft {
         }
     }
 
+    /// Whether one more field is kept; notes the name of one that is not. Asked before values are made only for the field.
+    pub(super) fn keeps(&mut self, name: &str) -> bool {
+        let keeps = self.fields.len() < MAX_FIELDS;
+        if !keeps {
+            self.beyond.push(name.to_owned());
+        }
+        keeps
+    }
+
     /// Adds a field, under another name if it is taken.
     pub(super) fn field(&mut self, name: &str, domain: Domain, width: usize, values: Vec<f64>) {
-        if self.fields.len() >= MAX_FIELDS {
-            self.beyond.push(name.to_owned());
-            return;
+        if self.keeps(name) {
+            let free = self.free(name, domain);
+            self.fields.insert(free, Field { domain, width, values });
         }
-        let taken = self.fields.contains_key(name);
-        let mut free =
-            if taken && domain == Domain::Faces { format!("face_{name}") } else { name.to_owned() };
-        let mut number = 2_u32;
-        while self.fields.contains_key(&free) {
-            free = format!("{name}_{number}");
-            number += 1;
+    }
+
+    /// The name, or one made of it that is not taken.
+    fn free(&mut self, name: &str, domain: Domain) -> String {
+        if !self.fields.contains_key(name) {
+            return name.to_owned();
         }
-        self.fields.insert(free, Field { domain, width, values });
+        if domain == Domain::Faces {
+            let free = format!("face_{name}");
+            if !self.fields.contains_key(&free) {
+                return free;
+            }
+        }
+        let number = self.numbers.entry(name.to_owned()).or_insert(2);
+        loop {
+            let free = format!("{name}_{number}");
+            *number += 1;
+            if !self.fields.contains_key(&free) {
+                return free;
+            }
+        }
     }
 
     /// Gives on a mesh, else the lines, else the points as landmarks.
@@ -134,5 +158,29 @@ impl Draft {
             sink(Record { name, metadata: self.metadata.clone(), ..record })?;
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_number_behind_a_name_is_tried_once() {
+        let mut draft = Draft::new(Place::default());
+        for name in ["a_4", "a", "a", "a", "a", "b"] {
+            draft.field(name, Domain::Vertices, 1, Vec::new());
+        }
+        for _ in 0..2 {
+            draft.field("a", Domain::Faces, 1, Vec::new());
+        }
+        let names: Vec<&str> = draft.fields.keys().map(String::as_str).collect();
+        assert_eq!(names, ["a", "a_2", "a_3", "a_4", "a_5", "a_6", "b", "face_a"]);
+        for _ in 0..MAX_FIELDS {
+            draft.field("a", Domain::Vertices, 1, Vec::new());
+        }
+        // One number for each field of the name, and the one that another field has.
+        assert_eq!((draft.fields.len(), draft.beyond.len()), (MAX_FIELDS, 8));
+        assert_eq!(draft.numbers["a"], 7 + MAX_FIELDS as u32 - 8);
     }
 }

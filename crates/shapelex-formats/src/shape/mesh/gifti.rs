@@ -224,7 +224,7 @@ impl<'a> Array<'a> {
             summary.drop("arrays of other than the vertices", Some(name.unwrap_or(&own)), || {
                 self.element.place()
             });
-        } else {
+        } else if draft.keeps(name.unwrap_or(&own)) {
             draft.field(name.unwrap_or(&own), Domain::Vertices, self.width, self.values.clone());
         }
     }

@@ -11,7 +11,7 @@ use super::super::source::Source;
 use super::super::summary::Summary;
 use super::cells::{self, Cells, by_ends};
 use super::draft::Draft;
-use super::encoded::{Bytes, inflate};
+use super::encoded::{Bytes, Reading, inflate};
 use super::scalar::{Scalar, index};
 use super::scan::{count, number, shown, words};
 use super::xml::{Element, parse};
@@ -41,8 +41,8 @@ fn read(source: &mut Source<'_>, _: &ReadOptions, sink: Sink<'_>) -> Result<Summ
         FileError::malformed(Place::byte(error.valid_up_to() as u64), "expected UTF-8 text, got other bytes")
     })?;
     let root = parse(text.trim_start_matches('\u{feff}'), &limits, "AppendedData")?;
-    let room = Room::new(&limits, bytes.len());
-    let arrays = Arrays::of(&root, &bytes[end.unwrap_or(bytes.len())..], limits, room)?;
+    let bounds = (Room::new(&limits, bytes.len()), Reading::new(bytes.len()));
+    let arrays = Arrays::of(&root, &bytes[end.unwrap_or(bytes.len())..], limits, bounds)?;
     let (grid, is_grid) =
         match (root.attribute("type"), root.child("PolyData"), root.child("UnstructuredGrid")) {
             (Some("PolyData"), Some(data), _) => (data, false),
@@ -86,10 +86,16 @@ struct Arrays<'a> {
     appended: Option<Bytes<'a>>,
     limits: Limits,
     room: Room,
+    reading: Reading,
 }
 
 impl<'a> Arrays<'a> {
-    fn of(root: &Element<'_>, rest: &'a [u8], limits: Limits, room: Room) -> Result<Self, FileError> {
+    fn of(
+        root: &Element<'_>,
+        rest: &'a [u8],
+        limits: Limits,
+        (room, reading): (Room, Reading),
+    ) -> Result<Self, FileError> {
         let refused = |what: &str, value: &str| {
             FileError::unsupported(root.place(), format!("expected {what}, got {}", shown(value.as_bytes())))
         };
@@ -129,7 +135,7 @@ impl<'a> Arrays<'a> {
                 })
             }
         };
-        Ok(Self { big_endian, header, compressed, appended, limits, room })
+        Ok(Self { big_endian, header, compressed, appended, limits, room, reading })
     }
 
     fn piece(
@@ -179,10 +185,11 @@ impl<'a> Arrays<'a> {
         self.limits.faces(draft.faces.len() as u64, || piece.place())?;
         self.data(piece.child("PointData"), number, summary, |name, width, values| {
             draft.field(name, Domain::Vertices, width, values);
+            Ok(())
         })?;
         let count = cells.count();
         self.data(piece.child("CellData"), count, summary, |name, width, values| {
-            cells.field(name, width, &values, draft);
+            cells.field(name, width, &values, draft, &self.room)
         })
     }
 
@@ -211,7 +218,7 @@ impl<'a> Arrays<'a> {
         data: Option<&Element<'_>>,
         rows: usize,
         summary: &mut Summary,
-        mut add: impl FnMut(&str, usize, Vec<f64>),
+        mut add: impl FnMut(&str, usize, Vec<f64>) -> Result<(), FileError>,
     ) -> Result<(), FileError> {
         let Some(data) = data else { return Ok(()) };
         for array in &data.children {
@@ -225,12 +232,16 @@ impl<'a> Arrays<'a> {
                 let detail = format!("expected {rows} × {width} values, got {}", values.len());
                 return Err(FileError::malformed(array.place(), detail));
             }
-            match (data.attribute("Normals"), data.attribute("TCoords"), width) {
-                (Some(normals), _, 3) if normals == name => add(NORMALS, width, values),
-                (_, Some(texture), 2) if texture == name => add(TEXTURE, width, values),
-                (_, _, 0) => summary.drop("arrays without components", Some(name), || array.place()),
-                _ => add(name, width, values),
-            }
+            let name = match (data.attribute("Normals"), data.attribute("TCoords"), width) {
+                (Some(normals), _, 3) if normals == name => NORMALS,
+                (_, Some(texture), 2) if texture == name => TEXTURE,
+                (_, _, 0) => {
+                    summary.drop("arrays without components", Some(name), || array.place());
+                    continue;
+                }
+                _ => name,
+            };
+            add(name, width, values).map_err(|error| error.at(array.place()))?;
         }
         Ok(())
     }
@@ -286,8 +297,16 @@ impl<'a> Arrays<'a> {
         Ok((width, scalar.decode_all(&bytes, self.big_endian)))
     }
 
-    /// The bytes of an array, after their number or the sizes of their compressed blocks.
+    /// The bytes of an array. Arrays may name the same part of the file, so what is read of it counts each time.
     fn block(&self, mut bytes: Bytes<'_>, array: &Element<'_>) -> Result<Vec<u8>, FileError> {
+        let before = bytes.left();
+        let (found, blocks) = self.blocks(&mut bytes, array)?;
+        self.reading.take(before - bytes.left(), blocks, || array.place())?;
+        Ok(found)
+    }
+
+    /// The bytes of an array, after their number or the sizes of their compressed blocks; and the number of these blocks.
+    fn blocks(&self, bytes: &mut Bytes<'_>, array: &Element<'_>) -> Result<(Vec<u8>, usize), FileError> {
         let place = || array.place();
         let sizes = |count: usize, bytes: &mut Bytes<'_>| -> Result<Vec<usize>, FileError> {
             let raw = bytes.take(count.saturating_mul(self.header.size()), place)?;
@@ -304,12 +323,12 @@ impl<'a> Arrays<'a> {
             self.header.decode_all(&raw, self.big_endian).into_iter().map(size).collect()
         };
         if !self.compressed {
-            let size = sizes(1, &mut bytes)?[0];
-            return bytes.take(size, place);
+            let size = sizes(1, bytes)?[0];
+            return Ok((bytes.take(size, place)?, 0));
         }
-        let head = sizes(3, &mut bytes)?;
+        let head = sizes(3, bytes)?;
         let (blocks, whole, last) = (head[0], head[1], head[2]);
-        let compressed = sizes(blocks, &mut bytes)?;
+        let compressed = sizes(blocks, bytes)?;
         let mut all = Vec::new();
         for (k, size) in compressed.iter().enumerate() {
             let is_last = k + 1 == blocks && last > 0;
@@ -321,7 +340,7 @@ impl<'a> Arrays<'a> {
             }
             all.extend(block);
         }
-        Ok(all)
+        Ok((all, blocks))
     }
 }
 

@@ -63,9 +63,13 @@ impl<'a> Element<'a> {
         self.children.iter().filter(move |child| child.name == name)
     }
 
-    /// Its place.
+    /// Its place, with its name cut off after 40 characters: many records may have the same place.
     pub(super) fn place(&self) -> Place {
-        let name = self.attribute("Name").map(|name| format!("{} {name}", self.name));
+        let cut = |name: &str| match name.char_indices().nth(40) {
+            Some((end, _)) => format!("{} {}…", self.name, &name[..end]),
+            None => format!("{} {name}", self.name),
+        };
+        let name = self.attribute("Name").map(cut);
         Place { tag: Some(name.unwrap_or_else(|| self.name.clone())), ..Place::byte(self.at) }
     }
 

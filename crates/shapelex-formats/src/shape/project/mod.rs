@@ -19,6 +19,7 @@ mod sheet;
 mod workbook;
 
 use std::collections::BTreeMap;
+use std::rc::Rc;
 
 use super::error::{FaultKind, FileError, Place};
 use super::format::Format;
@@ -64,6 +65,8 @@ const FILES: [(&str, ProjectFiles); 9] = [
 const OTHER_FILES: [&str; 3] = ["constraints_", "image_", "feature_"];
 const TRANSFORMATIONS: [&str; 3] = ["alignment_", "procrustes_", "transform_"];
 const GROUP: &str = "group_";
+/// Most times that a subject is named among those without a file: a summary keeps as many names.
+const MAX_NAMES: usize = 100;
 
 /// What a column holds.
 enum Column<'c> {
@@ -101,44 +104,77 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, _: Sink<'_>) -> Result<S
     Err(FileError::new(FaultKind::Unsupported, detail))
 }
 
+/// What a row says of all its files, which may be many.
+#[derive(Debug)]
+struct Subject {
+    name: Option<String>,
+    label: Option<String>,
+    labels: BTreeMap<Rc<str>, Value>,
+}
+
+/// A column of files that are read.
+#[derive(Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct Domain {
+    name: String,
+    column: String,
+}
+
 /// A file of one domain of a subject, and what the project says of it.
 #[derive(Debug)]
 pub(super) struct ProjectFile {
     /// Path from the folder of the project: names between `/`, after any `..`.
     pub(super) path: String,
-    /// Where the project names it.
-    pub(super) place: Place,
-    name: Option<String>,
-    subject: Option<String>,
-    label: Option<String>,
-    labels: BTreeMap<String, Value>,
-    /// Name of the domain, where there are several.
-    domain: Option<String>,
+    /// Number of the row, from 0.
+    item: u64,
+    subject: Rc<Subject>,
+    domain: Rc<Domain>,
+    /// Whether the project has other domains.
+    several: bool,
 }
 
 impl ProjectFile {
+    /// Where the project names it.
+    pub(super) fn place(&self) -> Place {
+        Place { tag: Some(self.domain.column.clone()), ..Place::item(self.item) }
+    }
+
     /// The `n`-th shape of the file, from 0, with what the project says of it.
     pub(super) fn describe(&self, record: Record, n: u64) -> Record {
-        let mut name = self.name.clone().or(record.name);
-        if let (Some(name), Some(domain)) = (&mut name, &self.domain) {
+        let Subject { name: subject, label, labels: own } = &*self.subject;
+        let domain = self.several.then_some(self.domain.name.as_str());
+        let mut name = subject.clone().or(record.name);
+        if let (Some(name), Some(domain)) = (&mut name, domain) {
             *name = format!("{name}/{domain}");
         }
         if let (Some(name), 1..) = (&mut name, n) {
             *name = format!("{name}/{}", n + 1);
         }
         let mut metadata = record.metadata;
-        metadata.extend(self.domain.iter().map(|domain| ("domain".to_owned(), domain.as_str().into())));
+        metadata.extend(domain.map(|domain| ("domain".to_owned(), domain.into())));
         let mut labels = record.labels;
-        labels.extend(self.labels.clone());
+        labels.extend(own.iter().map(|(name, value)| (name.to_string(), value.clone())));
         Record {
             name,
-            subject: self.subject.clone().or(record.subject),
-            label: self.label.clone().or(record.label),
+            subject: subject.clone().filter(|_| self.several).or(record.subject),
+            label: label.clone().or(record.label),
             labels,
             metadata,
             ..record
         }
     }
+}
+
+/// The columns of a table that are read beside attributes. Each row is read by its own values: a table may have many columns, and
+/// many rows that have none of them.
+struct Columns<'t> {
+    /// Those of files, by the names of the domains.
+    domains: Vec<Rc<Domain>>,
+    /// Their numbers.
+    numbers: BTreeMap<&'t str, usize>,
+    /// Whether the project has several domains, chosen or not.
+    several: bool,
+    /// Names of groups by their columns.
+    groups: BTreeMap<&'t str, Rc<str>>,
 }
 
 /// The files of a project that are read, subject after subject, in each by the names of the domains.
@@ -164,9 +200,17 @@ impl Project {
             project.summary.drop("domains that are not selected", Some(domain), || Place::tag(column));
         }
         project.leave_out(&columns, wanted);
-        let groups: Vec<(&str, &str)> = columns.iter().filter_map(group_of).collect();
+        let domain = |(name, column): &(&str, &str)| {
+            Rc::new(Domain { name: (*name).to_owned(), column: (*column).to_owned() })
+        };
+        let columns = Columns {
+            domains: chosen.iter().map(domain).collect(),
+            numbers: chosen.iter().enumerate().map(|(k, (_, column))| (*column, k)).collect(),
+            several,
+            groups: columns.iter().filter_map(group_of).collect(),
+        };
         for (item, row) in table.rows.iter().enumerate() {
-            project.subject(item as u64, row, &chosen, &groups, several)?;
+            project.add(item as u64, row, &columns)?;
         }
         project.summary.set("project_files", serde_json::to_value(wanted).unwrap_or_default());
         Ok(project)
@@ -186,49 +230,86 @@ impl Project {
     }
 
     /// Adds the files of a subject.
-    fn subject(
-        &mut self,
-        item: u64,
-        row: &Row,
-        domains: &[(&str, &str)],
-        groups: &[(&str, &str)],
-        several: bool,
-    ) -> Result<(), FileError> {
-        let value = |column: &str| row.get(column).map(|text| text.trim()).filter(|text| !text.is_empty());
-        let name = value("name");
-        if value("excluded").is_some_and(|text| matches!(text::value(text), Value::Bool(true)) || text == "1")
+    fn add(&mut self, item: u64, row: &Row, columns: &Columns<'_>) -> Result<(), FileError> {
+        let name = value(row, "name");
+        if value(row, "excluded")
+            .is_some_and(|text| matches!(text::value(text), Value::Bool(true)) || text == "1")
         {
             self.summary.drop("excluded subjects", name, || Place::item(item));
             return Ok(());
         }
-        let (label, mut labels) = match groups {
-            [(column, _)] => (value(column).map(str::to_owned), BTreeMap::new()),
-            _ => {
-                let group =
-                    |(column, group): &(&str, &str)| Some(((*group).to_owned(), text::value(value(column)?)));
-                (None, groups.iter().filter_map(group).collect())
-            }
-        };
-        let attributes = row.keys().filter(|column| matches!(Column::of(column), Column::Attribute));
-        labels.extend(attributes.filter_map(|column| Some((column.clone(), text::value(value(column)?)))));
-        for (domain, column) in domains {
-            let place = Place { tag: Some((*column).to_owned()), ..Place::item(item) };
-            let Some(path) = value(column) else {
-                self.summary.drop("subjects without such a file", name, || place);
-                continue;
+        let mut named: Vec<(usize, &str)> =
+            values(row).filter_map(|(column, path)| Some((*columns.numbers.get(&**column)?, path))).collect();
+        named.sort_unstable();
+        self.leave_out_files(item, name, &named, columns);
+        let subject = Rc::new(subject(row, columns));
+        for (number, path) in named {
+            let domain = &columns.domains[number];
+            let mut file = ProjectFile {
+                path: String::new(),
+                item,
+                subject: Rc::clone(&subject),
+                domain: Rc::clone(domain),
+                several: columns.several,
             };
-            self.files.push(ProjectFile {
-                path: relative(path).map_err(|detail| FileError::malformed(place.clone(), detail))?,
-                place,
-                name: name.map(str::to_owned),
-                subject: name.filter(|_| several).map(str::to_owned),
-                label: label.clone(),
-                labels: labels.clone(),
-                domain: several.then(|| (*domain).to_owned()),
-            });
+            file.path = relative(path).map_err(|detail| FileError::malformed(file.place(), detail))?;
+            self.files.push(file);
         }
         Ok(())
     }
+
+    /// Counts the files that a subject does not have: all but those `named`.
+    fn leave_out_files(
+        &mut self,
+        item: u64,
+        name: Option<&str>,
+        named: &[(usize, &str)],
+        columns: &Columns<'_>,
+    ) {
+        const WHAT: &str = "subjects without such a file";
+        let count = columns.domains.len() - named.len();
+        if count == 0 {
+            return;
+        }
+        let first = named.iter().zip(0..).position(|((number, _), k)| *number != k).unwrap_or(named.len());
+        let place = || Place { tag: Some(columns.domains[first].column.clone()), ..Place::item(item) };
+        // The name stands for each of the files, as far as names are kept.
+        let each = if name.is_some() { count.min(MAX_NAMES) } else { 1 };
+        for _ in 0..each {
+            self.summary.drop(WHAT, name, place);
+        }
+        if let Some(left) = self.summary.dropped.iter_mut().find(|left| left.what == WHAT) {
+            left.count += (count - each) as u64;
+        }
+    }
+}
+
+/// The values of a row that are not blank, without spaces at their ends.
+fn values(row: &Row) -> impl Iterator<Item = (&Rc<str>, &str)> {
+    row.iter().map(|(column, text)| (column, text.trim())).filter(|(_, text)| !text.is_empty())
+}
+
+fn value<'r>(row: &'r Row, column: &str) -> Option<&'r str> {
+    row.get(column).map(|text| text.trim()).filter(|text| !text.is_empty())
+}
+
+/// What a row says of all its files. The only group of a project is the label.
+fn subject(row: &Row, columns: &Columns<'_>) -> Subject {
+    let mut subject =
+        Subject { name: value(row, "name").map(str::to_owned), label: None, labels: BTreeMap::new() };
+    let groups = &columns.groups;
+    match (groups.len(), groups.first_key_value()) {
+        (1, Some((column, _))) => subject.label = value(row, column).map(str::to_owned),
+        _ => {
+            let group = |(column, text): (&Rc<str>, &str)| {
+                Some((Rc::clone(groups.get(&**column)?), text::value(text)))
+            };
+            subject.labels.extend(values(row).filter_map(group));
+        }
+    }
+    let attributes = values(row).filter(|(column, _)| matches!(Column::of(column), Column::Attribute));
+    subject.labels.extend(attributes.map(|(column, text)| (Rc::clone(column), text::value(text))));
+    subject
 }
 
 /// Whether a table is that of a project: one of a workbook may hold anything, and must name files of shapes.
@@ -246,9 +327,9 @@ fn domain_of<'c>(column: &&'c str, wanted: ProjectFiles) -> Option<(&'c str, &'c
 }
 
 /// A column of groups, and their name.
-fn group_of<'c>(column: &&'c str) -> Option<(&'c str, &'c str)> {
+fn group_of<'c>(column: &&'c str) -> Option<(&'c str, Rc<str>)> {
     match Column::of(column) {
-        Column::Group(group) => Some((column, group)),
+        Column::Group(group) => Some((column, group.into())),
         _ => None,
     }
 }

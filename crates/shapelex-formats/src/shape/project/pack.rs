@@ -12,6 +12,9 @@ use super::super::options::ReadOptions;
 use super::super::source::Source;
 use super::{Column, FORMAT, Project, Table, relative};
 
+/// Most folders that a path may be above that of the project: the names of all files grow with them.
+const MAX_ABOVE: usize = 32;
+
 /// Folder of an archive that stands for that of the project, if it names files above. None of these is in a folder called so.
 const OWN: &str = "(folder of the project)";
 
@@ -32,6 +35,10 @@ pub fn pack_project<R: Read>(
     let project = Project::new(&Table::read(&mut Source::new(bytes, *limits)?)?, options)?;
     let above = |path: &str| path.split('/').take_while(|part| *part == "..").count();
     let deepest = project.files.iter().map(|file| above(&file.path)).max().unwrap_or(0);
+    if deepest > MAX_ABOVE {
+        let detail = format!("expected files at most {MAX_ABOVE} folders above the project, got {deepest}");
+        return Err(FileError::new(FaultKind::Malformed, detail));
+    }
     let folder = format!("{OWN}/").repeat(deepest);
     let packed = SimpleFileOptions::default().compression_method(CompressionMethod::Deflated);
     let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
@@ -44,7 +51,7 @@ pub fn pack_project<R: Read>(
         };
         let failed = |error: std::io::Error| {
             let detail = format!("expected a file that the project names, got '{}': {error}", file.path);
-            FileError::of(FaultKind::Io, file.place.clone(), detail)
+            FileError::of(FaultKind::Io, file.place(), detail)
         };
         zip.start_file(path, packed).map_err(unwritten)?;
         let left = (limits.held as u64).saturating_sub(content);
@@ -52,7 +59,7 @@ pub fn pack_project<R: Read>(
         if content > limits.held as u64 {
             let detail =
                 format!("expected at most {} bytes of all files of a project, got more", limits.held);
-            return Err(FileError::too_large(file.place, detail));
+            return Err(FileError::too_large(file.place(), detail));
         }
     }
     Ok(zip.finish().map_err(unwritten)?.into_inner())
@@ -61,13 +68,9 @@ pub fn pack_project<R: Read>(
 /// The paths of all files that a project names, from its folder: those that are read, and all others. Empty for other files.
 pub fn named_files(source: &mut Source<'_>) -> Vec<String> {
     let table = Table::read(source).unwrap_or_default();
-    let files: Vec<&str> = table
-        .columns()
-        .into_iter()
-        .filter(|column| matches!(Column::of(column), Column::Files(..) | Column::OtherFiles))
-        .collect();
-    let values = table.rows.iter().flat_map(|row| files.iter().filter_map(|column| row.get(*column)));
-    values.filter_map(|path| relative(path).ok()).collect()
+    let is_file = |column: &str| matches!(Column::of(column), Column::Files(..) | Column::OtherFiles);
+    let values = table.rows.iter().flatten().filter(|(column, _)| is_file(column));
+    values.filter_map(|(_, path)| relative(path).ok()).collect()
 }
 
 fn unwritten(error: zip::result::ZipError) -> FileError {

@@ -1,6 +1,7 @@
 //! The table of a project, whatever it is written in.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
+use std::rc::Rc;
 
 use serde::Deserialize;
 use serde_json::Value;
@@ -13,8 +14,8 @@ use super::super::text::shown;
 use super::workbook;
 use crate::words::plain;
 
-/// The values of a subject by their columns.
-pub(super) type Row = BTreeMap<String, String>;
+/// The values of a subject by their columns. All rows of a workbook have the same names of these, which may be long.
+pub(super) type Row = BTreeMap<Rc<str>, String>;
 
 #[derive(Deserialize)]
 struct Document {
@@ -50,11 +51,9 @@ impl Table {
 
     /// Names of all columns, sorted.
     pub(super) fn columns(&self) -> Vec<&str> {
-        let mut columns: Vec<&str> =
-            self.rows.iter().flat_map(|row| row.keys().map(String::as_str)).collect();
-        columns.sort_unstable();
-        columns.dedup();
-        columns
+        let columns: BTreeSet<&str> =
+            self.rows.iter().flat_map(|row| row.keys().map(|name| &**name)).collect();
+        columns.into_iter().collect()
     }
 }
 
@@ -70,7 +69,7 @@ fn document(bytes: &[u8], limits: &Limits) -> Result<Vec<Row>, FileError> {
         FileError::of(kind, at, plain(&error))
     })?;
     let row = |(item, values): (usize, BTreeMap<String, Value>)| {
-        let text = |(column, value)| {
+        let text = |(column, value): (String, Value)| {
             let text = match value {
                 Value::Null => String::new(),
                 Value::String(text) => text,
@@ -82,7 +81,7 @@ fn document(bytes: &[u8], limits: &Limits) -> Result<Vec<Row>, FileError> {
                     return Err(FileError::malformed(place, detail));
                 }
             };
-            Ok((column, text))
+            Ok((column.into(), text))
         };
         values.into_iter().map(text).collect()
     };

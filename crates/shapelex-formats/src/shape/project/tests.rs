@@ -344,6 +344,10 @@ fn a_project_is_packed_with_its_files() {
         refused.unwrap_err().to_string(),
         "item 1, local_particles_1: expected a file that the project names, got 'particles/m01_local.particles': no such file"
     );
+    let far = format!(r#"{{"data":[{{"shape_1":"{}a.off"}}]}}"#, "../".repeat(33));
+    let options = ReadOptions::from_pairs([("files", "shape")]).unwrap();
+    let far = pack_project(far.as_bytes(), "a.swproj", &options, &Limits::default(), open).unwrap_err();
+    assert_eq!(far.to_string(), "expected files at most 32 folders above the project, got 33");
     let limits = Limits { held: project.len() + 15, ..Limits::default() };
     let large =
         pack_project(project.as_bytes(), "a.swproj", &ReadOptions::default(), &limits, open).unwrap_err();
@@ -351,4 +355,64 @@ fn a_project_is_packed_with_its_files() {
     let mut source = Source::new(PROJECT.as_bytes(), Limits::default()).unwrap();
     let named = named_files(&mut source);
     assert_eq!((named.len(), named[0].as_str()), (6, "particles/m02_local.particles"));
+}
+
+fn project_of(table: &str) -> Project {
+    let mut source = Source::new(table.as_bytes(), Limits::default()).unwrap();
+    let options = ReadOptions::from_pairs([("files", "shape")]).unwrap();
+    Project::new(&Table::read(&mut source).unwrap(), &options).unwrap()
+}
+
+#[test]
+fn what_a_row_says_is_held_once_for_all_its_files() {
+    let row = (0..300).map(|k| (format!("shape_{k:03}"), "a.off".into()));
+    let row: BTreeMap<String, serde_json::Value> = row.chain([("sex".into(), "f".into())]).collect();
+    let project = project_of(&serde_json::json!({"data": [row, {"shape_007": "b.off"}]}).to_string());
+    let [first, .., last, other] = &project.files[..] else { panic!("files") };
+    assert!(Rc::ptr_eq(&first.subject, &last.subject) && !Rc::ptr_eq(&first.subject, &other.subject));
+    assert_eq!((Rc::strong_count(&first.subject), Rc::strong_count(&other.domain)), (300, 2));
+    assert_eq!((last.place().to_string(), last.subject.labels.len()), ("item 0, shape_299".into(), 1));
+}
+
+#[test]
+fn files_that_rows_do_not_name_are_counted() {
+    let rows = ["{\"name\":\"s\",\"shape_b\":\"b.off\"}", &[",{}"; 999].concat()].concat();
+    let columns: String = (0..199).map(|k| format!(",\"shape_c{k:03}\":\"c.off\"")).collect();
+    let project = project_of(&format!("{{\"data\":[{rows},{{\"shape_b\":\"b.off\"{columns}}}]}}"));
+    assert_eq!(project.files.len(), 201);
+    let [left] = &project.summary.dropped[..] else { panic!("{:?}", project.summary) };
+    assert_eq!((left.what.as_str(), left.count), ("subjects without such a file", 199 + 999 * 200));
+    assert_eq!((left.first.to_string(), left.names.len()), ("item 0, shape_c000".into(), 100));
+    let few = project_of(r#"{"data": [{"name": "s"}, {}, {"shape_a": "a", "shape_b": "b"}]}"#);
+    assert_eq!(left_out(&few.summary), [("subjects without such a file", 4, "s s".to_owned())]);
+}
+
+#[test]
+fn headings_of_workbooks_are_held_once() {
+    let mut source = Source::new(Cursor::new(workbook("data", ROWS, SHARED)), Limits::default()).unwrap();
+    let table = Table::read(&mut source).unwrap();
+    let headings: Vec<&Rc<str>> =
+        table.rows.iter().flat_map(|row| row.keys().filter(|name| &***name == "age")).collect();
+    let [first, second] = headings[..] else { panic!("{headings:?}") };
+    assert!(Rc::ptr_eq(first, second));
+}
+
+#[test]
+fn long_texts_of_styles_are_refused() {
+    let read = |part: &str, styles: &str| {
+        let book = archive(&[(part, styles.as_bytes())]);
+        Table::read(&mut Source::new(&book[..], Limits::default()).unwrap()).unwrap_err().to_string()
+    };
+    let long = "0".repeat(1100);
+    for styles in [
+        format!("<x:numFmt numFmtId=\"200\" formatCode=\"{long}\"/>"),
+        format!("<a><!-- \" --></b><font><name val='{long}'></font>"),
+    ] {
+        let refused =
+            read("xl/Styles.xml", &format!("<styleSheet>{styles}<xf numFmtId=\"200\"/></styleSheet>"));
+        assert!(refused.starts_with("item 0: expected a part of a workbook, got a style of 11"), "{refused}");
+        assert!(!read("xl/other.xml", &styles).contains("style of"));
+    }
+    let short = format!("<styleSheet note=\"{long}\"><numFmt formatCode=\"0.0\"/></styleSheet>");
+    assert!(!read("xl/styles.xml", &short).contains("style of"));
 }

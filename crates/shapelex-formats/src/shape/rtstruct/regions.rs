@@ -141,7 +141,7 @@ impl<'f> Regions<'f> {
                 let detail = format!("expected a number for each region, got {number} twice");
                 return Err(node.malformed(tags::ROI_NUMBER, detail));
             }
-            let name = match node.text(tags::ROI_NAME)? {
+            let name = match node.short_text(tags::ROI_NAME)? {
                 Some(name) => name,
                 None => format!("ROI {number}"),
             };
@@ -228,9 +228,9 @@ fn number(node: &Node<'_>, tag: dicom_core::Tag) -> Result<i64, FileError> {
 fn frames(root: &Node<'_>) -> Result<Vec<String>, FileError> {
     let mut frames = Vec::new();
     for node in root.items(tags::REFERENCED_FRAME_OF_REFERENCE_SEQUENCE)? {
-        frames.extend(node.text(tags::FRAME_OF_REFERENCE_UID)?);
+        frames.extend(node.short_text(tags::FRAME_OF_REFERENCE_UID)?);
     }
-    frames.extend(root.text(tags::FRAME_OF_REFERENCE_UID)?);
+    frames.extend(root.short_text(tags::FRAME_OF_REFERENCE_UID)?);
     frames.sort_unstable();
     frames.dedup();
     Ok(frames)
@@ -239,7 +239,7 @@ fn frames(root: &Node<'_>) -> Result<Vec<String>, FileError> {
 /// That of a region, or the only one of the file.
 fn frame(node: &Node<'_>, number: i64, frames: &[String]) -> Result<String, FileError> {
     let tag = tags::REFERENCED_FRAME_OF_REFERENCE_UID;
-    match (node.text(tag)?, frames) {
+    match (node.short_text(tag)?, frames) {
         (Some(frame), _) => Ok(frame),
         (None, [frame]) => Ok(frame.clone()),
         (None, frames) => {
@@ -254,7 +254,7 @@ fn frame(node: &Node<'_>, number: i64, frames: &[String]) -> Result<String, File
 fn kinds(root: &Node<'_>) -> Result<BTreeMap<i64, String>, FileError> {
     let mut kinds = BTreeMap::new();
     for node in root.items(tags::RTROI_OBSERVATIONS_SEQUENCE)? {
-        if let Some(kind) = node.text(tags::RTROI_INTERPRETED_TYPE)? {
+        if let Some(kind) = node.short_text(tags::RTROI_INTERPRETED_TYPE)? {
             kinds.entry(number(&node, tags::REFERENCED_ROI_NUMBER)?).or_insert(kind);
         }
     }

@@ -4,7 +4,6 @@
 //! body whose length the metadata give. A file is a stream between a magic text and a table of contents, which is not needed
 //! to read it from front to back.
 
-use std::collections::BTreeMap;
 use std::io::{Read, Write};
 
 use arrow_array::RecordBatch;
@@ -21,7 +20,9 @@ use super::super::record::{Kind, Record};
 use super::super::source::Source;
 use super::super::summary::Summary;
 use super::super::write::{Opened, Output, Writer};
-use super::checks::{Dictionary, check_buffers, check_message};
+use super::budgets::{Cells, Dictionaries};
+use super::checks::{check_buffers, check_message};
+use super::layout::Layout;
 use super::read_rows::Reading;
 use super::rows::Rows;
 use super::{guarded, unwritten};
@@ -65,24 +66,22 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
         exactly(source, MAGIC.len() + padding, "the magic text of a file")?;
     }
     let mut decoder = StreamDecoder::new();
-    let (mut reading, mut schema) = (None, Vec::new());
-    // Bytes of the dictionaries that the decoder keeps.
-    let mut kept = BTreeMap::new();
+    let (mut reading, mut known) = (None, Known::default());
     loop {
-        let message = next_message(source, &schema, &mut kept)?;
-        let (at, parts) = match message {
-            Some(Message { at, parts }) => (at, parts),
-            // The decoder takes a message without a body when more bytes follow: here the mark of the end.
-            None => (source.offset(), [[CONTINUATION, [0; 4]].concat(), Vec::new(), Vec::new()]),
-        };
-        let is_end = parts[1].is_empty();
-        if schema.is_empty() {
-            schema.clone_from(&parts[1]);
-        }
-        let batches = guarded("an Arrow message", || decode(&mut decoder, parts));
-        let batches = batches.map_err(|error| error.at(Place::byte(at)))?;
+        let Message { at, head, metadata, body } = next_message(source, &known)?;
+        let here = |error: FileError| error.at(Place::byte(at));
+        // The decoder takes a message without a body, as that with the schema is, when more bytes follow.
+        let mut batches = decode(&mut decoder, head).map_err(here)?;
         if let (None, Some(schema)) = (&reading, decoder.schema()) {
             reading = Some(Reading::new(options, *source.limits(), schema.metadata()));
+            known.layout = Some(Layout::new(schema)?);
+        }
+        let is_end = metadata.is_empty();
+        if !is_end {
+            known.check(&metadata, &body, source).map_err(here)?;
+            for part in [metadata, body] {
+                batches.extend(decode(&mut decoder, part).map_err(here)?);
+            }
         }
         if let Some(reading) = &mut reading {
             batches.iter().try_for_each(|batch| reading.batch(batch, sink))?;
@@ -100,10 +99,10 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
     }
 }
 
-/// The batches that are complete with the parts of a message.
-fn decode(decoder: &mut StreamDecoder, parts: [Vec<u8>; 3]) -> Result<Vec<RecordBatch>, FileError> {
-    let mut batches = Vec::new();
-    for part in parts {
+/// The batches that are complete with a part of a message.
+fn decode(decoder: &mut StreamDecoder, part: Vec<u8>) -> Result<Vec<RecordBatch>, FileError> {
+    guarded("an Arrow message", || {
+        let mut batches = Vec::new();
         let mut part = Buffer::from_vec(part);
         while !part.is_empty() {
             let batch = decoder.decode(&mut part).map_err(|error| {
@@ -111,27 +110,64 @@ fn decode(decoder: &mut StreamDecoder, parts: [Vec<u8>; 3]) -> Result<Vec<Record
             })?;
             batches.extend(batch);
         }
-    }
-    Ok(batches)
+        Ok(batches)
+    })
 }
 
 /// A message: its parts as they are given to the decoder.
 struct Message {
     at: u64,
-    parts: [Vec<u8>; 3],
+    /// The mark of a message, and the length of its metadata.
+    head: Vec<u8>,
+    /// None at the end of the stream.
+    metadata: Vec<u8>,
+    body: Vec<u8>,
 }
 
-/// The next message, or `None` at the end of the stream. `schema` are the metadata of the first one.
-fn next_message(
-    source: &mut Source<'_>,
-    schema: &[u8],
-    kept: &mut BTreeMap<i64, u64>,
-) -> Result<Option<Message>, FileError> {
+impl Message {
+    /// The mark of the end.
+    fn end(at: u64) -> Self {
+        Self { at, head: [CONTINUATION, [0; 4]].concat(), metadata: Vec::new(), body: Vec::new() }
+    }
+}
+
+/// What is known of a stream by the messages so far.
+#[derive(Default)]
+struct Known {
+    /// The columns, once the decoder has the schema.
+    layout: Option<Layout>,
+    dictionaries: Dictionaries,
+    cells: Cells,
+}
+
+impl Known {
+    /// What may be held beside the dictionaries.
+    fn limits(&self, limits: &Limits) -> Limits {
+        let dictionaries = usize::try_from(self.dictionaries.kept()).unwrap_or(usize::MAX);
+        Limits { held: limits.held.saturating_sub(dictionaries), ..*limits }
+    }
+
+    /// Checks the message up to which a file is read, and counts what it holds.
+    fn check(&mut self, metadata: &[u8], body: &[u8], source: &Source<'_>) -> Result<(), FileError> {
+        let limits = self.limits(source.limits());
+        let Some(batch) = check_buffers(metadata, body, self.layout.as_ref(), &limits)? else {
+            return Ok(());
+        };
+        self.cells.take(batch.cells, source.offset())?;
+        match batch.dictionary {
+            Some(dictionary) => self.dictionaries.add(dictionary, source.offset()),
+            None => Ok(()),
+        }
+    }
+}
+
+/// The next message, or the mark of the end.
+fn next_message(source: &mut Source<'_>, known: &Known) -> Result<Message, FileError> {
     let at = source.offset();
     let mut first = Vec::new();
     source.by_ref().take(4).read_to_end(&mut first)?;
     if first.is_empty() {
-        return Ok(None);
+        return Ok(Message::end(at));
     }
     // Streams before version 0.15 have no continuation mark.
     let length = if first == CONTINUATION { exactly(source, 4, "the length of a message")? } else { first };
@@ -140,26 +176,17 @@ fn next_message(
         .map_err(|_| FileError::truncated(Place::byte(at), "expected a message, got the end of the file"))?;
     let size = u32::from_le_bytes(length) as usize;
     if size == 0 {
-        return Ok(None);
+        return Ok(Message::end(source.offset()));
     }
     if size > MAX_METADATA {
         let detail = format!("expected metadata of at most {MAX_METADATA} bytes, got {size}");
         return Err(FileError::too_large(Place::byte(at), detail));
     }
     let metadata = exactly(source, size, "the metadata of a message")?;
-    let dictionaries = usize::try_from(kept.values().sum::<u64>()).unwrap_or(usize::MAX);
-    let limits = source.limits();
-    let limits = Limits { held: limits.held.saturating_sub(dictionaries), ..*limits };
-    let body = check_message(&metadata, limits.held).map_err(|error| error.at(Place::byte(at)))?;
+    let held = known.limits(source.limits()).held;
+    let body = check_message(&metadata, held).map_err(|error| error.at(Place::byte(at)))?;
     let body = exactly(source, body, "the body of a message")?;
-    let found =
-        check_buffers(&metadata, &body, schema, &limits).map_err(|error| error.at(Place::byte(at)))?;
-    if let Some(Dictionary { id, bytes, is_delta }) = found {
-        let known = kept.entry(id).or_default();
-        *known = if is_delta { *known + bytes } else { bytes };
-    }
-    let head = [CONTINUATION, length].concat();
-    Ok(Some(Message { at, parts: [head, metadata, body] }))
+    Ok(Message { at, head: [CONTINUATION, length].concat(), metadata, body })
 }
 
 /// The next `count` bytes, for which memory is taken as they arrive.

@@ -8,8 +8,9 @@ use lz4_flex::frame::FrameDecoder;
 
 use super::super::error::{FileError, Place};
 use super::super::limits::Limits;
-use super::gives;
-use super::layout::{check_dictionary, check_rows};
+use super::budgets::Dictionary;
+use super::layout::{Layout, check_dictionary, check_rows};
+use super::{check_name, gives};
 
 /// Depth of nested columns: a list of points of a struct is three deep.
 const MAX_DEPTH: usize = 8;
@@ -63,6 +64,7 @@ fn check_schema(schema: &Schema<'_>) -> Result<(), FileError> {
 /// A column whose type the library can name: it stops at others.
 fn check_field(field: &Field<'_>, depth: usize) -> Result<(), FileError> {
     let name = field.name().unwrap_or_default();
+    check_name(name)?;
     let refuse = || {
         let detail =
             format!("expected a column of a simple type, a list or a struct, got {:?}", field.type_type());
@@ -128,13 +130,13 @@ fn is_known(field: &Field<'_>) -> bool {
 }
 
 /// Checks that the buffers of a message lie within its body, that what they decompress to is at most what may be held, in
-/// proportion to them, and that no column claims more values than these bytes can hold. `schema` is the message with the schema.
+/// proportion to them, and that no column claims more values than these bytes can hold. `layout` are the columns of the schema.
 pub(super) fn check_buffers(
     metadata: &[u8],
     body: &[u8],
-    schema: &[u8],
+    layout: Option<&Layout>,
     limits: &Limits,
-) -> Result<Option<Dictionary>, FileError> {
+) -> Result<Option<Batch>, FileError> {
     let message = message(metadata)?;
     let dictionary = message.header_as_dictionary_batch();
     let batch = match message.header_type() {
@@ -153,24 +155,30 @@ pub(super) fn check_buffers(
     if let Some(length) = lengths.into_iter().find(|length| !(0..=most).contains(length)) {
         return Err(malformed(format!("expected at most {most} values in {bytes} bytes, got {length}")));
     }
-    let schema = self::message(schema)?;
-    let schema =
-        schema.header_as_schema().ok_or_else(|| malformed("expected a schema before all rows, got rows"))?;
-    match dictionary {
+    let layout = layout.ok_or_else(|| malformed("expected a schema before all rows, got rows"))?;
+    let dictionary = match dictionary {
         Some(dictionary) => {
-            check_dictionary(&schema, dictionary.id(), &batch, &sizes)?;
-            Ok(Some(Dictionary { id: dictionary.id(), bytes, is_delta: dictionary.isDelta() }))
+            let id = dictionary.id();
+            check_dictionary(layout, id, &batch, &sizes)?;
+            Some(Dictionary { id, bytes, is_delta: dictionary.isDelta() })
         }
-        None => check_rows(&schema, &batch, &sizes, made).map(|()| None),
-    }
+        None => {
+            check_rows(layout, &batch, &sizes, made)?;
+            None
+        }
+    };
+    // No length is negative.
+    let values = nodes.iter().map(|node| node.length().unsigned_abs()).fold(0_u64, u64::saturating_add);
+    Ok(Some(Batch { cells: values.saturating_add(layout.columns), dictionary }))
 }
 
-/// A dictionary batch: the decoder keeps its values until others come in their place.
-pub(super) struct Dictionary {
-    pub(super) id: i64,
-    pub(super) bytes: u64,
-    /// Whether the values are added to those that are known.
-    pub(super) is_delta: bool,
+/// A batch of rows or of values of a dictionary.
+pub(super) struct Batch {
+    /// Number of values of all its columns, those within lists too, and one for each column of the schema: the library goes
+    /// through all of them.
+    pub(super) cells: u64,
+    /// The dictionary, if it is one: the decoder keeps its values until others come in their place.
+    pub(super) dictionary: Option<Dictionary>,
 }
 
 /// Number of bytes of each buffer after decompression, at most `most` together.

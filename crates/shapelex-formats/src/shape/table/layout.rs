@@ -1,12 +1,70 @@
 //! The columns of a batch of Arrow IPC against the buffers that it has: a column without enough bytes for its values is refused
 //! here, since the library stops at it.
 
-use arrow_ipc::{DateUnit, Field, FieldNode, IntervalUnit, Precision, RecordBatch, Schema, Type};
+use std::collections::BTreeMap;
+
+use arrow_ipc::{FieldNode, RecordBatch};
+use arrow_schema::{DataType, FieldRef, SchemaRef};
 
 use super::super::error::{FileError, Place};
 
 /// Largest width of the items of a fixed size, in bytes or elements.
 const MAX_WIDTH: u64 = 1 << 31;
+/// Most columns with dictionaries: for each dictionary, the library goes through all columns.
+const MAX_DICTIONARIES: u64 = 1024;
+
+/// The columns of a stream as the library takes them, made once: the message with them is long, and batches may be short.
+pub(super) struct Layout {
+    schema: SchemaRef,
+    /// Columns by the id of their dictionary: the first one of an id, as the library does.
+    dictionaries: BTreeMap<i64, FieldRef>,
+    /// Number of columns, those within others too.
+    pub(super) columns: u64,
+}
+
+impl Layout {
+    /// The columns of a schema.
+    ///
+    /// # Errors
+    /// Many columns with dictionaries.
+    pub(super) fn new(schema: SchemaRef) -> Result<Self, FileError> {
+        let (dictionaries, mut count) = (BTreeMap::new(), 0);
+        let mut layout = Self { schema: SchemaRef::clone(&schema), dictionaries, columns: 0 };
+        layout.add(schema.fields(), &mut count);
+        if count <= MAX_DICTIONARIES {
+            return Ok(layout);
+        }
+        let detail = format!("expected at most {MAX_DICTIONARIES} columns with dictionaries, got {count}");
+        Err(FileError::too_large(Place::tag("schema"), detail))
+    }
+
+    /// Adds columns and those within them, of which `count` have dictionaries.
+    fn add(&mut self, fields: &[FieldRef], count: &mut u64) {
+        for field in fields {
+            self.columns += 1;
+            // Only the id connects a dictionary with its columns, in the library too.
+            #[allow(deprecated)]
+            let id = field.dict_id();
+            if let Some(id) = id {
+                *count += 1;
+                self.dictionaries.entry(id).or_insert_with(|| FieldRef::clone(field));
+            }
+            self.add(children(field.data_type()), count);
+        }
+    }
+}
+
+/// The columns within a column, or within the values of its dictionary.
+fn children(kind: &DataType) -> &[FieldRef] {
+    match kind {
+        DataType::List(item) | DataType::LargeList(item) | DataType::FixedSizeList(item, _) => {
+            std::slice::from_ref(item)
+        }
+        DataType::Struct(fields) => &fields[..],
+        DataType::Dictionary(_, values) => children(values),
+        _ => &[],
+    }
+}
 
 /// What is left of a batch while its columns are gone through.
 struct Rest<'a, N> {
@@ -21,7 +79,7 @@ struct Rest<'a, N> {
 
 /// Checks that the columns of a batch of rows have the buffers that their types want, and that at most `most` bytes are made of them.
 pub(super) fn check_rows(
-    schema: &Schema<'_>,
+    layout: &Layout,
     batch: &RecordBatch<'_>,
     sizes: &[u64],
     most: u64,
@@ -32,8 +90,7 @@ pub(super) fn check_rows(
         views: batch.variadicBufferCounts().into_iter().flatten().collect::<Vec<_>>().into_iter(),
         made: 0,
     };
-    let fields = schema.fields().into_iter().flatten();
-    fields.into_iter().try_for_each(|field| rest.column(&field, false))?;
+    layout.schema.fields().iter().try_for_each(|field| rest.column(field.name(), field.data_type()))?;
     if rest.made > most {
         let detail = format!(
             "expected a batch of at most {most} bytes in double precision, got {}; write smaller batches",
@@ -46,13 +103,13 @@ pub(super) fn check_rows(
 
 /// Checks the values of a dictionary of the column with this id.
 pub(super) fn check_dictionary(
-    schema: &Schema<'_>,
+    layout: &Layout,
     id: i64,
     batch: &RecordBatch<'_>,
     sizes: &[u64],
 ) -> Result<(), FileError> {
-    let found = schema.fields().into_iter().flatten().find_map(|field| with_dictionary(field, id));
-    let Some(field) = found else {
+    let found = layout.dictionaries.get(&id).map(|field| (field.name(), field.data_type()));
+    let Some((name, DataType::Dictionary(_, values))) = found else {
         let detail = format!("expected a dictionary of a column, got one with the unknown id {id}");
         return Err(FileError::malformed(Place::default(), detail));
     };
@@ -62,32 +119,20 @@ pub(super) fn check_dictionary(
         views: batch.variadicBufferCounts().into_iter().flatten().collect::<Vec<_>>().into_iter(),
         made: 0,
     };
-    rest.column(&field, true)
-}
-
-fn with_dictionary(field: Field<'_>, id: i64) -> Option<Field<'_>> {
-    if field.dictionary().is_some_and(|dictionary| dictionary.id() == id) {
-        return Some(field);
-    }
-    field.children().into_iter().flatten().find_map(|child| with_dictionary(child, id))
+    rest.column(name, values)
 }
 
 impl<'a, N: Iterator<Item = &'a FieldNode>> Rest<'a, N> {
-    /// Goes through a column. `values` are those of its dictionary.
-    fn column(&mut self, field: &Field<'_>, values: bool) -> Result<(), FileError> {
-        let name = field.name().unwrap_or_default();
+    /// Goes through a column: of one with a dictionary, through the positions.
+    fn column(&mut self, name: &str, kind: &DataType) -> Result<(), FileError> {
         let fault = |detail: String| FileError::malformed(Place::tag(format!("column '{name}'")), detail);
         let node =
             self.nodes.next().ok_or_else(|| fault("expected the length of the column, got none".into()))?;
         let length = u64::try_from(node.length()).unwrap_or_default();
-        let kind = field.type_type();
-        let index = field.dictionary().filter(|_| !values).and_then(|dictionary| dictionary.indexType());
-        if index.is_some()
-            || matches!(kind, Type::Null | Type::Int | Type::FloatingPoint | Type::List | Type::LargeList)
-        {
+        if is_made_anew(kind) {
             self.made = self.made.saturating_add(length.saturating_mul(8));
         }
-        if kind == Type::Null && index.is_none() {
+        if matches!(kind, DataType::Null) {
             return Ok(());
         }
         // Buffers of offsets and views are whole numbers of items.
@@ -103,33 +148,34 @@ impl<'a, N: Iterator<Item = &'a FieldNode>> Rest<'a, N> {
         // Offsets of no rows may be left out.
         let offsets = |width: u64| if length == 0 { 0 } else { (length + 1).saturating_mul(width) };
         let items = |width: u64| length.saturating_mul(width);
-        if let Some(index) = index {
-            return buffer("positions", items(u64::from(index.bitWidth().unsigned_abs()) / 8), 1);
-        }
         match kind {
-            Type::Bool => buffer("values", bits, 1),
-            Type::Utf8 | Type::Binary => {
+            DataType::Boolean => buffer("values", bits, 1),
+            DataType::Utf8 | DataType::Binary => {
                 buffer("offsets", offsets(4), 4).and_then(|()| buffer("content", 0, 1))
             }
-            Type::LargeUtf8 | Type::LargeBinary => {
+            DataType::LargeUtf8 | DataType::LargeBinary => {
                 buffer("offsets", offsets(8), 8).and_then(|()| buffer("content", 0, 1))
             }
-            Type::Utf8View | Type::BinaryView => {
+            DataType::Utf8View | DataType::BinaryView => {
                 buffer("views", items(16), 16)?;
                 self.skip_views().map_err(fault)
             }
-            Type::List | Type::LargeList | Type::FixedSizeList | Type::Struct_ => {
+            DataType::List(_)
+            | DataType::LargeList(_)
+            | DataType::FixedSizeList(..)
+            | DataType::Struct(_) => {
                 match kind {
-                    Type::List => buffer("offsets", offsets(4), 4)?,
-                    Type::LargeList => buffer("offsets", offsets(8), 8)?,
+                    DataType::List(_) => buffer("offsets", offsets(4), 4)?,
+                    DataType::LargeList(_) => buffer("offsets", offsets(8), 8)?,
                     _ => {}
                 }
-                field.children().into_iter().flatten().try_for_each(|child| self.column(&child, false))
+                children(kind).iter().try_for_each(|child| self.column(child.name(), child.data_type()))
             }
             _ => {
-                let width = width(field).filter(|width| *width <= MAX_WIDTH);
+                let width = width(kind).filter(|width| *width <= MAX_WIDTH);
                 let width = width.ok_or_else(|| fault("expected values of a fixed width".into()))?;
-                buffer("values", items(width), 1)
+                let what = if matches!(kind, DataType::Dictionary(..)) { "positions" } else { "values" };
+                buffer(what, items(width), 1)
             }
         }
     }
@@ -146,26 +192,20 @@ impl<'a, N: Iterator<Item = &'a FieldNode>> Rest<'a, N> {
     }
 }
 
-/// Number of bytes of a value of a fixed width.
-fn width(field: &Field<'_>) -> Option<u64> {
-    let bytes = |bits: i32| u64::try_from(bits / 8).ok();
-    match field.type_type() {
-        Type::Int => bytes(field.type_as_int()?.bitWidth()),
-        Type::FloatingPoint => match field.type_as_floating_point()?.precision() {
-            Precision::HALF => Some(2),
-            Precision::SINGLE => Some(4),
-            _ => Some(8),
-        },
-        Type::FixedSizeBinary => u64::try_from(field.type_as_fixed_size_binary()?.byteWidth()).ok(),
-        Type::Date => Some(if field.type_as_date()?.unit() == DateUnit::DAY { 4 } else { 8 }),
-        Type::Time => bytes(field.type_as_time()?.bitWidth()),
-        Type::Timestamp | Type::Duration => Some(8),
-        Type::Interval => match field.type_as_interval()?.unit() {
-            IntervalUnit::YEAR_MONTH => Some(4),
-            IntervalUnit::DAY_TIME => Some(8),
-            _ => Some(16),
-        },
-        Type::Decimal => bytes(field.type_as_decimal()?.bitWidth()),
-        _ => None,
+/// Whether values of a type are not used as they are: numbers become doubles, offsets and positions other integers.
+fn is_made_anew(kind: &DataType) -> bool {
+    let is_other = matches!(
+        kind,
+        DataType::Null | DataType::Dictionary(..) | DataType::List(_) | DataType::LargeList(_)
+    );
+    is_other || kind.is_integer() || kind.is_floating()
+}
+
+/// Number of bytes of a value of a fixed width, or of its position in a dictionary.
+fn width(kind: &DataType) -> Option<u64> {
+    match kind {
+        DataType::FixedSizeBinary(width) => u64::try_from(*width).ok(),
+        DataType::Dictionary(position, _) => width(position),
+        _ => kind.primitive_width().and_then(|width| u64::try_from(width).ok()),
     }
 }

@@ -26,7 +26,10 @@ mod array_tests;
 mod array_zip;
 mod arrays;
 pub(super) mod arrow;
+mod budgets;
 mod checks;
+#[cfg(test)]
+mod cost_tests;
 mod decoded;
 mod layout;
 mod list_pages;
@@ -51,6 +54,7 @@ pub(super) use npz::FORMAT as NPZ;
 pub(super) use parquet::FORMAT as PARQUET;
 
 use super::error::{FaultKind, FileError, Place};
+use super::text::name_fits;
 
 /// Version of the columns, in the metadata of a file.
 const SCHEMA: &str = "shapes/1";
@@ -73,6 +77,11 @@ struct FieldNote {
 /// An error of the output or of the library that writes.
 fn unwritten(error: impl std::fmt::Display) -> FileError {
     FileError::of(FaultKind::Io, Place::default(), error)
+}
+
+/// Refuses a long name of a column, which every batch and every record repeat.
+fn check_name(name: &str) -> Result<(), FileError> {
+    name_fits(name).map_err(|detail| FileError::malformed(Place::tag("names of columns"), detail))
 }
 
 /// Whether a decoder gives just so many bytes: those of libraries give all that there are.

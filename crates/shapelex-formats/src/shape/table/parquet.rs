@@ -34,6 +34,7 @@ use super::super::record::{Kind, Record};
 use super::super::source::Source;
 use super::super::summary::Summary;
 use super::super::write::{Opened, Output, Writer};
+use super::budgets::Cells;
 use super::decoded::rows_at_once;
 use super::list_pages::ListColumn;
 use super::pages::{Pages, check_column, check_metadata};
@@ -76,9 +77,11 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
         .filter(|column| roots.contains(&schema.get_column_root_idx(*column)))
         .collect();
     let mask = ProjectionMask::roots(schema, roots);
-    let mut left = limits.content;
+    let (mut left, mut cells) = (limits.content, Cells::default());
     for group in 0..metadata.num_row_groups() {
         let pages = check_group(&bytes, metadata, group, &columns, &mut left)?;
+        let values = pages.iter().map(|(_, pages)| pages.values).fold(0, u64::saturating_add);
+        cells.take(values, bytes.len() as u64).map_err(|error| error.at(place_of_group(group)))?;
         let rows = rows_at_once(&bytes, metadata, group, &pages, &limits)?;
         let builder = ParquetRecordBatchReaderBuilder::new_with_metadata(bytes.clone(), content.clone())
             .with_row_groups(vec![group])
@@ -87,13 +90,16 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
         let mut batches = guarded("a row group", || builder.build().map_err(malformed))?;
         while let Some(batch) = guarded("a row group", || Ok(batches.next()))? {
             let batch = batch.map_err(|error| {
-                let place = Place { item: u64::try_from(group).ok(), ..Place::tag("row group") };
-                FileError::malformed(place, format!("expected valid pages, got {error}"))
+                FileError::malformed(place_of_group(group), format!("expected valid pages, got {error}"))
             })?;
             reading.batch(&batch, sink)?;
         }
     }
     Ok(reading.summary)
+}
+
+fn place_of_group(group: usize) -> Place {
+    Place { item: u64::try_from(group).ok(), ..Place::tag("row group") }
 }
 
 /// The table of contents, with texts that stay in their pages: those of a dictionary may be as long as it is.

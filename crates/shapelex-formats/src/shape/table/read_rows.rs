@@ -14,7 +14,7 @@ use super::super::record::Sink;
 use super::super::record::{Domain, Field, Geometry, Mesh, Points, Record, Ring, Value};
 use super::super::summary::Summary;
 use super::arrays::{Lists, Texts, is_flag, is_list_of_numbers, is_number, is_text, numbers};
-use super::{FIELDS, FieldNote, LABELS, PREFIX};
+use super::{FIELDS, FieldNote, LABELS, PREFIX, check_name};
 
 /// Column of the points, unless an option names another one.
 const POINTS: &str = "points";
@@ -47,12 +47,13 @@ impl<'a> Reading<'a> {
     /// Positions of the columns of a schema that can be of use. Others are counted.
     ///
     /// # Errors
-    /// A column of points that holds something else.
+    /// A column of points that holds something else, a long name.
     pub(super) fn of_use(&mut self, schema: &Schema) -> Result<Vec<usize>, FileError> {
         let points = self.options.points_column().unwrap_or(POINTS);
         let mut found = Vec::new();
         for (k, field) in schema.fields().iter().enumerate() {
             let (name, kind) = (field.name(), field.data_type());
+            check_name(name)?;
             if is_list_of_numbers(kind)
                 || (name != points && (is_number(kind) || is_text(kind) || is_flag(kind)))
             {

@@ -14,6 +14,7 @@ use super::super::error::{FileError, Place};
 use super::super::options::WriteOptions;
 use super::super::record::{Domain, Field as MeshField, Geometry, Mesh, Points, Record, Value};
 use super::super::summary::Summary;
+use super::super::text::name_fits;
 use super::{FIELDS, FieldNote, LABELS, PREFIX, SCHEMA, unwritten};
 
 /// Largest number of rows of a batch.
@@ -237,7 +238,12 @@ impl Layout {
     }
 }
 
-/// Attributes of the first rows that have one type in all of them, as many as have a column.
+/// Whether a column may have this name behind its prefix: longer ones are not read.
+fn fits(prefix: &str, name: &str) -> bool {
+    name_fits(&format!("{prefix}{name}")).is_ok()
+}
+
+/// Attributes of the first rows that have one type in all of them and a short name, as many as have a column.
 fn label_types(rows: &[BTreeMap<String, Value>]) -> Vec<(String, Value)> {
     let mut found: BTreeMap<&String, Option<&Value>> = BTreeMap::new();
     for (name, value) in rows.iter().flatten() {
@@ -246,13 +252,14 @@ fn label_types(rows: &[BTreeMap<String, Value>]) -> Vec<(String, Value)> {
             *first = None;
         }
     }
-    found.into_iter().filter_map(|(name, value)| Some((name.clone(), value?.clone()))).take(COLUMNS).collect()
+    let short = found.into_iter().filter(|(name, _)| fits(LABELS, name));
+    short.filter_map(|(name, value)| Some((name.clone(), value?.clone()))).take(COLUMNS).collect()
 }
 
-/// Fields of the first rows, as the first mesh has them.
+/// Fields of the first rows with short names, as the first mesh has them.
 fn field_notes(rows: &[BTreeMap<String, MeshField>]) -> Vec<(String, FieldNote)> {
     let mut found = BTreeMap::new();
-    for (name, field) in rows.iter().flatten() {
+    for (name, field) in rows.iter().flatten().filter(|(name, _)| fits(FIELDS, name)) {
         found.entry(name.clone()).or_insert_with(|| note_of(field));
     }
     found.into_iter().take(COLUMNS).collect()
@@ -424,6 +431,7 @@ fn field_columns(
         for (name, field) in row {
             if !layout.fields.contains(&(name.clone(), note_of(field))) {
                 let what = match layout.fields.len() {
+                    _ if !fits(FIELDS, name) => "fields with names that are too long for a column",
                     COLUMNS => "fields beside the 1024 that have a column",
                     _ => "fields that the first meshes do not have",
                 };

@@ -28,7 +28,7 @@ fn format(id: &str) -> &'static Format {
     find(id).expect("a format")
 }
 
-fn written(id: &str, records: &[Record], options: &WriteOptions) -> (Vec<u8>, Summary) {
+pub(super) fn written(id: &str, records: &[Record], options: &WriteOptions) -> (Vec<u8>, Summary) {
     let mut bytes = Vec::new();
     let mut writer = format(id).writer(&mut bytes, options).expect("a writer");
     for record in records {
@@ -62,7 +62,7 @@ fn placeless(records: &[Record]) -> Vec<Record> {
     records.iter().cloned().map(|record| Record { place: Place::default(), ..record }).collect()
 }
 
-fn curve(points: &[[f64; 2]], closed: bool) -> Record {
+pub(super) fn curve(points: &[[f64; 2]], closed: bool) -> Record {
     let points = Points::from_rows(2, points.concat());
     Record::new(Geometry::Curve { points, closed }, Place::default())
 }
@@ -91,7 +91,7 @@ fn points() -> Vec<Record> {
     vec![full, other, landmarks()]
 }
 
-fn meshes() -> Vec<Record> {
+pub(super) fn meshes() -> Vec<Record> {
     let mut mesh = Mesh {
         vertices: Points::from_rows(3, vec![0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]),
         ..Mesh::default()

@@ -5,6 +5,7 @@ use super::super::super::limits::Limits;
 use super::super::super::record::Sink;
 use super::super::super::record::{Domain, Faces, Points};
 use super::super::super::summary::Summary;
+use super::super::super::text::name_fits;
 use super::super::draft::Draft;
 use super::super::scan::{count, number, shown, text, words, wrong};
 use super::super::{COLOURS, NORMALS, TEXTURE, TEXTURE_OF_CORNERS};
@@ -96,6 +97,7 @@ impl File {
         let mut rest = words(line);
         let Some(keyword) = rest.next() else { return Ok(()) };
         let name = || text(&line.trim_ascii_start()[keyword.len()..], || place.clone());
+        let repeated = || name().and_then(|name| fitting(name, place));
         match keyword {
             b"v" => self.vertex(&numbers(rest, place)?, place)?,
             b"vt" => match numbers(rest, place)?[..] {
@@ -114,11 +116,11 @@ impl File {
                 self.lines.push(line);
             }
             b"o" => {
-                let name = Some(name()?).filter(|name| !name.is_empty()).map(str::to_owned);
+                let name = Some(repeated()?).filter(|name| !name.is_empty()).map(str::to_owned);
                 self.objects.push(Object { name, place: place.clone() });
             }
-            b"g" => self.groups.set(name()?),
-            b"usemtl" => self.materials.set(name()?),
+            b"g" => self.groups.set(repeated()?),
+            b"usemtl" => self.materials.set(repeated()?),
             b"p" => self.summary.drop("point elements", None, || place.clone()),
             b"s" => self.summary.drop("smoothing groups", None, || place.clone()),
             b"mtllib" => self.summary.drop("references to other files", Some(name()?), || place.clone()),
@@ -438,6 +440,11 @@ fn position(word: &[u8], count_so_far: usize, place: &Place) -> Result<u32, File
         None => index.checked_sub(1),
     };
     position.and_then(|at| u32::try_from(at).ok()).filter(|at| *at != NONE).ok_or_else(fault)
+}
+
+/// A name that many shapes may have, if it is not too long.
+fn fitting<'n>(name: &'n str, place: &Place) -> Result<&'n str, FileError> {
+    name_fits(name).map(|()| name).map_err(|detail| FileError::malformed(place.clone(), detail))
 }
 
 fn expected(what: &str, count: usize, place: &Place) -> FileError {

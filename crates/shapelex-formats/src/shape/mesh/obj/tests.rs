@@ -153,3 +153,35 @@ fn damaged_files_do_not_panic() {
     cut_off(&FORMAT, TWO.as_bytes(), true);
     changed(&FORMAT, TWO.as_bytes());
 }
+
+#[test]
+fn long_names_that_many_shapes_may_have_are_refused() {
+    for keyword in ["o", "g", "usemtl"] {
+        let file = |length: usize| {
+            let name = "x".repeat(length);
+            format!("v 0 0 0\nv 1 0 0\nv 0 1 0\n{keyword} {name}\no\nf 1 2 3\no\nf 1 2 3\n")
+        };
+        assert_eq!(read(&FORMAT, file(1024).as_bytes()).unwrap().0.len(), 2);
+        let expected =
+            format!("line 4: expected a name of at most 1024 bytes, got 1025 of '{}…'", "x".repeat(40));
+        assert_eq!(refusal(&FORMAT, file(1025).as_bytes()), expected);
+    }
+    // Names of other files are counted, not repeated.
+    let text = format!("mtllib {}\nv 0 0 0\n", "x".repeat(1025));
+    assert_eq!(read(&FORMAT, text.as_bytes()).unwrap().1.dropped[0].names[0].len(), 1024);
+}
+
+#[test]
+fn names_that_are_not_read_are_not_written() {
+    let (mut found, _) = read(&FORMAT, TWO.as_bytes()).unwrap();
+    found[0].name = Some("x".repeat(1024));
+    let bytes = write(&FORMAT, &found, &WriteOptions::default()).unwrap();
+    assert_eq!(read(&FORMAT, &bytes).unwrap().0[0].name, found[0].name);
+    found[0].name = Some("x".repeat(1025));
+    let refused = write(&FORMAT, &found, &WriteOptions::default()).unwrap_err().to_string();
+    assert!(refused.contains("expected a name of at most 1024 bytes, got 1025"), "{refused}");
+    found[0].name = None;
+    found[0].metadata.insert("groups".into(), serde_json::json!(["left", "x".repeat(1025)]));
+    let refused = write(&FORMAT, &found, &WriteOptions::default()).unwrap_err().to_string();
+    assert!(refused.contains("expected a name of at most 1024 bytes, got 1025"), "{refused}");
+}

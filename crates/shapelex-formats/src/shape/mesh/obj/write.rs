@@ -7,6 +7,7 @@ use super::super::super::error::FileError;
 use super::super::super::options::WriteOptions;
 use super::super::super::record::{Domain, Field, Mesh, Record};
 use super::super::super::summary::Summary;
+use super::super::super::text::{name_fits, unfit};
 use super::super::super::write::{Opened, Output, Writer};
 use super::super::part::{Part, drop_fields};
 use super::super::{COLOURS, NORMALS, TEXTURE, TEXTURE_OF_CORNERS};
@@ -31,8 +32,9 @@ impl Writer for Objects<'_> {
         let part = Part::of(record, "OBJ")?;
         drop_fields(part, record, &mut self.summary, |name| WRITTEN.contains(&name));
         if self.summary.records > 0 || record.name.is_some() {
-            let name = record.name.as_deref().unwrap_or_default();
-            writeln!(self.output, "o {}", one_line(name))?;
+            let name = one_line(record.name.as_deref().unwrap_or_default());
+            name_fits(&name).map_err(|detail| unfit(record, detail))?;
+            writeln!(self.output, "o {name}")?;
         }
         let first = self.before[0] + 1;
         let count = part.points().len() as u64;
@@ -74,7 +76,7 @@ impl Objects<'_> {
         let texture = self.attribute("vt", 1, mesh, TEXTURE, TEXTURE_OF_CORNERS, 2)?;
         let normals = self.attribute("vn", 2, mesh, NORMALS, NORMALS_OF_CORNERS, 3)?;
         let mut places =
-            [Names::of(record, mesh, "g", "group"), Names::of(record, mesh, "usemtl", "material")];
+            [Names::of(record, mesh, "g", "group")?, Names::of(record, mesh, "usemtl", "material")?];
         let mut corner = 0;
         for (k, face) in mesh.faces.iter().enumerate() {
             for names in &mut places {
@@ -163,12 +165,14 @@ struct Names<'a> {
 }
 
 impl<'a> Names<'a> {
-    fn of(record: &Record, mesh: &'a Mesh, keyword: &'static str, name: &str) -> Self {
+    /// Names that the reader refuses are refused here too.
+    fn of(record: &Record, mesh: &'a Mesh, keyword: &'static str, name: &str) -> Result<Self, FileError> {
         let list = record.metadata.get(&format!("{name}s")).and_then(|list| list.as_array());
         let text = |value: &serde_json::Value| value.as_str().map(one_line).unwrap_or_default();
-        let list = list.into_iter().flatten().map(text).collect();
+        let list: Vec<String> = list.into_iter().flatten().map(text).collect();
+        list.iter().try_for_each(|name| name_fits(name)).map_err(|detail| unfit(record, detail))?;
         let fits = |field: &&Field| field.domain == Domain::Faces && field.width == 1;
-        Self { keyword, list, field: mesh.fields.get(name).filter(fits), last: None }
+        Ok(Self { keyword, list, field: mesh.fields.get(name).filter(fits), last: None })
     }
 
     fn write(&mut self, face: usize, output: &mut dyn Write) -> std::io::Result<()> {

@@ -329,13 +329,17 @@ impl<'a> Reader<'a> {
         }
         cells.add(&self.cells, |k| self.types[k], &mut self.draft, &mut self.summary);
         self.limits.faces(self.draft.faces.len() as u64, Place::default)?;
-        for (name, width, values) in &self.of_cells {
-            if values.len() != cells.count() * width {
+        // Taken one by one: values of cells are not needed beside those of faces.
+        for (name, width, values) in std::mem::take(&mut self.of_cells) {
+            let place = || Place::tag(format!("CELL_DATA {name}"));
+            if cells.count().checked_mul(width) != Some(values.len()) {
                 let detail =
                     format!("expected data of {} cells, got {}", cells.count(), values.len() / width);
-                return Err(FileError::malformed(Place::tag(format!("CELL_DATA {name}")), detail));
+                return Err(FileError::malformed(place(), detail));
             }
-            cells.field(name, *width, values, &mut self.draft);
+            cells
+                .field(&name, width, &values, &mut self.draft, &self.room)
+                .map_err(|error| error.at(place()))?;
         }
         self.draft.send(&mut self.summary, sink)?;
         Ok(self.summary)

@@ -1,6 +1,10 @@
 use super::super::super::FaultKind;
+use super::super::super::limits::Room;
 use super::super::super::options::{Encoding, WriteOptions};
-use super::super::super::record::{Geometry, Points, Record};
+use super::super::super::record::{Domain, Faces, Geometry, Points, Record};
+use super::super::super::summary::Summary;
+use super::super::cells::{Cells, STRIP};
+use super::super::draft::Draft;
 use super::super::testing::{changed, cut_off, mesh, read, read_within, refusal, write};
 use super::super::{NORMALS, TEXTURE};
 use super::*;
@@ -146,4 +150,58 @@ fn damaged_files_do_not_panic() {
     changed(&FORMAT, text().as_bytes());
     let (found, _) = read(&FORMAT, text().as_bytes()).unwrap();
     changed(&FORMAT, &write(&FORMAT, &found, &WriteOptions::default()).unwrap());
+}
+
+/// A file of one strip of `triangles` triangles, with `fields` fields of one row of `width` values.
+fn strip(triangles: usize, fields: usize, width: usize) -> String {
+    let corners: Vec<&str> = ["0", "1", "2"].into_iter().cycle().take(triangles + 2).collect();
+    let row = "1 ".repeat(width);
+    let arrays: String = (0..fields).map(|k| format!("a{k} {width} 1 int\n{row}\n")).collect();
+    format!(
+        "{HEAD}DATASET POLYDATA\nPOINTS 3 float\n0 0 0 1 0 0 0 1 0\nTRIANGLE_STRIPS 1 {}\n{} {}\nCELL_DATA 1\n\
+         FIELD f {fields}\n{arrays}",
+        triangles + 3,
+        triangles + 2,
+        corners.join(" ")
+    )
+}
+
+#[test]
+fn rows_that_triangles_of_a_strip_repeat_are_bounded() {
+    let (found, _) = read(&FORMAT, strip(500, 2, 500).as_bytes()).unwrap();
+    assert_eq!(mesh(&found[0]).fields["a1"].values.len(), 250_000);
+    let refused = refusal(&FORMAT, strip(2000, 1, 2000).as_bytes());
+    assert!(refused.contains("CELL_DATA a0: expected at most "), "{refused}");
+    assert!(refused.ends_with(" bytes of numbers in double precision, got more"), "{refused}");
+    let refused = refusal(&FORMAT, strip(5000, 500, 1).as_bytes());
+    assert!(refused.ends_with(" bytes of numbers in double precision, got more"), "{refused}");
+}
+
+#[test]
+fn fields_beyond_the_most_are_dropped_before_their_values_are_made() {
+    let (found, summary) = read(&FORMAT, strip(3, 1002, 1).as_bytes()).unwrap();
+    assert_eq!(mesh(&found[0]).fields.len(), 1000);
+    let beyond = summary.dropped.iter().find(|dropped| dropped.what == "fields beyond the first thousand");
+    assert_eq!(beyond.unwrap().names, ["a1000", "a1001"]);
+
+    let mut draft = Draft::new(Place::default());
+    let mut cells = Cells::default();
+    let mut faces = Faces::default();
+    faces.push([0; 2002]);
+    cells.add(&faces, |_| STRIP, &mut draft, &mut Summary::default());
+    let room = Room::new(&Limits::default(), 0);
+    let wide = vec![1.0; 2000];
+    assert!(cells.field("wide", 2000, &wide, &mut draft, &room).is_err());
+    (0..1000).for_each(|_| draft.field("a", Domain::Vertices, 1, Vec::new()));
+    assert!(cells.field("wide", 2000, &wide, &mut draft, &room).is_ok());
+}
+
+#[test]
+fn widths_beyond_all_memory_are_refused() {
+    let text = format!(
+        "{HEAD}DATASET POLYDATA\nPOINTS 3 float\n0 0 0 1 0 0 0 1 0\nPOLYGONS 2 8\n3 0 1 2 3 0 1 2\nCELL_DATA 0\n\
+         SCALARS a int {}\n",
+        1_u64 << 63
+    );
+    assert_eq!(refusal(&FORMAT, text.as_bytes()), "CELL_DATA a: expected data of 2 cells, got 0");
 }

@@ -211,3 +211,77 @@ fn arrays_that_share_their_data_are_bounded_together() {
     let many = refusal(&FORMAT, &file(50));
     assert!(many.contains(" bytes of numbers in double precision, got more"), "{many}");
 }
+
+/// A file without points, and `count` arrays without components that name the same data.
+fn shared(count: usize, compressor: &str, encoding: &str, data: &[u8]) -> Vec<u8> {
+    let array = "<DataArray type=\"Int8\" NumberOfComponents=\"0\" format=\"appended\" offset=\"0\"/>";
+    let head = format!(
+        "<VTKFile type=\"PolyData\"{compressor}><PolyData><Piece NumberOfPoints=\"0\"><PointData>{}</PointData></Piece></PolyData>\
+         <AppendedData encoding=\"{encoding}\">_",
+        array.repeat(count)
+    );
+    [head.as_bytes(), data, b"</AppendedData></VTKFile>"].concat()
+}
+
+#[test]
+fn what_arrays_are_decoded_from_is_bounded_even_if_nothing_comes_out() {
+    let zlib = " compressor=\"vtkZLibDataCompressor\"";
+    let spaces = [" ".repeat(500_000), "AAAAAA==".into()].concat().into_bytes();
+    let words = |words: &[u32]| words.iter().flat_map(|word| word.to_le_bytes()).collect::<Vec<u8>>();
+    // Blocks of zlib, each of nothing.
+    let empty = b"\x78\x9c\x03\0\0\0\0\x01";
+    let empty_blocks =
+        [words(&[10_000, 0, 0]), words(&[empty.len() as u32; 10_000]), empty.repeat(10_000)].concat();
+    // One block of zlib, of many stored blocks of nothing.
+    let stored =
+        [&b"\x78\x01"[..], &b"\0\0\0\xff\xff".repeat(100_000), b"\x01\0\0\xff\xff\0\0\0\x01"].concat();
+    let stored = [words(&[1, 0, 0, stored.len() as u32]), stored].concat();
+    for (compressor, encoding, data) in
+        [("", "base64", spaces), (zlib, "raw", empty_blocks), (zlib, "raw", stored)]
+    {
+        let few = refusal(&FORMAT, &shared(5, compressor, encoding, &data));
+        assert!(few.contains("expected points, got none"), "{few}");
+        let many = refusal(&FORMAT, &shared(60, compressor, encoding, &data));
+        assert!(many.contains("expected arrays that are decoded from at most "), "{many}");
+    }
+}
+
+#[test]
+fn rows_that_triangles_of_a_strip_repeat_are_bounded() {
+    let file = |triangles: usize, width: usize| {
+        let corners = ["0 1 2"; 1000].join(" ");
+        let corners: Vec<&str> = corners.split(' ').take(triangles + 2).collect();
+        format!(
+            "<VTKFile type=\"PolyData\"><PolyData><Piece NumberOfPoints=\"3\"><Points><DataArray type=\"Float32\" \
+             NumberOfComponents=\"3\">0 0 0 1 0 0 0 1 0</DataArray></Points><Strips><DataArray type=\"Int32\" \
+             Name=\"connectivity\">{}</DataArray><DataArray type=\"Int32\" Name=\"offsets\">{}</DataArray></Strips><CellData>\
+             <DataArray type=\"Int8\" Name=\"a\" NumberOfComponents=\"{width}\">{}</DataArray></CellData></Piece></PolyData>\
+             </VTKFile>",
+            corners.join(" "),
+            triangles + 2,
+            "1 ".repeat(width)
+        )
+    };
+    let (found, _) = read(&FORMAT, file(500, 500).as_bytes()).unwrap();
+    assert_eq!(mesh(&found[0]).fields["a"].values.len(), 250_000);
+    let refused = refusal(&FORMAT, file(2000, 2000).as_bytes());
+    assert!(refused.contains("DataArray a, byte "), "{refused}");
+    assert!(refused.ends_with(" bytes of numbers in double precision, got more"), "{refused}");
+}
+
+#[test]
+fn long_names_of_pieces_are_cut_off_in_the_places_of_their_lines() {
+    for (name, expected) in
+        [("ä".repeat(40), "ä".repeat(40)), ("ä".repeat(41), format!("{}…", "ä".repeat(40)))]
+    {
+        let text = format!(
+            "<VTKFile type=\"PolyData\"><PolyData><Piece Name=\"{name}\" NumberOfPoints=\"2\"><Points><DataArray type=\"Int8\" \
+             NumberOfComponents=\"3\">0 0 0 1 0 0</DataArray></Points><Lines><DataArray type=\"Int32\" Name=\"connectivity\">\
+             0 1 1 0</DataArray><DataArray type=\"Int32\" Name=\"offsets\">2 4</DataArray></Lines></Piece></PolyData></VTKFile>"
+        );
+        let (found, _) = read(&FORMAT, text.as_bytes()).unwrap();
+        let tags: Vec<Option<&str>> = found.iter().map(|record| record.place.tag.as_deref()).collect();
+        let expected = format!("Piece {expected}");
+        assert_eq!(tags, [Some(expected.as_str()); 2]);
+    }
+}
