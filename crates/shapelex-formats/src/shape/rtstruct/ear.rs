@@ -174,7 +174,8 @@ mod tests {
 
     /// A thin strip from left to right and back, whose walls turn up and down at each point.
     fn strip(half: u32) -> Vec<[f64; 2]> {
-        let wall = |k: u32, below: f64| [f64::from(k), if k % 2 == 0 { 10.0 } else { -10.0 } - below];
+        let wall =
+            |k: u32, below: f64| [f64::from(k), if k.is_multiple_of(2) { 10.0 } else { -10.0 } - below];
         let upper = (0..half).rev().map(|k| wall(k, 0.0));
         (0..half).map(|k| wall(k, 0.4)).chain(upper).collect()
     }
