@@ -488,8 +488,11 @@ fn a_stop_answers_what_was_asked_and_takes_nothing_new() {
     let mut asked = connect(&server);
     let body = measure().to_string();
     let head = "POST /v1/measure HTTP/1.1\r\nhost: localhost\r\ncontent-type: application/json\r\n";
-    send(&mut asked, &format!("{head}content-length: {}\r\n\r\n", body.len()));
-    std::thread::sleep(Duration::from_millis(300));
+    send(&mut asked, &format!("{head}expect: 100-continue\r\ncontent-length: {}\r\n\r\n", body.len()));
+    // The service asks for the body: the request has begun.
+    let mut begun = [0; 25];
+    asked.read_exact(&mut begun).unwrap();
+    assert_eq!(&begun, b"HTTP/1.1 100 Continue\r\n\r\n");
     signal(&server, "-TERM");
     assert_eq!(rest(&mut idle), b"");
     // Probes are answered while the last answers go out, everything else is refused.
