@@ -27,6 +27,8 @@ class Lie:
     expect: tuple = REFUSED
     # Part of the place that a refusal must name: `line`, `byte`, `tag`, `item`, `entry`; `any` of them; nothing where there is none.
     place: str | None = "any"
+    # Whether the fault may be met when the answer of a translation has begun, which then breaks off.
+    breaks: bool = False
 
 
 def lie(what, name, data, **settings):
@@ -247,7 +249,7 @@ def masses(seeds, size):
     yield lie("a property of small objects", "a.geojson", feature(f'{{"a":[{objects}]}}', point))
     yield lie("a collection of nothing", "a.geojson", feature("{}", f'{{"type":"GeometryCollection","geometries":[{small("{},", "{}")}]}}'))
     rings = ",".join(["[[[0,0],[1,0],[1,1],[0,0]]]"] * 400)
-    yield lie("rings with long properties", "a.geojson", feature(json.dumps({"a": "x" * (size >> 5)}), f'{{"type":"MultiPolygon","coordinates":[{rings}]}}'), expect=EITHER)
+    yield lie("rings with long properties", "a.geojson", feature(json.dumps({"a": "x" * (size >> 5)}), f'{{"type":"MultiPolygon","coordinates":[{rings}]}}'), expect=EITHER, breaks=True)
     yield lie("an image of small objects", "a.coco.json", f'{{"images":[{{"id":1,"a":[{objects}]}}],"annotations":[]}}')
     yield lie("empty points", "a.mrk.json", f'{{"markups":[{{"type":"Curve","controlPoints":[{small("{},", "{}")}]}}]}}', place=None)
     yield lie("subjects of one value", "a.swproj", f'{{"data":[{objects[:-1]}{{}}]}}', place=None)

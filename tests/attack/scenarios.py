@@ -820,6 +820,8 @@ def valid_file_faults(service, kind, file):
 def hostile_file_faults(service, lie, prefix):
     """What is wrong with the answers to a file."""
     for reader, answer in file_answers(service, lie.file, prefix):
+        if lie.breaks and reader == "convert" and "IncompleteRead" in (answer.error or ""):
+            continue
         text, problem = answer.body.decode(errors="replace"), answer.json()
         said = f"{reader} of {lie.what}: {answer.status} {answer.error or text[:300]}"
         if answer.status not in lie.expect:
