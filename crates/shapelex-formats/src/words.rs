@@ -1,5 +1,8 @@
 //! What parsers say, in words that clients know: types of Rust and the grammar of a parser mean nothing to them.
 
+/// Most bytes of a name that many shapes repeat, sixteen times those of DICOM: longer ones would make a small file a large work.
+pub(crate) const MAX_NAME: usize = 1024;
+
 /// Message of an error in words that clients know, without the place in the text.
 pub fn plain(error: &serde_json::Error) -> String {
     let text = error.to_string();

@@ -8,9 +8,7 @@ use dicom_encoding::transfer_syntax::TransferSyntax;
 use super::data_set::{DataSet, Element, Value};
 use super::number;
 use crate::shape::{FileError, Place};
-
-/// Most bytes of a short text, and of a number.
-const SHORT: usize = 1024;
+use crate::words::MAX_NAME;
 
 /// Most characters of a value that a message shows.
 const SHOWN: usize = 20;
@@ -111,13 +109,11 @@ impl<'f> Node<'f> {
         Ok((!text.is_empty()).then(|| text.to_owned()))
     }
 
-    /// A text of at most 1024 bytes, sixteen times as long as the standard lets names be: many shapes repeat it.
+    /// A text that many shapes repeat.
     pub(crate) fn short_text(&self, tag: Tag) -> Result<Option<String>, FileError> {
         match self.bytes(tag)? {
-            Some(bytes) if bytes.len() > SHORT => {
-                Err(self
-                    .malformed(tag, format!("expected a text of at most {SHORT} bytes, got {}", bytes.len())))
-            }
+            Some(bytes) if bytes.len() > MAX_NAME => Err(self
+                .malformed(tag, format!("expected a text of at most {MAX_NAME} bytes, got {}", bytes.len()))),
             _ => self.text(tag),
         }
     }
@@ -179,7 +175,7 @@ impl<'f> Node<'f> {
     /// Exactly `N` numbers; `None` if the element is absent or empty.
     pub(crate) fn array<const N: usize>(&self, tag: Tag) -> Result<Option<[f64; N]>, FileError> {
         // Blanks around numbers have no bound of their own, and an item may be asked for every frame.
-        if let Some(bytes) = self.bytes(tag)?.filter(|bytes| bytes.len() > SHORT * N) {
+        if let Some(bytes) = self.bytes(tag)?.filter(|bytes| bytes.len() > MAX_NAME * N) {
             return Err(self.malformed(tag, format!("expected {N} numbers, got {} bytes", bytes.len())));
         }
         let numbers = self.numbers(tag)?;

@@ -10,6 +10,7 @@ use super::grid::{Grid, LengthUnit, cross};
 use super::limits::{Limits, reserve};
 use super::stream::{DEFLATE_RATIO, STREAM_BYTES, Stream};
 use super::value::{Numbers, Source, Target, ValueType};
+use crate::words::MAX_NAME;
 
 /// Name in messages.
 pub(super) const NAME: &str = "NRRD";
@@ -66,9 +67,6 @@ pub(super) fn read<T: Target>(bytes: &[u8], limits: &Limits) -> Result<ImageFile
     Ok(ImageFile { grid: header.grid, values })
 }
 
-/// Most bytes of the name of a segment: every shape of it has a copy.
-const MOST_NAME: usize = 1024;
-
 /// Names of segments as 3D Slicer writes them: `Segment0_LabelValue:=1`, `Segment0_Name:=liver`.
 pub(super) fn names(bytes: &[u8], limits: &Limits) -> Result<BTreeMap<u32, String>, ImageError> {
     Header::new(bytes, limits)?;
@@ -79,8 +77,8 @@ pub(super) fn names(bytes: &[u8], limits: &Limits) -> Result<BTreeMap<u32, Strin
         Some((label.trim().parse().ok()?, name.trim().to_owned()))
     };
     let names: BTreeMap<u32, String> = fields.pairs.iter().filter_map(name).collect();
-    if let Some(long) = names.values().find(|name| name.len() > MOST_NAME) {
-        let fault = format!("expected names of segments of at most {MOST_NAME} bytes, got {}", long.len());
+    if let Some(long) = names.values().find(|name| name.len() > MAX_NAME) {
+        let fault = format!("expected names of segments of at most {MAX_NAME} bytes, got {}", long.len());
         return Err(ImageError::corrupt(NAME, fault));
     }
     Ok(names)

@@ -1,7 +1,7 @@
 //! What the records of a file take in memory, all together.
 
 use super::error::{FaultKind, FileError};
-use super::limits::{Limits, MAX_ATTRIBUTES};
+use super::limits::{Budget, Limits, MAX_ATTRIBUTES};
 use super::record::Record;
 
 /// Bytes that the records of a file take in memory for each byte of its content: a coordinate of two characters takes eight.
@@ -22,12 +22,13 @@ pub(super) struct Account {
     pub(super) records: u64,
     bytes: u64,
     /// Characters of long attributes and metadata.
-    characters: u64,
+    characters: Budget,
 }
 
 impl Account {
     pub(super) fn new(limits: Limits) -> Self {
-        Self { limits, records: 0, bytes: 0, characters: 0 }
+        let characters = Budget::new("characters of long attributes and metadata", FREE, COPIES);
+        Self { limits, records: 0, bytes: 0, characters }
     }
 
     /// Adds a record, after `read` bytes of the file and of those within it.
@@ -52,21 +53,10 @@ impl Account {
             let detail = format!("expected shapes that take at most {most} bytes in memory in all, got more");
             return Err(too_large(detail));
         }
-        if attributes <= SHORT { Ok(()) } else { self.add_long(record, read) }
-    }
-
-    fn add_long(&mut self, record: &Record, read: u64) -> Result<(), FileError> {
-        self.characters = self.characters.saturating_add(record.attribute_characters() as u64);
-        let most = FREE.saturating_add(read.saturating_mul(COPIES));
-        if self.characters <= most {
+        if attributes <= SHORT {
             return Ok(());
         }
-        let detail = format!(
-            "expected attributes and metadata of at most {most} characters in all, {COPIES} times the bytes read and {} \
-             MiB, got more: many shapes have the same long ones",
-            FREE >> 20
-        );
-        Err(too_large(detail))
+        self.characters.take(record.attribute_characters() as u64, read)
     }
 }
 
@@ -111,8 +101,8 @@ mod tests {
         assert_eq!((error.kind, error.place.item), (FaultKind::TooLarge, Some(0)));
         let most = FREE + COPIES * file.len() as u64;
         let expected = format!(
-            "expected attributes and metadata of at most {most} characters in all, 16 times the bytes read and 64 MiB, \
-             got more: many shapes have the same long ones"
+            "expected at most {most} characters of long attributes and metadata in {} bytes, got more",
+            file.len()
         );
         assert_eq!(error.detail, expected);
         assert_eq!(count("geojson", &rings(1 << 20, 75)), 75);

@@ -15,7 +15,7 @@ use zip::result::ZipError;
 
 use super::error::{FaultKind, FileError, Place};
 use super::format::Format;
-use super::limits::Limits;
+use super::limits::{Budget, Limits};
 use super::options::ReadOptions;
 use super::project::{self, Project, ProjectFile, Table};
 use super::record::Sink;
@@ -51,7 +51,8 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
     let mut files = Files {
         archive: source,
         content: 0,
-        repeats: Repeats::default(),
+        first: 0,
+        again: AGAIN,
         summary: Summary::default(),
         facts: None,
     };
@@ -120,47 +121,18 @@ fn check_names(archive: &Archive) -> Result<(), FileError> {
     Ok(())
 }
 
-/// Bytes of files that are read again may be as many times those of all files that have been read.
-const REPEATS: u64 = 16;
-/// Number of bytes of files that may be read again in any archive.
-const FREE: u64 = 64 << 20;
-
-/// Numbers of bytes of the files that a project names: many rows may name the same one.
-#[derive(Debug, Default)]
-struct Repeats {
-    /// Of files when they are read first.
-    first: u64,
-    /// Of files that are read again.
-    again: u64,
-}
-
-impl Repeats {
-    /// Counts a file.
-    ///
-    /// # Errors
-    /// [`FaultKind::TooLarge`]: files that are read again and again.
-    fn add(&mut self, bytes: u64, again: bool) -> Result<(), FileError> {
-        let count = if again { &mut self.again } else { &mut self.first };
-        *count = count.saturating_add(bytes);
-        let most = FREE.saturating_add(self.first.saturating_mul(REPEATS));
-        if self.again <= most {
-            return Ok(());
-        }
-        let detail = format!(
-            "expected at most {most} bytes of files that are read again, {REPEATS} times those of all files and {} MiB, got \
-             more: many rows name the same large file",
-            FREE >> 20
-        );
-        Err(FileError::new(FaultKind::TooLarge, detail))
-    }
-}
+/// Bytes of files that are read again, since many rows of a project may name the same one: in any archive, and for each byte of the
+/// files that have been read first.
+const AGAIN: Budget = Budget::new("bytes of files that are read again", 64 << 20, 16);
 
 /// What is known after some of the files.
 struct Files<'a> {
     archive: &'a Source<'a>,
     /// Number of bytes of the files so far.
     content: u64,
-    repeats: Repeats,
+    /// Number of bytes of the files that a project names, when they are read first.
+    first: u64,
+    again: Budget,
     summary: Summary,
     /// Facts that all files so far agree on.
     facts: Option<BTreeMap<String, serde_json::Value>>,
@@ -259,7 +231,12 @@ impl Files<'_> {
             self.summary.warnings.truncate(warnings);
         }
         // Packed data may be long, and nothing come out.
-        self.repeats.add(packed.saturating_add(self.content - before), again)
+        let bytes = packed.saturating_add(self.content - before);
+        if again {
+            return self.again.take(bytes, self.first);
+        }
+        self.first = self.first.saturating_add(bytes);
+        Ok(())
     }
 
     /// What may still be read.

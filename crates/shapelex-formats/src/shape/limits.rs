@@ -115,6 +115,42 @@ impl Room {
     }
 }
 
+/// Work that the structure of a file may cause beyond what its bytes do: some for any file, and more for each byte.
+#[derive(Debug)]
+pub(super) struct Budget {
+    what: &'static str,
+    free: u64,
+    per_byte: u64,
+    taken: u64,
+}
+
+impl Budget {
+    /// `what` is named in the refusal, in the plural.
+    pub(super) const fn new(what: &'static str, free: u64, per_byte: u64) -> Self {
+        Self { what, free, per_byte, taken: 0 }
+    }
+
+    /// Takes an amount of a file of which `bytes` are read.
+    ///
+    /// # Errors
+    /// [`FaultKind::TooLarge`](super::FaultKind::TooLarge), if more is taken than these bytes may cause.
+    pub(super) fn take(&mut self, amount: u64, bytes: u64) -> Result<(), FileError> {
+        self.taken = self.taken.saturating_add(amount);
+        let most = self.free.saturating_add(self.per_byte.saturating_mul(bytes));
+        if self.taken <= most {
+            return Ok(());
+        }
+        let detail = format!("expected at most {most} {} in {bytes} bytes, got more", self.what);
+        Err(FileError::too_large(Place::default(), detail))
+    }
+
+    /// What was taken so far.
+    #[cfg(test)]
+    pub(super) fn taken(&self) -> u64 {
+        self.taken
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -132,5 +168,16 @@ mod tests {
             "item 3: expected at most 8388608 bytes of numbers in double precision, got more"
         );
         assert!(room.take(1, Place::default).is_ok());
+    }
+
+    #[test]
+    fn work_is_in_proportion_to_bytes() {
+        let mut budget = Budget::new("cells", 1 << 23, 64);
+        assert!(budget.take(1 << 23, 0).is_ok());
+        assert!(budget.take(6400, 100).is_ok());
+        let refused = budget.take(1, 100).expect_err("one more");
+        assert_eq!(refused.to_string(), "expected at most 8395008 cells in 100 bytes, got more");
+        assert!(budget.take(63, 101).is_ok());
+        assert!(budget.take(u64::MAX, 1000).is_err());
     }
 }

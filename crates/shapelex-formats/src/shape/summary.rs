@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 
 use super::error::Place;
+use crate::words::MAX_NAME;
 
 /// What a reader or writer says of a whole file.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
@@ -35,27 +36,36 @@ pub struct Dropped {
 
 /// Number of names kept.
 const NAMES: usize = 100;
-/// Number of bytes kept of a name.
-const LENGTH: usize = 1024;
 
-/// A name as it is kept: the first 1024 bytes of a longer one.
+/// A name as it is kept: the first bytes of one that is longer than names that shapes repeat.
 pub(super) fn shortened(name: &str) -> String {
-    name[..name.floor_char_boundary(LENGTH)].into()
+    name[..name.floor_char_boundary(MAX_NAME)].into()
 }
 
 impl Summary {
     /// Counts something that is not given on.
     pub fn drop(&mut self, what: &str, name: Option<&str>, place: impl FnOnce() -> Place) {
+        self.drop_many(what, 1, name, place);
+    }
+
+    /// Counts `count` of what is not given on, all with one name. Cost: that of the names that are kept.
+    pub(super) fn drop_many(
+        &mut self,
+        what: &str,
+        count: u64,
+        name: Option<&str>,
+        place: impl FnOnce() -> Place,
+    ) {
         let found = self.dropped.iter().position(|dropped| dropped.what == what);
         let at = found.unwrap_or_else(|| {
             self.dropped.push(Dropped { what: what.into(), count: 0, names: Vec::new(), first: place() });
             self.dropped.len() - 1
         });
         let dropped = &mut self.dropped[at];
-        dropped.count += 1;
-        if let Some(name) = name.filter(|_| dropped.names.len() < NAMES) {
-            dropped.names.push(shortened(name));
-        }
+        dropped.count += count;
+        let room = NAMES.saturating_sub(dropped.names.len());
+        let kept = usize::try_from(count).unwrap_or(room).min(room);
+        dropped.names.extend(name.into_iter().flat_map(|name| std::iter::repeat_n(shortened(name), kept)));
     }
 
     /// Says a fact of the file.

@@ -1,5 +1,6 @@
 //! What formats of plain text share: lines and words with their places, numbers, missing coordinates, attributes.
 
+use std::borrow::Cow;
 use std::fmt::Write as _;
 use std::io::Write;
 
@@ -7,6 +8,7 @@ use super::error::{FaultKind, FileError, Place};
 use super::options::ReadOptions;
 use super::record::{Geometry, Points, Record, Value};
 use super::summary::Summary;
+use crate::words::MAX_NAME;
 
 /// Lines of a text that are not blank, without spaces at their ends.
 pub(super) struct Lines<'t> {
@@ -77,16 +79,18 @@ impl<'t> Iterator for Words<'t> {
     }
 }
 
-/// A text in quotation marks, cut off after 40 characters.
+/// A text in quotation marks, cut off.
 pub(super) fn shown(text: &str) -> String {
-    match text.char_indices().nth(40) {
-        Some((end, _)) => format!("'{}…'", &text[..end]),
-        None => format!("'{text}'"),
-    }
+    format!("'{}'", cut(text))
 }
 
-/// Most bytes of a name that many records repeat: longer ones would make a small file a large work.
-const MAX_NAME: usize = 1024;
+/// A text, cut off after 40 characters.
+pub(super) fn cut(text: &str) -> Cow<'_, str> {
+    match text.char_indices().nth(40) {
+        Some((end, _)) => format!("{}…", &text[..end]).into(),
+        None => text.into(),
+    }
+}
 
 /// Refuses a long name that many records may repeat.
 pub(super) fn name_fits(name: &str) -> Result<(), String> {

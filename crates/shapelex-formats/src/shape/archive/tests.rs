@@ -1,5 +1,6 @@
 use std::io::Write;
 
+use super::super::testing::records_within;
 use super::*;
 
 const LINE: &str = "{\"points\":[[0.0,1.0]]}\n";
@@ -176,17 +177,19 @@ fn files_that_overlap_are_refused() {
 
 #[test]
 fn files_that_are_read_again_are_bounded_by_those_that_have_been_read() {
-    let mut repeats = Repeats::default();
-    repeats.add(1 << 20, false).unwrap();
-    for _ in 0..64 + 16 {
-        repeats.add(1 << 20, true).unwrap();
-    }
-    repeats.add(1 << 20, false).unwrap();
-    repeats.add(16 << 20, true).unwrap();
-    let error = repeats.add(1, true).unwrap_err();
-    let expected = "expected at most 100663296 bytes of files that are read again, 16 times those of all files and 64 MiB, got \
-                    more: many rows name the same large file";
-    assert_eq!((error.kind, error.to_string().as_str()), (FaultKind::TooLarge, expected));
+    let file = format!("v 0 0 0\n# {}\n", "x".repeat(2 << 20));
+    let read = |rows: usize| {
+        let rows = [r#"{"shape_1":"a.obj"}"#].repeat(rows).join(",");
+        let project = format!("{{\"data\":[{rows}]}}");
+        let bytes = archive(&[("a.swproj", project.as_bytes()), ("a.obj", file.as_bytes())]);
+        let options = ReadOptions::from_pairs([("files", "shape")]).unwrap();
+        records_within(&FORMAT, &bytes, &options, Limits::default()).map(|(found, _)| found.len())
+    };
+    // It counts 4 MiB, in the archive and what comes out, and 128 MiB may be read again.
+    assert_eq!(read(32).unwrap(), 32);
+    let error = read(34).unwrap_err();
+    assert_eq!((error.kind, error.place.entry.as_deref()), (FaultKind::TooLarge, Some("a.obj")));
+    assert!(error.detail.contains(" bytes of files that are read again in "), "{error}");
 }
 
 #[test]
@@ -196,13 +199,13 @@ fn a_file_that_is_read_again_is_counted_and_warns_once() {
     let bytes = archive(&[("a.swproj", project.as_bytes()), ("a.obj", point), ("b.obj", point)]);
     let mut archive = opened(bytes.clone()).unwrap();
     let source = Source::new(&bytes[..], Limits::default()).unwrap();
-    let (repeats, summary) = (Repeats::default(), Summary::default());
-    let mut files = Files { archive: &source, content: 0, repeats, summary, facts: None };
+    let summary = Summary::default();
+    let mut files = Files { archive: &source, content: 0, first: 0, again: AGAIN, summary, facts: None };
     let found = super::project(&mut archive, &mut files).unwrap().unwrap();
     let options = ReadOptions::from_pairs([("files", "shape")]).unwrap();
     files.read_project(&mut archive, &found, &options, &mut |_| Ok(())).unwrap();
     // Each has eight bytes in the archive, and eight come out.
-    assert_eq!((files.repeats.first, files.repeats.again), (32, 16));
+    assert_eq!((files.first, files.again.taken()), (32, 16));
     let warning = "points without faces are read as landmarks";
     assert_eq!(files.summary.warnings, ["a", "b"].map(|name| format!("file '{name}.obj': {warning}")));
 }

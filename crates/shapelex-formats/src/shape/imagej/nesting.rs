@@ -2,13 +2,14 @@
 
 use std::cell::OnceCell;
 
-use super::super::error::{FileError, Place};
+use super::super::error::FileError;
+use super::super::limits::Budget;
 use super::super::objects::{Part, area};
 use super::super::record::Points;
 
-/// Comparisons for any region, and more for each byte of its file. A comparison is one of the boxes of two rings, or a look at an edge.
-const MOST: u64 = 1 << 24;
-const MOST_PER_BYTE: u64 = 1 << 10;
+/// A comparison is one of the boxes of two rings, or a look at an edge.
+const COMPARISONS: Budget =
+    Budget::new("comparisons of rings that lie side by side or one around the other", 1 << 24, 1 << 10);
 /// How many comparisons a search among the edges of a ring takes as long as, besides its looks: the ring is fetched from elsewhere.
 const SEARCH: u64 = 8;
 
@@ -37,11 +38,11 @@ struct Edge {
     highest: f64,
 }
 
-/// Comparisons that are left.
-struct Budget(u64);
-
-/// More comparisons than a budget has.
-struct Exceeded;
+/// Counts the comparisons of a region whose file has `bytes` bytes.
+struct Work {
+    comparisons: Budget,
+    bytes: u64,
+}
 
 /// Makes areas of rings that do not cross: a ring within an odd number of others bounds a hole of the smallest of them. Areas stand
 /// in the order of their outer rings, followed by their holes in theirs. `bytes` is the size of the file of the region.
@@ -52,17 +53,8 @@ struct Exceeded;
 /// # Errors
 /// More comparisons than a file of that size may cause.
 pub(super) fn areas(rings: Vec<Points>, bytes: u64) -> Result<Vec<Part>, FileError> {
-    let most = MOST.saturating_add(MOST_PER_BYTE.saturating_mul(bytes));
     let candidates: Vec<Candidate> = rings.into_iter().enumerate().map(Candidate::new).collect();
-    let around = parents(&candidates, &mut Budget(most)).map_err(|Exceeded| {
-        let points: usize = candidates.iter().map(|candidate| candidate.ring.len()).sum();
-        let detail = format!(
-            "expected a composite whose rings can be nested within {most} comparisons, got {} rings of {points} points: \
-             too many of them lie side by side or one around the other",
-            candidates.len()
-        );
-        FileError::too_large(Place::default(), detail)
-    })?;
+    let around = parents(&candidates, &mut Work { comparisons: COMPARISONS, bytes })?;
     // Rings that cross may name a hole as their outer ring; such a ring stays an area.
     let is_outer = |parent: &usize| around[*parent].is_none();
     let parents: Vec<Option<usize>> = around.iter().map(|parent| parent.filter(is_outer)).collect();
@@ -84,7 +76,7 @@ pub(super) fn areas(rings: Vec<Points>, bytes: u64) -> Result<Vec<Part>, FileErr
 }
 
 /// The outer ring of which each ring bounds a hole.
-fn parents(candidates: &[Candidate], budget: &mut Budget) -> Result<Vec<Option<usize>>, Exceeded> {
+fn parents(candidates: &[Candidate], work: &mut Work) -> Result<Vec<Option<usize>>, FileError> {
     // From left to right, so that a ring comes after those around it. Zero is added as −0 would stand before 0.
     let mut order: Vec<Frame> = candidates.iter().map(|candidate| candidate.frame).collect();
     order.sort_by(|a, b| (a.bounds[0] + 0.0).total_cmp(&(b.bounds[0] + 0.0)).then(b.area.total_cmp(&a.area)));
@@ -92,9 +84,9 @@ fn parents(candidates: &[Candidate], budget: &mut Budget) -> Result<Vec<Option<u
     // Rings that do not end left of the one at hand.
     let mut open: Vec<Frame> = Vec::new();
     for frame in order {
-        budget.spend(open.len() as u64)?;
+        work.spend(open.len() as u64)?;
         open.retain(|other| other.bounds[1] >= frame.bounds[0]);
-        parents[frame.position] = parent(candidates, &open, frame, budget)?;
+        parents[frame.position] = parent(candidates, &open, frame, work)?;
         open.push(frame);
     }
     Ok(parents)
@@ -105,12 +97,12 @@ fn parent(
     candidates: &[Candidate],
     open: &[Frame],
     frame: Frame,
-    budget: &mut Budget,
-) -> Result<Option<usize>, Exceeded> {
+    work: &mut Work,
+) -> Result<Option<usize>, FileError> {
     let Some(point) = candidates[frame.position].inside else { return Ok(None) };
     let mut around = Vec::new();
     for other in open.iter().filter(|other| other.is_larger(frame)) {
-        if candidates[other.position].contains(point, budget)? {
+        if candidates[other.position].contains(point, work)? {
             around.push(other);
         }
     }
@@ -128,10 +120,9 @@ impl Frame {
     }
 }
 
-impl Budget {
-    fn spend(&mut self, comparisons: u64) -> Result<(), Exceeded> {
-        self.0 = self.0.checked_sub(comparisons).ok_or(Exceeded)?;
-        Ok(())
+impl Work {
+    fn spend(&mut self, comparisons: u64) -> Result<(), FileError> {
+        self.comparisons.take(comparisons, self.bytes)
     }
 }
 
@@ -150,11 +141,11 @@ impl Candidate {
     }
 
     /// Whether a point is within the ring: an odd number of edges cross the line to the right of it.
-    fn contains(&self, point: [f64; 2], budget: &mut Budget) -> Result<bool, Exceeded> {
+    fn contains(&self, point: [f64; 2], work: &mut Work) -> Result<bool, FileError> {
         let edges = self.edges.get_or_init(|| tree(&self.ring));
         let mut looks = SEARCH;
         let count = crossed(edges, point, &mut looks);
-        budget.spend(looks)?;
+        work.spend(looks)?;
         Ok(count % 2 == 1)
     }
 }
@@ -275,11 +266,11 @@ mod tests {
             Points::from_rows(2, vec![x, y, x + 1.0, y, x + 1.0, y + 1.0, x, y + 1.0])
         }));
         let candidates: Vec<Candidate> = rings.iter().cloned().enumerate().map(Candidate::new).collect();
-        let mut budget = Budget(MOST);
-        let parents = parents(&candidates, &mut budget).unwrap_or_default();
+        let mut work = Work { comparisons: COMPARISONS, bytes: 0 };
+        let parents = parents(&candidates, &mut work).expect("few comparisons");
         assert_eq!(parents.len(), rings.len());
         assert!(parents[1..].iter().all(|parent| *parent == Some(0)) && parents[0].is_none());
-        let used = MOST - budget.0;
+        let used = work.comparisons.taken();
         assert!(used < 2500 * 400, "{used}");
         assert_eq!(areas(rings.clone(), 0).expect("areas"), [Part::Area(rings)]);
     }
@@ -292,6 +283,10 @@ mod tests {
         assert_eq!(areas(rings[..600].to_vec(), 0).expect("areas").len(), 300);
         let error = areas(rings, 1000).expect_err("too many");
         assert_eq!(error.kind, FaultKind::TooLarge);
-        assert!(error.detail.contains("6000 rings of 24000 points"), "{}", error.detail);
+        let most = (1 << 24) + (1000 << 10);
+        let expected = format!(
+            "expected at most {most} comparisons of rings that lie side by side or one around the other in 1000 bytes, got more"
+        );
+        assert_eq!(error.detail, expected);
     }
 }

@@ -1,6 +1,5 @@
 //! Arrays in base64, perhaps compressed.
 
-use std::cell::Cell;
 use std::io::Read;
 
 use base64::Engine;
@@ -69,43 +68,6 @@ impl<'a> Bytes<'a> {
             }
         };
         self.take(count, place)
-    }
-}
-
-/// Bytes from which the arrays of a file may be decoded in all. The file has fewer where arrays name the same ones, and nothing
-/// may come out of them: spaces of base64, empty blocks of zlib.
-pub(super) struct Reading {
-    most: usize,
-    left: Cell<usize>,
-}
-
-impl Reading {
-    /// Bytes for the arrays of a file of `size` bytes.
-    pub(super) fn new(size: usize) -> Self {
-        const FREE: usize = 8 << 20;
-        let most = size.saturating_mul(16).saturating_add(FREE);
-        Self { most, left: Cell::new(most) }
-    }
-
-    /// Takes what an array was decoded from: bytes, and compressed blocks, each of which is some work even if it is empty.
-    pub(super) fn take(
-        &self,
-        bytes: usize,
-        blocks: usize,
-        place: impl FnOnce() -> Place,
-    ) -> Result<(), FileError> {
-        const BLOCK: usize = 64;
-        let left = self.left.get().checked_sub(bytes.saturating_add(blocks.saturating_mul(BLOCK)));
-        let left = left.ok_or_else(|| {
-            let detail = format!(
-                "expected arrays that are decoded from at most {} bytes in all, {BLOCK} of them for each compressed block, got \
-                 more",
-                self.most
-            );
-            FileError::too_large(place(), detail)
-        })?;
-        self.left.set(left);
-        Ok(())
     }
 }
 

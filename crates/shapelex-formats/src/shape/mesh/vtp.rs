@@ -1,9 +1,11 @@
 //! VTK XML files: `PolyData` (.vtp) and the polygons of `UnstructuredGrid` (.vtu), as text, base64 or appended raw, compressed by
 //! zlib or not. Each piece is a shape of its own.
 
+use std::cell::RefCell;
+
 use super::super::error::{FileError, Place};
 use super::super::format::Format;
-use super::super::limits::{Limits, Room};
+use super::super::limits::{Budget, Limits, Room};
 use super::super::options::ReadOptions;
 use super::super::record::Sink;
 use super::super::record::{Domain, Faces, Kind};
@@ -11,7 +13,7 @@ use super::super::source::Source;
 use super::super::summary::Summary;
 use super::cells::{self, Cells, by_ends};
 use super::draft::Draft;
-use super::encoded::{Bytes, Reading, inflate};
+use super::encoded::{Bytes, inflate};
 use super::scalar::{Scalar, index};
 use super::scan::{count, number, shown, words};
 use super::xml::{Element, parse};
@@ -41,8 +43,7 @@ fn read(source: &mut Source<'_>, _: &ReadOptions, sink: Sink<'_>) -> Result<Summ
         FileError::malformed(Place::byte(error.valid_up_to() as u64), "expected UTF-8 text, got other bytes")
     })?;
     let root = parse(text.trim_start_matches('\u{feff}'), &limits, "AppendedData")?;
-    let bounds = (Room::new(&limits, bytes.len()), Reading::new(bytes.len()));
-    let arrays = Arrays::of(&root, &bytes[end.unwrap_or(bytes.len())..], limits, bounds)?;
+    let arrays = Arrays::of(&root, &bytes[end.unwrap_or(bytes.len())..], limits, bytes.len())?;
     let (grid, is_grid) =
         match (root.attribute("type"), root.child("PolyData"), root.child("UnstructuredGrid")) {
             (Some("PolyData"), Some(data), _) => (data, false),
@@ -77,6 +78,12 @@ fn read(source: &mut Source<'_>, _: &ReadOptions, sink: Sink<'_>) -> Result<Summ
     Ok(summary)
 }
 
+/// Bytes from which the arrays of a file may be decoded. The file has fewer where arrays name the same ones, and nothing may come out of
+/// them: spaces of base64, empty blocks of zlib.
+const DECODED: Budget = Budget::new("bytes that arrays are decoded from", 8 << 20, 16);
+/// As many of them are counted for each compressed block, which is some work even if it is empty.
+const BLOCK: usize = 64;
+
 /// How arrays are encoded.
 struct Arrays<'a> {
     big_endian: bool,
@@ -86,16 +93,13 @@ struct Arrays<'a> {
     appended: Option<Bytes<'a>>,
     limits: Limits,
     room: Room,
-    reading: Reading,
+    /// Number of bytes of the file.
+    size: usize,
+    decoded: RefCell<Budget>,
 }
 
 impl<'a> Arrays<'a> {
-    fn of(
-        root: &Element<'_>,
-        rest: &'a [u8],
-        limits: Limits,
-        (room, reading): (Room, Reading),
-    ) -> Result<Self, FileError> {
+    fn of(root: &Element<'_>, rest: &'a [u8], limits: Limits, size: usize) -> Result<Self, FileError> {
         let refused = |what: &str, value: &str| {
             FileError::unsupported(root.place(), format!("expected {what}, got {}", shown(value.as_bytes())))
         };
@@ -135,7 +139,8 @@ impl<'a> Arrays<'a> {
                 })
             }
         };
-        Ok(Self { big_endian, header, compressed, appended, limits, room, reading })
+        let (room, decoded) = (Room::new(&limits, size), RefCell::new(DECODED));
+        Ok(Self { big_endian, header, compressed, appended, limits, room, size, decoded })
     }
 
     fn piece(
@@ -301,7 +306,11 @@ impl<'a> Arrays<'a> {
     fn block(&self, mut bytes: Bytes<'_>, array: &Element<'_>) -> Result<Vec<u8>, FileError> {
         let before = bytes.left();
         let (found, blocks) = self.blocks(&mut bytes, array)?;
-        self.reading.take(before - bytes.left(), blocks, || array.place())?;
+        let read = (before - bytes.left()).saturating_add(blocks.saturating_mul(BLOCK));
+        self.decoded
+            .borrow_mut()
+            .take(read as u64, self.size as u64)
+            .map_err(|error| error.at(array.place()))?;
         Ok(found)
     }
 

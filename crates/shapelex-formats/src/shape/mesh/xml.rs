@@ -8,6 +8,7 @@ use quick_xml::{Reader, XmlVersion};
 
 use super::super::error::{FaultKind, FileError, Place};
 use super::super::limits::Limits;
+use super::super::text::cut;
 
 /// Most elements of a file: an array is one.
 const MAX_ELEMENTS: usize = 1 << 20;
@@ -63,13 +64,9 @@ impl<'a> Element<'a> {
         self.children.iter().filter(move |child| child.name == name)
     }
 
-    /// Its place, with its name cut off after 40 characters: many records may have the same place.
+    /// Its place, with its name cut off: many records may have the same place.
     pub(super) fn place(&self) -> Place {
-        let cut = |name: &str| match name.char_indices().nth(40) {
-            Some((end, _)) => format!("{} {}…", self.name, &name[..end]),
-            None => format!("{} {name}", self.name),
-        };
-        let name = self.attribute("Name").map(cut);
+        let name = self.attribute("Name").map(|name| format!("{} {}", self.name, cut(name)));
         Place { tag: Some(name.unwrap_or_else(|| self.name.clone())), ..Place::byte(self.at) }
     }
 

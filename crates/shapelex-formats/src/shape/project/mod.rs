@@ -65,8 +65,6 @@ const FILES: [(&str, ProjectFiles); 9] = [
 const OTHER_FILES: [&str; 3] = ["constraints_", "image_", "feature_"];
 const TRANSFORMATIONS: [&str; 3] = ["alignment_", "procrustes_", "transform_"];
 const GROUP: &str = "group_";
-/// Most times that a subject is named among those without a file: a summary keeps as many names.
-const MAX_NAMES: usize = 100;
 
 /// What a column holds.
 enum Column<'c> {
@@ -266,21 +264,13 @@ impl Project {
         named: &[(usize, &str)],
         columns: &Columns<'_>,
     ) {
-        const WHAT: &str = "subjects without such a file";
         let count = columns.domains.len() - named.len();
         if count == 0 {
             return;
         }
         let first = named.iter().zip(0..).position(|((number, _), k)| *number != k).unwrap_or(named.len());
         let place = || Place { tag: Some(columns.domains[first].column.clone()), ..Place::item(item) };
-        // The name stands for each of the files, as far as names are kept.
-        let each = if name.is_some() { count.min(MAX_NAMES) } else { 1 };
-        for _ in 0..each {
-            self.summary.drop(WHAT, name, place);
-        }
-        if let Some(left) = self.summary.dropped.iter_mut().find(|left| left.what == WHAT) {
-            left.count += (count - each) as u64;
-        }
+        self.summary.drop_many("subjects without such a file", count as u64, name, place);
     }
 }
 

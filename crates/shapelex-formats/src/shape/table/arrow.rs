@@ -13,19 +13,19 @@ use arrow_ipc::writer::StreamWriter;
 
 use super::super::error::{FileError, Place};
 use super::super::format::Format;
-use super::super::limits::Limits;
+use super::super::limits::{Budget, Limits};
 use super::super::options::{ReadOptions, WriteOptions};
 use super::super::record::Sink;
 use super::super::record::{Kind, Record};
 use super::super::source::Source;
 use super::super::summary::Summary;
 use super::super::write::{Opened, Output, Writer};
-use super::budgets::{Cells, Dictionaries};
 use super::checks::{check_buffers, check_message};
+use super::dictionaries::Dictionaries;
 use super::layout::Layout;
 use super::read_rows::Reading;
 use super::rows::Rows;
-use super::{guarded, unwritten};
+use super::{CELLS, guarded, unwritten};
 
 /// Arrow IPC.
 pub(in super::super) static FORMAT: Format = Format {
@@ -66,7 +66,7 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
         exactly(source, MAGIC.len() + padding, "the magic text of a file")?;
     }
     let mut decoder = StreamDecoder::new();
-    let (mut reading, mut known) = (None, Known::default());
+    let (mut reading, mut known) = (None, Known::new());
     loop {
         let Message { at, head, metadata, body } = next_message(source, &known)?;
         let here = |error: FileError| error.at(Place::byte(at));
@@ -132,15 +132,18 @@ impl Message {
 }
 
 /// What is known of a stream by the messages so far.
-#[derive(Default)]
 struct Known {
     /// The columns, once the decoder has the schema.
     layout: Option<Layout>,
     dictionaries: Dictionaries,
-    cells: Cells,
+    cells: Budget,
 }
 
 impl Known {
+    fn new() -> Self {
+        Self { layout: None, dictionaries: Dictionaries::new(), cells: CELLS }
+    }
+
     /// What may be held beside the dictionaries.
     fn limits(&self, limits: &Limits) -> Limits {
         let dictionaries = usize::try_from(self.dictionaries.kept()).unwrap_or(usize::MAX);

@@ -8,7 +8,7 @@ use lz4_flex::frame::FrameDecoder;
 
 use super::super::error::{FileError, Place};
 use super::super::limits::Limits;
-use super::budgets::Dictionary;
+use super::dictionaries::Dictionary;
 use super::layout::{Layout, check_dictionary, check_rows};
 use super::{check_name, gives};
 

@@ -26,11 +26,11 @@ mod array_tests;
 mod array_zip;
 mod arrays;
 pub(super) mod arrow;
-mod budgets;
 mod checks;
 #[cfg(test)]
 mod cost_tests;
 mod decoded;
+mod dictionaries;
 mod layout;
 mod list_pages;
 mod npy;
@@ -54,7 +54,12 @@ pub(super) use npz::FORMAT as NPZ;
 pub(super) use parquet::FORMAT as PARQUET;
 
 use super::error::{FaultKind, FileError, Place};
+use super::limits::Budget;
 use super::text::name_fits;
+
+/// Cells of a file: the values of all its columns, those within lists too. Columns of nulls, flags and constants take next to no
+/// bytes for them, but as much work as others.
+const CELLS: Budget = Budget::new("cells, columns times rows,", 1 << 23, 64);
 
 /// Version of the columns, in the metadata of a file.
 const SCHEMA: &str = "shapes/1";

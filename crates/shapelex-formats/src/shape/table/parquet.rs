@@ -34,13 +34,12 @@ use super::super::record::{Kind, Record};
 use super::super::source::Source;
 use super::super::summary::Summary;
 use super::super::write::{Opened, Output, Writer};
-use super::budgets::Cells;
 use super::decoded::rows_at_once;
 use super::list_pages::ListColumn;
 use super::pages::{Pages, check_column, check_metadata};
 use super::read_rows::Reading;
 use super::rows::Rows;
-use super::{guarded, unwritten};
+use super::{CELLS, guarded, unwritten};
 
 /// Parquet.
 pub(in super::super) static FORMAT: Format = Format {
@@ -77,7 +76,7 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
         .filter(|column| roots.contains(&schema.get_column_root_idx(*column)))
         .collect();
     let mask = ProjectionMask::roots(schema, roots);
-    let (mut left, mut cells) = (limits.content, Cells::default());
+    let (mut left, mut cells) = (limits.content, CELLS);
     for group in 0..metadata.num_row_groups() {
         let pages = check_group(&bytes, metadata, group, &columns, &mut left)?;
         let values = pages.iter().map(|(_, pages)| pages.values).fold(0, u64::saturating_add);
