@@ -5,7 +5,7 @@
 //! * Sizes that an archive declares are claims: what counts is what comes out, at most [`Limits::content`] bytes of all files.
 //! * Files of no known format are left out and counted. An archive within an archive is refused.
 //! * Files that overlap are refused, and those of long names, which each of their shapes has.
-//! * Where one file is a [`project`], the files that it names are read, in its order and with what it says of them.
+//! * Where one file is a [project sheet](mod@project), the files that it names are read, in its order and with what it says of them.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{Cursor, Read};
