@@ -593,7 +593,13 @@ test("a job is seen while it runs, and cancelled", async () => {
   const page = await open(browser, service.address);
   await show(page, "jobs");
   await page.getByText("live", { exact: true }).waitFor();
-  await service.call("POST", "/v1/dictionaries", { name: "endless", cohort: "example-cells", transformation: "similarity", method: { kind: "sparse", atoms: 60, nonzeros: 12, codes: "invariant", max_epochs: 10000, tolerance: 0 } });
+  // Learning from noise takes minutes: from shapes alike, it ends within a second.
+  let state = 1;
+  const random = () => (state = (state * 16807) % 2147483647) / 2147483647;
+  const shapes = Array.from({ length: 1000 }, () => ({ points: Array.from({ length: 40 }, () => [random(), random()]) }));
+  await service.call("POST", "/v1/cohorts", { name: "noise", correspondence: "landmarks", representation: { kind: "landmarks", dimension: 2, points: 40 } });
+  await service.call("POST", "/v1/cohorts/noise/shapes", { shapes });
+  await service.call("POST", "/v1/dictionaries", { name: "endless", cohort: "noise", transformation: "similarity", method: { kind: "sparse", atoms: 60, lambda: 0.01, max_epochs: 10000, tolerance: 0 } });
   const row = page.locator("tbody tr").first();
   await row.getByText("running").waitFor();
   await screen(page, "jobs-running");
