@@ -123,7 +123,7 @@ impl FileFormat {
         }
     }
 
-    /// Reads all records of a file. It ends soon after `stop` says so, where the format is computed and not only read.
+    /// Reads all records of a file. It ends soon after `stop` says so: at the next record, or while boundaries are computed.
     ///
     /// # Errors
     /// Faults of the file, sizes beyond the limits, options that the format does not have, and errors of `sink`.
@@ -136,7 +136,12 @@ impl FileFormat {
         sink: Sink<'_>,
     ) -> Result<Summary, FileError> {
         match self {
-            Self::Shapes(format) => files::read(format, source, options, sink),
+            Self::Shapes(format) => files::read(format, source, options, &mut |record| {
+                if stop() {
+                    return Err(FileError::new(FaultKind::Stopped, "the reading was stopped"));
+                }
+                sink(record)
+            }),
             Self::Labels(format) => {
                 let bytes = source.bytes()?;
                 // A compressed image may have been decompressed on the way.
@@ -187,6 +192,22 @@ mod tests {
             let shared: Vec<_> = format.media_types().iter().filter(|word| shared(word)).collect();
             assert!(shared.is_empty() || *shared[0] == "application/dicom", "{shared:?}");
         }
+    }
+
+    #[test]
+    fn reading_stops_at_the_next_record() {
+        let lines = "{\"points\":[[0,1],[2,3]]}\n".repeat(5);
+        let stopped = std::sync::atomic::AtomicBool::new(false);
+        let mut count = 0;
+        let mut source = Source::new(lines.as_bytes(), FileLimits::default()).unwrap();
+        let format = FileFormat::find("ndjson").unwrap();
+        let stop = || stopped.load(std::sync::atomic::Ordering::Relaxed);
+        let read = format.read(&mut source, &ReadOptions::default(), &Limits::default(), &stop, &mut |_| {
+            count += 1;
+            stopped.store(count == 2, std::sync::atomic::Ordering::Relaxed);
+            Ok(())
+        });
+        assert_eq!((read.unwrap_err().kind, count), (FaultKind::Stopped, 2));
     }
 
     #[test]

@@ -1,18 +1,21 @@
 //! What the records of a file take in memory, all together.
 
+use std::cell::Cell;
+use std::rc::Rc;
+
 use super::error::{FaultKind, FileError};
-use super::limits::{Budget, Limits, MAX_ATTRIBUTES};
+use super::limits::{Bound, Budget, Limits, MAX_ATTRIBUTES};
 use super::record::Record;
 
 /// Bytes that the records of a file take in memory for each byte of its content: a coordinate of two characters takes eight.
 const EXPANSION: u64 = 4;
-/// Attributes and metadata that take fewer bytes in memory are no long ones.
+/// Most bytes of memory, as estimated, that attributes and metadata of a record take without being counted as long. A ring of three
+/// points has some thirty bytes of a file to itself: all copies of this size are some tens of times as long as the file, and need no bound.
 const SHORT: usize = 1 << 10;
-/// Characters of long attributes and metadata that the records of any file may have in all.
-const FREE: u64 = 64 << 20;
-/// Further ones for each byte of the file that has been read: the rings of an object, and rows with one entry of a dictionary, have
+/// Characters of long attributes and metadata of all records: the rings of an object, and rows with one entry of a dictionary, have
 /// copies of what the file says once.
-const COPIES: u64 = 16;
+const CHARACTERS: Bound =
+    Bound { what: "characters of long attributes and metadata", free: 64 << 20, per_byte: 16 };
 
 /// Counts records, and what they take.
 #[derive(Debug)]
@@ -26,16 +29,16 @@ pub(super) struct Account {
 }
 
 impl Account {
-    pub(super) fn new(limits: Limits) -> Self {
-        let characters = Budget::new("characters of long attributes and metadata", FREE, COPIES);
-        Self { limits, records: 0, bytes: 0, characters }
+    /// For records of a file. `read` counts its bytes and those of the files within it.
+    pub(super) fn new(limits: Limits, read: Rc<Cell<u64>>) -> Self {
+        Self { limits, records: 0, bytes: 0, characters: Budget::new(CHARACTERS, read) }
     }
 
-    /// Adds a record, after `read` bytes of the file and of those within it.
+    /// Adds a record.
     ///
     /// # Errors
     /// [`FaultKind::TooLarge`]: more records, or larger ones, than `limits` allow.
-    pub(super) fn add(&mut self, record: &Record, read: u64) -> Result<(), FileError> {
+    pub(super) fn add(&mut self, record: &Record) -> Result<(), FileError> {
         self.records += 1;
         if self.records > self.limits.records {
             return Err(too_large(format!("expected at most {} shapes, got more", self.limits.records)));
@@ -56,7 +59,7 @@ impl Account {
         if attributes <= SHORT {
             return Ok(());
         }
-        self.characters.take(record.attribute_characters() as u64, read)
+        self.characters.take(record.attribute_characters() as u64)
     }
 }
 
@@ -71,6 +74,7 @@ mod tests {
     use super::super::error::Place;
     use super::super::find;
     use super::super::options::ReadOptions;
+    use super::super::source::Source;
     use super::super::testing::records_within;
     use super::*;
 
@@ -99,7 +103,7 @@ mod tests {
         let file = rings(1 << 20, 90);
         let error = fault("geojson", &file);
         assert_eq!((error.kind, error.place.item), (FaultKind::TooLarge, Some(0)));
-        let most = FREE + COPIES * file.len() as u64;
+        let most = CHARACTERS.free + CHARACTERS.per_byte * file.len() as u64;
         let expected = format!(
             "expected at most {most} characters of long attributes and metadata in {} bytes, got more",
             file.len()
@@ -110,6 +114,25 @@ mod tests {
         assert_eq!(count("geojson", &rings(300, 300_000)), 300_000);
         let line = format!(r#"{{"points":[[0,0],[1,1]],"metadata":{{"note":"{}"}}}}"#, "x".repeat(1 << 20));
         assert_eq!(count("ndjson", [line.as_str(); 90].join("\n").as_bytes()), 90);
+    }
+
+    #[test]
+    fn copies_of_numbers_and_control_characters_are_bounded_as_they_are_written() {
+        // Written, two bytes of the file take 8 characters, or 6.
+        let numbers = format!("[{}0]", "0,".repeat(100_000));
+        let controls = format!("\"{}\"", "\\n".repeat(1 << 20));
+        for (note, fewer, more) in [(numbers, 85, 95), (controls, 14, 18)] {
+            let given = |rings: usize| {
+                let list = vec!["[[[0,0],[1,0],[0,1],[0,0]]]"; rings].join(",");
+                let geometry = format!(r#""geometry":{{"type":"MultiPolygon","coordinates":[{list}]}}"#);
+                let file = format!(r#"{{"type":"Feature","properties":{{"note":{note}}},{geometry}}}"#);
+                let mut source = Source::new(file.as_bytes(), Limits::default()).unwrap();
+                let (format, options) = (find("geojson").unwrap(), ReadOptions::default());
+                super::super::read(format, &mut source, &options, &mut |_| Ok(()))
+            };
+            assert_eq!(given(fewer).unwrap().records, fewer as u64);
+            assert_eq!(given(more).unwrap_err().kind, FaultKind::TooLarge);
+        }
     }
 
     #[test]

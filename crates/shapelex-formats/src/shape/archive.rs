@@ -5,17 +5,19 @@
 //! * Sizes that an archive declares are claims: what counts is what comes out, at most [`Limits::content`] bytes of all files.
 //! * Files of no known format are left out and counted. An archive within an archive is refused.
 //! * Files that overlap are refused, and those of long names, which each of their shapes has.
-//! * Where one file is a [project sheet](mod@project), the files that it names are read, in its order and with what it says of them.
+//! * Where one file is a [`project`], the files that it names are read, in its order and with what it says of them.
 
+use std::cell::Cell;
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{Cursor, Read};
+use std::rc::Rc;
 
 use zip::read::ZipFile;
 use zip::result::ZipError;
 
 use super::error::{FaultKind, FileError, Place};
 use super::format::Format;
-use super::limits::{Budget, Limits};
+use super::limits::{Bound, Budget, Limits};
 use super::options::ReadOptions;
 use super::project::{self, Project, ProjectFile, Table};
 use super::record::Sink;
@@ -48,15 +50,11 @@ pub(super) fn is_archive(head: &[u8]) -> bool {
 fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Result<Summary, FileError> {
     let mut archive = opened(source.bytes()?)?;
     check_names(&archive)?;
-    let mut files = Files {
-        archive: source,
-        content: 0,
-        first: 0,
-        again: AGAIN,
-        summary: Summary::default(),
-        facts: None,
-    };
-    let count = match project(&mut archive, &mut files)? {
+    let first: Rc<Cell<u64>> = Rc::default();
+    let again = Budget::new(AGAIN, Rc::clone(&first));
+    let mut files =
+        Files { archive: source, content: 0, first, again, summary: Summary::default(), facts: None };
+    let count = match find_project(&mut archive, &mut files)? {
         None => files.read_all(&mut archive, options, sink)?,
         Some(project) => files.read_project(&mut archive, &project, options, sink)?,
     };
@@ -73,7 +71,7 @@ struct ProjectEntry {
 }
 
 /// The project in an archive. Workbooks may hold something else: those are none.
-fn project(archive: &mut Archive, files: &mut Files<'_>) -> Result<Option<ProjectEntry>, FileError> {
+fn find_project(archive: &mut Archive, files: &mut Files<'_>) -> Result<Option<ProjectEntry>, FileError> {
     let mut found = None;
     for k in 0..archive.len() {
         let file = archive.by_index(k).map_err(|error| fault(error).at(Place::item(k as u64)))?;
@@ -123,7 +121,7 @@ fn check_names(archive: &Archive) -> Result<(), FileError> {
 
 /// Bytes of files that are read again, since many rows of a project may name the same one: in any archive, and for each byte of the
 /// files that have been read first.
-const AGAIN: Budget = Budget::new("bytes of files that are read again", 64 << 20, 16);
+const AGAIN: Bound = Bound { what: "bytes of files that are read again", free: 64 << 20, per_byte: 16 };
 
 /// What is known after some of the files.
 struct Files<'a> {
@@ -131,7 +129,7 @@ struct Files<'a> {
     /// Number of bytes of the files so far.
     content: u64,
     /// Number of bytes of the files that a project names, when they are read first.
-    first: u64,
+    first: Rc<Cell<u64>>,
     again: Budget,
     summary: Summary,
     /// Facts that all files so far agree on.
@@ -233,9 +231,9 @@ impl Files<'_> {
         // Packed data may be long, and nothing come out.
         let bytes = packed.saturating_add(self.content - before);
         if again {
-            return self.again.take(bytes, self.first);
+            return self.again.take(bytes);
         }
-        self.first = self.first.saturating_add(bytes);
+        self.first.set(self.first.get().saturating_add(bytes));
         Ok(())
     }
 

@@ -17,7 +17,8 @@ const LABELS: usize = 100;
 pub struct Inspection {
     /// Records by kind and dimension.
     pub groups: Vec<Group>,
-    /// Number of records by class label; beyond the first 100 labels, none is added.
+    /// Number of records by class label; beyond the first 100 labels, none is added. Of one longer than 1024 bytes the first ones are
+    /// kept, so that those with the same beginning count together.
     pub labels: BTreeMap<String, u64>,
     /// Names of attributes, with the number of records that have them; as many as labels.
     pub attributes: BTreeMap<String, u64>,
@@ -75,10 +76,11 @@ impl Inspection {
 }
 
 fn count(counts: &mut BTreeMap<String, u64>, name: &str) {
-    if let Some(count) = counts.get_mut(name) {
+    let name = shortened(name);
+    if let Some(count) = counts.get_mut(&name) {
         *count += 1;
     } else if counts.len() < LABELS {
-        counts.insert(name.to_owned(), 1);
+        counts.insert(name, 1);
     }
 }
 
@@ -180,5 +182,20 @@ mod tests {
         assert_eq!(curves.names, ["a", "b"]);
         assert_eq!((points.dimension, points.incomplete, &points.upper[..]), (3, 1, &[1.0, 2.0, 3.0][..]));
         assert_eq!(found.labels["cell"], 2);
+    }
+
+    #[test]
+    fn of_long_labels_and_names_the_first_bytes_are_kept() {
+        let mut found = Inspection::default();
+        for end in ["b", "c"] {
+            let long = "a".repeat(1 << 20) + end;
+            found.add(&Record {
+                label: Some(long.clone()),
+                labels: [(long, Value::Bool(true))].into(),
+                ..Record::new(Geometry::Landmarks(Points::new(2)), Place::default())
+            });
+        }
+        let expected = BTreeMap::from([("a".repeat(1024), 2)]);
+        assert_eq!((&found.labels, &found.attributes), (&expected, &expected));
     }
 }

@@ -85,19 +85,29 @@ fn value_bytes(value: &Json) -> usize {
     size_of::<Json>() + content
 }
 
-/// Number of characters of names and values: at most that of a JSON text of them.
+/// Number of characters that stand for a number, a Boolean or null, with the comma behind it. A number may be written in up to 24, and
+/// read from two bytes: what is counted must stay below what is allowed for these.
+pub(super) const SCALAR: usize = 8;
+
+/// About the number of characters of names and values in a JSON text that is written.
 pub(super) fn map_characters(map: &Map<String, Json>) -> usize {
-    map.iter().map(|(name, value)| name.len() + value_characters(value)).sum()
+    map.iter().map(|(name, value)| text_characters(name) + value_characters(value)).sum()
 }
 
 fn value_characters(value: &Json) -> usize {
-    // Itself, and the comma behind it.
-    2 + match value {
-        Json::String(text) => text.len(),
-        Json::Array(values) => values.iter().map(value_characters).sum(),
-        Json::Object(map) => map_characters(map),
-        Json::Null | Json::Bool(_) | Json::Number(_) => 0,
+    /// Of brackets or quotation marks.
+    const AROUND: usize = 2;
+    match value {
+        Json::String(text) => AROUND + text_characters(text),
+        Json::Array(values) => AROUND + values.iter().map(value_characters).sum::<usize>(),
+        Json::Object(map) => AROUND + map_characters(map),
+        Json::Null | Json::Bool(_) | Json::Number(_) => SCALAR,
     }
+}
+
+/// Number of characters of a text in JSON: a control character takes six, `\u0001`.
+pub(super) fn text_characters(text: &str) -> usize {
+    text.len() + 5 * text.bytes().filter(|byte| *byte < b' ').count()
 }
 
 /// Members of an object beside what becomes attributes and metadata.
@@ -241,6 +251,14 @@ mod tests {
             assert!(taken <= weight, "{text}: {taken} of {weight}");
             assert!(value_bytes(&value) <= weight + size_of_val(&value), "{text}");
         }
+    }
+
+    #[test]
+    fn characters_are_about_those_that_are_written() {
+        let object = serde_json::json!({"a": [0, -0.125, null], "bc": {"d": true}, "e": "f\u{1}\n"});
+        let Json::Object(map) = object else { panic!("no object") };
+        // Names, three and one scalars, three pairs of brackets and quotation marks, a letter and two control characters.
+        assert_eq!(map_characters(&map), 5 + 4 * 8 + 3 * 2 + 1 + 2 * 6);
     }
 
     #[test]

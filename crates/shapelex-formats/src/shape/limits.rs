@@ -1,6 +1,8 @@
 //! Bounds on what a file may claim, checked before memory is taken.
 
-use std::cell::Cell;
+use std::cell::{Cell, RefCell};
+use std::collections::BTreeMap;
+use std::rc::Rc;
 
 use super::error::{FileError, Place};
 
@@ -115,39 +117,60 @@ impl Room {
     }
 }
 
-/// Work that the structure of a file may cause beyond what its bytes do: some for any file, and more for each byte.
-#[derive(Debug)]
+/// Bound on work that the structure of a file may cause beyond what its bytes do: some for any file, and more for each byte.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Bound {
+    /// The work, in the plural; no two bounds have the same.
+    pub(super) what: &'static str,
+    pub(super) free: u64,
+    pub(super) per_byte: u64,
+}
+
+/// Counts work within a bound. Clones count together.
+#[derive(Debug, Clone)]
 pub(super) struct Budget {
-    what: &'static str,
-    free: u64,
-    per_byte: u64,
-    taken: u64,
+    bound: Bound,
+    taken: Rc<Cell<u64>>,
+    read: Rc<Cell<u64>>,
 }
 
 impl Budget {
-    /// `what` is named in the refusal, in the plural.
-    pub(super) const fn new(what: &'static str, free: u64, per_byte: u64) -> Self {
-        Self { what, free, per_byte, taken: 0 }
+    /// For bytes that `read` counts.
+    pub(super) fn new(bound: Bound, read: Rc<Cell<u64>>) -> Self {
+        Self { bound, taken: Rc::default(), read }
     }
 
-    /// Takes an amount of a file of which `bytes` are read.
+    /// Takes an amount.
     ///
     /// # Errors
-    /// [`FaultKind::TooLarge`](super::FaultKind::TooLarge), if more is taken than these bytes may cause.
-    pub(super) fn take(&mut self, amount: u64, bytes: u64) -> Result<(), FileError> {
-        self.taken = self.taken.saturating_add(amount);
-        let most = self.free.saturating_add(self.per_byte.saturating_mul(bytes));
-        if self.taken <= most {
+    /// [`FaultKind::TooLarge`](super::FaultKind::TooLarge), if more is taken than the bytes that are read may cause.
+    pub(super) fn take(&self, amount: u64) -> Result<(), FileError> {
+        let (taken, read) = (self.taken.get().saturating_add(amount), self.read.get());
+        self.taken.set(taken);
+        let most = self.bound.free.saturating_add(self.bound.per_byte.saturating_mul(read));
+        if taken <= most {
             return Ok(());
         }
-        let detail = format!("expected at most {most} {} in {bytes} bytes, got more", self.what);
+        let detail = format!("expected at most {most} {} in {read} bytes, got more", self.bound.what);
         Err(FileError::too_large(Place::default(), detail))
     }
 
     /// What was taken so far.
     #[cfg(test)]
     pub(super) fn taken(&self) -> u64 {
-        self.taken
+        self.taken.get()
+    }
+}
+
+/// The budgets of a file, which those within it share: an archive of many files may cause no more than one file of all bytes.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Budgets(Rc<RefCell<BTreeMap<&'static str, Budget>>>);
+
+impl Budgets {
+    /// The budget of a bound, for bytes that `read` counts.
+    pub(super) fn get(&self, bound: Bound, read: &Rc<Cell<u64>>) -> Budget {
+        let mut all = self.0.borrow_mut();
+        all.entry(bound.what).or_insert_with(|| Budget::new(bound, Rc::clone(read))).clone()
     }
 }
 
@@ -172,12 +195,19 @@ mod tests {
 
     #[test]
     fn work_is_in_proportion_to_bytes() {
-        let mut budget = Budget::new("cells", 1 << 23, 64);
-        assert!(budget.take(1 << 23, 0).is_ok());
-        assert!(budget.take(6400, 100).is_ok());
-        let refused = budget.take(1, 100).expect_err("one more");
+        let read = Rc::new(Cell::new(0));
+        let (bound, budgets) = (Bound { what: "cells", free: 1 << 23, per_byte: 64 }, Budgets::default());
+        let budget = budgets.get(bound, &read);
+        assert!(budget.take(1 << 23).is_ok());
+        read.set(100);
+        assert!(budget.take(6400).is_ok());
+        let refused = budget.take(1).expect_err("one more");
         assert_eq!(refused.to_string(), "expected at most 8395008 cells in 100 bytes, got more");
-        assert!(budget.take(63, 101).is_ok());
-        assert!(budget.take(u64::MAX, 1000).is_err());
+        read.set(101);
+        assert!(budgets.get(bound, &read).take(63).is_ok(), "of another file within the same one");
+        assert!(budgets.get(bound, &read).take(1).is_err());
+        assert!(budgets.get(Bound { what: "bytes", ..bound }, &read).take(1).is_ok());
+        read.set(1000);
+        assert!(budget.take(u64::MAX).is_err());
     }
 }

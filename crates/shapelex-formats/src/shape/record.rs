@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde_json::{Map, Value as Json};
 
 use super::error::{FileError, Place};
-use super::json::{map_bytes, map_characters};
+use super::json::{SCALAR, map_bytes, map_characters, text_characters};
 use super::limits::{MAX_COORDINATE, MAX_DIMENSION};
 
 /// Takes the next record of a file. Its error ends the reading and is returned.
@@ -84,19 +84,20 @@ impl Record {
 
     /// About the number of bytes that attributes and metadata take.
     pub(super) fn attribute_bytes(&self) -> usize {
-        self.attribute_size(size_of::<(String, Value)>()) + map_bytes(&self.metadata)
+        let each = size_of::<(String, Value)>();
+        self.attribute_size(str::len, each, each) + map_bytes(&self.metadata)
     }
 
-    /// Number of characters of attributes and metadata, at most as many as a file spends on them.
+    /// About the number of characters of attributes and metadata where they are written.
     pub(super) fn attribute_characters(&self) -> usize {
-        self.attribute_size(0) + map_characters(&self.metadata)
+        self.attribute_size(text_characters, 0, SCALAR) + map_characters(&self.metadata)
     }
 
-    /// Texts, and `each` for every attribute.
-    fn attribute_size(&self, each: usize) -> usize {
-        let texts = [&self.name, &self.subject, &self.label].into_iter().flatten().map(String::len);
+    /// Sizes of texts, and beside them those of every attribute that is a text, and of every other one.
+    fn attribute_size(&self, size: impl Fn(&str) -> usize, text: usize, other: usize) -> usize {
+        let texts = [&self.name, &self.subject, &self.label].into_iter().flatten().map(|text| size(text));
         let label = |(name, value): (&String, &Value)| {
-            name.len() + each + if let Value::Text(text) = value { text.len() } else { 0 }
+            size(name) + if let Value::Text(content) = value { text + size(content) } else { other }
         };
         texts.sum::<usize>() + self.labels.iter().map(label).sum::<usize>()
     }
@@ -140,7 +141,8 @@ impl From<&str> for Value {
 
 /// One ring of an object that has holes or several parts. All rings of an object stand next to each other in a file, and are
 /// records of their own: nothing is merged.
-#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Ring {
     /// Position of the object in the file, from 0.
     pub object: u64,
@@ -473,5 +475,20 @@ impl Fourier {
             Some(x) => Err(format!("expected coefficients within ±{MAX_COORDINATE:e}, got {x:e}")),
             None => Ok(()),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn attributes_have_the_characters_that_are_written() {
+        let mut record = Record::new(Geometry::Landmarks(Points::new(2)), Place::default());
+        record.name = Some("a\n".into());
+        let labels = [("n", Value::Number(0.1)), ("yes", Value::Bool(true)), ("t", "\u{1}bc".into())];
+        record.labels = labels.map(|(name, value)| (name.to_owned(), value)).into();
+        assert_eq!(record.attribute_characters(), 7 + (1 + 8) + (3 + 8) + (1 + 6 + 2));
+        assert_eq!(record.attribute_bytes(), 2 + 5 + 3 + 3 * size_of::<(String, Value)>());
     }
 }

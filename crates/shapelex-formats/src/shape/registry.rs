@@ -62,10 +62,10 @@ pub fn read(
         return Err(FileError::new(FaultKind::Unsupported, detail));
     };
     options.check(format)?;
-    let (mut account, content) = (Account::new(*source.limits()), source.content());
+    let mut account = Account::new(*source.limits(), source.content());
     let (mut empty, mut left_out) = (0, Summary::default());
     let mut counted = |record: Record| {
-        let checked = account.add(&record, content.get()).and_then(|()| record.check());
+        let checked = account.add(&record).and_then(|()| record.check());
         checked.map_err(|error| {
             let is_placed = record.place != Place::default();
             error.at(if is_placed { record.place.clone() } else { Place::item(account.records - 1) })

@@ -7,7 +7,7 @@ use std::rc::Rc;
 use flate2::read::MultiGzDecoder;
 
 use super::error::{FileError, Place};
-use super::limits::Limits;
+use super::limits::{Bound, Budget, Budgets, Limits};
 
 /// Number of bytes by which a format is recognised.
 const HEAD: usize = 4096;
@@ -39,6 +39,7 @@ pub struct Source<'a> {
     offset: u64,
     /// Number of bytes read of the file and of those within it.
     content: Rc<Cell<u64>>,
+    budgets: Budgets,
     line: u64,
     limits: Limits,
     /// Whether more bytes may come out than have arrived.
@@ -63,8 +64,18 @@ impl<'a> Source<'a> {
         begun.map_err(|error| FileError::from(error).at(Place::byte(head.len() as u64)))?;
         let whole: Box<dyn Read + 'a> = Box::new(Cursor::new(head.clone()).chain(reader));
         let reader = BufReader::with_capacity(BLOCK, whole);
-        let content = Rc::default();
-        Ok(Self { reader, head, offset: 0, content, line: 0, limits, expands: compressed, ask: None })
+        let (content, budgets) = (Rc::default(), Budgets::default());
+        Ok(Self {
+            reader,
+            head,
+            offset: 0,
+            content,
+            budgets,
+            line: 0,
+            limits,
+            expands: compressed,
+            ask: None,
+        })
     }
 
     /// Asks before more bytes are held than have arrived: of a compressed file, or of one within an archive.
@@ -81,8 +92,8 @@ impl<'a> Source<'a> {
         reader: impl Read + 'b,
         limits: Limits,
     ) -> Result<Source<'b>, FileError> {
-        let (ask, content) = (self.ask.clone(), self.content());
-        Ok(Source { expands: true, ask, content, ..Source::new(reader, limits)? })
+        let (ask, content, budgets) = (self.ask.clone(), self.content(), self.budgets.clone());
+        Ok(Source { expands: true, ask, content, budgets, ..Source::new(reader, limits)? })
     }
 
     /// Asks for memory for `bytes` in all: those of the file, and what they unpack to.
@@ -111,6 +122,11 @@ impl<'a> Source<'a> {
     /// Counts the bytes read of this file and of those within it.
     pub(super) fn content(&self) -> Rc<Cell<u64>> {
         Rc::clone(&self.content)
+    }
+
+    /// What work of a kind this file and those within it may cause.
+    pub(super) fn budget(&self, bound: Bound) -> Budget {
+        self.budgets.get(bound, &self.content)
     }
 
     /// Number of lines read by [`next_line`](Self::next_line).
@@ -289,6 +305,15 @@ mod tests {
         assert_eq!(error.to_string(), "expected at most 1048576 bytes of content, got more");
         let limits = Limits { held: 1 << 20, ..Limits::default() };
         assert_eq!(whole(&file, limits).unwrap_err().kind, FaultKind::TooLarge);
+    }
+
+    #[test]
+    fn files_within_a_file_share_its_budgets() {
+        let source = Source::new(&b"archive"[..], Limits::default()).unwrap();
+        let bound = Bound { what: "steps", free: 10, per_byte: 0 };
+        let inner = || source.inner(&b"file"[..], Limits::default()).unwrap().budget(bound);
+        assert!(inner().take(6).is_ok() && inner().take(4).is_ok());
+        assert!(inner().take(1).is_err() && source.budget(bound).take(0).is_err());
     }
 
     #[test]

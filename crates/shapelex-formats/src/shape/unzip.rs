@@ -11,12 +11,13 @@ use super::error::{FaultKind, FileError, Place};
 /// An archive whose bytes are held.
 pub(super) type Archive = ZipArchive<Cursor<Vec<u8>>>;
 
+/// First bytes of an entry of the directory.
+const ENTRY: &[u8] = b"PK\x01\x02";
 /// First bytes of the record behind the directory.
 const END: &[u8] = b"PK\x05\x06";
 /// Number of bytes at the end of a file, a little more than those among which the library looks for the record.
 const TAIL: usize = 0x1_1000;
-/// Most such records there: the library tries one after the other until one has a directory. Archives that are stored in an archive
-/// have some.
+/// Most such records there that the library would follow: it tries one after the other, until one has a directory.
 const MAX_ENDS: usize = 64;
 
 /// The archive that a whole file is, by the directory at its end.
@@ -38,22 +39,42 @@ pub(super) fn opened(bytes: Vec<u8>) -> Result<Archive, FileError> {
         other => fault(other).at(end),
     })?;
     // The same bytes could be those of any number of files.
-    if archive.has_overlapping_entries().map_err(fault)? {
-        let detail = "expected files with bytes of their own in the archive, got some that overlap";
-        return Err(FileError::new(FaultKind::Malformed, detail));
+    match archive.has_overlapping_entries() {
+        Ok(false) => Ok(archive),
+        Ok(true) => {
+            let detail = "expected files with bytes of their own in the archive, got some that overlap";
+            Err(FileError::new(FaultKind::Malformed, detail))
+        }
+        Err(error) => {
+            let broken = (0..archive.len()).find(|k| archive.by_index_raw(*k).is_err());
+            Err(fault(error).at(broken.map_or_else(Place::default, |k| Place::item(k as u64))))
+        }
     }
-    Ok(archive)
 }
 
 /// Refuses many records that may be that behind the directory.
 fn check_ends(bytes: &[u8]) -> Result<(), FileError> {
-    let tail = &bytes[bytes.len().saturating_sub(TAIL)..];
-    let count = tail.windows(END.len()).filter(|bytes| *bytes == END).count();
+    let tail = bytes.len().saturating_sub(TAIL);
+    let count = (tail..bytes.len()).filter(|at| has_directory(bytes, *at)).count();
     if count <= MAX_ENDS {
         return Ok(());
     }
     let detail = format!("expected at most {MAX_ENDS} ends of archives at the end of the file, got {count}");
     Err(FileError::new(FaultKind::Malformed, detail))
+}
+
+/// Whether there is a record that may be that behind the directory: its offset is that of an entry, or one of its numbers stands in
+/// another record (zip64). Those of archives that are stored in an archive count from the beginning of their own.
+fn has_directory(bytes: &[u8], at: usize) -> bool {
+    let Some(&record) = bytes[at..].strip_prefix(END).and_then(|record| record.first_chunk::<16>()) else {
+        return false;
+    };
+    let [disk, first_disk, own_count, count] = [0, 2, 4, 6].map(|at| [record[at], record[at + 1]]);
+    let [size, offset] = [8, 12].map(|at| [record[at], record[at + 1], record[at + 2], record[at + 3]]);
+    let is_elsewhere =
+        [disk, first_disk, own_count, count].contains(&[0xff; 2]) || [size, offset].contains(&[0xff; 4]);
+    let entry = usize::try_from(u32::from_le_bytes(offset)).ok().and_then(|offset| bytes.get(offset..));
+    is_elsewhere || entry.is_some_and(|entry| entry.starts_with(ENTRY))
 }
 
 /// A fault of an archive in our words.
@@ -97,9 +118,44 @@ mod tests {
         let late = opened([b"others before", &archive()[..]].concat()).unwrap_err();
         assert_eq!(late.kind, FaultKind::Truncated);
         assert!(late.to_string().contains("and the archive at its beginning, got other bytes"), "{late}");
-        let empty = [END, &[0; 18]].concat();
-        assert!(opened([archive(), empty.repeat(MAX_ENDS - 1)].concat()).is_ok());
-        let many = opened([archive(), empty.repeat(MAX_ENDS)].concat()).unwrap_err().to_string();
-        assert_eq!(many, "expected at most 64 ends of archives at the end of the file, got 65");
+        let file = archive();
+        let end = &file[file.len() - 22..];
+        assert_eq!(opened([&file, &end.repeat(MAX_ENDS - 1)[..]].concat()).unwrap().len(), 1);
+        let elsewhere = [END, &[0; 14], &[0xff; 2], &[0; 2]].concat();
+        for end in
+            [end, &[END, &[0; 12], &[0xff; 4], &[0; 2]].concat(), &[END, &[0xff; 2], &[0; 16]].concat()]
+        {
+            let many = opened([&file, &end.repeat(MAX_ENDS)[..]].concat()).unwrap_err().to_string();
+            assert_eq!(many, "expected at most 64 ends of archives at the end of the file, got 65");
+        }
+        // No number, and no directory there.
+        assert_eq!(opened([&file, &elsewhere.repeat(MAX_ENDS)[..], end].concat()).unwrap().len(), 1);
+    }
+
+    #[test]
+    fn archives_that_are_stored_in_an_archive_have_ends() {
+        let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
+        let stored = SimpleFileOptions::default().compression_method(zip::CompressionMethod::Stored);
+        for k in 0..200 {
+            zip.start_file(k.to_string(), stored).unwrap();
+            zip.write_all(&archive()).unwrap();
+        }
+        let file = zip.finish().unwrap().into_inner();
+        let tail = &file[file.len().saturating_sub(TAIL)..];
+        assert!(tail.windows(END.len()).filter(|bytes| *bytes == END).count() > MAX_ENDS);
+        assert_eq!(opened(file).unwrap().len(), 200);
+    }
+
+    #[test]
+    fn a_file_that_is_broken_is_named() {
+        let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
+        for name in ["a", "b"] {
+            zip.start_file(name, SimpleFileOptions::default()).unwrap();
+        }
+        let mut file = zip.finish().unwrap().into_inner();
+        let header = b"PK\x03\x04";
+        let second = file.windows(4).rposition(|bytes| bytes == header).unwrap();
+        file[second] = b'p';
+        assert_eq!(opened(file).unwrap_err().place.item, Some(1));
     }
 }

@@ -200,12 +200,14 @@ fn a_file_that_is_read_again_is_counted_and_warns_once() {
     let mut archive = opened(bytes.clone()).unwrap();
     let source = Source::new(&bytes[..], Limits::default()).unwrap();
     let summary = Summary::default();
-    let mut files = Files { archive: &source, content: 0, first: 0, again: AGAIN, summary, facts: None };
-    let found = super::project(&mut archive, &mut files).unwrap().unwrap();
+    let first: Rc<Cell<u64>> = Rc::default();
+    let again = Budget::new(AGAIN, Rc::clone(&first));
+    let mut files = Files { archive: &source, content: 0, first, again, summary, facts: None };
+    let found = find_project(&mut archive, &mut files).unwrap().unwrap();
     let options = ReadOptions::from_pairs([("files", "shape")]).unwrap();
     files.read_project(&mut archive, &found, &options, &mut |_| Ok(())).unwrap();
     // Each has eight bytes in the archive, and eight come out.
-    assert_eq!((files.first, files.again.taken()), (32, 16));
+    assert_eq!((files.first.get(), files.again.taken()), (32, 16));
     let warning = "points without faces are read as landmarks";
     assert_eq!(files.summary.warnings, ["a", "b"].map(|name| format!("file '{name}.obj': {warning}")));
 }

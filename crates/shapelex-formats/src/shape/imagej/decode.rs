@@ -3,7 +3,7 @@
 use serde_json::{Map, Value as Json, json};
 
 use super::super::error::{FileError, Place};
-use super::super::limits::Limits;
+use super::super::limits::{Budget, Limits};
 use super::super::objects::{Giving, Part};
 use super::super::options::ReadOptions;
 use super::super::record::Sink;
@@ -11,7 +11,7 @@ use super::super::record::{Geometry, Points, Record};
 use super::super::source::Source;
 use super::super::summary::Summary;
 use super::bytes::Bytes;
-use super::nesting::areas;
+use super::nesting::{COMPARISONS, areas};
 use super::outline::{bezier, ellipse, rounded};
 use super::{CLOSE, HEADER, LINE_TO, MOVE, RECTANGLE, SUB_PIXEL, TYPES};
 
@@ -62,7 +62,7 @@ pub(super) fn read(
     if region.options & SPLINE != 0 {
         summary.warnings.push("ImageJ draws a spline through the points, which are given as they are".into());
     }
-    let parts = region.parts(&limits)?;
+    let parts = region.parts(&limits, &source.budget(COMPARISONS))?;
     if parts.is_empty() {
         summary.drop("empty regions", name.as_deref(), || place.clone());
     }
@@ -120,10 +120,10 @@ impl<'a> Region<'a> {
         self.bytes.size(36, "a length of a path of at least 0")
     }
 
-    fn parts(&self, limits: &Limits) -> Result<Vec<Part>, FileError> {
+    fn parts(&self, limits: &Limits, work: &Budget) -> Result<Vec<Part>, FileError> {
         let [left, top, width, height] = self.bounds;
         if self.path_length()? > 0 {
-            return self.composite(limits);
+            return self.composite(limits, work);
         }
         let ring = |points| vec![Part::Area(vec![points])];
         Ok(match self.word() {
@@ -185,7 +185,7 @@ impl<'a> Region<'a> {
     }
 
     /// The rings and lines of a composite.
-    fn composite(&self, limits: &Limits) -> Result<Vec<Part>, FileError> {
+    fn composite(&self, limits: &Limits, work: &Budget) -> Result<Vec<Part>, FileError> {
         if self.kind != RECTANGLE {
             let detail = format!("expected the type 1 of a composite, got {}", self.kind);
             return Err(FileError::malformed(Place::byte(6), detail));
@@ -221,7 +221,7 @@ impl<'a> Region<'a> {
             at += 4 + 4 * numbers;
         }
         path.end(false);
-        let mut parts = areas(path.rings, self.bytes.0.len() as u64)?;
+        let mut parts = areas(path.rings, work)?;
         parts.extend(path.lines.into_iter().map(Part::Line));
         Ok(parts)
     }

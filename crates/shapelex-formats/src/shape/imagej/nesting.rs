@@ -3,13 +3,16 @@
 use std::cell::OnceCell;
 
 use super::super::error::FileError;
-use super::super::limits::Budget;
+use super::super::limits::{Bound, Budget};
 use super::super::objects::{Part, area};
 use super::super::record::Points;
 
 /// A comparison is one of the boxes of two rings, or a look at an edge.
-const COMPARISONS: Budget =
-    Budget::new("comparisons of rings that lie side by side or one around the other", 1 << 24, 1 << 10);
+pub(super) const COMPARISONS: Bound = Bound {
+    what: "comparisons of rings that lie side by side or one around the other",
+    free: 1 << 24,
+    per_byte: 128,
+};
 /// How many comparisons a search among the edges of a ring takes as long as, besides its looks: the ring is fetched from elsewhere.
 const SEARCH: u64 = 8;
 
@@ -38,23 +41,17 @@ struct Edge {
     highest: f64,
 }
 
-/// Counts the comparisons of a region whose file has `bytes` bytes.
-struct Work {
-    comparisons: Budget,
-    bytes: u64,
-}
-
 /// Makes areas of rings that do not cross: a ring within an odd number of others bounds a hole of the smallest of them. Areas stand
-/// in the order of their outer rings, followed by their holes in theirs. `bytes` is the size of the file of the region.
+/// in the order of their outer rings, followed by their holes in theirs.
 ///
 /// Cost: n log n of n points; a comparison of each ring with those that begin left of it and do not end there; and, where its box is
 /// in that of a larger one, a search for the k edges of that one that cross a line, by some (k + 1) log n looks.
 ///
 /// # Errors
-/// More comparisons than a file of that size may cause.
-pub(super) fn areas(rings: Vec<Points>, bytes: u64) -> Result<Vec<Part>, FileError> {
+/// More comparisons than `work` has.
+pub(super) fn areas(rings: Vec<Points>, work: &Budget) -> Result<Vec<Part>, FileError> {
     let candidates: Vec<Candidate> = rings.into_iter().enumerate().map(Candidate::new).collect();
-    let around = parents(&candidates, &mut Work { comparisons: COMPARISONS, bytes })?;
+    let around = parents(&candidates, work)?;
     // Rings that cross may name a hole as their outer ring; such a ring stays an area.
     let is_outer = |parent: &usize| around[*parent].is_none();
     let parents: Vec<Option<usize>> = around.iter().map(|parent| parent.filter(is_outer)).collect();
@@ -76,7 +73,7 @@ pub(super) fn areas(rings: Vec<Points>, bytes: u64) -> Result<Vec<Part>, FileErr
 }
 
 /// The outer ring of which each ring bounds a hole.
-fn parents(candidates: &[Candidate], work: &mut Work) -> Result<Vec<Option<usize>>, FileError> {
+fn parents(candidates: &[Candidate], work: &Budget) -> Result<Vec<Option<usize>>, FileError> {
     // From left to right, so that a ring comes after those around it. Zero is added as −0 would stand before 0.
     let mut order: Vec<Frame> = candidates.iter().map(|candidate| candidate.frame).collect();
     order.sort_by(|a, b| (a.bounds[0] + 0.0).total_cmp(&(b.bounds[0] + 0.0)).then(b.area.total_cmp(&a.area)));
@@ -84,7 +81,7 @@ fn parents(candidates: &[Candidate], work: &mut Work) -> Result<Vec<Option<usize
     // Rings that do not end left of the one at hand.
     let mut open: Vec<Frame> = Vec::new();
     for frame in order {
-        work.spend(open.len() as u64)?;
+        work.take(open.len() as u64)?;
         open.retain(|other| other.bounds[1] >= frame.bounds[0]);
         parents[frame.position] = parent(candidates, &open, frame, work)?;
         open.push(frame);
@@ -97,7 +94,7 @@ fn parent(
     candidates: &[Candidate],
     open: &[Frame],
     frame: Frame,
-    work: &mut Work,
+    work: &Budget,
 ) -> Result<Option<usize>, FileError> {
     let Some(point) = candidates[frame.position].inside else { return Ok(None) };
     let mut around = Vec::new();
@@ -120,12 +117,6 @@ impl Frame {
     }
 }
 
-impl Work {
-    fn spend(&mut self, comparisons: u64) -> Result<(), FileError> {
-        self.comparisons.take(comparisons, self.bytes)
-    }
-}
-
 impl Candidate {
     fn new((position, ring): (usize, Points)) -> Self {
         let mut bounds = [f64::MAX, f64::MIN, f64::MAX, f64::MIN];
@@ -141,11 +132,11 @@ impl Candidate {
     }
 
     /// Whether a point is within the ring: an odd number of edges cross the line to the right of it.
-    fn contains(&self, point: [f64; 2], work: &mut Work) -> Result<bool, FileError> {
+    fn contains(&self, point: [f64; 2], work: &Budget) -> Result<bool, FileError> {
         let edges = self.edges.get_or_init(|| tree(&self.ring));
         let mut looks = SEARCH;
         let count = crossed(edges, point, &mut looks);
-        work.spend(looks)?;
+        work.take(looks)?;
         Ok(count % 2 == 1)
     }
 }
@@ -219,8 +210,16 @@ fn inside(ring: &Points, [low, high]: [f64; 2]) -> Option<[f64; 2]> {
 
 #[cfg(test)]
 mod tests {
+    use std::cell::Cell;
+    use std::rc::Rc;
+
     use super::super::super::FaultKind;
     use super::*;
+
+    /// For a file of which some bytes are read.
+    fn budget(read: u64) -> Budget {
+        Budget::new(COMPARISONS, Rc::new(Cell::new(read)))
+    }
 
     fn square(at: f64, size: f64) -> Points {
         Points::from_rows(2, vec![at, at, at + size, at, at + size, at + size, at, at + size])
@@ -241,7 +240,7 @@ mod tests {
             Part::Area(vec![square(20.0, 3.0), square(21.0, 1.0)]),
             Part::Area(vec![square(3.0, 4.0), square(4.0, 1.0)]),
         ];
-        assert_eq!(areas(rings, 0).expect("areas"), expected);
+        assert_eq!(areas(rings, &budget(0)).expect("areas"), expected);
     }
 
     #[test]
@@ -250,10 +249,10 @@ mod tests {
         let outer = Points::from_rows(2, vec![0.0, 0.0, 4.0, 0.0, 4.0, 3.0, 0.0, 3.0]);
         let hole = Points::from_rows(2, vec![0.0, 1.0, 1.0, 1.0, 1.0, 2.0, 0.0, 2.0]);
         let rings = vec![hole.clone(), outer.clone()];
-        assert_eq!(areas(rings, 0).expect("areas"), [Part::Area(vec![outer, hole])]);
+        assert_eq!(areas(rings, &budget(0)).expect("areas"), [Part::Area(vec![outer, hole])]);
         let flat = Points::from_rows(2, vec![0.0, 0.0, 1.0, 0.0, 2.0, 0.0]);
-        assert_eq!(areas(vec![flat.clone(), square(-1.0, 9.0)], 0).expect("areas").len(), 2);
-        assert_eq!(areas(vec![], 0).expect("areas").len(), 0);
+        assert_eq!(areas(vec![flat.clone(), square(-1.0, 9.0)], &budget(0)).expect("areas").len(), 2);
+        assert_eq!(areas(vec![], &budget(0)).expect("areas").len(), 0);
     }
 
     #[test]
@@ -266,13 +265,13 @@ mod tests {
             Points::from_rows(2, vec![x, y, x + 1.0, y, x + 1.0, y + 1.0, x, y + 1.0])
         }));
         let candidates: Vec<Candidate> = rings.iter().cloned().enumerate().map(Candidate::new).collect();
-        let mut work = Work { comparisons: COMPARISONS, bytes: 0 };
-        let parents = parents(&candidates, &mut work).expect("few comparisons");
+        let work = budget(0);
+        let parents = parents(&candidates, &work).expect("few comparisons");
         assert_eq!(parents.len(), rings.len());
         assert!(parents[1..].iter().all(|parent| *parent == Some(0)) && parents[0].is_none());
-        let used = work.comparisons.taken();
+        let used = work.taken();
         assert!(used < 2500 * 400, "{used}");
-        assert_eq!(areas(rings.clone(), 0).expect("areas"), [Part::Area(rings)]);
+        assert_eq!(areas(rings.clone(), &budget(0)).expect("areas"), [Part::Area(rings)]);
     }
 
     #[test]
@@ -280,10 +279,10 @@ mod tests {
         // One in the other: each is compared with all that are around it.
         let rings: Vec<Points> =
             (0..6000).map(|k| square(f64::from(k), 2.0 * (6000.0 - f64::from(k)))).collect();
-        assert_eq!(areas(rings[..600].to_vec(), 0).expect("areas").len(), 300);
-        let error = areas(rings, 1000).expect_err("too many");
+        assert_eq!(areas(rings[..600].to_vec(), &budget(0)).expect("areas").len(), 300);
+        let error = areas(rings, &budget(1000)).expect_err("too many");
         assert_eq!(error.kind, FaultKind::TooLarge);
-        let most = (1 << 24) + (1000 << 10);
+        let most = (1 << 24) + 128 * 1000;
         let expected = format!(
             "expected at most {most} comparisons of rings that lie side by side or one around the other in 1000 bytes, got more"
         );

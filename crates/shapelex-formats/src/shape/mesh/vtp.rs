@@ -1,11 +1,9 @@
 //! VTK XML files: `PolyData` (.vtp) and the polygons of `UnstructuredGrid` (.vtu), as text, base64 or appended raw, compressed by
 //! zlib or not. Each piece is a shape of its own.
 
-use std::cell::RefCell;
-
 use super::super::error::{FileError, Place};
 use super::super::format::Format;
-use super::super::limits::{Budget, Limits, Room};
+use super::super::limits::{Bound, Budget, Limits, Room};
 use super::super::options::ReadOptions;
 use super::super::record::Sink;
 use super::super::record::{Domain, Faces, Kind};
@@ -43,7 +41,8 @@ fn read(source: &mut Source<'_>, _: &ReadOptions, sink: Sink<'_>) -> Result<Summ
         FileError::malformed(Place::byte(error.valid_up_to() as u64), "expected UTF-8 text, got other bytes")
     })?;
     let root = parse(text.trim_start_matches('\u{feff}'), &limits, "AppendedData")?;
-    let arrays = Arrays::of(&root, &bytes[end.unwrap_or(bytes.len())..], limits, bytes.len())?;
+    let room = Room::new(&limits, bytes.len());
+    let arrays = Arrays::of(&root, &bytes[end.unwrap_or(bytes.len())..], room, source)?;
     let (grid, is_grid) =
         match (root.attribute("type"), root.child("PolyData"), root.child("UnstructuredGrid")) {
             (Some("PolyData"), Some(data), _) => (data, false),
@@ -80,7 +79,7 @@ fn read(source: &mut Source<'_>, _: &ReadOptions, sink: Sink<'_>) -> Result<Summ
 
 /// Bytes from which the arrays of a file may be decoded. The file has fewer where arrays name the same ones, and nothing may come out of
 /// them: spaces of base64, empty blocks of zlib.
-const DECODED: Budget = Budget::new("bytes that arrays are decoded from", 8 << 20, 16);
+const DECODED: Bound = Bound { what: "bytes that arrays are decoded from", free: 8 << 20, per_byte: 16 };
 /// As many of them are counted for each compressed block, which is some work even if it is empty.
 const BLOCK: usize = 64;
 
@@ -93,13 +92,12 @@ struct Arrays<'a> {
     appended: Option<Bytes<'a>>,
     limits: Limits,
     room: Room,
-    /// Number of bytes of the file.
-    size: usize,
-    decoded: RefCell<Budget>,
+    decoded: Budget,
 }
 
 impl<'a> Arrays<'a> {
-    fn of(root: &Element<'_>, rest: &'a [u8], limits: Limits, size: usize) -> Result<Self, FileError> {
+    fn of(root: &Element<'_>, rest: &'a [u8], room: Room, source: &Source<'_>) -> Result<Self, FileError> {
+        let (limits, decoded) = (*source.limits(), source.budget(DECODED));
         let refused = |what: &str, value: &str| {
             FileError::unsupported(root.place(), format!("expected {what}, got {}", shown(value.as_bytes())))
         };
@@ -139,8 +137,7 @@ impl<'a> Arrays<'a> {
                 })
             }
         };
-        let (room, decoded) = (Room::new(&limits, size), RefCell::new(DECODED));
-        Ok(Self { big_endian, header, compressed, appended, limits, room, size, decoded })
+        Ok(Self { big_endian, header, compressed, appended, limits, room, decoded })
     }
 
     fn piece(
@@ -307,10 +304,7 @@ impl<'a> Arrays<'a> {
         let before = bytes.left();
         let (found, blocks) = self.blocks(&mut bytes, array)?;
         let read = (before - bytes.left()).saturating_add(blocks.saturating_mul(BLOCK));
-        self.decoded
-            .borrow_mut()
-            .take(read as u64, self.size as u64)
-            .map_err(|error| error.at(array.place()))?;
+        self.decoded.take(read as u64).map_err(|error| error.at(array.place()))?;
         Ok(found)
     }
 

@@ -21,7 +21,7 @@ use super::super::source::Source;
 use super::super::summary::Summary;
 use super::super::write::{Opened, Output, Writer};
 use super::checks::{check_buffers, check_message};
-use super::dictionaries::Dictionaries;
+use super::dictionaries::{COPIED, Dictionaries};
 use super::layout::Layout;
 use super::read_rows::Reading;
 use super::rows::Rows;
@@ -66,7 +66,7 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
         exactly(source, MAGIC.len() + padding, "the magic text of a file")?;
     }
     let mut decoder = StreamDecoder::new();
-    let (mut reading, mut known) = (None, Known::new());
+    let (mut reading, mut known) = (None, Known::new(source));
     loop {
         let Message { at, head, metadata, body } = next_message(source, &known)?;
         let here = |error: FileError| error.at(Place::byte(at));
@@ -140,8 +140,9 @@ struct Known {
 }
 
 impl Known {
-    fn new() -> Self {
-        Self { layout: None, dictionaries: Dictionaries::new(), cells: CELLS }
+    fn new(source: &Source<'_>) -> Self {
+        let dictionaries = Dictionaries::new(source.budget(COPIED));
+        Self { layout: None, dictionaries, cells: source.budget(CELLS) }
     }
 
     /// What may be held beside the dictionaries.
@@ -156,9 +157,9 @@ impl Known {
         let Some(batch) = check_buffers(metadata, body, self.layout.as_ref(), &limits)? else {
             return Ok(());
         };
-        self.cells.take(batch.cells, source.offset())?;
+        self.cells.take(batch.cells)?;
         match batch.dictionary {
-            Some(dictionary) => self.dictionaries.add(dictionary, source.offset()),
+            Some(dictionary) => self.dictionaries.add(dictionary),
             None => Ok(()),
         }
     }

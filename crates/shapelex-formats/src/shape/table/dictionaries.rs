@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::super::error::FileError;
-use super::super::limits::Budget;
+use super::super::limits::{Bound, Budget};
 
 /// Values of a dictionary, or more of them.
 #[derive(Debug, Clone, Copy)]
@@ -16,8 +16,11 @@ pub(super) struct Dictionary {
 
 /// Bytes of a dictionary beside its values, of which 64 take no bytes.
 const OWN: u64 = 64;
+/// The decoder copies a dictionary as a whole whenever values are added to it.
+pub(super) const COPIED: Bound =
+    Bound { what: "bytes of dictionaries that are copied to add values", free: 64 << 20, per_byte: 16 };
 
-/// Sizes of the dictionaries that the decoder keeps. It copies a dictionary as a whole whenever values are added to it.
+/// Sizes of the dictionaries that the decoder keeps.
 #[derive(Debug)]
 pub(super) struct Dictionaries {
     by_id: BTreeMap<i64, u64>,
@@ -26,8 +29,7 @@ pub(super) struct Dictionaries {
 }
 
 impl Dictionaries {
-    pub(super) fn new() -> Self {
-        let copied = Budget::new("bytes of dictionaries that are copied to add values", 64 << 20, 16);
+    pub(super) fn new(copied: Budget) -> Self {
         Self { by_id: BTreeMap::new(), kept: 0, copied }
     }
 
@@ -36,30 +38,33 @@ impl Dictionaries {
         self.kept
     }
 
-    /// Adds or replaces values of a dictionary in a file of which `read` bytes are read.
+    /// Adds or replaces values of a dictionary.
     ///
     /// # Errors
     /// More copies than a file of this size may want.
-    pub(super) fn add(&mut self, dictionary: Dictionary, read: u64) -> Result<(), FileError> {
+    pub(super) fn add(&mut self, dictionary: Dictionary) -> Result<(), FileError> {
         let known = self.by_id.entry(dictionary.id).or_default();
         let before = *known;
         let new = dictionary.bytes.saturating_add(OWN);
         let after = if dictionary.is_delta { before.saturating_add(new) } else { new };
         *known = after;
         self.kept = self.kept.saturating_sub(before).saturating_add(after);
-        if dictionary.is_delta { self.copied.take(after, read) } else { Ok(()) }
+        if dictionary.is_delta { self.copied.take(after) } else { Ok(()) }
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::cell::Cell;
+    use std::rc::Rc;
+
     use super::*;
 
     #[test]
     fn sizes_of_dictionaries_are_summed_as_they_change() {
-        let mut dictionaries = Dictionaries::new();
+        let mut dictionaries = Dictionaries::new(Budget::new(COPIED, Rc::default()));
         let mut add = |id: i64, bytes: u64, is_delta: bool| {
-            dictionaries.add(Dictionary { id, bytes, is_delta }, 0).expect("small");
+            dictionaries.add(Dictionary { id, bytes, is_delta }).expect("small");
             dictionaries.kept()
         };
         assert_eq!(add(1, 1000, false), 1064);
@@ -71,19 +76,19 @@ mod tests {
 
     #[test]
     fn every_addition_counts_as_the_dictionary_that_it_makes() {
-        let mut dictionaries = Dictionaries::new();
-        let mut add = |bytes: u64, is_delta: bool, read: u64| {
-            dictionaries.add(Dictionary { id: 7, bytes, is_delta }, read)
-        };
-        assert!(add((1 << 20) - 64, false, 0).is_ok());
-        assert!((0..63).all(|_| add(0, true, 0).is_ok()), "63 MiB");
-        let refused = add(0, true, 0).expect_err("64 MiB and a little");
+        let read: Rc<Cell<u64>> = Rc::default();
+        let mut dictionaries = Dictionaries::new(Budget::new(COPIED, Rc::clone(&read)));
+        let mut add = |bytes: u64, is_delta: bool| dictionaries.add(Dictionary { id: 7, bytes, is_delta });
+        assert!(add((1 << 20) - 64, false).is_ok());
+        assert!((0..63).all(|_| add(0, true).is_ok()), "63 MiB");
+        let refused = add(0, true).expect_err("64 MiB and a little");
         assert!(
             refused.to_string().starts_with("expected at most 67108864 bytes of dictionaries"),
             "{refused}"
         );
-        assert!(add(0, true, 1 << 20).is_ok(), "a larger file");
+        read.set(1 << 20);
+        assert!(add(0, true).is_ok(), "a larger file");
         // Dictionaries that are sent as a whole are read once.
-        assert!((0..1000).all(|_| add(1 << 20, false, 0).is_ok()));
+        assert!((0..1000).all(|_| add(1 << 20, false).is_ok()));
     }
 }

@@ -54,12 +54,12 @@ pub(super) use npz::FORMAT as NPZ;
 pub(super) use parquet::FORMAT as PARQUET;
 
 use super::error::{FaultKind, FileError, Place};
-use super::limits::Budget;
+use super::limits::Bound;
 use super::text::name_fits;
 
 /// Cells of a file: the values of all its columns, those within lists too. Columns of nulls, flags and constants take next to no
 /// bytes for them, but as much work as others.
-const CELLS: Budget = Budget::new("cells, columns times rows,", 1 << 23, 64);
+const CELLS: Bound = Bound { what: "cells, those within lists too,", free: 1 << 23, per_byte: 64 };
 
 /// Version of the columns, in the metadata of a file.
 const SCHEMA: &str = "shapes/1";

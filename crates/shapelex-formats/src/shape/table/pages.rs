@@ -178,7 +178,7 @@ fn check_chunk(bytes: &[u8], chunk: &ColumnChunkMetaData, most: u64) -> Result<P
         match header.page {
             DATA | DATA_2 => {
                 pages.longest = pages.longest.max(size);
-                pages.values += u64::try_from(header.values).unwrap_or(u64::MAX >> 1).min(u64::MAX >> 1);
+                pages.values = pages.values.saturating_add(header.values.unsigned_abs());
             }
             _ => pages.dictionary = pages.dictionary.max(size),
         }

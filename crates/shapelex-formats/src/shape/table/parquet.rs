@@ -76,11 +76,11 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
         .filter(|column| roots.contains(&schema.get_column_root_idx(*column)))
         .collect();
     let mask = ProjectionMask::roots(schema, roots);
-    let (mut left, mut cells) = (limits.content, CELLS);
+    let (mut left, cells) = (limits.content, source.budget(CELLS));
     for group in 0..metadata.num_row_groups() {
         let pages = check_group(&bytes, metadata, group, &columns, &mut left)?;
         let values = pages.iter().map(|(_, pages)| pages.values).fold(0, u64::saturating_add);
-        cells.take(values, bytes.len() as u64).map_err(|error| error.at(place_of_group(group)))?;
+        cells.take(values).map_err(|error| error.at(place_of_group(group)))?;
         let rows = rows_at_once(&bytes, metadata, group, &pages, &limits)?;
         let builder = ParquetRecordBatchReaderBuilder::new_with_metadata(bytes.clone(), content.clone())
             .with_row_groups(vec![group])

@@ -113,8 +113,8 @@ impl<'a> Reading<'a> {
             }
             None => Ok(serde_json::Map::new()),
         };
-        let mut labels: BTreeMap<String, Value> =
-            columns.labels.iter().filter_map(|(name, cells)| Some((name.clone(), cells.get(row)?))).collect();
+        let label = |(name, cells): (&String, &Cells)| cells.get(row).map(|value| (name.clone(), value));
+        let mut labels: BTreeMap<String, Value> = columns.labels.iter().filter_map(label).collect();
         for (name, value) in json(&columns.more_labels, "more_labels")? {
             let value = serde_json::from_value(value).map_err(|_| {
                 let place = Place { tag: Some("column 'more_labels'".into()), ..place.clone() };
