@@ -7,7 +7,8 @@
 //! | mesh | `vertices`, `faces`, `fields` |
 //! | Fourier coefficients | `fourier`: `constant`, `cosine`, `sine` |
 //!
-//! Beside them: `external_id`, `subject`, `label`, `labels`, `weight`, `metadata`, `ring`.
+//! Beside them: `external_id`, `subject`, `label`, `labels`, `weight`, `metadata`, and `ring` (`object`, `part`, `hole`) of an object
+//! with several parts or holes.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -24,9 +25,10 @@ use super::json::check_attributes;
 use super::limits::MAX_DIMENSION;
 use super::options::{ReadOptions, WriteOptions};
 use super::record::Sink;
-use super::record::{Domain, Faces, Field, Fourier, Geometry, Kind, Mesh, Points, Record};
+use super::record::{Domain, Faces, Field, Fourier, Geometry, Kind, Mesh, Points, Record, Ring};
 use super::source::Source;
 use super::summary::Summary;
+use super::text::shown;
 use super::write::{Opened, Output, Writer};
 use crate::words::plain;
 
@@ -56,8 +58,7 @@ fn recognise(head: &[u8]) -> bool {
     })
 }
 
-/// A line. `ring` is written only: it follows from the order of other formats. Lists are read into flat vectors, so that a line
-/// takes a few times its length.
+/// A line. Lists are read into flat vectors, so that it takes a few times its length.
 #[derive(Serialize, Deserialize, Default)]
 #[serde(deny_unknown_fields, default)]
 struct Line {
@@ -161,6 +162,7 @@ fn record(line: Line, options: &ReadOptions, place: Place) -> Result<Record, Fil
         labels: small(line.labels.as_deref(), "labels", &place)?,
         weight: line.weight,
         metadata: small(line.metadata.as_deref(), "metadata", &place)?,
+        ring: ring(line.ring.as_deref(), &place)?,
         ..Record::new(geometry, place)
     })
 }
@@ -176,6 +178,20 @@ fn small<T: Default + DeserializeOwned>(
     check_attributes(text, at)?;
     let wrong = |_| FileError::malformed(at(), format!("expected an object of {field}, got other text"));
     serde_json::from_str(text).map_err(wrong)
+}
+
+/// Place of a line among the rings of an object.
+fn ring(text: Option<&RawValue>, place: &Place) -> Result<Option<Ring>, FileError> {
+    /// Tables, and many readers of JSON, have numbers of double precision: larger ones would be others there.
+    const MOST: u64 = 1 << 53;
+    let Some(text) = text.map(RawValue::get) else { return Ok(None) };
+    let found = serde_json::from_str(text).ok().filter(|ring: &Ring| ring.object.max(ring.part) <= MOST);
+    // A list of the three values is none.
+    found.filter(|_| text.starts_with('{')).map(Some).ok_or_else(|| {
+        let place = Place { tag: Some("ring".into()), ..place.clone() };
+        let expected = "expected whole numbers up to 2⁵³ as object and part, and true or false as hole";
+        FileError::malformed(place, format!("{expected}, got {}", shown(text)))
+    })
 }
 
 /// Points as they are read and written: one list of coordinates each, `null` for a missing one.
@@ -437,6 +453,8 @@ impl Writer for Lines<'_> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::options::Holes;
+    use super::super::testing::{self, converted};
     use super::super::{FaultKind, Limits, find};
     use super::*;
 
@@ -472,6 +490,57 @@ mod tests {
         }
         assert_eq!(writer.finish().expect("the end").records, 4);
         assert_eq!(String::from_utf8(bytes).expect("text"), text);
+    }
+
+    #[test]
+    fn rings_of_an_object_come_back_as_such() {
+        let coordinates =
+            "[[[[0,0],[9,0],[9,9],[0,0]],[[4,1],[6,1],[6,3],[4,1]]],[[[20,0],[29,0],[29,9],[20,0]]]]";
+        let geometry = format!(r#"{{"type":"MultiPolygon","coordinates":{coordinates}}}"#);
+        let feature = |name: &str| {
+            format!(r#"{{"type":"Feature","geometry":{geometry},"properties":{{"name":"{name}"}}}}"#)
+        };
+        let features = format!("[{},{}]", feature("a"), feature("b"));
+        let geojson = find("geojson").expect("a format");
+        let options = ReadOptions { holes: Some(Holes::Keep), ..ReadOptions::default() };
+        let (found, _) = testing::records(geojson, &features, &options).expect("features");
+        let mut again = records(&converted(&FORMAT, &found), Limits::default()).expect("lines");
+        for (record, before) in again.iter_mut().zip(&found) {
+            record.place = before.place.clone();
+        }
+        assert_eq!(again, found);
+        let rings: Vec<_> = again.iter().flat_map(|r| &r.ring).map(|r| (r.object, r.part, r.hole)).collect();
+        let of = |object: u64| [(object, 0, false), (object, 0, true), (object, 1, false)];
+        assert_eq!(rings, [of(0), of(1)].concat());
+        let text = converted(geojson, &again);
+        assert_eq!(text.matches(coordinates).count(), 2, "{text}");
+    }
+
+    #[test]
+    fn other_rings_are_refused() {
+        let line = |ring: &str| format!(r#"{{"points":[[0,1]],"ring":{ring}}}"#);
+        for ring in [
+            "7",
+            "[0,0,true]",
+            r#"{"object":0,"part":0}"#,
+            r#"{"object":0,"part":-1,"hole":true}"#,
+            r#"{"object":0.5,"part":0,"hole":true}"#,
+            r#"{"object":0,"part":0,"hole":1}"#,
+            r#"{"object":0,"part":0,"hole":true,"a":0}"#,
+        ] {
+            let error = records(&format!("\n{}", line(ring)), Limits::default()).expect_err(ring);
+            let message = format!(
+                "ring, line 2: expected whole numbers up to 2⁵³ as object and part, and true or false as hole, got {}",
+                shown(ring)
+            );
+            assert_eq!((error.kind, error.to_string()), (FaultKind::Malformed, message));
+        }
+        let most = 1_u64 << 53;
+        let text = |object: u64| line(&format!(r#"{{"object":{object},"part":0,"hole":false}}"#));
+        let found = records(&text(most), Limits::default()).expect("the largest number");
+        assert_eq!(found[0].ring, Some(Ring { object: most, part: 0, hole: false }));
+        assert!(records(&text(most + 1), Limits::default()).is_err());
+        assert_eq!(records(&line("null"), Limits::default()).expect("none")[0].ring, None);
     }
 
     #[test]

@@ -114,15 +114,16 @@ pub(super) struct Grouping {
 impl Grouping {
     /// Adds a record; returns those of the object before it, if the record begins another one.
     ///
-    /// A ring begins another object if its number, its name or its label differs, or if the numbers of parts do not go on: files that
-    /// are written one after the other all count their objects from 0.
+    /// A ring begins another object if its number, its name, its label or its dimension differs, or if the numbers of parts do not go on:
+    /// files that are written one after the other all count their objects from 0.
     pub(super) fn push(&mut self, record: &Record) -> Vec<Record> {
         let first = self.records.first();
         let goes_on = self.records.last().is_some_and(|last| match (&last.ring, &record.ring) {
             (Some(a), Some(b)) => {
                 let next = if b.hole { b.part >= a.part } else { b.part > a.part };
                 let named = first.is_some_and(|first| continues(first, record, self.records.len()));
-                a.object == b.object && next && named && last.label == record.label
+                let alike = last.geometry.dimension() == record.geometry.dimension();
+                a.object == b.object && next && named && alike && last.label == record.label
             }
             _ => false,
         });
@@ -213,8 +214,10 @@ pub(super) fn parts<'a>(records: &'a [Record], format: &str) -> Result<Vec<PartR
             return refused(&format!("a closed curve of {} points", points.len()));
         }
         let number = record.ring.as_ref().map(|ring| ring.part);
-        match (parts.last_mut(), &record.ring) {
-            (Some((last, PartRef::Area(rings))), Some(ring)) if ring.hole && *last == number => {
+        match (parts.last_mut(), &part, &record.ring) {
+            (Some((last, PartRef::Area(rings))), PartRef::Area(_), Some(ring))
+                if ring.hole && *last == number =>
+            {
                 rings.push(points);
             }
             _ => parts.push((number, part)),
@@ -339,6 +342,25 @@ mod tests {
             })
             .collect();
         assert_eq!(sizes, [2, 0, 1]);
+    }
+
+    #[test]
+    fn only_closed_curves_of_one_dimension_are_rings_of_an_area() {
+        let record = |geometry: Geometry, hole: bool| Record {
+            ring: Some(Ring { object: 0, part: 0, hole }),
+            ..Record::new(geometry, Place::default())
+        };
+        let closed = |points: Points| Geometry::Curve { points, closed: true };
+        let outer = record(closed(square()), false);
+        for other in [Geometry::Landmarks(square()), Geometry::Curve { points: square(), closed: false }] {
+            let records = [outer.clone(), record(other, true)];
+            assert_eq!(parts(&records, "x").expect("parts").len(), 2);
+        }
+        assert_eq!(parts(&[outer.clone(), record(closed(square()), true)], "x").expect("parts").len(), 1);
+        let in_space = Points::from_rows(3, vec![0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]);
+        let mut grouping = Grouping::default();
+        assert!(grouping.push(&outer).is_empty());
+        assert_eq!(grouping.push(&record(closed(in_space), true)).len(), 1, "another object");
     }
 
     #[test]
