@@ -96,6 +96,27 @@ impl Node {
         self.coordinates.is_some() || self.kind == "GeometryCollection"
     }
 
+    /// Names of its members that only a geometry has a use for.
+    pub(super) fn of_geometries(&self) -> impl Iterator<Item = &str> {
+        let members =
+            [("coordinates", self.coordinates.is_some()), ("geometries", !self.geometries.is_empty())];
+        members.into_iter().filter(|(_, given)| *given).map(|(name, _)| name)
+    }
+
+    /// Names of its members that a geometry of its type has no use for.
+    pub(super) fn of_others(&self) -> impl Iterator<Item = &str> {
+        let is_collection = self.kind == "GeometryCollection";
+        let members = [
+            ("geometry", self.geometry.is_some()),
+            ("id", self.id.is_some()),
+            ("nucleusGeometry", self.nucleus.is_some()),
+            ("properties", !self.properties.is_empty()),
+            ("coordinates", is_collection && self.coordinates.is_some()),
+            ("geometries", !is_collection && !self.geometries.is_empty()),
+        ];
+        members.into_iter().filter(|(_, given)| *given).map(|(name, _)| name)
+    }
+
     /// Number of its rings and lines, with those of the geometries below it.
     pub(super) fn rings(&self) -> usize {
         self.coordinates.as_ref().map_or(0, Coordinates::rings)
@@ -142,13 +163,12 @@ impl<'de> Visitor<'de> for Members {
                     once(node.nucleus.is_some(), "nucleusGeometry")?;
                     node.nucleus = map.next_value()?;
                 }
-                "id" => {
-                    node.id = match map.next_value()? {
-                        Json::String(text) => Some(text),
-                        Json::Number(number) => Some(number.to_string()),
-                        _ => None,
-                    }
-                }
+                "id" => match map.next_value()? {
+                    Json::String(text) => node.id = Some(text),
+                    Json::Number(number) => node.id = Some(number.to_string()),
+                    Json::Null => {}
+                    other => drop(node.others.insert(key.into_owned(), other)),
+                },
                 "properties" => {
                     once(!node.properties.is_empty(), "properties")?;
                     node.properties = map.next_value::<Option<Properties>>()?.unwrap_or_default();
@@ -179,15 +199,21 @@ impl Properties {
         match class {
             Json::String(name) => self.class = Some(name),
             Json::Object(mut class) => {
-                match class.remove("name") {
-                    Some(Json::String(name)) => self.class = Some(name),
-                    // QuPath writes a class below another one as a list of names; its own text joins them so.
-                    _ => {
-                        if let Some(Json::Array(names)) = class.remove("names") {
-                            let names: Vec<_> = names.iter().filter_map(Json::as_str).collect();
-                            self.class = Some(names.join(": "));
-                        }
+                if class.get("name").is_some_and(Json::is_null) {
+                    class.remove("name");
+                }
+                // QuPath writes a class below another one as a list of names; its own text joins them so.
+                let (key, name) = match (class.get("name"), class.get("names")) {
+                    (Some(Json::String(name)), _) => ("name", Some(name.clone())),
+                    (_, Some(Json::Array(names))) => {
+                        let names: Option<Vec<_>> = names.iter().map(Json::as_str).collect();
+                        ("names", names.map(|names| names.join(": ")))
                     }
+                    _ => ("name", None),
+                };
+                if name.is_some() {
+                    class.remove(key);
+                    self.class = name;
                 }
                 if !class.is_empty() {
                     self.others.insert("classification".into(), Json::Object(class));

@@ -34,21 +34,24 @@ impl<'o> Mapping<'o> {
         place: &Place,
         sink: Sink<'_>,
     ) -> Result<(), FileError> {
-        let Node { kind, id, geometry, nucleus, properties, others, .. } = match node.kind.as_str() {
+        let node = match node.kind.as_str() {
             "Feature" => node,
-            _ if node.is_geometry() => Node {
-                kind: "Feature".into(),
-                id: node.id.clone(),
-                geometry: Some(Box::new(node)),
-                ..Node::default()
-            },
+            _ if node.is_geometry() => {
+                let mut node = node;
+                let id = node.id.take();
+                Node { kind: "Feature".into(), id, geometry: Some(Box::new(node)), ..Node::default() }
+            }
             "" => return Err(FileError::malformed(place.clone(), "expected a member type, got none")),
             other => {
                 let detail = format!("expected a Feature or a geometry, got type '{other}'");
                 return Err(FileError::malformed(place.clone(), detail));
             }
         };
-        debug_assert_eq!(kind, "Feature");
+        debug_assert_eq!(node.kind, "Feature");
+        for name in node.of_geometries() {
+            self.summary.drop("members of features", Some(name), || place.clone());
+        }
+        let Node { id, geometry, nucleus, properties, others, .. } = node;
         let mut template = self.template(properties, id, place);
         others.into_iter().for_each(|(name, value)| self.add_member(&mut template, name, value));
         let name = template.name.clone();
@@ -90,8 +93,9 @@ impl<'o> Mapping<'o> {
         for name in &measurements.empty {
             self.summary.drop("measurements without a number", Some(name), || place.clone());
         }
-        for _ in 0..children {
-            self.summary.drop("child objects", name.as_deref().or(id.as_deref()), || place.clone());
+        if children > 0 {
+            let name = name.as_deref().or(id.as_deref());
+            self.summary.drop_many("child objects", children, name, || place.clone());
         }
         let mut record = blank(place);
         (record.label, record.labels, record.metadata) = (class, measurements.values, others);
@@ -103,7 +107,9 @@ impl<'o> Mapping<'o> {
             (Some(name), Some(id)) => {
                 record.name = Some(name);
                 record.other_names = Some("names=id");
-                record.metadata.insert("id".into(), id.into());
+                if record.metadata.insert("id".into(), id.into()).is_some() {
+                    self.summary.drop("properties with the name of a member", Some("id"), || place.clone());
+                }
             }
             (name, id) => record.name = name.or(id),
         }
@@ -138,20 +144,30 @@ impl<'o> Mapping<'o> {
         }
         self.limits.rings(node.rings(), || place.clone())?;
         let mut parts = Vec::new();
-        self.collect(node, &mut parts, place)?;
-        if parts.is_empty() {
-            self.summary.drop("empty geometries", template.name.as_deref(), || place.clone());
-        }
+        self.collect(node, template.name.as_deref(), &mut parts, place)?;
         let limits = self.limits;
         let giving = Giving { holes: self.options.holes.unwrap_or_default(), limits: &limits };
         giving.give(parts, item, template, &mut self.summary, sink)
     }
 
-    /// Adds the parts of a geometry. Its depth is bounded by that of the text.
-    fn collect(&mut self, node: Node, parts: &mut Vec<Part>, place: &Place) -> Result<(), FileError> {
+    /// Adds the parts of a geometry of a feature with a name. Its depth is bounded by that of the text.
+    fn collect(
+        &mut self,
+        node: Node,
+        name: Option<&str>,
+        parts: &mut Vec<Part>,
+        place: &Place,
+    ) -> Result<(), FileError> {
+        // Other members of a whole geometry are metadata already.
+        for member in node.of_others().chain(node.others.keys().map(String::as_str)) {
+            self.summary.drop("members of geometries", Some(member), || place.clone());
+        }
         let Node { kind, coordinates, geometries, .. } = node;
         if kind == "GeometryCollection" {
-            return geometries.into_iter().try_for_each(|node| self.collect(node, parts, place));
+            if geometries.is_empty() {
+                self.summary.drop("empty geometries", name, || place.clone());
+            }
+            return geometries.into_iter().try_for_each(|node| self.collect(node, name, parts, place));
         }
         let place = || Place::tag("coordinates").within(place);
         let height = match kind.as_str() {
@@ -167,7 +183,10 @@ impl<'o> Mapping<'o> {
         let Some(coordinates) = coordinates else {
             return Err(FileError::malformed(place(), format!("expected coordinates of a {kind}, got none")));
         };
-        let Some(found) = coordinates.height else { return Ok(()) };
+        let Some(found) = coordinates.height else {
+            self.summary.drop("empty geometries", name, place);
+            return Ok(());
+        };
         if found != height {
             let [expected, found] = [height, found].map(|height| {
                 ["a position", "a list of positions", "lists of positions", "lists of lists of positions"]

@@ -433,3 +433,53 @@ fn a_writer_holds_the_properties_of_an_object_once() {
     assert!((100_000..200_000).contains(&writer.held()), "{}", writer.held());
     assert_eq!(read_all(&written(&records)).0.len(), 100);
 }
+
+/// What is left out of a text: what, how many, names.
+fn dropped(text: &str) -> Vec<(String, u64, String)> {
+    read_all(text).1.dropped.into_iter().map(|d| (d.what, d.count, d.names.join(" "))).collect()
+}
+
+#[test]
+fn members_without_a_place_are_counted() {
+    let text = r#"{"type":"Feature","id":"x","coordinates":[1,2],"properties":{"name":"a","id":3},"geometry":{
+        "type":"GeometryCollection","coordinates":[0,0],"plane":{"z":1},"id":4,"geometries":[
+            {"type":"Point","coordinates":[0,1],"plane":{"z":2},"properties":{"b":1}},
+            {"type":"Point","coordinates":[]},
+            {"type":"GeometryCollection","geometries":[]}]}}"#;
+    let expected = [
+        ("members of features", 1, "coordinates"),
+        ("properties with the name of a member", 1, "id"),
+        ("members of geometries", 4, "id coordinates properties plane"),
+        ("empty geometries", 2, "a a"),
+    ];
+    assert_eq!(dropped(text), expected.map(|(what, count, names)| (what.into(), count, names.into())));
+    let (records, _) = read_all(text);
+    let metadata = serde_json::json!({"id": "x", "geometry": {"plane": {"z": 1}}});
+    assert_eq!((records.len(), Json::Object(records[0].metadata.clone())), (1, metadata));
+    assert_eq!(records[0].name.as_deref(), Some("a"));
+}
+
+#[test]
+fn members_of_other_types_are_kept() {
+    let text = r#"{"type":"Feature","id":[7],"geometry":{"type":"Point","coordinates":[0,1]},
+        "properties":{"classification":{"name":5,"names":["a",6]},"childObjects":[{},{},{}]}}"#;
+    let metadata = serde_json::json!({"id": [7], "classification": {"name": 5, "names": ["a", 6]}});
+    let (records, _) = read_all(text);
+    assert_eq!((records[0].label.as_deref(), Json::Object(records[0].metadata.clone())), (None, metadata));
+    assert_eq!(dropped(text), [("child objects".to_owned(), 3, String::new())]);
+}
+
+#[test]
+fn members_twice() {
+    let twice = [
+        r#""type":"Point","type":"Point","coordinates":[0,1]"#,
+        r#""type":"Point","coordinates":[0,1],"coordinates":[0,1]"#,
+        r#""type":"Feature","geometry":{"type":"Point","coordinates":[0,1]},"geometry":{"type":"Point","coordinates":[0,1]}"#,
+        r#""type":"Feature","properties":{"a":1},"properties":{"a":1}"#,
+    ];
+    for text in twice {
+        assert!(refused(&format!("[{{{text}}}]")).to_string().ends_with(" once, got it twice"), "{text}");
+    }
+    let (records, _) = read_all(r#"{"type":"Point","coordinates":[0,1],"plane":1,"plane":2}"#);
+    assert_eq!(records[0].metadata["geometry"], serde_json::json!({"plane": 2}));
+}

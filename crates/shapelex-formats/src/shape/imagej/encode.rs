@@ -71,6 +71,23 @@ struct Content {
     bytes: Vec<u8>,
 }
 
+impl Content {
+    /// Whether an entry of the metadata is written.
+    fn keeps(&self, key: &str, value: &Json, metadata: &Map<String, Json>) -> bool {
+        match key {
+            "type" if self.path > 0 => value == "composite",
+            "type" => type_number(value.as_str().unwrap_or_default()) == Some(self.kind),
+            "stroke_color" | "fill_color" => colour(metadata, key) != [0; 4],
+            "stroke_width" => stroke_width(metadata) > 0.0,
+            "position" | "channel" | "slice" | "frame" => positive(metadata, key) != [0; 4],
+            "group" => group(metadata) > 0,
+            "properties" => value.is_object() || value.is_string(),
+            "counters" | "slices" => self.kind == POINT && !counters(metadata, self.count).is_empty(),
+            _ => false,
+        }
+    }
+}
+
 /// Says how many coordinates are rounded.
 pub(super) fn warn(rounded: u64, summary: &mut Summary) {
     if rounded > 0 {
@@ -99,8 +116,10 @@ pub(super) fn file(
     count_lost(first, &[("attributes", !first.labels.is_empty())], summary);
     let content = content(&parts, first)?;
     let metadata = &first.metadata;
-    let width = metadata.get("stroke_width").and_then(Json::as_f64);
-    let width = width.filter(|width| *width > 0.0).unwrap_or(0.0);
+    let width = stroke_width(metadata);
+    for (key, _) in metadata.iter().filter(|(key, value)| !content.keeps(key, value, metadata)) {
+        summary.drop("metadata", Some(key), || first.place.clone());
+    }
     let mut file = header(&content, bounds(&all), metadata, width)?;
     file.extend_from_slice(&content.bytes);
     second_header(&mut file, first, width, if content.kind == POINT { content.count } else { 0 })?;
@@ -237,8 +256,7 @@ fn second_header(file: &mut Vec<u8>, record: &Record, width: f64, count: usize) 
     file.extend_from_slice(&at(start, name.len())?);
     file.extend_from_slice(&size(name.len())?);
     file.extend_from_slice(&[0; 6]);
-    let group = metadata.get("group").and_then(Json::as_u64).and_then(|group| u8::try_from(group).ok());
-    file.extend_from_slice(&[group.unwrap_or(0), 0]);
+    file.extend_from_slice(&[group(metadata), 0]);
     file.extend_from_slice(&[0; 4]);
     file.extend_from_slice(&single(width));
     file.extend_from_slice(&at(after, properties.len())?);
@@ -320,6 +338,18 @@ fn size(number: usize) -> Result<[u8; 4], FileError> {
     })
 }
 
+/// Width of the stroke, 0 if there is none.
+fn stroke_width(metadata: &Map<String, Json>) -> f64 {
+    let width = metadata.get("stroke_width").and_then(Json::as_f64);
+    width.filter(|width| *width > 0.0).unwrap_or(0.0)
+}
+
+/// Group of a region, 0 if there is none or it is no number of 8 bits.
+fn group(metadata: &Map<String, Json>) -> u8 {
+    let group = metadata.get("group").and_then(Json::as_u64).and_then(|group| u8::try_from(group).ok());
+    group.unwrap_or(0)
+}
+
 /// A number of the metadata, 0 if there is none or it is no number of 31 bits.
 fn positive(metadata: &Map<String, Json>, key: &str) -> [u8; 4] {
     let number = metadata.get(key).and_then(Json::as_i64).and_then(|number| i32::try_from(number).ok());
@@ -330,4 +360,59 @@ fn positive(metadata: &Map<String, Json>, key: &str) -> [u8; 4] {
 fn colour(metadata: &Map<String, Json>, key: &str) -> [u8; 4] {
     let text = metadata.get(key).and_then(Json::as_str).and_then(|text| text.strip_prefix('#'));
     text.and_then(|digits| u32::from_str_radix(digits, 16).ok()).unwrap_or(0).to_be_bytes()
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::super::super::{Geometry, Place, Ring, Value};
+    use super::super::{FORMAT, SET};
+    use super::*;
+
+    fn triangle(metadata: Json) -> Record {
+        let points = Points::from_rows(2, vec![0.0, 0.0, 1.0, 5.0, 1.0, 6.0]);
+        let Json::Object(metadata) = metadata else { panic!("{metadata}") };
+        Record { metadata, ..Record::new(Geometry::Curve { points, closed: true }, Place::default()) }
+    }
+
+    fn summary(format: &super::super::Format, records: &[Record]) -> Summary {
+        let mut writer = format.writer(std::io::sink(), &WriteOptions::default()).expect("a writer");
+        records.iter().for_each(|record| writer.push(record).expect("written"));
+        writer.finish().expect("the end")
+    }
+
+    #[test]
+    fn what_a_region_cannot_say_is_counted() {
+        let lost = json!({
+            "type": "oval", "fill_color": "red", "position": 0, "slice": "first", "counters": [1, 1, 1],
+            "slices": [0, 0, 0], "properties": [7], "ellipse": {"aspect_ratio": 0.5}, "scanner": 7,
+        });
+        let mut record = triangle(lost);
+        let keys: Vec<String> = record.metadata.keys().cloned().collect();
+        let kept =
+            triangle(json!({"stroke_color": "#ff00ff7f", "stroke_width": 1.5, "channel": 2, "group": 9}));
+        record.metadata.extend(kept.metadata);
+        (record.name, record.subject) = (Some("a".into()), Some("p".into()));
+        record.labels.insert("age".into(), Value::Number(7.0));
+        let found = summary(&FORMAT, std::slice::from_ref(&record)).dropped;
+        let found: Vec<_> = found.iter().map(|dropped| (&*dropped.what, dropped.names.join(" "))).collect();
+        let expected = [("attributes", "a".into()), ("subjects", "a".into()), ("metadata", keys.join(" "))];
+        assert_eq!(found, expected);
+        // A set counts it for each region.
+        let both = summary(&SET, &[record.clone(), record]);
+        assert_eq!(both.dropped.last().map(|dropped| dropped.count), Some(2 * keys.len() as u64));
+    }
+
+    #[test]
+    fn types_that_are_written_are_kept() {
+        for kind in ["polygon", "freehand", "traced"] {
+            assert_eq!(summary(&FORMAT, &[triangle(json!({ "type": kind }))]).dropped, []);
+        }
+        let part = |part: u64| Record {
+            ring: Some(Ring { object: 0, part, hole: false }),
+            ..triangle(json!({ "type": "composite", "properties": "x" }))
+        };
+        assert_eq!(summary(&FORMAT, &[part(0), part(1)]).dropped, []);
+    }
 }

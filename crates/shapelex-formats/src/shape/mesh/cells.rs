@@ -59,7 +59,7 @@ impl Cells {
                     }
                 }
                 (3 | LINE, _) => draft.lines.push(cell.to_vec()),
-                (0..=POINTS, _) => {}
+                (1 | POINTS, _) => draft.point_cells += 1,
                 (other, _) => {
                     let name = format!("type {other}");
                     summary.drop("cells that are no polygons", Some(&name), || Place::item(row as u64));
@@ -68,8 +68,8 @@ impl Cells {
         }
     }
 
-    /// Adds a field of the cells as one of the faces. Each triangle of a strip has a copy of its row: values beyond those of the
-    /// cells take room.
+    /// Adds a field of the cells as one of the faces; without polygons it is left out. Each triangle of a strip has a copy of its
+    /// row: values beyond those of the cells take room.
     pub(super) fn field(
         &self,
         name: &str,
@@ -78,6 +78,9 @@ impl Cells {
         draft: &mut Draft,
         room: &Room,
     ) -> Result<(), FileError> {
+        if self.rows.is_empty() && self.count > 0 {
+            draft.lose("fields of cells without polygons", name);
+        }
         if self.rows.is_empty() || !draft.keeps(name) {
             return Ok(());
         }

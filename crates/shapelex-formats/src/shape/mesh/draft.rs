@@ -21,8 +21,10 @@ pub(super) struct Draft {
     fields: BTreeMap<String, Field>,
     /// Next number to try behind each name that is taken: many fields of one name would try all numbers again and again.
     numbers: BTreeMap<String, u32>,
-    /// Names of fields beyond the most.
-    beyond: Vec<String>,
+    /// Fields that are left out: what they are, and their names.
+    lost: Vec<(&'static str, String)>,
+    /// Number of cells of points. Alone they say no more than the points do.
+    pub(super) point_cells: u64,
     /// Name of the shape.
     pub(super) name: Option<String>,
     /// What else the file says.
@@ -39,7 +41,8 @@ impl Draft {
             lines: Vec::new(),
             fields: BTreeMap::new(),
             numbers: BTreeMap::new(),
-            beyond: Vec::new(),
+            lost: Vec::new(),
+            point_cells: 0,
             name: None,
             metadata: serde_json::Map::new(),
             place,
@@ -50,9 +53,14 @@ impl Draft {
     pub(super) fn keeps(&mut self, name: &str) -> bool {
         let keeps = self.fields.len() < MAX_FIELDS;
         if !keeps {
-            self.beyond.push(name.to_owned());
+            self.lose("fields beyond the first thousand", name);
         }
         keeps
+    }
+
+    /// Notes a field that is left out.
+    pub(super) fn lose(&mut self, what: &'static str, name: &str) {
+        self.lost.push((what, name.to_owned()));
     }
 
     /// Adds a field, under another name if it is taken.
@@ -89,21 +97,24 @@ impl Draft {
         if self.vertices.is_empty() {
             return Err(FileError::malformed(self.place, "expected points, got none"));
         }
-        for name in &self.beyond {
-            summary.drop("fields beyond the first thousand", Some(name), || self.place.clone());
+        let place = self.place.clone();
+        for (what, name) in &self.lost {
+            summary.drop(what, Some(name), || place.clone());
         }
         self.drop_small_faces(summary);
+        let is_alone = self.faces.is_empty() && self.lines.is_empty();
+        if self.point_cells > 0 && !is_alone {
+            let what = "cells of points beside lines or polygons";
+            summary.drop_many(what, self.point_cells, None, || place.clone());
+        }
         if self.faces.is_empty() {
             for name in self.fields.keys() {
-                summary.drop("fields of points without faces", Some(name), || self.place.clone());
+                summary.drop("fields of points without faces", Some(name), || place.clone());
             }
-            if self.lines.is_empty() {
-                return self.landmarks(summary, sink);
-            }
-            return self.curves(sink);
+            return if is_alone { self.landmarks(summary, sink) } else { self.curves(summary, sink) };
         }
-        for _ in &self.lines {
-            summary.drop("lines beside the faces", None, || self.place.clone());
+        if !self.lines.is_empty() {
+            summary.drop_many("lines beside the faces", self.lines.len() as u64, None, || place);
         }
         let mesh = Mesh { vertices: self.vertices, faces: self.faces, fields: self.fields };
         let record = Record::new(mesh, self.place);
@@ -139,9 +150,10 @@ impl Draft {
         sink(Record { name: self.name, metadata: self.metadata, ..record })
     }
 
-    fn curves(self, sink: Sink<'_>) -> Result<(), FileError> {
+    /// A curve for each line. The second one is named `{name}/2`.
+    fn curves(self, summary: &mut Summary, sink: Sink<'_>) -> Result<(), FileError> {
         let rows: Vec<&[f64]> = self.vertices.rows().collect();
-        let several = self.lines.len() > 1;
+        let mut is_used = vec![false; rows.len()];
         for (k, line) in self.lines.iter().enumerate() {
             let place = Place { item: Some(k as u64), ..self.place.clone() };
             let closed = line.len() > 3 && line.first() == line.last();
@@ -152,10 +164,16 @@ impl Draft {
                     FileError::malformed(place.clone(), detail)
                 })?;
                 points.push(row);
+                is_used[*vertex as usize] = true;
             }
-            let name = self.name.as_ref().filter(|_| !several).cloned();
+            let numbered = |name: &String| if k > 0 { format!("{name}/{}", k + 1) } else { name.clone() };
+            let name = self.name.as_ref().map(numbered);
             let record = Record::new(Geometry::Curve { points, closed }, place);
             sink(Record { name, metadata: self.metadata.clone(), ..record })?;
+        }
+        let unused = is_used.iter().filter(|used| !**used).count();
+        if unused > 0 {
+            summary.drop_many("points of no line", unused as u64, None, || self.place.clone());
         }
         Ok(())
     }
@@ -180,7 +198,7 @@ mod tests {
             draft.field("a", Domain::Vertices, 1, Vec::new());
         }
         // One number for each field of the name, and the one that another field has.
-        assert_eq!((draft.fields.len(), draft.beyond.len()), (MAX_FIELDS, 8));
+        assert_eq!((draft.fields.len(), draft.lost.len()), (MAX_FIELDS, 8));
         assert_eq!(draft.numbers["a"], 7 + MAX_FIELDS as u32 - 8);
     }
 }

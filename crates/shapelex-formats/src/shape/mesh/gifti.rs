@@ -39,6 +39,9 @@ const MAX_ARRAYS: usize = 10_000;
 const KEPT: [&str; 4] =
     ["AnatomicalStructurePrimary", "AnatomicalStructureSecondary", "GeometricType", "TopologicalType"];
 
+/// What is said of other arrays, or again of the same surface.
+const OTHER_METADATA: &str = "entries of metadata beside those of the points";
+
 fn read(source: &mut Source<'_>, _: &ReadOptions, sink: Sink<'_>) -> Result<Summary, FileError> {
     let limits = *source.limits();
     let text = source.text()?;
@@ -50,7 +53,7 @@ fn read(source: &mut Source<'_>, _: &ReadOptions, sink: Sink<'_>) -> Result<Summ
         ));
     }
     let mut summary = Summary::default();
-    drop_metadata(&root, &mut summary);
+    drop_metadata(&root, false, &mut summary);
     let mut arrays = Vec::new();
     let room = Room::new(&limits, text.len());
     for (k, element) in root.all("DataArray").enumerate() {
@@ -62,8 +65,11 @@ fn read(source: &mut Source<'_>, _: &ReadOptions, sink: Sink<'_>) -> Result<Summ
             ));
         }
         arrays.push(Array::read(element, &limits, &room).map_err(|error| error.at(place))?);
-        drop_metadata(element, &mut summary);
+        let is_surface = arrays.last().is_some_and(Array::is_surface);
+        drop_metadata(element, is_surface, &mut summary);
     }
+    let labels = root.child("LabelTable");
+    labels.into_iter().for_each(|labels| drop_colours(labels, &mut summary));
     let intent = |name: &'static str| arrays.iter().filter(move |array| array.intent == name);
     let triangles: Vec<&Array<'_>> = intent("TRIANGLE").collect();
     let count = intent("POINTSET").count();
@@ -84,11 +90,11 @@ fn read(source: &mut Source<'_>, _: &ReadOptions, sink: Sink<'_>) -> Result<Summ
         let faces = triangles.get(k).or(triangles.first()).copied();
         let mut draft = points.draft(k as u64, faces, &limits, &mut summary)?;
         for (k, array) in arrays.iter().enumerate() {
-            if !matches!(array.intent, "POINTSET" | "TRIANGLE") {
+            if !array.is_surface() {
                 array.add(k, &mut draft, &mut summary);
             }
         }
-        if let Some(labels) = root.child("LabelTable") {
+        if let Some(labels) = labels {
             add_labels(labels, &mut draft);
         }
         draft.send(&mut summary, sink)?;
@@ -157,6 +163,11 @@ impl<'a> Array<'a> {
         })
     }
 
+    /// Whether it is one of points or triangles, whose metadata become those of the shape.
+    fn is_surface(&self) -> bool {
+        matches!(self.intent, "POINTSET" | "TRIANGLE")
+    }
+
     /// The shape of an array of points.
     fn draft(
         &self,
@@ -190,8 +201,13 @@ impl<'a> Array<'a> {
                 draft.faces.push(face);
             }
         }
-        for (name, value) in metadata(self.element).filter(|(name, _)| KEPT.contains(name)) {
-            draft.metadata.insert(name.into(), value.into());
+        // What triangles say of the surface, such as its topology, comes after what the points say of it.
+        for element in std::iter::once(self.element).chain(triangles.map(|triangles| triangles.element)) {
+            for (name, value) in metadata(element).filter(|(name, _)| KEPT.contains(name)) {
+                if *draft.metadata.entry(name).or_insert(value.into()) != value {
+                    summary.drop(OTHER_METADATA, Some(name), || element.place());
+                }
+            }
         }
         for (k, system) in self.element.all("CoordinateSystemTransformMatrix").enumerate() {
             let text = |name: &str| system.child(name).map(|child| child.text.trim()).unwrap_or_default();
@@ -293,9 +309,26 @@ fn metadata<'e>(element: &'e Element<'_>) -> impl Iterator<Item = (&'e str, &'e 
     })
 }
 
-fn drop_metadata(element: &Element<'_>, summary: &mut Summary) {
-    for (name, _) in metadata(element).filter(|(name, _)| !KEPT.contains(name)) {
-        summary.drop("entries of metadata, which may identify someone", Some(name), || element.place());
+/// Counts the metadata that become none of a shape.
+fn drop_metadata(element: &Element<'_>, is_surface: bool, summary: &mut Summary) {
+    for (name, _) in metadata(element) {
+        let what = match (KEPT.contains(&name), is_surface) {
+            (false, _) => "entries of metadata, which may identify someone",
+            (true, false) => OTHER_METADATA,
+            (true, true) => continue,
+        };
+        summary.drop(what, Some(name), || element.place());
+    }
+}
+
+/// Counts the colours of labels.
+fn drop_colours(table: &Element<'_>, summary: &mut Summary) {
+    let is_coloured = |label: &&Element<'_>| {
+        ["Red", "Green", "Blue", "Alpha"].iter().any(|name| label.attribute(name).is_some())
+    };
+    let count = table.all("Label").filter(is_coloured).count();
+    if count > 0 {
+        summary.drop_many("colours of labels", count as u64, None, || table.place());
     }
 }
 

@@ -12,7 +12,7 @@ use super::super::options::WriteOptions;
 use super::super::record::{Kind, Record};
 use super::super::summary::Summary;
 use super::super::write::{Opened, Output, Writer};
-use super::part::{Part, drop_fields, refused, singles};
+use super::part::{Part, count_lost, refused, singles};
 use super::{COLOURS, NORMALS, TEXTURE};
 
 /// Binary glTF.
@@ -142,7 +142,7 @@ impl Writer for File<'_> {
 }
 
 impl File<'_> {
-    /// Adds the fields that glTF has a place for, and counts the others.
+    /// Adds the fields that glTF has a place for, and counts all that it has none for.
     fn attributes(
         &mut self,
         part: Part<'_>,
@@ -178,7 +178,7 @@ impl File<'_> {
             attributes.insert("COLOR_0".into(), self.floats(&values, field.width, false).into());
             written.push(COLOURS);
         }
-        drop_fields(part, record, &mut self.summary, |name| written.contains(&name));
+        count_lost(part, record, &[], &mut self.summary, |name, _| written.contains(&name));
     }
 
     fn floats(&mut self, values: &[f32], width: usize, bounds: bool) -> usize {

@@ -10,7 +10,7 @@ use super::super::record::{Geometry, Kind, Points, Record};
 use super::super::source::Source;
 use super::super::summary::Summary;
 use super::super::write::{Opened, Output, Writer};
-use super::part::{Part, one_only, refused};
+use super::part::{Part, count_lost, drop_name, one_only, refused};
 use super::scan::{number, words};
 
 /// Particles of ShapeWorks.
@@ -73,9 +73,12 @@ impl Writer for File<'_> {
         if self.summary.records > 0 {
             return Err(one_only("a file of particles"));
         }
-        let Part::Points(points) = Part::of(record, "a file of particles")? else {
+        let part = Part::of(record, "a file of particles")?;
+        let Part::Points(points) = part else {
             return Err(refused(record, "a file of particles", "another shape than landmarks"));
         };
+        drop_name(record, &mut self.summary);
+        count_lost(part, record, &[], &mut self.summary, |_, _| false);
         for row in points.rows() {
             writeln!(self.output, "{} {} {}", row[0], row[1], row[2])?;
         }

@@ -1,6 +1,7 @@
 //! VTK legacy files, text and binary: `POLYDATA`, and the polygons of `UNSTRUCTURED_GRID`.
 //!
-//! Lines are curves if there are no polygons. Data of points and cells are fields; those of cells that are no polygons are left out.
+//! Lines are curves if there are no polygons. Data of points and cells are fields of a mesh; those of cells that are no polygons, and
+//! all data if there are no polygons, are left out.
 
 mod read;
 mod write;

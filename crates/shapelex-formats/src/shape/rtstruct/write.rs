@@ -14,11 +14,15 @@ use crate::shape::error::{FaultKind, FileError, Place};
 use crate::shape::options::WriteOptions;
 use crate::shape::record::{Geometry, Points, Record};
 use crate::shape::summary::Summary;
+use crate::shape::text::left_out;
 use crate::shape::write::{Opened, Output, Writer};
 
 /// Most characters of the name of a region (type LO) and of its type (CS).
 const LONGEST_NAME: usize = 64;
 const LONGEST_KIND: usize = 16;
+
+/// What regions and contours say of their shapes: parts of records, else keys of the metadata.
+const KEPT: [&str; 6] = ["label", "ring", "roi", "contour", "plane", "frame_of_reference"];
 
 /// Collects regions; the file is written at the end, because lists of all regions come before their contours.
 struct Structures<'a> {
@@ -100,7 +104,9 @@ impl Writer for Structures<'_> {
             return Err(at(FileError::new(FaultKind::Unsupported, detail)));
         }
         let contours = self.contours(record).map_err(at)?;
-        let region = self.region(record).map_err(at)?;
+        let index = self.region(record).map_err(at)?;
+        self.count_lost(record, index);
+        let region = &mut self.regions[index];
         region.xor |= record.ring.as_ref().is_some_and(|ring| ring.hole);
         region.contours.extend(contours);
         self.held += record.bytes();
@@ -130,8 +136,8 @@ impl Writer for Structures<'_> {
 }
 
 impl Structures<'_> {
-    /// The region that a shape belongs to: that with its number and name.
-    fn region(&mut self, record: &Record) -> Result<&mut Region, FileError> {
+    /// Position of the region that a shape belongs to: that with its number and name.
+    fn region(&mut self, record: &Record) -> Result<usize, FileError> {
         let roi = record.metadata.get("roi");
         let field = |name: &str| roi.and_then(|roi| roi.get(name));
         let number = field("number").and_then(Value::as_i64).filter(|number| i32::try_from(*number).is_ok());
@@ -148,11 +154,34 @@ impl Structures<'_> {
         });
         let regions = &mut self.regions;
         let index = *self.known.entry((number, name.to_owned())).or_insert_with(|| {
-            let name = name.to_owned();
+            let (name, kind) = (name.to_owned(), kind.clone());
             regions.push(Region { number, name, kind, colour, contours: Vec::new(), xor: false });
             regions.len() - 1
         });
-        Ok(&mut self.regions[index])
+        let region = &regions[index];
+        if kind.is_some() && kind != region.kind || colour.is_some() && colour != region.colour {
+            let what = "types and colours other than those of the first shape of a region";
+            self.summary.drop(what, record.name.as_deref(), || record.place.clone());
+        }
+        Ok(index)
+    }
+
+    /// Counts what a region does not say of its next shape. A name is kept if it is that of the region, or the one that the
+    /// contour has when it is read: that of the region, its number if others have that name too, and the position of the contour.
+    fn count_lost(&mut self, record: &Record, region: usize) {
+        let place = || record.place.clone();
+        let Region { number, name: own, contours, .. } = &self.regions[region];
+        let position = contours.len() + 1;
+        let numbered = number.map(|number| format!("{own} ({number}) {position}"));
+        let known = [Some(own.clone()), Some(format!("{own} {position}")), numbered];
+        let of_region = record.metadata.get("roi").and_then(|roi| roi.get("name")).and_then(Value::as_str);
+        let names = [record.name.as_deref(), of_region.filter(|name| name.trim() != own)];
+        for name in
+            names.into_iter().flatten().filter(|name| !known.iter().flatten().any(|own| own == name.trim()))
+        {
+            self.summary.drop("names", Some(name), place);
+        }
+        left_out(&mut self.summary, record, &KEPT);
     }
 
     fn contours(&mut self, record: &Record) -> Result<Vec<Contour>, FileError> {
@@ -266,4 +295,65 @@ fn kind(points: &Points, closed: bool, record: &Record) -> Result<(ContourKind, 
         (false, false) => ContourKind::OpenNonplanar,
     };
     Ok((kept.unwrap_or(found), kept.is_some()))
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+    use crate::shape::record::{Ring, Value as Attribute};
+
+    fn point(name: &str, label: Option<&str>, roi: &Value) -> Record {
+        let mut record = Record::new(Geometry::Landmarks(Points::from_rows(3, vec![1.0; 3])), Place::item(0));
+        record.metadata.insert("roi".into(), roi.clone());
+        record.metadata.insert("contour".into(), json!({ "number": 1, "type": "POINT" }));
+        Record { name: Some(name.into()), label: label.map(str::to_owned), ..record }
+    }
+
+    fn lost(records: &[Record]) -> Vec<(String, String)> {
+        let image = SeriesImage { class: "1.2".into(), instance: "1.3".into(), ..SeriesImage::default() };
+        let image = SeriesImage { series: "1.4".into(), frame_of_reference: "1.5".into(), ..image };
+        let study = crate::dicom::Study { instance: "1.6".into(), ..Default::default() };
+        let options =
+            WriteOptions { series: vec![SeriesImage { study, ..image }], ..WriteOptions::default() };
+        let mut writer = super::super::FORMAT.writer(std::io::sink(), &options).unwrap();
+        records.iter().for_each(|record| writer.push(record).unwrap());
+        let summary = writer.finish().unwrap();
+        summary.dropped.into_iter().map(|dropped| (dropped.what, dropped.names.join(", "))).collect()
+    }
+
+    #[test]
+    fn names_that_are_read_again_are_kept() {
+        let heart = json!({ "number": 3, "name": "Heart", "type": "ORGAN", "colour": [1.0, 2.0, 3.0] });
+        let shared = json!({ "number": 4, "name": "Heart" });
+        let mut records = vec![
+            point("Heart 1", Some("Heart"), &heart),
+            point("Heart 2", None, &heart),
+            point("Heart (4) 1", Some("Heart"), &shared),
+            point("apex", None, &Value::Null),
+        ];
+        records[1].ring = Some(Ring { object: 0, part: 0, hole: true });
+        assert_eq!(lost(&records), []);
+        // The first contour is not read as the second one.
+        records.remove(0);
+        records[2].label = Some("Apex".into());
+        records[2].metadata.insert("roi".into(), json!({ "name": "Tip" }));
+        assert_eq!(lost(&records), [("names".into(), "Heart 2, apex, Tip".into())]);
+    }
+
+    #[test]
+    fn what_regions_cannot_say_is_counted() {
+        let roi = json!({ "number": 3, "colour": [1, 2, 3] });
+        let mut record = point("a", Some("a"), &roi);
+        record.subject = Some("p".into());
+        record.weight = Some(2.0);
+        record.labels.insert("age".into(), Attribute::Number(7.0));
+        record.metadata.insert("scanner".into(), 7.into());
+        let red = point("a", Some("a"), &json!({ "number": 3, "colour": [255, 0, 0] }));
+        let colours = "types and colours other than those of the first shape of a region";
+        let expected =
+            [("labels", "a"), ("subject", "a"), ("weight", "a"), ("metadata", "scanner"), (colours, "a")];
+        assert_eq!(lost(&[record, red]), expected.map(|(what, names)| (what.into(), names.into())));
+    }
 }

@@ -120,3 +120,37 @@ fn damaged_files_do_not_panic() {
     cut_off(&FORMAT, file().as_bytes(), false);
     changed(&FORMAT, file().as_bytes());
 }
+
+#[test]
+fn what_arrays_and_labels_say_is_kept_or_counted() {
+    let entry =
+        |name: &str, value: &str| format!("<MD><Name>{name}</Name><Value>{value}</Value></MD></MetaData>");
+    let mut text = file().replace("<Label Key=\"1\">", "<Label Key=\"1\" Red=\"1\">");
+    // The points, the triangle and the data, from the last one: their ends stay where they are.
+    for (intent, entry) in [
+        ("SHAPE", entry("TopologicalType", "Open")),
+        (
+            "TRIANGLE",
+            [entry("TopologicalType", "Closed"), entry("GeometricType", "Pial")].concat().replacen(
+                "</MetaData>",
+                "",
+                1,
+            ),
+        ),
+        ("POINTSET", entry("GeometricType", "Inflated")),
+    ] {
+        let at = text.find(&format!("NIFTI_INTENT_{intent}")).unwrap();
+        let end = at + text[at..].find("</MetaData>").unwrap();
+        text.replace_range(end..end + "</MetaData>".len(), &entry);
+    }
+    let (found, summary) = read(&FORMAT, text.as_bytes()).unwrap();
+    let kept =
+        ["AnatomicalStructurePrimary", "GeometricType", "TopologicalType"].map(|key| &found[0].metadata[key]);
+    assert_eq!(kept, ["CortexLeft", "Inflated", "Closed"]);
+    let dropped: Vec<_> = summary.dropped[1..].iter().map(|d| (&*d.what, d.names.join(" "))).collect();
+    let other = "AnatomicalStructurePrimary TopologicalType GeometricType".to_owned();
+    assert_eq!(
+        dropped,
+        [("entries of metadata beside those of the points", other), ("colours of labels", String::new())]
+    );
+}

@@ -102,7 +102,12 @@ impl File {
             b"v" => self.vertex(&numbers(rest, place)?, place)?,
             b"vt" => match numbers(rest, place)?[..] {
                 [u] => self.texture.push([u, 0.0]),
-                [u, v] | [u, v, _] => self.texture.push([u, v]),
+                [u, v, ref rest @ ..] if rest.len() < 2 => {
+                    self.texture.push([u, v]);
+                    if rest.iter().any(|w| *w != 0.0) {
+                        self.summary.drop("third texture coordinates", None, || place.clone());
+                    }
+                }
                 ref other => return Err(expected("1 to 3 texture coordinates", other.len(), place)),
             },
             b"vn" => match numbers(rest, place)?[..] {
@@ -207,36 +212,94 @@ impl File {
     /// Gives on all shapes.
     pub(super) fn send(mut self, sink: Sink<'_>) -> Result<Summary, FileError> {
         self.check_corners()?;
+        self.drop_unused();
         let mut faces: Vec<Vec<usize>> = vec![Vec::new(); self.objects.len()];
         let mut lines = faces.clone();
         self.faces.iter().enumerate().for_each(|(k, face)| faces[face.object].push(k));
         self.lines.iter().enumerate().for_each(|(k, line)| lines[line.object].push(k));
-        let used = |k: &usize| !faces[*k].is_empty() || !lines[*k].is_empty();
-        let objects: Vec<usize> = (0..self.objects.len()).filter(used).collect();
-        let mut summary = std::mem::take(&mut self.summary);
-        if let [] | [_] = objects[..] {
-            let object = objects.first().copied().unwrap_or(self.objects.len() - 1);
-            let all = (0..self.vertices.len() as u32).collect();
-            self.draft(object, &faces[object], &lines[object], all, &mut summary).send(&mut summary, sink)?;
-            return Ok(summary);
-        }
+        let is_drawn: Vec<bool> =
+            faces.iter().zip(&lines).map(|(faces, lines)| !faces.is_empty() || !lines.is_empty()).collect();
         let mut own = self.unused();
-        for (k, object) in own.iter().enumerate().filter(|(k, own)| !own.is_empty() && !used(k)) {
-            for _ in object {
-                summary.drop("vertices of no face", None, || self.objects[k].place.clone());
-            }
-        }
-        for object in objects {
-            let mut vertices = std::mem::take(&mut own[object]);
-            let all = faces[object].iter().map(|k| &self.faces[*k]);
-            let all = all.chain(lines[object].iter().map(|k| &self.lines[*k]));
-            vertices.extend(all.flat_map(|face| face.corners.iter().map(|corner| corner[0])));
-            vertices.sort_unstable();
-            vertices.dedup();
-            let draft = self.draft(object, &faces[object], &lines[object], vertices, &mut summary);
-            draft.send(&mut summary, sink)?;
+        let (single, is_bare) = self.roles(&is_drawn, &own);
+        let mut summary = std::mem::take(&mut self.summary);
+        for k in 0..self.objects.len() {
+            let vertices = if single == Some(k) {
+                let owners = (0..).zip(&self.owners).filter(|(_, owner)| !is_bare[**owner]);
+                owners.map(|(vertex, _)| vertex).collect()
+            } else if is_drawn[k] {
+                let all = faces[k].iter().map(|k| &self.faces[*k]);
+                let all = all.chain(lines[k].iter().map(|k| &self.lines[*k]));
+                let mut vertices = std::mem::take(&mut own[k]);
+                vertices.extend(all.flat_map(|face| face.corners.iter().map(|corner| corner[0])));
+                vertices.sort_unstable();
+                vertices.dedup();
+                vertices
+            } else if is_bare[k] {
+                std::mem::take(&mut own[k])
+            } else {
+                let Object { name, place } = &self.objects[k];
+                if let Some(name) = name {
+                    summary.drop("objects without a shape", Some(name), || place.clone());
+                }
+                if single.is_none() && !own[k].is_empty() {
+                    let count = own[k].len() as u64;
+                    summary.drop_many("vertices of no face", count, None, || place.clone());
+                }
+                continue;
+            };
+            self.draft(k, &faces[k], &lines[k], vertices, &mut summary).send(&mut summary, sink)?;
         }
         Ok(summary)
+    }
+
+    /// The object whose shape has all vertices but those of bare objects, if there is such an object; and which objects are bare.
+    /// These have no faces and lines, and those of others do not use their vertices. What stands before the first `o` is bare only
+    /// in a file without faces and lines, as some programs write the vertices of all objects there.
+    fn roles(&self, is_drawn: &[bool], own: &[Vec<u32>]) -> (Option<usize>, Vec<bool>) {
+        let drawn = is_drawn.iter().filter(|drawn| **drawn).count();
+        let mut declared = vec![0; self.objects.len()];
+        self.owners.iter().for_each(|owner| declared[*owner] += 1);
+        let bare = |k: usize| declared[k] > 0 && own[k].len() == declared[k] && (k > 0 || drawn == 0);
+        let mut is_bare: Vec<bool> = (0..self.objects.len()).map(|k| !is_drawn[k] && bare(k)).collect();
+        let mut found = (0..).zip(&is_bare).filter(|(_, bare)| **bare).map(|(k, _)| k);
+        let single = match (drawn, found.next(), found.next()) {
+            (1, ..) => is_drawn.iter().position(|drawn| *drawn),
+            (0, first, None) => first.filter(|k| *k > 0).or(Some(self.objects.len() - 1)),
+            _ => None,
+        };
+        if drawn == 0 && single.is_some() {
+            is_bare.fill(false);
+        }
+        (single, is_bare)
+    }
+
+    /// Counts what no face uses: texture coordinates, normals, names of groups and of materials.
+    fn drop_unused(&mut self) {
+        let counts = [&self.groups, &self.materials].map(|names| names.list.len());
+        let counts = [self.texture.len(), self.normals.len(), counts[0], counts[1]];
+        let mut is_used = counts.map(|count| vec![false; count]);
+        for face in &self.faces {
+            is_used[2][face.group as usize] = true;
+            is_used[3][face.material as usize] = true;
+            for corner in &face.corners {
+                for (used, index) in is_used.iter_mut().zip(&corner[1..]).filter(|(_, index)| **index != NONE)
+                {
+                    used[*index as usize] = true;
+                }
+            }
+        }
+        let what = ["texture coordinates of no face", "normals of no face"];
+        for (what, used) in what.into_iter().zip(&is_used) {
+            let count = used.iter().filter(|used| !**used).count();
+            if count > 0 {
+                self.summary.drop_many(what, count as u64, None, Place::default);
+            }
+        }
+        for (names, used) in [&self.groups, &self.materials].into_iter().zip(&is_used[2..]) {
+            for (name, _) in names.list.iter().zip(used).filter(|(name, used)| !**used && !name.is_empty()) {
+                self.summary.drop("groups and materials of no face", Some(name), Place::default);
+            }
+        }
     }
 
     /// Indices may come before what they point to, so they are checked at the end. Some programs write those of texture

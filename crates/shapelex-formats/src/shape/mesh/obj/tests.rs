@@ -185,3 +185,74 @@ fn names_that_are_not_read_are_not_written() {
     let refused = write(&FORMAT, &found, &WriteOptions::default()).unwrap_err().to_string();
     assert!(refused.contains("expected a name of at most 1024 bytes, got 1025"), "{refused}");
 }
+
+fn dropped(summary: &Summary) -> Vec<(&str, u64, String)> {
+    summary.dropped.iter().map(|d| (d.what.as_str(), d.count, d.names.join(" "))).collect()
+}
+
+#[test]
+fn objects_of_points_are_shapes_of_their_own() {
+    let shape = |name: Option<&str>, points: Vec<f64>| {
+        let record = Record::new(Geometry::Landmarks(Points::from_rows(3, points)), Place::default());
+        Record { name: name.map(str::to_owned), ..record }
+    };
+    let triangle = read(&FORMAT, b"o t\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 5 5 5\nf 1 2 3\n").unwrap().0;
+    let points =
+        [shape(None, vec![1.0, 2.0, 3.0]), shape(Some("b"), vec![4.0; 6]), shape(Some("c"), vec![5.0; 3])];
+    let other = Record { name: Some("u".into()), ..triangle[0].clone() };
+    for records in [
+        points.to_vec(),
+        points[..1].to_vec(),
+        [&points[..2], &triangle].concat(),
+        [&points[..1], &triangle, &points[1..]].concat(),
+        [&triangle, &points[..], &[other]].concat(),
+    ] {
+        let bytes = write(&FORMAT, &records, &WriteOptions::default()).unwrap();
+        let (again, summary) = read(&FORMAT, &bytes).unwrap();
+        let shapes = |records: &[Record]| -> Vec<_> {
+            records.iter().map(|record| (record.name.clone(), record.geometry.clone())).collect()
+        };
+        assert_eq!((shapes(&again), dropped(&summary)), (shapes(&records), vec![]));
+    }
+    // Points before the first object belong to an object of faces, those that another object uses to that one.
+    let text = "v 9 9 9\no a\nv 0 0 0\nv 1 0 0\no b\nv 0 1 0\nf 2 3 4\no c\n";
+    let (found, summary) = read(&FORMAT, text.as_bytes()).unwrap();
+    assert_eq!((found.len(), mesh(&found[0]).vertices.len(), found[0].name.as_deref()), (1, 4, Some("b")));
+    assert_eq!(dropped(&summary), [("objects without a shape", 2, "a c".to_owned())]);
+}
+
+#[test]
+fn what_no_face_uses_is_counted() {
+    let text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0 2\nvt 0 0\nvn 0 0 1\ng unused\nusemtl red\ng left\n\
+                l 1/1 2/1\nl 2 1\no a\nv 3 3 3\n";
+    let (found, summary) = read(&FORMAT, text.as_bytes()).unwrap();
+    assert_eq!(found.len(), 3);
+    let expected = [
+        ("third texture coordinates", 1, ""),
+        ("texture coordinates of no face", 2, ""),
+        ("normals of no face", 1, ""),
+        ("groups and materials of no face", 3, "unused left red"),
+        ("points of no line", 1, ""),
+    ];
+    assert_eq!(dropped(&summary), expected.map(|(what, count, names)| (what, count, names.to_owned())));
+}
+
+#[test]
+fn lines_of_an_object_have_names() {
+    let (found, _) = read(&FORMAT, b"o a\nv 0 0 0\nv 1 0 0\nl 1 2\nl 2 1\n").unwrap();
+    let names: Vec<_> = found.iter().filter_map(|record| record.name.as_deref()).collect();
+    assert_eq!(names, ["a", "a/2"]);
+}
+
+#[test]
+fn fields_of_other_carriers_are_not_written() {
+    // STL has normals of faces.
+    let text = "solid\nfacet normal 0 0 1 outer loop vertex 0 0 0 vertex 1 0 0 vertex 0 1 0 endloop endfacet\nendsolid\n";
+    let (found, _) = read(&super::super::stl::FORMAT, text.as_bytes()).unwrap();
+    let mut bytes = Vec::new();
+    let mut writer = FORMAT.writer(&mut bytes, &WriteOptions::default()).unwrap();
+    writer.push(&found[0]).unwrap();
+    let summary = writer.finish().unwrap();
+    assert_eq!(dropped(&summary), [("fields that the format has no place for", 1, "normals".to_owned())]);
+    assert!(!String::from_utf8(bytes).unwrap().contains("vn"));
+}

@@ -8,7 +8,7 @@ use super::super::super::options::WriteOptions;
 use super::super::super::record::{Domain, Field, Record};
 use super::super::super::summary::Summary;
 use super::super::super::write::{Opened, Output, Writer};
-use super::super::part::{Part, one_only, refused};
+use super::super::part::{Part, count_lost, drop_name, one_only, refused};
 use super::super::{COLOURS, NORMALS, TEXTURE};
 
 struct File<'a> {
@@ -97,14 +97,14 @@ impl Writer for File<'_> {
             Part::Points(_) => None,
             Part::Curve(..) => return Err(refused(record, "PLY", "a curve")),
         };
+        // The length of a list is a byte.
+        let fits = |field: &Field| (1..256).contains(&field.width);
         let columns = |domain: Domain| {
-            let all = part.fields().filter(move |(_, field)| field.domain == domain && field.width > 0);
-            // The length of a list is a byte.
-            all.filter(|(_, field)| field.width < 256).map(|(name, field)| Columns::of(name, field)).collect()
+            let all = part.fields().filter(move |(_, field)| field.domain == domain && fits(field));
+            all.map(|(name, field)| Columns::of(name, field)).collect()
         };
-        for (name, _) in part.fields().filter(|(_, field)| field.width == 0 || field.width > 255) {
-            self.summary.drop("fields that the format has no place for", Some(name), || record.place.clone());
-        }
+        drop_name(record, &mut self.summary);
+        count_lost(part, record, &[], &mut self.summary, |_, field| fits(field));
         let mut of_vertices: Vec<Columns<'_>> = columns(Domain::Vertices);
         let mut of_faces: Vec<Columns<'_>> = columns(Domain::Faces);
         make_distinct(&mut of_vertices, &["x", "y", "z"]);

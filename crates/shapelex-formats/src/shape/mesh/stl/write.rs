@@ -4,11 +4,11 @@ use std::io::Write;
 
 use super::super::super::error::FileError;
 use super::super::super::options::WriteOptions;
-use super::super::super::record::{Mesh, Record};
+use super::super::super::record::{Domain, Mesh, Record};
 use super::super::super::summary::Summary;
 use super::super::super::write::{Opened, Output, Writer};
 use super::super::NORMALS;
-use super::super::part::{Part, drop_fields, one_only, refused, singles};
+use super::super::part::{Part, count_lost, drop_name, one_only, refused, singles};
 
 struct File<'a> {
     output: Output<'a>,
@@ -30,7 +30,13 @@ impl Writer for File<'_> {
             Part::Mesh(mesh) if !mesh.faces.is_empty() => mesh,
             _ => return Err(refused(record, "STL", "a shape without faces")),
         };
-        drop_fields(part, record, &mut self.summary, |name| name == NORMALS);
+        // Normals of faces are computed again.
+        count_lost(part, record, &[], &mut self.summary, |name, field| {
+            name == NORMALS && field.domain == Domain::Faces
+        });
+        if !self.text {
+            drop_name(record, &mut self.summary);
+        }
         self.drop_loose_vertices(mesh, record);
         let singles = singles(record, part.points(), "STL")?;
         let exact = singles.iter().zip(part.points().coordinates()).all(|(a, b)| f64::from(*a) == *b);

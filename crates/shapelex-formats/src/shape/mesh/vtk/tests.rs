@@ -65,7 +65,13 @@ fn data_of_points_and_cells_become_fields() {
     assert_eq!(mesh.fields[TEXTURE].values[8..], [0.5, 0.5]);
     assert_eq!(mesh.fields["thick"].values[..3], [0.1, 0.2, 0.3]);
     let dropped: Vec<_> = summary.dropped.iter().map(|d| (d.what.as_str(), d.count)).collect();
-    assert_eq!(dropped, [("arrays of the whole file", 1), ("tables of colours", 1), ("arrays of texts", 1)]);
+    let expected = [
+        ("arrays of the whole file", 1),
+        ("tables of colours", 1),
+        ("arrays of texts", 1),
+        ("cells of points beside lines or polygons", 1),
+    ];
+    assert_eq!(dropped, expected);
 }
 
 #[test]
@@ -204,4 +210,38 @@ fn widths_beyond_all_memory_are_refused() {
         1_u64 << 63
     );
     assert_eq!(refusal(&FORMAT, text.as_bytes()), "CELL_DATA a: expected data of 2 cells, got 0");
+}
+
+#[test]
+fn what_is_no_shape_is_counted() {
+    let points = "DATASET POLYDATA\nPOINTS 4 float\n0 0 0 1 0 0 0 1 0 5 5 5\n";
+    let data = "CELL_DATA 2\nSCALARS a int\n1 2\nPOINT_DATA 4\nSCALARS b int\n1 2 3 4\n";
+    let of_cells = ("fields of cells without polygons", 1, "a");
+    let of_points = ("fields of points without faces", 1, "b");
+    let cells = ("cells of points beside lines or polygons", 1, "");
+    for (body, shapes, expected) in [
+        ("VERTICES 2 5\n2 0 1\n1 3\n", 1, &[of_cells, of_points][..]),
+        (
+            "VERTICES 1 2\n1 3\nLINES 1 3\n2 0 1\n",
+            1,
+            &[of_cells, cells, of_points, ("points of no line", 2, "")],
+        ),
+        ("VERTICES 1 2\n1 3\nPOLYGONS 1 4\n3 0 1 2\n", 1, &[cells]),
+        ("LINES 1 3\n2 0 3\nPOLYGONS 1 4\n3 0 1 2\n", 1, &[("lines beside the faces", 1, "")]),
+        (
+            "POLYGONS 2 6\n2 0 1\n2 1 2\n",
+            1,
+            &[("faces of less than three corners", 2, ""), ("fields of points without faces", 2, "a b")],
+        ),
+    ] {
+        let (found, summary) = read(&FORMAT, [HEAD, points, body, data].concat().as_bytes()).unwrap();
+        let dropped: Vec<_> =
+            summary.dropped.iter().map(|d| (&*d.what, d.count, d.names.join(" "))).collect();
+        let expected: Vec<_> =
+            expected.iter().map(|(what, count, names)| (*what, *count, (*names).to_owned())).collect();
+        assert_eq!((found.len(), dropped), (shapes, expected), "{body}");
+    }
+    let grid = "DATASET UNSTRUCTURED_GRID\nPOINTS 1 float\n0 0 0\nCELLS 2 3\n0\n1 0\nCELL_TYPES 2\n0\n1\n";
+    let (_, summary) = read(&FORMAT, [HEAD, grid].concat().as_bytes()).unwrap();
+    assert_eq!((summary.dropped.len(), summary.dropped[0].names.join(" ")), (1, "type 0".into()));
 }

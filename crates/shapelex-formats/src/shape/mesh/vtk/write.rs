@@ -7,7 +7,7 @@ use super::super::super::options::WriteOptions;
 use super::super::super::record::{Domain, Faces, Field, Record};
 use super::super::super::summary::Summary;
 use super::super::super::write::{Opened, Output, Writer};
-use super::super::part::{Part, one_only, refused};
+use super::super::part::{Part, count_lost, one_only, refused};
 
 struct File<'a> {
     output: Output<'a>,
@@ -27,6 +27,7 @@ impl Writer for File<'_> {
         let part = Part::of(record, "VTK")?;
         let count =
             u32::try_from(part.points().len()).map_err(|_| refused(record, "VTK", "more than 2³² points"))?;
+        count_lost(part, record, &[], &mut self.summary, |_, field| field.width > 0);
         self.head(record.name.as_deref())?;
         writeln!(self.output, "POINTS {count} double")?;
         self.numbers(part.points().coordinates(), 3)?;
