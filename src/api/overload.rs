@@ -214,22 +214,20 @@ mod tests {
 
     #[tokio::test]
     async fn work_that_sees_the_deadline_before_the_timer_took_too_long() {
-        let time = Duration::from_millis(20);
-        let limits = Limits { compute_time: time, ..Limits::default() };
-        let work = move |share: f64| async move {
-            // A blocked thread polls no timer.
-            std::thread::sleep(time.mul_f64(share));
-            Problem::from(ServiceError::Cancelled)
-        };
-        let router = Router::new()
-            .route("/late", get(move || work(2.0)))
-            .route("/early", get(move || work(0.0)))
-            .layer(from_fn(computing))
-            .layer(Extension(Edge::new(&limits)));
-        for (path, kind) in [("/late", ProblemKind::TookTooLong), ("/early", ProblemKind::Unavailable)] {
-            let request = Request::builder().uri(path).body(Body::empty()).unwrap();
-            let response = router.clone().oneshot(request).await.unwrap();
-            assert_eq!(response.extensions().get::<Problem>().unwrap().kind(), kind, "{path}");
+        let (late, early) = (ProblemKind::TookTooLong, ProblemKind::Unavailable);
+        for (limit, pause, kind) in [(20, 40, late), (3_600_000, 0, early)] {
+            let limits = Limits { compute_time: Duration::from_millis(limit), ..Limits::default() };
+            let work = move || async move {
+                // A blocked thread polls no timer.
+                std::thread::sleep(Duration::from_millis(pause));
+                Problem::from(ServiceError::Cancelled)
+            };
+            let router = Router::new()
+                .route("/", get(work))
+                .layer(from_fn(computing))
+                .layer(Extension(Edge::new(&limits)));
+            let response = router.oneshot(Request::new(Body::empty())).await.unwrap();
+            assert_eq!(response.extensions().get::<Problem>().unwrap().kind(), kind, "{limit} ms");
         }
     }
 

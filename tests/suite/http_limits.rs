@@ -481,6 +481,13 @@ fn signal(server: &Server, name: &str) {
     assert!(sent.success());
 }
 
+/// Waits until the service asks for the body of a request that expects this: the request has begun.
+fn has_begun(asked: &mut TcpStream) {
+    let mut begun = [0; 25];
+    asked.read_exact(&mut begun).unwrap();
+    assert_eq!(&begun, b"HTTP/1.1 100 Continue\r\n\r\n");
+}
+
 #[test]
 fn a_stop_answers_what_was_asked_and_takes_nothing_new() {
     let server = Setting::fresh().start();
@@ -489,10 +496,7 @@ fn a_stop_answers_what_was_asked_and_takes_nothing_new() {
     let body = measure().to_string();
     let head = "POST /v1/measure HTTP/1.1\r\nhost: localhost\r\ncontent-type: application/json\r\n";
     send(&mut asked, &format!("{head}expect: 100-continue\r\ncontent-length: {}\r\n\r\n", body.len()));
-    // The service asks for the body: the request has begun.
-    let mut begun = [0; 25];
-    asked.read_exact(&mut begun).unwrap();
-    assert_eq!(&begun, b"HTTP/1.1 100 Continue\r\n\r\n");
+    has_begun(&mut asked);
     signal(&server, "-TERM");
     assert_eq!(rest(&mut idle), b"");
     // Probes are answered while the last answers go out, everything else is refused.
@@ -515,15 +519,11 @@ fn an_upload_hears_of_a_stop() {
     server.post("/v1/cohorts", &cohort).expect(201);
     let mut upload = connect(&server);
     let line = contour(1, 9).to_string() + "\n";
-    send(
-        &mut upload,
-        &format!(
-            "POST /v1/cohorts/hands/shapes HTTP/1.1\r\nhost: localhost\r\ncontent-type: application/x-ndjson\r\n\
-             transfer-encoding: chunked\r\n\r\n{:x}\r\n{line}\r\n",
-            line.len()
-        ),
-    );
-    std::thread::sleep(Duration::from_millis(300));
+    let head =
+        "POST /v1/cohorts/hands/shapes HTTP/1.1\r\nhost: localhost\r\ncontent-type: application/x-ndjson\r\n";
+    send(&mut upload, &format!("{head}expect: 100-continue\r\ntransfer-encoding: chunked\r\n\r\n"));
+    has_begun(&mut upload);
+    send(&mut upload, &format!("{:x}\r\n{line}\r\n", line.len()));
     let begin = Instant::now();
     signal(&server, "-TERM");
     let (status, text) = answer(&mut upload);
