@@ -86,7 +86,7 @@ fn value_bytes(value: &Json) -> usize {
 }
 
 /// Number of characters that stand for a number, a Boolean or null, with the comma behind it. A number may be written in up to 24, and
-/// read from two bytes: what is counted must stay below what is allowed for these.
+/// read from two bytes, which allow 32: less is counted, so that what a file says once is never refused.
 pub(super) const SCALAR: usize = 8;
 
 /// About the number of characters of names and values in a JSON text that is written.

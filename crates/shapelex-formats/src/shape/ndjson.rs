@@ -182,11 +182,11 @@ fn small<T: Default + DeserializeOwned>(
 
 /// Place of a line among the rings of an object.
 fn ring(text: Option<&RawValue>, place: &Place) -> Result<Option<Ring>, FileError> {
-    /// Tables, and many readers of JSON, have numbers of double precision: larger ones would be others there.
+    /// Tables, and many readers of JSON, have numbers of double precision: larger ones would be rounded there.
     const MOST: u64 = 1 << 53;
     let Some(text) = text.map(RawValue::get) else { return Ok(None) };
     let found = serde_json::from_str(text).ok().filter(|ring: &Ring| ring.object.max(ring.part) <= MOST);
-    // A list of the three values is none.
+    // The library would also take a list of the three values.
     found.filter(|_| text.starts_with('{')).map(Some).ok_or_else(|| {
         let place = Place { tag: Some("ring".into()), ..place.clone() };
         let expected = "expected whole numbers up to 2⁵³ as object and part, and true or false as hole";

@@ -112,28 +112,42 @@ pub(super) struct Grouping {
 }
 
 impl Grouping {
-    /// Adds a record; returns those of the object before it, if the record begins another one.
-    ///
-    /// A ring begins another object if its number, its name, its label or its dimension differs, or if the numbers of parts do not go on:
-    /// files that are written one after the other all count their objects from 0.
-    pub(super) fn push(&mut self, record: &Record) -> Vec<Record> {
-        let first = self.records.first();
-        let goes_on = self.records.last().is_some_and(|last| match (&last.ring, &record.ring) {
-            (Some(a), Some(b)) => {
-                let next = if b.hole { b.part >= a.part } else { b.part > a.part };
-                let named = first.is_some_and(|first| continues(first, record, self.records.len()));
-                let alike = last.geometry.dimension() == record.geometry.dimension();
-                a.object == b.object && next && named && alike && last.label == record.label
+    /// Adds a record; returns those of the object before it, if the record begins another one. An object has the attributes of its
+    /// first ring: other ones are counted, and holes that follow no area.
+    pub(super) fn push(&mut self, record: &Record, summary: &mut Summary) -> Vec<Record> {
+        let (name, place) = (record.name.as_deref(), || record.place.clone());
+        let first = self.records.first().filter(|first| self.goes_on(first, record));
+        let goes_on = first.is_some();
+        match first {
+            Some(first) if !is_said_alike(first, record) => {
+                summary.drop("attributes of further rings of an object", name, place);
             }
-            _ => false,
-        });
+            None if record.ring.as_ref().is_some_and(|ring| ring.hole) => {
+                summary.drop("places of holes that follow no area", name, place);
+            }
+            _ => {}
+        }
         let before = if goes_on { Vec::new() } else { self.finish() };
-        // An object has the attributes of its first ring.
         let kept = if goes_on { outline(record) } else { record.clone() };
         self.held += kept.bytes();
         self.records.push(kept);
         self.count += 1;
         before
+    }
+
+    /// Whether a record belongs to the object that begins with `first`: it has the same number, label and dimension, and the numbers of
+    /// parts go on, since files that are written one after the other all count their objects from 0. A part is named after the first
+    /// one. A hole, which formats name in several ways, follows a ring of its part.
+    fn goes_on(&self, first: &Record, record: &Record) -> bool {
+        let Some(last) = self.records.last() else { return false };
+        let (Some(before), Some(ring)) = (&last.ring, &record.ring) else { return false };
+        let follows = if ring.hole {
+            ring.part == before.part && is_closed(last) && is_closed(record)
+        } else {
+            ring.part > before.part && continues(first, record)
+        };
+        let is_alike = last.geometry.dimension() == record.geometry.dimension() && last.label == record.label;
+        follows && is_alike && ring.object == before.object
     }
 
     /// Number of bytes of the records that wait for the end of their object.
@@ -163,16 +177,24 @@ fn outline(record: &Record) -> Record {
     }
 }
 
-/// Whether a record has the name of the first one of an object, or that with its position behind it.
-fn continues(first: &Record, record: &Record, position: usize) -> bool {
+/// Whether a record has the name of the first one of an object, or that with a number behind it.
+fn continues(first: &Record, record: &Record) -> bool {
     match (&first.name, &record.name) {
-        (Some(first), Some(name)) => {
-            let position = (position + 1).to_string();
-            name == first
-                || name.strip_prefix(first.as_str()).and_then(|end| end.strip_prefix('/')) == Some(&*position)
-        }
+        (Some(first), Some(name)) => name.strip_prefix(first.as_str()).is_some_and(|rest| {
+            let number = rest.strip_prefix('/');
+            rest.is_empty() || number.is_some_and(|number| number.bytes().all(|byte| byte.is_ascii_digit()))
+        }),
         (first, name) => first == name,
     }
+}
+
+/// Whether two records have the same attributes and metadata.
+fn is_said_alike(a: &Record, b: &Record) -> bool {
+    a.subject == b.subject && a.labels == b.labels && a.weight == b.weight && a.metadata == b.metadata
+}
+
+fn is_closed(record: &Record) -> bool {
+    matches!(record.geometry, Geometry::Curve { closed: true, .. })
 }
 
 /// A part of an object to be written.
@@ -214,10 +236,8 @@ pub(super) fn parts<'a>(records: &'a [Record], format: &str) -> Result<Vec<PartR
             return refused(&format!("a closed curve of {} points", points.len()));
         }
         let number = record.ring.as_ref().map(|ring| ring.part);
-        match (parts.last_mut(), &part, &record.ring) {
-            (Some((last, PartRef::Area(rings))), PartRef::Area(_), Some(ring))
-                if ring.hole && *last == number =>
-            {
+        match (parts.last_mut(), &record.ring) {
+            (Some((last, PartRef::Area(rings))), Some(ring)) if ring.hole && *last == number => {
                 rings.push(points);
             }
             _ => parts.push((number, part)),
@@ -330,9 +350,15 @@ mod tests {
         assert_eq!(names, ["a", "a/2", "a/3", "a/4"]);
         let mut grouping = Grouping::default();
         for record in &records {
-            assert!(grouping.push(record).is_empty());
+            assert!(grouping.push(record, &mut Summary::default()).is_empty());
         }
-        assert_eq!(grouping.push(&records[0]).len(), 4, "the same number again is another object");
+        let mut summary = Summary::default();
+        assert_eq!(
+            grouping.push(&records[0], &mut summary).len(),
+            4,
+            "the same number again is another object"
+        );
+        assert!(summary.dropped.is_empty());
         let sizes: Vec<_> = parts(&records, "x")
             .expect("parts")
             .iter()
@@ -344,23 +370,64 @@ mod tests {
         assert_eq!(sizes, [2, 0, 1]);
     }
 
+    /// Numbers of records of the objects that are made of them, and what is counted.
+    fn grouped(records: &[Record]) -> (Vec<usize>, Vec<(String, u64)>) {
+        let (mut grouping, mut summary) = (Grouping::default(), Summary::default());
+        let mut sizes: Vec<_> =
+            records.iter().map(|record| grouping.push(record, &mut summary).len()).collect();
+        sizes.push(grouping.finish().len());
+        sizes.retain(|size| *size > 0);
+        (sizes, summary.dropped.into_iter().map(|dropped| (dropped.what, dropped.count)).collect())
+    }
+
+    fn named(name: &str, geometry: Geometry, part: u64, hole: bool) -> Record {
+        let ring = Some(Ring { object: 0, part, hole });
+        Record { name: Some(name.into()), ring, ..Record::new(geometry, Place::default()) }
+    }
+
     #[test]
     fn only_closed_curves_of_one_dimension_are_rings_of_an_area() {
-        let record = |geometry: Geometry, hole: bool| Record {
-            ring: Some(Ring { object: 0, part: 0, hole }),
-            ..Record::new(geometry, Place::default())
-        };
-        let closed = |points: Points| Geometry::Curve { points, closed: true };
-        let outer = record(closed(square()), false);
-        for other in [Geometry::Landmarks(square()), Geometry::Curve { points: square(), closed: false }] {
-            let records = [outer.clone(), record(other, true)];
-            assert_eq!(parts(&records, "x").expect("parts").len(), 2);
-        }
-        assert_eq!(parts(&[outer.clone(), record(closed(square()), true)], "x").expect("parts").len(), 1);
+        let area = || Geometry::Curve { points: square(), closed: true };
         let in_space = Points::from_rows(3, vec![0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]);
-        let mut grouping = Grouping::default();
-        assert!(grouping.push(&outer).is_empty());
-        assert_eq!(grouping.push(&record(closed(in_space), true)).len(), 1, "another object");
+        let lost = [("places of holes that follow no area".to_owned(), 1)];
+        for other in [
+            Geometry::Landmarks(square()),
+            Geometry::Curve { points: square(), closed: false },
+            Geometry::Curve { points: in_space, closed: true },
+        ] {
+            let (sizes, counted) = grouped(&[named("a", area(), 0, false), named("a/2", other, 0, true)]);
+            assert_eq!((sizes, &counted[..]), (vec![1, 1], &lost[..]));
+        }
+        // The area of the second part is missing.
+        let records =
+            [named("a", area(), 0, false), named("a", area(), 0, true), named("a/3", area(), 1, true)];
+        let (sizes, counted) = grouped(&records);
+        assert_eq!((sizes, &counted[..]), (vec![2, 1], &lost[..]));
+    }
+
+    #[test]
+    fn parts_are_named_after_the_first_and_holes_as_formats_do() {
+        let area = || Geometry::Curve { points: square(), closed: true };
+        for (name, hole, part, is_one) in [
+            ("7.hole1", true, 0, true),
+            ("other 4", true, 0, true),
+            ("7/2", false, 1, true),
+            ("7/12", false, 3, true),
+            ("7", false, 1, true),
+            ("7.2", false, 1, false),
+            ("8", false, 1, false),
+            ("7/2", false, 0, false),
+        ] {
+            let (sizes, counted) = grouped(&[named("7", area(), 0, false), named(name, area(), part, hole)]);
+            assert_eq!((sizes.len() == 1, counted.len()), (is_one, 0), "{name}");
+        }
+        let mut heavy = named("7/2", area(), 0, true);
+        heavy.weight = Some(2.0);
+        let (sizes, counted) = grouped(&[named("7", area(), 0, false), heavy]);
+        assert_eq!(
+            (sizes, counted),
+            (vec![2], vec![("attributes of further rings of an object".to_owned(), 1)])
+        );
     }
 
     #[test]

@@ -31,7 +31,7 @@ pub(super) fn open<'a>(mut output: Output<'a>, _: &WriteOptions) -> Opened<'a> {
 
 impl Writer for Features<'_> {
     fn push(&mut self, record: &Record) -> Result<(), FileError> {
-        let before = self.grouping.push(record);
+        let before = self.grouping.push(record, &mut self.summary);
         self.feature(&before)
     }
 

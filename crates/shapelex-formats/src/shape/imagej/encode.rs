@@ -30,7 +30,7 @@ pub(super) fn open<'a>(output: Output<'a>, _: &WriteOptions) -> Opened<'a> {
 
 impl Writer for Region<'_> {
     fn push(&mut self, record: &Record) -> Result<(), FileError> {
-        if !self.grouping.push(record).is_empty() {
+        if !self.grouping.push(record, &mut self.summary).is_empty() {
             let name = record.name.as_ref().map(|name| format!(", '{name}'")).unwrap_or_default();
             let detail = format!("expected one shape, as a file of ImageJ ROI holds, got a second one{name}");
             return Err(FileError::unsupported(record.place.clone(), detail));

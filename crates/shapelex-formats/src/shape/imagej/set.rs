@@ -65,7 +65,7 @@ pub(super) fn open<'a>(output: Output<'a>, _: &WriteOptions) -> Opened<'a> {
 
 impl Writer for Set<'_> {
     fn push(&mut self, record: &Record) -> Result<(), FileError> {
-        let before = self.grouping.push(record);
+        let before = self.grouping.push(record, &mut self.summary);
         self.summary.records += 1;
         self.region(&before)
     }

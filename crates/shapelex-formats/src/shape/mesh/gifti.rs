@@ -39,7 +39,7 @@ const MAX_ARRAYS: usize = 10_000;
 const KEPT: [&str; 4] =
     ["AnatomicalStructurePrimary", "AnatomicalStructureSecondary", "GeometricType", "TopologicalType"];
 
-/// What is said of other arrays, or again of the same surface.
+/// Metadata of other arrays, or a second value for the same surface.
 const OTHER_METADATA: &str = "entries of metadata beside those of the points";
 
 fn read(source: &mut Source<'_>, _: &ReadOptions, sink: Sink<'_>) -> Result<Summary, FileError> {

@@ -59,7 +59,7 @@ use super::text::name_fits;
 
 /// Cells of a file: the values of all its columns, those within lists too. Columns of nulls, flags and constants take next to no
 /// bytes for them, but as much work as others.
-const CELLS: Bound = Bound { what: "cells, those within lists too,", free: 1 << 23, per_byte: 64 };
+const CELLS: Bound = Bound { what: "cells (with those within lists)", free: 1 << 23, per_byte: 64 };
 
 /// Version of the columns, in the metadata of a file.
 const SCHEMA: &str = "shapes/1";

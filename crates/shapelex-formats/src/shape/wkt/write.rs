@@ -23,7 +23,7 @@ pub(super) fn open<'a>(output: Output<'a>, _: &WriteOptions) -> Opened<'a> {
 
 impl Writer for Lines<'_> {
     fn push(&mut self, record: &Record) -> Result<(), FileError> {
-        let before = self.grouping.push(record);
+        let before = self.grouping.push(record, &mut self.summary);
         self.line(&before)
     }
 

@@ -217,8 +217,11 @@ impl File {
         let mut lines = faces.clone();
         self.faces.iter().enumerate().for_each(|(k, face)| faces[face.object].push(k));
         self.lines.iter().enumerate().for_each(|(k, line)| lines[line.object].push(k));
-        let is_drawn: Vec<bool> =
-            faces.iter().zip(&lines).map(|(faces, lines)| !faces.is_empty() || !lines.is_empty()).collect();
+        let has_corners = |all: &[Face], own: &[usize]| own.iter().any(|k| !all[*k].corners.is_empty());
+        let is_drawn: Vec<bool> = (faces.iter().zip(&lines))
+            .map(|(faces, lines)| has_corners(&self.faces, faces) || has_corners(&self.lines, lines))
+            .collect();
+        let only_points = !is_drawn.contains(&true);
         let mut own = self.unused();
         let (single, is_bare) = self.roles(&is_drawn, &own);
         let mut summary = std::mem::take(&mut self.summary);
@@ -234,16 +237,17 @@ impl File {
                 vertices.sort_unstable();
                 vertices.dedup();
                 vertices
-            } else if is_bare[k] {
+            } else if is_bare[k] && only_points {
                 std::mem::take(&mut own[k])
             } else {
                 let Object { name, place } = &self.objects[k];
-                if let Some(name) = name {
-                    summary.drop("objects without a shape", Some(name), || place.clone());
-                }
-                if single.is_none() && !own[k].is_empty() {
-                    let count = own[k].len() as u64;
-                    summary.drop_many("vertices of no face", count, None, || place.clone());
+                let (name, place) = (name.as_deref(), || place.clone());
+                if is_bare[k] {
+                    summary.drop("objects of vertices only, beside faces or lines", name, place);
+                } else if single.is_none() && !own[k].is_empty() {
+                    summary.drop_many("vertices of no face", own[k].len() as u64, None, place);
+                } else if name.is_some() {
+                    summary.drop("objects without a shape", name, place);
                 }
                 continue;
             };
@@ -252,52 +256,39 @@ impl File {
         Ok(summary)
     }
 
-    /// The object whose shape has all vertices but those of bare objects, if there is such an object; and which objects are bare.
-    /// These have no faces and lines, and those of others do not use their vertices. What stands before the first `o` is bare only
-    /// in a file without faces and lines, as some programs write the vertices of all objects there.
+    /// The object whose shape has all vertices but those of bare objects, if there is such an object; and which objects are bare:
+    /// they only have vertices, which no other object uses. They are shapes in files without faces and lines. What stands before the
+    /// first `o` is never bare: some programs write the vertices of all objects there.
     fn roles(&self, is_drawn: &[bool], own: &[Vec<u32>]) -> (Option<usize>, Vec<bool>) {
-        let drawn = is_drawn.iter().filter(|drawn| **drawn).count();
         let mut declared = vec![0; self.objects.len()];
         self.owners.iter().for_each(|owner| declared[*owner] += 1);
-        let bare = |k: usize| declared[k] > 0 && own[k].len() == declared[k] && (k > 0 || drawn == 0);
-        let mut is_bare: Vec<bool> = (0..self.objects.len()).map(|k| !is_drawn[k] && bare(k)).collect();
-        let mut found = (0..).zip(&is_bare).filter(|(_, bare)| **bare).map(|(k, _)| k);
-        let single = match (drawn, found.next(), found.next()) {
-            (1, ..) => is_drawn.iter().position(|drawn| *drawn),
-            (0, first, None) => first.filter(|k| *k > 0).or(Some(self.objects.len() - 1)),
-            _ => None,
-        };
-        if drawn == 0 && single.is_some() {
-            is_bare.fill(false);
+        let bare = |k: usize| k > 0 && !is_drawn[k] && declared[k] > 0 && own[k].len() == declared[k];
+        let is_bare: Vec<bool> = (0..self.objects.len()).map(bare).collect();
+        let drawn = (0..).zip(is_drawn).filter(|(_, drawn)| **drawn).map(|(k, _)| k).collect::<Vec<usize>>();
+        let count = is_bare.iter().filter(|bare| **bare).count();
+        match drawn[..] {
+            [object] => (Some(object), is_bare),
+            [] if count < 2 || declared[0] > 0 => {
+                let named = is_bare.iter().rposition(|bare| *bare);
+                (Some(named.unwrap_or(self.objects.len() - 1)), vec![false; self.objects.len()])
+            }
+            _ => (None, is_bare),
         }
-        (single, is_bare)
     }
 
-    /// Counts what no face uses: texture coordinates, normals, names of groups and of materials.
+    /// Counts texture coordinates and normals that no face uses.
     fn drop_unused(&mut self) {
-        let counts = [&self.groups, &self.materials].map(|names| names.list.len());
-        let counts = [self.texture.len(), self.normals.len(), counts[0], counts[1]];
-        let mut is_used = counts.map(|count| vec![false; count]);
-        for face in &self.faces {
-            is_used[2][face.group as usize] = true;
-            is_used[3][face.material as usize] = true;
-            for corner in &face.corners {
-                for (used, index) in is_used.iter_mut().zip(&corner[1..]).filter(|(_, index)| **index != NONE)
-                {
-                    used[*index as usize] = true;
-                }
+        let mut is_used = [self.texture.len(), self.normals.len()].map(|count| vec![false; count]);
+        for corner in self.faces.iter().flat_map(|face| &face.corners) {
+            for (used, index) in is_used.iter_mut().zip(&corner[1..]).filter(|(_, index)| **index != NONE) {
+                used[*index as usize] = true;
             }
         }
-        let what = ["texture coordinates of no face", "normals of no face"];
-        for (what, used) in what.into_iter().zip(&is_used) {
+        for (what, used) in ["texture coordinates of no face", "normals of no face"].into_iter().zip(&is_used)
+        {
             let count = used.iter().filter(|used| !**used).count();
             if count > 0 {
                 self.summary.drop_many(what, count as u64, None, Place::default);
-            }
-        }
-        for (names, used) in [&self.groups, &self.materials].into_iter().zip(&is_used[2..]) {
-            for (name, _) in names.list.iter().zip(used).filter(|(name, used)| !**used && !name.is_empty()) {
-                self.summary.drop("groups and materials of no face", Some(name), Place::default);
             }
         }
     }

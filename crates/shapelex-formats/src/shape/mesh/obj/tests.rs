@@ -196,24 +196,34 @@ fn objects_of_points_are_shapes_of_their_own() {
         let record = Record::new(Geometry::Landmarks(Points::from_rows(3, points)), Place::default());
         Record { name: name.map(str::to_owned), ..record }
     };
-    let triangle = read(&FORMAT, b"o t\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 5 5 5\nf 1 2 3\n").unwrap().0;
     let points =
         [shape(None, vec![1.0, 2.0, 3.0]), shape(Some("b"), vec![4.0; 6]), shape(Some("c"), vec![5.0; 3])];
-    let other = Record { name: Some("u".into()), ..triangle[0].clone() };
-    for records in [
-        points.to_vec(),
-        points[..1].to_vec(),
-        [&points[..2], &triangle].concat(),
-        [&points[..1], &triangle, &points[1..]].concat(),
-        [&triangle, &points[..], &[other]].concat(),
-    ] {
-        let bytes = write(&FORMAT, &records, &WriteOptions::default()).unwrap();
+    let shapes = |records: &[Record]| -> Vec<_> {
+        records.iter().map(|record| (record.name.clone(), record.geometry.clone())).collect()
+    };
+    for records in [&points[..], &points[..1], &points[1..]] {
+        let bytes = write(&FORMAT, records, &WriteOptions::default()).unwrap();
         let (again, summary) = read(&FORMAT, &bytes).unwrap();
-        let shapes = |records: &[Record]| -> Vec<_> {
-            records.iter().map(|record| (record.name.clone(), record.geometry.clone())).collect()
-        };
-        assert_eq!((shapes(&again), dropped(&summary)), (shapes(&records), vec![]));
+        assert_eq!((shapes(&again), dropped(&summary)), (shapes(records), vec![]));
     }
+    // Beside faces they are left out, as the loose vertices of programs that model.
+    let triangle = read(&FORMAT, b"o t\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 5 5 5\nf 1 2 3\n").unwrap().0;
+    let other = Record { name: Some("u".into()), ..triangle[0].clone() };
+    for meshes in [&triangle[..], &[triangle[0].clone(), other]] {
+        let records = [&points[1..2], meshes, &points[2..]].concat();
+        let (again, summary) =
+            read(&FORMAT, &write(&FORMAT, &records, &WriteOptions::default()).unwrap()).unwrap();
+        assert_eq!(shapes(&again), shapes(meshes));
+        assert_eq!(
+            dropped(&summary),
+            [("objects of vertices only, beside faces or lines", 2, "b c".to_owned())]
+        );
+    }
+    // Vertices of all objects before the first one.
+    let (found, _) = read(&FORMAT, b"v 1 1 1\nv 2 2 2\no a\nv 3 3 3\no b\n").unwrap();
+    assert_eq!((found.len(), found[0].name.as_deref()), (1, Some("a")));
+    // A face without corners draws nothing.
+    assert_eq!(read(&FORMAT, b"o a\nv 0 0 0\no b\nl\n").unwrap().0.len(), 1);
     // Points before the first object belong to an object of faces, those that another object uses to that one.
     let text = "v 9 9 9\no a\nv 0 0 0\nv 1 0 0\no b\nv 0 1 0\nf 2 3 4\no c\n";
     let (found, summary) = read(&FORMAT, text.as_bytes()).unwrap();
@@ -226,13 +236,13 @@ fn what_no_face_uses_is_counted() {
     let text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0 2\nvt 0 0\nvn 0 0 1\ng unused\nusemtl red\ng left\n\
                 l 1/1 2/1\nl 2 1\no a\nv 3 3 3\n";
     let (found, summary) = read(&FORMAT, text.as_bytes()).unwrap();
-    assert_eq!(found.len(), 3);
+    assert_eq!(found.len(), 2);
     let expected = [
         ("third texture coordinates", 1, ""),
         ("texture coordinates of no face", 2, ""),
         ("normals of no face", 1, ""),
-        ("groups and materials of no face", 3, "unused left red"),
         ("points of no line", 1, ""),
+        ("objects of vertices only, beside faces or lines", 1, "a"),
     ];
     assert_eq!(dropped(&summary), expected.map(|(what, count, names)| (what, count, names.to_owned())));
 }
