@@ -253,16 +253,6 @@ pub(super) fn refusal(record: &Record, format: &str, got: &str) -> FileError {
     FileError::unsupported(record.place.clone(), detail)
 }
 
-/// Counts what a record says and a format does not: subject, weight, and what else is lost.
-pub(super) fn count_lost(record: &Record, others: &[(&str, bool)], summary: &mut Summary) {
-    let common = [("subjects", record.subject.is_some()), ("weights", record.weight.is_some())];
-    for (what, lost) in others.iter().chain(&common) {
-        if *lost {
-            summary.drop(what, record.name.as_deref(), || record.place.clone());
-        }
-    }
-}
-
 /// Adds metadata to the members of an object, but those that it has and `own` ones, whose values have a form: these are counted.
 pub(super) fn add_metadata(
     members: &mut Map<String, Json>,

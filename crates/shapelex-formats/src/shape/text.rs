@@ -263,6 +263,14 @@ pub(super) fn unfit(record: &Record, detail: impl std::fmt::Display) -> FileErro
 
 /// Counts what a format has no place for. `kept`: parts of records, else keys of the metadata that are written.
 pub(super) fn left_out(summary: &mut Summary, record: &Record, kept: &[&str]) {
+    parts_left_out(summary, record, kept);
+    for key in record.metadata.keys().filter(|key| !kept.contains(&key.as_str())) {
+        summary.drop("metadata", Some(key), || record.place.clone());
+    }
+}
+
+/// Counts what a format has no place for beside the metadata, which it counts itself. `kept`: parts of records that are written.
+pub(super) fn parts_left_out(summary: &mut Summary, record: &Record, kept: &[&str]) {
     let parts = [
         ("label", record.label.is_some()),
         ("labels", !record.labels.is_empty()),
@@ -272,9 +280,6 @@ pub(super) fn left_out(summary: &mut Summary, record: &Record, kept: &[&str]) {
     ];
     for (part, _) in parts.into_iter().filter(|(part, given)| *given && !kept.contains(part)) {
         summary.drop(part, record.name.as_deref(), || record.place.clone());
-    }
-    for key in record.metadata.keys().filter(|key| !kept.contains(&key.as_str())) {
-        summary.drop("metadata", Some(key), || record.place.clone());
     }
 }
 

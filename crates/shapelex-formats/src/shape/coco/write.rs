@@ -8,10 +8,11 @@ use serde_json::{Map, Value as Json, json};
 
 use super::super::error::FileError;
 use super::super::json::map_bytes;
-use super::super::objects::{Grouping, PartRef, add_metadata, area, count_lost, parts, refusal};
+use super::super::objects::{Grouping, PartRef, add_metadata, area, parts, refusal};
 use super::super::options::WriteOptions;
 use super::super::record::{Geometry, Points, Record, Value};
 use super::super::summary::Summary;
+use super::super::text::parts_left_out;
 use super::super::write::{Opened, Output, Writer};
 
 /// Category of records without label: every annotation must have one.
@@ -97,7 +98,7 @@ impl File<'_> {
             Geometry::Landmarks(points) if records.len() == 1 => keypoints(points, first)?,
             _ => polygons(records, first)?,
         };
-        count_lost(first, &[], &mut self.summary);
+        parts_left_out(&mut self.summary, first, &["label", "labels", "ring"]);
         let number =
             first.name.as_deref().and_then(|name| name.parse().ok()).filter(|id| !self.ids.contains(id));
         let id = number.unwrap_or_else(|| self.free_id());

@@ -5,10 +5,11 @@ use std::io::Write;
 use serde_json::{Map, Value as Json};
 
 use super::super::error::{FaultKind, FileError};
-use super::super::objects::{Grouping, PartRef, count_lost, parts, refusal};
+use super::super::objects::{Grouping, PartRef, parts, refusal};
 use super::super::options::WriteOptions;
 use super::super::record::{Points, Record};
 use super::super::summary::Summary;
+use super::super::text::parts_left_out;
 use super::super::write::{Opened, Output, Writer};
 use super::{CLOSE, HEADER, LINE, LINE_TO, MOVE, POINT, POLYLINE, RECTANGLE, SUB_PIXEL, type_number};
 
@@ -113,7 +114,7 @@ pub(super) fn file(
         return Err(refusal(first, "ImageJ ROI", &format!("points of {} coordinates", points.dimension())));
     }
     let rounded = check_precision(&all, first)?;
-    count_lost(first, &[("attributes", !first.labels.is_empty())], summary);
+    parts_left_out(summary, first, &["label", "ring"]);
     let content = content(&parts, first)?;
     let metadata = &first.metadata;
     let width = stroke_width(metadata);
@@ -397,7 +398,7 @@ mod tests {
         record.labels.insert("age".into(), Value::Number(7.0));
         let found = summary(&FORMAT, std::slice::from_ref(&record)).dropped;
         let found: Vec<_> = found.iter().map(|dropped| (&*dropped.what, dropped.names.join(" "))).collect();
-        let expected = [("attributes", "a".into()), ("subjects", "a".into()), ("metadata", keys.join(" "))];
+        let expected = [("labels", "a".into()), ("subject", "a".into()), ("metadata", keys.join(" "))];
         assert_eq!(found, expected);
         // A set counts it for each region.
         let both = summary(&SET, &[record.clone(), record]);

@@ -155,3 +155,20 @@ fn depth_ends_and_points_are_checked() {
     let limits = Limits { points: 2, ..Limits::default() };
     assert_eq!(read_with(line, limits).expect_err("too many").kind, FaultKind::TooLarge);
 }
+
+#[test]
+fn what_a_line_cannot_say_is_counted() {
+    let points = Points::from_rows(2, vec![0.0, 0.0, 1.0, 0.0, 0.0, 1.0]);
+    let mut record = Record::new(Geometry::Curve { points, closed: true }, Place::default());
+    (record.name, record.label, record.weight) = (Some("a".into()), Some("b".into()), Some(2.0));
+    record.metadata.insert("srid".into(), 4326.into());
+    record.metadata.insert("scanner".into(), 7.into());
+    let mut writer = FORMAT.writer(std::io::sink(), &WriteOptions::default()).unwrap();
+    writer.push(&record).unwrap();
+    let summary = writer.finish().unwrap();
+    let dropped: Vec<_> = summary.dropped.iter().map(|d| (d.what.as_str(), d.names.join(" "))).collect();
+    assert_eq!(
+        dropped,
+        [("label", "a"), ("weight", "a"), ("metadata", "scanner")].map(|(k, n)| (k, n.to_owned()))
+    );
+}

@@ -3,10 +3,11 @@
 use std::io::Write;
 
 use super::super::error::FileError;
-use super::super::objects::{Grouping, PartRef, count_lost, number, parts, refusal};
+use super::super::objects::{Grouping, PartRef, number, parts, refusal};
 use super::super::options::WriteOptions;
 use super::super::record::{Points, Record};
 use super::super::summary::Summary;
+use super::super::text::left_out;
 use super::super::write::{Opened, Output, Writer};
 use super::parse::begins_geometry;
 
@@ -49,12 +50,7 @@ impl Lines<'_> {
         if dimensions.any(|other| other != dimension) {
             return Err(refusal(first, "WKT", "parts of several dimensions"));
         }
-        let lost = [
-            ("labels", first.label.is_some()),
-            ("attributes", !first.labels.is_empty()),
-            ("metadata", first.metadata.keys().any(|key| key != "srid")),
-        ];
-        count_lost(first, &lost, &mut self.summary);
+        left_out(&mut self.summary, first, &["ring", "srid"]);
         let mut text = Vec::new();
         if let Some(name) = &first.name {
             text.extend_from_slice(quoted(name).as_bytes());
