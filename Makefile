@@ -1,7 +1,8 @@
 # make help      this list
 # make run       build and start the service on 127.0.0.1:8080 with the example cohort
 # make check     before every commit: format, lints and unit tests of the libraries
-# make test      all checks of CI; installs missing tools
+# make test      all checks of CI
+# make tools     installs a C and a C++ compiler, curl, rustfmt and clippy where they are missing; as root
 # make spell     spelling of all files
 # make dashboard       the page for browsers, from dashboard/src to dashboard/dist
 # make dashboard-test  the page in Chromium on a debug build; makes the pictures of docs/screens
@@ -14,12 +15,13 @@
 #                committed counts; DATA=folder of contours, ARGUMENTS="--write docs" also makes docs/performance.md
 # make criterion the benchmarks behind the figures of docs/benchmarks.md
 
-.PHONY: run help check test test-engine test-engine-if-built spell dashboard dashboard-test contract attack fuzz sbom bench criterion tools
+.PHONY: run help check test test-engine test-engine-if-built spell dashboard dashboard-test contract attack fuzz sbom bench criterion needs tools
 
 CODESPELL = 2.4.3
 TARGET = $(or $(CARGO_TARGET_DIR),target)
 
 run:
+	@tests/needs.sh cargo cc make
 	cargo run --release --locked -- serve
 
 # Prints the first comment block of this file.
@@ -35,7 +37,7 @@ check:
 # compiles without nightly; with the profile of this one, it uses what was checked before. Tests on PostgreSQL are those of what is stored.
 STORED = access aliases assessments bad_input classes comparisons contract corrections dictionaries events hooks jobs operations \
 	results retries retrieval segment_cohort segment_jobs spreading tables
-test: tools spell
+test: needs spell
 	cargo fmt --all --check
 	cargo clippy --locked --all-targets --all-features -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --all-features --no-deps --document-private-items --quiet
@@ -64,11 +66,10 @@ test: tools spell
 # The pinned version in target/spell, else the one of the machine. `.codespellrc` lists exceptions.
 spell:
 	@if target/spell/bin/codespell --version 2>/dev/null | grep -qx '$(CODESPELL)' \
-	|| { python3 -m venv --clear target/spell \
-	&& target/spell/bin/python -m pip install --quiet codespell==$(CODESPELL); } >/dev/null 2>&1; \
+	|| { command -v python3 >/dev/null && python3 tests/environment.py target/spell codespell==$(CODESPELL); }; \
 	then target/spell/bin/codespell; \
 	elif command -v codespell >/dev/null; then codespell; \
-	else echo "SKIPPED: the spell check, codespell cannot be installed"; fi
+	else echo "SKIPPED: the spell check, there is no codespell, and no python3 that can install it"; fi
 
 dashboard:
 	dashboard/run.sh build
@@ -102,7 +103,7 @@ test-engine: tools
 	cargo clippy $(ENGINE) --lib --bins -- -D warnings
 	cargo clippy $(ENGINE) --all-features --all-targets -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc $(ENGINE) --all-features --no-deps --document-private-items --quiet
-	@command -v python3 >/dev/null && { test -x $(ENGINE_PYTHON) || python3 -m venv $(ENGINE_TARGET)/python; } \
+	@command -v python3 >/dev/null && { test -x $(ENGINE_PYTHON) || python3 tests/environment.py $(ENGINE_TARGET)/python; } \
 	&& $(ENGINE_PYTHON) -m pip install --quiet --requirement crates/shapelex-engine/tests/requirements.txt \
 	|| { rm -rf $(ENGINE_TARGET)/python; echo "SKIPPED: pandas and DuckDB read no parts, they cannot be installed"; }
 	if test -x $(ENGINE_PYTHON); then export SHAPELEX_ENGINE_PYTHON="$(ENGINE_PYTHON)"; fi; cargo test $(ENGINE) --all-features
@@ -128,7 +129,7 @@ sbom:
 
 # The pinned peers in target/peers. Counts of instructions need valgrind, and say so without it.
 bench:
-	@test -x target/peers/bin/python || python3 -m venv target/peers
+	@test -x target/peers/bin/python || python3 tests/environment.py target/peers
 	@target/peers/bin/python -m pip install --quiet --requirement benches/peers/requirements.txt
 	target/peers/bin/python benches/peers/run.py $(if $(DATA),--data $(DATA)) $(ARGUMENTS)
 	python3 benches/instructions/run.py
@@ -136,11 +137,9 @@ bench:
 criterion:
 	cargo bench --locked
 
-# The C compiler builds SQLite and the cryptography, the C++ compiler libFuzzer; curl runs the commands of the README;
-# rustfmt and clippy check the code.
+# Names what is missing, and installs nothing.
+needs:
+	@tests/needs.sh cargo rustfmt clippy cc c++ make curl
+
 tools:
-	@command -v cc >/dev/null || { apt-get update -qq && apt-get install -y -qq gcc libc6-dev; }
-	@command -v c++ >/dev/null || { apt-get update -qq && apt-get install -y -qq g++; }
-	@command -v curl >/dev/null || { apt-get update -qq && apt-get install -y -qq curl; }
-	@cargo fmt --version >/dev/null 2>&1 || rustup component add rustfmt
-	@cargo clippy --version >/dev/null 2>&1 || rustup component add clippy
+	@tests/needs.sh --install

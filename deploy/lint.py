@@ -17,11 +17,13 @@ import subprocess
 import sys
 import tempfile
 import time
-import tomllib
-import venv
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "tests"))
+
+from environment import Unavailable, created  # noqa: E402
+
 TOOLS = ROOT / "target" / "lint"
 PYTHON = TOOLS / "bin" / "python"
 REQUIREMENTS = ROOT / "deploy" / "requirements.txt"
@@ -61,9 +63,7 @@ def install():
     wanted, mark = REQUIREMENTS.read_text(), TOOLS / "installed.txt"
     if mark.exists() and mark.read_text() == wanted:
         return
-    shutil.rmtree(TOOLS, ignore_errors=True)
-    venv.create(TOOLS, with_pip=True)
-    run(PYTHON, "-m", "pip", "install", "--quiet", "--no-deps", "--only-binary=:all:", "-r", REQUIREMENTS)
+    created(TOOLS, ["-r", REQUIREMENTS], ["--no-deps", "--only-binary=:all:"])
     mark.write_text(wanted)
 
 
@@ -243,6 +243,10 @@ def check_systemd():
 
 def check_names():
     """Settings, routes, commands and tests that the files name exist."""
+    try:
+        import tomllib
+    except ImportError:
+        raise Skipped("needs Python 3.11") from None
     sources = [*sorted((ROOT / "src").rglob("*.rs")), *sorted((ROOT / "crates" / "shapelex-engine" / "src").rglob("*.rs"))]
     program = "".join(path.read_text() for path in [*sources, *ROOT.glob("build.rs")])
     settings = set(re.findall(r'"(SHAPELEX_[A-Z_]+|DATABASE_URL)"', program))
@@ -328,8 +332,8 @@ def main():
     if Path(sys.prefix) != TOOLS:
         try:
             install()
-        except (Failed, OSError, subprocess.SubprocessError) as error:
-            print(f"deploy: the tools of {REQUIREMENTS.name} cannot be installed: {str(error).splitlines()[-1:]}")
+        except Unavailable as reason:
+            print(f"SKIPPED: deploy: checks by the tools of {REQUIREMENTS.name}, which cannot be installed: {reason}")
         else:
             os.execv(PYTHON, [str(PYTHON), __file__, *sys.argv[1:]])
     failed = 0
@@ -338,7 +342,7 @@ def main():
             CHECKS[name]()
             print(f"deploy: {name}: ok")
         except Skipped as reason:
-            print(f"deploy: {name}: skipped: {reason}")
+            print(f"SKIPPED: deploy: {name}: {reason}")
         except Failed as reason:
             failed += 1
             print(f"deploy: {name}: FAILED\n{reason}")

@@ -3,22 +3,38 @@
 # there is none and none can be installed. The database lives in a temporary folder, without a promise for power cuts.
 set -euo pipefail
 
-find_programs() { ls -d /usr/lib/postgresql/*/bin 2>/dev/null | sort -V | tail -1; }
+skip() {
+    echo "SKIPPED: the tests on PostgreSQL, $1"
+    exit 0
+}
+
+# The folder of initdb and pg_ctl: that of the newest version where Debian keeps them, else that of the path. Nothing is found, and
+# that is no failure, where there is none.
+find_programs() {
+    local found
+    found=$( (ls /usr/lib/postgresql/*/bin/initdb 2>/dev/null || true) | sort -V | tail -1)
+    found=${found%/initdb}
+    if [ -z "$found" ] && command -v initdb >/dev/null && command -v pg_ctl >/dev/null; then
+        found=$(dirname "$(readlink -f "$(command -v initdb)")")
+    fi
+    echo "$found"
+}
 
 programs=$(find_programs)
-if [ -z "$programs" ] && [ "$(id -u)" = 0 ]; then
-    (apt-get update -qq && apt-get install -y -qq postgresql) >/dev/null 2>&1 || true
-    programs=$(find_programs)
-fi
 if [ -z "$programs" ]; then
-    echo "SKIPPED: the tests on PostgreSQL, which is not installed here: $*"
-    exit 0
+    [ "$(id -u)" = 0 ] || skip "which is not installed, and only root may install it (Debian: postgresql)"
+    command -v apt-get >/dev/null || skip "which is not installed, and there is no apt-get"
+    said=$( (apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq postgresql) 2>&1) \
+        || skip "which cannot be installed: $(tail -1 <<<"$said")"
+    programs=$(find_programs)
+    [ -n "$programs" ] || skip "of which no initdb is found after its installation"
 fi
 
 folder=$(mktemp -d)
 # The server refuses to run as root.
 as_owner=()
 if [ "$(id -u)" = 0 ]; then
+    id postgres >/dev/null 2>&1 || skip "there is no user postgres, and it does not run as root"
     chown postgres "$folder"
     as_owner=(runuser -u postgres --)
 fi

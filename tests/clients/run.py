@@ -17,10 +17,13 @@ import subprocess
 import sys
 import tempfile
 import time
-import venv
 
 HERE = pathlib.Path(__file__).resolve().parent
 ROOT = HERE.parent.parent
+sys.path.insert(0, str(HERE.parent))
+
+import environment  # noqa: E402
+
 TARGET = pathlib.Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")).resolve()
 DOCUMENT = ROOT / "openapi" / "openapi.json"
 
@@ -60,7 +63,7 @@ def installed(folder, wanted, install):
     folder.mkdir(parents=True)
     try:
         install(folder)
-    except (OSError, subprocess.SubprocessError) as error:
+    except (OSError, subprocess.SubprocessError, environment.Unavailable) as error:
         print(f"SKIPPED: a generated client, the packages of {wanted[0]} cannot be installed: {error}")
         return False
     mark.write_text(text)
@@ -69,9 +72,7 @@ def installed(folder, wanted, install):
 
 def install_python(folder):
     """An environment with the packages for Python."""
-    venv.create(folder, with_pip=True)
-    pip = [folder / "bin" / "python", "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
-    subprocess.run([*pip, "-r", HERE / "requirements.txt"], check=True, timeout=300)
+    environment.created(folder, ["-r", HERE / "requirements.txt"])
 
 
 def install_npm(folder):

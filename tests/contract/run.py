@@ -18,10 +18,13 @@ import sys
 import tempfile
 import time
 import urllib.request
-import venv
 
 HERE = pathlib.Path(__file__).resolve().parent
 ROOT = HERE.parent.parent
+sys.path.insert(0, str(HERE.parent))
+
+import environment  # noqa: E402
+
 TARGET = pathlib.Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
 
 # As whom the document is gone through: without keys, when everybody is served, and with a key of each role.
@@ -76,11 +79,9 @@ def tester():
     if installed.exists() and installed.read_text() == requirements:
         return program
     try:
-        venv.create(folder, with_pip=True, clear=True)
-        pip = [folder / "bin" / "python", "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
-        subprocess.run([*pip, "-r", HERE / "requirements.txt"], check=True, timeout=300)
-    except (OSError, subprocess.SubprocessError) as error:
-        print(f"SKIPPED: the contract test, schemathesis cannot be installed: {error}")
+        environment.created(folder, ["-r", HERE / "requirements.txt"])
+    except environment.Unavailable as reason:
+        print(f"SKIPPED: the contract test, schemathesis cannot be installed: {reason}")
         return None
     installed.write_text(requirements)
     return program

@@ -14,16 +14,18 @@ import importlib.util
 import json
 import os
 import pathlib
-import shutil
 import subprocess
 import sys
 import tempfile
 import time
 import traceback
-import venv
 
 HERE = pathlib.Path(__file__).resolve().parent
 ROOT = HERE.parent.parent
+sys.path.insert(0, str(HERE.parent))
+
+from environment import Unavailable, created  # noqa: E402
+
 TARGET = pathlib.Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")).resolve()
 DATA = ROOT.parent / "shared" / "data"
 # Seconds for one file: the longest takes some seconds, on a busy machine a minute.
@@ -84,11 +86,7 @@ def environment(folder, packages):
     mark, text = folder / "installed.txt", "\n".join(packages)
     python = folder / "bin" / "python"
     if not (mark.exists() and mark.read_text() == text):
-        shutil.rmtree(folder, ignore_errors=True)
-        venv.create(folder, with_pip=True)
-        pip = [python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
-        if packages:
-            subprocess.run([*pip, *packages], check=True, timeout=900)
+        created(folder, packages)
         mark.write_text(text)
     return python
 
@@ -141,8 +139,8 @@ def main():
         # Areas may pin a package differently.
         try:
             python = environment(TARGET / "interop" / path.stem, packages_of(path))
-        except (OSError, subprocess.SubprocessError) as error:
-            print(f"SKIPPED: interop: {path.stem}, its packages cannot be installed: {error}")
+        except Unavailable as reason:
+            print(f"SKIPPED: interop: {path.stem}, its packages cannot be installed: {reason}")
             continue
         command = [python, __file__, "--inside", "--program", program, path.stem]
         if subprocess.run(command).returncode != 0:

@@ -340,7 +340,9 @@ impl Server {
     /// Asks the process to stop and waits until it has; the same folder can then be opened again.
     #[cfg(unix)]
     pub(crate) fn terminate(mut self) -> Setting {
-        let kill = Command::new("kill").args(["-TERM", &self.child.id().to_string()]).status().unwrap();
+        // A shell has it built in; a machine without procps has no program of that name.
+        let kill =
+            Command::new("sh").args(["-c", "kill -TERM $0", &self.child.id().to_string()]).status().unwrap();
         assert!(kill.success() && self.child.wait().unwrap().success(), "the log: {}", self.log());
         let (folder, database) = (Arc::clone(&self.folder), self.database.clone());
         Setting {
