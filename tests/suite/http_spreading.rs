@@ -77,7 +77,7 @@ fn alone(learning: &Value) -> Value {
 fn is_shared() -> bool {
     let shared = std::env::var("SHAPELEX_TEST_DATABASE_URL").is_ok();
     if !shared {
-        println!("skipped: SHAPELEX_TEST_DATABASE_URL is not set, and processes share PostgreSQL alone");
+        println!("SKIPPED: SHAPELEX_TEST_DATABASE_URL is not set, and processes share PostgreSQL alone");
     }
     shared
 }

@@ -1,6 +1,6 @@
 //! No computation falls far behind what this machine can do.
 //!
-//! `make test` runs this file alone, because other work on the machine disturbs it.
+//! `make test-all` runs this file alone, because other work on the machine disturbs it.
 #![allow(clippy::unwrap_used, clippy::print_stdout)]
 
 mod rows;

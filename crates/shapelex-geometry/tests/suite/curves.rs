@@ -621,6 +621,7 @@ fn cell_outlines() -> Vec<Matrix> {
     let file = PathBuf::from(env!("CARGO_MANIFEST_DIR"))
         .join("../../../shared/data/curves-osteosarcoma-cells/curves.ndjson");
     let Ok(text) = std::fs::read_to_string(file) else {
+        println!("SKIPPED: the outlines of cells are not beside the project");
         return Vec::new();
     };
     text.lines()

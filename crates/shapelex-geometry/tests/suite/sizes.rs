@@ -223,7 +223,7 @@ fn contours(set: &str) -> Option<Vec<Matrix>> {
 fn contours_of_data_sets_have_the_same_lengths_and_crossings() {
     for (set, count, crossing) in CROSSING {
         let Some(contours) = contours(set) else {
-            println!("skipped: there is no data set {set}");
+            println!("SKIPPED: there is no data set {set}");
             continue;
         };
         assert_eq!(contours.len(), count, "{set}");

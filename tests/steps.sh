@@ -1,0 +1,221 @@
+#!/usr/bin/env bash
+# Runs the tests step by step, prints the seconds of each, and closes with a table and one line of tests passed, failed and skipped.
+#
+#   tests/steps.sh test    format, lints, examples, doc tests, unit tests and the suite on SQLite: `make test`
+#   tests/steps.sh all     before these, in two lanes side by side, all that takes other programs: `make test-all`
+#
+# FEATURES are those of the one shape in which all tests are built. CI shortens what has a length; BEGAN is when it began, in seconds
+# since 1970. The output of each step is in target/tests; that of a failed step is printed as well.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+TARGET=${CARGO_TARGET_DIR:-target}
+LOGS=$TARGET/tests
+# Lines of the output of a failed step that are printed.
+SHOWN=200
+# shellcheck disable=SC2206  # one word for each argument
+SHAPE=(--locked ${FEATURES:-})
+BUILT=(--lib --test suite)
+
+# Tests that run on PostgreSQL too: those of the store, and those of the suite that send it further kinds of statements, that start several
+# processes on it, or that kill one. What a request means is tested on SQLite alone.
+STORED=(store:: commands kill worker)
+for module in access aliases corrections dictionaries events hooks jobs operations results retries retrieval same_bits spreading tables; do
+    STORED+=("http_$module::")
+done
+
+# Counts of an output: tests passed, failed and skipped. A test of cargo that says SKIPPED counts as skipped, whatever it did beside.
+counts() {
+    awk '
+        /^test result: / { passed += $4; failed += $6; skipped += $8 }
+        /^---- .* stdout ----$/ { test = $2 }
+        /^test result: / || /^failures:$/ { test = "" }
+        /^SKIPPED: / { if (test == "") skipped++; else if (!(test in skips)) { skips[test]; skipped++; passed-- } }
+        /^([a-z-]+: )?[0-9]+ passed, [0-9]+ failed/ { for (i = 2; i <= NF; i++) { if ($i ~ /^passed/) passed += $(i - 1); if ($i ~ /^failed/) failed += $(i - 1) } }
+        /^ℹ pass [0-9]+$/ { passed += $3 }
+        /^ℹ fail [0-9]+$/ { failed += $3 }
+        /^ℹ skipped [0-9]+$/ { skipped += $3 }
+        END { printf "%d\t%d\t%d\n", passed, failed, skipped }
+    ' "$1"
+}
+
+# What failed, by an output: the failures that a runner of cargo lists, else the end.
+faults() {
+    if grep -q '^failures:$' "$1"; then
+        awk -v most="$SHOWN" '/^failures:$/ { on = 1 } on && most-- > 0 { print } /^test result: / { on = 0 }' "$1"
+    else
+        tail -n "$SHOWN" "$1"
+    fi
+}
+
+# What is written down of a step: name, seconds, state, counts. A step is skipped when it says so at its end, and tested nothing.
+note() {
+    local name=$1 seconds=$2 code=$3 log=$4 passed failed skipped state=passed
+    IFS=$'\t' read -r passed failed skipped < <(counts "$log")
+    if [ "$code" != 0 ]; then
+        state=FAILED
+    elif [ "$((passed + failed))" = 0 ] && tail -1 "$log" | grep -q '^SKIPPED: '; then
+        state=skipped
+    fi
+    printf '%s\t%s\t%s\t%s\t%s\t%s\n' "$name" "$seconds" "$state" "$passed" "$failed" "$skipped" >>"$TABLE"
+    echo "== $name: $state, $seconds s"
+    if [ "$state" = FAILED ]; then
+        echo "-- the output of $name, in $log:"
+        faults "$log"
+        echo "-- end of $name"
+    fi
+}
+
+# Runs one step: its name, then its command. Always ends with success: what failed stands in the table.
+step() {
+    local name=$1 log=$LOGS/$1.log begin=$SECONDS code=0
+    shift
+    echo "== $name"
+    "$@" >"$log" 2>&1 </dev/null || code=$?
+    note "$name" "$((SECONDS - begin))" "$code" "$log"
+}
+
+# The last step, whose progress is shown: each program of tests, what fails, and the closing lines.
+shown_step() {
+    local name=$1 log=$LOGS/$1.log begin=$SECONDS code=0
+    shift
+    echo "== $name"
+    "$@" 2>&1 </dev/null | tee "$log" | { grep --line-buffered -E '^ +Running |^test result: |^test .* FAILED$|^error' || true; } || code=$?
+    note "$name" "$((SECONDS - begin))" "$code" "$log"
+}
+
+# Runs a step of Python where there is one.
+python_step() {
+    local name=$1
+    shift
+    if command -v python3 >/dev/null; then
+        step "$name" python3 "$@"
+    else
+        step "$name" echo "SKIPPED: $name, there is no python3"
+    fi
+}
+
+failed() { grep -qF $'\tFAILED\t' "$TABLE"; }
+last_failed() { tail -1 "$TABLE" | grep -qF $'\tFAILED\t'; }
+
+build() { cargo test "${SHAPE[@]}" "${BUILT[@]}" --no-run; }
+
+run_examples() {
+    cargo build "${SHAPE[@]}" --examples || return
+    local example passed=0
+    for example in examples/*.rs; do
+        echo "$example"
+        "$TARGET/debug/examples/$(basename "$example" .rs)" || return
+        passed=$((passed + 1))
+    done
+    echo "$passed passed, 0 failed"
+}
+
+# What one build serves.
+test_steps() {
+    step examples run_examples
+    step documentation-tests cargo test "${SHAPE[@]}" --doc
+    shown_step suite cargo test "${SHAPE[@]}" "${BUILT[@]}" --no-fail-fast -- --show-output
+}
+
+# What compiles, and what holds the lock of cargo. `fuzz` is a workspace of its own, and compiles without nightly; with the profile of this
+# one it uses what was checked before.
+compiling_lane() {
+    step postgresql tests/with_postgres.sh cargo test "${SHAPE[@]}" "${BUILT[@]}" --no-fail-fast -- --show-output "${STORED[@]}"
+    step lints cargo clippy "${SHAPE[@]}" --all-targets -- -D warnings
+    step otel cargo check --locked --all-features --lib --bins
+    step rustdoc env RUSTDOCFLAGS="-D warnings" cargo doc "${SHAPE[@]}" --no-deps --document-private-items --quiet
+    sed -n '/^\[profile.dev/,/^$/p' Cargo.toml >"$LOGS/profile.toml"
+    step fuzz cargo check --locked --manifest-path fuzz/Cargo.toml --config "$LOGS/profile.toml" --target-dir "$TARGET"
+    step engine make --no-print-directory test-engine-if-built
+}
+
+# What sends requests to the program that is built, and needs no cargo.
+asking_lane() {
+    step spelling make --no-print-directory spell
+    python_step deploy deploy/lint.py
+    python_step contract tests/contract/run.py "$LENGTH"
+    python_step clients tests/clients/run.py
+    python_step interop tests/interop/run.py
+    step page-files dashboard/run.sh check
+    step page dashboard/run.sh test
+    python_step attacks tests/attack/run.py small --binary "$TARGET/debug/shapelex"
+}
+
+# Prefixes the lines of a lane, so that both can be told apart.
+lane() {
+    local mark=$1
+    shift
+    "$@" 2>&1 | sed -u "s/^/$mark| /"
+}
+
+# Two lanes, and then what other work on the machine would disturb. What runs in the background does not hear Ctrl-C by itself.
+lanes() {
+    trap 'trap - INT; kill -TERM 0' INT
+    lane a compiling_lane &
+    lane b asking_lane &
+    wait
+    step rates cargo test "${SHAPE[@]}" --test rates
+}
+
+# What was not tested in a step and why: lines of our own, and those of the runner of Node.
+reasons() {
+    sed -nE "s/^SKIPPED: /skipped in $1: /p; s/^﹣ (.*) \([0-9.]+ms\) # /skipped in $1: \1: /p" "$LOGS/$1.log" | sort | uniq -c \
+        | sed -E 's/^ *1 //; s/^ *([0-9]+) (.*)/\2 (\1 times)/'
+}
+
+# The table, the reasons of what was skipped, and one line of all tests.
+summary() {
+    local name
+    echo
+    awk -F '\t' '
+        BEGIN { printf "%-22s %8s  %-8s %7s %7s %7s\n", "step", "seconds", "state", "passed", "failed", "skipped" }
+        {
+            printf "%-22s %8d  %-8s %7d %7d %7d\n", $1, $2, $3, $4, $5, $6
+            passed += $4; failed += $5; skipped += $6
+            if ($3 == "FAILED" && $5 == 0) failed++
+        }
+        END { total = passed " passed, " failed " failed, " skipped " skipped"; print total > TOTAL }
+    ' TOTAL="$LOGS/total" "$TABLE"
+    echo
+    while IFS=$'\t' read -r name _; do
+        reasons "$name"
+    done <"$TABLE"
+    echo "in $((SECONDS / 60)) min $((SECONDS % 60)) s:"
+    cat "$LOGS/total"
+}
+
+# The runner's own closing lines of the last step.
+closing() {
+    [ ! -e "$LOGS/suite.log" ] || grep -E '^ +Running |^test result: ' "$LOGS/suite.log" | tail -40
+}
+
+mkdir -p "$LOGS"
+rm -f "$LOGS"/*.log
+TABLE=$LOGS/steps.tsv
+: >"$TABLE"
+LENGTH=$([ -n "${CI:-}" ] && echo short || echo long)
+case "${1:-}" in
+test)
+    # The lints need a build of their own, without code.
+    step format cargo fmt --all --check
+    last_failed || step lints cargo clippy "${SHAPE[@]}" "${BUILT[@]}" --bins --examples -- -D warnings
+    step build build
+    last_failed || test_steps
+    ;;
+all)
+    step format cargo fmt --all --check
+    step build build
+    if ! last_failed; then
+        lanes
+        test_steps
+    fi
+    ;;
+*)
+    sed -n '2,/^set/s/^# \{0,1\}//p' "$0"
+    exit 2
+    ;;
+esac
+summary
+closing
+! failed
