@@ -170,19 +170,23 @@ if [ "${1:-}" = --do ]; then
     exit
 fi
 [ "$#" -gt 0 ] || set -- run test
-mkdir -p "$PLACE"
-: >"$LOG"
 [ "$(id -u)" = 0 ] || skip "which only root can make"
 command -v apt-get >/dev/null || skip "there is no apt-get"
 unshare --mount --pid --fork true 2>/dev/null || skip "folders cannot be bound and processes not parted here"
+mkdir -p "$PLACE"
+: >"$LOG"
 debootstrap_here || skip "there is no debootstrap, and it cannot be installed: $(tail -1 "$LOG")"
-RUST=${RUST:-$(rustc --print sysroot)}
+RUST=${RUST:-$(rustc --print sysroot 2>/dev/null || true)}
 export RUST ROOT
+[ -x "$RUST/bin/cargo" ] || skip "there is no Rust toolchain to take; RUST names the folder of one"
+command -v git >/dev/null || skip "there is no git to clone the checkout"
 read -r uri release < <(archive) || skip "apt has no archive for this release"
 ! curl -s -o /dev/null "$ADDRESS/readyz" || skip "something listens on $ADDRESS already"
 say "commit $(git rev-parse HEAD), $(date -u +%FT%TZ), $(nproc) processors, $("$RUST/bin/rustc" --version)"
 rm -rf --one-file-system "$ROOT"
-step "debootstrap $release" debootstrap --variant=minbase "$release" "$ROOT" "$uri"
+begin=$SECONDS
+debootstrap --variant=minbase "$release" "$ROOT" "$uri" >>"$LOG" 2>&1 || skip "debootstrap makes none: $(tail -1 "$LOG")"
+say "debootstrap $release: $((SECONDS - begin)) s"
 step "settings of this machine" "$SELF" --do take_over
 code=0
 unshare --mount --propagation private --pid --fork --kill-child "$SELF" --do within "$@" || code=$?
