@@ -25,7 +25,7 @@ fn main() {
 fn list_dashboard() -> std::io::Result<()> {
     println!("cargo:rerun-if-changed=dashboard/dist");
     let root = Path::new(&std::env::var("CARGO_MANIFEST_DIR").unwrap_or_default()).join("dashboard/dist");
-    let mut paths = vec![root.join("index.html")];
+    let mut paths = vec![root.join("index.html"), root.join("docs.html")];
     for entry in std::fs::read_dir(root.join("assets"))? {
         paths.push(entry?.path());
     }

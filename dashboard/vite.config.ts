@@ -19,6 +19,12 @@ function licences(): Plugin {
 export default defineConfig({
   plugins: [licences()],
   esbuild: { jsx: "automatic", jsxImportSource: "preact", legalComments: "none" },
-  // Everything is a file of its own address: the policy of the page allows no `data:`.
-  build: { target: "es2022", assetsInlineLimit: 0, modulePreload: { polyfill: false }, chunkSizeWarningLimit: 900 },
+  build: {
+    target: "es2022",
+    // Everything is a file of its own address: the policy of the pages allows no `data:`.
+    assetsInlineLimit: 0,
+    modulePreload: { polyfill: false },
+    chunkSizeWarningLimit: 900,
+    rollupOptions: { input: ["index.html", "docs.html"] },
+  },
 });

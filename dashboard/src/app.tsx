@@ -5,9 +5,10 @@ import { hasKey, onUnauthenticated, setKey } from "./api/client";
 import { forget, hasSession, RETURN } from "./api/login";
 import icon from "./icon.svg";
 import { Announcements, Choice, Empty, Fault, Loading, Page } from "./parts/basic";
-import { choose, usePreferences, type Language, type Theme } from "./preferences";
+import { chooseLanguage, useLanguage, type Language } from "./preferences";
 import { match, usePlace } from "./router";
 import { t } from "./strings";
+import { chooseTheme, useTheme, type Theme } from "./theme";
 import { Login } from "./views/login";
 import { Start } from "./views/start";
 
@@ -89,7 +90,7 @@ function Menu({ onLeave }: { onLeave?: () => void }) {
         {items.map(entry)}
         <li class="group">{t.menu.single}</li>{work.map(entry)}
         <li class="group">{t.menu.service}</li>{run.map(entry)}
-        <li><a href="/docs/" target="_blank" rel="noreferrer">{t.menu.reference} <span aria-hidden="true">↗</span></a></li>
+        <li><a href="/docs" target="_blank" rel="noreferrer">{t.menu.reference} <span aria-hidden="true">↗</span></a></li>
         {hasKey() && <li><button class="plain" onClick={() => { forget(); setKey(null); onLeave?.(); }}>{hasSession() ? t.login.out : t.login.leave}</button></li>}
       </ul>
     </nav>
@@ -97,7 +98,8 @@ function Menu({ onLeave }: { onLeave?: () => void }) {
 }
 
 export function App() {
-  const { theme, language, shown } = usePreferences();
+  const { theme, shown } = useTheme();
+  const language = useLanguage();
   const { path } = usePlace();
   const [open, setOpen] = useState(false);
   const [refused, setRefused] = useState(false);
@@ -122,8 +124,8 @@ export function App() {
         </div>
         <Menu onLeave={() => setRefused(true)} />
         <div class="foot">
-          <Choice label={t.frame.language} value={language} options={[["en", "English"], ["de", "Deutsch"]]} onChange={(value) => choose({ language: value as Language })} />
-          <Choice label={t.frame.theme} value={theme} options={[["auto", t.frame.auto], ["light", t.frame.light], ["dark", t.frame.dark]]} onChange={(value) => choose({ theme: value as Theme })} />
+          <Choice label={t.frame.language} value={language} options={[["en", "English"], ["de", "Deutsch"]]} onChange={(value) => chooseLanguage(value as Language)} />
+          <Choice label={t.frame.theme} value={theme} options={[["auto", t.frame.auto], ["light", t.frame.light], ["dark", t.frame.dark]]} onChange={(value) => chooseTheme(value as Theme)} />
           <a class="small quiet" href="/assets/licences.txt" target="_blank" rel="noreferrer">{t.frame.licences}</a>
         </div>
       </header>

@@ -1,43 +1,33 @@
-/** Language and colours: of the browser, unless chosen. They are no secret, and outlive the tab. */
+/** Language: of the browser, unless chosen. It is no secret, and outlives the tab. */
 import { useEffect, useState } from "preact/hooks";
 import { setLanguage } from "./strings";
 
-export type Theme = "auto" | "light" | "dark";
 export type Language = "en" | "de";
 
-const dark = matchMedia("(prefers-color-scheme: dark)");
 const listeners = new Set<() => void>();
-const stored = (name: string) => localStorage.getItem(`shapelex.${name}`);
-
-let theme: Theme = (stored("theme") as Theme | null) ?? "auto";
-let language: Language = (stored("language") as Language | null) ?? (navigator.language.startsWith("de") ? "de" : "en");
+const stored = localStorage.getItem("shapelex.language") as Language | null;
+let language: Language = stored ?? (navigator.language.startsWith("de") ? "de" : "en");
 
 function apply(): void {
-  document.documentElement.dataset.theme = shown();
   document.documentElement.lang = language;
   setLanguage(language);
   listeners.forEach((listener) => listener());
 }
 
-export const shown = (): "light" | "dark" => (theme === "auto" ? (dark.matches ? "dark" : "light") : theme);
-
-export function choose(what: { theme?: Theme; language?: Language }): void {
-  theme = what.theme ?? theme;
-  language = what.language ?? language;
-  localStorage.setItem("shapelex.theme", theme);
+export function chooseLanguage(value: Language): void {
+  language = value;
   localStorage.setItem("shapelex.language", language);
   apply();
 }
 
-export function usePreferences(): { theme: Theme; shown: "light" | "dark"; language: Language } {
+export function useLanguage(): Language {
   const [, update] = useState(0);
   useEffect(() => {
     const listener = () => update((count) => count + 1);
     listeners.add(listener);
     return () => void listeners.delete(listener);
   }, []);
-  return { theme, shown: shown(), language };
+  return language;
 }
 
-dark.addEventListener("change", apply);
 apply();

@@ -66,6 +66,7 @@ const DIST = path.join(ROOT, "dashboard/dist");
 async function fromDist(context) {
   const types = { js: "text/javascript", css: "text/css", svg: "image/svg+xml", txt: "text/plain" };
   await context.route((url) => /^\/(app(\/(?!login\.json).*)?)?$/.test(url.pathname), async (route) => route.fulfill({ response: await route.fetch(), body: readFileSync(path.join(DIST, "index.html")), status: 200 }));
+  await context.route((url) => /^\/docs\/?$/.test(url.pathname), async (route) => route.fulfill({ response: await route.fetch(), body: readFileSync(path.join(DIST, "docs.html")), status: 200 }));
   await context.route((url) => url.pathname.startsWith("/assets/"), (route) => {
     const file = path.join(DIST, new URL(route.request().url()).pathname);
     return existsSync(file) ? route.fulfill({ body: readFileSync(file), contentType: types[file.split(".").pop()] }) : route.fulfill({ status: 404 });

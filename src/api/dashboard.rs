@@ -1,5 +1,5 @@
-//! The dashboard: a page and its assets, which are part of the program. It is public, holds no data, and asks the API for
-//! everything with the key of its user. Its source is in `dashboard/`, its build in `dashboard/dist`.
+//! The dashboard and the reference of the interface: pages and their assets, which are part of the program. They are public, hold no
+//! data, and ask the API for everything with the key of their user. Their source is in `dashboard/`, their build in `dashboard/dist`.
 
 use std::sync::LazyLock;
 
@@ -18,6 +18,9 @@ use crate::service::app::App;
 /// The page, whose address the script reads.
 const PAGE: &str = "index.html";
 
+/// The page that shows `/openapi.json`.
+const REFERENCE: &str = "docs.html";
+
 /// Paths below `/`, and contents.
 const FILES: &[(&str, &[u8])] = &include!(concat!(env!("OUT_DIR"), "/dashboard.rs"));
 
@@ -26,23 +29,29 @@ static TAGS: LazyLock<Vec<String>> = LazyLock::new(|| {
     FILES.iter().map(|(_, bytes)| format!("\"{}\"", &blake3::hash(bytes).to_hex()[..32])).collect()
 });
 
-/// Whether the page is at this address.
+/// Whether a page is at this address.
 pub(super) fn is_view(path: &str) -> bool {
-    path == "/" || path == "/app" || path.starts_with("/app/")
+    matches!(path, "/" | "/app" | "/docs" | "/docs/") || path.starts_with("/app/")
 }
 
-/// Routes of the page and its assets.
+/// Routes of the pages and their assets.
 pub(super) fn routes() -> Router<App> {
     Router::new()
         .route("/", get(page))
         .route("/app", get(page))
         .route("/app/login.json", get(login))
         .route("/app/{*view}", get(page))
+        .route("/docs", get(reference))
+        .route("/docs/", get(reference))
         .route("/assets/{file}", get(asset))
 }
 
 async fn page(headers: HeaderMap) -> Result<Response, Problem> {
     answer(PAGE, "no-cache", &headers)
+}
+
+async fn reference(headers: HeaderMap) -> Result<Response, Problem> {
+    answer(REFERENCE, "no-cache", &headers)
 }
 
 /// How people log in on the page.

@@ -10,8 +10,6 @@ use crate::service::app::App;
 
 /// Path prefix of responses with shapes and ids.
 const API: &str = "/v1/";
-/// Path prefix of the API reference page.
-const DOCS: &str = "/docs";
 /// Media type of drawings.
 const SVG: &str = "image/svg+xml";
 
@@ -19,12 +17,9 @@ const SVG: &str = "image/svg+xml";
 const DATA_POLICY: &str = "default-src 'none'; frame-ancestors 'none'";
 /// Policy for drawings, which contain a style sheet.
 const SVG_POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; frame-ancestors 'none'";
-/// Policy for the reference page: its own scripts, which create style attributes and images in the page.
-const DOCS_POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; \
-     img-src 'self' data:; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
-/// Policy for the dashboard: its own scripts and style sheet, and pictures that it makes of answers. It calls this service only, and
-/// the identity provider through which people log in on it, if there is one.
+/// Policy for the pages: their own scripts and style sheets, and pictures that they make of answers. They call this service only, and
+/// the identity provider through which people log in on the dashboard, if there is one.
 #[derive(Debug, Clone)]
 pub(super) struct PagePolicy(HeaderValue);
 
@@ -88,11 +83,7 @@ fn add_variations(headers: &mut HeaderMap) {
 
 /// The policy of the address of a page, which does not depend on the response.
 fn page_policy(path: &str, PagePolicy(own): PagePolicy) -> Option<HeaderValue> {
-    match path {
-        path if path.starts_with(DOCS) => Some(HeaderValue::from_static(DOCS_POLICY)),
-        path if dashboard::is_view(path) => Some(own),
-        _ => None,
-    }
+    dashboard::is_view(path).then_some(own)
 }
 
 fn data_policy(headers: &HeaderMap) -> &'static str {

@@ -12,7 +12,7 @@
 //! * [`extract`] — bodies, queries and formats, with problem documents as rejections;
 //! * [`respond`] — responses computed and serialised on the thread pool;
 //! * [`health`] — liveness and readiness;
-//! * `dashboard` — the page for people, and its assets.
+//! * `dashboard` — the page for people, the reference of this interface, and their assets.
 
 pub mod access;
 pub mod answers;
@@ -42,9 +42,11 @@ use std::sync::Arc;
 
 use axum::body::Body;
 use axum::extract::Request;
-use axum::http::HeaderName;
+use axum::http::{HeaderName, header};
 use axum::middleware::{from_fn, from_fn_with_state};
+use axum::routing::get;
 use axum::{Extension, Router};
+use bytes::Bytes;
 use tower::ServiceBuilder;
 use tower_http::catch_panic::CatchPanicLayer;
 use tower_http::compression::CompressionLayer;
@@ -112,6 +114,12 @@ pub fn openapi() -> utoipa::openapi::OpenApi {
     routes().1
 }
 
+/// The document at its address, as the text that it is once.
+fn interface(document: Bytes) -> Router<App> {
+    let answer = move || std::future::ready(([(header::CONTENT_TYPE, "application/json")], document.clone()));
+    Router::new().route("/openapi.json", get(answer))
+}
+
 /// Adds the context to the extensions of a request. A layer is cloned for every request by each layer outside of it, and the
 /// context is large: the layer holds a pointer.
 fn adding(app: &App) -> impl Fn(Request) -> Request + Clone + use<> {
@@ -126,6 +134,7 @@ fn adding(app: &App) -> impl Fn(Request) -> Request + Clone + use<> {
 pub fn router(app: App) -> Router {
     let (router, document) = routes();
     let recorder = audit::Recorder::new(app.trail(), &document);
+    let document = serde_json::to_vec(&document).expect("documents have string keys only");
     let memory = app.memory.clone();
     let request_id = HeaderName::from_static(observe::REQUEST_ID);
     let middleware = ServiceBuilder::new()
@@ -149,7 +158,7 @@ pub fn router(app: App) -> Router {
         .map_request(body::bound_expansion);
     let router = router
         .merge(dashboard::routes())
-        .merge(utoipa_swagger_ui::SwaggerUi::new("/docs").url("/openapi.json", document))
+        .merge(interface(document.into()))
         .fallback(|uri: axum::http::Uri| async move {
             Problem::new(ProblemKind::RouteNotFound, format!("no route at {}", uri.path()))
         })

@@ -45,7 +45,14 @@ fn every_view_has_an_address_that_answers_the_page() {
 #[test]
 fn the_page_runs_its_own_files_and_nothing_else() {
     let server = shared();
-    let page = server.get("/");
+    for address in ["/", "/docs", "/docs/"] {
+        check_page(server, address);
+    }
+}
+
+fn check_page(server: &Server, address: &str) {
+    let page = server.get(address);
+    assert_eq!((page.status, page.header("cache-control")), (200, Some("no-cache")), "{address}");
     let policy = page.header("content-security-policy").unwrap();
     for needed in ["default-src 'none'", "script-src 'self'", "style-src 'self'", "connect-src 'self'"] {
         assert!(policy.split("; ").any(|part| part == needed), "{policy}");
@@ -79,10 +86,29 @@ fn the_page_runs_its_own_files_and_nothing_else() {
     }
 }
 
+/// Old links of the reference have another fragment, which the page reads.
+#[test]
+fn the_reference_shows_the_document_of_the_service() {
+    let server = shared();
+    let page = server.get("/docs");
+    assert_eq!(page.text(), server.get("/docs/").text());
+    assert_ne!(page.text(), server.get("/").text());
+    let document = server.get("/openapi.json");
+    assert_eq!((document.status, document.header("content-type")), (200, Some("application/json")));
+    assert!(document.header("content-security-policy").unwrap().starts_with("default-src 'none'; frame"));
+    let head = server.send(server.request(Method::HEAD, "/openapi.json"));
+    assert_eq!((head.status, head.body.len()), (200, 0));
+    let small = with(server, "/openapi.json", "accept-encoding", "gzip");
+    assert_eq!(small.header("content-encoding"), Some("gzip"));
+    assert!(small.body.len() < document.body.len() / 5, "{}", small.body.len());
+}
+
 #[test]
 fn other_addresses_are_refused_as_before() {
     let server = shared();
-    for path in ["/assets/none.js", "/assets/../index.html", "/index.html", "/apps", "/dashboard"] {
+    for path in
+        ["/assets/none.js", "/assets/../index.html", "/index.html", "/docs.html", "/docs/x.js", "/apps"]
+    {
         server.get(path).expect_problem(404, "route-not-found", &[]);
     }
     let reply = server.send(server.request(Method::POST, "/"));

@@ -3,8 +3,10 @@ import type { ComponentChildren } from "preact";
 import { useEffect, useRef, useState } from "preact/hooks";
 import { Refusal, Said, search, send, type Query, type Schemas } from "../api/client";
 import { count, t } from "../strings";
-import { shown } from "../preferences";
+import { shown } from "../theme";
 import { useSetting } from "../router";
+import { Choice, Field } from "./fields";
+import { save } from "./save";
 
 /** Head of a view; the heading takes the focus when one comes from another view, so that it is read out. */
 export function Page({ title, tag, crumbs, lead, actions, children }: { title: string; tag?: string; crumbs?: [string, string][]; lead?: ComponentChildren; actions?: ComponentChildren; children: ComponentChildren }) {
@@ -78,10 +80,6 @@ export function Place({ fault }: { fault: Partial<Schemas["FaultDocument"]> }) {
 
 export const Loading = ({ on }: { on: boolean }) => (on ? <div class="loading" role="status"><span class="hidden">{t.frame.loading}</span></div> : null);
 
-export function Field({ label, children }: { label: string; children: ComponentChildren }) {
-  return <label class="field"><span>{label}</span>{children}</label>;
-}
-
 export function Select({ label, value, options, onChange }: { label: string; value: string; options: [string, string][]; onChange: (value: string) => void }) {
   return (
     <Field label={label}>
@@ -92,24 +90,7 @@ export function Select({ label, value, options, onChange }: { label: string; val
   );
 }
 
-/** One of a few, side by side; radio buttons for the keyboard. */
-export function Choice({ label, value, options, onChange }: { label: string; value: string; options: [string, string][]; onChange: (value: string) => void }) {
-  const [name] = useState(() => `choice-${Math.random().toString(36).slice(2)}`);
-  return (
-    <div class="choice" role="radiogroup" aria-label={label}>
-      {options.map(([id, text]) => (
-        <label key={id}><input type="radio" name={name} checked={value === id} onChange={() => onChange(id)} /><span>{text}</span></label>
-      ))}
-    </div>
-  );
-}
-
-export function save(blob: Blob, name: string): void {
-  const url = URL.createObjectURL(blob);
-  const link = Object.assign(document.createElement("a"), { href: url, download: name });
-  link.click();
-  setTimeout(() => URL.revokeObjectURL(url), 10_000);
-}
+export { Choice, Field, save };
 
 export interface Source {
   method?: "GET" | "POST";

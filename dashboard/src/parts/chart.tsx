@@ -3,7 +3,7 @@ import uPlot from "uplot";
 import "uplot/dist/uPlot.min.css";
 import { useEffect } from "preact/hooks";
 import { useWidth } from "../hooks";
-import { shown } from "../preferences";
+import { shown } from "../theme";
 import { number } from "../strings";
 
 export const colour = (name: string): string => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();

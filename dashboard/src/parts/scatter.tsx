@@ -5,7 +5,7 @@ import type { ComponentChildren } from "preact";
 import { useEffect, useRef, useState } from "preact/hooks";
 import { axis, colour } from "./chart";
 import { useWidth } from "../hooks";
-import { shown } from "../preferences";
+import { shown } from "../theme";
 
 /** Beyond this number points are squares of pixels rather than discs. */
 const MANY = 4000;

@@ -3,7 +3,7 @@ import { useEffect, useRef, useState } from "preact/hooks";
 import { search, send } from "../api/client";
 import { Fault, Loading, type Source } from "./basic";
 import { useWidth } from "../hooks";
-import { shown } from "../preferences";
+import { shown } from "../theme";
 import { number, t } from "../strings";
 import type { Place, Stage } from "./stage";
 

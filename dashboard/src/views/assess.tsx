@@ -8,7 +8,7 @@ import { Drop } from "../parts/drop";
 import { Choice, Fault, Field, Loading, Page, Picture, Select } from "../parts/basic";
 import { Chart, colour } from "../parts/chart";
 import { Scale, Solid } from "../parts/solid";
-import { shown } from "../preferences";
+import { shown } from "../theme";
 import { useLoaded } from "../hooks";
 import { navigate, useSetting } from "../router";
 import { hasMesh, inPlane, isDots, path, type Points, type Representation } from "../shape/points";

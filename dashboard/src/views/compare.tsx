@@ -9,7 +9,7 @@ import { useLoaded } from "../hooks";
 import { usePlace, useSetting } from "../router";
 import { filterBody, filterOf } from "../shape/filter";
 import { Chart, colour } from "../parts/chart";
-import { shown } from "../preferences";
+import { shown } from "../theme";
 import { hasMesh, isDots } from "../shape/points";
 import { count, number, percent, probability, t, unit } from "../strings";
 import { Chips, CohortPage, nameOf, useAttributes } from "./cohort";

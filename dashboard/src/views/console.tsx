@@ -67,7 +67,7 @@ export function Console() {
   const tags = [...new Set(document.data?.map((one) => one.tag))];
   const sendable = chosen && (chosen.media.length === 0 || chosen.media.includes("application/json"));
   return (
-    <Page title={t.menu.console} lead={<>{t.console.lead} <a href="/docs/" target="_blank" rel="noreferrer">{t.menu.reference}</a></>}>
+    <Page title={t.menu.console} lead={<>{t.console.lead} <a href={`/docs#${id}`} target="_blank" rel="noreferrer">{t.menu.reference}</a></>}>
       <Fault error={document.error} retry={document.reload} />
       <Loading on={document.loading} />
       {chosen && (

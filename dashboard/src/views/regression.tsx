@@ -6,7 +6,7 @@ import { Classes, dimensionOf } from "../parts/classes";
 import { Chart } from "../parts/chart";
 import { Fault, Picture, Select } from "../parts/basic";
 import { useLoaded } from "../hooks";
-import { shown } from "../preferences";
+import { shown } from "../theme";
 import { usePlace, useSetting } from "../router";
 import { filterBody, filterOf } from "../shape/filter";
 import { box, evaluated, inPlane, isClosed, sum, upright, type Points } from "../shape/points";
