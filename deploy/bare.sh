@@ -80,8 +80,10 @@ furnish() {
     local cargo=${CARGO_HOME:-$HOME/.cargo} found
     inside root useradd --create-home --shell /bin/bash reader
     mkdir -p "$ROOT/home/reader/.cargo"
-    for found in config.toml config credentials.toml; do
-        [ ! -e "$cargo/$found" ] || cp "$cargo/$found" "$ROOT/home/reader/.cargo/"
+    # Where crates come from and how they are fetched; nothing of how they are compiled.
+    for found in config.toml credentials.toml; do
+        [ ! -e "$cargo/$found" ] \
+            || awk '/^\[/ { on = /^\[+ *(source|registr|http|net)/ } on' "$cargo/$found" >"$ROOT/home/reader/.cargo/$found"
     done
     [ ! -e "$ROOT/etc/machine.crt" ] || mv "$ROOT/etc/machine.crt" "$ROOT/etc/ssl/certs/ca-certificates.crt"
     git clone --quiet --no-hardlinks "$PWD" "$ROOT$CHECKOUT"

@@ -21,6 +21,7 @@ BUILT=(--lib --test suite)
 # processes on it, or that kill one. What a request means is tested on SQLite alone.
 STORED=(store:: commands kill worker)
 for module in access aliases corrections dictionaries events hooks jobs operations results retries retrieval same_bits spreading tables; do
+    [ -e "tests/suite/http_$module.rs" ] || { echo "tests/steps.sh: there is no tests/suite/http_$module.rs" >&2; exit 2; }
     STORED+=("http_$module::")
 done
 
