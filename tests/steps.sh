@@ -17,13 +17,17 @@ SHOWN=200
 SHAPE=(--locked ${FEATURES:-})
 BUILT=(--lib --test suite)
 
-# Tests that run on PostgreSQL too: those of the store, and those of the suite that send it further kinds of statements, that start several
-# processes on it, or that kill one. What a request means is tested on SQLite alone.
-STORED=(store:: commands kill worker)
-for module in access aliases corrections dictionaries events hooks jobs operations results retries retrieval same_bits spreading tables; do
-    [ -e "tests/suite/http_$module.rs" ] || { echo "tests/steps.sh: there is no tests/suite/http_$module.rs" >&2; exit 2; }
-    STORED+=("http_$module::")
-done
+# The tests of tests/stored.txt, on a PostgreSQL of its own. A name that has no test any more is a failure.
+on_postgresql() {
+    local names name missing=0
+    mapfile -t names < <(grep -v '^#' tests/stored.txt)
+    cargo test "${SHAPE[@]}" "${BUILT[@]}" -- --list >"$LOGS/names" || return
+    for name in "${names[@]}"; do
+        grep -qE "^$name.*: test$" "$LOGS/names" || { echo "tests/stored.txt: there is no test $name" && missing=1; }
+    done
+    [ "$missing" = 0 ] || return
+    tests/with_postgres.sh cargo test "${SHAPE[@]}" "${BUILT[@]}" --no-fail-fast -- --show-output "${names[@]}"
+}
 
 # Counts of an output: tests passed, failed and skipped. A test of cargo that says SKIPPED counts as skipped, whatever it did beside.
 counts() {
@@ -122,7 +126,7 @@ test_steps() {
 # What compiles, and what holds the lock of cargo. `fuzz` is a workspace of its own, and compiles without nightly; with the profile of this
 # one it uses what was checked before.
 compiling_lane() {
-    step postgresql tests/with_postgres.sh cargo test "${SHAPE[@]}" "${BUILT[@]}" --no-fail-fast -- --show-output "${STORED[@]}"
+    step postgresql on_postgresql
     step lints cargo clippy "${SHAPE[@]}" --all-targets -- -D warnings
     step otel cargo check --locked --all-features --lib --bins
     step rustdoc env RUSTDOCFLAGS="-D warnings" cargo doc "${SHAPE[@]}" --no-deps --document-private-items --quiet
