@@ -116,6 +116,21 @@ run_examples() {
     echo "$passed passed, 0 failed"
 }
 
+# Each family of formats alone, as programs that need no other one build the crate; where CI has little time they are compiled only.
+families() {
+    local family names
+    names=$(sed -n 's/^default = \[\(.*\)\]$/\1/p' crates/shapelex-formats/Cargo.toml | tr -d '",')
+    for family in $names; do
+        echo "the family $family"
+        if [ "$LENGTH" = short ]; then
+            cargo check --locked -p shapelex-formats --no-default-features --features "$family" --lib --test suite || return
+        else
+            cargo test --locked -p shapelex-formats --no-default-features --features "$family" --lib --test suite || return
+        fi
+    done
+    [ "$LENGTH" = long ] || echo "SKIPPED: the tests of each family of formats alone, which are compiled only where CI is set"
+}
+
 # What one build serves.
 test_steps() {
     step examples run_examples
@@ -132,6 +147,7 @@ compiling_lane() {
     step rustdoc env RUSTDOCFLAGS="-D warnings" cargo doc "${SHAPE[@]}" --no-deps --document-private-items --quiet
     sed -n '/^\[profile.dev/,/^$/p' Cargo.toml >"$LOGS/profile.toml"
     step fuzz cargo check --locked --manifest-path fuzz/Cargo.toml --config "$LOGS/profile.toml" --target-dir "$TARGET"
+    step families families
     step engine make --no-print-directory test-engine-if-built
 }
 
