@@ -122,7 +122,8 @@ test("a request is sent as it was filled in, and shown for a program", async () 
   assert.ok(command.startsWith(`curl -X POST '${service.address}/v1/project'`), command);
   await form.getByLabel("Answer as").selectOption("text/csv");
   await form.getByRole("button", { name: "Send" }).click();
-  await form.getByText("text/csv").first().waitFor();
+  await form.locator(".answer pre", { hasText: "control_points" }).waitFor();
+  assert.match(await form.locator(".answer dl").textContent(), /content-typetext\/csv/);
   // A refusal is an answer like others.
   await form.getByLabel("Body", { exact: true }).fill("{}");
   await form.getByRole("button", { name: "Send" }).click();
@@ -153,15 +154,17 @@ test("files go up, and events come until one stops", async () => {
   const page = await open(browser, service.address);
   await show(page, "#inspect_file");
   const form = trying(page);
-  await form.getByLabel("or a file").setInputFiles({ name: "one.csv", mimeType: "text/csv", buffer: Buffer.from("x,y\n0,0\n1,0\n0,1\n") });
-  assert.match(await form.locator("pre.short").innerText(), /--data-binary '@one\.csv'/);
+  await form.getByLabel("or a file").setInputFiles({ name: "one.obj", mimeType: "model/obj", buffer: Buffer.from("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n") });
+  await form.getByText("optional parameters").click();
+  await form.getByLabel("format", { exact: true }).fill("obj");
+  assert.match(await form.locator("pre.short").innerText(), /--data-binary '@one\.obj'/);
   await form.getByRole("button", { name: "Send" }).click();
   await form.getByText("200 OK").waitFor();
 
   await show(page, "#list_events");
   await form.getByRole("button", { name: "Send" }).click();
   await service.call("POST", "/v1/cohorts", { name: "heard", correspondence: "landmarks", representation: { kind: "landmarks", dimension: 2, points: 3 } });
-  await form.locator(".answer pre", { hasText: "heard" }).waitFor();
+  await form.locator(".answer pre", { hasText: "cohort_created" }).waitFor();
   await form.getByRole("button", { name: "Stop" }).click();
   await form.getByRole("button", { name: "Stop" }).waitFor({ state: "detached" });
   assert.deepEqual(page.faults, []);

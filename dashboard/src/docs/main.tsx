@@ -105,8 +105,7 @@ function Links({ of: operations, place }: { of: Operation[]; place?: string }) {
       {operations.map(({ id, method, path, summary }) => (
         <li key={id}>
           <a href={`#${id}`} title={summary.replaceAll("`", "")} aria-current={id === place ? "page" : undefined}>
-            <Method of={method} />
-            <code>{breakable(path)}</code>
+            <Method of={method} /> <code>{breakable(path)}</code>
           </a>
           {place === undefined && <span class="small quiet">{inline(summary)}</span>}
         </li>

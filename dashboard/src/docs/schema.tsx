@@ -39,9 +39,8 @@ function Line({ name, given, required }: { name?: string; given: Schema; require
   );
   return (
     <>
-      {name !== undefined && <code class="field-name">{name}</code>}
-      {required && <Required />}
-      <span class="type">{typeOf(given)}</span>
+      {name !== undefined && <code class="field-name">{name}</code>} {required && <Required />}{" "}
+      <span class="type">{typeOf(given)}</span>{" "}
       {notes.length > 0 && <span class="small quiet">{notes.join(", ")}</span>}
       {schema.default !== undefined && (
         <span class="small quiet">
@@ -115,8 +114,7 @@ function Variants({ all, whole, depth }: { all: Schema[]; whole: Schema; depth: 
           const [title, type] = [variantName(variant, whole), typeOf(variant)];
           const head = (
             <>
-              <strong>{title}</strong>
-              {title !== type && <span class="type">{type}</span>}
+              <strong>{title}</strong> {title !== type && <span class="type">{type}</span>}
             </>
           );
           return <Entry key={index} given={variant} depth={depth + 1} head={head} />;
