@@ -20,7 +20,10 @@ after(async () => {
 
 const document = JSON.parse(readFileSync(path.join(ROOT, "openapi/openapi.json"), "utf8"));
 const OPERATIONS = Object.entries(document.paths).flatMap(([route, methods]) =>
-  Object.entries(methods).map(([method, { operationId }]) => ({ id: operationId, title: `${method.toUpperCase()} ${route}` })),
+  Object.entries(methods).map(([method, { operationId }]) => ({
+    id: operationId,
+    title: `${method.toUpperCase()} ${route}`,
+  })),
 );
 
 const heading = async (page) => (await page.locator("h1").innerText()).replace(/\s+/g, " ");
@@ -65,7 +68,8 @@ for (const scheme of ["light", "dark"]) {
         await accessible(page, fragment);
         const wide = await page.evaluate(() => window.document.documentElement.scrollWidth);
         assert.ok(wide <= width, `${fragment} is ${wide} wide`);
-        if (fragment === "#project") await screen(page, `reference${scheme === "dark" ? "-dark" : ""}${width < 800 ? "-phone" : ""}`);
+        if (fragment === "#project")
+          await screen(page, `reference${scheme === "dark" ? "-dark" : ""}${width < 800 ? "-phone" : ""}`);
       }
       assert.deepEqual(page.faults, []);
       await page.context().close();
@@ -101,7 +105,12 @@ test("a schema is a tree with alternatives, and required fields come first", asy
   await show(page, "#project");
   const body = page.locator("section", { has: page.getByRole("heading", { name: "Request body" }) });
   const fields = body.locator(".tree .tree > li > :first-child .field-name");
-  assert.deepEqual((await fields.allInnerTexts()).slice(0, 4), ["representation", "shapes", "transformation", "reference"]);
+  assert.deepEqual((await fields.allInnerTexts()).slice(0, 4), [
+    "representation",
+    "shapes",
+    "transformation",
+    "reference",
+  ]);
   await body.locator("summary", { hasText: "representation" }).click();
   await body.locator("summary", { hasText: "kind: closed_curve" }).click();
   assert.match(await body.innerText(), /control_points\s+required\s+integer\s+at least 3/);
@@ -154,7 +163,13 @@ test("files go up, and events come until one stops", async () => {
   const page = await open(browser, service.address);
   await show(page, "#inspect_file");
   const form = trying(page);
-  await form.getByLabel("or a file").setInputFiles({ name: "one.obj", mimeType: "model/obj", buffer: Buffer.from("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n") });
+  await form
+    .getByLabel("or a file")
+    .setInputFiles({
+      name: "one.obj",
+      mimeType: "model/obj",
+      buffer: Buffer.from("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"),
+    });
   await form.getByText("optional parameters").click();
   await form.getByLabel("format", { exact: true }).fill("obj");
   assert.match(await form.locator("pre.short").innerText(), /--data-binary '@one\.obj'/);
@@ -163,7 +178,11 @@ test("files go up, and events come until one stops", async () => {
 
   await show(page, "#list_events");
   await form.getByRole("button", { name: "Send" }).click();
-  await service.call("POST", "/v1/cohorts", { name: "heard", correspondence: "landmarks", representation: { kind: "landmarks", dimension: 2, points: 3 } });
+  await service.call("POST", "/v1/cohorts", {
+    name: "heard",
+    correspondence: "landmarks",
+    representation: { kind: "landmarks", dimension: 2, points: 3 },
+  });
   await form.locator(".answer pre", { hasText: "cohort_created" }).waitFor();
   await form.getByRole("button", { name: "Stop" }).click();
   await form.getByRole("button", { name: "Stop" }).waitFor({ state: "detached" });
@@ -201,7 +220,9 @@ test("it is light", async () => {
   const page = await open(browser, service.address);
   await show(page, "");
   await show(page, "#project");
-  const ms = await page.evaluate(() => performance.getEntriesByName("first-contentful-paint")[0]?.startTime ?? performance.now());
+  const ms = await page.evaluate(
+    () => performance.getEntriesByName("first-contentful-paint")[0]?.startTime ?? performance.now(),
+  );
   console.log(`reference: ${bytes} bytes of its own, first drawn after ${ms.toFixed(0)} ms`);
   if (process.env.GOALS === "1") assert.ok(ms <= 300, `${ms} ms`);
   await page.context().close();
