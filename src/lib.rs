@@ -7,8 +7,8 @@
 //! | wiring | `cli`, `server`, `config`, `health`, `store_location`, `telemetry` |
 //! | entry points | [`api`], [`worker`] |
 //! | use cases | [`service`] |
-//! | storage | [`store`] |
-//! | domain values | [`domain`] |
+//! | storage | [`store`], of the crate `shapelex-store` |
+//! | domain values | [`domain`], of the same crate |
 //! | conversion between bytes, images and shapes; images to shapes | [`formats`], [`segmentation`], a crate |
 //! | statistics | [`analysis`], a crate |
 //! | shapes | [`geometry`], a crate |
@@ -19,12 +19,10 @@
 pub mod api;
 pub mod cli;
 pub mod config;
-pub mod domain;
 pub mod formats;
 mod health;
 mod server;
 pub mod service;
-pub mod store;
 mod store_location;
 pub mod telemetry;
 pub mod worker;
@@ -33,3 +31,4 @@ pub use shapelex_analysis as analysis;
 pub use shapelex_geometry as geometry;
 pub use shapelex_numeric as numeric;
 pub use shapelex_segmentation as segmentation;
+pub use shapelex_store::{domain, store};

@@ -136,7 +136,9 @@ pub(crate) fn program() -> Vec<(String, String)> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let crates = CRATES.map(|layer| (format!("{layer}/"), root.join(format!("crates/shapelex-{layer}/src"))));
     let files = (format!("{FILES}/"), root.join("crates/shapelex-formats/src"));
-    let folders = [(String::new(), root.join("src")), files].into_iter().chain(crates);
+    // Its folders are the layers `store` and `domain`.
+    let stored = (String::new(), root.join("crates/shapelex-store/src"));
+    let folders = [(String::new(), root.join("src")), stored, files].into_iter().chain(crates);
     folders
         .flat_map(|(prefix, folder)| {
             sources(&folder).into_iter().map(move |file| {

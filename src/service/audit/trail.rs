@@ -482,6 +482,9 @@ pub async fn list_after(
 
 #[cfg(test)]
 mod tests {
+    use sqlx::Connection as _;
+    use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
+
     use super::*;
     use crate::service::app::Limits;
 
@@ -558,10 +561,17 @@ mod tests {
         assert_eq!(recorded(&app).await, ["1", "2"]);
     }
 
-    /// Makes the store refuse entries, or accept them again.
-    async fn read_only(app: &App, on: bool) {
-        let statement = if on { "PRAGMA query_only = 1" } else { "PRAGMA query_only = 0" };
-        app.store.meddle(statement).await;
+    /// Has the database refuse entries, or accept them again.
+    async fn refuse_entries(folder: &tempfile::TempDir, on: bool) {
+        let statement = if on {
+            "CREATE TRIGGER refuse BEFORE INSERT ON audit BEGIN SELECT RAISE(ABORT, 'refused'); END"
+        } else {
+            "DROP TRIGGER refuse"
+        };
+        let file = SqliteConnectOptions::new().filename(folder.path().join("shapelex.db"));
+        let mut connection = SqliteConnection::connect_with(&file).await.unwrap();
+        sqlx::query(statement).execute(&mut connection).await.unwrap();
+        connection.close().await.unwrap();
     }
 
     async fn until(mut holds: impl FnMut() -> bool) {
@@ -574,9 +584,9 @@ mod tests {
 
     #[tokio::test]
     async fn while_the_trail_cannot_be_written_reads_are_counted_and_changes_refused() {
-        let (_folder, app) = app().await;
+        let (folder, app) = app().await;
         app.trail().start(&app.store, false);
-        read_only(&app, true).await;
+        refuse_entries(&folder, true).await;
         app.trail().check().unwrap();
         app.trail().record(entry(0)).await.unwrap();
         until(|| app.trail().state.is_failing()).await;
@@ -587,7 +597,7 @@ mod tests {
         }
         // The writer holds one group.
         assert!((1..=CHANNEL as u64).contains(&counted), "{counted}");
-        read_only(&app, false).await;
+        refuse_entries(&folder, false).await;
         until(|| !app.trail().state.is_failing()).await;
         app.trail().check().unwrap();
         app.trail().close().await;
@@ -602,9 +612,9 @@ mod tests {
 
     #[tokio::test]
     async fn where_every_request_must_be_recorded_reads_are_refused_at_once() {
-        let (_folder, app) = app().await;
+        let (folder, app) = app().await;
         app.trail().start(&app.store, true);
-        read_only(&app, true).await;
+        refuse_entries(&folder, true).await;
         app.trail().record(entry(0)).await.unwrap();
         until(|| app.trail().state.is_failing()).await;
         let begun = Instant::now();

@@ -1,14 +1,14 @@
 //! Results of studies of the shapes of a cohort: comparisons of groups, and regressions on an attribute.
 
 use serde::{Deserialize, Serialize};
-
-use crate::analysis::alignment::Alignment;
-use crate::analysis::correspondence::Mirror;
-use crate::analysis::inference::records::{GroupComparison, RegressionRecord};
-use crate::analysis::transformation::Transformation;
+use shapelex_analysis::alignment::Alignment;
+use shapelex_analysis::correspondence::Mirror;
+use shapelex_analysis::inference::records::{GroupComparison, RegressionRecord};
+use shapelex_analysis::transformation::Transformation;
 
 /// What was studied, and how.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub struct StudyHeader {
     /// Transformation class that was removed.
     pub transformation: Transformation,
@@ -28,7 +28,8 @@ pub struct StudyHeader {
 }
 
 /// Comparison of groups of shapes of a cohort.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub struct Comparison {
     /// Id of the cohort.
     pub cohort: String,
@@ -45,7 +46,8 @@ pub struct Comparison {
 }
 
 /// Regression of the shapes of a cohort on an attribute.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub struct ShapeRegression {
     /// Id of the cohort.
     pub cohort: String,
@@ -64,7 +66,8 @@ pub struct ShapeRegression {
 }
 
 /// Position of a shape along the regression.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub struct RegressionScore {
     /// Id of the shape.
     pub id: String,

@@ -23,7 +23,8 @@ const MARK: &str = "whsec_";
 pub const SECRET_BYTES: usize = 32;
 
 /// Status of a hook.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum HookStatus {
     /// Changes are delivered.

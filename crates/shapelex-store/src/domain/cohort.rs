@@ -1,7 +1,7 @@
 //! Cohorts: named sets of comparable shapes.
 
-use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
-use crate::geometry::representation::Representation;
+use shapelex_analysis::correspondence::{Correspondence, Direction, Mirror};
+use shapelex_geometry::representation::Representation;
 
 /// Properties of a cohort: those that a client gives.
 #[derive(Debug, Clone, PartialEq)]

@@ -5,19 +5,19 @@ use std::path::Path;
 use std::sync::Arc;
 
 use serde_json::{Value, json};
+use shapelex_analysis::correspondence::{Correspondence, Direction, Mirror};
+use shapelex_geometry::representation::Representation;
 use tempfile::TempDir;
 
 use super::engine::*;
 use super::folder::*;
 use super::handle::*;
 use super::*;
-use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::domain::access::Principal;
 use crate::domain::cohort::{Cohort, CohortSpec};
 use crate::domain::filter::ShapeFilter;
 use crate::domain::id;
 use crate::domain::shape::{NewShape, Shape, ShapeAttributes, ShapeMeasures};
-use crate::geometry::representation::Representation;
 
 mod audit;
 mod corrections;

@@ -3,7 +3,8 @@
 use serde::Serialize;
 
 /// Kind of object in the trash.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, utoipa::ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum TrashedKind {
     /// A cohort with its shapes.

@@ -5,15 +5,15 @@
 //! content, the cohort in its [`Provenance`].
 
 use serde::{Deserialize, Serialize};
+use shapelex_analysis::classification::record::ClassifierKind;
+use shapelex_analysis::dictionary::content::Content;
+use shapelex_analysis::dictionary::method::Method;
+use shapelex_analysis::transformation::Transformation;
+use shapelex_geometry::representation::Representation;
 
 use super::cohort::name_problem;
 use super::filter::ShapeFilter;
 use super::id;
-use crate::analysis::classification::record::ClassifierKind;
-use crate::analysis::dictionary::content::Content;
-use crate::analysis::dictionary::method::Method;
-use crate::analysis::transformation::Transformation;
-use crate::geometry::representation::Representation;
 
 /// A stored version of a dictionary.
 #[derive(Debug, Clone, PartialEq)]
@@ -44,7 +44,8 @@ impl Dictionary {
 }
 
 /// Training data of a dictionary.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Provenance {
     /// Id of the cohort.
@@ -64,18 +65,19 @@ pub struct Provenance {
     pub program: String,
     /// Shapes with the smallest factors below one of a robust dictionary, at most 20.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    #[schema(max_items = 20)]
+    #[cfg_attr(feature = "schema", schema(max_items = 20))]
     pub less_counted: Vec<LessCountedShape>,
 }
 
 /// A shape of a cohort that counts less than its weight in a robust estimate, or not at all.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub struct LessCountedShape {
     /// Id of the shape.
     pub id: String,
     /// Factor of its weight; 0 for a shape that is left out.
-    #[schema(minimum = 0, maximum = 1)]
+    #[cfg_attr(feature = "schema", schema(minimum = 0, maximum = 1))]
     pub weight: f64,
     /// Where the shape is like the others: a number between 0 and 1 for each control point, small where it is damaged. Absent where a list
     /// would become too long: shapes of very many control points.
@@ -103,7 +105,8 @@ pub struct Listed {
 }
 
 /// Parts of a [`Content`] shown in lists.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Summary {
     /// Representation of the shapes.

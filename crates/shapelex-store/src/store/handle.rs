@@ -209,7 +209,7 @@ impl Store {
 
     /// Runs a statement that the store itself never runs.
     #[cfg(test)]
-    pub(crate) async fn meddle(&self, statement: &'static str) {
+    pub(super) async fn meddle(&self, statement: &'static str) {
         sql(self.writer(), statement).execute().await.expect("a statement of a test");
     }
 
