@@ -14,9 +14,11 @@
 # make test-engine     crates/shapelex-engine, a workspace of its own, whose packages are built once for all checkouts
 # make bench     one table beside peers and limits of the machine, losses first, then instructions of the kernels beside the
 #                committed counts; DATA=folder of contours, ARGUMENTS="--write docs" also makes docs/performance.md
+# make weight  cost of a cold build by crate, size, memory at rest, packages; ARGUMENTS="--before COMMIT" beside another commit
+# make dist    the program as it is packaged, in target/dist: optimised across crates, which takes longer to build
 # make criterion the benchmarks behind the figures of docs/benchmarks.md
 
-.PHONY: run help check test test-all test-engine test-engine-if-built built spell dashboard dashboard-test contract attack fuzz sbom bench criterion needs needs-all tools
+.PHONY: run help check test test-all test-engine test-engine-if-built built spell dashboard dashboard-test contract attack fuzz sbom bench weight dist criterion needs needs-all tools
 
 CODESPELL = 2.4.3
 # Features of the build that all tests share.
@@ -118,6 +120,12 @@ bench:
 	@target/peers/bin/python -m pip install --quiet --requirement benches/peers/requirements.txt
 	target/peers/bin/python benches/peers/run.py $(if $(DATA),--data $(DATA)) $(ARGUMENTS)
 	python3 benches/instructions/run.py
+
+weight:
+	python3 benches/weight/run.py $(ARGUMENTS)
+
+dist:
+	cargo build --profile dist --locked
 
 criterion:
 	cargo bench --locked

@@ -44,20 +44,23 @@ fn given_commit() -> Option<String> {
     std::env::var("SHAPELEX_COMMIT").ok().filter(|commit| !commit.is_empty())
 }
 
-/// The commit of the checkout, in release builds only: a developer's tests need not be built again after each commit.
+/// All that the program is made of.
+const SOURCES: [&str; 8] =
+    ["src", "crates", "openapi", "dashboard/dist", "build.rs", "Cargo.toml", "Cargo.lock", ".cargo"];
+
+/// The last commit of the checkout that changed the program, in release builds only: a developer's tests need not be built again
+/// after each commit. The script watches the sources, not the checkout, so that a commit of documents builds nothing.
 fn checked_out_commit() -> Option<String> {
     if std::env::var("PROFILE").as_deref() != Ok("release") || !Path::new(".git").exists() {
         return None;
     }
-    let branch = answer_of("git", &["symbolic-ref", "--quiet", "HEAD"]);
-    let parts = ["HEAD".to_owned(), "packed-refs".to_owned()].into_iter().chain(branch);
-    for path in parts.filter_map(|part| answer_of("git", &["rev-parse", "--git-path", &part])) {
-        // A file that does not exist would have the script run every time.
-        if Path::new(&path).exists() {
-            println!("cargo:rerun-if-changed={path}");
-        }
+    for path in SOURCES {
+        println!("cargo:rerun-if-changed={path}");
     }
-    answer_of("git", &["rev-parse", "HEAD"])
+    let of_sources = |arguments: &[&str]| answer_of("git", &[arguments, &["--"], &SOURCES].concat());
+    let commit = of_sources(&["log", "-1", "--format=%H"])?;
+    let modified = of_sources(&["status", "--porcelain"]).is_some();
+    Some(if modified { format!("{commit}-modified") } else { commit })
 }
 
 fn answer_of(program: &str, arguments: &[&str]) -> Option<String> {

@@ -190,6 +190,8 @@ serve_settings! {
     /// Maximum resident memory of the process in bytes, beyond which large requests are refused; 0 means the limit of its
     /// control group, else the memory of the machine
     max_memory: usize = "SHAPELEX_MAX_MEMORY", 0;
+    /// Seconds after its last use for which a computed result, such as a cohort prepared for searches, is kept in memory
+    cache_seconds: NonZeroUsize = "SHAPELEX_CACHE_SECONDS", most(600);
     /// Maximum memory in bytes for all request bodies and the values read from them, at least the size of one body; 0 means a
     /// quarter of the memory
     max_buffered_bytes: usize = "SHAPELEX_MAX_BUFFERED_BYTES", 0;
@@ -296,6 +298,7 @@ impl ServeConfig {
             job_time: seconds(self.max_job_seconds),
             queued_jobs: self.max_queued_jobs,
             queued_work: seconds(self.max_queued_seconds),
+            cache_time: seconds(self.cache_seconds),
             memory: memory / 16 * 15,
             buffered_bytes: share(self.max_buffered_bytes, 2, self.max_body_bytes, MAX_BUFFERED),
             answer_bytes: share(self.max_answer_bytes, 1, matrix, Limits::default().answer_bytes),

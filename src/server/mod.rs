@@ -23,7 +23,7 @@ use self::tls::Certificate;
 use crate::api;
 use crate::config::ServeConfig;
 use crate::service::access::Access;
-use crate::service::app::{App, clock, metrics};
+use crate::service::app::{App, clock, memory, metrics};
 use crate::service::cohorts::{catalogue, example};
 use crate::service::hooks::deliver::Deliveries;
 use crate::service::{access, dispatch};
@@ -42,6 +42,7 @@ const CLOSE: Duration = Duration::from_secs(5);
 /// # Errors
 /// Reason why the service cannot start, in one sentence.
 pub(crate) async fn serve(config: ServeConfig) -> Result<(), String> {
+    memory::use_large_pages(false);
     let app = start(&config).await?;
     // Installed before the address is announced: an unhandled signal would end the process at once.
     let asked_to_stop = stop_signal().map_err(|error| format!("signals cannot be handled: {error}"))?;

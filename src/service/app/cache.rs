@@ -1,7 +1,9 @@
-//! A single cache for expensive results of any type: bounded in bytes, evicts the least recently used.
+//! A single cache for expensive results of any type: bounded in bytes, evicts the least recently used, and drops values that
+//! nobody has used for a while.
 
 use std::any::{Any, TypeId};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
 
 use hashlink::LinkedHashMap;
 use serde::Serialize;
@@ -41,6 +43,8 @@ impl Key {
 struct Entry {
     value: Arc<dyn Any + Send + Sync>,
     bytes: usize,
+    /// Time of the last use.
+    used: Instant,
 }
 
 #[derive(Debug, Default)]
@@ -56,10 +60,21 @@ struct Entries {
 impl Entries {
     /// Evicts the least recently used values until the others fit beside the reservations.
     fn evict(&mut self, capacity: usize) {
-        while self.bytes + self.reserved > capacity {
-            let Some((_, evicted)) = self.list.pop_front() else { return };
-            self.bytes -= evicted.bytes;
+        while self.bytes + self.reserved > capacity && self.evict_first() {}
+    }
+
+    /// Evicts the values whose last use was before `time`.
+    fn evict_before(&mut self, time: Instant) {
+        while self.list.front().is_some_and(|(_, entry)| entry.used < time) {
+            self.evict_first();
         }
+    }
+
+    /// Evicts the least recently used value; returns whether there was one.
+    fn evict_first(&mut self) -> bool {
+        let evicted = self.list.pop_front();
+        self.bytes -= evicted.as_ref().map_or(0, |(_, entry)| entry.bytes);
+        evicted.is_some()
     }
 }
 
@@ -81,12 +96,14 @@ impl Drop for Reserved<'_> {
 pub struct Cache {
     entries: Mutex<Entries>,
     capacity: usize,
+    /// Time after its last use for which a value is kept.
+    term: Duration,
 }
 
 impl Cache {
-    /// A cache of at most a quarter of `memory` bytes, and at most 768 MiB.
-    pub(in crate::service) fn new(memory: usize) -> Self {
-        Self { entries: Mutex::default(), capacity: MAX_BYTES.min(memory / 4) }
+    /// A cache of at most a quarter of `memory` bytes, and at most 768 MiB, of values that were used within `term`.
+    pub(in crate::service) fn new(memory: usize, term: Duration) -> Self {
+        Self { entries: Mutex::default(), capacity: MAX_BYTES.min(memory / 4), term }
     }
 
     fn locked(&self) -> MutexGuard<'_, Entries> {
@@ -101,8 +118,9 @@ impl Cache {
     fn look<T: Cached>(&self, object: &str, settings: &impl Serialize) -> Option<Arc<T>> {
         let key = Key::new::<T>(object, settings)?;
         let mut entries = self.locked();
-        let value = Arc::clone(&entries.list.to_back(&key)?.value);
-        value.downcast().ok()
+        let entry = entries.list.to_back(&key)?;
+        entry.used = Instant::now();
+        Arc::clone(&entry.value).downcast().ok()
     }
 
     /// Reserves space for a value that is being computed, and evicts the least recently used ones until it fits. `None` if it
@@ -124,11 +142,18 @@ impl Cache {
     pub fn keep<T: Cached>(&self, object: &str, settings: &impl Serialize, value: &Arc<T>) {
         let bytes = value.bytes();
         let Some(key) = Key::new::<T>(object, settings).filter(|_| bytes <= self.capacity) else { return };
-        let entry = Entry { value: value.clone(), bytes };
+        let entry = Entry { value: value.clone(), bytes, used: Instant::now() };
         let mut entries = self.locked();
         let replaced = entries.list.insert(key, entry);
         entries.bytes = entries.bytes + bytes - replaced.map_or(0, |entry| entry.bytes);
         entries.evict(self.capacity);
+    }
+
+    /// Evicts the values that nobody has used for the term of the cache.
+    pub(super) fn drop_unused(&self) {
+        if let Some(time) = Instant::now().checked_sub(self.term) {
+            self.locked().evict_before(time);
+        }
     }
 
     /// Evicts the least recently used values until half of the bytes are left.
@@ -149,6 +174,8 @@ impl Cache {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    const TERM: Duration = Duration::from_secs(600);
 
     #[derive(Debug, PartialEq)]
     struct Text(usize);
@@ -174,7 +201,7 @@ mod tests {
 
     #[test]
     fn values_that_are_computed_have_their_space_reserved() {
-        let cache = Cache::new(400);
+        let cache = Cache::new(400, TERM);
         cache.keep("a", &1, &Arc::new(Text(60)));
         let first = cache.reserve(70).unwrap();
         assert!(!cache.has::<Text>("a", &1), "evicted for the reservation");
@@ -189,7 +216,7 @@ mod tests {
 
     #[test]
     fn the_least_recently_used_value_is_evicted_first() {
-        let cache = Cache::new(400);
+        let cache = Cache::new(400, TERM);
         let has = |object: &str, revision: u64| cache.find::<Text>(object, &revision).is_some();
         for object in ["a", "b", "c", "d"] {
             cache.keep(object, &1_u64, &Arc::new(Text(25)));
@@ -210,5 +237,20 @@ mod tests {
         assert!(!has("a", 1) && !has("d", 1) && has("e", 1), "the last one used is left");
         cache.halve();
         assert_eq!(cache.locked().bytes, 0);
+    }
+
+    #[test]
+    fn values_that_nobody_uses_are_dropped() {
+        let cache = Cache::new(400, Duration::from_millis(200));
+        for object in ["a", "b"] {
+            cache.keep(object, &1, &Arc::new(Text(25)));
+        }
+        cache.drop_unused();
+        assert_eq!(cache.locked().bytes, 50, "the term has not passed");
+        std::thread::sleep(Duration::from_millis(300));
+        assert!(cache.find::<Text>("a", &1).is_some());
+        cache.drop_unused();
+        assert!(cache.has::<Text>("a", &1) && !cache.has::<Text>("b", &1));
+        assert_eq!(cache.locked().bytes, 25);
     }
 }

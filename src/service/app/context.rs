@@ -61,7 +61,7 @@ impl App {
             touched: Touched::default(),
             draining: CancellationToken::new(),
             memory,
-            cache: Arc::new(Cache::new(limits.memory)),
+            cache: Arc::new(Cache::new(limits.memory, limits.cache_time)),
             state: State::default(),
         }
     }

@@ -54,6 +54,8 @@ pub struct Limits {
     pub queued_jobs: u32,
     /// Total predicted time of the queued jobs of a tenant.
     pub queued_work: Duration,
+    /// Time after its last use for which a computed value, such as a cohort prepared for searches, is kept.
+    pub cache_time: Duration,
     /// Predicted compute time of a request.
     pub request_work: Duration,
     /// Resident bytes of the process beyond which large requests and responses are refused.
@@ -101,6 +103,7 @@ impl Default for Limits {
             job_time: Duration::from_secs(6 * 3600),
             queued_jobs: 100,
             queued_work: Duration::from_secs(24 * 3600),
+            cache_time: Duration::from_secs(600),
             request_work: Duration::from_secs(10),
             memory: usize::MAX,
             buffered_bytes: 768 << 20,

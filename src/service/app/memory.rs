@@ -179,8 +179,8 @@ impl Memory {
     }
 
     /// Starts sampling the resident memory of the process, for the life of the service. While three quarters of the quota
-    /// are in use, the cache is emptied, the least recently used values first. Where the system does not report resident
-    /// memory, only the accounts are bounded.
+    /// are in use, the cache is emptied, the least recently used values first. Values that nobody uses leave it in any case.
+    /// Where the system does not report resident memory, only the accounts are bounded.
     pub fn watch(&self, cache: Arc<Cache>) {
         let accounts = Arc::downgrade(&self.0);
         tokio::spawn(async move {
@@ -190,6 +190,8 @@ impl Memory {
                 let Some(accounts) = accounts.upgrade() else { return };
                 let resident = resident_bytes().unwrap_or(0);
                 accounts.sample(resident);
+                use_large_pages(resident >= LARGE_PAGES_FROM);
+                cache.drop_unused();
                 if resident > accounts.process / 4 * 3 {
                     cache.halve();
                 }
@@ -197,6 +199,22 @@ impl Memory {
         });
     }
 }
+
+/// Resident memory from which on new memory comes in pages of 2 MB: they make the mean with searched start points a quarter faster,
+/// and a service at rest 16 MB larger.
+const LARGE_PAGES_FROM: usize = 96 << 20;
+
+/// Lets the kernel give pages of 2 MB, for which the allocator asks, or only small ones.
+#[cfg(target_os = "linux")]
+pub fn use_large_pages(large: bool) {
+    if let Err(error) = rustix::thread::disable_transparent_huge_pages(!large) {
+        tracing::debug!(%error, "the size of pages could not be chosen");
+    }
+}
+
+/// Lets the kernel give pages of 2 MB; other systems choose by themselves.
+#[cfg(not(target_os = "linux"))]
+pub fn use_large_pages(_: bool) {}
 
 /// Bytes per number in a response.
 const NUMBER_BYTES: usize = 20;
@@ -404,7 +422,7 @@ mod tests {
     #[tokio::test]
     async fn the_resident_memory_is_looked_at() {
         let memory = memory(usize::MAX);
-        memory.watch(Arc::new(Cache::new(1 << 30)));
+        memory.watch(Arc::new(Cache::new(1 << 30, Duration::from_secs(600))));
         tokio::time::sleep(3 * SAMPLING).await;
         assert_eq!(memory.resident() > 1 << 20, cfg!(target_os = "linux"));
     }

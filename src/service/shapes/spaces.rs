@@ -128,7 +128,7 @@ mod tests {
             );
             serde_json::from_str(&text).unwrap()
         };
-        let cache = Cache::new(usize::MAX);
+        let cache = Cache::new(usize::MAX, std::time::Duration::from_secs(600));
         let first = cached(&cache, &read(2)).unwrap();
         cached(&cache, &read(3)).unwrap();
         let again = cached(&cache, &read(2)).unwrap();
