@@ -46,7 +46,7 @@ fn every_view_has_an_address_that_answers_the_page() {
 fn the_page_runs_its_own_files_and_nothing_else() {
     let server = shared();
     for address in ["/", "/docs", "/docs/"] {
-        check_page(server, address);
+        check_page(&server, address);
     }
 }
 
@@ -69,7 +69,7 @@ fn check_page(server: &Server, address: &str) {
         let asset = server.get(link);
         assert_eq!(asset.status, 200, "{link}");
         assert_eq!(asset.header("cache-control"), Some("public, max-age=31536000, immutable"), "{link}");
-        assert_eq!(with(&server, link, "if-none-match", asset.header("etag").unwrap()).status, 304);
+        assert_eq!(with(server, link, "if-none-match", asset.header("etag").unwrap()).status, 304);
         let kind = if link.ends_with(".js") {
             "text/javascript"
         } else if link.ends_with(".css") {
@@ -79,7 +79,7 @@ fn check_page(server: &Server, address: &str) {
         };
         assert!(asset.header("content-type").unwrap().starts_with(kind), "{link}");
         if kind != "image/" {
-            let small = with(&server, link, "accept-encoding", "gzip");
+            let small = with(server, link, "accept-encoding", "gzip");
             assert_eq!(small.header("content-encoding"), Some("gzip"), "{link}");
             assert!(small.body.len() < asset.body.len());
         }
@@ -98,7 +98,7 @@ fn the_reference_shows_the_document_of_the_service() {
     assert!(document.header("content-security-policy").unwrap().starts_with("default-src 'none'; frame"));
     let head = server.send(server.request(Method::HEAD, "/openapi.json"));
     assert_eq!((head.status, head.body.len()), (200, 0));
-    let small = with(server, "/openapi.json", "accept-encoding", "gzip");
+    let small = with(&server, "/openapi.json", "accept-encoding", "gzip");
     assert_eq!(small.header("content-encoding"), Some("gzip"));
     assert!(small.body.len() < document.body.len() / 5, "{}", small.body.len());
 }
