@@ -83,7 +83,7 @@ furnish() {
     # Where crates come from and how they are fetched; nothing of how they are compiled.
     for found in config.toml credentials.toml; do
         [ ! -e "$cargo/$found" ] \
-            || awk '/^\[/ { on = /^\[+ *(source|registr|http|net)/ } on' "$cargo/$found" >"$ROOT/home/reader/.cargo/$found"
+            || awk '/^\[/ { on = /^\[+ *(source|registry|registries|http|net)/ } on' "$cargo/$found" >"$ROOT/home/reader/.cargo/$found"
     done
     [ ! -e "$ROOT/etc/machine.crt" ] || mv "$ROOT/etc/machine.crt" "$ROOT/etc/ssl/certs/ca-certificates.crt"
     git clone --quiet --no-hardlinks "$PWD" "$ROOT$CHECKOUT"
@@ -92,7 +92,7 @@ furnish() {
 
 # Variables of proxies, of certificates and of cargo's network.
 carried() {
-    env | grep -E '^((https?|no|all)_proxy|(HTTPS?|NO|ALL)_PROXY|SSL_CERT_(FILE|DIR)|CURL_CA_BUNDLE|CARGO_(HTTP|NET|REGISTR|SOURCE)[A-Z_]*)=' || true
+    env | grep -E '^((https?|no|all)_proxy|(HTTPS?|NO|ALL)_PROXY|SSL_CERT_(FILE|DIR)|CURL_CA_BUNDLE|CARGO_(HTTP|NET|REGISTRY|REGISTRIES|SOURCE)[A-Z_]*)=' || true
 }
 
 # Runs a command in the new system, as root or as the user in the checkout, with none but these variables.
