@@ -119,6 +119,7 @@ run_examples() {
 # Each family of formats alone, as programs that need no other one build the crate; where CI has little time they are compiled only.
 families() {
     local family names
+    [ "$LENGTH" = long ] || echo "SKIPPED: the tests of each family of formats alone, which are compiled only where CI is set"
     names=$(sed -n 's/^default = \[\(.*\)\]$/\1/p' crates/shapelex-formats/Cargo.toml | tr -d '",')
     for family in $names; do
         echo "the family $family"
@@ -128,7 +129,6 @@ families() {
             cargo test --locked -p shapelex-formats --no-default-features --features "$family" --lib --test suite || return
         fi
     done
-    [ "$LENGTH" = long ] || echo "SKIPPED: the tests of each family of formats alone, which are compiled only where CI is set"
 }
 
 # What one build serves.
@@ -173,9 +173,14 @@ lane() {
 # Two lanes, and then what other work on the machine would disturb. What runs in the background does not hear Ctrl-C by itself.
 lanes() {
     trap 'trap - INT; kill -TERM 0' INT
+    local first second
     lane a compiling_lane &
+    first=$!
     lane b asking_lane &
-    wait
+    second=$!
+    # A lane that breaks off is a failure of its own: its other steps are missing from the table.
+    wait "$first" || step lane-a false
+    wait "$second" || step lane-b false
     step rates cargo test "${SHAPE[@]}" --test rates
 }
 
