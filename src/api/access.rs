@@ -1,185 +1,32 @@
 //! Access control: identifies the caller once per request, before its handler, and checks the caller's role.
 //!
-//! Every operation needs a role, listed in `OPERATIONS`. Operations not in the table need an administrator.
+//! Every operation needs a role, listed in [`operation::OPERATIONS`]. Operations not in the table need an administrator.
 
-use std::collections::HashMap;
-use std::sync::{Arc, LazyLock};
+use std::sync::Arc;
 
 use axum::extract::{MatchedPath, Request};
+use axum::http::HeaderMap;
 use axum::http::header::{AUTHORIZATION, HOST};
 use axum::http::uri::Authority;
-use axum::http::{HeaderMap, Method};
 use axum::response::{IntoResponse, Response};
 use utoipa::openapi::OpenApi;
 use utoipa::openapi::extensions::Extensions;
 use utoipa::openapi::header::Header;
-use utoipa::openapi::path::{Operation, PathItem};
+use utoipa::openapi::path::Operation;
 use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme};
 
-use super::document::refusal;
+use super::document::{self, refusal};
 use super::observe::{self, Asker};
+use super::operation::{self, Needs};
 use super::origin;
 use super::problem::{Problem, ProblemKind};
 use crate::domain::access::{Principal, Role, is_loopback};
 use crate::service::access::{Shown, identify};
 use crate::service::app::App;
 
-/// Access that an operation requires.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Needs {
-    /// None: open to everyone.
-    Nothing,
-    /// At least this role.
-    Role(Role),
-}
-
-impl Needs {
-    /// Word used in the OpenAPI document.
-    fn as_str(self) -> &'static str {
-        match self {
-            Self::Nothing => "none",
-            Self::Role(role) => role.as_str(),
-        }
-    }
-}
-
-/// Access that every operation requires: a reader for reading or computing without storing, a writer for storing or
-/// submitting jobs, an administrator for managing keys and hooks, and for what cannot be undone.
-const OPERATIONS: &[(Needs, &[&str])] = &[
-    (Needs::Nothing, &["GET /livez", "GET /readyz"]),
-    (
-        Needs::Role(Role::Reader),
-        &[
-            "GET /metrics",
-            "GET /v1/changes",
-            "GET /v1/cohorts",
-            "GET /v1/cohorts/{cohort}",
-            "GET /v1/cohorts/{cohort}/assessments",
-            "GET /v1/cohorts/{cohort}/attributes",
-            "GET /v1/cohorts/{cohort}/export",
-            "GET /v1/cohorts/{cohort}/mean",
-            "GET /v1/cohorts/{cohort}/shapes",
-            "GET /v1/cohorts/{cohort}/shapes/{shape}",
-            "GET /v1/cohorts/{cohort}/table",
-            "POST /v1/cohorts/{cohort}/table",
-            "GET /v1/cohorts/{cohort}/sheet",
-            "GET /v1/dictionaries",
-            "GET /v1/dictionaries/{dictionary}",
-            "GET /v1/dictionaries/{dictionary}/aliases",
-            "GET /v1/dictionaries/{dictionary}/aliases/{alias}",
-            "GET /v1/dictionaries/{dictionary}/atoms",
-            "GET /v1/dictionaries/{dictionary}/drift",
-            "GET /v1/dictionaries/{dictionary}/export",
-            "GET /v1/dictionaries/{dictionary}/modes",
-            "GET /v1/events",
-            "GET /v1/formats",
-            "GET /v1/generators",
-            "GET /v1/generators/{name}",
-            "GET /v1/idealised",
-            "GET /v1/jobs",
-            "GET /v1/jobs/{job}",
-            "GET /v1/jobs/{job}/events",
-            "GET /v1/jobs/{job}/output",
-            "GET /v1/transformations",
-            "GET /v1/trash",
-            "GET /v1/version",
-            "POST /v1/align",
-            "POST /v1/cohorts/{cohort}/search",
-            "POST /v1/contours",
-            "POST /v1/convert",
-            "POST /v1/deform",
-            "POST /v1/dictionaries/{dictionary}/assess",
-            "POST /v1/dictionaries/{dictionary}/classify",
-            "POST /v1/dictionaries/{dictionary}/complete",
-            "POST /v1/dictionaries/{dictionary}/correspond",
-            "POST /v1/dictionaries/{dictionary}/encode",
-            "POST /v1/dictionaries/{dictionary}/prior",
-            "POST /v1/dictionaries/{dictionary}/reconstruct",
-            "POST /v1/dictionaries/{dictionary}/sample",
-            "POST /v1/dictionaries/{dictionary}/score",
-            "POST /v1/evaluate",
-            "POST /v1/fit",
-            "POST /v1/idealised",
-            "POST /v1/inspect",
-            "POST /v1/mean",
-            "POST /v1/measure",
-            "POST /v1/morph",
-            "POST /v1/overlap",
-            "POST /v1/pca",
-            "POST /v1/pca/incomplete",
-            "POST /v1/prior",
-            "POST /v1/project",
-            "POST /v1/refine",
-            "POST /v1/resample",
-            "POST /v1/segment",
-            "POST /v1/sheets",
-            "POST /v1/subdivide",
-        ],
-    ),
-    (
-        Needs::Role(Role::Writer),
-        &[
-            "DELETE /v1/cohorts/{cohort}",
-            "DELETE /v1/cohorts/{cohort}/shapes",
-            "DELETE /v1/cohorts/{cohort}/shapes/{shape}",
-            "DELETE /v1/dictionaries/{dictionary}",
-            "DELETE /v1/dictionaries/{dictionary}/aliases/{alias}",
-            "PATCH /v1/cohorts/{cohort}",
-            "PATCH /v1/cohorts/{cohort}/shapes/{shape}",
-            "POST /v1/cohorts",
-            "POST /v1/cohorts/{cohort}/correspond",
-            "POST /v1/cohorts/{cohort}/segment",
-            "POST /v1/cohorts/{cohort}/shapes",
-            "POST /v1/comparisons",
-            "POST /v1/dictionaries",
-            "POST /v1/dictionaries/import",
-            "POST /v1/dictionaries/{dictionary}/assessments",
-            "POST /v1/dictionaries/{dictionary}/report",
-            "POST /v1/distances",
-            "POST /v1/jobs/{job}/cancel",
-            "POST /v1/regressions",
-            "POST /v1/trash/{id}/restore",
-            "PUT /v1/dictionaries/{dictionary}/aliases/{alias}",
-        ],
-    ),
-    (
-        Needs::Role(Role::Admin),
-        &[
-            "DELETE /v1/audit",
-            "DELETE /v1/hooks/{hook}",
-            "DELETE /v1/keys/{key}",
-            "DELETE /v1/subjects/{subject}",
-            "DELETE /v1/trash/{id}",
-            "GET /v1/audit",
-            "GET /v1/hooks",
-            "GET /v1/hooks/{hook}",
-            "GET /v1/hooks/{hook}/failures",
-            "GET /v1/keys",
-            "GET /v1/keys/{key}",
-            "GET /v1/settings",
-            "POST /v1/hooks",
-            "POST /v1/hooks/{hook}/pause",
-            "POST /v1/hooks/{hook}/redeliver",
-            "POST /v1/hooks/{hook}/resume",
-            "POST /v1/keys",
-        ],
-    ),
-];
-
-static TABLE: LazyLock<HashMap<(&str, &str), Needs>> = LazyLock::new(|| {
-    let rows = OPERATIONS.iter().flat_map(|(needs, names)| names.iter().map(move |name| (name, *needs)));
-    rows.filter_map(|(name, needs)| Some((name.split_once(' ')?, needs))).collect()
-});
-
-/// Access required by `method` on the route template, if it is in the table.
-pub fn listed(method: &str, route: &str) -> Option<Needs> {
-    TABLE.get(&(method, route)).copied()
-}
-
-/// Access required by `method` on the route template.
-fn needed(method: &Method, route: &str) -> Needs {
-    let method = if method == Method::HEAD { &Method::GET } else { method };
-    listed(method.as_str(), route).unwrap_or(Needs::Role(Role::Admin))
+/// Access required by `method` on the route template; an operation that is not listed needs an administrator.
+fn needed(method: &str, route: &str) -> Needs {
+    operation::find(method, route).map_or(Needs::Role(Role::Admin), |operation| operation.needs)
 }
 
 /// Identifies the caller and leaves it in the request extensions; the refusal of a request that is not authorised.
@@ -188,7 +35,7 @@ pub(super) async fn refuse(request: &mut Request) -> Option<Response> {
         return Some(Problem::new(ProblemKind::Internal, "a request without the context").into_response());
     };
     let route = request.extensions().get::<MatchedPath>().map_or("", MatchedPath::as_str);
-    let needs = match needed(request.method(), route) {
+    let needs = match needed(request.method().as_str(), route) {
         Needs::Role(_) if route == "/metrics" && app.metrics_are_open() => Needs::Nothing,
         needs => needs,
     };
@@ -270,25 +117,18 @@ pub fn describe(document: &mut OpenApi) {
     let components = document.components.get_or_insert_default();
     components.security_schemes.insert(SCHEME.into(), SecurityScheme::Http(scheme.build()).into());
     for (path, item) in &mut document.paths.paths {
-        for (method, operation) in operations(item) {
-            describe_operation(operation, needed(&method, path));
+        for (method, operation) in document::operations_of(item) {
+            describe_operation(operation, needed(method, path));
         }
     }
 }
 
-fn operations(item: &mut PathItem) -> impl Iterator<Item = (Method, &mut Operation)> {
-    let methods = [
-        (Method::GET, item.get.as_mut()),
-        (Method::POST, item.post.as_mut()),
-        (Method::PUT, item.put.as_mut()),
-        (Method::PATCH, item.patch.as_mut()),
-        (Method::DELETE, item.delete.as_mut()),
-    ];
-    methods.into_iter().filter_map(|(method, operation)| Some((method, operation?)))
-}
-
 fn describe_operation(operation: &mut Operation, needs: Needs) {
-    let role = Extensions::from_iter([("x-role", needs.as_str())]);
+    let word = match needs {
+        Needs::Nothing => "none",
+        Needs::Role(role) => role.as_str(),
+    };
+    let role = Extensions::from_iter([("x-role", word)]);
     operation.extensions.get_or_insert_default().merge(role);
     let Needs::Role(role) = needs else {
         operation.security = Some(Vec::new());
@@ -311,13 +151,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_table_has_every_operation_once_and_nothing_else_is_open() {
-        let rows: usize = OPERATIONS.iter().map(|(_, names)| names.len()).sum();
-        assert_eq!(TABLE.len(), rows, "an operation is listed twice, or without its method");
-        assert_eq!(needed(&Method::HEAD, "/v1/cohorts"), Needs::Role(Role::Reader));
-        assert_eq!(needed(&Method::GET, "/v1/unknown"), Needs::Role(Role::Admin));
-        assert_eq!(needed(&Method::PATCH, "/v1/cohorts"), Needs::Role(Role::Admin));
-        assert_eq!(needed(&Method::GET, ""), Needs::Role(Role::Admin));
+    fn nothing_is_open_but_what_is_listed() {
+        assert_eq!(needed("HEAD", "/v1/cohorts"), Needs::Role(Role::Reader));
+        assert_eq!(needed("GET", "/v1/unknown"), Needs::Role(Role::Admin));
+        assert_eq!(needed("PATCH", "/v1/cohorts"), Needs::Role(Role::Admin));
+        assert_eq!(needed("GET", ""), Needs::Role(Role::Admin));
     }
 
     #[test]

@@ -4,20 +4,18 @@
 //! sent once their entry is on disk, and such requests are not started while entries cannot be written. Requests without a
 //! known caller are counted per address and minute; the first of them gets an entry.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 use std::net::{IpAddr, SocketAddr};
 use std::sync::Arc;
 
 use axum::extract::{ConnectInfo, FromRequestParts, RawPathParams, Request, State};
 use axum::http::request::Parts;
-use axum::http::{HeaderName, HeaderValue, Method, header};
+use axum::http::{HeaderName, HeaderValue, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
-use utoipa::openapi::OpenApi;
 
-use super::access::{self, Needs};
-use super::document;
 use super::observe::{self, Asker};
+use super::operation::{self, Needs};
 use super::problem::Problem;
 use crate::domain::access::Role;
 use crate::domain::audit::Entry;
@@ -44,24 +42,12 @@ const PRIVATE: [&str; 1] = ["subject"];
 #[derive(Debug, Clone)]
 pub struct Recorder {
     trail: Arc<Trail>,
-    /// Operation ids by route template and method.
-    operations: Arc<HashMap<(String, Method), String>>,
 }
 
 impl Recorder {
-    /// Records requests in `trail`, with the operation ids of `document`.
-    pub fn new(trail: Arc<Trail>, document: &OpenApi) -> Self {
-        let named = document::operations(document).filter_map(|(path, method, operation)| {
-            Some(((path.to_owned(), method), operation.operation_id.clone()?))
-        });
-        let operations = named.collect();
-        Self { trail, operations: Arc::new(operations) }
-    }
-
-    fn operation(&self, method: &Method, route: Option<&str>) -> Option<String> {
-        // A HEAD request is answered by the GET handler.
-        let method = if method == Method::HEAD { &Method::GET } else { method };
-        self.operations.get(&(route?.to_owned(), method.clone())).cloned()
+    /// Records requests in `trail`.
+    pub fn new(trail: Arc<Trail>) -> Self {
+        Self { trail }
     }
 }
 
@@ -145,9 +131,10 @@ impl Recorder {
 impl Recorder {
     fn entry(&self, request: &Request, objects: BTreeMap<String, String>) -> Entry {
         let route = observe::route(request);
+        let operation = route.and_then(|route| operation::find(request.method().as_str(), route));
         let remote = request.extensions().get::<ConnectInfo<SocketAddr>>();
         Entry {
-            operation: self.operation(request.method(), route),
+            operation: operation.map(|operation| operation.id.to_owned()),
             method: request.method().as_str().chars().take(MAX_METHOD_CHARS).collect(),
             route: route.map(str::to_owned),
             objects,
@@ -233,26 +220,15 @@ fn may_have_changed_something(entry: &Entry) -> bool {
 /// Whether a request of this kind may change something.
 fn may_change_something(entry: &Entry) -> bool {
     let reads = matches!(entry.method.as_str(), "GET" | "HEAD" | "OPTIONS");
-    let needs = entry.route.as_deref().and_then(|route| access::listed(&entry.method, route));
+    let operation = entry.route.as_deref().and_then(|route| operation::find(&entry.method, route));
     // Operations open to readers store nothing.
-    let computes = needs == Some(Needs::Role(Role::Reader));
+    let computes = operation.is_some_and(|operation| operation.needs == Needs::Role(Role::Reader));
     !(reads || computes || entry.route.is_none())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn operations_are_known_by_method_and_route() {
-        let recorder = Recorder::new(Arc::default(), &crate::api::openapi());
-        let operation = |method, route| recorder.operation(&method, Some(route));
-        assert_eq!(operation(Method::GET, "/v1/cohorts/{cohort}").as_deref(), Some("find_cohort"));
-        assert_eq!(operation(Method::HEAD, "/v1/cohorts/{cohort}").as_deref(), Some("find_cohort"));
-        assert_eq!(operation(Method::DELETE, "/v1/cohorts/{cohort}").as_deref(), Some("delete_cohort"));
-        assert_eq!(operation(Method::PUT, "/v1/cohorts/{cohort}"), None);
-        assert_eq!(recorder.operation(&Method::GET, None), None);
-    }
 
     #[test]
     fn only_what_may_have_changed_something_waits_for_its_entry() {

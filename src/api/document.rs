@@ -3,15 +3,16 @@
 
 mod variants;
 
-use axum::http::Method;
-use utoipa::openapi::path::{Operation, Parameter, ParameterBuilder, ParameterIn};
+use std::collections::BTreeSet;
+
+use utoipa::openapi::path::{Operation, Parameter, ParameterBuilder, ParameterIn, PathItem};
 use utoipa::openapi::{
     Content, ContentBuilder, HeaderBuilder, ObjectBuilder, OpenApi, Ref, RefOr, Required, Response,
     ResponseBuilder, Type,
 };
 
 use super::v1::files;
-use super::{health, negotiation, tabular};
+use super::{health, operation, tabular};
 use crate::formats::picture::PictureFormat;
 
 /// Media type of problem documents.
@@ -47,15 +48,7 @@ fn problem() -> Content {
 pub(super) fn complete(document: &mut OpenApi) {
     variants::name(document);
     for (path, item) in &mut document.paths.paths {
-        let methods = [
-            (Method::GET, &mut item.get),
-            (Method::POST, &mut item.post),
-            (Method::PUT, &mut item.put),
-            (Method::PATCH, &mut item.patch),
-            (Method::DELETE, &mut item.delete),
-        ];
-        for (method, operation) in methods {
-            let Some(operation) = operation else { continue };
+        for (method, operation) in operations_of(item) {
             if path.starts_with("/v1/") {
                 add_refusal(operation);
             }
@@ -63,30 +56,39 @@ pub(super) fn complete(document: &mut OpenApi) {
                 add_limits(operation);
             }
             offer_png(operation);
-            if negotiation::only_media_type(operation, |_| true).is_some() {
+            if media_types(operation).len() == 1 {
                 let refused = || refusal("The media type of the answer is not accepted").build().into();
                 operation.responses.responses.entry("406".to_owned()).or_insert_with(refused);
             }
-            tabular::describe(path, &method, operation);
+            if let Some(table) = operation::find(method, path).and_then(|record| record.table) {
+                tabular::describe(operation, table);
+            }
             files::describe(operation);
             describe_refusals(operation);
         }
     }
 }
 
-/// Operations of a document, with their route templates and methods.
-pub(super) fn operations(document: &OpenApi) -> impl Iterator<Item = (&str, Method, &Operation)> {
-    document.paths.paths.iter().flat_map(|(path, item)| {
-        let methods = [
-            (Method::GET, &item.get),
-            (Method::PUT, &item.put),
-            (Method::POST, &item.post),
-            (Method::PATCH, &item.patch),
-            (Method::DELETE, &item.delete),
-        ];
-        let of_path = methods.into_iter();
-        of_path.filter_map(move |(method, operation)| Some((path.as_str(), method, operation.as_ref()?)))
-    })
+/// Operations of a path, with their methods.
+pub(super) fn operations_of(item: &mut PathItem) -> impl Iterator<Item = (&'static str, &mut Operation)> {
+    let methods = [
+        ("GET", item.get.as_mut()),
+        ("POST", item.post.as_mut()),
+        ("PUT", item.put.as_mut()),
+        ("PATCH", item.patch.as_mut()),
+        ("DELETE", item.delete.as_mut()),
+    ];
+    methods.into_iter().filter_map(|(method, operation)| Some((method, operation?)))
+}
+
+/// Media types of the successful answers of an operation.
+fn media_types(operation: &Operation) -> BTreeSet<&str> {
+    let responses = operation.responses.responses.iter().filter(|(status, _)| status.starts_with('2'));
+    let contents = responses.filter_map(|(_, response)| match response {
+        RefOr::T(response) => Some(response.content.keys().map(String::as_str)),
+        RefOr::Ref(_) => None,
+    });
+    contents.flatten().collect()
 }
 
 /// Gives the problem document to the refusals of an operation.
@@ -133,5 +135,36 @@ fn add_limits(operation: &mut Operation) {
             .build();
         let response = refusal(description).header("Retry-After", retry_after).build();
         operation.responses.responses.entry(status.to_owned()).or_insert(response.into());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::api::operation::{ANY_FILE, OPERATIONS};
+    use crate::api::v1::files::written_media_types;
+    use crate::formats::columns::ColumnsFormat;
+
+    #[test]
+    fn the_rows_of_the_operations_are_those_of_the_document() {
+        let mut document = crate::api::openapi();
+        let mut described = 0;
+        for (path, item) in &mut document.paths.paths {
+            for (method, found) in operations_of(item) {
+                described += 1;
+                let row =
+                    operation::find(method, path).unwrap_or_else(|| panic!("{method} {path} has no row"));
+                assert_eq!(found.operation_id.as_deref(), Some(row.id), "{method} {path}");
+                let mut offered: BTreeSet<&str> = row.answers.iter().copied().collect();
+                if offered.contains(ANY_FILE) {
+                    offered.extend(written_media_types());
+                }
+                if row.table.is_some() {
+                    offered.extend(ColumnsFormat::ALL.map(ColumnsFormat::media_type));
+                }
+                assert_eq!(media_types(found), offered, "{method} {path}");
+            }
+        }
+        assert_eq!(described, OPERATIONS.len());
     }
 }

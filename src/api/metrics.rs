@@ -3,21 +3,14 @@
 use axum::extract::State;
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
-use utoipa_axum::router::OpenApiRouter;
-use utoipa_axum::routes;
 
 use crate::service::app::{App, scrape};
-
-/// Route of the metrics.
-pub fn routes() -> OpenApiRouter<App> {
-    OpenApiRouter::new().routes(routes!(read_metrics))
-}
 
 /// Returns metrics in the Prometheus text format.
 ///
 /// Names and labels are listed in `docs/observability.md`.
 #[utoipa::path(get, path = "/metrics", tag = "operation",
     responses((status = 200, description = "The metrics", body = String, content_type = "text/plain; version=0.0.4")))]
-async fn read_metrics(State(app): State<App>) -> Response {
+pub(super) async fn read_metrics(State(app): State<App>) -> Response {
     ([(header::CONTENT_TYPE, "text/plain; version=0.0.4")], scrape::scrape(&app).await).into_response()
 }

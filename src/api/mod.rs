@@ -9,6 +9,7 @@
 //!   [`inspected_body`] — bodies that report what passes through them;
 //! * [`observe`], [`audit`] — metrics, log and audit trail of every request; [`metrics`] — the metrics endpoint;
 //! * `negotiation` — media types of answers; `tabular` — tables of answers; `cross_origin` — pages of other origins that may read answers;
+//! * [`operation`] — the operations, a row for each;
 //! * [`extract`] — bodies, queries and formats, with problem documents as rejections;
 //! * [`respond`] — responses computed and serialised on the thread pool;
 //! * [`health`] — liveness and readiness;
@@ -31,6 +32,7 @@ pub mod inspected_body;
 pub mod metrics;
 mod negotiation;
 pub mod observe;
+pub mod operation;
 pub mod origin;
 pub mod overload;
 pub mod problem;
@@ -53,7 +55,6 @@ use tower_http::compression::CompressionLayer;
 use tower_http::decompression::{DecompressionBody, RequestDecompressionLayer};
 use tower_http::request_id::{MakeRequestUuid, PropagateRequestIdLayer, SetRequestIdLayer};
 use utoipa::OpenApi;
-use utoipa_axum::router::OpenApiRouter;
 
 use crate::service::app::App;
 use problem::{Problem, ProblemKind};
@@ -87,31 +88,26 @@ use problem::{Problem, ProblemKind};
 )]
 struct Document;
 
-fn routes() -> (Router<App>, utoipa::openapi::OpenApi) {
-    let light = OpenApiRouter::with_openapi(Document::openapi())
-        .merge(metrics::routes())
-        .nest("/v1", v1::light_routes())
-        .layer(from_fn(overload::light));
-    let computing =
-        OpenApiRouter::new().nest("/v1", v1::computing_routes()).layer(from_fn(overload::computing));
+fn routes() -> Router<App> {
+    let light = v1::light().layer(from_fn(overload::light));
+    let computing = v1::computing().layer(from_fn(overload::computing));
     // Streamed routes have no time limit: an upload watches its own pauses, and events last as long as their job.
-    let streamed = OpenApiRouter::new().nest("/v1", v1::streamed_routes());
-    let (router, mut document) = light
+    light
         .merge(computing)
-        .merge(streamed)
+        .merge(v1::streamed())
         .layer(from_fn(tabular::answer))
         .layer(from_fn(gate::pass))
         // Probes are not rate-limited, and need no key.
-        .merge(health::routes().layer(from_fn(overload::light)))
-        .split_for_parts();
-    document::complete(&mut document);
-    access::describe(&mut document);
-    (router, document)
+        .merge(v1::probes().layer(from_fn(overload::light)))
 }
 
 /// OpenAPI document of the service.
 pub fn openapi() -> utoipa::openapi::OpenApi {
-    routes().1
+    let mut document = Document::openapi();
+    document.merge(v1::Paths::openapi());
+    document::complete(&mut document);
+    access::describe(&mut document);
+    document
 }
 
 /// The document at its address, as the text that it is once.
@@ -132,9 +128,8 @@ fn adding(app: &App) -> impl Fn(Request) -> Request + Clone + use<> {
 
 /// The complete service as a router.
 pub fn router(app: App) -> Router {
-    let (router, document) = routes();
-    let recorder = audit::Recorder::new(app.trail(), &document);
-    let document = serde_json::to_vec(&document).expect("documents have string keys only");
+    let recorder = audit::Recorder::new(app.trail());
+    let document = serde_json::to_vec(&openapi()).expect("documents have string keys only");
     let memory = app.memory.clone();
     let request_id = HeaderName::from_static(observe::REQUEST_ID);
     let middleware = ServiceBuilder::new()
@@ -156,7 +151,7 @@ pub fn router(app: App) -> Router {
         .layer(RequestDecompressionLayer::new().gzip(true).pass_through_unaccepted(false))
         .map_request(|request: axum::http::Request<DecompressionBody<Body>>| request.map(Body::new))
         .map_request(body::bound_expansion);
-    let router = router
+    let router = routes()
         .merge(dashboard::routes())
         .merge(interface(document.into()))
         .fallback(|uri: axum::http::Uri| async move {

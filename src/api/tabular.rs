@@ -1,8 +1,8 @@
 //! Answers with numbers as tables: CSV, Arrow, Parquet, NPY and NPZ instead of JSON.
 //!
 //! A handler gives its answer once, as JSON. Where `?format=` or the `Accept` header asks for a table, this layer asks the
-//! handler for JSON and makes the table of it (`formats::columns`): which list of the answer is the table is a line of
-//! [`OPERATIONS`], and `?table=` names another one. Refusals and jobs stay what they are.
+//! handler for JSON and makes the table of it (`formats::columns`): which list of the answer is the table is a column of
+//! [`operation::OPERATIONS`], and `?table=` names another one. Refusals and jobs stay what they are.
 
 use axum::body::{Body, to_bytes};
 use axum::extract::Request;
@@ -15,57 +15,12 @@ use utoipa::openapi::{ContentBuilder, ObjectBuilder, Ref, RefOr, Type};
 use super::document::text_parameter;
 use super::extract::{ANYTHING, accepted, preferred};
 use super::observe;
+use super::operation;
 use super::problem::{Problem, ProblemKind};
 
-use crate::formats::columns::{ANSWER, Columns, ColumnsError, ColumnsFormat};
+use crate::formats::columns::{Columns, ColumnsError, ColumnsFormat};
 use crate::service::app::memory::Purpose;
 use crate::service::app::{App, ServiceError, Work};
-
-/// Operations whose answers are also tables, with the list that is the table unless the query names another one.
-const OPERATIONS: [(&str, &str, &str); 42] = [
-    ("GET", "/v1/cohorts/{cohort}/assessments", "items"),
-    ("GET", "/v1/cohorts/{cohort}/attributes", "items"),
-    ("GET", "/v1/cohorts/{cohort}/mean", ANSWER),
-    ("GET", "/v1/cohorts/{cohort}/shapes/{shape}", ANSWER),
-    ("GET", "/v1/dictionaries/{dictionary}", ANSWER),
-    ("GET", "/v1/dictionaries/{dictionary}/atoms", "atoms"),
-    ("GET", "/v1/dictionaries/{dictionary}/drift", "scores"),
-    ("GET", "/v1/dictionaries/{dictionary}/modes", ANSWER),
-    ("GET", "/v1/generators/{name}", ANSWER),
-    ("POST", "/v1/align", "aligned"),
-    ("POST", "/v1/cohorts/{cohort}/correspond", "shapes"),
-    ("POST", "/v1/cohorts/{cohort}/search", "results.neighbours"),
-    ("POST", "/v1/cohorts/{cohort}/segment", "results"),
-    ("POST", "/v1/comparisons", "pairs"),
-    ("POST", "/v1/contours", "results"),
-    ("POST", "/v1/deform", ANSWER),
-    ("POST", "/v1/dictionaries/{dictionary}/assess", "results"),
-    ("POST", "/v1/dictionaries/{dictionary}/classify", "results"),
-    ("POST", "/v1/dictionaries/{dictionary}/complete", "results"),
-    ("POST", "/v1/dictionaries/{dictionary}/correspond", "results"),
-    ("POST", "/v1/dictionaries/{dictionary}/encode", "results"),
-    ("POST", "/v1/dictionaries/{dictionary}/prior", "results"),
-    ("POST", "/v1/dictionaries/{dictionary}/reconstruct", "results"),
-    ("POST", "/v1/dictionaries/{dictionary}/report", "modes"),
-    ("POST", "/v1/dictionaries/{dictionary}/sample", "shapes"),
-    ("POST", "/v1/dictionaries/{dictionary}/score", "results"),
-    ("POST", "/v1/evaluate", "evaluations"),
-    ("POST", "/v1/fit", "results"),
-    ("POST", "/v1/idealised", "shapes"),
-    ("POST", "/v1/mean", ANSWER),
-    ("POST", "/v1/measure", "results"),
-    ("POST", "/v1/morph", "frames"),
-    ("POST", "/v1/overlap", ANSWER),
-    ("POST", "/v1/pca", "pca.scores"),
-    ("POST", "/v1/pca/incomplete", "pca.scores"),
-    ("POST", "/v1/prior", "results"),
-    ("POST", "/v1/project", "results"),
-    ("POST", "/v1/refine", "shapes"),
-    ("POST", "/v1/regressions", "scores"),
-    ("POST", "/v1/resample", "shapes"),
-    ("POST", "/v1/segment", "results"),
-    ("POST", "/v1/subdivide", ANSWER),
-];
 
 /// Parameters that this layer reads.
 const PARAMETERS: [&str; 3] = ["format", "table", "column"];
@@ -75,18 +30,6 @@ const TABLE: HeaderName = HeaderName::from_static("shapelex-table");
 const PARSED: usize = 12;
 /// Time of making a table, for each byte of its answer.
 const SECONDS: f64 = 4e-8;
-
-/// The list that is the table of an operation by default, if it has tables.
-fn default_table(method: &Method, path: &str) -> Option<&'static str> {
-    let found = OPERATIONS.iter().find(|(of, at, _)| *of == method.as_str() && *at == path);
-    found.map(|(_, _, table)| *table)
-}
-
-/// Whether a media type of an operation is that of its tables.
-pub(super) fn is_table(method: &Method, path: &str, media_type: &str) -> bool {
-    default_table(method, path).is_some()
-        && ColumnsFormat::ALL.iter().any(|format| format.media_type() == media_type)
-}
 
 /// What a request asks for.
 pub(super) struct Wanted {
@@ -102,8 +45,7 @@ impl Wanted {
             return None;
         }
         let route = observe::route(request).unwrap_or_default();
-        let method = if request.method() == Method::HEAD { &Method::GET } else { request.method() };
-        let usual = default_table(method, route)?;
+        let usual = operation::find(request.method().as_str(), route)?.table?;
         let query = axum::extract::Query::<Vec<(String, String)>>::try_from_uri(request.uri()).ok()?;
         let value = |name: &str| query.0.iter().find(|(key, _)| key == name).map(|(_, value)| value.clone());
         let format = match value("format") {
@@ -249,8 +191,7 @@ async fn convert(app: App, response: Response, wanted: Wanted) -> Result<Respons
 }
 
 /// Describes the tables of an operation.
-pub(super) fn describe(path: &str, method: &Method, operation: &mut Operation) {
-    let Some(table) = default_table(method, path) else { return };
+pub(super) fn describe(operation: &mut Operation, table: &str) {
     for (status, response) in &mut operation.responses.responses {
         let RefOr::T(response) = response else { continue };
         if !matches!(status.as_str(), "200" | "201") || !response.content.contains_key("application/json") {
@@ -290,16 +231,6 @@ pub(super) fn describe(path: &str, method: &Method, operation: &mut Operation) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::api::document::operations;
-
-    #[test]
-    fn operations_with_tables_exist() {
-        let document = crate::api::openapi();
-        for (method, path, _) in OPERATIONS {
-            let mut found = operations(&document);
-            assert!(found.any(|(at, of, _)| at == path && of.as_str() == method), "{method} {path}");
-        }
-    }
 
     #[test]
     fn ranges_choose_between_tables_and_answers() {

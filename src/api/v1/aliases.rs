@@ -54,7 +54,7 @@ pub(super) struct AliasesAnswer {
 }
 
 /// Lists the aliases of a dictionary, and the versions that they name.
-#[utoipa::path(get, path = "/dictionaries/{dictionary}/aliases", tag = "dictionaries",
+#[utoipa::path(get, path = "/v1/dictionaries/{dictionary}/aliases", tag = "dictionaries",
     params(("dictionary" = String, Path, description = "Name, or any other key of a version")),
     responses(
         (status = 200, description = "The aliases", body = AliasesAnswer),
@@ -70,7 +70,7 @@ pub(super) async fn list_aliases(
 }
 
 /// Returns an alias, and the version that it names.
-#[utoipa::path(get, path = "/dictionaries/{dictionary}/aliases/{alias}", tag = "dictionaries",
+#[utoipa::path(get, path = "/v1/dictionaries/{dictionary}/aliases/{alias}", tag = "dictionaries",
     params(
         ("dictionary" = String, Path, description = "Name, or any other key of a version"),
         ("alias" = String, Path, description = "The alias")
@@ -98,7 +98,7 @@ pub(super) async fn find_alias(
 /// answered and jobs that were submitted go on with the one before. An alias begins with a letter, followed by letters, digits,
 /// '.', '_' and '-', at most 100 characters; `latest` is none, since the name alone means the latest version. A version that an
 /// alias names cannot be deleted.
-#[utoipa::path(put, path = "/dictionaries/{dictionary}/aliases/{alias}", tag = "dictionaries", request_body = AliasRequest,
+#[utoipa::path(put, path = "/v1/dictionaries/{dictionary}/aliases/{alias}", tag = "dictionaries", request_body = AliasRequest,
     params(
         ("dictionary" = String, Path, description = "Name, or any other key of a version"),
         ("alias" = String, Path, description = "The alias"),
@@ -139,7 +139,7 @@ fn version_of(request: AliasRequest) -> Result<u64, ServiceError> {
 }
 
 /// Deletes an alias; the version that it names stays.
-#[utoipa::path(delete, path = "/dictionaries/{dictionary}/aliases/{alias}", tag = "dictionaries",
+#[utoipa::path(delete, path = "/v1/dictionaries/{dictionary}/aliases/{alias}", tag = "dictionaries",
     params(
         ("dictionary" = String, Path, description = "Name, or any other key of a version"),
         ("alias" = String, Path, description = "The alias"),

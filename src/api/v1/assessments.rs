@@ -57,7 +57,7 @@ document! {
 /// A line is an entry of `POST …/assess` with the dictionary beside it; a shape without an assessment has an `error`. Few shapes
 /// are answered at once (200). More become a job (202), whose output are the lines; with `Prefer: wait=N` they are answered if they
 /// are ready within `N` seconds, at most 60. `Prefer: respond-async` asks for a job in any case.
-#[utoipa::path(post, path = "/dictionaries/{dictionary}/assessments", tag = "dictionaries", request_body = AssessCohortRequest,
+#[utoipa::path(post, path = "/v1/dictionaries/{dictionary}/assessments", tag = "dictionaries", request_body = AssessCohortRequest,
     params(
         ("dictionary" = String, Path, description = "Id, `name@version`, `name@alias` or name"),
         ("prefer" = Option<String>, Header, description = "`wait=10`: wait up to ten seconds for the job; `respond-async`: make a job in any case"),
@@ -152,7 +152,7 @@ page! {
 ///
 /// `POST /v1/dictionaries/{dictionary}/assessments` stores them with `"store": true`: for each shape and version of a dictionary
 /// the latest one. Shapes that were deleted are left out. A page is shorter than `limit` if its assessments take more than 8 MiB.
-#[utoipa::path(get, path = "/cohorts/{cohort}/assessments", tag = "cohorts",
+#[utoipa::path(get, path = "/v1/cohorts/{cohort}/assessments", tag = "cohorts",
     params(("cohort" = String, Path, description = "Id or name"), AssessmentsQuery, FilterQuery, PageQuery),
     responses(
         (status = 200, description = "A page of assessments, in the order of the ids of dictionaries and shapes", body = PageOfAssessments),

@@ -142,7 +142,7 @@ impl AuditQuery {
 /// Contains every request of the tenant under `/v1` in the order in which they were answered, including reads and refused
 /// requests. Entries are chained by their digests and never change. They are only removed from the beginning, by age or by
 /// an administrator.
-#[utoipa::path(get, path = "/audit", tag = "operation", params(AuditQuery),
+#[utoipa::path(get, path = "/v1/audit", tag = "operation", params(AuditQuery),
     responses(
         (status = 200, description = "A page of entries, or all entries as one line each", content((PageOfAuditEntries = "application/json"), (String = "application/x-ndjson"))),
         (status = 400, description = "The query was refused"),
@@ -198,7 +198,7 @@ pub(super) struct AuditBeginning {
 ///
 /// Removes the tenant's entries before a given time, which must be at least 24 hours ago; later entries stay. The returned
 /// digest lets the trail still be verified from there; the entry of this request records it as `removed_digest`.
-#[utoipa::path(delete, path = "/audit", tag = "operation", params(AuditRemoval),
+#[utoipa::path(delete, path = "/v1/audit", tag = "operation", params(AuditRemoval),
     responses(
         (status = 200, description = "Entries removed", body = AuditBeginning),
         (status = 400, description = "The query was refused"),

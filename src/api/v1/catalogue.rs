@@ -35,7 +35,7 @@ pub(super) struct Generators {
 }
 
 /// Lists the generators.
-#[utoipa::path(get, path = "/generators", tag = "catalogue",
+#[utoipa::path(get, path = "/v1/generators", tag = "catalogue",
     responses((status = 200, description = "The generators with their properties", body = Generators), (status = 400, description = "An unknown parameter")))]
 pub(super) async fn list_generators(_: NoQuery) -> Json<Generators> {
     let entry = |generator: GeneratorKind| GeneratorEntry { properties: generator.properties(), generator };
@@ -74,7 +74,7 @@ pub(super) struct RieszBounds {
 ///
 /// Query parameters are those of the generator in a representation, with lists written as JSON. As SVG: the generator and
 /// its derivative.
-#[utoipa::path(get, path = "/generators/{name}", tag = "catalogue",
+#[utoipa::path(get, path = "/v1/generators/{name}", tag = "catalogue",
     params(
         ("name" = String, Path, description = "`trigonometric`, `cubic`, `bspline`, `exponential` or `interpolator`"),
         ("control_points" = Option<usize>, Query, description = "Control points (closed) or intervals (open). \
@@ -180,7 +180,7 @@ pub(super) struct Transformations {
 }
 
 /// Lists the transformation classes.
-#[utoipa::path(get, path = "/transformations", tag = "catalogue",
+#[utoipa::path(get, path = "/v1/transformations", tag = "catalogue",
     responses((status = 200, description = "The classes with their properties", body = Transformations), (status = 400, description = "An unknown parameter")))]
 pub(super) async fn list_transformations(_: NoQuery) -> Json<Transformations> {
     let entry = |name: ClassName| TransformationEntry {

@@ -40,7 +40,7 @@ pub(super) struct ChangesAnswer {
 /// Lists changes in order, so that a pipeline can resume where it stopped.
 ///
 /// A client that has seen a number has seen all changes before it. The newest million changes are kept.
-#[utoipa::path(get, path = "/changes", tag = "changes", params(ChangesQuery),
+#[utoipa::path(get, path = "/v1/changes", tag = "changes", params(ChangesQuery),
     responses(
         (status = 200, description = "Changes after `since`", body = ChangesAnswer),
         (status = 410, description = "Changes that old are no longer available"),
@@ -84,7 +84,7 @@ impl From<Trashed> for TrashedOutput {
 }
 
 /// Lists deleted objects that can be restored.
-#[utoipa::path(get, path = "/trash", tag = "changes", params(PageQuery),
+#[utoipa::path(get, path = "/v1/trash", tag = "changes", params(PageQuery),
     responses(
         (status = 200, description = "A page of the trash", body = PageOfTrash),
         (status = "4XX", description = "The query was refused")
@@ -99,7 +99,7 @@ pub(super) async fn list_trash(
 }
 
 /// Restores a cohort or a dictionary version from the trash.
-#[utoipa::path(post, path = "/trash/{id}/restore", tag = "changes",
+#[utoipa::path(post, path = "/v1/trash/{id}/restore", tag = "changes",
     params(("id" = String, Path, description = "Id of the cohort or of the dictionary version")),
     responses(
         (status = 204, description = "Restored"),
@@ -116,7 +116,7 @@ pub(super) async fn restore_trashed(
 }
 
 /// Permanently deletes an object in the trash.
-#[utoipa::path(delete, path = "/trash/{id}", tag = "changes",
+#[utoipa::path(delete, path = "/v1/trash/{id}", tag = "changes",
     params(("id" = String, Path, description = "Id of the cohort or of the dictionary version")),
     responses(
         (status = 204, description = "Permanently deleted"),

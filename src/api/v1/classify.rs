@@ -85,7 +85,7 @@ results! {
 /// Classifies shapes with the classifier of a dictionary.
 ///
 /// Lines of NDJSON are shapes; the other fields of the request are parameters then.
-#[utoipa::path(post, path = "/dictionaries/{dictionary}/classify", tag = "dictionaries",
+#[utoipa::path(post, path = "/v1/dictionaries/{dictionary}/classify", tag = "dictionaries",
     params(("dictionary" = String, Path, description = "Id, `name@version`, `name@alias` or name"), BatchQuery),
     request_body(content((ClassifyRequest = "application/json"), (ShapeInput = "application/x-ndjson"))),
     responses(
@@ -148,7 +148,7 @@ fn assess_settings(
 ///
 /// Lines of NDJSON are shapes; the other fields of the request are parameters then. As SVG or PNG: the first shapes, coloured by
 /// the distance to their reconstructions.
-#[utoipa::path(post, path = "/dictionaries/{dictionary}/assess", tag = "dictionaries",
+#[utoipa::path(post, path = "/v1/dictionaries/{dictionary}/assess", tag = "dictionaries",
     params(
         ("dictionary" = String, Path, description = "Id, `name@version`, `name@alias` or name"), BatchQuery,
         ("format" = Option<String>, Query, description = "`json`, `svg` or `png`"), DrawingQuery

@@ -205,7 +205,7 @@ results! {
 /// Encodes shapes in a dictionary: sparse codes with their certificates, or scores of components.
 ///
 /// Lines of NDJSON are shapes; the other fields of the request are parameters then.
-#[utoipa::path(post, path = "/dictionaries/{dictionary}/encode", tag = "dictionaries",
+#[utoipa::path(post, path = "/v1/dictionaries/{dictionary}/encode", tag = "dictionaries",
     params(("dictionary" = String, Path, description = "Id, `name@version`, `name@alias` or name"), BatchQuery),
     request_body(content((EncodeRequest = "application/json"), (ShapeInput = "application/x-ndjson"))),
     responses(
@@ -276,7 +276,7 @@ results! {
 ///
 /// Lines of NDJSON are shapes; the other fields of the request are parameters then. As SVG or PNG: the first shapes, coloured by
 /// the distance to their reconstructions, or the shapes of posted codes.
-#[utoipa::path(post, path = "/dictionaries/{dictionary}/reconstruct", tag = "dictionaries",
+#[utoipa::path(post, path = "/v1/dictionaries/{dictionary}/reconstruct", tag = "dictionaries",
     params(
         ("dictionary" = String, Path, description = "Id, `name@version`, `name@alias` or name"), BatchQuery,
         ("format" = Option<String>, Query, description = "`json`, `svg` or `png`"), DrawingQuery
@@ -380,7 +380,7 @@ results! {
 /// from, and say so in `warnings`.
 ///
 /// Lines of NDJSON are shapes; the other fields of the request are parameters then.
-#[utoipa::path(post, path = "/dictionaries/{dictionary}/score", tag = "dictionaries",
+#[utoipa::path(post, path = "/v1/dictionaries/{dictionary}/score", tag = "dictionaries",
     params(("dictionary" = String, Path, description = "Id, `name@version`, `name@alias` or name"), BatchQuery),
     request_body(content((ScoreRequest = "application/json"), (ShapeInput = "application/x-ndjson"))),
     responses(
@@ -435,7 +435,7 @@ results! {
 /// Points correspond as given, and no start point is searched: a curve initialised with the mean shape keeps its parameters.
 ///
 /// Lines of NDJSON are shapes; the other fields of the request are parameters then.
-#[utoipa::path(post, path = "/dictionaries/{dictionary}/prior", tag = "dictionaries",
+#[utoipa::path(post, path = "/v1/dictionaries/{dictionary}/prior", tag = "dictionaries",
     params(("dictionary" = String, Path, description = "Id, `name@version`, `name@alias` or name"), BatchQuery),
     request_body(content((PriorRequest = "application/json"), (ShapeInput = "application/x-ndjson"))),
     responses(
@@ -507,7 +507,7 @@ pub(super) struct SampleAnswer {
 }
 
 /// Draws plausible shapes, with scores from a normal distribution with the mean and covariance of the training scores.
-#[utoipa::path(post, path = "/dictionaries/{dictionary}/sample", tag = "dictionaries", request_body = SampleRequest,
+#[utoipa::path(post, path = "/v1/dictionaries/{dictionary}/sample", tag = "dictionaries", request_body = SampleRequest,
     params(("dictionary" = String, Path, description = "Id, `name@version`, `name@alias` or name")),
     responses(
         (status = 200, description = "The shapes", body = SampleAnswer),

@@ -115,7 +115,7 @@ impl From<Cohort> for CohortOutput {
 }
 
 /// Creates a cohort.
-#[utoipa::path(post, path = "/cohorts", tag = "cohorts", params(RetryHeader), request_body = CohortRequest,
+#[utoipa::path(post, path = "/v1/cohorts", tag = "cohorts", params(RetryHeader), request_body = CohortRequest,
     responses(
         (status = 201, description = "Created", body = CohortOutput, headers(("Location" = String))),
         (status = 409, description = "The name is already in use")
@@ -165,7 +165,7 @@ fn new_cohort(request: CohortRequest) -> Result<CohortSpec, ServiceError> {
 }
 
 /// Lists cohorts in order of creation.
-#[utoipa::path(get, path = "/cohorts", tag = "cohorts", params(PageQuery),
+#[utoipa::path(get, path = "/v1/cohorts", tag = "cohorts", params(PageQuery),
     responses(
         (status = 200, description = "A page of cohorts", body = PageOfCohorts),
         (status = 400, description = "The query was refused")
@@ -180,7 +180,7 @@ pub(super) async fn list_cohorts(
 }
 
 /// Returns a cohort by id or name.
-#[utoipa::path(get, path = "/cohorts/{cohort}", tag = "cohorts", params(("cohort" = String, Path, description = "Id or name")),
+#[utoipa::path(get, path = "/v1/cohorts/{cohort}", tag = "cohorts", params(("cohort" = String, Path, description = "Id or name")),
     responses(
         (status = 200, description = "The cohort; its ETag changes with its revision", body = CohortOutput),
         (status = 304, description = "Unchanged since the version in If-None-Match"),
@@ -223,7 +223,7 @@ fn given<'de, D: serde::Deserializer<'de>>(field: D) -> Result<Option<Option<Str
 /// Changes the name, description or unit of a cohort.
 ///
 /// The revision grows by one. With `If-Match`, the change is made only if the cohort is still at that version.
-#[utoipa::path(patch, path = "/cohorts/{cohort}", tag = "cohorts", request_body = CohortPatch,
+#[utoipa::path(patch, path = "/v1/cohorts/{cohort}", tag = "cohorts", request_body = CohortPatch,
     params(("cohort" = String, Path, description = "Id or name"), IfMatchHeader),
     responses(
         (status = 200, description = "The updated cohort", body = CohortOutput),
@@ -246,7 +246,7 @@ pub(super) async fn update_cohort(
 }
 
 /// Moves a cohort with all its shapes to the trash; its name can be reused at once.
-#[utoipa::path(delete, path = "/cohorts/{cohort}", tag = "cohorts",
+#[utoipa::path(delete, path = "/v1/cohorts/{cohort}", tag = "cohorts",
     params(("cohort" = String, Path, description = "Id or name"), IfMatchHeader),
     responses(
         (status = 204, description = "Moved to the trash"),
@@ -285,7 +285,7 @@ pub(super) struct CohortMeanOutput {
 ///
 /// The ETag changes with the revision and the query; a request with a matching `If-None-Match` is not computed again. As SVG:
 /// the mean in front of some of the aligned shapes. As OBJ, PLY, STL or glTF: the mesh of a mean surface.
-#[utoipa::path(get, path = "/cohorts/{cohort}/mean", tag = "cohorts",
+#[utoipa::path(get, path = "/v1/cohorts/{cohort}/mean", tag = "cohorts",
     params(
         ("cohort" = String, Path, description = "Id or name"),
         ("transformation" = ClassName, Query, description = "Class of transformations that is removed"),

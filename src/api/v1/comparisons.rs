@@ -57,7 +57,7 @@ study_request! {
 /// the shape, and sizes, each with the p value of a permutation test. Small tests are answered at once; others become a job
 /// (202) with this result. With `Prefer: wait=N` the response is the result if the job ends within `N` seconds, at most 60.
 /// As SVG: the averages overlaid, with the effect as colour and width.
-#[utoipa::path(post, path = "/comparisons", tag = "inference", request_body = CompareRequest,
+#[utoipa::path(post, path = "/v1/comparisons", tag = "inference", request_body = CompareRequest,
     params(
         ("format" = Option<String>, Query, description = "`json`, `svg` or `png`"), DrawingQuery,
         ("prefer" = Option<String>, Header, description = "`wait=10`: wait up to ten seconds for the job"), RetryHeader

@@ -170,7 +170,7 @@ pub(super) struct Bands {
 /// place alone, and at all places of the hidden part together. Their factors are learnt from training shapes that are held out by subject.
 /// Points correspond as given: no start point, direction or mirror image is searched. As SVG or PNG: the first shapes with the
 /// regions of hidden places.
-#[utoipa::path(post, path = "/dictionaries/{dictionary}/complete", tag = "dictionaries", request_body = CompleteRequest,
+#[utoipa::path(post, path = "/v1/dictionaries/{dictionary}/complete", tag = "dictionaries", request_body = CompleteRequest,
     params(
         ("dictionary" = String, Path, description = "Id, `name@version`, `name@alias` or name"),
         ("format" = Option<String>, Query, description = "`json`, `svg` or `png`"), DrawingQuery

@@ -52,7 +52,7 @@ pub(super) struct ContoursForm {
 /// Each connected component of a label has one outer boundary, and its holes or cavities apart: nothing is merged. Cells of an
 /// image are connected across sides, those of a volume across faces. Points are in the middle between cells inside and outside,
 /// or where the blurred mask is ½. The contours can be posted as shapes, and the surfaces fitted with `POST /v1/fit`.
-#[utoipa::path(post, path = "/contours", tag = "images",
+#[utoipa::path(post, path = "/v1/contours", tag = "images",
     request_body(content = ContoursForm, content_type = "multipart/form-data"),
     responses(
         (status = 200, description = "The boundaries, one entry for each component", body = ContoursAnswer)

@@ -46,7 +46,7 @@ pub(super) struct ShapePatch {
 /// The body is a merge patch (RFC 7396), sent as `application/merge-patch+json` or `application/json`. Points and identifiers
 /// stay. The shape is stored again as the next revision of the cohort, at the end of its order; earlier revisions keep it as it
 /// was. A patch that changes nothing makes no revision. The ETag is that of the cohort.
-#[utoipa::path(patch, path = "/cohorts/{cohort}/shapes/{shape}", tag = "cohorts", request_body = ShapePatch,
+#[utoipa::path(patch, path = "/v1/cohorts/{cohort}/shapes/{shape}", tag = "cohorts", request_body = ShapePatch,
     params(
         ("cohort" = String, Path, description = "Id or name"),
         ("shape" = String, Path, description = "Id or external id"),
@@ -86,7 +86,7 @@ pub(super) struct DeletedAnswer {
 /// Deletes all shapes that pass a filter, as one revision of the cohort.
 ///
 /// Earlier revisions keep them.
-#[utoipa::path(delete, path = "/cohorts/{cohort}/shapes", tag = "cohorts",
+#[utoipa::path(delete, path = "/v1/cohorts/{cohort}/shapes", tag = "cohorts",
     params(
         ("cohort" = String, Path, description = "Id or name"),
         FilterQuery,
@@ -240,7 +240,7 @@ impl From<SubjectJob> for AffectedJob {
 /// of cohorts in the trash. Jobs on these cohorts that have ended since the first of the shapes was stored are removed, because
 /// their results may name shapes. Dictionaries that were learnt from the shapes are named and not changed. A subject without
 /// shapes is answered in the same way; a repetition erases what has arrived since.
-#[utoipa::path(delete, path = "/subjects/{subject}", tag = "cohorts",
+#[utoipa::path(delete, path = "/v1/subjects/{subject}", tag = "cohorts",
     params(("subject" = String, Path, description = "The subject, percent-encoded"), EraseQuery),
     responses(
         (status = 200, description = "What was erased", body = ErasureAnswer),

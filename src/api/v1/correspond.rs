@@ -62,7 +62,7 @@ document! {
 /// of the shapes. The job stores the surfaces with their new parameters in a new cohort, whose points correspond as given
 /// (`landmarks`); labels, subjects and external ids are kept, and the metadata say where each shape comes from. With
 /// `Prefer: wait=N` the response is the result if the job ends within `N` seconds, at most 60.
-#[utoipa::path(post, path = "/cohorts/{cohort}/correspond", tag = "cohorts", request_body = CorrespondCohortRequest,
+#[utoipa::path(post, path = "/v1/cohorts/{cohort}/correspond", tag = "cohorts", request_body = CorrespondCohortRequest,
     params(
         ("cohort" = String, Path, description = "Id or name of a cohort of surfaces with the topology `sphere`"),
         ("prefer" = Option<String>, Header, description = "`wait=10`: wait up to ten seconds for the job"), RetryHeader
@@ -171,7 +171,7 @@ results! {
 /// The rotation of the parameter sphere and a smooth map of it are searched that bring a surface nearest to the mean in the
 /// metric of the dictionary's components. The dictionary is one of surfaces with the topology `sphere`, usually learnt from a cohort
 /// of `POST /v1/cohorts/{cohort}/correspond`. The answered control points can be encoded, scored or classified.
-#[utoipa::path(post, path = "/dictionaries/{dictionary}/correspond", tag = "dictionaries",
+#[utoipa::path(post, path = "/v1/dictionaries/{dictionary}/correspond", tag = "dictionaries",
     params(("dictionary" = String, Path, description = "Id, `name@version`, `name@alias` or name"), BatchQuery),
     request_body(content((CorrespondShapesRequest = "application/json"), (ShapeInput = "application/x-ndjson"))),
     responses(

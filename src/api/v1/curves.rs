@@ -165,7 +165,7 @@ pub(super) struct EvaluateAnswer {
 /// Evaluates curves or surfaces and their derivatives; for subdivision surfaces, the mesh at their level.
 ///
 /// As SVG: a drawing of the shapes. As OBJ, PLY, STL or glTF: the mesh of one surface at its `grid` or level.
-#[utoipa::path(post, path = "/evaluate", tag = "curves", request_body = EvaluateRequest,
+#[utoipa::path(post, path = "/v1/evaluate", tag = "curves", request_body = EvaluateRequest,
     params(ShapeFormatQuery, DrawingQuery),
     responses(
         (status = 200, description = "Points and derivatives", content((EvaluateAnswer = "application/json"), (String = "image/svg+xml"), (Binary = "model/obj"), (Binary = "application/ply"), (Binary = "model/stl"), (Binary = "model/gltf-binary")))
@@ -588,7 +588,7 @@ impl CurveMeasureOutput {
 /// reference. Surfaces: volume, area, centroids, bounding box, the flux of a field, and the distance to a reference.
 ///
 /// Lines of NDJSON are shapes; the other fields of the request are parameters then.
-#[utoipa::path(post, path = "/measure", tag = "curves", params(BatchQuery),
+#[utoipa::path(post, path = "/v1/measure", tag = "curves", params(BatchQuery),
     request_body(content((MeasureRequest = "application/json"), (ShapeInput = "application/x-ndjson"))),
     responses(
         (status = 200, description = "Measures of each shape, in order", content((MeasureAnswer = "application/json"), (MeasureResult = "application/x-ndjson")))
@@ -664,7 +664,7 @@ pub(super) struct ResampleAnswer {
 }
 
 /// Resamples contours to points at equal arc length; open contours keep both ends.
-#[utoipa::path(post, path = "/resample", tag = "curves", request_body = ResampleRequest,
+#[utoipa::path(post, path = "/v1/resample", tag = "curves", request_body = ResampleRequest,
     responses(
         (status = 200, description = "The contours", body = ResampleAnswer)
     ))]

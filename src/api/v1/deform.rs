@@ -65,7 +65,7 @@ pub(super) struct DeformAnswer {
 /// Deforms a curve or surface: moves control points, then pulls the shape to handle targets with the least change.
 ///
 /// Shapes of the subdivision scheme `normal_based` are edited by moving their points and normals.
-#[utoipa::path(post, path = "/deform", tag = "curves", request_body = DeformRequest,
+#[utoipa::path(post, path = "/v1/deform", tag = "curves", request_body = DeformRequest,
     responses(
         (status = 200, description = "The deformed shape", body = DeformAnswer)
     ))]

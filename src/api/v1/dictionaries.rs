@@ -321,7 +321,7 @@ impl<'a> DictionaryOutput<'a> {
 /// The response is a job (202). With `Prefer: wait=N` it is the dictionary (201) if that is ready within `N` seconds, at most
 /// 60. With `dry_run` it is the predicted cost (200), and nothing runs. The cohort is used as it is now, even if shapes are
 /// added meanwhile. Learning again from the same shapes with the same parameters gives the same digest.
-#[utoipa::path(post, path = "/dictionaries", tag = "dictionaries", request_body = LearnRequest,
+#[utoipa::path(post, path = "/v1/dictionaries", tag = "dictionaries", request_body = LearnRequest,
     params(("prefer" = Option<String>, Header, description = "`wait=10`: wait up to ten seconds for the dictionary"), RetryHeader),
     responses(
         (status = 200, description = "Predicted cost (dry run)", body = EstimateAnswer),
@@ -439,7 +439,7 @@ pub(super) struct DictionariesQuery {
 }
 
 /// Lists dictionaries in order of creation, one entry per version.
-#[utoipa::path(get, path = "/dictionaries", tag = "dictionaries", params(DictionariesQuery),
+#[utoipa::path(get, path = "/v1/dictionaries", tag = "dictionaries", params(DictionariesQuery),
     responses(
         (status = 200, description = "A page of dictionaries", body = PageOfDictionaries),
         (status = 400, description = "The query was refused")
@@ -462,7 +462,7 @@ fn digest_tag(ready: &Ready) -> String {
 }
 
 /// Returns a dictionary by id, by `name@version` or `name@alias`, or by name (the latest version).
-#[utoipa::path(get, path = "/dictionaries/{dictionary}", tag = "dictionaries",
+#[utoipa::path(get, path = "/v1/dictionaries/{dictionary}", tag = "dictionaries",
     params(("dictionary" = String, Path, description = "Id, `name@version`, `name@alias` or name")),
     responses(
         (status = 200, description = "The dictionary; its ETag identifies the version", body = DictionaryOutput),
@@ -485,7 +485,7 @@ pub(super) async fn find_dictionary(
 /// Moves a version (by id or `name@version`) or all versions of a name to the trash.
 ///
 /// A version that an alias names is refused, and with it the deletion of all versions of its name: move or delete the alias first.
-#[utoipa::path(delete, path = "/dictionaries/{dictionary}", tag = "dictionaries",
+#[utoipa::path(delete, path = "/v1/dictionaries/{dictionary}", tag = "dictionaries",
     params(("dictionary" = String, Path, description = "Id, `name@version`, `name@alias` or name")),
     responses(
         (status = 204, description = "Moved to the trash"),
@@ -513,7 +513,7 @@ pub(super) struct AtomsAnswer<'a> {
 /// Returns the atoms or components of a dictionary.
 ///
 /// As SVG: the atoms side by side.
-#[utoipa::path(get, path = "/dictionaries/{dictionary}/atoms", tag = "dictionaries",
+#[utoipa::path(get, path = "/v1/dictionaries/{dictionary}/atoms", tag = "dictionaries",
     params(
         ("dictionary" = String, Path, description = "Id, `name@version`, `name@alias` or name"),
         ("format" = Option<String>, Query, description = "`json`, `svg` or `png`"), DrawingQuery
@@ -606,7 +606,7 @@ fn mode_work(ready: &Ready, format: ShapeFormat) -> Work {
 /// As SVG: steps of the mode side by side. As OBJ, PLY or STL: the mesh of the surface at the mean plus `sigma` standard
 /// deviations; `sigma` may be negative. As glTF: the mesh of the mean with one morph target for each of the first 16
 /// components, or for the one asked for, whose weight 1 stands for `sigma` standard deviations.
-#[utoipa::path(get, path = "/dictionaries/{dictionary}/modes", tag = "dictionaries",
+#[utoipa::path(get, path = "/v1/dictionaries/{dictionary}/modes", tag = "dictionaries",
     params(("dictionary" = String, Path, description = "Id, `name@version`, `name@alias` or name"), ModeQuery, ShapeFormatQuery, DrawingQuery),
     responses(
         (status = 200, description = "The mode", content((ModeAnswer = "application/json"), (String = "image/svg+xml"), (Binary = "model/obj"), (Binary = "application/ply"), (Binary = "model/stl"), (Binary = "model/gltf-binary"))),
@@ -649,7 +649,7 @@ fn answer_mode(ready: &Ready, query: &ModeQuery, format: ShapeFormat) -> Result<
 /// Exports a dictionary as one file.
 ///
 /// The file is JSON in the format of `docs/dictionaries.md`; another service imports it with the same digest.
-#[utoipa::path(get, path = "/dictionaries/{dictionary}/export", tag = "dictionaries",
+#[utoipa::path(get, path = "/v1/dictionaries/{dictionary}/export", tag = "dictionaries",
     params(("dictionary" = String, Path, description = "Id, `name@version`, `name@alias` or name")),
     responses(
         (status = 200, description = "The file", body = DictionaryFile),
@@ -683,7 +683,7 @@ pub(super) struct ImportQuery {
 }
 
 /// Imports an exported dictionary as the next version of its name.
-#[utoipa::path(post, path = "/dictionaries/import", tag = "dictionaries", params(ImportQuery, RetryHeader), request_body = DictionaryFile,
+#[utoipa::path(post, path = "/v1/dictionaries/import", tag = "dictionaries", params(ImportQuery, RetryHeader), request_body = DictionaryFile,
     responses(
         (status = 201, description = "Imported", body = DictionaryOutput, headers(("Location" = String))),
         (status = "4XX", description = "The file was refused")

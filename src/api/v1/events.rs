@@ -90,7 +90,7 @@ impl From<TenantEvent> for Sent {
 /// reported once a second by events named `job_progress`, which have no id. Only what the caller may see is sent. The stream
 /// ends after 15 minutes, when the service stops, and when the key is revoked; clients should reconnect. At most 16 streams
 /// per caller.
-#[utoipa::path(get, path = "/events", tag = "changes",
+#[utoipa::path(get, path = "/v1/events", tag = "changes",
     params(EventsQuery, ("Last-Event-ID" = Option<u64>, Header, description = "Number of the last change received")),
     responses(
         (status = 200, description = "The events", body = TenantEvent, content_type = "text/event-stream"),

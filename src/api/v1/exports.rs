@@ -57,7 +57,7 @@ pub(super) struct ShapeFileQuery {
 /// In the order in which they were added, with their external ids (else ids), labels and metadata, all at the revision that the
 /// cohort has when the request arrives. The answer is written while shapes are read: a fault within its first MiB is a problem
 /// document, a later one breaks the connection off.
-#[utoipa::path(get, path = "/cohorts/{cohort}/export", tag = "files",
+#[utoipa::path(get, path = "/v1/cohorts/{cohort}/export", tag = "files",
     params(("cohort" = String, Path, description = "Id or name"), FilterQuery, ShapeFileQuery, WriteQuery),
     responses(
         (status = 200, description = "The file", content((Binary = "application/octet-stream"), (Binary = "application/x-ndjson"))),

@@ -7,6 +7,7 @@ use utoipa::openapi::path::{Parameter, ParameterIn};
 use crate::api::document::text_parameter;
 use crate::api::extract::TWICE;
 use crate::api::form;
+use crate::api::operation::ANY_FILE;
 use crate::api::problem::{Problem, ProblemKind};
 use crate::formats::files::{self, ReadOptions, WriteOptions};
 use crate::formats::record::{MAX_SAMPLES, Placing, Plane};
@@ -16,9 +17,6 @@ use crate::service::app::{Limits, ServiceError};
 use crate::service::cohorts::upload_file::FileToAdd;
 use crate::service::files::translate::FileReading;
 use crate::service::files::{FileFormat, file_limits, unknown_format};
-
-/// Media type that says nothing of a file.
-pub(super) const ANY_FILE: &str = "application/octet-stream";
 
 /// Parameters of files.
 #[derive(IntoParams)]

@@ -18,13 +18,12 @@ use utoipa::openapi::RefOr;
 use utoipa::openapi::path::Operation;
 use utoipa::{IntoParams, ToSchema};
 
-use super::file_parameters::{
-    ANY_FILE, FileParameters, FileQuery, ReadQuery, WriteQuery, written, written_formats,
-};
+use super::file_parameters::{FileParameters, FileQuery, ReadQuery, WriteQuery, written, written_formats};
 use super::series::{ConvertForm, SeriesRequest};
 use crate::api::body;
 use crate::api::extract::{Caller, Query, media_type, unknown_parameter};
 use crate::api::form;
+use crate::api::operation::ANY_FILE;
 use crate::api::problem::Problem;
 use crate::api::respond::{Binary, json};
 use crate::formats::files::{self, Group, Inspection, WriteOptions};
@@ -94,7 +93,7 @@ impl From<Group> for FileGroup {
 ///
 /// The shapes that an upload would take by kind, with their names, boxes and labels, and what it would leave out. The file is
 /// the body of the request, with the media type of its format or as `application/octet-stream`.
-#[utoipa::path(post, path = "/inspect", tag = "files",
+#[utoipa::path(post, path = "/v1/inspect", tag = "files",
     params(FileQuery, ReadQuery),
     request_body(content((Binary = "application/octet-stream", example = json!("{\"points\": [[0, 0], [5, 1], [1, 3]], \"closed\": true}\n")))),
     responses((status = 200, description = "What is in the file", body = InspectAnswer)))]
@@ -134,7 +133,7 @@ pub(super) struct ToQuery {
 /// The answer is written while the file arrives. A fault within the first MiB of the answer is a problem document; a later one
 /// breaks the connection off. What the formats leave out is told by `POST /v1/inspect`. A DICOM structure set (`to=rtstruct`)
 /// refers to the images of a series: the body is a form with the part `parameters`, which lists them, and the part `file`.
-#[utoipa::path(post, path = "/convert", tag = "files",
+#[utoipa::path(post, path = "/v1/convert", tag = "files",
     params(ToQuery, FileQuery, ReadQuery, WriteQuery),
     request_body(content(
         (Binary = "application/octet-stream", example = json!("{\"points\": [[0, 0], [5, 1], [1, 3]], \"closed\": true}\n")),
@@ -241,10 +240,14 @@ fn finished(work: Result<Result<(), ServiceError>, tokio::task::JoinError>) -> R
     work.unwrap_or_else(|error| Err(ServiceError::Internal(format!("the task that writes a file: {error}"))))
 }
 
+/// Media types of the formats that are written.
+pub(in crate::api) fn written_media_types() -> impl Iterator<Item = &'static str> {
+    written_formats().filter_map(|format| format.media_types.first().copied())
+}
+
 /// Describes the answers of an operation that writes files: in the media type of any format.
 pub(in crate::api) fn describe(operation: &mut Operation) {
-    let media_types: Vec<&str> =
-        written_formats().filter_map(|format| format.media_types.first().copied()).collect();
+    let media_types: Vec<&str> = written_media_types().collect();
     for response in operation.responses.responses.values_mut() {
         let RefOr::T(response) = response else { continue };
         let Some(file) = response.content.get(ANY_FILE).cloned() else { continue };

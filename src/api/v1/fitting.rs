@@ -178,7 +178,7 @@ results! {
 /// Subdivision surfaces are fitted to the places nearest to the points; residuals are distances at those places.
 ///
 /// Lines of NDJSON are shapes; the other fields of the request are parameters then.
-#[utoipa::path(post, path = "/fit", tag = "curves", params(BatchQuery),
+#[utoipa::path(post, path = "/v1/fit", tag = "curves", params(BatchQuery),
     request_body(content((FitRequest = "application/json"), (ShapeInput = "application/x-ndjson"))),
     responses(
         (status = 200, description = "One entry per contour, grid, list or mesh, in order", content((FitAnswer = "application/json"), (FitResult = "application/x-ndjson")))
@@ -352,7 +352,7 @@ pub(super) struct RefineAnswer {
 }
 
 /// Refines curves and surfaces to a grid with more knots, exactly where their generators allow it; else samples them at its knots.
-#[utoipa::path(post, path = "/refine", tag = "curves", request_body = RefineRequest,
+#[utoipa::path(post, path = "/v1/refine", tag = "curves", request_body = RefineRequest,
     responses(
         (status = 200, description = "The finer representation and control points", body = RefineAnswer)
     ))]
@@ -462,7 +462,7 @@ pub(super) struct IdealShapes {
 }
 
 /// Lists the idealised curves and surfaces.
-#[utoipa::path(get, path = "/idealised", tag = "catalogue",
+#[utoipa::path(get, path = "/v1/idealised", tag = "catalogue",
     responses((status = 200, description = "The curves with the poles that they need, the surfaces with their control points", body = IdealShapes), (status = 400, description = "An unknown parameter")))]
 pub(super) async fn list_idealised(Caller(app): Caller, _: NoQuery) -> Result<Response, Problem> {
     compute(app.weighing(Work::MOMENT), |_| {
@@ -534,7 +534,7 @@ pub(super) struct IdealAnswer {
 /// Returns exact control points of idealised curves or surfaces.
 ///
 /// If the generator does not contain a shape, the request is refused and the missing poles are named.
-#[utoipa::path(post, path = "/idealised", tag = "curves", request_body = IdealRequest,
+#[utoipa::path(post, path = "/v1/idealised", tag = "curves", request_body = IdealRequest,
     responses(
         (status = 200, description = "Control points", body = IdealAnswer)
     ))]

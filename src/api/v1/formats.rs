@@ -60,7 +60,7 @@ pub(super) struct FileFormats {
 ///
 /// Those that uploads, `POST /v1/inspect` and `POST /v1/convert` read, and those that `POST /v1/convert`,
 /// `GET /v1/cohorts/{cohort}/shapes` and `GET /v1/cohorts/{cohort}/export` write. Of label images, every connected component of a label is a shape.
-#[utoipa::path(get, path = "/formats", tag = "files",
+#[utoipa::path(get, path = "/v1/formats", tag = "files",
     responses((status = 200, description = "The formats", body = FileFormats), (status = 400, description = "An unknown parameter")))]
 pub(super) async fn list_formats(_: NoQuery) -> Json<FileFormats> {
     Json(FileFormats { items: FileFormat::all().map(FormatEntry::from).collect() })

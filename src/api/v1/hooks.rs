@@ -147,7 +147,7 @@ impl From<HookFailure> for HookFailureOutput {
 /// Webhooks specification (`webhook-id`, `webhook-timestamp`, `webhook-signature`). Any answer of 2xx within ten seconds
 /// confirms it; otherwise the same delivery is repeated after a second, then ever more rarely, for three days. This response
 /// is the only place where the secret appears.
-#[utoipa::path(post, path = "/hooks", tag = "changes", request_body = HookRequest,
+#[utoipa::path(post, path = "/v1/hooks", tag = "changes", request_body = HookRequest,
     responses(
         (status = 201, description = "Created", body = CreatedHook, headers(("Location" = String))),
         (status = 404, description = "No such cohort")
@@ -181,7 +181,7 @@ fn new_hook(request: HookRequest) -> Result<NewHook, ServiceError> {
 }
 
 /// Lists the hooks of the caller's tenant in order of creation.
-#[utoipa::path(get, path = "/hooks", tag = "changes", params(PageQuery),
+#[utoipa::path(get, path = "/v1/hooks", tag = "changes", params(PageQuery),
     responses(
         (status = 200, description = "A page of hooks", body = PageOfHooks),
         (status = 400, description = "The query was refused")
@@ -196,7 +196,7 @@ pub(super) async fn list_hooks(
 }
 
 /// Returns a hook.
-#[utoipa::path(get, path = "/hooks/{hook}", tag = "changes", params(("hook" = String, Path, description = "Id")),
+#[utoipa::path(get, path = "/v1/hooks/{hook}", tag = "changes", params(("hook" = String, Path, description = "Id")),
     responses(
         (status = 200, description = "The hook", body = HookOutput),
         (status = 404, description = "No such hook")
@@ -214,7 +214,7 @@ fn answer(hook: Hook) -> Result<Response, Problem> {
 }
 
 /// Deletes a hook.
-#[utoipa::path(delete, path = "/hooks/{hook}", tag = "changes", params(("hook" = String, Path, description = "Id")),
+#[utoipa::path(delete, path = "/v1/hooks/{hook}", tag = "changes", params(("hook" = String, Path, description = "Id")),
     responses(
         (status = 204, description = "Deleted"),
         (status = 404, description = "No such hook")
@@ -232,7 +232,7 @@ pub(super) async fn delete_hook(
 ///
 /// It keeps its position in the change feed. A hook that stays paused until the changes after it are no longer kept fails when
 /// it is resumed.
-#[utoipa::path(post, path = "/hooks/{hook}/pause", tag = "changes",
+#[utoipa::path(post, path = "/v1/hooks/{hook}/pause", tag = "changes",
     params(("hook" = String, Path, description = "Id")),
     responses(
         (status = 200, description = "The paused hook", body = HookOutput),
@@ -247,7 +247,7 @@ pub(super) async fn pause_hook(
 }
 
 /// Resumes a paused or failed hook at its position, with the next attempt at once.
-#[utoipa::path(post, path = "/hooks/{hook}/resume", tag = "changes",
+#[utoipa::path(post, path = "/v1/hooks/{hook}/resume", tag = "changes",
     params(("hook" = String, Path, description = "Id")),
     responses(
         (status = 200, description = "The resumed hook", body = HookOutput),
@@ -265,7 +265,7 @@ pub(super) async fn resume_hook(
 ///
 /// Deliveries keep their `webhook-id`. A number beyond the position of the hook skips changes, such as one that the receiver
 /// can never accept.
-#[utoipa::path(post, path = "/hooks/{hook}/redeliver", tag = "changes", request_body = RedeliverRequest,
+#[utoipa::path(post, path = "/v1/hooks/{hook}/redeliver", tag = "changes", request_body = RedeliverRequest,
     params(("hook" = String, Path, description = "Id")),
     responses(
         (status = 200, description = "The hook", body = HookOutput),
@@ -288,7 +288,7 @@ pub(super) async fn redeliver_hook(
 }
 
 /// Lists failed attempts at the deliveries of a hook, the newest first.
-#[utoipa::path(get, path = "/hooks/{hook}/failures", tag = "changes",
+#[utoipa::path(get, path = "/v1/hooks/{hook}/failures", tag = "changes",
     params(("hook" = String, Path, description = "Id")),
     responses(
         (status = 200, description = "The failed attempts", body = HookFailures),

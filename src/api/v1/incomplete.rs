@@ -97,7 +97,7 @@ pub(super) struct IncompletePcaOutput {
 /// Missing points are replaced by their distribution given the seen ones, in turn with the components, until nothing changes
 /// (expectation and maximisation of probabilistic principal components). Shapes without missing points have their usual components about
 /// the mean. Points correspond as given.
-#[utoipa::path(post, path = "/pca/incomplete", tag = "statistics", request_body = IncompletePcaRequest,
+#[utoipa::path(post, path = "/v1/pca/incomplete", tag = "statistics", request_body = IncompletePcaRequest,
     responses((status = 200, description = "Mean, components and completed shapes", body = IncompletePcaAnswer)))]
 pub(super) async fn incomplete_pca(
     Caller(app): Caller,

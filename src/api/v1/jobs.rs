@@ -166,7 +166,7 @@ pub(super) struct JobsQuery {
 /// Lists jobs, the newest first, without their results.
 ///
 /// Includes all queued and running jobs, and the last 1000 finished ones.
-#[utoipa::path(get, path = "/jobs", tag = "jobs", params(JobsQuery),
+#[utoipa::path(get, path = "/v1/jobs", tag = "jobs", params(JobsQuery),
     responses(
         (status = 200, description = "A page of jobs", body = PageOfJobs),
         (status = 400, description = "The query was refused"),
@@ -189,7 +189,7 @@ pub(super) async fn list_jobs(
 }
 
 /// Returns a job.
-#[utoipa::path(get, path = "/jobs/{job}", tag = "jobs", params(("job" = String, Path, description = "Id")),
+#[utoipa::path(get, path = "/v1/jobs/{job}", tag = "jobs", params(("job" = String, Path, description = "Id")),
     responses(
         (status = 200, description = "The job", body = JobOutput),
         (status = 404, description = "No such job")
@@ -205,7 +205,7 @@ pub(super) async fn find_job(
 /// Cancels a job.
 ///
 /// The job is cancelled by the time the response is sent. Cancelling a cancelled job returns it unchanged.
-#[utoipa::path(post, path = "/jobs/{job}/cancel", tag = "jobs", params(("job" = String, Path, description = "Id")),
+#[utoipa::path(post, path = "/v1/jobs/{job}/cancel", tag = "jobs", params(("job" = String, Path, description = "Id")),
     responses(
         (status = 200, description = "The cancelled job", body = JobOutput),
         (status = 404, description = "No such job"),
@@ -259,7 +259,7 @@ impl From<JobEvent> for Event {
 /// is named `succeeded`, `failed` or `cancelled`, and ends the stream. The stream also ends when the service stops; clients
 /// should reconnect. The event id identifies the state it reports: the state named by `Last-Event-ID` is not sent again, and
 /// if it is the final one the response is 204, which stops an `EventSource`.
-#[utoipa::path(get, path = "/jobs/{job}/events", tag = "jobs",
+#[utoipa::path(get, path = "/v1/jobs/{job}/events", tag = "jobs",
     params(
         ("job" = String, Path, description = "Id"),
         ("Last-Event-ID" = Option<String>, Header, description = "Id of the last event that was received")

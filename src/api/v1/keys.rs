@@ -91,7 +91,7 @@ pub(super) struct IssuedOutput {
 ///
 /// This response is the only place where the secret appears: only a digest is stored. Once a service without keys gets its
 /// first one, requests without a key are refused.
-#[utoipa::path(post, path = "/keys", tag = "access", request_body = KeyRequest,
+#[utoipa::path(post, path = "/v1/keys", tag = "access", request_body = KeyRequest,
     responses(
         (status = 201, description = "Created", body = IssuedOutput, headers(("Location" = String)))
     ))]
@@ -126,7 +126,7 @@ fn new_key(request: KeyRequest) -> Result<NewKey, ServiceError> {
 }
 
 /// Lists the keys of the caller's tenant in order of creation, including expired and revoked ones.
-#[utoipa::path(get, path = "/keys", tag = "access", params(PageQuery),
+#[utoipa::path(get, path = "/v1/keys", tag = "access", params(PageQuery),
     responses(
         (status = 200, description = "A page of keys", body = PageOfKeys),
         (status = 400, description = "The query was refused")
@@ -141,7 +141,7 @@ pub(super) async fn list_keys(
 }
 
 /// Returns a key.
-#[utoipa::path(get, path = "/keys/{key}", tag = "access", params(("key" = String, Path, description = "Id")),
+#[utoipa::path(get, path = "/v1/keys/{key}", tag = "access", params(("key" = String, Path, description = "Id")),
     responses(
         (status = 200, description = "The key", body = KeyOutput),
         (status = 404, description = "No such key")
@@ -158,7 +158,7 @@ pub(super) async fn find_key(
 ///
 /// The revocation takes effect at once on the replica that answers, and within five seconds on all others. The key stays in
 /// the list. Revoking a revoked key gives the same response.
-#[utoipa::path(delete, path = "/keys/{key}", tag = "access", params(("key" = String, Path, description = "Id")),
+#[utoipa::path(delete, path = "/v1/keys/{key}", tag = "access", params(("key" = String, Path, description = "Id")),
     responses(
         (status = 204, description = "Revoked"),
         (status = 404, description = "No such key")

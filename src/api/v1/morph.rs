@@ -117,7 +117,7 @@ impl MorphQuery {
 ///
 /// As glTF, surfaces only: the first shape with displacements to all others, and an animation through them and back. As OBJ: an object
 /// for each shape. As PLY or STL: one shape, for one position.
-#[utoipa::path(post, path = "/morph", tag = "curves", request_body = MorphRequest,
+#[utoipa::path(post, path = "/v1/morph", tag = "curves", request_body = MorphRequest,
     params(MorphQuery, ShapeFormatQuery, DrawingQuery),
     responses(
         (status = 200, description = "Shapes on the path", content((MorphAnswer = "application/json"), (String = "image/svg+xml"), (Binary = "model/obj"), (Binary = "application/ply"), (Binary = "model/stl"), (Binary = "model/gltf-binary")))

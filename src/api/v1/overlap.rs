@@ -81,7 +81,7 @@ pub(super) struct OverlapAnswer {
 ///
 /// A cell is inside a body if the boundary winds round its centre: a part that is enclosed twice is inside, and a hole has the
 /// opposite orientation. The test is the same for all bodies on one grid.
-#[utoipa::path(post, path = "/overlap", tag = "curves", request_body = OverlapRequest,
+#[utoipa::path(post, path = "/v1/overlap", tag = "curves", request_body = OverlapRequest,
     responses(
         (status = 200, description = "Counts and distances", body = OverlapAnswer)
     ))]

@@ -51,7 +51,7 @@ study_request! {
 /// with the p value of a permutation test (with covariates, that of Freedman and Lane). Small tests are answered at once;
 /// others become a job (202) with this result. With `Prefer: wait=N` the response is the result if the job ends within `N`
 /// seconds, at most 60. As SVG: the predicted shapes from low to high values.
-#[utoipa::path(post, path = "/regressions", tag = "inference", request_body = RegressRequest,
+#[utoipa::path(post, path = "/v1/regressions", tag = "inference", request_body = RegressRequest,
     params(
         ("format" = Option<String>, Query, description = "`json`, `svg` or `png`"), DrawingQuery,
         ("prefer" = Option<String>, Header, description = "`wait=10`: wait up to ten seconds for the job"), RetryHeader

@@ -54,7 +54,7 @@ document! {
 /// the most likely shape that has a wanted value. Lengths are in the unit of the cohort. Quick reports are answered at once; others
 /// become a job (202) with this result. With `Prefer: wait=N` the response is the result if the job ends within `N` seconds, at most
 /// 60. As SVG: compactness, errors and stability against the number of modes, and the learning curve.
-#[utoipa::path(post, path = "/dictionaries/{dictionary}/report", tag = "dictionaries", request_body = ReportRequest,
+#[utoipa::path(post, path = "/v1/dictionaries/{dictionary}/report", tag = "dictionaries", request_body = ReportRequest,
     params(
         ("dictionary" = String, Path, description = "Id, `name@version`, `name@alias` or name"),
         ("format" = Option<String>, Query, description = "`json`, `svg` or `png`"), DrawingQuery,

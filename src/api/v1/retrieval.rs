@@ -122,7 +122,7 @@ pub(super) struct SearchAnswer {
 ///
 /// The search is exact: every shape of the cohort that passes the filter is compared, at all start points, directions and
 /// mirror images that the cohort allows. As SVG: the first query shapes, each with its nearest shapes side by side.
-#[utoipa::path(post, path = "/cohorts/{cohort}/search", tag = "retrieval", request_body = SearchRequest,
+#[utoipa::path(post, path = "/v1/cohorts/{cohort}/search", tag = "retrieval", request_body = SearchRequest,
     params(
         ("cohort" = String, Path, description = "Id or name"),
         ("format" = Option<String>, Query, description = "`json`, `svg` or `png`"), DrawingQuery
@@ -243,7 +243,7 @@ pub(super) struct DistancesAnswer {
 ///
 /// Few shapes are answered at once (200). For many shapes of a cohort the response is a job (202), whose matrix is available
 /// at `/v1/jobs/{job}/output`; with `Prefer: wait=N` it is the matrix if that is ready within `N` seconds, at most 60.
-#[utoipa::path(post, path = "/distances", tag = "retrieval", request_body = DistancesRequest,
+#[utoipa::path(post, path = "/v1/distances", tag = "retrieval", request_body = DistancesRequest,
     params(
         ("format" = Option<String>, Query, description = "`json`, `csv`, `npy`, `arrow` or `parquet`"),
         ("prefer" = Option<String>, Header, description = "`wait=10`: wait up to ten seconds for the matrix of the job"), RetryHeader
@@ -381,7 +381,7 @@ fn misplaced(request: &DistancesRequest) -> Vec<Fault> {
 ///
 /// Jobs of the kind `distances` give a matrix, those of the kind `assess` one line per shape, sent as they are read, those of the kind
 /// `segment` the picture or the volume of labels that was asked for. Outputs are kept as long as their job; if together they exceed 2 GiB, only the newest are kept.
-#[utoipa::path(get, path = "/jobs/{job}/output", tag = "jobs",
+#[utoipa::path(get, path = "/v1/jobs/{job}/output", tag = "jobs",
     params(
         ("job" = String, Path, description = "Id"),
         ("format" = Option<String>, Query, description = "`json`, `csv`, `npy`, `arrow` or `parquet` of a matrix, `ndjson` of lines; `svg`, `png` or `nifti` as the segmentation was asked for")

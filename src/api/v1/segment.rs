@@ -88,7 +88,7 @@ fn estimated(estimate: SegmentEstimate) -> Result<Response, ServiceError> {
 /// until it ends; its result is this answer, and in another format than JSON its output at `/v1/jobs/{job}/output` is the file. With
 /// `Prefer: wait=N` the answer comes if it is ready within `N` seconds, at most 60; `Prefer: respond-async` asks for a job in any case.
 /// Readers, and keys that are limited to cohorts, are answered at once or not at all.
-#[utoipa::path(post, path = "/segment", tag = "images",
+#[utoipa::path(post, path = "/v1/segment", tag = "images",
     params(SegmentQuery, ("format" = Option<String>, Query, description = "`json`; `svg` or `png`, the image in grey below initial shapes and results; `nifti`, a volume of labels, and with `mask` also `png`: 1 for the cells of the first result"), DrawingQuery, PreferHeader, RetryHeader),
     request_body(content = SegmentForm, content_type = "multipart/form-data"),
     responses(
@@ -235,7 +235,7 @@ pub(super) struct CohortSegmentForm {
 /// stored object names the BLAKE3 digests of the image and of the other parts under `segmentation`; the image itself is not kept.
 ///
 /// What takes long becomes a job (202), as there. It adds the objects as if the request had come when it runs; its result is this answer.
-#[utoipa::path(post, path = "/cohorts/{cohort}/segment", tag = "images",
+#[utoipa::path(post, path = "/v1/cohorts/{cohort}/segment", tag = "images",
     params(("cohort" = String, Path, description = "Id or name"), SegmentQuery, PreferHeader, RetryHeader, IfMatchHeader),
     request_body(content = CohortSegmentForm, content_type = "multipart/form-data"),
     responses(

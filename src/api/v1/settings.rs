@@ -60,7 +60,7 @@ enum LimitUnit {
 }
 
 /// Returns the settings of the running service.
-#[utoipa::path(get, path = "/settings", tag = "operation", responses(
+#[utoipa::path(get, path = "/v1/settings", tag = "operation", responses(
     (status = 200, description = "Settings of the running service", body = SettingsOutput),
     (status = 400, description = "An unknown parameter"),
     (status = 503, description = "The store cannot be read")

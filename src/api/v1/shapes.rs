@@ -176,7 +176,7 @@ impl AddQuery {
 /// program: with the media type of its format, or with any beside the parameter `format` or `name`. Repeating an
 /// `external_id` with the same content is a safe retry; with other content it is a conflict. Once the response is 201, the
 /// shapes are on disk.
-#[utoipa::path(post, path = "/cohorts/{cohort}/shapes", tag = "cohorts",
+#[utoipa::path(post, path = "/v1/cohorts/{cohort}/shapes", tag = "cohorts",
     params(("cohort" = String, Path, description = "Id or name"), AddQuery, FileQuery, PlacingQuery, ReadQuery, RetryHeader, IfMatchHeader),
     request_body(content((AddRequest = "application/json"), (ShapeInput = "application/x-ndjson", example = json!("{\"external_id\": \"scan-19\", \"points\": [[0, 0], [5, 1], [1, 3]]}\n")), (Binary = "application/octet-stream", example = json!("{\"points\": [[0, 0], [5, 1], [1, 3]], \"closed\": true}\n")))),
     responses(
@@ -424,7 +424,7 @@ enum Wanted {
 /// As JSON, or as a file in any format that is written, which `POST` takes again: by `format`, else by the header `Accept`. The
 /// next page of a file is in the header `Link`. All shapes in one file: `GET /v1/cohorts/{cohort}/export`; their attributes and
 /// measures as a table: `GET /v1/cohorts/{cohort}/table`.
-#[utoipa::path(get, path = "/cohorts/{cohort}/shapes", tag = "cohorts",
+#[utoipa::path(get, path = "/v1/cohorts/{cohort}/shapes", tag = "cohorts",
     params(
         ("cohort" = String, Path, description = "Id or name"),
         FilterQuery,
@@ -541,7 +541,7 @@ fn take_listing(
 /// Returns a shape by id or external id.
 ///
 /// As SVG: a drawing. As OBJ, PLY, STL or glTF: the mesh of a surface.
-#[utoipa::path(get, path = "/cohorts/{cohort}/shapes/{shape}", tag = "cohorts",
+#[utoipa::path(get, path = "/v1/cohorts/{cohort}/shapes/{shape}", tag = "cohorts",
     params(
         ("cohort" = String, Path, description = "Id or name"),
         ("shape" = String, Path, description = "Id or external id"),
@@ -577,7 +577,7 @@ pub(super) async fn find_shape(
 }
 
 /// Deletes a shape; the revision of the cohort grows.
-#[utoipa::path(delete, path = "/cohorts/{cohort}/shapes/{shape}", tag = "cohorts",
+#[utoipa::path(delete, path = "/v1/cohorts/{cohort}/shapes/{shape}", tag = "cohorts",
     params(("cohort" = String, Path, description = "Id or name"), ("shape" = String, Path, description = "Id or external id")),
     responses(
         (status = 204, description = "Deleted"),

@@ -135,7 +135,7 @@ impl Sheet {
 ///
 /// Each shape has its external id, or its id, as its title. The header `Link` has the address of the next page
 /// (`rel="next"`), if there is one. Of surfaces a page has at most 12.
-#[utoipa::path(get, path = "/cohorts/{cohort}/sheet", tag = "cohorts",
+#[utoipa::path(get, path = "/v1/cohorts/{cohort}/sheet", tag = "cohorts",
     params(("cohort" = String, Path, description = "Id or name"), SheetQuery, FilterQuery, PageQuery),
     responses(
         (status = 200, description = "The picture", content((String = "image/svg+xml")), headers(("Link" = String, description = "Address of the next page"))),

@@ -85,7 +85,7 @@ pub(super) struct SheetsQuery {
 ///
 /// The response of a cell is that of the steerable kernel `Δg − 5 g_vv` along the direction that fits best. Crests are its maxima
 /// across sheets. The innermost surface around a point is an image with edges of its own, for a segmentation with the term `contour`.
-#[utoipa::path(post, path = "/sheets", tag = "images", params(SheetsQuery),
+#[utoipa::path(post, path = "/v1/sheets", tag = "images", params(SheetsQuery),
     request_body(content = SheetsForm, content_type = "multipart/form-data"),
     responses(
         (status = 200, description = "The field", content((Binary = "application/x-nifti"), (Binary = "image/png")))

@@ -137,7 +137,7 @@ results! {
 /// Exact, in closed form: the nearest member in the `L₂` sense over the whole curve.
 ///
 /// Lines of NDJSON are shapes; the other fields of the request are parameters then.
-#[utoipa::path(post, path = "/project", tag = "statistics", params(BatchQuery),
+#[utoipa::path(post, path = "/v1/project", tag = "statistics", params(BatchQuery),
     request_body(content((ProjectRequest = "application/json"), (ShapeInput = "application/x-ndjson"))),
     responses(
         (status = 200, description = "One projection per shape, in order", content((ProjectAnswer = "application/json"), (ProjectResult = "application/x-ndjson")))
@@ -170,7 +170,7 @@ impl ProjectRequest {
 ///
 /// The estimate is unbiased and needs no template: it is the mean of the subspaces of the shapes under the class. As
 /// SVG: the mean in front of the aligned shapes. As OBJ, PLY, STL or glTF: the mesh of a mean surface.
-#[utoipa::path(post, path = "/mean", tag = "statistics", request_body = StatisticsRequest,
+#[utoipa::path(post, path = "/v1/mean", tag = "statistics", request_body = StatisticsRequest,
     params(ShapeFormatQuery, DrawingQuery),
     responses(
         (status = 200, description = "The mean", content((MeanOutput = "application/json"), (String = "image/svg+xml"), (Binary = "model/obj"), (Binary = "application/ply"), (Binary = "model/stl"), (Binary = "model/gltf-binary")))
@@ -336,7 +336,7 @@ fn aligned_output(app: &App, statistics: &Statistics) -> Result<Vec<AlignedOutpu
 }
 
 /// Aligns shapes to their mean.
-#[utoipa::path(post, path = "/align", tag = "statistics", request_body = StatisticsRequest,
+#[utoipa::path(post, path = "/v1/align", tag = "statistics", request_body = StatisticsRequest,
     params(("format" = Option<String>, Query, description = "`json`, `svg` or `png`"), DrawingQuery),
     responses(
         (status = 200, description = "Mean and aligned shapes", content((AlignAnswer = "application/json"), (String = "image/svg+xml")))
@@ -427,7 +427,7 @@ pub(super) struct ModeQuery {
 /// Aligns shapes and computes functional principal components.
 ///
 /// As SVG: one mode, drawn as the mean plus and minus `sigma` standard deviations of the scores.
-#[utoipa::path(post, path = "/pca", tag = "statistics", request_body = PcaRequest,
+#[utoipa::path(post, path = "/v1/pca", tag = "statistics", request_body = PcaRequest,
     params(ModeQuery, ("format" = Option<String>, Query, description = "`json`, `svg` or `png`"), DrawingQuery),
     responses(
         (status = 200, description = "Mean and components", content((PcaAnswer = "application/json"), (String = "image/svg+xml")))

@@ -149,7 +149,7 @@ enum Given {
 /// Refines a triangle mesh or a polyline by a subdivision scheme.
 ///
 /// As SVG: a drawing. As OBJ, PLY, STL or glTF: the mesh with normals, or its limit if `limit` is set.
-#[utoipa::path(post, path = "/subdivide", tag = "curves", request_body = SubdivideRequest,
+#[utoipa::path(post, path = "/v1/subdivide", tag = "curves", request_body = SubdivideRequest,
     params(ShapeFormatQuery, DrawingQuery),
     responses(
         (status = 200, description = "The refined mesh or polyline", content((SubdivideAnswer = "application/json"), (String = "image/svg+xml"), (Binary = "model/obj"), (Binary = "application/ply"), (Binary = "model/stl"), (Binary = "model/gltf-binary")))

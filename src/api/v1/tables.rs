@@ -161,7 +161,7 @@ pub(super) struct AttributesAnswer {
 }
 
 /// Sums up the attributes and measures of the shapes of a cohort: types, values with their frequencies, distributions.
-#[utoipa::path(get, path = "/cohorts/{cohort}/attributes", tag = "cohorts",
+#[utoipa::path(get, path = "/v1/cohorts/{cohort}/attributes", tag = "cohorts",
     params(("cohort" = String, Path, description = "Id or name"), AttributesQuery, FilterQuery),
     responses(
         (status = 200, description = "One entry per attribute", body = AttributesAnswer),
@@ -280,7 +280,7 @@ const DICTIONARIES: HeaderName = HeaderName::from_static("shapelex-dictionaries"
 /// `.residual`, `.relative_error`, `.outlier` (at the quantile 0.99), `.class` and `.confidence`. A shape that a dictionary cannot
 /// encode has missing values there. The headers `shapelex-revision` and `shapelex-dictionaries` name what the table was made from;
 /// so do the fields of JSON and the metadata of the Arrow schema.
-#[utoipa::path(get, path = "/cohorts/{cohort}/table", tag = "cohorts",
+#[utoipa::path(get, path = "/v1/cohorts/{cohort}/table", tag = "cohorts",
     params(("cohort" = String, Path, description = "Id or name"), TableParameters, FilterQuery),
     responses(
         (status = 200, description = "The table", content((TableAnswer = "application/json"), (String = "text/csv"), (String = "application/x-ndjson"), (Binary = "application/vnd.apache.arrow.stream"), (Binary = "application/vnd.apache.parquet"))),
@@ -308,7 +308,7 @@ pub(super) async fn find_table(
 }
 
 /// Returns shapes of a cohort as a table, with columns and filter in the body.
-#[utoipa::path(post, path = "/cohorts/{cohort}/table", tag = "cohorts", request_body = TableRequest,
+#[utoipa::path(post, path = "/v1/cohorts/{cohort}/table", tag = "cohorts", request_body = TableRequest,
     params(("cohort" = String, Path, description = "Id or name"),
         ("format" = Option<String>, Query, description = "Format: `json`, `csv`, `ndjson`, `arrow` or `parquet`. Default: as the header `Accept` asks, else `json`")),
     responses(

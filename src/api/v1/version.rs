@@ -37,7 +37,7 @@ pub(super) struct DatabaseOutput {
 }
 
 /// Returns the versions of the program and its database.
-#[utoipa::path(get, path = "/version", tag = "operation", responses(
+#[utoipa::path(get, path = "/v1/version", tag = "operation", responses(
     (status = 200, description = "Versions of the program and the database", body = VersionOutput),
     (status = 400, description = "An unknown parameter"),
     (status = 503, description = "The store cannot be read")
