@@ -23,20 +23,30 @@ use crate::service::shapes::mesh::mesh_of;
 #[allow(dead_code, reason = "only for the document")]
 pub struct Binary(Vec<u8>);
 
+/// Does work and writes the response.
+type Answering = Box<dyn FnOnce(&App) -> Result<Response, ServiceError> + Send>;
+
+/// Parses a body and plans the work of the request.
+type Planning = Box<dyn FnOnce(&App, &[u8]) -> Result<Planned, ServiceError> + Send>;
+
 /// Runs `work` on the pool and returns its response.
 ///
 /// # Errors
 /// The problem of the use case.
-pub async fn compute(
+pub fn compute(
     app: App,
     work: impl FnOnce(&App) -> Result<Response, ServiceError> + Send + 'static,
-) -> Result<Response, Problem> {
+) -> impl Future<Output = Result<Response, Problem>> + Send {
+    compute_any(app, Box::new(work))
+}
+
+async fn compute_any(app: App, work: Answering) -> Result<Response, Problem> {
     let pool = app.pool.clone();
     Ok(pool.run(move || work(&app)).await?)
 }
 
 /// Planned work of a request, and the function that does it and writes the response.
-pub type Planned = (Work, Box<dyn FnOnce(&App) -> Result<Response, ServiceError> + Send>);
+pub type Planned = (Work, Answering);
 
 /// Pairs `work` with the function `answer` that does it.
 ///
@@ -53,11 +63,15 @@ pub fn planned(
 ///
 /// # Errors
 /// The problem of the use case; work beyond the limit for a request.
-pub async fn compute_planned(
+pub fn compute_planned(
     app: App,
     body: Bytes,
     plan: impl FnOnce(&App, &[u8]) -> Result<Planned, ServiceError> + Send + 'static,
-) -> Result<Response, Problem> {
+) -> impl Future<Output = Result<Response, Problem>> + Send {
+    compute_any_planned(app, body, Box::new(plan))
+}
+
+async fn compute_any_planned(app: App, body: Bytes, plan: Planning) -> Result<Response, Problem> {
     let (pool, reader) = (app.pool.clone(), app.clone());
     let plan = move |body: &[u8]| {
         let (work, answer) = plan(&reader, body)?;

@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 use tokio::sync::{Notify, oneshot};
 
 use super::priority;
+use super::task::{AnyOutcome, Outcome, Task, boxed};
 use super::turns::{Entry, Turns, Who};
 use super::{HEAVY, LIGHT};
 use crate::service::app::error::ServiceError;
@@ -55,7 +56,7 @@ struct Running {
 
 /// A task that waits for its turn.
 struct Waiting {
-    task: Task,
+    task: Queueing,
     time: Option<Duration>,
 }
 
@@ -75,16 +76,16 @@ enum Call {
 }
 
 /// Consumes the call and returns the delivery of the outcome, which happens after the place is free.
-type Task = Box<dyn FnOnce(Call) -> Deliver + Send>;
+type Queueing = Box<dyn FnOnce(Call) -> Deliver + Send>;
 type Deliver = Box<dyn FnOnce() + Send>;
 
 /// A unit of work for a thread.
 type Job = Box<dyn FnOnce() + Send>;
 
 /// End of a queued task.
-enum Fate<T, F> {
-    Done(std::thread::Result<Result<T, ServiceError>>),
-    GaveWay(F),
+enum Fate {
+    Done(std::thread::Result<AnyOutcome>),
+    GaveWay(Task),
 }
 
 /// Owner of a task and the known facts about it.
@@ -96,6 +97,13 @@ pub(super) struct Ticket {
     pub(super) admitted: bool,
     /// Expected maximum duration of the task.
     pub(super) time: Option<Duration>,
+}
+
+impl Ticket {
+    /// Of a task of the service itself.
+    pub(super) fn of_service() -> Self {
+        Self { who: Who::service(), work: Work::UNKNOWN, admitted: false, time: None }
+    }
 }
 
 /// Distribution of work over the threads of a lane.
@@ -188,12 +196,11 @@ impl Lane {
     /// # Errors
     /// [`ServiceError::Overloaded`] if too many tasks wait; [`ServiceError::Internal`] if the task panicked (a bug: the
     /// panic stays in the task).
-    pub async fn run<T: Send + 'static>(
+    pub fn run<T: Send + 'static>(
         &self,
         task: impl FnOnce() -> Result<T, ServiceError> + Send + 'static,
-    ) -> Result<T, ServiceError> {
-        let ticket = Ticket { who: Who::service(), work: Work::UNKNOWN, admitted: false, time: None };
-        self.run_for(ticket, task).await
+    ) -> Outcome<'_, T> {
+        Outcome::of(self.run_for(Ticket::of_service(), boxed(task)))
     }
 
     /// Runs `task` for the owner of the ticket when its turn comes. If the caller stops waiting before that, the task
@@ -204,14 +211,7 @@ impl Lane {
     ///
     /// # Errors
     /// Those of [`Lane::run`].
-    pub(super) async fn run_for<T: Send + 'static, F>(
-        &self,
-        ticket: Ticket,
-        task: F,
-    ) -> Result<T, ServiceError>
-    where
-        F: FnOnce() -> Result<T, ServiceError> + Send + 'static,
-    {
+    pub(super) async fn run_for(&self, ticket: Ticket, task: Task) -> AnyOutcome {
         let (until, mut task) = (tokio::time::Instant::now() + PATIENCE, task);
         loop {
             let mut freed = std::pin::pin!(self.0.freed.notified());
@@ -254,20 +254,20 @@ impl Lane {
 }
 
 /// A task in the queue of a lane; dropping it removes the task.
-struct Queued<T, F> {
+struct Queued {
     lane: Arc<Inner>,
     who: Who,
     id: u64,
-    fate: oneshot::Receiver<Fate<T, F>>,
+    fate: oneshot::Receiver<Fate>,
 }
 
-impl<T, F> Queued<T, F> {
-    async fn fate(mut self) -> Option<Fate<T, F>> {
+impl Queued {
+    async fn fate(mut self) -> Option<Fate> {
         (&mut self.fate).await.ok()
     }
 }
 
-impl<T, F> Drop for Queued<T, F> {
+impl Drop for Queued {
     fn drop(&mut self) {
         let gone = locked(&self.lane.state).turns.remove(&self.who, self.id);
         if gone.is_some() {
@@ -278,10 +278,7 @@ impl<T, F> Drop for Queued<T, F> {
 
 impl Inner {
     /// Queues a task if there is a place for it.
-    fn enter<T: Send + 'static, F>(self: &Arc<Self>, ticket: &Ticket, task: F) -> Result<Queued<T, F>, F>
-    where
-        F: FnOnce() -> Result<T, ServiceError> + Send + 'static,
-    {
+    fn enter(self: &Arc<Self>, ticket: &Ticket, task: Task) -> Result<Queued, Task> {
         let mut state = locked(&self.state);
         let mut evicted = None;
         if !ticket.admitted && state.turns.held() >= self.places {
@@ -298,7 +295,7 @@ impl Inner {
             who: who.clone(),
             seconds: ticket.work.seconds(),
             evictable: !ticket.admitted,
-            task: Waiting { task: self.task(task, answer), time: ticket.time },
+            task: Waiting { task: self.queueing(task, answer), time: ticket.time },
         };
         state.turns.push(entry, Instant::now());
         self.begin(&mut state);
@@ -309,10 +306,7 @@ impl Inner {
         Ok(Queued { lane: Arc::clone(self), who, id, fate })
     }
 
-    fn task<T: Send + 'static, F>(&self, task: F, answer: oneshot::Sender<Fate<T, F>>) -> Task
-    where
-        F: FnOnce() -> Result<T, ServiceError> + Send + 'static,
-    {
+    fn queueing(&self, task: Task, answer: oneshot::Sender<Fate>) -> Queueing {
         let waiting = metrics::compute_waits(self.name);
         Box::new(move |call| {
             let fate = match call {

@@ -8,15 +8,17 @@
 //! requests run one at a time, so that their working memory does not add up.
 //!
 //! * [`Pool`] — the lanes as seen by one request;
-//! * `lane` — threads and the tasks that wait for them; `turns` — order of tasks; `readers` — threads for long bodies;
+//! * `lane` — threads and the tasks that wait for them; `task` — tasks of any outcome; `turns` — order of tasks; `readers` — threads for long bodies;
 //!   `priority` — priorities of threads;
 //! * [`work`](crate::service::cost::requests) — predicted cost of a request.
 
 mod lane;
 mod priority;
 mod readers;
+mod task;
 mod turns;
 
+use std::any::Any;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -26,6 +28,7 @@ use bytes::Bytes;
 use self::lane::Ticket;
 pub use self::lane::{Lane, thread_count};
 use self::readers::Readers;
+use self::task::{AnyOutcome, Outcome, Planning, Reading, Task, any, boxed};
 use self::turns::Who;
 use super::error::ServiceError;
 use super::limits::Limits;
@@ -82,9 +85,9 @@ struct Request {
 }
 
 /// Next step of a request after reading its body.
-enum Step<T, F> {
-    Done(T),
-    Next(Work, F),
+enum Step {
+    Done(Box<dyn Any + Send>),
+    Next(Work, Task),
 }
 
 impl Pool {
@@ -174,15 +177,19 @@ impl Pool {
     ///
     /// # Errors
     /// Those of `read`, and of [`Pool::run`].
-    pub async fn read<T: Send + 'static>(
+    pub fn read<T: Send + 'static>(
         &self,
         body: Bytes,
         read: impl FnOnce(&[u8]) -> Result<T, ServiceError> + Send + 'static,
-    ) -> Result<T, ServiceError> {
+    ) -> Outcome<'_, T> {
+        Outcome::of(self.read_any(body, Box::new(move |body| read(body).map(any))))
+    }
+
+    async fn read_any(&self, body: Bytes, read: Reading) -> AnyOutcome {
         if body.len() <= TINY_BYTES {
             return read(&body);
         }
-        self.weighing(Work::reading(body.len())).run(move || read(&body)).await
+        self.weighing(Work::reading(body.len())).run_any(Box::new(move || read(&body))).await
     }
 
     /// Parses a body and executes the request in it: `plan` predicts its work and thereby chooses the lane, or for an instant
@@ -191,14 +198,19 @@ impl Pool {
     /// # Errors
     /// Those of `plan`, of the planned task and of [`Pool::run`]; [`ServiceError::TooCostly`] if the predicted work
     /// exceeds the maximum for a request.
-    pub async fn run_planned<T: Send + 'static, F>(
+    pub fn run_planned<T: Send + 'static, F>(
         &self,
         body: Bytes,
         plan: impl FnOnce(&[u8]) -> Result<(Work, F), ServiceError> + Send + 'static,
-    ) -> Result<T, ServiceError>
+    ) -> Outcome<'_, T>
     where
         F: FnOnce() -> Result<T, ServiceError> + Send + 'static,
     {
+        let plan = move |body: &[u8]| plan(body).map(|(work, task)| (work, boxed(task)));
+        Outcome::of(self.run_any_planned(body, Box::new(plan)))
+    }
+
+    async fn run_any_planned(&self, body: Bytes, plan: Planning) -> AnyOutcome {
         let most = self.most;
         if body.len() <= TINY_BYTES {
             let (work, task) = plan(&body)?;
@@ -207,7 +219,7 @@ impl Pool {
                 self.context().check()?;
                 return here(work, task);
             }
-            return self.weighing(work).run(holding(body, task)).await;
+            return self.weighing(work).run_any(holding(body, task)).await;
         }
         let reading = Work::reading(body.len());
         let lane = self.weighing(reading);
@@ -225,7 +237,7 @@ impl Pool {
         });
         match step.await? {
             Step::Done(outcome) => Ok(outcome),
-            Step::Next(work, task) => self.weighing(work).run(task).await,
+            Step::Next(work, task) => self.weighing(work).run_any(task).await,
         }
     }
 
@@ -235,32 +247,35 @@ impl Pool {
     /// # Errors
     /// [`ServiceError::Overloaded`] if too many tasks wait; [`ServiceError::Internal`] if the task panicked (a bug: the
     /// panic stays in the task).
-    pub async fn run<T: Send + 'static>(
+    pub fn run<T: Send + 'static>(
         &self,
         task: impl FnOnce() -> Result<T, ServiceError> + Send + 'static,
-    ) -> Result<T, ServiceError> {
+    ) -> Outcome<'_, T> {
+        Outcome::of(self.run_any(boxed(task)))
+    }
+
+    async fn run_any(&self, task: Task) -> AnyOutcome {
         let light = self.work.is_moment();
         let lane = if light { &self.light } else { &self.heavy };
-        let Some(request) = &self.request else { return lane.run(task).await };
+        let Some(request) = &self.request else { return lane.run_for(Ticket::of_service(), task).await };
         let waiting = Waiting(Some(&request.context));
         let had = |flag: &AtomicBool| flag.load(Ordering::Relaxed);
         let admitted = had(&request.admitted) || (light && had(&request.read));
         let ticket = Ticket { who: self.who.clone(), work: self.work, admitted, time: Some(self.time) };
         let begun = Arc::clone(request);
-        let outcome = lane
-            .run_for(ticket, move || {
-                let begins = if light { &begun.read } else { &begun.admitted };
-                begins.store(true, Ordering::Relaxed);
-                begun.context.check().and_then(|()| task())
-            })
-            .await;
+        let task = move || {
+            let begins = if light { &begun.read } else { &begun.admitted };
+            begins.store(true, Ordering::Relaxed);
+            begun.context.check().and_then(|()| task())
+        };
+        let outcome = lane.run_for(ticket, Box::new(task)).await;
         waiting.ended();
         outcome
     }
 }
 
 /// Runs `task` on this thread.
-fn here<T>(work: Work, task: impl FnOnce() -> T) -> T {
+fn here(work: Work, task: Task) -> AnyOutcome {
     let begun = Instant::now();
     let outcome = task();
     metrics::compute_ended(LIGHT, work.seconds(), begun.elapsed().as_secs_f64());
@@ -268,12 +283,12 @@ fn here<T>(work: Work, task: impl FnOnce() -> T) -> T {
 }
 
 /// A task that holds the memory reserved for a body, and for data parsed from it, until it ends.
-fn holding<T>(body: Bytes, task: impl FnOnce() -> T) -> impl FnOnce() -> T {
-    move || {
+fn holding(body: Bytes, task: Task) -> Task {
+    Box::new(move || {
         let outcome = task();
         drop(body);
         outcome
-    }
+    })
 }
 
 /// A caller that waits for an outcome; dropping it early interrupts the work.
