@@ -1,7 +1,5 @@
 //! The header of NIfTI-1: size, type, scale and affine map.
 
-use nifti::{Endianness, NiftiHeader, NiftiType};
-
 use super::super::grid::{check_spacing, cross};
 use super::NAME;
 use crate::image::error::ImageError;
@@ -23,6 +21,16 @@ const QUATERNION_ROUNDING: f64 = 1e-5;
 /// the reference implementation, `nifti_quatern_to_mat44` in nifti1_io.c.
 const HALF_TURN: f64 = 1e-7;
 
+/// Types of values that are not read.
+const OTHER_TYPES: [(i16, &str); 6] = [
+    (32, "Complex64"),
+    (128, "Rgb24"),
+    (1536, "Float128"),
+    (1792, "Complex128"),
+    (2048, "Complex256"),
+    (2304, "Rgba32"),
+];
+
 /// What is used of a header, checked.
 pub(super) struct Header {
     pub(super) grid: Grid,
@@ -35,7 +43,7 @@ impl Header {
     /// Checks a header, and that its image is within the limits.
     pub(super) fn new(bytes: &[u8; HEADER_BYTES], limits: &Limits) -> Result<Self, ImageError> {
         check_variant(bytes)?;
-        let raw = NiftiHeader::from_reader(&bytes[..]).map_err(|error| ImageError::corrupt(NAME, error))?;
+        let raw = Fields::of(bytes);
         if raw.sizeof_hdr != HEADER_BYTES as i32 {
             return Err(unsupported("a header of 348 bytes (sizeof_hdr)", raw.sizeof_hdr));
         }
@@ -47,8 +55,60 @@ impl Header {
         let unit = unit(&raw)?;
         let millimetres = unit.millimetres();
         let grid = Grid::new(size, affine(&raw)?.map(|row| row.map(|entry| millimetres * entry)), [unit; 3])?;
-        let big_endian = raw.endianness == Endianness::Big;
+        let big_endian = raw.big_endian;
         Ok(Self { grid, numbers: Numbers { stored, big_endian, scale: scale(&raw)? }, offset })
+    }
+}
+
+/// The fields that are used, by their names and at their positions in nifti1.h.
+struct Fields {
+    big_endian: bool,
+    sizeof_hdr: i32,
+    dim: [i16; 8],
+    datatype: i16,
+    bitpix: i16,
+    pixdim: [f32; 8],
+    vox_offset: f32,
+    scl_slope: f32,
+    scl_inter: f32,
+    xyzt_units: u8,
+    qform_code: i16,
+    sform_code: i16,
+    /// `b, c, d`.
+    quatern: [f32; 3],
+    /// `x, y, z`.
+    qoffset: [f32; 3],
+    srow: [[f32; 4]; 3],
+}
+
+impl Fields {
+    fn of(bytes: &[u8; HEADER_BYTES]) -> Self {
+        // A number of axes above 7 tells the other order of bytes.
+        let big_endian = u16::from_le_bytes([bytes[40], bytes[41]]) > 7;
+        let part = |at: usize| [bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]];
+        let short = |at: usize| {
+            let part = [bytes[at], bytes[at + 1]];
+            if big_endian { i16::from_be_bytes(part) } else { i16::from_le_bytes(part) }
+        };
+        let float =
+            |at: usize| if big_endian { f32::from_be_bytes(part(at)) } else { f32::from_le_bytes(part(at)) };
+        Self {
+            big_endian,
+            sizeof_hdr: if big_endian { i32::from_be_bytes(part(0)) } else { i32::from_le_bytes(part(0)) },
+            dim: std::array::from_fn(|i| short(40 + 2 * i)),
+            datatype: short(70),
+            bitpix: short(72),
+            pixdim: std::array::from_fn(|i| float(76 + 4 * i)),
+            vox_offset: float(108),
+            scl_slope: float(112),
+            scl_inter: float(116),
+            xyzt_units: bytes[123],
+            qform_code: short(252),
+            sform_code: short(254),
+            quatern: std::array::from_fn(|i| float(256 + 4 * i)),
+            qoffset: std::array::from_fn(|i| float(268 + 4 * i)),
+            srow: std::array::from_fn(|row| std::array::from_fn(|i| float(280 + 16 * row + 4 * i))),
+        }
     }
 }
 
@@ -67,21 +127,24 @@ fn unsupported(expected: &'static str, found: impl ToString) -> ImageError {
     ImageError::Unsupported { format: NAME, expected, found: found.to_string() }
 }
 
-fn value_type(raw: &NiftiHeader) -> Result<ValueType, ImageError> {
+fn value_type(raw: &Fields) -> Result<ValueType, ImageError> {
     let expected = "integers or floating-point numbers of 8 to 64 bits (datatype)";
-    let found = raw.data_type().map_err(|_| unsupported(expected, raw.datatype))?;
-    let stored = match found {
-        NiftiType::Uint8 => ValueType::U8,
-        NiftiType::Uint16 => ValueType::U16,
-        NiftiType::Uint32 => ValueType::U32,
-        NiftiType::Uint64 => ValueType::U64,
-        NiftiType::Int8 => ValueType::I8,
-        NiftiType::Int16 => ValueType::I16,
-        NiftiType::Int32 => ValueType::I32,
-        NiftiType::Int64 => ValueType::I64,
-        NiftiType::Float32 => ValueType::F32,
-        NiftiType::Float64 => ValueType::F64,
-        other => return Err(unsupported(expected, format!("{} ({other:?})", raw.datatype))),
+    let stored = match raw.datatype {
+        2 => ValueType::U8,
+        4 => ValueType::I16,
+        8 => ValueType::I32,
+        16 => ValueType::F32,
+        64 => ValueType::F64,
+        256 => ValueType::I8,
+        512 => ValueType::U16,
+        768 => ValueType::U32,
+        1024 => ValueType::I64,
+        1280 => ValueType::U64,
+        other => {
+            let name = OTHER_TYPES.iter().find(|(code, _)| *code == other);
+            let found = name.map_or_else(|| other.to_string(), |(_, name)| format!("{other} ({name})"));
+            return Err(unsupported(expected, found));
+        }
     };
     let bits = 8 * stored.bytes();
     if usize::try_from(raw.bitpix) == Ok(bits) {
@@ -93,24 +156,24 @@ fn value_type(raw: &NiftiHeader) -> Result<ValueType, ImageError> {
 }
 
 /// Size along x, y, z, of 2 or 3 axes and any further ones of length 1.
-fn size(raw: &NiftiHeader) -> Result<[u64; 3], ImageError> {
-    let count = usize::from(raw.dim[0]);
+fn size(raw: &Fields) -> Result<[u64; 3], ImageError> {
+    let count = raw.dim[0];
     if !(2..=7).contains(&count) {
-        return Err(unsupported("2 or 3 axes (dim[0])", raw.dim[0] as i16));
+        return Err(unsupported("2 or 3 axes (dim[0])", count));
     }
-    // The field is signed in the standard.
-    if let Some(axis) = (1..=count).find(|axis| (raw.dim[*axis] as i16) < 0) {
-        let fault = format!("expected 1 to 32767 cells (dim[{axis}]), got {}", raw.dim[axis] as i16);
+    let lengths = &raw.dim[1..=count as usize];
+    if let Some(axis) = lengths.iter().position(|length| *length < 0) {
+        let fault = format!("expected 1 to 32767 cells (dim[{}]), got {}", axis + 1, lengths[axis]);
         return Err(ImageError::corrupt(NAME, fault));
     }
-    if let Some(axis) = (4..=count).find(|axis| raw.dim[*axis] > 1) {
-        let found = format!("{} along axis {axis}", raw.dim[axis]);
+    if let Some(axis) = (3..lengths.len()).find(|axis| lengths[*axis] > 1) {
+        let found = format!("{} along axis {}", lengths[axis], axis + 1);
         return Err(unsupported("one value along each axis after the third", found));
     }
-    Ok(std::array::from_fn(|axis| if axis < count { u64::from(raw.dim[axis + 1]) } else { 1 }))
+    Ok(std::array::from_fn(|axis| lengths.get(axis).map_or(1, |length| length.unsigned_abs().into())))
 }
 
-fn offset(raw: &NiftiHeader) -> Result<u64, ImageError> {
+fn offset(raw: &Fields) -> Result<u64, ImageError> {
     let offset = f64::from(raw.vox_offset);
     if offset == 0.0 {
         Ok(FIRST_VOXEL)
@@ -124,7 +187,7 @@ fn offset(raw: &NiftiHeader) -> Result<u64, ImageError> {
 }
 
 /// Unit of lengths: the lowest three bits of the field.
-fn unit(raw: &NiftiHeader) -> Result<LengthUnit, ImageError> {
+fn unit(raw: &Fields) -> Result<LengthUnit, ImageError> {
     match raw.xyzt_units & 7 {
         0 => Ok(LengthUnit::Unknown),
         1 => Ok(LengthUnit::Metre),
@@ -138,7 +201,7 @@ fn unit(raw: &NiftiHeader) -> Result<LengthUnit, ImageError> {
 }
 
 /// A slope of 0 means none. Some programs write no number where they have no slope.
-fn scale(raw: &NiftiHeader) -> Result<Option<[f64; 2]>, ImageError> {
+fn scale(raw: &Fields) -> Result<Option<[f64; 2]>, ImageError> {
     let [slope, intercept] = [raw.scl_slope, raw.scl_inter].map(f64::from);
     if slope == 0.0 || slope.is_nan() || (slope, intercept) == (1.0, 0.0) {
         return Ok(None);
@@ -153,9 +216,9 @@ fn scale(raw: &NiftiHeader) -> Result<Option<[f64; 2]>, ImageError> {
 
 /// Rows `[A | b]` in the unit of the file, by the methods of the standard in their order of precedence: sform (3), qform (2),
 /// spacing alone (1).
-fn affine(raw: &NiftiHeader) -> Result<[[f64; 4]; 3], ImageError> {
+fn affine(raw: &Fields) -> Result<[[f64; 4]; 3], ImageError> {
     let mut rows = if raw.sform_code > 0 {
-        [raw.srow_x, raw.srow_y, raw.srow_z].map(|row| row.map(f64::from))
+        raw.srow.map(|row| row.map(f64::from))
     } else if raw.qform_code > 0 {
         qform(raw)?
     } else {
@@ -180,7 +243,7 @@ fn set_normal(rows: &mut [[f64; 4]; 3]) {
 }
 
 /// `pixdim[1..4]`, positive; 1 along the missing axis of a plane.
-fn spacing(raw: &NiftiHeader) -> Result<[f64; 3], ImageError> {
+fn spacing(raw: &Fields) -> Result<[f64; 3], ImageError> {
     let mut spacing = [1, 2, 3].map(|axis| f64::from(raw.pixdim[axis]));
     if raw.dim[0] == 2 && spacing[2] == 0.0 {
         spacing[2] = 1.0;
@@ -193,8 +256,8 @@ fn spacing(raw: &NiftiHeader) -> Result<[f64; 3], ImageError> {
 
 /// Method 2: `A = R diag(Δx, Δy, q Δz)`, `b` the position of the first voxel, `R` the rotation of the unit quaternion
 /// `a + bi + cj + dk` with `a = √(1 − b² − c² − d²)`, `q = −1` if `pixdim[0]` is negative, else 1.
-fn qform(raw: &NiftiHeader) -> Result<[[f64; 4]; 3], ImageError> {
-    let [b, c, d] = [raw.quatern_b, raw.quatern_c, raw.quatern_d].map(f64::from);
+fn qform(raw: &Fields) -> Result<[[f64; 4]; 3], ImageError> {
+    let [b, c, d] = raw.quatern.map(f64::from);
     let square = b * b + c * c + d * d;
     if !(square <= 1.0 + QUATERNION_ROUNDING) {
         let fault = format!("expected a quaternion with b² + c² + d² of at most 1, got {square}");
@@ -212,7 +275,7 @@ fn qform(raw: &NiftiHeader) -> Result<[[f64; 4]; 3], ImageError> {
     if raw.pixdim[0] < 0.0 {
         spacing[2] = -spacing[2];
     }
-    let first = [raw.quatern_x, raw.quatern_y, raw.quatern_z].map(f64::from);
+    let first = raw.qoffset.map(f64::from);
     Ok(std::array::from_fn(|r| {
         std::array::from_fn(|c| if c < 3 { rotation[r][c] * spacing[c] } else { first[r] })
     }))
