@@ -1,16 +1,17 @@
 //! Drawings as picture files: SVG, and PNG of the same drawing.
 //!
-//! A PNG is the SVG rendered by resvg, with the letters of a font that is part of the program: the bytes do not depend on the
+//! A PNG is the SVG painted by tiny-skia, with the letters of a font that is part of the program: the bytes do not depend on the
 //! machine. Letters outside of Latin, Greek and Cyrillic appear as boxes. It cannot follow the preference of a viewer, so that
 //! the theme `auto` is the light one.
 
-use std::sync::{Arc, LazyLock};
+mod font;
+mod letters;
+mod raster;
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
-use resvg::tiny_skia::{Color, ColorU8, Pixmap, PixmapPaint, Transform};
-use resvg::usvg::{self, Options, Tree, fontdb::Database};
 use serde::{Deserialize, Serialize};
+use tiny_skia::{Color, ColorU8, Pixmap, PixmapPaint, Transform};
 
 use super::image::write::png_u8;
 use super::image::{Grid, ImageError, LengthUnit};
@@ -96,7 +97,7 @@ pub enum PictureError {
         /// Height in pixels.
         height: u64,
     },
-    /// The drawing is no valid SVG (a bug).
+    /// The drawing has what cannot be painted (a bug).
     #[error("the drawing cannot be rendered: {0}")]
     Render(String),
 }
@@ -114,17 +115,6 @@ impl PictureFile {
     }
 }
 
-/// Family name of the font below.
-const FAMILY: &str = "Roboto";
-
-/// The only font of pictures.
-static FONTS: LazyLock<Arc<Database>> = LazyLock::new(|| {
-    let mut fonts = Database::new();
-    fonts.load_font_data(include_bytes!("fonts/Roboto-Regular.ttf").to_vec());
-    fonts.set_sans_serif_family(FAMILY);
-    Arc::new(fonts)
-});
-
 fn png(drawing: &Drawing, style: &Style) -> Result<Vec<u8>, PictureError> {
     let [width, height] = drawing.pixels(style);
     if width.saturating_mul(height) > MAX_PIXELS {
@@ -138,15 +128,13 @@ fn png(drawing: &Drawing, style: &Style) -> Result<Vec<u8>, PictureError> {
         Some(_) => drawing.without_picture().to_svg(&Style { background: Background::None, ..style }),
         None => drawing.to_svg(&style),
     };
-    let options = Options { font_family: FAMILY.into(), fontdb: Arc::clone(&FONTS), ..Options::default() };
     let failed = |error: String| PictureError::Render(error);
-    let tree = Tree::from_str(&svg, &options).map_err(|error: usvg::Error| failed(error.to_string()))?;
-    let size = tree.size().to_int_size();
-    let mut pixels = Pixmap::new(size.width(), size.height()).ok_or_else(|| failed("it is empty".into()))?;
+    let [width, height] = [width, height].map(|count| u32::try_from(count).unwrap_or(0));
+    let mut pixels = Pixmap::new(width, height).ok_or_else(|| failed("it is empty".into()))?;
     if let Some(picture) = picture {
         paint(&picture, &style, &mut pixels).ok_or_else(|| failed("its picture is empty".into()))?;
     }
-    resvg::render(&tree, Transform::identity(), &mut pixels.as_mut());
+    raster::paint(&svg, &mut pixels).map_err(failed)?;
     pixels.encode_png().map_err(|error| failed(error.to_string()))
 }
 
