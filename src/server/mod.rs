@@ -83,7 +83,6 @@ async fn start(config: &ServeConfig) -> Result<App, String> {
     clock::check()?;
     let store = config.place().open().await?;
     metrics::start();
-    tokio::spawn(metrics::upkeep());
     let access = Access::new(config.access())?;
     let app = App::new(store, config.limits(), config.threads)
         .with_access(access)

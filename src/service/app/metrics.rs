@@ -7,9 +7,9 @@ use std::sync::OnceLock;
 use std::time::Duration;
 
 use metrics::{counter, gauge, histogram};
-use metrics_exporter_prometheus::{PrometheusBuilder, PrometheusHandle};
 
 use super::pool::LANES;
+use super::recorder::Registry;
 use crate::domain::job::JobKind;
 use crate::store::metrics as store;
 
@@ -119,48 +119,25 @@ pub const METRICS: &[(&str, Kind, &str)] = &[
     (BUILD_INFO, Kind::Gauge, "1, with the version, commit, compiler and database engine as labels"),
 ];
 
-/// Upper bounds of the histograms, in seconds.
-const BUCKETS: [f64; 14] =
-    [0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 10.0, 30.0, 120.0];
-
-/// Interval at which samples are merged into the histograms, so that memory stays small even if nothing scrapes them.
-const UPKEEP: Duration = Duration::from_secs(5);
-
-static HANDLE: OnceLock<PrometheusHandle> = OnceLock::new();
+static REGISTRY: OnceLock<&'static Registry> = OnceLock::new();
 
 /// Starts recording in this process; earlier events are not counted, and a second call has no effect.
 pub fn start() {
-    handle();
+    registry();
 }
 
-pub(super) fn handle() -> &'static PrometheusHandle {
-    HANDLE.get_or_init(|| {
-        let builder = PrometheusBuilder::new().set_buckets(&BUCKETS).expect("there are buckets");
-        let recorder = builder.build_recorder();
-        let handle = recorder.handle();
-        metrics::set_global_recorder(recorder).expect("nothing else in this program counts");
-        describe();
+fn registry() -> &'static Registry {
+    REGISTRY.get_or_init(|| {
+        let registry: &'static Registry = Box::leak(Box::default());
+        metrics::set_global_recorder(registry).expect("nothing else in this program counts");
         begin_at_zero();
-        handle
+        registry
     })
 }
 
-/// Keeps the histograms small; never returns.
-pub async fn upkeep() {
-    loop {
-        tokio::time::sleep(UPKEEP).await;
-        handle().run_upkeep();
-    }
-}
-
-fn describe() {
-    for &(name, kind, help) in METRICS {
-        match kind {
-            Kind::Counter => metrics::describe_counter!(name, help),
-            Kind::Gauge => metrics::describe_gauge!(name, help),
-            Kind::Histogram => metrics::describe_histogram!(name, help),
-        }
-    }
+/// All metrics in the Prometheus text format.
+pub(super) fn render() -> String {
+    registry().render(METRICS)
 }
 
 /// Sets counters of rare events to zero, so that alerts notice the first event.

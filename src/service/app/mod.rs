@@ -25,6 +25,7 @@ pub mod outgoing;
 pub mod pool;
 pub mod problem;
 pub mod progress;
+mod recorder;
 pub mod scrape;
 mod state;
 pub mod touched;

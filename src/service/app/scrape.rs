@@ -10,7 +10,7 @@ use super::pool::REQUEST_LANES;
 
 /// All metrics in the Prometheus text format, with current values for those of the database.
 pub async fn scrape(app: &App) -> String {
-    let handle = handle();
+    start();
     let read = app.store.measure(now_ms()).await;
     gauge!(STORE_UP).set(if read.is_ok() { 1.0 } else { 0.0 });
     match read {
@@ -40,5 +40,5 @@ pub async fn scrape(app: &App) -> String {
     gauge!(BUILD_INFO, "version" => build::VERSION, "commit" => commit, "rustc" => build::RUSTC,
         "engine" => app.store.engine())
     .set(1.0);
-    handle.render()
+    render()
 }
