@@ -1,19 +1,15 @@
 //! Overload protection: time limits of requests, and rate limits of callers.
 
+use std::collections::HashMap;
 use std::net::IpAddr;
 use std::num::NonZeroU32;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use axum::extract::Request;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
-use governor::clock::{Clock, DefaultClock};
-use governor::middleware::NoOpMiddleware;
-use governor::state::keyed::DefaultKeyedStateStore;
-use governor::{Quota, RateLimiter};
 
 use super::form;
 use super::observe;
@@ -132,45 +128,76 @@ impl Caller {
     }
 }
 
-/// Rate limiter of callers, by a clock that tests advance.
+/// Rate limiter of callers: the generic cell rate algorithm (ITU-T I.371), a token bucket with one time for each caller.
+///
+/// A request moves the caller's time, never earlier than now, on by `interval = 1 / rate`; it is refused while that time is
+/// more than `(burst − 1) · interval` ahead of now. A time in the past is that of a full bucket and is forgotten.
 #[derive(Debug)]
-struct Rates<C: Clock = DefaultClock> {
-    limiter: RateLimiter<Caller, DefaultKeyedStateStore<Caller>, C, NoOpMiddleware<C::Instant>>,
+struct Rates {
+    interval: Duration,
+    /// `(burst − 1) · interval`.
+    tolerance: Duration,
     /// Description of the rate for the client.
     rate: String,
-    checks: AtomicU32,
+    callers: Mutex<Callers>,
 }
 
-impl<C: Clock + Default> Rates<C> {
+/// Times of the callers, and the number of requests checked.
+#[derive(Debug, Default)]
+struct Callers {
+    times: HashMap<Caller, Instant>,
+    checks: u32,
+}
+
+impl Rates {
     /// `None` if `per_second` is 0; a `burst` of 0 means twice `per_second`.
     fn new(per_second: u32, burst: u32) -> Option<Self> {
         let rate = NonZeroU32::new(per_second)?;
         let burst = NonZeroU32::new(burst).unwrap_or(rate.saturating_add(per_second));
-        let quota = Quota::per_second(rate).allow_burst(burst);
-        Some(Self::from_quota(quota, format!("{per_second} requests per second")))
+        let interval = Duration::from_secs(1) / rate.get();
+        Some(Self::from_interval(interval, burst, format!("{per_second} requests per second")))
     }
 
     /// Limiter for requests refused by access control; `None` if `per_minute` is 0.
     fn from_refusals(per_minute: u32) -> Option<Self> {
-        let quota = Quota::per_minute(NonZeroU32::new(per_minute)?);
+        let burst = NonZeroU32::new(per_minute)?;
         let rate = format!("{per_minute} requests per minute without a valid key from this address");
-        Some(Self::from_quota(quota, rate))
+        Some(Self::from_interval(Duration::from_secs(60) / per_minute, burst, rate))
     }
 
-    fn from_quota(quota: Quota, rate: String) -> Self {
-        let limiter = RateLimiter::new(quota, DefaultKeyedStateStore::default(), C::default());
-        Self { limiter, rate, checks: AtomicU32::new(0) }
+    fn from_interval(interval: Duration, burst: NonZeroU32, rate: String) -> Self {
+        let tolerance = interval * (burst.get() - 1);
+        Self { interval, tolerance, rate, callers: Mutex::default() }
     }
 
     /// Counts a request; returns a 429 response if it is over the limit.
     fn refuse(&self, caller: &Caller) -> Option<Response> {
-        if self.checks.fetch_add(1, Ordering::Relaxed) % SWEEP == SWEEP - 1 {
-            self.limiter.retain_recent();
-            self.limiter.shrink_to_fit();
-        }
-        let early = self.limiter.check_key(caller).err()?;
-        let wait = early.wait_time_from(self.limiter.clock().now());
+        self.refuse_at(caller, Instant::now())
+    }
+
+    fn refuse_at(&self, caller: &Caller, now: Instant) -> Option<Response> {
+        let wait = self.wait(caller, now)?;
         Some(refusal(&self.rate, wait.as_secs() + 1))
+    }
+
+    /// Counts a request, or returns the time until one is admitted.
+    fn wait(&self, caller: &Caller, now: Instant) -> Option<Duration> {
+        let mut callers = self.callers.lock().unwrap_or_else(PoisonError::into_inner);
+        callers.checks = callers.checks.wrapping_add(1);
+        if callers.checks.is_multiple_of(SWEEP) {
+            callers.times.retain(|_, time| *time > now);
+            callers.times.shrink_to_fit();
+        }
+        let time = callers.times.get(caller).map_or(now, |time| now.max(*time));
+        let ahead = time - now;
+        if ahead > self.tolerance {
+            return Some(ahead - self.tolerance);
+        }
+        match callers.times.get_mut(caller) {
+            Some(known) => *known = time + self.interval,
+            None => drop(callers.times.insert(caller.clone(), time + self.interval)),
+        }
+        None
     }
 }
 
@@ -206,7 +233,6 @@ mod tests {
     use axum::middleware::from_fn;
     use axum::routing::get;
     use axum::{Extension, Router};
-    use governor::clock::FakeRelativeClock;
     use tower::ServiceExt as _;
 
     use super::*;
@@ -233,26 +259,42 @@ mod tests {
 
     #[test]
     fn callers_have_their_own_counts_which_are_forgotten() {
-        let rates = Rates::<FakeRelativeClock>::new(1000, 3).unwrap();
+        let rates = Rates::new(1000, 3).unwrap();
         let caller = |i: u32| Caller::Address(IpAddr::from(std::net::Ipv4Addr::from_bits(i)));
+        let now = Instant::now();
         for _ in 0..3 {
-            assert!(rates.refuse(&caller(0)).is_none());
+            assert!(rates.refuse_at(&caller(0), now).is_none());
         }
-        let refusal = rates.refuse(&caller(0)).unwrap();
+        let refusal = rates.refuse_at(&caller(0), now).unwrap();
         assert_eq!(
             (refusal.status().as_u16(), &refusal.headers()["retry-after"]),
             (429, &HeaderValue::from(1))
         );
-        assert!(rates.refuse(&caller(1)).is_none());
+        assert!(rates.refuse_at(&caller(1), now).is_none());
         for i in 2..SWEEP {
-            assert!(rates.refuse(&caller(i)).is_none());
+            assert!(rates.refuse_at(&caller(i), now).is_none());
         }
-        rates.limiter.clock().advance(Duration::from_millis(20));
+        let later = now + Duration::from_millis(20);
         for _ in 0..2 * SWEEP {
-            let _ = rates.refuse(&caller(0));
+            let _ = rates.refuse_at(&caller(0), later);
         }
-        assert_eq!(rates.limiter.len(), 1);
-        assert!(Rates::<FakeRelativeClock>::new(0, 5).is_none());
+        assert_eq!(rates.callers.lock().unwrap().times.len(), 1);
+        assert!(Rates::new(0, 5).is_none());
+    }
+
+    #[test]
+    fn a_burst_is_followed_by_the_rate() {
+        let (rates, now) = (Rates::from_refusals(30).unwrap(), Instant::now());
+        let caller = Caller::Key("tenant".into(), "key".into());
+        let wait = |after_ms: u64| rates.wait(&caller, now + Duration::from_millis(after_ms));
+        assert!((0..30).all(|_| wait(0).is_none()));
+        assert_eq!([wait(0), wait(1500)], [2000, 500].map(|ms| Some(Duration::from_millis(ms))));
+        assert_eq!([wait(2000), wait(2000)], [None, Some(Duration::from_secs(2))]);
+        assert!((0..30).all(|_| wait(62_000).is_none()));
+        assert_eq!(wait(62_000), Some(Duration::from_secs(2)));
+        // More requests per second than a clock tells apart are not limited.
+        let fast = Rates::new(u32::MAX, u32::MAX).unwrap();
+        assert!((0..100).all(|_| fast.wait(&caller, now).is_none()));
     }
 
     #[test]
