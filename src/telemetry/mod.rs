@@ -8,9 +8,10 @@ mod traces;
 use std::io::IsTerminal;
 
 use tokio::runtime::Handle;
+use tracing_subscriber::Layer;
+use tracing_subscriber::filter::{ParseError, Targets};
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
-use tracing_subscriber::{EnvFilter, Layer};
 
 use crate::config::LogFormat;
 
@@ -27,7 +28,7 @@ pub struct Telemetry {
 /// # Errors
 /// An invalid filter; an invalid endpoint for traces.
 pub fn start(filter: &str, format: LogFormat, handle: &Handle) -> Result<Telemetry, String> {
-    let filter = EnvFilter::try_new(filter).map_err(|error| format!("log filter '{filter}': {error}"))?;
+    let filter = targets(filter).map_err(|error| format!("log filter '{filter}': {error}"))?;
     let colours = std::io::stderr().is_terminal();
     let lines = tracing_subscriber::fmt::layer().with_ansi(colours).with_writer(std::io::stderr);
     // A full disk cannot be reported in a log on that disk; attempting to would end the request.
@@ -53,6 +54,13 @@ pub fn start(filter: &str, format: LogFormat, handle: &Handle) -> Result<Telemet
     }
 }
 
+/// Parses a list of levels and of `target=level`; without any, errors are logged.
+fn targets(filter: &str) -> Result<Targets, ParseError> {
+    // An empty entry would stand for the level `error`.
+    let entries: Vec<&str> = filter.split(',').map(str::trim).filter(|entry| !entry.is_empty()).collect();
+    entries.join(",").parse()
+}
+
 impl Telemetry {
     /// Exports pending spans.
     pub fn stop(self) {
@@ -60,5 +68,25 @@ impl Telemetry {
         if let Some(traces) = self.traces {
             traces.stop();
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use tracing::Level;
+
+    use super::*;
+
+    #[test]
+    fn filters_are_lists_of_levels_and_targets() {
+        let passes =
+            |filter: &str, target: &str, level: Level| targets(filter).unwrap().would_enable(target, &level);
+        for filter in ["info", "INFO,", "warn,shapelex=info", "off, shapelex::api=info", "3"] {
+            assert!(passes(filter, "shapelex::api", Level::INFO), "{filter}");
+            assert!(!passes(filter, "shapelex::api", Level::DEBUG), "{filter}");
+        }
+        assert!(passes("", "shapelex", Level::ERROR) && !passes("", "shapelex", Level::WARN));
+        assert!(passes("warn,shapelex", "shapelex::store", Level::TRACE));
+        assert!(targets("shapelex=loud").is_err() && targets("a=b=c").is_err());
     }
 }
