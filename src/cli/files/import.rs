@@ -12,11 +12,11 @@ use std::path::{Path, PathBuf};
 use bytes::Bytes;
 use clap::Args;
 use futures_util::{Stream, StreamExt, stream};
-use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 use serde_json::{Value, json};
 use tokio_util::io::ReaderStream;
 
+use super::bar::Bar;
 use super::content::{Opened, shown};
 use super::places::{Place, expand};
 use super::target::{Service, Target, TargetArgs, refusal};
@@ -303,7 +303,7 @@ impl Import<'_> {
         };
         Ok(stream.inspect(move |bytes| {
             if let (Some(bar), Ok(bytes)) = (&bar, bytes) {
-                bar.inc(bytes.len() as u64);
+                bar.pass(bytes.len() as u64);
             }
         }))
     }
@@ -393,7 +393,7 @@ impl Journal {
 
 /// A bar on a terminal, lines elsewhere.
 struct Progress {
-    bar: Option<ProgressBar>,
+    bar: Option<Bar>,
     json: bool,
 }
 
@@ -401,25 +401,21 @@ impl Progress {
     fn new(places: &[Place], json: bool) -> Self {
         let sizes = places.iter().filter_map(|place| std::fs::metadata(&place.path).ok());
         let total = sizes.map(|metadata| metadata.len()).sum();
-        let bar = (std::io::stderr().is_terminal() && !json).then(|| {
-            let style = "{wide_bar} {bytes}/{total_bytes} {bytes_per_sec}, {eta} left";
-            let style = ProgressStyle::with_template(style).unwrap_or_else(|_| ProgressStyle::default_bar());
-            ProgressBar::new(total).with_style(style)
-        });
+        let bar = (std::io::stderr().is_terminal() && !json).then(|| Bar::new(total));
         Self { bar, json }
     }
 
     /// Counts what is sent with a file beside it.
     fn grow(&self, path: &Path, content: &Content<'_>) {
         if let (Some(bar), Ok(metadata)) = (&self.bar, std::fs::metadata(path)) {
-            bar.inc_length(content.len().saturating_sub(metadata.len()));
+            bar.grow(content.len().saturating_sub(metadata.len()));
         }
     }
 
     /// Counts a file that is not sent.
     fn pass(&self, content: &Content<'_>) {
         if let Some(bar) = &self.bar {
-            bar.inc(content.len());
+            bar.pass(content.len());
         }
     }
 
@@ -430,7 +426,7 @@ impl Progress {
         }
         let text = words(line);
         match &self.bar {
-            Some(bar) => bar.println(text),
+            Some(bar) => bar.tell(&text),
             None => note(&text),
         }
         Ok(())
@@ -438,7 +434,7 @@ impl Progress {
 
     fn end(&self) {
         if let Some(bar) = &self.bar {
-            bar.finish_and_clear();
+            bar.end();
         }
     }
 }

@@ -2,6 +2,7 @@
 //!
 //! Exit code 0 if all is done, 1 if some of it was refused, 2 if nothing could be done.
 
+mod bar;
 mod content;
 mod convert;
 pub(super) mod export;
