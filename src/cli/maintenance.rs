@@ -216,7 +216,7 @@ async fn export(file: &Path, site: &Site) -> Result<Outcome, MaintenanceError> {
     }
     let store = Store::inspect(site).await?;
     if is_standard(file) {
-        store.export(BufWriter::with_capacity(BUFFER, std::io::stdout())).await?;
+        store.export(&mut BufWriter::with_capacity(BUFFER, std::io::stdout())).await?;
         store.close().await;
         return Ok(Outcome::Done);
     }
@@ -260,8 +260,8 @@ async fn import(file: &Path, site: &Site) -> Result<Outcome, MaintenanceError> {
         Site::Url(url) => Store::connect(url, CONNECTIONS).await?,
     };
     let rows = match input {
-        Some(input) => store.import(BufReader::with_capacity(BUFFER, input)).await,
-        None => store.import(BufReader::with_capacity(BUFFER, std::io::stdin())).await,
+        Some(input) => store.import(&mut BufReader::with_capacity(BUFFER, input)).await,
+        None => store.import(&mut BufReader::with_capacity(BUFFER, std::io::stdin())).await,
     };
     store.close().await;
     say(&format!("imported {} rows", rows?));

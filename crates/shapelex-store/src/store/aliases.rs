@@ -3,6 +3,7 @@
 //! A move is one row, replaced in one transaction: a request that resolves `name@alias` gets the version before or after it. An alias
 //! names a version that is not in the trash, since each of the two transactions first locks the row of the version.
 
+use super::answer::Answer;
 use super::changes;
 use super::engine::{Row, Transaction, from_sql, sql, to_sql};
 use super::error::StoreError;
@@ -44,99 +45,106 @@ impl Store {
     ///
     /// # Errors
     /// Database errors.
-    pub async fn find_alias(&self, name: &str, alias: &str) -> Result<Option<Alias>, StoreError> {
-        Ok(self.list_aliases(name, Some(alias)).await?.pop())
+    pub fn find_alias<'a>(&'a self, name: &'a str, alias: &'a str) -> Answer<'a, Option<Alias>> {
+        Box::pin(async move { Ok(self.list_aliases(name, Some(alias)).await?.pop()) })
     }
 
     /// Aliases of a name, or only `alias`, in alphabetic order.
     ///
     /// # Errors
     /// Database errors.
-    pub async fn list_aliases(&self, name: &str, alias: Option<&str>) -> Result<Vec<Alias>, StoreError> {
-        const LIST: &str = "SELECT a.alias, a.moves, a.moved_at_ms, d.id, d.name, d.version, d.digest
-            FROM dictionary_alias AS a JOIN dictionary AS d ON d.id = a.dictionary
-            WHERE d.deleted_at_ms IS NULL AND a.tenant = ";
-        let mut query = sql(self.reader(), LIST);
-        query.push_bind(self.tenant()).push(" AND a.handle = ").push_bind(self.handle(name));
-        self.push_scope(&mut query, "d.cohort");
-        if let Some(alias) = alias {
-            query.push(" AND a.alias = ").push_bind(alias);
-        }
-        query.push(" ORDER BY a.alias");
-        query.all().await?.iter().map(read_alias).collect()
+    pub fn list_aliases<'a>(&'a self, name: &'a str, alias: Option<&'a str>) -> Answer<'a, Vec<Alias>> {
+        Box::pin(async move {
+            const LIST: &str = "SELECT a.alias, a.moves, a.moved_at_ms, d.id, d.name, d.version, d.digest
+                FROM dictionary_alias AS a JOIN dictionary AS d ON d.id = a.dictionary
+                WHERE d.deleted_at_ms IS NULL AND a.tenant = ";
+            let mut query = sql(self.reader(), LIST);
+            query.push_bind(self.tenant()).push(" AND a.handle = ").push_bind(self.handle(name));
+            self.push_scope(&mut query, "d.cohort");
+            if let Some(alias) = alias {
+                query.push(" AND a.alias = ").push_bind(alias);
+            }
+            query.push(" ORDER BY a.alias");
+            query.all().await?.iter().map(read_alias).collect()
+        })
     }
 
     /// Makes an alias name a version, at once for all who use it.
     ///
     /// # Errors
     /// [`StoreError::Changed`].
-    pub async fn set_alias(&self, wanted: &AliasMove<'_>, now_ms: i64) -> Result<AliasMoved, StoreError> {
-        // Changes nothing, and keeps the version from the trash until the end of the transaction.
-        const LOCK: &str = "UPDATE dictionary SET deleted_at_ms = NULL
-            WHERE id = $1 AND tenant = $2 AND deleted_at_ms IS NULL RETURNING cohort";
-        const FIND: &str = "SELECT dictionary, moves FROM dictionary_alias WHERE handle = $1 AND alias = $2";
-        const COUNT: &str = "SELECT count(*) FROM dictionary_alias WHERE handle = $1";
-        const SET: &str =
-            "INSERT INTO dictionary_alias (handle, alias, tenant, dictionary, moves, moved_at_ms)
-            VALUES ($1, $2, $3, $4, 1, $5) ON CONFLICT (handle, alias) DO UPDATE
-            SET dictionary = excluded.dictionary, moves = dictionary_alias.moves + 1,
-                moved_at_ms = excluded.moved_at_ms";
-        let handle = self.handle(wanted.name);
-        let mut write = self.begin_write(&handle).await?;
-        let version = sql(&mut write, LOCK).bind(wanted.id).bind(self.tenant());
-        let Some(cohort) = version.optional_scalar::<String>().await? else {
-            return Ok(AliasMoved::NoVersion);
-        };
-        let present = sql(&mut write, FIND).bind(&handle).bind(wanted.alias).optional().await?;
-        let moves = present.as_ref().map(|row| row.get::<i64>("moves")).transpose()?;
-        if wanted.expected.is_some_and(|expected| moves != Some(to_sql(expected))) {
-            return Err(StoreError::Changed);
-        }
-        match &present {
-            Some(row) if row.get::<&str>("dictionary")? == wanted.id => return Ok(AliasMoved::Moved),
-            Some(_) => {}
-            None => {
-                let count: i64 = sql(&mut write, COUNT).bind(&handle).scalar().await?;
-                if count >= i64::from(MAX_ALIASES) {
-                    return Ok(AliasMoved::TooMany);
+    pub fn set_alias<'a>(&'a self, wanted: &'a AliasMove<'a>, now_ms: i64) -> Answer<'a, AliasMoved> {
+        Box::pin(async move {
+            // Changes nothing, and keeps the version from the trash until the end of the transaction.
+            const LOCK: &str = "UPDATE dictionary SET deleted_at_ms = NULL
+                WHERE id = $1 AND tenant = $2 AND deleted_at_ms IS NULL RETURNING cohort";
+            const FIND: &str =
+                "SELECT dictionary, moves FROM dictionary_alias WHERE handle = $1 AND alias = $2";
+            const COUNT: &str = "SELECT count(*) FROM dictionary_alias WHERE handle = $1";
+            const SET: &str =
+                "INSERT INTO dictionary_alias (handle, alias, tenant, dictionary, moves, moved_at_ms)
+                VALUES ($1, $2, $3, $4, 1, $5) ON CONFLICT (handle, alias) DO UPDATE
+                SET dictionary = excluded.dictionary, moves = dictionary_alias.moves + 1,
+                    moved_at_ms = excluded.moved_at_ms";
+            let handle = self.handle(wanted.name);
+            let mut write = self.begin_write(&handle).await?;
+            let version = sql(&mut write, LOCK).bind(wanted.id).bind(self.tenant());
+            let Some(cohort) = version.optional_scalar::<String>().await? else {
+                return Ok(AliasMoved::NoVersion);
+            };
+            let present = sql(&mut write, FIND).bind(&handle).bind(wanted.alias).optional().await?;
+            let moves = present.as_ref().map(|row| row.get::<i64>("moves")).transpose()?;
+            if wanted.expected.is_some_and(|expected| moves != Some(to_sql(expected))) {
+                return Err(StoreError::Changed);
+            }
+            match &present {
+                Some(row) if row.get::<&str>("dictionary")? == wanted.id => return Ok(AliasMoved::Moved),
+                Some(_) => {}
+                None => {
+                    let count: i64 = sql(&mut write, COUNT).bind(&handle).scalar().await?;
+                    if count >= i64::from(MAX_ALIASES) {
+                        return Ok(AliasMoved::TooMany);
+                    }
                 }
             }
-        }
-        let set = sql(&mut write, SET).bind(&handle).bind(wanted.alias).bind(self.tenant());
-        set.bind(wanted.id).bind(now_ms).execute().await?;
-        let change = NewChange::for_dictionary(ChangeKind::DictionaryAliasMoved, wanted.id, &cohort);
-        changes::record(&mut write, self.tenant(), &change, now_ms).await?;
-        write.commit().await?;
-        Ok(if present.is_some() { AliasMoved::Moved } else { AliasMoved::Created })
+            let set = sql(&mut write, SET).bind(&handle).bind(wanted.alias).bind(self.tenant());
+            set.bind(wanted.id).bind(now_ms).execute().await?;
+            let change = NewChange::for_dictionary(ChangeKind::DictionaryAliasMoved, wanted.id, &cohort);
+            changes::record(&mut write, self.tenant(), &change, now_ms).await?;
+            write.commit().await?;
+            Ok(if present.is_some() { AliasMoved::Moved } else { AliasMoved::Created })
+        })
     }
 
     /// Removes an alias, if it has made the `expected` number of moves; `false` if there is none.
     ///
     /// # Errors
     /// [`StoreError::Changed`].
-    pub async fn remove_alias(
-        &self,
-        name: &str,
-        alias: &str,
+    pub fn remove_alias<'a>(
+        &'a self,
+        name: &'a str,
+        alias: &'a str,
         expected: Option<u64>,
         now_ms: i64,
-    ) -> Result<bool, StoreError> {
-        const REMOVE: &str =
-            "DELETE FROM dictionary_alias WHERE handle = $1 AND alias = $2 RETURNING dictionary, moves";
-        const COHORT: &str = "SELECT cohort FROM dictionary WHERE id = $1";
-        let handle = self.handle(name);
-        let mut write = self.begin_write(&handle).await?;
-        let removed = sql(&mut write, REMOVE).bind(&handle).bind(alias).optional().await?;
-        let Some(removed) = removed else { return Ok(false) };
-        let id: String = removed.get("dictionary")?;
-        if expected.is_some_and(|expected| removed.get::<i64>("moves").ok() != Some(to_sql(expected))) {
-            return Err(StoreError::Changed);
-        }
-        let cohort: String = sql(&mut write, COHORT).bind(&id).scalar().await?;
-        let change = NewChange::for_dictionary(ChangeKind::DictionaryAliasRemoved, &id, &cohort);
-        changes::record(&mut write, self.tenant(), &change, now_ms).await?;
-        write.commit().await?;
-        Ok(true)
+    ) -> Answer<'a, bool> {
+        Box::pin(async move {
+            const REMOVE: &str =
+                "DELETE FROM dictionary_alias WHERE handle = $1 AND alias = $2 RETURNING dictionary, moves";
+            const COHORT: &str = "SELECT cohort FROM dictionary WHERE id = $1";
+            let handle = self.handle(name);
+            let mut write = self.begin_write(&handle).await?;
+            let removed = sql(&mut write, REMOVE).bind(&handle).bind(alias).optional().await?;
+            let Some(removed) = removed else { return Ok(false) };
+            let id: String = removed.get("dictionary")?;
+            if expected.is_some_and(|expected| removed.get::<i64>("moves").ok() != Some(to_sql(expected))) {
+                return Err(StoreError::Changed);
+            }
+            let cohort: String = sql(&mut write, COHORT).bind(&id).scalar().await?;
+            let change = NewChange::for_dictionary(ChangeKind::DictionaryAliasRemoved, &id, &cohort);
+            changes::record(&mut write, self.tenant(), &change, now_ms).await?;
+            write.commit().await?;
+            Ok(true)
+        })
     }
 }
 

@@ -3,6 +3,7 @@
 //! There is one for each shape and version, the latest. Those of a shape that is deleted are kept and not listed; they go when
 //! its subject is erased, and with the cohort and the dictionary.
 
+use super::answer::Answer;
 use super::engine::{Row, Transaction, from_sql, rows_of_inserts, sql, to_sql};
 use super::error::StoreError;
 use super::filter::push_filter;
@@ -76,77 +77,82 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::CohortGone`].
-    pub async fn store_assessments(
-        &self,
-        run: &AssessmentRun<'_>,
-        assessments: &[NewAssessment],
+    pub fn store_assessments<'a>(
+        &'a self,
+        run: &'a AssessmentRun<'a>,
+        assessments: &'a [NewAssessment],
         now_ms: i64,
-    ) -> Result<Option<u64>, StoreError> {
-        // Locked until the end of the transaction, so that the version is not removed within it.
-        const DICTIONARY: &str = "SELECT id FROM dictionary WHERE id = $1 AND tenant = $2";
-        let mut write = self.begin_write(run.cohort).await?;
-        let cohort = self.number(&mut write, run.cohort).await?;
-        let lock = if write.is_postgres() { " FOR SHARE" } else { "" };
-        let mut dictionary = sql(&mut write, DICTIONARY).bind(run.dictionary).bind(self.tenant());
-        dictionary.push(lock);
-        if dictionary.optional_scalar::<String>().await?.is_none() {
-            return Ok(None);
-        }
-        if let Some(job) = run.job
-            && !self.holds(&mut write, job).await?
-        {
-            return Ok(None);
-        }
-        let mut count = 0;
-        for rows in rows_of_inserts(assessments) {
-            count += insert(&mut write, cohort, run, rows, now_ms).await?;
-        }
-        write.commit().await?;
-        Ok(Some(count))
+    ) -> Answer<'a, Option<u64>> {
+        Box::pin(async move {
+            // Locked until the end of the transaction, so that the version is not removed within it.
+            const DICTIONARY: &str = "SELECT id FROM dictionary WHERE id = $1 AND tenant = $2";
+            let mut write = self.begin_write(run.cohort).await?;
+            let cohort = self.number(&mut write, run.cohort).await?;
+            let lock = if write.is_postgres() { " FOR SHARE" } else { "" };
+            let mut dictionary = sql(&mut write, DICTIONARY).bind(run.dictionary).bind(self.tenant());
+            dictionary.push(lock);
+            if dictionary.optional_scalar::<String>().await?.is_none() {
+                return Ok(None);
+            }
+            if let Some(job) = run.job
+                && !self.holds(&mut write, job).await?
+            {
+                return Ok(None);
+            }
+            let mut count = 0;
+            for rows in rows_of_inserts(assessments) {
+                count += insert(&mut write, cohort, run, rows, now_ms).await?;
+            }
+            write.commit().await?;
+            Ok(Some(count))
+        })
     }
 
     /// A page of assessments of shapes that live.
     ///
     /// # Errors
     /// [`StoreError::CohortGone`].
-    pub async fn list_assessments(
-        &self,
-        cohort_id: &str,
-        listing: &AssessmentListing<'_>,
-    ) -> Result<Vec<StoredAssessment>, StoreError> {
-        const LIST: &str = "SELECT a.shape, s.external_id, a.dictionary, a.revision, a.assessed_at_ms, a.body
-            FROM assessment AS a CROSS JOIN shape AS s ON s.id = a.shape AND s.deleted_revision IS NULL
-            CROSS JOIN chunk AS c ON c.id = s.chunk_id WHERE c.revision IS NOT NULL AND a.cohort = ";
-        let mut read = self.begin_read().await?;
-        let cohort = self.number(&mut read, cohort_id).await?;
-        let mut query = sql(&mut read, LIST).persistent(false);
-        query.push_bind(cohort);
-        if let Some(dictionary) = listing.dictionary {
-            query.push(" AND a.dictionary = ").push_bind(dictionary);
-        }
-        if let Some(class) = listing.class {
-            query.push(" AND a.class = ").push_bind(class);
-        }
-        if let Some(is_outlier) = listing.is_outlier {
-            query.push(" AND a.is_outlier = ").push_bind(i64::from(is_outlier));
-        }
-        if let Some((dictionary, shape)) = listing.after {
-            query.push(" AND (a.dictionary, a.shape) > (").push_bind(dictionary);
-            query.push(", ").push_bind(shape).push(")");
-        }
-        push_filter(&mut query, listing.filter);
-        query.push(" ORDER BY a.dictionary, a.shape LIMIT ").push_bind(to_sql(listing.limit as u64));
-        let read = |row: &Row| {
-            Ok(StoredAssessment {
-                shape: row.get("shape")?,
-                external_id: row.get("external_id")?,
-                dictionary: row.get("dictionary")?,
-                revision: from_sql(row.get("revision")?),
-                at_ms: row.get("assessed_at_ms")?,
-                body: row.get("body")?,
-            })
-        };
-        query.all().await?.iter().map(read).collect()
+    pub fn list_assessments<'a>(
+        &'a self,
+        cohort_id: &'a str,
+        listing: &'a AssessmentListing<'a>,
+    ) -> Answer<'a, Vec<StoredAssessment>> {
+        Box::pin(async move {
+            const LIST: &str =
+                "SELECT a.shape, s.external_id, a.dictionary, a.revision, a.assessed_at_ms, a.body
+                FROM assessment AS a CROSS JOIN shape AS s ON s.id = a.shape AND s.deleted_revision IS NULL
+                CROSS JOIN chunk AS c ON c.id = s.chunk_id WHERE c.revision IS NOT NULL AND a.cohort = ";
+            let mut read = self.begin_read().await?;
+            let cohort = self.number(&mut read, cohort_id).await?;
+            let mut query = sql(&mut read, LIST).persistent(false);
+            query.push_bind(cohort);
+            if let Some(dictionary) = listing.dictionary {
+                query.push(" AND a.dictionary = ").push_bind(dictionary);
+            }
+            if let Some(class) = listing.class {
+                query.push(" AND a.class = ").push_bind(class);
+            }
+            if let Some(is_outlier) = listing.is_outlier {
+                query.push(" AND a.is_outlier = ").push_bind(i64::from(is_outlier));
+            }
+            if let Some((dictionary, shape)) = listing.after {
+                query.push(" AND (a.dictionary, a.shape) > (").push_bind(dictionary);
+                query.push(", ").push_bind(shape).push(")");
+            }
+            push_filter(&mut query, listing.filter);
+            query.push(" ORDER BY a.dictionary, a.shape LIMIT ").push_bind(to_sql(listing.limit as u64));
+            let read = |row: &Row| {
+                Ok(StoredAssessment {
+                    shape: row.get("shape")?,
+                    external_id: row.get("external_id")?,
+                    dictionary: row.get("dictionary")?,
+                    revision: from_sql(row.get("revision")?),
+                    at_ms: row.get("assessed_at_ms")?,
+                    body: row.get("body")?,
+                })
+            };
+            query.all().await?.iter().map(read).collect()
+        })
     }
 }
 

@@ -5,6 +5,7 @@
 
 use std::collections::BTreeMap;
 
+use super::answer::Answer;
 use super::engine::{Row, Transaction};
 use super::engine::{from_sql, rows_of_inserts, sql, to_sql};
 use super::error::StoreError;
@@ -45,113 +46,125 @@ impl Store {
     ///
     /// # Errors
     /// Database errors; then none of the entries is stored.
-    pub async fn append_audit(&self, entries: &[Entry]) -> Result<(), StoreError> {
-        if entries.is_empty() {
-            return Ok(());
-        }
-        let mut of_tenants: BTreeMap<&str, Vec<&Entry>> = BTreeMap::new();
-        for entry in entries {
-            of_tenants.entry(&entry.tenant).or_default().push(entry);
-        }
-        let mut transaction = self.begin_write(SCOPE).await?;
-        for (tenant, entries) in of_tenants {
-            append(&mut transaction, tenant, &entries).await?;
-        }
-        transaction.commit().await?;
-        self.mark_entries(entries.len());
-        Ok(())
+    pub fn append_audit<'a>(&'a self, entries: &'a [Entry]) -> Answer<'a, ()> {
+        Box::pin(async move {
+            if entries.is_empty() {
+                return Ok(());
+            }
+            let mut of_tenants: BTreeMap<&str, Vec<&Entry>> = BTreeMap::new();
+            for entry in entries {
+                of_tenants.entry(&entry.tenant).or_default().push(entry);
+            }
+            let mut transaction = self.begin_write(SCOPE).await?;
+            for (tenant, entries) in of_tenants {
+                append(&mut transaction, tenant, &entries).await?;
+            }
+            transaction.commit().await?;
+            self.mark_entries(entries.len());
+            Ok(())
+        })
     }
 
     /// At most `limit` entries of a tenant in order, after the position `after`.
     ///
     /// # Errors
     /// Database errors.
-    pub async fn list_audit(
-        &self,
-        tenant: &str,
-        filter: &AuditFilter,
+    pub fn list_audit<'a>(
+        &'a self,
+        tenant: &'a str,
+        filter: &'a AuditFilter,
         after: u64,
         limit: usize,
-    ) -> Result<Vec<Recorded>, StoreError> {
-        const FIRST: &str = "SELECT sequence FROM audit WHERE tenant = $1 AND at_ms >= $2
-            ORDER BY at_ms, sequence LIMIT 1";
-        const LIST: &str = "SELECT * FROM audit WHERE tenant = $1 AND sequence > $2
-            AND at_ms >= $4 AND at_ms < $5 AND ($6 IS NULL OR caller = $6) AND ($7 IS NULL OR operation = $7)
-            AND ($8 IS NULL OR replace(objects, $8, '') <> objects) AND ($9 IS NULL OR status = $9)
-            ORDER BY sequence LIMIT $3";
-        let mut after = to_sql(after);
-        if let Some(since) = filter.since_ms {
-            let first = sql(self.reader(), FIRST).bind(tenant).bind(since.saturating_sub(DISORDER_MS));
-            let first: Option<i64> = first.optional_scalar().await?;
-            let Some(first) = first else { return Ok(Vec::new()) };
-            after = after.max(first - 1);
-        }
-        // Matches the value after a parameter name in the stored JSON.
-        let object = filter.object.as_ref().map(|object| format!(":{}", text_of(object)));
-        let rows = sql(self.reader(), LIST)
-            .bind(tenant)
-            .bind(after)
-            .bind(to_sql(limit as u64))
-            .bind(filter.since_ms.unwrap_or(i64::MIN))
-            .bind(filter.until_ms.unwrap_or(i64::MAX))
-            .bind(filter.key.as_deref())
-            .bind(filter.operation.as_deref())
-            .bind(object)
-            .bind(filter.status.map(i64::from))
-            .all()
-            .await?;
-        rows.iter().map(read_entry).collect()
+    ) -> Answer<'a, Vec<Recorded>> {
+        Box::pin(async move {
+            const FIRST: &str = "SELECT sequence FROM audit WHERE tenant = $1 AND at_ms >= $2
+                ORDER BY at_ms, sequence LIMIT 1";
+            const LIST: &str = "SELECT * FROM audit WHERE tenant = $1 AND sequence > $2
+                AND at_ms >= $4 AND at_ms < $5 AND ($6 IS NULL OR caller = $6) AND ($7 IS NULL OR operation = $7)
+                AND ($8 IS NULL OR replace(objects, $8, '') <> objects) AND ($9 IS NULL OR status = $9)
+                ORDER BY sequence LIMIT $3";
+            let mut after = to_sql(after);
+            if let Some(since) = filter.since_ms {
+                let first = sql(self.reader(), FIRST).bind(tenant).bind(since.saturating_sub(DISORDER_MS));
+                let first: Option<i64> = first.optional_scalar().await?;
+                let Some(first) = first else { return Ok(Vec::new()) };
+                after = after.max(first - 1);
+            }
+            // Matches the value after a parameter name in the stored JSON.
+            let object = filter.object.as_ref().map(|object| format!(":{}", text_of(object)));
+            let rows = sql(self.reader(), LIST)
+                .bind(tenant)
+                .bind(after)
+                .bind(to_sql(limit as u64))
+                .bind(filter.since_ms.unwrap_or(i64::MIN))
+                .bind(filter.until_ms.unwrap_or(i64::MAX))
+                .bind(filter.key.as_deref())
+                .bind(filter.operation.as_deref())
+                .bind(object)
+                .bind(filter.status.map(i64::from))
+                .all()
+                .await?;
+            rows.iter().map(read_entry).collect()
+        })
     }
 
     /// Removes the entries before `before_ms` from the beginning of all trails; returns their number.
     ///
     /// # Errors
     /// Database errors; entries already removed stay removed, and every trail remains valid.
-    pub async fn prune_audit(&self, before_ms: i64) -> Result<u64, StoreError> {
-        let mut removed = 0;
-        for Chain { tenant, .. } in self.audit_chains().await? {
-            removed += self.prune_audit_of(&tenant, before_ms).await?;
-        }
-        Ok(removed)
+    pub fn prune_audit(&self, before_ms: i64) -> Answer<'_, u64> {
+        Box::pin(async move {
+            let mut removed = 0;
+            for Chain { tenant, .. } in self.audit_chains().await? {
+                removed += self.prune_audit_of(&tenant, before_ms).await?;
+            }
+            Ok(removed)
+        })
     }
 
     /// Removes the entries before `before_ms` from the beginning of a tenant's trail; returns their number.
     ///
     /// # Errors
     /// Database errors; entries already removed stay removed, and the trail remains valid.
-    pub async fn prune_audit_of(&self, tenant: &str, before_ms: i64) -> Result<u64, StoreError> {
-        let mut removed = 0;
-        loop {
-            let mut transaction = self.begin_write(SCOPE).await?;
-            let piece = prune(&mut transaction, tenant, before_ms).await?;
-            transaction.commit().await?;
-            removed += piece;
-            if piece == 0 {
-                return Ok(removed);
+    pub fn prune_audit_of<'a>(&'a self, tenant: &'a str, before_ms: i64) -> Answer<'a, u64> {
+        Box::pin(async move {
+            let mut removed = 0;
+            loop {
+                let mut transaction = self.begin_write(SCOPE).await?;
+                let piece = prune(&mut transaction, tenant, before_ms).await?;
+                transaction.commit().await?;
+                removed += piece;
+                if piece == 0 {
+                    return Ok(removed);
+                }
             }
-        }
+        })
     }
 
     /// Position and digest of the last entry removed from a tenant's trail; 0 and [`FIRST_LINK`] if none was.
     ///
     /// # Errors
     /// Database errors.
-    pub async fn audit_beginning(&self, tenant: &str) -> Result<(u64, Digest), StoreError> {
-        let head = sql(self.reader(), HEAD).bind(tenant).optional().await?;
-        head.map_or(Ok((0, FIRST_LINK)), |head| Ok(read_chain(&head)?.from))
+    pub fn audit_beginning<'a>(&'a self, tenant: &'a str) -> Answer<'a, (u64, Digest)> {
+        Box::pin(async move {
+            let head = sql(self.reader(), HEAD).bind(tenant).optional().await?;
+            head.map_or(Ok((0, FIRST_LINK)), |head| Ok(read_chain(&head)?.from))
+        })
     }
 
     /// Verifies every trail from its beginning to its head.
     ///
     /// # Errors
     /// [`StoreError::Damaged`] with the position at which a chain is broken.
-    pub async fn check_audit(&self) -> Result<AuditCheck, StoreError> {
-        let mut found = AuditCheck::default();
-        for chain in self.audit_chains().await? {
-            found.tenants += 1;
-            found.entries += self.check_chain(&chain).await?;
-        }
-        Ok(found)
+    pub fn check_audit(&self) -> Answer<'_, AuditCheck> {
+        Box::pin(async move {
+            let mut found = AuditCheck::default();
+            for chain in self.audit_chains().await? {
+                found.tenants += 1;
+                found.entries += self.check_chain(&chain).await?;
+            }
+            Ok(found)
+        })
     }
 
     async fn audit_chains(&self) -> Result<Vec<Chain>, StoreError> {

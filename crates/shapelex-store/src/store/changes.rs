@@ -1,5 +1,6 @@
 //! Change feed, numbered in commit order, without gaps that could be filled later.
 
+use super::answer::Answer;
 use super::engine::{Row, Transaction, sql};
 use super::engine::{from_sql, to_sql};
 use super::error::StoreError;
@@ -15,28 +16,32 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::ChangesGone`] if some of them are no longer kept.
-    pub async fn list_changes(&self, since: u64, limit: usize) -> Result<Vec<Change>, StoreError> {
-        const FIRST: &str = "SELECT coalesce(min(sequence), 0) FROM change WHERE tenant = $1";
-        let mut read = self.begin_read().await?;
-        let first: i64 = sql(&mut read, FIRST).bind(self.tenant()).scalar().await?;
-        if to_sql(since).saturating_add(1) < first {
-            return Err(StoreError::ChangesGone { first: from_sql(first) });
-        }
-        let mut query = sql(&mut read, "SELECT * FROM change WHERE tenant = ");
-        query.push_bind(self.tenant()).push(" AND sequence > ").push_bind(to_sql(since));
-        self.push_scope(&mut query, "cohort");
-        query.push(" ORDER BY sequence LIMIT ").push_bind(to_sql(limit as u64));
-        query.all().await?.iter().map(read_change).collect()
+    pub fn list_changes(&self, since: u64, limit: usize) -> Answer<'_, Vec<Change>> {
+        Box::pin(async move {
+            const FIRST: &str = "SELECT coalesce(min(sequence), 0) FROM change WHERE tenant = $1";
+            let mut read = self.begin_read().await?;
+            let first: i64 = sql(&mut read, FIRST).bind(self.tenant()).scalar().await?;
+            if to_sql(since).saturating_add(1) < first {
+                return Err(StoreError::ChangesGone { first: from_sql(first) });
+            }
+            let mut query = sql(&mut read, "SELECT * FROM change WHERE tenant = ");
+            query.push_bind(self.tenant()).push(" AND sequence > ").push_bind(to_sql(since));
+            self.push_scope(&mut query, "cohort");
+            query.push(" ORDER BY sequence LIMIT ").push_bind(to_sql(limit as u64));
+            query.all().await?.iter().map(read_change).collect()
+        })
     }
 
     /// Number of the last change, 0 if there is none.
     ///
     /// # Errors
     /// Database errors.
-    pub async fn last_change(&self) -> Result<u64, StoreError> {
-        const LAST: &str = "SELECT last FROM change_sequence WHERE tenant = $1";
-        let last: Option<i64> = sql(self.reader(), LAST).bind(self.tenant()).optional_scalar().await?;
-        Ok(from_sql(last.unwrap_or_default()))
+    pub fn last_change(&self) -> Answer<'_, u64> {
+        Box::pin(async move {
+            const LAST: &str = "SELECT last FROM change_sequence WHERE tenant = $1";
+            let last: Option<i64> = sql(self.reader(), LAST).bind(self.tenant()).optional_scalar().await?;
+            Ok(from_sql(last.unwrap_or_default()))
+        })
     }
 }
 

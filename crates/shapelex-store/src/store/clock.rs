@@ -3,6 +3,7 @@
 //! They concern one database only and are not exported. If there are none yet, the newest time among the data is taken as
 //! the last trusted time.
 
+use super::answer::Answer;
 use super::engine::sql;
 use super::error::StoreError;
 use super::handle::Store;
@@ -35,46 +36,50 @@ impl Store {
     ///
     /// # Errors
     /// Database errors.
-    pub async fn clock_notes(&self) -> Result<ClockNotes, StoreError> {
-        const READ: &str = "SELECT id, count FROM probe WHERE id > 1";
-        let mut notes = ClockNotes::default();
-        for row in sql(self.reader(), READ).all().await? {
-            let count: i64 = row.get("count")?;
-            match row.get::<i64>("id")? {
-                BELIEVED => notes.believed_ms = Some(count),
-                CANDIDATE => notes.candidate_ms = (count != 0).then_some(count),
-                PROVEN => notes.proven_ms = count,
-                _ => {}
+    pub fn clock_notes(&self) -> Answer<'_, ClockNotes> {
+        Box::pin(async move {
+            const READ: &str = "SELECT id, count FROM probe WHERE id > 1";
+            let mut notes = ClockNotes::default();
+            for row in sql(self.reader(), READ).all().await? {
+                let count: i64 = row.get("count")?;
+                match row.get::<i64>("id")? {
+                    BELIEVED => notes.believed_ms = Some(count),
+                    CANDIDATE => notes.candidate_ms = (count != 0).then_some(count),
+                    PROVEN => notes.proven_ms = count,
+                    _ => {}
+                }
             }
-        }
-        if notes.believed_ms.is_none() {
-            notes.believed_ms = self.newest_ms().await?;
-        }
-        Ok(notes)
+            if notes.believed_ms.is_none() {
+                notes.believed_ms = self.newest_ms().await?;
+            }
+            Ok(notes)
+        })
     }
 
     /// Stores the notes about the clock.
     ///
     /// # Errors
     /// Database errors.
-    pub async fn note_clock(&self, notes: ClockNotes) -> Result<(), StoreError> {
-        const NOTE: &str = "INSERT INTO probe (id, count) VALUES ($1, $2), ($3, $4), ($5, $6)
-            ON CONFLICT (id) DO UPDATE SET count = excluded.count";
-        const FORGET: &str = "DELETE FROM probe WHERE id = $1";
-        if notes.believed_ms.is_none() {
-            sql(self.writer(), FORGET).bind(BELIEVED).execute().await?;
-            return Ok(());
-        }
-        sql(self.writer(), NOTE)
-            .bind(BELIEVED)
-            .bind(notes.believed_ms.unwrap_or_default())
-            .bind(CANDIDATE)
-            .bind(notes.candidate_ms.unwrap_or_default())
-            .bind(PROVEN)
-            .bind(notes.proven_ms)
-            .execute()
-            .await?;
-        Ok(())
+    pub fn note_clock(&self, notes: ClockNotes) -> Answer<'_, ()> {
+        Box::pin(async move {
+            const NOTE: &str = "INSERT INTO probe (id, count) VALUES ($1, $2), ($3, $4), ($5, $6)
+                ON CONFLICT (id) DO UPDATE SET count = excluded.count";
+            const FORGET: &str = "DELETE FROM probe WHERE id = $1";
+            if notes.believed_ms.is_none() {
+                sql(self.writer(), FORGET).bind(BELIEVED).execute().await?;
+                return Ok(());
+            }
+            sql(self.writer(), NOTE)
+                .bind(BELIEVED)
+                .bind(notes.believed_ms.unwrap_or_default())
+                .bind(CANDIDATE)
+                .bind(notes.candidate_ms.unwrap_or_default())
+                .bind(PROVEN)
+                .bind(notes.proven_ms)
+                .execute()
+                .await?;
+            Ok(())
+        })
     }
 
     /// Newest time among the data of all tenants; `None` in an empty store.

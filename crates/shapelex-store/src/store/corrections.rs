@@ -3,6 +3,7 @@
 //! Rows are only ever ended, never changed, so that earlier revisions stay what they were: a correction ends the row of a shape
 //! and stores the shape again, under its id, as a chunk of its own.
 
+use super::answer::Answer;
 use super::changes;
 use super::engine::{Transaction, sql};
 use super::engine::{from_sql, to_sql};
@@ -30,41 +31,44 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::CohortGone`], [`StoreError::Changed`].
-    pub async fn correct_shape(
-        &self,
-        cohort_id: &str,
+    pub fn correct_shape<'a>(
+        &'a self,
+        cohort_id: &'a str,
         expected: Option<u64>,
         place: Cursor,
-        shape: &Shape,
+        shape: &'a Shape,
         now_ms: i64,
-    ) -> Result<Option<u64>, StoreError> {
-        const GROW: &str = "UPDATE cohort SET revision = $2, updated_at_ms = $3 WHERE number = $1";
-        const SHOW: &str = "UPDATE chunk SET revision = $2, created_at_ms = $3 WHERE id = $1";
-        const AGE: &str = "UPDATE shape SET first_stored_ms = $2 WHERE chunk_id = $1";
-        let new = NewShape {
-            id: shape.id.clone(),
-            attributes: shape.attributes.clone(),
-            measures: shape.measures,
-            control_points: shape.control_points.clone(),
-        };
-        let encode = move || {
-            let row = ShapeRow::from(new);
-            let data = row.alone();
-            (row, data)
-        };
-        let (row, data) = blocking(encode).await;
-        let mut write = self.begin_write(cohort_id).await?;
-        let cohort = self.number_at(&mut write, cohort_id, expected).await?;
-        let Some(revision) = end(&mut write, cohort, place).await? else { return Ok(None) };
-        let upload = self.inner.replica.owned_id();
-        let chunk = insert_alone(&mut write, cohort, &upload, &row, &data).await?;
-        sql(&mut write, SHOW).bind(chunk).bind(revision).bind(now_ms).execute().await?;
-        sql(&mut write, AGE).bind(chunk).bind(shape.created_at_ms).execute().await?;
-        sql(&mut write, GROW).bind(cohort).bind(revision).bind(now_ms).execute().await?;
-        let change = NewChange::for_shape(ChangeKind::ShapeUpdated, &shape.id, cohort_id, from_sql(revision));
-        changes::record(&mut write, self.tenant(), &change, now_ms).await?;
-        write.commit().await?;
-        Ok(Some(from_sql(revision)))
+    ) -> Answer<'a, Option<u64>> {
+        Box::pin(async move {
+            const GROW: &str = "UPDATE cohort SET revision = $2, updated_at_ms = $3 WHERE number = $1";
+            const SHOW: &str = "UPDATE chunk SET revision = $2, created_at_ms = $3 WHERE id = $1";
+            const AGE: &str = "UPDATE shape SET first_stored_ms = $2 WHERE chunk_id = $1";
+            let new = NewShape {
+                id: shape.id.clone(),
+                attributes: shape.attributes.clone(),
+                measures: shape.measures,
+                control_points: shape.control_points.clone(),
+            };
+            let encode = move || {
+                let row = ShapeRow::from(new);
+                let data = row.alone();
+                (row, data)
+            };
+            let (row, data) = blocking(encode).await;
+            let mut write = self.begin_write(cohort_id).await?;
+            let cohort = self.number_at(&mut write, cohort_id, expected).await?;
+            let Some(revision) = end(&mut write, cohort, place).await? else { return Ok(None) };
+            let upload = self.inner.replica.owned_id();
+            let chunk = insert_alone(&mut write, cohort, &upload, &row, &data).await?;
+            sql(&mut write, SHOW).bind(chunk).bind(revision).bind(now_ms).execute().await?;
+            sql(&mut write, AGE).bind(chunk).bind(shape.created_at_ms).execute().await?;
+            sql(&mut write, GROW).bind(cohort).bind(revision).bind(now_ms).execute().await?;
+            let change =
+                NewChange::for_shape(ChangeKind::ShapeUpdated, &shape.id, cohort_id, from_sql(revision));
+            changes::record(&mut write, self.tenant(), &change, now_ms).await?;
+            write.commit().await?;
+            Ok(Some(from_sql(revision)))
+        })
     }
 
     /// Deletes all shapes that pass the filter, as one revision of the cohort, which must be at the `expected` one. Without such
@@ -72,42 +76,44 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::CohortGone`], [`StoreError::Changed`].
-    pub async fn delete_shapes(
-        &self,
-        cohort_id: &str,
-        filter: &ShapeFilter,
+    pub fn delete_shapes<'a>(
+        &'a self,
+        cohort_id: &'a str,
+        filter: &'a ShapeFilter,
         expected: Option<u64>,
         now_ms: i64,
-    ) -> Result<Deleted, StoreError> {
-        const NOW: &str = "SELECT revision FROM cohort WHERE number = $1";
-        const GROW: &str = "UPDATE cohort SET revision = $2, shapes = shapes - $3, updated_at_ms = $4
-            WHERE number = $1";
-        let mut write = self.begin_write(cohort_id).await?;
-        let cohort = self.number_at(&mut write, cohort_id, expected).await?;
-        let present: i64 = sql(&mut write, NOW).bind(cohort).scalar().await?;
-        let revision = present + 1;
-        let mark = format!(
-            "UPDATE shape SET deleted_revision = {revision} WHERE deleted_revision IS NULL
-            AND (chunk_id, position) IN ("
-        );
-        let selection = Selection { cohort, revisions: Revisions::latest(), filter, after: (0, -1) };
-        let chosen = selection.select(&mut write, "s.chunk_id, s.position");
-        let shapes = chosen.within(&mark, ")").execute().await?;
-        if shapes == 0 {
-            return Ok(Deleted { shapes, revision: from_sql(present) });
-        }
-        let grow = sql(&mut write, GROW).bind(cohort).bind(revision).bind(to_sql(shapes)).bind(now_ms);
-        grow.execute().await?;
-        let change = NewChange {
-            kind: ChangeKind::ShapesDeleted,
-            object: cohort_id,
-            cohort: Some(cohort_id),
-            revision: Some(from_sql(revision)),
-            shapes: Some(shapes),
-        };
-        changes::record(&mut write, self.tenant(), &change, now_ms).await?;
-        write.commit().await?;
-        Ok(Deleted { shapes, revision: from_sql(revision) })
+    ) -> Answer<'a, Deleted> {
+        Box::pin(async move {
+            const NOW: &str = "SELECT revision FROM cohort WHERE number = $1";
+            const GROW: &str = "UPDATE cohort SET revision = $2, shapes = shapes - $3, updated_at_ms = $4
+                WHERE number = $1";
+            let mut write = self.begin_write(cohort_id).await?;
+            let cohort = self.number_at(&mut write, cohort_id, expected).await?;
+            let present: i64 = sql(&mut write, NOW).bind(cohort).scalar().await?;
+            let revision = present + 1;
+            let mark = format!(
+                "UPDATE shape SET deleted_revision = {revision} WHERE deleted_revision IS NULL
+                AND (chunk_id, position) IN ("
+            );
+            let selection = Selection { cohort, revisions: Revisions::latest(), filter, after: (0, -1) };
+            let chosen = selection.select(&mut write, "s.chunk_id, s.position");
+            let shapes = chosen.within(&mark, ")").execute().await?;
+            if shapes == 0 {
+                return Ok(Deleted { shapes, revision: from_sql(present) });
+            }
+            let grow = sql(&mut write, GROW).bind(cohort).bind(revision).bind(to_sql(shapes)).bind(now_ms);
+            grow.execute().await?;
+            let change = NewChange {
+                kind: ChangeKind::ShapesDeleted,
+                object: cohort_id,
+                cohort: Some(cohort_id),
+                revision: Some(from_sql(revision)),
+                shapes: Some(shapes),
+            };
+            changes::record(&mut write, self.tenant(), &change, now_ms).await?;
+            write.commit().await?;
+            Ok(Deleted { shapes, revision: from_sql(revision) })
+        })
     }
 }
 

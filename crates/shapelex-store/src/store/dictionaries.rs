@@ -2,6 +2,7 @@
 
 use serde::de::DeserializeOwned;
 
+use super::answer::Answer;
 use super::engine::{Row, Transaction, sql};
 use super::engine::{from_sql, to_sql};
 use super::error::StoreError;
@@ -28,32 +29,34 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::AlreadyDone`].
-    pub async fn add_dictionary(
-        &self,
-        new: &NewDictionary,
-        receipt: Option<&Receipt>,
-    ) -> Result<u64, StoreError> {
-        let mut write = self.begin_write(&self.handle(&new.name)).await?;
-        receipts::keep(&mut write, self.tenant(), receipt, new.created_at_ms).await?;
-        let version = insert(&mut write, self.tenant(), new, new.created_at_ms).await?;
-        write.commit().await?;
-        Ok(version)
+    pub fn add_dictionary<'a>(
+        &'a self,
+        new: &'a NewDictionary,
+        receipt: Option<&'a Receipt>,
+    ) -> Answer<'a, u64> {
+        Box::pin(async move {
+            let mut write = self.begin_write(&self.handle(&new.name)).await?;
+            receipts::keep(&mut write, self.tenant(), receipt, new.created_at_ms).await?;
+            let version = insert(&mut write, self.tenant(), new, new.created_at_ms).await?;
+            write.commit().await?;
+            Ok(version)
+        })
     }
 
     /// Id of the version with this id, this `name@version`, this `name@alias`, or the latest version of this name.
     ///
     /// # Errors
     /// Database errors.
-    pub async fn find_dictionary_id(&self, key: &str) -> Result<Option<String>, StoreError> {
-        self.find_version("SELECT id", key).await
+    pub fn find_dictionary_id<'a>(&'a self, key: &'a str) -> Answer<'a, Option<String>> {
+        Box::pin(async move { self.find_version("SELECT id", key).await })
     }
 
     /// Name of the dictionary that `key` means, as [`Store::find_dictionary_id`] reads it.
     ///
     /// # Errors
     /// Database errors.
-    pub async fn find_dictionary_name(&self, key: &str) -> Result<Option<String>, StoreError> {
-        self.find_version("SELECT name", key).await
+    pub fn find_dictionary_name<'a>(&'a self, key: &'a str) -> Answer<'a, Option<String>> {
+        Box::pin(async move { self.find_version("SELECT name", key).await })
     }
 
     /// Text selected of the version with this key.
@@ -86,37 +89,43 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::Damaged`].
-    pub async fn read_dictionary(&self, id: &str) -> Result<Option<Dictionary>, StoreError> {
-        const READ: &str = "SELECT d.id, d.name, d.version, d.summary, d.provenance, d.digest,
-            d.created_at_ms, t.content
-            FROM dictionary AS d JOIN dictionary_data AS t ON t.dictionary = d.id
-            WHERE d.id = $1 AND d.tenant = $2 AND d.deleted_at_ms IS NULL";
-        let row = sql(self.reader(), READ).bind(id).bind(self.tenant()).optional().await?;
-        let Some(row) = row else { return Ok(None) };
-        let Listed { id, name, version, provenance, digest, created_at_ms, .. } = read_listed(&row)?;
-        let bytes: &[u8] = row.get("content")?;
-        if blake3::hash(bytes).to_hex().as_str() != digest {
-            return Err(StoreError::Damaged { detail: format!("dictionary {id} does not have its digest") });
-        }
-        let content = from_json(bytes)?;
-        Ok(Some(Dictionary { id, name, version, content, provenance, digest, created_at_ms }))
+    pub fn read_dictionary<'a>(&'a self, id: &'a str) -> Answer<'a, Option<Dictionary>> {
+        Box::pin(async move {
+            const READ: &str = "SELECT d.id, d.name, d.version, d.summary, d.provenance, d.digest,
+                d.created_at_ms, t.content
+                FROM dictionary AS d JOIN dictionary_data AS t ON t.dictionary = d.id
+                WHERE d.id = $1 AND d.tenant = $2 AND d.deleted_at_ms IS NULL";
+            let row = sql(self.reader(), READ).bind(id).bind(self.tenant()).optional().await?;
+            let Some(row) = row else { return Ok(None) };
+            let Listed { id, name, version, provenance, digest, created_at_ms, .. } = read_listed(&row)?;
+            let bytes: &[u8] = row.get("content")?;
+            if blake3::hash(bytes).to_hex().as_str() != digest {
+                return Err(StoreError::Damaged {
+                    detail: format!("dictionary {id} does not have its digest"),
+                });
+            }
+            let content = from_json(bytes)?;
+            Ok(Some(Dictionary { id, name, version, content, provenance, digest, created_at_ms }))
+        })
     }
 
     /// Accumulated sums from which learning can continue, if the version has them.
     ///
     /// # Errors
     /// [`StoreError::Damaged`].
-    pub async fn read_dictionary_state(&self, id: &str) -> Result<Option<Vec<u8>>, StoreError> {
-        const READ: &str = "SELECT state, state_checksum FROM dictionary_data WHERE dictionary = $1";
-        let row = sql(self.reader(), READ).bind(id).optional().await?;
-        let Some(row) = row else { return Ok(None) };
-        let (state, checksum): (Option<Vec<u8>>, Option<Vec<u8>>) =
-            (row.get("state")?, row.get("state_checksum")?);
-        if state.as_deref().map(checksum_of) == checksum {
-            return Ok(state);
-        }
-        Err(StoreError::Damaged {
-            detail: format!("the state of dictionary {id} does not match its checksum"),
+    pub fn read_dictionary_state<'a>(&'a self, id: &'a str) -> Answer<'a, Option<Vec<u8>>> {
+        Box::pin(async move {
+            const READ: &str = "SELECT state, state_checksum FROM dictionary_data WHERE dictionary = $1";
+            let row = sql(self.reader(), READ).bind(id).optional().await?;
+            let Some(row) = row else { return Ok(None) };
+            let (state, checksum): (Option<Vec<u8>>, Option<Vec<u8>>) =
+                (row.get("state")?, row.get("state_checksum")?);
+            if state.as_deref().map(checksum_of) == checksum {
+                return Ok(state);
+            }
+            Err(StoreError::Damaged {
+                detail: format!("the state of dictionary {id} does not match its checksum"),
+            })
         })
     }
 
@@ -124,25 +133,27 @@ impl Store {
     ///
     /// # Errors
     /// Database errors.
-    pub async fn list_dictionaries(
-        &self,
-        filter: &DictionaryFilter,
-        after: Option<&str>,
+    pub fn list_dictionaries<'a>(
+        &'a self,
+        filter: &'a DictionaryFilter,
+        after: Option<&'a str>,
         limit: usize,
-    ) -> Result<Vec<Listed>, StoreError> {
-        let mut query = sql(self.reader(), "SELECT ");
-        query.push(LISTED).push(" FROM dictionary WHERE deleted_at_ms IS NULL AND tenant = ");
-        query.push_bind(self.tenant()).push(" AND id > ").push_bind(after.unwrap_or_default());
-        self.push_scope(&mut query, "cohort");
-        if let Some(name) = &filter.name {
-            query.push(" AND handle = ").push_bind(self.handle(name));
-        }
-        if let Some(cohort) = &filter.cohort {
-            query.push(" AND cohort = ").push_bind(cohort.as_str());
-        }
-        query.push(" ORDER BY id LIMIT ").push_bind(to_sql(limit as u64));
-        let rows = query.all().await?;
-        rows.iter().map(read_listed).collect()
+    ) -> Answer<'a, Vec<Listed>> {
+        Box::pin(async move {
+            let mut query = sql(self.reader(), "SELECT ");
+            query.push(LISTED).push(" FROM dictionary WHERE deleted_at_ms IS NULL AND tenant = ");
+            query.push_bind(self.tenant()).push(" AND id > ").push_bind(after.unwrap_or_default());
+            self.push_scope(&mut query, "cohort");
+            if let Some(name) = &filter.name {
+                query.push(" AND handle = ").push_bind(self.handle(name));
+            }
+            if let Some(cohort) = &filter.cohort {
+                query.push(" AND cohort = ").push_bind(cohort.as_str());
+            }
+            query.push(" ORDER BY id LIMIT ").push_bind(to_sql(limit as u64));
+            let rows = query.all().await?;
+            rows.iter().map(read_listed).collect()
+        })
     }
 }
 

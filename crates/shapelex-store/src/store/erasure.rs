@@ -10,6 +10,7 @@ use std::time::Duration;
 
 use serde_json::Value;
 
+use super::answer::Answer;
 use super::assessments;
 use super::blob::{self, ROWS_PER_CHUNK};
 use super::changes;
@@ -99,32 +100,34 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::Damaged`].
-    pub async fn find_subject(&self, subject: &str) -> Result<Vec<SubjectCohort>, StoreError> {
-        const COHORTS: &str = "SELECT DISTINCT h.number, h.id, h.name, h.revision, h.deleted_at_ms
-            FROM cohort AS h CROSS JOIN shape AS s ON s.cohort = h.number AND s.subject = $2
-            WHERE h.tenant = $1 ORDER BY h.id";
-        let mut read = self.begin_read().await?;
-        let mut found = Vec::new();
-        for row in sql(&mut read, COHORTS).bind(self.tenant()).bind(subject).all().await? {
-            let number: i64 = row.get("number")?;
-            let rows = held(&mut read, number, subject).await?;
-            if rows.is_empty() || !self.principal.may_use(row.get("id")?) {
-                continue;
+    pub fn find_subject<'a>(&'a self, subject: &'a str) -> Answer<'a, Vec<SubjectCohort>> {
+        Box::pin(async move {
+            const COHORTS: &str = "SELECT DISTINCT h.number, h.id, h.name, h.revision, h.deleted_at_ms
+                FROM cohort AS h CROSS JOIN shape AS s ON s.cohort = h.number AND s.subject = $2
+                WHERE h.tenant = $1 ORDER BY h.id";
+            let mut read = self.begin_read().await?;
+            let mut found = Vec::new();
+            for row in sql(&mut read, COHORTS).bind(self.tenant()).bind(subject).all().await? {
+                let number: i64 = row.get("number")?;
+                let rows = held(&mut read, number, subject).await?;
+                if rows.is_empty() || !self.principal.may_use(row.get("id")?) {
+                    continue;
+                }
+                let mut cohort = SubjectCohort {
+                    id: row.get("id")?,
+                    name: row.get("name")?,
+                    revision: from_sql(row.get("revision")?),
+                    trashed: row.get::<Option<i64>>("deleted_at_ms")?.is_some(),
+                    shapes: shapes_of(&rows),
+                    dictionaries: Vec::new(),
+                    jobs: self.jobs_about(&mut read, row.get("id")?, subject, (rows.as_slice(), "")).await?,
+                    examined: BTreeSet::new(),
+                };
+                self.examine_dictionaries(&mut read, &mut cohort, number, &rows).await?;
+                found.push(cohort);
             }
-            let mut cohort = SubjectCohort {
-                id: row.get("id")?,
-                name: row.get("name")?,
-                revision: from_sql(row.get("revision")?),
-                trashed: row.get::<Option<i64>>("deleted_at_ms")?.is_some(),
-                shapes: shapes_of(&rows),
-                dictionaries: Vec::new(),
-                jobs: self.jobs_about(&mut read, row.get("id")?, subject, (rows.as_slice(), "")).await?,
-                examined: BTreeSet::new(),
-            };
-            self.examine_dictionaries(&mut read, &mut cohort, number, &rows).await?;
-            found.push(cohort);
-        }
-        Ok(found)
+            Ok(found)
+        })
     }
 
     /// Erases the shapes of the subject in a cohort, except their control points, which [`Store::finish_erasures`] overwrites.
@@ -132,47 +135,49 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::Damaged`].
-    pub async fn erase_subject(
-        &self,
+    pub fn erase_subject<'a>(
+        &'a self,
         mut cohort: SubjectCohort,
-        subject: &str,
+        subject: &'a str,
         now_ms: i64,
-    ) -> Result<Option<SubjectCohort>, StoreError> {
-        const NUMBER: &str = "SELECT number, deleted_at_ms FROM cohort WHERE id = $1 AND tenant = $2";
-        const GROW: &str =
-            "UPDATE cohort SET revision = revision + 1, shapes = shapes - $2, updated_at_ms = $3
-            WHERE number = $1 RETURNING revision";
-        let mut write = self.begin_write(&cohort.id).await?;
-        let found = sql(&mut write, NUMBER).bind(&cohort.id).bind(self.tenant()).optional().await?;
-        let Some(found) = found else { return Ok(None) };
-        let number: i64 = found.get("number")?;
-        let rows = held(&mut write, number, subject).await?;
-        if rows.is_empty() {
-            return Ok(None);
-        }
-        // Versions that were learnt since the cohort was looked at.
-        self.examine_dictionaries(&mut write, &mut cohort, number, &rows).await?;
-        // A job that ends at this moment does so before, or finds that it has lost its claim.
-        let lock = if write.is_postgres() { " FOR UPDATE" } else { "" };
-        cohort.jobs = self.jobs_about(&mut write, &cohort.id, subject, (rows.as_slice(), lock)).await?;
-        end_jobs(&mut write, &cohort.jobs).await?;
-        empty(&mut write, subject, &rows).await?;
-        assessments::forget(&mut write, number, rows.iter().map(|row| row.id.as_str())).await?;
-        let living = rows.iter().filter(|row| row.is_living).count() as u64;
-        let revision: i64 =
-            sql(&mut write, GROW).bind(number).bind(to_sql(living)).bind(now_ms).scalar().await?;
-        cohort.revision = from_sql(revision);
-        cohort.shapes = shapes_of(&rows);
-        cohort.trashed = found.get::<Option<i64>>("deleted_at_ms")?.is_some();
-        if !cohort.trashed {
-            let change = NewChange {
-                shapes: Some(cohort.shapes),
-                ..NewChange::for_cohort(ChangeKind::SubjectErased, &cohort.id, cohort.revision)
-            };
-            changes::record(&mut write, self.tenant(), &change, now_ms).await?;
-        }
-        write.commit().await?;
-        Ok(Some(cohort))
+    ) -> Answer<'a, Option<SubjectCohort>> {
+        Box::pin(async move {
+            const NUMBER: &str = "SELECT number, deleted_at_ms FROM cohort WHERE id = $1 AND tenant = $2";
+            const GROW: &str =
+                "UPDATE cohort SET revision = revision + 1, shapes = shapes - $2, updated_at_ms = $3
+                WHERE number = $1 RETURNING revision";
+            let mut write = self.begin_write(&cohort.id).await?;
+            let found = sql(&mut write, NUMBER).bind(&cohort.id).bind(self.tenant()).optional().await?;
+            let Some(found) = found else { return Ok(None) };
+            let number: i64 = found.get("number")?;
+            let rows = held(&mut write, number, subject).await?;
+            if rows.is_empty() {
+                return Ok(None);
+            }
+            // Versions that were learnt since the cohort was looked at.
+            self.examine_dictionaries(&mut write, &mut cohort, number, &rows).await?;
+            // A job that ends at this moment does so before, or finds that it has lost its claim.
+            let lock = if write.is_postgres() { " FOR UPDATE" } else { "" };
+            cohort.jobs = self.jobs_about(&mut write, &cohort.id, subject, (rows.as_slice(), lock)).await?;
+            end_jobs(&mut write, &cohort.jobs).await?;
+            empty(&mut write, subject, &rows).await?;
+            assessments::forget(&mut write, number, rows.iter().map(|row| row.id.as_str())).await?;
+            let living = rows.iter().filter(|row| row.is_living).count() as u64;
+            let revision: i64 =
+                sql(&mut write, GROW).bind(number).bind(to_sql(living)).bind(now_ms).scalar().await?;
+            cohort.revision = from_sql(revision);
+            cohort.shapes = shapes_of(&rows);
+            cohort.trashed = found.get::<Option<i64>>("deleted_at_ms")?.is_some();
+            if !cohort.trashed {
+                let change = NewChange {
+                    shapes: Some(cohort.shapes),
+                    ..NewChange::for_cohort(ChangeKind::SubjectErased, &cohort.id, cohort.revision)
+                };
+                changes::record(&mut write, self.tenant(), &change, now_ms).await?;
+            }
+            write.commit().await?;
+            Ok(Some(cohort))
+        })
     }
 
     /// Overwrites the control points and weights of the erased shapes of a subject of the tenant, or of all; returns their number.
@@ -180,29 +185,31 @@ impl Store {
     ///
     /// # Errors
     /// Database errors; what is left is overwritten by the next call.
-    pub async fn finish_erasures(&self, subject: Option<&str>) -> Result<u64, StoreError> {
-        const MARKED: &str = "SELECT DISTINCT h.id, s.cohort, s.subject
-            FROM cohort AS h CROSS JOIN shape AS s ON s.cohort = h.number
-            CROSS JOIN chunk AS c ON c.id = s.chunk_id
-            WHERE s.deleted_revision IS NOT NULL AND s.deleted_revision = c.revision
-            AND coalesce(s.subject, '') <> ''";
-        // What a permanently removed cohort has left may be of the subject too.
-        self.purge(PURGE_ORPHANS, None).await?;
-        let mut marked = sql(self.reader(), MARKED);
-        if let Some(subject) = subject {
-            marked.push(" AND s.subject = ").push_bind(subject);
-            marked.push(" AND h.tenant = ").push_bind(self.tenant());
-        }
-        let mut count = 0;
-        for row in marked.all().await? {
-            let (id, number, subject): (&str, i64, &str) =
-                (row.get("id")?, row.get("cohort")?, row.get("subject")?);
-            count += self.overwrite(id, number, subject).await?;
-        }
-        if count > 0 {
-            self.empty_log().await;
-        }
-        Ok(count)
+    pub fn finish_erasures<'a>(&'a self, subject: Option<&'a str>) -> Answer<'a, u64> {
+        Box::pin(async move {
+            const MARKED: &str = "SELECT DISTINCT h.id, s.cohort, s.subject
+                FROM cohort AS h CROSS JOIN shape AS s ON s.cohort = h.number
+                CROSS JOIN chunk AS c ON c.id = s.chunk_id
+                WHERE s.deleted_revision IS NOT NULL AND s.deleted_revision = c.revision
+                AND coalesce(s.subject, '') <> ''";
+            // What a permanently removed cohort has left may be of the subject too.
+            self.purge(PURGE_ORPHANS, None).await?;
+            let mut marked = sql(self.reader(), MARKED);
+            if let Some(subject) = subject {
+                marked.push(" AND s.subject = ").push_bind(subject);
+                marked.push(" AND h.tenant = ").push_bind(self.tenant());
+            }
+            let mut count = 0;
+            for row in marked.all().await? {
+                let (id, number, subject): (&str, i64, &str) =
+                    (row.get("id")?, row.get("cohort")?, row.get("subject")?);
+                count += self.overwrite(id, number, subject).await?;
+            }
+            if count > 0 {
+                self.empty_log().await;
+            }
+            Ok(count)
+        })
     }
 
     /// Overwrites the erased shapes of a subject in a cohort, some chunks at a time.

@@ -1,5 +1,6 @@
 //! Files that jobs work on, such as images: stored with the job, and removed by the transaction that ends it.
 
+use super::answer::Answer;
 use super::engine::{Transaction, from_sql, sql};
 use super::error::StoreError;
 use super::handle::Store;
@@ -18,33 +19,35 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::Damaged`] if a piece does not match its checksum, or if one is missing between others.
-    pub async fn read_job_files(&self, job: &Job) -> Result<Vec<(String, Vec<u8>)>, StoreError> {
-        const READ: &str = "SELECT f.name, f.piece, f.checksum, f.data
-            FROM job_file AS f JOIN job AS j ON j.id = f.job
-            WHERE f.job = $1 AND j.tenant = $2 AND (f.name, f.piece) > ($3, $4)
-            ORDER BY f.name, f.piece LIMIT $5";
-        let (mut read, mut last) = (self.begin_read().await?, (String::new(), 0_i64));
-        let mut files: Vec<(String, Vec<u8>)> = Vec::new();
-        loop {
-            let page = sql(&mut read, READ).bind(&job.id).bind(self.tenant()).bind(&last.0).bind(last.1);
-            let rows = page.bind(PIECES).all().await?;
-            if rows.is_empty() {
-                return Ok(files);
-            }
-            for row in &rows {
-                let (name, piece): (String, i64) = (row.get("name")?, row.get("piece")?);
-                let expected = if name == last.0 { last.1 + 1 } else { 0 };
-                let data = whole_part(row)?.filter(|_| piece == expected);
-                let data = data.ok_or_else(|| StoreError::Damaged {
-                    detail: format!("the file {name} of {} does not match its checksum", job.id),
-                })?;
-                match files.last_mut() {
-                    Some((known, bytes)) if *known == name => bytes.extend_from_slice(&data),
-                    _ => files.push((name.clone(), data)),
+    pub fn read_job_files<'a>(&'a self, job: &'a Job) -> Answer<'a, Vec<(String, Vec<u8>)>> {
+        Box::pin(async move {
+            const READ: &str = "SELECT f.name, f.piece, f.checksum, f.data
+                FROM job_file AS f JOIN job AS j ON j.id = f.job
+                WHERE f.job = $1 AND j.tenant = $2 AND (f.name, f.piece) > ($3, $4)
+                ORDER BY f.name, f.piece LIMIT $5";
+            let (mut read, mut last) = (self.begin_read().await?, (String::new(), 0_i64));
+            let mut files: Vec<(String, Vec<u8>)> = Vec::new();
+            loop {
+                let page = sql(&mut read, READ).bind(&job.id).bind(self.tenant()).bind(&last.0).bind(last.1);
+                let rows = page.bind(PIECES).all().await?;
+                if rows.is_empty() {
+                    return Ok(files);
                 }
-                last = (name, piece);
+                for row in &rows {
+                    let (name, piece): (String, i64) = (row.get("name")?, row.get("piece")?);
+                    let expected = if name == last.0 { last.1 + 1 } else { 0 };
+                    let data = whole_part(row)?.filter(|_| piece == expected);
+                    let data = data.ok_or_else(|| StoreError::Damaged {
+                        detail: format!("the file {name} of {} does not match its checksum", job.id),
+                    })?;
+                    match files.last_mut() {
+                        Some((known, bytes)) if *known == name => bytes.extend_from_slice(&data),
+                        _ => files.push((name.clone(), data)),
+                    }
+                    last = (name, piece);
+                }
             }
-        }
+        })
     }
 }
 

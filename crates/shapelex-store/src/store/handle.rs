@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
+use super::answer::{Answer, Work};
 use super::engine::{Link, Pools, Transaction, sql};
 use super::error::StoreError;
 use super::folder::{DATABASE_FILE, FolderLock};
@@ -44,16 +45,16 @@ impl Store {
     /// # Errors
     /// [`StoreError::Folder`], [`StoreError::Locked`], [`StoreError::TooOld`], [`StoreError::Older`],
     /// [`StoreError::Damaged`] and [`StoreError::Schema`] when the folder cannot be used as it is.
-    pub async fn open(data_dir: &Path) -> Result<Self, StoreError> {
-        Self::open_locked(data_dir, false).await
+    pub fn open<'a>(data_dir: &'a Path) -> Answer<'a, Self> {
+        Box::pin(async move { Self::open_locked(data_dir, false).await })
     }
 
     /// The same, going on with what is left when the newest part of the store is missing.
     ///
     /// # Errors
     /// Those of [`Store::open`] but [`StoreError::Older`].
-    pub async fn open_accepting_loss(data_dir: &Path) -> Result<Self, StoreError> {
-        Self::open_locked(data_dir, true).await
+    pub fn open_accepting_loss<'a>(data_dir: &'a Path) -> Answer<'a, Self> {
+        Box::pin(async move { Self::open_locked(data_dir, true).await })
     }
 
     pub(super) async fn open_locked(data_dir: &Path, accepts_loss: bool) -> Result<Self, StoreError> {
@@ -85,13 +86,15 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::Folder`] when there is no store, [`StoreError::TooOld`], [`StoreError::Older`], [`StoreError::Schema`].
-    pub async fn attach(data_dir: &Path) -> Result<Self, StoreError> {
-        let file = data_dir.join(DATABASE_FILE);
-        if let Err(source) = std::fs::metadata(&file) {
-            return Err(StoreError::Folder { path: data_dir.to_path_buf(), source });
-        }
-        mark::require(data_dir).await?;
-        Ok(Self::new(sqlite::attach(&file).await?, None, None, Some(data_dir.into())))
+    pub fn attach<'a>(data_dir: &'a Path) -> Answer<'a, Self> {
+        Box::pin(async move {
+            let file = data_dir.join(DATABASE_FILE);
+            if let Err(source) = std::fs::metadata(&file) {
+                return Err(StoreError::Folder { path: data_dir.to_path_buf(), source });
+            }
+            mark::require(data_dir).await?;
+            Ok(Self::new(sqlite::attach(&file).await?, None, None, Some(data_dir.into())))
+        })
     }
 
     /// Opens the store in the database at `url` (`postgres://…`), which other replicas may be using, with at most
@@ -99,13 +102,15 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::Url`], [`StoreError::Schema`]; [`StoreError::Busy`] while the database is not there.
-    pub async fn connect(url: &str, connections: u32) -> Result<Self, StoreError> {
-        let options = postgres::options(url)?;
-        let pool = postgres::connect(options.clone(), connections).await?;
-        let store = Self::new(Pools::Postgres(pool), None, None, None);
-        store.purge(PURGE_ORPHANS, None).await?;
-        store.live(options).await?;
-        Ok(store)
+    pub fn connect<'a>(url: &'a str, connections: u32) -> Answer<'a, Self> {
+        Box::pin(async move {
+            let options = postgres::options(url)?;
+            let pool = postgres::connect(options.clone(), connections).await?;
+            let store = Self::new(Pools::Postgres(pool), None, None, None);
+            store.purge(PURGE_ORPHANS, None).await?;
+            store.live(options).await?;
+            Ok(store)
+        })
     }
 
     pub(super) fn new(
@@ -156,48 +161,54 @@ impl Store {
     /// # Errors
     /// [`StoreError::Full`] or [`StoreError::ReadOnly`], for example; [`StoreError::Damaged`] when the check of a large file
     /// has found something.
-    pub async fn ready(&self) -> Result<(), StoreError> {
-        if let Some(detail) = self.inner.damage.get() {
-            return Err(StoreError::Damaged { detail: detail.clone() });
-        }
-        const PROBE: &str = "INSERT INTO probe (id, count) VALUES (1, 1)
-            ON CONFLICT (id) DO UPDATE SET count = probe.count + 1";
-        let probe = async || sql(self.writer(), PROBE).execute().await.map_err(StoreError::from);
-        match probe().await {
-            Err(error) if self.make_room(&error).await => probe().await.map(drop),
-            outcome => outcome.map(drop),
-        }
+    pub fn ready(&self) -> Answer<'_, ()> {
+        Box::pin(async move {
+            if let Some(detail) = self.inner.damage.get() {
+                return Err(StoreError::Damaged { detail: detail.clone() });
+            }
+            const PROBE: &str = "INSERT INTO probe (id, count) VALUES (1, 1)
+                ON CONFLICT (id) DO UPDATE SET count = probe.count + 1";
+            let probe = async || sql(self.writer(), PROBE).execute().await.map_err(StoreError::from);
+            match probe().await {
+                Err(error) if self.make_room(&error).await => probe().await.map(drop),
+                outcome => outcome.map(drop),
+            }
+        })
     }
 
     /// Empties the log of the embedded database into its file if a write found no room, and returns whether it did: on a full disk the
     /// log cannot grow by a page, and SQLite reuses its pages only once it is thousands of them long.
-    pub async fn make_room(&self, failure: &StoreError) -> bool {
-        if !matches!(failure, StoreError::Full | StoreError::ReadOnly) {
-            return false;
-        }
-        let folded = self.inner.pools.fold_log().await;
-        if let Err(error) = &folded {
-            tracing::warn!(%error, "the write-ahead log could not be emptied to make room");
-        }
-        folded.is_ok()
+    pub fn make_room<'a>(&'a self, failure: &'a StoreError) -> Work<'a, bool> {
+        Box::pin(async move {
+            if !matches!(failure, StoreError::Full | StoreError::ReadOnly) {
+                return false;
+            }
+            let folded = self.inner.pools.fold_log().await;
+            if let Err(error) = &folded {
+                tracing::warn!(%error, "the write-ahead log could not be emptied to make room");
+            }
+            folded.is_ok()
+        })
     }
 
     /// Waits for work in progress, closes all connections and frees the data folder. The file of the embedded database then holds
     /// everything.
-    pub async fn close(&self) {
-        if self.inner.lock.is_some()
-            && let Err(error) = self.inner.pools.fold_log().await
-        {
-            // It stays where it is, and is read at the next start.
-            tracing::warn!(%error, "the write-ahead log could not be folded into the database");
-        }
-        self.inner.pools.close().await;
-        if let Some(mark) = &self.inner.mark {
-            mark.sync();
-        }
-        if let Some(lock) = &self.inner.lock {
-            lock.free();
-        }
+    pub fn close(&self) -> Work<'_, ()> {
+        Box::pin(async move {
+            if self.inner.lock.is_some()
+                && let Err(error) = self.inner.pools.fold_log().await
+            {
+                // It stays where it is, and is read at the next start.
+                tracing::warn!(%error, "the write-ahead log could not be folded into the database");
+            }
+            self.inner.pools.close().await;
+            if let Some(mark) = &self.inner.mark {
+                mark.sync();
+            }
+            if let Some(lock) = &self.inner.lock {
+                lock.free();
+            }
+        })
     }
 
     /// So many audit entries have been committed.

@@ -6,6 +6,7 @@
 
 use std::collections::HashMap;
 
+use super::answer::Answer;
 use super::engine::to_sql;
 use super::engine::{Link, Query, Row, Transaction, sql};
 use super::error::StoreError;
@@ -81,74 +82,78 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::TooManyJobs`], [`StoreError::AlreadyDone`].
-    pub async fn create_job(&self, job: &Job, receipt: Option<&Receipt>) -> Result<(), StoreError> {
-        self.create_job_within(Quota::default(), job, receipt).await
+    pub fn create_job<'a>(&'a self, job: &'a Job, receipt: Option<&'a Receipt>) -> Answer<'a, ()> {
+        Box::pin(async move { self.create_job_within(Quota::default(), job, receipt).await })
     }
 
     /// Stores a new job at the end of the queue, if its tenant's quota allows it.
     ///
     /// # Errors
     /// [`StoreError::TooManyJobs`], [`StoreError::TooMuchWork`], [`StoreError::AlreadyDone`].
-    pub async fn create_job_within(
-        &self,
+    pub fn create_job_within<'a>(
+        &'a self,
         quota: Quota,
-        job: &Job,
-        receipt: Option<&Receipt>,
-    ) -> Result<(), StoreError> {
-        self.create_job_with(quota, job, receipt, &[]).await
+        job: &'a Job,
+        receipt: Option<&'a Receipt>,
+    ) -> Answer<'a, ()> {
+        Box::pin(async move { self.create_job_with(quota, job, receipt, &[]).await })
     }
 
     /// As [`Store::create_job_within`], with files by their names, which are kept until the job ends.
     ///
     /// # Errors
     /// Also [`StoreError::TooManyBytes`].
-    pub async fn create_job_with(
-        &self,
+    pub fn create_job_with<'a>(
+        &'a self,
         quota: Quota,
-        job: &Job,
-        receipt: Option<&Receipt>,
-        job_files: &[(&str, &[u8])],
-    ) -> Result<(), StoreError> {
-        const CREATE: &str = "INSERT INTO job
-            (id, kind, parameters, status, progress, attempt, run_at_ms, created_at_ms, tenant, cohort)
-            SELECT $1, $2, $3, 'queued', 0, 0, $4, $4, $6, $7
-            WHERE (SELECT count(*) FROM job WHERE status = 'queued' AND tenant = $6) < $5";
-        let limit = quota.jobs.min(MAX_QUEUED);
-        let cohort = cohort_of(job);
-        let mut write = self.begin_write(self.tenant()).await?;
-        receipts::keep(&mut write, self.tenant(), receipt, job.created_at_ms).await?;
-        let waiting = queued_seconds(&mut write, self.tenant()).await?;
-        if waiting + job.predicted_seconds() > quota.seconds {
-            return Err(StoreError::TooMuchWork { waiting, limit: quota.seconds });
-        }
-        let created = sql(&mut write, CREATE)
-            .bind(&job.id)
-            .bind(to_text(&job.kind))
-            .bind(job.parameters.to_string())
-            .bind(job.created_at_ms)
-            .bind(i64::from(limit))
-            .bind(self.tenant())
-            .bind(cohort)
-            .execute()
-            .await?;
-        if created == 0 {
-            return Err(StoreError::TooManyJobs { limit });
-        }
-        if !job_files.is_empty() {
-            files::insert(&mut write, self.tenant(), &job.id, job_files, MAX_FILE_BYTES).await?;
-        }
-        let change = NewChange::for_job(ChangeKind::JobQueued, &job.id, cohort);
-        changes::record(&mut write, self.tenant(), &change, job.created_at_ms).await?;
-        Ok(write.commit().await?)
+        job: &'a Job,
+        receipt: Option<&'a Receipt>,
+        job_files: &'a [(&'a str, &'a [u8])],
+    ) -> Answer<'a, ()> {
+        Box::pin(async move {
+            const CREATE: &str = "INSERT INTO job
+                (id, kind, parameters, status, progress, attempt, run_at_ms, created_at_ms, tenant, cohort)
+                SELECT $1, $2, $3, 'queued', 0, 0, $4, $4, $6, $7
+                WHERE (SELECT count(*) FROM job WHERE status = 'queued' AND tenant = $6) < $5";
+            let limit = quota.jobs.min(MAX_QUEUED);
+            let cohort = cohort_of(job);
+            let mut write = self.begin_write(self.tenant()).await?;
+            receipts::keep(&mut write, self.tenant(), receipt, job.created_at_ms).await?;
+            let waiting = queued_seconds(&mut write, self.tenant()).await?;
+            if waiting + job.predicted_seconds() > quota.seconds {
+                return Err(StoreError::TooMuchWork { waiting, limit: quota.seconds });
+            }
+            let created = sql(&mut write, CREATE)
+                .bind(&job.id)
+                .bind(to_text(&job.kind))
+                .bind(job.parameters.to_string())
+                .bind(job.created_at_ms)
+                .bind(i64::from(limit))
+                .bind(self.tenant())
+                .bind(cohort)
+                .execute()
+                .await?;
+            if created == 0 {
+                return Err(StoreError::TooManyJobs { limit });
+            }
+            if !job_files.is_empty() {
+                files::insert(&mut write, self.tenant(), &job.id, job_files, MAX_FILE_BYTES).await?;
+            }
+            let change = NewChange::for_job(ChangeKind::JobQueued, &job.id, cohort);
+            changes::record(&mut write, self.tenant(), &change, job.created_at_ms).await?;
+            Ok(write.commit().await?)
+        })
     }
 
     /// Finds the job with this id.
     ///
     /// # Errors
     /// Database errors.
-    pub async fn find_job(&self, id: &str) -> Result<Option<Job>, StoreError> {
-        let row = self.select_job(self.reader(), id).optional().await?;
-        row.as_ref().map(read_job).transpose()
+    pub fn find_job<'a>(&'a self, id: &'a str) -> Answer<'a, Option<Job>> {
+        Box::pin(async move {
+            let row = self.select_job(self.reader(), id).optional().await?;
+            row.as_ref().map(read_job).transpose()
+        })
     }
 
     /// Selects the job with this id, if the caller may see it.
@@ -163,36 +168,38 @@ impl Store {
     ///
     /// # Errors
     /// Database errors.
-    pub async fn list_jobs(
-        &self,
-        filter: &JobFilter,
-        before: Option<&str>,
+    pub fn list_jobs<'a>(
+        &'a self,
+        filter: &'a JobFilter,
+        before: Option<&'a str>,
         limit: usize,
-    ) -> Result<Vec<Job>, StoreError> {
-        // Results take up to megabytes each.
-        const LIST: &str =
-            "SELECT id, kind, parameters, status, progress, phase, objective, attempt, created_at_ms,
-            started_at_ms, finished_at_ms, NULL AS result, problem FROM job WHERE tenant = ";
-        let mut query = sql(self.reader(), LIST);
-        query.push_bind(self.tenant());
-        if let Some(before) = before {
-            query.push(" AND id < ").push_bind(before);
-        }
-        self.push_scope(&mut query, "cohort");
-        if let Some(status) = filter.status {
-            query.push(" AND status = ").push_bind(status.as_str());
-        }
-        if let Some(kind) = filter.kind {
-            query.push(" AND kind = ").push_bind(kind.as_str());
-        }
-        if let Some(cohort) = &filter.cohort {
-            query.push(" AND cohort = ").push_bind(cohort.as_str());
-        }
-        if let Some(since) = filter.since_ms {
-            query.push(" AND created_at_ms >= ").push_bind(since);
-        }
-        query.push(" ORDER BY id DESC LIMIT ").push_bind(to_sql(limit as u64));
-        query.all().await?.iter().map(read_job).collect()
+    ) -> Answer<'a, Vec<Job>> {
+        Box::pin(async move {
+            // Results take up to megabytes each.
+            const LIST: &str =
+                "SELECT id, kind, parameters, status, progress, phase, objective, attempt, created_at_ms,
+                started_at_ms, finished_at_ms, NULL AS result, problem FROM job WHERE tenant = ";
+            let mut query = sql(self.reader(), LIST);
+            query.push_bind(self.tenant());
+            if let Some(before) = before {
+                query.push(" AND id < ").push_bind(before);
+            }
+            self.push_scope(&mut query, "cohort");
+            if let Some(status) = filter.status {
+                query.push(" AND status = ").push_bind(status.as_str());
+            }
+            if let Some(kind) = filter.kind {
+                query.push(" AND kind = ").push_bind(kind.as_str());
+            }
+            if let Some(cohort) = &filter.cohort {
+                query.push(" AND cohort = ").push_bind(cohort.as_str());
+            }
+            if let Some(since) = filter.since_ms {
+                query.push(" AND created_at_ms >= ").push_bind(since);
+            }
+            query.push(" ORDER BY id DESC LIMIT ").push_bind(to_sql(limit as u64));
+            query.all().await?.iter().map(read_job).collect()
+        })
     }
 
     /// Claims the next job until `lease_until_ms`: a queued one, or one whose lease has expired. Tenants take turns: first
@@ -203,63 +210,68 @@ impl Store {
     ///
     /// # Errors
     /// Database errors.
-    pub async fn claim_job(
-        &self,
+    pub fn claim_job<'a>(
+        &'a self,
         now_ms: i64,
         lease_until_ms: i64,
         longest: f64,
-        abandoned: &Value,
-    ) -> Result<Claimed, StoreError> {
-        // Concurrent claimants skip locked rows and take the next one.
-        const SKIP: &str = " FOR UPDATE SKIP LOCKED";
-        const CLAIM: &str = "UPDATE job SET status = 'running', lease_owner = $1, lease_until_ms = $2,
-            attempt = attempt + 1, started_at_ms = $3, progress = 0, phase = NULL, objective = NULL
-            WHERE id = (SELECT id FROM job WHERE tenant = $4 AND ";
-        let owner = self.inner.replica.owned_id();
-        let mut transaction = self.begin_write("job").await?;
-        let abandoned = abandon(&mut transaction, now_ms, abandoned).await?;
-        let skip = if transaction.is_postgres() { SKIP } else { "" };
-        let priority = number_in_parameters(&transaction, "priority");
-        let seconds = number_in_parameters(&transaction, "predicted_seconds");
-        let mut claim = None;
-        for tenant in in_turn(&mut transaction, now_ms).await? {
-            let mut query =
-                sql(&mut transaction, CLAIM).bind(&owner).bind(lease_until_ms).bind(now_ms).bind(&tenant);
-            query.push(CLAIMABLE);
-            if longest.is_finite() {
-                query.push(" AND ").push(seconds).push(" <= ").push_bind(longest);
+        abandoned: &'a Value,
+    ) -> Answer<'a, Claimed> {
+        Box::pin(async move {
+            // Concurrent claimants skip locked rows and take the next one.
+            const SKIP: &str = " FOR UPDATE SKIP LOCKED";
+            const CLAIM: &str = "UPDATE job SET status = 'running', lease_owner = $1, lease_until_ms = $2,
+                attempt = attempt + 1, started_at_ms = $3, progress = 0, phase = NULL, objective = NULL
+                WHERE id = (SELECT id FROM job WHERE tenant = $4 AND ";
+            let owner = self.inner.replica.owned_id();
+            let mut transaction = self.begin_write("job").await?;
+            let abandoned = abandon(&mut transaction, now_ms, abandoned).await?;
+            let skip = if transaction.is_postgres() { SKIP } else { "" };
+            let priority = number_in_parameters(&transaction, "priority");
+            let seconds = number_in_parameters(&transaction, "predicted_seconds");
+            let mut claim = None;
+            for tenant in in_turn(&mut transaction, now_ms).await? {
+                let mut query =
+                    sql(&mut transaction, CLAIM).bind(&owner).bind(lease_until_ms).bind(now_ms).bind(&tenant);
+                query.push(CLAIMABLE);
+                if longest.is_finite() {
+                    query.push(" AND ").push(seconds).push(" <= ").push_bind(longest);
+                }
+                query.push(" ORDER BY ").push(priority).push(" DESC, run_at_ms, id LIMIT 1");
+                query.push(skip).push(") RETURNING *");
+                // Other claimants may have taken all jobs of this tenant; those left may take too long.
+                let Some(row) = query.optional().await? else { continue };
+                claim = Some(Claim { job: read_job(&row)?, tenant, owner });
+                break;
             }
-            query.push(" ORDER BY ").push(priority).push(" DESC, run_at_ms, id LIMIT 1");
-            query.push(skip).push(") RETURNING *");
-            // Other claimants may have taken all jobs of this tenant; those left may take too long.
-            let Some(row) = query.optional().await? else { continue };
-            claim = Some(Claim { job: read_job(&row)?, tenant, owner });
-            break;
-        }
-        transaction.commit().await?;
-        Ok(Claimed { claim, abandoned })
+            transaction.commit().await?;
+            Ok(Claimed { claim, abandoned })
+        })
     }
 
     /// Extends the lease and writes the progress; returns whether the claim still holds.
     ///
     /// # Errors
     /// Database errors.
-    pub async fn renew_job(
-        &self,
-        claim: &Claim,
-        progress: &Progress,
+    pub fn renew_job<'a>(
+        &'a self,
+        claim: &'a Claim,
+        progress: &'a Progress,
         lease_until_ms: i64,
-    ) -> Result<bool, StoreError> {
-        const RENEW: &str = "UPDATE job SET lease_until_ms = $4, progress = $5, phase = $6, objective = $7
-            WHERE id = $1 AND status = 'running' AND lease_owner = $2 AND attempt = $3";
-        let renewed = fenced(self.writer(), RENEW, claim)
-            .bind(lease_until_ms)
-            .bind(progress.fraction)
-            .bind(progress.phase)
-            .bind(progress.objective)
-            .execute()
-            .await?;
-        Ok(renewed == 1)
+    ) -> Answer<'a, bool> {
+        Box::pin(async move {
+            const RENEW: &str =
+                "UPDATE job SET lease_until_ms = $4, progress = $5, phase = $6, objective = $7
+                WHERE id = $1 AND status = 'running' AND lease_owner = $2 AND attempt = $3";
+            let renewed = fenced(self.writer(), RENEW, claim)
+                .bind(lease_until_ms)
+                .bind(progress.fraction)
+                .bind(progress.phase)
+                .bind(progress.objective)
+                .execute()
+                .await?;
+            Ok(renewed == 1)
+        })
     }
 
     /// Marks the job as succeeded and stores its result with it; returns whether the claim still held. If not, nothing is
@@ -267,91 +279,101 @@ impl Store {
     ///
     /// # Errors
     /// Database errors.
-    pub async fn succeed_job(
-        &self,
-        claim: &Claim,
-        result: &Value,
-        dictionary: Option<&NewDictionary>,
-        output: Option<&JobOutput>,
+    pub fn succeed_job<'a>(
+        &'a self,
+        claim: &'a Claim,
+        result: &'a Value,
+        dictionary: Option<&'a NewDictionary>,
+        output: Option<&'a JobOutput>,
         now_ms: i64,
-    ) -> Result<bool, StoreError> {
-        let mut transaction = self.begin_write(&claim.job.id).await?;
-        let applied = finish_succeeded(&mut transaction, claim, result, now_ms).await?;
-        if let Some(output) = output.filter(|_| applied) {
-            outputs::insert(&mut transaction, &claim.job.id, output, MAX_OUTPUT_BYTES).await?;
-        }
-        if let Some(dictionary) = dictionary.filter(|_| applied) {
-            dictionaries::insert(&mut transaction, &claim.tenant, dictionary, now_ms).await?;
-        }
-        if applied {
-            let change = NewChange::for_job(ChangeKind::JobSucceeded, &claim.job.id, cohort_of(&claim.job));
-            changes::record(&mut transaction, &claim.tenant, &change, now_ms).await?;
-        }
-        transaction.commit().await?;
-        Ok(applied)
+    ) -> Answer<'a, bool> {
+        Box::pin(async move {
+            let mut transaction = self.begin_write(&claim.job.id).await?;
+            let applied = finish_succeeded(&mut transaction, claim, result, now_ms).await?;
+            if let Some(output) = output.filter(|_| applied) {
+                outputs::insert(&mut transaction, &claim.job.id, output, MAX_OUTPUT_BYTES).await?;
+            }
+            if let Some(dictionary) = dictionary.filter(|_| applied) {
+                dictionaries::insert(&mut transaction, &claim.tenant, dictionary, now_ms).await?;
+            }
+            if applied {
+                let change =
+                    NewChange::for_job(ChangeKind::JobSucceeded, &claim.job.id, cohort_of(&claim.job));
+                changes::record(&mut transaction, &claim.tenant, &change, now_ms).await?;
+            }
+            transaction.commit().await?;
+            Ok(applied)
+        })
     }
 
     /// Marks the job as failed with a problem document; returns whether the claim still held.
     ///
     /// # Errors
     /// Database errors.
-    pub async fn fail_job(&self, claim: &Claim, problem: &Value, now_ms: i64) -> Result<bool, StoreError> {
-        const FAIL: &str = "UPDATE job SET status = 'failed', finished_at_ms = $4, problem = $5,
-            lease_owner = NULL, lease_until_ms = NULL
-            WHERE id = $1 AND status = 'running' AND lease_owner = $2 AND attempt = $3";
-        let mut transaction = self.begin_write(&claim.job.id).await?;
-        let query = fenced(&mut transaction, FAIL, claim).bind(now_ms).bind(problem.to_string());
-        let failed = query.execute().await?;
-        prune(&mut transaction, &claim.tenant).await?;
-        if failed == 1 {
-            outputs::forget_parts(&mut transaction, &claim.job.id).await?;
-            let change = NewChange::for_job(ChangeKind::JobFailed, &claim.job.id, cohort_of(&claim.job));
-            changes::record(&mut transaction, &claim.tenant, &change, now_ms).await?;
-        }
-        transaction.commit().await?;
-        Ok(failed == 1)
+    pub fn fail_job<'a>(&'a self, claim: &'a Claim, problem: &'a Value, now_ms: i64) -> Answer<'a, bool> {
+        Box::pin(async move {
+            const FAIL: &str = "UPDATE job SET status = 'failed', finished_at_ms = $4, problem = $5,
+                lease_owner = NULL, lease_until_ms = NULL
+                WHERE id = $1 AND status = 'running' AND lease_owner = $2 AND attempt = $3";
+            let mut transaction = self.begin_write(&claim.job.id).await?;
+            let query = fenced(&mut transaction, FAIL, claim).bind(now_ms).bind(problem.to_string());
+            let failed = query.execute().await?;
+            prune(&mut transaction, &claim.tenant).await?;
+            if failed == 1 {
+                outputs::forget_parts(&mut transaction, &claim.job.id).await?;
+                let change = NewChange::for_job(ChangeKind::JobFailed, &claim.job.id, cohort_of(&claim.job));
+                changes::record(&mut transaction, &claim.tenant, &change, now_ms).await?;
+            }
+            transaction.commit().await?;
+            Ok(failed == 1)
+        })
     }
 
     /// Returns the job to the queue; returns whether the claim still held.
     ///
     /// # Errors
     /// Database errors.
-    pub async fn release_job(&self, claim: &Claim, release: Release) -> Result<bool, StoreError> {
-        const RELEASE: &str = "UPDATE job SET status = 'queued', lease_owner = NULL, lease_until_ms = NULL,
-            attempt = attempt - $4, run_at_ms = coalesce($5, run_at_ms),
-            started_at_ms = NULL, progress = 0, phase = NULL, objective = NULL
-            WHERE id = $1 AND status = 'running' AND lease_owner = $2 AND attempt = $3";
-        let (uncounted, run_at_ms) = match release {
-            Release::Uncounted => (1_i64, None),
-            Release::RetryAt(time) => (0, Some(time)),
-        };
-        let query = fenced(self.writer(), RELEASE, claim).bind(uncounted).bind(run_at_ms);
-        Ok(query.execute().await? == 1)
+    pub fn release_job<'a>(&'a self, claim: &'a Claim, release: Release) -> Answer<'a, bool> {
+        Box::pin(async move {
+            const RELEASE: &str =
+                "UPDATE job SET status = 'queued', lease_owner = NULL, lease_until_ms = NULL,
+                attempt = attempt - $4, run_at_ms = coalesce($5, run_at_ms),
+                started_at_ms = NULL, progress = 0, phase = NULL, objective = NULL
+                WHERE id = $1 AND status = 'running' AND lease_owner = $2 AND attempt = $3";
+            let (uncounted, run_at_ms) = match release {
+                Release::Uncounted => (1_i64, None),
+                Release::RetryAt(time) => (0, Some(time)),
+            };
+            let query = fenced(self.writer(), RELEASE, claim).bind(uncounted).bind(run_at_ms);
+            Ok(query.execute().await? == 1)
+        })
     }
 
     /// Cancels the job unless it is finished; returns its resulting state, or `None` if there is no such job.
     ///
     /// # Errors
     /// Database errors.
-    pub async fn cancel_job(&self, id: &str, now_ms: i64) -> Result<Option<Job>, StoreError> {
-        const CANCEL: &str = "UPDATE job SET status = 'cancelled', finished_at_ms = $2,
-            lease_owner = NULL, lease_until_ms = NULL
-            WHERE id = $1 AND status IN ('queued', 'running')";
-        let mut transaction = self.begin_write(id).await?;
-        if self.select_job(&mut transaction, id).optional().await?.is_none() {
-            return Ok(None);
-        }
-        let cancelled = sql(&mut transaction, CANCEL).bind(id).bind(now_ms).execute().await?;
-        let row = self.select_job(&mut transaction, id).optional().await?;
-        let job = row.as_ref().map(read_job).transpose()?;
-        prune(&mut transaction, self.tenant()).await?;
-        if let Some(job) = job.as_ref().filter(|_| cancelled == 1) {
-            outputs::forget_parts(&mut transaction, id).await?;
-            let change = NewChange::for_job(ChangeKind::JobCancelled, id, cohort_of(job));
-            changes::record(&mut transaction, self.tenant(), &change, now_ms).await?;
-        }
-        transaction.commit().await?;
-        Ok(job)
+    pub fn cancel_job<'a>(&'a self, id: &'a str, now_ms: i64) -> Answer<'a, Option<Job>> {
+        Box::pin(async move {
+            const CANCEL: &str = "UPDATE job SET status = 'cancelled', finished_at_ms = $2,
+                lease_owner = NULL, lease_until_ms = NULL
+                WHERE id = $1 AND status IN ('queued', 'running')";
+            let mut transaction = self.begin_write(id).await?;
+            if self.select_job(&mut transaction, id).optional().await?.is_none() {
+                return Ok(None);
+            }
+            let cancelled = sql(&mut transaction, CANCEL).bind(id).bind(now_ms).execute().await?;
+            let row = self.select_job(&mut transaction, id).optional().await?;
+            let job = row.as_ref().map(read_job).transpose()?;
+            prune(&mut transaction, self.tenant()).await?;
+            if let Some(job) = job.as_ref().filter(|_| cancelled == 1) {
+                outputs::forget_parts(&mut transaction, id).await?;
+                let change = NewChange::for_job(ChangeKind::JobCancelled, id, cohort_of(job));
+                changes::record(&mut transaction, self.tenant(), &change, now_ms).await?;
+            }
+            transaction.commit().await?;
+            Ok(job)
+        })
     }
 
     /// Requeues the job of a dead owner at its previous position.

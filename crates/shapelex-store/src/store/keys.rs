@@ -1,5 +1,6 @@
 //! API keys: create, find, list, revoke.
 
+use super::answer::Answer;
 use super::engine::to_sql;
 use super::engine::{Row, sql};
 use super::error::StoreError;
@@ -12,77 +13,90 @@ impl Store {
     ///
     /// # Errors
     /// Database errors, as for all functions here.
-    pub async fn create_key(&self, key: &Key) -> Result<(), StoreError> {
-        const CREATE: &str =
-            "INSERT INTO api_key (id, tenant, name, role, cohorts, digest, created_at_ms, expires_at_ms)
-            VALUES ($1, $2, $3, $4, $5, $6, $7, $8)";
-        sql(self.writer(), CREATE)
-            .bind(key.id.as_str())
-            .bind(key.tenant.as_str())
-            .bind(key.name.as_str())
-            .bind(key.role.as_str())
-            .bind(key.cohorts.as_ref().map(to_text))
-            .bind(key.digest.as_bytes().as_slice())
-            .bind(key.created_at_ms)
-            .bind(key.expires_at_ms)
-            .execute()
-            .await?;
-        Ok(())
+    pub fn create_key<'a>(&'a self, key: &'a Key) -> Answer<'a, ()> {
+        Box::pin(async move {
+            const CREATE: &str =
+                "INSERT INTO api_key (id, tenant, name, role, cohorts, digest, created_at_ms, expires_at_ms)
+                VALUES ($1, $2, $3, $4, $5, $6, $7, $8)";
+            sql(self.writer(), CREATE)
+                .bind(key.id.as_str())
+                .bind(key.tenant.as_str())
+                .bind(key.name.as_str())
+                .bind(key.role.as_str())
+                .bind(key.cohorts.as_ref().map(to_text))
+                .bind(key.digest.as_bytes().as_slice())
+                .bind(key.created_at_ms)
+                .bind(key.expires_at_ms)
+                .execute()
+                .await?;
+            Ok(())
+        })
     }
 
     /// Finds the key with this id, of any tenant.
     ///
     /// # Errors
     /// [`StoreError::Damaged`].
-    pub async fn find_key(&self, id: &str) -> Result<Option<Key>, StoreError> {
-        const FIND: &str = "SELECT * FROM api_key WHERE id = $1";
-        let row = sql(self.reader(), FIND).bind(id).optional().await?;
-        row.as_ref().map(read_key).transpose()
+    pub fn find_key<'a>(&'a self, id: &'a str) -> Answer<'a, Option<Key>> {
+        Box::pin(async move {
+            const FIND: &str = "SELECT * FROM api_key WHERE id = $1";
+            let row = sql(self.reader(), FIND).bind(id).optional().await?;
+            row.as_ref().map(read_key).transpose()
+        })
     }
 
     /// At most `limit` keys of a tenant in id order, starting after the id `after`.
     ///
     /// # Errors
     /// [`StoreError::Damaged`].
-    pub async fn list_keys(
-        &self,
-        tenant: &str,
-        after: Option<&str>,
+    pub fn list_keys<'a>(
+        &'a self,
+        tenant: &'a str,
+        after: Option<&'a str>,
         limit: usize,
-    ) -> Result<Vec<Key>, StoreError> {
-        const LIST: &str = "SELECT * FROM api_key WHERE tenant = $1 AND id > $2 ORDER BY id LIMIT $3";
-        let query = sql(self.reader(), LIST).bind(tenant).bind(after.unwrap_or_default());
-        query.bind(to_sql(limit as u64)).all().await?.iter().map(read_key).collect()
+    ) -> Answer<'a, Vec<Key>> {
+        Box::pin(async move {
+            const LIST: &str = "SELECT * FROM api_key WHERE tenant = $1 AND id > $2 ORDER BY id LIMIT $3";
+            let query = sql(self.reader(), LIST).bind(tenant).bind(after.unwrap_or_default());
+            query.bind(to_sql(limit as u64)).all().await?.iter().map(read_key).collect()
+        })
     }
 
     /// Whether there is any key, of any tenant and in any state.
     ///
     /// # Errors
     /// Database errors.
-    pub async fn has_keys(&self) -> Result<bool, StoreError> {
-        const ANY: &str = "SELECT COUNT(*) FROM (SELECT id FROM api_key LIMIT 1) AS first_key";
-        let count: i64 = sql(self.reader(), ANY).scalar().await?;
-        Ok(count > 0)
+    pub fn has_keys(&self) -> Answer<'_, bool> {
+        Box::pin(async move {
+            const ANY: &str = "SELECT COUNT(*) FROM (SELECT id FROM api_key LIMIT 1) AS first_key";
+            let count: i64 = sql(self.reader(), ANY).scalar().await?;
+            Ok(count > 0)
+        })
     }
 
     /// Revokes the key with this id, unless it was revoked before.
     ///
     /// # Errors
     /// Database errors.
-    pub async fn revoke_key(&self, id: &str, now_ms: i64) -> Result<(), StoreError> {
-        const REVOKE: &str = "UPDATE api_key SET revoked_at_ms = $2 WHERE id = $1 AND revoked_at_ms IS NULL";
-        sql(self.writer(), REVOKE).bind(id).bind(now_ms).execute().await?;
-        Ok(())
+    pub fn revoke_key<'a>(&'a self, id: &'a str, now_ms: i64) -> Answer<'a, ()> {
+        Box::pin(async move {
+            const REVOKE: &str =
+                "UPDATE api_key SET revoked_at_ms = $2 WHERE id = $1 AND revoked_at_ms IS NULL";
+            sql(self.writer(), REVOKE).bind(id).bind(now_ms).execute().await?;
+            Ok(())
+        })
     }
 
     /// Records the use of the key with this id.
     ///
     /// # Errors
     /// Database errors.
-    pub async fn note_key_use(&self, id: &str, now_ms: i64) -> Result<(), StoreError> {
-        const NOTE: &str = "UPDATE api_key SET used_at_ms = $2 WHERE id = $1";
-        sql(self.writer(), NOTE).bind(id).bind(now_ms).execute().await?;
-        Ok(())
+    pub fn note_key_use<'a>(&'a self, id: &'a str, now_ms: i64) -> Answer<'a, ()> {
+        Box::pin(async move {
+            const NOTE: &str = "UPDATE api_key SET used_at_ms = $2 WHERE id = $1";
+            sql(self.writer(), NOTE).bind(id).bind(now_ms).execute().await?;
+            Ok(())
+        })
     }
 }
 

@@ -1,7 +1,7 @@
 //! Operational figures of the store: engine, size, length of the queue.
 
+use super::answer::Answer;
 use super::engine::sql;
-use super::error::StoreError;
 use super::handle::Store;
 
 /// State of the store at one moment.
@@ -22,21 +22,23 @@ impl Store {
     ///
     /// # Errors
     /// Database errors.
-    pub async fn measure(&self, now_ms: i64) -> Result<Measures, StoreError> {
-        const COUNT: &str = "SELECT count(*) FROM job WHERE status = $1";
-        const OLDEST: &str = "SELECT coalesce(min(run_at_ms), $1) FROM job WHERE status = 'queued'";
-        const SQLITE: &str = "SELECT page_count * page_size FROM pragma_page_count(), pragma_page_size()";
-        const POSTGRES: &str = "SELECT pg_database_size(current_database())";
-        let count = async |status: &str| sql(self.reader(), COUNT).bind(status).scalar::<i64>().await;
-        let oldest: i64 = sql(self.reader(), OLDEST).bind(now_ms).scalar().await?;
-        let size = if self.inner.pools.is_postgres() { POSTGRES } else { SQLITE };
-        let bytes: i64 = sql(self.reader(), size).scalar().await?;
-        Ok(Measures {
-            jobs_queued: count("queued").await?.unsigned_abs(),
-            jobs_running: count("running").await?.unsigned_abs(),
-            // Jobs to be retried first wait for their time, so this can be negative.
-            oldest_queued_ms: u64::try_from(now_ms - oldest).unwrap_or(0),
-            database_bytes: bytes.unsigned_abs(),
+    pub fn measure(&self, now_ms: i64) -> Answer<'_, Measures> {
+        Box::pin(async move {
+            const COUNT: &str = "SELECT count(*) FROM job WHERE status = $1";
+            const OLDEST: &str = "SELECT coalesce(min(run_at_ms), $1) FROM job WHERE status = 'queued'";
+            const SQLITE: &str = "SELECT page_count * page_size FROM pragma_page_count(), pragma_page_size()";
+            const POSTGRES: &str = "SELECT pg_database_size(current_database())";
+            let count = async |status: &str| sql(self.reader(), COUNT).bind(status).scalar::<i64>().await;
+            let oldest: i64 = sql(self.reader(), OLDEST).bind(now_ms).scalar().await?;
+            let size = if self.inner.pools.is_postgres() { POSTGRES } else { SQLITE };
+            let bytes: i64 = sql(self.reader(), size).scalar().await?;
+            Ok(Measures {
+                jobs_queued: count("queued").await?.unsigned_abs(),
+                jobs_running: count("running").await?.unsigned_abs(),
+                // Jobs to be retried first wait for their time, so this can be negative.
+                oldest_queued_ms: u64::try_from(now_ms - oldest).unwrap_or(0),
+                database_bytes: bytes.unsigned_abs(),
+            })
         })
     }
 
@@ -44,9 +46,11 @@ impl Store {
     ///
     /// # Errors
     /// Database errors.
-    pub async fn schema_version(&self) -> Result<i64, StoreError> {
-        const LAST: &str = "SELECT max(version) FROM _sqlx_migrations";
-        Ok(sql(self.reader(), LAST).scalar().await?)
+    pub fn schema_version(&self) -> Answer<'_, i64> {
+        Box::pin(async move {
+            const LAST: &str = "SELECT max(version) FROM _sqlx_migrations";
+            Ok(sql(self.reader(), LAST).scalar().await?)
+        })
     }
 
     /// Database engine.

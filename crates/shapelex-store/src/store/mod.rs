@@ -26,10 +26,11 @@
 //! * [`changes`] — the change feed; [`hooks`] — where it is delivered; `trash` — deleted objects; [`receipts`] — outcomes of idempotent requests;
 //! * [`audit`] — the audit trail; [`metrics`] — metric names;
 //! * [`maintenance`] — checks, backups and exports of the whole store;
-//! * `blob` — conversion between numbers and bytes; `sqlite`, `postgres` — connections, checks, schema;
+//! * [`Answer`] — what methods return; `blob` — conversion between numbers and bytes; `sqlite`, `postgres` — connections, checks, schema;
 //! * `replica` — which processes are alive; `clock` — notes about the clock.
 
 mod aliases;
+mod answer;
 mod assessments;
 mod attributes;
 pub mod audit;
@@ -67,6 +68,7 @@ mod trash;
 pub mod upload;
 
 pub use aliases::{AliasMove, AliasMoved, MAX_ALIASES};
+pub use answer::{Answer, Work};
 pub use assessments::{AssessmentListing, AssessmentRun, NewAssessment, StoredAssessment};
 pub use attributes::Unmeasured;
 pub use audit::AuditCheck;

@@ -1,5 +1,6 @@
 //! Outputs of jobs that are too large for their row.
 
+use super::answer::Answer;
 use super::engine::to_sql;
 use super::engine::{Link, Query, Row, Transaction, sql};
 use super::error::StoreError;
@@ -14,42 +15,46 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::Damaged`] if it does not match its checksum.
-    pub async fn read_job_output(&self, job: &str) -> Result<Option<JobOutput>, StoreError> {
-        const READ: &str = "SELECT checksum, head, data FROM job_output WHERE job = $1";
-        let Some(row) = sql(self.reader(), READ).bind(job).optional().await? else {
-            return Ok(None);
-        };
-        let damaged =
-            || StoreError::Damaged { detail: format!("the output of {job} does not match its checksum") };
-        let (checksum, head, data): (&[u8], &str, Vec<u8>) =
-            (row.get("checksum")?, row.get("head")?, row.get("data")?);
-        if checksum_of(head, &data).as_slice() != checksum {
-            return Err(damaged());
-        }
-        Ok(Some(JobOutput { head: serde_json::from_str(head).map_err(|_| damaged())?, data }))
+    pub fn read_job_output<'a>(&'a self, job: &'a str) -> Answer<'a, Option<JobOutput>> {
+        Box::pin(async move {
+            const READ: &str = "SELECT checksum, head, data FROM job_output WHERE job = $1";
+            let Some(row) = sql(self.reader(), READ).bind(job).optional().await? else {
+                return Ok(None);
+            };
+            let damaged =
+                || StoreError::Damaged { detail: format!("the output of {job} does not match its checksum") };
+            let (checksum, head, data): (&[u8], &str, Vec<u8>) =
+                (row.get("checksum")?, row.get("head")?, row.get("data")?);
+            if checksum_of(head, &data).as_slice() != checksum {
+                return Err(damaged());
+            }
+            Ok(Some(JobOutput { head: serde_json::from_str(head).map_err(|_| damaged())?, data }))
+        })
     }
 
     /// Stores a part of the output of a running `job`, as it was claimed, while the attempt lasts; `false` if it has lost the job.
     ///
     /// # Errors
     /// Database errors.
-    pub async fn add_output_part(&self, job: &Job, part: u64, data: &[u8]) -> Result<bool, StoreError> {
-        const ADD: &str = "INSERT INTO job_output_part (job, attempt, part, checksum, data)
-            VALUES ($1, $2, $3, $4, $5)";
-        let mut write = self.begin_write(&job.id).await?;
-        if !self.holds(&mut write, job).await? {
-            return Ok(false);
-        }
-        sql(&mut write, ADD)
-            .bind(&job.id)
-            .bind(i64::from(job.attempt))
-            .bind(to_sql(part))
-            .bind(blake3::hash(data).as_bytes().to_vec())
-            .bind(data)
-            .execute()
-            .await?;
-        write.commit().await?;
-        Ok(true)
+    pub fn add_output_part<'a>(&'a self, job: &'a Job, part: u64, data: &'a [u8]) -> Answer<'a, bool> {
+        Box::pin(async move {
+            const ADD: &str = "INSERT INTO job_output_part (job, attempt, part, checksum, data)
+                VALUES ($1, $2, $3, $4, $5)";
+            let mut write = self.begin_write(&job.id).await?;
+            if !self.holds(&mut write, job).await? {
+                return Ok(false);
+            }
+            sql(&mut write, ADD)
+                .bind(&job.id)
+                .bind(i64::from(job.attempt))
+                .bind(to_sql(part))
+                .bind(blake3::hash(data).as_bytes().to_vec())
+                .bind(data)
+                .execute()
+                .await?;
+            write.commit().await?;
+            Ok(true)
+        })
     }
 
     /// Whether the attempt at a `job`, as it was claimed, lasts.
@@ -69,30 +74,34 @@ impl Store {
     ///
     /// # Errors
     /// Database errors.
-    pub async fn clear_output_parts(&self, job: &str) -> Result<(), StoreError> {
-        let mut write = self.begin_write(job).await?;
-        forget_parts(&mut write, job).await?;
-        Ok(write.commit().await?)
+    pub fn clear_output_parts<'a>(&'a self, job: &'a str) -> Answer<'a, ()> {
+        Box::pin(async move {
+            let mut write = self.begin_write(job).await?;
+            forget_parts(&mut write, job).await?;
+            Ok(write.commit().await?)
+        })
     }
 
     /// A part of the output of a job, if it is still kept.
     ///
     /// # Errors
     /// [`StoreError::Damaged`] if it does not match its checksum.
-    pub async fn read_output_part(
-        &self,
-        job: &str,
+    pub fn read_output_part<'a>(
+        &'a self,
+        job: &'a str,
         attempt: u32,
         part: u64,
-    ) -> Result<Option<Vec<u8>>, StoreError> {
-        let row = select_part(self.reader(), job, attempt, part).optional().await?;
-        let Some(row) = row else { return Ok(None) };
-        match whole_part(&row)? {
-            Some(data) => Ok(Some(data)),
-            None => Err(StoreError::Damaged {
-                detail: format!("part {part} of the output of {job} does not match its checksum"),
-            }),
-        }
+    ) -> Answer<'a, Option<Vec<u8>>> {
+        Box::pin(async move {
+            let row = select_part(self.reader(), job, attempt, part).optional().await?;
+            let Some(row) = row else { return Ok(None) };
+            match whole_part(&row)? {
+                Some(data) => Ok(Some(data)),
+                None => Err(StoreError::Damaged {
+                    detail: format!("part {part} of the output of {job} does not match its checksum"),
+                }),
+            }
+        })
     }
 }
 

@@ -2,9 +2,9 @@
 
 use std::ops::Range;
 
+use super::answer::Answer;
 use super::blob::ROWS_PER_CHUNK;
 use super::engine::sql;
-use super::error::StoreError;
 use super::handle::Store;
 use super::shapes::{Cursor, read_attributes};
 use crate::domain::shape::ShapeAttributes;
@@ -80,31 +80,33 @@ impl Store {
     ///
     /// # Errors
     /// Database errors.
-    pub async fn shapes_at(
-        &self,
-        cohort_id: &str,
-        places: &[Cursor],
-    ) -> Result<Vec<Option<NamedShape>>, StoreError> {
-        // A place is one number: the chunk times 2²⁰, plus the row.
-        const AT: &str =
-            "SELECT asked.key AS place, s.id, s.external_id, s.subject, s.label, s.labels, s.metadata
-            FROM json_each($2) AS asked
-            CROSS JOIN shape AS s ON s.chunk_id = CAST(asked.value AS BIGINT) / 1048576
-                AND s.position = CAST(asked.value AS BIGINT) % 1048576
-            CROSS JOIN cohort AS h ON h.number = s.cohort
-            WHERE h.id = $1";
-        const { assert!(ROWS_PER_CHUNK <= 1 << 20) };
-        let numbers: Vec<i64> = places.iter().map(|place| (place.chunk << 20) + place.position).collect();
-        let asked = serde_json::Value::from(numbers).to_string();
-        let rows = sql(self.reader(), AT).bind(cohort_id).bind(asked).all().await?;
-        let mut found: Vec<Option<NamedShape>> = places.iter().map(|_| None).collect();
-        for row in &rows {
-            let place = usize::try_from(row.get::<i64>("place")?).unwrap_or(usize::MAX);
-            if let Some(slot) = found.get_mut(place) {
-                *slot = Some(NamedShape { id: row.get("id")?, attributes: read_attributes(row)? });
+    pub fn shapes_at<'a>(
+        &'a self,
+        cohort_id: &'a str,
+        places: &'a [Cursor],
+    ) -> Answer<'a, Vec<Option<NamedShape>>> {
+        Box::pin(async move {
+            // A place is one number: the chunk times 2²⁰, plus the row.
+            const AT: &str =
+                "SELECT asked.key AS place, s.id, s.external_id, s.subject, s.label, s.labels, s.metadata
+                FROM json_each($2) AS asked
+                CROSS JOIN shape AS s ON s.chunk_id = CAST(asked.value AS BIGINT) / 1048576
+                    AND s.position = CAST(asked.value AS BIGINT) % 1048576
+                CROSS JOIN cohort AS h ON h.number = s.cohort
+                WHERE h.id = $1";
+            const { assert!(ROWS_PER_CHUNK <= 1 << 20) };
+            let numbers: Vec<i64> = places.iter().map(|place| (place.chunk << 20) + place.position).collect();
+            let asked = serde_json::Value::from(numbers).to_string();
+            let rows = sql(self.reader(), AT).bind(cohort_id).bind(asked).all().await?;
+            let mut found: Vec<Option<NamedShape>> = places.iter().map(|_| None).collect();
+            for row in &rows {
+                let place = usize::try_from(row.get::<i64>("place")?).unwrap_or(usize::MAX);
+                if let Some(slot) = found.get_mut(place) {
+                    *slot = Some(NamedShape { id: row.get("id")?, attributes: read_attributes(row)? });
+                }
             }
-        }
-        Ok(found)
+            Ok(found)
+        })
     }
 }
 

@@ -1,5 +1,6 @@
 //! Receipts: stored outcomes of idempotent requests.
 
+use super::answer::Answer;
 use super::engine::{self, Transaction, sql};
 use super::error::StoreError;
 use super::handle::Store;
@@ -13,24 +14,28 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::Damaged`].
-    pub async fn find_receipt(&self, key: &str) -> Result<Option<Receipt>, StoreError> {
-        const FIND: &str = "SELECT fingerprint, outcome FROM receipt WHERE tenant = $1 AND key = $2";
-        let row = sql(self.reader(), FIND).bind(self.tenant()).bind(key).optional().await?;
-        let Some(row) = row else { return Ok(None) };
-        let damaged = || StoreError::Damaged { detail: "an unreadable receipt".into() };
-        let fingerprint: &[u8] = row.get("fingerprint")?;
-        let fingerprint = fingerprint.try_into().map_err(|_| damaged())?;
-        let outcome = serde_json::from_str(row.get("outcome")?).map_err(|_| damaged())?;
-        Ok(Some(Receipt { request: RetryKey { key: key.into(), fingerprint }, outcome }))
+    pub fn find_receipt<'a>(&'a self, key: &'a str) -> Answer<'a, Option<Receipt>> {
+        Box::pin(async move {
+            const FIND: &str = "SELECT fingerprint, outcome FROM receipt WHERE tenant = $1 AND key = $2";
+            let row = sql(self.reader(), FIND).bind(self.tenant()).bind(key).optional().await?;
+            let Some(row) = row else { return Ok(None) };
+            let damaged = || StoreError::Damaged { detail: "an unreadable receipt".into() };
+            let fingerprint: &[u8] = row.get("fingerprint")?;
+            let fingerprint = fingerprint.try_into().map_err(|_| damaged())?;
+            let outcome = serde_json::from_str(row.get("outcome")?).map_err(|_| damaged())?;
+            Ok(Some(Receipt { request: RetryKey { key: key.into(), fingerprint }, outcome }))
+        })
     }
 
     /// Removes receipts older than [`KEPT_MS`].
     ///
     /// # Errors
     /// Database errors.
-    pub async fn prune_receipts(&self, now_ms: i64) -> Result<u64, StoreError> {
-        const PRUNE: &str = "DELETE FROM receipt WHERE created_at_ms < $1";
-        Ok(sql(self.writer(), PRUNE).bind(now_ms - KEPT_MS).execute().await?)
+    pub fn prune_receipts(&self, now_ms: i64) -> Answer<'_, u64> {
+        Box::pin(async move {
+            const PRUNE: &str = "DELETE FROM receipt WHERE created_at_ms < $1";
+            Ok(sql(self.writer(), PRUNE).bind(now_ms - KEPT_MS).execute().await?)
+        })
     }
 }
 

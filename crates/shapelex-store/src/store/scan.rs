@@ -1,5 +1,6 @@
 //! Bulk reading of a cohort's control points at a fixed revision.
 
+use super::answer::Answer;
 use super::blob::{self, Chunk};
 use super::engine::to_sql;
 use super::engine::{Row, Transaction, sql};
@@ -56,31 +57,33 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::CohortGone`], even if it is deleted during the scan; [`StoreError::Corrupt`].
-    pub async fn scan(
-        &self,
-        cohort_id: &str,
+    pub fn scan<'a>(
+        &'a self,
+        cohort_id: &'a str,
         revisions: Revisions,
-        filter: &ShapeFilter,
+        filter: &'a ShapeFilter,
         after: Option<Cursor>,
         ids: Ids,
-    ) -> Result<Option<ScanBatch>, StoreError> {
-        let mut after = after.map_or((0, -1), |c| (c.chunk, c.position));
-        loop {
-            let mut read = self.begin_read().await?;
-            let selection =
-                Selection { cohort: self.number(&mut read, cohort_id).await?, revisions, filter, after };
-            let plan = if ids == Ids::Skip && filter.is_everything() {
-                plan_chunks(&mut read, &selection).await?
-            } else {
-                plan_rows(&mut read, &selection).await?
-            };
-            let Some(plan) = plan else { return Ok(None) };
-            let batch = plan.read(&mut read, ids).await?;
-            if !batch.weights.is_empty() {
-                return Ok(Some(batch));
+    ) -> Answer<'a, Option<ScanBatch>> {
+        Box::pin(async move {
+            let mut after = after.map_or((0, -1), |c| (c.chunk, c.position));
+            loop {
+                let mut read = self.begin_read().await?;
+                let selection =
+                    Selection { cohort: self.number(&mut read, cohort_id).await?, revisions, filter, after };
+                let plan = if ids == Ids::Skip && filter.is_everything() {
+                    plan_chunks(&mut read, &selection).await?
+                } else {
+                    plan_rows(&mut read, &selection).await?
+                };
+                let Some(plan) = plan else { return Ok(None) };
+                let batch = plan.read(&mut read, ids).await?;
+                if !batch.weights.is_empty() {
+                    return Ok(Some(batch));
+                }
+                after = (batch.position.chunk, batch.position.position);
             }
-            after = (batch.position.chunk, batch.position.position);
-        }
+        })
     }
 }
 
@@ -89,26 +92,28 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::CohortGone`].
-    pub async fn places(
-        &self,
-        cohort_id: &str,
+    pub fn places<'a>(
+        &'a self,
+        cohort_id: &'a str,
         revisions: Revisions,
-        filter: &ShapeFilter,
-    ) -> Result<Places, StoreError> {
-        let (mut places, mut after) = (Places::default(), (0, -1));
-        let mut read = self.begin_read().await?;
-        let cohort = self.number(&mut read, cohort_id).await?;
-        loop {
-            let selection = Selection { cohort, revisions, filter, after };
-            let page = if filter.is_everything() {
-                page_of_chunks(&mut read, &selection).await?
-            } else {
-                page_of_rows(&mut read, &selection).await?
-            };
-            let Some((found, end)) = page else { return Ok(places) };
-            places.append(&found);
-            after = (end.chunk, end.position);
-        }
+        filter: &'a ShapeFilter,
+    ) -> Answer<'a, Places> {
+        Box::pin(async move {
+            let (mut places, mut after) = (Places::default(), (0, -1));
+            let mut read = self.begin_read().await?;
+            let cohort = self.number(&mut read, cohort_id).await?;
+            loop {
+                let selection = Selection { cohort, revisions, filter, after };
+                let page = if filter.is_everything() {
+                    page_of_chunks(&mut read, &selection).await?
+                } else {
+                    page_of_rows(&mut read, &selection).await?
+                };
+                let Some((found, end)) = page else { return Ok(places) };
+                places.append(&found);
+                after = (end.chunk, end.position);
+            }
+        })
     }
 }
 

@@ -5,6 +5,7 @@ use std::str::FromStr;
 
 use serde::de::IgnoredAny;
 
+use super::answer::Answer;
 use super::blob::{self, Chunk};
 use super::changes;
 use super::engine::{Row, Transaction, sql};
@@ -187,86 +188,91 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::Corrupt`].
-    pub async fn find_shape(&self, cohort_id: &str, key: &str) -> Result<Option<Shape>, StoreError> {
-        Ok(self.find_placed(cohort_id, key).await?.map(|(_, shape)| shape))
+    pub fn find_shape<'a>(&'a self, cohort_id: &'a str, key: &'a str) -> Answer<'a, Option<Shape>> {
+        Box::pin(async move { Ok(self.find_placed(cohort_id, key).await?.map(|(_, shape)| shape)) })
     }
 
     /// The same, with the place of the shape in storage.
     ///
     /// # Errors
     /// [`StoreError::Corrupt`].
-    pub async fn find_placed(
-        &self,
-        cohort_id: &str,
-        key: &str,
-    ) -> Result<Option<(Cursor, Shape)>, StoreError> {
-        const BY_ID: &str = concat!(
-            "SELECT ",
-            entry!(),
-            " FROM shape AS s JOIN chunk AS c ON c.id = s.chunk_id
-            JOIN cohort AS h ON h.number = s.cohort
-            WHERE s.id = $2 AND h.id = $1 AND s.deleted_revision IS NULL AND c.revision IS NOT NULL"
-        );
-        const BY_EXTERNAL_ID: &str = concat!(
-            "SELECT ",
-            entry!(),
-            " FROM cohort AS h JOIN shape AS s ON s.cohort = h.number
-            JOIN chunk AS c ON c.id = s.chunk_id
-            WHERE h.id = $1 AND s.external_id = $2 AND s.deleted_revision IS NULL
-            AND c.revision IS NOT NULL"
-        );
-        let mut read = self.begin_read().await?;
-        for query in [BY_ID, BY_EXTERNAL_ID] {
-            let row = sql(&mut read, query).bind(cohort_id).bind(key).optional().await?;
-            if let Some(row) = row {
-                let entry = read_entry(&row)?;
-                let place = entry.place;
-                return Ok(fill(&mut read, vec![entry]).await?.pop().map(|shape| (place, shape)));
+    pub fn find_placed<'a>(
+        &'a self,
+        cohort_id: &'a str,
+        key: &'a str,
+    ) -> Answer<'a, Option<(Cursor, Shape)>> {
+        Box::pin(async move {
+            const BY_ID: &str = concat!(
+                "SELECT ",
+                entry!(),
+                " FROM shape AS s JOIN chunk AS c ON c.id = s.chunk_id
+                JOIN cohort AS h ON h.number = s.cohort
+                WHERE s.id = $2 AND h.id = $1 AND s.deleted_revision IS NULL AND c.revision IS NOT NULL"
+            );
+            const BY_EXTERNAL_ID: &str = concat!(
+                "SELECT ",
+                entry!(),
+                " FROM cohort AS h JOIN shape AS s ON s.cohort = h.number
+                JOIN chunk AS c ON c.id = s.chunk_id
+                WHERE h.id = $1 AND s.external_id = $2 AND s.deleted_revision IS NULL
+                AND c.revision IS NOT NULL"
+            );
+            let mut read = self.begin_read().await?;
+            for query in [BY_ID, BY_EXTERNAL_ID] {
+                let row = sql(&mut read, query).bind(cohort_id).bind(key).optional().await?;
+                if let Some(row) = row {
+                    let entry = read_entry(&row)?;
+                    let place = entry.place;
+                    return Ok(fill(&mut read, vec![entry]).await?.pop().map(|shape| (place, shape)));
+                }
             }
-        }
-        Ok(None)
+            Ok(None)
+        })
     }
 
     /// Finds the shapes with these ids, or else with these external ids, in the order of the keys.
     ///
     /// # Errors
     /// [`StoreError::Corrupt`].
-    pub async fn find_shapes(
-        &self,
-        cohort_id: &str,
-        keys: &[String],
-    ) -> Result<Vec<Option<Shape>>, StoreError> {
-        const BY_ID: &str = concat!(
-            "SELECT asked.key AS place, ",
-            entry!(),
-            " FROM json_each($2) AS asked
-            CROSS JOIN shape AS s ON s.id = asked.value
-            CROSS JOIN chunk AS c ON c.id = s.chunk_id
-            CROSS JOIN cohort AS h ON h.number = s.cohort
-            WHERE h.id = $1 AND s.deleted_revision IS NULL AND c.revision IS NOT NULL"
-        );
-        const BY_EXTERNAL_ID: &str = concat!(
-            "SELECT asked.key AS place, ",
-            entry!(),
-            " FROM cohort AS h CROSS JOIN json_each($2) AS asked ON true
-            CROSS JOIN shape AS s ON s.cohort = h.number AND s.external_id = asked.value
-            CROSS JOIN chunk AS c ON c.id = s.chunk_id
-            WHERE h.id = $1 AND s.deleted_revision IS NULL AND c.revision IS NOT NULL"
-        );
-        let asked = serde_json::Value::from(keys).to_string();
-        let mut read = self.begin_read().await?;
-        let mut found: Vec<Option<Entry>> = keys.iter().map(|_| None).collect();
-        for query in [BY_ID, BY_EXTERNAL_ID] {
-            for row in sql(&mut read, query).bind(cohort_id).bind(&asked).all().await? {
-                let place = usize::try_from(row.get::<i64>("place")?).unwrap_or(usize::MAX);
-                if let Some(slot) = found.get_mut(place).filter(|slot| slot.is_none()) {
-                    *slot = Some(read_entry(&row)?);
+    pub fn find_shapes<'a>(
+        &'a self,
+        cohort_id: &'a str,
+        keys: &'a [String],
+    ) -> Answer<'a, Vec<Option<Shape>>> {
+        Box::pin(async move {
+            const BY_ID: &str = concat!(
+                "SELECT asked.key AS place, ",
+                entry!(),
+                " FROM json_each($2) AS asked
+                CROSS JOIN shape AS s ON s.id = asked.value
+                CROSS JOIN chunk AS c ON c.id = s.chunk_id
+                CROSS JOIN cohort AS h ON h.number = s.cohort
+                WHERE h.id = $1 AND s.deleted_revision IS NULL AND c.revision IS NOT NULL"
+            );
+            const BY_EXTERNAL_ID: &str = concat!(
+                "SELECT asked.key AS place, ",
+                entry!(),
+                " FROM cohort AS h CROSS JOIN json_each($2) AS asked ON true
+                CROSS JOIN shape AS s ON s.cohort = h.number AND s.external_id = asked.value
+                CROSS JOIN chunk AS c ON c.id = s.chunk_id
+                WHERE h.id = $1 AND s.deleted_revision IS NULL AND c.revision IS NOT NULL"
+            );
+            let asked = serde_json::Value::from(keys).to_string();
+            let mut read = self.begin_read().await?;
+            let mut found: Vec<Option<Entry>> = keys.iter().map(|_| None).collect();
+            for query in [BY_ID, BY_EXTERNAL_ID] {
+                for row in sql(&mut read, query).bind(cohort_id).bind(&asked).all().await? {
+                    let place = usize::try_from(row.get::<i64>("place")?).unwrap_or(usize::MAX);
+                    if let Some(slot) = found.get_mut(place).filter(|slot| slot.is_none()) {
+                        *slot = Some(read_entry(&row)?);
+                    }
                 }
             }
-        }
-        let is_found: Vec<bool> = found.iter().map(Option::is_some).collect();
-        let mut shapes = in_their_order(&mut read, found.into_iter().flatten().collect()).await?.into_iter();
-        Ok(is_found.into_iter().map(|found| if found { shapes.next() } else { None }).collect())
+            let is_found: Vec<bool> = found.iter().map(Option::is_some).collect();
+            let mut shapes =
+                in_their_order(&mut read, found.into_iter().flatten().collect()).await?.into_iter();
+            Ok(is_found.into_iter().map(|found| if found { shapes.next() } else { None }).collect())
+        })
     }
 
     /// A page of current shapes; shorter than asked for if their attributes take some megabytes.
@@ -275,57 +281,66 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::CohortGone`] if there is no such cohort, [`StoreError::Corrupt`].
-    pub async fn list_shapes(&self, cohort_id: &str, listing: &Listing<'_>) -> Result<ShapePage, StoreError> {
-        let Listing { revisions, filter, order, after, limit, geometry } = listing;
-        let mut read = self.begin_read().await?;
-        let cohort = self.number(&mut read, cohort_id).await?;
-        let after_place =
-            after.as_ref().map_or((0, -1), |cursor| (cursor.place.chunk, cursor.place.position));
-        let selection = Selection { cohort, revisions: *revisions, filter, after: (0, -1) };
-        let (entries, next) = match order {
-            None => stored_entries(&mut read, Selection { after: after_place, ..selection }, *limit).await?,
-            Some(order) => ordered_entries(&mut read, selection, order, after.as_ref(), *limit).await?,
-        };
-        Ok(ShapePage { next, shapes: shapes_of(&mut read, entries, *geometry).await? })
+    pub fn list_shapes<'a>(&'a self, cohort_id: &'a str, listing: &'a Listing<'a>) -> Answer<'a, ShapePage> {
+        Box::pin(async move {
+            let Listing { revisions, filter, order, after, limit, geometry } = listing;
+            let mut read = self.begin_read().await?;
+            let cohort = self.number(&mut read, cohort_id).await?;
+            let after_place =
+                after.as_ref().map_or((0, -1), |cursor| (cursor.place.chunk, cursor.place.position));
+            let selection = Selection { cohort, revisions: *revisions, filter, after: (0, -1) };
+            let (entries, next) = match order {
+                None => {
+                    stored_entries(&mut read, Selection { after: after_place, ..selection }, *limit).await?
+                }
+                Some(order) => ordered_entries(&mut read, selection, order, after.as_ref(), *limit).await?,
+            };
+            Ok(ShapePage { next, shapes: shapes_of(&mut read, entries, *geometry).await? })
+        })
     }
 
     /// Last revision of the cohort that only contains shapes added by the time `ms`.
     ///
     /// # Errors
     /// [`StoreError::CohortGone`].
-    pub async fn revision_before(&self, cohort_id: &str, ms: i64) -> Result<u64, StoreError> {
-        const FIRST_AFTER: &str = "SELECT min(revision) FROM chunk WHERE cohort = $1 AND created_at_ms > $2";
-        const LAST: &str = "SELECT revision FROM cohort WHERE number = $1";
-        let mut read = self.begin_read().await?;
-        let cohort = self.number(&mut read, cohort_id).await?;
-        let after: Option<i64> = sql(&mut read, FIRST_AFTER).bind(cohort).bind(ms).scalar().await?;
-        let last: i64 = sql(&mut read, LAST).bind(cohort).scalar().await?;
-        Ok(from_sql(after.map_or(last, |revision| revision - 1)))
+    pub fn revision_before<'a>(&'a self, cohort_id: &'a str, ms: i64) -> Answer<'a, u64> {
+        Box::pin(async move {
+            const FIRST_AFTER: &str =
+                "SELECT min(revision) FROM chunk WHERE cohort = $1 AND created_at_ms > $2";
+            const LAST: &str = "SELECT revision FROM cohort WHERE number = $1";
+            let mut read = self.begin_read().await?;
+            let cohort = self.number(&mut read, cohort_id).await?;
+            let after: Option<i64> = sql(&mut read, FIRST_AFTER).bind(cohort).bind(ms).scalar().await?;
+            let last: i64 = sql(&mut read, LAST).bind(cohort).scalar().await?;
+            Ok(from_sql(after.map_or(last, |revision| revision - 1)))
+        })
     }
 
     /// Number of shapes of the cohort between the revisions that pass the filter.
     ///
     /// # Errors
     /// [`StoreError::CohortGone`].
-    pub async fn count(
-        &self,
-        cohort_id: &str,
+    pub fn count<'a>(
+        &'a self,
+        cohort_id: &'a str,
         revisions: Revisions,
-        filter: &ShapeFilter,
-    ) -> Result<u64, StoreError> {
-        const ALL: &str = "SELECT
-            (SELECT CAST(coalesce(sum(rows), 0) AS BIGINT) FROM chunk WHERE cohort = $1 AND revision <= $2) -
-            (SELECT count(*) FROM shape WHERE cohort = $1 AND deleted_revision <= $2)";
-        let mut read = self.begin_read().await?;
-        let cohort = self.number(&mut read, cohort_id).await?;
-        let count: i64 = if filter.is_everything() && revisions.after == 0 {
-            let all = sql(&mut read, ALL).bind(cohort).bind(to_sql(revisions.until));
-            all.scalar().await?
-        } else {
-            let selection = Selection { cohort, revisions, filter, after: (0, -1) };
-            selection.select(&mut read, "count(*)").scalar().await?
-        };
-        Ok(from_sql(count))
+        filter: &'a ShapeFilter,
+    ) -> Answer<'a, u64> {
+        Box::pin(async move {
+            const ALL: &str = "SELECT
+                (SELECT CAST(coalesce(sum(rows), 0) AS BIGINT) FROM chunk WHERE cohort = $1 AND revision <= $2) -
+                (SELECT count(*) FROM shape WHERE cohort = $1 AND deleted_revision <= $2)";
+            let mut read = self.begin_read().await?;
+            let cohort = self.number(&mut read, cohort_id).await?;
+            let count: i64 = if filter.is_everything() && revisions.after == 0 {
+                let all = sql(&mut read, ALL).bind(cohort).bind(to_sql(revisions.until));
+                all.scalar().await?
+            } else {
+                let selection = Selection { cohort, revisions, filter, after: (0, -1) };
+                selection.select(&mut read, "count(*)").scalar().await?
+            };
+            Ok(from_sql(count))
+        })
     }
 
     /// Number of shapes of the cohort at the revision `revisions.after` that pass the filter and were deleted by the
@@ -333,16 +348,18 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::CohortGone`].
-    pub async fn count_deleted(
-        &self,
-        cohort_id: &str,
+    pub fn count_deleted<'a>(
+        &'a self,
+        cohort_id: &'a str,
         revisions: Revisions,
-        filter: &ShapeFilter,
-    ) -> Result<u64, StoreError> {
-        let Revisions { after, until } = revisions;
-        let before = self.count(cohort_id, Revisions::until(after), filter).await?;
-        let still = self.count(cohort_id, Revisions::until(until), filter).await?;
-        Ok((before + self.count(cohort_id, revisions, filter).await?).saturating_sub(still))
+        filter: &'a ShapeFilter,
+    ) -> Answer<'a, u64> {
+        Box::pin(async move {
+            let Revisions { after, until } = revisions;
+            let before = self.count(cohort_id, Revisions::until(after), filter).await?;
+            let still = self.count(cohort_id, Revisions::until(until), filter).await?;
+            Ok((before + self.count(cohort_id, revisions, filter).await?).saturating_sub(still))
+        })
     }
 
     /// Deletes a shape by its id; returns the new revision, or `None` if there is no such shape.
@@ -351,23 +368,26 @@ impl Store {
     ///
     /// # Errors
     /// Database errors.
-    pub async fn delete_shape(
-        &self,
-        cohort_id: &str,
-        shape_id: &str,
+    pub fn delete_shape<'a>(
+        &'a self,
+        cohort_id: &'a str,
+        shape_id: &'a str,
         now_ms: i64,
-    ) -> Result<Option<u64>, StoreError> {
-        let mut write = self.begin_write(cohort_id).await?;
-        let Some(revision) = mark_deleted(&mut write, cohort_id, shape_id).await? else {
-            return Ok(None);
-        };
-        const UPDATE: &str = "UPDATE cohort
-            SET revision = $2, shapes = shapes - 1, updated_at_ms = $3 WHERE id = $1";
-        sql(&mut write, UPDATE).bind(cohort_id).bind(revision).bind(now_ms).execute().await?;
-        let change = NewChange::for_shape(ChangeKind::ShapeDeleted, shape_id, cohort_id, from_sql(revision));
-        changes::record(&mut write, self.tenant(), &change, now_ms).await?;
-        write.commit().await?;
-        Ok(Some(from_sql(revision)))
+    ) -> Answer<'a, Option<u64>> {
+        Box::pin(async move {
+            let mut write = self.begin_write(cohort_id).await?;
+            let Some(revision) = mark_deleted(&mut write, cohort_id, shape_id).await? else {
+                return Ok(None);
+            };
+            const UPDATE: &str = "UPDATE cohort
+                SET revision = $2, shapes = shapes - 1, updated_at_ms = $3 WHERE id = $1";
+            sql(&mut write, UPDATE).bind(cohort_id).bind(revision).bind(now_ms).execute().await?;
+            let change =
+                NewChange::for_shape(ChangeKind::ShapeDeleted, shape_id, cohort_id, from_sql(revision));
+            changes::record(&mut write, self.tenant(), &change, now_ms).await?;
+            write.commit().await?;
+            Ok(Some(from_sql(revision)))
+        })
     }
 }
 

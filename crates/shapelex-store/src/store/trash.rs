@@ -1,5 +1,6 @@
 //! Trash: deleted objects that can be restored until they are permanently removed.
 
+use super::answer::Answer;
 use super::engine::to_sql;
 use super::engine::{Row, Transaction, sql};
 use super::error::StoreError;
@@ -17,82 +18,85 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::Changed`].
-    pub async fn trash_cohort(
-        &self,
-        id: &str,
-        expected: Option<u64>,
-        now_ms: i64,
-    ) -> Result<bool, StoreError> {
-        const TRASH: &str = "UPDATE cohort SET deleted_at_ms = $2, handle = id, revision = revision + 1
-            WHERE number = $1 RETURNING revision";
-        let mut write = self.begin_write(id).await?;
-        let number = match self.number_at(&mut write, id, expected).await {
-            Err(StoreError::CohortGone) => return Ok(false),
-            number => number?,
-        };
-        let revision: i64 = sql(&mut write, TRASH).bind(number).bind(now_ms).scalar().await?;
-        let change = NewChange::for_cohort(ChangeKind::CohortDeleted, id, engine::from_sql(revision));
-        changes::record(&mut write, self.tenant(), &change, now_ms).await?;
-        write.commit().await?;
-        Ok(true)
+    pub fn trash_cohort<'a>(&'a self, id: &'a str, expected: Option<u64>, now_ms: i64) -> Answer<'a, bool> {
+        Box::pin(async move {
+            const TRASH: &str = "UPDATE cohort SET deleted_at_ms = $2, handle = id, revision = revision + 1
+                WHERE number = $1 RETURNING revision";
+            let mut write = self.begin_write(id).await?;
+            let number = match self.number_at(&mut write, id, expected).await {
+                Err(StoreError::CohortGone) => return Ok(false),
+                number => number?,
+            };
+            let revision: i64 = sql(&mut write, TRASH).bind(number).bind(now_ms).scalar().await?;
+            let change = NewChange::for_cohort(ChangeKind::CohortDeleted, id, engine::from_sql(revision));
+            changes::record(&mut write, self.tenant(), &change, now_ms).await?;
+            write.commit().await?;
+            Ok(true)
+        })
     }
 
     /// Moves the dictionary version with this id to the trash; `false` if there is none.
     ///
     /// # Errors
     /// [`StoreError::Aliased`].
-    pub async fn trash_dictionary(&self, id: &str, now_ms: i64) -> Result<bool, StoreError> {
-        const TRASH: &str = "UPDATE dictionary SET deleted_at_ms = $3
-            WHERE id = $1 AND tenant = $2 AND deleted_at_ms IS NULL RETURNING cohort";
-        let mut write = self.begin_write(id).await?;
-        let query = sql(&mut write, TRASH).bind(id).bind(self.tenant()).bind(now_ms);
-        let Some(cohort) = query.optional_scalar::<String>().await? else { return Ok(false) };
-        // After the statement that locks the version: an alias cannot come to name it meanwhile.
-        aliases::refuse_named(&mut write, id).await?;
-        let change = NewChange::for_dictionary(ChangeKind::DictionaryDeleted, id, &cohort);
-        changes::record(&mut write, self.tenant(), &change, now_ms).await?;
-        write.commit().await?;
-        Ok(true)
+    pub fn trash_dictionary<'a>(&'a self, id: &'a str, now_ms: i64) -> Answer<'a, bool> {
+        Box::pin(async move {
+            const TRASH: &str = "UPDATE dictionary SET deleted_at_ms = $3
+                WHERE id = $1 AND tenant = $2 AND deleted_at_ms IS NULL RETURNING cohort";
+            let mut write = self.begin_write(id).await?;
+            let query = sql(&mut write, TRASH).bind(id).bind(self.tenant()).bind(now_ms);
+            let Some(cohort) = query.optional_scalar::<String>().await? else { return Ok(false) };
+            // After the statement that locks the version: an alias cannot come to name it meanwhile.
+            aliases::refuse_named(&mut write, id).await?;
+            let change = NewChange::for_dictionary(ChangeKind::DictionaryDeleted, id, &cohort);
+            changes::record(&mut write, self.tenant(), &change, now_ms).await?;
+            write.commit().await?;
+            Ok(true)
+        })
     }
 
     /// At most `limit` objects in the trash in id order, starting after the id `after`.
     ///
     /// # Errors
     /// Database errors.
-    pub async fn list_trash(&self, after: Option<&str>, limit: usize) -> Result<Vec<Trashed>, StoreError> {
-        let mut query = sql(
-            self.reader(),
-            "SELECT * FROM (SELECT 'cohort' AS kind, id, name, 0 AS version,
-            deleted_at_ms FROM cohort WHERE deleted_at_ms IS NOT NULL AND tenant = ",
-        );
-        query.push_bind(self.tenant());
-        self.push_scope(&mut query, "id");
-        query.push(
-            " UNION ALL SELECT 'dictionary', id, name, version, deleted_at_ms FROM dictionary
-            WHERE deleted_at_ms IS NOT NULL AND tenant = ",
-        );
-        query.push_bind(self.tenant());
-        self.push_scope(&mut query, "cohort");
-        query.push(") AS trash WHERE id > ").push_bind(after.unwrap_or_default());
-        query.push(" ORDER BY id LIMIT ").push_bind(to_sql(limit as u64));
-        query.all().await?.iter().map(read_trashed).collect()
+    pub fn list_trash<'a>(&'a self, after: Option<&'a str>, limit: usize) -> Answer<'a, Vec<Trashed>> {
+        Box::pin(async move {
+            let mut query = sql(
+                self.reader(),
+                "SELECT * FROM (SELECT 'cohort' AS kind, id, name, 0 AS version,
+                deleted_at_ms FROM cohort WHERE deleted_at_ms IS NOT NULL AND tenant = ",
+            );
+            query.push_bind(self.tenant());
+            self.push_scope(&mut query, "id");
+            query.push(
+                " UNION ALL SELECT 'dictionary', id, name, version, deleted_at_ms FROM dictionary
+                WHERE deleted_at_ms IS NOT NULL AND tenant = ",
+            );
+            query.push_bind(self.tenant());
+            self.push_scope(&mut query, "cohort");
+            query.push(") AS trash WHERE id > ").push_bind(after.unwrap_or_default());
+            query.push(" ORDER BY id LIMIT ").push_bind(to_sql(limit as u64));
+            query.all().await?.iter().map(read_trashed).collect()
+        })
     }
 
     /// Restores the object with this id from the trash; `None` if it is not there.
     ///
     /// # Errors
     /// [`StoreError::NameTaken`] if another cohort has taken its name in the meantime.
-    pub async fn restore(&self, id: &str, now_ms: i64) -> Result<Option<TrashedKind>, StoreError> {
-        let mut write = self.begin_write(id).await?;
-        let kind = if self.restore_cohort(&mut write, id, now_ms).await? {
-            TrashedKind::Cohort
-        } else if self.restore_dictionary(&mut write, id, now_ms).await? {
-            TrashedKind::Dictionary
-        } else {
-            return Ok(None);
-        };
-        write.commit().await?;
-        Ok(Some(kind))
+    pub fn restore<'a>(&'a self, id: &'a str, now_ms: i64) -> Answer<'a, Option<TrashedKind>> {
+        Box::pin(async move {
+            let mut write = self.begin_write(id).await?;
+            let kind = if self.restore_cohort(&mut write, id, now_ms).await? {
+                TrashedKind::Cohort
+            } else if self.restore_dictionary(&mut write, id, now_ms).await? {
+                TrashedKind::Dictionary
+            } else {
+                return Ok(None);
+            };
+            write.commit().await?;
+            Ok(Some(kind))
+        })
     }
 
     async fn restore_cohort(
@@ -142,35 +146,40 @@ impl Store {
     ///
     /// # Errors
     /// Database errors.
-    pub async fn remove_trashed(&self, id: &str) -> Result<bool, StoreError> {
-        let mut query =
-            sql(self.writer(), "DELETE FROM dictionary WHERE deleted_at_ms IS NOT NULL AND tenant = ");
-        query.push_bind(self.tenant()).push(" AND id = ").push_bind(id);
-        self.push_scope(&mut query, "cohort");
-        if query.execute().await? > 0 {
-            return Ok(true);
-        }
-        const IS_TRASHED: &str =
-            "SELECT count(*) FROM cohort WHERE id = $1 AND tenant = $2 AND deleted_at_ms IS NOT NULL";
-        let trashed: i64 = sql(self.reader(), IS_TRASHED).bind(id).bind(self.tenant()).scalar().await?;
-        Ok(trashed > 0 && self.principal.may_use(id) && self.remove_cohort(id).await?)
+    pub fn remove_trashed<'a>(&'a self, id: &'a str) -> Answer<'a, bool> {
+        Box::pin(async move {
+            let mut query =
+                sql(self.writer(), "DELETE FROM dictionary WHERE deleted_at_ms IS NOT NULL AND tenant = ");
+            query.push_bind(self.tenant()).push(" AND id = ").push_bind(id);
+            self.push_scope(&mut query, "cohort");
+            if query.execute().await? > 0 {
+                return Ok(true);
+            }
+            const IS_TRASHED: &str =
+                "SELECT count(*) FROM cohort WHERE id = $1 AND tenant = $2 AND deleted_at_ms IS NOT NULL";
+            let trashed: i64 = sql(self.reader(), IS_TRASHED).bind(id).bind(self.tenant()).scalar().await?;
+            Ok(trashed > 0 && self.principal.may_use(id) && self.remove_cohort(id).await?)
+        })
     }
 
     /// Permanently removes what any tenant moved to the trash before a time; returns the number of objects.
     ///
     /// # Errors
     /// Database errors.
-    pub async fn purge_trash(&self, before_ms: i64) -> Result<u64, StoreError> {
-        const COHORTS: &str = "DELETE FROM cohort WHERE id IN
-            (SELECT id FROM cohort WHERE deleted_at_ms < $1 LIMIT $2)";
-        const DICTIONARIES: &str = "DELETE FROM dictionary WHERE id IN
-            (SELECT id FROM dictionary WHERE deleted_at_ms < $1 LIMIT $2)";
-        let mut removed = 0;
-        for statement in [COHORTS, DICTIONARIES] {
-            removed += sql(self.writer(), statement).bind(before_ms).bind(PURGED_AT_ONCE).execute().await?;
-        }
-        self.purge(super::handle::PURGE_ORPHANS, None).await?;
-        Ok(removed)
+    pub fn purge_trash(&self, before_ms: i64) -> Answer<'_, u64> {
+        Box::pin(async move {
+            const COHORTS: &str = "DELETE FROM cohort WHERE id IN
+                (SELECT id FROM cohort WHERE deleted_at_ms < $1 LIMIT $2)";
+            const DICTIONARIES: &str = "DELETE FROM dictionary WHERE id IN
+                (SELECT id FROM dictionary WHERE deleted_at_ms < $1 LIMIT $2)";
+            let mut removed = 0;
+            for statement in [COHORTS, DICTIONARIES] {
+                removed +=
+                    sql(self.writer(), statement).bind(before_ms).bind(PURGED_AT_ONCE).execute().await?;
+            }
+            self.purge(super::handle::PURGE_ORPHANS, None).await?;
+            Ok(removed)
+        })
     }
 }
 

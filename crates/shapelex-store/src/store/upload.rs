@@ -6,6 +6,7 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
+use super::answer::Answer;
 use super::blob::{self, Encoded};
 use super::engine::{self, Transaction, sql};
 use super::engine::{from_sql, to_sql};
@@ -71,6 +72,9 @@ impl Store {
     }
 }
 
+/// Makes the receipt of an upload from the revision that it made.
+type ReceiptOf<'a> = Box<dyn FnOnce(u64) -> Option<Receipt> + Send + 'a>;
+
 impl Upload {
     /// Stores a batch of shapes, not yet visible; returns their outcomes in order.
     ///
@@ -81,35 +85,40 @@ impl Upload {
     /// [`StoreError::ExternalIdConflict`] if a shape with different content has the external id,
     /// [`StoreError::ExternalIdPending`] if another unfinished upload has it, [`StoreError::WrongWidth`],
     /// [`StoreError::CohortGone`].
-    pub async fn add(&mut self, shapes: Vec<impl Into<ShapeRow> + Send>) -> Result<Vec<Added>, StoreError> {
-        if shapes.is_empty() {
-            return Ok(Vec::new());
-        }
-        let rows = shapes.into_iter().map(Into::into).collect();
-        let batch = Arc::new(Batch::new(rows, self.received, self.width)?);
-        let mut attempt = 1;
-        let added = loop {
-            match self.try_add(&batch).await {
-                // Another upload stored the id after the lookup; the next lookup will find it.
-                Err(StoreError::Database(e)) if is_race(&e) && attempt < ATTEMPTS => attempt += 1,
-                // The process that owned the other upload may have died; reclaim its rows.
-                Err(StoreError::ExternalIdPending { .. }) if attempt < ATTEMPTS => {
-                    self.store.tidy_behind_the_dead().await?;
-                    attempt += 1;
-                }
-                done => break done?,
+    pub fn add(&mut self, shapes: Vec<impl Into<ShapeRow>>) -> Answer<'_, Vec<Added>> {
+        self.add_rows(shapes.into_iter().map(Into::into).collect())
+    }
+
+    fn add_rows(&mut self, rows: Vec<ShapeRow>) -> Answer<'_, Vec<Added>> {
+        Box::pin(async move {
+            if rows.is_empty() {
+                return Ok(Vec::new());
             }
-        };
-        self.received += batch.rows.len() as u64;
-        Ok(added)
+            let batch = Arc::new(Batch::new(rows, self.received, self.width)?);
+            let mut attempt = 1;
+            let added = loop {
+                match self.try_add(&batch).await {
+                    // Another upload stored the id after the lookup; the next lookup will find it.
+                    Err(StoreError::Database(e)) if is_race(&e) && attempt < ATTEMPTS => attempt += 1,
+                    // The process that owned the other upload may have died; reclaim its rows.
+                    Err(StoreError::ExternalIdPending { .. }) if attempt < ATTEMPTS => {
+                        self.store.tidy_behind_the_dead().await?;
+                        attempt += 1;
+                    }
+                    done => break done?,
+                }
+            };
+            self.received += batch.rows.len() as u64;
+            Ok(added)
+        })
     }
 
     /// Makes all shapes visible at once; returns the new revision of the cohort, or the current one if nothing was new.
     ///
     /// # Errors
     /// [`StoreError::CohortGone`] if the cohort was deleted in the meantime, [`StoreError::UploadLost`].
-    pub async fn commit(self, now_ms: i64) -> Result<u64, StoreError> {
-        self.commit_once(now_ms, None, None, |_| None).await
+    pub fn commit(self, now_ms: i64) -> Answer<'static, u64> {
+        self.commit_once(now_ms, None, None, |_| None)
     }
 
     /// Like [`Upload::commit`] for a cohort that must be at the `expected` revision, by a `job`, as it was claimed, that must still
@@ -117,55 +126,72 @@ impl Upload {
     ///
     /// # Errors
     /// Also [`StoreError::Changed`], [`StoreError::JobLost`] and [`StoreError::AlreadyDone`]; nothing is stored then.
-    pub async fn commit_once(
-        mut self,
+    pub fn commit_once<'a>(
+        self,
         now_ms: i64,
         expected: Option<u64>,
-        job: Option<&Job>,
-        receipt: impl FnOnce(u64) -> Option<Receipt>,
-    ) -> Result<u64, StoreError> {
-        const COUNT: &str = "SELECT CAST(coalesce(sum(rows), 0) AS BIGINT) FROM chunk
-            WHERE upload = $1 AND revision IS NULL";
-        let mut write = self.store.begin_write(&self.cohort_id).await?;
-        let cohort = self.store.number_at(&mut write, &self.cohort_id, expected).await?;
-        if let Some(job) = job
-            && !self.store.holds(&mut write, job).await?
-        {
-            return Err(StoreError::JobLost);
-        }
-        let count = sql(&mut write, COUNT).bind(&self.id);
-        let count: i64 = count.scalar().await?;
-        if count != self.stored {
-            return Err(StoreError::UploadLost);
-        }
-        let revision = if count == 0 {
-            let current = sql(&mut write, "SELECT revision FROM cohort WHERE number = $1");
-            current.bind(cohort).scalar().await?
-        } else {
-            self.publish(&mut write, cohort, count, now_ms).await?
-        };
-        let tenant = self.store.tenant();
-        receipts::keep(&mut write, tenant, receipt(from_sql(revision)).as_ref(), now_ms).await?;
-        if count > 0 {
-            let change = NewChange {
-                shapes: Some(from_sql(count)),
-                ..NewChange::for_cohort(ChangeKind::ShapesAdded, &self.cohort_id, from_sql(revision))
+        job: Option<&'a Job>,
+        receipt: impl FnOnce(u64) -> Option<Receipt> + Send + 'a,
+    ) -> Answer<'a, u64> {
+        self.commit_with(now_ms, expected, job, Box::new(receipt))
+    }
+
+    fn commit_with<'a>(
+        self,
+        now_ms: i64,
+        expected: Option<u64>,
+        job: Option<&'a Job>,
+        receipt: ReceiptOf<'a>,
+    ) -> Answer<'a, u64> {
+        Box::pin(async move {
+            const COUNT: &str = "SELECT CAST(coalesce(sum(rows), 0) AS BIGINT) FROM chunk
+                WHERE upload = $1 AND revision IS NULL";
+            // Whole: fields that are captured one by one would be copies, and the rest be dropped before the work begins.
+            let mut upload = self;
+            let mut write = upload.store.begin_write(&upload.cohort_id).await?;
+            let cohort = upload.store.number_at(&mut write, &upload.cohort_id, expected).await?;
+            if let Some(job) = job
+                && !upload.store.holds(&mut write, job).await?
+            {
+                return Err(StoreError::JobLost);
+            }
+            let count = sql(&mut write, COUNT).bind(&upload.id);
+            let count: i64 = count.scalar().await?;
+            if count != upload.stored {
+                return Err(StoreError::UploadLost);
+            }
+            let revision = if count == 0 {
+                let current = sql(&mut write, "SELECT revision FROM cohort WHERE number = $1");
+                current.bind(cohort).scalar().await?
+            } else {
+                upload.publish(&mut write, cohort, count, now_ms).await?
             };
-            changes::record(&mut write, tenant, &change, now_ms).await?;
-        }
-        write.commit().await?;
-        self.dirty = false;
-        Ok(from_sql(revision))
+            let tenant = upload.store.tenant();
+            receipts::keep(&mut write, tenant, receipt(from_sql(revision)).as_ref(), now_ms).await?;
+            if count > 0 {
+                let change = NewChange {
+                    shapes: Some(from_sql(count)),
+                    ..NewChange::for_cohort(ChangeKind::ShapesAdded, &upload.cohort_id, from_sql(revision))
+                };
+                changes::record(&mut write, tenant, &change, now_ms).await?;
+            }
+            write.commit().await?;
+            upload.dirty = false;
+            Ok(from_sql(revision))
+        })
     }
 
     /// Removes what was stored so far.
     ///
     /// # Errors
     /// Database errors; the rest is then removed at the next start.
-    pub async fn abort(mut self) -> Result<(), StoreError> {
-        self.store.purge(PURGE_UPLOAD, Some(&self.id)).await?;
-        self.dirty = false;
-        Ok(())
+    pub fn abort(self) -> Answer<'static, ()> {
+        Box::pin(async move {
+            let mut upload = self;
+            upload.store.purge(PURGE_UPLOAD, Some(&upload.id)).await?;
+            upload.dirty = false;
+            Ok(())
+        })
     }
 
     /// Assigns the next revision to the pending chunks.

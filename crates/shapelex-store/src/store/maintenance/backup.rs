@@ -10,6 +10,7 @@ use std::path::{Path, PathBuf};
 use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{ConnectOptions, Connection};
 
+use super::super::answer::Answer;
 use super::super::engine::sql;
 use super::super::error::StoreError;
 use super::super::folder::DATABASE_FILE;
@@ -28,19 +29,21 @@ impl Store {
     ///
     /// # Errors
     /// [`MaintenanceError::Exists`], [`MaintenanceError::NotEmbedded`], [`MaintenanceError::File`].
-    pub async fn back_up(&self, file: &Path) -> Result<u64, MaintenanceError> {
-        if !self.is_embedded() {
-            return Err(MaintenanceError::NotEmbedded);
-        }
-        if file.exists() {
-            return Err(MaintenanceError::Exists(file.to_path_buf()));
-        }
-        let copy = Partial::beside(file)?;
-        let path = copy.path.to_str().ok_or_else(|| wrong_name(file))?;
-        sql(self.reader(), "VACUUM INTO $1").bind(path).persistent(false).execute().await?;
-        check_file(&copy.path).await?;
-        let target = file.to_path_buf();
-        blocking(move || copy.finish(&target)).await
+    pub fn back_up<'a>(&'a self, file: &'a Path) -> Answer<'a, u64, MaintenanceError> {
+        Box::pin(async move {
+            if !self.is_embedded() {
+                return Err(MaintenanceError::NotEmbedded);
+            }
+            if file.exists() {
+                return Err(MaintenanceError::Exists(file.to_path_buf()));
+            }
+            let copy = Partial::beside(file)?;
+            let path = copy.path.to_str().ok_or_else(|| wrong_name(file))?;
+            sql(self.reader(), "VACUUM INTO $1").bind(path).persistent(false).execute().await?;
+            check_file(&copy.path).await?;
+            let target = file.to_path_buf();
+            blocking(move || copy.finish(&target)).await
+        })
     }
 }
 
@@ -51,27 +54,29 @@ impl Store {
 ///
 /// # Errors
 /// [`MaintenanceError::FolderInUse`], [`MaintenanceError::BadBackup`], [`MaintenanceError::Newer`].
-pub async fn restore(
-    file: &Path,
-    data_dir: &Path,
-    report: &mut (dyn FnMut(&str) + Send),
-) -> Result<Option<Checked>, MaintenanceError> {
-    if !file.is_file() {
-        return Err(MaintenanceError::BadBackup(format!("no file {}", file.display())));
-    }
-    let lock = FolderLock::take(data_dir)?;
-    require_empty(data_dir)?;
-    let copy = Partial { path: data_dir.join(format!("restore{PARTIAL}")) };
-    let (from, to) = (file.to_path_buf(), copy.path.clone());
-    // An existing file keeps its permissions, whatever those of the backup are.
-    private_file(&to).map_err(|source| file_error(&to, source))?;
-    blocking(move || copy_content(&from, &to)).await.map_err(|source| file_error(file, source))?;
-    check_file(&copy.path).await?;
-    let checked = check_content(&copy.path, report).await?;
-    let target = data_dir.join(DATABASE_FILE);
-    blocking(move || copy.finish(&target)).await?;
-    drop(lock);
-    Ok(checked)
+pub fn restore<'a>(
+    file: &'a Path,
+    data_dir: &'a Path,
+    report: &'a mut (dyn FnMut(&str) + Send),
+) -> Answer<'a, Option<Checked>, MaintenanceError> {
+    Box::pin(async move {
+        if !file.is_file() {
+            return Err(MaintenanceError::BadBackup(format!("no file {}", file.display())));
+        }
+        let lock = FolderLock::take(data_dir)?;
+        require_empty(data_dir)?;
+        let copy = Partial { path: data_dir.join(format!("restore{PARTIAL}")) };
+        let (from, to) = (file.to_path_buf(), copy.path.clone());
+        // An existing file keeps its permissions, whatever those of the backup are.
+        private_file(&to).map_err(|source| file_error(&to, source))?;
+        blocking(move || copy_content(&from, &to)).await.map_err(|source| file_error(file, source))?;
+        check_file(&copy.path).await?;
+        let checked = check_content(&copy.path, report).await?;
+        let target = data_dir.join(DATABASE_FILE);
+        blocking(move || copy.finish(&target)).await?;
+        drop(lock);
+        Ok(checked)
+    })
 }
 
 /// Copies the content of a file; `fs::copy` would also copy its permissions.

@@ -3,6 +3,7 @@
 
 use serde_json::Value;
 
+use super::super::answer::Answer;
 use super::super::blob::Chunk;
 use super::super::cohorts::read_cohort;
 use super::super::engine::from_sql;
@@ -155,33 +156,35 @@ impl Store {
     ///
     /// # Errors
     /// Database errors, except damage, which is a finding.
-    pub async fn check(&self, report: &mut (dyn FnMut(&str) + Send)) -> Result<Checked, StoreError> {
-        let mut check = Check { store: self, report, seen: Checked::default() };
-        let file = check.file().await;
-        check.settle(file)?;
-        for (sentence, statement) in RULES {
-            let rule = check.rule(sentence, statement).await;
-            check.settle(rule)?;
-        }
-        let cohorts = check.cohorts().await;
-        check.settle(cohorts)?;
-        let chunks = check.chunks().await;
-        check.settle(chunks)?;
-        let shapes = check.shapes().await;
-        check.settle(shapes)?;
-        let dictionaries = check.dictionaries().await;
-        check.settle(dictionaries)?;
-        let jobs = check.jobs().await;
-        check.settle(jobs)?;
-        let outputs = check.outputs().await;
-        check.settle(outputs)?;
-        let files = check.files().await;
-        check.settle(files)?;
-        let receipts = check.receipts().await;
-        check.settle(receipts)?;
-        let audit = check.audit().await;
-        check.settle(audit)?;
-        Ok(check.seen)
+    pub fn check<'a>(&'a self, report: &'a mut (dyn FnMut(&str) + Send)) -> Answer<'a, Checked> {
+        Box::pin(async move {
+            let mut check = Check { store: self, report, seen: Checked::default() };
+            let file = check.file().await;
+            check.settle(file)?;
+            for (sentence, statement) in RULES {
+                let rule = check.rule(sentence, statement).await;
+                check.settle(rule)?;
+            }
+            let cohorts = check.cohorts().await;
+            check.settle(cohorts)?;
+            let chunks = check.chunks().await;
+            check.settle(chunks)?;
+            let shapes = check.shapes().await;
+            check.settle(shapes)?;
+            let dictionaries = check.dictionaries().await;
+            check.settle(dictionaries)?;
+            let jobs = check.jobs().await;
+            check.settle(jobs)?;
+            let outputs = check.outputs().await;
+            check.settle(outputs)?;
+            let files = check.files().await;
+            check.settle(files)?;
+            let receipts = check.receipts().await;
+            check.settle(receipts)?;
+            let audit = check.audit().await;
+            check.settle(audit)?;
+            Ok(check.seen)
+        })
     }
 }
 

@@ -12,6 +12,7 @@ use std::io::Write;
 
 use serde_json::{Map, Value, json};
 
+use super::super::answer::Answer;
 use super::super::engine::{Transaction, sql};
 use super::super::handle::Store;
 use super::tables::{Cell, TABLES, Table};
@@ -36,12 +37,12 @@ pub(super) fn head(schema: i64) -> Value {
 }
 
 /// Output lines with their running digest.
-struct Lines<W> {
-    out: W,
+struct Lines<'a> {
+    out: &'a mut (dyn Write + Send),
     digest: blake3::Hasher,
 }
 
-impl<W: Write> Lines<W> {
+impl Lines<'_> {
     fn write(&mut self, line: &Value) -> Result<(), MaintenanceError> {
         let mut text = line.to_string();
         text.push('\n');
@@ -56,26 +57,28 @@ impl Store {
     ///
     /// # Errors
     /// [`MaintenanceError::Stream`]; those of the database.
-    pub async fn export(&self, out: impl Write) -> Result<u64, MaintenanceError> {
-        let schema = schema::require_present(&self.inner.pools).await?;
-        let mut lines = Lines { out, digest: blake3::Hasher::new() };
-        lines.write(&head(schema))?;
-        let mut read = self.begin_read().await?;
-        let (mut rows, mut counters) = (Map::new(), Map::new());
-        let mut total = 0;
-        for table in TABLES {
-            let count = export_table(&mut read, table, &mut lines).await?;
-            total += count;
-            rows.insert(table.name.into(), count.into());
-            if table.counted {
-                counters.insert(table.name.into(), counter(&mut read, table).await?.into());
+    pub fn export<'a>(&'a self, out: &'a mut (dyn Write + Send)) -> Answer<'a, u64, MaintenanceError> {
+        Box::pin(async move {
+            let schema = schema::require_present(&self.inner.pools).await?;
+            let mut lines = Lines { out, digest: blake3::Hasher::new() };
+            lines.write(&head(schema))?;
+            let mut read = self.begin_read().await?;
+            let (mut rows, mut counters) = (Map::new(), Map::new());
+            let mut total = 0;
+            for table in TABLES {
+                let count = export_table(&mut read, table, &mut lines).await?;
+                total += count;
+                rows.insert(table.name.into(), count.into());
+                if table.counted {
+                    counters.insert(table.name.into(), counter(&mut read, table).await?.into());
+                }
             }
-        }
-        read.commit().await?;
-        let digest = lines.digest.finalize().to_hex();
-        lines.write(&json!({"rows": rows, "counters": counters, "digest": digest.as_str()}))?;
-        lines.out.flush()?;
-        Ok(total)
+            read.commit().await?;
+            let digest = lines.digest.finalize().to_hex();
+            lines.write(&json!({"rows": rows, "counters": counters, "digest": digest.as_str()}))?;
+            lines.out.flush()?;
+            Ok(total)
+        })
     }
 
     /// Whether the store is embedded.
@@ -85,10 +88,10 @@ impl Store {
 }
 
 /// Writes the rows of a table in key order; returns their number.
-async fn export_table<W: Write>(
+async fn export_table(
     read: &mut Transaction,
     table: &Table,
-    lines: &mut Lines<W>,
+    lines: &mut Lines<'_>,
 ) -> Result<u64, MaintenanceError> {
     let (mut count, mut last) = (0, None);
     loop {

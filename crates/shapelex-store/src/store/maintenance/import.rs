@@ -4,6 +4,7 @@ use std::io::{BufRead, Read as _};
 
 use serde_json::{Map, Value};
 
+use super::super::answer::Answer;
 use super::super::engine::{Transaction, sql};
 use super::super::handle::Store;
 use super::tables::{Cell, TABLES, Table};
@@ -23,53 +24,55 @@ impl Store {
     ///
     /// # Errors
     /// [`MaintenanceError::StoreInUse`], [`MaintenanceError::Format`].
-    pub async fn import(&self, input: impl BufRead) -> Result<u64, MaintenanceError> {
-        let schema = schema::require_present(&self.inner.pools).await?;
-        let mut lines = Lines { input, digest: blake3::Hasher::new(), number: 0, text: Vec::new() };
-        let head = lines.next()?;
-        check_head(&head, schema).map_err(|detail| lines.wrong(detail))?;
-        let mut write = self.begin_write("import").await?;
-        hold(&mut write).await?;
-        let mut rows = Rows::default();
-        let end = loop {
-            match lines.next()? {
-                Value::Array(row) => {
-                    rows.take(row).map_err(|detail| lines.wrong(detail))?;
-                    rows.store(&mut write, false).await?;
+    pub fn import<'a>(&'a self, input: &'a mut (dyn BufRead + Send)) -> Answer<'a, u64, MaintenanceError> {
+        Box::pin(async move {
+            let schema = schema::require_present(&self.inner.pools).await?;
+            let mut lines = Lines { input, digest: blake3::Hasher::new(), number: 0, text: Vec::new() };
+            let head = lines.next()?;
+            check_head(&head, schema).map_err(|detail| lines.wrong(detail))?;
+            let mut write = self.begin_write("import").await?;
+            hold(&mut write).await?;
+            let mut rows = Rows::default();
+            let end = loop {
+                match lines.next()? {
+                    Value::Array(row) => {
+                        rows.take(row).map_err(|detail| lines.wrong(detail))?;
+                        rows.store(&mut write, false).await?;
+                    }
+                    end => {
+                        check_end(&end, &rows, &lines.digest()).map_err(|detail| lines.wrong(detail))?;
+                        break end;
+                    }
                 }
-                end => {
-                    check_end(&end, &rows, &lines.digest()).map_err(|detail| lines.wrong(detail))?;
-                    break end;
-                }
+            };
+            lines.expect_end()?;
+            rows.store(&mut write, true).await?;
+            for table in TABLES.iter().filter(|table| table.counted) {
+                let last = end["counters"][table.name].as_i64();
+                let last = last.ok_or_else(|| lines.wrong(format!("no counter of {}", table.name)))?;
+                set_counter(&mut write, table, last).await?;
             }
-        };
-        lines.expect_end()?;
-        rows.store(&mut write, true).await?;
-        for table in TABLES.iter().filter(|table| table.counted) {
-            let last = end["counters"][table.name].as_i64();
-            let last = last.ok_or_else(|| lines.wrong(format!("no counter of {}", table.name)))?;
-            set_counter(&mut write, table, last).await?;
-        }
-        write.commit().await?;
-        Ok(rows.counts.iter().sum())
+            write.commit().await?;
+            Ok(rows.counts.iter().sum())
+        })
     }
 }
 
 /// Input lines with their running digest.
-struct Lines<R> {
-    input: R,
+struct Lines<'a> {
+    input: &'a mut (dyn BufRead + Send),
     /// Digest of all lines before the one in `text`.
     digest: blake3::Hasher,
     number: u64,
     text: Vec<u8>,
 }
 
-impl<R: BufRead> Lines<R> {
+impl Lines<'_> {
     fn next(&mut self) -> Result<Value, MaintenanceError> {
         self.number += 1;
         self.digest.update(&self.text);
         self.text.clear();
-        (&mut self.input).take(MAX_LINE_BYTES).read_until(END_OF_LINE, &mut self.text)?;
+        (&mut *self.input).take(MAX_LINE_BYTES).read_until(END_OF_LINE, &mut self.text)?;
         if self.text.last() != Some(&END_OF_LINE) {
             return Err(self.wrong("the export is incomplete: it ends here".into()));
         }

@@ -13,6 +13,7 @@ mod tables;
 
 use std::path::PathBuf;
 
+use super::answer::Answer;
 use super::engine::Pools;
 use super::error::StoreError;
 use super::folder::DATABASE_FILE;
@@ -113,10 +114,12 @@ impl Store {
     ///
     /// # Errors
     /// [`MaintenanceError::NoStore`], [`MaintenanceError::Older`] and [`MaintenanceError::Newer`].
-    pub async fn inspect(site: &Site) -> Result<Self, MaintenanceError> {
-        let pools = existing(site).await?;
-        schema::require_present(&pools).await?;
-        Ok(Self::new(pools, None, None, None))
+    pub fn inspect<'a>(site: &'a Site) -> Answer<'a, Self, MaintenanceError> {
+        Box::pin(async move {
+            let pools = existing(site).await?;
+            schema::require_present(&pools).await?;
+            Ok(Self::new(pools, None, None, None))
+        })
     }
 }
 

@@ -1,5 +1,6 @@
 //! Schema versions and migration.
 
+use super::super::answer::Answer;
 use super::super::engine::{Pools, sql};
 use super::super::error::StoreError;
 use super::super::folder::DATABASE_FILE;
@@ -34,11 +35,13 @@ impl Versions {
 ///
 /// # Errors
 /// [`MaintenanceError::NoStore`], [`MaintenanceError::Newer`].
-pub async fn versions(site: &Site) -> Result<Versions, MaintenanceError> {
-    let pools = existing(site).await?;
-    let versions = Versions::of(&pools).await;
-    pools.close().await;
-    versions
+pub fn versions<'a>(site: &'a Site) -> Answer<'a, Versions, MaintenanceError> {
+    Box::pin(async move {
+        let pools = existing(site).await?;
+        let versions = Versions::of(&pools).await;
+        pools.close().await;
+        versions
+    })
 }
 
 /// Upgrades the schema of the store at `site`; returns the versions before. An embedded store must not be in use, and is
@@ -46,26 +49,28 @@ pub async fn versions(site: &Site) -> Result<Versions, MaintenanceError> {
 ///
 /// # Errors
 /// [`MaintenanceError::Newer`]; [`StoreError::Locked`], [`StoreError::Damaged`], [`StoreError::Schema`].
-pub async fn migrate(site: &Site) -> Result<Versions, MaintenanceError> {
-    let (pools, lock) = match site {
-        Site::Folder(folder) => {
-            let lock = FolderLock::take(folder)?;
-            mark::require(folder).await?;
-            protect(folder)?;
-            (sqlite::connect(&folder.join(DATABASE_FILE), true).await?, Some(lock))
+pub fn migrate<'a>(site: &'a Site) -> Answer<'a, Versions, MaintenanceError> {
+    Box::pin(async move {
+        let (pools, lock) = match site {
+            Site::Folder(folder) => {
+                let lock = FolderLock::take(folder)?;
+                mark::require(folder).await?;
+                protect(folder)?;
+                (sqlite::connect(&folder.join(DATABASE_FILE), true).await?, Some(lock))
+            }
+            Site::Url(url) => {
+                (Pools::Postgres(postgres::pool(postgres::options(url)?, CONNECTIONS).await?), None)
+            }
+        };
+        let versions = Versions::of(&pools).await?;
+        match &pools {
+            Pools::Sqlite { writer, .. } => sqlite::migrate(writer).await?,
+            Pools::Postgres(pool) => postgres::migrate(pool).await?,
         }
-        Site::Url(url) => {
-            (Pools::Postgres(postgres::pool(postgres::options(url)?, CONNECTIONS).await?), None)
-        }
-    };
-    let versions = Versions::of(&pools).await?;
-    match &pools {
-        Pools::Sqlite { writer, .. } => sqlite::migrate(writer).await?,
-        Pools::Postgres(pool) => postgres::migrate(pool).await?,
-    }
-    pools.close().await;
-    drop(lock);
-    Ok(versions)
+        pools.close().await;
+        drop(lock);
+        Ok(versions)
+    })
 }
 
 /// Refuses a schema other than this program's.

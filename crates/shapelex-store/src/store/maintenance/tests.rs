@@ -260,7 +260,7 @@ async fn an_export_makes_the_same_store() {
     upload.abort().await.unwrap();
 
     let (_two, embedded) = embedded().await;
-    let count = embedded.import(first.as_slice()).await.unwrap();
+    let count = embedded.import(&mut first.as_slice()).await.unwrap();
     assert_eq!(count, first.iter().filter(|byte| **byte == b'\n').count() as u64 - 2);
     assert!(exported(&embedded).await == first, "the embedded store exports something else");
     assert_eq!(findings(&embedded).await, [""; 0]);
@@ -269,7 +269,7 @@ async fn an_export_makes_the_same_store() {
     assert_eq!(embedded.find_shape(&hands.id, "e2").await.unwrap(), before);
 
     let (_three, other) = fresh().await;
-    other.import(first.as_slice()).await.unwrap();
+    other.import(&mut first.as_slice()).await.unwrap();
     assert!(exported(&other).await == first, "the other store exports something else");
     for store in [&embedded, &other] {
         store.create_cohort(&cohort("next"), None).await.unwrap();
@@ -331,15 +331,15 @@ async fn what_is_not_a_whole_export_leaves_nothing() {
     let (_two, empty) = fresh().await;
     let nothing = exported(&empty).await;
     for (bad, place, reason) in bad {
-        let error = empty.import(bad.as_bytes()).await.unwrap_err().to_string();
+        let error = empty.import(&mut bad.as_bytes()).await.unwrap_err().to_string();
         assert!(error.contains(place) && error.contains(reason), "{error}, expected {place}{reason}");
         for table in TABLES {
             assert_eq!(rows(&empty, table.name).await, 0, "{}: {error}", table.name);
         }
     }
     assert!(nothing == exported(&empty).await, "numbers were drawn");
-    empty.import(export.as_bytes()).await.unwrap();
-    let error = empty.import(export.as_bytes()).await.unwrap_err();
+    empty.import(&mut export.as_bytes()).await.unwrap();
+    let error = empty.import(&mut export.as_bytes()).await.unwrap_err();
     assert!(matches!(error, MaintenanceError::StoreInUse("cohort")), "{error}");
     empty.close().await;
 }

@@ -395,7 +395,7 @@ async fn every_revision_agrees_with_a_model_after_random_changes() {
         let (_folder, copy) = fresh().await;
         let mut export = Vec::new();
         store.export(&mut export).await.unwrap();
-        copy.import(export.as_slice()).await.unwrap();
+        copy.import(&mut export.as_slice()).await.unwrap();
         compare(&copy, &cohort, &model).await;
     }
 }
