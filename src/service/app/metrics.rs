@@ -9,6 +9,7 @@ use std::time::Duration;
 use metrics::{counter, gauge, histogram};
 
 use super::pool::LANES;
+pub use super::recorder::Kind;
 use super::recorder::Registry;
 use crate::domain::job::JobKind;
 use crate::store::metrics as store;
@@ -52,28 +53,6 @@ const HOOK_DELIVERIES: &str = "shapelex_hook_deliveries_total";
 pub(super) const HOOK_LAG: &str = "shapelex_hook_lag_changes";
 pub(super) const HOOKS_FAILED: &str = "shapelex_hooks_failed";
 pub(super) const BUILD_INFO: &str = "shapelex_build_info";
-
-/// Type of a metric.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
-    /// A value that only grows.
-    Counter,
-    /// A value that goes up and down.
-    Gauge,
-    /// A distribution of durations.
-    Histogram,
-}
-
-impl Kind {
-    /// Name of the type in the Prometheus text format.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Counter => "counter",
-            Self::Gauge => "gauge",
-            Self::Histogram => "histogram",
-        }
-    }
-}
 
 /// All metrics: name, type, meaning.
 pub const METRICS: &[(&str, Kind, &str)] = &[

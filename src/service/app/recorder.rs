@@ -10,7 +10,27 @@ use std::sync::{Arc, PoisonError, RwLock};
 use metrics::{Counter, Gauge, GaugeFn, Histogram, HistogramFn, Key, KeyName, Label, Metadata, Recorder};
 use metrics::{SharedString, Unit};
 
-use super::metrics::Kind;
+/// Type of a metric.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// A value that only grows.
+    Counter,
+    /// A value that goes up and down.
+    Gauge,
+    /// A distribution of durations.
+    Histogram,
+}
+
+impl Kind {
+    /// Name of the type in the Prometheus text format.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Counter => "counter",
+            Self::Gauge => "gauge",
+            Self::Histogram => "histogram",
+        }
+    }
+}
 
 /// Upper bounds of the histograms, in seconds.
 const BUCKETS: [f64; 14] =
