@@ -4,7 +4,7 @@ use super::answer::Answer;
 use super::engine::{self, Query, Row, Transaction, sql};
 use super::engine::{from_sql, to_sql};
 use super::error::StoreError;
-use super::handle::{PURGE_ORPHANS, Store};
+use super::handle::{PURGE_ORPHANS, Store, begin_task};
 use super::text::{from_text, to_text};
 use super::{changes, receipts};
 use crate::domain::change::{ChangeKind, NewChange};
@@ -122,8 +122,10 @@ impl Store {
             }
             let store = self.clone();
             // A task of its own continues if the caller stops waiting.
-            let purge = tokio::spawn(async move { store.purge(PURGE_ORPHANS, None).await });
-            // The cohort is gone in any case; a failed removal is retried at the next start.
+            let purge = begin_task(Box::pin(async move {
+                // The cohort is gone in any case; a failed removal is retried at the next start.
+                let _ = store.purge(PURGE_ORPHANS, None).await;
+            }));
             let _ = purge.await;
             Ok(true)
         })

@@ -18,7 +18,7 @@ use super::engine::{Query, Row, Transaction, sql};
 use super::engine::{from_sql, to_sql};
 use super::error::StoreError;
 use super::filter::{Revisions, Selection};
-use super::handle::{CHUNKS_PER_PURGE, PURGE_ORPHANS, Store, blocking};
+use super::handle::{CHUNKS_PER_PURGE, PURGE_ORPHANS, Store, begin_task, blocking};
 use super::shapes::Cursor;
 use super::text::from_text;
 use crate::domain::change::{ChangeKind, NewChange};
@@ -245,14 +245,14 @@ impl Store {
         match self.inner.pools.fold_log().await {
             Ok(true) => {}
             Ok(false) => {
-                tokio::spawn(async move {
+                begin_task(Box::pin(async move {
                     while !store.inner.pools.is_closed() {
                         tokio::time::sleep(PAUSE).await;
                         if matches!(store.inner.pools.fold_log().await, Ok(true)) {
                             return;
                         }
                     }
-                });
+                }));
             }
             Err(error) => {
                 tracing::warn!(%error, "the write-ahead log still has older copies of erased shapes");

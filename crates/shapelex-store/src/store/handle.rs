@@ -1,7 +1,10 @@
 //! The store as a principal sees it: opened, closed, its connections and transactions.
 
+use std::any::Any;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
+
+use tokio::task::JoinHandle;
 
 use super::answer::{Answer, Work};
 use super::engine::{Link, Pools, Transaction, sql};
@@ -136,7 +139,7 @@ impl Store {
     /// Checks the file while the service runs. Readiness probes fail once the check has found damage.
     pub(super) fn check_beside(&self) {
         let store = self.clone();
-        tokio::spawn(async move {
+        begin_task(Box::pin(async move {
             let found = sql(store.reader(), sqlite::QUICK_CHECK).scalar::<String>().await;
             let detail = match found {
                 Ok(found) if found == sqlite::SOUND => return,
@@ -146,7 +149,7 @@ impl Store {
             tracing::error!(detail, "the database is damaged: restore a backup");
             // Checked once.
             let _ = store.inner.damage.set(detail);
-        });
+        }));
     }
 
     /// The same store as `principal` sees it.
@@ -302,8 +305,19 @@ pub(super) async fn begin_mark(pools: &Pools, data_dir: &Path) -> Result<Option<
 
 /// Runs arithmetic longer than a millisecond away from the threads that serve requests.
 pub(super) async fn blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> T {
+    let outcome = run_aside(Box::new(move || -> Box<dyn Any + Send> { Box::new(work()) })).await;
+    *outcome.downcast::<T>().expect("the outcome is that of the work")
+}
+
+/// Work of any kind: a task of its own type for each kind would be compiled with all that runs, wakes and ends it.
+async fn run_aside(work: Box<dyn FnOnce() -> Box<dyn Any + Send> + Send>) -> Box<dyn Any + Send> {
     match tokio::task::spawn_blocking(work).await {
-        Ok(value) => value,
+        Ok(outcome) => outcome,
         Err(error) => std::panic::resume_unwind(error.into_panic()),
     }
+}
+
+/// Begins a task that nobody need wait for; all are of one type, as in [`blocking`].
+pub(super) fn begin_task(work: Work<'static, ()>) -> JoinHandle<()> {
+    tokio::spawn(work)
 }

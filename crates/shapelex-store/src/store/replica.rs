@@ -14,7 +14,7 @@ use sqlx::{ConnectOptions, Connection, PgConnection};
 
 use super::engine::{Pools, sql};
 use super::error::StoreError;
-use super::handle::{Inner, PURGE_UPLOAD, Store};
+use super::handle::{Inner, PURGE_UPLOAD, Store, begin_task};
 use crate::domain::id;
 
 /// Interval at which the connection is tested and the remains of dead replicas are looked for.
@@ -52,7 +52,7 @@ impl Store {
     pub(super) async fn live(&self, options: PgConnectOptions) -> Result<(), StoreError> {
         let (inner, id) = (Arc::downgrade(&self.inner), self.inner.replica.0.clone());
         let mut held = lock(&options, &id).await?;
-        tokio::spawn(async move {
+        begin_task(Box::pin(async move {
             while let Err(error) = watch(&inner, &mut held).await {
                 tracing::warn!(%error, "the liveness connection of this process has ended");
                 held = loop {
@@ -65,7 +65,7 @@ impl Store {
                     }
                 };
             }
-        });
+        }));
         Ok(())
     }
 
