@@ -1,22 +1,23 @@
 //! JSON values that keep their own errors, so that one bad field does not hide the others.
 //!
 //! * [`Checked`] — a value, or its fault; [`Raw`] — a value whose type depends on other fields;
-//! * [`List`] — a list, or what was found in its place; [`Limited`] — a list of small entries;
+//! * [`List`] — a list, or what was found in its place; [`Many`] — a list of small entries;
 //! * [`Ignored`] — a field that is accepted and not read;
 //! * `document!` — objects that record every field that is missing, unknown or repeated.
 //!
 //! Reading such a document fails only for text that is not JSON.
 
-use crate::formats::fault::Fault;
+use crate::formats::fault::{Fault, pointer_of};
 use std::borrow::Cow;
 use std::fmt;
 
-use serde::de::{DeserializeOwned, Deserializer, Error, IgnoredAny, SeqAccess, Visitor};
+use serde::de::{DeserializeOwned, Deserializer, Error, IgnoredAny, MapAccess, SeqAccess, Visitor};
 use serde::{Deserialize, Serialize};
 use serde_json::value::RawValue;
 
 use super::bounds;
-use super::fault::json_pointer;
+use super::trail::{self, next_entry, value_of};
+use super::tree::{Reader, Tree, TreeError};
 use super::words::plain;
 
 /// Maximum length of a small value in bytes, such as a name, a filter or a class; in memory it takes some tens of times that.
@@ -26,7 +27,8 @@ pub const LARGE: usize = usize::MAX;
 
 /// A value, or its fault; texts longer than `MOST` bytes are refused.
 ///
-/// The text is skipped first and then read directly as `T`, without an intermediate value in memory.
+/// The text is skipped first, and then read as a small tree. With [`LARGE`] it is read directly as `T`, without an intermediate
+/// value in memory.
 #[derive(Debug, Clone)]
 pub struct Checked<T, const MOST: usize = SMALL>(Result<T, Box<Fault>>);
 
@@ -53,13 +55,24 @@ impl<T, const MOST: usize> Checked<T, MOST> {
     }
 }
 
-impl<'de, T: DeserializeOwned, const MOST: usize> Deserialize<'de> for Checked<T, MOST> {
+// Two implementations and no choice in one: each type is compiled only for its own way of reading.
+impl<'de, T: DeserializeOwned> Deserialize<'de> for Checked<T, SMALL> {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let text = <&RawValue>::deserialize(deserializer)?.get();
-        read_text(text, MOST)
-            .map(|read| Self(read.map_err(Box::new)))
-            .map_err(|error| D::Error::custom(plain(&error)))
+        read_text(text, SMALL).map(|read| Self(read.map_err(Box::new))).map_err(not_json)
     }
+}
+
+impl<'de, T: DeserializeOwned> Deserialize<'de> for Checked<T, LARGE> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let text = <&RawValue>::deserialize(deserializer)?.get();
+        read_large(text).map(|read| Self(read.map_err(Box::new))).map_err(not_json)
+    }
+}
+
+#[cold]
+fn not_json<E: Error>(error: serde_json::Error) -> E {
+    E::custom(plain(&error))
 }
 
 /// Reads `T` from the text of a value within a document; the inner result is the value or its fault.
@@ -71,26 +84,27 @@ fn read_text<T: DeserializeOwned>(text: &str, most: usize) -> Result<Result<T, F
         let detail = format!("expected at most {most} bytes, got {}", text.len());
         return Ok(Err(Fault::new("", detail)));
     }
-    match serde_json::from_str(text) {
+    let tree = Tree::parse(text)?;
+    let read = T::deserialize(Reader::of(&tree));
+    Ok(read.map_err(|error| located(error, text, &tree, &|reader| T::deserialize(reader).err())))
+}
+
+/// As [`read_text`], of a text of any length, directly from the text.
+fn read_large<T: DeserializeOwned>(text: &str) -> Result<Result<T, Fault>, serde_json::Error> {
+    // As bytes: documents are read from bytes, and no type is compiled for both.
+    match serde_json::from_slice(text.as_bytes()) {
         Ok(value) => Ok(Ok(value)),
-        // Read again to find the path of the fault; small texts through a `Value`, whose errors are more specific.
-        Err(_) if text.len() <= SMALL => {
-            let value: serde_json::Value = serde_json::from_str(text)?;
-            Ok(with_path(&value).map_err(|fault| located::<T>(fault, value)))
-        }
-        Err(_) => Ok(with_path(&mut serde_json::Deserializer::from_str(text))),
+        // Small texts are read again as a tree, whose errors are more specific.
+        Err(_) if text.len() <= SMALL => read_text(text, SMALL),
+        Err(error) => Ok(Err(fault_in(text, &error))),
     }
 }
 
-fn value_as<T: DeserializeOwned>(value: serde_json::Value) -> Result<T, Fault> {
-    with_path(value)
-}
-
-fn with_path<'de, T: DeserializeOwned, D: Deserializer<'de, Error = serde_json::Error>>(
-    deserializer: D,
-) -> Result<T, Fault> {
-    let parsed = serde_path_to_error::deserialize(deserializer);
-    parsed.map_err(|error| Fault::new(json_pointer(error.path()), plain(error.inner())))
+/// Fault of a text that was read directly.
+#[cold]
+fn fault_in(text: &str, error: &serde_json::Error) -> Fault {
+    trail::forget();
+    Fault::new(pointer_of(&trail::path_in(text, error)), plain(error))
 }
 
 /// Names of the fields that tell the variants of a type apart; a type with a `kind` may have a name besides.
@@ -103,52 +117,49 @@ const DEPTH: usize = 4;
 /// What the parser says of one member. Other sentences, about lengths and by types themselves, are about all of them.
 const OF_ONE_MEMBER: [&str; 4] = ["invalid type: ", "invalid value: ", "unknown variant ", "unknown field "];
 
-/// The same fault at the member that causes it. Types with a tag are read in a second step, in which the path is lost; a
+/// Fault of a value, at the member that causes it. Types with a tag are read in a second step, in which the path is lost; a
 /// member is the cause if the sentence changes without it.
-fn located<T: DeserializeOwned>(mut fault: Fault, value: serde_json::Value) -> Fault {
-    let said = |value: &serde_json::Value| T::deserialize(value).err().map(|error| error.to_string());
-    let original = said(&value).unwrap_or_default();
+fn located(
+    error: TreeError,
+    text: &str,
+    tree: &Tree<'_>,
+    faulty: &dyn Fn(Reader<'_>) -> Option<TreeError>,
+) -> Fault {
+    trail::forget();
+    let original = error.said();
+    let detail = error.plain();
+    let mut path = error.into_path();
     let of_one_member = OF_ONE_MEMBER.iter().any(|beginning| original.starts_with(beginning));
-    if !of_one_member || value.to_string().len() > SEARCHED.1 {
-        return fault;
-    }
-    for _ in 0..DEPTH {
-        let Some(members) = value.pointer(&fault.pointer).and_then(members) else { break };
-        let causes = |member: &&String| {
-            let mut without = value.clone();
-            remove(&mut without, &fault.pointer, member);
-            said(&without).as_ref() != Some(&original)
+    let is_short = || {
+        let value: Result<serde_json::Value, _> = serde_json::from_str(text);
+        value.is_ok_and(|value| value.to_string().len() <= SEARCHED.1)
+    };
+    if of_one_member && is_short() {
+        let causes = |part: &Tree<'_>| {
+            faulty(Reader::of(tree).without(part)).is_none_or(|error| error.said() != original)
         };
-        let Some(cause) = members.iter().find(causes) else { break };
-        fault.pointer = format!("{}/{}", fault.pointer, cause.replace('~', "~0").replace('/', "~1"));
+        for _ in 0..DEPTH {
+            let Some(members) = tree.at(&path).and_then(members) else { break };
+            let Some((cause, _)) = members.into_iter().find(|(_, part)| causes(part)) else { break };
+            path.push(cause);
+        }
+        trail::forget();
     }
-    fault
+    Fault::new(pointer_of(&path), detail)
 }
 
-/// Names or indices of the members of a small object or list; those that tell variants apart come last.
-fn members(value: &serde_json::Value) -> Option<Vec<String>> {
-    let names: Vec<String> = match value {
-        serde_json::Value::Object(map) => {
-            let mut names: Vec<String> = map.keys().cloned().collect();
-            names.sort_by_key(|name| TAGS.iter().position(|tag| tag == name));
-            names
+/// Members of a small object or list by name or index; those that tell variants apart come last.
+fn members<'t>(tree: &'t Tree<'t>) -> Option<Vec<(String, &'t Tree<'t>)>> {
+    let members: Vec<(String, &Tree<'_>)> = match tree {
+        Tree::Object(members) => {
+            let mut members: Vec<_> = members.iter().map(|(name, part)| (name.to_string(), part)).collect();
+            members.sort_by_key(|(name, _)| TAGS.iter().position(|tag| tag == name));
+            members
         }
-        serde_json::Value::Array(list) => (0..list.len()).map(|index| index.to_string()).collect(),
+        Tree::List(list) => list.iter().enumerate().map(|(index, part)| (index.to_string(), part)).collect(),
         _ => return None,
     };
-    (names.len() <= SEARCHED.0).then_some(names)
-}
-
-fn remove(value: &mut serde_json::Value, pointer: &str, member: &str) {
-    match value.pointer_mut(pointer) {
-        Some(serde_json::Value::Object(map)) => {
-            map.remove(member);
-        }
-        Some(serde_json::Value::Array(list)) => {
-            member.parse().ok().filter(|index| *index < list.len()).map(|index: usize| list.remove(index));
-        }
-        _ => {}
-    }
+    (members.len() <= SEARCHED.0).then_some(members)
 }
 
 /// A value whose type depends on other fields, kept as text.
@@ -188,10 +199,28 @@ impl Raw {
         pointer: &str,
         errors: &mut Vec<Fault>,
     ) -> Option<T> {
-        let read = read_text(self.0.get(), most);
-        let read = read.unwrap_or_else(|error| Err(Fault::new("", plain(&error))));
-        read.map_err(|error| errors.push(error.below(pointer))).ok()
+        kept(read_text(self.0.get(), most), pointer, errors)
     }
+
+    /// Reads the entries of a list of any length; a fault goes to `errors` below `pointer`.
+    pub fn read_many<T: DeserializeOwned>(&self, pointer: &str, errors: &mut Vec<Fault>) -> Option<Vec<T>> {
+        kept(read_many(self.0.get()), pointer, errors)
+    }
+
+    /// Reads the value as a `T` of any length; a fault goes to `errors` below `pointer`.
+    pub fn read_large<T: DeserializeOwned>(&self, pointer: &str, errors: &mut Vec<Fault>) -> Option<T> {
+        kept(read_large(self.0.get()), pointer, errors)
+    }
+}
+
+/// The value that was read; a fault goes to `errors` below `pointer`.
+fn kept<T>(
+    read: Result<Result<T, Fault>, serde_json::Error>,
+    pointer: &str,
+    errors: &mut Vec<Fault>,
+) -> Option<T> {
+    let read = read.unwrap_or_else(|error| Err(Fault::new("", plain(&error))));
+    read.map_err(|error| errors.push(error.below(pointer))).ok()
 }
 
 impl<'de> Deserialize<'de> for Raw {
@@ -224,7 +253,7 @@ impl Metadata {
     /// Takes the value; a fault goes to `errors` below `pointer`.
     pub fn take(self, pointer: &str, errors: &mut Vec<Fault>) -> Option<serde_json::Value> {
         match self.0 {
-            Ok(text) => text.read(LARGE, pointer, errors),
+            Ok(text) => text.read_large(pointer, errors),
             Err(error) => {
                 errors.push(error.below(pointer));
                 None
@@ -257,7 +286,7 @@ impl<'de> Deserialize<'de> for Ignored {
 
 /// A list of small entries, refused as soon as it exceeds the limit of a request.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Limited<T>(pub Vec<T>);
+struct Limited<T>(Vec<T>);
 
 impl<'de, T: Deserialize<'de>> Deserialize<'de> for Limited<T> {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
@@ -284,8 +313,74 @@ impl<'de, T: Deserialize<'de>> Deserialize<'de> for Limited<T> {
     }
 }
 
-/// A list of strings or small objects, or its fault.
-pub type Many<T> = Checked<Limited<T>, LARGE>;
+/// A list of strings or small objects, or its fault. Its entries are read one by one, each as a small tree.
+#[derive(Debug, Clone)]
+pub struct Many<T>(Result<Vec<T>, Box<Fault>>);
+
+impl<'de, T: DeserializeOwned> Deserialize<'de> for Many<T> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let text = <&RawValue>::deserialize(deserializer)?.get();
+        read_many(text).map(|read| Self(read.map_err(Box::new))).map_err(not_json)
+    }
+}
+
+/// Reads the entries of a list of any length, as many as a request may have.
+fn read_many<T: DeserializeOwned>(text: &str) -> Result<Result<Vec<T>, Fault>, serde_json::Error> {
+    let mut items = Vec::new();
+    let read = read_entries(text, &mut |tree| {
+        items.push(T::deserialize(Reader::of(tree))?);
+        Ok(())
+    });
+    match read {
+        Ok(()) => Ok(Ok(items)),
+        // Small texts are read again as a whole, to find the cause of the fault.
+        Err(_) if text.len() <= SMALL => Ok(read_text(text, SMALL)?.map(|Limited(items)| items)),
+        Err(fault) => Ok(Err(fault)),
+    }
+}
+
+/// Passes the entries of a list to `read`, one by one.
+fn read_entries(text: &str, read: &mut dyn FnMut(&Tree<'_>) -> Result<(), TreeError>) -> Result<(), Fault> {
+    let (mut fault, mut count) = (None, 0);
+    let mut entry = |text: &str| {
+        let pointer = format!("/{count}");
+        if count == bounds::current().items {
+            fault = Some(Fault::new("", format!("expected at most {count} entries, got more")));
+            return false;
+        }
+        count += 1;
+        let found = match Tree::parse(text) {
+            Ok(tree) => read(&tree).map_err(TreeError::into_fault),
+            Err(error) => Err(fault_in(text, &error)),
+        };
+        fault = found.err().map(|found| found.below(&pointer));
+        fault.is_none()
+    };
+    let outcome =
+        serde_json::Deserializer::from_slice(text.as_bytes()).deserialize_seq(EntryVisitor(&mut entry));
+    trail::forget();
+    outcome.map_err(|error| fault.unwrap_or_else(|| fault_in(text, &error)))
+}
+
+/// Passes texts of entries on, until it is told to stop.
+struct EntryVisitor<'f>(&'f mut dyn FnMut(&str) -> bool);
+
+impl<'de> Visitor<'de> for EntryVisitor<'_> {
+    type Value = ();
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("a list")
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<(), A::Error> {
+        while let Some(entry) = list.next_element::<&RawValue>()? {
+            if !(self.0)(entry.get()) {
+                return Err(A::Error::custom("a fault that is known"));
+            }
+        }
+        Ok(())
+    }
+}
 
 /// Value of an optional field, or its default if absent.
 pub fn take_or_default<T: Default, const MOST: usize>(
@@ -301,11 +396,16 @@ pub fn take_or_default<T: Default, const MOST: usize>(
 
 /// Reads the value of a small field; a fault goes to `errors` below `pointer`.
 pub fn take_value<T: DeserializeOwned>(
-    value: serde_json::Value,
+    value: &serde_json::Value,
     pointer: &str,
     errors: &mut Vec<Fault>,
 ) -> Option<T> {
-    value_as(value).map_err(|error| errors.push(error.below(pointer))).ok()
+    let read = T::deserialize(Reader::of(&Tree::of(value)));
+    read.map_err(|error| {
+        trail::forget();
+        errors.push(error.into_fault().below(pointer));
+    })
+    .ok()
 }
 
 /// Value of an optional field; `None` if absent or faulty.
@@ -319,7 +419,30 @@ pub fn take_given<T, const MOST: usize>(
 
 /// Entries of an optional list.
 pub fn take_many<T>(field: Option<Many<T>>, pointer: &str, errors: &mut Vec<Fault>) -> Option<Vec<T>> {
-    take_given(field, pointer, errors).map(|Limited(items)| items)
+    field.and_then(|Many(read)| read.map_err(|error| errors.push(error.below(pointer))).ok())
+}
+
+/// Passes over the entries of a list.
+///
+/// # Errors
+/// Text that is not JSON.
+pub fn skip_list<'de, A: SeqAccess<'de>>(list: &mut A) -> Result<(), A::Error> {
+    let mut index = 0;
+    while next_entry::<IgnoredAny, _>(list, index)?.is_some() {
+        index += 1;
+    }
+    Ok(())
+}
+
+/// Passes over the members of an object.
+///
+/// # Errors
+/// Text that is not JSON.
+pub fn skip_object<'de, A: MapAccess<'de>>(map: &mut A) -> Result<(), A::Error> {
+    while let Some(key) = map.next_key::<Key<'_>>()? {
+        value_of::<IgnoredAny, _>(map, key.text())?;
+    }
+    Ok(())
 }
 
 /// Implements the visitor methods for unexpected types: `$keep(self, "a text")` makes the value.
@@ -329,13 +452,13 @@ macro_rules! visit_others {
     };
     (@seq $keep:path, $value:ty) => {
         fn visit_seq<A: serde::de::SeqAccess<'de>>(self, mut list: A) -> Result<$value, A::Error> {
-            while list.next_element::<serde::de::IgnoredAny>()?.is_some() {}
+            $crate::formats::checked::skip_list(&mut list)?;
             Ok($keep(self, "a list"))
         }
     };
     (@map $keep:path, $value:ty) => {
         fn visit_map<A: serde::de::MapAccess<'de>>(self, mut map: A) -> Result<$value, A::Error> {
-            while map.next_entry::<serde::de::IgnoredAny, serde::de::IgnoredAny>()?.is_some() {}
+            $crate::formats::checked::skip_object(&mut map)?;
             Ok($keep(self, "an object"))
         }
     };
@@ -405,11 +528,11 @@ impl<'de, T: Deserialize<'de>> Deserialize<'de> for List<T> {
             fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<List<T>, A::Error> {
                 let (mut items, most) = (Vec::new(), bounds::current().items);
                 while items.len() < most {
-                    let Some(item) = list.next_element()? else { break };
+                    let Some(item) = next_entry(&mut list, items.len())? else { break };
                     items.push(item);
                 }
                 let mut count = items.len();
-                while count >= most && list.next_element::<IgnoredAny>()?.is_some() {
+                while count >= most && next_entry::<IgnoredAny, _>(&mut list, count)?.is_some() {
                     count += 1;
                 }
                 Ok(List { items, count, fault: None })
@@ -425,7 +548,7 @@ impl<'de, T: Deserialize<'de>> Deserialize<'de> for List<T> {
 }
 
 /// Field name, borrowed from the text unless it contains escapes.
-pub struct Key<'de>(Cow<'de, str>);
+pub struct Key<'de>(pub(super) Cow<'de, str>);
 
 impl Key<'_> {
     /// Text of the name.
@@ -458,11 +581,11 @@ impl<'de> Deserialize<'de> for Key<'de> {
 
 /// Reads the value of a field; for optional fields `null` counts as absent.
 macro_rules! field_value {
-    ($map:ident, required) => {
-        Some($map.next_value()?)
+    ($map:ident, $key:ident, required) => {
+        Some($crate::formats::trail::value_of(&mut $map, $key.text())?)
     };
-    ($map:ident, ) => {
-        $map.next_value::<Option<_>>()?
+    ($map:ident, $key:ident, ) => {
+        $crate::formats::trail::value_of::<Option<_>, _>(&mut $map, $key.text())?
     };
 }
 pub(crate) use field_value;
@@ -512,13 +635,13 @@ macro_rules! document {
                                         document.fault(key.text(), "the field is given twice");
                                     }
                                     document.$field =
-                                        $crate::formats::checked::field_value!(map, $($required)?);
+                                        $crate::formats::checked::field_value!(map, key, $($required)?);
                                 })*
                                 unknown => {
                                     let known = [$(stringify!($field)),*].join(", ");
                                     let detail = format!("expected one of the fields {known}, got \"{unknown}\"");
                                     document.fault(unknown, &detail);
-                                    map.next_value::<serde::de::IgnoredAny>()?;
+                                    $crate::formats::trail::value_of::<serde::de::IgnoredAny, _>(&mut map, unknown)?;
                                 }
                             }
                         }

@@ -119,6 +119,11 @@ impl From<FieldFault> for Fault {
     }
 }
 
+/// JSON pointer (RFC 6901) of a path.
+pub fn pointer_of(path: &[String]) -> String {
+    path.iter().map(|step| format!("/{}", step.replace('~', "~0").replace('/', "~1"))).collect()
+}
+
 /// Maximum length of a sentence; the longest of our own lists the fields of an object.
 const LONGEST: usize = 600;
 /// Maximum length of a word; none of our own is as long.
@@ -183,7 +188,8 @@ fn cut_middle(text: String, most: usize) -> String {
     format!("{} … {}", &text[..head], &text[tail..])
 }
 
-/// JSON pointer of a path tracked by `serde_path_to_error`.
+/// JSON pointer of a path tracked by `serde_path_to_error`, with which tests compare.
+#[cfg(test)]
 pub fn json_pointer(path: &serde_path_to_error::Path) -> String {
     use serde_path_to_error::Segment;
     let escape = |key: &str| key.replace('~', "~0").replace('/', "~1");

@@ -1,20 +1,46 @@
 //! JSON text to values.
 
+use serde::Serialize;
 use serde::de::DeserializeOwned;
+use serde_json::Value;
 
 use super::bounds::{self, Bounds};
-use super::fault::{Fault, json_pointer};
+use super::fault::Fault;
+use super::trail;
+use super::tree::{Reader, Tree, TreeError};
 use super::words::plain;
 
-/// Parses `T` from JSON text. The types of this layer collect their own faults and keep no more data than `bounds` allow.
+/// Parses `T` from JSON text. The types of this layer collect their own faults, keep no more data than `bounds` allow, and leave
+/// a trail to the place of an error.
 ///
 /// # Errors
 /// Text that is not JSON, with a pointer to the place, and its line and column.
 pub fn parse<T: DeserializeOwned>(bounds: Bounds, text: &[u8]) -> Result<T, Fault> {
-    bounds::within(bounds, || {
-        // Tracking the path costs time: only failed text is parsed again with it.
-        serde_json::from_slice(text).or_else(|_| parse_tracked(text))
-    })
+    bounds::within(bounds, || serde_json::from_slice(text).map_err(fault))
+}
+
+/// Reads a record from a value.
+///
+/// # Errors
+/// A value of another form.
+pub fn from_value<T: DeserializeOwned>(value: &Value) -> Result<T, TreeError> {
+    T::deserialize(Reader::of(&Tree::of(value)))
+}
+
+/// Reads a small record from JSON text.
+///
+/// # Errors
+/// Text that is not JSON, or of another form.
+pub fn from_text<T: DeserializeOwned>(text: &str) -> Result<T, TreeError> {
+    T::deserialize(Reader::of(&Tree::parse(text)?))
+}
+
+/// A record as a value. It is written as text and read again, so that records are compiled for one serializer.
+///
+/// # Errors
+/// A map whose keys are no texts.
+pub fn to_value(value: &impl Serialize) -> Result<Value, serde_json::Error> {
+    serde_json::from_slice(&serde_json::to_vec(value)?)
 }
 
 /// Values of the lines of a text.
@@ -38,9 +64,9 @@ pub fn parse_lines<T: DeserializeOwned>(bounds: Bounds, text: &[u8]) -> Lines<T>
             }
             lines.count += 1;
             if lines.items.len() < bounds.items {
-                let item = serde_json::from_slice(line).or_else(|_| parse_tracked(line));
                 // The fault is that of the whole line, of which nothing is known then.
-                lines.items.push(item.map_err(|fault| Fault { pointer: String::new(), ..fault }));
+                let whole = |error| Fault { pointer: String::new(), ..fault(error) };
+                lines.items.push(serde_json::from_slice(line).map_err(whole));
                 lines.numbers.push(number);
             }
         }
@@ -48,15 +74,12 @@ pub fn parse_lines<T: DeserializeOwned>(bounds: Bounds, text: &[u8]) -> Lines<T>
     lines
 }
 
-fn parse_tracked<T: DeserializeOwned>(text: &[u8]) -> Result<T, Fault> {
-    let mut deserializer = serde_json::Deserializer::from_slice(text);
-    let value: T = serde_path_to_error::deserialize(&mut deserializer).map_err(|error| {
-        let pointer = json_pointer(error.path());
-        let index = pointer.strip_prefix("/shapes/").and_then(|rest| rest.split('/').next()?.parse().ok());
-        Fault { index, ..Fault::new(pointer, sentence(error.inner())) }
-    })?;
-    deserializer.end().map_err(|error| Fault::new("", sentence(&error)))?;
-    Ok(value)
+/// The fault of an error that has returned.
+#[cold]
+fn fault(error: serde_json::Error) -> Fault {
+    let pointer = trail::taken();
+    let index = pointer.strip_prefix("/shapes/").and_then(|rest| rest.split('/').next()?.parse().ok());
+    Fault { index, ..Fault::new(pointer, sentence(&error)) }
 }
 
 fn sentence(error: &serde_json::Error) -> String {
@@ -66,6 +89,10 @@ fn sentence(error: &serde_json::Error) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::formats::checked::{List, document};
+    use crate::formats::fault::json_pointer;
+    use crate::formats::merge_patch::MergePatch;
+    use crate::formats::shape::{PointList, ShapeInput};
 
     #[test]
     fn every_sentence_of_the_parser_is_translated() {
@@ -124,17 +151,57 @@ mod tests {
         assert_eq!(parse_lines::<u8>(bounds, b" \n").count, 0);
     }
 
+    document! {
+        /// A document with lists and objects of all kinds.
+        struct Document {
+            /// Shapes.
+            #[schema(ignore)]
+            shapes: List<ShapeInput>, required;
+            /// A shape.
+            #[schema(ignore)]
+            shape: ShapeInput;
+            /// Points.
+            #[schema(ignore)]
+            grid: PointList;
+            /// Values.
+            #[schema(ignore)]
+            patch: MergePatch;
+        }
+    }
+
+    /// What a deserializer that tracks its path says.
+    fn tracked(text: &[u8]) -> Option<(String, String)> {
+        let mut deserializer = serde_json::Deserializer::from_slice(text);
+        let read = serde_path_to_error::deserialize::<_, Document>(&mut deserializer);
+        trail::forget();
+        if let Err(error) = read {
+            return Some((json_pointer(error.path()), sentence(error.inner())));
+        }
+        deserializer.end().err().map(|error| (String::new(), sentence(&error)))
+    }
+
     #[test]
-    fn the_place_of_bad_text_is_named() {
-        let read = |text: &str| parse::<Vec<Vec<u8>>>(Bounds::default(), text.as_bytes());
-        assert_eq!(read("[[1], [2]]").unwrap(), [[1], [2]]);
-        assert_eq!(read("[[1], [2, 300]]").unwrap_err().pointer, "/1/1");
-        let fault = read("[[1]] [2]").unwrap_err();
-        assert!(
-            fault.pointer.is_empty()
-                && fault.detail
-                    == "not valid JSON (line 1, column 7): expected the end of the text, got more",
-            "{fault:?}"
-        );
+    fn the_place_of_bad_text_is_the_one_of_a_reader_that_tracks_it() {
+        let text = r#"{"shapes": [{"points": [[0, 1.5], [2, 3e1]], "label": "x"}, {"points": 7, "labels": {"a": [1]}}, 3],
+            "shape": {"control_points": [[[0, 1], [2, "3"]], [[true, 5], {"a": 1}]], "weight": -1, "metadata": {"b/c": [1]}},
+            "grid": [[1, [2, 3]], [[1], 2], null, {"k~": 1, "l": [2]}, "z"],
+            "patch": {"a": {"b": [1, {"c": null}]}, "d": "e"}, "other": [1, 2]}"#;
+        let read = |text: &[u8]| {
+            let read = parse::<Document>(Bounds::default(), text);
+            read.err().map(|fault| (fault.pointer, fault.detail))
+        };
+        assert_eq!(read(text.as_bytes()), None);
+        let mut faulty = 0;
+        for place in 0..text.len() {
+            for put in [&b""[..], b"x", b"]", b"}", b"[", b"{", b",", b":", b"\"", b"\xff", b"1e999"] {
+                let mut text = text.as_bytes().to_vec();
+                text.splice(place..=place, put.iter().copied());
+                let wanted = tracked(&text);
+                faulty += usize::from(wanted.is_some());
+                assert_eq!(read(&text), wanted, "{}", String::from_utf8_lossy(&text));
+            }
+            assert_eq!(read(&text.as_bytes()[..place]), tracked(&text.as_bytes()[..place]));
+        }
+        assert!(faulty > 3000, "{faulty}");
     }
 }

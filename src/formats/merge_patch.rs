@@ -5,6 +5,8 @@ use serde_json::{Map, Value};
 
 use super::checked::{Key, keep_fault, visit_others};
 use super::fault::Fault;
+use super::trail::value_of;
+use super::tree::Tree;
 
 /// A merge patch of an object.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -34,8 +36,8 @@ impl<'de> Visitor<'de> for PatchVisitor {
     fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<MergePatch, A::Error> {
         let mut patch = MergePatch::default();
         while let Some(key) = map.next_key::<Key<'_>>()? {
-            let name = key.text().to_owned();
-            if patch.members.insert(name, map.next_value()?).is_some() {
+            let value: Tree<'_> = value_of(&mut map, key.text())?;
+            if patch.members.insert(key.text().to_owned(), value.into_value()).is_some() {
                 let pointer = format!("/{}", key.text().replace('~', "~0").replace('/', "~1"));
                 keep_fault(&mut patch.faults, || Fault::new(pointer, "the field is given twice"));
             }

@@ -4,6 +4,7 @@
 //! * [`fault`] — faults of an input;
 //! * [`json`] — text to values; [`bounds`] — memory bounds of documents while they are read;
 //! * [`checked`] — JSON values that keep their own error, so that a request reports all of them;
+//! * [`tree`] — JSON in memory, from which small records are read; [`trail`] — places of errors;
 //! * [`ndjson`] — lines of a byte stream;
 //! * [`record`] — shapes of files as posted shapes, and stored shapes as those of files;
 //! * [`representation`] — representations as JSON;
@@ -36,5 +37,7 @@ pub mod shape;
 pub mod summary;
 pub mod table;
 pub mod time;
+pub mod trail;
+pub mod tree;
 
 pub use shapelex_formats::{dicom, image, shape as files, words};

@@ -12,6 +12,7 @@ use serde_json::{Map, Value as Json};
 use super::checked::{Checked, Metadata, Raw};
 use super::fault::Fault;
 use super::files::{Faces, Fourier, Geometry, Mesh, Points, Record, Summary, Value};
+use super::json;
 use super::shape::{PointList, ShapeInput};
 use crate::geometry::capability::domain::Domain;
 use crate::geometry::mesh::TriangleMesh;
@@ -134,7 +135,7 @@ impl Placing {
         let Record { name, subject, label, mut labels, weight, mut metadata, ring, .. } = record;
         if let Some(ring) = ring {
             labels.entry("hole".into()).or_insert(Value::Bool(ring.hole));
-            metadata.entry("ring").or_insert_with(|| serde_json::to_value(ring).unwrap_or_default());
+            metadata.entry("ring").or_insert_with(|| json::to_value(&ring).unwrap_or_default());
         }
         let name = name.map(|name| self.external_id(&name));
         let text = |text: Option<String>| text.map(|text| Checked::of(Some(text)));

@@ -177,7 +177,7 @@ impl Fields {
     /// Takes a small value whose type reports its own faults.
     fn value<T: serde::de::DeserializeOwned>(&mut self, name: &str) -> Option<T> {
         let value = self.take(name)?;
-        take_value(value, &format!("/{name}"), &mut self.errors)
+        take_value(&value, &format!("/{name}"), &mut self.errors)
     }
 
     fn generator(&mut self) -> Option<GeneratorKind> {
@@ -292,7 +292,7 @@ impl Fields {
                 }
             },
             value @ Value::Array(_) => {
-                take_value(value, "/connectivity", &mut self.errors).map(ControlMesh::Faces)
+                take_value(&value, "/connectivity", &mut self.errors).map(ControlMesh::Faces)
             }
             other => {
                 self.error(

@@ -17,8 +17,9 @@ use utoipa::openapi::schema::{AnyOfBuilder, ObjectBuilder, Schema, SchemaType, T
 use utoipa::{PartialSchema, ToSchema};
 
 use super::bounds::{self, keep_fault};
-use super::checked::{Checked, Ignored, LARGE, Metadata, Raw, document, visit_others};
+use super::checked::{Checked, Ignored, LARGE, Metadata, Raw, document, skip_list, visit_others};
 use super::observed::{Observed, ObservedEntry};
+use super::trail::{next_entry, next_entry_by};
 
 /// Largest magnitude of a coordinate.
 pub const MAX_COORDINATE: f64 = crate::numeric::MAX_NUMBER;
@@ -239,7 +240,11 @@ impl<'de> Deserialize<'de> for PointList {
             fn visit_seq<A: SeqAccess<'de>>(self, mut rows: A) -> Result<PointList, A::Error> {
                 let mut list = PointList::default();
                 let mut entry = Entry::default();
-                while rows.next_element_seed(EntrySeed(&mut entry, list.kind()))?.is_some() {
+                loop {
+                    let seed = EntrySeed(&mut entry, list.kind());
+                    if next_entry_by(&mut rows, list.rows, seed)?.is_none() {
+                        break;
+                    }
                     list.push(&entry);
                 }
                 list.coordinates.shrink_to_fit();
@@ -367,7 +372,9 @@ impl<'de> Visitor<'de> for EntrySeed<'_> {
 
     fn visit_seq<A: SeqAccess<'de>>(self, mut elements: A) -> Result<(), A::Error> {
         let (Self(entry, mut kind), mut column) = (self, 0);
-        while let Some(element) = elements.next_element_seed(ElementSeed { entry, kind, column })? {
+        loop {
+            let seed = ElementSeed { entry, kind, column };
+            let Some(element) = next_entry_by(&mut elements, column, seed)? else { break };
             match element {
                 Element::Point => kind = Some(Kind::Points),
                 Element::Coordinate(_) if kind == Some(Kind::Points) => {
@@ -439,11 +446,11 @@ impl<'de> Visitor<'de> for ElementSeed<'_> {
         let Self { entry, kind, column } = self;
         // Among numbers, a list is not a point.
         if kind == Some(Kind::Point) {
-            while coordinates.next_element::<serde::de::IgnoredAny>()?.is_some() {}
+            skip_list(&mut coordinates)?;
             return Ok(Element::Coordinate(Value::Other("a list")));
         }
         let mut width = 0;
-        while let Some(value) = coordinates.next_element::<Value>()? {
+        while let Some(value) = next_entry::<Value, _>(&mut coordinates, width)? {
             entry.coordinate(width, || format!("/{column}/{width}"), value);
             width += 1;
         }

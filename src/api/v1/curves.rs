@@ -16,7 +16,7 @@ use crate::api::extract::{
 };
 use crate::api::problem::Problem;
 use crate::api::respond::{Binary, Planned, compute_planned, json, mesh_file, picture, planned};
-use crate::formats::checked::{Checked, LARGE, List, Raw, document, take_given, take_or_default};
+use crate::formats::checked::{Checked, List, Raw, document, take_given, take_or_default};
 use crate::formats::shape::{Points, PointsOrGrid, ShapeInput};
 use crate::geometry::capability::domain::Domain;
 use crate::geometry::capability::measure::{Measures, ReferenceDistances, SetDistances};
@@ -260,8 +260,8 @@ fn take_parameters(
     let found = match (extent, parameters) {
         (None, None) => Parameters::Equidistant(samples.unwrap_or(USUAL_SAMPLES)),
         (Some(extent), None) => Parameters::Grid(grid.unwrap_or_else(|| extent.usual_grid())),
-        (None, Some(value)) => Parameters::At(value.read(LARGE, "/parameters", errors)?),
-        (Some(_), Some(value)) => Parameters::Pairs(value.read(LARGE, "/parameters", errors)?),
+        (None, Some(value)) => Parameters::At(value.read_large("/parameters", errors)?),
+        (Some(_), Some(value)) => Parameters::Pairs(value.read_large("/parameters", errors)?),
     };
     Some(Some(found))
 }

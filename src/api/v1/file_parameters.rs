@@ -10,6 +10,7 @@ use crate::api::form;
 use crate::api::operation::ANY_FILE;
 use crate::api::problem::{Problem, ProblemKind};
 use crate::formats::files::{self, ReadOptions, WriteOptions};
+use crate::formats::json;
 use crate::formats::record::{MAX_SAMPLES, Placing, Plane};
 use crate::formats::summary::FileSummary;
 use crate::formats::words::plain_sentence;
@@ -76,7 +77,7 @@ const WRITE: &str = "write_";
 
 /// Names of options.
 fn names_of(options: &impl Serialize) -> Vec<String> {
-    let options = serde_json::to_value(options).unwrap_or_default();
+    let options = json::to_value(options).unwrap_or_default();
     options.as_object().into_iter().flatten().map(|(name, _)| name.clone()).collect()
 }
 
@@ -197,8 +198,8 @@ fn unsupported(media_type: &str) -> Problem {
 
 /// The value that a word of a parameter names.
 pub(super) fn word_of<T: serde::de::DeserializeOwned>(name: &str, word: &str) -> Result<T, Problem> {
-    let read = serde_json::from_value(word.into());
-    read.map_err(|error: serde_json::Error| Problem::of_parameter(name, plain_sentence(&error.to_string())))
+    let read = json::from_value(&word.into());
+    read.map_err(|error| Problem::of_parameter(name, plain_sentence(&error.to_string())))
 }
 
 /// A parameter that is a number of points on a curve.

@@ -13,7 +13,7 @@ use crate::analysis::correspondence::Correspondence;
 use crate::api::extract::{Caller, JsonBody, NoQuery};
 use crate::api::problem::Problem;
 use crate::api::respond::{Planned, compute, compute_planned, json, planned};
-use crate::formats::checked::{Checked, LARGE, Limited, List, Raw, document, take_given, take_or_default};
+use crate::formats::checked::{Checked, List, Raw, document, take_given, take_or_default};
 use crate::formats::representation::{FitTarget, Read};
 use crate::formats::shape::{Points, ShapeInput};
 use crate::geometry::capability::domain::{Admitted, Domain};
@@ -251,11 +251,11 @@ impl FitRequest {
             ));
         }
         let places = if domain.is_some_and(Domain::is_sheet) {
-            let lists: Limited<Vec<[f64; 2]>> = list.read(LARGE, "/parameters", errors)?;
-            lists.0.into_iter().map(PointPlaces::Pairs).collect()
+            let lists: Vec<Vec<[f64; 2]>> = list.read_many("/parameters", errors)?;
+            lists.into_iter().map(PointPlaces::Pairs).collect()
         } else {
-            let lists: Limited<Vec<f64>> = list.read(LARGE, "/parameters", errors)?;
-            lists.0.into_iter().map(PointPlaces::Line).collect()
+            let lists: Vec<Vec<f64>> = list.read_many("/parameters", errors)?;
+            lists.into_iter().map(PointPlaces::Line).collect()
         };
         Some(Some(places))
     }

@@ -18,6 +18,7 @@ use crate::api::respond::{compute, json, picture};
 use crate::domain::job::{Job, JobStatus, Priority};
 use crate::formats::checked::Checked;
 use crate::formats::fault::Fault;
+use crate::formats::json;
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::inference::study::{DEFAULT_PERMUTATIONS, Study, StudyKind, StudyRequest};
 use crate::service::jobs;
@@ -75,7 +76,7 @@ pub(super) async fn answered<T: PlannedTest>(
     compute(app.weighing(Work::MOMENT + format.work()), move |_| match format {
         Format::Json => json(StatusCode::OK, &result),
         Format::Picture(file) => {
-            let answer = serde_json::from_value(result)
+            let answer = json::from_value(&result)
                 .map_err(|error| ServiceError::Internal(format!("the result of a job: {error}")))?;
             picture(&test.draw(&answer), &file)
         }

@@ -14,6 +14,7 @@ use crate::domain::attribute::Attribute;
 use crate::domain::filter::{OPERATORS, ShapeFilter};
 use crate::formats::checked::{Checked, take_or_default};
 use crate::formats::fault::Fault;
+use crate::formats::json;
 use crate::formats::words::plain_sentence;
 use crate::service::app::ServiceError;
 use crate::service::cohorts::attributes::filter_faults;
@@ -121,7 +122,7 @@ impl Parameters {
     /// Another word.
     pub(super) fn take_word<T: DeserializeOwned>(&mut self, name: &str) -> Result<Option<T>, Problem> {
         let Some(word) = self.take(name) else { return Ok(None) };
-        serde_json::from_value(word.into())
+        json::from_value(&word.into())
             .map(Some)
             .map_err(|error| Problem::of_parameter(name, plain_sentence(&error.to_string())))
     }

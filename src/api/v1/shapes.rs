@@ -30,6 +30,7 @@ use crate::api::respond::{Binary, compute, json, mesh, picture};
 use crate::domain::cohort::Cohort;
 use crate::domain::shape::{Shape, ShapeMeasures};
 use crate::formats::checked::{List, document};
+use crate::formats::json;
 use crate::formats::shape::{Attributes, Points, ShapeInput};
 use crate::formats::summary::FileSummary;
 use crate::formats::time::rfc3339;
@@ -124,7 +125,7 @@ impl From<Stored> for AddAnswer {
         let Stored { added, revision, ids, skipped, results, left_out, .. } = stored;
         let Stored { repeated_points, self_intersecting, note, .. } = stored;
         let results = results.into_iter().map(AddResult::from).collect();
-        let file = note.and_then(|note| serde_json::from_value(note).ok());
+        let file = note.and_then(|note| json::from_value(&note).ok());
         Self { added, revision, repeated_points, self_intersecting, skipped, results, ids, left_out, file }
     }
 }
@@ -322,7 +323,7 @@ pub(super) struct ListedShape {
 impl Serialize for ListedShape {
     fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let Some(fields) = &self.fields else { return self.shape.serialize(serializer) };
-        let mut all = serde_json::to_value(&self.shape).map_err(serde::ser::Error::custom)?;
+        let mut all = json::to_value(&self.shape).map_err(serde::ser::Error::custom)?;
         if let Some(all) = all.as_object_mut() {
             all.retain(|name, _| fields.contains(name));
         }

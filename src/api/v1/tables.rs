@@ -18,6 +18,7 @@ use crate::api::problem::{Problem, ProblemKind};
 use crate::api::respond::{Binary, json};
 use crate::domain::filter::ShapeFilter;
 use crate::formats::checked::{Checked, Many, document, take_many};
+use crate::formats::json;
 use crate::formats::table::TableFormat;
 use crate::formats::time::rfc3339;
 use crate::service::app::memory::Purpose;
@@ -389,8 +390,7 @@ fn table_file(
     format: TableFormat,
 ) -> Result<Response, ServiceError> {
     let CohortTable { cohort, mut table, .. } = made;
-    let dictionaries =
-        serde_json::to_value(used).map_err(|error| ServiceError::Internal(error.to_string()))?;
+    let dictionaries = json::to_value(&used).map_err(|error| ServiceError::Internal(error.to_string()))?;
     let fields = [
         ("cohort", Value::from(cohort.id)),
         ("revision", cohort.revision.into()),

@@ -22,6 +22,7 @@ use super::places::{Place, expand};
 use super::target::{Service, Target, TargetArgs, refusal};
 use super::{Reading, note, say};
 use crate::cli::maintenance::{At, Outcome};
+use crate::formats::json;
 use crate::formats::record::{Placing, Plane};
 use crate::formats::summary::FileSummary;
 use crate::service::app::idempotency::Retry;
@@ -79,7 +80,7 @@ impl ImportArgs {
 }
 
 fn plane(word: &str) -> Result<Plane, String> {
-    serde_json::from_value(word.into()).map_err(|_| "expected xy, xz or yz".into())
+    json::from_value(&word.into()).map_err(|_| "expected xy, xz or yz".into())
 }
 
 /// What became of a file.
@@ -194,10 +195,7 @@ impl Import<'_> {
         let mut add = |name: &str, value: Option<String>| {
             query.extend(value.map(|value| (name.to_owned(), value)));
         };
-        add(
-            "plane",
-            args.plane.and_then(|plane| serde_json::to_value(plane).ok()?.as_str().map(str::to_owned)),
-        );
+        add("plane", args.plane.and_then(|plane| json::to_value(&plane).ok()?.as_str().map(str::to_owned)));
         add("samples", args.samples.map(|count| count.to_string()));
         let stem = path.file_stem().unwrap_or_default().to_string_lossy();
         add("prefix", args.prefix.as_ref().map(|prefix| prefix.replace("{file}", &stem)));
@@ -229,7 +227,7 @@ impl Import<'_> {
             201 => {
                 let answer: Value = response.json().await.map_err(|error| error.to_string())?;
                 let count = |name: &str| answer[name].as_u64().unwrap_or_default();
-                let summary = serde_json::from_value(answer["file"].clone()).unwrap_or_default();
+                let summary = json::from_value(&answer["file"]).unwrap_or_default();
                 let (added, skipped, revision) = (count("added"), count("skipped"), count("revision"));
                 Ok(Fate::Imported { added, skipped, revision, summary: Box::new(summary) })
             }
@@ -280,7 +278,7 @@ impl Import<'_> {
         match add_file(&app, cohort, stream, file, treatment, None).await {
             Ok(_) if app.touched.is_repeat() => Ok(Fate::Known),
             Ok(Stored { added, skipped, revision, note, .. }) => {
-                let summary = note.and_then(|note| serde_json::from_value(note).ok()).unwrap_or_default();
+                let summary = note.and_then(|note| json::from_value(&note).ok()).unwrap_or_default();
                 let (added, skipped) = (added as u64, skipped as u64);
                 Ok(Fate::Imported { added, skipped, revision, summary: Box::new(summary) })
             }

@@ -11,6 +11,7 @@ use serde_json::Value;
 use super::context::App;
 use super::error::ServiceError;
 use crate::domain::retry::{MAX_KEY_CHARS, Receipt, RetryKey, is_key, job_key};
+use crate::formats::json;
 
 /// An idempotent request, as far as it has been read.
 #[derive(Debug, Clone)]
@@ -83,7 +84,7 @@ impl App {
 
 /// Receipt of a request that has been read completely.
 pub(crate) fn receipt(retry: &Retry, outcome: impl Serialize) -> Receipt {
-    let outcome = serde_json::to_value(outcome).unwrap_or(Value::Null);
+    let outcome = json::to_value(&outcome).unwrap_or(Value::Null);
     Receipt { request: retry.key(), outcome }
 }
 
@@ -101,7 +102,7 @@ pub(crate) async fn done_before<T: DeserializeOwned>(
         return Err(ServiceError::KeyReused);
     }
     app.touched.note_repeat();
-    let outcome = serde_json::from_value(found.outcome);
+    let outcome = json::from_value(&found.outcome);
     outcome
         .map(Some)
         .map_err(|error| ServiceError::Internal(format!("unreadable idempotency record: {error}")))

@@ -15,6 +15,7 @@ use super::upload::{Stored, Treatment, Writer};
 use crate::domain::cohort::Cohort;
 use crate::formats::fault::Fault;
 use crate::formats::files::{FaultKind, FileError, Limits as FileLimits, Record, Sink, Source, Summary};
+use crate::formats::json;
 use crate::formats::record::{Placing, count_unstored};
 use crate::formats::summary::FileSummary;
 use crate::service::app::incoming::read_incoming;
@@ -98,7 +99,7 @@ async fn take_file(
     }
     let counted = |(text, count): (&String, &usize)| format!("{count} shapes: {text}");
     summary.warnings.extend(writer.warnings.iter().map(counted));
-    writer.occasion.note = serde_json::to_value(&summary).ok();
+    writer.occasion.note = json::to_value(&summary).ok();
     Ok(())
 }
 

@@ -20,6 +20,7 @@ use crate::domain::filter::ShapeFilter;
 use crate::domain::job::{Job, JobKind};
 use crate::domain::shape::ShapeDescription;
 use crate::formats::fault::Fault;
+use crate::formats::json;
 use crate::formats::shape::ShapeInput;
 use crate::geometry::reparametrisation::Spherical;
 use crate::numeric::dense::Matrix;
@@ -194,7 +195,7 @@ fn spherical_of(app: &App, cohort: &Cohort) -> Result<Spherical, ServiceError> {
 /// # Errors
 /// A cohort that was deleted; shapes without extent; a name that was taken meanwhile; [`ServiceError::Cancelled`].
 pub fn run(app: &App, handle: &Handle, job: &Job, context: &JobContext) -> Result<Outcome, ServiceError> {
-    let plan: Plan = serde_json::from_value(job.parameters.clone())
+    let plan: Plan = json::from_value(&job.parameters)
         .map_err(|error| ServiceError::Internal(format!("the parameters of a job: {error}")))?;
     let app = app.of_job(job, context);
     let outcome = |result| Outcome { result, dictionary: None, output: None };
@@ -380,5 +381,5 @@ fn input_of(
 }
 
 fn to_json(value: &impl Serialize) -> Result<Value, ServiceError> {
-    serde_json::to_value(value).map_err(|error| ServiceError::Internal(format!("not JSON: {error}")))
+    json::to_value(value).map_err(|error| ServiceError::Internal(format!("not JSON: {error}")))
 }

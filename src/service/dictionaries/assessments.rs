@@ -17,6 +17,7 @@ use crate::domain::cohort::Cohort;
 use crate::domain::filter::ShapeFilter;
 use crate::domain::job::{Job, JobKind, JobOutput, OutputParts};
 use crate::formats::fault::Fault;
+use crate::formats::json;
 use crate::service::app::progress::JobContext;
 use crate::service::app::{App, ServiceError, Work, now_ms};
 use crate::service::cohorts::attributes::{FilterPlace, refuse_unknown};
@@ -254,7 +255,7 @@ impl Planned {
     /// # Errors
     /// [`ServiceError::Unavailable`] if too many jobs wait.
     pub async fn submit(&self, app: &App) -> Result<Job, ServiceError> {
-        let parameters = serde_json::to_value(&self.plan)
+        let parameters = json::to_value(&self.plan)
             .map_err(|error| ServiceError::Internal(format!("a plan is not JSON: {error}")))?;
         jobs::submit(app, JobKind::Assess, parameters, self.work.seconds()).await
     }
@@ -386,7 +387,7 @@ fn alone(error: ServiceError) -> ServiceError {
 /// # Errors
 /// A cohort or dictionary that was deleted meanwhile; [`ServiceError::Cancelled`], also if the job was taken over.
 pub fn run(app: &App, handle: &Handle, job: &Job, context: &JobContext) -> Result<Outcome, ServiceError> {
-    let plan: Plan = serde_json::from_value(job.parameters.clone())
+    let plan: Plan = json::from_value(&job.parameters)
         .map_err(|error| ServiceError::Internal(format!("the parameters of a job: {error}")))?;
     let planned = handle.block_on(restored(app, plan))?;
     handle.block_on(app.store.clear_output_parts(&job.id))?;
@@ -413,7 +414,7 @@ pub fn run(app: &App, handle: &Handle, job: &Job, context: &JobContext) -> Resul
         stored_count: stored,
         output: format!("/v1/jobs/{}/output", job.id),
     };
-    let result = serde_json::to_value(result)
+    let result = json::to_value(&result)
         .map_err(|error| ServiceError::Internal(format!("a result is not JSON: {error}")))?;
     Ok(Outcome { result, dictionary: None, output: Some(Box::new(JobOutput::in_parts(parts))) })
 }

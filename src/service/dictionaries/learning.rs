@@ -27,6 +27,7 @@ use crate::domain::cohort::Cohort;
 use crate::domain::dictionary::{LessCountedShape, NewDictionary, Provenance, Summary};
 use crate::domain::id;
 use crate::domain::job::Job;
+use crate::formats::json;
 use crate::service::app::progress::{JobContext, Meter, Part};
 use crate::service::app::{App, ServiceError, now_ms};
 use crate::service::cohorts::placements::{KnownPlacements, SearchSettings, Which};
@@ -54,7 +55,7 @@ pub struct LearntDictionary {
 /// # Errors
 /// The reason why the dictionary cannot be learnt; [`ServiceError::Cancelled`].
 pub fn run(app: &App, handle: &Handle, job: &Job, context: &JobContext) -> Result<Outcome, ServiceError> {
-    let plan: Plan = serde_json::from_value(job.parameters.clone())
+    let plan: Plan = json::from_value(&job.parameters)
         .map_err(|error| ServiceError::Internal(format!("the parameters of a job: {error}")))?;
     let dictionary = learn(app, handle, job, &plan, context)?;
     let result = LearntDictionary {
@@ -62,7 +63,7 @@ pub fn run(app: &App, handle: &Handle, job: &Job, context: &JobContext) -> Resul
         name: plan.name,
         digest: dictionary.digest.clone(),
     };
-    let result = serde_json::to_value(result)
+    let result = json::to_value(&result)
         .map_err(|error| ServiceError::Internal(format!("a result is not JSON: {error}")))?;
     Ok(Outcome { result, dictionary: Some(Box::new(dictionary)), output: None })
 }

@@ -4,6 +4,7 @@
 //! the sums of an earlier version.
 
 use crate::formats::fault::Fault;
+use crate::formats::json;
 use std::sync::Arc;
 
 use super::class_labels::{self, settings_faults};
@@ -305,7 +306,7 @@ pub(crate) fn method_faults(method: &Method, limits: &Limits) -> Vec<Fault> {
 /// # Errors
 /// [`ServiceError::Unavailable`] if too many jobs wait.
 pub async fn submit(app: &App, plan: Plan, estimate: &Estimate) -> Result<Job, ServiceError> {
-    let parameters = serde_json::to_value(&plan)
+    let parameters = json::to_value(&plan)
         .map_err(|error| ServiceError::Internal(format!("a plan is not JSON: {error}")))?;
     jobs::submit(app, JobKind::LearnDictionary, parameters, estimate.seconds).await
 }

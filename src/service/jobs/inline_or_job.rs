@@ -6,6 +6,7 @@ use tokio::runtime::Handle;
 
 use super::Outcome;
 use crate::domain::job::{Job, JobKind};
+use crate::formats::json;
 use crate::geometry::drawing::scene::Drawing;
 use crate::service::app::progress::JobContext;
 use crate::service::app::{App, ServiceError};
@@ -55,7 +56,7 @@ pub trait PlannedTest: Sized + Send + 'static {
 /// # Errors
 /// [`ServiceError::Unavailable`] if too many jobs wait.
 pub async fn submit<T: PlannedTest>(app: &App, test: &T) -> Result<Job, ServiceError> {
-    let parameters = serde_json::to_value(test.plan())
+    let parameters = json::to_value(test.plan())
         .map_err(|error| ServiceError::Internal(format!("a plan is not JSON: {error}")))?;
     jobs::submit(app, T::KIND, parameters, test.seconds()).await
 }
@@ -70,10 +71,10 @@ pub(crate) fn run<T: PlannedTest>(
     job: &Job,
     context: &JobContext,
 ) -> Result<Outcome, ServiceError> {
-    let plan = serde_json::from_value(job.parameters.clone())
+    let plan = json::from_value(&job.parameters)
         .map_err(|error| ServiceError::Internal(format!("the parameters of a job: {error}")))?;
     let answer = T::from_plan(app, handle, plan)?.answer(app, handle, context)?;
-    let result = serde_json::to_value(&answer)
+    let result = json::to_value(&answer)
         .map_err(|error| ServiceError::Internal(format!("an answer is not JSON: {error}")))?;
     Ok(Outcome { result, dictionary: None, output: None })
 }

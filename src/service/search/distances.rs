@@ -14,6 +14,7 @@ use crate::domain::cohort::Cohort;
 use crate::domain::filter::ShapeFilter;
 use crate::domain::job::{Job, JobKind, JobOutput};
 use crate::domain::shape::Shape;
+use crate::formats::json;
 use crate::formats::matrix::NamedMatrix;
 use crate::formats::shape::ShapeInput;
 use crate::service::app::progress::JobContext;
@@ -193,7 +194,7 @@ pub async fn for_cohort(
     if cost > app.limits.matrix_operations as f64 {
         let counts = Counts::for_cohort(&cohort, &app.limits).with_shapes(count);
         let seconds = requests::distances(counts, cost).seconds();
-        let parameters = serde_json::to_value(&plan)
+        let parameters = json::to_value(&plan)
             .map_err(|error| ServiceError::Internal(format!("a plan is not JSON: {error}")))?;
         return Ok(Answer::Job(Box::new(jobs::submit(app, JobKind::Distances, parameters, seconds).await?)));
     }
@@ -274,7 +275,7 @@ pub struct StoredMatrix {
 /// # Errors
 /// The reason why the matrix cannot be computed; [`ServiceError::Cancelled`].
 pub fn run(app: &App, handle: &Handle, job: &Job, context: &JobContext) -> Result<Outcome, ServiceError> {
-    let plan: Plan = serde_json::from_value(job.parameters.clone())
+    let plan: Plan = json::from_value(&job.parameters)
         .map_err(|error| ServiceError::Internal(format!("the parameters of a job: {error}")))?;
     let cohort = handle.block_on(app.store.find_cohort(&plan.cohort))?;
     let cohort = cohort.ok_or_else(|| ServiceError::NotFound { kind: "cohort", key: plan.cohort.clone() })?;
@@ -288,7 +289,7 @@ pub fn run(app: &App, handle: &Handle, job: &Job, context: &JobContext) -> Resul
         shapes: matrix.ids.len(),
         output: format!("/v1/jobs/{}/output", job.id),
     };
-    let result = serde_json::to_value(result)
+    let result = json::to_value(&result)
         .map_err(|error| ServiceError::Internal(format!("a result is not JSON: {error}")))?;
     Ok(Outcome { result, dictionary: None, output: Some(Box::new(to_output(matrix)?)) })
 }
@@ -380,7 +381,7 @@ struct Head {
 
 fn to_output(matrix: NamedMatrix) -> Result<JobOutput, ServiceError> {
     let NamedMatrix { fields, ids, labels, values } = matrix;
-    let head = serde_json::to_value(Head { fields, ids, labels })
+    let head = json::to_value(&Head { fields, ids, labels })
         .map_err(|error| ServiceError::Internal(format!("a list of names is not JSON: {error}")))?;
     Ok(JobOutput { head, data: values.iter().flat_map(|value| value.to_le_bytes()).collect() })
 }
@@ -402,7 +403,7 @@ pub async fn read_output(app: &App, output: JobOutput) -> Result<NamedMatrix, Se
 }
 
 fn from_output(JobOutput { head, data }: JobOutput) -> Result<NamedMatrix, ServiceError> {
-    let Head { fields, ids, labels } = serde_json::from_value(head)
+    let Head { fields, ids, labels } = json::from_value(&head)
         .map_err(|error| ServiceError::Internal(format!("the output of a job: {error}")))?;
     let (numbers, _) = data.as_chunks();
     let values: Vec<f64> = numbers.iter().map(|number| f64::from_le_bytes(*number)).collect();

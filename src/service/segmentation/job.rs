@@ -18,6 +18,7 @@ use super::shown::Shown;
 use crate::domain::access::Role;
 use crate::domain::cohort::Cohort;
 use crate::domain::job::{Job, JobKind, JobOutput};
+use crate::formats::json;
 use crate::service::app::progress::JobContext;
 use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::catalogue::{self, Expected, revision_tag};
@@ -141,7 +142,7 @@ impl Submission<'_> {
 /// # Errors
 /// What a request would be refused for; a cohort that was deleted or has changed meanwhile; [`ServiceError::Cancelled`].
 pub fn run(app: &App, handle: &Handle, job: &Job, context: &JobContext) -> Result<Outcome, ServiceError> {
-    let plan: Plan = serde_json::from_value(job.parameters.clone())
+    let plan: Plan = json::from_value(&job.parameters)
         .map_err(|error| ServiceError::Internal(format!("the parameters of a job: {error}")))?;
     let app = app.of_job(job, context);
     let outcome = match plan.cohort.clone() {
@@ -227,5 +228,5 @@ fn expected(cohort: &Cohort, revision: u64) -> Expected {
 }
 
 fn to_json(value: &impl Serialize) -> Result<Value, ServiceError> {
-    serde_json::to_value(value).map_err(|error| ServiceError::Internal(format!("not JSON: {error}")))
+    json::to_value(value).map_err(|error| ServiceError::Internal(format!("not JSON: {error}")))
 }

@@ -15,6 +15,7 @@ use crate::domain::cohort::Cohort;
 use crate::domain::job::Job;
 use crate::formats::checked::{Checked, Metadata};
 use crate::formats::fault::Fault;
+use crate::formats::json;
 use crate::formats::shape::{PointList, ShapeInput};
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::cohorts::catalogue::{Expected, revision_tag};
@@ -173,8 +174,7 @@ impl Membership {
         }
         let revision = self.cohort.revision;
         let answer = MembersAnswer { image, coordinates, results: members, added: 0, revision };
-        let answer =
-            serde_json::to_value(answer).map_err(|error| ServiceError::Internal(error.to_string()))?;
+        let answer = json::to_value(&answer).map_err(|error| ServiceError::Internal(error.to_string()))?;
         Ok(Arriving { shapes, places, answer })
     }
 

@@ -14,7 +14,7 @@ use crate::analysis::transformation::{ClassName, Transformation};
 use crate::domain::cohort::Cohort;
 use crate::domain::job::Priority;
 use crate::formats::checked::{
-    Checked, LARGE, List, Many, Raw, SMALL, document, take_given, take_many, take_or_default,
+    Checked, List, Many, Raw, SMALL, document, take_given, take_many, take_or_default,
 };
 use crate::formats::fault::Fault;
 use crate::formats::representation::Read;
@@ -344,7 +344,7 @@ impl ShapePrior {
                 reference.read::<DictionaryPart>(SMALL, "/prior/reference", errors);
                 None
             }
-            _ => reference.read(LARGE, "/prior/reference", errors),
+            _ => reference.read_large("/prior/reference", errors),
         });
         Taken {
             reference,

@@ -9,6 +9,7 @@ use crate::formats::files::{
     Value,
 };
 use crate::formats::image::{Format, ImageError, LABEL_OPTIONS, LengthUnit};
+use crate::formats::json;
 use crate::service::app::{Limits, ServiceError};
 
 /// Reads a label image: one record for the outer boundary of each component of each label but 0, in world coordinates.
@@ -82,7 +83,7 @@ fn placed(error: &ImageError, length: usize) -> FileError {
 
 /// Refuses options that label images do not have.
 fn check_options(format: &Format, options: &ReadOptions) -> Result<(), FileError> {
-    let given = serde_json::to_value(options).unwrap_or_default();
+    let given = json::to_value(options).unwrap_or_default();
     let given = given.as_object().into_iter().flatten().filter(|(_, value)| !value.is_null());
     for (name, _) in given {
         if !LABEL_OPTIONS.contains(&name.as_str()) {
