@@ -3,6 +3,7 @@
 //! * [`App`] — the context of a use case; [`Limits`] — limits on sizes and times;
 //! * [`pool`] — compute threads, shared fairly between tenants; [`work`] — predicted cost; [`progress`] — progress and
 //!   cancellation of a computation;
+//! * `parallel` — loops over entries on these threads;
 //! * [`cache`] — results that are expensive to compute; `state` — state of a use case for the life of the process;
 //! * [`incoming`] — bodies for readers that wait for bytes; [`outgoing`] — answers of such writers;
 //! * [`memory`] — accounts of memory; [`clock`] — plausibility of the machine's clock;
@@ -22,6 +23,7 @@ mod limits;
 pub mod memory;
 pub mod metrics;
 pub mod outgoing;
+pub(crate) mod parallel;
 pub mod pool;
 pub mod problem;
 pub mod progress;

@@ -2,8 +2,6 @@
 
 use std::sync::Arc;
 
-use rayon::prelude::*;
-
 use crate::analysis::metric::Metric;
 use crate::analysis::size::centroid_size;
 use crate::domain::attribute::Attribute;
@@ -13,6 +11,7 @@ use crate::domain::shape::ShapeMeasures;
 use crate::geometry::representation::ShapeSpace;
 use crate::geometry::size::{SizeMeasure, Sizes};
 use crate::numeric::bounded::never;
+use crate::service::app::parallel;
 use crate::service::app::{App, ServiceError};
 use crate::service::cost::requests::{self, Counts};
 
@@ -89,9 +88,9 @@ pub(crate) async fn complete(app: &App, cohort: &Cohort) -> Result<(), ServiceEr
         let work = requests::measure_stored(representation, counts, &app.limits);
         let pool = app.pool.weighing(work);
         let measured = pool.run(move || {
-            let measured =
-                shapes.par_iter().map(|shape| (shape.place, measuring.measure(&shape.control_points, None)));
-            Ok(measured.collect::<Vec<_>>())
+            Ok(parallel::map_ref(&shapes, |_, shape| {
+                (shape.place, measuring.measure(&shape.control_points, None))
+            }))
         });
         app.store.keep_measures(&measured.await?).await?;
     }

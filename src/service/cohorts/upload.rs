@@ -5,9 +5,9 @@
 
 use crate::formats::fault::Fault;
 use crate::service::app::faults::Faults;
+use crate::service::app::parallel;
 use bytes::Bytes;
 use futures_util::{Stream, StreamExt};
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -410,8 +410,8 @@ impl Writer {
                 let conversion = Conversion { space: &space, correspondence, direction, repeated_points };
                 let reading = Reading { conversion, limits: &limits };
                 let placer = Placer::new(reading, &placing);
-                let read = |(offset, shape)| read(&placer, &measuring, shape, first + offset, prefix);
-                Ok(incoming.into_par_iter().enumerate().map(read).collect())
+                let read = |offset, shape| read(&placer, &measuring, shape, first + offset, prefix);
+                Ok(parallel::map(incoming, read))
             })
             .await?;
         let mut good = Vec::with_capacity(results.len());

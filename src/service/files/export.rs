@@ -6,7 +6,6 @@ use std::sync::Arc;
 
 use futures_util::stream::BoxStream;
 use futures_util::{StreamExt, TryStreamExt, stream};
-use rayon::prelude::*;
 use serde_json::json;
 use tokio::sync::mpsc;
 
@@ -25,6 +24,7 @@ use crate::geometry::representation::{Representation, ShapeSpace};
 use crate::numeric::dense::Matrix;
 use crate::service::app::memory::Memory;
 use crate::service::app::outgoing::BodyWriter;
+use crate::service::app::parallel;
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::cohorts::catalogue::{self, ShapeListing};
 use crate::service::cost::requests::{self, Counts};
@@ -162,8 +162,8 @@ async fn write_pages(
             let work = Work::MOMENT + requests::draw(counts, shapes.len());
             let (space, content) = (space.clone(), content.clone());
             let make = move || {
-                let records: Result<_, FileError> =
-                    shapes.into_par_iter().map(|shape| record(&space, shape, &content)).collect();
+                let records = parallel::map(shapes, |_, shape| record(&space, shape, &content));
+                let records: Result<_, FileError> = records.into_iter().collect();
                 Ok(records?)
             };
             let records = app.pool.weighing(work).run(make).await?;

@@ -2,8 +2,6 @@
 
 use std::sync::Arc;
 
-use rayon::prelude::*;
-
 use super::answer::{
     CellsOutput, SegmentAnswer, SegmentedOutput, StageOutput, TermOutput, TruthOutput, finite, warnings,
 };
@@ -28,6 +26,7 @@ use crate::segmentation::run::scene::{FieldTerm, Scene};
 use crate::segmentation::run::{Outcome, Settings, StageReport, evaluate, segment};
 use crate::segmentation::snake::kind::SpaceModel;
 use crate::segmentation::snake::{Model, Outline};
+use crate::service::app::parallel;
 use crate::service::app::progress::{JobContext, Meter, Part as ProgressPart};
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::shapes::read::read_shape;
@@ -205,9 +204,8 @@ impl Task<'_> {
         let scene = Scene::of_fields(self.grid.size(), frame, &self.terms, &sigmas, &stop);
         let scene = scene.ok_or(ServiceError::Cancelled)?;
         self.meter.enter(1, "segment");
-        let object =
-            |(index, start): (usize, &Vec<[f64; D]>)| self.object(index, start, &scene, model, &settings);
-        starts.par_iter().enumerate().map(object).collect()
+        let object = |index, start: &Vec<[f64; D]>| self.object(index, start, &scene, model, &settings);
+        parallel::map_ref(&starts, object).into_iter().collect()
     }
 
     /// Control points of the initial shapes, in the coordinates of the request. Where start points are searched, they begin where they
@@ -225,7 +223,7 @@ impl Task<'_> {
             return Ok(starts);
         }
         with_target(self.setup, &reference, "/prior/reference", |target| {
-            starts.into_par_iter().map(|start| begun(self.setup, target, start)).collect()
+            parallel::map(starts, |_, start| begun(self.setup, target, start)).into_iter().collect()
         })
     }
 

@@ -1,12 +1,10 @@
 //! Work on every entry of a list in parallel, until the request is cancelled.
 
-use rayon::prelude::*;
-
 use super::outcome::Outcomes;
 use crate::formats::fault::Fault;
 use crate::formats::shape::ShapeInput;
-use crate::service::app::ServiceError;
 use crate::service::app::progress::JobContext;
+use crate::service::app::{ServiceError, parallel};
 
 /// Applies `work` to every item in parallel, until the request is cancelled.
 pub(crate) fn each<I: Sync, T: Send>(
@@ -14,7 +12,8 @@ pub(crate) fn each<I: Sync, T: Send>(
     items: &[I],
     work: impl Fn(&I) -> T + Sync,
 ) -> Result<Vec<T>, ServiceError> {
-    items.par_iter().map(|item| context.check().map(|()| work(item))).collect()
+    let results = parallel::map_ref(items, |_, item| context.check().map(|()| work(item)));
+    results.into_iter().collect()
 }
 
 /// Applies `work` to every shape in parallel; collects all faults at `/shapes/{index}…`.
@@ -36,9 +35,8 @@ pub(crate) fn each_of<I: Send, T: Send>(
 ) -> Result<Outcomes<T>, ServiceError> {
     // Skipped entries have no faults: the request then ends as cancelled.
     let unless_cancelled =
-        |(index, item)| if context.is_cancelled() { Err(Vec::new()) } else { work(index, item) };
-    let results: Vec<Result<T, Vec<Fault>>> =
-        items.into_par_iter().enumerate().map(unless_cancelled).collect();
+        |index, item| if context.is_cancelled() { Err(Vec::new()) } else { work(index, item) };
+    let results = parallel::map(items, unless_cancelled);
     context.check()?;
     Ok(Outcomes::of_list(list, results))
 }

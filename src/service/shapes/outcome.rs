@@ -1,11 +1,10 @@
 //! Outcomes of a request about many shapes: a value for each of them, or the reason why it has none.
 
-use rayon::prelude::*;
-
 use crate::analysis::AnalysisError;
 use crate::formats::fault::Fault;
 use crate::service::app::ServiceError;
 use crate::service::app::faults::Faults;
+use crate::service::app::parallel;
 use crate::service::app::problem::Problem;
 use crate::service::app::progress::JobContext;
 
@@ -114,11 +113,10 @@ impl<T> Outcomes<T> {
     where
         T: Send,
     {
-        let outcomes = self.0.into_par_iter().enumerate().map(|(index, outcome)| {
+        let outcomes = parallel::map(self.0, |index, outcome| {
             context.check()?;
             outcome.and_then(|value| work(index, value))
         });
-        let outcomes = outcomes.collect();
         context.check().map(|()| Outcomes(outcomes))
     }
 

@@ -5,7 +5,6 @@
 use std::collections::BTreeMap;
 
 use bytes::Bytes;
-use rayon::prelude::*;
 use serde::de::DeserializeOwned;
 
 use super::outcome::{OnError, Outcomes};
@@ -23,6 +22,7 @@ use crate::geometry::representation::Representation;
 use crate::geometry::surface::basis::Tangents;
 use crate::numeric::dense::Matrix;
 use crate::service::app::faults::{Faults, MAX_FAULTS};
+use crate::service::app::parallel;
 use crate::service::app::{App, Limits, ServiceError};
 
 /// Reader of posted shapes.
@@ -440,7 +440,7 @@ pub(crate) fn read_each_by<T: Send>(
     read: impl Fn(ShapeInput) -> Result<T, Vec<Fault>> + Send + Sync,
 ) -> Result<Outcomes<T>, ServiceError> {
     check_numbers(reading, shapes.len())?;
-    Ok(Outcomes::of_list("shapes", shapes.into_par_iter().map(read).collect()))
+    Ok(Outcomes::of_list("shapes", parallel::map(shapes, |_, shape| read(shape))))
 }
 
 /// Reads the control points of a reference, at `/reference`, and all shapes in parallel.

@@ -3,7 +3,6 @@
 use std::cmp::Ordering;
 use std::sync::Arc;
 
-use rayon::prelude::*;
 use serde::Serialize;
 
 use super::columns::{self, Cell, CohortColumns, Column};
@@ -12,6 +11,7 @@ use crate::domain::cohort::Cohort;
 use crate::domain::filter::ShapeFilter;
 use crate::formats::time::rfc3339;
 use crate::service::app::cache::Cached;
+use crate::service::app::parallel;
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::cohorts::attributes::refuse_misspelt;
 use crate::service::cohorts::catalogue;
@@ -132,8 +132,10 @@ const SECONDS_PER_VALUE: f64 = 6e-8;
 fn of_columns(columns: &Arc<CohortColumns>, shapes: &[usize], query: &SummaryQuery) -> Vec<AttributeSummary> {
     let all: Vec<(&Attribute, &Column)> = columns.columns().iter().collect();
     let occurs = |column: &Column| column.cells.iter().any(|cell| *cell != Cell::Missing);
-    let summaries = all.into_par_iter().filter(|(_, column)| occurs(column));
-    summaries.map(|(attribute, column)| of_column(attribute, column, shapes, query)).collect()
+    let summaries = parallel::map(all, |_, (attribute, column)| {
+        occurs(column).then(|| of_column(attribute, column, shapes, query))
+    });
+    summaries.into_iter().flatten().collect()
 }
 
 /// Type of a column: texts if its values are of several types.
