@@ -2,7 +2,8 @@
 # make run       build and start the service on 127.0.0.1:8080 with the example cohort
 # make check     before every commit: format, lints and unit tests of the libraries
 # make test      before every pull request: format, lints, unit tests, the suite on SQLite, doc tests, examples
-# make test-all  before it, all checks of CI that take other programs: PostgreSQL, Python, Node, a browser; as root installs what is missing
+# make test-others  all that takes other programs: PostgreSQL, Python, Node, a browser; as root installs what is missing
+# make test-all  both
 # make tools     installs a C and a C++ compiler, curl, rustfmt and clippy where they are missing; as root
 # make spell     spelling of all files
 # make dashboard       the page for browsers, from dashboard/src to dashboard/dist
@@ -18,7 +19,7 @@
 # make dist    the program as it is packaged, in target/dist: optimised across crates, which takes longer to build
 # make criterion the benchmarks behind the figures of docs/benchmarks.md
 
-.PHONY: run help check test test-all test-engine test-engine-if-built built spell dashboard dashboard-test contract attack fuzz sbom bench weight dist criterion needs needs-all tools
+.PHONY: run help check test test-others test-all test-engine test-engine-if-built built spell dashboard dashboard-test contract attack fuzz sbom bench weight dist criterion needs needs-all tools
 
 CODESPELL = 2.4.3
 # Features of the build that all tests share.
@@ -43,10 +44,14 @@ check:
 test: needs
 	@tests/steps.sh test
 
-# What takes a C++ compiler, Python, Node, a browser or PostgreSQL, in two lanes, then `test`. Where one of them is missing, and root cannot
-# install it, its step is skipped with a reason. BEGAN is when CI began: what takes long is left out when its time may end.
-test-all: needs-all
-	@BEGAN=$(BEGAN) tests/steps.sh all
+# What takes a C++ compiler, Python, Node, a browser or PostgreSQL, in two lanes. Where one of them is missing, and root cannot install it,
+# its step is skipped with a reason. BEGAN is when CI began: what takes long is left out when its time may end.
+test-others: needs-all
+	@BEGAN=$(BEGAN) tests/steps.sh others
+
+test-all:
+	@$(MAKE) test-others
+	@$(MAKE) test
 
 # The pinned version in target/spell, else the one of the machine. `.codespellrc` lists exceptions.
 spell:

@@ -2,7 +2,7 @@
 # Runs the tests step by step, prints the seconds of each, and closes with a table and one line of tests passed, failed and skipped.
 #
 #   tests/steps.sh test    format, lints, examples, doc tests, unit tests and the suite on SQLite: `make test`
-#   tests/steps.sh all     before these, in two lanes side by side, all that takes other programs: `make test-all`
+#   tests/steps.sh others  all that takes other programs, in two lanes side by side: `make test-others`
 #
 # FEATURES are those of the one shape in which all tests are built. CI shortens what has a length; BEGAN is when it began, in seconds
 # since 1970. The output of each step is in target/tests; that of a failed step is printed as well.
@@ -10,7 +10,7 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 
 TARGET=${CARGO_TARGET_DIR:-target}
-LOGS=$TARGET/tests
+LOGS=$TARGET/tests/${1:-}
 # Lines of the output of a failed step that are printed.
 SHOWN=200
 # shellcheck disable=SC2206  # one word for each argument
@@ -131,9 +131,35 @@ families() {
     done
 }
 
+# A limit of benches/weight/limits.txt: its name, then the number.
+limit() { awk -v name="$1" '$1 == name { print $2 }' benches/weight/limits.txt; }
+
+# Fails when a figure is above its limit: name, figure.
+within() {
+    echo "$1: $2, at most $(limit "$1")"
+    [ "$2" -le "$(limit "$1")" ]
+}
+
+# Packages that a build of the program compiles, and lines of LLVM IR of each crate before optimisation.
+weight() {
+    local crate lines code=0
+    within packages "$(cargo tree --locked --edges normal,build --prefix none --no-dedupe | awk '{ print $1, $2 }' | sort -u | wc -l)" || code=1
+    echo "$((1 - code)) passed, $code failed"
+    if ! cargo llvm-lines --version >/dev/null 2>&1; then
+        echo "SKIPPED: lines of LLVM IR, there is no cargo-llvm-lines"
+        return "$code"
+    fi
+    for crate in $(awk '/^shapelex/ { print $1 }' benches/weight/limits.txt); do
+        lines=$(cargo llvm-lines --locked --release --lib -p "$crate" 2>/dev/null | awk '/\(TOTAL\)/ { print $1 }')
+        within "$crate" "$lines" || code=1
+    done
+    return "$code"
+}
+
 # What one build serves.
 test_steps() {
     step examples run_examples
+    step weight weight
     step documentation-tests cargo test "${SHAPE[@]}" --doc
     shown_step suite cargo test "${SHAPE[@]}" "${BUILT[@]}" --no-fail-fast -- --show-output
 }
@@ -182,6 +208,8 @@ lanes() {
     wait "$first" || step lane-a false
     wait "$second" || step lane-b false
     step rates cargo test "${SHAPE[@]}" --test rates
+    # A cold release build takes minutes, which only CI spends.
+    [ "$LENGTH" = long ] || python_step release-weight benches/weight/run.py --gate
 }
 
 # What was not tested in a step and why: lines of our own, and those of the runner of Node.
@@ -229,13 +257,10 @@ test)
     step build build
     last_failed || test_steps
     ;;
-all)
+others)
     step format cargo fmt --all --check
     step build build
-    if ! last_failed; then
-        lanes
-        test_steps
-    fi
+    last_failed || lanes
     ;;
 *)
     sed -n '2,/^set/s/^# \{0,1\}//p' "$0"
