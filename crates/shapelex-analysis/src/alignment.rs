@@ -185,15 +185,15 @@ pub struct MeanShape {
 ///
 /// # Errors
 /// [`AnalysisError::TooFewShapes`] below two shapes, degenerate shapes, errors of the source.
-pub fn mean_shape<S: ShapeSource>(
-    source: &S,
+pub fn mean_shape(
+    source: &dyn ShapeSource,
     metric: &Metric,
     method: &Method,
     frame: Frame,
     matching: &Matching,
-) -> Result<MeanShape, S::Error> {
+) -> Result<MeanShape, AnalysisError> {
     if source.count() < MIN_SHAPES {
-        return Err(AnalysisError::TooFewShapes { found: source.count(), needed: MIN_SHAPES }.into());
+        return Err(AnalysisError::TooFewShapes { found: source.count(), needed: MIN_SHAPES });
     }
     match method {
         Method::Projection(class) => projection_mean(source, metric, class, frame, matching),
@@ -201,13 +201,13 @@ pub fn mean_shape<S: ShapeSource>(
     }
 }
 
-fn projection_mean<S: ShapeSource>(
-    source: &S,
+fn projection_mean(
+    source: &dyn ShapeSource,
     metric: &Metric,
     class: &TransformationClass,
     frame: Frame,
     matching: &Matching,
-) -> Result<MeanShape, S::Error> {
+) -> Result<MeanShape, AnalysisError> {
     let found = match matching.searches() {
         true => searched(source, class, matching, metric.len())?,
         false => Found::as_given(source.count()),
@@ -255,12 +255,12 @@ impl MeanShape {
 }
 
 /// Placements of the shapes of `source`: on their spectra where the class allows it and memory suffices.
-pub(super) fn searched<S: ShapeSource>(
-    source: &S,
+pub(super) fn searched(
+    source: &dyn ShapeSource,
     class: &TransformationClass,
     matching: &Matching,
     length: usize,
-) -> Result<Found, S::Error> {
+) -> Result<Found, AnalysisError> {
     // Rounds of other classes cost more than the stages save.
     let is_spectral = is_spectral(class, matching);
     let stages = if is_spectral { stages(source.count()) } else { vec![source.count()] };
@@ -273,13 +273,13 @@ pub(super) fn searched<S: ShapeSource>(
     alternate(&mut StreamedSearch::new(source, class, matching, length), source, matching, &stages, start)
 }
 
-pub(super) fn procrustes_mean<S: ShapeSource>(
-    source: &S,
+pub(super) fn procrustes_mean(
+    source: &dyn ShapeSource,
     metric: &Metric,
     fit: Fit,
     frame: Frame,
     matching: &Matching,
-) -> Result<MeanShape, S::Error> {
+) -> Result<MeanShape, AnalysisError> {
     let all = source.count();
     let Start { mut placements, known } =
         if matching.searches() { Start::of(source, &[all], matching)? } else { Start::as_given(all) };
@@ -406,10 +406,7 @@ pub fn align_all_until(
     })
 }
 
-/// Shapes in memory whose reading ends once `stop` returns true.
-pub(super) type Stoppable<'a> = Watched<'a, ShapesInMemory>;
-
-/// The mean that `mean_of` finds, and the shapes aligned to it.
+/// The mean that `mean_of` finds, and the shapes aligned to it. Reading them ends once `stop` returns true.
 pub(super) fn align_all_to(
     metric: &Metric,
     method: &Method,
@@ -417,7 +414,7 @@ pub(super) fn align_all_to(
     control_points: Vec<f64>,
     weights: Vec<f64>,
     stop: &(dyn Fn() -> bool + Sync),
-    mean_of: impl FnOnce(&Stoppable<'_>) -> Result<MeanShape, AnalysisError>,
+    mean_of: impl FnOnce(&dyn ShapeSource) -> Result<MeanShape, AnalysisError>,
 ) -> Result<(MeanShape, Vec<AlignedShape>), AnalysisError> {
     let centroids: Vec<Vec<f64>> =
         control_points.chunks_exact(metric.len()).map(|shape| metric.centroid(shape)).collect();

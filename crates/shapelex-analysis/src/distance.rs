@@ -40,6 +40,7 @@ use shapelex_numeric::fft::{ComplexFft, FftScratch, RealFft};
 use shapelex_numeric::kernels::{
     add_squared_norms, largest, multiply_conjugates, multiply_mirrored, squared_norms,
 };
+use shapelex_numeric::parallel;
 
 /// Maximum number of shapes per side of a tile of the matrix: two tiles of spectra fit in the cache.
 const TILE: usize = 32;
@@ -332,14 +333,14 @@ impl DistanceSpace {
     pub fn prepare(&self, whitened: &[f64]) -> Result<PreparedShapes, AnalysisError> {
         let length = self.size * self.matching.dimension();
         let candidates = self.matching.candidates();
-        let columns: Vec<Result<Vec<Vec<f64>>, AnalysisError>> = whitened
-            .par_chunks_exact(length)
-            .map(|x| candidates.iter().map(|&laid| self.columns_of(&self.matching.place(x, laid))).collect())
-            .collect();
-        let columns = columns.into_iter().enumerate().map(|(i, found)| found.map_err(|error| error.at(i)));
+        let columns = parallel::try_map(whitened.len() / length, &|i| {
+            let x = chunk(whitened, i, length);
+            let laid = candidates.iter().map(|&laid| self.columns_of(&self.matching.place(x, laid)));
+            laid.collect::<Result<Vec<Vec<f64>>, _>>().map_err(|error| error.at(i))
+        })?;
         let mut signals = vec![Vec::with_capacity(self.columns * whitened.len()); candidates.len()];
         for shape in columns {
-            signals.iter_mut().zip(shape?).for_each(|(all, one)| all.extend(one));
+            signals.iter_mut().zip(shape).for_each(|(all, one)| all.extend(one));
         }
         let laid = signals.into_iter().map(|signals| match &self.transform {
             Some(Transform::Real(fft)) => Columns::Spectra(spectra(fft, &signals)),

@@ -91,19 +91,19 @@ impl Accumulator for FrameSum<'_> {
 ///
 /// # Errors
 /// [`AnalysisError::NoCanonicalFrame`] for classes given by matrices; errors of the source.
-pub fn representative<S: ShapeSource>(
+pub fn representative(
     space: &MeanSpace<'_>,
     frame: Frame,
     metric: &Metric,
-    source: &S,
-) -> Result<Vec<f64>, S::Error> {
+    source: &dyn ShapeSource,
+) -> Result<Vec<f64>, AnalysisError> {
     match frame {
         Frame::Training => training(space, source),
         Frame::Canonical => Ok(canonical(space, metric)?),
     }
 }
 
-fn training<S: ShapeSource>(space: &MeanSpace<'_>, source: &S) -> Result<Vec<f64>, S::Error> {
+fn training(space: &MeanSpace<'_>, source: &dyn ShapeSource) -> Result<Vec<f64>, AnalysisError> {
     let elements = space.elements();
     let mut sum = training_sum(source, &elements)?;
     fill_upper(&mut sum.quadratic);
@@ -114,10 +114,10 @@ fn training<S: ShapeSource>(space: &MeanSpace<'_>, source: &S) -> Result<Vec<f64
 }
 
 /// The sum that determines the training frame; `elements` is a basis of the mean space, one element per column.
-pub(super) fn training_sum<'a, S: ShapeSource>(
-    source: &S,
+pub(super) fn training_sum<'a>(
+    source: &dyn ShapeSource,
     elements: &'a Matrix,
-) -> Result<FrameSum<'a>, S::Error> {
+) -> Result<FrameSum<'a>, AnalysisError> {
     let empty = || FrameSum::new(elements);
     let sum = Sum::Frame { elements: elements.as_slice().to_vec() };
     accumulate_spread(source, sum, empty, || accumulate(source, empty))

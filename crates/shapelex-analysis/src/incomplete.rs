@@ -14,8 +14,6 @@
 //!
 //! Sources: Tipping, Bishop 1999; Ilin, Raiko 2010 (missing values).
 
-use rayon::prelude::*;
-
 use crate::AnalysisError;
 use crate::alignment::{AlignedShape, MeanShape};
 use crate::anderson::Anderson;
@@ -31,6 +29,7 @@ use crate::pca::{FunctionalPca, SMALLEST_COMPONENT};
 use crate::robust::align_all_by;
 use crate::watch::Watch;
 use shapelex_numeric::dense::{Eigenpairs, Matrix, add_outer_products, leading_eigenpairs, multiply};
+use shapelex_numeric::parallel;
 
 /// Most rounds of both steps.
 pub const ROUNDS: usize = 100;
@@ -219,14 +218,11 @@ impl IncompleteShapes {
     fn expected(&mut self, model: &Model, missing: &[usize]) -> Result<(f64, Unknown), AnalysisError> {
         let (n, d) = (model.at.count(), model.at.dimension);
         let shapes = &self.control_points;
-        let found: Vec<(Vec<f64>, Vec<f64>)> = missing
-            .par_iter()
-            .map(|&k| {
-                model
-                    .complete(&shapes[k * n * d..(k + 1) * n * d], &self.seen[k])
-                    .map_err(|error| of_shape(error, k))
-            })
-            .collect::<Result<_, AnalysisError>>()?;
+        let found: Vec<(Vec<f64>, Vec<f64>)> = parallel::try_map(missing.len(), &|i| {
+            let k = missing[i];
+            let completed = model.complete(&shapes[k * n * d..(k + 1) * n * d], &self.seen[k]);
+            completed.map_err(|error| of_shape(error, k))
+        })?;
         let (mut change, mut unknown) = (0.0_f64, Unknown::none(n));
         for (&k, (shape, columns)) in missing.iter().zip(found) {
             let before = &mut self.control_points[k * n * d..(k + 1) * n * d];

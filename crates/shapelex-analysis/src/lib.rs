@@ -106,7 +106,7 @@ pub mod watch;
 use shapelex_numeric::NumericError;
 
 /// Errors of the analysis layer.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[derive(Debug, PartialEq, thiserror::Error)]
 pub enum AnalysisError {
     /// The subspace of a shape under the class is rank-deficient.
     #[error(
@@ -200,6 +200,36 @@ pub enum AnalysisError {
     /// An error of the numerical layer.
     #[error(transparent)]
     Numeric(#[from] NumericError),
+    /// The source of the shapes failed.
+    #[error(transparent)]
+    Source(#[from] SourceError),
+}
+
+/// A failure of what shapes come from, such as a database, on its way through a statistic. Whoever passed the source takes it out again.
+#[derive(Debug, thiserror::Error)]
+#[error(transparent)]
+pub struct SourceError(Box<dyn std::error::Error + Send + Sync>);
+
+impl SourceError {
+    /// Wraps the error of a source.
+    pub fn new(error: impl std::error::Error + Send + Sync + 'static) -> Self {
+        Self(Box::new(error))
+    }
+
+    /// The error of the source, if it is of this type.
+    ///
+    /// # Errors
+    /// This error, if it is not.
+    pub fn take<E: std::error::Error + 'static>(self) -> Result<E, Self> {
+        self.0.downcast().map(|error| *error).map_err(Self)
+    }
+}
+
+/// No two failures are equal.
+impl PartialEq for SourceError {
+    fn eq(&self, _: &Self) -> bool {
+        false
+    }
 }
 
 impl AnalysisError {

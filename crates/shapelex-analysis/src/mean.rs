@@ -16,8 +16,6 @@
 
 use std::borrow::Cow;
 
-use rayon::prelude::*;
-
 use super::AnalysisError;
 use super::accumulate::{
     Accumulator, BLOCK, OuterProductSum, ShapeSource, Shapes, accumulate, accumulate_spread, for_each_group,
@@ -28,6 +26,7 @@ use super::pass::Sum;
 use super::subspace::{Subspace, quarter_turn};
 use super::transformation::{Structure, TransformationClass};
 use shapelex_numeric::dense::{Eigenpairs, Matrix};
+use shapelex_numeric::parallel;
 
 /// Relative eigenvalue gap, as a fraction of the total weight, below which a mean is not unique.
 pub const UNIQUE_GAP: f64 = 1e-6;
@@ -104,11 +103,11 @@ impl<'a> ProjectorSum<'a> {
     ///
     /// # Errors
     /// [`AnalysisError::Degenerate`] for the first degenerate shape; errors of the source.
-    pub fn of<S: ShapeSource>(
-        source: &S,
+    pub fn of(
+        source: &dyn ShapeSource,
         class: &'a TransformationClass,
         length: usize,
-    ) -> Result<Self, S::Error> {
+    ) -> Result<Self, AnalysisError> {
         let empty = || Self::new(class, length);
         let here = || accumulate(source, empty);
         accumulate_spread(source, Sum::Projectors, empty, here)
@@ -132,16 +131,12 @@ impl Accumulator for ProjectorSum<'_> {
         let class = self.class;
         let numbers = Subspace::numbers(class, self.length);
         for_each_group(shapes, self.blocks[0].size(), numbers, |group, columns| {
-            let bases = columns.par_chunks_mut(BLOCK * numbers).zip(group.blocks(BLOCK));
-            // The first shape in error is reported, whichever thread finds one first.
-            let errors = bases.filter_map(|(columns, block)| {
-                let mut rows = columns.chunks_exact_mut(numbers).zip(block.iter());
-                let written = rows.try_for_each(|(column, (position, x, weight))| {
+            parallel::try_for_each_chunk(columns, BLOCK * numbers, &|k, columns| {
+                let mut rows = columns.chunks_exact_mut(numbers).zip(group.block(k, BLOCK).iter());
+                rows.try_for_each(|(column, (position, x, weight))| {
                     Subspace::write_basis(class, x, weight.sqrt(), column).map_err(|error| error.at(position))
-                });
-                written.err()
-            });
-            errors.collect::<Vec<_>>().into_iter().next().map_or(Ok(()), Err)?;
+                })
+            })?;
             group.weights.iter().for_each(|weight| self.weight += weight);
             self.shapes += group.weights.len();
             let count = self.blocks.len();

@@ -36,7 +36,7 @@ impl Pass {
     ///
     /// # Errors
     /// Errors of the source; [`AnalysisError::NotAnAccumulator`] when pass and method do not fit together.
-    pub fn make<S: ShapeSource>(&self, source: &S, measured: Measured<'_>) -> Result<Vec<u8>, S::Error> {
+    pub fn make(&self, source: &dyn ShapeSource, measured: Measured<'_>) -> Result<Vec<u8>, AnalysisError> {
         let Some(Aligned { mean, normalise }) = &self.aligned else {
             return self.sum.make(source, measured);
         };
@@ -61,7 +61,7 @@ impl Pass {
 }
 
 impl Sum {
-    fn make<S: ShapeSource>(&self, source: &S, measured: Measured<'_>) -> Result<Vec<u8>, S::Error> {
+    fn make(&self, source: &dyn ShapeSource, measured: Measured<'_>) -> Result<Vec<u8>, AnalysisError> {
         let length = measured.metric.len();
         let fits = |numbers: &[f64]| !numbers.is_empty() && numbers.len().is_multiple_of(length);
         match (self, measured.method) {
@@ -78,7 +78,7 @@ impl Sum {
             (Self::Scatter { origin }, _) if origin.len() == length => {
                 Ok(FunctionalPca::scatter(source, origin)?.to_bytes())
             }
-            _ => Err(AnalysisError::NotAnAccumulator.into()),
+            _ => Err(AnalysisError::NotAnAccumulator),
         }
     }
 

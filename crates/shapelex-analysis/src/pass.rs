@@ -4,6 +4,7 @@
 //! part, the metric and the class that is removed makes its sum from a [`Pass`], with the same bits as any other
 //! process: numbers are written so that they come back exactly.
 
+use crate::AnalysisError;
 use crate::fit::Fit;
 
 /// One pass over the shapes: the sum, and the form of the shapes that it takes.
@@ -68,4 +69,4 @@ pub struct Group<'a> {
 }
 
 /// Codes a group of shapes and returns their sums, as [`Coding::to_bytes`](crate::dictionary::learning::Coding::to_bytes) writes them.
-pub type CodeGroup<'a, E> = Box<dyn Fn(Group<'_>) -> Result<Vec<u8>, E> + 'a>;
+pub type CodeGroup<'a> = Box<dyn Fn(Group<'_>) -> Result<Vec<u8>, AnalysisError> + 'a>;

@@ -44,16 +44,15 @@ impl FunctionalPca {
     ///
     /// # Errors
     /// Errors of the source; a failure of the eigenproblem.
-    pub fn new<S: ShapeSource>(
-        source: &S,
+    pub fn new(
+        source: &dyn ShapeSource,
         metric: &Metric,
         reference: &[f64],
         centred: bool,
         components: usize,
-    ) -> Result<Self, S::Error> {
+    ) -> Result<Self, AnalysisError> {
         let origin = Self::origin(reference, centred);
         Self::from_sum(Self::scatter(source, &origin)?, metric, &origin, centred, components)
-            .map_err(Into::into)
     }
 
     /// Shape to subtract from every shape before sums are formed: `reference` if centred, else zero.
@@ -65,7 +64,7 @@ impl FunctionalPca {
     ///
     /// # Errors
     /// Errors of the source.
-    pub fn scatter<S: ShapeSource>(source: &S, origin: &[f64]) -> Result<ScatterSum, S::Error> {
+    pub fn scatter(source: &dyn ShapeSource, origin: &[f64]) -> Result<ScatterSum, AnalysisError> {
         let empty = || ScatterSum::about(origin.to_vec());
         let here = || accumulate(source, empty);
         accumulate_spread(source, Sum::Scatter { origin: origin.to_vec() }, empty, here)
@@ -131,7 +130,7 @@ impl FunctionalPca {
     ///
     /// # Errors
     /// Errors of the source.
-    pub fn all_scores<S: ShapeSource>(&self, source: &S) -> Result<Vec<Vec<f64>>, S::Error> {
+    pub fn all_scores(&self, source: &dyn ShapeSource) -> Result<Vec<Vec<f64>>, AnalysisError> {
         map_blocks(source, |block| Ok(columns(&self.block_scores(block.whitened))))
     }
 }
@@ -158,13 +157,13 @@ impl Components {
     ///
     /// # Errors
     /// Errors of the source; a failure of the eigenproblem.
-    pub fn new<S: ShapeSource>(
-        source: &S,
+    pub fn new(
+        source: &dyn ShapeSource,
         metric: &Metric,
         reference: &[f64],
         centred: bool,
         components: usize,
-    ) -> Result<Self, S::Error> {
+    ) -> Result<Self, AnalysisError> {
         let pca = FunctionalPca::new(source, metric, reference, centred, components)?;
         let described = map_blocks(source, |block| {
             let scores = pca.block_scores(block.whitened);

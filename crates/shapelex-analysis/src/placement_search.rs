@@ -26,30 +26,27 @@ const TIE: f64 = 1e-12;
 
 /// Shapes whose placements are searched, in the coordinates in which this takes place.
 pub(super) trait PlacementSearch<'a> {
-    /// Error of a round.
-    type Error: From<AnalysisError>;
-
     /// Restricts what follows to the first `count` shapes.
     fn restrict(&mut self, count: usize);
 
     /// Sum of the projectors of the shapes in their placements.
-    fn sum(&self, placements: &[Placement]) -> Result<ProjectorSum<'a>, Self::Error>;
+    fn sum(&self, placements: &[Placement]) -> Result<ProjectorSum<'a>, AnalysisError>;
 
     /// Cosine between every shape as given and `space`.
-    fn cosines(&self, space: &MeanSpace<'a>) -> Result<Vec<f64>, Self::Error>;
+    fn cosines(&self, space: &MeanSpace<'a>) -> Result<Vec<f64>, AnalysisError>;
 
     /// Subspace of the shape `x`, which is at `position`, as a mean space.
-    fn space_of(&self, position: usize, x: &[f64]) -> Result<MeanSpace<'a>, Self::Error>;
+    fn space_of(&self, position: usize, x: &[f64]) -> Result<MeanSpace<'a>, AnalysisError>;
 
     /// Places every shape on `space`; returns the shapes that moved.
     fn improve(
         &mut self,
         space: &MeanSpace<'a>,
         placements: &mut [Placement],
-    ) -> Result<Vec<Moved>, Self::Error>;
+    ) -> Result<Vec<Moved>, AnalysisError>;
 
     /// The shapes that moved, before and after.
-    fn exchanges(&self, placements: &[Placement], moved: &[Moved]) -> Result<Vec<Exchange>, Self::Error>;
+    fn exchanges(&self, placements: &[Placement], moved: &[Moved]) -> Result<Vec<Exchange>, AnalysisError>;
 }
 
 /// Outcome of a search.
@@ -96,11 +93,11 @@ impl Start {
     ///
     /// # Errors
     /// Errors of the source.
-    pub(super) fn of<S: ShapeSource>(
-        source: &S,
+    pub(super) fn of(
+        source: &dyn ShapeSource,
         stages: &[usize],
         matching: &Matching,
-    ) -> Result<Self, S::Error> {
+    ) -> Result<Self, AnalysisError> {
         let count = source.count();
         let known = source.known_placements()?.filter(|known| replaces_a_search(stages, known.len()));
         let mut placements = known.unwrap_or_default();
@@ -134,16 +131,13 @@ pub(super) fn stages(count: usize) -> Vec<usize> {
 ///
 /// # Errors
 /// Errors of the source; degenerate shapes.
-pub(super) fn alternate<'a, S: ShapeSource, P: PlacementSearch<'a>>(
+pub(super) fn alternate<'a, P: PlacementSearch<'a>>(
     search: &mut P,
-    source: &S,
+    source: &dyn ShapeSource,
     matching: &Matching,
     stages: &[usize],
     start: Start,
-) -> Result<Found, S::Error>
-where
-    S::Error: From<P::Error>,
-{
+) -> Result<Found, AnalysisError> {
     let (count, Start { placements, known }) = (source.count(), start);
     let mut found = Found { placements, ..Found::as_given(0) };
     // Placements of all shapes replace all stages but the last.
@@ -172,15 +166,12 @@ where
 }
 
 /// Alternates the mean and the placements of the shapes of `source`, in at most `most` rounds.
-fn settle<'a, S: ShapeSource, P: PlacementSearch<'a>>(
+fn settle<'a, P: PlacementSearch<'a>>(
     search: &mut P,
-    source: &S,
+    source: &dyn ShapeSource,
     found: &mut Found,
     most: usize,
-) -> Result<(), S::Error>
-where
-    S::Error: From<P::Error>,
-{
+) -> Result<(), AnalysisError> {
     (found.rounds, found.converged) = (0, false);
     // The search needs the space alone; its certificate is computed at the end.
     let mut space = MeanSpace::new(search.sum(&found.placements)?, 0)?;
@@ -208,7 +199,7 @@ fn exchanged<'a, P: PlacementSearch<'a>>(
     placements: &[Placement],
     moved: &[Moved],
     sum: Option<ProjectorSum<'a>>,
-) -> Result<Option<ProjectorSum<'a>>, P::Error> {
+) -> Result<Option<ProjectorSum<'a>>, AnalysisError> {
     let Some(mut sum) = sum.filter(|_| moved.len() * 4 < placements.len()) else { return Ok(None) };
     let exchanges = search.exchanges(placements, moved)?;
     Ok(sum.exchange(&exchanges)?.then_some(sum))
@@ -216,14 +207,11 @@ fn exchanged<'a, P: PlacementSearch<'a>>(
 
 /// Places the shapes of `source` on the one nearest to their mean space. Mirror images are first decided against this shape: the
 /// mean of a set in which half of the shapes are mirrored is symmetric and would prefer neither side.
-fn match_mirrors<'a, S: ShapeSource, P: PlacementSearch<'a>>(
+fn match_mirrors<'a, P: PlacementSearch<'a>>(
     search: &mut P,
-    source: &S,
+    source: &dyn ShapeSource,
     placements: &mut [Placement],
-) -> Result<(), S::Error>
-where
-    S::Error: From<P::Error>,
-{
+) -> Result<(), AnalysisError> {
     let cosines = search.cosines(&MeanSpace::new(search.sum(placements)?, 0)?)?;
     let best = cosines.iter().copied().fold(0.0, f64::max);
     let (position, x) = smallest_eligible(source, |k| cosines[k] >= best * (1.0 - TIE))?;
@@ -233,18 +221,18 @@ where
 }
 
 /// Shapes that are read from their source in every round.
-pub(super) struct StreamedSearch<'a, 's, S> {
-    shapes: Leading<'s, S>,
+pub(super) struct StreamedSearch<'a, 's> {
+    shapes: Leading<'s>,
     class: &'a TransformationClass,
     matching: &'s Matching,
     /// Numbers of a shape, `d·N`.
     length: usize,
 }
 
-impl<'a, 's, S: ShapeSource> StreamedSearch<'a, 's, S> {
+impl<'a, 's> StreamedSearch<'a, 's> {
     /// A search of all shapes of `source`, of `length` numbers each.
     pub(super) fn new(
-        source: &'s S,
+        source: &'s dyn ShapeSource,
         class: &'a TransformationClass,
         matching: &'s Matching,
         length: usize,
@@ -253,19 +241,17 @@ impl<'a, 's, S: ShapeSource> StreamedSearch<'a, 's, S> {
     }
 }
 
-impl<'a, S: ShapeSource> PlacementSearch<'a> for StreamedSearch<'a, '_, S> {
-    type Error = S::Error;
-
+impl<'a> PlacementSearch<'a> for StreamedSearch<'a, '_> {
     fn restrict(&mut self, count: usize) {
         self.shapes.count = count;
     }
 
-    fn sum(&self, placements: &[Placement]) -> Result<ProjectorSum<'a>, S::Error> {
+    fn sum(&self, placements: &[Placement]) -> Result<ProjectorSum<'a>, AnalysisError> {
         let Self { shapes: source, matching, .. } = self;
         ProjectorSum::of(&Placed { source, matching, placements }, self.class, self.length)
     }
 
-    fn cosines(&self, space: &MeanSpace<'a>) -> Result<Vec<f64>, S::Error> {
+    fn cosines(&self, space: &MeanSpace<'a>) -> Result<Vec<f64>, AnalysisError> {
         let cosine = |x: &[f64]| norm(&space.project(x)) / norm(x);
         if self.class.structure != Structure::Complex {
             return map_shapes(&self.shapes, |_, x, _| Ok(cosine(x)));
@@ -278,19 +264,19 @@ impl<'a, S: ShapeSource> PlacementSearch<'a> for StreamedSearch<'a, '_, S> {
         })
     }
 
-    fn space_of(&self, _: usize, x: &[f64]) -> Result<MeanSpace<'a>, S::Error> {
-        Ok(MeanSpace::from_shape(self.class, x)?)
+    fn space_of(&self, _: usize, x: &[f64]) -> Result<MeanSpace<'a>, AnalysisError> {
+        MeanSpace::from_shape(self.class, x)
     }
 
     fn improve(
         &mut self,
         space: &MeanSpace<'a>,
         placements: &mut [Placement],
-    ) -> Result<Vec<Moved>, S::Error> {
+    ) -> Result<Vec<Moved>, AnalysisError> {
         self.matching.improve(&self.shapes, &Target::subspace(space, self.matching), placements)
     }
 
-    fn exchanges(&self, placements: &[Placement], moved: &[Moved]) -> Result<Vec<Exchange>, S::Error> {
+    fn exchanges(&self, placements: &[Placement], moved: &[Moved]) -> Result<Vec<Exchange>, AnalysisError> {
         let mut exchanges = Vec::with_capacity(moved.len());
         let mut left = moved.iter().peekable();
         self.shapes.for_each_batch(&mut |batch| {

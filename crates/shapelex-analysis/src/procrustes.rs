@@ -79,11 +79,11 @@ impl Accumulator for FittedSum<'_> {
 }
 
 /// The sum of the shapes fitted to `mean`.
-pub(super) fn fitted_sum<'a, S: ShapeSource>(
-    source: &S,
+pub(super) fn fitted_sum<'a>(
+    source: &dyn ShapeSource,
     fit: Fit,
     mean: &'a [f64],
-) -> Result<FittedSum<'a>, S::Error> {
+) -> Result<FittedSum<'a>, AnalysisError> {
     let empty = || FittedSum::new(fit, mean);
     let here = || accumulate(source, empty);
     accumulate_spread(source, Sum::Fits { fit, mean: mean.to_vec() }, empty, here)
@@ -106,7 +106,7 @@ pub struct ProcrustesMean {
 ///
 /// # Errors
 /// Errors of the source.
-pub fn iterate<S: ShapeSource>(source: &S, fit: Fit, start: Vec<f64>) -> Result<ProcrustesMean, S::Error> {
+pub fn iterate(source: &dyn ShapeSource, fit: Fit, start: Vec<f64>) -> Result<ProcrustesMean, AnalysisError> {
     let mut mean = start;
     for iterations in 1..=MAX_ITERATIONS {
         let next = step(source, fit, &mean)?;
@@ -121,7 +121,7 @@ pub fn iterate<S: ShapeSource>(source: &S, fit: Fit, start: Vec<f64>) -> Result<
 }
 
 /// The mean of the shapes fitted to `mean`: one iteration.
-pub(super) fn step<S: ShapeSource>(source: &S, fit: Fit, mean: &[f64]) -> Result<Vec<f64>, S::Error> {
+pub(super) fn step(source: &dyn ShapeSource, fit: Fit, mean: &[f64]) -> Result<Vec<f64>, AnalysisError> {
     let total = fitted_sum(source, fit, mean)?;
     let divisor = if fit.scaling == Scaling::Full { norm(&total.sum) } else { total.weight };
     Ok(total.sum.iter().map(|value| value / divisor).collect())
@@ -132,7 +132,7 @@ pub(super) fn step<S: ShapeSource>(source: &S, fit: Fit, mean: &[f64]) -> Result
 ///
 /// # Errors
 /// Errors of the source.
-pub fn start<S: ShapeSource>(source: &S, fit: Fit) -> Result<Vec<f64>, S::Error> {
+pub fn start(source: &dyn ShapeSource, fit: Fit) -> Result<Vec<f64>, AnalysisError> {
     let profiles = map_shapes(source, |_, x, weight| Ok((profile(x, fit.dimension), weight)))?;
     let n = profiles.first().map_or(0, |(p, _)| p.len());
     let mut mean = vec![0.0; n];
@@ -162,13 +162,13 @@ fn profile(x: &[f64], d: usize) -> Vec<f64> {
 ///
 /// # Errors
 /// Errors of the source.
-pub fn turn<S: ShapeSource>(
+pub fn turn(
     mean: Vec<f64>,
     fit: Fit,
     frame: Frame,
     metric: &Metric,
-    source: &S,
-) -> Result<Vec<f64>, S::Error> {
+    source: &dyn ShapeSource,
+) -> Result<Vec<f64>, AnalysisError> {
     if !fit.rotates {
         return Ok(mean);
     }

@@ -1,7 +1,5 @@
 //! Sizes of many shapes, to be compared.
 
-use rayon::prelude::*;
-
 use crate::AnalysisError;
 use crate::metric::{Metric, norm};
 use crate::watch::Watch;
@@ -9,6 +7,7 @@ use shapelex_geometry::capability::domain::Domain;
 use shapelex_geometry::representation::ShapeSpace;
 use shapelex_geometry::size::{SizeMeasure, Sizes};
 use shapelex_numeric::dense::Matrix;
+use shapelex_numeric::parallel;
 
 /// Sizes beyond this leave the range in which their squares are exact.
 pub const LARGEST_SIZE: f64 = 1e100;
@@ -37,8 +36,9 @@ impl SizeTable {
         watch: &dyn Watch,
     ) -> Result<Self, AnalysisError> {
         let measures = SizeMeasure::of(space);
-        let of_shape = |(sizes, shape): (&mut [f64], &[f64])| -> Result<(), AnalysisError> {
+        let of_shape = |k: usize, sizes: &mut [f64]| -> Result<(), AnalysisError> {
             watch.check()?;
+            let shape = &control_points[k * metric.len()..(k + 1) * metric.len()];
             let found = Sizes::of(space, shape, &|| watch.stop());
             watch.worked(1);
             let size = |&measure| found.get(measure).unwrap_or_else(|| centroid_size(space, metric, shape));
@@ -46,8 +46,7 @@ impl SizeTable {
             Ok(())
         };
         let mut values = Matrix::zeros(measures.len(), control_points.len() / metric.len());
-        let columns = values.as_mut_slice().par_chunks_exact_mut(measures.len());
-        columns.zip(control_points.par_chunks_exact(metric.len())).try_for_each(of_shape)?;
+        parallel::try_for_each_chunk(values.as_mut_slice(), measures.len(), &of_shape)?;
         let fits = |m: &usize| values.row(*m).iter().all(|size| size.abs() <= LARGEST_SIZE);
         let kept: Vec<usize> = (0..measures.len()).filter(fits).collect();
         Ok(Self {

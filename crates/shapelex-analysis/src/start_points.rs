@@ -11,10 +11,9 @@
 
 use bytemuck::{cast_slice, cast_slice_mut};
 use num_complex::Complex64;
-use rayon::prelude::*;
 
 use super::AnalysisError;
-use super::accumulate::{BLOCK, Leading, ShapeSource, Shapes, ShapesInMemory};
+use super::accumulate::{BLOCK, Leading, ShapeSource, ShapesInMemory};
 use super::matching::{Matching, Moved, Placement, better, moved};
 use super::mean::{Exchange, MeanSpace, ProjectorSum};
 use super::metric::norm;
@@ -23,14 +22,15 @@ use super::subspace::Subspace;
 use super::transformation::{Structure, TransformationClass};
 use shapelex_numeric::fft::ComplexFft;
 use shapelex_numeric::kernels::{multiply_conjugates, squared_norms};
+use shapelex_numeric::parallel;
 
 /// Shapes per task of a round.
 const TASK: usize = 32;
 
 /// Spectra of all shapes in every candidate direction and mirror image, and in their current placements.
-pub(super) struct SpectralSearch<'a, 's, S> {
+pub(super) struct SpectralSearch<'a, 's> {
     /// The shapes, which count the work of every round.
-    source: &'s S,
+    source: &'s dyn ShapeSource,
     /// Scaled rotations: the structure of the spectra of every class that is searched here.
     class: &'a TransformationClass,
     candidates: &'a [Placement],
@@ -57,19 +57,19 @@ pub(super) fn is_spectral(class: &TransformationClass, matching: &Matching) -> b
     class.structure == Structure::Complex && matching.shifts()
 }
 
-impl<'a, 's, S: ShapeSource> SpectralSearch<'a, 's, S> {
+impl<'a, 's> SpectralSearch<'a, 's> {
     /// Reads the shapes of `source`, which belong to `class` and stand in `placements`; `rotations` are the scaled rotations of
     /// the plane.
     ///
     /// # Errors
     /// Errors of the source; degenerate shapes.
     pub(super) fn new(
-        source: &'s S,
+        source: &'s dyn ShapeSource,
         class: &TransformationClass,
         rotations: &'a TransformationClass,
         matching: &'a Matching,
         placements: &[Placement],
-    ) -> Result<Self, S::Error> {
+    ) -> Result<Self, AnalysisError> {
         let (n, candidates) = (matching.size(), matching.candidates());
         let phase = |j: usize| Complex64::cis(std::f64::consts::TAU * j as f64 / n as f64);
         let mut search = Self {
@@ -85,9 +85,10 @@ impl<'a, 's, S: ShapeSource> SpectralSearch<'a, 's, S> {
         let mut spectra = vec![0.0; 2 * source.count() * n * candidates.len()];
         let mut weights = Vec::with_capacity(source.count());
         source.for_each_batch(&mut |batch| {
-            let write = |(block, spectra): (Shapes<'_>, &mut [Complex64])| {
+            let write = |k: usize, spectra: &mut [Complex64]| {
                 let mut scratch = search.fft.scratch();
-                let mut rows = block.iter().zip(spectra.chunks_exact_mut(n * candidates.len()));
+                let mut rows =
+                    batch.block(k, BLOCK).iter().zip(spectra.chunks_exact_mut(n * candidates.len()));
                 rows.try_for_each(|((position, x, _), spectra)| {
                     for (&candidate, spectrum) in candidates.iter().zip(spectra.chunks_exact_mut(n)) {
                         write_spectrum(class, &matching.place(x, candidate), spectrum)
@@ -98,17 +99,14 @@ impl<'a, 's, S: ShapeSource> SpectralSearch<'a, 's, S> {
                 })
             };
             let spectra = &mut cast_slice_mut(&mut spectra)[weights.len() * n * candidates.len()..];
-            let spectra = spectra.par_chunks_mut(BLOCK * n * candidates.len());
-            let errors = batch.blocks(BLOCK).zip(spectra).filter_map(|pair| write(pair).err());
-            // The first shape in error is reported, whichever thread finds one first.
-            errors.collect::<Vec<_>>().into_iter().next().map_or(Ok(()), Err)?;
+            let spectra = &mut spectra[..batch.weights.len() * n * candidates.len()];
+            parallel::try_for_each_chunk(spectra, BLOCK * n * candidates.len(), &write)?;
             weights.extend_from_slice(batch.weights);
             Ok(())
         })?;
         search.spectra = spectra;
         let mut placed = vec![0.0; 2 * n * weights.len()];
-        let rows = placed.par_chunks_exact_mut(2 * n).zip(placements).enumerate();
-        rows.for_each(|(k, (row, placement))| search.write_placed(k, *placement, row));
+        parallel::for_each_chunk(&mut placed, 2 * n, &|k, row| search.write_placed(k, placements[k], row));
         search.placed = ShapesInMemory::prepared(placed, weights);
         Ok(search)
     }
@@ -168,9 +166,7 @@ fn write_spectrum(
     Ok(())
 }
 
-impl<'a, S: ShapeSource> PlacementSearch<'a> for SpectralSearch<'a, '_, S> {
-    type Error = AnalysisError;
-
+impl<'a> PlacementSearch<'a> for SpectralSearch<'a, '_> {
     fn restrict(&mut self, count: usize) {
         self.count = count;
     }
@@ -183,8 +179,11 @@ impl<'a, S: ShapeSource> PlacementSearch<'a> for SpectralSearch<'a, '_, S> {
     }
 
     fn cosines(&self, space: &MeanSpace<'a>) -> Result<Vec<f64>, AnalysisError> {
-        let rows = self.placed.all().whitened.par_chunks_exact(2 * self.size()).take(self.count);
-        Ok(rows.map(|spectrum| norm(&space.project(spectrum)) / norm(spectrum)).collect())
+        let cosine = |k: usize| {
+            let spectrum = self.placed.shape(k);
+            norm(&space.project(spectrum)) / norm(spectrum)
+        };
+        Ok(parallel::map(self.count, &cosine))
     }
 
     fn space_of(&self, position: usize, _: &[f64]) -> Result<MeanSpace<'a>, AnalysisError> {
@@ -202,8 +201,7 @@ impl<'a, S: ShapeSource> PlacementSearch<'a> for SpectralSearch<'a, '_, S> {
         let target: Vec<Complex64> = re.iter().zip(im).map(|(&re, &im)| Complex64::new(re, im)).collect();
         let placements = &mut placements[..self.count];
         let mut improved = placements.to_vec();
-        let tasks = improved.par_chunks_mut(TASK).enumerate();
-        tasks.for_each(|(task, standing)| {
+        parallel::for_each_chunk(&mut improved, TASK, &|task, standing| {
             self.best(task * TASK, &target, standing);
             self.source.worked(standing.len());
         });
@@ -219,13 +217,14 @@ impl<'a, S: ShapeSource> PlacementSearch<'a> for SpectralSearch<'a, '_, S> {
 
     fn exchanges(&self, _: &[Placement], moved: &[Moved]) -> Result<Vec<Exchange>, AnalysisError> {
         let n = 2 * self.size();
-        let exchange = |&(k, before): &Moved| {
+        let exchange = |i: usize| {
+            let (k, before) = moved[i];
             let mut leaving = vec![0.0; n];
             self.write_placed(k, before, &mut leaving);
             let (arriving, weight) = (self.placed.shape(k).to_vec(), self.placed.all().weights[k]);
             Exchange { leaving, arriving, weight }
         };
-        Ok(moved.par_iter().map(exchange).collect())
+        Ok(parallel::map(moved.len(), &exchange))
     }
 }
 

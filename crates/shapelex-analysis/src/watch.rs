@@ -56,7 +56,7 @@ pub trait Watch: Sync {
 
     /// Called with the reason if a dictionary could be learnt, but not without a part of its shapes: it then has no
     /// statistics of held-out shapes.
-    fn not_held_out(&self, _error: &AnalysisError) {}
+    fn not_held_out(&self, _error: AnalysisError) {}
 
     /// Fails if the computation must stop.
     ///

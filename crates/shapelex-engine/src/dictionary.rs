@@ -8,6 +8,7 @@ use object_store::PutMode;
 use object_store::path::Path;
 use serde::{Deserialize, Serialize};
 use serde_json::value::RawValue;
+use shapelex_analysis::AnalysisError;
 use shapelex_analysis::accumulate::{MergePart, ShapeSource, Shapes};
 use shapelex_analysis::dictionary::content::Content;
 use shapelex_analysis::dictionary::in_use::Dictionary;
@@ -168,7 +169,7 @@ pub fn learn(
     kept_bytes: usize,
 ) -> Result<File, EngineError> {
     let setting = recipe.setting()?;
-    let help = |source: &Learnt<'_>, dictionary: &Dictionary| certify(source.source, dictionary);
+    let help = |dictionary: &Dictionary| Ok(certify(source, dictionary)?);
     let learner = Learner { recipe, measured: setting.measured(), watch, help: &help };
     let shapes = Learnt::new(source, recipe, kept_bytes)?;
     // Codes go also where learning failed.
@@ -236,25 +237,23 @@ impl<'a> Learnt<'a> {
 }
 
 impl ShapeSource for Learnt<'_> {
-    type Error = EngineError;
-
     fn count(&self) -> usize {
         self.source.count()
     }
 
     fn for_each_batch(
         &self,
-        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), EngineError>,
-    ) -> Result<(), EngineError> {
+        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), AnalysisError>,
+    ) -> Result<(), AnalysisError> {
         self.source.for_each_batch(visit)
     }
 
-    fn spread(&self, pass: &Pass, merge: &mut MergePart<'_>) -> Result<bool, EngineError> {
+    fn spread(&self, pass: &Pass, merge: &mut MergePart<'_>) -> Result<bool, AnalysisError> {
         self.source.spread(pass, merge)
     }
 
-    fn coders(&self) -> Option<CodeGroup<'_, EngineError>> {
-        self.elsewhere.then(|| Box::new(|group: Group<'_>| self.code(group)) as CodeGroup<'_, EngineError>)
+    fn coders(&self) -> Option<CodeGroup<'_>> {
+        self.elsewhere.then(|| Box::new(|group: Group<'_>| Ok(self.code(group)?)) as CodeGroup<'_>)
     }
 }
 

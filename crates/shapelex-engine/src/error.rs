@@ -1,7 +1,7 @@
 //! What can go wrong.
 
 use datafusion_common::DataFusionError;
-use shapelex_analysis::AnalysisError;
+use shapelex_analysis::{AnalysisError, SourceError};
 use shapelex_geometry::GeometryError;
 
 /// An error of the engine.
@@ -51,7 +51,7 @@ pub enum EngineError {
     Io(#[from] std::io::Error),
     /// An error of a statistic.
     #[error(transparent)]
-    Analysis(#[from] AnalysisError),
+    Analysis(AnalysisError),
     /// A space that cannot be prepared.
     #[error(transparent)]
     Geometry(#[from] GeometryError),
@@ -73,5 +73,24 @@ impl EngineError {
         got: impl Into<String>,
     ) -> Self {
         Self::Damaged { object: object.to_string(), expected: expected.into(), got: got.into() }
+    }
+}
+
+/// An error of the source of shapes comes out of a statistic as it went in.
+impl From<AnalysisError> for EngineError {
+    fn from(error: AnalysisError) -> Self {
+        match error {
+            AnalysisError::Source(error) => error.take().unwrap_or_else(|error| Self::Analysis(error.into())),
+            error => Self::Analysis(error),
+        }
+    }
+}
+
+impl From<EngineError> for AnalysisError {
+    fn from(error: EngineError) -> Self {
+        match error {
+            EngineError::Analysis(error) => error,
+            error => SourceError::new(error).into(),
+        }
     }
 }

@@ -1,6 +1,7 @@
 //! Mean and principal components of any source of shapes: of a revision, or, to compare, of shapes in memory.
 
 use serde::Serialize;
+use shapelex_analysis::AnalysisError;
 use shapelex_analysis::accumulate::ShapeSource;
 use shapelex_analysis::alignment::{MeanShape, mean_shape};
 use shapelex_analysis::dictionary::preparation::Posed;
@@ -39,7 +40,7 @@ impl Statistics {
     ///
     /// # Errors
     /// Fewer than two shapes, degenerate shapes, errors of the source.
-    pub fn of<S: ShapeSource>(source: &S, setting: &Setting, request: Request) -> Result<Self, S::Error> {
+    pub fn of(source: &dyn ShapeSource, setting: &Setting, request: Request) -> Result<Self, AnalysisError> {
         let Setting { metric, method, matching, .. } = setting;
         let Request { frame, components, centred, normalise } = request;
         let mean = mean_shape(source, metric, method, frame, matching)?;

@@ -12,6 +12,7 @@
 //!   ([`coordinates`]);
 //! * [`lanes`] — long columns in pieces of a few vectors, and stacks of such columns;
 //! * [`dense`] — dense kernels and eigenproblems; the only module that depends on the linear algebra library;
+//! * [`parallel`] — loops over all threads;
 //! * [`fingerprint`] — a digest that tells whether two processes compute the same bits;
 //! * [`quadrature`] — Gauss–Legendre rules and an adaptive integral;
 //! * [`double_double`] — double and double-double arithmetic under one trait, and small systems over it.
@@ -45,6 +46,7 @@ pub mod lanes;
 pub mod lbfgs;
 pub mod newton;
 pub mod operator;
+pub mod parallel;
 pub mod quadrature;
 pub mod sparse;
 

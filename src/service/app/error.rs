@@ -1,8 +1,8 @@
 //! Errors of use cases. They carry no status codes; [`problem`](super::problem) translates them.
 
 use super::faults::Faults;
-use crate::analysis::AnalysisError;
 use crate::analysis::dictionary::procedure::ParameterFault;
+use crate::analysis::{AnalysisError, SourceError};
 use crate::formats::fault::Fault;
 use crate::formats::files::{FaultKind, FileError};
 use crate::geometry::capability::FieldFault;
@@ -238,6 +238,9 @@ impl ServiceError {
             AnalysisError::SingularCovariance { .. } => Self::invalid("/classifier", error.to_string()),
             AnalysisError::Parameter { field, detail } => Self::invalid(pointer_of(field), detail),
             AnalysisError::Interrupted => Self::Cancelled,
+            AnalysisError::Source(error) => {
+                error.take().unwrap_or_else(|error| Self::Internal(error.to_string()))
+            }
             AnalysisError::NotAnAccumulator
             | AnalysisError::NoConvergence { .. }
             | AnalysisError::Numeric(_) => Self::Internal(error.to_string()),
@@ -248,6 +251,13 @@ impl ServiceError {
 impl From<AnalysisError> for ServiceError {
     fn from(error: AnalysisError) -> Self {
         Self::from_request(error)
+    }
+}
+
+/// The way through a statistic of an error of the source of its shapes; the other direction takes it out again.
+impl From<ServiceError> for AnalysisError {
+    fn from(error: ServiceError) -> Self {
+        SourceError::new(error).into()
     }
 }
 

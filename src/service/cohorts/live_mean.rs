@@ -119,10 +119,10 @@ const LISTED_NUMBERS: usize = 1 << 16;
 
 impl LeftOut {
     /// Of a robust `mean` of `shapes`, which are those of `source`. `None` of a plain one.
-    fn new<S: ShapeSource<Error = ServiceError>>(
+    fn new(
         setup: &Setup,
         mean: &MeanShape,
-        shapes: &S,
+        shapes: &dyn ShapeSource,
         source: &StoredShapes<'_>,
     ) -> Result<Option<Self>, ServiceError> {
         let Some(factors) = &mean.robust else { return Ok(None) };

@@ -67,7 +67,7 @@ pub(crate) trait Distribute: Sync {
     ) -> Result<bool, ServiceError>;
 
     /// Codes groups of `shapes` while a dictionary is learnt; `None` if this process is to code them.
-    fn coders<'a>(&'a self, shapes: &'a StoredShapes<'_>) -> Option<CodeGroup<'a, ServiceError>> {
+    fn coders<'a>(&'a self, shapes: &'a StoredShapes<'_>) -> Option<CodeGroup<'a>> {
         let _ = shapes;
         None
     }
@@ -463,24 +463,22 @@ pub(crate) struct KeptShapes<'a> {
 }
 
 impl ShapeSource for KeptShapes<'_> {
-    type Error = ServiceError;
-
     fn count(&self) -> usize {
         self.shapes.count()
     }
 
     fn for_each_batch(
         &self,
-        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), ServiceError>,
-    ) -> Result<(), ServiceError> {
+        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), AnalysisError>,
+    ) -> Result<(), AnalysisError> {
         self.check()?;
         visit(self.shapes.all())?;
         self.worked(self.count());
         Ok(())
     }
 
-    fn check(&self) -> Result<(), ServiceError> {
-        self.stored.check()
+    fn check(&self) -> Result<(), AnalysisError> {
+        ShapeSource::check(&self.stored)
     }
 
     fn worked(&self, shapes: usize) {
@@ -491,26 +489,24 @@ impl ShapeSource for KeptShapes<'_> {
         ShapeSource::reserve(&self.stored, bytes)
     }
 
-    fn known_placements(&self) -> Result<Option<Vec<Placement>>, ServiceError> {
+    fn known_placements(&self) -> Result<Option<Vec<Placement>>, AnalysisError> {
         self.stored.known_placements()
     }
 
-    fn located(&self, error: ServiceError) -> ServiceError {
+    fn located(&self, error: AnalysisError) -> AnalysisError {
         self.stored.located(error)
     }
 }
 
 impl ShapeSource for StoredShapes<'_> {
-    type Error = ServiceError;
-
     fn count(&self) -> usize {
         self.range.count
     }
 
     fn for_each_batch(
         &self,
-        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), ServiceError>,
-    ) -> Result<(), ServiceError> {
+        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), AnalysisError>,
+    ) -> Result<(), AnalysisError> {
         let (metric, centred) = (&self.setup.metric, self.setup.method.translates());
         let length = metric.len();
         let (mut rows, mut weights): (Vec<f64>, Vec<f64>) = (Vec::new(), Vec::new());
@@ -545,13 +541,14 @@ impl ShapeSource for StoredShapes<'_> {
             // Only an erasure changes a revision.
             return Err(ServiceError::Unavailable(
                 "shapes were erased while they were read: try again".into(),
-            ));
+            )
+            .into());
         }
         Ok(())
     }
 
-    fn check(&self) -> Result<(), ServiceError> {
-        Self::check(self)
+    fn check(&self) -> Result<(), AnalysisError> {
+        Ok(Self::check(self)?)
     }
 
     fn worked(&self, shapes: usize) {
@@ -562,21 +559,21 @@ impl ShapeSource for StoredShapes<'_> {
         self.cache.reserve(bytes).map(|reserved| Box::new(reserved) as Reservation<'_>)
     }
 
-    fn known_placements(&self) -> Result<Option<Vec<Placement>>, ServiceError> {
+    fn known_placements(&self) -> Result<Option<Vec<Placement>>, AnalysisError> {
         let Some((known, which)) = self.known else { return Ok(None) };
         Ok(known.start(which, &self.places()?))
     }
 
-    fn located(&self, error: ServiceError) -> ServiceError {
-        self.named(error)
+    fn located(&self, error: AnalysisError) -> AnalysisError {
+        self.named(error).into()
     }
 
-    fn spread(&self, pass: &Pass, merge: &mut MergePart<'_>) -> Result<bool, ServiceError> {
-        let make = |part: &StoredShapes<'_>| pass.make(part, self.setup.measured());
-        self.spread_work(&|| Work::Sum(pass.clone()), &make, merge)
+    fn spread(&self, pass: &Pass, merge: &mut MergePart<'_>) -> Result<bool, AnalysisError> {
+        let make = |part: &StoredShapes<'_>| Ok(pass.make(part, self.setup.measured())?);
+        Ok(self.spread_work(&|| Work::Sum(pass.clone()), &make, merge)?)
     }
 
-    fn coders(&self) -> Option<CodeGroup<'_, ServiceError>> {
+    fn coders(&self) -> Option<CodeGroup<'_>> {
         self.distribute?.coders(self)
     }
 }

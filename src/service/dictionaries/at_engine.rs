@@ -207,11 +207,11 @@ impl Distribute for AtEngine<'_> {
         }
     }
 
-    fn coders<'s>(&'s self, shapes: &'s StoredShapes<'_>) -> Option<CodeGroup<'s, ServiceError>> {
+    fn coders<'s>(&'s self, shapes: &'s StoredShapes<'_>) -> Option<CodeGroup<'s>> {
         let Method::Sparse { schedule, .. } = self.plan.method else { return None };
         // Each group is a program that is started: it must be worth one.
         let pays = schedule == Schedule::Batch || shapes.len() >= MAX_GROUPS * PART;
-        (pays && self.has(shapes)).then(|| Box::new(|group: Group<'_>| self.code(shapes, group)) as _)
+        (pays && self.has(shapes)).then(|| Box::new(|group: Group<'_>| Ok(self.code(shapes, group)?)) as _)
     }
 
     fn has_failed_to_code(&self) -> bool {

@@ -210,7 +210,7 @@ impl Help {
         let shapes = StoredShapes::counted(app, handle, &cohort, &plan.filter, since, &setup, &stop, shapes);
         let part = shapes.part(self.claim.part, self.claim.start);
         match work {
-            Work::Sum(pass) => pass.make(&part, setup.measured()),
+            Work::Sum(pass) => Ok(pass.make(&part, setup.measured())?),
             Work::Codes(content) => {
                 let dictionary = Dictionary::new(*content, setup.measured())?;
                 Ok(dictionary.coded(&part, &self.context)?.to_bytes())

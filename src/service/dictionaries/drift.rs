@@ -106,5 +106,5 @@ fn compared(
         let shapes = StoredShapes::new(app, handle, &cohort, &provenance.filter, 0, &ready.setup, &stop)?;
         ShapesInMemory::spread_out(&shapes, most)
     };
-    ready.dictionary.drift(&source, &training, quantile, &context)
+    Ok(ready.dictionary.drift(&source, &training, quantile, &context)?)
 }

@@ -207,8 +207,8 @@ impl Watch for Task<'_> {
         self.meter.reached(fraction);
     }
 
-    fn not_held_out(&self, error: &AnalysisError) {
-        let error = ServiceError::from(error.clone());
+    fn not_held_out(&self, error: AnalysisError) {
+        let error = ServiceError::from(error);
         tracing::warn!(job = self.job.id, %error, "no shapes could be held out");
     }
 }
@@ -224,13 +224,14 @@ impl Task<'_> {
         let known = known.as_ref().map(|(known, which)| (&**known, *which));
         let shapes = self.shapes(0, &stop)?.starting_from(known);
         let recipe = self.plan.recipe(self.cohort);
-        let help = |shapes: &StoredShapes<'_>, dictionary: &Dictionary| self.coded(shapes, dictionary);
+        let help = |dictionary: &Dictionary| Ok(self.coded(&shapes, dictionary)?);
         let learner = Learner { recipe: &recipe, measured: self.setup.measured(), watch: self, help: &help };
         let learn = || match &previous {
-            None => learner.learn(&shapes),
+            None => Ok(learner.learn(&shapes)?),
             Some(Previous { content, revision, state }) => {
                 let new = self.shapes(*revision, &stop)?;
-                learner.continue_from(procedure::Previous { content, state }, &shapes, &new)
+                let previous = procedure::Previous { content, state };
+                Ok::<_, ServiceError>(learner.continue_from(previous, &shapes, &new)?)
             }
         };
         let learnt = match learn() {

@@ -306,6 +306,9 @@ pub(super) fn within_memory(
 
 /// Refusal for an error of a study; `pointer` is the place of errors that do not name it themselves.
 pub(super) fn refused(error: StudyError, pointer: &str) -> ServiceError {
+    if let StudyError::Analysis(error) = error {
+        return error.into();
+    }
     let pointer = match &error {
         StudyError::CollinearCovariate { covariate } => format!("/covariates/{covariate}"),
         StudyError::CollinearAttribute | StudyError::SmallDeviation => "/attribute".into(),
@@ -316,8 +319,8 @@ pub(super) fn refused(error: StudyError, pointer: &str) -> ServiceError {
         StudyError::LargeValues
         | StudyError::ManyLevels { .. }
         | StudyError::FewShapes { .. }
-        | StudyError::FewMembers { .. } => pointer.to_owned(),
-        StudyError::Analysis(error) => return error.clone().into(),
+        | StudyError::FewMembers { .. }
+        | StudyError::Analysis(_) => pointer.to_owned(),
     };
     ServiceError::invalid(pointer, error.to_string())
 }

@@ -1,7 +1,5 @@
 //! Sums of outer products.
 
-use rayon::prelude::*;
-
 use super::source::{BLOCK, PART, Shapes};
 use super::sum::{Accumulator, read_numbers, write_numbers};
 use crate::AnalysisError;
@@ -9,6 +7,7 @@ use crate::metric::dot;
 use crate::subspace::quarter_turn;
 use shapelex_numeric::dense::{self, Eigenpairs, Matrix, PANEL};
 use shapelex_numeric::kernels::{add_scaled, shift};
+use shapelex_numeric::parallel;
 
 /// `S = Σ x xᵀ` of vectors `x ∈ R^n`, with its leading eigenpairs by the smaller of two routes.
 ///
@@ -65,7 +64,7 @@ fn add_outer_products(s: &mut Matrix, columns: &[f64], factor: f64) {
     while let Some(first) = strips.next() {
         pairs.push([Some(first), strips.next_back()]);
     }
-    pairs.par_iter_mut().with_max_len(1).for_each(|pair| {
+    parallel::map_each(&mut pairs, &|pair| {
         pair.iter_mut().flatten().for_each(|strip| strip.add_outer_products(columns, factor));
     });
 }
@@ -333,14 +332,15 @@ impl Accumulator for ScatterSum {
     fn update(&mut self, shapes: Shapes<'_>) -> Result<(), AnalysisError> {
         let (n, origin) = (self.sum.len(), self.origin.clone());
         for_each_group(shapes, n, n, |group, columns| {
-            let mut sums = vec![0.0; n * group.weights.len().div_ceil(BLOCK)];
-            let blocks = columns.par_chunks_mut(BLOCK * n).zip(sums.par_chunks_mut(n));
-            blocks.zip(group.blocks(BLOCK)).for_each(|((columns, sum), block)| {
-                for (column, (_, x, weight)) in columns.chunks_exact_mut(n).zip(block.iter()) {
-                    shift(column, sum, x, &origin, weight, weight.sqrt());
+            let sums = parallel::map_chunks(columns, BLOCK * n, &|k, columns| {
+                let mut sum = vec![0.0; n];
+                for (column, (_, x, weight)) in columns.chunks_exact_mut(n).zip(group.block(k, BLOCK).iter())
+                {
+                    shift(column, &mut sum, x, &origin, weight, weight.sqrt());
                 }
+                sum
             });
-            for sum in sums.chunks_exact(n) {
+            for sum in &sums {
                 self.sum.iter_mut().zip(sum).for_each(|(total, sum)| *total += sum);
             }
             group.weights.iter().for_each(|weight| self.weight += weight);

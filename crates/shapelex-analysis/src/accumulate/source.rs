@@ -1,6 +1,6 @@
 //! Sources of prepared shapes.
 
-use rayon::prelude::*;
+use shapelex_numeric::parallel;
 
 use crate::AnalysisError;
 use crate::matching::placement::Placement;
@@ -32,7 +32,7 @@ pub struct Shapes<'a> {
 
 impl<'a> Shapes<'a> {
     /// `(position, whitened shape, weight)` of every shape.
-    pub fn iter(&self) -> impl Iterator<Item = (usize, &'a [f64], f64)> {
+    pub fn iter(&self) -> impl Iterator<Item = (usize, &'a [f64], f64)> + use<'a> {
         let length = self.whitened.len() / self.weights.len().max(1);
         let rows = self.whitened.chunks_exact(length.max(1)).zip(self.weights);
         let first = self.first;
@@ -48,23 +48,18 @@ impl<'a> Shapes<'a> {
         (Shapes { first: self.first, whitened: left, weights: first_weights }, rest)
     }
 
-    /// Consecutive blocks of `size` shapes; the last one may be shorter.
-    pub(crate) fn blocks(self, size: usize) -> impl IndexedParallelIterator<Item = Shapes<'a>> {
-        let length = self.whitened.len() / self.weights.len().max(1);
-        let rows = self.whitened.par_chunks(size * length.max(1));
-        rows.zip(self.weights.par_chunks(size)).enumerate().map(move |(i, (whitened, weights))| Shapes {
-            first: self.first + i * size,
-            whitened,
-            weights,
-        })
+    /// Block `k` of consecutive blocks of `size` shapes; the last one may be shorter.
+    pub(crate) fn block(self, k: usize, size: usize) -> Self {
+        let (_, rest) = self.split_at(k * size);
+        rest.split_at(size.min(rest.weights.len())).0
     }
 }
 
 /// A set of shapes that can be read several times, always in the same order.
+///
+/// Statistics take it as `&dyn ShapeSource`, so that they are compiled once: a call for each batch costs nothing. A failure of what the
+/// shapes come from passes through them as [`AnalysisError::Source`].
 pub trait ShapeSource: Sync {
-    /// Error of a read: a bad shape, or a failure of the storage that the shapes come from.
-    type Error: From<AnalysisError> + Send;
-
     /// Number of shapes.
     fn count(&self) -> usize;
 
@@ -74,14 +69,14 @@ pub trait ShapeSource: Sync {
     /// The first error of the storage or of `visit`.
     fn for_each_batch(
         &self,
-        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), Self::Error>,
-    ) -> Result<(), Self::Error>;
+        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), AnalysisError>,
+    ) -> Result<(), AnalysisError>;
 
     /// Fails once reading should end. Called between the steps of computations on shapes read before.
     ///
     /// # Errors
     /// The reason to end.
-    fn check(&self) -> Result<(), Self::Error> {
+    fn check(&self) -> Result<(), AnalysisError> {
         Ok(())
     }
 
@@ -102,12 +97,12 @@ pub trait ShapeSource: Sync {
     ///
     /// # Errors
     /// A failure of the storage.
-    fn known_placements(&self) -> Result<Option<Vec<Placement>>, Self::Error> {
+    fn known_placements(&self) -> Result<Option<Vec<Placement>>, AnalysisError> {
         Ok(None)
     }
 
     /// The error with the name of the shape that caused it, as far as the source knows it.
-    fn located(&self, error: Self::Error) -> Self::Error {
+    fn located(&self, error: AnalysisError) -> AnalysisError {
         error
     }
 
@@ -117,13 +112,13 @@ pub trait ShapeSource: Sync {
     ///
     /// # Errors
     /// The first error of the storage or of `merge`.
-    fn spread(&self, pass: &Pass, merge: &mut MergePart<'_>) -> Result<bool, Self::Error> {
+    fn spread(&self, pass: &Pass, merge: &mut MergePart<'_>) -> Result<bool, AnalysisError> {
         let _ = (pass, merge);
         Ok(false)
     }
 
     /// Codes groups of shapes in other processes while a dictionary is learnt; `None` if shapes are to be coded here.
-    fn coders(&self) -> Option<CodeGroup<'_, Self::Error>> {
+    fn coders(&self) -> Option<CodeGroup<'_>> {
         None
     }
 }
@@ -173,7 +168,7 @@ impl ShapesInMemory {
     ///
     /// # Errors
     /// Errors of the source.
-    pub fn of<S: ShapeSource>(source: &S) -> Result<Self, S::Error> {
+    pub fn of(source: &dyn ShapeSource) -> Result<Self, AnalysisError> {
         let (mut whitened, mut weights) = (Vec::new(), Vec::with_capacity(source.count()));
         source.for_each_batch(&mut |batch: Shapes<'_>| {
             if weights.is_empty() {
@@ -191,7 +186,7 @@ impl ShapesInMemory {
     ///
     /// # Errors
     /// Errors of the source.
-    pub fn spread_out<S: ShapeSource>(source: &S, most: usize) -> Result<Self, S::Error> {
+    pub fn spread_out(source: &dyn ShapeSource, most: usize) -> Result<Self, AnalysisError> {
         let (count, held) = (source.count(), source.count().min(most));
         let (mut whitened, mut weights) = (Vec::new(), Vec::new());
         let mut wanted = (0..held).map(|i| i * count / held).peekable();
@@ -233,8 +228,6 @@ impl ShapesInMemory {
 }
 
 impl ShapeSource for ShapesInMemory {
-    type Error = AnalysisError;
-
     fn count(&self) -> usize {
         self.weights.len()
     }
@@ -248,20 +241,18 @@ impl ShapeSource for ShapesInMemory {
 }
 
 /// The first shapes of a source.
-pub(crate) struct Leading<'a, S> {
-    pub(crate) source: &'a S,
+pub(crate) struct Leading<'a> {
+    pub(crate) source: &'a dyn ShapeSource,
     /// At most those of the source; a multiple of [`BLOCK`], or all.
     pub(crate) count: usize,
 }
 
-impl<S: ShapeSource> ShapeSource for Leading<'_, S> {
-    type Error = S::Error;
-
+impl ShapeSource for Leading<'_> {
     fn count(&self) -> usize {
         self.count
     }
 
-    fn check(&self) -> Result<(), S::Error> {
+    fn check(&self) -> Result<(), AnalysisError> {
         self.source.check()
     }
 
@@ -271,8 +262,8 @@ impl<S: ShapeSource> ShapeSource for Leading<'_, S> {
 
     fn for_each_batch(
         &self,
-        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), S::Error>,
-    ) -> Result<(), S::Error> {
+        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), AnalysisError>,
+    ) -> Result<(), AnalysisError> {
         let mut left = self.count;
         let read = self.source.for_each_batch(&mut |batch| {
             let (wanted, _) = batch.split_at(batch.weights.len().min(left));
@@ -280,7 +271,7 @@ impl<S: ShapeSource> ShapeSource for Leading<'_, S> {
             left -= wanted.weights.len();
             // An error is the only way to end the reading.
             if left == 0 && self.count < self.source.count() {
-                Err(AnalysisError::Interrupted.into())
+                Err(AnalysisError::Interrupted)
             } else {
                 Ok(())
             }
@@ -288,37 +279,35 @@ impl<S: ShapeSource> ShapeSource for Leading<'_, S> {
         if left == 0 { Ok(()) } else { read }
     }
 
-    fn located(&self, error: S::Error) -> S::Error {
+    fn located(&self, error: AnalysisError) -> AnalysisError {
         self.source.located(error)
     }
 
-    fn spread(&self, pass: &Pass, merge: &mut MergePart<'_>) -> Result<bool, S::Error> {
+    fn spread(&self, pass: &Pass, merge: &mut MergePart<'_>) -> Result<bool, AnalysisError> {
         Ok(self.count == self.source.count() && self.source.spread(pass, merge)?)
     }
 }
 
 /// A source whose `watch` is asked before every [`PART`] of shapes, so that an iteration over it can be cancelled, and counts
 /// the shapes that are read.
-pub struct Watched<'a, S> {
-    source: &'a S,
+pub struct Watched<'a> {
+    source: &'a dyn ShapeSource,
     watch: &'a dyn Watch,
 }
 
-impl<'a, S> Watched<'a, S> {
+impl<'a> Watched<'a> {
     /// Wraps `source`; reading ends with [`AnalysisError::Interrupted`] once the watch stops.
-    pub fn new(source: &'a S, watch: &'a dyn Watch) -> Self {
+    pub fn new(source: &'a dyn ShapeSource, watch: &'a dyn Watch) -> Self {
         Self { source, watch }
     }
 }
 
-impl<S: ShapeSource> ShapeSource for Watched<'_, S> {
-    type Error = S::Error;
-
+impl ShapeSource for Watched<'_> {
     fn count(&self) -> usize {
         self.source.count()
     }
 
-    fn check(&self) -> Result<(), S::Error> {
+    fn check(&self) -> Result<(), AnalysisError> {
         self.watch.check()?;
         self.source.check()
     }
@@ -331,14 +320,14 @@ impl<S: ShapeSource> ShapeSource for Watched<'_, S> {
         self.source.reserve(bytes)
     }
 
-    fn known_placements(&self) -> Result<Option<Vec<Placement>>, S::Error> {
+    fn known_placements(&self) -> Result<Option<Vec<Placement>>, AnalysisError> {
         self.source.known_placements()
     }
 
     fn for_each_batch(
         &self,
-        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), S::Error>,
-    ) -> Result<(), S::Error> {
+        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), AnalysisError>,
+    ) -> Result<(), AnalysisError> {
         self.source.for_each_batch(&mut |mut rest| {
             loop {
                 self.check()?;
@@ -354,11 +343,11 @@ impl<S: ShapeSource> ShapeSource for Watched<'_, S> {
         })
     }
 
-    fn located(&self, error: S::Error) -> S::Error {
+    fn located(&self, error: AnalysisError) -> AnalysisError {
         self.source.located(error)
     }
 
-    fn spread(&self, pass: &Pass, merge: &mut MergePart<'_>) -> Result<bool, S::Error> {
+    fn spread(&self, pass: &Pass, merge: &mut MergePart<'_>) -> Result<bool, AnalysisError> {
         self.source.spread(pass, merge)
     }
 }
@@ -374,7 +363,7 @@ pub fn prepare(
     shapes: &mut [f64],
 ) -> Result<(), AnalysisError> {
     let length = metric.len();
-    shapes.par_chunks_mut(BLOCK * length).enumerate().try_for_each(|(block, rows)| {
+    parallel::try_for_each_chunk(shapes, BLOCK * length, &|block, rows| {
         for (i, shape) in rows.chunks_exact_mut(length).enumerate() {
             let size = norm(shape);
             if centred {
@@ -395,11 +384,11 @@ pub fn prepare(
 ///
 /// # Errors
 /// Errors of the source, of `change` and of `visit`.
-pub(crate) fn for_each_changed<S: ShapeSource>(
-    source: &S,
+pub(crate) fn for_each_changed(
+    source: &dyn ShapeSource,
     change: impl Fn(Shapes<'_>, &mut [f64]) -> Result<(), AnalysisError>,
-    visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), S::Error>,
-) -> Result<(), S::Error> {
+    visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), AnalysisError>,
+) -> Result<(), AnalysisError> {
     let mut whitened = Vec::new();
     source.for_each_batch(&mut |mut rest| {
         // Parts, so that a source in memory is not copied as a whole.
@@ -419,35 +408,33 @@ pub(crate) fn for_each_changed<S: ShapeSource>(
 ///
 /// # Errors
 /// The first error of the source or of `f`.
-pub fn map_shapes<S: ShapeSource, T: Send>(
-    source: &S,
+pub fn map_shapes<T: Send>(
+    source: &dyn ShapeSource,
     f: impl Fn(usize, &[f64], f64) -> Result<T, AnalysisError> + Sync,
-) -> Result<Vec<T>, S::Error> {
-    map_by(source, MAP_BLOCK, |block| block.iter().map(|(i, x, w)| f(i, x, w)).collect())
+) -> Result<Vec<T>, AnalysisError> {
+    map_by(source, MAP_BLOCK, &|block| block.iter().map(|(i, x, w)| f(i, x, w)).collect())
 }
 
 /// The same by blocks of at most [`BLOCK`] shapes.
 ///
 /// # Errors
 /// The first error of the source or of `f`.
-pub(crate) fn map_blocks<S: ShapeSource, T: Send>(
-    source: &S,
+pub(crate) fn map_blocks<T: Send>(
+    source: &dyn ShapeSource,
     f: impl Fn(Shapes<'_>) -> Result<Vec<T>, AnalysisError> + Sync,
-) -> Result<Vec<T>, S::Error> {
-    map_by(source, BLOCK, f)
+) -> Result<Vec<T>, AnalysisError> {
+    map_by(source, BLOCK, &f)
 }
 
-fn map_by<S: ShapeSource, T: Send>(
-    source: &S,
+fn map_by<T: Send>(
+    source: &dyn ShapeSource,
     size: usize,
-    f: impl Fn(Shapes<'_>) -> Result<Vec<T>, AnalysisError> + Sync,
-) -> Result<Vec<T>, S::Error> {
+    f: &(dyn Fn(Shapes<'_>) -> Result<Vec<T>, AnalysisError> + Sync),
+) -> Result<Vec<T>, AnalysisError> {
     let mut values = Vec::with_capacity(source.count());
     source.for_each_batch(&mut |batch| {
-        let blocks: Vec<Result<Vec<T>, AnalysisError>> = batch.blocks(size).map(&f).collect();
-        for block in blocks {
-            values.extend(block?);
-        }
+        let count = batch.weights.len().div_ceil(size);
+        values.extend(parallel::try_map(count, &|k| f(batch.block(k, size)))?.into_iter().flatten());
         Ok(())
     })?;
     Ok(values)
@@ -458,10 +445,10 @@ fn map_by<S: ShapeSource, T: Send>(
 ///
 /// # Errors
 /// [`AnalysisError::TooFewShapes`] when no position is eligible; errors of the source.
-pub fn smallest_eligible<S: ShapeSource>(
-    source: &S,
+pub fn smallest_eligible(
+    source: &dyn ShapeSource,
     eligible: impl Fn(usize) -> bool,
-) -> Result<(usize, Vec<f64>), S::Error> {
+) -> Result<(usize, Vec<f64>), AnalysisError> {
     let mut chosen: Option<(usize, Vec<f64>)> = None;
     source.for_each_batch(&mut |batch| {
         for (position, x, _) in batch.iter().filter(|(k, ..)| eligible(*k)) {
@@ -471,5 +458,5 @@ pub fn smallest_eligible<S: ShapeSource>(
         }
         Ok(())
     })?;
-    Ok(chosen.ok_or(AnalysisError::TooFewShapes { found: 0, needed: 1 })?)
+    chosen.ok_or(AnalysisError::TooFewShapes { found: 0, needed: 1 })
 }

@@ -1,6 +1,6 @@
 //! Sums over the shapes of a source.
 
-use rayon::prelude::*;
+use shapelex_numeric::parallel;
 
 use super::source::{PART, ShapeSource, Shapes};
 use crate::AnalysisError;
@@ -87,31 +87,41 @@ impl<A, E: Fn() -> A, M: Fn(&mut A, A)> PartTree<A, E, M> {
 ///
 /// # Errors
 /// The first error of the source or of an update.
-pub fn accumulate<S: ShapeSource, A: Accumulator>(source: &S, empty: impl Fn() -> A) -> Result<A, S::Error> {
-    let (mut parts, mut part, mut open) = (PartTree::new(&empty, A::merge), None::<A>, None);
+pub fn accumulate<A: Accumulator>(
+    source: &dyn ShapeSource,
+    empty: impl Fn() -> A,
+) -> Result<A, AnalysisError> {
+    accumulate_all(source, &empty)
+}
+
+fn accumulate_all<A: Accumulator>(
+    source: &dyn ShapeSource,
+    empty: &dyn Fn() -> A,
+) -> Result<A, AnalysisError> {
+    let (mut parts, mut part, mut open) = (PartTree::new(empty, A::merge), None::<A>, None);
     let unit = empty().unit();
     source.for_each_batch(&mut |batch| {
         for pieces in pieces(batch, unit).chunks(TOGETHER) {
             // The first piece may continue a unit.
-            let begin = |&piece| (piece, open.take().unwrap_or_else(&empty));
-            let begun: Vec<(Shapes<'_>, A)> = pieces.iter().map(begin).collect();
-            let update = |(piece, mut sum): (Shapes<'_>, A)| sum.update(piece).map(|()| sum);
-            let sums: Vec<Result<A, AnalysisError>> = begun.into_par_iter().map(update).collect();
-            for (piece, sum) in pieces.iter().zip(sums) {
+            let mut sums: Vec<(Shapes<'_>, A)> =
+                pieces.iter().map(|piece| (*piece, open.take().unwrap_or_else(empty))).collect();
+            let updated = parallel::map_each(&mut sums, &|(piece, sum)| sum.update(*piece));
+            for ((piece, sum), updated) in sums.into_iter().zip(updated) {
                 if piece.first.is_multiple_of(PART) {
                     part.take().into_iter().for_each(|part| parts.push(part));
                 }
+                updated?;
                 let end = piece.first + piece.weights.len();
                 if end.is_multiple_of(unit) {
-                    part.get_or_insert_with(&empty).merge(sum?);
+                    part.get_or_insert_with(empty).merge(sum);
                 } else {
-                    open = Some(sum?);
+                    open = Some(sum);
                 }
             }
         }
         Ok(())
     })?;
-    open.into_iter().for_each(|sum| part.get_or_insert_with(&empty).merge(sum));
+    open.into_iter().for_each(|sum| part.get_or_insert_with(empty).merge(sum));
     part.into_iter().for_each(|part| parts.push(part));
     Ok(parts.finish())
 }
@@ -149,12 +159,12 @@ pub(crate) fn merge_serialised<A: Accumulator>(
 ///
 /// # Errors
 /// Those of the source and of `here`.
-pub(crate) fn accumulate_spread<S: ShapeSource, A: Accumulator>(
-    source: &S,
+pub(crate) fn accumulate_spread<A: Accumulator>(
+    source: &dyn ShapeSource,
     sum: Sum,
     empty: impl Fn() -> A,
-    here: impl FnOnce() -> Result<A, S::Error>,
-) -> Result<A, S::Error> {
+    here: impl FnOnce() -> Result<A, AnalysisError>,
+) -> Result<A, AnalysisError> {
     let mut parts = PartTree::new(&empty, A::merge);
     let spread = source.spread(&Pass { aligned: None, sum }, &mut |bytes| {
         let mut part = empty();

@@ -11,7 +11,7 @@
 //!
 //! Source: Schmitter 2017, table 4.3; Wright, Yang, Ganesh, Sastry and Ma 2009.
 
-use rayon::prelude::*;
+use shapelex_numeric::parallel;
 
 use super::observations::{Evidence, Labelled, Observations};
 use crate::dictionary::model::{Model, squared_distance};
@@ -79,7 +79,7 @@ impl AtomClasses {
             };
             Evidence::from_residuals(self.atoms.iter().map(distance).collect())
         };
-        (0..observations.count()).into_par_iter().map(evidence).collect()
+        parallel::map(observations.count(), &evidence)
     }
 
     pub(super) fn residuals(&self, model: &Model, observations: Observations<'_>) -> Vec<Evidence> {
@@ -91,7 +91,7 @@ impl AtomClasses {
             };
             Evidence::from_residuals(self.atoms.iter().map(distance).collect())
         };
-        (0..observations.count()).into_par_iter().map(evidence).collect()
+        parallel::map(observations.count(), &evidence)
     }
 }
 

@@ -8,7 +8,7 @@
 //!
 //! Source: Schmitter 2017, section 4.6.
 
-use rayon::prelude::*;
+use shapelex_numeric::parallel;
 
 use super::observations::{Evidence, Labelled, Observations, subset};
 use crate::AnalysisError;
@@ -84,6 +84,6 @@ impl ClassMeans {
                 (0..self.means.len()).map(|class| distance(observations.shape(k), class)).collect();
             distances.map(Evidence::from_residuals).map_err(|error| error.at(k))
         };
-        (0..observations.count()).into_par_iter().map(evidence).collect()
+        parallel::try_map(observations.count(), &evidence)
     }
 }

@@ -152,11 +152,11 @@ fn about_means(mut z: Matrix, sample: Labelled<'_>, sizes: &[usize]) -> (Matrix,
 
 /// Cholesky factor of the covariance of a class.
 fn factor(class: usize, covariance: Matrix) -> Result<Matrix, AnalysisError> {
-    let error = AnalysisError::SingularCovariance { class };
-    let factor = Cholesky::new(covariance).ok_or(error.clone())?.unpack();
+    let error = || AnalysisError::SingularCovariance { class };
+    let factor = Cholesky::new(covariance).ok_or_else(error)?.unpack();
     let pivots = factor.diagonal();
     // The squared ratio is a lower bound on the condition number.
-    if pivots.min() > WELL_CONDITIONED * pivots.max() { Ok(factor) } else { Err(error) }
+    if pivots.min() > WELL_CONDITIONED * pivots.max() { Ok(factor) } else { Err(error()) }
 }
 
 /// `L⁻¹ z`.

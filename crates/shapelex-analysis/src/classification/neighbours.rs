@@ -9,11 +9,10 @@
 //!
 //! Source: Fix and Hodges 1951; Cover and Hart 1967.
 
-use rayon::prelude::*;
-
 use super::observations::{Evidence, Labelled};
 use crate::dictionary::model::squared_distance;
 use shapelex_numeric::dense::Matrix;
+use shapelex_numeric::parallel;
 
 /// The training shapes, which vote.
 #[derive(Debug, Clone, PartialEq)]
@@ -46,7 +45,7 @@ impl NearestNeighbours {
     pub(super) fn evidence(&self, features: &Matrix) -> Vec<Evidence> {
         let mut features = features.clone();
         scale_size(&mut features, self.size_factor);
-        (0..features.ncols()).into_par_iter().map(|k| self.one(features.column(k).as_slice())).collect()
+        parallel::map(features.ncols(), &|k| self.one(features.column(k).as_slice()))
     }
 
     fn one(&self, z: &[f64]) -> Evidence {

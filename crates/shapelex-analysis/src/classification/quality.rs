@@ -7,7 +7,7 @@
 //!
 //! Sources: Guo, Pleiss, Sun and Weinberger 2017 (one temperature for all classes); Brier 1950; Wilson 1927.
 
-use rayon::prelude::*;
+use shapelex_numeric::parallel;
 
 use super::observations::Evidence;
 
@@ -179,7 +179,7 @@ impl Quality {
         // Every fold has its own β, from the shapes outside of the fold.
         let all = sharpness(held.iter());
         let outside = |fold: usize| sharpness_near(all, held.iter().filter(move |held| held.fold != fold));
-        let betas: Vec<f64> = (0..folds).into_par_iter().map(outside).collect();
+        let betas: Vec<f64> = parallel::map(folds, &outside);
         let (mut brier, mut log_loss) = (0.0, 0.0);
         let mut bins = vec![Bin::default(); BINS];
         let mut right = vec![(0_usize, 0_usize); repeats.max(1)];

@@ -11,7 +11,7 @@
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use rayon::prelude::*;
+use shapelex_numeric::parallel;
 
 use super::candidates::{Ballot, Choice, REPORTED, Trial, candidate, candidates};
 use super::classifier::{Classifier, Kind};
@@ -176,8 +176,8 @@ impl Study<'_> {
             .flat_map(|(repeat, fold_of)| (0..folds).map(move |fold| (repeat * folds + fold, fold_of, fold)))
             .collect();
         // Folds run in parallel, because the small problems within a fold would leave threads idle.
-        let held: Result<Vec<Vec<Held>>, AnalysisError> = parts.into_par_iter().map(hold_out).collect();
-        Ok(held?.concat())
+        let held = parallel::try_map::<_, AnalysisError>(parts.len(), &|k| hold_out(parts[k]))?;
+        Ok(held.concat())
     }
 
     /// Chooses what to train on the shapes `chosen` by a cross-validation within them; returns the candidates too, the
@@ -234,20 +234,17 @@ impl Study<'_> {
                 tried = kinds.into_iter().map(|kind| (kind, Vec::new())).collect();
             }
             shapes += outside.len();
-            let found: Vec<Option<Vec<Held>>> = tried
-                .par_iter()
-                .map(|(kind, _)| {
-                    self.watch.check()?;
-                    self.tried(*kind, &learnt, &training, &test, &outside)
-                })
-                .collect::<Result<_, AnalysisError>>()?;
+            let found = parallel::try_map(tried.len(), &|k| {
+                self.watch.check()?;
+                self.tried(tried[k].0, &learnt, &training, &test, &outside)
+            })?;
             // Candidates that cannot be trained on a fold are discarded.
             let pairs = std::mem::take(&mut tried).into_iter().zip(found);
             tried = pairs
                 .filter_map(|((kind, held), more)| more.map(|more| (kind, [held, more].concat())))
                 .collect();
         }
-        Ok((tried.into_par_iter().map(|(kind, held)| Trial::new(kind, &held)).collect(), shapes))
+        Ok((parallel::map(tried.len(), &|k| Trial::new(tried[k].0, &tried[k].1)), shapes))
     }
 
     /// Results of a candidate on shapes on which it was not trained; `None` if it cannot be trained.

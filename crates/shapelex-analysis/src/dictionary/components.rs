@@ -77,14 +77,14 @@ impl Procedure for Components {
     }
 
     /// Reads the shapes once.
-    fn fit<S: ShapeSource>(
+    fn fit(
         &self,
-        shapes: &S,
+        shapes: &dyn ShapeSource,
         previous: Option<Previous<'_>>,
         preparation: &Preparation,
         content: &mut Content,
         watch: &dyn Watch,
-    ) -> Result<Vec<u8>, S::Error> {
+    ) -> Result<Vec<u8>, AnalysisError> {
         watch.check()?;
         watch.phase(Phase::Learn, 0.0);
         let metric = &preparation.metric;

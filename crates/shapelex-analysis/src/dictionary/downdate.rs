@@ -13,14 +13,13 @@
 //!
 //! Sources: Golub 1973 (modified eigenvalue problems); Bunch, Nielsen and Sorensen 1978.
 
-use rayon::prelude::*;
-
 use super::model::Spread;
 use crate::AnalysisError;
 use crate::accumulate::{ScatterSum, Shapes};
 use crate::metric::dot;
 use crate::pca::SMALLEST_COMPONENT;
 use shapelex_numeric::dense::Eigenpairs;
+use shapelex_numeric::parallel;
 
 /// Minimum number of shapes for leaving one out: the variance of a score needs two.
 pub const FEWEST: usize = 3;
@@ -85,7 +84,7 @@ impl Downdate {
     /// that were summed. Cost per shape: about fifty times `O(components · (2 components + 32))`, and a product with the spectrum.
     pub fn leave_out(&self, some: Shapes<'_>) -> HeldOut {
         let shapes: Vec<(usize, &[f64], f64)> = some.iter().collect();
-        let seen: Vec<(f64, f64)> = shapes.par_iter().map(|&(_, y, weight)| self.seen(y, weight)).collect();
+        let seen = parallel::map(shapes.len(), &|i| self.seen(shapes[i].1, shapes[i].2));
         let (distances, residuals) = seen.into_iter().unzip();
         HeldOut { distances: Some(distances), residuals }
     }

@@ -89,7 +89,7 @@ pub struct Drift {
 }
 
 /// Reads at most the given number of the training shapes, evenly spread, whitened as those of a source.
-pub type ReadTraining<'a, E> = dyn Fn(usize) -> Result<ShapesInMemory, E> + 'a;
+pub type ReadTraining<'a> = dyn Fn(usize) -> Result<ShapesInMemory, AnalysisError> + 'a;
 
 /// Maximum number of training shapes that are halved: the spread of their means does not depend on their number.
 const MAX_HALVED: usize = 400;
@@ -113,15 +113,15 @@ impl Dictionary {
     ///
     /// # Errors
     /// Errors of the source and of `training`; degenerate shapes; [`AnalysisError::Interrupted`].
-    pub fn drift<S: ShapeSource>(
+    pub fn drift(
         &self,
-        source: &S,
-        training: &ReadTraining<'_, S::Error>,
+        source: &dyn ShapeSource,
+        training: &ReadTraining<'_>,
         quantile: f64,
         watch: &dyn Watch,
-    ) -> Result<Drift, S::Error> {
+    ) -> Result<Drift, AnalysisError> {
         let mut sums = Sums::default();
-        let passed = source.for_each_batch(&mut |batch| Ok(self.add(&mut sums, batch, quantile)?));
+        let passed = source.for_each_batch(&mut |batch| self.add(&mut sums, batch, quantile));
         passed.map_err(|error| source.located(error))?;
         let shapes = sums.residuals.len();
         if shapes == 0 {
@@ -186,12 +186,12 @@ impl Dictionary {
     }
 
     /// Angle between the mean of the new shapes and the mean of the dictionary.
-    fn mean_drift<S: ShapeSource>(
+    fn mean_drift(
         &self,
-        source: &S,
-        training: &ReadTraining<'_, S::Error>,
+        source: &dyn ShapeSource,
+        training: &ReadTraining<'_>,
         watch: &dyn Watch,
-    ) -> Result<MeanDrift, S::Error> {
+    ) -> Result<MeanDrift, AnalysisError> {
         let Preparation { metric, method, matching, .. } = &self.preparation;
         let mean = mean_shape(source, metric, method, self.content.frame, matching);
         let mean = mean.map_err(|error| source.located(error))?;

@@ -66,14 +66,14 @@ fn spread(positions: &[usize]) -> Vec<usize> {
 
 /// Measures of held-out shapes. `None` for fewer than three shapes; for sparse atoms also if the shapes do not fit in
 /// memory or if learning was continued (not `anew`). `state`: the sums from which components were computed.
-pub(super) fn statistics<S: ShapeSource>(
-    shapes: &S,
+pub(super) fn statistics(
+    shapes: &dyn ShapeSource,
     dictionary: &Dictionary,
     recipe: &Recipe,
     state: &[u8],
     anew: bool,
     watch: &dyn Watch,
-) -> Result<Option<HeldOutStatistics>, S::Error> {
+) -> Result<Option<HeldOutStatistics>, AnalysisError> {
     let (count, preparation) = (shapes.count(), &dictionary.preparation);
     if count < FEWEST {
         return Ok(None);
@@ -92,21 +92,21 @@ pub(super) fn statistics<S: ShapeSource>(
     }
     match held_in_parts(&ShapesInMemory::of(shapes)?, dictionary, recipe, watch) {
         Ok(found) => Ok(Some(record(HoldOut::Parts, found))),
-        Err(AnalysisError::Interrupted) => Err(AnalysisError::Interrupted.into()),
+        Err(AnalysisError::Interrupted) => Err(AnalysisError::Interrupted),
         // The whole set could be learnt, but not a part of it: a shape may be degenerate for the mean of the others.
         Err(error) => {
-            watch.not_held_out(&error);
+            watch.not_held_out(error);
             Ok(None)
         }
     }
 }
 
-fn left_out<S: ShapeSource>(
-    shapes: &S,
+fn left_out(
+    shapes: &dyn ShapeSource,
     dictionary: &Dictionary,
     downdate: &Downdate,
     watch: &dyn Watch,
-) -> Result<HeldOut, S::Error> {
+) -> Result<HeldOut, AnalysisError> {
     watch.check()?;
     let some = ShapesInMemory::spread_out(shapes, MAX_HELD)?;
     let posed = ShapesInMemory::of(&Posed { source: &some, preparation: &dictionary.preparation })?;

@@ -71,7 +71,7 @@ impl Dictionary {
     ///
     /// # Errors
     /// [`AnalysisError::Interrupted`]; errors of the coder and of the source.
-    pub fn coded<S: ShapeSource>(&self, source: &S, watch: &dyn Watch) -> Result<Coded, S::Error> {
+    pub fn coded(&self, source: &dyn ShapeSource, watch: &dyn Watch) -> Result<Coded, AnalysisError> {
         Coded::new(&self.model, &Posed { source, preparation: &self.preparation }, watch)
     }
 }

@@ -39,18 +39,17 @@ pub struct Learnt {
 ///
 /// # Errors
 /// Errors of the recipe and of the source; degenerate or too few shapes; [`AnalysisError::Interrupted`].
-pub fn learn<S: ShapeSource>(shapes: &S, recipe: &Recipe, watch: &dyn Watch) -> Result<Learnt, S::Error> {
+pub fn learn(shapes: &dyn ShapeSource, recipe: &Recipe, watch: &dyn Watch) -> Result<Learnt, AnalysisError> {
     let setting = recipe.setting()?;
     let shapes = Watched::new(shapes, watch);
-    Learner { recipe, measured: setting.measured(), watch, help: &|_, _| Ok(None) }.learn(&shapes)
+    Learner { recipe, measured: setting.measured(), watch, help: &|_| Ok(None) }.learn(&shapes)
 }
 
-/// Encodes shapes elsewhere, such as in other processes; `None` if they are to be encoded here.
-pub type Help<'a, S> =
-    dyn Fn(&S, &Dictionary) -> Result<Option<Coded>, <S as ShapeSource>::Error> + Sync + 'a;
+/// Encodes all shapes elsewhere, such as in other processes; `None` if they are to be encoded here.
+pub type Help<'a> = dyn Fn(&Dictionary) -> Result<Option<Coded>, AnalysisError> + Sync + 'a;
 
 /// Learns dictionaries from a kind of source.
-pub struct Learner<'a, S: ShapeSource> {
+pub struct Learner<'a> {
     /// Parameters of learning.
     pub recipe: &'a Recipe,
     /// Metric, alignment and matching of the recipe.
@@ -58,29 +57,29 @@ pub struct Learner<'a, S: ShapeSource> {
     /// Progress and cancellation.
     pub watch: &'a dyn Watch,
     /// Help with the pass that encodes all shapes.
-    pub help: &'a Help<'a, S>,
+    pub help: &'a Help<'a>,
 }
 
-impl<S: ShapeSource> Learner<'_, S> {
+impl Learner<'_> {
     /// The shapes that count less, and where they are wrong.
     fn less_counted(
         &self,
-        shapes: &S,
+        shapes: &dyn ShapeSource,
         factors: &Factors,
         content: &Content,
-    ) -> Result<Vec<LessCounted>, S::Error> {
+    ) -> Result<Vec<LessCounted>, AnalysisError> {
         let Some(listed) = Listed::of(shapes, factors, MOST_LISTED)? else { return Ok(Vec::new()) };
         let aligned = Pose::Aligned { normalise: false };
         let preparation = Preparation { pose: aligned, ..content.preparation(self.measured)? };
         let posed = ShapesInMemory::of(&Posed { source: listed.shapes(), preparation: &preparation })?;
-        Ok(listed.described(self.measured, &posed.into_whitened())?)
+        listed.described(self.measured, &posed.into_whitened())
     }
 
     /// Learns from scratch.
     ///
     /// # Errors
     /// Errors of the source; degenerate or too few shapes; [`AnalysisError::Interrupted`].
-    pub fn learn(&self, shapes: &S) -> Result<Learnt, S::Error> {
+    pub fn learn(&self, shapes: &dyn ShapeSource) -> Result<Learnt, AnalysisError> {
         self.enter(Phase::Mean)?;
         let estimator = self.recipe.estimator;
         let mean = mean_of(estimator, self.recipe, self.measured, shapes);
@@ -91,7 +90,7 @@ impl<S: ShapeSource> Learner<'_, S> {
         // Wrong shapes must not become atoms, nor set the limit of outliers: what follows does not see them.
         let retained = Retained::new(shapes, &factors.factors);
         let mut learnt =
-            self.finish((&retained, &retained), mean, None, Some(factors.summary()), &|_, _| Ok(None))?;
+            self.finish((&retained, &retained), mean, None, Some(factors.summary()), &|_| Ok(None))?;
         learnt.less_counted = self.less_counted(shapes, &factors, &learnt.dictionary.content)?;
         Ok(learnt)
     }
@@ -100,7 +99,12 @@ impl<S: ShapeSource> Learner<'_, S> {
     ///
     /// # Errors
     /// As [`Self::learn`]; [`AnalysisError::NotAnAccumulator`] for sums of another dictionary.
-    pub fn continue_from(&self, previous: Previous<'_>, shapes: &S, new: &S) -> Result<Learnt, S::Error> {
+    pub fn continue_from(
+        &self,
+        previous: Previous<'_>,
+        shapes: &dyn ShapeSource,
+        new: &dyn ShapeSource,
+    ) -> Result<Learnt, AnalysisError> {
         self.enter(Phase::Mean)?;
         self.finish((shapes, new), previous.content.mean.clone(), Some(previous), None, self.help)
     }
@@ -111,14 +115,14 @@ impl<S: ShapeSource> Learner<'_, S> {
         Ok(())
     }
 
-    fn finish<T: ShapeSource<Error = S::Error>>(
+    fn finish(
         &self,
-        (shapes, new): (&T, &T),
+        (shapes, new): (&dyn ShapeSource, &dyn ShapeSource),
         mean: MeanRecord,
         previous: Option<Previous<'_>>,
         robust: Option<RobustSummary>,
-        help: &Help<'_, T>,
-    ) -> Result<Learnt, S::Error> {
+        help: &Help<'_>,
+    ) -> Result<Learnt, AnalysisError> {
         let mut content = Content { robust, ..self.recipe.content(mean) };
         let preparation = content.preparation(self.measured)?;
         self.enter(Phase::Align)?;
@@ -139,13 +143,13 @@ impl<S: ShapeSource> Learner<'_, S> {
 
     /// Learns from prepared shapes, which are kept in memory if they fit. Components take a single pass and read them from the
     /// source, as shapes that are coded elsewhere are.
-    fn fit<T: ShapeSource<Error = S::Error>>(
+    fn fit(
         &self,
-        shapes: &T,
+        shapes: &dyn ShapeSource,
         previous: Option<Previous<'_>>,
         preparation: &Preparation,
         content: &mut Content,
-    ) -> Result<Vec<u8>, S::Error> {
+    ) -> Result<Vec<u8>, AnalysisError> {
         let (method, watch) = (&self.recipe.method, self.watch);
         let posed = Posed { source: shapes, preparation };
         let elsewhere = posed.coders().is_some();
@@ -153,16 +157,16 @@ impl<S: ShapeSource> Learner<'_, S> {
             return method.fit(&posed, previous, preparation, content, watch);
         }
         let kept = ShapesInMemory::of(&posed)?;
-        Ok(method.fit(&kept, previous, preparation, content, watch)?)
+        method.fit(&kept, previous, preparation, content, watch)
     }
 
-    fn certificate<T: ShapeSource<Error = S::Error>>(
+    fn certificate(
         &self,
-        shapes: &T,
+        shapes: &dyn ShapeSource,
         dictionary: &Dictionary,
-        help: &Help<'_, T>,
-    ) -> Result<Certificate, S::Error> {
-        let coded = match help(shapes, dictionary)? {
+        help: &Help<'_>,
+    ) -> Result<Certificate, AnalysisError> {
+        let coded = match help(dictionary)? {
             Some(coded) => coded,
             None => dictionary.coded(shapes, self.watch)?,
         };
@@ -171,16 +175,16 @@ impl<S: ShapeSource> Learner<'_, S> {
 }
 
 /// Size of the prepared shapes of a source.
-pub(super) fn bytes<S: ShapeSource>(shapes: &S, preparation: &Preparation) -> usize {
+pub(super) fn bytes(shapes: &dyn ShapeSource, preparation: &Preparation) -> usize {
     shapes.count().saturating_mul(8 * preparation.metric.len())
 }
 
-fn mean_of<S: ShapeSource>(
+fn mean_of(
     estimator: Estimator,
     recipe: &Recipe,
     measured: Measured<'_>,
-    shapes: &S,
-) -> Result<(MeanRecord, Option<Factors>), S::Error> {
+    shapes: &dyn ShapeSource,
+) -> Result<(MeanRecord, Option<Factors>), AnalysisError> {
     let Measured { metric, method, matching } = measured;
     let mean = mean_by(estimator, shapes, metric, method, recipe.frame, matching)?;
     Ok((MeanRecord::of(&mean, metric.dimension()), mean.robust))

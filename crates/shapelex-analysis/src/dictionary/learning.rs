@@ -19,7 +19,6 @@
 
 use rand::rngs::ChaCha12Rng;
 use rand::{RngExt, SeedableRng};
-use rayon::prelude::*;
 
 use super::algebra::Algebra;
 use super::statistics::Statistics;
@@ -30,6 +29,7 @@ use crate::pass::{CodeGroup, Group};
 use crate::sparse::{Atoms, Coder, Encode, SparseCode};
 use crate::watch::Watch;
 use shapelex_numeric::dense::Matrix;
+use shapelex_numeric::parallel;
 
 /// Schedule of the updates of the atoms: `online` after every group of shapes, `batch` after each pass over all shapes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
@@ -121,12 +121,12 @@ impl Learning {
     /// # Errors
     /// [`AnalysisError::TooFewShapes`] below `J` shapes, [`AnalysisError::Interrupted`] when the watch stops,
     /// errors of the coder and of the source.
-    pub fn learn<S: ShapeSource>(
+    pub fn learn(
         &self,
-        source: &S,
+        source: &dyn ShapeSource,
         start: Option<Start>,
         watch: &dyn Watch,
-    ) -> Result<Learnt, S::Error> {
+    ) -> Result<Learnt, AnalysisError> {
         let mut state = match start {
             Some(start) => State::new(self, start.atoms, Some(start.statistics)),
             None => State::new(self, self.first_atoms(source)?, None),
@@ -174,10 +174,10 @@ impl Learning {
     }
 
     /// Normal forms of shapes drawn from the seed, in the order of the draw.
-    fn first_atoms<S: ShapeSource>(&self, source: &S) -> Result<Matrix, S::Error> {
+    fn first_atoms(&self, source: &dyn ShapeSource) -> Result<Matrix, AnalysisError> {
         let found = source.count();
         if found < self.atoms {
-            return Err(AnalysisError::TooFewShapes { found, needed: self.atoms }.into());
+            return Err(AnalysisError::TooFewShapes { found, needed: self.atoms });
         }
         let mut order: Vec<usize> = (0..found).collect();
         let mut random = ChaCha12Rng::seed_from_u64(self.seed);
@@ -204,12 +204,12 @@ impl Learning {
     }
 
     /// Makes one pass and returns the squared distance of every shape from its reconstruction.
-    fn epoch<S: ShapeSource>(
+    fn epoch(
         &self,
-        source: &S,
+        source: &dyn ShapeSource,
         state: &mut State<'_>,
         watch: &dyn Watch,
-    ) -> Result<Vec<f64>, S::Error> {
+    ) -> Result<Vec<f64>, AnalysisError> {
         let mut residuals = Vec::with_capacity(source.count());
         let empty = state.empty();
         let mut group = PartTree::new(|| empty.clone(), merge);
@@ -241,14 +241,14 @@ impl Learning {
     }
 
     /// As [`epoch`](Self::epoch), with groups that `code` codes: the same bits.
-    fn epoch_elsewhere<E: From<AnalysisError>>(
+    fn epoch_elsewhere(
         &self,
         count: usize,
-        code: &CodeGroup<'_, E>,
+        code: &CodeGroup<'_>,
         epoch: usize,
         state: &mut State<'_>,
         watch: &dyn Watch,
-    ) -> Result<Vec<f64>, E> {
+    ) -> Result<Vec<f64>, AnalysisError> {
         let mut residuals = Vec::with_capacity(count);
         let size = self.group_size(count, state.total.bytes());
         while residuals.len() < count {
@@ -258,7 +258,7 @@ impl Learning {
             let mut coding = Coding::new(&state.total);
             coding.append(&bytes)?;
             if coding.errors.len() != end - first {
-                return Err(AnalysisError::NotAnAccumulator.into());
+                return Err(AnalysisError::NotAnAccumulator);
             }
             watch.worked(end - first);
             residuals.extend(coding.errors);
@@ -275,16 +275,16 @@ impl Learning {
     ///
     /// # Errors
     /// Errors of the coder and of the source; [`AnalysisError::NotAnAccumulator`] for atoms of another size.
-    pub fn coded<S: ShapeSource>(
+    pub fn coded(
         &self,
         atoms: &[f64],
-        shapes: &S,
+        shapes: &dyn ShapeSource,
         known: Vec<SparseCode>,
         watch: &dyn Watch,
-    ) -> Result<(Coding, Vec<SparseCode>), S::Error> {
+    ) -> Result<(Coding, Vec<SparseCode>), AnalysisError> {
         let columns = self.algebra.size() * self.atoms;
         if atoms.is_empty() || !atoms.len().is_multiple_of(columns) {
-            return Err(AnalysisError::NotAnAccumulator.into());
+            return Err(AnalysisError::NotAnAccumulator);
         }
         let atoms = Matrix::from_column_slice(atoms.len() / columns, columns, atoms);
         let mut coding = Coding::new(&State::new(self, atoms.clone(), None).total);
@@ -309,7 +309,7 @@ impl Learning {
         self.codes(atoms, piece, watch, known)?;
         let codes = &known[piece.first..];
         let empty = part.emptied();
-        let sum = |block: Shapes<'_>| {
+        let sum = |block: Shapes<'_>| -> Statistics {
             let mut sum = empty.clone();
             let first = block.first - piece.first;
             sum.add(&self.algebra, block, &codes[first..first + block.weights.len()]);
@@ -320,7 +320,8 @@ impl Learning {
         while !rest.weights.is_empty() {
             let several;
             (several, rest) = rest.split_at((BLOCK * together).min(rest.weights.len()));
-            let sums: Vec<Statistics> = several.blocks(BLOCK).map(sum).collect();
+            let count = several.weights.len().div_ceil(BLOCK);
+            let sums = parallel::map(count, &|k| sum(several.block(k, BLOCK)));
             sums.iter().for_each(|sum| part.merge(sum));
         }
         Ok(())
@@ -426,7 +427,7 @@ impl Learning {
 }
 
 /// The shapes at `positions`, in that order.
-fn pick<S: ShapeSource>(source: &S, positions: &[usize]) -> Result<Vec<f64>, S::Error> {
+fn pick(source: &dyn ShapeSource, positions: &[usize]) -> Result<Vec<f64>, AnalysisError> {
     let mut picked: Vec<Vec<f64>> = vec![Vec::new(); positions.len()];
     source.for_each_batch(&mut |batch| {
         let length = batch.whitened.len() / batch.weights.len().max(1);
@@ -499,7 +500,7 @@ impl<'a> State<'a> {
     }
 
     /// Replaces unused atoms by the worst coded shapes, which cannot raise the objective. Returns whether there were any.
-    fn reseed<S: ShapeSource>(&mut self, residuals: &[f64], source: &S) -> Result<bool, S::Error> {
+    fn reseed(&mut self, residuals: &[f64], source: &dyn ShapeSource) -> Result<bool, AnalysisError> {
         let least = UNUSED * self.total.weight();
         let unused: Vec<usize> =
             (0..self.learning.atoms).filter(|&j| self.total.use_of(j) <= least).collect();

@@ -213,7 +213,7 @@ impl Certificate {
     ///
     /// # Errors
     /// [`AnalysisError::Interrupted`], errors of the coder and of the source.
-    pub fn new<S: ShapeSource>(model: &Model, source: &S, watch: &dyn Watch) -> Result<Self, S::Error> {
+    pub fn new(model: &Model, source: &dyn ShapeSource, watch: &dyn Watch) -> Result<Self, AnalysisError> {
         Ok(Coded::new(model, source, watch)?.certificate())
     }
 }
@@ -238,7 +238,7 @@ impl Coded {
     ///
     /// # Errors
     /// As for [`Certificate::new`].
-    pub fn new<S: ShapeSource>(model: &Model, source: &S, watch: &dyn Watch) -> Result<Self, S::Error> {
+    pub fn new(model: &Model, source: &dyn ShapeSource, watch: &dyn Watch) -> Result<Self, AnalysisError> {
         let mut coded = Self { usage: vec![0.0; model.len()], ..Self::default() };
         source.for_each_batch(&mut |batch| {
             let mut rest = batch;

@@ -8,8 +8,6 @@
 //! Start point, direction and mirror image are those that match the mean best. The same function prepares the shapes for
 //! learning and for later queries, so that a training shape gets its training code again.
 
-use rayon::prelude::*;
-
 use super::algebra::Algebra;
 use crate::accumulate::{MergePart, Reservation, ShapeSource, Shapes, for_each_changed, prepare};
 use crate::alignment::{Method, align};
@@ -19,6 +17,7 @@ use crate::metric::{Metric, norm};
 use crate::pass::{Aligned, CodeGroup, Group, Pass};
 use crate::{AnalysisError, DEGENERATE};
 use shapelex_numeric::dense::Matrix;
+use shapelex_numeric::parallel;
 
 /// Form of shapes for coding.
 #[derive(Debug, Clone, PartialEq)]
@@ -70,11 +69,11 @@ impl Preparation {
         let mut whitened = control_points.to_vec();
         prepare(&self.metric, self.method.translates(), 0, &mut whitened)?;
         self.with_target(|target| {
-            let shapes = control_points.par_chunks(length).zip(whitened.par_chunks(length)).enumerate();
-            let prepared = shapes.map(|(k, (shape, x))| {
+            parallel::try_map(whitened.len() / length, &|k| {
+                let range = k * length..(k + 1) * length;
+                let (shape, x) = (&control_points[range.clone()], &whitened[range]);
                 self.pose(x, &self.metric.centroid(shape), target).map_err(|error| error.at(k))
-            });
-            prepared.collect()
+            })
         })
     }
 
@@ -156,21 +155,19 @@ impl Prepared {
 }
 
 /// A source whose shapes are prepared for coding.
-pub struct Posed<'a, S> {
+pub struct Posed<'a> {
     /// Whitened shapes, centred when the class translates.
-    pub source: &'a S,
+    pub source: &'a dyn ShapeSource,
     /// The preparation.
     pub preparation: &'a Preparation,
 }
 
-impl<S: ShapeSource> ShapeSource for Posed<'_, S> {
-    type Error = S::Error;
-
+impl ShapeSource for Posed<'_> {
     fn count(&self) -> usize {
         self.source.count()
     }
 
-    fn check(&self) -> Result<(), S::Error> {
+    fn check(&self) -> Result<(), AnalysisError> {
         self.source.check()
     }
 
@@ -184,17 +181,17 @@ impl<S: ShapeSource> ShapeSource for Posed<'_, S> {
 
     fn for_each_batch(
         &self,
-        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), S::Error>,
-    ) -> Result<(), S::Error> {
+        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), AnalysisError>,
+    ) -> Result<(), AnalysisError> {
         let preparation = self.preparation;
         let centroid = vec![0.0; preparation.metric.dimension()];
         preparation.with_target(|target| {
             let pose = |batch: Shapes<'_>, whitened: &mut [f64]| {
                 let length = preparation.metric.len();
-                whitened.par_chunks_mut(length).enumerate().try_for_each(|(i, x)| {
+                parallel::try_for_each_chunk(whitened, length, &|i, x| {
                     let posed = preparation.pose(x, &centroid, target);
                     x.copy_from_slice(&posed.map_err(|error| error.at(batch.first + i))?.whitened);
-                    Ok::<_, AnalysisError>(())
+                    Ok(())
                 })
             };
             for_each_changed(self.source, pose, visit)
@@ -202,7 +199,7 @@ impl<S: ShapeSource> ShapeSource for Posed<'_, S> {
     }
 
     /// Passes over normal forms are not distributed: a pass cannot describe how they are computed.
-    fn spread(&self, pass: &Pass, merge: &mut MergePart<'_>) -> Result<bool, S::Error> {
+    fn spread(&self, pass: &Pass, merge: &mut MergePart<'_>) -> Result<bool, AnalysisError> {
         let Pose::Aligned { normalise } = self.preparation.pose else { return Ok(false) };
         if pass.aligned.is_some() {
             return Ok(false);
@@ -211,7 +208,7 @@ impl<S: ShapeSource> ShapeSource for Posed<'_, S> {
         self.source.spread(&Pass { aligned, ..pass.clone() }, merge)
     }
 
-    fn coders(&self) -> Option<CodeGroup<'_, S::Error>> {
+    fn coders(&self) -> Option<CodeGroup<'_>> {
         let code = self.source.coders()?;
         Some(Box::new(move |group| code(Group { mean: &self.preparation.mean, ..group })))
     }

@@ -102,14 +102,14 @@ pub(super) trait Procedure {
     /// # Errors
     /// Errors of the source; [`AnalysisError::Interrupted`]; [`AnalysisError::NotAnAccumulator`] for sums of another
     /// dictionary.
-    fn fit<S: ShapeSource>(
+    fn fit(
         &self,
-        shapes: &S,
+        shapes: &dyn ShapeSource,
         previous: Option<Previous<'_>>,
         preparation: &Preparation,
         content: &mut Content,
         watch: &dyn Watch,
-    ) -> Result<Vec<u8>, S::Error>;
+    ) -> Result<Vec<u8>, AnalysisError>;
 
     /// The learnt atoms in use.
     ///
@@ -243,14 +243,14 @@ impl Method {
         with_procedure!(self, procedure => procedure.cost(size))
     }
 
-    pub(super) fn fit<S: ShapeSource>(
+    pub(super) fn fit(
         &self,
-        shapes: &S,
+        shapes: &dyn ShapeSource,
         previous: Option<Previous<'_>>,
         preparation: &Preparation,
         content: &mut Content,
         watch: &dyn Watch,
-    ) -> Result<Vec<u8>, S::Error> {
+    ) -> Result<Vec<u8>, AnalysisError> {
         with_procedure!(self, procedure => procedure.fit(shapes, previous, preparation, content, watch))
     }
 

@@ -168,14 +168,14 @@ impl Procedure for SparseAtoms {
         Ok(Some(self.learning_by(self.algebra(alignment)?)))
     }
 
-    fn fit<S: ShapeSource>(
+    fn fit(
         &self,
-        shapes: &S,
+        shapes: &dyn ShapeSource,
         previous: Option<Previous<'_>>,
         preparation: &Preparation,
         content: &mut Content,
         watch: &dyn Watch,
-    ) -> Result<Vec<u8>, S::Error> {
+    ) -> Result<Vec<u8>, AnalysisError> {
         watch.check()?;
         watch.phase(Phase::Learn, 0.0);
         let metric = &preparation.metric;

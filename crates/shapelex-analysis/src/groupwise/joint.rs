@@ -11,9 +11,9 @@
 //! become as small as `δ` is beside the variance of the mode. `W` knows that they are cheap. The equations are solved by conjugate
 //! gradients, with the blocks of single shapes as preconditioner.
 
-use rayon::prelude::*;
 use shapelex_geometry::reparametrisation::Reparametrisation;
 use shapelex_numeric::dense::{Definite, Matrix, multiply, transpose_multiply};
+use shapelex_numeric::parallel;
 
 use super::domain::Domain;
 use super::member::{Member, Penalty, Pose};
@@ -71,7 +71,8 @@ impl<'a> Equations<'a> {
             added.iter().enumerate().for_each(|(i, part)| block[(i, i)] += part);
             Some((Definite::new(&block).ok()?, added))
         };
-        let found: Option<Vec<(Definite, Vec<f64>)>> = jacobians.par_iter().enumerate().map(block).collect();
+        let found: Option<Vec<(Definite, Vec<f64>)>> =
+            parallel::map(jacobians.len(), &|k| block((k, &jacobians[k]))).into_iter().collect();
         let (blocks, added): (Vec<Definite>, Vec<Vec<f64>>) = found?.into_iter().unzip();
         let diagonal = columns(&added);
         Some(Self { model, jacobians, patterns, shares, diagonal, blocks })
@@ -79,8 +80,8 @@ impl<'a> Equations<'a> {
 
     /// `(Jᵀ (W ⊗ P) J + diagonal) x`.
     fn apply(&self, x: &Matrix) -> Matrix {
-        let image = |(k, jacobian): (usize, &Matrix)| (jacobian * x.column(k)).as_slice().to_vec();
-        let mut moved = columns(&self.jacobians.par_iter().enumerate().map(image).collect::<Vec<_>>());
+        let image = |k: usize| (&self.jacobians[k] * x.column(k)).as_slice().to_vec();
+        let mut moved = columns(&parallel::map(self.jacobians.len(), &image));
         // Equal shapes have no patterns.
         if !self.shares.is_empty() {
             let mut along = multiply(&moved, &self.patterns);
@@ -94,10 +95,10 @@ impl<'a> Equations<'a> {
 
     /// The solution of the equations of single shapes.
     fn precondition(&self, right: &Matrix) -> Matrix {
-        let solve = |(k, block): (usize, &Definite)| {
-            block.solve(&Matrix::from_column_slice(right.nrows(), 1, right.column(k).as_slice()))
+        let solve = |k: usize| {
+            self.blocks[k].solve(&Matrix::from_column_slice(right.nrows(), 1, right.column(k).as_slice()))
         };
-        let solved: Vec<Matrix> = self.blocks.par_iter().enumerate().map(solve).collect();
+        let solved = parallel::map(self.blocks.len(), &solve);
         columns(&solved.iter().map(|column| column.as_slice().to_vec()).collect::<Vec<_>>())
     }
 
@@ -135,8 +136,8 @@ fn columns(lists: &[Vec<f64>]) -> Matrix {
 
 /// `Jᵀ` of every shape, applied to its column.
 fn pulled(jacobians: &[Matrix], moved: &Matrix) -> Matrix {
-    let pull = |(k, jacobian): (usize, &Matrix)| jacobian.tr_mul(&moved.column(k)).as_slice().to_vec();
-    columns(&jacobians.par_iter().enumerate().map(pull).collect::<Vec<_>>())
+    let pull = |k: usize| jacobians[k].tr_mul(&moved.column(k)).as_slice().to_vec();
+    columns(&parallel::map(jacobians.len(), &pull))
 }
 
 /// `δ n Σ log(1 + λ/δ)` and the deformations: what a step lowers.
@@ -158,11 +159,11 @@ fn tried(
     before: f64,
 ) -> Result<Option<(f64, Vec<Moved>)>, AnalysisError> {
     for share in SHARES {
-        let move_one = |(k, member): (usize, &Member)| {
+        let move_one = |k: usize| {
             let part: Vec<f64> = change.column(k).iter().map(|x| share * x).collect();
-            member.moved(domain, wanted, &part)
+            members[k].moved(domain, wanted, &part)
         };
-        let moved: Vec<Moved> = members.par_iter().enumerate().map(move_one).collect();
+        let moved: Vec<Moved> = parallel::map(members.len(), &move_one);
         let coefficients: Vec<&[f64]> = moved.iter().map(|one| &one.2[..]).collect();
         let spread = Spread::of(&coefficients)?;
         if objective(&spread, moved.iter().map(|one| &one.0), weights) < before {
@@ -187,12 +188,12 @@ pub(super) fn step(
 ) -> Result<bool, AnalysisError> {
     let spread = spread_of(members)?;
     let model = spread.model(delta);
-    let derive = |member: &Member| {
+    let derive = |k: usize| {
         watch.check()?;
         watch.worked(1);
-        Ok(member.jacobian(domain, wanted))
+        Ok::<_, AnalysisError>(members[k].jacobian(domain, wanted))
     };
-    let jacobians = members.par_iter().map(derive).collect::<Result<Vec<Matrix>, AnalysisError>>()?;
+    let jacobians = parallel::try_map(members.len(), &derive)?;
     let mut penalties = vec![0.0; 6];
     penalties.extend(wanted.iter().map(|&index| penalty.of(index)));
     let apart: Vec<Vec<f64>> = members.iter().map(|member| model.apart(&member.coefficients)).collect();

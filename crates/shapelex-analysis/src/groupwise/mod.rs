@@ -26,8 +26,6 @@ mod model;
 mod reference;
 mod start;
 
-use rayon::prelude::*;
-
 use self::domain::Domain;
 use self::member::{Member, Penalty, free};
 use self::model::{Model, Spread};
@@ -39,6 +37,7 @@ use shapelex_geometry::reparametrisation::flow::Workspace;
 use shapelex_geometry::reparametrisation::spherical::{Refit, Spherical};
 use shapelex_geometry::rotation::Rotation;
 use shapelex_numeric::dense::Matrix;
+use shapelex_numeric::parallel;
 
 /// Highest degree of the fields.
 pub const MAX_DEGREE: usize = 6;
@@ -154,15 +153,16 @@ pub fn correspond(
     let end = spread_of(&members)?;
     let mean = mean_points(&domain, &members);
     let inner = start::axes(&domain, &mean).map(|[_, sphere]| Rotation::onto(sphere));
-    let finish = |member: &Member| {
+    let finish = |k: usize| {
         watch.check()?;
+        let member = &members[k];
         let mut map = member.map.clone();
         map.inner = inner.unwrap_or(map.inner);
         let found = finished(&domain, spherical, member, map);
         watch.worked(1);
-        Ok(found)
+        Ok::<_, AnalysisError>(found)
     };
-    let members = members.par_iter().map(finish).collect::<Result<_, AnalysisError>>()?;
+    let members = parallel::try_map(members.len(), &finish)?;
     let (entropy, variance) = ([begin.entropy(noise), end.entropy(noise)], [begin.total(), end.total()]);
     Ok(Groupwise { members, entropy, variance })
 }
@@ -189,9 +189,10 @@ fn settled(
     sizes: bool,
     watch: &dyn Watch,
 ) -> Result<Vec<Member>, AnalysisError> {
-    let settle = |(index, rows): (usize, &Matrix)| {
+    let settle = |index: usize| {
         watch.check()?;
-        let mut member = Member::new(domain, spherical.shape(rows)).map_err(|error| error.at(index))?;
+        let mut member =
+            Member::new(domain, spherical.shape(&shapes[index])).map_err(|error| error.at(index))?;
         if !sizes {
             member.scale = member.area(domain).sqrt().recip();
         }
@@ -199,7 +200,7 @@ fn settled(
         watch.worked(1);
         Ok(member)
     };
-    shapes.par_iter().enumerate().map(settle).collect()
+    parallel::try_map(shapes.len(), &settle)
 }
 
 /// Alternates the mean with the rotations and poses that are nearest to it.
@@ -208,13 +209,13 @@ fn rotate(domain: &Domain, members: &mut [Member], watch: &dyn Watch) -> Result<
         let mean = mean_points(domain, members);
         let model = Model::isotropic(mean_of(members));
         let before: f64 = members.iter().map(|member| model.cost(&member.coefficients)).sum();
-        let search = |member: &mut Member| {
+        let costs = parallel::map_each(members, &|member| {
             watch.check()?;
             let cost = member.search(domain, &mean, &model);
             watch.worked(1);
             Ok(cost)
-        };
-        let costs = members.par_iter_mut().map(search).collect::<Result<Vec<f64>, AnalysisError>>()?;
+        });
+        let costs = costs.into_iter().collect::<Result<Vec<f64>, AnalysisError>>()?;
         if costs.iter().sum::<f64>() > (1.0 - SETTLED) * before {
             break;
         }
@@ -248,7 +249,7 @@ fn deform(
             let penalty = Penalty { weight: options.stiffness * total * noise / noise_at(0) };
             joint::step(domain, members, (noise, penalty), &wanted, &mut damping, watch)?;
             centre_fields(members);
-            members.par_iter_mut().for_each(|member| member.refresh(domain));
+            parallel::map_each(members, &|member| member.refresh(domain));
         }
     }
     Ok(noise_at(last as usize))
@@ -269,7 +270,7 @@ fn mean_of(members: &[Member]) -> Vec<f64> {
 }
 
 fn mean_points(domain: &Domain, members: &[Member]) -> Vec<[f64; 3]> {
-    let placed: Vec<Vec<[f64; 3]>> = members.par_iter().map(|member| member.placed(domain)).collect();
+    let placed = parallel::map(members.len(), &|k| members[k].placed(domain));
     let count = members.len() as f64;
     let mut mean = vec![[0.0; 3]; Domain::NODES];
     for points in placed {

@@ -2,8 +2,6 @@
 
 use std::borrow::Cow;
 
-use rayon::prelude::*;
-
 use super::error::StudyError;
 use super::limits::MAX_WEIGHT_RATIO;
 use crate::AnalysisError;
@@ -21,6 +19,7 @@ use shapelex_geometry::representation::ShapeSpace;
 use shapelex_geometry::sampling::Places;
 use shapelex_geometry::size::SizeMeasure;
 use shapelex_numeric::dense::Matrix;
+use shapelex_numeric::parallel;
 
 /// Space of the shapes of a study, and how they are aligned.
 #[derive(Debug, Clone, Copy)]
@@ -82,21 +81,17 @@ impl<'a> AlignedShapes<'a> {
         let mean = mean_shape(&Watched::new(&source, watch), metric, method, frame, matching)?;
         // In place: 100 000 shapes in vectors of their own would take more memory, and leave it in pieces.
         let mut placed = source.into_whitened();
-        placed.par_chunks_mut(metric.len()).zip(&mean.placements).for_each(|(x, placement)| {
-            if let Cow::Owned(moved) = matching.place(x, *placement) {
+        parallel::for_each_chunk(&mut placed, metric.len(), &|k, x| {
+            if let Cow::Owned(moved) = matching.place(x, mean.placements[k]) {
                 x.copy_from_slice(&moved);
             }
         });
         let mut aligned = placed.clone();
-        let fault = aligned.par_chunks_mut(metric.len()).enumerate().find_map_first(|(k, x)| {
-            watch.check().err().or_else(|| {
-                watch.worked(1);
-                bring(method, &mean.whitened, x).err().map(|error| error.at(k))
-            })
-        });
-        if let Some(error) = fault {
-            return Err(error.into());
-        }
+        parallel::try_for_each_chunk(&mut aligned, metric.len(), &|k, x| {
+            watch.check()?;
+            watch.worked(1);
+            bring(method, &mean.whitened, x).map_err(|error| error.at(k))
+        })?;
         let columns = |values| Matrix::from_vec(metric.len(), weights.len(), values);
         Ok(Self { space, mean, placed: columns(placed), aligned: columns(aligned), weights, sizes })
     }
@@ -131,9 +126,8 @@ impl<'a> AlignedShapes<'a> {
         let StudySpace { space, metric, .. } = self.space;
         let (size, dimension) = (metric.size(), metric.dimension());
         let mut points = Matrix::zeros(places.count() * dimension, whitened.ncols());
-        let columns = points.as_mut_slice().par_chunks_mut(places.count() * dimension);
-        columns.zip(whitened.as_slice().par_chunks_exact(metric.len())).for_each(|(column, shape)| {
-            let control_points = unwhitened(metric, shape);
+        parallel::for_each_chunk(points.as_mut_slice(), places.count() * dimension, &|k, column| {
+            let control_points = unwhitened(metric, whitened.column(k).as_slice());
             let shape = Matrix::from_column_slice(size, dimension, &control_points);
             column.copy_from_slice(&places.points(space, &shape));
         });

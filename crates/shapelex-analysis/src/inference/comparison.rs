@@ -15,8 +15,6 @@
 
 use std::borrow::Cow;
 
-use rayon::prelude::*;
-
 use super::super::AnalysisError;
 use super::histogram::ExplainedHistogram;
 use super::permutation::{Relabellings, Tally};
@@ -24,6 +22,7 @@ use super::reaches;
 use super::span::{Span, centre_rows};
 use crate::watch::Watch;
 use shapelex_numeric::dense::{self, Matrix};
+use shapelex_numeric::parallel;
 
 /// Number of columns per product: enough for the kernel, few enough for the cache.
 const COLUMNS: usize = 64;
@@ -229,7 +228,7 @@ fn count_reaching(
     count: impl Fn(&[Vec<usize>]) -> Reached + Sync,
 ) -> Result<Reached, AnalysisError> {
     let draws = relabellings.draws();
-    let batches = (0..draws.div_ceil(together)).into_par_iter().map(|batch| {
+    let batches = parallel::try_map(draws.div_ceil(together), &|batch| {
         watch.check()?;
         let labels = |index| {
             let mut labels = vec![0; relabellings.observed().len()];
@@ -239,16 +238,14 @@ fn count_reaching(
         let batch: Vec<_> = (batch * together..draws.min((batch + 1) * together)).map(labels).collect();
         let counted = count(&batch);
         watch.worked(batch.len());
-        Ok(counted)
-    });
-    batches.try_reduce(
-        || Reached { counts: vec![0; counts], explained: Vec::new() },
-        |mut sum, part| {
-            sum.counts.iter_mut().zip(part.counts).for_each(|(sum, part)| *sum += part);
-            sum.explained.extend(part.explained);
-            Ok(sum)
-        },
-    )
+        Ok::<_, AnalysisError>(counted)
+    })?;
+    let mut sum = Reached { counts: vec![0; counts], explained: Vec::new() };
+    for part in batches {
+        sum.counts.iter_mut().zip(part.counts).for_each(|(sum, part)| *sum += part);
+        sum.explained.extend(part.explained);
+    }
+    Ok(sum)
 }
 
 /// Statistics of one labelling.

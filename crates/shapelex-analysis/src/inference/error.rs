@@ -4,7 +4,7 @@ use super::limits::{MAX_LEVELS, MAX_VALUE, MAX_WEIGHT_RATIO, MIN_DEVIATION, MIN_
 use crate::AnalysisError;
 
 /// Reason why a study has no result.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[derive(Debug, PartialEq, thiserror::Error)]
 pub enum StudyError {
     /// A single shape dominates the others.
     #[error(

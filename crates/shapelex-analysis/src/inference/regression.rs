@@ -19,14 +19,13 @@
 //!
 //! Sources: Freedman and Lane 1983; Anderson and Robinson 2001; the score of a shape: Drake and Klingenberg 2008.
 
-use rayon::prelude::*;
-
 use super::super::AnalysisError;
 use super::permutation::{Draws, Tally, shuffle, stream};
 use super::reaches;
 use super::span::Span;
 use crate::watch::Watch;
 use shapelex_numeric::dense::{self, Matrix};
+use shapelex_numeric::parallel;
 
 /// Minimum fraction of its norm that a column must keep after orthogonalisation against the previous columns.
 pub(super) const COLLINEAR: f64 = 1e-9;
@@ -195,7 +194,7 @@ impl Design {
             strata.iter().for_each(|stratum| shuffle(&mut random, stratum, &mut order));
             order
         };
-        let batches = (0..draws.permutations.div_ceil(together)).into_par_iter().map(|batch| {
+        let batches = parallel::try_map(draws.permutations.div_ceil(together), &|batch| {
             watch.check()?;
             let last = draws.permutations.min((batch + 1) * together);
             let orders: Vec<_> = (batch * together..last).map(order).collect();
@@ -203,7 +202,7 @@ impl Design {
             watch.worked(orders.len());
             Ok(sums.into_iter().filter(|&(own, reduced)| reaches(part(own, reduced), observed)).count())
         });
-        batches.try_reduce(|| 0, |a, b| Ok(a + b))
+        batches.map(|counts| counts.into_iter().sum())
     }
 }
 

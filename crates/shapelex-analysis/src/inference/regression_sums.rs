@@ -12,9 +12,6 @@
 //! are as exchangeable as all shapes are, so the test keeps its level; of a single part it is that of
 //! [`regression`](super::regression), draw by draw.
 
-use nalgebra::Cholesky;
-use rayon::prelude::*;
-
 use super::aligned::on_tangent;
 use super::limits::MIN_DEVIATION;
 use super::permutation::{Tally, shuffle, stream};
@@ -25,7 +22,9 @@ use crate::AnalysisError;
 use crate::accumulate::{ShapeSource, read_numbers, write_numbers};
 use crate::dictionary::preparation::{Posed, Preparation};
 use crate::metric::dot;
+use nalgebra::Cholesky;
 use shapelex_numeric::dense::{self, Matrix};
+use shapelex_numeric::parallel;
 
 /// Square of the relative length below which a column is a combination of those before it: what sums of squares can tell
 /// from rounding.
@@ -70,12 +69,12 @@ impl Observed {
     ///
     /// # Errors
     /// Degenerate shapes.
-    pub fn new<S: ShapeSource>(
-        source: &S,
+    pub fn new(
+        source: &dyn ShapeSource,
         preparation: &Preparation,
         scales: &[Scale],
         values: &[Option<Vec<f64>>],
-    ) -> Result<Self, S::Error> {
+    ) -> Result<Self, AnalysisError> {
         let (mean, length) = (&preparation.mean, preparation.metric.len());
         let complete = values.iter().filter(|values| values.is_some()).count();
         let (mut deviations, mut weights) =
@@ -297,7 +296,7 @@ impl Reduced {
         residuals -= dense::multiply(&fitted, &q.rows(0, size - 1).into_owned());
         let members: Vec<usize> = (0..n).collect();
         let together = (COLUMNS / size).max(1);
-        let batches = (0..draws.div_ceil(together)).into_par_iter().map(|batch| {
+        let batches = parallel::map(draws.div_ceil(together), &|batch| {
             let last = draws.min((batch + 1) * together);
             let mut permuted = Matrix::zeros(n, (last - batch * together) * size);
             for (b, draw) in (batch * together..last).enumerate() {
@@ -312,7 +311,7 @@ impl Reduced {
             }
             dense::multiply(&residuals, &permuted).as_slice().to_vec()
         });
-        batches.collect::<Vec<_>>().concat()
+        batches.concat()
     }
 }
 

@@ -291,12 +291,12 @@ impl Matching {
     ///
     /// # Errors
     /// Errors of the source; degenerate shapes.
-    pub fn improve<S: ShapeSource>(
+    pub fn improve(
         &self,
-        source: &S,
+        source: &dyn ShapeSource,
         target: &Target<'_>,
         placements: &mut [Placement],
-    ) -> Result<Vec<(usize, Placement)>, S::Error> {
+    ) -> Result<Vec<(usize, Placement)>, AnalysisError> {
         let standing = &*placements;
         let improved =
             map_shapes(source, |k, x, _| self.best(x, target, standing[k]).map_err(|error| error.at(k)))?;
@@ -423,24 +423,22 @@ fn correlate(fft: &RealFft, f: &[Spectrum], q: &[Spectrum], scratch: &mut FftScr
 }
 
 /// A source whose shapes are read in their placements.
-pub struct Placed<'a, S> {
+pub struct Placed<'a> {
     /// The shapes as given.
-    pub source: &'a S,
+    pub source: &'a dyn ShapeSource,
     /// The search that defines the placements.
     pub matching: &'a Matching,
     /// One placement per shape.
     pub placements: &'a [Placement],
 }
 
-impl<S> Placed<'_, S> {
+impl Placed<'_> {
     fn stand_as_given(&self) -> bool {
         self.placements.iter().all(|placement| *placement == Placement::default())
     }
 }
 
-impl<S: ShapeSource> ShapeSource for Placed<'_, S> {
-    type Error = S::Error;
-
+impl ShapeSource for Placed<'_> {
     fn count(&self) -> usize {
         self.source.count()
     }
@@ -451,8 +449,8 @@ impl<S: ShapeSource> ShapeSource for Placed<'_, S> {
 
     fn for_each_batch(
         &self,
-        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), Self::Error>,
-    ) -> Result<(), Self::Error> {
+        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), AnalysisError>,
+    ) -> Result<(), AnalysisError> {
         if self.stand_as_given() {
             return self.source.for_each_batch(visit);
         }
@@ -467,7 +465,7 @@ impl<S: ShapeSource> ShapeSource for Placed<'_, S> {
     }
 
     /// Only this process knows the placements, so the pass is distributed only while all shapes stand as given.
-    fn spread(&self, pass: &Pass, merge: &mut MergePart<'_>) -> Result<bool, Self::Error> {
+    fn spread(&self, pass: &Pass, merge: &mut MergePart<'_>) -> Result<bool, AnalysisError> {
         Ok(self.stand_as_given() && self.source.spread(pass, merge)?)
     }
 }

@@ -185,12 +185,12 @@ impl Matching {
     ///
     /// # Errors
     /// Errors of the source; degenerate shapes.
-    pub fn disagreement<S: ShapeSource>(
+    pub fn disagreement(
         &self,
-        source: &S,
+        source: &dyn ShapeSource,
         target: &Target<'_>,
         translates: bool,
-    ) -> Result<Option<Disagreement>, S::Error> {
+    ) -> Result<Option<Disagreement>, AnalysisError> {
         let surfaces = if self.moves() { None } else { MovedSurfaces::new(&self.space, true, translates) };
         let Some(surfaces) = surfaces else { return Ok(None) };
         let some = ShapesInMemory::spread_out(source, LOOKED_AT)?;

@@ -36,7 +36,11 @@ impl Listed {
     ///
     /// # Errors
     /// Errors of the source.
-    pub fn of<S: ShapeSource>(source: &S, factors: &Factors, most: usize) -> Result<Option<Self>, S::Error> {
+    pub fn of(
+        source: &dyn ShapeSource,
+        factors: &Factors,
+        most: usize,
+    ) -> Result<Option<Self>, AnalysisError> {
         let factors = &factors.factors;
         let mut least: Vec<usize> = (0..factors.len()).filter(|k| factors[*k] < 1.0).collect();
         if least.is_empty() {

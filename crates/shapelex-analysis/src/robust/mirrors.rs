@@ -20,8 +20,6 @@
 //! Sources: Dempster, Laird and Rubin 1977 (EM); McLachlan and Peel 2000 (mixtures); Mardia, Bookstein and Moreton 2000
 //! (symmetric and antisymmetric parts).
 
-use rayon::prelude::*;
-
 use super::groups::MOST_WRONG;
 use super::rejection::Description;
 use super::sources::{Deviations, ROUNDING, Reweighted};
@@ -33,6 +31,7 @@ use crate::matching::{Matching, Placement};
 use crate::metric::{dot, norm};
 use crate::transformation::Structure;
 use shapelex_numeric::dense::Matrix;
+use shapelex_numeric::parallel;
 
 /// Maximum number of components of the antisymmetric parts.
 const COMPONENTS: usize = 6;
@@ -118,12 +117,12 @@ impl<'a> Reflection<'a> {
 ///
 /// # Errors
 /// Errors of the source; a failure of the eigenproblem.
-pub(super) fn unmirrored<S: ShapeSource>(
+pub(super) fn unmirrored(
     reflection: &Reflection<'_>,
-    away: &Deviations<'_, S>,
+    away: &Deviations<'_>,
     described: &Description,
     factors: &[f64],
-) -> Result<Option<Vec<f64>>, S::Error> {
+) -> Result<Option<Vec<f64>>, AnalysisError> {
     let weights: Vec<f64> = described.weights().iter().zip(factors).map(|(w, factor)| w * factor).collect();
     let count = described.distinct_of(weights.iter().sum());
     let most = COMPONENTS.min((count / SHAPES_PER_COMPONENT) as usize);
@@ -158,25 +157,23 @@ pub(super) fn unmirrored<S: ShapeSource>(
 }
 
 /// The antisymmetric parts of shapes.
-struct Antisymmetric<'a, S> {
-    away: &'a Deviations<'a, S>,
+struct Antisymmetric<'a> {
+    away: &'a Deviations<'a>,
     reflection: &'a Reflection<'a>,
     of_centre: &'a [f64],
 }
 
-impl<S: ShapeSource> ShapeSource for Antisymmetric<'_, S> {
-    type Error = S::Error;
-
+impl ShapeSource for Antisymmetric<'_> {
     fn count(&self) -> usize {
         self.away.count()
     }
 
     fn for_each_batch(
         &self,
-        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), S::Error>,
-    ) -> Result<(), S::Error> {
+        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), AnalysisError>,
+    ) -> Result<(), AnalysisError> {
         let change = |_: Shapes<'_>, shapes: &mut [f64]| {
-            shapes.par_chunks_mut(self.of_centre.len()).for_each(|a| {
+            parallel::for_each_chunk(shapes, self.of_centre.len(), &|_, a| {
                 let part = self.reflection.antisymmetric(a);
                 a.iter_mut().zip(part).zip(self.of_centre).for_each(|((a, part), own)| *a = part + own);
             });

@@ -101,19 +101,19 @@ fn components_of(shapes: usize) -> usize {
 /// # Errors
 /// As [`mean_shape`]; of a robust one also [`AnalysisError::TooFewShapes`] below five shapes, and [`AnalysisError::Parameter`] at
 /// `robust` if their weights are worth fewer than three equal ones.
-pub fn mean_by<S: ShapeSource>(
+pub fn mean_by(
     estimator: Estimator,
-    source: &S,
+    source: &dyn ShapeSource,
     metric: &Metric,
     method: &Method,
     frame: Frame,
     matching: &Matching,
-) -> Result<MeanShape, S::Error> {
+) -> Result<MeanShape, AnalysisError> {
     if estimator == Estimator::Plain {
         return mean_shape(source, metric, method, frame, matching);
     }
     if source.count() < MIN_SHAPES {
-        return Err(AnalysisError::TooFewShapes { found: source.count(), needed: MIN_SHAPES }.into());
+        return Err(AnalysisError::TooFewShapes { found: source.count(), needed: MIN_SHAPES });
     }
     let measured = Measured { metric, method, matching };
     let (found, template) = match method {
@@ -157,13 +157,13 @@ pub fn align_all_by(
 /// # Errors
 /// [`AnalysisError::TooFewShapes`] below [`MIN_SHAPES`]; [`AnalysisError::Parameter`] at `robust` if the weights are worth fewer than
 /// three equal ones; degenerate shapes; errors of the source.
-fn robust_mean<S: ShapeSource>(
-    source: &S,
+fn robust_mean(
+    source: &dyn ShapeSource,
     measured: Measured<'_>,
     frame: Frame,
     found: Found,
     template: Vec<f64>,
-) -> Result<MeanShape, S::Error> {
+) -> Result<MeanShape, AnalysisError> {
     let Measured { metric, method, matching } = measured;
     let task = Task { source, metric, method, matching };
     match method {
@@ -185,26 +185,23 @@ fn check_weights(weights: &[f64]) -> Result<(), AnalysisError> {
     Err(AnalysisError::Parameter { field: "robust", detail })
 }
 
-/// The shapes in their placements, without those that are left out already.
-type Kept<'a, 'p, S> = Reweighted<'a, Placed<'p, S>>;
-
 /// Factors of shapes, and the probabilities that they are no mirror images, if some are.
 type Judged = (Vec<f64>, Option<Vec<f64>>);
 
-struct Task<'a, S> {
-    source: &'a S,
+struct Task<'a> {
+    source: &'a dyn ShapeSource,
     metric: &'a Metric,
     method: &'a Method,
     matching: &'a Matching,
 }
 
-impl<S: ShapeSource> Task<'_, S> {
+impl Task<'_> {
     fn projection(
         &self,
         class: &TransformationClass,
         frame: Frame,
         mut found: Found,
-    ) -> Result<MeanShape, S::Error> {
+    ) -> Result<MeanShape, AnalysisError> {
         let Self { source, metric, matching, .. } = *self;
         let mut start: Option<MeanSpace<'_>> = None;
         let mut standing = vec![1.0; source.count()];
@@ -218,7 +215,7 @@ impl<S: ShapeSource> Task<'_, S> {
                     MeanSpace::new(ProjectorSum::of(&standing, class, metric.len())?, 0)?
                 }
             };
-            let median = |mut space: MeanSpace<'_>, kept: &Kept<'_, '_, S>| {
+            let median = |mut space: MeanSpace<'_>, kept: &Reweighted<'_>| {
                 for _ in 0..MEDIAN_STEPS {
                     space = weiszfeld::step(kept, space)?;
                 }
@@ -261,7 +258,7 @@ impl<S: ShapeSource> Task<'_, S> {
     }
 
     /// Whitened member of a mean space that does not change with the poses of the shapes, where the class has one.
-    fn centre(&self, kept: &Kept<'_, '_, S>, space: &MeanSpace<'_>) -> Result<Vec<f64>, S::Error> {
+    fn centre(&self, kept: &Reweighted<'_>, space: &MeanSpace<'_>) -> Result<Vec<f64>, AnalysisError> {
         match canonical(space, self.metric) {
             Err(AnalysisError::NoCanonicalFrame { .. }) => {
                 representative(space, Frame::Training, self.metric, kept)
@@ -271,7 +268,11 @@ impl<S: ShapeSource> Task<'_, S> {
     }
 
     /// The placements on `target`, if some of them differ from `standing`.
-    fn moved(&self, target: &Target<'_>, standing: &[Placement]) -> Result<Option<Vec<Placement>>, S::Error> {
+    fn moved(
+        &self,
+        target: &Target<'_>,
+        standing: &[Placement],
+    ) -> Result<Option<Vec<Placement>>, AnalysisError> {
         if !self.matching.searches() {
             return Ok(None);
         }
@@ -286,17 +287,17 @@ impl<S: ShapeSource> Task<'_, S> {
         frame: Frame,
         mut found: Found,
         mut template: Vec<f64>,
-    ) -> Result<MeanShape, S::Error> {
+    ) -> Result<MeanShape, AnalysisError> {
         let Self { source, metric, method, matching } = *self;
         for round in 1..=ROUNDS {
             source.check()?;
             let placed = Placed { source, matching, placements: &found.placements };
-            let median = |mut template: Vec<f64>, kept: &Kept<'_, '_, S>| {
+            let median = |mut template: Vec<f64>, kept: &Reweighted<'_>| {
                 for _ in 0..MEDIAN_STEPS {
                     let near = ByDistance { source: kept, method, mean: &template };
                     template = procrustes::step(&near, fit, &template)?;
                 }
-                Ok::<_, S::Error>(template)
+                Ok::<_, AnalysisError>(template)
             };
             let all = vec![1.0; source.count()];
             template = median(template, &Reweighted { source: &placed, factors: &all })?;
@@ -343,10 +344,10 @@ impl<S: ShapeSource> Task<'_, S> {
     /// ([mirrors]), if there are some, about the centre of the others, which `again` finds.
     fn factors(
         &self,
-        placed: &Placed<'_, S>,
+        placed: &Placed<'_>,
         centre: Vec<f64>,
-        mut again: impl FnMut(&Kept<'_, '_, S>) -> Result<Vec<f64>, S::Error>,
-    ) -> Result<Factors, S::Error> {
+        mut again: impl FnMut(&Reweighted<'_>) -> Result<Vec<f64>, AnalysisError>,
+    ) -> Result<Factors, AnalysisError> {
         let mut standing = vec![1.0; placed.count()];
         let bytes = 8 * centre.len().saturating_mul(placed.count());
         let memory = self.source.reserve(bytes);
@@ -377,11 +378,11 @@ impl<S: ShapeSource> Task<'_, S> {
     /// [`Self::judged`] about the centre of the shapes with the factors `standing`.
     fn judged_again(
         &self,
-        placed: &Placed<'_, S>,
+        placed: &Placed<'_>,
         standing: &[f64],
         keep: bool,
-        again: &mut impl FnMut(&Kept<'_, '_, S>) -> Result<Vec<f64>, S::Error>,
-    ) -> Result<Judged, S::Error> {
+        again: &mut impl FnMut(&Reweighted<'_>) -> Result<Vec<f64>, AnalysisError>,
+    ) -> Result<Judged, AnalysisError> {
         let kept = Reweighted { source: placed, factors: standing };
         let centre = again(&kept)?;
         let away = Deviations::new(&kept, self.method, &centre, keep)?;
@@ -389,11 +390,7 @@ impl<S: ShapeSource> Task<'_, S> {
     }
 
     /// The factors of the shapes by their distances, and the probabilities that they are no mirror images, if some are.
-    fn judged<T: ShapeSource<Error = S::Error>>(
-        &self,
-        away: &Deviations<'_, T>,
-        signs: &Description,
-    ) -> Result<Judged, S::Error> {
+    fn judged(&self, away: &Deviations<'_>, signs: &Description) -> Result<Judged, AnalysisError> {
         let factors = by_distance(away, signs)?;
         let own = match Reflection::new(self.method, self.matching, away.centre())? {
             Some(reflection) => unmirrored(&reflection, away, signs, &factors)?,
@@ -414,7 +411,7 @@ impl<S: ShapeSource> Task<'_, S> {
 }
 
 /// The shapes in the leading components of their spatial signs, and these, as columns.
-fn signs<S: ShapeSource>(away: &Deviations<'_, S>) -> Result<(Description, Matrix), S::Error> {
+fn signs(away: &Deviations<'_>) -> Result<(Description, Matrix), AnalysisError> {
     let length = away.centre().len();
     let sum: ScatterSum = accumulate(&Signs(away), || ScatterSum::new(length))?;
     let leading = sum.leading(false, components_of(away.count()))?;
@@ -422,7 +419,7 @@ fn signs<S: ShapeSource>(away: &Deviations<'_, S>) -> Result<(Description, Matri
 }
 
 /// Factors by the distances within the components of the `signs` and from them, then within those of the shapes that these keep.
-fn by_distance<S: ShapeSource>(away: &Deviations<'_, S>, signs: &Description) -> Result<Vec<f64>, S::Error> {
+fn by_distance(away: &Deviations<'_>, signs: &Description) -> Result<Vec<f64>, AnalysisError> {
     let factors = signs.factors(None);
     let near = Reweighted { source: away, factors: &factors };
     let sum: ScatterSum = accumulate(&near, || ScatterSum::new(away.centre().len()))?;
@@ -432,11 +429,11 @@ fn by_distance<S: ShapeSource>(away: &Deviations<'_, S>, signs: &Description) ->
 }
 
 /// The deviations less `origin`, in components with this total variance, and those components, as columns.
-fn description<S: ShapeSource>(
-    away: &Deviations<'_, S>,
+fn description(
+    away: &Deviations<'_>,
     origin: &[f64],
     (total, pairs): (f64, Eigenpairs),
-) -> Result<(Description, Matrix), S::Error> {
+) -> Result<(Description, Matrix), AnalysisError> {
     let count = pairs.values.iter().take_while(|value| **value > SMALLEST_COMPONENT * total).count();
     let components = pairs.vectors.columns(0, count).into_owned();
     let of_origin: Vec<f64> = components.column_iter().map(|xi| dot(xi.as_slice(), origin)).collect();

@@ -19,8 +19,6 @@
 //! Members of the class may move as well (`B_j c̄`), since damage in one place turns and shifts the alignment of the whole shape.
 //! Residuals and weights alternate, so that a damaged stretch does not pull the fit of the rest.
 
-use rayon::prelude::*;
-
 use super::rejection::{effective, median};
 use crate::AnalysisError;
 use crate::accumulate::ShapesInMemory;
@@ -29,6 +27,7 @@ use crate::metric::{Metric, dot};
 use crate::partial_sums::Measured;
 use crate::pca::FunctionalPca;
 use shapelex_numeric::dense::{Matrix, transpose_multiply};
+use shapelex_numeric::parallel;
 
 /// Maximum number of components of the model.
 const COMPONENTS: usize = 12;
@@ -92,17 +91,16 @@ pub fn point_weights(
     let model = Model::new(&source, metric, method, first.0, weights)?;
     let mut control_points = aligned.to_vec();
     metric.unwhiten(&mut control_points);
-    control_points
-        .par_chunks_exact_mut(length)
-        .for_each(|shape| shape.iter_mut().zip(&model.mean).for_each(|(c, m)| *c -= m));
+    parallel::for_each_chunk(&mut control_points, length, &|_, shape| {
+        shape.iter_mut().zip(&model.mean).for_each(|(c, m)| *c -= m);
+    });
     let shapes = Away { control_points, length, weights, curve: matching.curve(), size: model.size };
     let mut points = Points::unknown(weights.len(), metric.size());
     let mut scores = Vec::new();
     for _ in 0..ROUNDS_OF_ALL {
-        let fits: Vec<Fitted> = (0..weights.len())
-            .into_par_iter()
-            .map(|k| model.own.fit(shapes.of(k), &points.weights[k], points.noise[k], &model.precisions))
-            .collect();
+        let fits: Vec<Fitted> = parallel::map(weights.len(), &|k| {
+            model.own.fit(shapes.of(k), &points.weights[k], points.noise[k], &model.precisions)
+        });
         scores = fits.iter().map(|fit| fit.parts[..model.precisions.len()].to_vec()).collect();
         points.judge(fits.into_iter().map(|fit| fit.residuals).collect(), &shapes, Beside::All);
     }
@@ -114,7 +112,7 @@ pub fn point_weights(
             }
             near => shapes.beside(k, near, &points, &model),
         };
-        let residuals = (0..weights.len()).into_par_iter().map(local).collect();
+        let residuals = parallel::map(weights.len(), &local);
         points.judge(residuals, &shapes, Beside::Nearest);
     }
     Ok(points.weights)
@@ -147,8 +145,10 @@ impl Points {
     /// New weights from what is left of the shapes `beside` others.
     fn judge(&mut self, residuals: Vec<Vec<f64>>, shapes: &Away<'_>, beside: Beside) {
         let n = self.weights[0].len();
-        let together = |r: Vec<f64>| shapes.curve.map_or_else(|| r.clone(), |closed| averaged(&r, closed));
-        let mut residuals: Vec<Vec<f64>> = residuals.into_par_iter().map(together).collect();
+        let mut residuals = match shapes.curve {
+            Some(closed) => parallel::map(residuals.len(), &|k| averaged(&residuals[k], closed)),
+            None => residuals,
+        };
         let (together, own) = match beside {
             Beside::All => (TOGETHER_OF_ALL, vec![1.0; residuals.len()]),
             Beside::Nearest => (TOGETHER, shapes.own_scales(&residuals)),
@@ -181,11 +181,11 @@ impl Away<'_> {
     fn own_scales(&self, residuals: &[Vec<f64>]) -> Vec<f64> {
         let n = residuals[0].len();
         let (of_all, equal) = (scales(residuals, self.weights, n, self.size), vec![1.0; n]);
-        let own = |r: &Vec<f64>| {
-            let relative: Vec<f64> = r.iter().zip(&of_all).map(|(r, s)| r / s).collect();
+        let own = |k: usize| {
+            let relative: Vec<f64> = residuals[k].iter().zip(&of_all).map(|(r, s)| r / s).collect();
             median(&relative, &equal).max(ROUNDING).sqrt()
         };
-        residuals.par_iter().map(own).collect()
+        parallel::map(residuals.len(), &own)
     }
 
     /// What the shapes `near` leave of shape `k`: about their mean, in their deviations and the moves of the class.
@@ -237,7 +237,7 @@ fn nearest(scores: &[Vec<f64>], weights: &[f64]) -> Vec<Vec<usize>> {
         distances.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         distances.into_iter().map(|(_, j)| j).collect()
     };
-    (0..scores.len()).into_par_iter().map(of).collect()
+    parallel::map(scores.len(), &of)
 }
 
 /// The residuals of neighbours on a curve together: roots of the weighted means of their squares, at the ends of an open one of
@@ -264,7 +264,7 @@ fn scales(residuals: &[Vec<f64>], weights: &[f64], n: usize, size: f64) -> Vec<f
         let values: Vec<f64> = residuals.iter().map(|r| r[point]).collect();
         median(&values, weights)
     };
-    let scales: Vec<f64> = (0..n).into_par_iter().map(at).collect();
+    let scales = parallel::map(n, &at);
     let least = (LEAST_SCALE * median(&scales, &vec![1.0; n])).max(ROUNDING * size);
     scales.into_iter().map(|scale| scale.max(least)).collect()
 }

@@ -1,6 +1,6 @@
 //! Sources with other weights, or with the deviations of their shapes.
 
-use rayon::prelude::*;
+use shapelex_numeric::parallel;
 
 use super::weiszfeld::NEAREST;
 use crate::AnalysisError;
@@ -12,20 +12,18 @@ use crate::subspace::{Subspace, turn};
 use crate::transformation::{Structure, TransformationClass};
 
 /// The shapes of a source with the weights `w_k f_k`. Only this process knows the factors, so no pass is distributed.
-pub(crate) struct Reweighted<'a, S> {
-    pub(crate) source: &'a S,
+pub(crate) struct Reweighted<'a> {
+    pub(crate) source: &'a dyn ShapeSource,
     /// One factor for each shape, zero or more.
     pub(crate) factors: &'a [f64],
 }
 
-impl<S: ShapeSource> ShapeSource for Reweighted<'_, S> {
-    type Error = S::Error;
-
+impl ShapeSource for Reweighted<'_> {
     fn count(&self) -> usize {
         self.source.count()
     }
 
-    fn check(&self) -> Result<(), S::Error> {
+    fn check(&self) -> Result<(), AnalysisError> {
         self.source.check()
     }
 
@@ -35,8 +33,8 @@ impl<S: ShapeSource> ShapeSource for Reweighted<'_, S> {
 
     fn for_each_batch(
         &self,
-        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), S::Error>,
-    ) -> Result<(), S::Error> {
+        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), AnalysisError>,
+    ) -> Result<(), AnalysisError> {
         self.source.for_each_batch(&mut |batch| {
             let factors = &self.factors[batch.first..batch.first + batch.weights.len()];
             let weights: Vec<f64> = batch.weights.iter().zip(factors).map(|(w, f)| w * f).collect();
@@ -44,40 +42,38 @@ impl<S: ShapeSource> ShapeSource for Reweighted<'_, S> {
         })
     }
 
-    fn located(&self, error: S::Error) -> S::Error {
+    fn located(&self, error: AnalysisError) -> AnalysisError {
         self.source.located(error)
     }
 }
 
 /// The shapes of a source with the weights `w_k / max(‖A_k x_k − m‖, ε)`: a step of Weiszfeld for Procrustes fits.
-pub(super) struct ByDistance<'a, S> {
-    pub(super) source: &'a S,
+pub(super) struct ByDistance<'a> {
+    pub(super) source: &'a dyn ShapeSource,
     pub(super) method: &'a Method,
     /// `m`, whitened.
     pub(super) mean: &'a [f64],
 }
 
-impl<S: ShapeSource> ShapeSource for ByDistance<'_, S> {
-    type Error = S::Error;
-
+impl ShapeSource for ByDistance<'_> {
     fn count(&self) -> usize {
         self.source.count()
     }
 
     fn for_each_batch(
         &self,
-        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), S::Error>,
-    ) -> Result<(), S::Error> {
+        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), AnalysisError>,
+    ) -> Result<(), AnalysisError> {
         let least = NEAREST * norm(self.mean);
         self.source.for_each_batch(&mut |batch| {
             let length = self.mean.len();
-            let shapes = batch.whitened.par_chunks(length).zip(batch.weights).enumerate();
-            let weight = |(i, (x, weight)): (usize, (&[f64], &f64))| {
+            let weight = |i: usize| {
+                let x = &batch.whitened[i * length..(i + 1) * length];
                 let near = self.method.bring(x, self.mean).map_err(|error| error.at(batch.first + i))?;
                 let away: f64 = near.whitened.iter().zip(self.mean).map(|(y, m)| (y - m).powi(2)).sum();
-                Ok::<_, AnalysisError>(weight / away.sqrt().max(least))
+                Ok::<_, AnalysisError>(batch.weights[i] / away.sqrt().max(least))
             };
-            let weights = shapes.map(weight).collect::<Result<Vec<f64>, _>>()?;
+            let weights = parallel::try_map(batch.weights.len(), &weight)?;
             visit(Shapes { weights: &weights, ..batch })
         })
     }
@@ -153,22 +149,22 @@ const MOST_SCALED: f64 = 1e3;
 
 /// The [deviations](deviation) `a_k` of the shapes of a source, with their weights: computed once, or in every pass where they do
 /// not fit in memory.
-pub(super) struct Deviations<'a, S> {
-    source: &'a S,
+pub(super) struct Deviations<'a> {
+    source: &'a dyn ShapeSource,
     method: &'a Method,
     /// `m`, whitened.
     centre: &'a [f64],
     kept: Option<ShapesInMemory>,
 }
 
-impl<'a, S: ShapeSource> Deviations<'a, S> {
+impl<'a> Deviations<'a> {
     /// From the whitened `centre`; in memory if `keep`.
     pub(super) fn new(
-        source: &'a S,
+        source: &'a dyn ShapeSource,
         method: &'a Method,
         centre: &'a [f64],
         keep: bool,
-    ) -> Result<Self, S::Error> {
+    ) -> Result<Self, AnalysisError> {
         let mut deviations = Self { source, method, centre, kept: None };
         if keep {
             deviations.kept = Some(ShapesInMemory::of(&deviations)?);
@@ -185,21 +181,19 @@ impl<'a, S: ShapeSource> Deviations<'a, S> {
 /// Deviation, as a fraction of the norm of the mean, that is rounding error.
 pub(super) const ROUNDING: f64 = 1e-8;
 
-impl<S: ShapeSource> ShapeSource for Deviations<'_, S> {
-    type Error = S::Error;
-
+impl ShapeSource for Deviations<'_> {
     fn count(&self) -> usize {
         self.source.count()
     }
 
-    fn check(&self) -> Result<(), S::Error> {
+    fn check(&self) -> Result<(), AnalysisError> {
         self.source.check()
     }
 
     fn for_each_batch(
         &self,
-        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), S::Error>,
-    ) -> Result<(), S::Error> {
+        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), AnalysisError>,
+    ) -> Result<(), AnalysisError> {
         if let Some(kept) = &self.kept {
             self.source.check()?;
             self.source.worked(self.source.count());
@@ -207,11 +201,11 @@ impl<S: ShapeSource> ShapeSource for Deviations<'_, S> {
         }
         let length = self.centre.len();
         let change = |batch: Shapes<'_>, whitened: &mut [f64]| {
-            whitened.par_chunks_mut(length).enumerate().try_for_each(|(i, x)| {
+            parallel::try_for_each_chunk(whitened, length, &|i, x| {
                 let away =
                     deviation(self.method, x, self.centre).map_err(|error| error.at(batch.first + i))?;
                 x.copy_from_slice(&away);
-                Ok::<_, AnalysisError>(())
+                Ok(())
             })
         };
         for_each_changed(self.source, change, visit)
@@ -220,34 +214,35 @@ impl<S: ShapeSource> ShapeSource for Deviations<'_, S> {
 
 /// The deviations of a source with the weights `w_k/‖a_k‖²`, zero for shapes at the centre: their outer products are those of the spatial signs
 /// `a_k/‖a_k‖`.
-pub(super) struct Signs<'a, S>(pub(super) &'a Deviations<'a, S>);
+pub(super) struct Signs<'a>(pub(super) &'a Deviations<'a>);
 
-impl<S: ShapeSource> ShapeSource for Signs<'_, S> {
-    type Error = S::Error;
-
+impl ShapeSource for Signs<'_> {
     fn count(&self) -> usize {
         self.0.count()
     }
 
     fn for_each_batch(
         &self,
-        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), S::Error>,
-    ) -> Result<(), S::Error> {
+        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), AnalysisError>,
+    ) -> Result<(), AnalysisError> {
         let (length, least) = (self.0.centre.len(), (ROUNDING * norm(self.0.centre)).powi(2));
         self.0.for_each_batch(&mut |batch| {
-            let of = |(a, weight): (&[f64], &f64)| match dot(a, a) {
-                square if square > least => weight / square,
-                _ => 0.0,
+            let of = |i: usize| {
+                let a = &batch.whitened[i * length..(i + 1) * length];
+                match dot(a, a) {
+                    square if square > least => batch.weights[i] / square,
+                    _ => 0.0,
+                }
             };
-            let weights: Vec<f64> = batch.whitened.par_chunks(length).zip(batch.weights).map(of).collect();
+            let weights = parallel::map(batch.weights.len(), &of);
             visit(Shapes { weights: &weights, ..batch })
         })
     }
 }
 
 /// The shapes of a source whose factor is positive, with the weights `w_k f_k`. Positions count these shapes only.
-pub(crate) struct Retained<'a, S> {
-    source: &'a S,
+pub(crate) struct Retained<'a> {
+    source: &'a dyn ShapeSource,
     factors: &'a [f64],
     count: usize,
 }
@@ -255,22 +250,20 @@ pub(crate) struct Retained<'a, S> {
 /// Number of retained shapes per batch.
 const BATCH: usize = 16 * BLOCK;
 
-impl<'a, S: ShapeSource> Retained<'a, S> {
+impl<'a> Retained<'a> {
     /// The shapes of `source` with a positive one of `factors`, which has one for each.
-    pub(crate) fn new(source: &'a S, factors: &'a [f64]) -> Self {
+    pub(crate) fn new(source: &'a dyn ShapeSource, factors: &'a [f64]) -> Self {
         let count = factors.iter().filter(|factor| **factor > 0.0).count();
         Self { source, factors, count }
     }
 }
 
-impl<S: ShapeSource> ShapeSource for Retained<'_, S> {
-    type Error = S::Error;
-
+impl ShapeSource for Retained<'_> {
     fn count(&self) -> usize {
         self.count
     }
 
-    fn check(&self) -> Result<(), S::Error> {
+    fn check(&self) -> Result<(), AnalysisError> {
         self.source.check()
     }
 
@@ -284,8 +277,8 @@ impl<S: ShapeSource> ShapeSource for Retained<'_, S> {
 
     fn for_each_batch(
         &self,
-        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), S::Error>,
-    ) -> Result<(), S::Error> {
+        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), AnalysisError>,
+    ) -> Result<(), AnalysisError> {
         let (mut whitened, mut weights, mut first) = (Vec::new(), Vec::new(), 0);
         self.source.for_each_batch(&mut |batch| {
             for (k, x, weight) in batch.iter().filter(|(k, ..)| self.factors[*k] > 0.0) {

@@ -27,7 +27,10 @@ struct NearSum<'a> {
 ///
 /// # Errors
 /// Degenerate shapes; errors of the source.
-pub(super) fn step<'a, S: ShapeSource>(source: &S, space: MeanSpace<'a>) -> Result<MeanSpace<'a>, S::Error> {
+pub(super) fn step<'a>(
+    source: &dyn ShapeSource,
+    space: MeanSpace<'a>,
+) -> Result<MeanSpace<'a>, AnalysisError> {
     let both = if space.class.structure == Structure::Complex { 2 * space.bases[0].nrows() } else { 0 };
     let empty = || {
         let sums = space.bases.iter().map(|b| b * 0.0).collect();

@@ -1,9 +1,8 @@
 //! Atoms of a dictionary with their Gram matrix.
 
-use rayon::prelude::*;
-
 use shapelex_numeric::dense::{Matrix, transpose_multiply_columns};
 use shapelex_numeric::kernels::{add_columns, column, dot};
+use shapelex_numeric::parallel;
 
 /// Columns of the Gram matrix that are formed in one product: some for every thread, in the same way for any number of
 /// threads.
@@ -109,8 +108,8 @@ impl Atoms {
 /// `DᵀD`.
 fn gram(matrix: &Matrix) -> Matrix {
     let (n, columns) = matrix.shape();
-    let strips = matrix.as_slice().par_chunks((n * STRIP).max(1));
-    let strips: Vec<Matrix> = strips.map(|strip| transpose_multiply_columns(matrix, strip)).collect();
+    let strips: Vec<&[f64]> = matrix.as_slice().chunks((n * STRIP).max(1)).collect();
+    let strips = parallel::map(strips.len(), &|k| transpose_multiply_columns(matrix, strips[k]));
     let mut entries = Vec::with_capacity(columns * columns);
     strips.iter().for_each(|strip| entries.extend_from_slice(strip.as_slice()));
     entries.resize(columns * columns, 0.0);

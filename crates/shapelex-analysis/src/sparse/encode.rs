@@ -1,12 +1,11 @@
 //! Batches of codes, one shape after the other with memory that is used again.
 
-use rayon::prelude::*;
-
 use super::atoms::Atoms;
 use super::code::{Signal, SparseCode};
 use crate::AnalysisError;
 use shapelex_numeric::dense::transpose_multiply_columns;
 use shapelex_numeric::kernels::{column, dot};
+use shapelex_numeric::parallel;
 
 /// Shapes whose correlations are formed in one product: few enough that small sets use all threads. Part of the
 /// definition of a code: changing it changes last bits.
@@ -87,11 +86,9 @@ pub(super) trait EncodeOne: Sync {
         previous: Option<&[SparseCode]>,
     ) -> Result<Vec<SparseCode>, AnalysisError> {
         let length = atoms.matrix().nrows() * BATCH;
-        let batches: Vec<_> = shapes
-            .par_chunks(length.max(1))
-            .enumerate()
-            .map(|(i, batch)| self.encode_batch(atoms, batch, i * BATCH, previous))
-            .collect();
+        let batches: Vec<&[f64]> = shapes.chunks(length.max(1)).collect();
+        let batches =
+            parallel::map(batches.len(), &|i| self.encode_batch(atoms, batches[i], i * BATCH, previous));
         concatenated(batches, atoms, shapes)
     }
 

@@ -299,8 +299,6 @@ impl Elsewhere<'_> {
 }
 
 impl ShapeSource for Elsewhere<'_> {
-    type Error = AnalysisError;
-
     fn count(&self) -> usize {
         self.shapes.count()
     }
@@ -312,7 +310,7 @@ impl ShapeSource for Elsewhere<'_> {
         self.shapes.for_each_batch(visit)
     }
 
-    fn coders(&self) -> Option<CodeGroup<'_, AnalysisError>> {
+    fn coders(&self) -> Option<CodeGroup<'_>> {
         Some(Box::new(|group: Group<'_>| self.code(group)))
     }
 }

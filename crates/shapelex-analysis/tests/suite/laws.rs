@@ -346,16 +346,14 @@ fn the_discrete_similarity_mean_is_kents() {
 struct Batches<'a>(&'a ShapesInMemory, usize);
 
 impl ShapeSource for Batches<'_> {
-    type Error = shapelex_analysis::AnalysisError;
-
     fn count(&self) -> usize {
         self.0.count()
     }
 
     fn for_each_batch(
         &self,
-        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), Self::Error>,
-    ) -> Result<(), Self::Error> {
+        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), AnalysisError>,
+    ) -> Result<(), AnalysisError> {
         let all = self.0.all();
         let length = all.whitened.len() / all.weights.len();
         let step = self.1 * BLOCK;

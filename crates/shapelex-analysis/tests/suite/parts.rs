@@ -55,8 +55,6 @@ struct Stretch<'a> {
 }
 
 impl ShapeSource for Stretch<'_> {
-    type Error = AnalysisError;
-
     fn count(&self) -> usize {
         self.to - self.from
     }
@@ -121,8 +119,6 @@ struct Vectors<'a> {
 }
 
 impl ShapeSource for Vectors<'_> {
-    type Error = AnalysisError;
-
     fn count(&self) -> usize {
         self.columns.len() / self.length
     }
@@ -242,8 +238,6 @@ struct Elsewhere<'a> {
 }
 
 impl ShapeSource for Elsewhere<'_> {
-    type Error = AnalysisError;
-
     fn count(&self) -> usize {
         self.shapes.count()
     }

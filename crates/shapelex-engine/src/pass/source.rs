@@ -4,6 +4,7 @@ use std::sync::atomic::AtomicUsize;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use futures_util::future::BoxFuture;
+use shapelex_analysis::AnalysisError;
 use shapelex_analysis::accumulate::{MergePart, PART, ShapeSource, Shapes, prepare};
 use shapelex_analysis::pass::Pass;
 use tokio::runtime::Handle;
@@ -159,25 +160,23 @@ impl<'a> AtRest<'a> {
 }
 
 impl ShapeSource for AtRest<'_> {
-    type Error = EngineError;
-
     fn count(&self) -> usize {
         self.subject.revision.shapes()
     }
 
     fn for_each_batch(
         &self,
-        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), EngineError>,
-    ) -> Result<(), EngineError> {
+        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), AnalysisError>,
+    ) -> Result<(), AnalysisError> {
         let Setting { metric, method, .. } = &*self.subject.setting;
-        self.for_each_part(&mut |k, Numbers { mut control_points, weights, .. }| {
+        Ok(self.for_each_part(&mut |k, Numbers { mut control_points, weights, .. }| {
             let first = k * PART;
             prepare(metric, method.translates(), first, &mut control_points)?;
-            visit(Shapes { first, whitened: &control_points, weights: &weights })
-        })
+            Ok(visit(Shapes { first, whitened: &control_points, weights: &weights })?)
+        })?)
     }
 
-    fn spread(&self, pass: &Pass, merge: &mut MergePart<'_>) -> Result<bool, EngineError> {
+    fn spread(&self, pass: &Pass, merge: &mut MergePart<'_>) -> Result<bool, AnalysisError> {
         let Some(runner) = self.runner.filter(|_| self.subject.revision.parts() > 0) else {
             return Ok(false);
         };

@@ -14,11 +14,6 @@
 //! whole subject, as in split conformal prediction. So it is drawn towards the predictive quantile of a lognormal distribution, the more the fewer
 //! subjects there are. The weight and its alternatives are measured on thirty sets (`docs/evaluation.md`).
 
-use rand::rngs::ChaCha12Rng;
-use rand::seq::index::sample;
-use rand::{RngExt, SeedableRng};
-use rayon::prelude::*;
-
 use super::assessed::{PartMeasures, PartScore};
 use super::conditioning::{Posterior, Seen};
 use super::model::PosteriorModel;
@@ -33,10 +28,14 @@ use crate::dictionary::score::{rank, value_at};
 use crate::dictionary::work::{EIGENPROBLEM, PRODUCT};
 use crate::metric::Metric;
 use crate::watch::Watch;
+use rand::rngs::ChaCha12Rng;
+use rand::seq::index::sample;
+use rand::{RngExt, SeedableRng};
 use shapelex_geometry::representation::ShapeSpace;
 use shapelex_geometry::sampling::Places;
 use shapelex_numeric::dense::{FULL_SOLVER_SIZE, Matrix, multiply};
 use shapelex_numeric::kernels::add_scaled;
+use shapelex_numeric::parallel;
 
 /// Hidden fractions of a shape, by turns.
 const HIDDEN: [f64; 4] = [0.1, 0.2, 0.3, 0.4];
@@ -454,13 +453,10 @@ impl Dictionary {
         let all = sample.subjects.len();
         let chosen: Vec<usize> =
             (0..all.min(MAX_SUBJECTS)).map(|i| i * all / all.min(MAX_SUBJECTS)).collect();
-        let trials: Vec<Vec<Trial>> = chosen
-            .par_iter()
-            .map(|&subject| {
-                watch.check()?;
-                held.trials(subject, seed)
-            })
-            .collect::<Result<_, AnalysisError>>()?;
+        let trials: Vec<Vec<Trial>> = parallel::try_map(chosen.len(), &|i| {
+            watch.check()?;
+            held.trials(chosen[i], seed)
+        })?;
         let trials: Vec<Trial> = trials.into_iter().flatten().collect();
         if trials.is_empty() || all < MIN_SUBJECTS {
             return Err(AnalysisError::TooFewShapes { found: all, needed: MIN_SUBJECTS });

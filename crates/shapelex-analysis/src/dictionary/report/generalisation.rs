@@ -1,12 +1,11 @@
 //! Generalisation: errors of shapes that the components of all other subjects describe, for each number of components.
 
-use rayon::prelude::*;
-
 use super::sample::Sample;
 use super::{ByNumber, PointSets, Scale};
 use crate::AnalysisError;
 use crate::watch::Watch;
 use shapelex_numeric::dense::Matrix;
+use shapelex_numeric::parallel;
 
 /// Leaves every subject out once. Cost per subject: an eigenproblem for `count` pairs of the rank of the sample.
 ///
@@ -51,7 +50,7 @@ pub(super) fn generalisation(
         Ok((points, distances.filter(|found| !found.is_empty()).map(mean_of)))
     };
     let subjects: Vec<(Vec<f64>, Option<Vec<f64>>)> =
-        (0..sample.subjects.len()).into_par_iter().map(left_out).collect::<Result<_, AnalysisError>>()?;
+        parallel::try_map::<_, AnalysisError>(sample.subjects.len(), &left_out)?;
     Ok(ByNumber::of(subjects))
 }
 

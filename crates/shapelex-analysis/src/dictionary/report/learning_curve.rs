@@ -1,7 +1,6 @@
 //! The learning curve: errors of shapes under components that were learnt from fewer subjects.
 
-use rand::seq::SliceRandom;
-use rayon::prelude::*;
+use shapelex_numeric::parallel;
 
 use super::Scale;
 use super::interval::Interval;
@@ -9,6 +8,7 @@ use super::sample::Sample;
 use crate::AnalysisError;
 use crate::inference::permutation::stream;
 use crate::watch::Watch;
+use rand::seq::SliceRandom;
 
 /// Parts of the subjects that are learnt from.
 const PARTS: [f64; 6] = [0.1, 0.2, 0.35, 0.5, 0.7, 0.9];
@@ -72,8 +72,7 @@ pub(super) fn learning_curve(
         watch.worked(1);
         Ok(described.iter().map(error).sum::<f64>() / described.len() as f64)
     };
-    let errors: Vec<f64> =
-        (0..sizes.len() * DRAWS).into_par_iter().map(draw).collect::<Result<_, AnalysisError>>()?;
+    let errors: Vec<f64> = parallel::try_map::<_, AnalysisError>(sizes.len() * DRAWS, &draw)?;
     let points = sizes.iter().zip(errors.chunks_exact(DRAWS));
     Ok(points
         .map(|(&subjects, errors)| LearningPoint {

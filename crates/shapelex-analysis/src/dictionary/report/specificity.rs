@@ -6,17 +6,16 @@
 //!
 //! One pass over the scores gives the distances for all numbers of components, and the shapes themselves are not needed.
 
-use rand::SeedableRng;
-use rand::rngs::ChaCha12Rng;
-use rand_distr::{Distribution, StandardNormal};
-use rayon::prelude::*;
-
 use super::sample::Sample;
 use super::{ByNumber, PointSets, Scale};
 use crate::AnalysisError;
 use crate::dictionary::model::Spread;
 use crate::watch::Watch;
+use rand::SeedableRng;
+use rand::rngs::ChaCha12Rng;
+use rand_distr::{Distribution, StandardNormal};
 use shapelex_numeric::dense::Matrix;
+use shapelex_numeric::parallel;
 
 /// Draws shapes from the normal distribution of the scores. Cost: `draws · shapes · count`.
 ///
@@ -41,8 +40,9 @@ pub(super) fn specificity(
     let drawn: Vec<Vec<f64>> = (0..draws).map(|_| draw()).collect();
     let rests: Vec<Vec<f64>> = (0..sample.count()).map(|k| rests(sample, k, count)).collect();
     let chosen = sets.chosen(draws, count);
-    let of = |(at, scores): (usize, &Vec<f64>)| {
+    let of = |at: usize| {
         watch.check()?;
+        let scores = &drawn[at];
         let nearest = nearest(sample, &rests, scores);
         watch.worked(1);
         let points = nearest.iter().map(|&(square, k)| scale.length(k, square.sqrt())).collect();
@@ -56,8 +56,7 @@ pub(super) fn specificity(
             if shown { nearest.iter().enumerate().map(distance).collect() } else { None };
         Ok((points, distances))
     };
-    let found: Vec<(Vec<f64>, Option<Vec<f64>>)> =
-        drawn.par_iter().enumerate().map(of).collect::<Result<_, AnalysisError>>()?;
+    let found: Vec<(Vec<f64>, Option<Vec<f64>>)> = parallel::try_map::<_, AnalysisError>(drawn.len(), &of)?;
     Ok(ByNumber::of(found))
 }
 

@@ -1,7 +1,5 @@
 //! Stability: components of resampled subjects beside those of all.
 
-use rayon::prelude::*;
-
 use super::interval::Interval;
 use super::sample::Sample;
 use crate::AnalysisError;
@@ -9,6 +7,7 @@ use crate::inference::permutation::stream;
 use crate::inference::regress::quantile;
 use crate::watch::Watch;
 use shapelex_numeric::dense::Matrix;
+use shapelex_numeric::parallel;
 
 /// Angles between the components of all shapes and those of resampled subjects, in degrees.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -72,7 +71,7 @@ pub(super) fn stability(
     };
     // A subject drawn alone leaves nothing to compare.
     let usable = if sample.subjects.len() < 2 { 0 } else { resamples };
-    let drawn: Vec<Resample> = (0..usable).into_par_iter().map(one).collect::<Result<_, AnalysisError>>()?;
+    let drawn: Vec<Resample> = parallel::try_map::<_, AnalysisError>(usable, &one)?;
     let (weight, shapes) = (sample.weights.iter().sum::<f64>(), sample.count() as f64);
     let total: f64 = sample.values.iter().sum();
     let of = |value: f64, most: f64, get: &dyn Fn(&Resample) -> f64| {
