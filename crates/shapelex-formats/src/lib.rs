@@ -4,8 +4,29 @@
 //! * [`shape`] — contours, landmarks and meshes of other programs;
 //! * [`dicom`] — what the files of DICOM of both have in common;
 //! * [`words`] — messages of parsers in words that clients know.
+//!
+//! Families of formats are features, each of which brings the libraries that it needs: `dicom`, `meshes`, `microscopy`, `morphometrics`
+//! and `tables`, all on by default. Without one the registries have fewer formats, and nothing else changes.
 
+#![cfg_attr(
+    not(all(
+        feature = "dicom",
+        feature = "meshes",
+        feature = "microscopy",
+        feature = "morphometrics",
+        feature = "tables"
+    )),
+    allow(
+        dead_code,
+        unused_imports,
+        unreachable_pub,
+        reason = "what several families share is there if one of them is left out"
+    )
+)]
+
+#[cfg(feature = "dicom")]
 pub mod dicom;
 pub mod image;
+mod series;
 pub mod shape;
 pub mod words;

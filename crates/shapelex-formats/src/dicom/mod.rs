@@ -16,12 +16,13 @@ pub(crate) use content::{Content, is_dicom};
 pub(crate) use identity::list_identifying;
 pub(crate) use number::decimal;
 pub(crate) use series::check_orientation;
-pub use series::{Patient, SeriesImage, Study, series};
+pub use series::series;
 pub(crate) use values::{File, Node};
 
 use dicom_core::dictionary::UidDictionary;
 use dicom_dictionary_std::{StandardSopClassDictionary, tags};
 
+pub use crate::series::{Patient, SeriesImage, Study};
 use crate::shape::{FileError, Place};
 
 /// Refuses a file of another class than those given, and says what it is.

@@ -5,7 +5,11 @@ use std::collections::BTreeMap;
 use super::error::ImageError;
 use super::file::{Description, ImageFile};
 use super::limits::Limits;
-use super::{nifti, nrrd, png, segmentation, tiff};
+#[cfg(feature = "dicom")]
+use super::segmentation;
+#[cfg(feature = "microscopy")]
+use super::tiff;
+use super::{nifti, nrrd, png};
 
 /// Number of bytes that an error shows of an unknown file.
 const SHOWN: usize = 8;
@@ -53,7 +57,7 @@ impl Format {
 }
 
 /// All formats. The magic bytes of NIfTI include those of its other variants, which its reader refuses by name.
-pub static FORMATS: [Format; 6] = [
+pub static FORMATS: &[Format] = &[
     Format {
         id: "png",
         name: png::NAME,
@@ -65,6 +69,7 @@ pub static FORMATS: [Format; 6] = [
         labels: png::read,
         names: None,
     },
+    #[cfg(feature = "microscopy")]
     Format {
         id: "tiff",
         name: tiff::NAME,
@@ -109,6 +114,7 @@ pub static FORMATS: [Format; 6] = [
         labels: nrrd::read,
         names: Some(nrrd::names),
     },
+    #[cfg(feature = "dicom")]
     Format {
         id: "segmentation",
         name: segmentation::NAME,
@@ -148,6 +154,7 @@ fn first_bytes(bytes: &[u8]) -> String {
 mod tests {
     use super::*;
 
+    #[cfg(all(feature = "dicom", feature = "microscopy"))]
     #[test]
     fn formats_are_recognised() {
         let mut nifti = vec![0; 348];
@@ -167,6 +174,7 @@ mod tests {
         }
     }
 
+    #[cfg(all(feature = "dicom", feature = "microscopy"))]
     #[test]
     fn an_unknown_file_gets_the_list_of_formats() {
         let expected = "expected a file of one of the formats PNG, TIFF, NIfTI-1, NIfTI-1 (gzip), NRRD, DICOM Segmentation, got one that begins with";

@@ -26,8 +26,10 @@ pub mod mask;
 mod nifti;
 mod nrrd;
 mod png;
+#[cfg(feature = "dicom")]
 mod segmentation;
 mod stream;
+#[cfg(feature = "microscopy")]
 mod tiff;
 mod value;
 pub mod write;

@@ -5,21 +5,23 @@
 //! * Sizes that an archive declares are claims: what counts is what comes out, at most [`Limits::content`] bytes of all files.
 //! * Files of no known format are left out and counted. An archive within an archive is refused.
 //! * Files that overlap are refused, and those of long names, which each of their shapes has.
-//! * Where one file is a [`project`], the files that it names are read, in its order and with what it says of them.
+//! * Where one file is a [project](projects), the files that it names are read, in its order and with what it says of them.
+
+#[cfg(feature = "morphometrics")]
+mod projects;
+#[cfg(not(feature = "morphometrics"))]
+#[path = "archive/no_projects.rs"]
+mod projects;
 
 use std::cell::Cell;
-use std::collections::{BTreeMap, BTreeSet};
-use std::io::{Cursor, Read};
+use std::collections::BTreeMap;
+use std::io::Read;
 use std::rc::Rc;
-
-use zip::read::ZipFile;
-use zip::result::ZipError;
 
 use super::error::{FaultKind, FileError, Place};
 use super::format::Format;
 use super::limits::{Bound, Budget, Limits};
 use super::options::ReadOptions;
-use super::project::{self, Project, ProjectFile, Table};
 use super::record::Sink;
 use super::record::{Kind, Record};
 use super::registry::{detect, read as read_file};
@@ -54,44 +56,14 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
     let again = Budget::new(AGAIN, Rc::clone(&first));
     let mut files =
         Files { archive: source, content: 0, first, again, summary: Summary::default(), facts: None };
-    let count = match find_project(&mut archive, &mut files)? {
+    let count = match projects::read(&mut archive, &mut files, options, sink)? {
         None => files.read_all(&mut archive, options, sink)?,
-        Some(project) => files.read_project(&mut archive, &project, options, sink)?,
+        Some(count) => count,
     };
     let mut summary = files.summary;
     summary.properties = files.facts.unwrap_or_default();
     summary.set("files", count);
     Ok(summary)
-}
-
-/// A project in an archive.
-struct ProjectEntry {
-    name: String,
-    table: Table,
-}
-
-/// The project in an archive. Workbooks may hold something else: those are none.
-fn find_project(archive: &mut Archive, files: &mut Files<'_>) -> Result<Option<ProjectEntry>, FileError> {
-    let mut found = None;
-    for k in 0..archive.len() {
-        let file = archive.by_index(k).map_err(|error| fault(error).at(Place::item(k as u64)))?;
-        let name = file.name().map_err(fault)?.into_owned();
-        let is_named_so = detect(&[], Some(&name)).is_ok_and(|format| format.id == project::FORMAT.id);
-        if is_foreign(&name) || !is_named_so {
-            continue;
-        }
-        let entry = Place { entry: Some(name.clone()), ..Place::default() };
-        let table = files.table(file).map_err(|error| error.at(entry.clone()))?;
-        if !project::is_project(&table) {
-            continue;
-        }
-        if found.is_some() {
-            let detail = "expected one project in an archive, got a second one";
-            return Err(FileError::unsupported(entry, detail));
-        }
-        found = Some(ProjectEntry { name, table });
-    }
-    Ok(found)
 }
 
 /// Whether a file of an archive holds attributes of an operating system.
@@ -161,94 +133,10 @@ impl Files<'_> {
         Ok(count)
     }
 
-    /// Reads the files that a project names. Returns their number.
-    fn read_project(
-        &mut self,
-        archive: &mut Archive,
-        entry: &ProjectEntry,
-        options: &ReadOptions,
-        sink: Sink<'_>,
-    ) -> Result<u64, FileError> {
-        let at = Place { entry: Some(entry.name.clone()), ..Place::default() };
-        let project = Project::new(&entry.table, options).map_err(|error| error.at(at.clone()))?;
-        let folder = entry.name.rsplit_once('/').map_or("", |(folder, _)| folder);
-        // Those of the project say nothing of its files.
-        let own = ReadOptions { files: None, select: None, ..options.clone() };
-        let mut known = BTreeSet::from([entry.name.clone()]);
-        for named in &project.files {
-            let missing = || {
-                let detail = format!("expected the file '{}' in the archive, got none", named.path);
-                FileError::malformed(named.place().within(&at), detail)
-            };
-            let path = project::within(folder, &named.path).ok_or_else(missing)?;
-            let file = archive.by_name(&path).map_err(|error| match error {
-                ZipError::FileNotFound => missing(),
-                other => fault(other).at(named.place().within(&at)),
-            })?;
-            let again = !known.insert(path.clone());
-            let place = Place { entry: Some(path), ..Place::default() };
-            self.read_named(file, named, again, &place, &own, sink).map_err(|error| error.at(place))?;
-        }
-        for name in archive.file_names() {
-            let name = name.map_err(fault)?;
-            if !name.ends_with('/') && !known.contains(&*name) {
-                let place = || Place { entry: Some(name.to_string()), ..Place::default() };
-                self.summary.drop("files beside those that the project names", Some(&name), place);
-            }
-        }
-        let mut dropped = project.summary.dropped;
-        dropped.iter_mut().for_each(|left| left.first = left.first.clone().within(&at));
-        self.summary.dropped.append(&mut dropped);
-        let facts = self.facts.get_or_insert_default();
-        facts.extend(project.summary.properties);
-        Ok(project.files.len() as u64)
-    }
-
-    /// Reads a file that a project names, `again` if another row has named it.
-    fn read_named(
-        &mut self,
-        file: ZipFile<'_, Cursor<Vec<u8>>>,
-        named: &ProjectFile,
-        again: bool,
-        place: &Place,
-        options: &ReadOptions,
-        sink: Sink<'_>,
-    ) -> Result<(), FileError> {
-        let (packed, before, warnings) = (file.compressed_size(), self.content, self.summary.warnings.len());
-        let mut n = 0;
-        let is_known = self.read(file, place, options, &mut |record| {
-            n += 1;
-            sink(named.describe(record, n - 1))
-        })?;
-        if !is_known {
-            let detail = "expected a file of shapes that the project names, got one of no known format";
-            return Err(FileError::new(FaultKind::Unsupported, detail));
-        }
-        if again {
-            // They are those of the first time.
-            self.summary.warnings.truncate(warnings);
-        }
-        // Packed data may be long, and nothing come out.
-        let bytes = packed.saturating_add(self.content - before);
-        if again {
-            return self.again.take(bytes);
-        }
-        self.first.set(self.first.get().saturating_add(bytes));
-        Ok(())
-    }
-
     /// What may still be read.
     fn left(&self) -> Limits {
         let limits = *self.archive.limits();
         Limits { content: limits.content.saturating_sub(self.content), ..limits }
-    }
-
-    /// A table. What comes out of a workbook counts as well.
-    fn table(&mut self, file: impl Read) -> Result<Table, FileError> {
-        let mut source = self.archive.inner(file, self.left())?;
-        let table = Table::read(&mut source)?;
-        self.content += source.offset() + table.unpacked;
-        Ok(table)
     }
 
     /// Reads a file. Returns whether it is one of a known format.
@@ -270,7 +158,7 @@ impl Files<'_> {
             self.summary.drop("files of no known format", Some(name), || place.clone());
             return Ok(false);
         };
-        if format.id == project::FORMAT.id {
+        if format.id == projects::FORMAT {
             // A workbook that is no project.
             self.summary.drop("files of no known format", Some(name), || place.clone());
             return Ok(false);

@@ -18,36 +18,51 @@
 
 mod account;
 mod archive;
+#[cfg(feature = "morphometrics")]
 mod chc;
+#[cfg(feature = "microscopy")]
 mod coco;
 mod csv;
 mod error;
 mod format;
 mod geojson;
+#[cfg(any(feature = "morphometrics", feature = "tables"))]
+mod guarded;
+#[cfg(feature = "microscopy")]
 mod imagej;
 mod inspection;
 mod json;
 mod limits;
+#[cfg(feature = "meshes")]
 mod mesh;
+#[cfg(feature = "morphometrics")]
 mod morphologika;
 mod ndjson;
+#[cfg(feature = "morphometrics")]
 mod nef;
+#[cfg(feature = "morphometrics")]
 mod nts;
 mod objects;
 mod options;
+#[cfg(feature = "morphometrics")]
 mod project;
 mod record;
 mod registry;
+#[cfg(feature = "dicom")]
 mod rtstruct;
+#[cfg(feature = "morphometrics")]
 mod slicer;
 mod source;
 mod summary;
+#[cfg(feature = "tables")]
 mod table;
 #[cfg(test)]
 mod testing;
 mod text;
+#[cfg(feature = "morphometrics")]
 mod tps;
 mod unzip;
+#[cfg(feature = "microscopy")]
 mod wkt;
 mod write;
 
@@ -55,16 +70,19 @@ pub use error::{FaultKind, FileError, Place};
 pub use format::Format;
 pub use inspection::{Group, Inspected, Inspection};
 pub use limits::{Limits, MAX_COORDINATE};
+#[cfg(feature = "meshes")]
 pub use mesh::{NORMALS, TEXTURE_OF_CORNERS};
 pub use options::{
     Columns, Contours, Curves, Encoding, Holes, Layout, MAX_HARMONICS, Names, Nuclei, ProjectFiles,
     ReadOptions, Scale, WriteOptions,
 };
+#[cfg(feature = "morphometrics")]
 pub use project::{named_files, pack_project};
 pub use record::{Domain, Faces, Field, Fourier, Geometry, Kind, Mesh, Points, Record, Ring, Sink, Value};
 pub use registry::{FORMATS, detect, find, read};
 pub use source::Source;
 pub(crate) use source::read_step;
 pub use summary::{Dropped, Summary};
+#[cfg(feature = "tables")]
 pub use table::{ArrayZip, npy_header};
 pub use write::Writer;

@@ -6,7 +6,7 @@ use serde_json::{Map, Value};
 
 use super::error::{FaultKind, FileError, Place};
 use super::format::Format;
-use crate::dicom::SeriesImage;
+use crate::series::SeriesImage;
 
 /// Options of reading. A format refuses those that it does not name in [`Format::options`].
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]

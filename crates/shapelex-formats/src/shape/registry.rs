@@ -7,43 +7,66 @@ use super::options::ReadOptions;
 use super::record::{Record, Sink};
 use super::source::Source;
 use super::summary::Summary;
-use super::{
-    archive, chc, coco, csv, geojson, imagej, mesh, morphologika, ndjson, nef, nts, project, rtstruct,
-    slicer, table, tps, wkt,
-};
+use super::{archive, csv, geojson, ndjson};
 
-/// All formats.
+/// All formats of the families that are compiled.
 pub static FORMATS: &[&Format] = &[
     &ndjson::FORMAT,
     &archive::FORMAT,
-    &mesh::obj::FORMAT,
-    &mesh::ply::FORMAT,
-    &mesh::stl::FORMAT,
-    &mesh::off::FORMAT,
-    &mesh::vtk::FORMAT,
-    &mesh::vtp::FORMAT,
-    &mesh::gifti::FORMAT,
-    &mesh::gltf::FORMAT,
-    &mesh::particles::FORMAT,
-    &project::FORMAT,
-    &tps::FORMAT,
-    &nts::FORMAT,
-    &morphologika::FORMAT,
-    &slicer::fcsv::FORMAT,
-    &slicer::markups::FORMAT,
-    &chc::FORMAT,
-    &nef::FORMAT,
+    #[cfg(feature = "meshes")]
+    &super::mesh::obj::FORMAT,
+    #[cfg(feature = "meshes")]
+    &super::mesh::ply::FORMAT,
+    #[cfg(feature = "meshes")]
+    &super::mesh::stl::FORMAT,
+    #[cfg(feature = "meshes")]
+    &super::mesh::off::FORMAT,
+    #[cfg(feature = "meshes")]
+    &super::mesh::vtk::FORMAT,
+    #[cfg(feature = "meshes")]
+    &super::mesh::vtp::FORMAT,
+    #[cfg(feature = "meshes")]
+    &super::mesh::gifti::FORMAT,
+    #[cfg(feature = "meshes")]
+    &super::mesh::gltf::FORMAT,
+    #[cfg(feature = "meshes")]
+    &super::mesh::particles::FORMAT,
+    #[cfg(feature = "morphometrics")]
+    &super::project::FORMAT,
+    #[cfg(feature = "morphometrics")]
+    &super::tps::FORMAT,
+    #[cfg(feature = "morphometrics")]
+    &super::nts::FORMAT,
+    #[cfg(feature = "morphometrics")]
+    &super::morphologika::FORMAT,
+    #[cfg(feature = "morphometrics")]
+    &super::slicer::fcsv::FORMAT,
+    #[cfg(feature = "morphometrics")]
+    &super::slicer::markups::FORMAT,
+    #[cfg(feature = "morphometrics")]
+    &super::chc::FORMAT,
+    #[cfg(feature = "morphometrics")]
+    &super::nef::FORMAT,
     &csv::FORMAT,
     &geojson::FORMAT,
-    &imagej::FORMAT,
-    &imagej::SET,
-    &wkt::FORMAT,
-    &coco::FORMAT,
-    &rtstruct::FORMAT,
-    &table::ARROW,
-    &table::PARQUET,
-    &table::NPY,
-    &table::NPZ,
+    #[cfg(feature = "microscopy")]
+    &super::imagej::FORMAT,
+    #[cfg(feature = "microscopy")]
+    &super::imagej::SET,
+    #[cfg(feature = "microscopy")]
+    &super::wkt::FORMAT,
+    #[cfg(feature = "microscopy")]
+    &super::coco::FORMAT,
+    #[cfg(feature = "dicom")]
+    &super::rtstruct::FORMAT,
+    #[cfg(feature = "tables")]
+    &super::table::ARROW,
+    #[cfg(feature = "tables")]
+    &super::table::PARQUET,
+    #[cfg(feature = "tables")]
+    &super::table::NPY,
+    #[cfg(feature = "tables")]
+    &super::table::NPZ,
 ];
 
 /// Reads all records of a file of a format. Those without points are left out, and counted.

@@ -32,6 +32,7 @@ fn read_all(format: &str, file: &[u8]) {
     assert!(outcome.unwrap().records > 0);
 }
 
+#[cfg(feature = "microscopy")]
 #[test]
 fn an_image_of_coco_is_read_once_for_all_its_annotations() {
     let blanks = " ".repeat(4 << 20);

@@ -36,7 +36,7 @@ fn table() -> String {
         )
         .unwrap();
     }
-    for format in &image::FORMATS {
+    for format in image::FORMATS {
         // Pictures and NIfTI have no page of their own.
         let own = folder().join(format!("{}.md", format.id)).is_file();
         let page = if own { format!("{}.md", format.id) } else { "../images.md".into() };

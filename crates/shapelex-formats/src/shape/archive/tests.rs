@@ -149,6 +149,7 @@ fn damaged_archives_are_refused() {
     assert_eq!((error.kind, error.place.entry.as_deref()), (FaultKind::Malformed, Some("a.ndjson")));
 }
 
+#[cfg(feature = "meshes")]
 #[test]
 fn memory_is_asked_for_whole_files() {
     // Two files that are held as a whole, and one that is read line by line.
@@ -175,6 +176,7 @@ fn files_that_overlap_are_refused() {
     assert_eq!((error.kind, error.to_string().as_str()), (FaultKind::Malformed, expected));
 }
 
+#[cfg(all(feature = "meshes", feature = "morphometrics"))]
 #[test]
 fn files_that_are_read_again_are_bounded_by_those_that_have_been_read() {
     let file = format!("v 0 0 0\n# {}\n", "x".repeat(2 << 20));
@@ -192,6 +194,7 @@ fn files_that_are_read_again_are_bounded_by_those_that_have_been_read() {
     assert!(error.detail.contains(" bytes of files that are read again in "), "{error}");
 }
 
+#[cfg(all(feature = "meshes", feature = "morphometrics"))]
 #[test]
 fn a_file_that_is_read_again_is_counted_and_warns_once() {
     let project = r#"{"data":[{"shape_1":"a.obj"},{"shape_1":"a.obj"},{"shape_1":"b.obj"}]}"#;
@@ -203,9 +206,9 @@ fn a_file_that_is_read_again_is_counted_and_warns_once() {
     let first: Rc<Cell<u64>> = Rc::default();
     let again = Budget::new(AGAIN, Rc::clone(&first));
     let mut files = Files { archive: &source, content: 0, first, again, summary, facts: None };
-    let found = find_project(&mut archive, &mut files).unwrap().unwrap();
     let options = ReadOptions::from_pairs([("files", "shape")]).unwrap();
-    files.read_project(&mut archive, &found, &options, &mut |_| Ok(())).unwrap();
+    let count = projects::read(&mut archive, &mut files, &options, &mut |_| Ok(())).unwrap();
+    assert_eq!(count, Some(3));
     // Each has eight bytes in the archive, and eight come out.
     assert_eq!((files.first.get(), files.again.taken()), (32, 16));
     let warning = "points without faces are read as landmarks";

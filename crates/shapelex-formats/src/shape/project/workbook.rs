@@ -10,9 +10,9 @@ use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
 
 use super::super::error::{FaultKind, FileError, Place};
+use super::super::guarded::guarded;
 use super::super::limits::Limits;
 use super::super::source::{Source, read_step};
-use super::super::table::guarded;
 use super::super::unzip::opened;
 use super::sheet::{ROWS, Row, Table};
 

@@ -54,6 +54,7 @@ pub(super) use npz::FORMAT as NPZ;
 pub(super) use parquet::FORMAT as PARQUET;
 
 use super::error::{FaultKind, FileError, Place};
+use super::guarded::guarded;
 use super::limits::Bound;
 use super::text::name_fits;
 
@@ -93,16 +94,4 @@ fn check_name(name: &str) -> Result<(), FileError> {
 fn gives(content: impl std::io::Read, expected: u64) -> bool {
     let mut content = content.take(expected.saturating_add(1));
     std::io::copy(&mut content, &mut std::io::sink()).is_ok_and(|found| found == expected)
-}
-
-/// Runs a step of a library of containers. Should it panic at a file that contradicts itself in a way that the checks before
-/// it do not see, that is for the caller a malformed file, as any other contradiction. Tests are told: a check is missing.
-pub(super) fn guarded<T>(what: &str, step: impl FnOnce() -> Result<T, FileError>) -> Result<T, FileError> {
-    std::panic::catch_unwind(std::panic::AssertUnwindSafe(step)).unwrap_or_else(|panic| {
-        if cfg!(test) {
-            std::panic::resume_unwind(panic);
-        }
-        let detail = format!("expected {what} that does not contradict itself, got one that does");
-        Err(FileError::malformed(Place::default(), detail))
-    })
 }
