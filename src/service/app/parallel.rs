@@ -1,14 +1,13 @@
-//! Loops over entries in parallel, on the threads of the pool that runs the task. Dividing the work among threads is compiled once:
-//! it takes thousands of lines of machine code for each type otherwise.
+//! Loops over entries in parallel, on the threads of the pool that runs the task, by the loop of [`shapelex_numeric::parallel`].
 
 use std::sync::{Mutex, PoisonError};
 
-use rayon::prelude::*;
+use shapelex_numeric::parallel;
 
 /// Results of `work` on all items, in their order.
 pub(crate) fn map<I: Send, T: Send>(items: Vec<I>, work: impl Fn(usize, I) -> T + Sync) -> Vec<T> {
     let items: Vec<Mutex<Option<I>>> = items.into_iter().map(|item| Mutex::new(Some(item))).collect();
-    map_places(items.len(), |place| {
+    parallel::map(items.len(), &|place| {
         let item = items[place].lock().unwrap_or_else(PoisonError::into_inner).take();
         work(place, item.expect("each item is taken once"))
     })
@@ -16,22 +15,7 @@ pub(crate) fn map<I: Send, T: Send>(items: Vec<I>, work: impl Fn(usize, I) -> T 
 
 /// Results of `work` on all items, in their order.
 pub(crate) fn map_ref<I: Sync, T: Send>(items: &[I], work: impl Fn(usize, &I) -> T + Sync) -> Vec<T> {
-    map_places(items.len(), |place| work(place, &items[place]))
-}
-
-/// Results of `work` for the places of a list of `count` entries.
-fn map_places<T: Send>(count: usize, work: impl Fn(usize) -> T + Sync) -> Vec<T> {
-    let results: Vec<Mutex<Option<T>>> = (0..count).map(|_| Mutex::new(None)).collect();
-    for_places(count, &|place| {
-        let result = work(place);
-        *results[place].lock().unwrap_or_else(PoisonError::into_inner) = Some(result);
-    });
-    let result = |result: Mutex<Option<T>>| result.into_inner().unwrap_or_else(PoisonError::into_inner);
-    results.into_iter().map(|slot| result(slot).expect("each place has its result")).collect()
-}
-
-fn for_places(count: usize, work: &(dyn Fn(usize) + Sync)) {
-    (0..count).into_par_iter().for_each(work);
+    parallel::map(items.len(), &|place| work(place, &items[place]))
 }
 
 #[cfg(test)]
@@ -45,6 +29,6 @@ mod tests {
         assert!(lengths.iter().zip(0..).all(|((place, _), k)| *place == k));
         assert_eq!(lengths[999], (999, 3));
         assert_eq!(map(items.clone(), |_, item| item), items);
-        assert_eq!(map(Vec::<u8>::new(), |_, item| item), []);
+        assert!(map(Vec::<u8>::new(), |_, item| item).is_empty());
     }
 }

@@ -2,6 +2,7 @@
 //! set of shapes, whatever the numbers.
 
 use proptest::prelude::*;
+use shapelex_analysis::AnalysisError;
 use shapelex_analysis::accumulate::{
     Accumulator, BLOCK, ScatterSum, ShapeSource, Shapes, ShapesInMemory, accumulate,
 };
@@ -626,7 +627,6 @@ fn translation_keeps_size_and_averages() {
 
 #[test]
 fn degenerate_shapes_are_named() {
-    use shapelex_analysis::AnalysisError;
     let metric = metric(GeneratorKind::Trigonometric {}, 2);
     let mut shapes = beans(3, 4, 2, 0.2);
     shapes[2] = (0..2 * N).map(|i| (i % N) as f64 * if i < N { 1.0 } else { 2.0 }).collect();

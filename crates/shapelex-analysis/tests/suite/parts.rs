@@ -80,7 +80,7 @@ fn parts(shapes: &ShapesInMemory) -> Vec<Stretch<'_>> {
     (0..count).step_by(PART).map(part).collect()
 }
 
-fn scatter(source: &impl ShapeSource<Error = AnalysisError>) -> ScatterSum {
+fn scatter(source: &dyn ShapeSource) -> ScatterSum {
     accumulate(source, || ScatterSum::new(LENGTH)).unwrap()
 }
 
@@ -195,7 +195,7 @@ fn parts_give_the_same_bits_on_any_threads_and_made_in_any_order() {
         let source = Stretch { shapes: &shapes, from: 0, to: SHAPES, blocks };
         assert!(pool.install(|| scatter(&source).to_bytes()) == whole, "{threads} threads, {blocks} blocks");
     }
-    let mut sums: Vec<ScatterSum> = parts(&shapes).iter().rev().map(scatter).collect();
+    let mut sums: Vec<ScatterSum> = parts(&shapes).iter().rev().map(|part| scatter(part)).collect();
     sums.reverse();
     assert_eq!(sums.len(), 3);
     assert!(merged(sums.clone()) == whole);

@@ -122,7 +122,7 @@ fn a_version_continues_with_new_shapes() {
     let length = 2 * POINTS;
     let new = ShapesInMemory::prepared(all.all().whitened[20 * length..].to_vec(), vec![1.0; 10]);
     let learner =
-        Learner { recipe: &recipe, measured: setting.measured(), watch: &Unwatched, help: &|_, _| Ok(None) };
+        Learner { recipe: &recipe, measured: setting.measured(), watch: &Unwatched, help: &|_| Ok(None) };
     let earlier = learner.learn(&first).unwrap();
     let previous = Previous { content: &earlier.dictionary.content, state: &earlier.state };
     let later = learner.continue_from(previous, &all, &new).unwrap().dictionary.content;
