@@ -23,7 +23,7 @@
 
 CODESPELL = 2.4.3
 # Features of the build that all tests share.
-FEATURES =
+FEATURES = --features shapelex/schema
 export FEATURES
 TARGET = $(or $(CARGO_TARGET_DIR),target)
 

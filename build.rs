@@ -1,8 +1,13 @@
-//! Tells the program which commit and compiler it was made from, and gives it the files of the dashboard.
+//! Tells the program which commit and compiler it was made from, and gives it the files of the dashboard
+//! and the OpenAPI document.
 #![allow(clippy::print_stdout, reason = "cargo reads what a build script prints")]
 
+use std::io::Write;
 use std::path::Path;
 use std::process::Command;
+
+use flate2::Compression;
+use flate2::write::GzEncoder;
 
 fn main() {
     println!("cargo:rerun-if-changed=build.rs");
@@ -19,6 +24,20 @@ fn main() {
     if let Err(error) = list_dashboard() {
         println!("cargo::error=dashboard/dist cannot be listed: {error}");
     }
+    if let Err(error) = compress_interface() {
+        println!("cargo::error=openapi/openapi.json cannot be compressed: {error}");
+    }
+}
+
+/// Compresses the OpenAPI document, which is served as it is committed.
+fn compress_interface() -> std::io::Result<()> {
+    println!("cargo:rerun-if-changed=openapi/openapi.json");
+    let document = std::fs::read("openapi/openapi.json")?;
+    let folder = std::env::var("OUT_DIR").unwrap_or_default();
+    let file = std::fs::File::create(Path::new(&folder).join("openapi.json.gz"))?;
+    let mut file = GzEncoder::new(file, Compression::best());
+    file.write_all(&document)?;
+    file.finish().map(drop)
 }
 
 /// Writes the table of the files in `dashboard/dist`: paths below `/`, and contents.

@@ -154,8 +154,7 @@ fn key(command: keys::KeyCommand) -> Result<(), String> {
 }
 
 fn openapi() -> Result<(), String> {
-    let document = api::openapi().to_pretty_json().map_err(|error| error.to_string())?;
-    say(&format!("{document}\n"))
+    say(&api::interface::document().map_err(|error| error.to_string())?)
 }
 
 /// Writes output to standard output; a closed pipe is not an error.

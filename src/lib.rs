@@ -16,6 +16,10 @@
 //!
 //! Analysis sees every shape as an `N × d` matrix of control points and one Gram operator.
 
+// Without the feature, what the sources say of the OpenAPI document has no effect.
+#[cfg(not(feature = "schema"))]
+extern crate shapelex_schemaless as utoipa;
+
 pub mod api;
 pub mod cli;
 pub mod config;

@@ -9,13 +9,7 @@ use axum::http::HeaderMap;
 use axum::http::header::{AUTHORIZATION, HOST};
 use axum::http::uri::Authority;
 use axum::response::{IntoResponse, Response};
-use utoipa::openapi::OpenApi;
-use utoipa::openapi::extensions::Extensions;
-use utoipa::openapi::header::Header;
-use utoipa::openapi::path::Operation;
-use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme};
 
-use super::document::{self, refusal};
 use super::observe::{self, Asker};
 use super::operation::{self, Needs};
 use super::origin;
@@ -25,7 +19,7 @@ use crate::service::access::{Shown, identify};
 use crate::service::app::App;
 
 /// Access required by `method` on the route template; an operation that is not listed needs an administrator.
-fn needed(method: &str, route: &str) -> Needs {
+pub(super) fn needed(method: &str, route: &str) -> Needs {
     operation::find(method, route).map_or(Needs::Role(Role::Admin), |operation| operation.needs)
 }
 
@@ -102,46 +96,6 @@ fn names_this_machine(request: &Request) -> bool {
     };
     let authority = request.uri().authority().cloned().or_else(header);
     authority.is_some_and(|authority| is_loopback(authority.host()))
-}
-
-/// Name of the security scheme in the OpenAPI document.
-const SCHEME: &str = "bearer";
-
-/// Adds access control to the OpenAPI document: the scheme, the role of every operation (`x-role`), and the responses to
-/// unauthorised requests.
-pub fn describe(document: &mut OpenApi) {
-    let scheme = HttpBuilder::new().scheme(HttpAuthScheme::Bearer).description(Some(
-        "A key (`shk_…`) or a token of the identity provider. Not required on a loopback address without keys \
-         and identity provider.",
-    ));
-    let components = document.components.get_or_insert_default();
-    components.security_schemes.insert(SCHEME.into(), SecurityScheme::Http(scheme.build()).into());
-    for (path, item) in &mut document.paths.paths {
-        for (method, operation) in document::operations_of(item) {
-            describe_operation(operation, needed(method, path));
-        }
-    }
-}
-
-fn describe_operation(operation: &mut Operation, needs: Needs) {
-    let word = match needs {
-        Needs::Nothing => "none",
-        Needs::Role(role) => role.as_str(),
-    };
-    let role = Extensions::from_iter([("x-role", word)]);
-    operation.extensions.get_or_insert_default().merge(role);
-    let Needs::Role(role) = needs else {
-        operation.security = Some(Vec::new());
-        return;
-    };
-    operation.security = Some(vec![SecurityRequirement::new::<_, [&str; 0], _>(SCHEME, [])]);
-    let unknown = refusal("No valid key or token");
-    let unknown = unknown.header("WWW-Authenticate", Header::default());
-    let forbidden =
-        refusal(format!("The caller lacks the role {}, or its key does not cover this", role.as_str()));
-    let responses = &mut operation.responses.responses;
-    responses.entry("401".into()).or_insert_with(|| unknown.build().into());
-    responses.entry("403".into()).or_insert_with(|| forbidden.build().into());
 }
 
 #[cfg(test)]

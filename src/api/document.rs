@@ -1,6 +1,10 @@
-//! Responses and headers common to all resources, added to the OpenAPI document in one place; [`variants`] names the variants
-//! of tagged enums.
+//! The OpenAPI document, generated from the handlers and their types, with the feature `schema`.
+//!
+//! Responses and headers common to all resources are added here; [`access`] adds who may call an operation, [`answers`] tables and
+//! files. [`variants`] names the variants of tagged enums.
 
+mod access;
+mod answers;
 mod variants;
 
 use std::collections::BTreeSet;
@@ -11,9 +15,48 @@ use utoipa::openapi::{
     ResponseBuilder, Type,
 };
 
-use super::v1::files;
-use super::{health, operation, tabular};
+use super::operation::{self, Needs};
+use super::problem;
+use super::v1::Paths;
 use crate::formats::picture::PictureFormat;
+
+#[derive(utoipa::OpenApi)]
+#[openapi(
+    info(
+        title = "Shapelex",
+        description = "Shape statistics as a service: post contours, get template-free alignment, mean shapes and \
+                       functional PCA. Errors are problem documents (RFC 9457) with a stable `code`, the JSON pointer of \
+                       every bad field and the index of the bad shape.",
+        license(name = "Apache-2.0 OR MIT")
+    ),
+    components(schemas(problem::ProblemDocument)),
+    tags(
+        (name = "catalogue", description = "Generators and transformation classes"),
+        (name = "statistics", description = "Stateless: everything in the request, nothing stored"),
+        (name = "curves", description = "Curves and surfaces: evaluation, measures, fits, paths, deformation"),
+        (name = "cohorts", description = "Named sets of shapes and their mean"),
+        (name = "images", description = "Shapes from images and volumes"),
+        (name = "files", description = "Files of other programs: described, translated, written"),
+        (name = "retrieval", description = "Nearest shapes, and distances of all pairs"),
+        (name = "jobs", description = "Long-running work: progress, events, cancellation"),
+        (name = "dictionaries", description = "Components and sparse atoms learnt from cohorts, and their use"),
+        (name = "inference", description = "Permutation tests: comparison of groups and regression"),
+        (name = "changes", description = "The change feed and the trash"),
+        (name = "operation", description = "Version, metrics and the audit trail"),
+        (name = "access", description = "Keys (for administrators)"),
+        (name = "health", description = "Probes")
+    )
+)]
+struct Document;
+
+/// OpenAPI document of the service.
+pub(super) fn openapi() -> OpenApi {
+    let mut document = <Document as utoipa::OpenApi>::openapi();
+    document.merge(<Paths as utoipa::OpenApi>::openapi());
+    complete(&mut document);
+    access::describe(&mut document);
+    document
+}
 
 /// Media type of problem documents.
 const PROBLEM: &str = "application/problem+json";
@@ -23,7 +66,7 @@ const LIMITS: [(&str, &str); 2] =
     [("429", "Rate limit exceeded"), ("503", "Overloaded, stopping, or over the time limit")];
 
 /// A response with a problem document.
-pub(super) fn refusal(description: impl Into<String>) -> ResponseBuilder {
+fn refusal(description: impl Into<String>) -> ResponseBuilder {
     ResponseBuilder::new().description(description).content(PROBLEM, problem())
 }
 
@@ -45,14 +88,15 @@ fn problem() -> Content {
 /// Adds the common parts to all operations: problem documents to all refusals, the limits to all but the probes, and to
 /// those under `/v1` the refusals that every operation has. Names the variants of tagged enums. Offers drawings as PNG,
 /// answers with numbers as tables, and files in every format.
-pub(super) fn complete(document: &mut OpenApi) {
+fn complete(document: &mut OpenApi) {
     variants::name(document);
     for (path, item) in &mut document.paths.paths {
         for (method, operation) in operations_of(item) {
             if path.starts_with("/v1/") {
                 add_refusal(operation);
             }
-            if !health::PATHS.contains(&path.as_str()) {
+            let row = operation::find(method, path);
+            if row.is_some_and(|row| row.needs != Needs::Nothing) {
                 add_limits(operation);
             }
             offer_png(operation);
@@ -60,17 +104,17 @@ pub(super) fn complete(document: &mut OpenApi) {
                 let refused = || refusal("The media type of the answer is not accepted").build().into();
                 operation.responses.responses.entry("406".to_owned()).or_insert_with(refused);
             }
-            if let Some(table) = operation::find(method, path).and_then(|record| record.table) {
-                tabular::describe(operation, table);
+            if let Some(table) = row.and_then(|row| row.table) {
+                answers::describe_tables(operation, table);
             }
-            files::describe(operation);
+            answers::describe_files(operation);
             describe_refusals(operation);
         }
     }
 }
 
 /// Operations of a path, with their methods.
-pub(super) fn operations_of(item: &mut PathItem) -> impl Iterator<Item = (&'static str, &mut Operation)> {
+fn operations_of(item: &mut PathItem) -> impl Iterator<Item = (&'static str, &mut Operation)> {
     let methods = [
         ("GET", item.get.as_mut()),
         ("POST", item.post.as_mut()),
@@ -141,13 +185,23 @@ fn add_limits(operation: &mut Operation) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::api::interface;
     use crate::api::operation::{ANY_FILE, OPERATIONS};
     use crate::api::v1::files::written_media_types;
     use crate::formats::columns::ColumnsFormat;
 
     #[test]
+    fn the_committed_document_is_the_present_one() {
+        let present = interface::document().unwrap();
+        assert!(
+            present == interface::committed().unwrap(),
+            "openapi/openapi.json is old: run `cargo run --features schema -- openapi > openapi/openapi.json`"
+        );
+    }
+
+    #[test]
     fn the_rows_of_the_operations_are_those_of_the_document() {
-        let mut document = crate::api::openapi();
+        let mut document = openapi();
         let mut described = 0;
         for (path, item) in &mut document.paths.paths {
             for (method, found) in operations_of(item) {

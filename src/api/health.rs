@@ -6,9 +6,6 @@ use axum::http::StatusCode;
 use super::problem::Problem;
 use crate::service::app::App;
 
-/// Paths of the probes, which have no rate limit.
-pub(super) const PATHS: [&str; 2] = ["/livez", "/readyz"];
-
 /// Liveness: the process responds.
 #[utoipa::path(get, path = "/livez", tag = "health", responses((status = 204, description = "Alive")))]
 pub(super) async fn live() -> StatusCode {

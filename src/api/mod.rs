@@ -8,6 +8,7 @@
 //! * [`body`] — request memory; [`answers`] — response memory; [`drain`] — draining of refused bodies;
 //!   [`inspected_body`] — bodies that report what passes through them;
 //! * [`observe`], [`audit`] — metrics, log and audit trail of every request; [`metrics`] — the metrics endpoint;
+//! * [`interface`] — the OpenAPI document;
 //! * `negotiation` — media types of answers; `tabular` — tables of answers; `cross_origin` — pages of other origins that may read answers;
 //! * [`operation`] — the operations, a row for each;
 //! * [`extract`] — bodies, queries and formats, with problem documents as rejections;
@@ -21,6 +22,7 @@ pub mod audit;
 pub mod body;
 mod cross_origin;
 mod dashboard;
+#[cfg(feature = "schema")]
 mod document;
 pub mod drain;
 pub mod extract;
@@ -29,6 +31,7 @@ mod gate;
 pub mod headers;
 pub mod health;
 pub mod inspected_body;
+pub mod interface;
 pub mod metrics;
 mod negotiation;
 pub mod observe;
@@ -44,49 +47,17 @@ use std::sync::Arc;
 
 use axum::body::Body;
 use axum::extract::Request;
-use axum::http::{HeaderName, header};
+use axum::http::HeaderName;
 use axum::middleware::{from_fn, from_fn_with_state};
-use axum::routing::get;
 use axum::{Extension, Router};
-use bytes::Bytes;
 use tower::ServiceBuilder;
 use tower_http::catch_panic::CatchPanicLayer;
 use tower_http::compression::CompressionLayer;
 use tower_http::decompression::{DecompressionBody, RequestDecompressionLayer};
 use tower_http::request_id::{MakeRequestUuid, PropagateRequestIdLayer, SetRequestIdLayer};
-use utoipa::OpenApi;
 
 use crate::service::app::App;
 use problem::{Problem, ProblemKind};
-
-#[derive(OpenApi)]
-#[openapi(
-    info(
-        title = "Shapelex",
-        description = "Shape statistics as a service: post contours, get template-free alignment, mean shapes and \
-                       functional PCA. Errors are problem documents (RFC 9457) with a stable `code`, the JSON pointer of \
-                       every bad field and the index of the bad shape.",
-        license(name = "Apache-2.0 OR MIT")
-    ),
-    components(schemas(problem::ProblemDocument)),
-    tags(
-        (name = "catalogue", description = "Generators and transformation classes"),
-        (name = "statistics", description = "Stateless: everything in the request, nothing stored"),
-        (name = "curves", description = "Curves and surfaces: evaluation, measures, fits, paths, deformation"),
-        (name = "cohorts", description = "Named sets of shapes and their mean"),
-        (name = "images", description = "Shapes from images and volumes"),
-        (name = "files", description = "Files of other programs: described, translated, written"),
-        (name = "retrieval", description = "Nearest shapes, and distances of all pairs"),
-        (name = "jobs", description = "Long-running work: progress, events, cancellation"),
-        (name = "dictionaries", description = "Components and sparse atoms learnt from cohorts, and their use"),
-        (name = "inference", description = "Permutation tests: comparison of groups and regression"),
-        (name = "changes", description = "The change feed and the trash"),
-        (name = "operation", description = "Version, metrics and the audit trail"),
-        (name = "access", description = "Keys (for administrators)"),
-        (name = "health", description = "Probes")
-    )
-)]
-struct Document;
 
 fn routes() -> Router<App> {
     let light = v1::light().layer(from_fn(overload::light));
@@ -99,21 +70,6 @@ fn routes() -> Router<App> {
         .layer(from_fn(gate::pass))
         // Probes are not rate-limited, and need no key.
         .merge(v1::probes().layer(from_fn(overload::light)))
-}
-
-/// OpenAPI document of the service.
-pub fn openapi() -> utoipa::openapi::OpenApi {
-    let mut document = Document::openapi();
-    document.merge(v1::Paths::openapi());
-    document::complete(&mut document);
-    access::describe(&mut document);
-    document
-}
-
-/// The document at its address, as the text that it is once.
-fn interface(document: Bytes) -> Router<App> {
-    let answer = move || std::future::ready(([(header::CONTENT_TYPE, "application/json")], document.clone()));
-    Router::new().route("/openapi.json", get(answer))
 }
 
 /// Adds the context to the extensions of a request. A layer is cloned for every request by each layer outside of it, and the
@@ -129,7 +85,6 @@ fn adding(app: &App) -> impl Fn(Request) -> Request + Clone + use<> {
 /// The complete service as a router.
 pub fn router(app: App) -> Router {
     let recorder = audit::Recorder::new(app.trail());
-    let document = serde_json::to_vec(&openapi()).expect("documents have string keys only");
     let memory = app.memory.clone();
     let request_id = HeaderName::from_static(observe::REQUEST_ID);
     let middleware = ServiceBuilder::new()
@@ -153,7 +108,7 @@ pub fn router(app: App) -> Router {
         .map_request(body::bound_expansion);
     let router = routes()
         .merge(dashboard::routes())
-        .merge(interface(document.into()))
+        .merge(interface::routes())
         .fallback(|uri: axum::http::Uri| async move {
             Problem::new(ProblemKind::RouteNotFound, format!("no route at {}", uri.path()))
         })

@@ -9,10 +9,7 @@ use axum::extract::Request;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, Uri, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
-use utoipa::openapi::path::Operation;
-use utoipa::openapi::{ContentBuilder, ObjectBuilder, Ref, RefOr, Type};
 
-use super::document::text_parameter;
 use super::extract::{ANYTHING, accepted, preferred};
 use super::observe;
 use super::operation;
@@ -188,44 +185,6 @@ async fn convert(app: App, response: Response, wanted: Wanted) -> Result<Respons
     let work = Work::from_seconds(SECONDS * size as f64);
     let file = app.pool.weighing(work).run(file).await?;
     Ok(Response::from_parts(parts, Body::from(file)))
-}
-
-/// Describes the tables of an operation.
-pub(super) fn describe(operation: &mut Operation, table: &str) {
-    for (status, response) in &mut operation.responses.responses {
-        let RefOr::T(response) = response else { continue };
-        if !matches!(status.as_str(), "200" | "201") || !response.content.contains_key("application/json") {
-            continue;
-        }
-        for format in ColumnsFormat::ALL {
-            let content = match format {
-                ColumnsFormat::Csv => {
-                    ContentBuilder::new().schema(Some(ObjectBuilder::new().schema_type(Type::String)))
-                }
-                _ => ContentBuilder::new().schema(Some(Ref::from_schema_name("Binary"))),
-            };
-            response.content.entry(format.media_type().into()).or_insert_with(|| content.build().into());
-        }
-    }
-    let names = "`csv`, `arrow`, `parquet`, `npy` or `npz` of a table";
-    let parameters = operation.parameters.get_or_insert_default();
-    let known = parameters.iter_mut().find_map(|parameter| match parameter {
-        RefOr::T(parameter) if parameter.name == "format" => Some(parameter),
-        _ => None,
-    });
-    if let Some(format) = known {
-        let said = format.description.take().unwrap_or_default();
-        format.description = Some(format!("{}; {names}", said.trim_end_matches('.')));
-    } else {
-        let said = format!("`json`; {names}. Default: as the header `Accept` asks, else `json`");
-        parameters.push(RefOr::T(text_parameter("format", said)));
-    }
-    let said = format!(
-        "With a format of tables: the list of the answer that is the table, by its path; `answer` for the answer as one row. \
-         Default: `{table}`"
-    );
-    parameters.push(RefOr::T(text_parameter("table", said)));
-    parameters.push(RefOr::T(text_parameter("column", "With `npy`: the column that is the array")));
 }
 
 #[cfg(test)]

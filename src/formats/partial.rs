@@ -8,7 +8,9 @@ use serde::Deserialize;
 use utoipa::ToSchema;
 
 use super::fault::Fault;
-use super::observed::{Observed, ObservedEntry};
+use super::observed::Observed;
+#[cfg(feature = "schema")]
+use super::observed::ObservedEntry;
 use super::shape::MAX_COORDINATE;
 use crate::analysis::dictionary::posterior::feature::ShapeFeature;
 use crate::analysis::dictionary::posterior::missing::{Condition, PartialShape, SeenPoint};

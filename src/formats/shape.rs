@@ -12,13 +12,12 @@ use std::fmt;
 
 use serde::de::{Deserializer, SeqAccess, Visitor};
 use serde::{Deserialize, Serialize};
-use utoipa::openapi::RefOr;
-use utoipa::openapi::schema::{AnyOfBuilder, ObjectBuilder, Schema, SchemaType, Type};
-use utoipa::{PartialSchema, ToSchema};
 
 use super::bounds::{self, keep_fault};
 use super::checked::{Checked, Ignored, LARGE, Metadata, Raw, document, skip_list, visit_others};
-use super::observed::{Observed, ObservedEntry};
+use super::observed::Observed;
+#[cfg(feature = "schema")]
+use super::observed::ObservedEntry;
 use super::trail::{next_entry, next_entry_by};
 
 /// Largest magnitude of a coordinate.
@@ -637,47 +636,60 @@ pub struct Points {
     columns: Option<usize>,
 }
 
-impl PartialSchema for Points {
-    fn schema() -> RefOr<Schema> {
-        <Vec<Vec<f64>> as PartialSchema>::schema()
+/// Types of fields, for the document.
+#[cfg(feature = "schema")]
+pub use described::{Attributes, PointsOrGrid};
+
+#[cfg(feature = "schema")]
+mod described {
+    use utoipa::openapi::RefOr;
+    use utoipa::openapi::schema::{AnyOfBuilder, ObjectBuilder, Schema, SchemaType, Type};
+    use utoipa::{PartialSchema, ToSchema};
+
+    use super::Points;
+
+    impl PartialSchema for Points {
+        fn schema() -> RefOr<Schema> {
+            <Vec<Vec<f64>> as PartialSchema>::schema()
+        }
     }
-}
 
-impl ToSchema for Points {}
+    impl ToSchema for Points {}
 
-/// Points or vectors that may be on a grid, for the OpenAPI document.
-#[derive(Debug)]
-pub struct PointsOrGrid;
+    /// Points or vectors that may be on a grid, for the OpenAPI document.
+    #[derive(Debug)]
+    pub struct PointsOrGrid;
 
-impl PartialSchema for PointsOrGrid {
-    fn schema() -> RefOr<Schema> {
-        // No points are a list and a grid at once, so one of them would be too strict.
-        AnyOfBuilder::new()
-            .item(<Vec<Vec<f64>> as PartialSchema>::schema())
-            .item(<Vec<Vec<Vec<f64>>> as PartialSchema>::schema())
-            .description(Some("Points: one list of coordinates each, or a grid `[u][v]` of them."))
-            .examples([serde_json::json!([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0]])])
-            .into()
+    impl PartialSchema for PointsOrGrid {
+        fn schema() -> RefOr<Schema> {
+            // No points are a list and a grid at once, so one of them would be too strict.
+            AnyOfBuilder::new()
+                .item(<Vec<Vec<f64>> as PartialSchema>::schema())
+                .item(<Vec<Vec<Vec<f64>>> as PartialSchema>::schema())
+                .description(Some("Points: one list of coordinates each, or a grid `[u][v]` of them."))
+                .examples([serde_json::json!([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0]])])
+                .into()
+        }
     }
-}
 
-impl ToSchema for PointsOrGrid {}
+    impl ToSchema for PointsOrGrid {}
 
-/// Attributes of a shape, for the OpenAPI document.
-#[derive(Debug)]
-pub struct Attributes;
+    /// Attributes of a shape, for the OpenAPI document.
+    #[derive(Debug)]
+    pub struct Attributes;
 
-impl PartialSchema for Attributes {
-    fn schema() -> RefOr<Schema> {
-        let types = [Type::String, Type::Number, Type::Boolean, Type::Null];
-        ObjectBuilder::new()
-            .additional_properties(Some(ObjectBuilder::new().schema_type(SchemaType::from_iter(types))))
-            .description(Some("Attributes by name: strings, numbers or Booleans."))
-            .into()
+    impl PartialSchema for Attributes {
+        fn schema() -> RefOr<Schema> {
+            let types = [Type::String, Type::Number, Type::Boolean, Type::Null];
+            ObjectBuilder::new()
+                .additional_properties(Some(ObjectBuilder::new().schema_type(SchemaType::from_iter(types))))
+                .description(Some("Attributes by name: strings, numbers or Booleans."))
+                .into()
+        }
     }
-}
 
-impl ToSchema for Attributes {}
+    impl ToSchema for Attributes {}
+}
 
 impl Points {
     /// Points from `d·N` coordinate-major numbers.

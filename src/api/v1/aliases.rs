@@ -4,8 +4,9 @@ use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 
+#[cfg(feature = "schema")]
+use super::described::*;
 use super::entity_tags::{tagged, unless_known};
-use super::request_macros::IfMatchHeader;
 use crate::api::extract::{Caller, IfMatch, JsonBody, NoQuery, Path};
 use crate::api::problem::Problem;
 use crate::api::respond::json;

@@ -7,11 +7,12 @@ use axum::response::{IntoResponse, Response};
 use futures_util::stream;
 
 use super::coding::QUANTILE;
+#[cfg(feature = "schema")]
+use super::described::*;
 use super::entity_tags::not_stored;
-use super::jobs::JobOutput;
 use super::planned::{Waited, waited};
-use super::request_macros::{PageQuery, RetryHeader, page, priority_of};
-use super::shape_query::{FilterQuery, Parameters, take_filter};
+use super::request_macros::{PageQuery, page, priority_of};
+use super::shape_query::{Parameters, take_filter};
 use crate::api::extract::{Caller, JsonBody, NoQuery, Path, Prefer, PrefersLines, Query};
 use crate::api::problem::Problem;
 use crate::api::respond::json;

@@ -1,5 +1,7 @@
 //! Catalogue of generators and transformation classes with their properties.
 
+#[cfg(feature = "schema")]
+use super::described::*;
 use crate::formats::fault::Fault;
 use axum::Json;
 use axum::http::StatusCode;
@@ -9,7 +11,7 @@ use serde_json::{Map, Value};
 
 use super::request_macros::{class_names, rows};
 use crate::analysis::transformation::{ClassName, TransformationClass};
-use crate::api::extract::{BesideFormat, Caller, DrawingQuery, Format, NoQuery, Path, TWICE};
+use crate::api::extract::{BesideFormat, Caller, Format, NoQuery, Path, TWICE};
 use crate::api::problem::Problem;
 use crate::api::respond::{compute, json, picture};
 use crate::formats::representation::read_generator;

@@ -1,20 +1,22 @@
 //! Classification with the classifier of a dictionary, and assessment: code, class, novelty and residual in one call.
 
+#[cfg(feature = "schema")]
+use super::described::*;
 use crate::formats::fault::Fault;
+use crate::formats::shape::ShapeInput;
 use axum::response::Response;
 use serde::Serialize;
 
-use super::batches::{Batch, BatchQuery, DrawnBatch, results};
+use super::batches::{Batch, DrawnBatch, results};
 use super::coding::{Shapes, ask_dictionary, asking_request, quantile_of, receive, samples_of};
 use super::pictures::draw_dictionary;
 use crate::analysis::classification::record::{
     ClassRecord, ClassifierKind, ClassifierRecord, ClassifierSettings, Validation,
 };
 use crate::analysis::dictionary::assess::Classified;
-use crate::api::extract::{Caller, DrawingQuery, Path};
+use crate::api::extract::{Caller, Path};
 use crate::api::problem::Problem;
 use crate::formats::checked::{Checked, List, Many, document, take_given, take_many};
-use crate::formats::shape::ShapeInput;
 use crate::service::app::App;
 use crate::service::dictionaries::answers::{AssessmentOutput, ByDictionary, ClassOutput, NoveltyOutput};
 use crate::service::dictionaries::classify;

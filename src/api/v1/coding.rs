@@ -1,6 +1,8 @@
 //! Use of dictionaries on posted or stored shapes: encode, reconstruct and score them, evaluate the shape prior, draw
 //! samples.
 
+#[cfg(feature = "schema")]
+use super::described::*;
 use crate::formats::fault::Fault;
 use std::sync::Arc;
 
@@ -8,7 +10,7 @@ use axum::http::StatusCode;
 use axum::response::Response;
 use serde::Serialize;
 
-use super::batches::{Batch, BatchQuery, DrawnBatch, Form, ManyShapes, Places, ResultList, results};
+use super::batches::{Batch, DrawnBatch, Form, ManyShapes, Places, ResultList, results};
 use super::pictures::draw_dictionary;
 use super::request_macros::{ShapeOutput, checked};
 use crate::analysis::dictionary::coding::{AnswerPose, Reconstruction};
@@ -16,7 +18,7 @@ use crate::analysis::dictionary::modes::Sample;
 use crate::analysis::dictionary::posted_code::PostedCode;
 use crate::analysis::dictionary::prior::{Energy, Reference};
 use crate::analysis::dictionary::score::Score;
-use crate::api::extract::{Caller, DrawingQuery, JsonBody, NoQuery, Path};
+use crate::api::extract::{Caller, JsonBody, NoQuery, Path};
 use crate::api::problem::Problem;
 use crate::api::respond::{compute, json, picture};
 use crate::formats::checked::{Checked, List, Many, document, take_given, take_many, take_or_default};

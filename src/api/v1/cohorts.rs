@@ -4,19 +4,22 @@ use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::{Deserialize, Serialize};
 
+#[cfg(feature = "schema")]
+use super::described::*;
 use super::entity_tags::{tag_of, tagged, unless_known};
-use super::request_macros::{IfMatchHeader, MeanOutput, PageQuery, RetryHeader, RobustOutput, page};
-use super::shape_query::{FilterQuery, Parameters};
+use super::request_macros::{MeanOutput, PageQuery, RobustOutput, page};
+use super::shape_query::Parameters;
+#[cfg(feature = "schema")]
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
+#[cfg(feature = "schema")]
 use crate::analysis::frame::Frame;
 use crate::analysis::transformation::ClassName;
 use crate::api::extract::{
-    BesideFormat, Caller, DrawingQuery, Format, IfMatch, JsonBody, NoQuery, Path, Query, ShapeFormat,
-    ShapeFormatQuery,
+    BesideFormat, Caller, Format, IfMatch, JsonBody, NoQuery, Path, Query, ShapeFormat,
 };
 use crate::api::problem::Problem;
-use crate::api::respond::{Binary, compute, json, mesh, picture};
+use crate::api::respond::{compute, json, mesh, picture};
 use crate::domain::cohort::{Cohort, CohortSpec};
 use crate::formats::checked::{Checked, document, take_given, take_or_default};
 use crate::formats::representation::Read;
@@ -24,7 +27,9 @@ use crate::formats::time::rfc3339;
 use crate::geometry::representation::Representation;
 use crate::service::app::{ServiceError, Work};
 use crate::service::cohorts::catalogue::{CohortChanges, revision_tag, text_faults};
-use crate::service::cohorts::live_mean::{LiveMean, MeanQuery, SearchStart};
+#[cfg(feature = "schema")]
+use crate::service::cohorts::live_mean::SearchStart;
+use crate::service::cohorts::live_mean::{LiveMean, MeanQuery};
 use crate::service::cohorts::{catalogue, live_mean};
 use crate::service::statistics::draw_mean;
 

@@ -2,14 +2,15 @@
 
 use axum::response::Response;
 
-use super::jobs::JobOutput;
+#[cfg(feature = "schema")]
+use super::described::*;
 use super::planned::{StudyBody, answer_study, study_request};
-use super::request_macros::RetryHeader;
 use super::shape_query::take_filter;
-use crate::api::extract::{Caller, DrawingQuery, JsonBody, OnlyFormat, Prefer};
+use crate::api::extract::{Caller, JsonBody, OnlyFormat, Prefer};
 use crate::api::problem::Problem;
 use crate::domain::filter::ShapeFilter;
 use crate::domain::job::Priority;
+#[cfg(feature = "schema")]
 use crate::domain::study::Comparison;
 use crate::formats::checked::{Checked, take_given};
 use crate::formats::fault::Fault;

@@ -7,9 +7,11 @@ use axum::response::Response;
 use serde::Serialize;
 
 use super::coding::QUANTILE;
+#[cfg(feature = "schema")]
+use super::described::*;
 use super::request_macros::rows;
 use crate::analysis::dictionary::posterior::missing::PartialShape;
-use crate::api::extract::{Caller, DrawingQuery, Format, JsonBody, OnlyFormat, Path};
+use crate::api::extract::{Caller, Format, JsonBody, OnlyFormat, Path};
 use crate::api::problem::Problem;
 use crate::api::respond::{compute, json, picture};
 use crate::formats::checked::{Checked, Many, document, take_given, take_many, take_or_default};

@@ -11,7 +11,9 @@ use crate::api::problem::Problem;
 use crate::api::respond::{Binary, Planned, compute_planned, json, planned};
 use crate::formats::checked::{Checked, Many, document, take_given, take_many, take_or_default};
 use crate::service::app::{App, ServiceError};
-use crate::service::segmentation::contours::{self, ContoursAnswer, Wanted};
+#[cfg(feature = "schema")]
+use crate::service::segmentation::contours::ContoursAnswer;
+use crate::service::segmentation::contours::{self, Wanted};
 use crate::service::segmentation::image::{Coordinates, Part};
 
 document! {

@@ -7,15 +7,15 @@ use axum::response::Response;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+#[cfg(feature = "schema")]
+use super::described::*;
 use super::entity_tags::{not_stored, tagged};
-use super::request_macros::IfMatchHeader;
-use super::shape_query::{FilterQuery, Parameters};
+use super::shape_query::Parameters;
 use super::shapes::StoredShape;
 use crate::api::extract::{Caller, IfMatch, JsonBody, NoQuery, Path, Query};
 use crate::api::problem::Problem;
 use crate::api::respond::json;
 use crate::domain::job::JobKind;
-use crate::formats::shape::Attributes;
 use crate::service::cohorts::catalogue::revision_tag;
 use crate::service::cohorts::corrections::{self, Deletion};
 use crate::store::{Deleted, SubjectCohort, SubjectDictionary, SubjectJob};

@@ -4,11 +4,12 @@ use axum::http::StatusCode;
 use axum::response::Response;
 use serde::Serialize;
 
-use super::batches::{Batch, BatchQuery, results};
+use super::batches::{Batch, results};
 use super::coding::{Shapes, ask_dictionary, asking_request, receive};
-use super::jobs::JobOutput;
+#[cfg(feature = "schema")]
+use super::described::*;
 use super::planned::{Waited, waited};
-use super::request_macros::{RetryHeader, priority_of};
+use super::request_macros::priority_of;
 use super::shape_query::take_filter;
 use crate::analysis::groupwise::{
     Corresponding, DEGREE, GroupwiseOptions, MAX_DEGREE, MAX_ROUNDS, ROUNDS, STIFFNESS,
@@ -22,7 +23,9 @@ use crate::formats::checked::{Checked, List, Many, document, take_given, take_ma
 use crate::formats::fault::Fault;
 use crate::formats::shape::{Points, ShapeInput};
 use crate::service::app::ServiceError;
-use crate::service::correspondence::{self, CohortCorrespondence, CorrespondRequest};
+#[cfg(feature = "schema")]
+use crate::service::correspondence::CohortCorrespondence;
+use crate::service::correspondence::{self, CorrespondRequest};
 use crate::service::dictionaries::answers::ByDictionary;
 use crate::service::dictionaries::correspond;
 use crate::service::dictionaries::ready::Ready;

@@ -2,22 +2,20 @@
 //! given parameters; measures are lengths, areas, volumes, energies and distances; resampling spaces the points of raw
 //! contours equally. Nothing is stored.
 
+#[cfg(feature = "schema")]
+use super::described::*;
 use crate::formats::fault::Fault;
 use axum::http::StatusCode;
 use axum::response::Response;
 use serde::{Deserialize, Serialize};
 
-use super::batches::{
-    Batch, BatchQuery, Entry, FailedShape, InputShape, PlannedResults, answer_batch, result_list,
-};
+use super::batches::{Batch, Entry, FailedShape, InputShape, PlannedResults, answer_batch, result_list};
 use super::request_macros::{checked, shapes_request};
-use crate::api::extract::{
-    Caller, DrawingQuery, Format, JsonBody, NoQuery, OnlyShapeFormat, ShapeFormat, ShapeFormatQuery,
-};
+use crate::api::extract::{Caller, Format, JsonBody, NoQuery, OnlyShapeFormat, ShapeFormat};
 use crate::api::problem::Problem;
-use crate::api::respond::{Binary, Planned, compute_planned, json, mesh_file, picture, planned};
+use crate::api::respond::{Planned, compute_planned, json, mesh_file, picture, planned};
 use crate::formats::checked::{Checked, List, Raw, document, take_given, take_or_default};
-use crate::formats::shape::{Points, PointsOrGrid, ShapeInput};
+use crate::formats::shape::{Points, ShapeInput};
 use crate::geometry::capability::domain::Domain;
 use crate::geometry::capability::measure::{Measures, ReferenceDistances, SetDistances};
 use crate::geometry::capability::sample::{Derivative, Evaluation, Frames, Parameters};

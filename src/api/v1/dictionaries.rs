@@ -1,5 +1,7 @@
 //! Dictionaries, which jobs learn from cohorts: learn, list, read, draw, export, import, delete.
 
+#[cfg(feature = "schema")]
+use super::described::*;
 use crate::formats::fault::Fault;
 use std::sync::Arc;
 
@@ -9,8 +11,8 @@ use serde::{Deserialize, Serialize};
 
 use super::classify::ClassifierOutput;
 use super::entity_tags::{Asked, kept_by_version, unless_known};
-use super::jobs::{JobOutput, accepted};
-use super::request_macros::{PageQuery, RetryHeader, ShapeOutput, page, priority_of};
+use super::jobs::accepted;
+use super::request_macros::{PageQuery, ShapeOutput, page, priority_of};
 use super::shape_query::take_filter;
 use crate::analysis::alignment::Alignment;
 use crate::analysis::classification::record::{ClassifierKind, ClassifierSettings};
@@ -23,11 +25,10 @@ use crate::analysis::factors::RobustSummary;
 use crate::analysis::frame::Frame;
 use crate::analysis::transformation::Transformation;
 use crate::api::extract::{
-    BesideFormat, Caller, DrawingQuery, Format, JsonBody, NoQuery, OnlyFormat, Path, Prefer, Query,
-    ShapeFormat, ShapeFormatQuery,
+    BesideFormat, Caller, Format, JsonBody, NoQuery, OnlyFormat, Path, Prefer, Query, ShapeFormat,
 };
 use crate::api::problem::Problem;
-use crate::api::respond::{Binary, compute, file_of, json, mesh, picture};
+use crate::api::respond::{compute, file_of, json, mesh, picture};
 use crate::domain::dictionary::{LessCountedShape, Listed};
 use crate::domain::filter::ShapeFilter;
 use crate::domain::job::{Job, JobStatus, Priority};

@@ -4,9 +4,11 @@ use axum::http::StatusCode;
 use axum::response::Response;
 use serde::{Deserialize, Serialize};
 
+#[cfg(feature = "schema")]
+use super::described::*;
 use super::entity_tags::Asked;
 use crate::analysis::dictionary::drift::{ClassDrift, Drift, MeanDrift, MeasureDrift, ScoreDrift};
-use crate::api::extract::{BesideFormat, Caller, DrawingQuery, Format, Path};
+use crate::api::extract::{BesideFormat, Caller, Format, Path};
 use crate::api::problem::Problem;
 use crate::api::respond::{compute, json, picture};
 use crate::service::app::Work;

@@ -4,15 +4,16 @@ use axum::http::HeaderMap;
 use axum::response::Response;
 use utoipa::IntoParams;
 
+#[cfg(feature = "schema")]
+use super::described::*;
 use super::entity_tags::not_stored;
 use super::file_parameters::{
-    FileParameters, WriteQuery, count_of, take_writing, unwritten, written, written_format, written_formats,
+    FileParameters, count_of, take_writing, unwritten, written, written_format, written_formats,
 };
 use super::files::answer;
-use super::shape_query::{FilterQuery, Parameters};
+use super::shape_query::Parameters;
 use crate::api::extract::{ANYTHING, Caller, Path, Query, accepted, preferred};
 use crate::api::problem::{Problem, ProblemKind};
-use crate::api::respond::Binary;
 use crate::domain::cohort::Cohort;
 use crate::domain::filter::ShapeFilter;
 use crate::domain::shape::Shape;

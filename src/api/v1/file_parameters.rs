@@ -2,9 +2,7 @@
 
 use serde::Serialize;
 use utoipa::IntoParams;
-use utoipa::openapi::path::{Parameter, ParameterIn};
 
-use crate::api::document::text_parameter;
 use crate::api::extract::TWICE;
 use crate::api::form;
 use crate::api::operation::ANY_FILE;
@@ -47,28 +45,41 @@ pub(super) struct PlacingQuery {
     prefix: Option<String>,
 }
 
-/// Options of reading by name, with the formats that have them.
-pub(super) struct ReadQuery;
+/// Options by name, for the document.
+#[cfg(feature = "schema")]
+pub(super) use described::{ReadQuery, WriteQuery};
 
-impl IntoParams for ReadQuery {
-    fn into_params(_: impl Fn() -> Option<ParameterIn>) -> Vec<Parameter> {
-        let of = |name: &str| {
-            let formats = FileFormat::all().filter(|format| format.options().contains(&name));
-            let formats = formats.map(FileFormat::id).collect::<Vec<_>>().join(", ");
-            text_parameter(name, format!("Option of reading files of the formats {formats}."))
-        };
-        names_of(&ReadOptions::default()).iter().map(|name| of(name)).collect()
+#[cfg(feature = "schema")]
+mod described {
+    use utoipa::IntoParams;
+    use utoipa::openapi::path::{Parameter, ParameterIn};
+
+    use super::{FileFormat, ReadOptions, WRITE, WriteOptions, names_of};
+    use crate::api::document::text_parameter;
+
+    /// Options of reading by name, with the formats that have them.
+    pub(in crate::api) struct ReadQuery;
+
+    impl IntoParams for ReadQuery {
+        fn into_params(_: impl Fn() -> Option<ParameterIn>) -> Vec<Parameter> {
+            let of = |name: &str| {
+                let formats = FileFormat::all().filter(|format| format.options().contains(&name));
+                let formats = formats.map(FileFormat::id).collect::<Vec<_>>().join(", ");
+                text_parameter(name, format!("Option of reading files of the formats {formats}."))
+            };
+            names_of(&ReadOptions::default()).iter().map(|name| of(name)).collect()
+        }
     }
-}
 
-/// Options of writing by name.
-pub(super) struct WriteQuery;
+    /// Options of writing by name.
+    pub(in crate::api) struct WriteQuery;
 
-impl IntoParams for WriteQuery {
-    fn into_params(_: impl Fn() -> Option<ParameterIn>) -> Vec<Parameter> {
-        let said = "Option of the format that is written.";
-        let of = |name: &String| text_parameter(&format!("{WRITE}{name}"), said);
-        names_of(&WriteOptions::default()).iter().map(of).collect()
+    impl IntoParams for WriteQuery {
+        fn into_params(_: impl Fn() -> Option<ParameterIn>) -> Vec<Parameter> {
+            let said = "Option of the format that is written.";
+            let of = |name: &String| text_parameter(&format!("{WRITE}{name}"), said);
+            names_of(&WriteOptions::default()).iter().map(of).collect()
+        }
     }
 }
 

@@ -14,18 +14,22 @@ use futures_util::stream;
 use serde::Serialize;
 use tokio::sync::mpsc;
 use tokio_util::task::AbortOnDropHandle;
-use utoipa::openapi::RefOr;
-use utoipa::openapi::path::Operation;
 use utoipa::{IntoParams, ToSchema};
 
-use super::file_parameters::{FileParameters, FileQuery, ReadQuery, WriteQuery, written, written_formats};
-use super::series::{ConvertForm, SeriesRequest};
+#[cfg(feature = "schema")]
+use super::described::*;
+#[cfg(feature = "schema")]
+use super::file_parameters::written_formats;
+use super::file_parameters::{FileParameters, written};
+#[cfg(feature = "schema")]
+use super::series::ConvertForm;
+use super::series::SeriesRequest;
 use crate::api::body;
 use crate::api::extract::{Caller, Query, media_type, unknown_parameter};
 use crate::api::form;
 use crate::api::operation::ANY_FILE;
 use crate::api::problem::Problem;
-use crate::api::respond::{Binary, json};
+use crate::api::respond::json;
 use crate::formats::files::{self, Group, Inspection, WriteOptions};
 use crate::formats::summary::FileSummary;
 use crate::service::app::ServiceError;
@@ -241,18 +245,7 @@ fn finished(work: Result<Result<(), ServiceError>, tokio::task::JoinError>) -> R
 }
 
 /// Media types of the formats that are written.
+#[cfg(feature = "schema")]
 pub(in crate::api) fn written_media_types() -> impl Iterator<Item = &'static str> {
     written_formats().filter_map(|format| format.media_types.first().copied())
-}
-
-/// Describes the answers of an operation that writes files: in the media type of any format.
-pub(in crate::api) fn describe(operation: &mut Operation) {
-    let media_types: Vec<&str> = written_media_types().collect();
-    for response in operation.responses.responses.values_mut() {
-        let RefOr::T(response) = response else { continue };
-        let Some(file) = response.content.get(ANY_FILE).cloned() else { continue };
-        for media_type in &media_types {
-            response.content.entry((*media_type).into()).or_insert_with(|| file.clone());
-        }
-    }
 }

@@ -1,12 +1,15 @@
 //! Least-squares fits of curves and surfaces to raw contours, grids and meshes; refinement to another grid of knots; exact
 //! control points of idealised shapes.
 
+#[cfg(feature = "schema")]
+use super::described::*;
 use crate::formats::fault::Fault;
 use axum::http::StatusCode;
 use axum::response::Response;
 use serde::Serialize;
 
-use super::batches::{Batch, BatchQuery, ManyShapes, PlannedResults, answer_batch, results};
+use super::batches::{Batch, ManyShapes, PlannedResults, answer_batch, results};
+#[cfg(feature = "schema")]
 use super::curves::ParameterList;
 use super::request_macros::{ShapeOutput, checked, shapes_request};
 use crate::analysis::correspondence::Correspondence;

@@ -16,6 +16,8 @@ mod corrections;
 mod correspond;
 mod curves;
 mod deform;
+#[cfg(feature = "schema")]
+mod described;
 mod dictionaries;
 mod drift;
 mod entity_tags;
@@ -66,6 +68,7 @@ macro_rules! routes {
             Router::new()$(.route($path, on(MethodFilter::$method, $module::$handler)))*
         })*
 
+        #[cfg(feature = "schema")]
         #[derive(utoipa::OpenApi)]
         #[openapi(paths($($($module::$handler),*),*))]
         pub(super) struct Paths;

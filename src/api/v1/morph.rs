@@ -1,5 +1,7 @@
 //! Morphing: shapes on a path between two shapes.
 
+#[cfg(feature = "schema")]
+use super::described::*;
 use crate::formats::fault::Fault;
 use axum::http::StatusCode;
 use axum::response::Response;
@@ -8,11 +10,9 @@ use serde::{Deserialize, Serialize};
 use super::request_macros::{ShapeOutput, checked};
 use crate::analysis::correspondence::Correspondence;
 use crate::analysis::path::{PathKind, Positions};
-use crate::api::extract::{
-    BesideFormat, Caller, DrawingQuery, Format, JsonBody, ShapeFormat, ShapeFormatQuery,
-};
+use crate::api::extract::{BesideFormat, Caller, Format, JsonBody, ShapeFormat};
 use crate::api::problem::Problem;
-use crate::api::respond::{Binary, Planned, compute_planned, file_of, json, picture, planned};
+use crate::api::respond::{Planned, compute_planned, file_of, json, picture, planned};
 use crate::formats::checked::{Checked, LARGE, document, take_given, take_or_default};
 use crate::formats::picture::{PictureFile, PictureFormat};
 use crate::formats::representation::Read;

@@ -3,7 +3,9 @@
 use axum::response::Response;
 use serde::Serialize;
 
-use super::batches::{Batch, BatchQuery, PlannedResults, answer_batch, results};
+use super::batches::{Batch, PlannedResults, answer_batch, results};
+#[cfg(feature = "schema")]
+use super::described::*;
 use super::request_macros::{checked, settings_request};
 use crate::api::extract::Caller;
 use crate::api::problem::Problem;

@@ -2,16 +2,19 @@
 
 use axum::response::Response;
 
-use super::jobs::JobOutput;
+#[cfg(feature = "schema")]
+use super::described::*;
 use super::planned::answered;
-use super::request_macros::{RetryHeader, priority_of};
+use super::request_macros::priority_of;
 use crate::analysis::dictionary::report::{Measurement, ReportOptions};
-use crate::api::extract::{Caller, DrawingQuery, JsonBody, OnlyFormat, Path, Prefer};
+use crate::api::extract::{Caller, JsonBody, OnlyFormat, Path, Prefer};
 use crate::api::problem::Problem;
 use crate::domain::job::Priority;
 use crate::formats::checked::{Checked, document, take_given, take_or_default};
 use crate::service::app::ServiceError;
-use crate::service::dictionaries::report::{DictionaryReport, PlannedReport};
+#[cfg(feature = "schema")]
+use crate::service::dictionaries::report::DictionaryReport;
+use crate::service::dictionaries::report::PlannedReport;
 
 /// Defaults.
 const MODES: usize = 20;

@@ -349,6 +349,7 @@ pub(super) fn class_names() -> impl Iterator<Item = ClassName> {
 }
 
 /// Header of a request that may safely be repeated.
+#[cfg(feature = "schema")]
 #[derive(utoipa::IntoParams)]
 #[into_params(parameter_in = Header)]
 pub(super) struct RetryHeader {
@@ -359,6 +360,7 @@ pub(super) struct RetryHeader {
 }
 
 /// Header of a request that may become a job.
+#[cfg(feature = "schema")]
 #[derive(utoipa::IntoParams)]
 #[into_params(parameter_in = Header)]
 pub(super) struct PreferHeader {
@@ -368,6 +370,7 @@ pub(super) struct PreferHeader {
 }
 
 /// Header of a conditional change.
+#[cfg(feature = "schema")]
 #[derive(utoipa::IntoParams)]
 #[into_params(parameter_in = Header)]
 pub(super) struct IfMatchHeader {

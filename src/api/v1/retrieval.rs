@@ -1,5 +1,7 @@
 //! Exact nearest-neighbour search in a cohort, and matrices of pairwise distances; jobs compute the large ones.
 
+#[cfg(feature = "schema")]
+use super::described::*;
 use crate::formats::fault::Fault;
 use std::collections::BTreeMap;
 
@@ -9,9 +11,8 @@ use serde::Serialize;
 use serde_json::Value;
 
 use super::assessments::stored_lines;
-use super::jobs::JobOutput;
 use super::planned::{Waited, waited};
-use super::request_macros::{RetryHeader, checked, priority_of};
+use super::request_macros::{checked, priority_of};
 use super::segment;
 use super::shape_query::take_filter;
 use crate::analysis::alignment::Alignment;
@@ -20,18 +21,19 @@ use crate::analysis::factors::Estimator;
 use crate::analysis::frame::Frame;
 use crate::analysis::transformation::{ClassName, Transformation};
 use crate::api::extract::{
-    Caller, DrawingQuery, Format, JsonBody, OnlyFormat, OnlyMatrixFormat, OutputFormat, Path, Prefer,
+    Caller, Format, JsonBody, OnlyFormat, OnlyMatrixFormat, OutputFormat, Path, Prefer,
 };
 use crate::api::problem::Problem;
-use crate::api::respond::{self, Binary, compute, json, picture};
+use crate::api::respond::{self, compute, json, picture};
 use crate::domain::filter::ShapeFilter;
 use crate::domain::job::Priority;
 use crate::formats::checked::{Checked, List, Many, document, take_given, take_many, take_or_default};
 use crate::formats::matrix::{MatrixFormat, NamedMatrix};
 use crate::formats::representation::Read;
-use crate::formats::shape::{Attributes, ShapeInput};
+use crate::formats::shape::ShapeInput;
 use crate::geometry::representation::Representation;
 use crate::service::app::{App, ServiceError, Work};
+#[cfg(feature = "schema")]
 use crate::service::dictionaries::assessments::CohortAssessment;
 use crate::service::jobs;
 use crate::service::search::distances::{Answer, Chosen, Comparison};
@@ -225,6 +227,7 @@ document! {
 }
 
 /// Pairwise distances.
+#[cfg(feature = "schema")]
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct DistancesAnswer {
     /// Id of the cohort; null for posted shapes.

@@ -6,12 +6,11 @@ use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::{Deserialize, Serialize};
 
-use super::jobs::JobOutput;
+#[cfg(feature = "schema")]
+use super::described::*;
 use super::planned::{Waited, waited};
-use super::request_macros::{IfMatchHeader, PreferHeader, RetryHeader, priority_of};
-use crate::api::extract::{
-    BesideFormat, Caller, DrawingQuery, Format, IfMatch, ImageFormat, Path, Prefer, Query,
-};
+use super::request_macros::priority_of;
+use crate::api::extract::{BesideFormat, Caller, Format, IfMatch, ImageFormat, Path, Prefer, Query};
 use crate::api::form;
 use crate::api::problem::Problem;
 use crate::api::respond::{Binary, compute_planned, json, planned};

@@ -9,29 +9,29 @@ use axum::http::{HeaderMap, HeaderValue, StatusCode};
 use axum::response::Response;
 use serde::Serialize;
 use serde_json::value::RawValue;
-use utoipa::openapi::{RefOr, Schema};
-use utoipa::{PartialSchema, ToSchema};
 
 use super::batches::{FailedShape, InputShape};
+#[cfg(feature = "schema")]
+use super::described::*;
 use super::entity_tags::{Asked, not_stored};
-use super::exports::{self, ShapeFileQuery};
-use super::file_parameters::{
-    FileParameters, FileQuery, PlacingQuery, ReadQuery, WriteQuery, take_writing, word_of,
-};
-use super::request_macros::{IfMatchHeader, PageQuery, RetryHeader, checked};
-use super::shape_query::{FilterQuery, Parameters};
+use super::exports;
+#[cfg(feature = "schema")]
+use super::exports::ShapeFileQuery;
+use super::file_parameters::{FileParameters, take_writing, word_of};
+use super::request_macros::{PageQuery, checked};
+use super::shape_query::Parameters;
 use crate::api::body::{self, is_stream};
 use crate::api::extract::{
-    Caller, DrawingQuery, Format, IfMatch, NoQuery, OnlyShapeFormat, Path, Query, ShapeFormat,
-    ShapeFormatQuery, TWICE, is_json, media_type, unknown_parameter,
+    Caller, Format, IfMatch, NoQuery, OnlyShapeFormat, Path, Query, ShapeFormat, TWICE, is_json, media_type,
+    unknown_parameter,
 };
 use crate::api::problem::Problem;
-use crate::api::respond::{Binary, compute, json, mesh, picture};
+use crate::api::respond::{compute, json, mesh, picture};
 use crate::domain::cohort::Cohort;
 use crate::domain::shape::{Shape, ShapeMeasures};
 use crate::formats::checked::{List, document};
 use crate::formats::json;
-use crate::formats::shape::{Attributes, Points, ShapeInput};
+use crate::formats::shape::{Points, ShapeInput};
 use crate::formats::summary::FileSummary;
 use crate::formats::time::rfc3339;
 use crate::geometry::resample::RepeatedPoints;
@@ -331,21 +331,30 @@ impl Serialize for ListedShape {
     }
 }
 
-/// That of a stored shape, with all fields optional.
-impl PartialSchema for ListedShape {
-    fn schema() -> RefOr<Schema> {
-        let mut schema = StoredShape::schema();
-        if let RefOr::T(Schema::Object(object)) = &mut schema {
-            object.required.clear();
-            object.description = Some("A shape of a list: all fields, or those that `fields` names.".into());
-        }
-        schema
-    }
-}
+#[cfg(feature = "schema")]
+mod described {
+    use utoipa::openapi::{RefOr, Schema};
+    use utoipa::{PartialSchema, ToSchema};
 
-impl ToSchema for ListedShape {
-    fn schemas(schemas: &mut Vec<(String, RefOr<Schema>)>) {
-        StoredShape::schemas(schemas);
+    use super::{ListedShape, StoredShape};
+
+    /// That of a stored shape, with all fields optional.
+    impl PartialSchema for ListedShape {
+        fn schema() -> RefOr<Schema> {
+            let mut schema = StoredShape::schema();
+            if let RefOr::T(Schema::Object(object)) = &mut schema {
+                object.required.clear();
+                object.description =
+                    Some("A shape of a list: all fields, or those that `fields` names.".into());
+            }
+            schema
+        }
+    }
+
+    impl ToSchema for ListedShape {
+        fn schemas(schemas: &mut Vec<(String, RefOr<Schema>)>) {
+            StoredShape::schemas(schemas);
+        }
     }
 }
 

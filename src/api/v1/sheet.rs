@@ -2,9 +2,11 @@
 
 use axum::response::Response;
 
+#[cfg(feature = "schema")]
+use super::described::*;
 use super::entity_tags::Asked;
 use super::request_macros::PageQuery;
-use super::shape_query::{FilterQuery, Parameters};
+use super::shape_query::Parameters;
 use crate::api::extract::{BesideFormat, Caller, Path, PictureRequest};
 use crate::api::problem::Problem;
 use crate::api::respond::{compute, picture};
@@ -12,13 +14,16 @@ use crate::domain::cohort::Cohort;
 use crate::domain::shape::Shape;
 use crate::formats::picture::{MAX_PIXELS, PictureFile, PictureFormat};
 use crate::geometry::drawing::scene::Drawing;
-use crate::geometry::drawing::svg::{Background, Style, Theme};
+use crate::geometry::drawing::svg::Style;
+#[cfg(feature = "schema")]
+use crate::geometry::drawing::svg::{Background, Theme};
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::cohorts::catalogue::{self, ShapeListing, ShapesFound, revision_tag};
 use crate::service::cost::requests::{self, Counts};
 use crate::service::shapes::draw::{draw_sheet, most_of_a_sheet};
 
 /// Query parameters of a contact sheet beside filter and page, for the OpenAPI document.
+#[cfg(feature = "schema")]
 #[derive(utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
 pub(super) struct SheetQuery {

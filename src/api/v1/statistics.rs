@@ -5,20 +5,21 @@ use axum::http::StatusCode;
 use axum::response::Response;
 use serde::{Deserialize, Serialize};
 
-use super::batches::{Batch, BatchQuery, PlannedResults, answer_batch, results};
+use super::batches::{Batch, PlannedResults, answer_batch, results};
+#[cfg(feature = "schema")]
+use super::described::*;
 use super::request_macros::{MeanOutput, ShapeOutput, checked, rows, settings_request};
 use crate::analysis::alignment::{AlignedShape, Onto, Projection, unwhitened};
 use crate::analysis::factors::Estimator;
 use crate::analysis::pca::Components;
-use crate::api::extract::{
-    BesideFormat, Caller, DrawingQuery, Format, JsonBody, OnlyFormat, OnlyShapeFormat, ShapeFormat,
-    ShapeFormatQuery,
-};
+use crate::api::extract::{BesideFormat, Caller, Format, JsonBody, OnlyFormat, OnlyShapeFormat, ShapeFormat};
 use crate::api::problem::Problem;
-use crate::api::respond::{Binary, compute_planned, json, mesh, picture, planned};
+use crate::api::respond::{compute_planned, json, mesh, picture, planned};
 use crate::formats::checked::{Checked, LARGE, take_given, take_or_default};
 use crate::formats::fault::Fault;
-use crate::formats::observed::{Observed, ObservedEntry};
+use crate::formats::observed::Observed;
+#[cfg(feature = "schema")]
+use crate::formats::observed::ObservedEntry;
 use crate::formats::picture::PictureFile;
 use crate::formats::shape::{Points, ShapeInput};
 use crate::numeric::dense::Matrix;

@@ -1,16 +1,16 @@
 //! Subdivision of meshes and polylines.
 
+#[cfg(feature = "schema")]
+use super::described::*;
 use crate::formats::fault::Fault;
 use axum::http::StatusCode;
 use axum::response::Response;
 use serde::Serialize;
 
 use super::request_macros::checked;
-use crate::api::extract::{
-    Caller, DrawingQuery, Format, JsonBody, OnlyShapeFormat, ShapeFormat, ShapeFormatQuery,
-};
+use crate::api::extract::{Caller, Format, JsonBody, OnlyShapeFormat, ShapeFormat};
 use crate::api::problem::Problem;
-use crate::api::respond::{Binary, Planned, compute_planned, json, mesh_file, picture, planned};
+use crate::api::respond::{Planned, compute_planned, json, mesh_file, picture, planned};
 use crate::formats::checked::{Checked, document, take_given};
 use crate::formats::shape::Points;
 use crate::geometry::capability::refine::RefinedMesh;

@@ -6,16 +6,15 @@ use axum::response::{IntoResponse, Response};
 use futures_util::stream;
 use serde::Serialize;
 use serde_json::Value;
-use utoipa::openapi::RefOr;
-use utoipa::openapi::schema::{ObjectBuilder, Schema, SchemaType, Type};
-use utoipa::{PartialSchema, ToSchema};
 
+#[cfg(feature = "schema")]
+use super::described::*;
 use super::entity_tags::{tag_of, unless_known};
-use super::shape_query::{FilterQuery, Parameters, take_filter};
+use super::shape_query::{Parameters, take_filter};
 use crate::api::extract::{Caller, JsonBody, Path, Query, accepted, preferred};
 use crate::api::negotiation::covers;
 use crate::api::problem::{Problem, ProblemKind};
-use crate::api::respond::{Binary, json};
+use crate::api::respond::json;
 use crate::domain::filter::ShapeFilter;
 use crate::formats::checked::{Checked, Many, document, take_many};
 use crate::formats::json;
@@ -237,21 +236,28 @@ pub(super) struct TableColumn {
     #[serde(rename = "type")]
     value_type: ValueType,
     /// One value per row; null if it is missing.
-    #[schema(value_type = Vec<TableValue>)]
+    #[schema(value_type = Vec<described::TableValue>)]
     values: Vec<Value>,
 }
 
-/// Value of a table, for the document.
-struct TableValue;
+#[cfg(feature = "schema")]
+mod described {
+    use utoipa::openapi::RefOr;
+    use utoipa::openapi::schema::{ObjectBuilder, Schema, SchemaType, Type};
+    use utoipa::{PartialSchema, ToSchema};
 
-impl PartialSchema for TableValue {
-    fn schema() -> RefOr<Schema> {
-        let types = [Type::String, Type::Number, Type::Boolean, Type::Null];
-        ObjectBuilder::new().schema_type(SchemaType::from_iter(types)).into()
+    /// Value of a table, for the document.
+    pub(super) struct TableValue;
+
+    impl PartialSchema for TableValue {
+        fn schema() -> RefOr<Schema> {
+            let types = [Type::String, Type::Number, Type::Boolean, Type::Null];
+            ObjectBuilder::new().schema_type(SchemaType::from_iter(types)).into()
+        }
     }
-}
 
-impl ToSchema for TableValue {}
+    impl ToSchema for TableValue {}
+}
 
 /// Table by columns.
 #[derive(Debug, Serialize, utoipa::ToSchema)]

@@ -2,6 +2,7 @@
 
 use serde_json::{Map, Value};
 
+#[cfg(feature = "schema")]
 use super::assessments::AssessedStored;
 use crate::domain::filter::ShapeFilter;
 use crate::formats::time::rfc3339;
