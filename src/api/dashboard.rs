@@ -29,9 +29,14 @@ static TAGS: LazyLock<Vec<String>> = LazyLock::new(|| {
     FILES.iter().map(|(_, bytes)| format!("\"{}\"", &blake3::hash(bytes).to_hex()[..32])).collect()
 });
 
-/// Whether a page is at this address.
+/// Whether the dashboard is at this address.
 pub(super) fn is_view(path: &str) -> bool {
-    matches!(path, "/" | "/app" | "/docs" | "/docs/") || path.starts_with("/app/")
+    matches!(path, "/" | "/app") || path.starts_with("/app/")
+}
+
+/// Whether the reference is at this address.
+pub(super) fn is_reference(path: &str) -> bool {
+    matches!(path, "/docs" | "/docs/")
 }
 
 /// Routes of the pages and their assets.

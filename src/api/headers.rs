@@ -18,20 +18,27 @@ const DATA_POLICY: &str = "default-src 'none'; frame-ancestors 'none'";
 /// Policy for drawings, which contain a style sheet.
 const SVG_POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; frame-ancestors 'none'";
 
-/// Policy for the pages: their own scripts and style sheets, and pictures that they make of answers. They call this service only, and
-/// the identity provider through which people log in on the dashboard, if there is one.
+/// Policies for the pages: their own scripts and style sheets, and pictures that they make of answers. They call this service only;
+/// the dashboard also the identity provider through which people log in on it, if there is one.
 #[derive(Debug, Clone)]
-pub(super) struct PagePolicy(HeaderValue);
+pub(super) struct PagePolicy {
+    dashboard: HeaderValue,
+    reference: HeaderValue,
+}
 
 impl PagePolicy {
     pub(super) fn new(app: &App) -> Self {
         let provider = app.login().map_or_else(String::new, |login| format!(" {}", login.origin()));
+        Self { dashboard: Self::calling(&provider), reference: Self::calling("") }
+    }
+
+    fn calling(provider: &str) -> HeaderValue {
         let policy = format!(
             "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; connect-src \
              'self'{provider}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
         );
         // An origin is made of characters that headers may have.
-        Self(HeaderValue::try_from(policy).unwrap_or(HeaderValue::from_static(DATA_POLICY)))
+        HeaderValue::try_from(policy).unwrap_or(HeaderValue::from_static(DATA_POLICY))
     }
 }
 
@@ -82,8 +89,12 @@ fn add_variations(headers: &mut HeaderMap) {
 }
 
 /// The policy of the address of a page, which does not depend on the response.
-fn page_policy(path: &str, PagePolicy(own): PagePolicy) -> Option<HeaderValue> {
-    dashboard::is_view(path).then_some(own)
+fn page_policy(path: &str, policies: PagePolicy) -> Option<HeaderValue> {
+    match path {
+        path if dashboard::is_view(path) => Some(policies.dashboard),
+        path if dashboard::is_reference(path) => Some(policies.reference),
+        _ => None,
+    }
 }
 
 fn data_policy(headers: &HeaderMap) -> &'static str {
