@@ -17,7 +17,7 @@ SHOWN=200
 SHAPE=(--locked ${FEATURES:-})
 BUILT=(--lib --test suite)
 
-# The tests of tests/stored.txt, on a PostgreSQL of its own. A name that has no test any more is a failure.
+# The tests of tests/stored.txt, on a temporary PostgreSQL. A name that has no test any more is a failure.
 on_postgresql() {
     local names name missing=0
     mapfile -t names < <(grep -v '^#' tests/stored.txt)
@@ -167,7 +167,7 @@ test_steps() {
     shown_step suite cargo test "${SHAPE[@]}" "${BUILT[@]}" --no-fail-fast -- --show-output
 }
 
-# What compiles, and what holds the lock of cargo. `fuzz` is a workspace of its own, and compiles without nightly; with the profile of this
+# What compiles, and what holds the lock of cargo. `fuzz` is a separate workspace, and compiles without nightly; with the profile of this
 # one it uses what was checked before.
 compiling_lane() {
     step postgresql on_postgresql
@@ -207,7 +207,7 @@ lanes() {
     first=$!
     lane b asking_lane &
     second=$!
-    # A lane that breaks off is a failure of its own: its other steps are missing from the table.
+    # A lane that breaks off is a separate failure: its other steps are missing from the table.
     wait "$first" || step lane-a false
     wait "$second" || step lane-b false
     step rates cargo test "${SHAPE[@]}" --test rates

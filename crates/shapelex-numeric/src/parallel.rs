@@ -1,6 +1,6 @@
 //! Loops over all threads, compiled once.
 //!
-//! A parallel iterator is a family of functions of its own for every closure. Here the closure is called through a pointer, once for
+//! The compiler makes a separate family of functions of a parallel iterator for every closure. Here the closure is called through a pointer, once for
 //! each item, so an item should take longer than such a call: a shape, not a number. Results are in order, whatever the number of threads.
 
 use std::sync::atomic::{AtomicUsize, Ordering};

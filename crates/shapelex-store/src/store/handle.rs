@@ -317,7 +317,7 @@ async fn run_aside(work: Box<dyn FnOnce() -> Box<dyn Any + Send> + Send>) -> Box
     }
 }
 
-/// Begins a task that nobody need wait for; all are of one type, as in [`blocking`].
+/// Begins a task in the background, whose end no caller awaits; all are of one type, as in [`blocking`].
 pub(super) fn begin_task(work: Work<'static, ()>) -> JoinHandle<()> {
     tokio::spawn(work)
 }
