@@ -1,7 +1,8 @@
 //! Loops over all threads, compiled once.
 //!
-//! The compiler makes a separate family of functions of a parallel iterator for every closure. Here the closure is called through a pointer, once for
-//! each item, so an item should take longer than such a call: a shape, not a number. Results are in order, whatever the number of threads.
+//! The compiler makes a separate family of functions of a parallel iterator for every closure. Here the closure is called through a
+//! pointer, once for each item, so an item should take longer than such a call: a shape, not a number. Results are in order, whatever the
+//! number of threads.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
