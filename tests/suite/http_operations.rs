@@ -184,6 +184,7 @@ fn the_settings_in_force_are_said_to_administrators() {
     };
     assert_eq!(limit("max_shapes"), (json!(77), "count"));
     assert_eq!(limit("max_request_seconds"), (json!(10), "seconds"));
+    assert_eq!(limit("cache_seconds"), (json!(600), "seconds"));
     assert_eq!(limit("rate_burst"), (json!(100), "count"), "twice the rate");
     assert_eq!(limit("refusals_per_minute"), (Value::Null, "count"), "0 is no limit");
     // What is 0 for a part of the memory is that part.

@@ -120,6 +120,7 @@ fn in_force(limits: &Limits) -> Vec<LimitInForce> {
         seconds("max_job_seconds", limits.job_time),
         count("max_queued_jobs", limits.queued_jobs as usize),
         seconds("max_queued_seconds", limits.queued_work),
+        seconds("cache_seconds", limits.cache_time),
         bytes("max_buffered_bytes", limits.buffered_bytes),
         bytes("max_answer_bytes", limits.answer_bytes),
         rate("rate_per_second", limits.rate_per_second),

@@ -26,7 +26,7 @@ use crate::analysis::pass::{CodeGroup, Group};
 use crate::domain::cohort::Cohort;
 use crate::domain::filter::ShapeFilter;
 use crate::domain::job::Job;
-use crate::service::app::{App, ServiceError};
+use crate::service::app::{App, ServiceError, memory};
 use crate::service::cohorts::source::{Distribute, MakePart, StoredShapes, Work};
 
 /// Interval at which a running program is looked at.
@@ -263,7 +263,9 @@ impl From<ArrowError> for Failure {
     }
 }
 
+/// The engine starts with large pages allowed: a child inherits what the service allows itself, which has small ones while it is small.
 fn command(settings: &EngineSettings, arguments: &[&str]) -> Command {
+    memory::use_large_pages(true);
     let kept = |name: &str| VARIABLES.iter().any(|prefix| name.starts_with(prefix));
     let mut command = Command::new(&settings.program);
     command.env_clear().envs(std::env::vars_os().filter(|(name, _)| name.to_str().is_some_and(kept)));
