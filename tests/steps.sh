@@ -11,8 +11,11 @@ cd "$(dirname "$0")/.."
 
 TARGET=${CARGO_TARGET_DIR:-target}
 LOGS=$TARGET/tests/${1:-}
-# Lines of the output of a failed step that are printed.
+# Lines of the output of a failed step that are printed when it has failed, and again below the table.
 SHOWN=200
+REPEATED=15
+# Seconds after which CI begins no release build.
+RELEASE_WITHIN=1800
 # shellcheck disable=SC2206  # one word for each argument
 SHAPE=(--locked ${FEATURES:-})
 BUILT=(--lib --test suite)
@@ -44,12 +47,12 @@ counts() {
     ' "$1"
 }
 
-# What failed, by an output: the failures that a runner of cargo lists, else the end.
+# What failed, by an output: the failures that a runner of cargo or of Node lists, else the end; at most so many lines.
 faults() {
-    if grep -q '^failures:$' "$1"; then
-        awk -v most="$SHOWN" '/^failures:$/ { on = 1 } on && most-- > 0 { print } /^test result: / { on = 0 }' "$1"
+    if grep -qE '^(failures:|✖ failing tests:)$' "$1"; then
+        awk -v most="$2" '/^(failures:|✖ failing tests:)$/ { on = 1 } on && most-- > 0 { print } /^test result: / { on = 0 }' "$1"
     else
-        tail -n "$SHOWN" "$1"
+        tail -n "$2" "$1"
     fi
 }
 
@@ -66,7 +69,7 @@ note() {
     echo "== $name: $state, $seconds s"
     if [ "$state" = FAILED ]; then
         echo "-- the output of $name, in $log:"
-        faults "$log"
+        faults "$log" "$SHOWN"
         echo "-- end of $name"
     fi
 }
@@ -211,8 +214,14 @@ lanes() {
     wait "$first" || step lane-a false
     wait "$second" || step lane-b false
     step rates cargo test "${SHAPE[@]}" --test rates
-    # A cold release build takes minutes, which only CI spends.
-    [ "$LENGTH" = long ] || python_step release-weight benches/weight/run.py --gate
+    # A cold release build takes minutes, which only CI spends, where it has them: the tests of newcomers come last, and must not be cut.
+    if [ "$LENGTH" = short ]; then
+        if [ "$(($(date +%s) - ${BEGAN:-$(date +%s)}))" -lt "$RELEASE_WITHIN" ]; then
+            python_step release-weight benches/weight/run.py --gate
+        else
+            step release-weight echo "SKIPPED: a cold release build, more than $((RELEASE_WITHIN / 60)) minutes have passed"
+        fi
+    fi
 }
 
 # What was not tested in a step and why: lines of our own, and those of the runner of Node.
@@ -235,8 +244,11 @@ summary() {
         END { total = passed " passed, " failed " failed, " skipped " skipped"; print total > TOTAL }
     ' TOTAL="$LOGS/total" "$TABLE"
     echo
-    while IFS=$'\t' read -r name _; do
+    while IFS=$'\t' read -r name _ state _; do
         reasons "$name"
+        if [ "$state" = FAILED ] && [ -e "$LOGS/$name.log" ]; then
+            faults "$LOGS/$name.log" "$REPEATED" | cut -c -300 | sed "s/^/failed in $name: /"
+        fi
     done <"$TABLE"
     echo "in $((SECONDS / 60)) min $((SECONDS % 60)) s:"
     cat "$LOGS/total"

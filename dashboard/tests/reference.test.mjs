@@ -26,7 +26,10 @@ const OPERATIONS = Object.entries(document.paths).flatMap(([route, methods]) =>
   })),
 );
 
-const heading = async (page) => (await page.locator("h1").innerText()).replace(/\s+/g, " ");
+/** Waits for the heading of an operation: the page draws it after its address has changed. */
+async function headed(page, text) {
+  await page.waitForFunction((text) => window.document.querySelector("h1")?.innerText.replace(/\s+/g, " ") === text, text);
+}
 
 /** Goes to an operation, as a link of another page would. */
 async function show(page, fragment) {
@@ -44,7 +47,7 @@ test("every operation has an address, and its page has no fault", async () => {
   for (const { id, title } of OPERATIONS) {
     await page.evaluate((id) => (location.hash = id), id);
     await page.waitForFunction((title) => window.document.title.startsWith(title), title);
-    assert.equal(await heading(page), title);
+    await headed(page, title);
     // Everything that can be opened: schemas that contain themselves are opened a few times only.
     for (let depth = 0; depth < 4; depth++) await page.evaluate(openAll);
   }
@@ -79,20 +82,19 @@ for (const scheme of ["light", "dark"]) {
 test("an operation is found by what it takes, and links of former versions lead to it", async () => {
   const page = await open(browser, service.address);
   await show(page, "#/cohorts/find_cohort");
-  assert.equal(await heading(page), "GET /v1/cohorts/{cohort}");
+  await headed(page, "GET /v1/cohorts/{cohort}");
   assert.equal(new URL(page.url()).hash, "#find_cohort");
   await page.keyboard.press("/");
   await page.keyboard.type("repeated_points shapes");
-  const found = page.locator(".operations a");
-  assert.equal(await found.count(), 1);
-  assert.match(await page.locator(".search [role=status]").innerText(), /^1 operation$/);
+  await page.locator(".search [role=status]").getByText(/^1 operation$/).waitFor();
+  assert.equal(await page.locator(".operations a").count(), 1);
   await page.keyboard.press("Enter");
   await page.waitForURL("**/docs#add_shapes");
-  assert.equal(await heading(page), "POST /v1/cohorts/{cohort}/shapes");
+  await headed(page, "POST /v1/cohorts/{cohort}/shapes");
   // Who cannot see the page hears where they are.
   assert.equal(await page.evaluate(() => window.document.activeElement.id), "title");
   await page.goBack();
-  assert.equal(await heading(page), "GET /v1/cohorts/{cohort}");
+  await headed(page, "GET /v1/cohorts/{cohort}");
   await show(page, "#nothing");
   assert.match(await page.getByRole("alert").innerText(), /No operation nothing/);
   assert.deepEqual(page.faults, []);

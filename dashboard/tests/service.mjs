@@ -60,6 +60,9 @@ export async function browse() {
     ...(process.env.DIST === "1" ? ["--disable-features=LocalNetworkAccessChecks"] : [])] });
 }
 
+/** What is awaited comes, or does not: a busy machine only takes longer. */
+export const WAIT = 90_000;
+
 const DIST = path.join(ROOT, "dashboard/dist");
 
 /** With DIST=1 the page is that of the folder, not the one in the program, which need not be built again after each change. */
@@ -81,7 +84,7 @@ export async function open(browser, address, options = {}, expected = [], provid
   const context = await browser.newContext({ viewport: { width: 1280, height: 860 }, locale: "en-GB", reducedMotion: "no-preference", ...options });
   if (process.env.DIST === "1") await fromDist(context);
   const page = await context.newPage();
-  page.setDefaultTimeout(20_000);
+  page.setDefaultTimeout(WAIT);
   const faults = [];
   page.faults = faults;
   page.bytes = 0;
@@ -110,7 +113,7 @@ export async function screen(page, name, options = {}) {
 
 export async function settled(page) {
   await page.waitForLoadState("load");
-  await page.waitForFunction(() => document.querySelector("h1") && !document.querySelector(".loading, [aria-busy=true]"), null, { timeout: 45_000 });
+  await page.waitForFunction(() => document.querySelector("h1") && !document.querySelector(".loading, [aria-busy=true]"), null, { timeout: WAIT });
   await page.evaluate(() => new Promise((resolve) => requestAnimationFrame(() => requestAnimationFrame(resolve))));
 }
 
