@@ -81,12 +81,16 @@ fn not_json<E: Error>(error: serde_json::Error) -> E {
 /// Numbers and strings that are not valid JSON, which are only detected here.
 fn read_text<T: DeserializeOwned>(text: &str, most: usize) -> Result<Result<T, Fault>, serde_json::Error> {
     if text.len() > most {
-        let detail = format!("expected at most {most} bytes, got {}", text.len());
-        return Ok(Err(Fault::new("", detail)));
+        return Ok(Err(too_long(text, most)));
     }
     let tree = Tree::parse(text)?;
     let read = T::deserialize(Reader::of(&tree));
     Ok(read.map_err(|error| located(error, text, &tree, &|reader| T::deserialize(reader).err())))
+}
+
+#[cold]
+fn too_long(text: &str, most: usize) -> Fault {
+    Fault::new("", format!("expected at most {most} bytes, got {}", text.len()))
 }
 
 /// As [`read_text`], of a text of any length, directly from the text.
@@ -204,7 +208,7 @@ impl Raw {
 
     /// Reads the entries of a list of any length; a fault goes to `errors` below `pointer`.
     pub fn read_many<T: DeserializeOwned>(&self, pointer: &str, errors: &mut Vec<Fault>) -> Option<Vec<T>> {
-        kept(read_many(self.0.get()), pointer, errors)
+        kept(read_large(self.0.get()).map(|read| read.map(|Limited(items)| items)), pointer, errors)
     }
 
     /// Reads the value as a `T` of any length; a fault goes to `errors` below `pointer`.
@@ -313,18 +317,27 @@ impl<'de, T: Deserialize<'de>> Deserialize<'de> for Limited<T> {
     }
 }
 
-/// A list of strings or small objects, or its fault. Its entries are read one by one, each as a small tree.
+/// A list of strings or small objects, or its fault. Its entries are read one by one, each as a small tree; those longer than `MOST`
+/// bytes are refused. With [`LARGE`] they are read directly as `T`, without an intermediate value in memory.
 #[derive(Debug, Clone)]
-pub struct Many<T>(Result<Vec<T>, Box<Fault>>);
+pub struct Many<T, const MOST: usize = SMALL>(Result<Vec<T>, Box<Fault>>);
 
-impl<'de, T: DeserializeOwned> Deserialize<'de> for Many<T> {
+impl<'de, T: DeserializeOwned> Deserialize<'de> for Many<T, SMALL> {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let text = <&RawValue>::deserialize(deserializer)?.get();
         read_many(text).map(|read| Self(read.map_err(Box::new))).map_err(not_json)
     }
 }
 
-/// Reads the entries of a list of any length, as many as a request may have.
+impl<'de, T: DeserializeOwned> Deserialize<'de> for Many<T, LARGE> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let text = <&RawValue>::deserialize(deserializer)?.get();
+        let read = read_large(text).map_err(not_json)?;
+        Ok(Self(read.map(|Limited(items)| items).map_err(Box::new)))
+    }
+}
+
+/// Reads the small entries of a list, as many as a request may have.
 fn read_many<T: DeserializeOwned>(text: &str) -> Result<Result<Vec<T>, Fault>, serde_json::Error> {
     let mut items = Vec::new();
     let read = read_entries(text, &mut |tree| {
@@ -349,9 +362,13 @@ fn read_entries(text: &str, read: &mut dyn FnMut(&Tree<'_>) -> Result<(), TreeEr
             return false;
         }
         count += 1;
-        let found = match Tree::parse(text) {
-            Ok(tree) => read(&tree).map_err(TreeError::into_fault),
-            Err(error) => Err(fault_in(text, &error)),
+        let found = if text.len() > SMALL {
+            Err(too_long(text, SMALL))
+        } else {
+            match Tree::parse(text) {
+                Ok(tree) => read(&tree).map_err(TreeError::into_fault),
+                Err(error) => Err(fault_in(text, &error)),
+            }
         };
         fault = found.err().map(|found| found.below(&pointer));
         fault.is_none()
@@ -418,7 +435,11 @@ pub fn take_given<T, const MOST: usize>(
 }
 
 /// Entries of an optional list.
-pub fn take_many<T>(field: Option<Many<T>>, pointer: &str, errors: &mut Vec<Fault>) -> Option<Vec<T>> {
+pub fn take_many<T, const MOST: usize>(
+    field: Option<Many<T, MOST>>,
+    pointer: &str,
+    errors: &mut Vec<Fault>,
+) -> Option<Vec<T>> {
     field.and_then(|Many(read)| read.map_err(|error| errors.push(error.below(pointer))).ok())
 }
 
@@ -694,6 +715,22 @@ mod tests {
     enum Tagged {
         One { count: usize, centre: bool, places: Vec<[f64; 2]> },
         Other { name: String },
+    }
+
+    #[test]
+    fn entries_of_a_list_are_small_unless_they_are_read_directly() {
+        let text = format!("[[1], [{}1]]", "1, ".repeat(SMALL / 3));
+        let mut errors = Vec::new();
+        let small: Many<Vec<u8>> = serde_json::from_str(&text).unwrap();
+        assert!(take_many(Some(small), "/lists", &mut errors).is_none());
+        let fault = errors.remove(0);
+        let said = format!("expected at most {SMALL} bytes, got {}", text.len() - 7);
+        assert_eq!((fault.pointer.as_str(), fault.detail), ("/lists/1", said));
+        let large: Many<Vec<u8>, LARGE> = serde_json::from_str(&text).unwrap();
+        assert_eq!(take_many(Some(large), "/lists", &mut errors).unwrap()[1].len(), SMALL / 3 + 1);
+        let raw: Raw = serde_json::from_str(&text.replacen("1]]", "-1]]", 1)).unwrap();
+        assert!(raw.read_many::<Vec<u8>>("/lists", &mut errors).is_none());
+        assert_eq!(errors[0].pointer, format!("/lists/1/{}", SMALL / 3));
     }
 
     #[test]

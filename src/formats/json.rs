@@ -16,7 +16,7 @@ use super::words::plain;
 /// # Errors
 /// Text that is not JSON, with a pointer to the place, and its line and column.
 pub fn parse<T: DeserializeOwned>(bounds: Bounds, text: &[u8]) -> Result<T, Fault> {
-    bounds::within(bounds, || serde_json::from_slice(text).map_err(fault))
+    bounds::within(bounds, || read(text))
 }
 
 /// Reads a record from a value.
@@ -65,13 +65,19 @@ pub fn parse_lines<T: DeserializeOwned>(bounds: Bounds, text: &[u8]) -> Lines<T>
             lines.count += 1;
             if lines.items.len() < bounds.items {
                 // The fault is that of the whole line, of which nothing is known then.
-                let whole = |error| Fault { pointer: String::new(), ..fault(error) };
-                lines.items.push(serde_json::from_slice(line).map_err(whole));
+                let whole = |fault| Fault { pointer: String::new(), ..fault };
+                lines.items.push(read(line).map_err(whole));
                 lines.numbers.push(number);
             }
         }
     });
     lines
+}
+
+/// Reads a text whose errors leave a trail. Steps of an earlier error that went no further would stand before those of this one.
+fn read<T: DeserializeOwned>(text: &[u8]) -> Result<T, Fault> {
+    trail::forget();
+    serde_json::from_slice(text).map_err(fault)
 }
 
 /// The fault of an error that has returned.
@@ -138,6 +144,21 @@ mod tests {
             "{}",
             not_text.detail
         );
+    }
+
+    #[test]
+    fn steps_of_an_earlier_error_are_not_those_of_the_next() {
+        let leave_steps = || {
+            let text = br#"{"shapes": [{"points": [1, x]}]}"#;
+            serde_json::from_slice::<crate::formats::tree::Tree<'_>>(text).unwrap_err();
+        };
+        leave_steps();
+        let fault = parse::<MergePatch>(Bounds::default(), b"{\"a\": nope}").unwrap_err();
+        assert_eq!((fault.pointer.as_str(), fault.index), ("/a", None));
+        leave_steps();
+        let lines: Lines<ShapeInput> = parse_lines(Bounds::default(), b"{\"points\": [1, x]}");
+        let fault = lines.items[0].as_ref().unwrap_err();
+        assert_eq!((fault.pointer.as_str(), fault.index), ("", None));
     }
 
     #[test]

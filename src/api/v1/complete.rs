@@ -14,7 +14,7 @@ use crate::analysis::dictionary::posterior::missing::PartialShape;
 use crate::api::extract::{Caller, Format, JsonBody, OnlyFormat, Path};
 use crate::api::problem::Problem;
 use crate::api::respond::{compute, json, picture};
-use crate::formats::checked::{Checked, Many, document, take_given, take_many, take_or_default};
+use crate::formats::checked::{Checked, LARGE, Many, document, take_given, take_many, take_or_default};
 use crate::formats::fault::Fault;
 use crate::formats::partial::PartialInput;
 use crate::formats::shape::Points;
@@ -51,7 +51,7 @@ document! {
     pub(super) struct CompleteRequest {
         /// Shapes of which a part is known.
         #[schema(value_type = Vec<PartialInput>, required = true)]
-        shapes: Many<PartialInput>, required;
+        shapes: Many<PartialInput, LARGE>, required;
         /// Pose of the shapes: `free` (unknown, found with the shape) or `model` (that of the dictionary, in its unit). Default: `free`.
         #[schema(value_type = Option<PartialPose>)]
         pose: Checked<PartialPose>;

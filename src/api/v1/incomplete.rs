@@ -14,7 +14,7 @@ use crate::analysis::transformation::Transformation;
 use crate::api::extract::{Caller, JsonBody, NoQuery};
 use crate::api::problem::Problem;
 use crate::api::respond::{Planned, compute_planned, json, planned};
-use crate::formats::checked::{Checked, Many, document, take_given, take_many, take_or_default};
+use crate::formats::checked::{Checked, LARGE, Many, document, take_given, take_many, take_or_default};
 use crate::formats::fault::Fault;
 use crate::formats::partial::PartialInput;
 use crate::formats::representation::Read;
@@ -51,7 +51,7 @@ document! {
         frame: Checked<Frame>;
         /// Shapes: `control_points` with nulls, or with `observed`. Every control point is needed in at least two of them.
         #[schema(value_type = Vec<PartialInput>, required = true)]
-        shapes: Many<PartialInput>, required;
+        shapes: Many<PartialInput, LARGE>, required;
         /// Number of components, at most two fewer than shapes. Default: 10, or as many as there can be.
         #[schema(value_type = Option<usize>, minimum = 1)]
         components: Checked<usize>;
