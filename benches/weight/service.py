@@ -4,7 +4,8 @@
 
 Each round starts both programs on empty folders, one after the other, and sends each the same requests: small computations, uploads,
 means, a search, a dictionary, files, pictures. A row has the medians of the processor seconds of the service, user and system, and the
-median of the ratios of the rounds. Answers of the two builds are compared by digest. Needs nothing beyond Python's library.
+median of the ratios of the rounds. Answers of the two builds are compared by digest; the last row is the peak of the memory in MB. Needs
+nothing beyond Python's library.
 """
 
 import argparse
@@ -39,6 +40,10 @@ class Service:
     def seconds(self):
         fields = Path(f"/proc/{self.process.pid}/stat").read_text().rsplit(")", 1)[1].split()
         return (int(fields[11]) + int(fields[12])) / TICKS
+
+    def peak(self):
+        """Largest resident memory so far, in MB."""
+        return int(re.search(r"VmHWM:\s+(\d+)", Path(f"/proc/{self.process.pid}/status").read_text())[1]) / 1e3
 
     def ask(self, method, path, body=None, kind="application/json", **headers):
         content = json.dumps(body).encode() if isinstance(body, dict) else body
@@ -89,21 +94,21 @@ def tasks(shapes):
 
     def posted(service):
         service.ask("POST", "/v1/cohorts", cohort | {"name": "p"})
-        for start in range(0, min(shapes, 2000), 200):
+        for start in range(0, min(shapes, 10000), 200):
             part = [{"external_id": f"p{start + i}", "points": p} for i, p in enumerate(contours[start:start + 200])]
             service.ask("POST", "/v1/cohorts/p/shapes", {"shapes": part})
 
     return {
-        "2000 × project, one contour": lambda s: [s.ask("POST", "/v1/project", project) for _ in range(2000)][-1],
-        "20 × project, 99 contours": lambda s: [s.ask("POST", "/v1/project", batch) for _ in range(20)][-1],
+        "4000 × project, one contour": lambda s: [s.ask("POST", "/v1/project", project) for _ in range(4000)][-1],
+        "200 × project, 99 contours": lambda s: [s.ask("POST", "/v1/project", batch) for _ in range(200)][-1],
         f"upload of {shapes} contours as lines": upload,
-        "upload of 2000 contours in JSON, 200 each": posted,
+        "upload of 10 000 contours in JSON, 200 each": posted,
         "10 means of a label, each computed": lambda s: [
             s.ask("GET", f"/v1/cohorts/c/mean?transformation={name}&label={label}")
             for name in ("similarity", "affine", "linear", "translation", "scaled_rotation") for label in "ab"][-1],
-        "5 × search, 5 contours": lambda s: [s.ask("POST", "/v1/cohorts/c/search", search) for _ in range(5)][-1],
+        "30 × search, 5 contours": lambda s: [s.ask("POST", "/v1/cohorts/c/search", search) for _ in range(30)][-1],
         "dictionary of 12 components": lambda s: s.ask("POST", "/v1/dictionaries", learn, prefer="wait=60") and b"",
-        "20 × score, 100 contours": lambda s: [s.ask("POST", "/v1/dictionaries/d/score", score) for _ in range(20)][-1],
+        "200 × score, 100 contours": lambda s: [s.ask("POST", "/v1/dictionaries/d/score", score) for _ in range(200)][-1],
         "export as NDJSON": lambda s: s.ask("GET", "/v1/cohorts/c/export?format=ndjson") and b"",
         "export as Parquet": lambda s: s.ask("GET", "/v1/cohorts/c/export?format=parquet") and b"",
         "50 × mean as SVG": lambda s: [s.ask("GET", "/v1/cohorts/c/mean?transformation=similarity&format=svg") for _ in range(50)][-1],
@@ -121,6 +126,7 @@ def measure(program, work):
                 before = service.seconds()
                 answer = RANDOM.sub(b"", task(service) or b"")
                 found[name] = (service.seconds() - before, hashlib.sha256(answer).hexdigest())
+            found["peak"] = service.peak()
         finally:
             service.stop()
         return found
@@ -150,6 +156,8 @@ def main():
             total[side] += middle[side]
         print(f"| {name} | {middle['before']:.2f} | {middle['now']:.2f} | {ratio:.2f} | {'the same' if same else 'DIFFERENT'} |")
     print(f"| all | {total['before']:.2f} | {total['now']:.2f} | {total['now'] / total['before']:.2f} | |")
+    peaks = {side: statistics.median(found[side]["peak"] for found in rounds) for side in total}
+    print(f"| peak of the memory, MB | {peaks['before']:.0f} | {peaks['now']:.0f} | {peaks['now'] / peaks['before']:.2f} | |")
 
 
 if __name__ == "__main__":
