@@ -1,11 +1,6 @@
 //! Request bodies in memory: each is bounded before and after decompression, and all are bounded together.
 
-use crate::formats::fault::Fault;
-use std::future::ready;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
-
-use axum::body::{Body, Bytes, HttpBody};
+use axum::body::{Body, Bytes};
 use axum::extract::Request;
 use axum::http::{HeaderMap, header};
 use axum::middleware::Next;
@@ -13,11 +8,13 @@ use axum::response::{IntoResponse, Response};
 use futures_util::{Stream, TryStreamExt};
 use http_body_util::{BodyExt, LengthLimitError, Limited};
 
+use super::coding::Expands;
 use super::extract::media_type;
 use super::form;
 use super::overload::Edge;
 use super::problem::{Problem, ProblemKind};
 use crate::formats::bounds::Census;
+use crate::formats::fault::Fault;
 use crate::service::app::memory::{Held, Purpose};
 use crate::service::app::{App, Limits, ServiceError};
 use crate::service::files::FileFormat;
@@ -38,13 +35,8 @@ pub fn is_file(media_type: &str) -> bool {
 
 /// Refuses bodies whose declared length is too long before reading them, and cuts off longer ones while they arrive. Runs
 /// outside of decompression.
-pub async fn bound(mut request: Request, next: Next) -> Response {
+pub async fn bound(request: Request, next: Next) -> Response {
     let Some(edge) = Edge::of(&request) else { return next.run(request).await };
-    if request.headers().contains_key(header::CONTENT_ENCODING) {
-        let wire = Wire::default();
-        request.extensions_mut().insert(wire.clone());
-        request = request.map(|body| Body::new(wire.counting(body)));
-    }
     let found = media_type(request.headers());
     if is_stream(&found) || is_file(&found) {
         return next.run(request).await;
@@ -54,52 +46,6 @@ pub async fn bound(mut request: Request, next: Next) -> Response {
         return too_long(limit).into_response();
     }
     next.run(request.map(|body| Body::new(Limited::new(body, limit)))).await
-}
-
-/// Cuts off bodies whose compression ratio is implausible for text. Runs inside of decompression.
-pub fn bound_expansion(mut request: Request) -> Request {
-    let Some(wire) = request.extensions_mut().remove::<Wire>() else { return request };
-    let Some(edge) = Edge::of(&request) else { return request };
-    let ratio = edge.compression_ratio;
-    request.map(|body| Body::from_stream(expanding(body, wire, ratio)))
-}
-
-/// Number of compressed bytes consumed so far.
-#[derive(Debug, Clone, Default)]
-struct Wire(Arc<AtomicU64>);
-
-impl Wire {
-    /// Counts the bytes of a body before decompression.
-    fn counting(self, body: Body) -> impl HttpBody<Data = Bytes, Error = axum::Error> {
-        body.map_frame(move |frame| {
-            let bytes = frame.data_ref().map_or(0, Bytes::len);
-            self.0.fetch_add(bytes as u64, Ordering::Relaxed);
-            frame
-        })
-    }
-}
-
-/// Decompressed bytes that are allowed at any ratio: short texts of one repeated character compress a thousandfold.
-const EXPANDS_FREELY: u64 = 1 << 20;
-
-/// Error of a body with too large a compression ratio.
-#[derive(Debug, thiserror::Error)]
-#[error(
-    "decompression expands the body to more than {ratio} times its size: send it uncompressed, or in parts"
-)]
-struct Expands {
-    ratio: u64,
-}
-
-/// Decompressed body, which fails once it exceeds the allowed ratio to the bytes on the wire.
-fn expanding(body: Body, wire: Wire, ratio: u64) -> impl Stream<Item = Result<Bytes, axum::Error>> {
-    let mut bytes = 0;
-    body.into_data_stream().and_then(move |piece| {
-        bytes += piece.len() as u64;
-        let most = wire.0.load(Ordering::Relaxed).saturating_mul(ratio).max(EXPANDS_FREELY);
-        let expands = || axum::Error::new(Expands { ratio });
-        ready(if bytes > most { Err(expands()) } else { Ok(piece) })
-    })
 }
 
 fn length(headers: &HeaderMap) -> Option<u64> {

@@ -5,7 +5,7 @@
 //! * `gate` — checks of every request, in order; [`access`] — callers and permissions; [`origin`] — cross-site requests;
 //!   [`headers`] — browser security headers;
 //! * [`overload`] — time limits of requests, and rate limits of callers;
-//! * [`body`] — request memory; [`answers`] — response memory; [`drain`] — draining of refused bodies;
+//! * `coding` — compressed bodies, decoded; [`body`] — request memory; [`answers`] — response memory; [`drain`] — draining of refused bodies;
 //!   [`inspected_body`] — bodies that report what passes through them;
 //! * [`observe`], [`audit`] — metrics, log and audit trail of every request; [`metrics`] — the metrics endpoint;
 //! * [`interface`] — the OpenAPI document;
@@ -20,6 +20,7 @@ pub mod access;
 pub mod answers;
 pub mod audit;
 pub mod body;
+mod coding;
 mod cross_origin;
 mod dashboard;
 #[cfg(feature = "schema")]
@@ -45,7 +46,6 @@ pub mod v1;
 
 use std::sync::Arc;
 
-use axum::body::Body;
 use axum::extract::Request;
 use axum::http::HeaderName;
 use axum::middleware::{from_fn, from_fn_with_state};
@@ -53,7 +53,6 @@ use axum::{Extension, Router};
 use tower::ServiceBuilder;
 use tower_http::catch_panic::CatchPanicLayer;
 use tower_http::compression::CompressionLayer;
-use tower_http::decompression::{DecompressionBody, RequestDecompressionLayer};
 use tower_http::request_id::{MakeRequestUuid, PropagateRequestIdLayer, SetRequestIdLayer};
 
 use crate::service::app::App;
@@ -103,9 +102,7 @@ pub fn router(app: App) -> Router {
         .layer(Extension(overload::Edge::new(&app.limits)))
         .layer(from_fn(body::bound))
         .map_request(adding(&app))
-        .layer(RequestDecompressionLayer::new().gzip(true).pass_through_unaccepted(false))
-        .map_request(|request: axum::http::Request<DecompressionBody<Body>>| request.map(Body::new))
-        .map_request(body::bound_expansion);
+        .layer(from_fn(coding::decode));
     let router = routes()
         .merge(dashboard::routes())
         .merge(interface::routes())

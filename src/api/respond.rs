@@ -1,9 +1,10 @@
 //! Responses, computed and serialised on the thread pool so that a large body never blocks an async thread.
 
+use axum::BoxError;
 use axum::body::{Body, Bytes};
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
-use futures_util::stream;
+use futures_util::stream::{self, Stream, StreamExt};
 use serde::Serialize;
 
 use super::problem::Problem;
@@ -137,6 +138,12 @@ pub fn matrix(app: &App, matrix: NamedMatrix, format: MatrixFormat) -> Result<Re
     let pieces = pieces.inspect(move |_| {
         let _held = &held;
     });
-    let body = Body::from_stream(stream::iter(pieces));
-    Ok(([(header::CONTENT_TYPE, format.media_type())], body).into_response())
+    Ok(([(header::CONTENT_TYPE, format.media_type())], streamed(stream::iter(pieces))).into_response())
+}
+
+/// A body that is sent as it comes. What compresses it asks once more after its end, which not every stream allows.
+pub fn streamed<P: Into<Bytes> + 'static, E: Into<BoxError> + 'static>(
+    pieces: impl Stream<Item = Result<P, E>> + Send + 'static,
+) -> Body {
+    Body::from_stream(pieces.fuse())
 }

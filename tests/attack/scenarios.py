@@ -391,6 +391,31 @@ def light_measures_beside_tiny(attack, count, n, seconds):
         return {"bytes": len(body), "says": f"evaluate took {answer.seconds:.2f} s"}, aftermath(service, wrong)
 
 
+def slow_files_beside_files(attack, count, seconds):
+    """Files of one tenant that arrive for ever; those of another are read meanwhile."""
+    line = b'{"points": [[0, 0], [4, 0], [4, 1]]}\n'
+    kind = {"content-type": "application/octet-stream"}
+    path = "/v1/inspect?format=ndjson"
+    with started(attack, tenants=True) as (service, keys):
+        opening = head(service.address, "POST", path, 1 << 24, {**kind, **keys["a"]})
+        slow = [socket.create_connection(service.address, timeout=30) for _ in range(count)]
+        try:
+            for connection in slow:
+                connection.sendall(opening + line * 500)
+            time.sleep(1)
+            statuses, took, end = {}, [], time.monotonic() + seconds
+            while time.monotonic() < end:
+                answer = service.send("POST", path, line * 10, {**kind, **keys["b"]}, timeout=PATIENCE)
+                statuses[answer.status] = statuses.get(answer.status, 0) + 1
+                took.append(answer.seconds)
+        finally:
+            for connection in slow:
+                connection.close()
+        wrong = [f"{number} files of the other tenant: {status}" for status, number in statuses.items() if status != 200]
+        says = f"{len(took)} files beside {count} slow ones: p99 {1000 * percentile(took, 99):.0f} ms, statuses {statuses}"
+        return {"bytes": count * 500 * len(line), "says": says}, aftermath(service, wrong)
+
+
 def work_ends_with_its_client(attack, kind, n, leave, settle):
     """What is computed after the client has gone."""
     path, body = heavy_request(kind, n)

@@ -854,8 +854,17 @@ fn broken_encodings_are_refused() {
     let mut trailer = packed.clone();
     let last = trailer.len() - 5;
     trailer[last] ^= 0xff;
-    let bodies =
-        [b"not gzip".to_vec(), packed[..packed.len() / 2].to_vec(), flipped, trailer, packed[..5].to_vec()];
+    let followed = |after: &[u8]| [&packed[..], after].concat();
+    let bodies = [
+        b"not gzip".to_vec(),
+        packed[..packed.len() / 2].to_vec(),
+        flipped,
+        trailer,
+        packed[..5].to_vec(),
+        followed(b"x"),
+        followed(body.as_bytes()),
+        followed(&packed[..packed.len() - 4]),
+    ];
     for (path, media_type) in
         [("/v1/mean", JSON), ("/v1/cohorts/body/shapes", JSON), ("/v1/cohorts/body/shapes", NDJSON)]
     {
@@ -867,6 +876,10 @@ fn broken_encodings_are_refused() {
         let request = server.request(Method::POST, path).header(CONTENT_TYPE, media_type);
         let reply = server.send(request.header(CONTENT_ENCODING, "br").body("x"));
         reply.expect_problem(415, "unsupported-media-type", &[]);
+        assert_eq!(reply.header("accept-encoding"), Some("gzip"));
+        let request = server.request(Method::POST, path).header(CONTENT_TYPE, media_type);
+        let twice = request.header(CONTENT_ENCODING, "gzip").header(CONTENT_ENCODING, "gzip");
+        server.send(twice.body(packed.clone())).expect_problem(415, "unsupported-media-type", &[]);
     }
     assert_untouched(&server, "body");
     server.assert_alive();

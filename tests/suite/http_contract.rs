@@ -1113,6 +1113,22 @@ fn bodies_may_be_compressed_both_ways() {
     let request = request.header(CONTENT_TYPE, "application/x-ndjson").header(CONTENT_ENCODING, "gzip");
     let answer = server.send(request.body(gzip(lines.join("\n").as_bytes()))).expect(201);
     assert_eq!(answer["added"], shapes.len());
+
+    // A body may have several members, and all of them count; the word is written in any case.
+    for (member, coding) in [(1, "gzip"), (7, "GZIP"), (100, "x-gzip")] {
+        let parts: Vec<u8> = text.as_bytes().chunks(text.len() / member + 1).flat_map(gzip).collect();
+        let request = server.request(Method::POST, "/v1/align").header(CONTENT_TYPE, "application/json");
+        assert_eq!(server.send(request.header(CONTENT_ENCODING, coding).body(parts)).body, plain.body);
+        let parts: Vec<u8> = lines.iter().flat_map(|line| gzip(format!("{line}\n").as_bytes())).collect();
+        for media_type in ["application/x-ndjson", "application/octet-stream"] {
+            let (name, path) = (format!("{coding}-{}", &media_type[12..]), "shapes?format=ndjson");
+            new_cohort(&server, &name, &trigonometric(12), "landmarks");
+            let path = if media_type.ends_with("stream") { path } else { "shapes" };
+            let request = server.request(Method::POST, &format!("/v1/cohorts/{name}/{path}"));
+            let request = request.header(CONTENT_TYPE, media_type).header(CONTENT_ENCODING, coding);
+            assert_eq!(server.send(request.body(parts.clone())).expect(201)["added"], shapes.len(), "{name}");
+        }
+    }
 }
 
 /// The layer that compresses would make a 406 of it when the work is done.

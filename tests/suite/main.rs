@@ -56,6 +56,7 @@ mod http_subdivision;
 mod http_surfaces;
 mod http_tables;
 mod http_tokens;
+mod http_whole;
 mod kill;
 mod kill_dictionaries;
 mod memory;

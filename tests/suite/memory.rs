@@ -29,7 +29,7 @@ fn status(server: &Server, name: &str) -> usize {
 }
 
 /// By how much the peak of `server` rises above what it has, meanwhile.
-fn growth(server: &Server, work: impl FnOnce()) -> usize {
+pub(crate) fn growth(server: &Server, work: impl FnOnce()) -> usize {
     std::fs::write(format!("/proc/{}/clear_refs", server.id()), "5").unwrap();
     let before = status(server, "VmRSS");
     work();

@@ -43,8 +43,8 @@ pub(crate) struct Setting {
     flags: Vec<String>,
     environment: Vec<(String, String)>,
     example: bool,
-    /// Longest file that it may write, in blocks of 512 bytes.
-    file_blocks: Option<u32>,
+    /// What the shell that starts it sets, such as `ulimit -f 8`.
+    limit: Option<String>,
 }
 
 /// The program, which knows nothing of the settings of these tests.
@@ -76,14 +76,7 @@ impl Setting {
     pub(crate) fn fresh() -> Self {
         let folder = Arc::new(tempfile::tempdir().unwrap());
         let database = std::env::var("SHAPELEX_TEST_DATABASE_URL").ok().map(|url| wait(fresh_schema(&url)));
-        Self {
-            folder,
-            database,
-            flags: Vec::new(),
-            environment: Vec::new(),
-            example: false,
-            file_blocks: None,
-        }
+        Self { folder, database, flags: Vec::new(), environment: Vec::new(), example: false, limit: None }
     }
 
     /// One of the commands for the store of this setting.
@@ -93,7 +86,13 @@ impl Setting {
 
     /// Where no file can be longer than so many blocks of 512 bytes.
     pub(crate) fn file_blocks(mut self, blocks: u32) -> Self {
-        self.file_blocks = Some(blocks);
+        self.limit = Some(format!("ulimit -f {blocks}"));
+        self
+    }
+
+    /// Where the process ends when it takes more addresses than so many MiB.
+    pub(crate) fn address_space(mut self, mebibytes: u32) -> Self {
+        self.limit = Some(format!("ulimit -v {}", mebibytes << 10));
         self
     }
 
@@ -126,10 +125,10 @@ impl Setting {
         let log = self.folder.path().join("log");
         // Appended: a server that is started again writes to the same log.
         let stderr = File::options().create(true).append(true).open(&log).unwrap();
-        let mut command = match self.file_blocks {
+        let mut command = match &self.limit {
             None => program(),
-            Some(blocks) => {
-                let script = format!("ulimit -f {blocks}; exec \"$0\" \"$@\"");
+            Some(limit) => {
+                let script = format!("{limit}; exec \"$0\" \"$@\"");
                 let mut shell = clean(Command::new("sh"));
                 shell.args(["-c", &script, env!("CARGO_BIN_EXE_shapelex")]);
                 shell
@@ -215,7 +214,7 @@ impl Server {
         let folder = Arc::new(tempfile::tempdir().unwrap());
         let database = self.database.clone();
         let (flags, environment) = (Vec::new(), Vec::new());
-        Setting { folder, database, flags, environment, example: false, file_blocks: None }
+        Setting { folder, database, flags, environment, example: false, limit: None }
     }
 
     /// Everything it logged.
@@ -331,7 +330,7 @@ impl Server {
             flags: Vec::new(),
             environment: Vec::new(),
             example: false,
-            file_blocks: None,
+            limit: None,
         }
     }
 }
@@ -345,14 +344,7 @@ impl Server {
             Command::new("sh").args(["-c", "kill -TERM $0", &self.child.id().to_string()]).status().unwrap();
         assert!(kill.success() && self.child.wait().unwrap().success(), "the log: {}", self.log());
         let (folder, database) = (Arc::clone(&self.folder), self.database.clone());
-        Setting {
-            folder,
-            database,
-            flags: Vec::new(),
-            environment: Vec::new(),
-            example: false,
-            file_blocks: None,
-        }
+        Setting { folder, database, flags: Vec::new(), environment: Vec::new(), example: false, limit: None }
     }
 }
 

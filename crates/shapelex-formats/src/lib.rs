@@ -27,6 +27,8 @@
 #[cfg(feature = "dicom")]
 pub mod dicom;
 pub mod image;
+#[cfg(any(feature = "dicom", feature = "meshes"))]
+mod inflate;
 mod series;
 pub mod shape;
 pub mod words;

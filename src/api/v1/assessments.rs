@@ -1,7 +1,7 @@
 //! Assessments of all shapes of a cohort with a dictionary, as lines: at once, or as the output of a job; and those that are
 //! stored beside the shapes.
 
-use axum::body::{Body, Bytes};
+use axum::body::Bytes;
 use axum::http::{HeaderName, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use futures_util::stream;
@@ -15,7 +15,7 @@ use super::request_macros::{PageQuery, page, priority_of};
 use super::shape_query::{Parameters, take_filter};
 use crate::api::extract::{Caller, JsonBody, NoQuery, Path, Prefer, PrefersLines, Query};
 use crate::api::problem::Problem;
-use crate::api::respond::json;
+use crate::api::respond::{json, streamed};
 use crate::domain::filter::ShapeFilter;
 use crate::domain::job::{OutputParts, Priority};
 use crate::formats::checked::{Checked, document, take_given, take_or_default};
@@ -128,7 +128,7 @@ pub(super) fn stored_lines(app: App, job: String, parts: OutputParts) -> Respons
         let lines = jobs::output_part(&app, &job, parts, part).await?;
         Ok(Some((Bytes::from(lines), (app, job, part + 1))))
     });
-    ([(header::CONTENT_TYPE, NDJSON)], Body::from_stream(lines)).into_response()
+    ([(header::CONTENT_TYPE, NDJSON)], streamed(lines)).into_response()
 }
 
 /// Selects stored assessments, beside the filter of their shapes.

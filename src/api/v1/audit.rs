@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 
-use axum::body::Body;
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use bytes::Bytes;
@@ -12,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::request_macros::{PageQuery, milliseconds, page};
 use crate::api::extract::{Caller, PrefersLines, Query};
 use crate::api::problem::Problem;
-use crate::api::respond::json;
+use crate::api::respond::{json, streamed};
 use crate::domain::audit::{AuditFilter, Recorded};
 use crate::formats::time::rfc3339;
 use crate::service::app::{App, ServiceError};
@@ -163,7 +162,7 @@ pub(super) async fn list_audit(
     let limit = page.limit()?;
     if is_lines {
         let after = trail::place(page.cursor.as_deref())?;
-        let body = Body::from_stream(lines(app, filter, after));
+        let body = streamed(lines(app, filter, after));
         return Ok(([(header::CONTENT_TYPE, "application/x-ndjson")], body).into_response());
     }
     let (items, next) = trail::list(&app, &filter, page.cursor.as_deref(), limit).await?;

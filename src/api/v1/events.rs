@@ -156,4 +156,5 @@ fn sent(events: Events) -> impl Stream<Item = Result<Sent, Infallible>> {
             }
         }
     })
+    .fuse()
 }

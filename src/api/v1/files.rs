@@ -4,13 +4,14 @@
 //! one that no format has beside the file name `name`.
 
 use std::collections::BTreeMap;
+use std::task::Poll;
 
 use axum::body::{Body, Bytes};
 use axum::extract::Request;
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use futures_util::future::Either;
-use futures_util::stream;
+use futures_util::stream::{self, StreamExt};
 use serde::Serialize;
 use tokio::sync::mpsc;
 use tokio_util::task::AbortOnDropHandle;
@@ -29,11 +30,11 @@ use crate::api::extract::{Caller, Query, media_type, unknown_parameter};
 use crate::api::form;
 use crate::api::operation::ANY_FILE;
 use crate::api::problem::Problem;
-use crate::api::respond::json;
+use crate::api::respond::{json, streamed};
 use crate::formats::files::{self, Group, Inspection, WriteOptions};
 use crate::formats::summary::FileSummary;
 use crate::service::app::ServiceError;
-use crate::service::app::outgoing::BodyWriter;
+use crate::service::app::outgoing::{Arriving, BodyWriter};
 use crate::service::files::translate;
 
 /// Format of files that refer to a series of images.
@@ -154,6 +155,8 @@ pub(super) async fn convert_file(
     let format = take_target(&mut pairs, if is_form { STRUCTURES } else { "ndjson" })?;
     refuse_rest(&pairs)?;
     let mut options = parameters.writing()?;
+    // A form is there as a whole before it is read.
+    let arriving = if is_form { Arriving::default() } else { Arriving::begun() };
     let (reading, stream) = if is_form {
         let reading = parameters.reading(ANY_FILE)?;
         let form = form::read(&app, request, &["file"]).await?;
@@ -162,9 +165,14 @@ pub(super) async fn convert_file(
         check_series(format, &options)?;
         (reading, Either::Left(stream::iter([Ok(file)])))
     } else {
-        (parameters.reading(&media_type)?, Either::Right(body::pieces(request.into_body())))
+        let ended = arriving.clone();
+        let end = stream::poll_fn(move |_| {
+            ended.end();
+            Poll::Ready(None)
+        });
+        (parameters.reading(&media_type)?, Either::Right(body::pieces(request.into_body()).chain(end)))
     };
-    let (output, pieces) = BodyWriter::new();
+    let (output, pieces) = BodyWriter::during(arriving);
     let work = async move { translate::translate(&app, stream, reading, format, options, output).await };
     answer(format, None, pieces, work).await
 }
@@ -222,22 +230,13 @@ pub(super) async fn answer(
                 }),
             }
         });
-        Body::from_stream(stream_of(first, rest))
+        streamed(stream::iter(first.into_iter().map(Ok)).chain(rest))
     };
     let mut response = ([(header::CONTENT_TYPE, media_type)], body).into_response();
     if let Some(disposition) = name.and_then(|name| format!("attachment; filename=\"{name}\"").parse().ok()) {
         response.headers_mut().insert(header::CONTENT_DISPOSITION, disposition);
     }
     Ok(response)
-}
-
-/// The pieces that were kept, and those that follow.
-fn stream_of(
-    first: Vec<Bytes>,
-    rest: impl stream::Stream<Item = Result<Bytes, std::io::Error>>,
-) -> impl stream::Stream<Item = Result<Bytes, std::io::Error>> {
-    use futures_util::StreamExt;
-    stream::iter(first.into_iter().map(Ok)).chain(rest)
 }
 
 fn finished(work: Result<Result<(), ServiceError>, tokio::task::JoinError>) -> Result<(), ServiceError> {

@@ -1,6 +1,6 @@
 //! A cohort as a table, and summaries of its attributes.
 
-use axum::body::{Body, Bytes};
+use axum::body::Bytes;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use futures_util::stream;
@@ -14,7 +14,7 @@ use super::shape_query::{Parameters, take_filter};
 use crate::api::extract::{Caller, JsonBody, Path, Query, accepted, preferred};
 use crate::api::negotiation::covers;
 use crate::api::problem::{Problem, ProblemKind};
-use crate::api::respond::json;
+use crate::api::respond::{json, streamed};
 use crate::domain::filter::ShapeFilter;
 use crate::formats::checked::{Checked, Many, document, take_many};
 use crate::formats::json;
@@ -408,6 +408,6 @@ fn table_file(
     let pieces = pieces.inspect(move |_| {
         let _held = &held;
     });
-    let body = Body::from_stream(stream::iter(pieces));
+    let body = streamed(stream::iter(pieces));
     Ok(([(header::CONTENT_TYPE, format.media_type())], body).into_response())
 }

@@ -6,8 +6,9 @@
 use std::cell::RefCell;
 use std::io::{self, Read};
 use std::pin::pin;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::{Arc, OnceLock};
+use std::thread::{self, ThreadId};
 use std::time::Duration;
 
 use bytes::{Buf, Bytes};
@@ -21,12 +22,12 @@ use super::error::ServiceError;
 use super::idempotency::Retry;
 use super::memory::{Held, Memory, Purpose};
 use crate::formats::fault::Fault;
-use crate::formats::files::{FaultKind, FileError, Limits, Source};
+use crate::formats::files::{Asked, FaultKind, FileError, Limits, Source};
 
 /// Time within which the next [`LEAST`] bytes of a body must arrive.
 const PAUSE: Duration = Duration::from_secs(30);
 /// Number of bytes that keep a body alive: one that trickles would hold a thread for ever.
-const LEAST: usize = 16 << 10;
+const LEAST: usize = 128 << 10;
 /// Number of chunks between body and reader.
 const CHUNKS: usize = 2;
 /// Memory of a reader beside what it holds of the file: chunks, and records on their way.
@@ -50,15 +51,79 @@ struct BodyReader {
     memory: Memory,
 }
 
-/// Tells a reader that the client has gone, so that it can end.
-#[derive(Debug, Clone, Default)]
-pub struct Stop(Arc<AtomicBool>);
+/// Tells a reader that the client has gone, or that its time is over, so that it can end.
+#[derive(Debug, Clone)]
+pub struct Stop(Arc<Signal>);
+
+#[derive(Debug)]
+struct Signal {
+    is_set: AtomicBool,
+    overran: AtomicBool,
+    /// Number of looks.
+    looks: AtomicU32,
+    /// The thread that reads, and its processor time when it began, in microseconds: it reads one file after the other.
+    begun: OnceLock<(ThreadId, u64)>,
+    /// Processor time that the reading may take.
+    most: Duration,
+}
+
+/// Number of looks between two at the clock, which is asked of the kernel.
+const LOOKS: u32 = 64;
 
 impl Stop {
-    /// Whether the client has gone.
-    pub fn is_set(&self) -> bool {
-        self.0.load(Ordering::Relaxed)
+    fn new(most: Duration) -> Self {
+        let (is_set, overran) = (AtomicBool::new(false), AtomicBool::new(false));
+        Self(Arc::new(Signal { is_set, overran, looks: AtomicU32::new(0), begun: OnceLock::new(), most }))
     }
+
+    /// Begins to count the time of this thread.
+    fn begin(&self) {
+        let _ = self.0.begun.set((thread::current().id(), thread_micros()));
+    }
+
+    /// Whether the client has gone, or the thread that reads has taken more than its time.
+    pub fn is_set(&self) -> bool {
+        let signal = &*self.0;
+        let looks_at_clock = signal.looks.fetch_add(1, Ordering::Relaxed).is_multiple_of(LOOKS);
+        if looks_at_clock && self.taken() > signal.most {
+            signal.overran.store(true, Ordering::Relaxed);
+            signal.is_set.store(true, Ordering::Relaxed);
+        }
+        signal.is_set.load(Ordering::Relaxed)
+    }
+
+    /// Processor time of the reading; threads that help know nothing of it.
+    fn taken(&self) -> Duration {
+        match self.0.begun.get() {
+            Some((reader, begun)) if *reader == thread::current().id() => {
+                Duration::from_micros(thread_micros().saturating_sub(*begun))
+            }
+            _ => Duration::ZERO,
+        }
+    }
+
+    /// The outcome of a reading, which may have ended because its time was over.
+    fn judged<T>(&self, outcome: Result<T, ServiceError>) -> Result<T, ServiceError> {
+        match outcome {
+            Err(_) if self.0.overran.load(Ordering::Relaxed) => {
+                Err(ServiceError::TookTooLong { seconds: self.0.most.as_secs() })
+            }
+            outcome => outcome,
+        }
+    }
+}
+
+/// Processor time of this thread in microseconds.
+#[cfg(target_os = "linux")]
+fn thread_micros() -> u64 {
+    let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
+    time.tv_sec.unsigned_abs() * 1_000_000 + time.tv_nsec.unsigned_abs() / 1000
+}
+
+/// Processor time of this thread, for which other systems have other calls: their readings end with their client only.
+#[cfg(not(target_os = "linux"))]
+fn thread_micros() -> u64 {
+    0
 }
 
 /// Sets a [`Stop`] when it is dropped.
@@ -66,7 +131,7 @@ struct Guard(Stop);
 
 impl Drop for Guard {
     fn drop(&mut self) {
-        self.0.0.store(true, Ordering::Relaxed);
+        self.0.0.is_set.store(true, Ordering::Relaxed);
     }
 }
 
@@ -77,18 +142,22 @@ impl BodyReader {
     /// Those of the first bytes.
     fn source(self, limits: Limits) -> Result<Source<'static>, FileError> {
         let memory = self.memory.clone();
-        let room: RefCell<Option<Held>> = RefCell::new(None);
-        let ask = move |bytes: usize| {
-            let mut room = room.borrow_mut();
-            let needed = limits.memory(bytes);
-            match &mut *room {
+        let held: RefCell<(Option<Held>, usize, usize)> = RefCell::default();
+        let ask = move |asked: Asked| {
+            let (room, content, beside) = &mut *held.borrow_mut();
+            match asked {
+                Asked::Content(bytes) => *content = limits.memory(bytes).max(*content),
+                Asked::Beside(bytes) => *beside = bytes.max(*beside),
+            }
+            let needed = content.saturating_add(*beside);
+            match room {
                 Some(room) => room.grow_to(needed)?,
                 None => *room = Some(memory.hold(Purpose::Bodies, needed)?),
             }
             Ok(())
         };
-        let asked = move |bytes| {
-            ask(bytes).map_err(|error: ServiceError| match error {
+        let asked = move |asked| {
+            ask(asked).map_err(|error: ServiceError| match error {
                 ServiceError::Overloaded(detail) => FileError::new(FaultKind::Memory, detail),
                 other => FileError::new(FaultKind::TooLarge, other.to_string()),
             })
@@ -130,11 +199,14 @@ pub async fn read_incoming<T: Send + 'static>(
     read: impl FnOnce(Source<'static>, Stop) -> Result<T, ServiceError> + Send + 'static,
 ) -> Result<T, ServiceError> {
     let (sender, pieces) = mpsc::channel(CHUNKS);
-    let stop = Stop::default();
+    let stop = Stop::new(app.limits.compute_time);
     let _guard = Guard(stop.clone());
     let memory = app.memory.clone();
     let body = BodyReader { pieces, current: Bytes::new(), has_ended: false, stop: stop.clone(), memory };
-    let reading = pin!(app.pool.read_blocking(move || read(body.source(limits)?, stop)));
+    let reading = pin!(app.pool.read_blocking(move || {
+        stop.begin();
+        stop.judged(body.source(limits).map_err(Into::into).and_then(|source| read(source, stop.clone())))
+    }));
     let passing = pin!(pass(app, stream, limits, retry, sender));
     let both = async {
         match select(reading, passing).await {

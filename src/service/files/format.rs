@@ -4,7 +4,7 @@ use crate::formats::files::{self, Kind, Limits as FileLimits, ReadOptions, Sink,
 use crate::formats::files::{FaultKind, FileError};
 use crate::formats::image::{self, LABEL_OPTIONS};
 use crate::service::app::Limits;
-use crate::service::segmentation::records::read_label_image;
+use crate::service::segmentation::records::{label_image_bytes, read_label_image};
 
 /// A format of files that hold shapes.
 #[derive(Debug, Clone, Copy)]
@@ -146,6 +146,7 @@ impl FileFormat {
                 let bytes = source.bytes()?;
                 // A compressed image may have been decompressed on the way.
                 let format = image::detect(&bytes).unwrap_or(format);
+                source.reserve_beside(label_image_bytes(&bytes, limits)?)?;
                 read_label_image(format, &bytes, options, limits, stop, sink)
             }
         }

@@ -136,9 +136,7 @@ impl Planned {
             return Err(ServiceError::invalid("/blur", detail));
         }
         let description = image.describe(&app.limits)?;
-        let labels = description.grid.cells().saturating_mul(size_of::<u32>() + CELL_BYTES);
-        let file = usize::try_from(description.memory_bytes).unwrap_or(usize::MAX);
-        let room = app.memory.hold(Purpose::Bodies, file.saturating_add(labels))?;
+        let room = app.memory.hold(Purpose::Bodies, label_bytes(&description))?;
         Ok(Self { wanted, description, _room: room })
     }
 
@@ -170,6 +168,12 @@ impl Planned {
             left_out: LeftOutOutput { components: dropped.components, cells: dropped.cells },
         })
     }
+}
+
+/// Memory in which a label image is decoded and the boundaries of its labels are found, by its header.
+pub(super) fn label_bytes(description: &Description) -> usize {
+    let labels = description.grid.cells().saturating_mul(size_of::<u32>() + CELL_BYTES);
+    usize::try_from(description.memory_bytes).unwrap_or(usize::MAX).saturating_add(labels)
 }
 
 /// The boundaries of the labels of an image, in the order of the first cells of their components.

@@ -2,13 +2,13 @@
 
 use std::collections::BTreeMap;
 
-use super::contours::{ComponentOutput, LabelBoundary, SurfaceOutput, Wanted, boundaries};
+use super::contours::{ComponentOutput, LabelBoundary, SurfaceOutput, Wanted, boundaries, label_bytes};
 use super::image::{Coordinates, file_limits};
 use crate::formats::files::{
     FaultKind, FileError, Geometry, Holes, Mesh, Place, Points, ReadOptions, Record, Ring, Sink, Summary,
     Value,
 };
-use crate::formats::image::{Format, ImageError, LABEL_OPTIONS, LengthUnit};
+use crate::formats::image::{Format, ImageError, LABEL_OPTIONS, LengthUnit, describe};
 use crate::formats::json;
 use crate::service::app::{Limits, ServiceError};
 
@@ -59,6 +59,15 @@ pub fn read_label_image(
         }
     }
     Ok(summary)
+}
+
+/// Memory that reading a label image takes, by its header.
+///
+/// # Errors
+/// Faults of the header.
+pub fn label_image_bytes(bytes: &[u8], limits: &Limits) -> Result<usize, FileError> {
+    let description = describe(bytes, &file_limits(limits)).map_err(|error| placed(&error, bytes.len()))?;
+    Ok(label_bytes(&description))
 }
 
 /// A fault of an image of `length` bytes, as one of a file of shapes.

@@ -8,11 +8,11 @@ use dicom_dictionary_std::{tags, uids};
 use dicom_encoding::transfer_syntax::{TransferSyntax, TransferSyntaxIndex};
 use dicom_parser::dataset::lazy_read::LazyDataSetReader;
 use dicom_transfer_syntax_registry::{TransferSyntaxRegistry, entries};
-use flate2::read::DeflateDecoder;
 
 use super::data_set::{self, Reader};
 use super::values::File;
-use crate::shape::{FaultKind, FileError, Place, read_step};
+use crate::inflate::{Fault, inflate};
+use crate::shape::{FaultKind, FileError, Place};
 
 /// Where `DICM` is in a file with a preamble.
 const PREAMBLE: usize = 128;
@@ -171,24 +171,35 @@ fn meta(bytes: &[u8], start: usize) -> Result<(String, usize), FileError> {
     Ok((uid.into(), usize::try_from(end).unwrap_or(bytes.len()).min(bytes.len())))
 }
 
+/// The data set of a deflated file. A byte of zero may follow, for an even length.
 fn inflated(
     bytes: &[u8],
     limit: u64,
     grow: impl Fn(usize) -> Result<(), FileError>,
 ) -> Result<Vec<u8>, FileError> {
-    let mut content = Vec::new();
     let place = || Place::tag("(0002,0010)");
-    let mut decoder = DeflateDecoder::new(bytes);
-    let failed = |error: std::io::Error| {
-        let kind = FileError::from(error).kind;
-        FileError::of(kind, place(), "expected a deflated data set, got bytes that cannot be inflated")
-    };
-    while read_step(&mut decoder, &mut content).map_err(failed)? {
-        if content.len() as u64 > limit {
+    let grow = |found: usize| {
+        if found as u64 > limit {
             let detail = format!("expected at most {limit} bytes of content, got more");
             return Err(FileError::too_large(place(), detail));
         }
-        grow(content.len())?;
+        grow(found)
+    };
+    match inflate(bytes, false, grow) {
+        Ok((content, after)) if after == 0 || bytes.ends_with(&[0]) && after == 1 => Ok(content),
+        Ok((_, after)) => {
+            let detail = format!("expected the end of the file after the data set, got {after} bytes more");
+            Err(FileError::malformed(place(), detail))
+        }
+        Err(Fault::Refused(error)) => Err(error),
+        Err(Fault::Cut) => Err(FileError::of(
+            FaultKind::Truncated,
+            place(),
+            "expected a whole deflated data set, got only its beginning",
+        )),
+        Err(Fault::Corrupt) => Err(FileError::malformed(
+            place(),
+            "expected a deflated data set, got bytes that cannot be inflated",
+        )),
     }
-    Ok(content)
 }

@@ -311,7 +311,8 @@ mod tests {
             if size < 3 << 20 { Ok(()) } else { Err(FileError::new(FaultKind::Memory, "none")) }
         };
         let refused = Content::new(&bytes, 1 << 30, grow).map(|_| ()).expect_err("no memory");
-        assert_eq!((refused.kind, asked.borrow().as_slice()), (FaultKind::Memory, [1, 2, 3].as_slice()));
+        let asked: Vec<usize> = asked.into_inner().into_iter().filter(|size| *size > 0).collect();
+        assert_eq!((refused.kind, asked.as_slice()), (FaultKind::Memory, [1, 2, 3].as_slice()));
         assert!(
             Content::new(&bytes, 1 << 30, |_| Ok(()))
                 .and_then(|content| content.parse(8).map(|_| ()))

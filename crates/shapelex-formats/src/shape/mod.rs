@@ -80,8 +80,7 @@ pub use options::{
 pub use project::{named_files, pack_project};
 pub use record::{Domain, Faces, Field, Fourier, Geometry, Kind, Mesh, Points, Record, Ring, Sink, Value};
 pub use registry::{FORMATS, detect, find, read};
-pub use source::Source;
-pub(crate) use source::read_step;
+pub use source::{Asked, Source};
 pub use summary::{Dropped, Summary};
 #[cfg(feature = "tables")]
 pub use table::{ArrayZip, npy_header};

@@ -100,7 +100,7 @@ pub fn read(
         }
         sink(record)
     };
-    let read = read(source, options, &mut counted);
+    let read = read(source, options, &mut counted).and_then(|summary| source.finish().map(|()| summary));
     let mut summary = read.map_err(|error| match error.kind {
         FaultKind::Truncated if *error.place == Place::default() => error.at(Place::byte(source.offset())),
         _ => error,

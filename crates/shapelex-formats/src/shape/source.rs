@@ -27,8 +27,25 @@ pub(crate) fn read_step(reader: &mut impl Read, bytes: &mut Vec<u8>) -> io::Resu
     Ok(reader.take(STEP).read_to_end(bytes)? > 0)
 }
 
-/// Asks for memory for as many bytes of a whole file, and what is made of them.
-type Ask<'a> = Rc<dyn Fn(usize) -> Result<(), FileError> + 'a>;
+/// Memory that a reader asks for before it takes it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Asked {
+    /// For as many bytes of a whole file, and what is made of them.
+    Content(usize),
+    /// For as many bytes beside them, such as those of an image that is decoded.
+    Beside(usize),
+}
+
+impl Asked {
+    /// Number of bytes.
+    pub fn bytes(self) -> usize {
+        match self {
+            Self::Content(bytes) | Self::Beside(bytes) => bytes,
+        }
+    }
+}
+
+type Ask<'a> = Rc<dyn Fn(Asked) -> Result<(), FileError> + 'a>;
 
 /// Bytes of a file. It counts them, and refuses more than the limits allow. A file compressed by gzip is decompressed: its bytes,
 /// offsets and limits are those of what it holds.
@@ -79,7 +96,7 @@ impl<'a> Source<'a> {
     }
 
     /// Asks before more bytes are held than have arrived: of a compressed file, or of one within an archive.
-    pub fn asking(self, ask: impl Fn(usize) -> Result<(), FileError> + 'a) -> Self {
+    pub fn asking(self, ask: impl Fn(Asked) -> Result<(), FileError> + 'a) -> Self {
         Self { ask: Some(Rc::new(ask)), ..self }
     }
 
@@ -101,7 +118,15 @@ impl<'a> Source<'a> {
     /// # Errors
     /// [`FaultKind::Memory`](super::FaultKind::Memory) where there is none.
     pub(super) fn reserve(&self, bytes: usize) -> Result<(), FileError> {
-        self.ask.as_ref().map_or(Ok(()), |ask| ask(bytes))
+        self.ask.as_ref().map_or(Ok(()), |ask| ask(Asked::Content(bytes)))
+    }
+
+    /// Asks for memory for `bytes` in all, beside those of the file.
+    ///
+    /// # Errors
+    /// [`FaultKind::Memory`](super::FaultKind::Memory) where there is none.
+    pub fn reserve_beside(&self, bytes: usize) -> Result<(), FileError> {
+        self.ask.as_ref().map_or(Ok(()), |ask| ask(Asked::Beside(bytes)))
     }
 
     /// The first bytes of the file, at most 4096.
@@ -147,7 +172,7 @@ impl<'a> Source<'a> {
                 return Err(FileError::too_large(Place::default(), detail));
             }
             if let Some(ask) = self.ask.as_ref().filter(|_| self.expands) {
-                ask(bytes.len())?;
+                ask(Asked::Content(bytes.len()))?;
             }
         }
         Ok(bytes)
@@ -192,6 +217,27 @@ impl<'a> Source<'a> {
         *line = String::from_utf8(bytes)
             .map_err(|_| FileError::malformed(Place::line(number), "expected UTF-8 text, got other bytes"))?;
         Ok(true)
+    }
+
+    /// Reads what is left, and refuses what is more than blanks: part of a file never passes for all of it.
+    ///
+    /// # Errors
+    /// The place of the first other byte; errors of the reader.
+    pub(super) fn finish(&mut self) -> Result<(), FileError> {
+        loop {
+            let bytes = self.fill_buf()?;
+            if bytes.is_empty() {
+                return Ok(());
+            }
+            let count = bytes.len();
+            let blank = bytes.iter().take_while(|byte| byte.is_ascii_whitespace() || **byte == 0).count();
+            if blank < count {
+                let place = Place::byte(self.offset + blank as u64);
+                return Err(FileError::malformed(place, "expected the end of the file, got other bytes"));
+            }
+            self.consume(count);
+            self.check_content()?;
+        }
     }
 
     fn pass(&mut self, count: usize) {
@@ -323,7 +369,8 @@ mod tests {
         let asked = std::cell::RefCell::new(Vec::new());
         let ask = |most: usize| {
             let asked = &asked;
-            move |bytes: usize| {
+            move |found: Asked| {
+                let bytes = found.bytes();
                 asked.borrow_mut().push(bytes >> 20);
                 if bytes <= most { Ok(()) } else { Err(FileError::new(FaultKind::Memory, "none is left")) }
             }

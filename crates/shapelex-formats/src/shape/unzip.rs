@@ -15,6 +15,8 @@ pub(super) type Archive = ZipArchive<Cursor<Vec<u8>>>;
 const ENTRY: &[u8] = b"PK\x01\x02";
 /// First bytes of the record behind the directory.
 const END: &[u8] = b"PK\x05\x06";
+/// First bytes of the record before it in archives of zip64.
+const LARGE_END: &[u8] = b"PK\x06\x07";
 /// Number of bytes at the end of a file, a little more than those among which the library looks for the record.
 const TAIL: usize = 0x1_1000;
 /// Most such records there that the library would follow: it tries one after the other, until one has a directory.
@@ -26,7 +28,8 @@ const MAX_ENDS: usize = 64;
 /// Bytes without a directory, those with others before the archive; files that overlap.
 pub(super) fn opened(bytes: Vec<u8>) -> Result<Archive, FileError> {
     check_ends(&bytes)?;
-    let end = Place::byte(bytes.len() as u64);
+    let (is_ended, length) = (is_ended(&bytes), bytes.len() as u64);
+    let end = || Place::byte(length);
     // The library would look for where an archive might begin, again and again in bytes that are arranged so.
     let config = Config { archive_offset: ArchiveOffset::Known(0) };
     let opened = ZipArchive::with_config(config, Cursor::new(bytes));
@@ -34,10 +37,16 @@ pub(super) fn opened(bytes: Vec<u8>) -> Result<Archive, FileError> {
         ZipError::InvalidArchive(_) => {
             let detail = "expected the directory of a zip archive at the end of the file, and the archive at its beginning, \
                           got other bytes";
-            FileError::truncated(end, detail)
+            FileError::truncated(end(), detail)
         }
-        other => fault(other).at(end),
+        other => fault(other).at(end()),
     })?;
+    if !is_ended {
+        return Err(FileError::malformed(
+            end(),
+            "expected the end of the file after the zip archive, got other bytes",
+        ));
+    }
     // The same bytes could be those of any number of files.
     match archive.has_overlapping_entries() {
         Ok(false) => Ok(archive),
@@ -50,6 +59,21 @@ pub(super) fn opened(bytes: Vec<u8>) -> Result<Archive, FileError> {
             Err(fault(error).at(broken.map_or_else(Place::default, |k| Place::item(k as u64))))
         }
     }
+}
+
+/// Whether the file ends with a record behind its directory: 22 bytes, and a comment of the length that the last two tell. The directory
+/// ends there, or where the records of zip64 begin, whose last one has 20 bytes.
+fn is_ended(bytes: &[u8]) -> bool {
+    let number = |at: usize, count: usize| {
+        let digits = bytes.get(at..at + count).unwrap_or_default();
+        digits.iter().rev().fold(0, |number, digit| number << 8 | usize::from(*digit))
+    };
+    let tail = bytes.len().saturating_sub(TAIL);
+    (tail..bytes.len()).any(|at| {
+        let is_last = bytes[at..].starts_with(END) && at + 22 + number(at + 20, 2) == bytes.len();
+        let is_large = at >= 20 && bytes[at - 20..].starts_with(LARGE_END);
+        is_last && (is_large || number(at + 12, 4) + number(at + 16, 4) == at)
+    })
 }
 
 /// Refuses many records that may be that behind the directory.
@@ -114,13 +138,16 @@ mod tests {
     #[test]
     fn archives_are_not_looked_for_in_arranged_bytes() {
         assert_eq!(opened(archive()).unwrap().len(), 1);
-        assert_eq!(opened([&archive()[..], b"others behind"].concat()).unwrap().len(), 1);
+        let ended = |file: Vec<u8>| opened(file).map(|archive| archive.len()).map_err(|error| error.detail);
+        let refused = Err("expected the end of the file after the zip archive, got other bytes".to_owned());
+        assert_eq!(ended([&archive()[..], b"others behind"].concat()), refused);
+        assert_eq!(ended([archive(), archive()].concat()), refused);
         let late = opened([b"others before", &archive()[..]].concat()).unwrap_err();
         assert_eq!(late.kind, FaultKind::Truncated);
         assert!(late.to_string().contains("and the archive at its beginning, got other bytes"), "{late}");
         let file = archive();
         let end = &file[file.len() - 22..];
-        assert_eq!(opened([&file, &end.repeat(MAX_ENDS - 1)[..]].concat()).unwrap().len(), 1);
+        assert_eq!(ended([&file, &end.repeat(MAX_ENDS - 1)[..]].concat()), refused);
         let elsewhere = [END, &[0; 14], &[0xff; 2], &[0; 2]].concat();
         for end in
             [end, &[END, &[0; 12], &[0xff; 4], &[0; 2]].concat(), &[END, &[0xff; 2], &[0; 16]].concat()]
@@ -129,7 +156,7 @@ mod tests {
             assert_eq!(many, "expected at most 64 ends of archives at the end of the file, got 65");
         }
         // No number, and no directory there.
-        assert_eq!(opened([&file, &elsewhere.repeat(MAX_ENDS)[..], end].concat()).unwrap().len(), 1);
+        assert_eq!(ended([&file, &elsewhere.repeat(MAX_ENDS)[..], end].concat()), refused);
     }
 
     #[test]

@@ -34,4 +34,13 @@ mod rtstruct;
 mod segmentation;
 #[cfg(feature = "microscopy")]
 mod tiff;
+// As `registry`.
+#[cfg(all(
+    feature = "dicom",
+    feature = "meshes",
+    feature = "microscopy",
+    feature = "morphometrics",
+    feature = "tables"
+))]
+mod whole;
 mod written;

@@ -9,10 +9,12 @@
 //!
 //! * [`Pool`] — the lanes as seen by one request;
 //! * `lane` — threads and the tasks that wait for them; `task` — tasks of any outcome; `turns` — order of tasks; `readers` — threads for long bodies;
+//!   `places` — who has one of them for a file;
 //!   `priority` — priorities of threads;
 //! * [`work`](crate::service::cost::requests) — predicted cost of a request.
 
 mod lane;
+mod places;
 mod priority;
 mod readers;
 mod task;
@@ -170,7 +172,7 @@ impl Pool {
         &self,
         read: impl FnOnce() -> Result<T, ServiceError> + Send + 'static,
     ) -> Result<T, ServiceError> {
-        self.readers.run_blocking(read).await
+        self.readers.run_blocking(&self.who, read).await
     }
 
     /// Parses a body: at once if it is tiny, otherwise in the lane for its length.

@@ -5,20 +5,18 @@ use std::future::Future;
 use std::sync::Arc;
 
 use tokio::runtime::{Builder, Runtime};
-use tokio::sync::Semaphore;
 use tokio_util::task::AbortOnDropHandle;
 
+use super::places::{PLACES, Places};
 use super::priority;
+use super::turns::Who;
 use crate::service::app::error::ServiceError;
-
-/// Maximum number of files that are read at the same time: each has a thread, which mostly waits for its client.
-const MOST_FILES: usize = 64;
 
 /// Threads of their own. Clones share them.
 #[derive(Debug, Clone)]
 pub(super) struct Readers {
     threads: Arc<Threads>,
-    files: Arc<Semaphore>,
+    files: Places,
 }
 
 #[derive(Debug)]
@@ -39,12 +37,12 @@ impl Readers {
         let runtime = Builder::new_multi_thread()
             .worker_threads(threads)
             .thread_name("reader")
-            .max_blocking_threads(MOST_FILES)
+            .max_blocking_threads(PLACES)
             .on_thread_start(|| priority::give_way(priority::HEAVY))
             .enable_all()
             .build()
             .expect("the system can start threads");
-        Self { threads: Arc::new(Threads(Some(runtime))), files: Arc::new(Semaphore::new(MOST_FILES)) }
+        Self { threads: Arc::new(Threads(Some(runtime))), files: Places::new() }
     }
 
     /// Runs `read` on these threads. A caller that stops waiting cancels it.
@@ -63,18 +61,17 @@ impl Readers {
         })
     }
 
-    /// Runs `read`, which may wait for a client, on a thread of its own. A caller that stops waiting does not end it.
+    /// Runs `read` of `who`, which may wait for a client, on a separate thread. A caller that stops waiting does not end it.
     ///
     /// # Errors
     /// Those of `read`; [`ServiceError::Overloaded`] if too many files are being read; [`ServiceError::Cancelled`] if the
     /// process ends.
     pub(super) async fn run_blocking<T: Send + 'static>(
         &self,
+        who: &Who,
         read: impl FnOnce() -> Result<T, ServiceError> + Send + 'static,
     ) -> Result<T, ServiceError> {
-        let Ok(place) = Arc::clone(&self.files).try_acquire_owned() else {
-            return Err(ServiceError::Overloaded(format!("{MOST_FILES} files are being read")));
-        };
+        let place = self.files.take(who).await?;
         let Some(runtime) = &self.threads.0 else { return Err(ServiceError::Cancelled) };
         let reading = runtime.spawn_blocking(move || {
             let _place = place;

@@ -165,12 +165,19 @@ pub(super) struct Turns<T> {
     tenants: Level<Keys<T>>,
     /// Number of threads.
     slots: usize,
+    /// Whether a tenant may run on more than half of them while no other one is active.
+    lends: bool,
 }
 
 impl<T> Turns<T> {
     /// An empty queue for this number of threads.
     pub(super) fn new(slots: usize) -> Self {
-        Self { tenants: Level::default(), slots }
+        Self { tenants: Level::default(), slots, lends: true }
+    }
+
+    /// An empty queue for tasks that may last as long as their client likes: half of the threads is always kept for others.
+    pub(super) fn lasting(slots: usize) -> Self {
+        Self { lends: false, ..Self::new(slots) }
     }
 
     /// Number of tasks that wait or run.
@@ -192,7 +199,7 @@ impl<T> Turns<T> {
         let half = self.slots.div_ceil(2);
         let asking =
             self.tenants.shares.values().filter(|share| now.duration_since(share.asked) < ASKS).count();
-        let tenant = self.tenants.next(|share| share.running < half || asking < 2)?;
+        let tenant = self.tenants.next(|share| share.running < half || (self.lends && asking < 2))?;
         let keys = &mut self.tenants.shares.get_mut(&tenant)?.queue;
         let key = keys.next(|_| true)?;
         let entry = keys.shares.get_mut(&key)?.queue.pop_front()?;
@@ -243,10 +250,10 @@ impl<T> Turns<T> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
 
-    fn who(tenant: &str, key: &str) -> Who {
+    pub(in super::super) fn who(tenant: &str, key: &str) -> Who {
         Who { tenant: tenant.into(), key: key.into() }
     }
 

@@ -158,8 +158,8 @@ fn memory_is_asked_for_whole_files() {
     let bytes = archive(&[("a.off", &mesh), ("b.off", &mesh), ("c.ndjson", lines.as_bytes())]);
     let largest = std::cell::Cell::new(0);
     let source = Source::new(&bytes[..], Limits::default()).unwrap();
-    let mut source = source.asking(|bytes| {
-        largest.set(largest.get().max(bytes));
+    let mut source = source.asking(|found| {
+        largest.set(largest.get().max(found.bytes()));
         Ok(())
     });
     let summary = read_file(&FORMAT, &mut source, &ReadOptions::default(), &mut |_| Ok(())).unwrap();

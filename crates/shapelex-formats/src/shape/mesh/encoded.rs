@@ -1,12 +1,10 @@
 //! Arrays in base64, perhaps compressed.
 
-use std::io::Read;
-
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
-use flate2::read::ZlibDecoder;
 
 use super::super::error::{FileError, Place};
+use crate::inflate::{self, Fault};
 
 /// Bytes that follow one another, raw or as base64 in one or more parts.
 pub(super) enum Bytes<'a> {
@@ -90,15 +88,16 @@ fn next_part(text: &mut &[u8], quads: usize) -> Vec<u8> {
 
 /// Data of zlib, which decompress to `size` bytes. No more memory is taken than there are bytes.
 pub(super) fn inflate(data: &[u8], size: usize, place: impl Fn() -> Place) -> Result<Vec<u8>, FileError> {
-    let mut bytes = Vec::new();
-    let mut decoder = ZlibDecoder::new(data).take(size as u64 + 1);
-    decoder
-        .read_to_end(&mut bytes)
-        .map_err(|_| FileError::malformed(place(), "expected data compressed by zlib, got other bytes"))?;
-    if bytes.len() != size {
-        let more = if bytes.len() > size { "more" } else { "fewer" };
-        let detail = format!("expected {size} bytes of compressed data, got {more}");
-        return Err(FileError::malformed(place(), detail));
+    let wrong = |detail: String| FileError::malformed(place(), detail);
+    let grow = |bytes| if bytes > size { Err(()) } else { Ok(()) };
+    match inflate::inflate(data, true, grow) {
+        Ok((bytes, 0)) if bytes.len() == size => Ok(bytes),
+        Ok((_, 0)) => Err(wrong(format!("expected {size} bytes of compressed data, got fewer"))),
+        Ok((_, after)) => {
+            Err(wrong(format!("expected the end of the compressed data, got {after} bytes more")))
+        }
+        Err(Fault::Refused(())) => Err(wrong(format!("expected {size} bytes of compressed data, got more"))),
+        Err(Fault::Cut) => Err(wrong("expected whole data of zlib, got only their beginning".into())),
+        Err(Fault::Corrupt) => Err(wrong("expected data compressed by zlib, got other bytes".into())),
     }
-    Ok(bytes)
 }

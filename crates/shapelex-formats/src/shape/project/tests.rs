@@ -277,7 +277,8 @@ fn workbooks_that_grow_are_refused() {
     // Memory is asked for before they are.
     let asked = std::cell::RefCell::new(Vec::new());
     let source = Source::new(bomb.as_slice(), Limits::default()).expect("a source");
-    let mut source = source.asking(|size| {
+    let mut source = source.asking(|found| {
+        let size = found.bytes();
         asked.borrow_mut().push(size > 200_000);
         if size < 200_000 { Ok(()) } else { Err(FileError::new(FaultKind::Memory, "none")) }
     });

@@ -139,7 +139,8 @@ fn memory_is_asked_for_arrays_before_they_are_unpacked() {
     let bytes = zip.finish().expect("the end").into_inner();
     let asked = std::cell::RefCell::new(Vec::new());
     let source = Source::new(bytes.as_slice(), Limits::default()).expect("a source");
-    let mut source = source.asking(|size| {
+    let mut source = source.asking(|found| {
+        let size = found.bytes();
         asked.borrow_mut().push(size - bytes.len());
         if size < bytes.len() + 100_000 { Ok(()) } else { Err(FileError::new(FaultKind::Memory, "none")) }
     });

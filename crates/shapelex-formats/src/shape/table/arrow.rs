@@ -59,7 +59,8 @@ fn recognise(head: &[u8]) -> bool {
 }
 
 fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Result<Summary, FileError> {
-    if source.head().starts_with(MAGIC) {
+    let is_file = source.head().starts_with(MAGIC);
+    if is_file {
         // Zeros follow up to a boundary of 8 or 64 bytes.
         let padding =
             source.head()[MAGIC.len()..].iter().take(MAX_PADDING).take_while(|byte| **byte == 0).count();
@@ -90,12 +91,29 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
             break;
         }
     }
+    if is_file {
+        check_footer(source)?;
+    }
     match reading {
         Some(reading) => Ok(reading.summary),
         None => Err(FileError::truncated(
             Place::byte(source.offset()),
             "expected a schema, got the end of the file",
         )),
+    }
+}
+
+/// Reads what follows the messages of a file: a table of contents, its length and the magic text.
+fn check_footer(source: &mut Source<'_>) -> Result<(), FileError> {
+    let at = source.offset();
+    let rest = source.bytes()?;
+    let footer = rest.strip_suffix(b"ARROW1".as_slice()).and_then(|rest| rest.split_last_chunk::<4>());
+    let is_whole =
+        footer.is_some_and(|(footer, length)| u32::from_le_bytes(*length) as usize == footer.len());
+    if is_whole {
+        Ok(())
+    } else {
+        Err(FileError::malformed(Place::byte(at), "expected the end of one Arrow file, got other bytes"))
     }
 }
 

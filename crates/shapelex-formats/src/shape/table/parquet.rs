@@ -68,6 +68,7 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
     check_metadata(&bytes)?;
     let content = guarded("a table of contents", || contents(&bytes))?;
     let metadata = content.metadata();
+    check_alone(&bytes, metadata)?;
     let limits = *source.limits();
     let mut reading = Reading::new(options, limits, &facts(metadata));
     let roots = reading.of_use(content.schema())?;
@@ -95,6 +96,23 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
         }
     }
     Ok(reading.summary)
+}
+
+/// Refuses files one after the other: the last table of contents would be read with the data of the first file.
+fn check_alone(bytes: &[u8], metadata: &ParquetMetaData) -> Result<(), FileError> {
+    let columns = metadata.row_groups().iter().flat_map(|group| group.columns());
+    let end = columns.map(|column| {
+        let start = column.dictionary_page_offset().unwrap_or(column.data_page_offset());
+        start.max(0).saturating_add(column.compressed_size().max(0))
+    });
+    let end = usize::try_from(end.max().unwrap_or(4)).unwrap_or(usize::MAX);
+    match bytes.get(end..).and_then(|rest| rest.windows(8).position(|bytes| bytes == b"PAR1PAR1")) {
+        None => Ok(()),
+        Some(at) => {
+            let detail = "expected one table, got another one after its end";
+            Err(FileError::malformed(Place::byte((end + at + 4) as u64), detail))
+        }
+    }
 }
 
 fn place_of_group(group: usize) -> Place {
