@@ -172,6 +172,7 @@ async fn convert(app: App, response: Response, wanted: Wanted) -> Result<Respons
     let file = move || {
         let _held = held;
         let answer =
+            ColumnsError::Sparse { .. } => ServiceError::parameter("format", error.to_string()),
             serde_json::from_slice(&bytes).map_err(|error| ServiceError::Internal(error.to_string()))?;
         drop(bytes);
         let table = Columns::of(&answer, &wanted.table);
