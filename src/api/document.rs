@@ -108,6 +108,9 @@ fn complete(document: &mut OpenApi) {
                 answers::describe_tables(operation, table);
             }
             answers::describe_files(operation);
+            if row.is_some_and(operation::Operation::may_be_csv) {
+                answers::describe_formulas(operation);
+            }
             describe_refusals(operation);
         }
     }

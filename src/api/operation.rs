@@ -41,6 +41,11 @@ impl Operation {
             _ => None,
         }
     }
+
+    /// Whether its answers may be CSV.
+    pub fn may_be_csv(&self) -> bool {
+        self.table.is_some() || self.answers.iter().any(|answer| [CSV, ANY_FILE].contains(answer))
+    }
 }
 
 /// Media type that says nothing of a file.

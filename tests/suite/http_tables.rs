@@ -268,6 +268,62 @@ fn attributes_are_summed_up() {
     }
 }
 
+/// What begins like a formula is run by a spreadsheet, unless the client asks for texts.
+#[test]
+fn formulas_in_csv_are_escaped_on_request() {
+    let server = Server::fresh();
+    no_squares(&server);
+    let shapes = [("=1+1", "@sum", "-x"), ("-0.5", "plain", "a=b")].map(|(id, label, note)| {
+        let mut shape = square(0);
+        (shape["external_id"], shape["label"], shape["labels"]) =
+            (json!(id), json!(label), json!({"=note": note}));
+        shape
+    });
+    server.post("/v1/cohorts/squares/shapes", &json!({"shapes": shapes})).expect(201);
+    let columns = json!({"columns": ["external_id", "label", "labels.=note"]});
+    let search = json!({"ids": ["-0.5"], "neighbours": 1, "transformation": "rigid"});
+    let distances = json!({"cohort": "squares", "transformation": "rigid"});
+    let asked: [(&str, Option<&Value>); 7] = [
+        ("/v1/cohorts/squares/table?format=csv", None),
+        ("/v1/cohorts/squares/table?format=csv", Some(&columns)),
+        ("/v1/cohorts/squares/export?format=csv", None),
+        ("/v1/cohorts/squares/shapes?format=csv", None),
+        ("/v1/cohorts/squares/attributes?format=csv&table=items.values", None),
+        ("/v1/cohorts/squares/search?format=csv", Some(&search)),
+        ("/v1/distances?format=csv", Some(&distances)),
+    ];
+    for (path, body) in asked {
+        let ask = |option: &str| {
+            let path = format!("{path}{option}");
+            let reply = body.map_or_else(|| server.get(&path), |body| server.post(&path, body));
+            assert_eq!(
+                (reply.status, reply.header("content-type")),
+                (200, Some("text/csv")),
+                "{path}: {}",
+                reply.text()
+            );
+            reply.text().to_owned()
+        };
+        let (kept, escaped) = (ask(""), ask("&formulas=escape"));
+        assert_eq!(ask("&formulas=keep"), kept, "{path}");
+        assert!(kept.contains("=1+1") && !kept.contains('\''), "{path}: {kept}");
+        assert!(escaped.contains("'=1+1") && !escaped.contains("'-0.5"), "{path}: {escaped}");
+        let texts = [("@sum", "'@sum"), ("-x", "'-x")];
+        let expected =
+            texts.iter().fold(kept.replace("=1+1", "'=1+1"), |text, (from, to)| text.replace(from, to));
+        let named = |text: &str| text.replace("'=note", "=note");
+        assert_eq!(named(&escaped), expected, "{path}");
+    }
+    for (query, wanted) in [
+        ("table?format=csv&formulas=no", "expected 'keep' or 'escape', got 'no'"),
+        ("table?format=csv&formulas=keep&formulas=escape", "got it twice"),
+        ("sheet?formulas=escape", "formulas"),
+    ] {
+        let problem = server.get(&format!("/v1/cohorts/squares/{query}")).expect(400);
+        assert!(problem.to_string().contains(wanted), "{query}: {problem}");
+    }
+}
+
 /// A square with so many attributes, whose names nobody else has.
 fn with_own_names(index: usize, count: usize) -> Value {
     let labels = (0..count).map(|k| (format!("n{index:03}_{k:02}"), json!(k)));
