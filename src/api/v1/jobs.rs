@@ -204,13 +204,15 @@ pub(super) async fn find_job(
 
 /// Cancels a job.
 ///
-/// The job is cancelled by the time the response is sent. Cancelling a cancelled job returns it unchanged.
+/// The job is cancelled by the time the response is sent. Cancelling a cancelled job returns it unchanged. A reader cancels only jobs
+/// that it has submitted.
 #[utoipa::path(post, path = "/v1/jobs/{job}/cancel", tag = "jobs", params(("job" = String, Path, description = "Id")),
     responses(
         (status = 200, description = "The cancelled job", body = JobOutput),
         (status = 404, description = "No such job"),
         (status = 409, description = "The job has already succeeded or failed")
     ))]
+        (status = 403, description = "The job of somebody else, for a reader"),
 pub(super) async fn cancel_job(
     Caller(app): Caller,
     _: NoQuery,
