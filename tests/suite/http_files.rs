@@ -534,10 +534,13 @@ fn a_file_that_is_sent_again_is_stored_once() {
     };
     let unnamed = "{\"points\":[[0,0],[4,0],[4,1]]}\n";
     let first = send(unnamed);
-    assert_eq!((first.expect(201), first.header("idempotent-replayed")), (first.json(), None));
+    assert_eq!((first.expect(201), first.header("idempotency-replayed")), (first.json(), None));
     let second = send(unnamed);
     assert_eq!(second.expect(201), first.json());
-    assert_eq!(second.header("idempotent-replayed"), Some("true"));
+    // The second is the former name.
+    for name in ["idempotency-replayed", "idempotent-replayed"] {
+        assert_eq!((first.header(name), second.header(name)), (None, Some("true")), "{name}");
+    }
     assert_eq!(count(&server, &path), 1);
     send(LINES).expect_problem(422, "idempotency-key-reused", &[]);
 }
