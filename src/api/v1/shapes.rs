@@ -80,6 +80,9 @@ pub(super) struct AddAnswer {
     #[schema(required = false)]
     ids: Vec<Option<String>>,
     /// Number of stored shapes beyond the first 100 000, of which the answer says nothing else.
+    unlisted: usize,
+    /// The same as `unlisted`, for clients of the releases before.
+    #[schema(deprecated)]
     left_out: usize,
     /// What a file of another program holds beside its shapes.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -126,7 +129,18 @@ impl From<Stored> for AddAnswer {
         let Stored { repeated_points, self_intersecting, note, .. } = stored;
         let results = results.into_iter().map(AddResult::from).collect();
         let file = note.and_then(|note| json::from_value(&note).ok());
-        Self { added, revision, repeated_points, self_intersecting, skipped, results, ids, left_out, file }
+        Self {
+            added,
+            revision,
+            repeated_points,
+            self_intersecting,
+            skipped,
+            results,
+            ids,
+            unlisted: left_out,
+            left_out,
+            file,
+        }
     }
 }
 
