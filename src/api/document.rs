@@ -27,7 +27,7 @@ use crate::formats::picture::PictureFormat;
         description = "Shape statistics as a service: post contours, get template-free alignment, mean shapes and \
                        functional PCA. Errors are problem documents (RFC 9457) with a stable `code`, the JSON pointer of \
                        every bad field and the index of the bad shape.",
-        license(name = "Apache-2.0 OR MIT")
+        license(name = "Apache-2.0 OR MIT", identifier = "Apache-2.0 OR MIT")
     ),
     components(schemas(problem::ProblemDocument)),
     tags(
@@ -108,6 +108,9 @@ fn complete(document: &mut OpenApi) {
                 answers::describe_tables(operation, table);
             }
             answers::describe_files(operation);
+            if row.is_some_and(operation::Operation::may_be_csv) {
+                answers::describe_formulas(operation);
+            }
             describe_refusals(operation);
         }
     }

@@ -9,7 +9,7 @@
 //!   [`inspected_body`] — bodies that report what passes through them;
 //! * [`observe`], [`audit`] — metrics, log and audit trail of every request; [`metrics`] — the metrics endpoint;
 //! * [`interface`] — the OpenAPI document;
-//! * `negotiation` — media types of answers; `tabular` — tables of answers; `cross_origin` — pages of other origins that may read answers;
+//! * `negotiation` — media types of answers; `tabular` — tables of answers, `formulas` — CSV without formulas; `cross_origin` — pages of other origins that may read answers;
 //! * [`operation`] — the operations, a row for each;
 //! * [`extract`] — bodies, queries and formats, with problem documents as rejections;
 //! * [`respond`] — responses computed and serialised on the thread pool;
@@ -28,6 +28,7 @@ mod document;
 pub mod drain;
 pub mod extract;
 pub mod form;
+mod formulas;
 mod gate;
 pub mod headers;
 pub mod health;
@@ -66,6 +67,7 @@ fn routes() -> Router<App> {
         .merge(computing)
         .merge(v1::streamed())
         .layer(from_fn(tabular::answer))
+        .layer(from_fn(formulas::answer))
         .layer(from_fn(gate::pass))
         // Probes are not rate-limited, and need no key.
         .merge(v1::probes().layer(from_fn(overload::light)))

@@ -41,6 +41,11 @@ impl Operation {
             _ => None,
         }
     }
+
+    /// Whether its answers may be CSV.
+    pub fn may_be_csv(&self) -> bool {
+        self.table.is_some() || self.answers.iter().any(|answer| [CSV, ANY_FILE].contains(answer))
+    }
 }
 
 /// Media type that says nothing of a file.
@@ -73,9 +78,9 @@ const TABLE: &[&str] = &[JSON, NDJSON, CSV, ARROW, PARQUET];
 const OUTPUT: &[&str] = &[JSON, NDJSON, SVG, PNG, CSV, ARROW, PARQUET, NPY, NIFTI];
 
 const OPEN: Needs = Needs::Nothing;
-/// Reads, or computes without storing.
+/// Reads, or computes without storing, perhaps by a job, which the caller may cancel.
 const READER: Needs = Needs::Role(Role::Reader);
-/// Stores, or submits jobs.
+/// Stores, and cancels jobs of others.
 const WRITER: Needs = Needs::Role(Role::Writer);
 /// Manages keys and hooks, or does what cannot be undone.
 const ADMIN: Needs = Needs::Role(Role::Admin);
@@ -127,7 +132,7 @@ macro_rules! every_operation {
                 GET "/v1/dictionaries/{dictionary}/modes" dictionaries::dictionary_mode (READER, MODEL, ANSWER);
                 GET "/v1/jobs" jobs::list_jobs (READER, PLAIN);
                 GET "/v1/jobs/{job}" jobs::find_job (READER, PLAIN);
-                POST "/v1/jobs/{job}/cancel" jobs::cancel_job (WRITER, PLAIN);
+                POST "/v1/jobs/{job}/cancel" jobs::cancel_job (READER, PLAIN);
             }
             // Computes, or may wait for a job.
             computing {
@@ -155,7 +160,7 @@ macro_rules! every_operation {
                 GET "/v1/cohorts/{cohort}/mean" cohorts::cohort_mean (READER, MODEL, ANSWER);
                 DELETE "/v1/subjects/{subject}" corrections::erase_subject (ADMIN, PLAIN);
                 POST "/v1/cohorts/{cohort}/search" retrieval::search_cohort (READER, DRAWN, "results.neighbours");
-                POST "/v1/distances" retrieval::compute_distances (WRITER, &[JSON, CSV, ARROW, PARQUET, NPY]);
+                POST "/v1/distances" retrieval::compute_distances (READER, &[JSON, CSV, ARROW, PARQUET, NPY]);
                 GET "/v1/dictionaries" dictionaries::list_dictionaries (READER, PLAIN);
                 POST "/v1/dictionaries" dictionaries::learn_dictionary (WRITER, PLAIN);
                 GET "/v1/dictionaries/{dictionary}/drift" drift::dictionary_drift (READER, DRAWN, "scores");
@@ -172,10 +177,10 @@ macro_rules! every_operation {
                 POST "/v1/dictionaries/{dictionary}/correspond" correspond::correspond_shapes (READER, LINES, "results");
                 POST "/v1/dictionaries/{dictionary}/prior" coding::prior (READER, LINES, "results");
                 POST "/v1/dictionaries/{dictionary}/sample" coding::sample (READER, PLAIN, "shapes");
-                POST "/v1/dictionaries/{dictionary}/report" report::dictionary_report (WRITER, DRAWN, "modes");
+                POST "/v1/dictionaries/{dictionary}/report" report::dictionary_report (READER, DRAWN, "modes");
                 POST "/v1/dictionaries/{dictionary}/complete" complete::complete (READER, DRAWN, "results");
-                POST "/v1/comparisons" comparisons::compare (WRITER, DRAWN, "pairs");
-                POST "/v1/regressions" regressions::regress (WRITER, DRAWN, "scores");
+                POST "/v1/comparisons" comparisons::compare (READER, DRAWN, "pairs");
+                POST "/v1/regressions" regressions::regress (READER, DRAWN, "scores");
                 GET "/v1/jobs/{job}/output" retrieval::job_output (READER, OUTPUT);
                 GET "/v1/cohorts/{cohort}/attributes" tables::list_attributes (READER, PLAIN, "items");
                 GET "/v1/cohorts/{cohort}/table" tables::find_table (READER, TABLE);

@@ -6,11 +6,12 @@
 
 use axum::body::{Body, to_bytes};
 use axum::extract::Request;
-use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, Uri, header};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
 use super::extract::{ANYTHING, accepted, preferred};
+use super::formulas::with_query;
 use super::observe;
 use super::operation;
 use super::problem::{Problem, ProblemKind};
@@ -116,14 +117,8 @@ fn as_json(mut request: Request, wanted: &Wanted) -> Request {
     let is_other = |parameter: &&str| !PARAMETERS.contains(&parameter.split('=').next().unwrap_or_default());
     let query = request.uri().query().unwrap_or_default().split('&');
     let query: Vec<&str> = query.filter(is_other).collect();
-    let path = request.uri().path();
-    let target = if query.is_empty() { path.to_owned() } else { format!("{path}?{}", query.join("&")) };
-    let mut parts = request.uri().clone().into_parts();
-    // Parts of a valid target are one.
-    parts.path_and_query = target.parse().ok();
-    if let Ok(uri) = Uri::from_parts(parts) {
-        *request.uri_mut() = uri;
-    }
+    let uri = with_query(request.uri(), &query.join("&"));
+    *request.uri_mut() = uri;
     let headers = request.headers_mut();
     headers.insert(header::ACCEPT, HeaderValue::from_static("application/json"));
     // Tags of other files of this address are not known to the handler.
@@ -177,6 +172,7 @@ async fn convert(app: App, response: Response, wanted: Wanted) -> Result<Respons
         let table = Columns::of(&answer, &wanted.table);
         let file = table.and_then(|table| table.write(wanted.format, wanted.column.as_deref()));
         file.map_err(|error| match error {
+            ColumnsError::Sparse { .. } => ServiceError::parameter("format", error.to_string()),
             ColumnsError::Table { .. } => ServiceError::parameter("table", error.to_string()),
             ColumnsError::Column { .. } => ServiceError::parameter("column", error.to_string()),
             ColumnsError::Unwritten(error) => ServiceError::Internal(error),

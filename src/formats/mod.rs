@@ -12,6 +12,7 @@
 //! * [`summary`] — what a file holds beside its shapes;
 //! * [`matrix`] — square matrices as JSON, CSV, NPY, Arrow and Parquet;
 //! * [`table`] — tables as JSON, CSV, NDJSON, Arrow and Parquet; [`batches`] — the latter two;
+//! * [`formulas`] — CSV in which no text is a formula to a spreadsheet;
 //! * [`columns`] — answers of JSON as tables of numbers, texts and lists: CSV, Arrow, Parquet, NPY and NPZ;
 //! * [`mesh`] — triangle meshes as OBJ, PLY, STL and glTF; [`gltf`] — also with displacements;
 //! * [`picture`] — drawings as SVG and PNG; of a crate: [`image`] — images and volumes, [`files`] — shapes of other programs,
@@ -22,6 +23,7 @@ pub mod bounds;
 pub mod checked;
 pub mod columns;
 pub mod fault;
+pub mod formulas;
 pub mod gltf;
 pub mod json;
 pub mod matrix;

@@ -49,6 +49,12 @@ impl FileSummary {
         Self { format: format.into(), records, properties, left_out, warnings }
     }
 
+    /// Why the file may hold no shape, as far as its reader says.
+    pub fn without_shapes(&self) -> Vec<String> {
+        let left_out = self.left_out.iter().map(|left_out| format!("{} {}", left_out.count, left_out.what));
+        self.warnings.iter().cloned().chain(left_out).collect()
+    }
+
     /// The same, with what is left out of the records afterwards.
     #[must_use]
     pub fn without(mut self, unstored: Summary) -> Self {

@@ -280,6 +280,38 @@ fn keys_are_made_and_revoked_beside_the_running_service() {
     );
 }
 
+#[test]
+fn readers_compute_without_storing_and_cancel_only_their_own_jobs() {
+    let server = Setting::fresh().with_example().start();
+    let [reader, other, writer] =
+        ["reader", "reader", "writer"].map(|role| create_key(&server, &["--role", role]));
+    await_status(401, || server.get("/v1/cohorts"));
+    let groups = |permutations: usize| json!({"cohort": "example-cells", "by": "labels.treatment", "permutations": permutations});
+    post(&server, &reader, "/v1/comparisons", &groups(19)).expect(200);
+    let few =
+        json!({"cohort": "example-cells", "ids": ["cell0004", "cell0010"], "transformation": "similarity"});
+    post(&server, &reader, "/v1/distances", &few).expect(200);
+    let submitted = |secret: &str| {
+        let job = post(&server, secret, "/v1/comparisons", &groups(100_000)).expect(202);
+        job["id"].as_str().unwrap().to_owned()
+    };
+    let cancel = |secret: &str, job: &str| {
+        send(&server, secret, Method::POST, &format!("/v1/jobs/{job}/cancel"), None)
+    };
+    let (own, of_writer) = (submitted(&reader), submitted(&writer));
+    get(&server, &reader, &format!("/v1/jobs/{own}")).expect(200);
+    for (secret, job) in [(&other, &own), (&reader, &of_writer)] {
+        let problem = cancel(secret, job).expect_problem(403, "forbidden", &[]);
+        assert_eq!(problem["detail"], "expected a job that the caller has submitted, or the role writer");
+    }
+    assert_eq!(cancel(&reader, &own).expect(200)["status"], "cancelled");
+    assert_eq!(cancel(&reader, &own).expect(200)["status"], "cancelled", "again");
+    assert_eq!(cancel(&writer, &of_writer).expect(200)["status"], "cancelled");
+    let own = submitted(&reader);
+    assert_eq!(cancel(&writer, &own).expect(200)["status"], "cancelled");
+    assert_eq!(cancel(&reader, "job_1").status, 404);
+}
+
 /// The service loads the example cohort for a first trial only: a store with keys belongs to its users.
 #[test]
 fn a_store_with_keys_gets_no_example() {

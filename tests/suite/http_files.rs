@@ -234,6 +234,9 @@ fn a_translation_is_the_same_shapes() {
 /// A triangle in space with a colour and a thickness at its vertices.
 const COLOURED: &str = "ply\nformat ascii 1.0\nelement vertex 3\nproperty double x\nproperty double y\nproperty double z\nproperty double thickness\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0 1.5\n4 0 0 2.5\n4 1 0 3.5\n3 0 1 2\n";
 
+/// A region that is called heart.
+const FEATURE: &str = r#"{"type":"Feature","properties":{"name":"heart"},"geometry":{"type":"Polygon","coordinates":[[[0,0],[4,0],[4,1],[0,0]]]}}"#;
+
 /// What an answer says of what is left out: what, how many, and their names.
 fn left_out(answer: &Value) -> Vec<(String, u64, Value)> {
     let list = answer["left_out"].as_array().unwrap().iter();
@@ -352,7 +355,31 @@ fn a_structure_set_refers_to_the_series_of_the_form() {
     send(rtstruct, &json!({"series": other})).expect_problem(422, "invalid-input", &["/series/1/position/1"]);
     // Without a form there is no series.
     let plain = post(&server, "/v1/convert?to=rtstruct&format=ndjson", lines);
-    assert!(plain.expect_problem(400, "invalid-query", &[]).to_string().contains("series"));
+    let no_place = |reply: Reply, parameter: &str| {
+        let problem = reply.expect_problem(400, "invalid-query", &[]);
+        assert!(problem.to_string().contains("POST /v1/convert writes it from a form"), "{problem}");
+        assert_eq!(problem["errors"][0]["parameter"], parameter, "{problem}");
+    };
+    no_place(plain, "to");
+    let path = cohort(&server, "c", &landmarks(3), "landmarks");
+    for what in ["export", "shapes"] {
+        no_place(server.get(&format!("{path}/{what}?format=rtstruct")), "format");
+    }
+}
+
+/// A name that selects nothing is misspelt: an empty answer would hide it.
+#[test]
+fn a_translation_without_a_shape_is_refused_as_an_upload_is() {
+    let server = Server::fresh();
+    let path = cohort(&server, "c", &landmarks(3), "landmarks");
+    for body in ["{\"type\":\"FeatureCollection\",\"features\":[]}", FEATURE] {
+        let [upload, translation] = [format!("{path}/shapes"), "/v1/convert".to_owned()]
+            .map(|path| post(&server, &format!("{path}?format=geojson&select=Hart"), body).expect(422));
+        assert_eq!(translation["code"], upload["code"], "{translation}");
+        assert_eq!(translation["errors"], upload["errors"], "{translation}");
+    }
+    let found = post(&server, "/v1/convert?format=geojson&select=heart", FEATURE);
+    assert_eq!((found.status, found.text().lines().count()), (200, 1));
 }
 
 #[test]
@@ -534,10 +561,13 @@ fn a_file_that_is_sent_again_is_stored_once() {
     };
     let unnamed = "{\"points\":[[0,0],[4,0],[4,1]]}\n";
     let first = send(unnamed);
-    assert_eq!((first.expect(201), first.header("idempotent-replayed")), (first.json(), None));
+    assert_eq!((first.expect(201), first.header("idempotency-replayed")), (first.json(), None));
     let second = send(unnamed);
     assert_eq!(second.expect(201), first.json());
-    assert_eq!(second.header("idempotent-replayed"), Some("true"));
+    // The second is the former name.
+    for name in ["idempotency-replayed", "idempotent-replayed"] {
+        assert_eq!((first.header(name), second.header(name)), (None, Some("true")), "{name}");
+    }
     assert_eq!(count(&server, &path), 1);
     send(LINES).expect_problem(422, "idempotency-key-reused", &[]);
 }

@@ -262,6 +262,9 @@ async fn events_tell_the_progress_and_end_with_the_outcome() {
     let (_, stale) = service.events(&job.id, Some(&first.id)).await;
     assert_eq!(stale.rest().await, std::slice::from_ref(last));
     assert_eq!(service.events(&job.id, Some(&last.id)).await.0, 204);
+    for other in ["-1", "7", "0123456789ABCDEF"] {
+        assert_eq!(service.events(&job.id, Some(other)).await.0, 400, "{other}");
+    }
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -399,7 +399,7 @@ fn added_shapes_are_matched_to_the_input() {
     let path = "/v1/cohorts/c/shapes?on_error=skip";
     let check = |answer: &Value, prefix: &dyn Fn(usize) -> (String, Option<usize>)| {
         let results = answer["results"].as_array().unwrap();
-        assert_eq!((results.len(), &answer["skipped"], &answer["left_out"]), (300, &json!(150), &json!(0)));
+        assert_eq!((results.len(), &answer["skipped"], &answer["unlisted"]), (300, &json!(150), &json!(0)));
         for (index, result) in results.iter().enumerate() {
             assert_eq!(
                 (&result["index"], &result["external_id"]),
@@ -454,7 +454,8 @@ fn a_long_stream_is_answered_in_bounded_length_and_names_every_bad_line() {
     let answer = server.post_bytes("/v1/cohorts/long/shapes?on_error=skip", NDJSON, text).expect(201);
     assert_eq!((&answer["added"], &answer["skipped"]), (&json!(100_998), &json!(2)));
     let results = answer["results"].as_array().unwrap();
-    assert_eq!((results.len(), &answer["left_out"]), (100_001, &json!(999)));
+    assert_eq!((results.len(), &answer["unlisted"]), (100_001, &json!(999)));
+    assert_eq!(answer["left_out"], answer["unlisted"], "its former name");
     assert_eq!(results[7]["error"]["errors"][0]["line"], 8, "{}", results[7]);
     assert_eq!(results[100_000]["error"]["errors"][0]["line"], 100_501, "{}", results[100_000]);
     assert!(results[99_999]["id"].is_string());

@@ -7,11 +7,16 @@ use serde_json::{Value, json};
 
 use crate::server::{Reply, Server, Setting, pointers_of};
 
-/// Squares with sides 2, 4, … in a cohort of landmarks, with attributes.
-fn squares(server: &Server, count: usize) {
+/// A cohort of landmarks without shapes.
+fn no_squares(server: &Server) {
     let representation = json!({"kind": "landmarks", "dimension": 2, "points": 4});
     let body = json!({"name": "squares", "representation": representation, "correspondence": "landmarks"});
     server.post("/v1/cohorts", &body).expect(201);
+}
+
+/// Squares with sides 2, 4, … in a cohort of landmarks, with attributes.
+fn squares(server: &Server, count: usize) {
+    no_squares(server);
     let shapes: Vec<Value> = (0..count).map(square).collect();
     server.post("/v1/cohorts/squares/shapes", &json!({"shapes": shapes})).expect(201);
 }
@@ -261,6 +266,122 @@ fn attributes_are_summed_up() {
     for query in ["bins=0", "values=100000", "labels.treatmnt=x", "colour=red"] {
         server.get(&format!("/v1/cohorts/squares/attributes?{query}")).expect(400);
     }
+}
+
+/// What begins like a formula is run by a spreadsheet, unless the client asks for texts.
+#[test]
+fn formulas_in_csv_are_escaped_on_request() {
+    let server = Server::fresh();
+    no_squares(&server);
+    let shapes = [("=1+1", "@sum", "-x"), ("-0.5", "plain", "a=b")].map(|(id, label, note)| {
+        let mut shape = square(0);
+        (shape["external_id"], shape["label"], shape["labels"]) =
+            (json!(id), json!(label), json!({"=note": note}));
+        shape
+    });
+    server.post("/v1/cohorts/squares/shapes", &json!({"shapes": shapes})).expect(201);
+    let columns = json!({"columns": ["external_id", "label", "labels.=note"]});
+    let search = json!({"ids": ["-0.5"], "neighbours": 1, "transformation": "rigid"});
+    let distances = json!({"cohort": "squares", "transformation": "rigid"});
+    let asked: [(&str, Option<&Value>); 7] = [
+        ("/v1/cohorts/squares/table?format=csv", None),
+        ("/v1/cohorts/squares/table?format=csv", Some(&columns)),
+        ("/v1/cohorts/squares/export?format=csv", None),
+        ("/v1/cohorts/squares/shapes?format=csv", None),
+        ("/v1/cohorts/squares/attributes?format=csv&table=items.values", None),
+        ("/v1/cohorts/squares/search?format=csv", Some(&search)),
+        ("/v1/distances?format=csv", Some(&distances)),
+    ];
+    for (path, body) in asked {
+        let ask = |option: &str| {
+            let path = format!("{path}{option}");
+            let reply = body.map_or_else(|| server.get(&path), |body| server.post(&path, body));
+            assert_eq!(
+                (reply.status, reply.header("content-type")),
+                (200, Some("text/csv")),
+                "{path}: {}",
+                reply.text()
+            );
+            reply.text().to_owned()
+        };
+        let (kept, escaped) = (ask(""), ask("&formulas=escape"));
+        assert_eq!(ask("&formulas=keep"), kept, "{path}");
+        assert!(kept.contains("=1+1") && !kept.contains('\''), "{path}: {kept}");
+        assert!(escaped.contains("'=1+1") && !escaped.contains("'-0.5"), "{path}: {escaped}");
+        let texts = [("@sum", "'@sum"), ("-x", "'-x")];
+        let expected =
+            texts.iter().fold(kept.replace("=1+1", "'=1+1"), |text, (from, to)| text.replace(from, to));
+        let named = |text: &str| text.replace("'=note", "=note");
+        assert_eq!(named(&escaped), expected, "{path}");
+    }
+    for (query, wanted) in [
+        ("table?format=csv&formulas=no", "expected 'keep' or 'escape', got 'no'"),
+        ("table?format=csv&formulas=keep&formulas=escape", "got it twice"),
+        ("sheet?formulas=escape", "formulas"),
+    ] {
+        let problem = server.get(&format!("/v1/cohorts/squares/{query}")).expect(400);
+        assert!(problem.to_string().contains(wanted), "{query}: {problem}");
+    }
+}
+
+/// A square with so many attributes, whose names nobody else has.
+fn with_own_names(index: usize, count: usize) -> Value {
+    let labels = (0..count).map(|k| (format!("n{index:03}_{k:02}"), json!(k)));
+    let mut shape = square(index);
+    shape["labels"] = Value::Object(labels.collect());
+    shape["external_id"] = json!(format!("own{index:03}"));
+    shape
+}
+
+/// Every name is a column: few shapes with names that differ would make large tables of all later looks at the cohort.
+#[test]
+fn a_cohort_has_a_limited_number_of_attribute_names() {
+    let server = Server::fresh();
+    no_squares(&server);
+    let add = |shapes: Vec<Value>| server.post("/v1/cohorts/squares/shapes", &json!({"shapes": shapes}));
+    let refused = |reply: Reply, pointer: &str, found: &str| {
+        let problem = reply.expect(422);
+        assert_eq!(pointers_of(&problem), [pointer], "{problem}");
+        let wanted = format!("expected at most 4096 different names of attributes in a cohort, got {found}");
+        assert!(problem.to_string().contains(&wanted), "{problem}");
+    };
+    let many: Vec<Value> = (0..42).map(|index| with_own_names(index, 100)).collect();
+    refused(add(many.clone()), "/shapes", "4100");
+    refused(server.post_lines("/v1/cohorts/squares/shapes", &many), "", "4100");
+    add(many[..40].to_vec()).expect(201);
+    add(vec![with_own_names(100, 96)]).expect(201);
+    refused(add(vec![with_own_names(101, 1)]), "/shapes", "4097");
+    let patch = |labels: Value| {
+        let request = server.request(Method::PATCH, "/v1/cohorts/squares/shapes/own100");
+        let body = json!({"labels": labels}).to_string();
+        server.send(request.header("content-type", "application/merge-patch+json").body(body))
+    };
+    refused(patch(json!({"another": 1, "n100_00": null})), "/labels", "4097");
+    // Names that others have are not new.
+    patch(json!({"n001_05": 7})).expect(200);
+    add(many[..1].to_vec()).expect(201);
+
+    let summary = server.get("/v1/cohorts/squares/attributes?values=1").expect(200);
+    let items = summary["items"].as_array().unwrap();
+    let of_labels = |item: &&Value| item["name"].as_str().unwrap().starts_with("labels.");
+    assert_eq!((items.iter().filter(of_labels).count(), &summary["warnings"]), (4096, &json!([])));
+    let shared = items.iter().find(|item| item["name"] == "labels.n001_05").unwrap();
+    assert_eq!((&shared["missing"], &shared["max"]), (&json!(39), &json!(7.0)), "{shared}");
+    let table = server.get("/v1/cohorts/squares/table?columns=id,labels.n001_05,labels.n039_99").expect(200);
+    let given = |column: usize| {
+        let values = table["columns"][column]["values"].as_array().unwrap();
+        values.iter().filter(|value| !value.is_null()).count()
+    };
+    assert_eq!((&table["rows"], given(1), given(2)), (&json!(41), 2, 1));
+    let problem = server.get("/v1/cohorts/squares/table").expect(400);
+    assert!(problem.to_string().contains("expected 1 to 200 columns"), "{problem}");
+    let problem = server.get("/v1/cohorts/squares/table?columns=labels.absent").expect(400);
+    assert!(problem.to_string().contains(" and 4047 more"), "{problem}");
+    assert!(problem.to_string().len() < 4000, "{problem}");
+
+    // The names of shapes that are gone leave room.
+    assert_eq!(server.delete("/v1/cohorts/squares/shapes/own100").status, 204);
+    add(vec![with_own_names(101, 96)]).expect(201);
 }
 
 /// A dashboard asks for the same summary again and again: it is computed once per revision, filter and resolution.

@@ -1,9 +1,10 @@
 //! Answers that are tables or files, in the OpenAPI document.
 
-use utoipa::openapi::path::Operation;
+use utoipa::openapi::path::{Operation, ParameterBuilder};
 use utoipa::openapi::{ContentBuilder, ObjectBuilder, Ref, RefOr, Type};
 
 use super::text_parameter;
+use crate::api::formulas::{FORMULAS, VALUES};
 use crate::api::operation::ANY_FILE;
 use crate::api::v1::files::written_media_types;
 use crate::formats::columns::ColumnsFormat;
@@ -44,6 +45,15 @@ pub(super) fn describe_tables(operation: &mut Operation, table: &str) {
     );
     parameters.push(RefOr::T(text_parameter("table", said)));
     parameters.push(RefOr::T(text_parameter("column", "With `npy`: the column that is the array")));
+}
+
+/// Describes what becomes of formulas in CSV.
+pub(super) fn describe_formulas(operation: &mut Operation) {
+    let said = "With CSV: `escape` puts an apostrophe before texts that spreadsheets would run as formulas. Default: `keep`";
+    let parameter = ParameterBuilder::from(text_parameter(FORMULAS, said));
+    let words = ObjectBuilder::new().schema_type(Type::String).enum_values(Some(VALUES));
+    let parameter = parameter.schema(Some(words)).build();
+    operation.parameters.get_or_insert_default().push(RefOr::T(parameter));
 }
 
 /// Describes the answers of an operation that writes files: in the media type of any format.

@@ -10,7 +10,7 @@ use super::entity_tags::not_stored;
 use super::file_parameters::{
     FileParameters, count_of, take_writing, unwritten, written, written_format, written_formats,
 };
-use super::files::answer;
+use super::files::{answer, refuse_series};
 use super::shape_query::Parameters;
 use crate::api::extract::{ANYTHING, Caller, Path, Query, accepted, preferred};
 use crate::api::problem::{Problem, ProblemKind};
@@ -103,6 +103,7 @@ fn take_shape_file(
     mut writing: FileParameters,
     parameters: &mut Parameters,
 ) -> Result<ShapeFile, Problem> {
+    refuse_series(format, "format")?;
     let options = writing.writing()?;
     let content = parameters.take_word("content")?.unwrap_or_else(|| ExportContent::usual(format));
     let points = parameters.take("points").map(|text| count_of("points", &text, MAX_SAMPLES)).transpose()?;

@@ -152,7 +152,7 @@ pub(super) async fn convert_file(
     let mut parameters = FileParameters::take(&mut pairs);
     let media_type = media_type(request.headers());
     let is_form = form::is_form(&media_type);
-    let format = take_target(&mut pairs, if is_form { STRUCTURES } else { "ndjson" })?;
+    let format = take_target(&mut pairs, is_form)?;
     refuse_rest(&pairs)?;
     let mut options = parameters.writing()?;
     // A form is there as a whole before it is read.
@@ -189,12 +189,28 @@ fn check_series(format: &'static files::Format, options: &WriteOptions) -> Resul
     }
 }
 
-/// Takes the format that is to be written, by default the `usual` one.
-fn take_target(pairs: &mut Vec<(String, String)>, usual: &str) -> Result<&'static files::Format, Problem> {
-    match pairs.iter().position(|(name, _)| name == "to") {
-        Some(at) => written(&pairs.remove(at).1, "to"),
-        None => written(usual, "to"),
+/// Takes the format that is to be written; a form can list the images of a series.
+fn take_target(pairs: &mut Vec<(String, String)>, is_form: bool) -> Result<&'static files::Format, Problem> {
+    let format = match pairs.iter().position(|(name, _)| name == "to") {
+        Some(at) => written(&pairs.remove(at).1, "to")?,
+        None => written(if is_form { STRUCTURES } else { "ndjson" }, "to")?,
+    };
+    if !is_form {
+        refuse_series(format, "to")?;
     }
+    Ok(format)
+}
+
+/// Refuses a format that refers to the images of a series, where a request has no place for them.
+pub(super) fn refuse_series(format: &files::Format, parameter: &str) -> Result<(), Problem> {
+    if format.id != STRUCTURES {
+        return Ok(());
+    }
+    let detail = format!(
+        "expected a format that does not refer to the images of a series, got {STRUCTURES}: POST /v1/convert writes it from a \
+         form with the part `parameters`, which lists the images, and the part `file`"
+    );
+    Err(Problem::of_parameter(parameter, detail))
 }
 
 /// Answers with a file that `work` writes. Its beginning is kept, so that an early fault is answered as such.

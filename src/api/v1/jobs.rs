@@ -32,6 +32,9 @@ use crate::service::segmentation::membership::MembersAnswer;
 /// Longest silence on an event stream: proxies close connections that look dead.
 const KEEP_ALIVE: Duration = Duration::from_secs(15);
 
+/// Hexadecimal digits of the id of an event.
+const ID_DIGITS: usize = 16;
+
 /// A long-running computation, without its result.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct JobEntry {
@@ -204,10 +207,12 @@ pub(super) async fn find_job(
 
 /// Cancels a job.
 ///
-/// The job is cancelled by the time the response is sent. Cancelling a cancelled job returns it unchanged.
+/// The job is cancelled by the time the response is sent. Cancelling a cancelled job returns it unchanged. A reader cancels only jobs
+/// that it has submitted.
 #[utoipa::path(post, path = "/v1/jobs/{job}/cancel", tag = "jobs", params(("job" = String, Path, description = "Id")),
     responses(
         (status = 200, description = "The cancelled job", body = JobOutput),
+        (status = 403, description = "The job of somebody else, for a reader"),
         (status = 404, description = "No such job"),
         (status = 409, description = "The job has already succeeded or failed")
     ))]
@@ -242,7 +247,7 @@ impl JobEvent {
         let data = text(&output)?;
         // The estimate changes with every look at the same state.
         output.entry.seconds_left = None;
-        let id = blake3::hash(text(&output)?.as_bytes()).to_hex()[..16].to_owned();
+        let id = blake3::hash(text(&output)?.as_bytes()).to_hex()[..ID_DIGITS].to_owned();
         Ok(Self { event, id, data })
     }
 }
@@ -262,11 +267,12 @@ impl From<JobEvent> for Event {
 #[utoipa::path(get, path = "/v1/jobs/{job}/events", tag = "jobs",
     params(
         ("job" = String, Path, description = "Id"),
-        ("Last-Event-ID" = Option<String>, Header, description = "Id of the last event that was received")
+        ("Last-Event-ID" = Option<String>, Header, description = "Id of the last event that was received", pattern = "^[0-9a-f]{16}$")
     ),
     responses(
         (status = 200, description = "The events", body = JobEvent, content_type = "text/event-stream"),
         (status = 204, description = "Last-Event-ID names the final state: no further events"),
+        (status = 400, description = "Last-Event-ID is not the id of an event"),
         (status = 404, description = "No such job")
     ))]
 pub(super) async fn job_events(
@@ -275,14 +281,25 @@ pub(super) async fn job_events(
     Path(id): Path<String>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
+    let last = last_event(&headers)?;
     let job = jobs::find(&app, &id).await?;
-    let last = headers.get("last-event-id").and_then(|value| value.to_str().ok());
     let known = last == Some(JobEvent::new(&job)?.id.as_str());
     if known && job.status.is_finished() {
         return Ok(StatusCode::NO_CONTENT.into_response());
     }
     let events = events(Watch::new(&app, &id, known.then_some(job)));
     Ok(Sse::new(events).keep_alive(KeepAlive::new().interval(KEEP_ALIVE)).into_response())
+}
+
+/// Id of the last event that the client has received.
+fn last_event(headers: &HeaderMap) -> Result<Option<&str>, Problem> {
+    let Some(value) = headers.get("last-event-id") else { return Ok(None) };
+    let is_id = |text: &&str| {
+        text.len() == ID_DIGITS && text.bytes().all(|byte| matches!(byte, b'0'..=b'9' | b'a'..=b'f'))
+    };
+    let id = value.to_str().ok().filter(is_id);
+    let detail = "expected the id of an event of a job in Last-Event-ID, got another text";
+    id.map(Some).ok_or_else(|| ServiceError::Query(detail.into()).into())
 }
 
 /// Events of a job from its current state to the final one.

@@ -86,7 +86,7 @@ pub(super) struct NeighbourOutput {
     /// Additional attributes.
     #[schema(value_type = Attributes)]
     labels: BTreeMap<String, Value>,
-    /// Distance to the query: in [0, 1], or a length under `rigid` and `translation`.
+    /// Distance to the query: in [0, 1], under `partial_procrustes` in [0, 2], or a length under `rigid` and `translation`.
     distance: f64,
     /// Index of the neighbour's control point that corresponds to the first one of the query.
     start: u32,
@@ -238,7 +238,8 @@ pub(super) struct DistancesAnswer {
     ids: Vec<String>,
     /// Class labels of the rows and columns.
     labels: Vec<Option<String>>,
-    /// Distance matrix, symmetric with a zero diagonal: values in [0, 1], or lengths under `rigid` and `translation`.
+    /// Distance matrix, symmetric with a zero diagonal: values in [0, 1], under `partial_procrustes` in [0, 2], or lengths under
+    /// `rigid` and `translation`.
     distances: Vec<Vec<f64>>,
 }
 

@@ -2,7 +2,8 @@
 //!
 //! A condition is named after its attribute, with an operator unless it is equality: `label=a`, `labels.age.gte=30`. Values of
 //! one name are alternatives: `labels.site=zrh&labels.site=gva`. Brackets stand for dots, as clients write that are generated
-//! from the OpenAPI document: `labels[site]=zrh`, `labels[age.gte]=30`.
+//! from the OpenAPI document: `labels[site]=zrh`, `labels[age.gte]=30`. Generators that know no maps in queries have the conditions
+//! as a list of texts: `condition=labels.site=zrh`.
 
 use std::collections::BTreeMap;
 
@@ -46,7 +47,13 @@ pub(super) struct FilterQuery {
     created_at: Option<BTreeMap<String, String>>,
     /// Only shapes that have these attributes: `has=labels.site`.
     has: Option<Vec<String>>,
+    /// Only shapes that pass these conditions, each a name and a value as in a parameter: `condition=labels.site=zrh`,
+    /// `condition=labels.age.gte=30`. For clients that cannot write `labels` as a map.
+    condition: Option<Vec<String>>,
 }
+
+/// The parameter whose values are conditions.
+const CONDITION: &str = "condition";
 
 /// Query parameters: conditions of a filter, and others by name, each at most once.
 #[derive(Debug)]
@@ -68,6 +75,16 @@ impl Parameters {
             let wrong = |detail: &str| Problem::of_parameter(name.clone(), detail);
             if name == "has" {
                 filter.has.insert(Attribute::try_from(value).map_err(|detail| wrong(&detail))?);
+            } else if name == CONDITION {
+                let stated = value.split_once('=').and_then(|(name, value)| Some((condition(name)?, value)));
+                let expected = || {
+                    let detail = format!(
+                        "expected the name of an attribute, perhaps an operator, and a value, such as labels.age.gte=30, got '{value}'"
+                    );
+                    wrong(&detail)
+                };
+                let ((attribute, operator), value) = stated.ok_or_else(expected)?;
+                filter.condition(attribute).add(operator, value.to_owned()).map_err(wrong)?;
             } else if let Some((attribute, operator)) = condition(&name) {
                 filter.condition(attribute).add(operator, value).map_err(wrong)?;
             } else {
@@ -229,6 +246,19 @@ mod tests {
             let (brackets, rest) =
                 read(&[("label", "a"), ("labels[site]", "zrh"), ("labels[a.b]", "1"), (age, "3")]).unwrap();
             assert_eq!((brackets, rest.len()), (dots.clone(), 0));
+        }
+    }
+
+    #[test]
+    fn conditions_are_also_texts_of_a_list() {
+        let named =
+            read(&[("labels.site", "a=b"), ("labels.site", "c"), ("labels.age.gte", "3"), ("label.ne", "x")])
+                .unwrap();
+        let texts = ["labels.site=a=b", "labels[site]=c", "labels.age.gte=3", "label.ne=x"];
+        assert_eq!(read(&texts.map(|text| ("condition", text))).unwrap(), named);
+        for wrong in ["labels.site", "colour=red", "=a", "measures.area.gte=large", "limit=3"] {
+            let problem = read(&[("condition", wrong)]).unwrap_err();
+            assert!(format!("{problem:?}").contains("expected"), "{wrong}: {problem:?}");
         }
     }
 

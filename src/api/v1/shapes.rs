@@ -56,8 +56,8 @@ document! {
     }
 }
 
-/// Header of the answer to a request that was executed before, by its idempotency key.
-const REPLAYED: &str = "idempotent-replayed";
+/// Former name of the header `idempotency-replayed`, which every answer has: for clients of the releases before.
+const FORMERLY_REPLAYED: &str = "idempotent-replayed";
 
 /// Result of adding shapes.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
@@ -80,6 +80,9 @@ pub(super) struct AddAnswer {
     #[schema(required = false)]
     ids: Vec<Option<String>>,
     /// Number of stored shapes beyond the first 100 000, of which the answer says nothing else.
+    unlisted: usize,
+    /// The same as `unlisted`, for clients of the releases before.
+    #[schema(deprecated)]
     left_out: usize,
     /// What a file of another program holds beside its shapes.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -126,7 +129,18 @@ impl From<Stored> for AddAnswer {
         let Stored { repeated_points, self_intersecting, note, .. } = stored;
         let results = results.into_iter().map(AddResult::from).collect();
         let file = note.and_then(|note| json::from_value(&note).ok());
-        Self { added, revision, repeated_points, self_intersecting, skipped, results, ids, left_out, file }
+        Self {
+            added,
+            revision,
+            repeated_points,
+            self_intersecting,
+            skipped,
+            results,
+            ids,
+            unlisted: left_out,
+            left_out,
+            file,
+        }
     }
 }
 
@@ -181,7 +195,7 @@ impl AddQuery {
     params(("cohort" = String, Path, description = "Id or name"), AddQuery, FileQuery, PlacingQuery, ReadQuery, RetryHeader, IfMatchHeader),
     request_body(content((AddRequest = "application/json"), (ShapeInput = "application/x-ndjson", example = json!("{\"external_id\": \"scan-19\", \"points\": [[0, 0], [5, 1], [1, 3]]}\n")), (Binary = "application/octet-stream", example = json!("{\"points\": [[0, 0], [5, 1], [1, 3]], \"closed\": true}\n")))),
     responses(
-        (status = 201, description = "Stored; `idempotent-replayed: true` if an earlier request with the same Idempotency-Key did", body = AddAnswer),
+        (status = 201, description = "Stored; `idempotency-replayed: true` if an earlier request with the same Idempotency-Key did", body = AddAnswer),
         (status = 404, description = "No such cohort"),
         (status = 412, description = "The cohort has changed meanwhile"),
         (status = 409, description = "An external id belongs to another shape")
@@ -199,7 +213,7 @@ pub(super) async fn add_shapes(
     let stored = add(app, &key, request, parameters, treatment, expected).await?;
     let mut response = json(StatusCode::CREATED, &AddAnswer::from(stored))?;
     if touched.is_repeat() {
-        response.headers_mut().insert(REPLAYED, HeaderValue::from_static("true"));
+        response.headers_mut().insert(FORMERLY_REPLAYED, HeaderValue::from_static("true"));
     }
     Ok(response)
 }

@@ -20,8 +20,7 @@ use crate::formats::checked::{Checked, Many, document, take_many};
 use crate::formats::json;
 use crate::formats::table::TableFormat;
 use crate::formats::time::rfc3339;
-use crate::service::app::memory::Purpose;
-use crate::service::app::{App, ServiceError};
+use crate::service::app::{App, ServiceError, Work};
 use crate::service::cohorts::catalogue::revision_tag;
 use crate::service::dictionaries::answers::UsedDictionary;
 use crate::service::tables::summary::{
@@ -158,6 +157,8 @@ pub(super) struct AttributesAnswer {
     shape_count: usize,
     /// One entry per attribute that a shape of the cohort has.
     items: Vec<AttributeOutput>,
+    /// What a reader should know, such as the number of attributes that are not listed.
+    warnings: Vec<String>,
 }
 
 /// Sums up the attributes and measures of the shapes of a cohort: types, values with their frequencies, distributions.
@@ -180,9 +181,15 @@ pub(super) async fn list_attributes(
     let found = summary::summarise(&app, &key, query).await?;
     let tag = tag_of(&format!("{}{what}", revision_tag(&found.cohort)));
     let answer = async {
-        let items = found.attributes.iter().cloned().map(AttributeOutput::new).collect();
-        let answer = AttributesAnswer { revision: found.cohort.revision, shape_count: found.shapes, items };
-        Ok(json(StatusCode::OK, &answer)?)
+        let work = Work::numbers(summary::numbers_in(&found) as f64);
+        let write = move || {
+            let items = found.attributes.iter().cloned().map(AttributeOutput::new).collect();
+            let (revision, warnings) = (found.cohort.revision, found.warnings.clone());
+            let answer = AttributesAnswer { revision, shape_count: found.shapes, items, warnings };
+            json(StatusCode::OK, &answer)
+        };
+        let pool = app.pool.weighing(work);
+        Ok(if work.is_instant() { write()? } else { pool.run(write).await? })
     };
     unless_known(&headers, &tag, answer).await
 }
@@ -378,7 +385,7 @@ async fn answer_table(
     let tag = tag_of(&format!("{}{named:?}{what}", revision_tag(&made.cohort)));
     let answer = async {
         let revision = made.cohort.revision;
-        let mut response = table_file(app, made, &used, format)?;
+        let mut response = table_file(made, &used, format)?;
         response.headers_mut().insert(REVISION, revision.into());
         if let Ok(value) = HeaderValue::from_str(&named.join(", ")) {
             response.headers_mut().insert(DICTIONARIES, value);
@@ -390,12 +397,11 @@ async fn answer_table(
 
 /// The file of a table, written while it is sent, which holds its memory until then.
 fn table_file(
-    app: &App,
     made: CohortTable,
     used: &[UsedDictionary],
     format: TableFormat,
 ) -> Result<Response, ServiceError> {
-    let CohortTable { cohort, mut table, .. } = made;
+    let CohortTable { cohort, mut table, memory: held, .. } = made;
     let dictionaries = json::to_value(&used).map_err(|error| ServiceError::Internal(error.to_string()))?;
     let fields = [
         ("cohort", Value::from(cohort.id)),
@@ -403,7 +409,6 @@ fn table_file(
         ("dictionaries", dictionaries),
     ];
     table.fields = fields.into_iter().map(|(name, value)| (name.to_owned(), value)).collect();
-    let held = app.memory.hold(Purpose::Answers, table.bytes())?;
     let pieces = table.pieces(format).map_err(|error| ServiceError::Internal(error.to_string()))?;
     let pieces = pieces.inspect(move |_| {
         let _held = &held;

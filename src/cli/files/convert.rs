@@ -9,8 +9,8 @@ use serde::Serialize;
 use super::content::{Opened, shown};
 use super::{Complete, Reading, Writing, note, own_limits};
 use crate::cli::maintenance::Outcome;
-use crate::formats::files::{self, FileError, Format, Summary};
-use crate::formats::summary::left_out;
+use crate::formats::files::{self, FileError, Format, Place, Summary};
+use crate::formats::summary::{FileSummary, left_out};
 use crate::service::files::unknown_format;
 
 /// Number of bytes written at once.
@@ -61,6 +61,14 @@ pub(super) fn run(args: &ConvertArgs) -> Result<Outcome, String> {
         let format = opened.format;
         let read = format.read(&mut opened.source, &options, &own_limits(), &|| false, &mut push)?;
         let written = writer.finish()?;
+        if written.records == 0 {
+            let said = FileSummary::new(format.id(), read).without_shapes();
+            let said = if said.is_empty() { String::new() } else { format!(": {}", said.join("; ")) };
+            return Err(FileError::malformed(
+                Place::default(),
+                format!("expected at least one shape, got none{said}"),
+            ));
+        }
         Ok(Converted { from: format.id(), to: target.id, read, written })
     };
     let converted = match &args.output {

@@ -223,7 +223,7 @@ impl Import<'_> {
         let response =
             request.send().await.map_err(|error| format!("the service does not answer: {error}"))?;
         match response.status().as_u16() {
-            201 if response.headers().contains_key(REPLAYED) => Ok(Fate::Known),
+            201 if REPLAYED.iter().any(|name| response.headers().contains_key(*name)) => Ok(Fate::Known),
             201 => {
                 let answer: Value = response.json().await.map_err(|error| error.to_string())?;
                 let count = |name: &str| answer[name].as_u64().unwrap_or_default();
@@ -307,8 +307,8 @@ impl Import<'_> {
     }
 }
 
-/// Header of the answer to a request that was executed before.
-pub(in crate::cli) const REPLAYED: &str = "idempotent-replayed";
+/// Header of the answer to a request that was executed before, and its former name, which older services write.
+pub(in crate::cli) const REPLAYED: [&str; 2] = ["idempotency-replayed", "idempotent-replayed"];
 
 /// A refusal with the place of its first fault.
 fn sentence(error: &ServiceError) -> String {

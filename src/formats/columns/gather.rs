@@ -27,10 +27,12 @@ pub(super) enum Cell<'a> {
 pub(super) struct Gathered<'a> {
     names: Vec<String>,
     cells: HashMap<String, Vec<(usize, Cell<'a>)>>,
+    values: usize,
 }
 
 impl<'a> Gathered<'a> {
     pub(super) fn put(&mut self, row: usize, name: &str, cell: Cell<'a>) {
+        self.values += 1;
         if let Some(cells) = self.cells.get_mut(name) {
             cells.push((row, cell));
             return;
@@ -39,8 +41,13 @@ impl<'a> Gathered<'a> {
         self.cells.insert(name.to_owned(), vec![(row, cell)]);
     }
 
+    /// Numbers of columns and of values.
+    pub(super) fn size(&self) -> (usize, usize) {
+        (self.names.len(), self.values)
+    }
+
     pub(super) fn columns(self, rows: usize) -> Vec<(String, Column)> {
-        let Self { names, cells } = self;
+        let Self { names, cells, .. } = self;
         let column = |name: String| {
             let cells = cells.get(&name).map(Vec::as_slice).unwrap_or_default();
             let column = column_of(cells, rows);

@@ -78,6 +78,11 @@ impl ColumnsFormat {
     }
 }
 
+/// Number of cells that every table may have.
+const FEW_CELLS: usize = 1 << 20;
+/// Number of further cells for each value.
+const CELLS_PER_VALUE: usize = 8;
+
 /// Why an answer has no such file.
 #[derive(Debug, thiserror::Error)]
 pub enum ColumnsError {
@@ -98,6 +103,20 @@ pub enum ColumnsError {
         name: String,
         /// Names of those that are arrays.
         known: String,
+    },
+    /// A table that is nearly empty, as of objects with names that no others have: its cells would take many times the memory of the
+    /// answer.
+    #[error(
+        "expected rows with the same fields, got {columns} columns of {rows} rows with {values} values together: JSON has them \
+         without the missing ones"
+    )]
+    Sparse {
+        /// Columns that there would be.
+        columns: usize,
+        /// Rows.
+        rows: usize,
+        /// Values.
+        values: usize,
     },
     /// A file that could not be written: a bug.
     #[error("{0}")]
@@ -171,6 +190,10 @@ impl Columns {
             facts_of(answer, "", 0, &mut facts);
         }
         let count = rows.len();
+        let (columns, values) = gathered.size();
+        if columns.saturating_mul(count) > FEW_CELLS + CELLS_PER_VALUE * values {
+            return Err(ColumnsError::Sparse { columns, rows: count, values });
+        }
         let columns = gathered.columns(count);
         for (name, column) in &columns {
             if let Column::Lists { item, .. } = column
@@ -436,6 +459,19 @@ mod tests {
             assert_eq!(batch.column_by_name("near").unwrap().as_string::<i32>().value(1), "[{\"d\":3.5}]");
             assert!(batch.column_by_name("ok").unwrap().as_boolean().is_null(2));
         }
+    }
+
+    #[test]
+    fn a_table_that_is_nearly_empty_is_refused() {
+        let rows = |count: usize, own: bool| {
+            let row =
+                |k: usize| json!({"id": k, "labels": {(if own { format!("n{k}") } else { "n".into() }): k}});
+            json!({"results": (0..count).map(row).collect::<Vec<_>>()})
+        };
+        assert!(Columns::of(&rows(3000, false), "results").is_ok());
+        assert!(Columns::of(&rows(1000, true), "results").is_ok());
+        let error = Columns::of(&rows(3000, true), "results").unwrap_err().to_string();
+        assert!(error.contains("got 3001 columns of 3000 rows with 6000 values"), "{error}");
     }
 
     #[test]

@@ -85,6 +85,16 @@ pub struct Reserved<'a> {
     bytes: usize,
 }
 
+impl Reserved<'_> {
+    /// Reserves what is missing to `bytes`, and evicts the least recently used values until it fits; returns whether it does.
+    pub fn grow_to(&mut self, bytes: usize) -> bool {
+        let Some(more) = bytes.checked_sub(self.bytes).filter(|more| *more > 0) else { return true };
+        let Some(mut further) = self.cache.reserve(more) else { return false };
+        self.bytes += std::mem::take(&mut further.bytes);
+        true
+    }
+}
+
 impl Drop for Reserved<'_> {
     fn drop(&mut self) {
         self.cache.locked().reserved -= self.bytes;
@@ -208,7 +218,10 @@ mod tests {
         assert!(cache.reserve(40).is_none(), "beyond the capacity of 100 beside the first");
         cache.keep("b", &1, &Arc::new(Text(40)));
         assert!(!cache.has::<Text>("b", &1), "no space beside the reservation");
+        let mut first = first;
+        assert!(first.grow_to(50) && first.grow_to(90) && !first.grow_to(101));
         drop(first);
+        assert_eq!(cache.locked().reserved, 0);
         cache.keep("c", &1, &Arc::new(Text(70)));
         assert!(cache.has::<Text>("c", &1));
         assert!(cache.reserve(usize::MAX).is_none());

@@ -309,6 +309,7 @@ impl From<StoreError> for ServiceError {
                 Self::Changed("the resource has changed since it was read: read it again".into())
             }
             StoreError::ChangesGone { first } => Self::ChangesGone { first },
+            StoreError::TooManyNames { .. } => Self::invalid("", error.to_string()),
             StoreError::Full => Self::NoSpace(error.to_string()),
             StoreError::Text => Self::Query(error.to_string()),
             // The message for clients carries no cause; the log does.

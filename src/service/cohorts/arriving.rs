@@ -47,6 +47,8 @@ pub(super) struct Arrived {
     /// Number of repeated points that were dropped.
     pub(super) repeated_points: usize,
     pub(super) is_self_intersecting: bool,
+    /// Names of its further attributes.
+    pub(super) names: Vec<String>,
     /// Warnings of the fit of a surface to a mesh.
     pub(super) warnings: Vec<String>,
 }
@@ -124,8 +126,10 @@ pub(super) fn read(
     let ReadShape { control_points, attributes, points, repeated_points } = shape;
     let measures = measuring.measure(&control_points, Some(points));
     let is_self_intersecting = measures.self_intersecting == Some(true);
+    let names = attributes.labels.keys().cloned().collect();
     let shape = NewShape { id: id::new_id(id::SHAPE), attributes, measures, control_points };
-    let arrived = Arrived { origin, row: shape.into(), repeated_points, is_self_intersecting, warnings };
+    let arrived =
+        Arrived { origin, row: shape.into(), repeated_points, is_self_intersecting, names, warnings };
     (external_id, Ok(arrived))
 }
 

@@ -6,13 +6,17 @@ use super::measures;
 use crate::domain::attribute::Attribute;
 use crate::domain::cohort::Cohort;
 use crate::domain::filter::ShapeFilter;
-use crate::domain::shape::ShapeDescription;
+use crate::domain::shape::{MAX_NAMES, ShapeDescription};
 use crate::formats::fault::Fault;
 use crate::service::app::{App, ServiceError};
 use crate::store::Revisions;
 
 /// Maximum number of ids named in a fault.
 const NAMED_IDS: usize = 5;
+/// Maximum number of attributes named in a fault.
+const NAMED_ATTRIBUTES: usize = 50;
+/// Number of names that are read of a cohort, which may have more since an earlier version.
+const MOST_READ: usize = 16 * MAX_NAMES;
 
 /// Descriptions of the shapes that pass a filter, in storage order.
 ///
@@ -145,7 +149,8 @@ impl KnownAttributes {
     /// # Errors
     /// A failure of the store.
     pub(crate) async fn of(app: &App, cohort: &Cohort) -> Result<Self, ServiceError> {
-        Ok(Self(app.store.attribute_names(&cohort.id, Revisions::until(cohort.revision)).await?))
+        let revisions = Revisions::until(cohort.revision);
+        Ok(Self(app.store.attribute_names(&cohort.id, revisions, MOST_READ).await?))
     }
 
     /// Whether an attribute with this name exists.
@@ -159,8 +164,12 @@ impl std::fmt::Display for KnownAttributes {
         if self.0.is_empty() {
             return f.write_str("the shapes of the cohort have no attributes");
         }
-        let names: Vec<&str> = self.0.iter().map(String::as_str).collect();
-        write!(f, "the attributes of the cohort are {}", names.join(", "))
+        let names: Vec<&str> = self.0.iter().take(NAMED_ATTRIBUTES).map(String::as_str).collect();
+        write!(f, "the attributes of the cohort are {}", names.join(", "))?;
+        match self.0.len() - names.len() {
+            0 => Ok(()),
+            more => write!(f, " and {more} more"),
+        }
     }
 }
 

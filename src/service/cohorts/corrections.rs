@@ -2,6 +2,7 @@
 
 use serde_json::{Map, Value, json};
 
+use super::attribute_names;
 use super::attributes::refuse_misspelt;
 use super::catalogue::{Expected, find_as_expected};
 use super::measures;
@@ -34,8 +35,8 @@ const ATTEMPTS: usize = 16;
 /// expected version. Returns the cohort and the shape after that. Without a difference nothing is stored.
 ///
 /// # Errors
-/// [`ServiceError::NotFound`] for the cohort or the shape; all faults of the patch, and those that the shape would have;
-/// [`ServiceError::Changed`].
+/// [`ServiceError::NotFound`] for the cohort or the shape; all faults of the patch, and those that the shape would have; more names
+/// of attributes than a cohort may have; [`ServiceError::Changed`].
 pub async fn correct(
     app: &App,
     key: &str,
@@ -57,8 +58,11 @@ pub async fn correct(
         if attributes == current.attributes {
             return Ok((cohort, current));
         }
+        let brought = attributes.labels.keys().filter(|name| !current.attributes.labels.contains_key(*name));
+        let names = attribute_names::admit(app, &cohort, brought.cloned().collect(), "/labels").await?;
         let corrected = Shape { attributes, ..current };
-        let stored = app.store.correct_shape(&cohort.id, revision, place, &corrected, now_ms()).await?;
+        let shape = (&corrected, names.as_ref());
+        let stored = app.store.correct_shape(&cohort.id, revision, place, shape, now_ms()).await?;
         if let Some(revision) = stored {
             return Ok((Cohort { revision, ..cohort }, corrected));
         }

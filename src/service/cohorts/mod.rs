@@ -9,10 +9,11 @@
 //! * [`source`] — shapes of a cohort at one revision, as a source for statistics;
 //! * [`selection`] — control points of selected shapes, in the order of their descriptions;
 //! * `measures` — measures of shapes that arrive;
-//! * [`attributes`] — labels of shapes, addressed by their names in requests;
+//! * [`attributes`] — labels of shapes, addressed by their names in requests; `attribute_names` — how many names there may be;
 //! * [`live_mean`] — mean of a cohort at its current revision; `placements` — where its search begins.
 
 mod arriving;
+mod attribute_names;
 pub mod attributes;
 pub mod catalogue;
 pub mod changes;

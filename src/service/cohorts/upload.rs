@@ -9,18 +9,20 @@ use crate::service::app::parallel;
 use bytes::Bytes;
 use futures_util::{Stream, StreamExt};
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::mpsc;
 
 use super::arriving::{Arrived, Incoming, Origin, Taken, read};
+use super::attribute_names;
 use super::catalogue::{Expected, revision_tag};
 use super::measures::Measuring;
 use super::placer::Placer;
 use crate::analysis::conversion::Conversion;
 use crate::domain::cohort::{Cohort, CohortSpec};
 use crate::domain::job::Job;
+use crate::domain::shape::MAX_NAMES;
 use crate::formats::bounds::Census;
 use crate::formats::ndjson::{Line, LineTooLong, Lines};
 use crate::formats::record::Placing;
@@ -259,6 +261,8 @@ pub(super) struct Writer {
     faults: Faults,
     /// How records of files become shapes.
     pub(super) placing: Arc<Placing>,
+    /// Names of the further attributes of the shapes.
+    names: BTreeSet<String>,
     /// Warnings of the shapes: their text with the number of shapes that have it.
     pub(super) warnings: BTreeMap<String, usize>,
 }
@@ -300,6 +304,7 @@ impl Writer {
             occasion: Occasion::default(),
             faults: Faults::default(),
             placing: Arc::default(),
+            names: BTreeSet::new(),
             warnings: BTreeMap::new(),
         })
     }
@@ -387,12 +392,18 @@ impl Writer {
         }
     }
 
+    /// Pointer to the list of the shapes.
+    fn list(&self) -> &'static str {
+        self.prefix.trim_end_matches('/')
+    }
+
     /// Whether nothing will be stored.
     fn refuses(&self) -> bool {
         self.treatment.on_error == OnError::Abort && self.skipped > 0
     }
 
-    async fn take_some(&mut self, app: &App, incoming: Vec<Incoming>) -> Result<(), ServiceError> {
+    /// Reads shapes on the pool, and notes the names of their attributes.
+    async fn read_some(&mut self, app: &App, incoming: Vec<Incoming>) -> Result<Vec<Taken>, ServiceError> {
         let first = self.position;
         self.position += incoming.len();
         let (space, cohort, limits, prefix) =
@@ -402,18 +413,25 @@ impl Writer {
         let bytes = incoming.iter().map(Incoming::bytes).sum();
         let work = Work::reading(bytes) + self.work(&incoming, &limits);
         let placing = Arc::clone(&self.placing);
-        let results: Vec<Taken> = app
-            .pool
-            .weighing(work)
-            .run(move || {
-                let CohortSpec { correspondence, direction, .. } = cohort.spec;
-                let conversion = Conversion { space: &space, correspondence, direction, repeated_points };
-                let reading = Reading { conversion, limits: &limits };
-                let placer = Placer::new(reading, &placing);
-                let read = |offset, shape| read(&placer, &measuring, shape, first + offset, prefix);
-                Ok(parallel::map(incoming, read))
-            })
-            .await?;
+        let read = move || {
+            let CohortSpec { correspondence, direction, .. } = cohort.spec;
+            let conversion = Conversion { space: &space, correspondence, direction, repeated_points };
+            let reading = Reading { conversion, limits: &limits };
+            let placer = Placer::new(reading, &placing);
+            let read = |offset, shape| read(&placer, &measuring, shape, first + offset, prefix);
+            let mut results = parallel::map(incoming, read);
+            let names = names_of(&mut results);
+            Ok((results, names))
+        };
+        let (results, names) = app.pool.weighing(work).run(read).await?;
+        self.names.extend(names);
+        attribute_names::check(self.names.len(), self.list())?;
+        Ok(results)
+    }
+
+    async fn take_some(&mut self, app: &App, incoming: Vec<Incoming>) -> Result<(), ServiceError> {
+        let first = self.position;
+        let results = self.read_some(app, incoming).await?;
         let mut good = Vec::with_capacity(results.len());
         for (index, (external_id, result)) in (first..).zip(results) {
             match result {
@@ -458,13 +476,14 @@ impl Writer {
         app: &App,
         taken: Result<(), ServiceError>,
     ) -> Result<Stored, ServiceError> {
+        let list = self.list();
         let Self { chunks, task, position, treatment, skipped, left_out, results, occasion, .. } = self;
-        let Self { repeated_points, self_intersecting, retry, cohort, expected, .. } = self;
+        let Self { repeated_points, self_intersecting, retry, cohort, expected, names, .. } = self;
         drop(chunks);
         let written =
             task.await.map_err(|error| ServiceError::Internal(format!("the writing task: {error}")))?;
         // Errors of the task come first: after it has ended, the writer silently drops further shapes.
-        let (upload, added, ids) = written?;
+        let (mut upload, added, ids) = written?;
         if let Err(error) = taken {
             upload.abort().await?;
             return Err(error);
@@ -475,6 +494,13 @@ impl Writer {
             // The same stream was stored before: discard this one.
             upload.abort().await?;
             return Ok(stored);
+        }
+        match attribute_names::admit(app, &cohort, names, list).await {
+            Ok(names) => upload.name_attributes(names),
+            Err(error) => {
+                upload.abort().await?;
+                return Err(error);
+            }
         }
         let (results, ids) = match treatment.returned {
             Returned::Results => (with_ids(results, ids), Vec::new()),
@@ -503,6 +529,18 @@ impl Writer {
         stored.revision = upload.commit_once(now_ms(), expected, occasion.job.as_ref(), receipt).await?;
         Ok(stored)
     }
+}
+
+/// Names of the further attributes of the shapes, each once and no more than are refused; the shapes forget theirs.
+fn names_of(taken: &mut [Taken]) -> BTreeSet<String> {
+    let mut names = BTreeSet::new();
+    for shape in taken.iter_mut().filter_map(|(_, shape)| shape.as_mut().ok()) {
+        let of_shape = std::mem::take(&mut shape.names);
+        if names.len() <= MAX_NAMES {
+            names.extend(of_shape);
+        }
+    }
+    names
 }
 
 /// Number of shapes that take [`GROUP_SECONDS`] to measure, at most [`CHUNK_SHAPES`]: surfaces take milliseconds each.

@@ -104,9 +104,8 @@ async fn take_file(
 }
 
 /// The refusal of a file that holds no shape: with what its reader says, where it says something.
-fn without_shapes(summary: &FileSummary) -> ServiceError {
-    let left_out = summary.left_out.iter().map(|left_out| format!("{} {}", left_out.count, left_out.what));
-    let said: Vec<String> = summary.warnings.iter().cloned().chain(left_out).collect();
+pub(in crate::service) fn without_shapes(summary: &FileSummary) -> ServiceError {
+    let said = summary.without_shapes();
     if said.is_empty() {
         return ServiceError::TooFewShapes { found: 0, needed: 1 };
     }

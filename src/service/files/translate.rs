@@ -13,6 +13,7 @@ use crate::formats::summary::FileSummary;
 use crate::service::app::incoming::{Stop, read_incoming};
 use crate::service::app::outgoing::BodyWriter;
 use crate::service::app::{App, Limits, ServiceError};
+use crate::service::cohorts::upload_file::without_shapes;
 
 /// How a file is read.
 #[derive(Debug, Clone, Default)]
@@ -60,7 +61,7 @@ pub async fn inspect(
 /// Translates a file.
 ///
 /// # Errors
-/// As [`inspect`]; shapes that the other format cannot hold.
+/// As [`inspect`]; a file without a shape that is read; shapes that the other format cannot hold.
 pub async fn translate(
     app: &App,
     stream: impl Stream<Item = Result<Bytes, ServiceError>>,
@@ -72,7 +73,12 @@ pub async fn translate(
     let (limits, memory) = (app.limits, app.memory.clone());
     read_incoming(app, stream, file_limits(&limits), &mut None, move |source, stop| {
         let fill = |push: &mut dyn FnMut(&Record) -> Result<(), FileError>| {
-            read(source, &stop, &reading, &limits, &mut |record| push(&record))
+            let mut count = 0_u64;
+            let summary = read(source, &stop, &reading, &limits, &mut |record| {
+                count += 1;
+                push(&record)
+            })?;
+            if count > 0 { Ok(()) } else { Err(without_shapes(&summary)) }
         };
         write(&memory, to, output, &options, fill).map(drop)
     })

@@ -16,6 +16,7 @@ use std::time::Duration;
 use serde_json::Value;
 use tokio::time::Instant;
 
+use crate::domain::access::Role;
 use crate::domain::dictionary::NewDictionary;
 use crate::domain::id;
 use crate::domain::job::{Job, JobFilter, JobKind, JobOutput, JobStatus, OutputParts};
@@ -60,6 +61,7 @@ pub async fn create(
 ) -> Result<Job, ServiceError> {
     Work::from_seconds(seconds).check(app.limits.job_time.as_secs_f64())?;
     let job = Job::new(kind, parameters, now_ms()).weighing(seconds, app.priority);
+    let job = job.submitted_by(&app.principal);
     let quota = Quota { jobs: app.limits.queued_jobs, seconds: app.limits.queued_work.as_secs_f64() };
     app.store.create_job_with(quota, &job, receipt(&job.id).as_ref(), files).await?;
     app.registry().wake();
@@ -122,13 +124,21 @@ pub async fn list(
     Ok((items.into_iter().map(|job| app.registry().up_to_date(job)).collect(), next))
 }
 
-/// Cancels an unfinished job; a job that is already cancelled stays so.
+/// Cancels an unfinished job; a job that is already cancelled stays so. Readers cancel only those that they have submitted.
 ///
 /// The job is cancelled when this function returns; its thread stops at its next [`JobContext::check`](crate::service::app::progress::JobContext::check).
 ///
 /// # Errors
-/// [`ServiceError::NotFound`]; [`ServiceError::JobFinished`] if it has succeeded or failed before.
+/// [`ServiceError::NotFound`]; [`ServiceError::Forbidden`] for the job of somebody else; [`ServiceError::JobFinished`] if it has
+/// succeeded or failed before.
 pub async fn cancel(app: &App, id: &str) -> Result<Job, ServiceError> {
+    if app.principal.role < Role::Writer {
+        let job = find(app, id).await?;
+        if !job.status.is_finished() && !job.is_of(&app.principal) {
+            let detail = "expected a job that the caller has submitted, or the role writer";
+            return Err(ServiceError::Forbidden(detail.into()));
+        }
+    }
     let job = app.store.cancel_job(id, now_ms()).await?.ok_or_else(|| not_found(id))?;
     if job.status != JobStatus::Cancelled {
         return Err(ServiceError::JobFinished { id: job.id, status: job.status.as_str() });

@@ -11,6 +11,7 @@ use super::outcome::{OnError, Outcomes};
 use super::read_points::given;
 use crate::analysis::conversion::{Conversion, Converted};
 use crate::analysis::correspondence::{Correspondence, Mirror};
+use crate::domain::key::is_deceptive;
 use crate::domain::shape::ShapeAttributes;
 use crate::formats::checked::{Checked, LARGE, Metadata, SMALL, take_given};
 use crate::formats::fault::Fault;
@@ -242,9 +243,10 @@ pub fn read_shape(reading: &Reading<'_>, shape: ShapeInput) -> Result<ReadShape,
     }
 }
 
-/// Whether a text may be an identifier or a label.
+/// Whether a text may be an identifier or a label: at least one character of it is seen.
 pub(crate) fn is_text(text: &str) -> bool {
-    !text.is_empty() && text.chars().count() <= MAX_TEXT && !text.chars().any(char::is_control)
+    let is_seen = |c: char| !c.is_whitespace() && !is_deceptive(c);
+    text.chars().any(is_seen) && text.chars().count() <= MAX_TEXT && !text.chars().any(char::is_control)
 }
 
 /// Attributes of a posted shape.
@@ -256,7 +258,10 @@ pub fn attributes(shape: ShapeInput) -> Result<ShapeAttributes, Vec<Fault>> {
     let mut text = |field: Option<Checked<Option<String>>>, pointer: &str| {
         let text = take_given(field, pointer, &mut errors).flatten()?;
         if !is_text(&text) {
-            errors.push(Fault::new(pointer, format!("expected 1 to {MAX_TEXT} printable characters")));
+            errors.push(Fault::new(
+                pointer,
+                format!("expected 1 to {MAX_TEXT} printable characters, not only blanks"),
+            ));
         }
         Some(text)
     };
@@ -494,4 +499,18 @@ fn check_numbers(reading: &Reading<'_>, shapes: usize) -> Result<(), ServiceErro
         return Err(ServiceError::invalid("/shapes", detail));
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn identifiers_have_something_to_see() {
+        for blank in ["", " ", "\u{a0}\u{3000}", "\u{200b}", "a\tb"] {
+            assert!(!is_text(blank), "{blank:?}");
+        }
+        assert!(is_text(" a ") && is_text("\u{e9}\u{200d}") && is_text(&"x".repeat(MAX_TEXT)));
+        assert!(!is_text(&"x".repeat(MAX_TEXT + 1)));
+    }
 }

@@ -85,6 +85,8 @@ pub struct Summaries {
     pub shapes: usize,
     /// One entry per attribute that a shape of the cohort has.
     pub attributes: Vec<AttributeSummary>,
+    /// What a reader should know.
+    pub warnings: Vec<String>,
 }
 
 impl Cached for Summaries {
@@ -115,13 +117,15 @@ pub async fn summarise(app: &App, key: &str, query: SummaryQuery) -> Result<Arc<
     let columns = columns::of_cohort(app, &cohort).await?;
     let shapes = columns::selected(app, &cohort, &columns, &query.filter).await?;
     refuse_misspelt(app, &cohort, &query.filter, None, shapes.is_empty()).await?;
-    let count = shapes.len();
+    let (count, warnings) = (shapes.len(), columns.warning().into_iter().collect());
+    let cells: usize = columns.columns().values().map(|column| column.count().min(count)).sum();
+    let _held = app.memory.foresee(numbers_of(&columns, &query))?;
     let attributes = app
         .pool
-        .weighing(Work::from_seconds(SECONDS_PER_VALUE * (count * columns.columns().len()) as f64))
+        .weighing(Work::from_seconds(SECONDS_PER_VALUE * cells as f64))
         .run(move || Ok(of_columns(&columns, &shapes, &query)))
         .await?;
-    let summaries = Arc::new(Summaries { cohort, shapes: count, attributes });
+    let summaries = Arc::new(Summaries { cohort, shapes: count, attributes, warnings });
     app.cache.keep(&id, &cached, &summaries);
     Ok(summaries)
 }
@@ -129,13 +133,23 @@ pub async fn summarise(app: &App, key: &str, query: SummaryQuery) -> Result<Arc<
 /// Predicted work of a value.
 const SECONDS_PER_VALUE: f64 = 6e-8;
 
-fn of_columns(columns: &Arc<CohortColumns>, shapes: &[usize], query: &SummaryQuery) -> Vec<AttributeSummary> {
-    let all: Vec<(&Attribute, &Column)> = columns.columns().iter().collect();
-    let occurs = |column: &Column| column.cells.iter().any(|cell| *cell != Cell::Missing);
-    let summaries = parallel::map(all, |_, (attribute, column)| {
-        occurs(column).then(|| of_column(attribute, column, shapes, query))
-    });
-    summaries.into_iter().flatten().collect()
+/// Number of values and numbers of summaries, at most.
+fn numbers_of(columns: &CohortColumns, query: &SummaryQuery) -> usize {
+    let histogram = 2 * query.bins + PROBABILITIES.len();
+    columns.columns().values().map(|column| 2 * column.count().min(query.values) + histogram).sum()
+}
+
+/// Number of values and numbers of summaries.
+pub fn numbers_in(summaries: &Summaries) -> usize {
+    let of_one = |summary: &AttributeSummary| {
+        2 * summary.values.len() + summary.distribution.as_ref().map_or(0, |found| 2 * found.counts.len())
+    };
+    summaries.attributes.iter().map(of_one).sum()
+}
+
+fn of_columns(columns: &CohortColumns, shapes: &[u32], query: &SummaryQuery) -> Vec<AttributeSummary> {
+    let occurring = columns.columns().iter().filter(|(_, column)| column.count() > 0);
+    parallel::map(occurring.collect(), |_, (attribute, column)| of_column(attribute, column, shapes, query))
 }
 
 /// Type of a column: texts if its values are of several types.
@@ -159,11 +173,11 @@ pub(super) fn value_type(cells: impl Iterator<Item = Cell>) -> ValueType {
 fn of_column(
     attribute: &Attribute,
     column: &Column,
-    shapes: &[usize],
+    shapes: &[u32],
     query: &SummaryQuery,
 ) -> AttributeSummary {
-    let cells: Vec<Cell> = shapes.iter().map(|&shape| column.cells[shape]).collect();
-    let value_type = value_type(column.cells.iter().copied());
+    let cells = column.present(shapes);
+    let value_type = value_type(column.cells().iter().copied());
     let numbers = || {
         cells.iter().filter_map(|cell| match cell {
             Cell::Number(number) => Some(*number),
@@ -177,7 +191,7 @@ fn of_column(
     AttributeSummary {
         attribute: attribute.clone(),
         value_type,
-        missing: cells.iter().filter(|cell| **cell == Cell::Missing).count(),
+        missing: shapes.len() - cells.len(),
         distinct: counted.len(),
         values: frequent(column, counted, listed),
         distribution: is_numeric.then(|| Distribution::of(numbers().collect(), query.bins)).flatten(),
@@ -319,8 +333,7 @@ mod tests {
 
     #[test]
     fn frequent_values_come_first_and_equally_frequent_ones_ascend() {
-        let mut column = Column::default();
-        column.texts.extend(["b", "a"].map(Into::into));
+        let column = Column::of_all(&[], &["b", "a"]);
         let numbers = [10.0, 9.0, -1.0, 9.0, 10.0].map(Cell::Number);
         let others = [Cell::Text(0), Cell::Text(1), Cell::Missing, Cell::Flag(true)];
         let cells: Vec<Cell> = numbers.into_iter().chain(others).collect();

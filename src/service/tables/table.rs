@@ -11,6 +11,7 @@ use crate::domain::cohort::Cohort;
 use crate::domain::filter::ShapeFilter;
 use crate::formats::fault::Fault;
 use crate::formats::table::{NO_TEXT, Table, Values};
+use crate::service::app::memory::{Held, Purpose};
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::cohorts::attributes::{FilterPlace, KnownAttributes, refuse_misspelt, refuse_unknown};
 use crate::service::cohorts::catalogue;
@@ -38,6 +39,8 @@ pub struct CohortTable {
     pub dictionaries: Vec<Arc<Ready>>,
     /// The columns.
     pub table: Table,
+    /// Their memory.
+    pub memory: Held,
 }
 
 /// Maximum number of columns.
@@ -72,9 +75,10 @@ pub async fn table(app: &App, key: &str, query: TableQuery) -> Result<CohortTabl
     let (sources, dictionaries) = Sources::read(app, &cohort, &held, &query, &names).await?;
     let derived = sources.derived(app, &cohort, &dictionaries, &query.filter).await?;
     let (cells, list) = (names.len() * shapes.len(), dictionaries.clone());
+    let mut memory = app.memory.hold(Purpose::Answers, 0)?;
     let pool = app.pool.weighing(Work::from_seconds(SECONDS_PER_VALUE * cells as f64));
     let columns = pool.run(move || {
-        let places: Vec<Cursor> = shapes.iter().map(|&shape| held.places()[shape]).collect();
+        let places: Vec<Cursor> = shapes.iter().map(|&shape| held.places()[shape as usize]).collect();
         let values = |source: &Source| match source {
             Source::Id => of_column(held.ids(), &shapes),
             Source::Attribute(attribute) => {
@@ -82,12 +86,16 @@ pub async fn table(app: &App, key: &str, query: TableQuery) -> Result<CohortTabl
             }
             Source::Dictionary(index, value) => derived[index].values(&list[*index], *value, &places),
         };
-        let rows = shapes.len();
-        let columns = names.into_iter().zip(sources.0.iter().map(values)).collect();
-        Ok(Table { fields: serde_json::Map::new(), columns, rows })
+        let mut table = Table { fields: serde_json::Map::new(), columns: Vec::new(), rows: shapes.len() };
+        for (name, source) in names.into_iter().zip(&sources.0) {
+            memory.grow(table.rows * size_of::<f64>())?;
+            table.columns.push((name, values(source)));
+            memory.resize(table.bytes())?;
+        }
+        Ok((table, memory))
     });
-    let table = columns.await?;
-    Ok(CohortTable { cohort, dictionaries, table })
+    let (table, memory) = columns.await?;
+    Ok(CohortTable { cohort, dictionaries, table, memory })
 }
 
 /// Predicted work of a value.
@@ -95,8 +103,7 @@ const SECONDS_PER_VALUE: f64 = 5e-8;
 
 /// Names of the columns of a table that names none.
 fn usual_columns(held: &CohortColumns) -> Vec<String> {
-    let occurs = |column: &Column| column.cells.iter().any(|cell| *cell != Cell::Missing);
-    let attributes = held.columns().iter().filter(|(_, column)| occurs(column));
+    let attributes = held.columns().iter().filter(|(_, column)| column.count() > 0);
     let names = attributes.map(|(attribute, _)| attribute.to_string()).filter(|name| name != "created_at");
     std::iter::once("id".to_owned()).chain(names).collect()
 }
@@ -149,7 +156,10 @@ impl Sources {
                 ("id", _, _) => Source::Id,
                 (_, Some(attribute), _) => {
                     if held.column(&attribute).is_none() {
-                        let known = KnownAttributes::of(app, cohort).await?;
+                        let known = match held.warning() {
+                            Some(warning) => warning,
+                            None => KnownAttributes::of(app, cohort).await?.to_string(),
+                        };
                         let detail = format!(
                             "expected an attribute that shapes of the cohort have, got '{name}': {known}"
                         );
@@ -250,9 +260,9 @@ impl Dictionaries {
 }
 
 /// Values of a column for some shapes; texts if they are of several types.
-fn of_column(column: &Column, shapes: &[usize]) -> Values {
-    let cells = || shapes.iter().map(|&shape| column.cells[shape]);
-    match value_type(column.cells.iter().copied()) {
+fn of_column(column: &Column, shapes: &[u32]) -> Values {
+    let cells = || column.of(shapes);
+    match value_type(column.cells().iter().copied()) {
         ValueType::Number => Values::Number(
             cells().map(|cell| if let Cell::Number(number) = cell { number } else { f64::NAN }).collect(),
         ),

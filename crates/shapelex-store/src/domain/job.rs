@@ -3,6 +3,8 @@
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+use super::access::Principal;
+
 /// Kind of work.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
@@ -100,6 +102,9 @@ pub struct Progress {
     /// Current value of the quantity that is minimised or maximised.
     pub objective: Option<f64>,
 }
+
+/// Parameter of a job that tells who has submitted it.
+const SUBMITTED_BY: &str = "submitted_by";
 
 /// Weight of the prediction against the rate so far, as a fraction of the job: the first percent says little of the rest.
 const TRUST: f64 = 0.05;
@@ -237,6 +242,20 @@ impl Job {
             }
         }
         self
+    }
+
+    /// Notes by whom it is submitted, among the parameters.
+    #[must_use]
+    pub fn submitted_by(mut self, caller: &Principal) -> Self {
+        if let Some(parameters) = self.parameters.as_object_mut() {
+            parameters.insert(SUBMITTED_BY.into(), caller.fingerprint().into());
+        }
+        self
+    }
+
+    /// Whether this caller has submitted it; jobs of earlier versions are nobody's.
+    pub fn is_of(&self, caller: &Principal) -> bool {
+        self.parameters[SUBMITTED_BY].as_str() == Some(&caller.fingerprint())
     }
 
     /// Predicted duration in seconds, 0 if unknown.

@@ -2,6 +2,9 @@
 
 use std::collections::BTreeMap;
 
+/// Maximum number of names of further attributes in a cohort: every name is a column of its tables.
+pub const MAX_NAMES: usize = 4096;
+
 /// Attributes of a shape besides its geometry.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ShapeAttributes {

@@ -1,17 +1,18 @@
 //! Attributes and measures of stored shapes, without their geometry.
 
 use std::collections::BTreeSet;
+use std::sync::Arc;
 
 use super::answer::Answer;
 use super::blob::{self, Chunk};
-use super::engine::{Row, sql, to_sql};
+use super::engine::{Row, Transaction, sql, to_sql};
 use super::error::StoreError;
 use super::filter::{Revisions, Selection};
 use super::handle::{Store, blocking};
-use super::shapes::{Cursor, entry, from_json, read_measures};
+use super::shapes::{Cursor, described, from_json, read_measures};
 use crate::domain::attribute::Attribute;
 use crate::domain::filter::ShapeFilter;
-use crate::domain::shape::{ShapeDescription, ShapeMeasures};
+use crate::domain::shape::{MAX_NAMES, ShapeDescription, ShapeMeasures};
 
 /// Number of rows read at once.
 const DESCRIBED_AT_ONCE: usize = 4096;
@@ -26,6 +27,49 @@ pub struct Unmeasured {
     pub place: Cursor,
     /// Control points, coordinate-major.
     pub control_points: Vec<f64>,
+}
+
+/// Names of further attributes that shapes bring to a cohort.
+#[derive(Debug, Clone)]
+pub struct NewNames {
+    /// Names that shapes of the cohort have; some may be those of shapes that are gone.
+    pub known: Arc<BTreeSet<String>>,
+    /// Revision up to which they are known.
+    pub until: u64,
+    /// Names that the shapes bring.
+    pub brought: BTreeSet<String>,
+}
+
+impl NewNames {
+    /// Number of the names of the cohort with those that are brought, if one of these is new.
+    pub fn count(&self) -> Option<usize> {
+        let fresh = self.brought.iter().filter(|name| !self.known.contains(*name)).count();
+        (fresh > 0).then_some(self.known.len() + fresh)
+    }
+
+    /// Checks within the transaction that stores the shapes: others may have brought names since.
+    pub(super) async fn check(&self, write: &mut Transaction, cohort: i64) -> Result<(), StoreError> {
+        let since = Revisions { after: self.until, ..Revisions::latest() };
+        let later = names(write, cohort, since, MAX_NAMES + 1).await?;
+        let known = Arc::new(self.known.union(&later).cloned().collect());
+        match (Self { known, ..self.clone() }).count() {
+            Some(found) if found > MAX_NAMES => Err(StoreError::TooManyNames { found }),
+            _ => Ok(()),
+        }
+    }
+}
+
+/// Names of the further attributes of the shapes of a cohort, at most `limit`.
+async fn names(
+    read: &mut Transaction,
+    cohort: i64,
+    revisions: Revisions,
+    limit: usize,
+) -> Result<BTreeSet<String>, StoreError> {
+    let all = ShapeFilter::default();
+    let selection = Selection { cohort, revisions, filter: &all, after: (0, -1) };
+    let rows = selection.attribute_names(read, limit).all().await?;
+    rows.iter().map(|row| Ok(row.get("name")?)).collect()
 }
 
 impl Store {
@@ -48,7 +92,7 @@ impl Store {
             loop {
                 let selection = Selection { cohort, revisions, filter, after };
                 let page = DESCRIBED_AT_ONCE.min(limit - found.len());
-                let rows = selection.page(&mut read, entry!(), page).all().await?;
+                let rows = selection.page(&mut read, described!(), page).all().await?;
                 let Some(last) = rows.last().filter(|_| page > 0) else { return Ok(found) };
                 after = (last.get("chunk_id")?, last.get("position")?);
                 let described =
@@ -77,8 +121,26 @@ impl Store {
         })
     }
 
-    /// Names of the attributes that shapes of the cohort have: `label`, `subject` and `labels.<attribute>`. Cost: one pass
-    /// over the attributes of all shapes.
+    /// Names of the further attributes that shapes of the cohort have, at most `limit`. Cost: one pass over the attributes of the
+    /// shapes.
+    ///
+    /// # Errors
+    /// [`StoreError::CohortGone`].
+    pub fn further_names<'a>(
+        &'a self,
+        cohort_id: &'a str,
+        revisions: Revisions,
+        limit: usize,
+    ) -> Answer<'a, BTreeSet<String>> {
+        Box::pin(async move {
+            let mut read = self.begin_read().await?;
+            let cohort = self.number(&mut read, cohort_id).await?;
+            names(&mut read, cohort, revisions, limit).await
+        })
+    }
+
+    /// Names of the attributes that shapes of the cohort have: `label`, `subject` and at most `limit` `labels.<attribute>`. Cost:
+    /// one pass over the attributes of all shapes.
     ///
     /// # Errors
     /// [`StoreError::CohortGone`].
@@ -86,17 +148,15 @@ impl Store {
         &'a self,
         cohort_id: &'a str,
         revisions: Revisions,
+        limit: usize,
     ) -> Answer<'a, BTreeSet<String>> {
         Box::pin(async move {
             let mut read = self.begin_read().await?;
             let cohort = self.number(&mut read, cohort_id).await?;
             let all = ShapeFilter::default();
             let selection = Selection { cohort, revisions, filter: &all, after: (0, -1) };
-            let mut names = BTreeSet::new();
-            for row in selection.attribute_names(&mut read).all().await? {
-                let name: String = row.get("name")?;
-                names.insert(format!("labels.{name}"));
-            }
+            let further = names(&mut read, cohort, revisions, limit).await?;
+            let mut names: BTreeSet<String> = further.iter().map(|name| format!("labels.{name}")).collect();
             for (name, given) in [("label", "count(s.label)"), ("subject", "count(s.subject)")] {
                 let count: i64 = selection.select(&mut read, given).scalar().await?;
                 if count > 0 {
@@ -124,7 +184,7 @@ impl Store {
             let (filter, after) =
                 (ShapeFilter::everything(), after.map_or((0, -1), |c| (c.chunk, c.position)));
             let selection = Selection { cohort, revisions, filter: &filter, after };
-            let rows = selection.page(&mut read, entry!(), limit).all().await?;
+            let rows = selection.page(&mut read, described!(), limit).all().await?;
             let described = |row: &Row| {
                 let place = Cursor { chunk: row.get("chunk_id")?, position: row.get("position")? };
                 Ok((place, read_description(row)?))

@@ -4,6 +4,7 @@
 //! and stores the shape again, under its id, as a chunk of its own.
 
 use super::answer::Answer;
+use super::attributes::NewNames;
 use super::changes;
 use super::engine::{Transaction, sql};
 use super::engine::{from_sql, to_sql};
@@ -27,16 +28,17 @@ pub struct Deleted {
 
 impl Store {
     /// Stores the shape at `place` again, with the attributes of `shape`, as the next revision of its cohort, which must be at
-    /// the `expected` one; returns the new revision, or `None` if the shape is no longer at that place.
+    /// the `expected` one; returns the new revision, or `None` if the shape is no longer at that place. `names` are those of the
+    /// attributes, unless the shape had them all.
     ///
     /// # Errors
-    /// [`StoreError::CohortGone`], [`StoreError::Changed`].
+    /// [`StoreError::CohortGone`], [`StoreError::Changed`], [`StoreError::TooManyNames`].
     pub fn correct_shape<'a>(
         &'a self,
         cohort_id: &'a str,
         expected: Option<u64>,
         place: Cursor,
-        shape: &'a Shape,
+        (shape, names): (&'a Shape, Option<&'a NewNames>),
         now_ms: i64,
     ) -> Answer<'a, Option<u64>> {
         Box::pin(async move {
@@ -57,6 +59,9 @@ impl Store {
             let (row, data) = blocking(encode).await;
             let mut write = self.begin_write(cohort_id).await?;
             let cohort = self.number_at(&mut write, cohort_id, expected).await?;
+            if let Some(names) = names {
+                names.check(&mut write, cohort).await?;
+            }
             let Some(revision) = end(&mut write, cohort, place).await? else { return Ok(None) };
             let upload = self.inner.replica.owned_id();
             let chunk = insert_alone(&mut write, cohort, &upload, &row, &data).await?;

@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use crate::domain::shape::MAX_NAMES;
+
 /// Why the store did not do it. What it says ends in the log: never a text that a client has sent.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
@@ -28,6 +30,12 @@ pub enum StoreError {
         found: usize,
         /// `N·d` of the cohort.
         expected: usize,
+    },
+    /// The further attributes of a cohort would have too many names.
+    #[error("expected at most {most} names of attributes in a cohort, got {found}", most = MAX_NAMES)]
+    TooManyNames {
+        /// Names with those of the shapes that were to be stored.
+        found: usize,
     },
     /// The cohort was deleted.
     #[error("the cohort no longer exists")]

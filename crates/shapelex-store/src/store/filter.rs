@@ -99,8 +99,9 @@ impl Selection<'_> {
         query
     }
 
-    /// `SELECT DISTINCT name`: the further attributes that the selected shapes have. Cost: one pass over their attributes.
-    pub(super) fn attribute_names<'c>(&self, read: &'c mut Transaction) -> Query<'c> {
+    /// `SELECT DISTINCT name`: the further attributes that the selected shapes have, at most `limit`. Cost: one pass over their
+    /// attributes.
+    pub(super) fn attribute_names<'c>(&self, read: &'c mut Transaction, limit: usize) -> Query<'c> {
         const NAMES: &str =
             "SELECT DISTINCT k.key AS name FROM chunk AS c CROSS JOIN shape AS s ON s.chunk_id = c.id, ";
         let mut query = sql(read, NAMES).persistent(false);
@@ -112,6 +113,7 @@ impl Selection<'_> {
         });
         query.push_bind(self.cohort);
         self.push_visibility(&mut query);
+        query.push(" LIMIT ").push_bind(to_sql(limit as u64));
         query
     }
 

@@ -70,7 +70,7 @@ pub mod upload;
 pub use aliases::{AliasMove, AliasMoved, MAX_ALIASES};
 pub use answer::{Answer, Work};
 pub use assessments::{AssessmentListing, AssessmentRun, NewAssessment, StoredAssessment};
-pub use attributes::Unmeasured;
+pub use attributes::{NewNames, Unmeasured};
 pub use audit::AuditCheck;
 pub use clock::ClockNotes;
 pub use corrections::Deleted;

@@ -173,15 +173,22 @@ fn sort_key(text: &str) -> Result<SortKey, CursorError> {
     }
 }
 
-/// Columns that [`read_entry`] reads.
-macro_rules! entry {
+/// Columns of a description: without metadata, which are many times larger.
+macro_rules! described {
     () => {
-        "s.chunk_id, s.position, s.id, s.external_id, s.subject, s.label, s.labels, s.metadata,
+        "s.chunk_id, s.position, s.id, s.external_id, s.subject, s.label, s.labels,
         coalesce(s.first_stored_ms, c.created_at_ms) AS created_at_ms,
         s.points, s.centroid_size, s.length, s.area, s.volume, s.self_intersecting"
     };
 }
-pub(super) use entry;
+pub(super) use described;
+
+/// Columns that [`read_entry`] reads.
+macro_rules! entry {
+    () => {
+        concat!("s.metadata, ", described!())
+    };
+}
 
 impl Store {
     /// Finds the shape with this id, or else with this external id.

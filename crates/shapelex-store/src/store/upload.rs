@@ -7,6 +7,7 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use super::answer::Answer;
+use super::attributes::NewNames;
 use super::blob::{self, Encoded};
 use super::engine::{self, Transaction, sql};
 use super::engine::{from_sql, to_sql};
@@ -54,6 +55,8 @@ pub struct Upload {
     stored: i64,
     /// Whether there may be pending rows.
     dirty: bool,
+    /// Names of the attributes of the shapes.
+    names: Option<NewNames>,
 }
 
 impl Store {
@@ -68,6 +71,7 @@ impl Store {
             received: 0,
             stored: 0,
             dirty: false,
+            names: None,
         }
     }
 }
@@ -113,6 +117,11 @@ impl Upload {
         })
     }
 
+    /// Names the attributes of the shapes, which the cohort must have room for when they become visible.
+    pub fn name_attributes(&mut self, names: Option<NewNames>) {
+        self.names = names;
+    }
+
     /// Makes all shapes visible at once; returns the new revision of the cohort, or the current one if nothing was new.
     ///
     /// # Errors
@@ -125,7 +134,8 @@ impl Upload {
     /// be held, with a receipt for the new revision.
     ///
     /// # Errors
-    /// Also [`StoreError::Changed`], [`StoreError::JobLost`] and [`StoreError::AlreadyDone`]; nothing is stored then.
+    /// Also [`StoreError::Changed`], [`StoreError::JobLost`], [`StoreError::TooManyNames`] and [`StoreError::AlreadyDone`]; nothing
+    /// is stored then.
     pub fn commit_once<'a>(
         self,
         now_ms: i64,
@@ -154,6 +164,9 @@ impl Upload {
                 && !upload.store.holds(&mut write, job).await?
             {
                 return Err(StoreError::JobLost);
+            }
+            if let Some(names) = &upload.names {
+                names.check(&mut write, cohort).await?;
             }
             let count = sql(&mut write, COUNT).bind(&upload.id);
             let count: i64 = count.scalar().await?;

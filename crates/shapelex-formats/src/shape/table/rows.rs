@@ -1,6 +1,6 @@
 //! Records to batches of rows.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::sync::Arc;
 
 use arrow_array::builder::{BooleanBuilder, Float64Builder, Int32Builder, Int64Builder, StringBuilder};
@@ -21,6 +21,8 @@ use super::{FIELDS, FieldNote, LABELS, PREFIX, SCHEMA, unwritten};
 pub(super) const ROWS: usize = 8192;
 /// Number of bytes at which a batch ends.
 const BYTES: usize = 8 << 20;
+/// Number of cells of attributes at which a batch ends: rows have a cell for each name, also those without the attribute.
+const CELLS: usize = 1 << 21;
 /// Most columns of attributes, and of fields: every row has a cell in each.
 const COLUMNS: usize = 1024;
 
@@ -84,7 +86,7 @@ fn integers(values: Vec<i32>) -> ArrayRef {
 /// The columns of attributes and fields, which follow from the first rows.
 struct Layout {
     schema: SchemaRef,
-    /// Attributes with columns of their own, each with a value of its type.
+    /// Attributes with columns of their own, each with a value of its type, sorted by name.
     labels: Vec<(String, Value)>,
     fields: Vec<(String, FieldNote)>,
 }
@@ -116,6 +118,8 @@ struct Columns {
     ring_part: Int64Builder,
     ring_hole: BooleanBuilder,
     labels: Vec<BTreeMap<String, Value>>,
+    /// Names of the labels.
+    names: BTreeSet<String>,
     fields: Vec<BTreeMap<String, MeshField>>,
     metadata: StringBuilder,
     places: Vec<Place>,
@@ -149,7 +153,10 @@ impl Rows {
     pub(super) fn push(&mut self, record: &Record) -> Result<Option<RecordBatch>, FileError> {
         self.columns.push(record)?;
         self.summary.records += 1;
-        let full = self.columns.labels.len() >= ROWS || self.columns.bytes >= BYTES;
+        let rows = self.columns.labels.len();
+        let names = self.columns.names.len().min(COLUMNS);
+        let wide = self.layout.as_ref().map_or(names, |layout| layout.labels.len());
+        let full = rows >= ROWS || self.columns.bytes >= BYTES || rows * wide >= CELLS;
         if full { self.take().map(Some) } else { Ok(None) }
     }
 
@@ -293,6 +300,9 @@ impl Columns {
         self.ring_object.append_option(ring.map(|ring| integer(ring.object)).transpose()?);
         self.ring_part.append_option(ring.map(|ring| integer(ring.part)).transpose()?);
         self.ring_hole.append_option(ring.map(|ring| ring.hole));
+        let new = record.labels.keys().filter(|name| !self.names.contains(*name));
+        let new: Vec<String> = new.cloned().collect();
+        self.names.extend(new);
         self.labels.push(record.labels.clone());
         if record.metadata.is_empty() {
             self.metadata.append_null();
@@ -405,8 +415,8 @@ fn label_columns(
         }
     };
     let has_column = |name: &str, value: &Value| {
-        let found = layout.labels.iter().find(|(column, _)| column == name);
-        found.is_some_and(|(_, kind)| std::mem::discriminant(kind) == std::mem::discriminant(value))
+        let found = layout.labels.binary_search_by(|(column, _)| column.as_str().cmp(name));
+        found.is_ok_and(|at| std::mem::discriminant(&layout.labels[at].1) == std::mem::discriminant(value))
     };
     let mut more = StringBuilder::new();
     for row in rows {

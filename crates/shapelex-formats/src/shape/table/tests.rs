@@ -587,6 +587,15 @@ fn batches_end_at_a_number_of_bytes_and_have_few_columns() {
     let batch = batch.expect("a batch before all rows");
     assert!((5..9).contains(&batch.num_rows()), "{}", batch.num_rows());
     assert!((1024..1050).contains(&batch.num_columns()), "{}", batch.num_columns());
+    // Rows without the attributes of others have a cell for each all the same.
+    let mut rows = super::rows::Rows::new(&WriteOptions::default());
+    let bare = Record { labels: BTreeMap::new(), metadata: serde_json::Map::new(), ..record.clone() };
+    for first in [true, false] {
+        let wide = first.then_some(&record).into_iter();
+        let batch =
+            wide.chain(std::iter::repeat_n(&bare, 8192)).find_map(|row| rows.push(row).expect("a row"));
+        assert_eq!(batch.expect("a batch").num_rows(), 2048, "{first}");
+    }
     let mut bytes = Vec::new();
     let mut writer = super::arrow::FORMAT.writer(&mut bytes, &WriteOptions::default()).expect("a writer");
     writer.push(&record).expect("written");

@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 use super::super::blob::BYTES_PER_NUMBER;
 use super::*;
 use crate::domain::change::ChangeKind;
+use crate::domain::shape::MAX_NAMES;
 
 async fn find(store: &Store, cohort: &Cohort, key: &str) -> (Cursor, Shape) {
     store.find_placed(&cohort.id, key).await.unwrap().unwrap()
@@ -18,7 +19,7 @@ async fn correct(
 ) -> u64 {
     let (place, mut shape) = find(store, cohort, key).await;
     change(&mut shape.attributes);
-    store.correct_shape(&cohort.id, None, place, &shape, 90).await.unwrap().unwrap()
+    store.correct_shape(&cohort.id, None, place, (&shape, None), 90).await.unwrap().unwrap()
 }
 
 async fn erase(store: &Store, subject: &str) -> Vec<SubjectCohort> {
@@ -42,6 +43,36 @@ fn labelled(number: usize, label: &str, subject: &str) -> NewShape {
     shape.attributes.subject = Some(subject.into());
     shape.attributes.weight = 1.0 + (number % 3) as f64;
     shape
+}
+
+#[tokio::test]
+async fn names_that_others_brought_meanwhile_count() {
+    let (_folder, store, cohort) = with_cohort().await;
+    let names = |range: std::ops::Range<usize>| range.map(|k| format!("n{k:05}"));
+    let shape_with = |number: usize, range: std::ops::Range<usize>| {
+        let mut shape = named(number, &format!("e{number}"));
+        shape.attributes.labels = names(range).map(|name| (name, json!(1))).collect();
+        shape
+    };
+    let upload = async |number: usize, range: std::ops::Range<usize>| {
+        let mut upload = store.begin_upload(&cohort);
+        let brought = names(range.clone()).collect();
+        upload.add(vec![shape_with(number, range)]).await.unwrap();
+        // What is known is of the empty cohort.
+        upload.name_attributes(Some(NewNames { known: Arc::default(), until: 0, brought }));
+        upload.commit(20).await
+    };
+    assert_eq!(upload(0, 0..MAX_NAMES).await.unwrap(), 1);
+    let refused = upload(1, MAX_NAMES..MAX_NAMES + 1).await.unwrap_err();
+    assert!(matches!(refused, StoreError::TooManyNames { found } if found == MAX_NAMES + 1), "{refused:?}");
+    assert_eq!(upload(2, 7..9).await.unwrap(), 2);
+    let (place, mut shape) = find(&store, &cohort, "e2").await;
+    shape.attributes.labels = [("another".to_owned(), json!(1))].into();
+    let names = NewNames { known: Arc::default(), until: 0, brought: ["another".to_owned()].into() };
+    let refused = store.correct_shape(&cohort.id, None, place, (&shape, Some(&names)), 90).await.unwrap_err();
+    assert!(matches!(refused, StoreError::TooManyNames { .. }), "{refused:?}");
+    let found = store.further_names(&cohort.id, Revisions::latest(), 10).await.unwrap();
+    assert_eq!((found.len(), find(&store, &cohort, "e2").await.0), (10, place));
 }
 
 #[tokio::test]
@@ -69,9 +100,9 @@ async fn a_corrected_shape_keeps_its_id_and_earlier_revisions_keep_it_as_it_was(
     let revisions = Revisions { after: 1, until: 2 };
     assert_eq!(store.count_deleted(&cohort.id, revisions, &EVERYTHING).await.unwrap(), 1);
     // The place is not that of the shape any more; nothing is stored.
-    let late = store.correct_shape(&cohort.id, None, place, &before, 92).await.unwrap();
+    let late = store.correct_shape(&cohort.id, None, place, (&before, None), 92).await.unwrap();
     assert_eq!(late, None);
-    let changed = store.correct_shape(&cohort.id, Some(1), place, &before, 92).await;
+    let changed = store.correct_shape(&cohort.id, Some(1), place, (&before, None), 92).await;
     assert!(matches!(changed, Err(StoreError::Changed)));
     // The content of the correction counts for uploads.
     let mut upload = store.begin_upload(&cohort);
