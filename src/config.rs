@@ -304,6 +304,8 @@ impl ServeConfig {
             answer_bytes: share(self.max_answer_bytes, 1, matrix, Limits::default().answer_bytes),
             rate_per_second: self.rate_per_second,
             rate_burst: self.rate_burst,
+            // Half of the connections is left to others.
+            caller_requests: self.max_connections.get().div_ceil(2),
             refusals_per_minute: self.refusals_per_minute,
             light_time: seconds(self.light_seconds),
             compute_time: seconds(self.compute_seconds),

@@ -41,6 +41,15 @@ impl Role {
     }
 }
 
+/// Whose requests are counted together.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+pub struct Caller {
+    /// Tenant.
+    pub tenant: String,
+    /// Key, or subject of a token: all tokens of the identity provider share one key.
+    pub name: String,
+}
+
 /// An authenticated caller.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Principal {
@@ -75,6 +84,12 @@ impl Principal {
 
     fn admin(tenant: &str, key: &str) -> Self {
         Self { tenant: tenant.into(), key: key.into(), subject: None, role: Role::Admin, cohorts: None }
+    }
+
+    /// The caller as its requests are counted.
+    pub fn caller(&self) -> Caller {
+        let name = self.subject.as_ref().unwrap_or(&self.key);
+        Caller { tenant: self.tenant.clone(), name: name.clone() }
     }
 
     /// Whether the caller may access the cohort with this id.

@@ -4,16 +4,18 @@
 //! A stream reads the change feed, which all replicas write, every `LOOK`. It continues from the number of any change, so a
 //! client that reconnects misses nothing that the feed still has. Progress is not stored: it has no number, and is not
 //! repeated.
+//!
+//! * [`place`] — how many streams a caller has, and how long they last, also those of single jobs.
 
-use std::collections::{HashMap, VecDeque};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+pub mod place;
+
+use std::collections::VecDeque;
 use std::time::Duration;
 
 use tokio::time::Instant;
 
 use crate::domain::change::{Change, ChangeFilter};
 use crate::domain::job::{Job, JobFilter, JobStatus};
-use crate::service::access;
 use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::changes;
 use crate::service::jobs;
@@ -22,16 +24,10 @@ use crate::service::jobs;
 const LOOK: Duration = Duration::from_millis(400);
 /// Interval between two reports of a running job, a little less than a second.
 const PROGRESS: Duration = Duration::from_millis(800);
-/// Interval between two checks that the caller is still let in.
-const CHECK: Duration = Duration::from_secs(3);
-/// Longest duration of a stream. The client reconnects with its credential, which is then checked in full.
-const LONGEST: Duration = Duration::from_secs(900);
 /// Changes per look.
 const PAGE: usize = 100;
 /// Running jobs whose progress is reported.
 const MAX_JOBS: usize = 100;
-/// Concurrent streams of a caller.
-pub const MAX_STREAMS: usize = 16;
 
 /// Something that happened.
 #[derive(Debug, Clone, PartialEq)]
@@ -53,53 +49,6 @@ pub struct Wanted {
     pub progress: bool,
 }
 
-/// Open streams by tenant and caller.
-#[derive(Debug, Default)]
-struct Open(Mutex<HashMap<(String, String), usize>>);
-
-impl Open {
-    fn locked(&self) -> MutexGuard<'_, HashMap<(String, String), usize>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
-/// Place of a stream among those of its caller, free again when it is dropped.
-#[derive(Debug)]
-struct Slot {
-    open: Arc<Open>,
-    caller: (String, String),
-}
-
-impl Slot {
-    fn take(app: &App) -> Result<Self, ServiceError> {
-        let principal = &app.principal;
-        let caller = principal.subject.as_ref().unwrap_or(&principal.key);
-        let (open, caller): (Arc<Open>, _) = (app.state(), (principal.tenant.clone(), caller.clone()));
-        let mut streams = open.locked();
-        let count = streams.entry(caller.clone()).or_default();
-        if *count >= MAX_STREAMS {
-            let detail =
-                format!("expected at most {MAX_STREAMS} open event streams of a caller, got one more");
-            return Err(ServiceError::Overloaded(detail));
-        }
-        *count += 1;
-        drop(streams);
-        Ok(Self { open, caller })
-    }
-}
-
-impl Drop for Slot {
-    fn drop(&mut self) {
-        let mut streams = self.open.locked();
-        if let Some(count) = streams.get_mut(&self.caller) {
-            *count -= 1;
-            if *count == 0 {
-                streams.remove(&self.caller);
-            }
-        }
-    }
-}
-
 /// A stream of events.
 #[derive(Debug)]
 pub struct Events {
@@ -112,25 +61,20 @@ pub struct Events {
     ready: VecDeque<Event>,
     /// Whether there are more changes than the last look has read.
     behind: bool,
-    end: Instant,
-    /// Time of the next check of the caller, and of the next report of progress.
-    check: Instant,
+    /// Time of the next report of progress.
     report: Instant,
-    _slot: Slot,
 }
 
 impl Events {
     /// Opens a stream of what happens after the change with number `after`; by default, of what happens from now on.
     ///
     /// # Errors
-    /// [`ServiceError::ChangesGone`]; [`ServiceError::Overloaded`] if the caller has too many streams.
+    /// [`ServiceError::ChangesGone`].
     pub async fn open(app: &App, wanted: Wanted, after: Option<u64>) -> Result<Self, ServiceError> {
-        let slot = Slot::take(app)?;
         let last = match after {
             Some(after) => after,
             None => app.store.last_change().await?,
         };
-        let now = Instant::now();
         let mut events = Self {
             app: app.clone(),
             wanted,
@@ -138,10 +82,7 @@ impl Events {
             last,
             ready: VecDeque::new(),
             behind: false,
-            end: now + LONGEST,
-            check: now + CHECK,
-            report: now,
-            _slot: slot,
+            report: Instant::now(),
         };
         // Faults of the position are answered before the stream begins.
         events.look().await?;
@@ -153,8 +94,7 @@ impl Events {
         self.first
     }
 
-    /// The next event; `None` at the end: the service is stopping, the caller is no longer let in, or the stream has lasted
-    /// long enough.
+    /// The next event; `None` when the service is stopping.
     ///
     /// # Errors
     /// Failures of the store; [`ServiceError::ChangesGone`] if the client reads more slowly than the feed is removed.
@@ -169,19 +109,8 @@ impl Events {
                     () = self.app.stopping() => return Ok(None),
                 }
             }
-            if Instant::now() >= self.end || !self.is_admitted().await? {
-                return Ok(None);
-            }
             self.look().await?;
         }
-    }
-
-    async fn is_admitted(&mut self) -> Result<bool, ServiceError> {
-        if Instant::now() < self.check {
-            return Ok(true);
-        }
-        self.check = Instant::now() + CHECK;
-        access::still_admits(&self.app).await
     }
 
     async fn look(&mut self) -> Result<(), ServiceError> {
@@ -221,7 +150,7 @@ mod tests {
     use crate::store::Store;
 
     #[tokio::test]
-    async fn a_stream_begins_now_or_at_a_number_and_streams_are_counted() {
+    async fn a_stream_begins_now_or_at_a_number_and_ends_with_the_service() {
         let folder = tempfile::tempdir().unwrap();
         let app = App::new(Store::open(folder.path()).await.unwrap(), Limits::default(), 1);
         let submit =
@@ -229,7 +158,7 @@ mod tests {
         let first = submit().await;
         let wanted = Wanted { progress: true, ..Wanted::default() };
         let mut from_now = Events::open(&app, wanted.clone(), None).await.unwrap();
-        let mut all = Events::open(&app, wanted.clone(), Some(0)).await.unwrap();
+        let mut all = Events::open(&app, wanted, Some(0)).await.unwrap();
         let second = submit().await;
         let object = async |events: &mut Events| match events.next().await.unwrap().unwrap() {
             Event::Change(change) => (change.kind, change.object),
@@ -239,15 +168,6 @@ mod tests {
         assert_eq!(object(&mut from_now).await, queued(&second));
         assert_eq!([object(&mut all).await, object(&mut all).await], [queued(&first), queued(&second)]);
         assert_eq!((from_now.first(), all.first()), (1, 0));
-
-        let mut open = Vec::new();
-        for _ in 2..MAX_STREAMS {
-            open.push(Events::open(&app, wanted.clone(), None).await.unwrap());
-        }
-        let refused = Events::open(&app, wanted.clone(), None).await;
-        assert!(matches!(refused, Err(ServiceError::Overloaded(_))), "{refused:?}");
-        drop(all);
-        Events::open(&app, wanted, None).await.unwrap();
         app.drain();
         assert_eq!(from_now.next().await.unwrap(), None);
     }
