@@ -4,6 +4,7 @@
 //! answered just before may be repeated, under the same id. After a failure the hook waits, twice as long every time, and then
 //! tries the same change again.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -13,7 +14,7 @@ use base64::engine::general_purpose::STANDARD as BASE64;
 use reqwest::header::CONTENT_TYPE;
 use reqwest::{Client, Response};
 use serde::Serialize;
-use tokio::task::{JoinHandle, JoinSet};
+use tokio::task::{AbortHandle, JoinHandle, JoinSet};
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 
@@ -28,6 +29,8 @@ use crate::store::HookClaim;
 
 /// Hooks that one process delivers to at a time.
 const AT_ONCE: usize = 8;
+/// Hooks of one tenant among them, while others have hooks: a receiver may take 10 s for each delivery.
+const OF_A_TENANT: usize = AT_ONCE / 2;
 /// Polling interval for undelivered changes.
 const POLL: Duration = Duration::from_millis(400);
 /// Duration of a lease without a delivery, in milliseconds: longer than a delivery can take.
@@ -114,18 +117,26 @@ impl Failed {
 
 impl Courier {
     async fn serve(self: Arc<Self>) {
-        let mut running = JoinSet::new();
+        let (mut running, mut tenants) = (JoinSet::new(), Vec::new());
         while !self.stop.is_cancelled() {
             while running.len() < AT_ONCE {
+                tenants.retain(|(_, task): &(String, AbortHandle)| !task.is_finished());
                 let now = now_ms();
-                match self.app.store.claim_hook(now, now + LEASE_MS).await {
-                    Ok(Some(claim)) => running.spawn(Arc::clone(&self).work(claim)),
+                let claimed = {
+                    let crowding = crowding(&tenants);
+                    self.app.store.claim_hook(now, now + LEASE_MS, &crowding).await
+                };
+                match claimed {
+                    Ok(Some(claim)) => {
+                        let tenant = claim.hook.tenant.clone();
+                        tenants.push((tenant, running.spawn(Arc::clone(&self).work(claim))));
+                    }
                     Ok(None) => break,
                     Err(error) => {
                         tracing::warn!(%error, "the hooks cannot be read");
                         break;
                     }
-                };
+                }
             }
             tokio::select! {
                 () = self.stop.cancelled() => {}
@@ -240,6 +251,15 @@ impl Courier {
         let detail = format!("expected a status of 2xx, got {}", status.as_u16());
         Err(Failed { status: Some(status.as_u16()), detail })
     }
+}
+
+/// Tenants that have all places of a tenant.
+fn crowding(tenants: &[(String, AbortHandle)]) -> Vec<&str> {
+    let mut counts = BTreeMap::new();
+    for (tenant, _) in tenants {
+        *counts.entry(tenant.as_str()).or_insert(0) += 1;
+    }
+    counts.into_iter().filter(|(_, count)| *count >= OF_A_TENANT).map(|(tenant, _)| tenant).collect()
 }
 
 /// What failed, without details of the client's network.
