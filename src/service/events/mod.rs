@@ -1,33 +1,28 @@
 //! What happens to the objects of a tenant, as a stream: changes in the order of their numbers, and the progress of running
 //! jobs.
 //!
-//! A stream reads the change feed, which all replicas write, every `LOOK`. It continues from the number of any change, so a
-//! client that reconnects misses nothing that the feed still has. Progress is not stored: it has no number, and is not
-//! repeated.
+//! A stream continues from the number of any change, so a client that reconnects misses nothing that the change feed, which all
+//! replicas write, still has. Progress is not stored: it has no number, and is not repeated.
 //!
+//! * `feed` — reads the change feed once for all streams of a tenant;
 //! * [`place`] — how many streams a caller has, and how long they last, also those of single jobs.
 
+mod feed;
 pub mod place;
 
 use std::collections::VecDeque;
-use std::time::Duration;
+use std::sync::Arc;
 
-use tokio::time::Instant;
+use tokio::sync::watch;
 
+use self::feed::{Feed, Recent};
 use crate::domain::change::{Change, ChangeFilter};
-use crate::domain::job::{Job, JobFilter, JobStatus};
+use crate::domain::job::Job;
 use crate::service::app::{App, ServiceError};
-use crate::service::cohorts::changes;
-use crate::service::jobs;
+use crate::service::cohorts::changes::{self, Changes};
 
-/// Interval between two looks at the feed.
-const LOOK: Duration = Duration::from_millis(400);
-/// Interval between two reports of a running job, a little less than a second.
-const PROGRESS: Duration = Duration::from_millis(800);
-/// Changes per look.
+/// Changes that a stream which is behind reads at once.
 const PAGE: usize = 100;
-/// Running jobs whose progress is reported.
-const MAX_JOBS: usize = 100;
 
 /// Something that happened.
 #[derive(Debug, Clone, PartialEq)]
@@ -61,8 +56,11 @@ pub struct Events {
     ready: VecDeque<Event>,
     /// Whether there are more changes than the last look has read.
     behind: bool,
-    /// Time of the next report of progress.
-    report: Instant,
+    news: watch::Receiver<Recent>,
+    /// Number of the last report of running jobs.
+    reported: u64,
+    /// Is read while it is held.
+    _feed: Arc<Feed>,
 }
 
 impl Events {
@@ -71,6 +69,10 @@ impl Events {
     /// # Errors
     /// [`ServiceError::ChangesGone`].
     pub async fn open(app: &App, wanted: Wanted, after: Option<u64>) -> Result<Self, ServiceError> {
+        // Subscribed before the store is read: what happens in between is news.
+        let feed = Feed::of(app);
+        let news = feed.subscribe();
+        let reported = news.borrow().reports;
         let last = match after {
             Some(after) => after,
             None => app.store.last_change().await?,
@@ -82,7 +84,9 @@ impl Events {
             last,
             ready: VecDeque::new(),
             behind: false,
-            report: Instant::now(),
+            reported,
+            news,
+            _feed: feed,
         };
         // Faults of the position are answered before the stream begins.
         events.look().await?;
@@ -105,7 +109,8 @@ impl Events {
             }
             if !self.behind {
                 tokio::select! {
-                    () = tokio::time::sleep(LOOK) => {}
+                    // Cannot fail: the feed held here owns the sender.
+                    _ = self.news.changed() => {}
                     () = self.app.stopping() => return Ok(None),
                 }
             }
@@ -114,30 +119,42 @@ impl Events {
     }
 
     async fn look(&mut self) -> Result<(), ServiceError> {
-        let found = changes::list(&self.app, self.last, PAGE).await?;
-        let wanted = found.changes.into_iter().filter(|change| self.wanted.changes.admits(change));
-        self.ready.extend(wanted.map(Event::Change));
+        let (recent, running) = self.recent();
+        let found = match recent {
+            Some(found) => found,
+            None => changes::list(&self.app, self.last, PAGE).await?,
+        };
+        let admits =
+            |change: &Change| self.wanted.changes.admits(change) && self.sees(change.cohort.as_deref());
+        let wanted: Vec<Change> = found.changes.into_iter().filter(admits).collect();
+        self.ready.extend(wanted.into_iter().map(Event::Change));
         if self.ready.is_empty() && found.last > self.last {
             self.ready.push_back(Event::Examined(found.last));
         }
         (self.last, self.behind) = (found.last, !found.done);
-        if self.wanted.progress && Instant::now() >= self.report {
-            self.report = Instant::now() + PROGRESS;
-            self.ready.extend(self.running().await?.into_iter().map(|job| Event::Progress(Box::new(job))));
-        }
+        let cohort = self.wanted.changes.cohort.as_deref();
+        let admits =
+            |job: &&Job| self.sees(job.cohort()) && cohort.is_none_or(|cohort| job.cohort() == Some(cohort));
+        let progress: Vec<Event> =
+            running.iter().filter(admits).map(|job| Event::Progress(Box::new(job.clone()))).collect();
+        self.ready.extend(progress);
         Ok(())
     }
 
-    /// The running jobs, the oldest first.
-    async fn running(&self) -> Result<Vec<Job>, ServiceError> {
-        let filter = JobFilter {
-            status: Some(JobStatus::Running),
-            cohort: self.wanted.changes.cohort.clone(),
-            ..JobFilter::default()
-        };
-        let (mut running, _) = jobs::list(&self.app, &filter, None, MAX_JOBS).await?;
-        running.reverse();
-        Ok(running)
+    /// The changes that the feed has for this stream, and the running jobs that it has not reported yet.
+    fn recent(&mut self) -> (Option<Changes>, Arc<Vec<Job>>) {
+        let recent = self.news.borrow_and_update();
+        let is_new = self.wanted.progress && recent.reports > self.reported;
+        self.reported = recent.reports;
+        (recent.after(self.last), if is_new { Arc::clone(&recent.running) } else { Arc::default() })
+    }
+
+    /// Whether the caller may see what belongs to this cohort, or to none.
+    fn sees(&self, cohort: Option<&str>) -> bool {
+        match cohort {
+            Some(cohort) => self.app.principal.may_use(cohort),
+            None => self.app.principal.cohorts.is_none(),
+        }
     }
 }
 
@@ -147,7 +164,9 @@ mod tests {
     use crate::domain::change::ChangeKind;
     use crate::domain::job::JobKind;
     use crate::service::app::Limits;
+    use crate::service::jobs;
     use crate::store::Store;
+    use std::time::Duration;
 
     #[tokio::test]
     async fn a_stream_begins_now_or_at_a_number_and_ends_with_the_service() {
@@ -170,5 +189,30 @@ mod tests {
         assert_eq!((from_now.first(), all.first()), (1, 0));
         app.drain();
         assert_eq!(from_now.next().await.unwrap(), None);
+    }
+
+    #[tokio::test]
+    async fn streams_of_a_tenant_share_one_reader_and_ask_the_store_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let app = App::new(Store::open(folder.path()).await.unwrap(), Limits::default(), 1);
+        let mut first = Events::open(&app, Wanted::default(), None).await.unwrap();
+        let second = Events::open(&app, Wanted::default(), None).await.unwrap();
+        assert!(Arc::ptr_eq(&first._feed, &second._feed));
+        let other = app.of(Arc::new(crate::domain::access::Principal::system("b")));
+        assert!(!Arc::ptr_eq(
+            &Events::open(&other, Wanted::default(), None).await.unwrap()._feed,
+            &first._feed
+        ));
+        app.store.close().await;
+        let waits = tokio::time::timeout(Duration::from_millis(1200), first.next()).await;
+        assert!(waits.is_err(), "a stream that asks the closed store would fail: {waits:?}");
+        let feed = Arc::downgrade(&first._feed);
+        drop((first, second));
+        let unread = async {
+            while feed.strong_count() > 0 {
+                tokio::time::sleep(Duration::from_millis(20)).await;
+            }
+        };
+        tokio::time::timeout(Duration::from_secs(20), unread).await.expect("without streams nothing is read");
     }
 }
