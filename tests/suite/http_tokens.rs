@@ -276,7 +276,10 @@ fn bad_tokens_are_refused_and_only_the_log_says_why() {
         ("aud", Value::Null, "without exp, iss, aud or sub"),
         ("iss", json!("https://evil.example"), "wrong issuer"),
         ("iss", Value::Null, "without exp, iss, aud or sub"),
+        ("iss", json!([provider.issuer()]), "wrong issuer"),
         ("sub", Value::Null, "without exp, iss, aud or sub"),
+        ("sub", json!(""), "without exp, iss, aud or sub"),
+        ("sub", json!(" "), "without exp, iss, aud or sub"),
     ];
     for (name, value, check) in changes {
         assert_refused(&server, &signer.sign(&with(&claims, name, value)), check);

@@ -168,7 +168,7 @@ pub async fn list(app: &App, cursor: Option<&str>, limit: usize) -> Result<Page<
     if cursor.is_some_and(|cursor| !is_id(cursor)) {
         return Err(ServiceError::foreign_cursor());
     }
-    let mut items = app.store.list_keys(&app.principal.tenant, cursor, limit + 1).await?;
+    let mut items = app.store.list_keys(Some(&app.principal.tenant), cursor, limit + 1).await?;
     let next = (items.len() > limit).then(|| items[limit - 1].id.clone());
     items.truncate(limit);
     Ok((items, next))

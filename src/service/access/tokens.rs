@@ -82,6 +82,13 @@ impl Verifier {
         }
         let data = decode::<Map<String, Value>>(token, &key.key, &self.validation(header.alg));
         let claims = data.map_err(|error| failed_check(error.kind()))?.claims;
+        // The library accepts a list that holds the issuer, and an empty subject.
+        if !claims.get("iss").is_some_and(Value::is_string) {
+            return Err("wrong issuer of a token".into());
+        }
+        if claims.get("sub").and_then(Value::as_str).is_none_or(|subject| subject.trim().is_empty()) {
+            return Err("a token without exp, iss, aud or sub".into());
+        }
         if is_from_the_future(&claims, now_ms(), self.settings.leeway_s) {
             return Err("a token that was issued in the future".into());
         }
