@@ -14,7 +14,7 @@ use serde::Deserialize;
 use self::values::{Bytes, Given, ListenAddress};
 use crate::service::access::AccessSettings;
 use crate::service::access::login::LoginSettings;
-use crate::service::access::tokens::TokenSettings;
+use crate::service::access::tokens::{self, TokenSettings};
 use crate::service::app::{Limits, memory};
 use crate::service::dictionaries::at_engine::EngineSettings;
 use crate::service::hooks::HookSettings;
@@ -220,6 +220,8 @@ serve_settings! {
     oidc_jwks_url: String = "SHAPELEX_OIDC_JWKS_URL", String::new();
     /// Claim with the roles `reader`, `writer`, `admin`; dots address nested objects
     oidc_role_claim: String = "SHAPELEX_OIDC_ROLE_CLAIM", "roles".into();
+    /// Groups in that claim that stand for roles, such as `/clinic/staff=reader; /clinic/admins=admin`
+    oidc_role_map: String = "SHAPELEX_OIDC_ROLE_MAP", String::new();
     /// Claim with the tenant; empty if all callers belong to the default tenant
     oidc_tenant_claim: String = "SHAPELEX_OIDC_TENANT_CLAIM", String::new();
     /// Id of the page at this provider, as a public client of the code flow; empty for no login by the provider on the page
@@ -401,6 +403,7 @@ impl ServeConfig {
             // Without an audience, a token issued for any other service would be accepted.
             return Err("expected both oidc_issuer and oidc_audience, or neither".into());
         }
+        tokens::roles_of_groups(&self.oidc_role_map).map_err(|error| format!("oidc_role_map: {error}"))?;
         if self.oidc_issuer.is_empty() && !self.oidc_client_id.is_empty() {
             return Err("expected oidc_issuer with oidc_client_id".into());
         }
@@ -444,6 +447,8 @@ impl ServeConfig {
             audience: self.oidc_audience.clone(),
             jwks_url: given(&self.oidc_jwks_url),
             role_claim: self.oidc_role_claim.clone(),
+            // Checked at the start.
+            roles: tokens::roles_of_groups(&self.oidc_role_map).unwrap_or_default(),
             tenant_claim: given(&self.oidc_tenant_claim),
             leeway_s: self.oidc_leeway_seconds,
             access_only: self.oidc_require_at_jwt,
@@ -497,6 +502,8 @@ mod tests {
         assert!(ServeConfig::load(args).unwrap_err().contains("oidc_audience"));
         let args = ServeArgs { oidc_client_id: Some("page".into()), ..ServeArgs::default() };
         assert!(ServeConfig::load(args).unwrap_err().contains("oidc_issuer"));
+        let args = ServeArgs { oidc_role_map: Some("staff=root".into()), ..ServeArgs::default() };
+        assert!(ServeConfig::load(args).unwrap_err().starts_with("oidc_role_map: expected groups"));
         let args = ServeArgs { oidc_leeway_seconds: Some(301), ..ServeArgs::default() };
         assert!(ServeConfig::load(args).unwrap_err().contains("at most 300"));
         let args = ServeArgs { jobs: NonZeroUsize::new(65), ..ServeArgs::default() };

@@ -296,6 +296,24 @@ fn bad_tokens_are_refused_and_only_the_log_says_why() {
 }
 
 #[test]
+fn groups_of_the_provider_stand_for_roles() {
+    let provider = Provider::start();
+    let signer = Signer::new("a", Algorithm::ES256);
+    provider.set_keys(&[&signer]);
+    let map = "/radiology/Writer=writer; CN=Admins,OU=Clinic=admin";
+    let flags = ["--oidc-role-claim", "groups", "--oidc-role-map", map, "--oidc-tenant-claim", "clinic"];
+    let server = provider.service(&flags);
+    let status = |groups: Value, path: &str| {
+        let claims = with(&with(&provider.claims(), "groups", groups), "clinic", json!("radiology"));
+        get_with(&server, path, &signer.sign(&claims)).status
+    };
+    assert_eq!(status(json!(["/radiology/Writer"]), "/v1/cohorts"), 200);
+    assert_eq!(status(json!(["/radiology/Writer"]), "/v1/keys"), 403);
+    assert_eq!(status(json!(["/radiology/Writer", "CN=Admins,OU=Clinic"]), "/v1/keys"), 200);
+    assert_eq!(status(json!(["/radiology"]), "/v1/cohorts"), 403);
+}
+
+#[test]
 fn keys_of_the_provider_rotate_and_outlive_its_absence() {
     let provider = Provider::start();
     let (first, second, third) = (
