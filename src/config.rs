@@ -17,7 +17,7 @@ use crate::service::access::login::LoginSettings;
 use crate::service::access::tokens::{self, TokenSettings};
 use crate::service::app::{Limits, memory};
 use crate::service::dictionaries::at_engine::EngineSettings;
-use crate::service::hooks::HookSettings;
+use crate::service::hooks::{HookSettings, Network};
 use crate::store_location::{self, StoreLocation};
 use crate::worker::Places;
 use crate::worker::tidy::Terms;
@@ -237,6 +237,9 @@ serve_settings! {
     /// Let hooks deliver over plain HTTP and to private, loopback and link-local addresses: for tests, and networks without
     /// anything to protect from administrators of tenants
     allow_private_hooks: bool = "SHAPELEX_ALLOW_PRIVATE_HOOKS", false;
+    /// Networks to whose addresses hooks may deliver over https besides public ones, such as `10.1.0.0/16, fd12::/16`, separated by
+    /// commas
+    hook_networks: String = "SHAPELEX_HOOK_NETWORKS", String::new();
     /// Days after which a hook whose delivery fails is given up; 0 gives up after the first attempt
     hook_days: u32 = "SHAPELEX_HOOK_DAYS", HookSettings::default().days;
     /// Path of `shapelex-engine`, which computes passes over large cohorts; empty for none
@@ -403,6 +406,7 @@ impl ServeConfig {
             // Without an audience, a token issued for any other service would be accepted.
             return Err("expected both oidc_issuer and oidc_audience, or neither".into());
         }
+        Network::list(&self.hook_networks).map_err(|error| format!("hook_networks: {error}"))?;
         tokens::roles_of_groups(&self.oidc_role_map).map_err(|error| format!("oidc_role_map: {error}"))?;
         if self.oidc_issuer.is_empty() && !self.oidc_client_id.is_empty() {
             return Err("expected oidc_issuer with oidc_client_id".into());
@@ -426,7 +430,9 @@ impl ServeConfig {
 
     /// Settings of hooks.
     pub fn hooks(&self) -> HookSettings {
-        HookSettings { allow_private: self.allow_private_hooks, days: self.hook_days }
+        // Checked at the start.
+        let networks = Network::list(&self.hook_networks).unwrap_or_default();
+        HookSettings { allow_private: self.allow_private_hooks, networks, days: self.hook_days }
     }
 
     /// The engine that jobs may use.
@@ -502,6 +508,8 @@ mod tests {
         assert!(ServeConfig::load(args).unwrap_err().contains("oidc_audience"));
         let args = ServeArgs { oidc_client_id: Some("page".into()), ..ServeArgs::default() };
         assert!(ServeConfig::load(args).unwrap_err().contains("oidc_issuer"));
+        let args = ServeArgs { hook_networks: Some("clinic".into()), ..ServeArgs::default() };
+        assert!(ServeConfig::load(args).unwrap_err().starts_with("hook_networks: expected networks"));
         let args = ServeArgs { oidc_role_map: Some("staff=root".into()), ..ServeArgs::default() };
         assert!(ServeConfig::load(args).unwrap_err().starts_with("oidc_role_map: expected groups"));
         let args = ServeArgs { oidc_leeway_seconds: Some(301), ..ServeArgs::default() };

@@ -339,6 +339,17 @@ fn private_addresses_are_refused_unless_allowed() {
 }
 
 #[test]
+fn single_networks_are_opened_to_hooks() {
+    let server = Setting::fresh().flags(&["--hook-networks", "10.1.0.0/16, 127.0.0.1"]).start();
+    for url in ["https://10.1.2.3/", "https://127.0.0.1:9/", "https://receiver.internal/", "https://hooks.example/"] {
+        hook(&server, &json!({ "url": url }));
+    }
+    for url in ["https://10.2.0.1/", "https://169.254.169.254/", "http://10.1.2.3/", "https://127.0.0.2/"] {
+        server.post("/v1/hooks", &json!({ "url": url })).expect_problem(422, "invalid-input", &["/url"]);
+    }
+}
+
+#[test]
 fn slow_receivers_of_one_tenant_do_not_delay_the_deliveries_of_another() {
     let server = server(&[]);
     let (slow, prompt) = (Receiver::answering_after(Duration::from_secs(9)), Receiver::start());

@@ -62,7 +62,7 @@ impl Deliveries {
     /// Starts to deliver. Must be called on an async runtime.
     pub fn start(app: &App) -> Self {
         let (stop, settings) = (CancellationToken::new(), app.hook_settings());
-        let client = client(settings);
+        let client = client(&settings);
         if let Err(error) = &client {
             tracing::warn!(error, "hooks cannot be delivered to");
         }
@@ -79,7 +79,7 @@ impl Deliveries {
     }
 }
 
-fn client(settings: HookSettings) -> Result<Client, String> {
+fn client(settings: &HookSettings) -> Result<Client, String> {
     let client = Client::builder()
         .user_agent(concat!("shapelex/", env!("CARGO_PKG_VERSION")))
         .no_proxy()
@@ -88,7 +88,8 @@ fn client(settings: HookSettings) -> Result<Client, String> {
         .connect_timeout(CONNECT_TIMEOUT)
         .timeout(TIMEOUT)
         .https_only(!settings.allow_private);
-    let client = if settings.allow_private { client } else { client.dns_resolver(address::PublicOnly) };
+    let reachable = address::Reachable(Arc::clone(&settings.networks));
+    let client = if settings.allow_private { client } else { client.dns_resolver(reachable) };
     client.build().map_err(|error| error.to_string())
 }
 
@@ -98,7 +99,7 @@ struct Courier {
     app: App,
     /// `None` if it could not be made, for example without certificates of authorities.
     client: Option<Client>,
-    settings: HookSettings,
+    settings: Arc<HookSettings>,
     stop: CancellationToken,
 }
 
@@ -227,7 +228,8 @@ impl Courier {
     async fn send(&self, hook: &Hook, change: &Change) -> Result<(), Failed> {
         let client =
             self.client.as_ref().ok_or_else(|| Failed::new("the service has no client: see its log"))?;
-        let url = address::checked(&hook.url, self.settings.allow_private).map_err(|_| {
+        let settings = &self.settings;
+        let url = address::checked(&hook.url, settings.allow_private, &settings.networks).map_err(|_| {
             Failed::new("the address is not allowed any more: it is private, or without https")
         })?;
         let body = serde_json::to_string(&Delivery::new(change))
