@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 
 /// Beginning of the names of settings.
 const PREFIX: &str = "SHAPELEX_";
-/// Names that are no settings: of the build, of the engine and its script, and of the tests of the page.
+/// Names that are not settings: of the build, of the engine and its script, and of the tests of the page.
 const OTHERS: [&str; 10] = [
     "SHAPELEX_BINARY",
     "SHAPELEX_COMMIT",
@@ -18,8 +18,8 @@ const OTHERS: [&str; 10] = [
     "SHAPELEX_ENGINE_PYTHON",
     "SHAPELEX_TOKEN",
 ];
-/// Beginnings of the names of tests, benches and fuzz targets.
-const FAMILIES: [&str; 3] = ["SHAPELEX_TEST_", "SHAPELEX_BENCH_", "SHAPELEX_FUZZ_"];
+/// Beginnings of the names of tests, benches and fuzz targets, and of what the build script tells the compiler: `cargo run` hands that on.
+const FAMILIES: [&str; 4] = ["SHAPELEX_BUILD_", "SHAPELEX_TEST_", "SHAPELEX_BENCH_", "SHAPELEX_FUZZ_"];
 
 /// Refuses variables that begin like settings and are none of `settings`, with the most similar name.
 ///
@@ -100,6 +100,7 @@ mod tests {
         let accepted = [
             ("SHAPELEX_THREADS", "2"),
             ("SHAPELEX_TEST_DATABASE_URL", "postgres://"),
+            ("SHAPELEX_BUILD_LINE", "0.1.0"),
             ("SHAPELEX_ENGINE_KEY", "key.pem"),
             ("SHAPELEX_PORT", "tcp://10.0.0.7:8080"),
             ("SHAPELEX_PORT_8080_TCP_ADDR", "10.0.0.7"),

@@ -141,7 +141,7 @@ async fn create(app: &App, args: CreateArgs) -> Result<String, ServiceError> {
     Ok(format!("{}\n", key.id))
 }
 
-/// Revokes a key of the tenant that was named, else of its own.
+/// Revokes a key of the tenant that was named, else of any tenant.
 async fn revoke(app: &App, args: &RevokeArgs) -> Result<String, ServiceError> {
     let found = if args.at.tenant.is_some() { None } else { app.store.find_key(&args.id).await? };
     let of_owner = found.map(|key| app.of(Arc::new(Principal::system(&key.tenant))));

@@ -10,7 +10,7 @@ use serde::de::{Deserialize, Deserializer, Error, Visitor};
 
 use super::LogFormat;
 
-/// What is given for a setting, and the value that it stands for.
+/// Text or number given for a setting, and the value that it stands for.
 pub trait Given {
     /// The value.
     type Value;

@@ -100,10 +100,11 @@ async fn start(config: &ServeConfig) -> Result<App, String> {
     app.memory.watch(Arc::clone(&app.cache));
     access::check_start(&app, config.listen).await?;
     app.trail().start(&app.store, config.audit_required);
-    if !config.no_example && access::is_open(&app).await.map_err(|error| error.to_string())? {
-        if let Err(error) = example::load_into_empty(&app).await {
-            tracing::warn!(error = error.cause(), "the example cohort cannot be loaded");
-        }
+    if !config.no_example
+        && access::is_open(&app).await.map_err(|error| error.to_string())?
+        && let Err(error) = example::load_into_empty(&app).await
+    {
+        tracing::warn!(error = error.cause(), "the example cohort cannot be loaded");
     }
     tokio::spawn(tidy::keep_tidy(app.clone(), config.terms()));
     Ok(app)
