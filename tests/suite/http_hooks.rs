@@ -341,7 +341,9 @@ fn private_addresses_are_refused_unless_allowed() {
 #[test]
 fn single_networks_are_opened_to_hooks() {
     let server = Setting::fresh().flags(&["--hook-networks", "10.1.0.0/16, 127.0.0.1"]).start();
-    for url in ["https://10.1.2.3/", "https://127.0.0.1:9/", "https://receiver.internal/", "https://hooks.example/"] {
+    for url in
+        ["https://10.1.2.3/", "https://127.0.0.1:9/", "https://receiver.internal/", "https://hooks.example/"]
+    {
         hook(&server, &json!({ "url": url }));
     }
     for url in ["https://10.2.0.1/", "https://169.254.169.254/", "http://10.1.2.3/", "https://127.0.0.2/"] {
