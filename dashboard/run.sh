@@ -7,16 +7,16 @@
 #                            GOALS=1 compares times with the goals, on an idle machine and a release build, DIST=1 takes the page
 #                            from dashboard/dist instead of the program, which is built anew for each change of it otherwise
 set -euo pipefail
-cd "$(dirname "$0")"
 
 skip() {
   echo "SKIPPED: the dashboard ($1), $2"
   exit 0
 }
 
-for tool in node npm; do
+for tool in node npm cmp cp diff dirname mktemp rm sed tail; do
   command -v "$tool" >/dev/null || skip "$1" "there is no $tool"
 done
+cd "$(dirname "$0")"
 # What is installed is what the lock says: anew only when it has changed.
 if ! cmp -s package-lock.json node_modules/.lock; then
   said=$(npm ci --no-audit --no-fund 2>&1) || skip "$1" "its packages cannot be installed: $(tail -1 <<<"$said")"

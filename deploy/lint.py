@@ -52,7 +52,10 @@ class Failed(Exception):
 def run(*command, **options):
     """Output of a command that must succeed."""
     options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **options}
-    done = subprocess.run(command, cwd=ROOT, text=True, **options)
+    try:
+        done = subprocess.run(command, cwd=ROOT, text=True, **options)
+    except FileNotFoundError:
+        raise Skipped(f"no {command[0]} here") from None
     if done.returncode != 0:
         raise Failed((done.stdout + (done.stderr or "")).strip() or f"{command[0]} ended with {done.returncode}")
     return done.stdout
@@ -241,6 +244,26 @@ def check_systemd():
             refuse([line for line in str(table).splitlines() if not line.startswith("✓")])
 
 
+def check_calls():
+    """The unit lets the program lower the priority of its threads: the last word about the call counts."""
+    allowed = False
+    for line in re.findall(r"(?m)^SystemCallFilter=(.*)$", UNIT.read_text()):
+        names = line.removeprefix("~").split()
+        if {"setpriority", "@resources"} & set(names):
+            allowed = not line.startswith("~")
+    if not allowed:
+        raise Failed(f"{UNIT.name}: setpriority is refused, so that jobs do not give way to requests")
+
+
+def check_context():
+    """What the program is made of, by its build script, is in the context of the image, the settings of the allocator included."""
+    build = (ROOT / "build.rs").read_text()
+    listed = re.search(r"const SOURCES: \[&str; \d+\] =\s*\[(.*?)\];", build, re.S).group(1)
+    sources = re.findall(r'"([^"]+)"', listed)
+    ignore = DOCKERFILE.with_name("Dockerfile.dockerignore").read_text().splitlines()
+    refuse([f"Dockerfile.dockerignore: {source} is left out" for source in sources if f"!{source}" not in ignore])
+
+
 def check_names():
     """Settings, routes, commands and tests that the files name exist."""
     try:
@@ -321,6 +344,8 @@ CHECKS = {
     "compose": check_compose,
     "kubernetes": check_kubernetes,
     "systemd": check_systemd,
+    "calls": check_calls,
+    "context": check_context,
     "names": check_names,
     "supply-chain": check_supply_chain,
     "sbom": check_sbom,

@@ -1,11 +1,14 @@
 //! Command line: the service, its OpenAPI document, a health check, API keys, files of shapes, maintenance of the store, and
 //! pages about all of it.
 
+mod environment;
 mod files;
 mod keys;
 mod maintenance;
 mod manual;
 
+use std::collections::BTreeSet;
+use std::ffi::OsString;
 use std::io::{ErrorKind, Write};
 use std::process::ExitCode;
 
@@ -58,7 +61,12 @@ enum Command {
 
 /// Runs the program; errors are written to standard error in one sentence.
 pub fn run() -> ExitCode {
-    let outcome = match Cli::parse().command {
+    let command = Cli::parse().command;
+    if let Err(message) = check_environment(&command) {
+        complain(&message);
+        return ExitCode::from(2);
+    }
+    let outcome = match command {
         Command::Serve(args) => serve(*args),
         Command::Openapi => openapi(),
         Command::Health { url } => runtime().and_then(|runtime| runtime.block_on(health::ask(&url))),
@@ -81,6 +89,27 @@ pub fn run() -> ExitCode {
             ExitCode::FAILURE
         }
     }
+}
+
+/// Refuses misspelt variables where they would be settings.
+fn check_environment(command: &Command) -> Result<(), String> {
+    match command {
+        Command::Openapi | Command::Health { .. } | Command::Completions { .. } | Command::Man { .. } => {
+            Ok(())
+        }
+        Command::Serve(_) | Command::Key { .. } | Command::Files(_) | Command::Maintenance(_) => {
+            let texts = |(name, value): (OsString, OsString)| {
+                Some((name.into_string().ok()?, value.to_string_lossy().into_owned()))
+            };
+            environment::check(std::env::vars_os().filter_map(texts), &variables_of(&Cli::command()))
+        }
+    }
+}
+
+/// Variables of a command and of those below it.
+fn variables_of(command: &clap::Command) -> BTreeSet<String> {
+    let own = command.get_arguments().filter_map(|argument| argument.get_env()?.to_str().map(str::to_owned));
+    own.chain(command.get_subcommands().flat_map(variables_of)).collect()
 }
 
 /// Prints why the program cannot continue.

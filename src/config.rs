@@ -1,6 +1,8 @@
 //! Configuration of the service. A flag takes precedence over its environment variable, that over the config file, and the
 //! file over the default.
 
+mod values;
+
 use std::net::SocketAddr;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
@@ -9,12 +11,13 @@ use std::time::Duration;
 use clap::{Args, ValueEnum};
 use serde::Deserialize;
 
+use self::values::{Bytes, Given, ListenAddress};
 use crate::service::access::AccessSettings;
 use crate::service::access::login::LoginSettings;
-use crate::service::access::tokens::TokenSettings;
+use crate::service::access::tokens::{self, TokenSettings};
 use crate::service::app::{Limits, memory};
 use crate::service::dictionaries::at_engine::EngineSettings;
-use crate::service::hooks::HookSettings;
+use crate::service::hooks::{HookSettings, Network};
 use crate::store_location::{self, StoreLocation};
 use crate::worker::Places;
 use crate::worker::tidy::Terms;
@@ -64,7 +67,7 @@ macro_rules! serve_settings {
         pub struct ServeConfig {
             /// Leave an empty store empty.
             pub no_example: bool,
-            $($(#[doc = $doc])* pub $field: $type,)*
+            $($(#[doc = $doc])* pub $field: <$type as Given>::Value,)*
         }
 
         /// What clients are allowed.
@@ -93,7 +96,7 @@ impl ServeConfig {
                 let file = args.config.as_deref().map_or_else(|| Ok(ServeArgs::default()), read_file)?;
                 let config = Self {
                     no_example: args.no_example.or(file.no_example).unwrap_or(false),
-                    $($field: args.$field.or(file.$field).unwrap_or_else(|| $default),)*
+                    $($field: args.$field.or(file.$field).map_or_else(|| $default, Given::value),)*
                 };
                 config.check()
             }
@@ -102,8 +105,9 @@ impl ServeConfig {
 }
 
 serve_settings! {
-    /// Address to listen on; port 0 selects a free port and prints it
-    listen: SocketAddr = "SHAPELEX_LISTEN", SocketAddr::from(([127, 0, 0, 1], 8080));
+    /// Address to listen on, such as `127.0.0.1:8080` or `localhost:8080`, or `:8080` for all networks; port 0 selects a free port and
+    /// prints it
+    listen: ListenAddress = "SHAPELEX_LISTEN", SocketAddr::from(([127, 0, 0, 1], 8080));
     /// Folder of the embedded store, created if missing
     data_dir: PathBuf = "SHAPELEX_DATA_DIR", PathBuf::from("shapelex-data");
     /// Start even if the newest part of the embedded store is missing, and continue with the rest
@@ -119,19 +123,19 @@ serve_settings! {
     /// Number of jobs that run at once, at most 64; they share compute threads of their own, as many as those of the requests
     jobs: NonZeroUsize = "SHAPELEX_JOBS", NonZeroUsize::MIN;
     /// Maximum size of a request body in bytes, after decompression (for streams, the line limit applies instead)
-    max_body_bytes: usize = "SHAPELEX_MAX_BODY_BYTES", Limits::default().body_bytes;
+    max_body_bytes: Bytes = "SHAPELEX_MAX_BODY_BYTES", Limits::default().body_bytes;
     /// Maximum size of an image in bytes, as received and after decompression
-    max_image_bytes: usize = "SHAPELEX_MAX_IMAGE_BYTES", Limits::default().image_bytes;
+    max_image_bytes: Bytes = "SHAPELEX_MAX_IMAGE_BYTES", Limits::default().image_bytes;
     /// Maximum number of pixels or voxels of an image
     max_voxels: usize = "SHAPELEX_MAX_VOXELS", Limits::default().voxels;
     /// Maximum length of a line of an NDJSON stream in bytes
-    max_line_bytes: usize = "SHAPELEX_MAX_LINE_BYTES", Limits::default().line_bytes;
+    max_line_bytes: Bytes = "SHAPELEX_MAX_LINE_BYTES", Limits::default().line_bytes;
     /// Maximum number of values in a JSON body, counted by its commas and brackets
     max_json_values: usize = "SHAPELEX_MAX_JSON_VALUES", Limits::default().json_values;
     /// Maximum ratio of decompressed to compressed size of a body, beyond its first MiB
     max_compression_ratio: usize = "SHAPELEX_MAX_COMPRESSION_RATIO", Limits::default().compression_ratio;
     /// Maximum size of the metadata of a shape in bytes, as JSON
-    max_metadata_bytes: usize = "SHAPELEX_MAX_METADATA_BYTES", Limits::default().metadata_bytes;
+    max_metadata_bytes: Bytes = "SHAPELEX_MAX_METADATA_BYTES", Limits::default().metadata_bytes;
     /// Maximum number of shapes in a request that is answered from memory
     max_shapes: usize = "SHAPELEX_MAX_SHAPES", Limits::default().shapes;
     /// Maximum number of points of a posted contour
@@ -144,9 +148,9 @@ serve_settings! {
     max_atoms: usize = "SHAPELEX_MAX_ATOMS", Limits::default().atoms;
     /// Maximum predicted memory of a job in bytes; larger jobs are refused before they run; 0 means 4 GiB, but at most three
     /// eighths of the memory
-    max_job_bytes: usize = "SHAPELEX_MAX_JOB_BYTES", 0;
+    max_job_bytes: Bytes = "SHAPELEX_MAX_JOB_BYTES", 0;
     /// Maximum size of a distance matrix in bytes, at most 900 million
-    max_matrix_bytes: usize = "SHAPELEX_MAX_MATRIX_BYTES", Limits::default().matrix_bytes;
+    max_matrix_bytes: Bytes = "SHAPELEX_MAX_MATRIX_BYTES", Limits::default().matrix_bytes;
     /// Maximum predicted multiply-adds of a distance matrix that is answered at once; larger ones become a job
     max_matrix_operations: usize = "SHAPELEX_MAX_MATRIX_OPERATIONS", Limits::default().matrix_operations;
     /// Maximum predicted multiply-adds of a search
@@ -160,7 +164,7 @@ serve_settings! {
     /// Maximum number of open connections; beyond it the one that has been idle longest is closed
     max_connections: NonZeroUsize = "SHAPELEX_MAX_CONNECTIONS", most(4096);
     /// Maximum size of a request head in bytes, at least 8192
-    max_head_bytes: usize = "SHAPELEX_MAX_HEAD_BYTES", 64 << 10;
+    max_head_bytes: Bytes = "SHAPELEX_MAX_HEAD_BYTES", 64 << 10;
     /// Maximum number of concurrent requests on one HTTP/2 connection
     max_streams: u32 = "SHAPELEX_MAX_STREAMS", 100;
     /// Timeout in seconds from a connection to the end of its first request head
@@ -189,14 +193,14 @@ serve_settings! {
     max_request_seconds: NonZeroUsize = "SHAPELEX_MAX_REQUEST_SECONDS", most(10);
     /// Maximum resident memory of the process in bytes, beyond which large requests are refused; 0 means the limit of its
     /// control group, else the memory of the machine
-    max_memory: usize = "SHAPELEX_MAX_MEMORY", 0;
+    max_memory: Bytes = "SHAPELEX_MAX_MEMORY", 0;
     /// Seconds after its last use for which a computed result, such as a cohort prepared for searches, is kept in memory
     cache_seconds: NonZeroUsize = "SHAPELEX_CACHE_SECONDS", most(600);
     /// Maximum memory in bytes for all request bodies and the values read from them, at least the size of one body; 0 means a
     /// quarter of the memory
-    max_buffered_bytes: usize = "SHAPELEX_MAX_BUFFERED_BYTES", 0;
+    max_buffered_bytes: Bytes = "SHAPELEX_MAX_BUFFERED_BYTES", 0;
     /// Maximum memory in bytes for all responses that are not yet sent; 0 means an eighth of the memory
-    max_answer_bytes: usize = "SHAPELEX_MAX_ANSWER_BYTES", 0;
+    max_answer_bytes: Bytes = "SHAPELEX_MAX_ANSWER_BYTES", 0;
     /// Maximum average number of requests per second and caller; 0 disables the limit
     rate_per_second: u32 = "SHAPELEX_RATE_PER_SECOND", Limits::default().rate_per_second;
     /// Maximum number of requests in a burst per caller; 0 means twice the number per second
@@ -216,6 +220,8 @@ serve_settings! {
     oidc_jwks_url: String = "SHAPELEX_OIDC_JWKS_URL", String::new();
     /// Claim with the roles `reader`, `writer`, `admin`; dots address nested objects
     oidc_role_claim: String = "SHAPELEX_OIDC_ROLE_CLAIM", "roles".into();
+    /// Groups in that claim that stand for roles, such as `/clinic/staff=reader; /clinic/admins=admin`
+    oidc_role_map: String = "SHAPELEX_OIDC_ROLE_MAP", String::new();
     /// Claim with the tenant; empty if all callers belong to the default tenant
     oidc_tenant_claim: String = "SHAPELEX_OIDC_TENANT_CLAIM", String::new();
     /// Id of the page at this provider, as a public client of the code flow; empty for no login by the provider on the page
@@ -231,6 +237,9 @@ serve_settings! {
     /// Let hooks deliver over plain HTTP and to private, loopback and link-local addresses: for tests, and networks without
     /// anything to protect from administrators of tenants
     allow_private_hooks: bool = "SHAPELEX_ALLOW_PRIVATE_HOOKS", false;
+    /// Networks to whose addresses hooks may deliver over https besides public ones, such as `10.1.0.0/16, fd12::/16`, separated by
+    /// commas
+    hook_networks: String = "SHAPELEX_HOOK_NETWORKS", String::new();
     /// Days after which a hook whose delivery fails is given up; 0 gives up after the first attempt
     hook_days: u32 = "SHAPELEX_HOOK_DAYS", HookSettings::default().days;
     /// Path of `shapelex-engine`, which computes passes over large cohorts; empty for none
@@ -304,6 +313,8 @@ impl ServeConfig {
             answer_bytes: share(self.max_answer_bytes, 1, matrix, Limits::default().answer_bytes),
             rate_per_second: self.rate_per_second,
             rate_burst: self.rate_burst,
+            // Half of the connections is left to others.
+            caller_requests: self.max_connections.get().div_ceil(2),
             refusals_per_minute: self.refusals_per_minute,
             light_time: seconds(self.light_seconds),
             compute_time: seconds(self.compute_seconds),
@@ -355,6 +366,7 @@ impl ServeConfig {
 
     fn check(mut self) -> Result<Self, String> {
         self.database_url = store_location::database_url(&self.database_url, Some(&self.database_url_file))?;
+        self.check_places()?;
         if self.jobs.get() > MAX_JOBS {
             return Err(format!("jobs: expected at most {MAX_JOBS}, got {}", self.jobs));
         }
@@ -394,15 +406,33 @@ impl ServeConfig {
             // Without an audience, a token issued for any other service would be accepted.
             return Err("expected both oidc_issuer and oidc_audience, or neither".into());
         }
+        Network::list(&self.hook_networks).map_err(|error| format!("hook_networks: {error}"))?;
+        tokens::roles_of_groups(&self.oidc_role_map).map_err(|error| format!("oidc_role_map: {error}"))?;
         if self.oidc_issuer.is_empty() && !self.oidc_client_id.is_empty() {
             return Err("expected oidc_issuer with oidc_client_id".into());
         }
         Ok(self)
     }
 
+    fn check_places(&self) -> Result<(), String> {
+        if self.data_dir.to_str().is_some_and(|text| text.contains("://")) {
+            return Err(
+                "data_dir: expected a folder, got an address: that of PostgreSQL is database_url".into()
+            );
+        }
+        match self.engine_store.split_once("://") {
+            Some((scheme, _)) if scheme != "s3" => {
+                Err(format!("engine_store: expected a folder or s3://bucket/folder, got {scheme}://"))
+            }
+            _ => Ok(()),
+        }
+    }
+
     /// Settings of hooks.
     pub fn hooks(&self) -> HookSettings {
-        HookSettings { allow_private: self.allow_private_hooks, days: self.hook_days }
+        // Checked at the start.
+        let networks = Network::list(&self.hook_networks).unwrap_or_default();
+        HookSettings { allow_private: self.allow_private_hooks, networks, days: self.hook_days }
     }
 
     /// The engine that jobs may use.
@@ -423,6 +453,8 @@ impl ServeConfig {
             audience: self.oidc_audience.clone(),
             jwks_url: given(&self.oidc_jwks_url),
             role_claim: self.oidc_role_claim.clone(),
+            // Checked at the start.
+            roles: tokens::roles_of_groups(&self.oidc_role_map).unwrap_or_default(),
             tenant_claim: given(&self.oidc_tenant_claim),
             leeway_s: self.oidc_leeway_seconds,
             access_only: self.oidc_require_at_jwt,
@@ -456,10 +488,12 @@ mod tests {
     fn flags_win_over_the_file_and_the_file_over_defaults() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("shapelex.toml");
-        std::fs::write(&path, "threads = 3\nmax_shapes = 7\nno_example = true\n").unwrap();
+        let text = "threads = 3\nmax_shapes = 7\nno_example = true\nmax_body_bytes = \"64MB\"\nlisten = \"localhost:1\"\n";
+        std::fs::write(&path, text).unwrap();
         let args = ServeArgs { config: Some(path), threads: Some(1), ..ServeArgs::default() };
         let config = ServeConfig::load(args).unwrap();
         assert_eq!((config.threads, config.max_shapes, config.no_example), (1, 7, true));
+        assert_eq!((config.max_body_bytes, config.listen), (64_000_000, ([127, 0, 0, 1], 1).into()));
         assert_eq!(config.max_points, Limits::default().points);
     }
 
@@ -474,6 +508,10 @@ mod tests {
         assert!(ServeConfig::load(args).unwrap_err().contains("oidc_audience"));
         let args = ServeArgs { oidc_client_id: Some("page".into()), ..ServeArgs::default() };
         assert!(ServeConfig::load(args).unwrap_err().contains("oidc_issuer"));
+        let args = ServeArgs { hook_networks: Some("clinic".into()), ..ServeArgs::default() };
+        assert!(ServeConfig::load(args).unwrap_err().starts_with("hook_networks: expected networks"));
+        let args = ServeArgs { oidc_role_map: Some("staff=root".into()), ..ServeArgs::default() };
+        assert!(ServeConfig::load(args).unwrap_err().starts_with("oidc_role_map: expected groups"));
         let args = ServeArgs { oidc_leeway_seconds: Some(301), ..ServeArgs::default() };
         assert!(ServeConfig::load(args).unwrap_err().contains("at most 300"));
         let args = ServeArgs { jobs: NonZeroUsize::new(65), ..ServeArgs::default() };
@@ -489,10 +527,15 @@ mod tests {
         }
         let config = ServeConfig::load(origins("https://a.example, http://localhost:3000")).unwrap();
         assert_eq!(config.access().origins, ["https://a.example", "http://localhost:3000"]);
-        let args = ServeArgs { max_head_bytes: Some(100), ..ServeArgs::default() };
+        let args = ServeArgs { max_head_bytes: Some(Bytes(100)), ..ServeArgs::default() };
         assert!(ServeConfig::load(args).unwrap_err().contains("at least 8192"));
-        let args = ServeArgs { max_buffered_bytes: Some(1 << 20), ..ServeArgs::default() };
+        let args = ServeArgs { max_buffered_bytes: Some(Bytes(1 << 20)), ..ServeArgs::default() };
         assert!(ServeConfig::load(args).unwrap_err().contains("at least max_body_bytes"));
+        let refused = |args: ServeArgs| ServeConfig::load(args).unwrap_err();
+        let folder_of = |text: &str| ServeArgs { data_dir: Some(text.into()), ..ServeArgs::default() };
+        assert!(refused(folder_of("postgres://a/b")).contains("database_url"));
+        let bucket = ServeArgs { engine_store: Some("gs://a/b".into()), ..ServeArgs::default() };
+        assert!(refused(bucket).contains("got gs://"));
         let path = folder.path().join("none.toml");
         std::fs::write(&path, "jobs = 0\n").unwrap();
         let args = ServeArgs { config: Some(path), ..ServeArgs::default() };
@@ -507,7 +550,7 @@ mod tests {
             AccessSettings { loopback: true, ..AccessSettings::default() }
         );
         let public = ServeArgs {
-            listen: Some(([0, 0, 0, 0], 80).into()),
+            listen: Some(":80".parse().unwrap()),
             oidc_issuer: Some("https://id.example".into()),
             oidc_audience: Some("shapelex".into()),
             ..ServeArgs::default()

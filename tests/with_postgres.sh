@@ -8,6 +8,10 @@ skip() {
     exit 0
 }
 
+for tool in chown cat dirname id ls mktemp readlink rm sort tail; do
+    command -v "$tool" >/dev/null || skip "there is no $tool"
+done
+
 # The folder of initdb and pg_ctl: that of the newest version where Debian keeps them, else that of the path. Nothing is found, and
 # that is no failure, where there is none.
 find_programs() {
@@ -35,6 +39,7 @@ folder=$(mktemp -d)
 as_owner=()
 if [ "$(id -u)" = 0 ]; then
     id postgres >/dev/null 2>&1 || skip "there is no user postgres, and it does not run as root"
+    command -v runuser >/dev/null || skip "there is no runuser, and it does not run as root"
     chown postgres "$folder"
     as_owner=(runuser -u postgres --)
 fi

@@ -267,6 +267,9 @@ def main():
     for name in ("tests", "ir", "write", "gate"):
         parser.add_argument(f"--{name}", action="store_true")
     arguments = parser.parse_args()
+    if missing := [tool for tool in ("cargo", "git") if not shutil.which(tool)]:
+        print(f"SKIPPED: the weight of a cold build, there is no {' and no '.join(missing)}")
+        return
     rows = []
     if arguments.before:
         tree = ROOT / "target" / "weight" / "tree"

@@ -1,5 +1,5 @@
 //! Checks of a request before its handler, in one order: whether the service is stopping, who the caller is, which role it has,
-//! whether it accepts the media type of the answer, and how many requests it sends.
+//! whether it accepts the media type of the answer, and how many requests it sends, in time and at once.
 //!
 //! They are one layer: each layer of its own costs an allocation and a copy of all layers inside of it per request.
 
@@ -24,5 +24,7 @@ async fn refusal(request: &mut Request) -> Option<Response> {
     if let Some(refusal) = access::refuse(request).await {
         return Some(overload::count_refused(request, refusal));
     }
-    negotiation::refuse(request).or_else(|| overload::refuse_frequent(request))
+    negotiation::refuse(request)
+        .or_else(|| overload::refuse_frequent(request))
+        .or_else(|| overload::refuse_crowding(request))
 }

@@ -12,12 +12,13 @@ pub(super) async fn live() -> StatusCode {
     StatusCode::NO_CONTENT
 }
 
-/// Readiness: the service is not stopping, its compute threads make progress, and the store accepts a write.
+/// Readiness: the service is not stopping, its compute threads make progress, and the store and the audit trail accept a write.
 #[utoipa::path(get, path = "/readyz", tag = "health", responses(
     (status = 204, description = "Ready"),
     (status = 503, description = "Not ready")
 ))]
 pub(super) async fn ready(State(app): State<App>) -> Result<StatusCode, Problem> {
     app.ready().await?;
+    app.trail().check()?;
     Ok(StatusCode::NO_CONTENT)
 }

@@ -62,7 +62,7 @@ use problem::{Problem, ProblemKind};
 fn routes() -> Router<App> {
     let light = v1::light().layer(from_fn(overload::light));
     let computing = v1::computing().layer(from_fn(overload::computing));
-    // Streamed routes have no time limit: an upload watches its own pauses, and events last as long as their job.
+    // Streamed routes have no time limit: an upload watches its own pauses, and events end with their place.
     light
         .merge(computing)
         .merge(v1::streamed())

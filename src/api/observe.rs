@@ -19,6 +19,7 @@ use crate::domain::access::{self, Principal};
 use crate::service::app::metrics::{
     HTTP_BYTES_IN, HTTP_BYTES_OUT, HTTP_DURATION, HTTP_IN_FLIGHT, HTTP_REQUESTS,
 };
+use crate::service::app::shares::Share;
 use crate::service::app::touched::Touched;
 
 /// Header with the request id.
@@ -40,6 +41,8 @@ pub fn is_probe(route: &str) -> bool {
 pub struct Asker {
     principal: Arc<OnceLock<Arc<Principal>>>,
     touched: Touched,
+    /// Place among the requests of the caller, until the response is sent.
+    share: Arc<OnceLock<Share>>,
     /// Whether the request is logged only at level debug.
     hushed: Arc<AtomicBool>,
 }
@@ -49,6 +52,12 @@ impl Asker {
     pub fn is(&self, principal: &Arc<Principal>) {
         // Ignored if already set: a request is admitted once.
         let _ = self.principal.set(Arc::clone(principal));
+    }
+
+    /// Keeps the place of the request until its response is sent.
+    pub fn hold(&self, share: Share) {
+        // Ignored if already set: a request is admitted once.
+        let _ = self.share.set(share);
     }
 
     /// Objects that the request touches.

@@ -1,4 +1,4 @@
-//! Overload protection: time limits of requests, and rate limits of callers.
+//! Overload protection: time limits of requests, rate limits of callers, and their shares of the connections.
 
 use std::collections::HashMap;
 use std::net::IpAddr;
@@ -12,10 +12,11 @@ use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
 use super::form;
-use super::observe;
+use super::observe::{self, Asker};
 use super::problem::{Problem, ProblemKind};
-use crate::domain::access::Principal;
-use crate::service::app::{App, Limits};
+use crate::domain::access::{self, Principal};
+use crate::service::app::shares::Shares;
+use crate::service::app::{App, Limits, ServiceError};
 
 /// Number of requests after which inactive callers are removed.
 const SWEEP: u32 = 1024;
@@ -33,6 +34,9 @@ pub struct Edge {
     compute: Duration,
     rates: Option<Rates>,
     refusals: Option<Rates>,
+    /// Requests of a caller that are being answered, and their maximum number.
+    answering: Arc<Shares>,
+    caller_requests: usize,
 }
 
 impl Edge {
@@ -46,6 +50,8 @@ impl Edge {
             compute: limits.compute_time,
             rates: Rates::new(limits.rate_per_second, limits.rate_burst),
             refusals: Rates::from_refusals(limits.refusals_per_minute),
+            answering: Arc::default(),
+            caller_requests: limits.caller_requests,
         })
     }
 
@@ -105,8 +111,8 @@ fn took_too_long(limit: Duration) -> Response {
 /// Callers whose requests are counted together.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 enum Caller {
-    /// Tenant and key, or tenant and subject of a token.
-    Key(String, String),
+    /// A caller with a credential.
+    Known(access::Caller),
     /// Address of an unauthenticated client.
     Address(IpAddr),
 }
@@ -114,11 +120,7 @@ enum Caller {
 impl Caller {
     fn of(request: &Request) -> Option<Self> {
         match request.extensions().get::<Arc<Principal>>() {
-            Some(principal) => {
-                // All tokens of the identity provider share one key, so their subject is counted.
-                let caller = principal.subject.as_ref().unwrap_or(&principal.key);
-                Some(Self::Key(principal.tenant.clone(), caller.clone()))
-            }
+            Some(principal) => Some(Self::Known(principal.caller())),
             None => Self::at(request),
         }
     }
@@ -214,6 +216,29 @@ pub(super) fn refuse_frequent(request: &Request) -> Option<Response> {
     edge.rates.as_ref()?.refuse(&Caller::of(request)?)
 }
 
+/// Refusal of a request of a caller of whom many are being answered. Those that wait for a job, and those whose answers are streams, keep
+/// their connections, which no other caller could then have. Nobody needs protection from the users of an open service.
+pub(super) fn refuse_crowding(request: &Request) -> Option<Response> {
+    let edge = request.extensions().get::<Arc<Edge>>()?;
+    let (asker, principal) =
+        (request.extensions().get::<Asker>()?, request.extensions().get::<Arc<Principal>>()?);
+    if principal.is_local() {
+        return None;
+    }
+    let most = edge.caller_requests;
+    match edge.answering.take(principal.caller(), most) {
+        Some(share) => {
+            asker.hold(share);
+            None
+        }
+        None => {
+            let detail =
+                format!("expected at most {most} requests of a caller at the same time, got one more");
+            Some(Problem::from(ServiceError::Overloaded(detail)).into_response())
+        }
+    }
+}
+
 /// Counts a request that access control refuses, so that keys cannot be tried at will: its refusal, or that of the rate limit
 /// of its address. A valid key is never refused because of other requests from its address.
 pub(super) fn count_refused(request: &Request, refusal: Response) -> Response {
@@ -285,7 +310,7 @@ mod tests {
     #[test]
     fn a_burst_is_followed_by_the_rate() {
         let (rates, now) = (Rates::from_refusals(30).unwrap(), Instant::now());
-        let caller = Caller::Key("tenant".into(), "key".into());
+        let caller = Caller::Known(Principal::local().caller());
         let wait = |after_ms: u64| rates.wait(&caller, now + Duration::from_millis(after_ms));
         assert!((0..30).all(|_| wait(0).is_none()));
         assert_eq!([wait(0), wait(1500)], [2000, 500].map(|ms| Some(Duration::from_millis(ms))));
@@ -310,6 +335,6 @@ mod tests {
         assert_ne!(from("127.0.0.1"), from("127.0.0.2"));
         let mut request = Request::new(Body::empty());
         request.extensions_mut().insert(Arc::new(Principal::local()));
-        assert_eq!(Caller::of(&request), Some(Caller::Key("default".into(), "local".into())));
+        assert_eq!(Caller::of(&request), Some(Caller::Known(Principal::local().caller())));
     }
 }

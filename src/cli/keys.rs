@@ -22,8 +22,8 @@ const PAGE: usize = 1000;
 pub(super) enum KeyCommand {
     /// Create a key; its secret is printed only once
     Create(CreateArgs),
-    /// List the keys of a tenant, including expired and revoked ones
-    List(WhereArgs),
+    /// List the keys of a tenant, or of all, including expired and revoked ones
+    List(ListArgs),
     /// Revoke a key permanently
     Revoke(RevokeArgs),
 }
@@ -50,8 +50,17 @@ pub(super) struct CreateArgs {
 }
 
 #[derive(Debug, Args)]
+pub(super) struct ListArgs {
+    /// List the keys of all tenants
+    #[arg(long, conflicts_with = "tenant")]
+    all_tenants: bool,
+    #[command(flatten)]
+    at: WhereArgs,
+}
+
+#[derive(Debug, Args)]
 pub(super) struct RevokeArgs {
-    /// Id of the key: `key_…`
+    /// Id of the key: `key_…`. Without a tenant, that of any tenant
     id: String,
     #[command(flatten)]
     at: WhereArgs,
@@ -59,9 +68,9 @@ pub(super) struct RevokeArgs {
 
 #[derive(Debug, Args)]
 pub(super) struct WhereArgs {
-    /// Tenant that owns the keys
-    #[arg(long, default_value = DEFAULT_TENANT)]
-    tenant: String,
+    /// Tenant that owns the keys [default: default]
+    #[arg(long)]
+    tenant: Option<String>,
     /// Folder of the embedded store
     #[arg(long, env = "SHAPELEX_DATA_DIR", default_value = "shapelex-data")]
     data_dir: PathBuf,
@@ -85,15 +94,13 @@ pub(super) async fn run(command: KeyCommand) -> Result<String, String> {
     let at = match &command {
         KeyCommand::Create(args) => &args.at,
         KeyCommand::Revoke(args) => &args.at,
-        KeyCommand::List(at) => at,
+        KeyCommand::List(args) => &args.at,
     };
     let app = at.open().await?;
     let answer = match command {
         KeyCommand::Create(args) => create(&app, args).await,
-        KeyCommand::List(_) => list(&app).await,
-        KeyCommand::Revoke(args) => {
-            keys::revoke(&app, &args.id).await.map(|()| format!("{} is revoked\n", args.id))
-        }
+        KeyCommand::List(args) => list(&app, args.all_tenants).await,
+        KeyCommand::Revoke(args) => revoke(&app, &args).await,
     };
     app.store.close().await;
     answer.map_err(|error| error.to_string())
@@ -102,8 +109,9 @@ pub(super) async fn run(command: KeyCommand) -> Result<String, String> {
 impl WhereArgs {
     /// The service as seen by an administrator of the tenant.
     async fn open(&self) -> Result<App, String> {
-        if let Some(problem) = tenant_problem(&self.tenant) {
-            return Err(format!("tenant '{}': {problem}", self.tenant));
+        let tenant = self.tenant.as_deref().unwrap_or(DEFAULT_TENANT);
+        if let Some(problem) = tenant_problem(tenant) {
+            return Err(format!("tenant '{tenant}': {problem}"));
         }
         let place = StoreLocation {
             database_url: store_location::database_url(
@@ -115,7 +123,7 @@ impl WhereArgs {
             accepts_loss: false,
         };
         let app = App::new(place.attach().await?, Limits::default(), 1);
-        Ok(app.of(Arc::new(Principal::system(&self.tenant))))
+        Ok(app.of(Arc::new(Principal::system(tenant))))
     }
 }
 
@@ -133,17 +141,28 @@ async fn create(app: &App, args: CreateArgs) -> Result<String, ServiceError> {
     Ok(format!("{}\n", key.id))
 }
 
-/// One line per key, with fields separated by tabs.
-async fn list(app: &App) -> Result<String, ServiceError> {
-    let mut lines = String::from("id\trole\tstate\tlast use\tcohorts\tname\n");
-    let mut cursor = None;
+/// Revokes a key of the tenant that was named, else of any tenant.
+async fn revoke(app: &App, args: &RevokeArgs) -> Result<String, ServiceError> {
+    let found = if args.at.tenant.is_some() { None } else { app.store.find_key(&args.id).await? };
+    let of_owner = found.map(|key| app.of(Arc::new(Principal::system(&key.tenant))));
+    keys::revoke(of_owner.as_ref().unwrap_or(app), &args.id).await?;
+    Ok(format!("{} is revoked\n", args.id))
+}
+
+/// One line per key, with fields separated by tabs; those of all tenants begin with the tenant.
+async fn list(app: &App, all_tenants: bool) -> Result<String, ServiceError> {
+    let head = "id\trole\tstate\tlast use\tcohorts\tname\n";
+    let mut lines = if all_tenants { format!("tenant\t{head}") } else { head.to_owned() };
+    let tenant = (!all_tenants).then_some(app.principal.tenant.as_str());
+    let mut after: Option<String> = None;
     loop {
-        let (keys, next) = keys::list(app, cursor.as_deref(), PAGE).await?;
-        lines.extend(keys.iter().map(|key| line(key, now_ms())));
-        if next.is_none() {
-            return Ok(lines);
+        let keys = app.store.list_keys(tenant, after.as_deref(), PAGE).await?;
+        let tenant_of = |key: &Key| if all_tenants { format!("{}\t", key.tenant) } else { String::new() };
+        lines.extend(keys.iter().map(|key| tenant_of(key) + &line(key, now_ms())));
+        match keys.last().filter(|_| keys.len() == PAGE) {
+            Some(last) => after = Some(last.id.clone()),
+            None => return Ok(lines),
         }
-        cursor = next;
     }
 }
 

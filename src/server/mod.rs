@@ -8,13 +8,15 @@ mod connection_slots;
 mod connections;
 mod tls;
 
+use std::io;
+use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
 use axum::http::HeaderValue;
 use axum::http::header::STRICT_TRANSPORT_SECURITY;
 use axum_server::tls_rustls::RustlsConfig;
-use tokio::net::TcpListener;
+use tokio::net::{TcpListener, TcpSocket};
 use tokio_util::sync::CancellationToken;
 use tower_http::set_header::SetResponseHeaderLayer;
 
@@ -23,7 +25,7 @@ use self::tls::Certificate;
 use crate::api;
 use crate::config::ServeConfig;
 use crate::service::access::Access;
-use crate::service::app::{App, clock, memory, metrics};
+use crate::service::app::{App, build, clock, memory, metrics};
 use crate::service::cohorts::{catalogue, example};
 use crate::service::hooks::deliver::Deliveries;
 use crate::service::{access, dispatch};
@@ -34,6 +36,8 @@ const DRAIN: Duration = Duration::from_secs(20);
 
 /// HSTS: browsers that connected over TLS use only TLS for a year.
 const TLS_ONLY: HeaderValue = HeaderValue::from_static("max-age=31536000");
+/// Connections that may wait to be accepted.
+const BACKLOG: u32 = 1024;
 /// Longest time for the store to merge its data into one file.
 const CLOSE: Duration = Duration::from_secs(5);
 
@@ -43,10 +47,14 @@ const CLOSE: Duration = Duration::from_secs(5);
 /// Reason why the service cannot start, in one sentence.
 pub(crate) async fn serve(config: ServeConfig) -> Result<(), String> {
     memory::use_large_pages(false);
+    ignore_hangup().map_err(|error| format!("signals cannot be handled: {error}"))?;
+    // A port in use is found before the data folder is made.
+    let socket =
+        bind(config.listen).map_err(|error| format!("cannot listen on {}: {error}", config.listen))?;
     let app = start(&config).await?;
     // Installed before the address is announced: an unhandled signal would end the process at once.
     let asked_to_stop = stop_signal().map_err(|error| format!("signals cannot be handled: {error}"))?;
-    let (listener, tls) = listen(&config, &app).await?;
+    let (listener, tls) = listen(&config, socket, &app).await?;
     let worker = Worker::start(&app, config.places(), dispatch::run);
     let deliveries = Deliveries::start(&app);
     let stop = CancellationToken::new();
@@ -81,6 +89,7 @@ pub(crate) async fn serve(config: ServeConfig) -> Result<(), String> {
 /// Opens the store, and starts what runs beside requests: metrics, the audit trail, upkeep of the store.
 async fn start(config: &ServeConfig) -> Result<App, String> {
     clock::check()?;
+    build::check();
     let store = config.place().open().await?;
     metrics::start();
     let access = Access::new(config.access())?;
@@ -91,20 +100,35 @@ async fn start(config: &ServeConfig) -> Result<App, String> {
     app.memory.watch(Arc::clone(&app.cache));
     access::check_start(&app, config.listen).await?;
     app.trail().start(&app.store, config.audit_required);
-    if !config.no_example && access::is_open(&app).await.map_err(|error| error.to_string())? {
-        let loaded = example::load_into_empty(&app).await;
-        loaded.map_err(|error| format!("the example cohort cannot be loaded: {error}"))?;
+    if !config.no_example
+        && access::is_open(&app).await.map_err(|error| error.to_string())?
+        && let Err(error) = example::load_into_empty(&app).await
+    {
+        tracing::warn!(error = error.cause(), "the example cohort cannot be loaded");
     }
     tokio::spawn(tidy::keep_tidy(app.clone(), config.terms()));
     Ok(app)
 }
 
-/// Binds the address and announces it; returns the configuration of TLS, if the service uses it.
-async fn listen(config: &ServeConfig, app: &App) -> Result<(TcpListener, Option<RustlsConfig>), String> {
+/// Takes an address, on which nobody is listened to yet.
+fn bind(address: SocketAddr) -> io::Result<TcpSocket> {
+    let socket = if address.is_ipv4() { TcpSocket::new_v4() } else { TcpSocket::new_v6() }?;
+    // Elsewhere it would take the port of a running process.
+    #[cfg(unix)]
+    socket.set_reuseaddr(true)?;
+    socket.bind(address)?;
+    Ok(socket)
+}
+
+/// Listens and announces the address; returns the configuration of TLS, if the service uses it.
+async fn listen(
+    config: &ServeConfig,
+    socket: TcpSocket,
+    app: &App,
+) -> Result<(TcpListener, Option<RustlsConfig>), String> {
     let is_open = access::is_open(app).await.map_err(|error| error.to_string())?;
-    let listener = TcpListener::bind(config.listen)
-        .await
-        .map_err(|error| format!("cannot listen on {}: {error}", config.listen))?;
+    let listener =
+        socket.listen(BACKLOG).map_err(|error| format!("cannot listen on {}: {error}", config.listen))?;
     let address = listener.local_addr().map_err(|error| error.to_string())?;
     let certificate = certificate(config).await?;
     let scheme = if certificate.is_some() { "https" } else { "http" };
@@ -159,9 +183,22 @@ fn announce(address: &str, is_open: bool, has_example: bool) {
     }
 }
 
+/// Catches SIGHUP, which asks a service to read its certificate again: without one there is nothing to read.
+#[cfg(unix)]
+fn ignore_hangup() -> io::Result<()> {
+    use tokio::signal::unix::{SignalKind, signal};
+    // The handler stays installed after the listener is dropped.
+    signal(SignalKind::hangup()).map(drop)
+}
+
+#[cfg(not(unix))]
+fn ignore_hangup() -> io::Result<()> {
+    Ok(())
+}
+
 /// Installs handlers for the stop signals; the future resolves at the first one.
 #[cfg(unix)]
-fn stop_signal() -> std::io::Result<impl Future<Output = ()>> {
+fn stop_signal() -> io::Result<impl Future<Output = ()>> {
     use tokio::signal::unix::{SignalKind, signal};
     let (mut interrupt, mut terminate) = (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?);
     Ok(async move {
@@ -171,7 +208,7 @@ fn stop_signal() -> std::io::Result<impl Future<Output = ()>> {
 
 /// Future that resolves when a stop is requested at the terminal.
 #[cfg(not(unix))]
-fn stop_signal() -> std::io::Result<impl Future<Output = ()>> {
+fn stop_signal() -> io::Result<impl Future<Output = ()>> {
     Ok(async {
         if tokio::signal::ctrl_c().await.is_err() {
             std::future::pending::<()>().await;

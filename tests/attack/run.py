@@ -317,6 +317,9 @@ def main():
     cases = [case for case in cases if re.search(arguments.only, f"{case['finding']} {case['name']}")]
     opened = [] if arguments.open else [case for case in cases if still_open(case)]
     cases = [case for case in cases if case not in opened]
+    if not arguments.binary.exists():
+        print(f"SKIPPED: the attacks, there is no {arguments.binary}")
+        return
     begin, counts, report = time.monotonic(), {"ok": 0, "FAIL": 0, "skip": 0}, []
     attack = Attack(arguments.binary, "full" if arguments.bounds == "replay" else arguments.bounds)
     if arguments.table:

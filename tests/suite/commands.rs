@@ -2,13 +2,13 @@
 
 use std::io::Write as _;
 use std::path::Path;
-use std::process::{Command, Output, Stdio};
+use std::process::{Child, Command, Output, Stdio};
 use std::time::Duration;
 
 use reqwest::Method;
 use serde_json::{Value, json};
 
-use crate::server::{Server, Setting};
+use crate::server::{Server, Setting, in_blocks, wait};
 
 /// Shapes of an upload.
 const SHAPES: usize = 40;
@@ -317,6 +317,101 @@ fn a_store_that_cannot_grow_answers_and_stays_whole() {
     assert_eq!(server.get("/v1/cohorts/c").expect(200)["shape_count"], 2000 * stored);
     server.post_lines("/v1/cohorts/c/shapes", &large(50)).expect(201);
     assert_clean(&mut server.command("check"));
+}
+
+/// Starts a service on a store without its log, and returns it with its address.
+fn started(command: &mut Command) -> (Child, String) {
+    command.args(["--listen", "127.0.0.1:0", "--no-example"]).stdout(Stdio::piped()).stderr(Stdio::null());
+    let mut child = command.spawn().unwrap();
+    let mut line = String::new();
+    let mut stdout = std::io::BufReader::new(child.stdout.take().unwrap());
+    std::io::BufRead::read_line(&mut stdout, &mut line).unwrap();
+    // The pipe stays open: the service writes another line.
+    child.stdout = Some(stdout.into_inner());
+    let address = line.trim().strip_prefix("shapelex is listening on ").expect("it starts").to_owned();
+    (child, address)
+}
+
+#[cfg(unix)]
+#[test]
+fn a_store_on_a_full_disk_is_opened_for_reading_and_is_not_ready() {
+    let mut server = Setting::fresh().embedded().start();
+    create_cohort(&server, "c");
+    server.post_lines("/v1/cohorts/c/shapes", &large(0)).expect(201);
+    for in_order in [true, false] {
+        let setting = if in_order { server.terminate() } else { server.kill() };
+        // There is not even room for the index of the log.
+        let (mut child, address) = started(&mut in_blocks(&setting.command("serve"), 8));
+        let ask = |method: Method, path: &str| {
+            let request = reqwest::Client::new().request(method, format!("{address}{path}"));
+            wait(async { request.send().await.unwrap() })
+        };
+        let cohort = ask(Method::GET, "/v1/cohorts/c");
+        let cohort: Value = serde_json::from_str(&wait(cohort.text()).unwrap()).unwrap();
+        assert_eq!(cohort["shape_count"], 2000, "in order: {in_order}");
+        for path in ["/v1/cohorts/c/mean?transformation=similarity", "/v1/cohorts/c/shapes?limit=1000"] {
+            assert_eq!(ask(Method::GET, path).status(), 200, "{path}, in order: {in_order}");
+        }
+        let ready = ask(Method::GET, "/readyz");
+        assert_eq!(ready.status(), 503);
+        let said = wait(ready.text()).unwrap();
+        assert!(said.contains("does not accept writes: the"), "{said}");
+        let refused = ask(Method::DELETE, "/v1/cohorts/c").status().as_u16();
+        assert!([503, 507].contains(&refused), "{refused}");
+        child.kill().unwrap();
+        child.wait().unwrap();
+        server = setting.start();
+        assert_eq!(server.get("/readyz").status, 204);
+        assert_eq!(server.get("/v1/cohorts/c").expect(200)["shape_count"], 2000);
+        assert_clean(&mut server.command("check"));
+    }
+}
+
+#[test]
+fn a_wrong_start_is_refused_before_anything_is_made() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = folder.path().join("data");
+    let command = || {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_shapelex"));
+        command.arg("serve").arg("--data-dir").arg(&data).env_remove("DATABASE_URL");
+        command
+    };
+    let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = taken.local_addr().unwrap().port();
+    for (arguments, wanted) in [
+        (&["--listen", &format!("localhost:{port}")][..], "cannot listen on 127.0.0.1"),
+        (
+            &["--listen", "8080"],
+            "expected an address such as 127.0.0.1:8080, localhost:8080 or :8080, got '8080'",
+        ),
+        (&["--database-url", "mysql://a:secret@b/c", "--listen", "localhost:0"], "got mysql://"),
+        (&["--max-body-bytes", "64 parsecs"], "such as 67108864, 64MiB or 64MB, got '64 parsecs'"),
+    ] {
+        let (code, said) = run(command().args(arguments));
+        assert!(
+            code != 0 && said.contains(wanted) && !said.contains("secret"),
+            "{arguments:?}: {code}: {said}"
+        );
+    }
+    for name in ["serve", "check"] {
+        let (code, said) =
+            run(Command::new(env!("CARGO_BIN_EXE_shapelex")).arg(name).env("SHAPELEX_THREDS", "2"));
+        assert!(
+            code != 0 && said.contains("SHAPELEX_THREDS (did you mean SHAPELEX_THREADS?)"),
+            "{code}: {said}"
+        );
+    }
+    assert!(!data.exists());
+}
+
+#[cfg(unix)]
+#[test]
+fn a_hangup_does_not_end_a_service_without_a_certificate() {
+    let server = Server::fresh();
+    let hangup = Command::new("sh").args(["-c", "kill -HUP $0", &server.id().to_string()]).status().unwrap();
+    assert!(hangup.success());
+    std::thread::sleep(Duration::from_millis(300));
+    server.assert_alive();
 }
 
 #[test]

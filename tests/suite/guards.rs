@@ -514,6 +514,22 @@ fn the_commands_of_the_readme_work() {
             (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
         assert!(output.status.success(), "{block}\nended with {}\n{stdout}\n{stderr}", output.status);
     }
+    for entry in std::fs::read_dir(folder.path()).unwrap() {
+        let path = entry.unwrap().path();
+        let is_picture = path.extension().is_some_and(|ending| ending == "svg");
+        let begin = std::fs::read(&path).unwrap();
+        assert!(!is_picture || begin.starts_with(b"<svg"), "{} holds another answer", path.display());
+    }
+}
+
+/// What waits for a job may get the job itself, as JSON, after a wait on a slow machine.
+#[test]
+fn commands_of_the_readme_save_no_job_as_a_picture() {
+    let readme = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("README.md")).unwrap();
+    let saving = |line: &&str| line.contains("prefer: wait") && line.contains(" -o ");
+    for line in curl_blocks(&readme).iter().flat_map(|block| block.lines()).filter(saving) {
+        assert!(line.contains("%{http_code}") && line.contains("= 202"), "{line}");
+    }
 }
 
 #[test]

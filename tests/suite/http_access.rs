@@ -269,6 +269,16 @@ fn keys_are_made_and_revoked_beside_the_running_service() {
         let output = key_command(&server, arguments);
         assert!(!output.status.success() && !output.stderr.is_empty(), "{arguments:?}");
     }
+    // In an emergency nobody knows the tenant of a key.
+    let elsewhere = create_key(&server, &["--role", "reader", "--tenant", "other"]);
+    let all = String::from_utf8(key_command(&server, &["list", "--all-tenants"]).stdout).unwrap();
+    assert!(
+        all.lines().any(|line| line.starts_with(&format!("other\t{}\treader\t", id_of(&elsewhere)))),
+        "{all}"
+    );
+    assert!(all.lines().any(|line| line.starts_with(&format!("default\t{}\t", id_of(&reader)))), "{all}");
+    assert!(key_command(&server, &["revoke", &id_of(&elsewhere)]).status.success());
+    await_status(401, || get(&server, &elsewhere, "/v1/cohorts"));
     let bad = json!({"name": "", "role": "admin", "cohorts": [], "expires_in_days": 0, "tenant": "b"});
     let pointers = ["/name", "/cohorts", "/cohorts", "/expires_in_days", "/tenant"];
     post(&server, &admin, "/v1/keys", &bad).expect_problem(422, "invalid-input", &pointers);

@@ -205,6 +205,14 @@ fn streams_of_a_caller_are_limited_and_end_with_the_service() {
     let server = Server::fresh();
     let mut streams: Vec<Stream> = (0..16).map(|_| Stream::open(&server, "", None, None)).collect();
     server.get("/v1/events").expect_problem(503, "overloaded", &[]);
+    server.post("/v1/cohorts", &cohort("feet")).expect(201);
+    server.post("/v1/cohorts/feet/shapes", &triangles(5)).expect(201);
+    let learn = json!({"name": "mean-feet", "cohort": "feet", "transformation": "similarity",
+        "method": {"kind": "functional_pca", "components": 2}});
+    let job = server.post("/v1/dictionaries", &learn).expect(202)["id"].as_str().unwrap().to_owned();
+    // Streams of jobs have the same places.
+    let of_job = format!("/v1/jobs/{job}/events");
+    server.get(&of_job).expect_problem(503, "overloaded", &[]);
     streams.pop();
     let start = Instant::now();
     let mut again = loop {

@@ -62,6 +62,8 @@ struct Receiver {
 struct Inbox {
     received: Mutex<Vec<Delivery>>,
     status: AtomicU16,
+    /// Time until an answer.
+    delay: Duration,
 }
 
 async fn receive(State(inbox): State<Arc<Inbox>>, headers: HeaderMap, body: Bytes) -> Response {
@@ -75,6 +77,7 @@ async fn receive(State(inbox): State<Arc<Inbox>>, headers: HeaderMap, body: Byte
         text: String::from_utf8(body.to_vec()).unwrap(),
         status,
     });
+    tokio::time::sleep(inbox.delay).await;
     // Where redirects lead is never asked.
     let status = StatusCode::from_u16(status).unwrap();
     (status, [(header::LOCATION, "/elsewhere")], "x".repeat(100_000)).into_response()
@@ -82,7 +85,11 @@ async fn receive(State(inbox): State<Arc<Inbox>>, headers: HeaderMap, body: Byte
 
 impl Receiver {
     fn start() -> Self {
-        let inbox = Arc::new(Inbox { received: Mutex::default(), status: AtomicU16::new(204) });
+        Self::answering_after(Duration::ZERO)
+    }
+
+    fn answering_after(delay: Duration) -> Self {
+        let inbox = Arc::new(Inbox { received: Mutex::default(), status: AtomicU16::new(204), delay });
         let address = wait(async {
             let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
             let address = listener.local_addr().unwrap();
@@ -329,6 +336,43 @@ fn private_addresses_are_refused_unless_allowed() {
     let detail = failures(&strict, &created)[0]["detail"].clone();
     assert_eq!(detail, "the address is not allowed any more: it is private, or without https");
     assert_eq!(receiver.confirmed(), [1]);
+}
+
+#[test]
+fn single_networks_are_opened_to_hooks() {
+    let server = Setting::fresh().flags(&["--hook-networks", "10.1.0.0/16, 127.0.0.1"]).start();
+    for url in
+        ["https://10.1.2.3/", "https://127.0.0.1:9/", "https://receiver.internal/", "https://hooks.example/"]
+    {
+        hook(&server, &json!({ "url": url }));
+    }
+    for url in ["https://10.2.0.1/", "https://169.254.169.254/", "http://10.1.2.3/", "https://127.0.0.2/"] {
+        server.post("/v1/hooks", &json!({ "url": url })).expect_problem(422, "invalid-input", &["/url"]);
+    }
+}
+
+#[test]
+fn slow_receivers_of_one_tenant_do_not_delay_the_deliveries_of_another() {
+    let server = server(&[]);
+    let (slow, prompt) = (Receiver::answering_after(Duration::from_secs(9)), Receiver::start());
+    let [first, second] =
+        ["a", "b"].map(|tenant| create_key(&server, &["--role", "admin", "--tenant", tenant]));
+    let post = |key: &str, path: &str, body: &Value| {
+        server.send(server.request(Method::POST, path).bearer_auth(key).json(body)).expect(201);
+    };
+    for _ in 0..12 {
+        post(&first, "/v1/hooks", &json!({"url": slow.url()}));
+    }
+    post(&second, "/v1/hooks", &json!({"url": prompt.url()}));
+    let representation = json!({"kind": "landmarks", "dimension": 2, "points": 3});
+    let cohort = json!({"name": "feet", "representation": representation});
+    post(&first, "/v1/cohorts", &cohort);
+    until("the slow deliveries", || slow.received().len() == 4);
+    let start = Instant::now();
+    post(&second, "/v1/cohorts", &cohort);
+    until("the delivery", || !prompt.received().is_empty());
+    assert!(start.elapsed() < Duration::from_secs(6), "{:?}", start.elapsed());
+    assert_eq!(slow.received().len(), 4, "half of the places");
 }
 
 #[test]

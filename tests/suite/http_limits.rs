@@ -12,7 +12,7 @@ use reqwest::Method;
 use reqwest::header::{CONTENT_ENCODING, CONTENT_TYPE};
 use serde_json::{Value, json};
 
-use crate::http_access::key_command;
+use crate::http_access::{create_key, key_command};
 use crate::server::{Server, Setting, wait};
 
 const SOON: Duration = Duration::from_secs(30);
@@ -96,6 +96,21 @@ fn until(what: &str, mut holds: impl FnMut() -> bool) {
         assert!(begin.elapsed() < SOON, "{what}: not in time");
         std::thread::sleep(Duration::from_millis(20));
     }
+}
+
+#[test]
+fn a_caller_has_half_of_the_connections() {
+    let server = Setting::fresh().flags(&["--max-connections", "4"]).start();
+    let [first, second] = ["reader", "reader"].map(|role| create_key(&server, &["--role", role]));
+    let of = |key: &str, path: &str| server.request(Method::GET, path).bearer_auth(key);
+    let stream = || wait(async { of(&first, "/v1/events").send().await }).unwrap();
+    let held = [stream(), stream()];
+    assert_eq!(held.each_ref().map(|one| one.status().as_u16()), [200, 200]);
+    server.send(of(&first, "/v1/cohorts")).expect_problem(503, "overloaded", &[]);
+    server.send(of(&second, "/v1/cohorts")).expect(200);
+    assert_eq!(server.get("/livez").status, 204);
+    drop(held);
+    until("the places are free", || server.send(of(&first, "/v1/cohorts")).status == 200);
 }
 
 #[test]

@@ -276,7 +276,10 @@ fn bad_tokens_are_refused_and_only_the_log_says_why() {
         ("aud", Value::Null, "without exp, iss, aud or sub"),
         ("iss", json!("https://evil.example"), "wrong issuer"),
         ("iss", Value::Null, "without exp, iss, aud or sub"),
+        ("iss", json!([provider.issuer()]), "wrong issuer"),
         ("sub", Value::Null, "without exp, iss, aud or sub"),
+        ("sub", json!(""), "without exp, iss, aud or sub"),
+        ("sub", json!(" "), "without exp, iss, aud or sub"),
     ];
     for (name, value, check) in changes {
         assert_refused(&server, &signer.sign(&with(&claims, name, value)), check);
@@ -290,6 +293,24 @@ fn bad_tokens_are_refused_and_only_the_log_says_why() {
     // Clocks differ by a little.
     let late = with(&with(&claims, "exp", json!(now() - 1)), "nbf", json!(now() + 2));
     assert_eq!(get_with(&server, "/v1/cohorts", &signer.sign(&late)).status, 200);
+}
+
+#[test]
+fn groups_of_the_provider_stand_for_roles() {
+    let provider = Provider::start();
+    let signer = Signer::new("a", Algorithm::ES256);
+    provider.set_keys(&[&signer]);
+    let map = "/radiology/Writer=writer; CN=Admins,OU=Clinic=admin";
+    let flags = ["--oidc-role-claim", "groups", "--oidc-role-map", map, "--oidc-tenant-claim", "clinic"];
+    let server = provider.service(&flags);
+    let status = |groups: Value, path: &str| {
+        let claims = with(&with(&provider.claims(), "groups", groups), "clinic", json!("radiology"));
+        get_with(&server, path, &signer.sign(&claims)).status
+    };
+    assert_eq!(status(json!(["/radiology/Writer"]), "/v1/cohorts"), 200);
+    assert_eq!(status(json!(["/radiology/Writer"]), "/v1/keys"), 403);
+    assert_eq!(status(json!(["/radiology/Writer", "CN=Admins,OU=Clinic"]), "/v1/keys"), 200);
+    assert_eq!(status(json!(["/radiology"]), "/v1/cohorts"), 403);
 }
 
 #[test]

@@ -61,6 +61,7 @@ mod kill;
 mod kill_dictionaries;
 mod memory;
 mod misleading;
+mod scripts;
 mod server;
 mod structure;
 mod worker;

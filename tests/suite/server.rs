@@ -60,6 +60,19 @@ fn clean(mut command: Command) -> Command {
     command
 }
 
+/// The same command where no file can be longer than so many blocks of 512 bytes.
+pub(crate) fn in_blocks(command: &Command, blocks: u32) -> Command {
+    limited(command, &format!("ulimit -f {blocks}"))
+}
+
+/// The same command in a shell that sets a limit first.
+fn limited(command: &Command, limit: &str) -> Command {
+    let script = format!("{limit}; exec \"$0\" \"$@\"");
+    let mut shell = clean(Command::new("sh"));
+    shell.args(["-c", &script]).arg(command.get_program()).args(command.get_args());
+    shell
+}
+
 /// One of the commands for a store, about the store in the folder of a server or in its database.
 fn command(name: &str, folder: &Path, database: Option<&str>) -> Command {
     let mut command = program();
@@ -127,12 +140,7 @@ impl Setting {
         let stderr = File::options().create(true).append(true).open(&log).unwrap();
         let mut command = match &self.limit {
             None => program(),
-            Some(limit) => {
-                let script = format!("{limit}; exec \"$0\" \"$@\"");
-                let mut shell = clean(Command::new("sh"));
-                shell.args(["-c", &script, env!("CARGO_BIN_EXE_shapelex")]);
-                shell
-            }
+            Some(limit) => limited(&program(), limit),
         };
         command.args(["serve", "--listen", "127.0.0.1:0", "--data-dir"]).arg(self.folder.path().join("data"));
         if let Some(url) = &self.database {

@@ -225,6 +225,10 @@ def serve(shapelex, folder, use, *flags):
 
 
 def main(shapelex, shapelex_engine):
+    for program in (shapelex, shapelex_engine):
+        if not pathlib.Path(program).exists():
+            print(f"SKIPPED: the service and the engine are not compared, there is no {program}")
+            return
     with tempfile.TemporaryDirectory() as folder:
         folder = pathlib.Path(folder)
         digests = serve(shapelex, folder, lambda address: compare(address, shapelex_engine, folder))

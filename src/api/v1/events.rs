@@ -16,6 +16,7 @@ use crate::domain::change::{ChangeFilter, ChangeKind};
 use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::catalogue;
 use crate::service::cohorts::changes::ChangeOutput;
+use crate::service::events::place::Place;
 use crate::service::events::{Event, Events, Wanted};
 
 /// Longest silence on an event stream: proxies close connections that look dead.
@@ -89,7 +90,7 @@ impl From<TenantEvent> for Sent {
 /// number, and nothing in between is lost. Without it the stream begins with what happens from now on. Running jobs are
 /// reported once a second by events named `job_progress`, which have no id. Only what the caller may see is sent. The stream
 /// ends after 15 minutes, when the service stops, and when the key is revoked; clients should reconnect. At most 16 streams
-/// per caller.
+/// per caller, together with those of jobs.
 #[utoipa::path(get, path = "/v1/events", tag = "changes",
     params(EventsQuery, ("Last-Event-ID" = Option<u64>, Header, description = "Number of the last change received")),
     responses(
@@ -104,10 +105,11 @@ pub(super) async fn list_events(
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let after = last_event(&headers)?.or(query.since);
+    let place = Place::take(&app)?;
     let events = Events::open(&app, wanted(&app, query).await?, after).await?;
     // The position is known before the first event: a client that reconnects at once misses nothing.
     let opening = position(events.first());
-    let events = stream::once(async { Ok(opening) }).chain(sent(events));
+    let events = stream::once(async { Ok(opening) }).chain(sent(events)).take_until(place.is_over());
     Ok(Sse::new(events).keep_alive(KeepAlive::new().interval(KEEP_ALIVE)).into_response())
 }
 

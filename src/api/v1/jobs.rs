@@ -23,6 +23,7 @@ use crate::service::correspondence::CohortCorrespondence;
 use crate::service::dictionaries::assessments::AssessedCohort;
 use crate::service::dictionaries::learning::LearntDictionary;
 use crate::service::dictionaries::report::DictionaryReport;
+use crate::service::events::place::Place;
 use crate::service::jobs;
 use crate::service::jobs::watch::Watch;
 use crate::service::search::distances::StoredMatrix;
@@ -260,10 +261,11 @@ impl From<JobEvent> for Event {
 
 /// Follows a job by server-sent events.
 ///
-/// Each event carries the job as data. Events named `progress` report changes, about five per second at most, and at least one per second while the job is running. The last event
-/// is named `succeeded`, `failed` or `cancelled`, and ends the stream. The stream also ends when the service stops; clients
-/// should reconnect. The event id identifies the state it reports: the state named by `Last-Event-ID` is not sent again, and
-/// if it is the final one the response is 204, which stops an `EventSource`.
+/// Each event carries the job as data. Events named `progress` report changes, about five per second at most, and at least one
+/// per second while the job is running. The last event is named `succeeded`, `failed` or `cancelled`, and ends the stream. The
+/// stream also ends after 15 minutes, when the service stops, and when the key is revoked; clients should reconnect. The event id
+/// identifies the state it reports: the state named by `Last-Event-ID` is not sent again, and if it is the final one the response
+/// is 204, which stops an `EventSource`. At most 16 streams per caller, together with those of `GET /v1/events`.
 #[utoipa::path(get, path = "/v1/jobs/{job}/events", tag = "jobs",
     params(
         ("job" = String, Path, description = "Id"),
@@ -287,7 +289,8 @@ pub(super) async fn job_events(
     if known && job.status.is_finished() {
         return Ok(StatusCode::NO_CONTENT.into_response());
     }
-    let events = events(Watch::new(&app, &id, known.then_some(job)));
+    let place = Place::take(&app)?;
+    let events = events(Watch::new(&app, &id, known.then_some(job))).take_until(place.is_over());
     Ok(Sse::new(events).keep_alive(KeepAlive::new().interval(KEEP_ALIVE)).into_response())
 }
 

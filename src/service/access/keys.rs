@@ -168,7 +168,7 @@ pub async fn list(app: &App, cursor: Option<&str>, limit: usize) -> Result<Page<
     if cursor.is_some_and(|cursor| !is_id(cursor)) {
         return Err(ServiceError::foreign_cursor());
     }
-    let mut items = app.store.list_keys(&app.principal.tenant, cursor, limit + 1).await?;
+    let mut items = app.store.list_keys(Some(&app.principal.tenant), cursor, limit + 1).await?;
     let next = (items.len() > limit).then(|| items[limit - 1].id.clone());
     items.truncate(limit);
     Ok((items, next))
@@ -214,22 +214,27 @@ pub(super) async fn exist(app: &App) -> Result<bool, ServiceError> {
     Ok(found)
 }
 
+/// The key with this id, as it was in the store a moment ago.
+pub(super) async fn known(app: &App, id: &str) -> Result<Option<Key>, ServiceError> {
+    let access = app.access();
+    if let Some(key) = access.keys.recall(id) {
+        return Ok(Some(key));
+    }
+    if access.keys.is_unknown(id) {
+        return Ok(None);
+    }
+    let found = app.store.find_key(id).await?;
+    if found.is_none() {
+        access.keys.there_is_none(id);
+    }
+    Ok(found.map(|key| access.keys.remember(key)))
+}
+
 /// Authenticates the bearer of the key `text`.
 pub(super) async fn check(app: &App, text: &str) -> Result<Principal, Refusal> {
     let id = claimed_id(text).ok_or("not the form of a key")?;
-    let known = app.access().keys.recall(&id);
-    let key = match known {
-        Some(key) => key,
-        None if app.access().keys.is_unknown(&id) => return Err(Refusal::Check(Some(id), "unknown key")),
-        None => {
-            let found = app.store.find_key(&id).await.map_err(|error| Refusal::Later(error.into()))?;
-            let Some(key) = found else {
-                app.access().keys.there_is_none(&id);
-                return Err(Refusal::Check(Some(id), "unknown key"));
-            };
-            app.access().keys.remember(key)
-        }
-    };
+    let found = known(app, &id).await.map_err(Refusal::Later)?;
+    let Some(key) = found else { return Err(Refusal::Check(Some(id), "unknown key")) };
     let now = now_ms();
     if let Some(check) = key.refusal(text, now) {
         return Err(Refusal::Check(Some(key.id), check));

@@ -169,7 +169,7 @@ pub async fn still_admits(app: &App) -> Result<bool, ServiceError> {
     if !key::is_id(id) {
         return Ok(true);
     }
-    let found = app.store.find_key(id).await?;
+    let found = keys::known(app, id).await?;
     let lives = |key: &key::Key| key.expires_at_ms.is_none_or(|end| end > now_ms());
     Ok(found.is_some_and(|key| key.revoked_at_ms.is_none() && lives(&key)))
 }

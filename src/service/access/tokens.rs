@@ -3,6 +3,8 @@
 //! Checks, in this order: form, algorithm (one of a fixed list of asymmetric algorithms), signing key, signature,
 //! issuer, audience, time, and the claims for role and tenant.
 
+use std::collections::BTreeMap;
+
 use jsonwebtoken::errors::ErrorKind;
 use jsonwebtoken::{Algorithm, Header, Validation, decode, decode_header};
 use serde_json::{Map, Value};
@@ -37,6 +39,8 @@ pub struct TokenSettings {
     pub jwks_url: Option<String>,
     /// Claim with the role; dots address fields of nested objects.
     pub role_claim: String,
+    /// Groups of the provider in that claim that stand for roles, beside the words for roles.
+    pub roles: BTreeMap<String, Role>,
     /// Claim with the tenant; `None` to assign the default tenant to all tokens.
     pub tenant_claim: Option<String>,
     /// Tolerated clock difference in seconds.
@@ -82,6 +86,13 @@ impl Verifier {
         }
         let data = decode::<Map<String, Value>>(token, &key.key, &self.validation(header.alg));
         let claims = data.map_err(|error| failed_check(error.kind()))?.claims;
+        // The library accepts a list that holds the issuer, and an empty subject.
+        if !claims.get("iss").is_some_and(Value::is_string) {
+            return Err("wrong issuer of a token".into());
+        }
+        if claims.get("sub").and_then(Value::as_str).is_none_or(|subject| subject.trim().is_empty()) {
+            return Err("a token without exp, iss, aud or sub".into());
+        }
         if is_from_the_future(&claims, now_ms(), self.settings.leeway_s) {
             return Err("a token that was issued in the future".into());
         }
@@ -100,7 +111,8 @@ impl Verifier {
 
     /// Principal described by the claims.
     fn principal(&self, claims: &Map<String, Value>) -> Result<Principal, Refusal> {
-        let role = claim(claims, &self.settings.role_claim).and_then(highest_role);
+        let role = claim(claims, &self.settings.role_claim);
+        let role = role.and_then(|value| highest_role(value, &self.settings.roles));
         let role = role.ok_or(Refusal::Nobody("the token has none of the roles reader, writer, admin"))?;
         let tenant = match &self.settings.tenant_claim {
             Some(name) => claim(claims, name)
@@ -167,13 +179,33 @@ fn claim<'a>(claims: &'a Map<String, Value>, name: &str) -> Option<&'a Value> {
     })
 }
 
-/// Highest role in a list, or in a string with spaces.
-fn highest_role(value: &Value) -> Option<Role> {
+/// Highest role in a list, or in a string with spaces, where `groups` stand for roles too; their names may have spaces.
+fn highest_role(value: &Value, groups: &BTreeMap<String, Role>) -> Option<Role> {
+    let role = |text: &str| Role::from_word(text).or_else(|| groups.get(text).copied());
     match value {
-        Value::String(text) => text.split_whitespace().filter_map(Role::from_word).max(),
-        Value::Array(words) => words.iter().filter_map(|word| Role::from_word(word.as_str()?)).max(),
+        Value::String(text) => text.split_whitespace().chain([text.as_str()]).filter_map(role).max(),
+        Value::Array(texts) => texts.iter().filter_map(|text| role(text.as_str()?)).max(),
         _ => None,
     }
+}
+
+/// Roles of groups, from `group=role; group=role`. A group may have commas and equals signs, as names of directories have.
+///
+/// # Errors
+/// The part that is none.
+pub fn roles_of_groups(text: &str) -> Result<BTreeMap<String, Role>, String> {
+    let parts = text.split(';').map(str::trim).filter(|part| !part.is_empty());
+    let pair = |part: &str| {
+        let (group, word) = part.rsplit_once('=')?;
+        let group = group.trim();
+        Role::from_word(word.trim()).filter(|_| !group.is_empty()).map(|role| (group.to_owned(), role))
+    };
+    let refused = |part: &str| {
+        format!(
+            "expected groups with their roles, such as /clinic/staff=reader; /clinic/admins=admin, got '{part}'"
+        )
+    };
+    parts.map(|part| pair(part).ok_or_else(|| refused(part))).collect()
 }
 
 #[cfg(test)]
@@ -202,11 +234,29 @@ mod tests {
     }
 
     #[test]
+    fn groups_stand_for_roles() {
+        let groups =
+            roles_of_groups("/radiology/Writer = writer; CN=Shape Readers,OU=Clinic=reader;").unwrap();
+        let role = |value: Value| highest_role(&value, &groups);
+        assert_eq!(role(json!(["/radiology/Writer", "/x"])), Some(Role::Writer));
+        assert_eq!(role(json!("/radiology/Writer admin")), Some(Role::Admin));
+        assert_eq!(role(json!("CN=Shape Readers,OU=Clinic")), Some(Role::Reader));
+        assert_eq!([role(json!("/radiology")), role(json!(["/radiology/writer"]))], [None, None]);
+        assert_eq!(roles_of_groups(""), Ok(BTreeMap::new()));
+        for wrong in ["staff", "staff=root", "=admin", "a=reader;b"] {
+            assert!(
+                roles_of_groups(wrong).unwrap_err().contains("expected groups with their roles"),
+                "{wrong}"
+            );
+        }
+    }
+
+    #[test]
     fn roles_are_read_from_texts_lists_and_paths() {
         let claims = json!({"roles": ["reader", "admin", 3], "scope": "openid writer reader", "none": ["root"],
             "realm_access": {"roles": ["writer"]}, "a.b": "reader", "a": {"b": "admin"}});
         let claims = claims.as_object().unwrap();
-        let role = |name: &str| claim(claims, name).and_then(highest_role);
+        let role = |name: &str| claim(claims, name).and_then(|value| highest_role(value, &BTreeMap::new()));
         assert_eq!(role("roles"), Some(Role::Admin));
         assert_eq!(role("scope"), Some(Role::Writer));
         assert_eq!(role("realm_access.roles"), Some(Role::Writer));

@@ -156,7 +156,7 @@ impl App {
         }
         self.store.ready().await.map_err(|error| {
             tracing::error!(%error, "the store does not accept writes");
-            ServiceError::Unavailable("the store does not accept writes".into())
+            ServiceError::Unavailable(format!("the store does not accept writes: {error}"))
         })
     }
 }

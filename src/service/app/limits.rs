@@ -68,6 +68,8 @@ pub struct Limits {
     pub rate_per_second: u32,
     /// Burst size of the rate limit of a caller; 0 means twice the rate per second.
     pub rate_burst: u32,
+    /// Requests of a caller that are answered at the same time.
+    pub caller_requests: usize,
     /// Requests per minute from an address that access control refuses with 401 before it refuses with 429; 0 disables
     /// this limit.
     pub refusals_per_minute: u32,
@@ -110,6 +112,7 @@ impl Default for Limits {
             answer_bytes: 160 << 20,
             rate_per_second: 0,
             rate_burst: 0,
+            caller_requests: 2048,
             // Authenticated requests never count: this limit only slows down clients that are refused. A client with a
             // wrong key that retries five times a second still learns what is wrong.
             refusals_per_minute: 300,

@@ -6,7 +6,7 @@
 //! * `parallel` — loops over entries on these threads;
 //! * [`cache`] — results that are expensive to compute; `state` — state of a use case for the life of the process;
 //! * [`incoming`] — bodies for readers that wait for bytes; [`outgoing`] — answers of such writers;
-//! * [`memory`] — accounts of memory; [`clock`] — plausibility of the machine's clock;
+//! * [`memory`] — accounts of memory; [`shares`] — places that a caller holds at once; [`clock`] — plausibility of the machine's clock;
 //! * [`idempotency`] — requests that are sent again; [`touched`] — objects that a request concerns;
 //! * [`error`], [`problem`] — errors of use cases and their documents for clients;
 //! * [`metrics`], [`scrape`] — counters and gauges, and their text; [`build`] — version, commit and compiler.
@@ -29,6 +29,7 @@ pub mod problem;
 pub mod progress;
 mod recorder;
 pub mod scrape;
+pub mod shares;
 mod state;
 pub mod touched;
 pub mod work;

@@ -8,7 +8,7 @@ use tokio::sync::watch;
 
 use super::error::ServiceError;
 use crate::analysis::watch::Watch;
-use crate::domain::job::Progress;
+use crate::domain::job::{Job, Progress};
 
 /// Channel between the attempt that runs a job and its watchers.
 #[derive(Debug, Default)]
@@ -18,6 +18,8 @@ pub(in crate::service) struct Channel {
     pub(in crate::service) progress: watch::Sender<Progress>,
     /// Tells the current attempt to stop.
     pub(in crate::service) interrupted: Mutex<Arc<AtomicBool>>,
+    /// The job as its watchers have read it last, and when.
+    pub(in crate::service) read: tokio::sync::Mutex<Option<(Instant, Job)>>,
 }
 
 impl Channel {

@@ -1,11 +1,12 @@
 //! Addresses to which the service may deliver. A hook must not reach what only the service can reach: services of the same
-//! machine or network, or the metadata of a cloud.
+//! machine or network, or the metadata of a cloud. The operator may open single networks.
 //!
-//! A name is checked where it is resolved for a connection ([`PublicOnly`]): the connection uses the addresses that were
+//! A name is checked where it is resolved for a connection ([`Reachable`]): the connection uses the addresses that were
 //! checked, so that a name which resolves differently a moment later changes nothing.
 
 use std::fmt;
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
+use std::sync::Arc;
 
 use reqwest::Url;
 use reqwest::dns::{Addrs, Name, Resolve, Resolving};
@@ -13,16 +14,62 @@ use reqwest::dns::{Addrs, Name, Resolve, Resolving};
 /// Maximum length of an address.
 const MAX_LENGTH: usize = 2048;
 
+/// Addresses that begin with the same bits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Network {
+    address: IpAddr,
+    bits: u32,
+}
+
+impl Network {
+    /// Networks separated by commas, such as `10.1.0.0/16, fd12::/16`; an address alone is a network of one.
+    ///
+    /// # Errors
+    /// The part that is none.
+    pub fn list(text: &str) -> Result<Arc<[Self]>, String> {
+        text.split(',').map(str::trim).filter(|part| !part.is_empty()).map(Self::of).collect()
+    }
+
+    fn of(text: &str) -> Result<Self, String> {
+        let (address, bits) =
+            text.split_once('/').map_or((text, None), |(address, bits)| (address, Some(bits)));
+        let refused = || format!("expected networks such as 10.1.0.0/16 or fd12::/16, got '{text}'");
+        let address: IpAddr = address.parse().map_err(|_| refused())?;
+        let most = if address.is_ipv4() { 32 } else { 128 };
+        let bits = bits.map_or(Ok(most), |bits| bits.parse().map_err(|_| refused()))?;
+        if bits > most { Err(refused()) } else { Ok(Self { address, bits }) }
+    }
+
+    fn has(self, address: IpAddr) -> bool {
+        // A shift by all bits leaves nothing to compare.
+        match (self.address, address.to_canonical()) {
+            (IpAddr::V4(own), IpAddr::V4(other)) => {
+                (own.to_bits() ^ other.to_bits()).checked_shr(32 - self.bits).unwrap_or(0) == 0
+            }
+            (IpAddr::V6(own), IpAddr::V6(other)) => {
+                (own.to_bits() ^ other.to_bits()).checked_shr(128 - self.bits).unwrap_or(0) == 0
+            }
+            _ => false,
+        }
+    }
+}
+
+/// Whether the address is public, or in one of these networks.
+fn is_open(address: IpAddr, networks: &[Network]) -> bool {
+    is_public(address) || networks.iter().any(|network| network.has(address))
+}
+
 /// Address of a host that is given as a number; `None` for a name.
 fn host_address(url: &Url) -> Option<IpAddr> {
     url.host_str()?.trim_matches(['[', ']']).parse().ok()
 }
 
-/// Parses the address of a hook. With `allow_private`, plain HTTP and addresses that are not public are accepted.
+/// Parses the address of a hook. With `allow_private`, plain HTTP and addresses that are not public are accepted; with networks,
+/// their addresses, and local names, which are checked when they are resolved.
 ///
 /// # Errors
 /// What was expected and what was found, without repeating the address, which may hold a secret.
-pub(super) fn checked(text: &str, allow_private: bool) -> Result<Url, String> {
+pub(super) fn checked(text: &str, allow_private: bool, networks: &[Network]) -> Result<Url, String> {
     if text.len() > MAX_LENGTH {
         return Err(format!("expected at most {MAX_LENGTH} bytes, got {}", text.len()));
     }
@@ -40,10 +87,11 @@ pub(super) fn checked(text: &str, allow_private: bool) -> Result<Url, String> {
     if host.is_empty() {
         return Err("expected a URL with a host, got one without".into());
     }
-    let is_local = host_address(&url).map_or_else(|| is_local_name(host), |address| !is_public(address));
+    let is_local = host_address(&url)
+        .map_or_else(|| is_local_name(host) && networks.is_empty(), |address| !is_open(address, networks));
     if is_local && !allow_private {
         return Err(
-            "expected a public host, got a private, loopback or reserved address (see --allow-private-hooks)"
+            "expected a public host, got a private, loopback or reserved address (see --hook-networks)"
                 .into(),
         );
     }
@@ -108,16 +156,17 @@ impl fmt::Display for NotPublic {
 
 impl std::error::Error for NotPublic {}
 
-/// Resolves names for connections; a name with an address that is not public is refused.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct PublicOnly;
+/// Resolves names for connections; a name with an address that is neither public nor in one of the networks is refused.
+#[derive(Debug, Clone)]
+pub(super) struct Reachable(pub(super) Arc<[Network]>);
 
-impl Resolve for PublicOnly {
+impl Resolve for Reachable {
     fn resolve(&self, name: Name) -> Resolving {
+        let networks = Arc::clone(&self.0);
         Box::pin(async move {
             // The port is set by the client.
             let found: Vec<SocketAddr> = tokio::net::lookup_host((name.as_str(), 0)).await?.collect();
-            if found.iter().any(|address| !is_public(address.ip())) {
+            if found.iter().any(|address| !is_open(address.ip(), &networks)) {
                 return Err(NotPublic.into());
             }
             Ok(Box::new(found.into_iter()) as Addrs)
@@ -196,6 +245,35 @@ mod tests {
     }
 
     #[test]
+    fn networks_open_their_addresses_only() {
+        let networks = Network::list("10.1.0.0/16, fd12::/16,192.168.7.7").unwrap();
+        for (url, wanted) in [
+            ("https://10.1.2.3/", true),
+            ("https://10.2.0.1/", false),
+            ("https://[fd12:9::1]/", true),
+            ("https://[fd13::1]/", false),
+            ("https://[::ffff:10.1.0.1]/", true),
+            ("https://192.168.7.7/", true),
+            ("https://192.168.7.8/", false),
+            ("https://169.254.169.254/", false),
+            ("https://receiver.internal/", true),
+            ("https://8.8.8.8/", true),
+            ("http://10.1.2.3/", false),
+        ] {
+            assert_eq!(super::checked(url, false, &networks).is_ok(), wanted, "{url}");
+        }
+        assert!(Network::list("0.0.0.0/0").unwrap()[0].has("10.0.0.1".parse().unwrap()));
+        assert_eq!(Network::list("").unwrap().len(), 0);
+        for wrong in ["10.0.0.0/33", "fd12::/129", "clinic", "10.0.0.0/", "10.0/8", "10.0.0.0/-1"] {
+            assert!(Network::list(wrong).unwrap_err().ends_with(&format!("got '{wrong}'")), "{wrong}");
+        }
+    }
+
+    fn checked(text: &str, allow_private: bool) -> Result<Url, String> {
+        super::checked(text, allow_private, &[])
+    }
+
+    #[test]
     fn addresses_of_hooks_are_checked_when_they_are_given() {
         assert!(checked("https://hooks.example/in?token=1", false).is_ok());
         // Other spellings of numbers become numbers.
@@ -236,9 +314,14 @@ mod tests {
 
     #[tokio::test]
     async fn a_name_of_this_machine_is_not_resolved() {
-        let resolved = PublicOnly.resolve("localhost".parse().unwrap()).await;
-        assert!(resolved.err().unwrap().is::<NotPublic>());
-        let client = reqwest::Client::builder().no_proxy().dns_resolver(PublicOnly).build().unwrap();
+        let resolved = async |networks: &str| {
+            Reachable(Network::list(networks).unwrap()).resolve("localhost".parse().unwrap()).await
+        };
+        assert!(resolved("").await.err().unwrap().is::<NotPublic>());
+        assert!(resolved("10.0.0.0/8").await.err().unwrap().is::<NotPublic>());
+        assert!(resolved("127.0.0.0/8, ::1").await.is_ok());
+        let client =
+            reqwest::Client::builder().no_proxy().dns_resolver(Reachable(Arc::default())).build().unwrap();
         let error = client.get("http://localhost:9/").send().await.unwrap_err();
         assert!(was_not_public(&error), "{error:?}");
     }

@@ -4,6 +4,7 @@
 //! answered just before may be repeated, under the same id. After a failure the hook waits, twice as long every time, and then
 //! tries the same change again.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -13,7 +14,7 @@ use base64::engine::general_purpose::STANDARD as BASE64;
 use reqwest::header::CONTENT_TYPE;
 use reqwest::{Client, Response};
 use serde::Serialize;
-use tokio::task::{JoinHandle, JoinSet};
+use tokio::task::{AbortHandle, JoinHandle, JoinSet};
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 
@@ -28,6 +29,8 @@ use crate::store::HookClaim;
 
 /// Hooks that one process delivers to at a time.
 const AT_ONCE: usize = 8;
+/// Hooks of one tenant among them, while others have hooks: a receiver may take 10 s for each delivery.
+const OF_A_TENANT: usize = AT_ONCE / 2;
 /// Polling interval for undelivered changes.
 const POLL: Duration = Duration::from_millis(400);
 /// Duration of a lease without a delivery, in milliseconds: longer than a delivery can take.
@@ -59,7 +62,7 @@ impl Deliveries {
     /// Starts to deliver. Must be called on an async runtime.
     pub fn start(app: &App) -> Self {
         let (stop, settings) = (CancellationToken::new(), app.hook_settings());
-        let client = client(settings);
+        let client = client(&settings);
         if let Err(error) = &client {
             tracing::warn!(error, "hooks cannot be delivered to");
         }
@@ -76,7 +79,7 @@ impl Deliveries {
     }
 }
 
-fn client(settings: HookSettings) -> Result<Client, String> {
+fn client(settings: &HookSettings) -> Result<Client, String> {
     let client = Client::builder()
         .user_agent(concat!("shapelex/", env!("CARGO_PKG_VERSION")))
         .no_proxy()
@@ -85,7 +88,8 @@ fn client(settings: HookSettings) -> Result<Client, String> {
         .connect_timeout(CONNECT_TIMEOUT)
         .timeout(TIMEOUT)
         .https_only(!settings.allow_private);
-    let client = if settings.allow_private { client } else { client.dns_resolver(address::PublicOnly) };
+    let reachable = address::Reachable(Arc::clone(&settings.networks));
+    let client = if settings.allow_private { client } else { client.dns_resolver(reachable) };
     client.build().map_err(|error| error.to_string())
 }
 
@@ -95,7 +99,7 @@ struct Courier {
     app: App,
     /// `None` if it could not be made, for example without certificates of authorities.
     client: Option<Client>,
-    settings: HookSettings,
+    settings: Arc<HookSettings>,
     stop: CancellationToken,
 }
 
@@ -114,18 +118,26 @@ impl Failed {
 
 impl Courier {
     async fn serve(self: Arc<Self>) {
-        let mut running = JoinSet::new();
+        let (mut running, mut tenants) = (JoinSet::new(), Vec::new());
         while !self.stop.is_cancelled() {
             while running.len() < AT_ONCE {
+                tenants.retain(|(_, task): &(String, AbortHandle)| !task.is_finished());
                 let now = now_ms();
-                match self.app.store.claim_hook(now, now + LEASE_MS).await {
-                    Ok(Some(claim)) => running.spawn(Arc::clone(&self).work(claim)),
+                let claimed = {
+                    let crowding = crowding(&tenants);
+                    self.app.store.claim_hook(now, now + LEASE_MS, &crowding).await
+                };
+                match claimed {
+                    Ok(Some(claim)) => {
+                        let tenant = claim.hook.tenant.clone();
+                        tenants.push((tenant, running.spawn(Arc::clone(&self).work(claim))));
+                    }
                     Ok(None) => break,
                     Err(error) => {
                         tracing::warn!(%error, "the hooks cannot be read");
                         break;
                     }
-                };
+                }
             }
             tokio::select! {
                 () = self.stop.cancelled() => {}
@@ -216,7 +228,8 @@ impl Courier {
     async fn send(&self, hook: &Hook, change: &Change) -> Result<(), Failed> {
         let client =
             self.client.as_ref().ok_or_else(|| Failed::new("the service has no client: see its log"))?;
-        let url = address::checked(&hook.url, self.settings.allow_private).map_err(|_| {
+        let settings = &self.settings;
+        let url = address::checked(&hook.url, settings.allow_private, &settings.networks).map_err(|_| {
             Failed::new("the address is not allowed any more: it is private, or without https")
         })?;
         let body = serde_json::to_string(&Delivery::new(change))
@@ -240,6 +253,15 @@ impl Courier {
         let detail = format!("expected a status of 2xx, got {}", status.as_u16());
         Err(Failed { status: Some(status.as_u16()), detail })
     }
+}
+
+/// Tenants that have all places of a tenant.
+fn crowding(tenants: &[(String, AbortHandle)]) -> Vec<&str> {
+    let mut counts = BTreeMap::new();
+    for (tenant, _) in tenants {
+        *counts.entry(tenant.as_str()).or_insert(0) += 1;
+    }
+    counts.into_iter().filter(|(_, count)| *count >= OF_A_TENANT).map(|(tenant, _)| tenant).collect()
 }
 
 /// What failed, without details of the client's network.

@@ -7,9 +7,12 @@
 mod address;
 pub mod deliver;
 
+use std::sync::Arc;
+
 use rand::TryRng;
 use rand::rngs::SysRng;
 
+pub use self::address::Network;
 use crate::domain::change::ChangeFilter;
 use crate::domain::hook::{Hook, HookFailure, HookStatus, SECRET_BYTES, SigningSecret};
 use crate::domain::id;
@@ -23,17 +26,19 @@ use crate::store::hooks::{MAX_FAILURES, MAX_HOOKS};
 const MAX_DESCRIPTION_CHARS: usize = 200;
 
 /// Settings of deliveries.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct HookSettings {
     /// Whether plain HTTP, and private, loopback and link-local addresses are allowed.
     pub allow_private: bool,
+    /// Networks whose addresses are allowed besides public ones.
+    pub networks: Arc<[Network]>,
     /// Days after which a delivery that fails is given up; 0 gives up after the first attempt.
     pub days: u32,
 }
 
 impl Default for HookSettings {
     fn default() -> Self {
-        Self { allow_private: false, days: 3 }
+        Self { allow_private: false, networks: Arc::default(), days: 3 }
     }
 }
 
@@ -45,8 +50,8 @@ impl App {
         self
     }
 
-    fn hook_settings(&self) -> HookSettings {
-        *self.state::<HookSettings>()
+    fn hook_settings(&self) -> Arc<HookSettings> {
+        self.state()
     }
 }
 
@@ -68,7 +73,8 @@ pub struct NewHook {
 pub async fn create(app: &App, new: NewHook) -> Result<Hook, ServiceError> {
     app.check_unlimited("creating a hook")?;
     let mut faults = Vec::new();
-    if let Err(detail) = address::checked(&new.url, app.hook_settings().allow_private) {
+    let settings = app.hook_settings();
+    if let Err(detail) = address::checked(&new.url, settings.allow_private, &settings.networks) {
         faults.push(Fault::new("/url", detail));
     }
     let length = new.description.chars().count();

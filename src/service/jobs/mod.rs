@@ -21,6 +21,7 @@ use crate::domain::dictionary::NewDictionary;
 use crate::domain::id;
 use crate::domain::job::{Job, JobFilter, JobKind, JobOutput, JobStatus, OutputParts};
 use crate::domain::retry::Receipt;
+use crate::service::app::progress::Channel;
 use crate::service::app::{App, Page, ServiceError, Work, metrics, now_ms};
 use crate::store::jobs::Quota;
 
@@ -75,6 +76,21 @@ pub async fn create(
 pub async fn find(app: &App, id: &str) -> Result<Job, ServiceError> {
     let found = app.store.find_job(id).await?;
     found.map(|job| app.registry().up_to_date(job)).ok_or_else(|| not_found(id))
+}
+
+/// The job as it was when one of its watchers has read it less than `age` ago, with its current progress: the number of watchers costs the
+/// store nothing. Each must have found the job by itself before.
+async fn read(app: &App, id: &str, channel: &Channel, age: Duration) -> Result<Job, ServiceError> {
+    let mut read = channel.read.lock().await;
+    if let Some((at, job)) = &*read
+        && at.elapsed() < age
+    {
+        return Ok(app.registry().up_to_date(job.clone()));
+    }
+    let begun = std::time::Instant::now();
+    let job = find(app, id).await?;
+    *read = Some((begun, job.clone()));
+    Ok(job)
 }
 
 /// Output of the job with this id.
@@ -166,17 +182,17 @@ pub(crate) fn taken_away(app: &App, id: &str, removed: bool) {
 pub async fn wait(app: &App, id: &str, time: Duration) -> Result<Job, ServiceError> {
     let channel = app.registry().channel(id);
     let mut states = channel.states();
-    let end = Instant::now() + time;
+    let (end, mut age) = (Instant::now() + time, Duration::ZERO);
     loop {
-        let job = find(app, id).await?;
+        let job = read(app, id, &channel, age).await?;
         if job.status.is_finished() {
             return Ok(job);
         }
-        tokio::select! {
+        age = tokio::select! {
             // Cannot fail: the channel held here owns the sender.
-            _ = states.changed() => {}
+            _ = states.changed() => Duration::ZERO,
             // Another replica may be running it.
-            () = tokio::time::sleep(watch::LOOK) => {}
+            () = tokio::time::sleep(watch::LOOK) => watch::FRESH,
             () = tokio::time::sleep_until(end) => return find(app, id).await,
             () = app.stopping() => return Ok(job),
         }

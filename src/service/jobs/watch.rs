@@ -6,7 +6,7 @@ use std::time::Duration;
 use tokio::sync::watch::Receiver;
 use tokio::time::Instant;
 
-use super::find;
+use super::read;
 use crate::domain::job::{Job, JobStatus, Progress};
 use crate::service::app::progress::Channel;
 use crate::service::app::{App, ServiceError};
@@ -16,6 +16,12 @@ const PACE: Duration = Duration::from_millis(200);
 
 /// Polling interval of the row, for changes by other replicas.
 pub(super) const LOOK: Duration = Duration::from_millis(500);
+
+/// Age from which on what another watcher has read is read again.
+pub(super) const FRESH: Duration = Duration::from_millis(250);
+
+/// Age from which on the row is read again after a report of progress, which is not in it.
+const PROGRESS: Duration = Duration::from_millis(150);
 
 /// Minimum time between two reports of a running job whose progress stands still: its estimate changes, and its client sees
 /// that it goes on.
@@ -29,13 +35,14 @@ pub struct Watch {
     states: Receiver<()>,
     progress: Receiver<Progress>,
     told: Option<Job>,
-    begun: bool,
+    /// Age of a reading by other watchers that will do; `None` before the first.
+    age: Option<Duration>,
     /// Earliest time of the next report of progress.
     next: Instant,
     /// Earliest time at which an unchanged running job is reported.
     beat: Instant,
-    /// Keeps the sender of both receivers alive.
-    _channel: Arc<Channel>,
+    /// Owns the sender of both receivers.
+    channel: Arc<Channel>,
 }
 
 impl Watch {
@@ -48,10 +55,10 @@ impl Watch {
             states: channel.states(),
             progress: channel.progress(),
             told: known,
-            begun: false,
+            age: None,
             next: Instant::now(),
             beat: Instant::now() + BEAT,
-            _channel: channel,
+            channel,
         }
     }
 
@@ -63,11 +70,11 @@ impl Watch {
     pub async fn next(&mut self) -> Result<Option<Job>, ServiceError> {
         loop {
             // Without waiting for a change, continuous progress would be reported continuously.
-            if self.begun && (self.is_over() || !self.changed().await) {
+            if self.age.is_some() && (self.is_over() || !self.changed().await) {
                 return Ok(None);
             }
-            self.begun = true;
-            let job = find(&self.app, &self.id).await?;
+            let age = *self.age.get_or_insert_default();
+            let job = read(&self.app, &self.id, &self.channel, age).await?;
             let goes_on = job.status == JobStatus::Running && Instant::now() >= self.beat;
             if goes_on || self.told.as_ref() != Some(&job) {
                 self.next = Instant::now() + PACE;
@@ -88,13 +95,15 @@ impl Watch {
             tokio::time::sleep_until(self.next).await;
             self.progress.changed().await
         };
-        tokio::select! {
+        let age = tokio::select! {
             // The channel held here owns the sender, so there always is one.
-            _ = self.states.changed() => true,
+            _ = self.states.changed() => Duration::ZERO,
             // Another replica may be running it.
-            () = tokio::time::sleep(LOOK) => true,
-            _ = paced => true,
-            () = self.app.stopping() => false,
-        }
+            () = tokio::time::sleep(LOOK) => FRESH,
+            _ = paced => PROGRESS,
+            () = self.app.stopping() => return false,
+        };
+        self.age = Some(age);
+        true
     }
 }

@@ -41,6 +41,15 @@ impl Role {
     }
 }
 
+/// Whose requests are counted together.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+pub struct Caller {
+    /// Tenant.
+    pub tenant: String,
+    /// Key, or subject of a token: all tokens of the identity provider share one key.
+    pub name: String,
+}
+
 /// An authenticated caller.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Principal {
@@ -81,6 +90,12 @@ impl Principal {
     pub fn fingerprint(&self) -> String {
         let caller = [self.key.as_str(), self.subject.as_deref().unwrap_or_default()].join("\0");
         blake3::hash(caller.as_bytes()).to_hex()[..32].to_owned()
+    }
+
+    /// The caller as its requests are counted.
+    pub fn caller(&self) -> Caller {
+        let name = self.subject.as_ref().unwrap_or(&self.key);
+        Caller { tenant: self.tenant.clone(), name: name.clone() }
     }
 
     /// Whether the caller may access the cohort with this id.

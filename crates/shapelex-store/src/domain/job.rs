@@ -232,6 +232,11 @@ impl Job {
         }
     }
 
+    /// Id of the cohort that the job works on, if its parameters name one.
+    pub fn cohort(&self) -> Option<&str> {
+        self.parameters.get("cohort").and_then(Value::as_str)
+    }
+
     /// Adds the predicted duration and the priority, which are stored among the parameters.
     #[must_use]
     pub fn weighing(mut self, seconds: f64, priority: Priority) -> Self {

@@ -2,7 +2,8 @@
 
 use std::any::Any;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::time::{Duration, Instant};
 
 use tokio::task::JoinHandle;
 
@@ -14,6 +15,11 @@ use super::mark::Mark;
 use super::replica::Replica;
 use super::{folder, mark, postgres, sqlite};
 use crate::domain::access::{DEFAULT_TENANT, Principal};
+
+/// Time for which a probe that found room for a change stands for others.
+const ROOM_FOR: Duration = Duration::from_secs(60);
+/// Free bytes of the disk below which it does not.
+const LITTLE_ROOM: u64 = 64 << 20;
 
 /// Chunks removed in one transaction: some 8 MiB and 30 000 rows, a fraction of a second.
 pub(super) const CHUNKS_PER_PURGE: i64 = 8;
@@ -37,6 +43,8 @@ pub(super) struct Inner {
     pub(super) folder: Option<PathBuf>,
     /// What is wrong with a large file that was checked beside the service.
     pub(super) damage: OnceLock<String>,
+    /// When a probe found room for a change.
+    found_room: Mutex<Option<Instant>>,
 }
 
 impl Store {
@@ -72,16 +80,21 @@ impl Store {
         let file = data_dir.join(DATABASE_FILE);
         let is_small = sqlite::is_small(&file);
         let pools = sqlite::open(&file, is_small).await?;
-        let mark = begin_mark(&pools, data_dir).await?;
+        let mark = begin_mark(&pools, data_dir, accepts_loss).await?;
         let store = Self::new(pools, Some(lock), mark, Some(data_dir.into()));
         if !is_small {
             store.check_beside();
         }
-        store.purge(PURGE_PENDING, None).await?;
-        store.purge(PURGE_ORPHANS, None).await?;
-        store.requeue_interrupted_jobs().await?;
-        store.release_all_hooks().await?;
+        or_read(store.tidy_up().await)?;
         Ok(store)
+    }
+
+    /// Removes and hands back what an earlier process left behind.
+    async fn tidy_up(&self) -> Result<(), StoreError> {
+        self.purge(PURGE_PENDING, None).await?;
+        self.purge(PURGE_ORPHANS, None).await?;
+        self.requeue_interrupted_jobs().await?;
+        self.release_all_hooks().await
     }
 
     /// Opens the store in `data_dir` beside the process that may be using it, for short work: nothing is checked or tidied
@@ -110,7 +123,7 @@ impl Store {
             let options = postgres::options(url)?;
             let pool = postgres::connect(options.clone(), connections).await?;
             let store = Self::new(Pools::Postgres(pool), None, None, None);
-            store.purge(PURGE_ORPHANS, None).await?;
+            or_read(store.purge(PURGE_ORPHANS, None).await)?;
             store.live(options).await?;
             Ok(store)
         })
@@ -129,6 +142,7 @@ impl Store {
             folder,
             replica: Replica::new(),
             damage: OnceLock::new(),
+            found_room: Mutex::default(),
         }))
     }
 
@@ -157,7 +171,7 @@ impl Store {
         Self { inner: Arc::clone(&self.inner), principal }
     }
 
-    /// Whether the store can write now.
+    /// Whether the store can write now, as much as a change needs.
     ///
     /// Waits for its turn behind other writers, so that the caller may want a timeout.
     ///
@@ -169,14 +183,38 @@ impl Store {
             if let Some(detail) = self.inner.damage.get() {
                 return Err(StoreError::Damaged { detail: detail.clone() });
             }
-            const PROBE: &str = "INSERT INTO probe (id, count) VALUES (1, 1)
-                ON CONFLICT (id) DO UPDATE SET count = probe.count + 1";
-            let probe = async || sql(self.writer(), PROBE).execute().await.map_err(StoreError::from);
-            match probe().await {
-                Err(error) if self.make_room(&error).await => probe().await.map(drop),
-                outcome => outcome.map(drop),
+            match self.probe().await {
+                Err(error) if self.make_room(&error).await => self.probe().await,
+                outcome => outcome,
             }
         })
+    }
+
+    /// Writes a number, and now and then as much as a small change needs: a page that is written again and again has room where no other
+    /// has. On a disk that is almost full, every probe writes that much.
+    pub(super) async fn probe(&self) -> Result<(), StoreError> {
+        const PROBE: &str = "INSERT INTO probe (id, count) VALUES (1, 1)
+            ON CONFLICT (id) DO UPDATE SET count = probe.count + 1";
+        sql(self.writer(), PROBE).execute().await?;
+        let found = *self.inner.found_room.lock().unwrap_or_else(PoisonError::into_inner);
+        let is_known = found.is_some_and(|found| found.elapsed() < ROOM_FOR);
+        if !is_known || self.free_bytes().is_some_and(|bytes| bytes < LITTLE_ROOM) {
+            self.probe_room().await?;
+            *self.inner.found_room.lock().unwrap_or_else(PoisonError::into_inner) = Some(Instant::now());
+        }
+        Ok(())
+    }
+
+    /// Writes and removes some 20 pages.
+    async fn probe_room(&self) -> Result<(), StoreError> {
+        const FILL: &str = "WITH RECURSIVE fill (id) AS
+            (SELECT CAST(1000 AS BIGINT) UNION ALL SELECT id + 1 FROM fill WHERE id < 7000)
+            INSERT INTO probe (id, count) SELECT id, 4611686018427387904 FROM fill";
+        const CLEAR: &str = "DELETE FROM probe WHERE id >= 1000";
+        let mut write = self.begin_write("probe").await?;
+        sql(&mut write, FILL).execute().await?;
+        sql(&mut write, CLEAR).execute().await?;
+        Ok(write.commit().await?)
     }
 
     /// Empties the log of the embedded database into its file if a write found no room, and returns whether it did: on a full disk the
@@ -275,6 +313,17 @@ impl Store {
     }
 }
 
+/// A store that takes no writes is opened for reading: what its tidying would remove waits for a later start.
+fn or_read(tidied: Result<(), StoreError>) -> Result<(), StoreError> {
+    match tidied {
+        Err(error @ (StoreError::Full | StoreError::ReadOnly)) => {
+            tracing::warn!(%error, "the store is opened for reading, what an earlier process left behind stays");
+            Ok(())
+        }
+        tidied => tidied,
+    }
+}
+
 /// What a name of a tenant is stored as where it must be unique.
 pub(super) fn handle(tenant: &str, name: &str) -> String {
     format!("{tenant}/{name}")
@@ -294,8 +343,15 @@ pub(super) const PURGE_UPLOAD: &str = "DELETE FROM chunk WHERE revision IS NULL 
     (SELECT id FROM chunk WHERE revision IS NULL AND upload = $2 LIMIT $1)";
 
 /// The mark of a store that has just been opened. None when there is no room for it: the store works without.
-pub(super) async fn begin_mark(pools: &Pools, data_dir: &Path) -> Result<Option<Mark>, StoreError> {
+pub(super) async fn begin_mark(
+    pools: &Pools,
+    data_dir: &Path,
+    accepts_loss: bool,
+) -> Result<Option<Mark>, StoreError> {
     let entries = mark::entries(pools.reader()).await?;
+    if !accepts_loss && let Some(marked) = mark::read(data_dir) {
+        mark::compare(marked, entries)?;
+    }
     let mark = Mark::begin(data_dir, entries);
     if let Err(error) = &mark {
         tracing::warn!(%error, "the mark of the store cannot be written: a missing write-ahead log will not be noticed");

@@ -168,24 +168,35 @@ impl Store {
         })
     }
 
-    /// Claims the hook of any tenant that has waited longest for a delivery until `lease_until_ms`, if one waits.
+    /// Claims a hook that waits for a delivery until `lease_until_ms`, if one waits. Tenants take turns: the first are those with the
+    /// fewest claimed hooks; among them the hook that has waited longest. Hooks of the tenants in `crowding` are claimed only while no
+    /// other tenant has an active one.
     ///
     /// # Errors
     /// Database errors.
-    pub fn claim_hook(&self, now_ms: i64, lease_until_ms: i64) -> Answer<'_, Option<HookClaim>> {
+    pub fn claim_hook<'a>(
+        &'a self,
+        now_ms: i64,
+        lease_until_ms: i64,
+        crowding: &'a [&'a str],
+    ) -> Answer<'a, Option<HookClaim>> {
         Box::pin(async move {
-            const CLAIM: &str = "UPDATE hook SET lease_owner = $2, lease_until_ms = $3 WHERE id = (SELECT id FROM hook WHERE ";
+            const CLAIM: &str =
+                "UPDATE hook SET lease_owner = $2, lease_until_ms = $3 WHERE id = (SELECT hook.id
+                FROM hook LEFT JOIN (SELECT tenant, count(*) AS claims FROM hook WHERE lease_until_ms >= $1
+                GROUP BY tenant) AS busy ON busy.tenant = hook.tenant WHERE ";
             // Most of the time nothing waits: looking takes no turn of a writer.
-            let mut look = sql(self.reader(), "SELECT count(*) FROM hook WHERE ");
-            look.push(DUE);
-            if look.bind(now_ms).scalar::<i64>().await? == 0 {
+            let mut look = sql(self.reader(), "SELECT count(*) FROM hook WHERE ").bind(now_ms);
+            push_due(&mut look, crowding);
+            if look.scalar::<i64>().await? == 0 {
                 return Ok(None);
             }
             let owner = self.inner.replica.owned_id();
             let mut write = self.begin_write("hook").await?;
-            let mut claim = sql(&mut write, CLAIM);
-            claim.push(DUE).push(" ORDER BY due_ms, id LIMIT 1) RETURNING *");
-            let row = claim.bind(now_ms).bind(&owner).bind(lease_until_ms).optional().await?;
+            let mut claim = sql(&mut write, CLAIM).bind(now_ms).bind(&owner).bind(lease_until_ms);
+            push_due(&mut claim, crowding);
+            claim.push(" ORDER BY coalesce(busy.claims, 0), hook.due_ms, hook.id LIMIT 1) RETURNING *");
+            let row = claim.optional().await?;
             let claimed = row.as_ref().map(read_hook).transpose()?.map(|hook| HookClaim { hook, owner });
             write.commit().await?;
             Ok(claimed)
@@ -281,6 +292,19 @@ impl Store {
             "UPDATE hook SET lease_owner = NULL, lease_until_ms = NULL WHERE lease_owner IS NOT NULL";
         sql(self.writer(), RELEASE).execute().await?;
         Ok(())
+    }
+}
+
+/// Appends the conditions for hooks that may be claimed at the time `$1`; those of tenants in `crowding` only where no other tenant has
+/// an active one.
+fn push_due(query: &mut Query<'_>, crowding: &[&str]) {
+    query.push(DUE);
+    if !crowding.is_empty() {
+        query.push(" AND (hook.tenant NOT IN ").push_texts(crowding.iter().copied());
+        query.push(
+            " OR NOT EXISTS (SELECT 1 FROM hook AS other WHERE other.tenant <> hook.tenant
+            AND other.status = 'active'))",
+        );
     }
 }
 

@@ -116,7 +116,7 @@ impl Store {
                 SELECT $1, $2, $3, 'queued', 0, 0, $4, $4, $6, $7
                 WHERE (SELECT count(*) FROM job WHERE status = 'queued' AND tenant = $6) < $5";
             let limit = quota.jobs.min(MAX_QUEUED);
-            let cohort = cohort_of(job);
+            let cohort = job.cohort();
             let mut write = self.begin_write(self.tenant()).await?;
             receipts::keep(&mut write, self.tenant(), receipt, job.created_at_ms).await?;
             let waiting = queued_seconds(&mut write, self.tenant()).await?;
@@ -297,8 +297,7 @@ impl Store {
                 dictionaries::insert(&mut transaction, &claim.tenant, dictionary, now_ms).await?;
             }
             if applied {
-                let change =
-                    NewChange::for_job(ChangeKind::JobSucceeded, &claim.job.id, cohort_of(&claim.job));
+                let change = NewChange::for_job(ChangeKind::JobSucceeded, &claim.job.id, claim.job.cohort());
                 changes::record(&mut transaction, &claim.tenant, &change, now_ms).await?;
             }
             transaction.commit().await?;
@@ -321,7 +320,7 @@ impl Store {
             prune(&mut transaction, &claim.tenant).await?;
             if failed == 1 {
                 outputs::forget_parts(&mut transaction, &claim.job.id).await?;
-                let change = NewChange::for_job(ChangeKind::JobFailed, &claim.job.id, cohort_of(&claim.job));
+                let change = NewChange::for_job(ChangeKind::JobFailed, &claim.job.id, claim.job.cohort());
                 changes::record(&mut transaction, &claim.tenant, &change, now_ms).await?;
             }
             transaction.commit().await?;
@@ -368,7 +367,7 @@ impl Store {
             prune(&mut transaction, self.tenant()).await?;
             if let Some(job) = job.as_ref().filter(|_| cancelled == 1) {
                 outputs::forget_parts(&mut transaction, id).await?;
-                let change = NewChange::for_job(ChangeKind::JobCancelled, id, cohort_of(job));
+                let change = NewChange::for_job(ChangeKind::JobCancelled, id, job.cohort());
                 changes::record(&mut transaction, self.tenant(), &change, now_ms).await?;
             }
             transaction.commit().await?;
@@ -417,11 +416,6 @@ pub(super) async fn finish_succeeded(
     let done = query.execute().await?;
     prune(connection, &claim.tenant).await?;
     Ok(done == 1)
-}
-
-/// Id of the cohort that a job works on, if its parameters name one.
-fn cohort_of(job: &Job) -> Option<&str> {
-    job.parameters.get("cohort").and_then(Value::as_str)
 }
 
 /// A claimant's statement, with the identification of its claim as the first three arguments.

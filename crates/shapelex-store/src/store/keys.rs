@@ -45,20 +45,24 @@ impl Store {
         })
     }
 
-    /// At most `limit` keys of a tenant in id order, starting after the id `after`.
+    /// At most `limit` keys of a tenant, or of all, in id order, starting after the id `after`.
     ///
     /// # Errors
     /// [`StoreError::Damaged`].
     pub fn list_keys<'a>(
         &'a self,
-        tenant: &'a str,
+        tenant: Option<&'a str>,
         after: Option<&'a str>,
         limit: usize,
     ) -> Answer<'a, Vec<Key>> {
         Box::pin(async move {
-            const LIST: &str = "SELECT * FROM api_key WHERE tenant = $1 AND id > $2 ORDER BY id LIMIT $3";
-            let query = sql(self.reader(), LIST).bind(tenant).bind(after.unwrap_or_default());
-            query.bind(to_sql(limit as u64)).all().await?.iter().map(read_key).collect()
+            let mut query = sql(self.reader(), "SELECT * FROM api_key WHERE id > ");
+            query.push_bind(after.unwrap_or_default());
+            if let Some(tenant) = tenant {
+                query.push(" AND tenant = ").push_bind(tenant);
+            }
+            query.push(" ORDER BY id LIMIT ").push_bind(to_sql(limit as u64));
+            query.all().await?.iter().map(read_key).collect()
         })
     }
 

@@ -114,19 +114,40 @@ pub(super) async fn require(path: &Path) -> Result<(), StoreError> {
     // Read before the database is queried: while the service runs, both numbers grow.
     let Some(marked) = read(path) else { return Ok(()) };
     let file = path.join(DATABASE_FILE);
-    let is_empty = std::fs::metadata(&file).map_or(true, |about| about.len() == 0);
-    let found = if is_empty { 0 } else { in_file(&file).await? };
-    if found < marked {
-        return Err(StoreError::Older { missing: marked - found });
+    let found = if is_absent(&file) { Ok(0) } else { in_file(&file).await };
+    match found {
+        Ok(found) => compare(marked, found),
+        // What the log holds is known when the store is open, which compares again.
+        Err(StoreError::Full) => Ok(()),
+        Err(error) => Err(error),
     }
-    Ok(())
+}
+
+/// Refuses a database that has had fewer entries than the mark says.
+///
+/// # Errors
+/// [`StoreError::Older`].
+pub(super) fn compare(marked: u64, found: u64) -> Result<(), StoreError> {
+    if found < marked { Err(StoreError::Older { missing: marked - found }) } else { Ok(()) }
 }
 
 async fn in_file(file: &Path) -> Result<u64, StoreError> {
-    let pool = sqlite::look(file).await?;
-    let found = entries(Link::SqlitePool(&pool)).await;
-    pool.close().await;
-    found
+    let count = async |whole| {
+        let pool = sqlite::look(file, whole).await?;
+        let found = entries(Link::SqlitePool(&pool)).await;
+        pool.close().await;
+        found
+    };
+    match count(false).await {
+        // There is no room for the index of a log. Without a log none is needed.
+        Err(StoreError::Full) if is_absent(&file.with_extension("db-wal")) => count(true).await,
+        found => found,
+    }
+}
+
+/// Whether a file is missing or empty.
+fn is_absent(file: &Path) -> bool {
+    std::fs::metadata(file).map_or(true, |about| about.len() == 0)
 }
 
 /// Number of audit entries that all tenants of an embedded database have had.

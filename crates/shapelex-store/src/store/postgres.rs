@@ -26,8 +26,20 @@ const MIGRATIONS: &[(i64, &str, &str)] = &[
     (15, "job files", include_str!("migrations/postgres/0015_job_files.sql")),
 ];
 
+/// Schemes of addresses of PostgreSQL; the driver takes any.
+const SCHEMES: [&str; 2] = ["postgres", "postgresql"];
+
 /// Connection options for the database at `url`.
 pub(super) fn options(url: &str) -> Result<PgConnectOptions, StoreError> {
+    // The rest of the address may hold a password.
+    let scheme = url.split_once("://").map(|(scheme, _)| scheme);
+    if !scheme.is_some_and(|scheme| SCHEMES.contains(&scheme)) {
+        let is_word = |scheme: &&str| scheme.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'+');
+        let found =
+            scheme.filter(is_word).map_or_else(|| "another text".into(), |scheme| format!("{scheme}://"));
+        let detail = format!("expected one that begins with postgres:// or postgresql://, got {found}");
+        return Err(StoreError::Url { detail });
+    }
     PgConnectOptions::from_str(url)
         .map(|options| options.application_name("shapelex").disable_statement_logging())
         .map_err(|error| StoreError::Url { detail: error.to_string() })
@@ -70,5 +82,27 @@ pub(super) fn failure(code: &str) -> Option<Failure> {
         // Too many connections.
         "53300" => Some(Failure::Passing),
         code => PASSING.iter().any(|class| code.starts_with(class)).then_some(Failure::Passing),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_addresses_of_postgresql_are_taken() {
+        for good in ["postgres://a@b/c", "postgresql:///c?host=/run/postgresql"] {
+            assert!(options(good).is_ok(), "{good}");
+        }
+        for (wrong, found) in [
+            ("mysql://a:secret@b/c", "got mysql://"),
+            ("sqlite:///tmp/a.db", "got sqlite://"),
+            ("Postgres//a:secret@b", "got another text"),
+            ("a:secret@postgres://b", "got another text"),
+            ("", "got another text"),
+        ] {
+            let refused = options(wrong).unwrap_err().to_string();
+            assert!(refused.ends_with(found) && !refused.contains("secret"), "{wrong}: {refused}");
+        }
     }
 }

@@ -4,7 +4,9 @@ use std::path::Path;
 use std::time::Duration;
 
 use sqlx::migrate::{Migration, MigrationType, Migrator};
-use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
+use sqlx::sqlite::{
+    SqliteConnectOptions, SqliteJournalMode, SqliteLockingMode, SqlitePoolOptions, SqliteSynchronous,
+};
 use sqlx::{ConnectOptions, Connection, SqlSafeStr, SqlitePool};
 
 use super::engine::{Failure, Pools};
@@ -66,23 +68,25 @@ pub(super) fn is_small(file: &Path) -> bool {
 
 /// Opens the connections of the database in `file` as it is; may `create` a new one.
 pub(super) async fn connect(file: &Path, create: bool) -> Result<Pools, StoreError> {
-    let writer = writer(file, create).await?;
+    let writer = writer(options(file).create_if_missing(create)).await?;
     check_version(&writer).await?;
     let reader = reader(file).await?;
     Ok(Pools::Sqlite { writer, reader })
 }
 
-/// Opens a connection that leaves the database in `file` and its write-ahead log unchanged.
-pub(super) async fn look(file: &Path) -> Result<SqlitePool, StoreError> {
+/// Opens a connection that leaves the database in `file` and its write-ahead log unchanged. If it is `whole`, the file is complete without
+/// a log, and nothing is written beside it.
+pub(super) async fn look(file: &Path, whole: bool) -> Result<SqlitePool, StoreError> {
     // Does not use `options`: requesting a journal mode writes to a file that has another one, as a backup does.
-    let options = SqliteConnectOptions::new().filename(file).read_only(true).busy_timeout(BUSY_TIMEOUT);
+    let options = SqliteConnectOptions::new().filename(file).read_only(true).immutable(whole);
+    let options = options.busy_timeout(BUSY_TIMEOUT);
     let pool = SqlitePoolOptions::new().max_connections(1);
     Ok(pool.connect_with(options.disable_statement_logging()).await?)
 }
 
 /// Migrates the database in `file` and opens its connections without checking the whole file.
 pub(super) async fn attach(file: &Path) -> Result<Pools, StoreError> {
-    let writer = writer(file, true).await?;
+    let writer = writer(options(file).create_if_missing(true)).await?;
     check_version(&writer).await?;
     migrator(MIGRATIONS).run(&writer).await.map_err(StoreError::Schema)?;
     let reader = reader(file).await?;
@@ -107,19 +111,39 @@ pub(super) async fn migrate(writer: &SqlitePool) -> Result<(), StoreError> {
 }
 
 /// Migrates the database in `file`, after a check if requested, and opens its connections.
+///
+/// Connections share an index of the write-ahead log in a file beside it. Where the disk has no room for that, a single connection, which
+/// keeps the index in memory, reads and writes.
 pub(super) async fn open(file: &Path, check: bool) -> Result<Pools, StoreError> {
-    let writer = writer(file, true).await?;
+    let shared = options(file).create_if_missing(true);
+    let alone = options(file).locking_mode(SqliteLockingMode::Exclusive);
+    match migrated(shared, check).await {
+        Ok(writer) => Ok(Pools::Sqlite { reader: reader(file).await?, writer }),
+        Err(StoreError::Full) if std::fs::metadata(file).is_ok_and(|about| about.len() > 0) => {
+            tracing::warn!(
+                "the disk of the store has no room for the index of its log: one connection reads and writes, and no other process can \
+                 open the store, until the next start"
+            );
+            let writer = migrated(alone, check).await?;
+            Ok(Pools::Sqlite { reader: writer.clone(), writer })
+        }
+        Err(error) => Err(error),
+    }
+}
+
+/// The writing connection of a migrated database.
+async fn migrated(options: SqliteConnectOptions, check: bool) -> Result<SqlitePool, StoreError> {
+    let writer = writer(options).await?;
     check_version(&writer).await?;
     if check {
         check_file(&writer).await?;
     }
     migrator(MIGRATIONS).run(&writer).await.map_err(StoreError::Schema)?;
-    let reader = reader(file).await?;
-    Ok(Pools::Sqlite { writer, reader })
+    Ok(writer)
 }
 
 /// The single writing connection; its pool is a fair queue.
-async fn writer(file: &Path, create: bool) -> Result<SqlitePool, StoreError> {
+async fn writer(options: SqliteConnectOptions) -> Result<SqlitePool, StoreError> {
     let pool = SqlitePoolOptions::new()
         .max_connections(1)
         .min_connections(1)
@@ -129,7 +153,7 @@ async fn writer(file: &Path, create: bool) -> Result<SqlitePool, StoreError> {
         // On a full disk SQLite ends the transaction by itself, but sqlx still believes to be inside one. Such a connection is
         // replaced.
         .before_acquire(|connection, _| Box::pin(async { Ok(!connection.is_in_transaction()) }))
-        .connect_with(options(file).create_if_missing(create))
+        .connect_with(options)
         .await?;
     Ok(pool)
 }

@@ -21,6 +21,7 @@ use crate::domain::shape::{NewShape, Shape, ShapeAttributes, ShapeMeasures};
 
 mod audit;
 mod corrections;
+mod hooks;
 mod jobs;
 mod keys;
 mod opening;

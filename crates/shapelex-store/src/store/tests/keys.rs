@@ -33,9 +33,10 @@ async fn keys_come_back_as_they_were_stored() {
     }
     assert!(store.has_keys().await.unwrap());
     assert_eq!(store.find_key("key_0").await.unwrap(), None);
-    assert_eq!(store.list_keys("a", None, 10).await.unwrap(), std::slice::from_ref(&limited));
-    assert_eq!(store.list_keys("b", Some(&open.id), 10).await.unwrap(), []);
-    assert_eq!(store.list_keys("a", None, 0).await.unwrap(), []);
+    assert_eq!(store.list_keys(Some("a"), None, 10).await.unwrap(), std::slice::from_ref(&limited));
+    assert_eq!(store.list_keys(Some("b"), Some(&open.id), 10).await.unwrap(), []);
+    assert_eq!(store.list_keys(Some("a"), None, 0).await.unwrap(), []);
+    assert_eq!(store.list_keys(None, None, 10).await.unwrap(), [limited.clone(), open.clone()]);
 
     store.revoke_key(&open.id, 7).await.unwrap();
     store.revoke_key(&open.id, 8).await.unwrap();
@@ -58,5 +59,5 @@ async fn a_command_writes_beside_the_service_and_before_its_first_start() {
     let command = Store::attach(folder.path()).await.unwrap();
     command.create_key(&second).await.unwrap();
     command.close().await;
-    assert_eq!(service.list_keys("a", None, 10).await.unwrap(), [first, second]);
+    assert_eq!(service.list_keys(Some("a"), None, 10).await.unwrap(), [first, second]);
 }

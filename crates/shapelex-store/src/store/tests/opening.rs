@@ -77,6 +77,20 @@ async fn readiness_means_writing_works() {
 }
 
 #[tokio::test]
+async fn readiness_fails_while_only_pages_in_use_can_be_written() {
+    let (_folder, store) = embedded().await;
+    for _ in 0..2 {
+        // As many as there are. A connection that found no room is replaced by one without the limit.
+        meddle(&store, "PRAGMA max_page_count = 1").await;
+        let error = store.probe().await.unwrap_err();
+        assert!(matches!(error, StoreError::Full), "{error:?}");
+    }
+    meddle(&store, "PRAGMA max_page_count = 1000000").await;
+    store.ready().await.unwrap();
+    assert_eq!(store.clock_notes().await.unwrap().candidate_ms, None, "nothing of the probe is left");
+}
+
+#[tokio::test]
 async fn the_store_recovers_from_a_full_disk() {
     let (_folder, store, cohort) = embedded_with_cohort().await;
     let limit = "PRAGMA max_page_count = 60";
