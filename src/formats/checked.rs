@@ -257,7 +257,8 @@ impl Metadata {
     /// Takes the value; a fault goes to `errors` below `pointer`.
     pub fn take(self, pointer: &str, errors: &mut Vec<Fault>) -> Option<serde_json::Value> {
         match self.0 {
-            Ok(text) => text.read_large(pointer, errors),
+            // As a tree, which refuses names that are given twice.
+            Ok(text) => text.read(usize::MAX, pointer, errors),
             Err(error) => {
                 errors.push(error.below(pointer));
                 None

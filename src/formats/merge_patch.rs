@@ -13,7 +13,7 @@ use super::tree::Tree;
 pub struct MergePatch {
     /// Members that are set, merged or, if null, removed.
     pub members: Map<String, Value>,
-    /// Faults of the patch itself: no object, or a member that is given twice.
+    /// Faults of the patch itself: no object, or a member that is given twice, at any depth.
     pub faults: Vec<Fault>,
 }
 
@@ -37,9 +37,14 @@ impl<'de> Visitor<'de> for PatchVisitor {
         let mut patch = MergePatch::default();
         while let Some(key) = map.next_key::<Key<'_>>()? {
             let value: Tree<'_> = value_of(&mut map, key.text())?;
-            if patch.members.insert(key.text().to_owned(), value.into_value()).is_some() {
-                let pointer = format!("/{}", key.text().replace('~', "~0").replace('/', "~1"));
-                keep_fault(&mut patch.faults, || Fault::new(pointer, "the field is given twice"));
+            let pointer = || format!("/{}", key.text().replace('~', "~0").replace('/', "~1"));
+            match value.into_value() {
+                Ok(value) => {
+                    if patch.members.insert(key.text().to_owned(), value).is_some() {
+                        keep_fault(&mut patch.faults, || Fault::new(pointer(), "the field is given twice"));
+                    }
+                }
+                Err(error) => keep_fault(&mut patch.faults, || error.into_fault().below(&pointer())),
             }
         }
         Ok(patch)
@@ -113,6 +118,11 @@ mod tests {
         let patch = read(r#"{"a": 1, "b/c": null, "a": 2, "b/c": 3}"#);
         let pointers: Vec<&str> = patch.faults.iter().map(|fault| fault.pointer.as_str()).collect();
         assert_eq!(pointers, ["/a", "/b~1c"]);
+        let patch = read(
+            r#"{"labels": {"n": 1, "m": [{"k": 1, "k": 1}], "n": 2}, "metadata": [{"k/": 1, "k/": 2}]}"#,
+        );
+        let pointers: Vec<&str> = patch.faults.iter().map(|fault| fault.pointer.as_str()).collect();
+        assert_eq!(pointers, ["/labels/m/0/k", "/metadata/0/k~1"]);
         for (text, what) in [("[1]", "a list"), ("7", "a number"), ("null", "null"), ("\"a\"", "a string")] {
             assert_eq!(read(text).faults[0].detail, format!("expected an object, got {what}"));
         }

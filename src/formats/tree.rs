@@ -5,7 +5,8 @@
 //! * [`Reader`] — reads records from a tree;
 //! * [`TreeError`] — what is wrong, and where.
 //!
-//! Messages are those of `serde_json::Value`, and so are members: in order of their names, the last of equal names.
+//! Messages are those of `serde_json::Value`, and members are in order of their names. A name that is given twice is a fault of its
+//! member: neither value takes precedence.
 
 use std::borrow::Cow;
 use std::fmt;
@@ -41,7 +42,12 @@ pub enum Tree<'a> {
     List(Vec<Tree<'a>>),
     /// An object: members in order of their names.
     Object(Vec<(Cow<'a, str>, Tree<'a>)>),
+    /// A member whose name is given twice, in place of its values.
+    Twice,
 }
+
+/// What is wrong with [`Tree::Twice`].
+const TWICE: &str = "the field is given twice";
 
 impl<'a> Tree<'a> {
     /// The value of a text.
@@ -71,20 +77,11 @@ impl<'a> Tree<'a> {
     }
 
     /// The same value, without what it borrows.
-    pub fn into_value(self) -> Value {
-        match self {
-            Self::Null => Value::Null,
-            Self::Boolean(value) => value.into(),
-            Self::Whole(value) => value.into(),
-            Self::Negative(value) => value.into(),
-            Self::Number(value) => value.into(),
-            Self::Text(text) => text.into(),
-            Self::List(list) => list.into_iter().map(Self::into_value).collect(),
-            Self::Object(members) => {
-                let owned = |(name, value): (Cow<'a, str>, Self)| (name.into_owned(), value.into_value());
-                Value::Object(members.into_iter().map(owned).collect())
-            }
-        }
+    ///
+    /// # Errors
+    /// A member whose name is given twice.
+    pub fn into_value(self) -> Result<Value, TreeError> {
+        Value::deserialize(Reader::of(&self))
     }
 
     /// The member or entry at a step of a JSON pointer, without its escapes.
@@ -111,6 +108,7 @@ impl<'a> Tree<'a> {
             Self::Text(text) => Unexpected::Str(text),
             Self::List(_) => Unexpected::Seq,
             Self::Object(_) => Unexpected::Map,
+            Self::Twice => Unexpected::Other(TWICE),
         }
     }
 }
@@ -172,10 +170,14 @@ impl<'de> Visitor<'de> for TreeVisitor {
             let value = trail::value_of(&mut entries, &name)?;
             members.push((name, value));
         }
-        // Of equal names, the one that stands last in the text comes first, and stays.
-        members.reverse();
         members.sort_by(|(one, _), (other, _)| one.cmp(other));
-        members.dedup_by(|(later, _), (first, _)| later == first);
+        members.dedup_by(|(later, _), (first, value)| {
+            let is_same = later == first;
+            if is_same {
+                *value = Tree::Twice;
+            }
+            is_same
+        });
         Ok(Tree::Object(members))
     }
 }
@@ -281,8 +283,11 @@ impl<'t> Reader<'t> {
         self.without.is_none_or(|without| !std::ptr::eq(without, part))
     }
 
-    fn invalid<T>(self, visitor: &dyn Expected) -> Result<T, TreeError> {
-        Err(TreeError::invalid_type(self.tree.unexpected(), visitor))
+    fn invalid<T>(self, expected: &dyn Expected) -> Result<T, TreeError> {
+        match self.tree {
+            Tree::Twice => Err(TreeError::custom(TWICE)),
+            other => Err(TreeError::invalid_type(other.unexpected(), expected)),
+        }
     }
 
     fn number<V: Visitor<'t>>(self, visitor: V) -> Result<V::Value, TreeError> {
@@ -328,7 +333,7 @@ impl<'t> Reader<'t> {
                     _ => Err(TreeError::invalid_value(Unexpected::Map, &"map with a single key")),
                 }
             }
-            other => Err(TreeError::invalid_type(other.unexpected(), &"string or map")),
+            _ => self.invalid(&"string or map"),
         }
     }
 }
@@ -363,6 +368,7 @@ impl<'t> Deserializer<'t> for Reader<'t> {
             Tree::Text(text) => visitor.visit_borrowed_str(text),
             Tree::List(list) => self.list(list, visitor),
             Tree::Object(members) => self.object(members, visitor),
+            Tree::Twice => self.invalid(&visitor),
         }
     }
 
@@ -580,7 +586,7 @@ impl<'t> VariantAccess<'t> for Variant<'t> {
         match self.content {
             Some(Reader { tree: Tree::List(list), .. }) if list.is_empty() => visitor.visit_unit(),
             Some(content @ Reader { tree: Tree::List(list), .. }) => content.list(list, visitor),
-            Some(other) => Err(TreeError::invalid_type(other.tree.unexpected(), &"tuple variant")),
+            Some(other) => other.invalid(&"tuple variant"),
             None => Self::without_content("tuple variant"),
         }
     }
@@ -592,7 +598,7 @@ impl<'t> VariantAccess<'t> for Variant<'t> {
     ) -> Result<V::Value, TreeError> {
         match self.content {
             Some(content @ Reader { tree: Tree::Object(members), .. }) => content.object(members, visitor),
-            Some(other) => Err(TreeError::invalid_type(other.tree.unexpected(), &"struct variant")),
+            Some(other) => other.invalid(&"struct variant"),
             None => Self::without_content("struct variant"),
         }
     }
@@ -654,11 +660,12 @@ mod tests {
         rest: HashMap<String, f64>,
     }
 
-    /// Checks that a tree is read as `Value` is.
+    /// Checks that a tree is read as `Value` is; texts with a name given twice are left out.
     fn check<T: DeserializeOwned + PartialEq + fmt::Debug>(text: &str) -> bool {
         let Ok(value) = serde_json::from_str::<Value>(text) else { return false };
         let tree = Tree::parse(text).unwrap();
-        assert_eq!((&Tree::of(&value), &tree.clone().into_value()), (&tree, &value), "{text}");
+        let Ok(same) = tree.clone().into_value() else { return false };
+        assert_eq!((&Tree::of(&value), &same), (&tree, &value), "{text}");
         let wanted: Result<T, _> = serde_path_to_error::deserialize(value);
         let wanted = wanted.map_err(|error| (json_pointer(error.path()), error.inner().to_string()));
         let found = T::deserialize(Reader::of(&tree)).map_err(|error| {
@@ -709,8 +716,29 @@ mod tests {
     }
 
     #[test]
-    fn the_last_of_equal_names_counts_and_a_part_can_be_left_out() {
-        let tree = Tree::parse(r#"{"b": 1, "a": 2, "b": 3, "c": [4, 5]}"#).unwrap();
+    fn a_name_that_is_given_twice_is_a_fault_of_its_member() {
+        let fault = |text: &str| {
+            let tree = Tree::parse(text).unwrap();
+            let faults = [
+                Value::deserialize(Reader::of(&tree)).unwrap_err(),
+                BTreeMap::<String, Option<BTreeMap<String, f64>>>::deserialize(Reader::of(&tree))
+                    .unwrap_err(),
+            ];
+            faults.map(TreeError::into_fault)
+        };
+        for (text, pointer) in [
+            (r#"{"b": {"c": 1}, "a": null, "b": {"c": 1}}"#, "/b"),
+            (r#"{"a": {"n": 1, "n": 2, "n": 3}, "b": null}"#, "/a/n"),
+        ] {
+            for fault in fault(text) {
+                assert_eq!((fault.pointer.as_str(), fault.detail.as_str()), (pointer, TWICE), "{text}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_part_can_be_left_out() {
+        let tree = Tree::parse(r#"{"b": 3, "a": 2, "c": [4, 5]}"#).unwrap();
         let read = |reader| Value::deserialize(reader).unwrap().to_string();
         assert_eq!(read(Reader::of(&tree)), r#"{"a":2,"b":3,"c":[4,5]}"#);
         for (path, left) in [

@@ -130,6 +130,44 @@ fn corrections_are_checked_as_what_arrives() {
     assert_eq!((&again["added"], &again["results"]), (&json!(0), &added["results"]));
 }
 
+/// Neither of two values takes precedence, at any depth, wherever a document is taken.
+#[test]
+fn names_that_are_given_twice_are_refused_at_any_depth() {
+    let server = Server::fresh();
+    cohort(&server, "feet");
+    add(&server, "feet", &[triangle(1, "control", "p")]);
+    let send = |method: Method, path: &str, body: &str| {
+        let request = server.request(method, path).header("content-type", "application/json");
+        server.send(request.body(body.to_owned()))
+    };
+    let shape = "/v1/cohorts/feet/shapes/scan%2F1";
+    for (body, pointers) in [
+        (r#"{"labels": {"n": 1, "n": 2}}"#, &["/labels/n"][..]),
+        (r#"{"labels": {"n": 1}, "labels": {"m": 2}}"#, &["/labels"]),
+        (
+            r#"{"metadata": {"a": [{"b": 1, "b": 1}]}, "labels": {"n": null, "n": null}}"#,
+            &["/metadata/a/0/b", "/labels/n"],
+        ),
+    ] {
+        send(Method::PATCH, shape, body).expect_problem(422, "invalid-input", pointers);
+    }
+    let points = r#""points": [[0, 0], [1, 0], [0, 1]]"#;
+    for (fields, pointer) in [
+        (r#""labels": {"n": 1, "n": 2}"#, "/shapes/0/labels/n"),
+        (r#""metadata": {"a": {"b": 1, "b": 2}}"#, "/shapes/0/metadata/a/b"),
+    ] {
+        let body = format!(r#"{{"shapes": [{{{points}, {fields}}}]}}"#);
+        send(Method::POST, "/v1/cohorts/feet/shapes", &body).expect_problem(422, "invalid-input", &[pointer]);
+    }
+    let body = r#"{"filter": {"labels": {"age": 1, "age": 2}}}"#;
+    send(Method::POST, "/v1/cohorts/feet/table", body).expect_problem(
+        422,
+        "invalid-input",
+        &["/filter/labels/age"],
+    );
+    assert_eq!(server.get(shape).expect(200)["labels"], json!({"site": "zrh", "age": 1}));
+}
+
 #[test]
 fn shapes_are_deleted_by_a_filter() {
     let server = Server::fresh();

@@ -82,9 +82,10 @@ impl FunctionalPca {
         components: usize,
     ) -> Result<Self, AnalysisError> {
         let mean: Vec<f64> = sum.mean().iter().zip(origin).map(|(m, o)| m + o).collect();
+        // Eigenvalues have the unit of the weights, and so has the rounding of shapes that are equal.
+        let spread = if centred { sum.weight() * norm(origin).powi(2) * f64::EPSILON } else { 0.0 };
         let (total, pairs) = sum.leading(centred, components)?;
         let first = pairs.values.first().copied().unwrap_or(0.0);
-        let spread = if centred { norm(origin).powi(2) * f64::EPSILON } else { 0.0 };
         let kept = pairs.values.iter().take_while(|&&v| v > SMALLEST_COMPONENT * first && v > spread).count();
         let eigenvalues = pairs.values[..kept].to_vec();
         let explained = eigenvalues.iter().map(|value| value / total).collect();

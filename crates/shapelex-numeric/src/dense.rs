@@ -125,13 +125,16 @@ pub fn add_product(c: &mut Matrix, columns: &[f64], b: &Matrix) {
 
 /// `AᵀB`.
 pub fn transpose_multiply(a: &Matrix, b: &Matrix) -> Matrix {
-    transpose_multiply_columns(a, b.as_slice())
+    transpose_multiply_view(a, view(b))
 }
 
-/// `AᵀX`; `columns` holds `X` (`n × k`, column-major).
+/// `AᵀX`; `columns` holds `X` (`n × k`, column-major, `n > 0`).
 pub fn transpose_multiply_columns(a: &Matrix, columns: &[f64]) -> Matrix {
     let n = a.nrows();
-    let x = MatRef::from_column_major_slice(columns, n, columns.len() / n.max(1));
+    transpose_multiply_view(a, MatRef::from_column_major_slice(columns, n, columns.len() / n.max(1)))
+}
+
+fn transpose_multiply_view(a: &Matrix, x: MatRef<'_, f64>) -> Matrix {
     let mut c = Matrix::zeros(a.ncols(), x.ncols());
     let at = view(a).transpose();
     faer::linalg::matmul::matmul(view_mut(&mut c), Accum::Replace, at, x, 1.0, Par::Seq);
@@ -326,6 +329,10 @@ pub fn leading_eigenpairs(s: &Matrix, count: usize) -> Result<Eigenpairs, Numeri
 
 fn full_eigenpairs(s: &Matrix, count: usize) -> Result<Eigenpairs, NumericError> {
     let n = s.nrows();
+    // The library cannot decompose a matrix without entries.
+    if count == 0 {
+        return Ok(Eigenpairs { values: Vec::new(), vectors: Matrix::zeros(n, 0) });
+    }
     let failure = NumericError::NoConvergence { size: n };
     if s.iter().any(|value| !value.is_finite()) {
         return Err(failure);
@@ -643,6 +650,13 @@ mod tests {
         assert!((s - &x * x.transpose()).norm() < 1e-13);
         assert!((gram(x.as_slice(), 5) - x.transpose() * &x).norm() < 1e-13);
         assert!((transpose_multiply(&x, &x) - x.transpose() * &x).norm() < 1e-13);
+    }
+
+    #[test]
+    fn products_of_nothing_keep_their_shape() {
+        let (none, columns) = (Matrix::zeros(0, 3), Matrix::zeros(0, 5));
+        assert_eq!(transpose_multiply(&none, &columns), Matrix::zeros(3, 5));
+        assert_eq!(multiply(&none.transpose(), &columns), Matrix::zeros(3, 5));
     }
 
     #[test]

@@ -68,7 +68,8 @@ impl Parameters {
     /// Collects conditions, and other parameters by name.
     ///
     /// # Errors
-    /// A parameter other than a condition given twice: neither value takes precedence; values that cannot be compared.
+    /// A parameter other than a condition given twice: neither value takes precedence; more conditions than a filter has; values
+    /// that cannot be compared.
     pub(super) fn read(pairs: Vec<(String, String)>) -> Result<Self, Problem> {
         let (mut others, mut filter, mut first_condition) = (BTreeMap::new(), ShapeFilter::default(), None);
         for (name, value) in pairs {
@@ -95,6 +96,9 @@ impl Parameters {
                 continue;
             }
             first_condition.get_or_insert(name);
+        }
+        if let Some(detail) = filter.excess() {
+            return Err(ServiceError::Query(detail).into());
         }
         let fault =
             |(attribute, detail): (Attribute, String)| Fault::of_parameter(attribute.to_string(), detail);
@@ -292,6 +296,16 @@ mod tests {
     }
 
     #[test]
+    fn long_filters_are_refused() {
+        let names: Vec<String> = (0..101).map(|k| format!("labels.k{k}")).collect();
+        let pairs: Vec<(&str, &str)> = names.iter().map(|name| (name.as_str(), "v")).collect();
+        assert!(read(&pairs[..100]).is_ok() && read(&pairs).is_err());
+        assert!(
+            read(&[("external_id", "a"); 10_000]).is_ok() && read(&[("external_id", "a"); 10_001]).is_err()
+        );
+    }
+
+    #[test]
     fn wrong_conditions_are_refused() {
         for pairs in [
             [("labels.age.gte", "1"), ("labels.age.gte", "2")],
@@ -299,6 +313,7 @@ mod tests {
             [("created_at.lt", "yesterday"), ("label", "a")],
             [("has", "colour"), ("label", "a")],
             [("limit", "1"), ("limit", "2")],
+            [("label", "a\0"), ("subject", "b")],
         ] {
             assert!(read(&pairs).is_err(), "{pairs:?}");
         }

@@ -126,6 +126,9 @@ async fn write(
                 let added = filter.condition(Attribute::Label).add("eq", label.clone());
                 added.map_err(str::to_owned)?;
             }
+            if let Some(detail) = filter.excess() {
+                return Err(detail);
+            }
             let file = ShapeFile { format, options, content, points: usize::from(args.points) };
             return from_store(app, cohort, filter, file, output).await;
         }

@@ -70,8 +70,11 @@ impl FilterPlace<'_> {
     }
 }
 
-/// Faults of values in a filter of a body that cannot be compared with those of their attributes.
+/// Faults of a filter of a body: too many conditions, or values that cannot be compared with those of their attributes.
 pub fn filter_faults(filter: &ShapeFilter, pointer: &str) -> Vec<Fault> {
+    if let Some(detail) = filter.excess() {
+        return vec![Fault::new(pointer, detail)];
+    }
     let fault = |(attribute, detail)| FilterPlace::Body(pointer).fault(&attribute, detail);
     filter.faults().into_iter().map(fault).collect()
 }
@@ -108,6 +111,23 @@ pub(crate) async fn refuse_unknown(
     refuse_absent(app, cohort, filter.attributes(), place).await
 }
 
+/// Number of names that are asked for one by one, which ends at the first shape that has the attribute; more are looked up among all
+/// names of the cohort.
+const ONE_BY_ONE: usize = 4;
+
+/// Whether there are shapes with each of the attributes, as far as it is known without a pass for each.
+async fn are_known(app: &App, cohort: &Cohort, named: &[Attribute]) -> Result<bool, ServiceError> {
+    if named.len() > ONE_BY_ONE {
+        return Ok(false);
+    }
+    for attribute in named {
+        if !app.store.has_attribute(&cohort.id, Revisions::until(cohort.revision), attribute).await? {
+            return Ok(false);
+        }
+    }
+    Ok(true)
+}
+
 /// Refuses the attributes that no shape has, unless the cohort has no shapes.
 async fn refuse_absent(
     app: &App,
@@ -115,25 +135,27 @@ async fn refuse_absent(
     named: BTreeSet<Attribute>,
     place: FilterPlace<'_>,
 ) -> Result<(), ServiceError> {
-    let revisions = Revisions::until(cohort.revision);
-    let mut absent = Vec::new();
-    for attribute in named {
-        // Measures and times are not misspelt: their names were read.
-        let is_free = matches!(attribute, Attribute::Labels(_) | Attribute::Label | Attribute::Subject);
-        if is_free && !app.store.has_attribute(&cohort.id, revisions, &attribute).await? {
-            absent.push(attribute);
-        }
-    }
-    if absent.is_empty() || app.store.count(&cohort.id, revisions, &ShapeFilter::everything()).await? == 0 {
+    // Measures and times are not misspelt: their names were read.
+    let is_free = |attribute: &Attribute| {
+        matches!(attribute, Attribute::Labels(_) | Attribute::Label | Attribute::Subject)
+    };
+    let named: Vec<Attribute> = named.into_iter().filter(is_free).collect();
+    if are_known(app, cohort, &named).await? {
         return Ok(());
     }
     let known = KnownAttributes::of(app, cohort).await?;
+    let absent: Vec<&Attribute> =
+        named.iter().filter(|attribute| !known.contains(&attribute.to_string())).collect();
+    let (revisions, everything) = (Revisions::until(cohort.revision), ShapeFilter::everything());
+    if absent.is_empty() || app.store.count(&cohort.id, revisions, &everything).await? == 0 {
+        return Ok(());
+    }
     let fault = |attribute: &Attribute| {
         let detail =
             format!("expected an attribute that shapes of the cohort have, got '{attribute}': {known}");
         place.fault(attribute, detail)
     };
-    let faults = absent.iter().map(fault);
+    let faults = absent.into_iter().map(fault);
     match place {
         FilterPlace::Query => Err(ServiceError::Parameters(faults.collect())),
         FilterPlace::Body(_) => Err(ServiceError::Invalid(faults.collect())),

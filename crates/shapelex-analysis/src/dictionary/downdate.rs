@@ -94,7 +94,8 @@ impl Downdate {
             true => y.iter().zip(&self.mean).map(|(y, m)| y - m).collect(),
             false => y.to_vec(),
         };
-        let left = self.weight - weight;
+        // A shape that outweighs all others by so much leaves nothing: of their weight, only the rounding is known.
+        let left = (self.weight - weight).max(f64::EPSILON * self.weight);
         let one = LeftOut::new(self, &away, if self.centred { weight * self.weight / left } else { weight });
         let mut values = Vec::with_capacity(self.components);
         let mut scores = Vec::with_capacity(self.components);

@@ -158,6 +158,14 @@ pub fn draw_atoms(view: &View<'_>, name: &str, dictionary: &Dictionary) -> Drawi
         false if dictionary.is_centred() => format!("components of {name}, and their part of the variation"),
         false => format!("components of {name}, and their part of the energy"),
     };
+    if content.atoms.is_empty() {
+        // Shapes that do not vary have a mean, and nothing besides.
+        let mean = mean_of(dictionary);
+        return layout::draw(
+            &title,
+            vec![view.layer([mean.as_slice()], colour::MAIN, 1.5, 1.0).named("mean")],
+        );
+    }
     if view.space.domain().is_surface() && !content.method.is_sparse() {
         let cells = both_sides(view, dictionary);
         let columns = cells.len().min(SIDES_IN_A_ROW);
@@ -184,15 +192,19 @@ fn draw_components(view: &View<'_>, title: &str, dictionary: &Dictionary) -> Dra
         Some((caption(&dictionary.content, j), layers.collect::<Vec<_>>()))
     };
     let cells: Vec<_> = (0..dictionary.content.atoms.len()).filter_map(cell).collect();
-    let mean = dictionary.mode(0, 0.0).map_or_else(Vec::new, |mode| mode.shapes[1].clone());
+    let mean = mean_of(dictionary);
     let samples = sides.map(|(name, colour)| layer(&mean, colour).named(name));
     layout::grid(title, cells).with_legend(&Entry::of(&samples))
 }
 
 /// The view of a dictionary: its mean upright.
 pub fn view_of<'a>(space: &'a ShapeSpace, dictionary: &Dictionary) -> View<'a> {
-    let mean = columns_of(&dictionary.content.mean.control_points, space.representation().dimension());
-    View::upright(space, &dictionary.preparation.method, &mean)
+    View::upright(space, &dictionary.preparation.method, &mean_of(dictionary))
+}
+
+/// Control points of the mean, coordinate-major.
+fn mean_of(dictionary: &Dictionary) -> Vec<f64> {
+    columns_of(&dictionary.content.mean.control_points, dictionary.metric().dimension())
 }
 
 /// Maximum number of components of surfaces in a drawing.

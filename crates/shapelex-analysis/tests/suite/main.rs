@@ -1,6 +1,7 @@
 //! All integration tests of the crate, one binary.
 #![allow(clippy::unwrap_used, clippy::print_stdout, missing_docs)]
 
+mod degenerate;
 mod dictionaries;
 mod groupwise;
 mod laws;

@@ -109,7 +109,7 @@ impl Attribute {
                 Some(name) => Measure::parse(name).map(Self::Measure),
                 None => other
                     .strip_prefix(LABELS)
-                    .filter(|name| !name.is_empty())
+                    .filter(|name| !name.is_empty() && !name.contains('\0'))
                     .map(|name| Self::Labels(name.into())),
             },
         }
@@ -117,6 +117,14 @@ impl Attribute {
 
     /// What [`Self::parse`] wants.
     pub const WANTED: &str = "expected 'external_id', 'label', 'subject', 'labels.<attribute>', 'measures.<measure>' or 'created_at'";
+
+    /// Name of a further attribute.
+    pub fn label_name(&self) -> Option<&str> {
+        match self {
+            Self::Labels(name) => Some(name),
+            Self::ExternalId | Self::Subject | Self::Label | Self::Measure(_) | Self::CreatedAt => None,
+        }
+    }
 
     /// Whether its values are numbers or times, so that bounds and values must be such.
     pub fn is_numeric(&self) -> bool {
@@ -211,6 +219,7 @@ mod tests {
     fn attributes_are_read_by_name() {
         assert_eq!(Attribute::parse("labels.age"), Some(Attribute::Labels("age".into())));
         assert_eq!(Attribute::parse("labels."), None);
+        assert_eq!(Attribute::parse("labels.age\0other"), None);
         assert_eq!(Attribute::parse("age"), None);
         assert_eq!(Attribute::parse("measures.area"), Some(Attribute::Measure(Measure::Area)));
         assert_eq!(Attribute::parse("measures.mass"), None);

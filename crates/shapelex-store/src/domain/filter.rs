@@ -41,6 +41,12 @@ pub struct ShapeFilter {
     pub has: BTreeSet<Attribute>,
 }
 
+/// Maximum number of conditions of a filter: each is a part of one statement of the store, whose depth is bounded.
+pub const MAX_CONDITIONS: usize = 100;
+
+/// Maximum number of values in all conditions of a filter: each is bound up to twice, and a statement of SQLite takes 32 766.
+pub const MAX_VALUES: usize = 10_000;
+
 impl ShapeFilter {
     /// The filter that selects every shape.
     pub const fn everything() -> Self {
@@ -92,9 +98,26 @@ impl ShapeFilter {
         }
     }
 
-    /// Values that cannot be compared with those of their attribute: the attribute, and what is wrong.
+    /// What is wrong if it has more conditions or values than a filter may have.
+    pub fn excess(&self) -> Option<String> {
+        let operators = |(_, condition): (Attribute, &Condition)| condition.operators();
+        let values = |(_, condition): (Attribute, &Condition)| condition.values().count();
+        let counts = [
+            ("conditions", MAX_CONDITIONS, self.conditions().map(operators).sum::<usize>() + self.has.len()),
+            ("values", MAX_VALUES, self.conditions().map(values).sum()),
+        ];
+        let (what, most, found) = counts.into_iter().find(|(_, most, found)| found > most)?;
+        Some(format!("expected a filter of at most {most} {what}, got {found}"))
+    }
+
+    /// Names that no attribute has, and values that cannot be compared with those of their attribute: the attribute, and what is
+    /// wrong.
     pub fn faults(&self) -> Vec<(Attribute, String)> {
         let of = |(attribute, condition): (Attribute, &Condition)| {
+            let texts = condition.values().chain(attribute.label_name());
+            if texts.into_iter().any(|text| text.contains('\0')) {
+                return Some((attribute, "expected text without the character U+0000".into()));
+            }
             let wanted = match attribute {
                 Attribute::CreatedAt => "a time in RFC 3339, as 2026-01-31T12:00:00Z",
                 Attribute::Measure(Measure::SelfIntersecting) => "true or false",
@@ -181,6 +204,12 @@ impl Condition {
             [only] if self.none_of.is_empty() && self.bounds().next().is_none() => Some(only),
             _ => None,
         }
+    }
+
+    /// Number of operators that it has values for.
+    fn operators(&self) -> usize {
+        let lists = [&self.one_of, &self.none_of].into_iter().filter(|list| !list.is_empty());
+        lists.count() + self.bounds().count()
     }
 
     fn values(&self) -> impl Iterator<Item = &str> {

@@ -329,14 +329,14 @@ impl<'a> Held<'a> {
         let (sample, pairs) = (self.sample, &part.pairs);
         let members = &sample.subjects[subject];
         let others = sample.count() - members.len();
-        let of = |k: &usize| sample.weights[*k];
-        let weight = sample.weights.iter().sum::<f64>() - members.iter().map(of).sum::<f64>();
         let mean = match sample.centred {
             true => vec![0.0; pairs.values.len()],
             // About the origin, shapes have the mean scores Vᵀ Σ w z / Σ w.
-            false => (pairs.vectors.transpose() * self.mean_coordinates(subject, weight)).as_slice().to_vec(),
+            false => {
+                (pairs.vectors.transpose() * self.mean_coordinates(subject, part.weight)).as_slice().to_vec()
+            }
         };
-        let spread = Spread::from_moments(&pairs.values, mean, others, weight);
+        let spread = Spread::from_moments(&pairs.values, mean, others, part.weight);
         let root = spread.root();
         let mut centre = part.shift.clone();
         pairs.vectors.column_iter().zip(&spread.mean).for_each(|(v, s)| {

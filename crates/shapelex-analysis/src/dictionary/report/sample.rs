@@ -51,6 +51,8 @@ pub(in crate::dictionary) struct Part {
     pub(in crate::dictionary) total: f64,
     /// `δ`: their mean less that of all; zero if nothing is centred.
     pub(in crate::dictionary) shift: Vec<f64>,
+    /// Their weight.
+    pub(in crate::dictionary) weight: f64,
 }
 
 impl Sample {
@@ -127,17 +129,25 @@ impl Sample {
         y
     }
 
-    /// The `count` leading components of all shapes but those of a subject, by the downdate above.
+    /// The `count` leading components of all shapes but those of a subject, by the downdate above; anew without a subject with
+    /// more than half of the weight.
     ///
     /// # Errors
     /// A failure of the eigenproblem.
     pub(in crate::dictionary) fn without(&self, subject: usize, count: usize) -> Result<Part, AnalysisError> {
         let rank = self.values.len();
         let members = &self.subjects[subject];
+        let all = self.weights.iter().sum::<f64>();
+        let weight = all - members.iter().map(|&k| self.weights[k]).sum::<f64>();
+        if weight < 0.5 * all {
+            // A subject that outweighs all others leaves rounding behind: what is left is summed anew. There is one at most.
+            let others: Vec<(usize, f64)> =
+                (0..self.count()).filter(|k| !members.contains(k)).map(|k| (k, 1.0)).collect();
+            return self.of(&others, count);
+        }
         let mut scatter = Matrix::from_diagonal(&self.values.clone().into());
         let (left, sum) = self.weighted(members.iter().map(|&k| (k, 1.0)));
         dense::add_outer_products(&mut scatter, &left, -1.0);
-        let weight = self.weights.iter().sum::<f64>() - members.iter().map(|&k| self.weights[k]).sum::<f64>();
         let shift: Vec<f64> = match self.centred {
             true => sum.iter().map(|sum| -sum / weight).collect(),
             false => vec![0.0; rank],
@@ -192,7 +202,7 @@ impl Sample {
         let kept = pairs.values.iter().take_while(|value| **value > least).count();
         pairs.values.truncate(kept);
         pairs.vectors = pairs.vectors.columns(0, kept).into_owned();
-        Ok(Part { pairs, total, shift })
+        Ok(Part { pairs, total, shift, weight })
     }
 
     /// Shapes of so many subjects drawn with replacement, with how often each occurs.
