@@ -63,6 +63,21 @@ fn streamed_answers_arrive_whole_in_gzip_too() {
     server.assert_alive();
 }
 
+/// The content of a chunked answer that has ended.
+fn content(answer: &str) -> String {
+    let (_, mut chunks) = answer.split_once("\r\n\r\n").unwrap();
+    let mut text = String::new();
+    loop {
+        let (length, rest) = chunks.split_once("\r\n").unwrap();
+        let length = usize::from_str_radix(length, 16).unwrap();
+        if length == 0 {
+            return text;
+        }
+        text.push_str(&rest[..length]);
+        chunks = &rest[length + 2..];
+    }
+}
+
 /// Sends a whole request before it reads, as many clients do, and gives the answer.
 fn send_first(server: &Server, path: &str, body: &str) -> String {
     let address = server.address().trim_start_matches("http://");
@@ -87,8 +102,7 @@ fn a_client_that_sends_before_it_reads_gets_a_whole_conversion() {
     let count = 350_000;
     let answer = send_first(&server, "/v1/convert?format=ndjson&to=ndjson", &lines(count));
     assert!(answer.starts_with("HTTP/1.1 200 "), "{}", &answer[..200.min(answer.len())]);
-    assert_eq!(answer.matches("\"points\"").count(), count);
-    assert!(answer.ends_with("\r\n0\r\n\r\n"), "the last chunk");
+    assert_eq!(content(&answer).matches("\"points\"").count(), count);
     server.assert_alive();
 }
 

@@ -4,14 +4,12 @@
 //! one that no format has beside the file name `name`.
 
 use std::collections::BTreeMap;
-use std::task::Poll;
 
 use axum::body::{Body, Bytes};
 use axum::extract::Request;
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
-use futures_util::future::Either;
-use futures_util::stream::{self, StreamExt};
+use futures_util::stream::{self, BoxStream, StreamExt};
 use serde::Serialize;
 use tokio::sync::mpsc;
 use tokio_util::task::AbortOnDropHandle;
@@ -33,9 +31,9 @@ use crate::api::problem::Problem;
 use crate::api::respond::{json, streamed};
 use crate::formats::files::{self, Group, Inspection, WriteOptions};
 use crate::formats::summary::FileSummary;
-use crate::service::app::ServiceError;
 use crate::service::app::outgoing::{Arriving, BodyWriter};
-use crate::service::files::translate;
+use crate::service::app::{App, ServiceError};
+use crate::service::files::translate::{self, FileReading};
 
 /// Format of files that refer to a series of images.
 const STRUCTURES: &str = "rtstruct";
@@ -155,23 +153,36 @@ pub(super) async fn convert_file(
     let format = take_target(&mut pairs, is_form)?;
     refuse_rest(&pairs)?;
     let mut options = parameters.writing()?;
-    // A form is there as a whole before it is read.
-    let arriving = if is_form { Arriving::default() } else { Arriving::begun() };
-    let (reading, stream) = if is_form {
+    if is_form {
         let reading = parameters.reading(ANY_FILE)?;
         let form = form::read(&app, request, &["file"]).await?;
         let file = form.required("file")?;
         options.series = app.read::<SeriesRequest>(form.parameters).await?.images()?;
         check_series(format, &options)?;
-        (reading, Either::Left(stream::iter([Ok(file)])))
-    } else {
-        let ended = arriving.clone();
-        let end = stream::poll_fn(move |_| {
-            ended.end();
-            Poll::Ready(None)
-        });
-        (parameters.reading(&media_type)?, Either::Right(body::pieces(request.into_body()).chain(end)))
-    };
+        return converted(
+            app,
+            stream::iter([Ok(file)]).boxed(),
+            Arriving::default(),
+            reading,
+            format,
+            options,
+        )
+        .await;
+    }
+    let reading = parameters.reading(&media_type)?;
+    let (stream, arriving) = Arriving::of(body::pieces(request.into_body()));
+    converted(app, stream.boxed(), arriving, reading, format, options).await
+}
+
+/// Answers with a file in another format.
+async fn converted(
+    app: App,
+    stream: BoxStream<'static, Result<Bytes, ServiceError>>,
+    arriving: Arriving,
+    reading: FileReading,
+    format: &'static files::Format,
+    options: WriteOptions,
+) -> Result<Response, Problem> {
     let (output, pieces) = BodyWriter::during(arriving);
     let work = async move { translate::translate(&app, stream, reading, format, options, output).await };
     answer(format, None, pieces, work).await

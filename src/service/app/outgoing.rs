@@ -4,8 +4,10 @@ use std::fs::File;
 use std::io::{self, Read, Seek, Write};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::task::Poll;
 
 use bytes::Bytes;
+use futures_util::stream::{self, Stream, StreamExt};
 use tokio::sync::mpsc::{self, error::TrySendError};
 
 /// Number of bytes passed on at a time.
@@ -34,12 +36,23 @@ pub struct Arriving(Arc<AtomicBool>);
 
 impl Arriving {
     /// A request that arrives until [`Self::end`].
-    pub fn begun() -> Self {
+    fn begun() -> Self {
         Self(Arc::new(AtomicBool::new(true)))
     }
 
+    /// A request that arrives, and whether it still does.
+    pub fn of<T>(pieces: impl Stream<Item = T>) -> (impl Stream<Item = T>, Self) {
+        let arriving = Self::begun();
+        let ended = arriving.clone();
+        let end = stream::poll_fn(move |_| {
+            ended.end();
+            Poll::Ready(None)
+        });
+        (pieces.chain(end), arriving)
+    }
+
     /// The whole request is there.
-    pub fn end(&self) {
+    fn end(&self) {
         self.0.store(false, Ordering::Relaxed);
     }
 
@@ -161,7 +174,7 @@ mod tests {
         let (mut writer, received) = BodyWriter::during(arriving.clone());
         // Nobody reads, and the writer does not wait.
         let (first, rest) = text.split_at(1_000_000);
-        writer.write_all(first).unwrap();
+        first.chunks(10_000).for_each(|part| writer.write_all(part).unwrap());
         assert!(writer.kept_bytes > 600_000);
         arriving.end();
         let reading = std::thread::spawn(move || sent(received));
@@ -170,7 +183,7 @@ mod tests {
         assert_eq!(reading.join().unwrap(), text);
         // A request that ends after its writer.
         let (mut writer, received) = BodyWriter::during(Arriving::begun());
-        writer.write_all(&text).unwrap();
+        text.chunks(10_000).for_each(|part| writer.write_all(part).unwrap());
         let reading = std::thread::spawn(move || sent(received));
         drop(writer);
         assert_eq!(reading.join().unwrap(), text);

@@ -199,9 +199,8 @@ fn assert_answered(name: &str, found: Result<(), AnalysisError>) {
 
 #[track_caller]
 fn assert_studied(name: &str, found: Result<(), StudyError>) {
-    match found {
-        Err(StudyError::Analysis(error)) => assert_answered(name, Err(error)),
-        Ok(()) | Err(_) => {}
+    if let Err(StudyError::Analysis(error)) = found {
+        assert_answered(name, Err(error));
     }
 }
 

@@ -107,9 +107,9 @@ impl Selection<'_> {
         let mut query = sql(read, NAMES).persistent(false);
         let is_postgres = query.is_postgres();
         query.push(if is_postgres {
-            "json_each(s.labels::json) AS k WHERE json_typeof(k.value) <> 'null' AND c.cohort = "
+            "json_object_keys(s.labels::json) AS k (key) WHERE c.cohort = "
         } else {
-            "json_each(s.labels) AS k WHERE k.type <> 'null' AND c.cohort = "
+            "json_each(s.labels) AS k WHERE c.cohort = "
         });
         query.push_bind(self.cohort);
         self.push_visibility(&mut query);

@@ -39,6 +39,19 @@ pub(super) struct Place {
     begun: Instant,
 }
 
+/// A caller that waits, which leaves the queue when it waits no more.
+struct Leaving<'a> {
+    places: &'a Places,
+    who: &'a Who,
+    id: u64,
+}
+
+impl Drop for Leaving<'_> {
+    fn drop(&mut self) {
+        self.places.state().turns.remove(self.who, self.id);
+    }
+}
+
 impl Places {
     pub(super) fn new() -> Self {
         Self(Arc::new(Mutex::new(State { turns: Turns::lasting(PLACES), taken: 0, last: 0 })))
@@ -67,11 +80,9 @@ impl Places {
                 .push(Entry { id, who: who.clone(), seconds: 0.0, evictable: true, task }, Instant::now());
             id
         };
+        let _leaving = Leaving { places: self, who, id };
         self.give();
         let given = tokio::time::timeout(patience, given).await;
-        if given.is_err() {
-            self.state().turns.remove(who, id);
-        }
         given.ok().and_then(Result::ok).ok_or_else(full)
     }
 

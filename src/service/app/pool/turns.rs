@@ -253,7 +253,7 @@ impl<T> Turns<T> {
 pub(super) mod tests {
     use super::*;
 
-    pub(in super::super) fn who(tenant: &str, key: &str) -> Who {
+    pub(crate) fn who(tenant: &str, key: &str) -> Who {
         Who { tenant: tenant.into(), key: key.into() }
     }
 
