@@ -47,9 +47,11 @@ counts() {
     ' "$1"
 }
 
-# What failed, by an output: the failures that a runner of cargo or of Node lists, else the end; at most so many lines.
+# What failed, by an output: the failures that a runner of cargo or of Node lists, or the lines that say so, else the end; at most so many lines.
 faults() {
-    if grep -qE '^(failures:|✖ failing tests:)$' "$1"; then
+    if grep -qE '^(FAIL|WRONG)' "$1"; then
+        grep -E '^(FAIL|WRONG)' "$1" | head -n "$2"
+    elif grep -qE '^(failures:|✖ failing tests:)$' "$1"; then
         awk -v most="$2" '/^(failures:|✖ failing tests:)$/ { on = 1 } on && most-- > 0 { print } /^test result: / { on = 0 }' "$1"
     else
         tail -n "$2" "$1"

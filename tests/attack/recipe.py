@@ -20,6 +20,8 @@ from random import Random
 
 # Level of compression: what is repeated shrinks by a factor of about 1000 at any level from 6 on.
 LEVEL = 6
+# Between the parts of a form.
+BOUNDARY = "boundary-of-parts"
 # Characters of one repetition: four times the longest body that the service reads. A search multiplies recipes inside of each
 # other, and must not fill the memory of its own machine.
 LONGEST = 256 << 20
@@ -83,12 +85,18 @@ class Recipe:
         return json.dumps(self.variables[node["$var"]])
 
     def body(self, request):
-        """The bytes of a request on the wire, and how many they are decompressed; nothing when it has no body."""
+        """The bytes of a request on the wire, and how many they are decompressed; nothing when it has no body.
+
+        With `form`, the JSON text is the part of that name of a form.
+        """
         if "raw" in request:
             return self._lines(request)
         if "body" not in request:
             return None, 0
-        plain = (self.text(request["body"]) + " " * int(self.number(request.get("pad"), 0))).encode()
+        text = self.text(request["body"]) + " " * int(self.number(request.get("pad"), 0))
+        if part := request.get("form"):
+            text = f'--{BOUNDARY}\r\ncontent-disposition: form-data; name="{part}"\r\n\r\n{text}\r\n--{BOUNDARY}--\r\n'
+        plain = text.encode()
         return (gzip.compress(plain, LEVEL, mtime=0) if self.number(request.get("gzip")) else plain), len(plain)
 
     def _lines(self, request):

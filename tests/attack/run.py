@@ -24,7 +24,7 @@ import time
 from itertools import product
 from pathlib import Path
 
-from recipe import Recipe
+from recipe import BOUNDARY, Recipe
 from service import KILL_BEYOND, MIB, Service, Skipped
 
 HERE = Path(__file__).resolve().parent
@@ -152,7 +152,7 @@ def request_of(case, service):
     body, plain = Recipe(variables).body(case)
     headers = {fill(name): fill(value) for name, value in case.get("headers", {}).items()}
     if body is not None:
-        headers.setdefault("content-type", "application/json")
+        headers.setdefault("content-type", f"multipart/form-data; boundary={BOUNDARY}" if "form" in case else "application/json")
         if Recipe(variables).number(case.get("gzip")):
             headers["content-encoding"] = "gzip"
     path = fill(case.get("path", ""))
