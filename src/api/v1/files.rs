@@ -153,25 +153,16 @@ pub(super) async fn convert_file(
     let format = take_target(&mut pairs, is_form)?;
     refuse_rest(&pairs)?;
     let mut options = parameters.writing()?;
-    if is_form {
-        let reading = parameters.reading(ANY_FILE)?;
-        let form = form::read(&app, request, &["file"]).await?;
-        let file = form.required("file")?;
-        options.series = app.read::<SeriesRequest>(form.parameters).await?.images()?;
-        check_series(format, &options)?;
-        return converted(
-            app,
-            stream::iter([Ok(file)]).boxed(),
-            Arriving::default(),
-            reading,
-            format,
-            options,
-        )
-        .await;
+    let reading = parameters.reading(if is_form { ANY_FILE } else { &media_type })?;
+    if !is_form {
+        let (stream, arriving) = Arriving::of(body::pieces(request.into_body()));
+        return converted(app, stream.boxed(), arriving, reading, format, options).await;
     }
-    let reading = parameters.reading(&media_type)?;
-    let (stream, arriving) = Arriving::of(body::pieces(request.into_body()));
-    converted(app, stream.boxed(), arriving, reading, format, options).await
+    let form = form::read(&app, request, &["file"]).await?;
+    let file = stream::iter([Ok(form.required("file")?)]).boxed();
+    options.series = app.read::<SeriesRequest>(form.parameters).await?.images()?;
+    check_series(format, &options)?;
+    converted(app, file, Arriving::default(), reading, format, options).await
 }
 
 /// Answers with a file in another format.

@@ -250,11 +250,18 @@ impl<T> Turns<T> {
 }
 
 #[cfg(test)]
-pub(super) mod tests {
+impl Who {
+    pub(super) fn of(tenant: &str, key: &str) -> Self {
+        Self { tenant: tenant.into(), key: key.into() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
     use super::*;
 
-    pub(crate) fn who(tenant: &str, key: &str) -> Who {
-        Who { tenant: tenant.into(), key: key.into() }
+    fn who(tenant: &str, key: &str) -> Who {
+        Who::of(tenant, key)
     }
 
     fn push(turns: &mut Turns<&'static str>, id: u64, who: Who, seconds: f64, task: &'static str) {
