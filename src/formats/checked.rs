@@ -196,6 +196,26 @@ impl Raw {
         self.0.get() == "null"
     }
 
+    /// A whole number in it that no integer of 64 bits holds, so that reading it would change it.
+    pub fn too_long(&self) -> Option<&str> {
+        let outside = |text: &'_ str| text.split(|c: char| !(c.is_ascii_digit() || "+-.eE".contains(c)));
+        // Texts are every other part between quotes, when escaped quotes do not count.
+        let mut rest = self.0.get();
+        loop {
+            let end = rest.find('"').unwrap_or(rest.len());
+            let is_long = |token: &&str| {
+                let digits = token.strip_prefix('-').unwrap_or(token);
+                digits.len() > 18
+                    && digits.bytes().all(|byte| byte.is_ascii_digit())
+                    && digits.parse::<u64>().is_err()
+            };
+            if let Some(token) = outside(&rest[..end]).find(is_long) {
+                return Some(token);
+            }
+            rest = after_text(rest.get(end + 1..)?)?;
+        }
+    }
+
     /// Reads the value as `T` if its text has at most `most` bytes; a fault goes to `errors` below `pointer`.
     pub fn read<T: DeserializeOwned>(
         &self,
@@ -215,6 +235,17 @@ impl Raw {
     pub fn read_large<T: DeserializeOwned>(&self, pointer: &str, errors: &mut Vec<Fault>) -> Option<T> {
         kept(read_large(self.0.get()), pointer, errors)
     }
+}
+
+/// What follows a text of JSON, which begins after its opening quote.
+fn after_text(text: &str) -> Option<&str> {
+    let mut escaped = false;
+    let end = text.bytes().position(|byte| {
+        let ends = byte == b'"' && !escaped;
+        escaped = byte == b'\\' && !escaped;
+        ends
+    })?;
+    text.get(end + 1..)
 }
 
 /// The value that was read; a fault goes to `errors` below `pointer`.

@@ -34,6 +34,7 @@ mod http_jobs;
 mod http_language;
 mod http_limits;
 mod http_novelty;
+mod http_numbers;
 mod http_operations;
 mod http_partial;
 mod http_prior;

@@ -70,6 +70,9 @@ pub async fn correct(
     Err(ServiceError::Unavailable("the shape is being changed by others: try again".into()))
 }
 
+/// Beyond 2⁶⁴ the digits of a number are lost when a patch is read.
+const OF_64_BITS: f64 = 18_446_744_073_709_551_616.0;
+
 /// Members of a patch of a shape.
 fn checked_members(patch: MergePatch) -> Result<Map<String, Value>, ServiceError> {
     let MergePatch { members, mut faults } = patch;
@@ -80,6 +83,16 @@ fn checked_members(patch: MergePatch) -> Result<Map<String, Value>, ServiceError
             None => format!("expected one of the fields {}, got \"{name}\"", FIELDS.join(", ")),
         };
         faults.push(Fault::new(format!("/{}", name.replace('~', "~0").replace('/', "~1")), detail));
+    }
+    if let Some(Value::Object(labels)) = members.get("labels") {
+        let is_long = |value: &Value| value.as_f64().is_some_and(|number| number.abs() >= OF_64_BITS);
+        for (name, value) in labels.iter().filter(|(_, value)| is_long(value)) {
+            let pointer = format!("/labels/{}", name.replace('~', "~0").replace('/', "~1"));
+            let detail = format!(
+                "expected a number below 1.8e19 in size, whose digits are kept, or a text, got {value}"
+            );
+            faults.push(Fault::new(pointer, detail));
+        }
     }
     ServiceError::unless_empty(faults)?;
     Ok(members)

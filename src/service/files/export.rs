@@ -301,7 +301,7 @@ fn record(space: &ShapeSpace, shape: Shape, content: &Content) -> Result<Written
     })?;
     let value = |value: serde_json::Value| match value {
         serde_json::Value::Bool(value) => Some(Value::Bool(value)),
-        serde_json::Value::Number(value) => value.as_f64().map(Value::Number),
+        serde_json::Value::Number(value) => Value::number(&value),
         serde_json::Value::String(value) => Some(Value::Text(value)),
         _ => None,
     };

@@ -11,9 +11,10 @@ use super::outcome::{OnError, Outcomes};
 use super::read_points::given;
 use crate::analysis::conversion::{Conversion, Converted};
 use crate::analysis::correspondence::{Correspondence, Mirror};
+use crate::domain::attribute::{LARGEST_WHOLE, is_beyond};
 use crate::domain::key::is_deceptive;
 use crate::domain::shape::ShapeAttributes;
-use crate::formats::checked::{Checked, LARGE, Metadata, SMALL, take_given};
+use crate::formats::checked::{Checked, LARGE, Metadata, Raw, SMALL, take_given};
 use crate::formats::fault::Fault;
 use crate::formats::json;
 use crate::formats::shape::{MAX_COORDINATE, PointList, PoleInput, PolesInput, ShapeInput};
@@ -249,6 +250,26 @@ pub(crate) fn is_text(text: &str) -> bool {
     text.chars().any(is_seen) && text.chars().count() <= MAX_TEXT && !text.chars().any(char::is_control)
 }
 
+/// What is wrong with a number that stands for no other.
+fn too_large(number: &dyn std::fmt::Display) -> String {
+    format!(
+        "expected a whole number of at most {LARGEST_WHOLE} in size, which doubles hold exactly, or the digits as a text, got {number}"
+    )
+}
+
+/// A number as it is stored: one without a fraction as a whole number, so that 61.0 is 61.
+///
+/// # Errors
+/// A whole number that doubles do not tell from its neighbours.
+fn stored(number: &serde_json::Number) -> Result<serde_json::Number, String> {
+    if is_beyond(number) {
+        return Err(too_large(number));
+    }
+    let whole = number.as_f64().filter(|value| value.fract() == 0.0 && value.abs() <= LARGEST_WHOLE as f64);
+    // The cast is exact in this range.
+    Ok(whole.map_or_else(|| number.clone(), |value| (value as i64).into()))
+}
+
 /// Attributes of a posted shape.
 ///
 /// # Errors
@@ -269,23 +290,32 @@ pub fn attributes(shape: ShapeInput) -> Result<ShapeAttributes, Vec<Fault>> {
     let subject = text(shape.subject, "/subject");
     let label = text(shape.label, "/label");
     let labels = shape.labels.filter(|labels| !labels.is_null());
+    if let Some(long) = labels.as_ref().and_then(Raw::too_long) {
+        errors.push(Fault::new("/labels", too_large(&long)));
+    }
     let labels: Option<BTreeMap<String, serde_json::Value>> =
         labels.and_then(|labels| labels.read(SMALL, "/labels", &mut errors));
-    let labels = labels.unwrap_or_default();
+    let mut labels = labels.unwrap_or_default();
     if labels.len() > MAX_LABELS {
         errors.push(Fault::new(
             "/labels",
             format!("expected at most {MAX_LABELS} entries, got {}", labels.len()),
         ));
     }
-    for (key, value) in labels.iter().take(MAX_LABELS) {
+    for (key, value) in labels.iter_mut().take(MAX_LABELS) {
         let is_control = |text: &str| text.chars().any(char::is_control);
+        let pointer = || format!("/labels/{}", key.replace('~', "~0").replace('/', "~1"));
         if is_control(key) || value.as_str().is_some_and(is_control) {
             errors.push(Fault::new("/labels", "expected text without control characters"));
         }
         if value.is_object() || value.is_array() {
-            let pointer = format!("/labels/{}", key.replace('~', "~0").replace('/', "~1"));
-            errors.push(Fault::new(pointer, "expected a string, a number, a boolean or null"));
+            errors.push(Fault::new(pointer(), "expected a string, a number, a boolean or null"));
+        }
+        if let serde_json::Value::Number(number) = value {
+            match stored(number) {
+                Ok(number) => *value = number.into(),
+                Err(detail) => errors.push(Fault::new(pointer(), detail)),
+            }
         }
     }
     let weight = take_given(shape.weight, "/weight", &mut errors).flatten().unwrap_or(1.0);

@@ -121,9 +121,8 @@ impl Record {
     }
 }
 
-/// An attribute.
-#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
-#[serde(untagged)]
+/// An attribute. In JSON, whole numbers are written without a fraction.
+#[derive(Debug, Clone, PartialEq)]
 pub enum Value {
     /// Yes or no.
     Bool(bool),
@@ -131,6 +130,76 @@ pub enum Value {
     Number(f64),
     /// A text.
     Text(String),
+}
+
+/// The largest whole number up to which doubles hold each one, 2⁵³ − 1. What lies beyond is an identifier, and kept as text.
+const LARGEST_WHOLE: i128 = (1 << 53) - 1;
+
+impl Value {
+    /// A whole number: a number where doubles hold each one, else its digits.
+    pub fn whole(number: i128) -> Self {
+        if number.abs() <= LARGEST_WHOLE {
+            Self::Number(number as f64)
+        } else {
+            Self::Text(number.to_string())
+        }
+    }
+
+    /// A number of JSON.
+    pub fn number(number: &serde_json::Number) -> Option<Self> {
+        match number.as_i128() {
+            Some(whole) => Some(Self::whole(whole)),
+            None => number.as_f64().filter(|number| number.is_finite()).map(Self::Number),
+        }
+    }
+}
+
+impl serde::Serialize for Value {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match self {
+            Self::Bool(yes) => serializer.serialize_bool(*yes),
+            // The cast is exact in this range.
+            Self::Number(number) if number.fract() == 0.0 && number.abs() <= LARGEST_WHOLE as f64 => {
+                serializer.serialize_i64(*number as i64)
+            }
+            Self::Number(number) => serializer.serialize_f64(*number),
+            Self::Text(text) => serializer.serialize_str(text),
+        }
+    }
+}
+
+impl<'de> serde::Deserialize<'de> for Value {
+    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Visitor;
+        impl serde::de::Visitor<'_> for Visitor {
+            type Value = Value;
+
+            fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                f.write_str("a text, a number or a Boolean")
+            }
+
+            fn visit_bool<E>(self, yes: bool) -> Result<Value, E> {
+                Ok(Value::Bool(yes))
+            }
+
+            fn visit_i64<E>(self, number: i64) -> Result<Value, E> {
+                Ok(Value::whole(number.into()))
+            }
+
+            fn visit_u64<E>(self, number: u64) -> Result<Value, E> {
+                Ok(Value::whole(number.into()))
+            }
+
+            fn visit_f64<E>(self, number: f64) -> Result<Value, E> {
+                Ok(Value::Number(number))
+            }
+
+            fn visit_str<E>(self, text: &str) -> Result<Value, E> {
+                Ok(text.into())
+            }
+        }
+        deserializer.deserialize_any(Visitor)
+    }
 }
 
 impl From<&str> for Value {
@@ -481,6 +550,27 @@ impl Fourier {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn whole_numbers_stay_whole() {
+        for (text, value, written) in [
+            ("61", Value::Number(61.0), "61"),
+            ("61.0", Value::Number(61.0), "61"),
+            ("61.5", Value::Number(61.5), "61.5"),
+            ("-9007199254740991", Value::Number(-9_007_199_254_740_991.0), "-9007199254740991"),
+            ("9007199254740992", "9007199254740992".into(), "\"9007199254740992\""),
+            ("9007199254740993", "9007199254740993".into(), "\"9007199254740993\""),
+            ("18446744073709551615", "18446744073709551615".into(), "\"18446744073709551615\""),
+            ("-9223372036854775808", "-9223372036854775808".into(), "\"-9223372036854775808\""),
+            ("1e300", Value::Number(1e300), "1e300"),
+            ("true", Value::Bool(true), "true"),
+            ("\"61\"", "61".into(), "\"61\""),
+        ] {
+            let found: Value = serde_json::from_str(text).expect("a value");
+            assert_eq!(found, value, "{text}");
+            assert_eq!(serde_json::to_string(&found).expect("a text"), written);
+        }
+    }
 
     #[test]
     fn attributes_have_the_characters_that_are_written() {

@@ -191,6 +191,7 @@ pub(super) fn value(text: &str) -> Value {
         && (whole == "0" || !whole.starts_with('0'))
         && digits.bytes().filter(u8::is_ascii_digit).count() <= 17;
     match number(text) {
+        Ok(_) if is_plain && whole == digits => text.parse().map_or_else(|_| text.into(), Value::whole),
         Ok(number) if is_plain => Value::Number(number),
         _ => Value::Text(text.into()),
     }
@@ -324,6 +325,9 @@ mod tests {
             ("45.0", Value::Number(45.0)),
             ("-0.5", Value::Number(-0.5)),
             ("1e3", Value::Number(1000.0)),
+            ("9007199254740991", Value::Number(9_007_199_254_740_991.0)),
+            ("9007199254740993", "9007199254740993".into()),
+            ("-90071992547409931", "-90071992547409931".into()),
             ("007", "007".into()),
             ("+1", "+1".into()),
             ("", "".into()),

@@ -97,6 +97,14 @@ pub enum AttributeValue<'a> {
     Time(i64),
 }
 
+/// The largest whole number up to which doubles hold each one: 2⁵³ − 1. Larger ones are compared by their digits.
+pub const LARGEST_WHOLE: u64 = (1 << 53) - 1;
+
+/// Whether a number is written as a whole one that doubles do not tell from its neighbours.
+pub fn is_beyond(number: &serde_json::Number) -> bool {
+    number.as_i128().is_some_and(|whole| whole.unsigned_abs() > u128::from(LARGEST_WHOLE))
+}
+
 impl Attribute {
     /// Parses the name of an attribute.
     pub fn parse(text: &str) -> Option<Self> {
@@ -150,6 +158,9 @@ impl Attribute {
             Self::Labels(name) => match shape.labels.get(name)? {
                 Value::String(text) => Some(AttributeValue::Text(text.into())),
                 Value::Bool(flag) => Some(AttributeValue::Flag(*flag)),
+                Value::Number(number) if is_beyond(number) => {
+                    Some(AttributeValue::Text(number.to_string().into()))
+                }
                 Value::Number(number) => {
                     number.as_f64().filter(|number| number.is_finite()).map(AttributeValue::Number)
                 }

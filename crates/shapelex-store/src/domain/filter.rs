@@ -7,7 +7,7 @@ use serde::de::{MapAccess, SeqAccess, Visitor};
 use serde::ser::SerializeMap;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-use super::attribute::{Attribute, Measure};
+use super::attribute::{Attribute, LARGEST_WHOLE, Measure};
 
 #[cfg(feature = "schema")]
 mod schema;
@@ -137,11 +137,17 @@ fn is_comparable(attribute: &Attribute, value: &str) -> bool {
     }
 }
 
-/// The number that a value of a filter stands for: milliseconds of a time.
+/// The number that a value of a filter stands for: milliseconds of a time. Whole numbers that doubles do not tell from their
+/// neighbours are compared by their digits, so that identifiers are never mixed up.
 pub fn number_of(attribute: &Attribute, value: &str) -> Option<f64> {
     if *attribute == Attribute::CreatedAt {
         let time: jiff::Timestamp = value.parse().ok()?;
         return Some(time.as_millisecond() as f64);
+    }
+    let digits = value.strip_prefix(['-', '+']).unwrap_or(value);
+    let is_held = |digits: &str| digits.parse().is_ok_and(|whole: u64| whole <= LARGEST_WHOLE);
+    if !attribute.is_numeric() && digits.bytes().all(|byte| byte.is_ascii_digit()) && !is_held(digits) {
+        return None;
     }
     value.parse().ok().filter(|number: &f64| number.is_finite())
 }

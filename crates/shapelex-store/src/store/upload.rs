@@ -414,7 +414,7 @@ impl Batch {
                         seen.insert(key, row);
                     }
                 }
-                Some((id, there)) if there == row.digest_bytes() => {
+                Some((id, there)) if row.is_stored_as(there) => {
                     added.push(Added::Existing { id: id.to_owned() });
                 }
                 Some((_, None)) => return Err(self.pending(index)),

@@ -259,7 +259,7 @@ fn attribute(value: &Json) -> Option<Value> {
     match value {
         Json::Bool(value) => Some(Value::Bool(*value)),
         Json::String(text) => Some(Value::Text(text.clone())),
-        Json::Number(number) => number.as_f64().map(Value::Number),
+        Json::Number(number) => Value::number(number),
         _ => None,
     }
 }

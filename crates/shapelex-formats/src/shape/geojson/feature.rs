@@ -274,8 +274,8 @@ impl<'de> Visitor<'de> for PropertyMembers {
 impl Measurements {
     fn insert(&mut self, name: String, value: Json) {
         match value {
-            Json::Number(number) => match number.as_f64().filter(|number| number.is_finite()) {
-                Some(number) => drop(self.values.insert(name, Value::Number(number))),
+            Json::Number(number) => match Value::number(&number) {
+                Some(value) => drop(self.values.insert(name, value)),
                 None => self.empty.push(name),
             },
             Json::Bool(value) => drop(self.values.insert(name, Value::Bool(value))),

@@ -16,7 +16,7 @@ pub(super) fn numbers(array: &ArrayRef) -> Option<Float64Array> {
         DataType::Int8 => array.as_primitive::<Int8Type>().unary(f64::from),
         DataType::Int16 => array.as_primitive::<Int16Type>().unary(f64::from),
         DataType::Int32 => array.as_primitive::<Int32Type>().unary(f64::from),
-        // Whole numbers beyond 2⁵³ are rounded, as everywhere in JSON.
+        // Whole numbers beyond 2⁵³ are rounded: `wholes` has them.
         DataType::Int64 => array.as_primitive::<Int64Type>().unary(|value| value as f64),
         DataType::UInt8 => array.as_primitive::<UInt8Type>().unary(f64::from),
         DataType::UInt16 => array.as_primitive::<UInt16Type>().unary(f64::from),
@@ -25,6 +25,12 @@ pub(super) fn numbers(array: &ArrayRef) -> Option<Float64Array> {
         DataType::Null => Float64Array::new_null(array.len()),
         _ => return None,
     })
+}
+
+/// Whole numbers of an array, if it holds those of 64 bits.
+pub(super) fn wholes(array: &ArrayRef, row: usize) -> Option<i128> {
+    let signed = array.as_primitive_opt::<Int64Type>().map(|array| i128::from(array.value(row)));
+    signed.or_else(|| Some(array.as_primitive_opt::<UInt64Type>()?.value(row).into()))
 }
 
 /// Whether arrays of a type hold numbers, as [`numbers`] gives them.

@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use arrow_array::types::{Float64Type, Int32Type};
 use arrow_array::{
-    Array, ArrayRef, BooleanArray, DictionaryArray, FixedSizeListArray, Int32Array, ListArray, NullArray,
-    RecordBatch, StringArray, new_null_array,
+    Array, ArrayRef, BooleanArray, DictionaryArray, FixedSizeListArray, Float64Array, Int32Array, Int64Array,
+    ListArray, NullArray, RecordBatch, StringArray, UInt64Array, new_null_array,
 };
 use arrow_ipc::writer::{DictionaryHandling, IpcWriteOptions, StreamWriter};
 use arrow_schema::{DataType, Field as Column, Schema};
@@ -165,4 +165,47 @@ fn long_names_are_written_without_columns() {
         assert_eq!(dropped, [("fields with names that are too long for a column", 1)], "{id}");
         assert_eq!(read_back(&bytes).expect("a table").0.len(), 1, "{id}");
     }
+}
+
+#[test]
+fn whole_numbers_of_64_bits_are_exact() {
+    let wholes = vec![Some(i64::MAX), Some(9_007_199_254_740_993), Some(-61), None];
+    let unsigned = vec![Some(u64::MAX), Some(61), None, Some(9_007_199_254_740_991)];
+    let columns: [(&str, ArrayRef); 4] = [
+        ("points", points(4)),
+        ("external_id", Arc::new(Int64Array::from(wholes.clone()))),
+        ("pid", Arc::new(Int64Array::from(wholes))),
+        ("uid", Arc::new(UInt64Array::from(unsigned))),
+    ];
+    let batch = RecordBatch::try_from_iter(columns).expect("a batch");
+    let records = found(&file_of(&batch)).expect("a table");
+    let labels = |k: usize, name: &str| records[k].labels.get(name).cloned();
+    assert_eq!(records[0].name.as_deref(), Some("9223372036854775807"));
+    assert_eq!(records[1].name.as_deref(), Some("9007199254740993"));
+    assert_eq!(labels(0, "pid"), Some("9223372036854775807".into()));
+    assert_eq!(labels(1, "pid"), Some("9007199254740993".into()));
+    assert_eq!((labels(2, "pid"), labels(3, "pid")), (Some(Value::Number(-61.0)), None));
+    assert_eq!(labels(0, "uid"), Some("18446744073709551615".into()));
+    assert_eq!(labels(1, "uid"), Some(Value::Number(61.0)));
+    assert_eq!(labels(3, "uid"), Some(Value::Number(9_007_199_254_740_991.0)));
+}
+
+#[test]
+fn numbers_that_are_not_finite_are_refused() {
+    for (name, number, wanted) in [
+        ("weight", f64::NAN, "got NaN"),
+        ("weight", f64::INFINITY, "got inf"),
+        ("age", f64::NEG_INFINITY, "got -inf"),
+    ] {
+        let numbers: ArrayRef = Arc::new(Float64Array::from(vec![1.0, number]));
+        let batch = RecordBatch::try_from_iter([("points", points(2)), (name, numbers)]).expect("a batch");
+        let refused = found(&file_of(&batch)).expect_err("no finite number").to_string();
+        assert!(refused.contains(wanted) && refused.contains(name), "{refused}");
+        let rows = batch.slice(0, 1);
+        assert_eq!(found(&file_of(&rows)).expect("a table").len(), 1);
+    }
+    // NaN among attributes stands for a missing one, as tables of Python have it.
+    let numbers: ArrayRef = Arc::new(Float64Array::from(vec![f64::NAN]));
+    let batch = RecordBatch::try_from_iter([("points", points(1)), ("age", numbers)]).expect("a batch");
+    assert!(found(&file_of(&batch)).expect("a table")[0].labels.is_empty());
 }

@@ -176,12 +176,21 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
             subject: text(&subjects)?,
             label: text(&labels)?,
             labels: attributes.as_ref().map_or(Ok(BTreeMap::new()), |array| array.object(k))?,
-            weight: weights.as_ref().map(|weights| weights.number(k)).filter(|weight| weight.is_finite()),
+            weight: weights.as_ref().map_or(Ok(None), |weights| known(weights.number(k), k))?,
             metadata: metadata.as_ref().map_or(Ok(Map::new()), |array| array.object(k))?,
             ..Record::new(geometry, place)
         })?;
     }
     Ok(summary)
+}
+
+/// A weight; NaN stands for an unknown one.
+fn known(weight: f64, shape: usize) -> Result<Option<f64>, FileError> {
+    if weight.is_infinite() {
+        let place = Place { item: Some(shape as u64), ..at("weights") };
+        return Err(FileError::malformed(place, format!("expected a finite number or NaN, got {weight}")));
+    }
+    Ok(Some(weight).filter(|weight| !weight.is_nan()))
 }
 
 /// Reads the arrays that are of use; of others, and of other files, the names are kept.

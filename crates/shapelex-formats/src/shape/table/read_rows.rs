@@ -13,7 +13,7 @@ use super::super::options::ReadOptions;
 use super::super::record::Sink;
 use super::super::record::{Domain, Field, Geometry, Mesh, Points, Record, Ring, Value};
 use super::super::summary::Summary;
-use super::arrays::{Lists, Texts, is_flag, is_list_of_numbers, is_number, is_text, numbers};
+use super::arrays::{Lists, Texts, is_flag, is_list_of_numbers, is_number, is_text, numbers, wholes};
 use super::{FIELDS, FieldNote, LABELS, PREFIX, check_name};
 
 /// Column of the points, unless an option names another one.
@@ -113,8 +113,13 @@ impl<'a> Reading<'a> {
             }
             None => Ok(serde_json::Map::new()),
         };
-        let label = |(name, cells): (&String, &Cells)| cells.get(row).map(|value| (name.clone(), value));
-        let mut labels: BTreeMap<String, Value> = columns.labels.iter().filter_map(label).collect();
+        let mut labels = BTreeMap::new();
+        for (name, cells) in &columns.labels {
+            if let Some(value) = cells.get(row) {
+                finite(&value, name, &place)?;
+                labels.insert(name.clone(), value);
+            }
+        }
         for (name, value) in json(&columns.more_labels, "more_labels")? {
             let value = serde_json::from_value(value).map_err(|_| {
                 let place = Place { tag: Some("column 'more_labels'".into()), ..place.clone() };
@@ -125,13 +130,17 @@ impl<'a> Reading<'a> {
             })?;
             labels.insert(name, value);
         }
-        let number = |cells: &Option<Float64Array>| cells.as_ref().and_then(|cells| value(cells, row));
+        let weight =
+            columns.weight.as_ref().filter(|cells| cells.is_valid(row)).map(|cells| cells.value(row));
+        if let Some(weight) = weight {
+            finite(&Value::Number(weight), "weight", &place)?;
+        }
         Ok(Record {
             name: text(&columns.external_id),
             subject: text(&columns.subject),
             label: text(&columns.label),
             labels,
-            weight: number(&columns.weight),
+            weight,
             metadata: json(&columns.metadata, "metadata")?,
             ring: columns.ring(row),
             ..Record::new(geometry, place)
@@ -336,6 +345,17 @@ fn value(cells: &Float64Array, row: usize) -> Option<f64> {
     cells.is_valid(row).then(|| cells.value(row)).filter(|value| value.is_finite())
 }
 
+/// Checks that a number is finite.
+fn finite(value: &Value, column: &str, place: &Place) -> Result<(), FileError> {
+    match value {
+        Value::Number(number) if !number.is_finite() => {
+            let place = Place { tag: Some(format!("column '{column}'")), ..place.clone() };
+            Err(FileError::malformed(place, format!("expected a finite number or null, got {number}")))
+        }
+        _ => Ok(()),
+    }
+}
+
 fn shown(value: Value) -> String {
     match value {
         Value::Text(text) => text,
@@ -344,10 +364,11 @@ fn shown(value: Value) -> String {
     }
 }
 
-/// Cells of a column: texts, numbers or flags.
+/// Cells of a column: texts, numbers, whole numbers of 64 bits or flags.
 enum Cells {
     Texts(Texts),
     Numbers(Float64Array),
+    Wholes(ArrayRef),
     Flags(BooleanArray),
 }
 
@@ -356,13 +377,23 @@ impl Cells {
         if is_flag(array.data_type()) {
             return Some(Self::Flags(array.as_boolean().clone()));
         }
+        if matches!(array.data_type(), DataType::Int64 | DataType::UInt64) {
+            return Some(Self::Wholes(array.clone()));
+        }
         numbers(array).map(Self::Numbers).or_else(|| Texts::of(array).map(Self::Texts))
     }
 
     fn get(&self, row: usize) -> Option<Value> {
         match self {
             Self::Texts(texts) => texts.get(row).map(Value::from),
-            Self::Numbers(numbers) => value(numbers, row).map(Value::Number),
+            // NaN stands for a missing number in tables of Python.
+            Self::Numbers(numbers) => {
+                let number = numbers.is_valid(row).then(|| numbers.value(row));
+                number.filter(|number| !number.is_nan()).map(Value::Number)
+            }
+            Self::Wholes(array) => {
+                array.is_valid(row).then(|| wholes(array, row)).flatten().map(Value::whole)
+            }
             Self::Flags(flags) => flags.is_valid(row).then(|| Value::Bool(flags.value(row))),
         }
     }

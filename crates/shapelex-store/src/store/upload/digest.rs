@@ -1,14 +1,39 @@
-//! Digest of a shape's content: equal exactly if everything except the id is equal.
+//! Digest of a shape's content: equal exactly if everything except the id is equal, numbers by their values.
 
 use blake3::Hasher;
-use serde_json::Value;
+use serde_json::{Number, Value};
 
 use super::super::blob;
+use crate::domain::attribute::LARGEST_WHOLE;
 use crate::domain::shape::ShapeAttributes;
 
+/// Digests of a shape.
+#[derive(Debug)]
+pub(super) struct Digests {
+    /// The digest that is stored.
+    pub(super) content: [u8; 32],
+    /// What earlier versions stored for the same content: they told 61 from 61.0, and files gave all attributes as decimals.
+    earlier: [[u8; 32]; 2],
+}
+
+impl Digests {
+    /// Whether a stored digest is one of the same content.
+    pub(super) fn contain(&self, stored: &[u8]) -> bool {
+        self.content == stored || self.earlier.iter().any(|earlier| earlier == stored)
+    }
+}
+
+/// How whole numbers are written.
+#[derive(Clone, Copy)]
+enum Wholes {
+    Digits,
+    AsSent,
+    Decimals,
+}
+
 /// BLAKE3 of control points, as stored, and attributes. Every part is preceded by its kind or length, so that different
-/// contents never give the same bytes.
-pub(super) fn of(attributes: &ShapeAttributes, points: &[u8]) -> [u8; 32] {
+/// contents never give the same bytes. Numbers are compared by value: 61.0 is 61.
+pub(super) fn of(attributes: &ShapeAttributes, points: &[u8]) -> Digests {
     let mut hasher = Hasher::new();
     put_length(&mut hasher, points.len() / blob::BYTES_PER_NUMBER);
     hasher.update(points);
@@ -16,12 +41,32 @@ pub(super) fn of(attributes: &ShapeAttributes, points: &[u8]) -> [u8; 32] {
     put_text(&mut hasher, attributes.external_id.as_deref());
     put_text(&mut hasher, attributes.subject.as_deref());
     put_text(&mut hasher, attributes.label.as_deref());
-    put_object(&mut hasher, attributes.labels.iter().collect());
-    match &attributes.metadata {
-        None => put_text(&mut hasher, None),
-        Some(text) => put_value(&mut hasher, &value_of(text)),
+    let metadata = attributes.metadata.as_deref().map(value_of);
+    let with = |labels: Wholes, of_metadata: Wholes| {
+        let mut hasher = hasher.clone();
+        put_object(&mut hasher, attributes.labels.iter().collect(), labels);
+        match &metadata {
+            None => put_text(&mut hasher, None),
+            Some(value) => put_value(&mut hasher, value, of_metadata),
+        }
+        *hasher.finalize().as_bytes()
+    };
+    Digests {
+        content: with(Wholes::Digits, Wholes::Digits),
+        earlier: [with(Wholes::AsSent, Wholes::AsSent), with(Wholes::Decimals, Wholes::AsSent)],
     }
-    *hasher.finalize().as_bytes()
+}
+
+/// A number as text.
+fn number_text(number: &Number, wholes: Wholes) -> String {
+    let value = number.as_f64().filter(|value| value.fract() == 0.0 && value.abs() <= LARGEST_WHOLE as f64);
+    match (wholes, value) {
+        (Wholes::Digits, Some(value)) => (value as i64).to_string(),
+        (Wholes::Decimals, Some(value)) => {
+            Number::from_f64(value).map_or_else(String::new, |number| number.to_string())
+        }
+        _ => number.to_string(),
+    }
 }
 
 /// Parses stored JSON; invalid JSON, which is never stored, counts as a string.
@@ -43,7 +88,7 @@ fn put_text(hasher: &mut Hasher, text: Option<&str>) {
     hasher.update(text.as_bytes());
 }
 
-fn put_value(hasher: &mut Hasher, value: &Value) {
+fn put_value(hasher: &mut Hasher, value: &Value, wholes: Wholes) {
     match value {
         Value::Null => {
             hasher.update(b"n");
@@ -53,25 +98,25 @@ fn put_value(hasher: &mut Hasher, value: &Value) {
         }
         Value::Number(number) => {
             hasher.update(b"#");
-            put_text(hasher, Some(&number.to_string()));
+            put_text(hasher, Some(&number_text(number, wholes)));
         }
         Value::String(text) => put_text(hasher, Some(text)),
         Value::Array(items) => {
             hasher.update(b"[");
             put_length(hasher, items.len());
-            items.iter().for_each(|item| put_value(hasher, item));
+            items.iter().for_each(|item| put_value(hasher, item, wholes));
         }
-        Value::Object(members) => put_object(hasher, members.iter().collect()),
+        Value::Object(members) => put_object(hasher, members.iter().collect(), wholes),
     }
 }
 
 /// Hashes members in the order of their keys, whatever order the map keeps.
-fn put_object(hasher: &mut Hasher, mut members: Vec<(&String, &Value)>) {
+fn put_object(hasher: &mut Hasher, mut members: Vec<(&String, &Value)>, wholes: Wholes) {
     members.sort_by_key(|(key, _)| *key);
     hasher.update(b"{");
     put_length(hasher, members.len());
     for (key, value) in members {
         put_text(hasher, Some(key));
-        put_value(hasher, value);
+        put_value(hasher, value, wholes);
     }
 }

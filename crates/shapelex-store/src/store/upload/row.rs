@@ -1,7 +1,7 @@
 //! A shape in the form in which it is stored.
 
 use super::super::blob::{self, Encoded};
-use super::digest;
+use super::digest::{self, Digests};
 use crate::domain::shape::{NewShape, ShapeMeasures};
 
 /// A shape as it is stored: attributes as text, control points as bytes, and the digest of both.
@@ -11,8 +11,8 @@ pub struct ShapeRow {
     pub(super) external_id: Option<String>,
     pub(super) subject: Option<String>,
     pub(super) label: Option<String>,
-    /// Digest of the content of a shape that has an external id.
-    pub(super) digest: Option<[u8; 32]>,
+    /// Digests of the content of a shape that has an external id.
+    pub(super) digests: Option<Digests>,
     pub(super) labels: Option<String>,
     pub(super) metadata: Option<String>,
     pub(super) measures: ShapeMeasures,
@@ -32,8 +32,13 @@ impl ShapeRow {
         Encoded::new(std::iter::once((self.weight, self.points.as_slice())))
     }
 
+    /// Whether a stored digest is one of the same content.
+    pub(super) fn is_stored_as(&self, stored: Option<&[u8]>) -> bool {
+        stored.zip(self.digests.as_ref()).is_some_and(|(stored, digests)| digests.contain(stored))
+    }
+
     pub(super) fn digest_bytes(&self) -> Option<&[u8]> {
-        self.digest.as_ref().map(<[u8; 32]>::as_slice)
+        self.digests.as_ref().map(|digests| digests.content.as_slice())
     }
 }
 
@@ -42,7 +47,7 @@ impl From<NewShape> for ShapeRow {
     fn from(shape: NewShape) -> Self {
         let NewShape { id, attributes, measures, control_points } = shape;
         let points = blob::bytes_of(&control_points);
-        let digest = attributes.external_id.is_some().then(|| digest::of(&attributes, &points));
+        let digests = attributes.external_id.is_some().then(|| digest::of(&attributes, &points));
         let labels = (!attributes.labels.is_empty()).then_some(&attributes.labels);
         let labels = labels.map(|labels| serde_json::to_string(labels).expect("a map of JSON is JSON"));
         Self {
@@ -50,7 +55,7 @@ impl From<NewShape> for ShapeRow {
             external_id: attributes.external_id,
             subject: attributes.subject,
             label: attributes.label,
-            digest,
+            digests,
             labels,
             metadata: attributes.metadata,
             measures,
