@@ -198,7 +198,7 @@ impl Raw {
 
     /// A whole number in it that no integer of 64 bits holds, so that reading it would change it.
     pub fn too_long(&self) -> Option<&str> {
-        let outside = |text: &'_ str| text.split(|c: char| !(c.is_ascii_digit() || "+-.eE".contains(c)));
+        let ends = |c: char| !(c.is_ascii_digit() || "+-.eE".contains(c));
         // Texts are every other part between quotes, when escaped quotes do not count.
         let mut rest = self.0.get();
         loop {
@@ -209,7 +209,7 @@ impl Raw {
                     && digits.bytes().all(|byte| byte.is_ascii_digit())
                     && digits.parse::<u64>().is_err()
             };
-            if let Some(token) = outside(&rest[..end]).find(is_long) {
+            if let Some(token) = rest[..end].split(ends).find(is_long) {
                 return Some(token);
             }
             rest = after_text(rest.get(end + 1..)?)?;

@@ -45,8 +45,6 @@ fn whole_numbers_that_doubles_do_not_hold_are_refused() {
             assert!(refused.to_string().contains(number), "{refused}");
             assert!(refused["errors"][0]["pointer"].as_str().unwrap().contains("/labels"), "{refused}");
         }
-        let patch = server.post_bytes(&format!("{path}/shapes"), "application/x-ndjson", lines(&[""]));
-        patch.expect_any(&[200, 201]);
         let request = server.request(Method::PATCH, &format!("{path}/shapes/s0"));
         let request = request.header("content-type", "application/merge-patch+json");
         let patched = server.send(request.body(format!(r#"{{"labels":{{"pid":{number}}}}}"#)));
@@ -87,9 +85,9 @@ fn identifiers_of_many_digits_are_told_apart() {
         let list = server.get(&format!("{path}/shapes?labels.pid={}", digits[k])).expect(200);
         assert_eq!(list["items"].as_array().unwrap().len(), count);
     }
-    let csv = server.get(&format!("{path}/export?format=csv")).text();
+    let csv = server.get(&format!("{path}/export?format=csv"));
     for (k, digits) in digits.iter().enumerate() {
-        assert_eq!(csv.contains(digits), k != 2, "{csv}");
+        assert_eq!(csv.text().contains(digits), k != 2, "{}", csv.text());
     }
 }
 
@@ -120,7 +118,7 @@ fn an_export_can_be_sent_again() {
         let file = server.get(&format!("{path}/export?format={format}"));
         assert_eq!(file.status, 200, "{format}: {}", file.text());
         let again = server.post_bytes(&format!("{path}/shapes?format={format}"), media_type, file.body);
-        outcomes.insert(format, again.expect_any(&[200, 201]));
+        outcomes.insert(format, again.json());
     }
     for (format, found) in outcomes {
         assert_eq!((&found["added"], &found["existing"]), (&json!(0), &json!(3)), "{format}: {found}");

@@ -134,19 +134,19 @@ mod tests {
 
     #[tokio::test]
     async fn a_tenant_leaves_half_of_the_places_to_others() {
-        let (places, north, south) = (Places::new(), Who::of("north", "a"), Who::of("south", "b"));
+        let (places, north, south) = (Places::new(), Who::named("north", "a"), Who::named("south", "b"));
         let held = all(&places, &north).await;
         assert_eq!(held.len(), PLACES / 2);
         let other = all(&places, &south).await;
         assert_eq!(other.len(), PLACES / 2);
         drop(held);
-        assert_eq!(all(&places, &Who::of("north", "b")).await.len(), PLACES / 2, "they are free again");
+        assert_eq!(all(&places, &Who::named("north", "b")).await.len(), PLACES / 2, "they are free again");
     }
 
     #[tokio::test]
     async fn those_who_wait_get_the_next_place_in_turn() {
         let (places, north, south, west) =
-            (Places::new(), Who::of("north", "a"), Who::of("south", "b"), Who::of("west", "c"));
+            (Places::new(), Who::named("north", "a"), Who::named("south", "b"), Who::named("west", "c"));
         let (mut held, _other) = (all(&places, &north).await, all(&places, &south).await);
         let mut waiting = std::pin::pin!(places.take(&west));
         let mut own = std::pin::pin!(places.take_within(Duration::from_millis(300), &north));

@@ -251,7 +251,7 @@ impl<T> Turns<T> {
 
 #[cfg(test)]
 impl Who {
-    pub(super) fn of(tenant: &str, key: &str) -> Self {
+    pub(super) fn named(tenant: &str, key: &str) -> Self {
         Self { tenant: tenant.into(), key: key.into() }
     }
 }
@@ -261,7 +261,7 @@ mod tests {
     use super::*;
 
     fn who(tenant: &str, key: &str) -> Who {
-        Who::of(tenant, key)
+        Who::named(tenant, key)
     }
 
     fn push(turns: &mut Turns<&'static str>, id: u64, who: Who, seconds: f64, task: &'static str) {
