@@ -49,7 +49,7 @@ fn a_file_is_taken_by_its_name_its_format_or_its_media_type() {
     assert_eq!(found["file"], file);
     assert_eq!(found["results"][1]["external_id"], "second");
     let shape = server.get(&format!("{path}/shapes/first")).expect(200);
-    assert_eq!((&shape["label"], &shape["labels"]), (&json!("a"), &json!({"age": 61.0})));
+    assert_eq!((&shape["label"], &shape["labels"]), (&json!("a"), &json!({"age": 61})));
     assert_eq!(shape["control_points"], json!([[0.0, 0.0], [4.0, 0.0], [4.0, 1.0]]));
     let shape = server.get(&format!("{path}/shapes/second")).expect(200);
     assert_eq!(shape["metadata"], json!({"site": "zrh"}));

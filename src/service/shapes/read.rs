@@ -270,31 +270,14 @@ fn stored(number: &serde_json::Number) -> Result<serde_json::Number, String> {
     Ok(whole.map_or_else(|| number.clone(), |value| (value as i64).into()))
 }
 
-/// Attributes of a posted shape.
-///
-/// # Errors
-/// All faults of the attributes and of the object itself, with pointers relative to the shape.
-pub fn attributes(shape: ShapeInput) -> Result<ShapeAttributes, Vec<Fault>> {
-    let mut errors = shape.faults;
-    let mut text = |field: Option<Checked<Option<String>>>, pointer: &str| {
-        let text = take_given(field, pointer, &mut errors).flatten()?;
-        if !is_text(&text) {
-            errors.push(Fault::new(
-                pointer,
-                format!("expected 1 to {MAX_TEXT} printable characters, not only blanks"),
-            ));
-        }
-        Some(text)
-    };
-    let external_id = text(shape.external_id, "/external_id");
-    let subject = text(shape.subject, "/subject");
-    let label = text(shape.label, "/label");
-    let labels = shape.labels.filter(|labels| !labels.is_null());
-    if let Some(long) = labels.as_ref().and_then(Raw::too_long) {
+/// Further attributes of a posted shape; faults go to `errors`.
+fn labels(given: Option<Raw>, errors: &mut Vec<Fault>) -> BTreeMap<String, serde_json::Value> {
+    let given = given.filter(|labels| !labels.is_null());
+    if let Some(long) = given.as_ref().and_then(Raw::too_long) {
         errors.push(Fault::new("/labels", too_large(&long)));
     }
     let labels: Option<BTreeMap<String, serde_json::Value>> =
-        labels.and_then(|labels| labels.read(SMALL, "/labels", &mut errors));
+        given.and_then(|labels| labels.read(SMALL, "/labels", errors));
     let mut labels = labels.unwrap_or_default();
     if labels.len() > MAX_LABELS {
         errors.push(Fault::new(
@@ -318,6 +301,29 @@ pub fn attributes(shape: ShapeInput) -> Result<ShapeAttributes, Vec<Fault>> {
             }
         }
     }
+    labels
+}
+
+/// Attributes of a posted shape.
+///
+/// # Errors
+/// All faults of the attributes and of the object itself, with pointers relative to the shape.
+pub fn attributes(shape: ShapeInput) -> Result<ShapeAttributes, Vec<Fault>> {
+    let mut errors = shape.faults;
+    let mut text = |field: Option<Checked<Option<String>>>, pointer: &str| {
+        let text = take_given(field, pointer, &mut errors).flatten()?;
+        if !is_text(&text) {
+            errors.push(Fault::new(
+                pointer,
+                format!("expected 1 to {MAX_TEXT} printable characters, not only blanks"),
+            ));
+        }
+        Some(text)
+    };
+    let external_id = text(shape.external_id, "/external_id");
+    let subject = text(shape.subject, "/subject");
+    let label = text(shape.label, "/label");
+    let labels = labels(shape.labels, &mut errors);
     let weight = take_given(shape.weight, "/weight", &mut errors).flatten().unwrap_or(1.0);
     if !(1e-100..=1e100).contains(&weight) {
         errors
