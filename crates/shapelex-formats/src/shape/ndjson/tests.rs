@@ -17,7 +17,7 @@ fn records(text: &str, limits: Limits) -> Result<Vec<Record>, FileError> {
 #[test]
 fn lines_come_back_as_they_were_written() {
     let text = concat!(
-        r#"{"points":[[0.1,0.0],[2.0,0.0],[2.0,1e-7]],"closed":true,"external_id":"a","label":"x","labels":{"age":61.0,"left":true}}"#,
+        r#"{"points":[[0.1,0.0],[2.0,0.0],[2.0,1e-7]],"closed":true,"external_id":"a","label":"x","labels":{"age":61,"left":true}}"#,
         "\n",
         r#"{"points":[[0.0,0.0,1.0],null]}"#,
         "\n",
