@@ -415,7 +415,7 @@ mod tests {
             id: format!("shp_{number}"),
             external_id: None,
             subject: None,
-            label: (number % 2 == 0).then(|| "even".to_owned()),
+            label: number.is_multiple_of(2).then(|| "even".to_owned()),
             labels: names.map(|name| (name, json!(number))).collect(),
             measures: ShapeMeasures::default(),
             created_at_ms: 0,
