@@ -71,6 +71,9 @@ pub(super) struct Own {
     pub(super) labels: BTreeMap<String, Value>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) weight: Option<f64>,
+    /// Properties that the writer added, which are no metadata.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub(super) added: Vec<String>,
 }
 
 /// Numbers by name, and how many had none.

@@ -113,7 +113,8 @@ impl<'o> Mapping<'o> {
             }
             (name, id) => record.name = name.or(id),
         }
-        if let Some(Own { subject, labels, weight }) = own {
+        if let Some(Own { subject, labels, weight, added }) = own {
+            added.iter().for_each(|name| drop(record.metadata.remove(name)));
             (record.subject, record.weight) = (subject, weight);
             record.labels.extend(labels);
         }

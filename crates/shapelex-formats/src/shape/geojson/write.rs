@@ -120,8 +120,9 @@ fn properties(
     summary: &mut Summary,
 ) -> Map<String, Json> {
     let mut properties = Map::new();
-    let object_type = metadata.remove("objectType").unwrap_or_else(|| "annotation".into());
-    properties.insert("objectType".into(), object_type);
+    let object_type = metadata.remove("objectType");
+    let added = if object_type.is_none() { vec!["objectType".to_owned()] } else { Vec::new() };
+    properties.insert("objectType".into(), object_type.unwrap_or_else(|| "annotation".into()));
     if let Some(name) = name {
         properties.insert("name".into(), name.into());
     }
@@ -139,15 +140,15 @@ fn properties(
     let (mut measurements, mut labels) = (Map::new(), BTreeMap::new());
     for (name, value) in &record.labels {
         match value {
-            Value::Number(number) => drop(measurements.insert(name.clone(), json!(number))),
+            Value::Number(_) => drop(measurements.insert(name.clone(), json!(value))),
             other => drop(labels.insert(name.clone(), other.clone())),
         }
     }
     if !measurements.is_empty() {
         properties.insert("measurements".into(), Json::Object(measurements));
     }
-    let own = Own { subject: record.subject.clone(), labels, weight: record.weight };
-    if own.subject.is_some() || !own.labels.is_empty() || own.weight.is_some() {
+    let own = Own { subject: record.subject.clone(), labels, weight: record.weight, added };
+    if own.subject.is_some() || !own.labels.is_empty() || own.weight.is_some() || !own.added.is_empty() {
         properties.insert("shapelex".into(), json!(own));
     }
     add_metadata(&mut properties, metadata, &OWN, record, summary);
