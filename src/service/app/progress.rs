@@ -121,7 +121,8 @@ struct Place {
 }
 
 /// Fraction of a part up to which its progress is proportional to the count. From there on it goes ever slower, because an
-/// iteration may take longer than usual.
+/// iteration may take longer than usual: with `left` the rest of the part, `1 − left² / (left + excess)`, so that a part that takes
+/// ten times its usual count is still told from one that is done.
 const PROPORTIONAL: f64 = 0.8;
 
 impl Meter {
@@ -172,7 +173,7 @@ fn done(count: f64) -> f64 {
         return count;
     }
     let left = 1.0 - PROPORTIONAL;
-    1.0 - left * ((PROPORTIONAL - count) / left).exp()
+    1.0 - left * left / (left + count - PROPORTIONAL)
 }
 
 /// Counts the work of a computation, and stops it with its job.
