@@ -237,7 +237,7 @@ impl Raw {
     }
 }
 
-/// What follows a text of JSON, which begins after its opening quote.
+/// The rest of JSON after a string; `text` begins behind the opening quote of the string.
 fn after_text(text: &str) -> Option<&str> {
     let mut escaped = false;
     let end = text.bytes().position(|byte| {

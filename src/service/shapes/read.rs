@@ -250,7 +250,7 @@ pub(crate) fn is_text(text: &str) -> bool {
     text.chars().any(is_seen) && text.chars().count() <= MAX_TEXT && !text.chars().any(char::is_control)
 }
 
-/// What is wrong with a number that stands for no other.
+/// The fault of a whole number that doubles do not tell from its neighbours.
 fn too_large(number: &dyn std::fmt::Display) -> String {
     format!(
         "expected a whole number of at most {LARGEST_WHOLE} in size, which doubles hold exactly, or the digits as a text, got {number}"

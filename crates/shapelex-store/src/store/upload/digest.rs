@@ -12,14 +12,15 @@ use crate::domain::shape::ShapeAttributes;
 pub(super) struct Digests {
     /// The digest that is stored.
     pub(super) content: [u8; 32],
-    /// What earlier versions stored for the same content: they told 61 from 61.0, and files gave all attributes as decimals.
-    earlier: [[u8; 32]; 2],
+    /// Digests that earlier versions stored for the same content, if it has numbers: those versions told 61 from 61.0, and files
+    /// gave all attributes as decimals.
+    earlier: Option<[[u8; 32]; 2]>,
 }
 
 impl Digests {
     /// Whether a stored digest is one of the same content.
     pub(super) fn contain(&self, stored: &[u8]) -> bool {
-        self.content == stored || self.earlier.iter().any(|earlier| earlier == stored)
+        self.content == stored || self.earlier.iter().flatten().any(|earlier| earlier == stored)
     }
 }
 
@@ -51,9 +52,11 @@ pub(super) fn of(attributes: &ShapeAttributes, points: &[u8]) -> Digests {
         }
         *hasher.finalize().as_bytes()
     };
+    let has_numbers = metadata.is_some() || attributes.labels.values().any(Value::is_number);
     Digests {
         content: with(Wholes::Digits, Wholes::Digits),
-        earlier: [with(Wholes::AsSent, Wholes::AsSent), with(Wholes::Decimals, Wholes::AsSent)],
+        earlier: has_numbers
+            .then(|| [with(Wholes::AsSent, Wholes::AsSent), with(Wholes::Decimals, Wholes::AsSent)]),
     }
 }
 
