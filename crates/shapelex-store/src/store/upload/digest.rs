@@ -123,3 +123,35 @@ fn put_object(hasher: &mut Hasher, mut members: Vec<(&String, &Value)>, wholes: 
         put_value(hasher, value, wholes);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    fn digests(labels: &Value) -> Digests {
+        let labels =
+            labels.as_object().into_iter().flatten().map(|(name, value)| (name.clone(), value.clone()));
+        let attributes =
+            ShapeAttributes { weight: 1.0, labels: labels.collect(), ..ShapeAttributes::default() };
+        of(&attributes, &[0; 8])
+    }
+
+    #[test]
+    fn numbers_are_compared_by_value() {
+        let whole = digests(&json!({"n": 61}));
+        assert_eq!(whole.content, digests(&json!({"n": 61.0})).content);
+        assert_ne!(whole.content, digests(&json!({"n": "61"})).content);
+        assert_ne!(whole.content, digests(&json!({"n": 61.5})).content);
+    }
+
+    #[test]
+    fn digests_of_earlier_versions_are_those_of_the_same_content() {
+        let whole = digests(&json!({"n": 61, "t": "a"}));
+        for (sent, same) in [(json!({"n": 61.0, "t": "a"}), true), (json!({"n": 62.0, "t": "a"}), false)] {
+            let [as_sent, decimals] = digests(&sent).earlier.expect("it has a number");
+            assert_eq!((whole.contain(&as_sent), whole.contain(&decimals)), (same, same), "{sent}");
+        }
+        assert!(digests(&json!({"t": "a"})).earlier.is_none());
+    }
+}
