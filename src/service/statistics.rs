@@ -4,7 +4,8 @@
 
 use crate::analysis::accumulate::{ShapesInMemory, Watched};
 use crate::analysis::alignment::{
-    AlignedShape, Alignment, BothWays, MeanShape, Method, Onto, Projection, norms, unwhitened,
+    AlignedShape, Alignment, BothWays, LinearAlignment, MeanShape, Method, Onto, Projection, norms,
+    to_tangent, unwhitened,
 };
 use crate::analysis::conversion::Conversion;
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
@@ -54,6 +55,25 @@ pub struct Settings {
 }
 
 impl Settings {
+    /// Chooses the alignment of components, unless the request gives one `by_name`; whether aligned shapes are moved into the tangent
+    /// space at their mean.
+    ///
+    /// # Errors
+    /// [`ServiceError::Invalid`] at `/tangent` for a class that keeps sizes.
+    pub fn align_for_components(
+        &mut self,
+        by_name: bool,
+        tangent: Option<bool>,
+    ) -> Result<bool, ServiceError> {
+        let given = by_name.then_some(self.alignment);
+        let dimension = self.representation.dimension();
+        let LinearAlignment { alignment, tangent } =
+            LinearAlignment::of_components(&self.transformation, dimension, given, tangent)
+                .map_err(|error| ServiceError::invalid("/tangent", error.to_string()))?;
+        self.alignment = alignment;
+        Ok(tangent)
+    }
+
     /// Checks the settings against the limits, and whether they fit together.
     ///
     /// # Errors
@@ -167,6 +187,7 @@ pub struct Setup {
     pub estimator: Estimator,
     correspondence: Correspondence,
     direction: Direction,
+    alignment: Alignment,
 }
 
 impl Setup {
@@ -193,13 +214,14 @@ impl Setup {
             frame,
             estimator,
             method,
+            alignment,
             ..
         } = settings;
         let space = app.space(&representation)?;
         let metric = Metric::of(&space);
         let matching =
             Matching::new(&space, correspondence, direction, mirror).translating(method.translates());
-        Ok(Self { space, metric, method, frame, matching, estimator, correspondence, direction })
+        Ok(Self { space, metric, method, frame, matching, estimator, correspondence, direction, alignment })
     }
 
     /// Checks and prepares the settings of stored shapes.
@@ -237,6 +259,11 @@ impl Setup {
         found.ok_or_else(|| ServiceError::Internal("a region without a fault".into()))
     }
 
+    /// Alignment method.
+    pub fn alignment(&self) -> Alignment {
+        self.alignment
+    }
+
     /// Correspondence of points between shapes.
     pub(crate) fn correspondence(&self) -> Correspondence {
         self.correspondence
@@ -263,6 +290,8 @@ pub struct Statistics {
     pub aligned: Vec<AlignedShape>,
     /// `L₂` norm of every shape, about its mean position if the class translates.
     pub sizes: Vec<f64>,
+    /// Whether components are those of shapes that are moved, at unit size, into the tangent space at their mean.
+    pub tangent: bool,
     weights: Vec<f64>,
 }
 
@@ -290,7 +319,7 @@ pub fn align(
         }
         None => align_all_by(estimator, measured, setup.frame, control_points, weights.clone(), &stop)?,
     };
-    Ok(Statistics { setup, mean, aligned, sizes, weights })
+    Ok(Statistics { setup, mean, aligned, sizes, tangent: false, weights })
 }
 
 /// Functional PCA of aligned shapes.
@@ -306,7 +335,7 @@ pub fn pca(
     let context = app.pool.context();
     context.check()?;
     let Statistics { setup, mean, .. } = statistics;
-    let source = ShapesInMemory::prepared(statistics.whitened(), statistics.counting());
+    let source = ShapesInMemory::prepared(statistics.compared()?, statistics.counting());
     let source = Watched::new(&source, &context);
     let found = Components::new(&source, &setup.metric, &mean.whitened, centre, components)?;
     let factors = mean.robust.as_ref().map(|robust| robust.factors.clone());
@@ -317,6 +346,17 @@ impl Statistics {
     /// Whitened aligned shapes, one after the other.
     fn whitened(&self) -> Vec<f64> {
         self.aligned.iter().flat_map(|shape| shape.whitened.iter().copied()).collect()
+    }
+
+    /// The whitened shapes that components describe.
+    fn compared(&self) -> Result<Vec<f64>, ServiceError> {
+        let mut whitened = self.whitened();
+        if self.tangent {
+            for (k, shape) in whitened.chunks_exact_mut(self.setup.metric.len()).enumerate() {
+                to_tangent(&self.mean.whitened, shape).map_err(|error| error.at(k))?;
+            }
+        }
+        Ok(whitened)
     }
 
     /// Weights with which the shapes count: those given, times the factors of a robust mean.

@@ -673,6 +673,17 @@ fn bad_fields_of_the_single_routes_are_refused() {
         compare("/v1/pca", &pca, "/components", value, &["/components"]);
     }
     compare("/v1/pca", &pca, "/centre", json!("yes"), &["/centre"]);
+    compare("/v1/pca", &pca, "/tangent", json!("yes"), &["/tangent"]);
+    // Shapes that keep their sizes, or are aligned on a part of them, have no unit size.
+    compare(
+        "/v1/pca",
+        &changed(&pca, "/transformation", json!("rigid")),
+        "/tangent",
+        json!(true),
+        &["/tangent"],
+    );
+    let on_a_part = changed(&pca, "/region", json!([[0.0, 0.5]]));
+    compare("/v1/pca", &on_a_part, "/tangent", json!(true), &["/tangent"]);
     compare("/v1/pca", &pca, "/aligned", json!(1), &["/aligned"]);
     // As many as there are.
     for count in [json!(1_000_000_000_000_u64), json!(u64::MAX)] {

@@ -486,6 +486,16 @@ fn comparisons_refuse_what_cannot_be_compared() {
         ("strata", with("strata", json!("subject")), vec!["/strata"]),
         ("seed", with("seed", json!(1.5)), vec!["/seed"]),
         ("class", with("transformation", json!("scaled_rotation3")), vec!["/transformation"]),
+        ("tangent", with("tangent", json!(1)), vec!["/tangent"]),
+        (
+            "tangent",
+            {
+                let mut body = with("tangent", json!(true));
+                body["transformation"] = json!("rigid");
+                body
+            },
+            vec!["/tangent"],
+        ),
         ("unknown", with("colour", json!("red")), vec!["/colour"]),
     ];
     let mut differences = Differences::default();

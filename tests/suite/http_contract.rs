@@ -265,8 +265,12 @@ fn mean_alignment_and_components_are_those_of_the_vectors() {
         }
 
         body["components"] = json!(10);
+        (body["alignment"], body["centre"]) = (json!("projection"), json!(false));
         let pca = server.post("/v1/pca", &body).expect(200);
         assert_eq!(pca["aligned"], align["aligned"]);
+        let warnings = pca["warnings"].as_array().unwrap();
+        let told = |warning: &Value| warning.as_str().unwrap().contains("the first one is the mean");
+        assert!(warnings.iter().any(told), "{warnings:?}");
         let (pca, wanted) = (&pca["pca"], &case["pca"]);
         assert_close(&pca["eigenvalues"], &wanted["eigenvalues"], 1e-9, name);
         assert_close(&pca["explained"], &wanted["explained"], 1e-9, name);
@@ -283,7 +287,7 @@ fn mean_alignment_and_components_are_those_of_the_vectors() {
 
         body["centre"] = json!(true);
         let centred = &server.post("/v1/pca", &body).expect(200)["pca"];
-        assert_eq!(centred["centre"], true);
+        assert_eq!((&centred["centre"], &centred["tangent"]), (&json!(true), &json!(false)));
         assert_close(&centred["mean"]["control_points"], &case["pca_centred"]["mean"], 1e-9, name);
         assert_close(&centred["eigenvalues"], &case["pca_centred"]["eigenvalues"], 1e-9, name);
         assert_close(&centred["explained"], &case["pca_centred"]["explained"], 1e-9, name);

@@ -64,6 +64,13 @@ pub enum Transformation {
     Custom(CustomClass),
 }
 
+impl Transformation {
+    /// Whether shapes that differ in size alone are the same shape modulo the class.
+    pub fn removes_size(&self) -> bool {
+        !matches!(self, Self::Named(ClassName::Rigid | ClassName::Translation))
+    }
+}
+
 // Written by hand: the derived error for an untagged enum names neither the position nor the problem.
 #[cfg(feature = "serde")]
 impl<'de> serde::Deserialize<'de> for Transformation {

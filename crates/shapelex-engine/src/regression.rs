@@ -34,6 +34,8 @@ pub struct Request {
     pub covariates: Vec<Variable>,
     /// The attribute: numbers.
     pub attribute: Variable,
+    /// Whether aligned shapes are moved, at unit size, into the tangent space at their mean.
+    pub tangent: bool,
     /// Whether shapes that lack a value are left out; the mean is that of all shapes.
     pub skip_missing: bool,
     /// Number of permutations.
@@ -77,7 +79,7 @@ pub fn regress(
     let columns = steps.columns(&summary)?;
     let Setting { metric, method, matching, transformation, .. } = &**setting;
     let mean = mean_shape(source, metric, method, frame_for(transformation), matching)?;
-    let solved = steps.solve(&summary, Design { mean: mean.whitened.clone(), columns })?;
+    let solved = steps.solve(&summary, Design { mean: mean.whitened.clone(), tangent: request.tangent, columns })?;
     steps.result(summary, &mean, solved)
 }
 

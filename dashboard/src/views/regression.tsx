@@ -51,6 +51,7 @@ function View({ cohort, about, revision }: { cohort: string; about: Schemas["Coh
         {data && (
           <>
             <p class="card say">{p === null || p === undefined ? t.compare.untested(label) : p <= 0.05 ? t.regression.depends(name, probability(p), percent(data.r_squared)) : t.regression.independent(name, probability(p))}</p>
+            {data.warnings.map((warning) => <p class="note warn">{warning}</p>)}
             {result.data?.drawn && <Slide data={data} drawn={result.data.drawn} closed={isClosed(about.representation)} dots={about.representation.kind === "landmarks"} label={label} transformation={transformation} />}
             <figure class="card">
               <h2>{t.regression.scores}</h2>

@@ -124,10 +124,14 @@ macro_rules! study_request {
                 /// Transformation class to remove. Default: `similarity`.
                 #[schema(value_type = Option<crate::analysis::transformation::Transformation>)]
                 transformation: crate::formats::checked::Checked<crate::analysis::transformation::Transformation>;
-                /// Alignment method. Default: `projection`, or `procrustes` where the class is no linear space: `rigid`, and `similarity`
-                /// in three dimensions.
+                /// Alignment method. Default: `projection`, or where the class is no linear space `partial_procrustes` (`similarity` in
+                /// three dimensions) or `procrustes` (`rigid`).
                 #[schema(value_type = Option<crate::analysis::alignment::Alignment>)]
                 alignment: crate::formats::checked::Checked<crate::analysis::alignment::Alignment>;
+                /// Whether aligned shapes are moved, at unit size, into the tangent space at their mean, so that shapes do not shrink with
+                /// their own roughness. Default: true where the class removes size, unless `alignment` is `projection` or `procrustes`.
+                #[schema(value_type = Option<bool>)]
+                tangent: crate::formats::checked::Checked<bool>;
                 /// Whether shapes may be matched to mirror images. Default: the cohort's setting.
                 #[schema(value_type = Option<crate::analysis::correspondence::Mirror>)]
                 mirror: crate::formats::checked::Checked<crate::analysis::correspondence::Mirror>;
@@ -157,6 +161,7 @@ macro_rules! study_request {
                 crate::api::v1::planned::Common {
                     transformation: take_given(self.transformation.take(), "/transformation", errors),
                     alignment: take_given(self.alignment.take(), "/alignment", errors),
+                    tangent: take_given(self.tangent.take(), "/tangent", errors),
                     mirror: take_given(self.mirror.take(), "/mirror", errors),
                     permutations: take_given(self.permutations.take(), "/permutations", errors),
                     seed: take_or_default(self.seed.take(), "/seed", errors),
@@ -172,6 +177,7 @@ pub(super) use study_request;
 pub(super) struct Common {
     pub(super) transformation: Option<Transformation>,
     pub(super) alignment: Option<Alignment>,
+    pub(super) tangent: Option<bool>,
     pub(super) mirror: Option<Mirror>,
     pub(super) permutations: Option<usize>,
     pub(super) seed: Option<u64>,
@@ -195,6 +201,7 @@ impl Common {
             cohort: cohort.ok_or_else(incomplete)?,
             transformation: self.transformation.unwrap_or(Transformation::Named(ClassName::Similarity)),
             alignment: self.alignment,
+            tangent: self.tangent,
             mirror: self.mirror,
             permutations: self.permutations.unwrap_or(DEFAULT_PERMUTATIONS),
             seed: self.seed.ok_or_else(incomplete)?,

@@ -9,7 +9,7 @@ use super::batches::{Batch, PlannedResults, answer_batch, results};
 #[cfg(feature = "schema")]
 use super::described::*;
 use super::request_macros::{MeanOutput, ShapeOutput, checked, rows, settings_request};
-use crate::analysis::alignment::{AlignedShape, Onto, Projection, unwhitened};
+use crate::analysis::alignment::{AlignedShape, Alignment, Onto, Projection, unwhitened};
 use crate::analysis::factors::Estimator;
 use crate::analysis::pca::Components;
 use crate::api::extract::{BesideFormat, Caller, Format, JsonBody, OnlyFormat, OnlyShapeFormat, ShapeFormat};
@@ -92,9 +92,15 @@ settings_request! {
         /// given, and not with `robust`. Default: the whole shape.
         #[schema(value_type = Option<Vec<ObservedEntry>>)]
         region: Checked<Option<Observed>, LARGE>;
-        /// Whether to subtract the arithmetic mean of the aligned shapes. Default: false.
+        /// Whether to subtract the arithmetic mean of the aligned shapes. Default: true. Without it the first component is the mean, as in
+        /// the thesis.
         #[schema(value_type = Option<bool>)]
         centre: Checked<bool>;
+        /// Whether aligned shapes are moved, at unit size, into the tangent space at their mean before components are computed. Default:
+        /// true where the class removes size, unless `alignment` or `region` is given. Without `alignment` it is the projection, or
+        /// `partial_procrustes` for `similarity` in three dimensions.
+        #[schema(value_type = Option<bool>)]
+        tangent: Checked<bool>;
         /// Whether to return the aligned shapes too. Default: true.
         #[schema(value_type = Option<bool>)]
         aligned: Checked<bool>;
@@ -373,6 +379,10 @@ pub(super) struct PcaOutput {
     reconstruction_errors: Vec<f64>,
     /// Whether the arithmetic mean was subtracted.
     centre: bool,
+    /// Alignment method.
+    alignment: Alignment,
+    /// Whether aligned shapes were moved, at unit size, into the tangent space at their mean; `aligned` lists them before that.
+    tangent: bool,
 }
 
 /// Mean shape and principal components.
@@ -389,7 +399,13 @@ pub(super) struct PcaAnswer {
 
 impl PcaAnswer {
     fn new(statistics: &Statistics, pca: Components, aligned: Option<Vec<AlignedOutput>>) -> Self {
-        Self { mean: mean_output(statistics, false), pca: PcaOutput::new(statistics, pca), aligned }
+        let mut mean = mean_output(statistics, false);
+        if !pca.pca.centred {
+            mean.warnings.push(
+                "the components are not centred: the first one is the mean, and fractions count it; \"centre\": true subtracts it".into(),
+            );
+        }
+        Self { mean, pca: PcaOutput::new(statistics, pca), aligned }
     }
 }
 
@@ -399,8 +415,11 @@ impl PcaOutput {
         let shape = |whitened: &[f64]| ShapeOutput {
             control_points: Points::from_columns(unwhitened(metric, whitened), metric.dimension()),
         };
+        let (alignment, tangent) = (statistics.setup.alignment(), statistics.tangent);
         let Components { pca, scores, errors, .. } = components;
         Self {
+            alignment,
+            tangent,
             mean: shape(&pca.mean),
             eigenshapes: pca.eigenshapes.column_iter().map(|xi| shape(xi.as_slice())).collect(),
             eigenvalues: pca.eigenvalues,
@@ -441,13 +460,14 @@ pub(super) async fn pca(
 ) -> Result<Response, Problem> {
     compute_planned(app, body, move |app, body| {
         let (of, sigma) = (mode.component.unwrap_or(1), mode.sigma()?);
-        let PcaInput { settings, region, shapes, components, centre, aligned } =
+        let PcaInput { settings, tangent, region, shapes, components, centre, aligned } =
             app.parse::<PcaRequest>(body)?.take(&app.limits)?;
         let counts = Counts::new(&settings.representation, shapes.len(), &app.limits);
         let work = requests::align_on(&settings, counts, region.is_some())
             + requests::components(counts, components);
         planned(work + format.work(), move |app| {
-            let statistics = statistics::align(app, settings, region.as_ref(), shapes)?;
+            let mut statistics = statistics::align(app, settings, region.as_ref(), shapes)?;
+            statistics.tangent = tangent;
             let pca = statistics::pca(app, &statistics, components, centre)?;
             if let Format::Picture(file) = format {
                 return picture(&statistics::draw_mode(&statistics, &pca, of, sigma)?, &file);
@@ -462,6 +482,7 @@ pub(super) async fn pca(
 /// The checked parts of a [`PcaRequest`].
 struct PcaInput {
     settings: CheckedSettings,
+    tangent: bool,
     region: Option<Observed>,
     shapes: Vec<ShapeInput>,
     components: usize,
@@ -472,18 +493,28 @@ struct PcaInput {
 impl PcaRequest {
     fn take(mut self, limits: &Limits) -> Result<PcaInput, ServiceError> {
         let mut errors = Vec::new();
+        let by_name = self.alignment.is_some();
         let (settings, shapes) = self.take_settings(&mut errors);
+        let tangent = take_given(self.tangent, "/tangent", &mut errors);
         let components = take_given(self.components, "/components", &mut errors).unwrap_or(10);
-        let centre = take_or_default(self.centre, "/centre", &mut errors).unwrap_or_default();
+        let centre = take_given(self.centre, "/centre", &mut errors).unwrap_or(true);
         let aligned = take_given(self.aligned, "/aligned", &mut errors).unwrap_or(true);
         if components == 0 {
             errors.push(Fault::new("/components", "expected at least 1, got 0"));
         }
         let robust = take_or_default(self.robust, "/robust", &mut errors);
         let region = take_given(self.region, "/region", &mut errors).flatten();
-        let (settings, shapes) = checked(by(settings, robust), errors, shapes)?;
+        let (mut settings, shapes) = checked(by(settings, robust), errors, shapes)?;
+        let tangent = match &region {
+            // Shapes that are aligned on a part have no common size.
+            Some(_) => tangent.unwrap_or_default(),
+            None => settings.align_for_components(by_name, tangent)?,
+        };
+        if region.is_some() && tangent {
+            return Err(ServiceError::invalid("/tangent", "expected false beside a region, got true"));
+        }
         let settings = settings.checked(limits)?;
-        Ok(PcaInput { settings, region, shapes, components, centre, aligned })
+        Ok(PcaInput { settings, tangent, region, shapes, components, centre, aligned })
     }
 }
 

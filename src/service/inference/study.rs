@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use tokio::runtime::Handle;
 
 use super::sample::cohort_at;
-use crate::analysis::alignment::Alignment;
+use crate::analysis::alignment::{Alignment, LinearAlignment};
 use crate::analysis::correspondence::Mirror;
 use crate::analysis::estimate::{Estimate, TestWork, alignment_stage};
 use crate::analysis::factors::Estimator;
@@ -44,8 +44,10 @@ pub struct StudyRequest<O> {
     pub cohort: String,
     /// Transformations removed before comparison.
     pub transformation: Transformation,
-    /// Projection on the class, or Procrustes fits. Default: [`Alignment::usual`].
+    /// Projection on the class, or Procrustes fits. Default: [`LinearAlignment::of_test`].
     pub alignment: Option<Alignment>,
+    /// Whether aligned shapes are moved, at unit size, into the tangent space at their mean. Default: [`LinearAlignment::of_test`].
+    pub tangent: Option<bool>,
     /// Whether mirror images may be matched. Default: the rule of the cohort.
     pub mirror: Option<Mirror>,
     /// Number of permutations.
@@ -82,6 +84,9 @@ pub struct Plan<O> {
     pub(super) revision: u64,
     pub(super) transformation: Transformation,
     pub(super) alignment: Alignment,
+    /// Absent in plans of earlier versions, which moved partial Procrustes fits only.
+    #[serde(default)]
+    pub(super) tangent: Option<bool>,
     pub(super) mirror: Mirror,
     pub(super) permutations: usize,
     pub(super) seed: u64,
@@ -91,19 +96,30 @@ pub struct Plan<O> {
 }
 
 impl<O> Plan<O> {
-    fn new(request: StudyRequest<O>, cohort: &Cohort) -> Self {
-        let usual = Alignment::usual(&request.transformation, cohort.spec.representation.dimension());
-        Self {
+    fn new(request: StudyRequest<O>, cohort: &Cohort) -> Result<Self, ServiceError> {
+        let LinearAlignment { alignment, tangent } = LinearAlignment::of_test(
+            &request.transformation,
+            cohort.spec.representation.dimension(),
+            request.alignment,
+            request.tangent,
+        )
+        .map_err(|error| ServiceError::invalid("/tangent", error.to_string()))?;
+        Ok(Self {
             cohort: cohort.id.clone(),
             revision: cohort.revision,
             transformation: request.transformation,
-            alignment: request.alignment.unwrap_or(usual),
+            alignment,
+            tangent: Some(tangent),
             mirror: request.mirror.unwrap_or(cohort.spec.mirror),
             permutations: request.permutations,
             seed: request.seed,
             strata: request.strata,
             options: request.options,
-        }
+        })
+    }
+
+    fn is_tangent(&self) -> bool {
+        self.tangent.unwrap_or(self.alignment == Alignment::PartialProcrustes)
     }
 
     /// Settings for aligning the shapes of `cohort`.
@@ -130,6 +146,7 @@ impl<O> Plan<O> {
         StudyHeader {
             transformation: self.transformation.clone(),
             alignment: self.alignment,
+            tangent: Some(self.is_tangent()),
             mirror: self.mirror,
             seed: self.seed,
             strata: self.strata.clone(),
@@ -214,7 +231,7 @@ impl<K: StudyKind> Study<K> {
         let cohort =
             catalogue::find(app, &request.cohort).await.map_err(|error| error.named_at("/cohort"))?;
         K::complete(&mut request.options, &cohort);
-        let plan = Plan::new(request, &cohort);
+        let plan = Plan::new(request, &cohort)?;
         Self::for_cohort(app, cohort, plan).await
     }
 
@@ -240,7 +257,7 @@ impl<K: StudyKind> Study<K> {
     /// The space of the study.
     fn space(&self) -> StudySpace<'_> {
         let Setup { space, metric, method, frame, matching, .. } = &self.setup;
-        StudySpace { space, metric, method, frame: *frame, matching }
+        StudySpace { space, metric, method, tangent: self.plan.is_tangent(), frame: *frame, matching }
     }
 }
 

@@ -27,8 +27,10 @@ pub enum Method {
         #[cfg_attr(feature = "serde", serde(default = "default_components"))]
         #[cfg_attr(feature = "schema", schema(default = 10, minimum = 1))]
         components: usize,
-        /// Whether components are centred on the arithmetic mean of the aligned shapes. Default: false.
-        #[cfg_attr(feature = "serde", serde(default))]
+        /// Whether components are centred on the arithmetic mean of the aligned shapes. Default: true. Without it the first component
+        /// is the mean, as in the thesis.
+        #[cfg_attr(feature = "serde", serde(default = "default_centre"))]
+        #[cfg_attr(feature = "schema", schema(default = true))]
         centre: bool,
     },
     /// Sparse dictionary: every shape is coded with few atoms.
@@ -75,6 +77,11 @@ pub enum Method {
 #[cfg(feature = "serde")]
 fn default_components() -> usize {
     10
+}
+
+#[cfg(feature = "serde")]
+fn default_centre() -> bool {
+    true
 }
 
 fn default_normalise() -> bool {

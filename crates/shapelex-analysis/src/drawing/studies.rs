@@ -1,8 +1,10 @@
 //! Drawings of comparisons and regressions.
 
 use super::View;
-use crate::alignment::Method;
+use crate::alignment::{Method, norms};
+use crate::inference::compare::{scatter_text, unequal_spreads};
 use crate::inference::records::{GroupComparison, PairRecord, Prediction, RegressionRecord, TestRecord};
+use crate::metric::Metric;
 use crate::rows::columns_of;
 use shapelex_geometry::drawing::colour::{self, Colour};
 use shapelex_geometry::drawing::effect::{Connection, Effect, EffectPoint as DrawnPoint};
@@ -26,20 +28,22 @@ const GROUP_COLOURS: [Colour; 6] = [
 ];
 
 /// Drawing of the averages of all groups on top of one another, with the effect along the first group of the pair with
-/// the largest distance. `cohort`: its name.
+/// the largest distance; the averages at equal size where sizes are removed. `cohort`: its name.
 pub fn draw_comparison(
-    (space, method): (&ShapeSpace, &Method),
+    (space, metric, method): (&ShapeSpace, &Metric, &Method),
     cohort: &str,
     comparison: &GroupComparison,
 ) -> Drawing {
     let d = space.representation().dimension();
-    let view = View::upright(space, method, &columns_of(&comparison.pooled.control_points, d));
+    let pooled = columns_of(&comparison.pooled.control_points, d);
+    let view = View::upright(space, method, &pooled);
+    let at_size = |average: &[Vec<f64>]| at_size_of(&pooled, columns_of(average, d), (metric, method));
     let layers: Vec<Layer> = comparison
         .groups
         .iter()
         .zip(GROUP_COLOURS.iter().cycle())
         .map(|(group, colour)| {
-            let average = columns_of(&group.average, d);
+            let (average, _) = at_size(&group.average);
             let name = format!("{} (n = {})", group.name, group.shapes);
             view.layer([average.as_slice()], *colour, 1.5, 0.9).named(name)
         })
@@ -49,9 +53,11 @@ pub fn draw_comparison(
     let Some(pair) = farthest else { return layout::draw("", layers) };
     let first = comparison.groups.iter().find(|group| group.name == pair.first);
     let first = first.unwrap_or(&comparison.groups[0]);
-    let effect = effect_along(&view, pair, &columns_of(&first.average, d));
+    let effect = effect_along(&view, pair, at_size(&first.average));
     let mut legend = Entry::of(&layers);
     legend.push(Entry::Text(difference(pair)));
+    legend
+        .extend(unequal_spreads(comparison.groups.iter()).map(|unequal| Entry::Text(scatter_text(unequal))));
     legend.push(effect.scale(scale_text(pair, &effect)));
     if let Some(overall) = &comparison.overall {
         legend.push(Entry::Text(format!("all groups together{}", in_brackets(&overall.pseudo_f.test))));
@@ -64,16 +70,28 @@ pub fn draw_comparison(
     layout::overlay(&format!("{} groups of {cohort}", comparison.groups.len()), drawn, &legend)
 }
 
-/// The effect of a pair along the average of its first group.
-fn effect_along(view: &View<'_>, pair: &PairRecord, average: &[f64]) -> Effect {
+/// A shape at the size of another one where the class removes sizes, and the factor by which it was scaled.
+fn at_size_of(other: &[f64], mut shape: Vec<f64>, (metric, method): (&Metric, &Method)) -> (Vec<f64>, f64) {
+    let size = |shape: &[f64]| norms(metric, method, shape)[0];
+    let factor = if method.keeps_sizes() { 1.0 } else { size(other) / size(&shape) };
+    if !factor.is_finite() {
+        return (shape, 1.0);
+    }
+    shape.iter_mut().for_each(|value| *value *= factor);
+    (shape, factor)
+}
+
+/// The effect of a pair along the average of its first group, which is drawn scaled by a factor.
+fn effect_along(view: &View<'_>, pair: &PairRecord, (average, factor): (Vec<f64>, f64)) -> Effect {
+    let scaled = |point: &[f64]| point.iter().map(|value| factor * value).collect::<Vec<_>>();
     let points = pair.effect.iter().map(|point| DrawnPoint {
-        point: view.orientation.turn(&point.point),
+        point: view.orientation.turn(&scaled(&point.point)),
         length: point.length,
         significant: point.p.is_some_and(|p| p <= SIGNIFICANT),
     });
     Effect {
         points: points.collect(),
-        connection: Connection::of(view.space, &view.orientation.turn(average)),
+        connection: Connection::of(view.space, &view.orientation.turn(&average)),
         colours: (colour::EFFECT_NONE, colour::EFFECT_MOST),
     }
 }

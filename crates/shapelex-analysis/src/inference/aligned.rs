@@ -6,11 +6,10 @@ use super::error::StudyError;
 use super::limits::MAX_WEIGHT_RATIO;
 use crate::AnalysisError;
 use crate::accumulate::{ShapesInMemory, Watched};
-use crate::alignment::{MeanShape, Method, mean_shape, unwhitened};
-use crate::fit::Scaling;
+use crate::alignment::{MeanShape, Method, mean_shape, to_tangent, unwhitened};
 use crate::frame::Frame;
 use crate::matching::Matching;
-use crate::metric::{Metric, dot};
+use crate::metric::Metric;
 use crate::rows::{Row, rows_of};
 use crate::size::{LARGEST_SIZE, SizeTable};
 use crate::transformation::Transformation;
@@ -30,6 +29,8 @@ pub struct StudySpace<'a> {
     pub metric: &'a Metric,
     /// Projection or Procrustes alignment.
     pub method: &'a Method,
+    /// Whether aligned shapes are moved, at unit size, into the tangent space at their mean.
+    pub tangent: bool,
     /// Frame of the mean; [`frame_for`] gives the usual one.
     pub frame: Frame,
     /// Search over start points, directions and mirror images.
@@ -53,7 +54,7 @@ pub struct AlignedShapes<'a> {
     pub mean: MeanShape,
     /// Prepared shapes placed on the mean, one per column, whitened.
     pub placed: Matrix,
-    /// Aligned shapes, one per column, whitened; partial Procrustes fits on the tangent space at their mean.
+    /// Aligned shapes, one per column, whitened.
     pub aligned: Matrix,
     /// Positive weights.
     pub weights: Vec<f64>,
@@ -74,7 +75,7 @@ impl<'a> AlignedShapes<'a> {
         watch: &dyn Watch,
     ) -> Result<Self, StudyError> {
         check_weights(&weights)?;
-        let StudySpace { metric, method, frame, matching, .. } = space;
+        let StudySpace { metric, method, tangent, frame, matching, .. } = space;
         let sizes = SizeTable::of(space.space, metric, &control_points, watch)?;
         let source = ShapesInMemory::new(metric, method.translates(), control_points, weights.clone())?;
         watch.check()?;
@@ -90,7 +91,7 @@ impl<'a> AlignedShapes<'a> {
         parallel::try_for_each_chunk(&mut aligned, metric.len(), &|k, x| {
             watch.check()?;
             watch.worked(1);
-            bring(method, &mean.whitened, x).map_err(|error| error.at(k))
+            bring((method, tangent), &mean.whitened, x).map_err(|error| error.at(k))
         })?;
         let columns = |values| Matrix::from_vec(metric.len(), weights.len(), values);
         Ok(Self { space, mean, placed: columns(placed), aligned: columns(aligned), weights, sizes })
@@ -161,21 +162,9 @@ pub fn mean_warnings(mean: &MeanShape) -> Vec<String> {
 }
 
 /// Aligns a whitened shape to the mean, in place.
-fn bring(method: &Method, mean: &[f64], shape: &mut [f64]) -> Result<(), AnalysisError> {
+fn bring((method, tangent): (&Method, bool), mean: &[f64], shape: &mut [f64]) -> Result<(), AnalysisError> {
     shape.copy_from_slice(&method.bring(shape, mean)?.whitened);
-    on_tangent(method, mean, shape);
-    Ok(())
-}
-
-/// Moves a partial Procrustes fit to the tangent space at the mean; other aligned shapes stay.
-///
-/// The statistics are linear, and partial Procrustes fits lie on a sphere: each moves orthogonally to the tangent space at the
-/// mean `m`, to `y − (⟨y, m⟩/‖m‖² − 1) m`.
-pub(super) fn on_tangent(method: &Method, mean: &[f64], shape: &mut [f64]) {
-    if matches!(method, Method::Procrustes(fit) if fit.scaling == Scaling::Partial) {
-        let excess = dot(shape, mean) / dot(mean, mean) - 1.0;
-        shape.iter_mut().zip(mean).for_each(|(y, m)| *y -= excess * m);
-    }
+    if tangent { to_tangent(mean, shape) } else { Ok(()) }
 }
 
 fn check_weights(weights: &[f64]) -> Result<(), StudyError> {

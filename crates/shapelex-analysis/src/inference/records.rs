@@ -111,7 +111,8 @@ pub struct PairRecord {
     /// `r_squared` of the relabellings: the distribution that the observed value is compared with; null without permutations.
     #[cfg_attr(feature = "serde", serde(default))]
     pub histogram: Option<ExplainedHistogram>,
-    /// Hotelling's `T²` of the leading principal coordinates.
+    /// Hotelling's `T²` of the leading principal coordinates. It assumes that the covariances of the groups are equal: where they are
+    /// not, its test finds differences too often.
     pub hotelling: StatisticRecord,
     /// Number of these coordinates.
     pub components: usize,

@@ -12,7 +12,6 @@
 //! are as exchangeable as all shapes are, so the test keeps its level; of a single part it is that of
 //! [`regression`](super::regression), draw by draw.
 
-use super::aligned::on_tangent;
 use super::limits::MIN_DEVIATION;
 use super::permutation::{Tally, shuffle, stream};
 use super::reaches;
@@ -20,6 +19,7 @@ use super::records::AttributeSummary;
 use super::regression::{COLLINEAR, COLUMNS, Collinear, Regression, part};
 use crate::AnalysisError;
 use crate::accumulate::{ShapeSource, read_numbers, write_numbers};
+use crate::alignment::to_tangent;
 use crate::dictionary::preparation::{Posed, Preparation};
 use crate::metric::dot;
 use nalgebra::Cholesky;
@@ -64,14 +64,14 @@ pub struct Observed {
 }
 
 impl Observed {
-    /// The shapes of `source`, aligned to the mean, as far as they have values: `values` holds those of covariates and attribute
-    /// for each shape, `None` if one is missing. `scales` holds the scale of each column.
+    /// The shapes of `source`, aligned to the mean and in its tangent space if `tangent`, as far as they have values: `values` holds
+    /// those of covariates and attribute for each shape, `None` if one is missing. `scales` holds the scale of each column.
     ///
     /// # Errors
     /// Degenerate shapes.
     pub fn new(
         source: &dyn ShapeSource,
-        preparation: &Preparation,
+        (preparation, tangent): (&Preparation, bool),
         scales: &[Scale],
         values: &[Option<Vec<f64>>],
     ) -> Result<Self, AnalysisError> {
@@ -80,10 +80,12 @@ impl Observed {
         let (mut deviations, mut weights) =
             (Vec::with_capacity(complete * length), Vec::with_capacity(complete));
         Posed { source, preparation }.for_each_batch(&mut |batch| {
-            for (_, shape, weight) in batch.iter().filter(|(k, ..)| values[*k].is_some()) {
+            for (k, shape, weight) in batch.iter().filter(|(k, ..)| values[*k].is_some()) {
                 let first = deviations.len();
                 deviations.extend_from_slice(shape);
-                on_tangent(&preparation.method, mean, &mut deviations[first..]);
+                if tangent {
+                    to_tangent(mean, &mut deviations[first..]).map_err(|error| error.at(k))?;
+                }
                 deviations[first..].iter_mut().zip(mean).for_each(|(y, m)| *y -= m);
                 weights.push(weight);
             }

@@ -118,7 +118,8 @@ impl<'a> Setting<'a> {
 
     fn aligned(&self, cohort: &Cohort) -> Result<AlignedShapes<'_>, StudyError> {
         let Self { space, metric, method, matching, .. } = self;
-        let study = StudySpace { space, metric, method, frame: frame_for(&self.class), matching };
+        let tangent = self.class.removes_size();
+        let study = StudySpace { space, metric, method, tangent, frame: frame_for(&self.class), matching };
         AlignedShapes::new(study, cohort.shapes.concat(), cohort.weights.clone(), &Unwatched)
     }
 

@@ -6,6 +6,9 @@ mod dictionaries;
 mod groupwise;
 mod laws;
 mod motions;
+#[path = "../nulls/mod.rs"]
+mod null_cases;
+mod nulls;
 mod parts;
 mod pipeline;
 mod retrieval;

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use clap::{Args, ValueEnum};
-use shapelex_analysis::alignment::Alignment;
+use shapelex_analysis::alignment::{Alignment, LinearAlignment};
 use shapelex_analysis::transformation::Transformation;
 use shapelex_engine::EngineError;
 use shapelex_engine::objects::Objects;
@@ -41,9 +41,12 @@ pub(crate) struct RegressCommand {
     /// Class of transformations that is removed: a name, or a JSON object with matrices.
     #[arg(long, default_value = "similarity", value_parser = transformation)]
     transformation: Transformation,
-    /// projection, procrustes or partial_procrustes. Default: what suits the class.
+    /// projection, procrustes or partial_procrustes. Default: what suits the class, in the tangent space at the mean.
     #[arg(long, value_parser = json_word::<Alignment>)]
     alignment: Option<Alignment>,
+    /// Whether aligned shapes are moved, at unit size, into the tangent space at their mean. Default: as for POST /v1/regressions.
+    #[arg(long)]
+    tangent: Option<bool>,
     #[command(flatten)]
     pub(crate) machines: Machines,
 }
@@ -74,12 +77,16 @@ impl RegressCommand {
         let began = Instant::now();
         check(&self.attribute, &self.covariates)?;
         let revision = runtime.block_on(self.selection.open(objects))?;
-        let setting = Arc::new(Setting::new(revision.manifest(), &self.transformation, self.alignment)?);
+        let dimension = revision.manifest().cohort.representation.dimension();
+        let LinearAlignment { alignment, tangent } =
+            LinearAlignment::of_test(&self.transformation, dimension, self.alignment, self.tangent)?;
+        let setting = Arc::new(Setting::new(revision.manifest(), &self.transformation, Some(alignment))?);
         let runners = self.machines.runners(threads)?;
         let source = AtRest::new(revision, setting.clone(), runtime, runners.chosen());
         let request = Request {
             covariates: self.covariates,
             attribute: self.attribute,
+            tangent,
             skip_missing: self.missing == Missing::Skip,
             permutations: self.permutations as usize,
             seed: self.seed,

@@ -47,6 +47,8 @@ pub enum Step {
 pub struct Design {
     /// Whitened mean that shapes are aligned to.
     pub mean: Vec<f64>,
+    /// Whether aligned shapes are moved, at unit size, into the tangent space at the mean.
+    pub tangent: bool,
     /// Columns of each variable.
     pub columns: Vec<Columns>,
 }
@@ -66,7 +68,7 @@ impl Design {
         let values = entries(&self.columns, read(variables, &numbers)?);
         let scales: Vec<_> = self.columns.iter().flat_map(Columns::scales).collect();
         let preparation = setting.aligned_to(&self.mean, false);
-        Ok(Observed::new(&setting.shapes(numbers)?, &preparation, &scales, &values)?)
+        Ok(Observed::new(&setting.shapes(numbers)?, (&preparation, self.tangent), &scales, &values)?)
     }
 }
 

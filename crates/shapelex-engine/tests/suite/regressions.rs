@@ -58,6 +58,7 @@ pub(crate) fn request(attribute: &str, covariates: &[&str]) -> Request {
     Request {
         covariates: covariates.iter().map(|name| variable(name)).collect(),
         attribute: variable(attribute),
+        tangent: false,
         skip_missing: false,
         permutations: PERMUTATIONS,
         seed: 4,
@@ -69,8 +70,9 @@ pub(crate) fn by(
     revision: &Arc<Revision>,
     class: ClassName,
     alignment: Alignment,
-    request: Request,
+    mut request: Request,
 ) -> Result<Regressed, EngineError> {
+    request.tangent = alignment == Alignment::PartialProcrustes;
     let setting = Setting::new(revision.manifest(), &Transformation::Named(class), Some(alignment)).unwrap();
     let setting = Arc::new(setting);
     let source = AtRest::new(revision.clone(), setting.clone(), runtime().handle(), runner);
@@ -83,7 +85,9 @@ fn in_memory_regression(count: usize, setting: &Setting) -> RegressionRecord {
     let representation = description(1, count).representation;
     let space = ShapeSpace::new(&representation).unwrap();
     let Setting { metric, method, matching, transformation, .. } = setting;
-    let study = StudySpace { space: &space, metric, method, frame: frame_for(transformation), matching };
+    let tangent = setting.chosen == Alignment::PartialProcrustes;
+    let study =
+        StudySpace { space: &space, metric, method, tangent, frame: frame_for(transformation), matching };
     let points = shapes.iter().flat_map(|shape| shape.control_points.iter().copied()).collect();
     let weights = shapes.iter().map(|shape| shape.weight).collect();
     let aligned = AlignedShapes::new(study, points, weights, &Unwatched).unwrap();

@@ -14,6 +14,9 @@ pub struct StudyHeader {
     pub transformation: Transformation,
     /// Alignment method: projection onto the class, or Procrustes.
     pub alignment: Alignment,
+    /// Whether aligned shapes were moved, at unit size, into the tangent space at their mean; absent in results of earlier versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tangent: Option<bool>,
     /// Whether shapes were matched to mirror images.
     pub mirror: Mirror,
     /// Seed of the random permutations.

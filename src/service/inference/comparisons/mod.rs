@@ -124,7 +124,11 @@ impl StudyKind for ComparedShapes {
 
     fn draw(study: &Study<Self>, comparison: &Comparison) -> Drawing {
         let setup = &study.setup;
-        draw_comparison((&setup.space, &setup.method), &study.cohort.spec.name, &comparison.found)
+        draw_comparison(
+            (&setup.space, &setup.metric, &setup.method),
+            &study.cohort.spec.name,
+            &comparison.found,
+        )
     }
 }
 

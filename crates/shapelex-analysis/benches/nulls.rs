@@ -1,0 +1,51 @@
+//! Tables of null cases of `docs/comparisons.md`: `cargo bench -p shapelex-analysis --bench nulls [-- SETS]`.
+#![allow(missing_docs, clippy::unwrap_used, clippy::print_stdout)]
+
+#[path = "../tests/nulls/mod.rs"]
+mod null_cases;
+
+use null_cases::{Case, Kind, alarms, regression_alarms};
+use shapelex_analysis::alignment::Alignment;
+
+fn main() {
+    // Cargo hands on `--bench`.
+    let sets = std::env::args().find_map(|argument| argument.parse().ok()).unwrap_or(2000);
+    println!(
+        "| shapes | groups | ratio | alignment | distance | pseudo-F | Hotelling | warned | distance, not warned |"
+    );
+    println!("|---|---|---|---|---|---|---|---|---|");
+    for kind in Kind::ALL {
+        for sizes in [[20, 20], [10, 30], [30, 10]] {
+            for ratio in [1.0, 1.5, 2.0, 3.0, 4.5] {
+                row(&Case { kind, sizes, ratio, alignment: None }, sets);
+            }
+        }
+        let by_name = if kind == Kind::LandmarksInSpace || kind == Kind::Surfaces {
+            Alignment::Procrustes
+        } else {
+            Alignment::Projection
+        };
+        row(&Case { kind, sizes: [20, 20], ratio: 3.0, alignment: Some(by_name) }, sets);
+    }
+    println!("\n| shapes | ratio | default | by name |\n|---|---|---|---|");
+    for (kind, by_name) in
+        [(Kind::Landmarks, Alignment::Projection), (Kind::LandmarksInSpace, Alignment::Procrustes)]
+    {
+        let default = regression_alarms(kind, 4.5, None, sets);
+        println!(
+            "| {kind:?} | 4.5 | {default:.3} | {:.3} |",
+            regression_alarms(kind, 4.5, Some(by_name), sets)
+        );
+    }
+}
+
+fn row(case: &Case, sets: usize) {
+    let Case { kind, sizes: [wide, narrow], ratio, alignment } = case;
+    // Areas of surfaces take a second a set.
+    let found = alarms(case, if *kind == Kind::Surfaces { sets / 10 } else { sets });
+    let alignment = alignment.map_or("default".into(), |alignment| format!("{alignment:?}"));
+    println!(
+        "| {kind:?} | {wide}, {narrow} | {ratio} | {alignment} | {:.3} | {:.3} | {:.3} | {:.3} | {:.3} |",
+        found.distance, found.pseudo_f, found.hotelling, found.warned, found.silent
+    );
+}

@@ -1,0 +1,225 @@
+//! Null cases of tests: groups of one mean shape whose scatter differs, and shapes of one mean whose scatter follows a number.
+//!
+//! The base shape has unit centroid size. Independent normal deviations of its control points have the standard deviation of the group;
+//! then every shape is turned, scaled and moved at random.
+
+use rand::rngs::ChaCha12Rng;
+use rand::{RngExt, SeedableRng};
+use rand_distr::{Distribution, StandardNormal};
+use rayon::prelude::*;
+use shapelex_analysis::alignment::{Alignment, LinearAlignment, Method};
+use shapelex_analysis::correspondence::{Correspondence, Direction, Mirror};
+use shapelex_analysis::inference::aligned::{AlignedShapes, StudySpace, frame_for};
+use shapelex_analysis::inference::compare::compare;
+use shapelex_analysis::inference::groups::Groups;
+use shapelex_analysis::inference::permutation::Draws;
+use shapelex_analysis::inference::regress::regress;
+use shapelex_analysis::inference::variables::{Values, Variable, Variables};
+use shapelex_analysis::matching::Matching;
+use shapelex_analysis::metric::Metric;
+use shapelex_analysis::transformation::{ClassName, Transformation};
+use shapelex_analysis::watch::Unwatched;
+use shapelex_geometry::generator::GeneratorKind;
+use shapelex_geometry::representation::{Representation, ShapeSpace};
+use shapelex_geometry::surface::Topology;
+
+/// Root of the summed variances of the coordinates of the group that scatters more: 0.09 for each of 8 planar landmarks.
+const ROUGHNESS: f64 = 0.36;
+
+/// Relabellings of a test.
+const PERMUTATIONS: usize = 199;
+
+/// Kind of shape of a null case.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    Landmarks,
+    LandmarksInSpace,
+    Curves,
+    Surfaces,
+}
+
+impl Kind {
+    pub const ALL: [Self; 4] = [Self::Landmarks, Self::LandmarksInSpace, Self::Curves, Self::Surfaces];
+
+    fn representation(self) -> Representation {
+        match self {
+            Self::Landmarks => Representation::Landmarks { dimension: 2, points: 8 },
+            Self::LandmarksInSpace => Representation::Landmarks { dimension: 3, points: 10 },
+            Self::Curves => Representation::ClosedCurve {
+                dimension: 2,
+                control_points: 12,
+                generator: GeneratorKind::Bspline { degree: 3 },
+            },
+            Self::Surfaces => Representation::Surface {
+                topology: Topology::Torus,
+                seam: Default::default(),
+                control_points: [5, 4],
+                generators: [GeneratorKind::Bspline { degree: 3 }, GeneratorKind::Bspline { degree: 3 }],
+            },
+        }
+    }
+}
+
+/// Two groups of one mean shape, and how they are aligned.
+#[derive(Debug, Clone, Copy)]
+pub struct Case {
+    pub kind: Kind,
+    /// Shapes of the group that scatters more, and of the other.
+    pub sizes: [usize; 2],
+    /// Ratio of the standard deviations.
+    pub ratio: f64,
+    /// The method by name; the default otherwise.
+    pub alignment: Option<Alignment>,
+}
+
+/// Parts of the sets with p ≤ 0.05, and with a warning.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Alarms {
+    pub distance: f64,
+    pub pseudo_f: f64,
+    pub hotelling: f64,
+    pub warned: f64,
+    /// p ≤ 0.05 of the distance without a warning.
+    pub silent: f64,
+}
+
+/// The space of a kind of shapes, and its base shape, coordinate-major.
+struct Prepared {
+    space: ShapeSpace,
+    metric: Metric,
+    base: Vec<f64>,
+}
+
+impl Prepared {
+    fn new(kind: Kind) -> Self {
+        let space = ShapeSpace::new(&kind.representation()).unwrap();
+        let metric = Metric::of(&space);
+        let mut random = ChaCha12Rng::seed_from_u64(7);
+        let mut base: Vec<f64> = (0..metric.len()).map(|_| StandardNormal.sample(&mut random)).collect();
+        metric.centre(&mut base);
+        let size = base.iter().map(|x| x * x).sum::<f64>().sqrt();
+        base.iter_mut().for_each(|x| *x /= size);
+        Self { space, metric, base }
+    }
+
+    /// A shape of the base with deviations of this part of the usual ones, in a random pose.
+    fn shape(&self, part: f64, random: &mut ChaCha12Rng) -> Vec<f64> {
+        let deviation = part * ROUGHNESS / (self.metric.len() as f64).sqrt();
+        let d = self.metric.dimension();
+        let count = self.metric.len() / d;
+        let mut noise = || -> f64 { StandardNormal.sample(random) };
+        let rough: Vec<f64> = self.base.iter().map(|x| x + deviation * noise()).collect();
+        let turn = rotation(d, &mut noise);
+        let scale = (0.3 * noise()).exp();
+        let shift: Vec<f64> = (0..d).map(|_| 5.0 * noise()).collect();
+        let moved = |c: usize, i: usize| {
+            shift[c] + scale * (0..d).map(|e| turn[c][e] * rough[e * count + i]).sum::<f64>()
+        };
+        (0..d).flat_map(|c| (0..count).map(move |i| (c, i))).map(|(c, i)| moved(c, i)).collect()
+    }
+
+    /// What `then` makes of the aligned shapes.
+    fn aligned<T>(
+        &self,
+        alignment: Option<Alignment>,
+        shapes: Vec<f64>,
+        then: impl FnOnce(&AlignedShapes<'_>) -> T,
+    ) -> T {
+        let (class, d) = (Transformation::Named(ClassName::Similarity), self.metric.dimension());
+        let chosen = LinearAlignment::of_test(&class, d, alignment, None).unwrap();
+        let method = Method::new(&class, chosen.alignment, d).unwrap();
+        let matching =
+            Matching::new(&self.space, Correspondence::Landmarks, Direction::Given, Mirror::Forbid)
+                .translating(method.translates());
+        let study = StudySpace {
+            space: &self.space,
+            metric: &self.metric,
+            method: &method,
+            tangent: chosen.tangent,
+            frame: frame_for(&class),
+            matching: &matching,
+        };
+        let weights = vec![1.0; shapes.len() / self.metric.len()];
+        then(&AlignedShapes::new(study, shapes, weights, &Unwatched).unwrap())
+    }
+}
+
+/// A random rotation: axes of normal numbers, made orthonormal, of determinant one.
+fn rotation(d: usize, noise: &mut impl FnMut() -> f64) -> Vec<Vec<f64>> {
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let mut axes: Vec<Vec<f64>> = Vec::new();
+    while axes.len() < d {
+        let mut axis: Vec<f64> = (0..d).map(|_| noise()).collect();
+        for other in &axes {
+            let along = dot(&axis, other);
+            axis.iter_mut().zip(other).for_each(|(x, o)| *x -= along * o);
+        }
+        let length = dot(&axis, &axis).sqrt();
+        axes.push(axis.iter().map(|x| x / length).collect());
+    }
+    let [a, b] = [&axes[0], &axes[1]];
+    let determinant = match axes.get(2) {
+        None => a[0] * b[1] - a[1] * b[0],
+        Some(c) => dot(c, &[a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]),
+    };
+    axes[0].iter_mut().for_each(|x| *x *= determinant.signum());
+    axes
+}
+
+/// Alarms of a case in so many sets.
+pub fn alarms(case: &Case, sets: usize) -> Alarms {
+    let prepared = Prepared::new(case.kind);
+    let found: Vec<Alarms> = (0..sets).into_par_iter().map(|set| alarms_of(case, &prepared, set)).collect();
+    let part = |of: fn(&Alarms) -> f64| found.iter().map(of).sum::<f64>() / sets as f64;
+    Alarms {
+        distance: part(|set| set.distance),
+        pseudo_f: part(|set| set.pseudo_f),
+        hotelling: part(|set| set.hotelling),
+        warned: part(|set| set.warned),
+        silent: part(|set| set.silent),
+    }
+}
+
+fn alarms_of(case: &Case, prepared: &Prepared, set: usize) -> Alarms {
+    let mut random = ChaCha12Rng::seed_from_u64(1000 + set as u64);
+    let parts = [1.0, 1.0 / case.ratio];
+    let labels: Vec<usize> = (0..2).flat_map(|g| std::iter::repeat_n(g, case.sizes[g])).collect();
+    let shapes = labels.iter().flat_map(|&g| prepared.shape(parts[g], &mut random)).collect();
+    let (names, strata) = (vec!["wide".into(), "narrow".into()], vec![0; labels.len()]);
+    let groups = Groups { names, labels };
+    let draws = Draws { strata: &strata, seed: set as u64, permutations: PERMUTATIONS };
+    let places = prepared.space.representation().comparison_places();
+    let found = prepared.aligned(case.alignment, shapes, |aligned| {
+        compare(aligned, &groups, draws, places, &Unwatched).unwrap()
+    });
+    let pair = &found.pairs[0];
+    let alarm = |p: Option<f64>| f64::from(u8::from(p.unwrap() <= 0.05));
+    let warned = f64::from(u8::from(found.warnings.iter().any(|warning| warning.contains("scatter"))));
+    let distance = alarm(pair.distance.test.p);
+    Alarms {
+        distance,
+        pseudo_f: alarm(pair.pseudo_f.test.p),
+        hotelling: alarm(pair.hotelling.test.p),
+        warned,
+        silent: distance * (1.0 - warned),
+    }
+}
+
+/// Part of the sets in which 40 shapes of one mean depend on a number by p ≤ 0.05; their deviations grow with it by `ratio`.
+pub fn regression_alarms(kind: Kind, ratio: f64, alignment: Option<Alignment>, sets: usize) -> f64 {
+    const SHAPES: usize = 40;
+    let prepared = Prepared::new(kind);
+    let alarm = |set: usize| {
+        let mut random = ChaCha12Rng::seed_from_u64(1000 + set as u64);
+        let ages: Vec<f64> = (0..SHAPES).map(|_| random.random::<f64>()).collect();
+        let part = |age: f64| (1.0 + age * (ratio - 1.0)) / ratio;
+        let shapes = ages.iter().flat_map(|&age| prepared.shape(part(age), &mut random)).collect();
+        let attribute = Variable { name: "age".into(), values: Values::Numbers(ages.clone()) };
+        let variables = Variables { covariates: Vec::new(), attribute };
+        let draws = Draws { strata: &[0; SHAPES], seed: set as u64, permutations: PERMUTATIONS };
+        prepared.aligned(alignment, shapes, |aligned| {
+            regress(aligned, &variables, draws, &Unwatched).unwrap().record.test.p.unwrap() <= 0.05
+        })
+    };
+    (0..sets).into_par_iter().filter(|&set| alarm(set)).count() as f64 / sets as f64
+}

@@ -1,0 +1,56 @@
+//! Tests of groups and regressions keep their level where groups differ in scatter alone.
+
+use shapelex_analysis::alignment::Alignment;
+
+use crate::null_cases::{Case, Kind, alarms, regression_alarms};
+
+/// Sets of a case.
+const SETS: usize = 200;
+
+/// Alarms at 5 % in 200 sets: 10 are expected, and more than 22 in less than one of ten thousand cases.
+const MOST: f64 = 22.5 / 200.0;
+
+/// Sets of surfaces, whose areas take a second a set, and their most alarms: more than 8 in one of ten thousand cases.
+const SETS_OF_SURFACES: (usize, f64) = (40, 8.5 / 40.0);
+
+#[test]
+fn groups_that_differ_in_scatter_alone_do_not_differ_in_shape() {
+    let cases = Kind::ALL.into_iter().flat_map(|kind| [1.0, 3.0].map(|ratio| (kind, ratio)));
+    for (kind, ratio) in cases.filter(|case| *case != (Kind::Surfaces, 1.0)) {
+        let (sets, most) = if kind == Kind::Surfaces { SETS_OF_SURFACES } else { (SETS, MOST) };
+        let case = Case { kind, sizes: [20, 20], ratio, alignment: None };
+        let found = alarms(&case, sets);
+        assert!(found.distance < most && found.pseudo_f < most, "{case:?}: {found:?}");
+        assert!(ratio == 1.0 || found.warned > 0.99, "{case:?}: {found:?}");
+    }
+}
+
+/// What the default replaces: the test could not fail if the alignment made no difference.
+#[test]
+fn under_the_projection_by_name_scatter_is_taken_for_shape() {
+    let planar =
+        Case { kind: Kind::Landmarks, sizes: [20, 20], ratio: 3.0, alignment: Some(Alignment::Projection) };
+    let in_space = Case { kind: Kind::LandmarksInSpace, alignment: Some(Alignment::Procrustes), ..planar };
+    for case in [planar, in_space] {
+        let found = alarms(&case, 50);
+        assert!(found.distance > 0.5, "{case:?}: {found:?}");
+    }
+}
+
+#[test]
+fn unequal_groups_of_unequal_scatter_are_told() {
+    for sizes in [[10, 30], [30, 10]] {
+        let case = Case { kind: Kind::Landmarks, sizes, ratio: 2.0, alignment: None };
+        let found = alarms(&case, SETS);
+        assert!(found.silent < MOST && found.warned > 0.99, "{case:?}: {found:?}");
+    }
+}
+
+#[test]
+fn shapes_whose_scatter_follows_a_number_do_not_depend_on_it() {
+    for kind in [Kind::Landmarks, Kind::LandmarksInSpace] {
+        let found = regression_alarms(kind, 4.5, None, SETS);
+        assert!(found < MOST, "{kind:?}: {found}");
+    }
+    assert!(regression_alarms(Kind::Landmarks, 4.5, Some(Alignment::Projection), 50) > 0.2);
+}
