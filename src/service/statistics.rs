@@ -348,6 +348,11 @@ impl Statistics {
         self.aligned.iter().flat_map(|shape| shape.whitened.iter().copied()).collect()
     }
 
+    /// These statistics with the choice whether components are those of shapes in the tangent space.
+    pub fn moved(self, tangent: bool) -> Self {
+        Self { tangent, ..self }
+    }
+
     /// The whitened shapes that components describe.
     fn compared(&self) -> Result<Vec<f64>, ServiceError> {
         let mut whitened = self.whitened();

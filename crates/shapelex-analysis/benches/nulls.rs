@@ -1,4 +1,4 @@
-//! Tables of null cases of `docs/comparisons.md`: `cargo bench -p shapelex-analysis --bench nulls [-- SETS]`.
+//! Tables of null cases of `docs/comparisons.md`: `cargo bench -p shapelex-analysis --bench nulls [-- SETS KIND …]`.
 #![allow(missing_docs, clippy::unwrap_used, clippy::print_stdout)]
 
 #[path = "../tests/nulls/mod.rs"]
@@ -9,12 +9,16 @@ use shapelex_analysis::alignment::Alignment;
 
 fn main() {
     // Cargo hands on `--bench`.
-    let sets = std::env::args().find_map(|argument| argument.parse().ok()).unwrap_or(2000);
-    println!(
-        "| shapes | groups | ratio | alignment | distance | pseudo-F | Hotelling | warned | distance, not warned |"
-    );
-    println!("|---|---|---|---|---|---|---|---|---|");
-    for kind in Kind::ALL {
+    let arguments: Vec<String> = std::env::args().skip(1).filter(|argument| argument != "--bench").collect();
+    let sets = arguments.iter().find_map(|argument| argument.parse().ok()).unwrap_or(2000);
+    let chosen = |kind: Kind| {
+        let names: Vec<&String> =
+            arguments.iter().filter(|argument| argument.parse::<usize>().is_err()).collect();
+        names.is_empty() || names.iter().any(|name| **name == format!("{kind:?}"))
+    };
+    println!("| shapes | groups | ratio | alignment | distance | Hotelling | studentised | warned |");
+    println!("|---|---|---|---|---|---|---|---|");
+    for kind in Kind::ALL.into_iter().filter(|kind| chosen(*kind)) {
         for sizes in [[20, 20], [10, 30], [30, 10]] {
             for ratio in [1.0, 1.5, 2.0, 3.0, 4.5] {
                 row(&Case { kind, sizes, ratio, alignment: None }, sets);
@@ -45,7 +49,7 @@ fn row(case: &Case, sets: usize) {
     let found = alarms(case, if *kind == Kind::Surfaces { sets / 10 } else { sets });
     let alignment = alignment.map_or("default".into(), |alignment| format!("{alignment:?}"));
     println!(
-        "| {kind:?} | {wide}, {narrow} | {ratio} | {alignment} | {:.3} | {:.3} | {:.3} | {:.3} | {:.3} |",
-        found.distance, found.pseudo_f, found.hotelling, found.warned, found.silent
+        "| {kind:?} | {wide}, {narrow} | {ratio} | {alignment} | {:.3} | {:.3} | {:.3} | {:.3} |",
+        found.distance, found.hotelling, found.studentised, found.warned
     );
 }

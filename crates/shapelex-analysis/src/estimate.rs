@@ -264,7 +264,9 @@ impl Estimate {
         let (k, n) = (work.shapes as f64, measured.metric.len() as f64);
         let rows = n + work.samples as f64 * measured.metric.dimension() as f64;
         let draws = work.permutations as f64;
-        let products = draws * (work.columns as f64 * k * n.min(k) + work.pair_shapes as f64 * rows);
+        // Signs of deviations take two products more of a pair's coordinates.
+        let pairs = work.pair_shapes as f64 * (rows + 2.0 * n.min(k));
+        let products = draws * (work.columns as f64 * k * n.min(k) + pairs);
         let smaller = n.min(k);
         let spans = (1.0 + work.pairs as f64) * (smaller * k * n + EIGENPROBLEM * smaller.powi(3));
         let measures = k * MEASURES * measured.metric.size() as f64;

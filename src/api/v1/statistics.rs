@@ -466,8 +466,7 @@ pub(super) async fn pca(
         let work = requests::align_on(&settings, counts, region.is_some())
             + requests::components(counts, components);
         planned(work + format.work(), move |app| {
-            let mut statistics = statistics::align(app, settings, region.as_ref(), shapes)?;
-            statistics.tangent = tangent;
+            let statistics = statistics::align(app, settings, region.as_ref(), shapes)?.moved(tangent);
             let pca = statistics::pca(app, &statistics, components, centre)?;
             if let Format::Picture(file) = format {
                 return picture(&statistics::draw_mode(&statistics, &pca, of, sigma)?, &file);

@@ -11,6 +11,7 @@ use super::records::{
     TestRecord,
 };
 use super::span::Span;
+use super::studentised::studentised;
 use crate::AnalysisError;
 use crate::accumulate::ShapesInMemory;
 use crate::alignment::Method;
@@ -204,6 +205,13 @@ impl<'a> Study<'a> {
         let relabellings = self.groups.relabellings_of_pair(pair, self.draws);
         let chosen = self.sample.select(&self.groups.members_of_pair(pair));
         let tests = chosen.compare_pair(&relabellings, watch)?;
+        let studentised = match relabellings.is_stratified() {
+            true => None,
+            false => {
+                let drawn = (self.draws.seed, self.draws.permutations);
+                studentised(&chosen, relabellings.observed(), drawn, watch)?
+            }
+        };
         let effect = self.effect(first, &tests);
         let sizes =
             tests.sizes.iter().zip(&self.shapes.sizes.measures).map(|(tested, &measure)| SizeDifference {
@@ -222,6 +230,7 @@ impl<'a> Study<'a> {
             r_squared: tests.r_squared,
             hotelling: tests.hotelling.into(),
             components: tests.components,
+            studentised: studentised.map(Into::into),
             histogram: tests.histogram,
             effect,
         })
@@ -281,14 +290,13 @@ pub(crate) fn scatter_text([(largest, wide), (least, narrow)]: [(f64, &GroupReco
 fn spread_warning<'a>(groups: impl Iterator<Item = &'a GroupRecord>) -> Option<String> {
     let unequal = unequal_spreads(groups)?;
     let [(_, wide), (_, narrow)] = unequal;
-    let sizes = match wide.shapes < narrow.shapes {
-        true => {
-            "; the larger spread is that of the smaller group, so that the tests of distance and pseudo-F find differences too often as well"
-        }
-        false => "",
+    // Groups of nearly equal size: the smaller one has four fifths of the larger one.
+    let follows = match (5 * wide.shapes < 4 * narrow.shapes, 4 * wide.shapes > 5 * narrow.shapes) {
+        (true, _) => "the smaller group scatters more, so that all tests find differences too often",
+        (_, true) => "the larger group scatters more, so that all tests find differences too seldom",
+        _ => "Hotelling's test assumes equal covariances and finds differences too often",
     };
-    let text = scatter_text(unequal);
-    Some(format!("{text}: Hotelling's test assumes equal covariances and finds differences too often{sizes}"))
+    Some(format!("{}: {follows}; the test `studentised` allows for it", scatter_text(unequal)))
 }
 
 /// `√(1 − ‖AᵀB‖²/I)` of two orthonormal bases of `I` columns.
@@ -305,6 +313,8 @@ fn correct(pairs: &mut [PairRecord]) {
     for of in statistics {
         correct_tests(pairs.iter_mut().map(of).collect());
     }
+    let studentised = pairs.iter_mut().filter_map(|pair| pair.studentised.as_mut());
+    correct_tests(studentised.map(|statistic| &mut statistic.test).collect());
     for m in 0..sizes {
         correct_tests(pairs.iter_mut().map(|pair| &mut pair.sizes[m].test).collect());
     }

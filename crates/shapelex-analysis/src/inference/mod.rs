@@ -19,7 +19,8 @@
 //! * [`permutation`] — relabellings within strata, enumerated or drawn; p values; Holm's correction;
 //! * [`histogram`] — histograms of a statistic over the relabellings;
 //! * [`span`] — coordinates in the span of the shapes, the fewest possible;
-//! * [`comparison`] — groups: distance of the means, pseudo-F, Hotelling's statistic, the effect along the shape;
+//! * [`comparison`] — groups: distance of the means, pseudo-F, Hotelling's statistic, the effect along the shape; [`studentised`] — the
+//!   distance of groups that scatter unequally;
 //! * [`regression`] — linear regression of shapes on an attribute, adjusted for covariates; [`regression_sums`] — the same of
 //!   more shapes than fit into memory.
 //!
@@ -39,6 +40,7 @@ pub mod regress;
 pub mod regression;
 pub mod regression_sums;
 pub mod span;
+pub mod studentised;
 pub mod variables;
 
 /// Relative difference below which two statistics are equal: they are sums of the same numbers in different order.

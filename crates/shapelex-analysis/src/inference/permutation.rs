@@ -82,6 +82,11 @@ impl Relabellings {
         self.strata.iter().filter(mixed).map(|stratum| stratum.members.len()).sum()
     }
 
+    /// Whether labels are exchanged within several strata.
+    pub fn is_stratified(&self) -> bool {
+        self.strata.iter().filter(|stratum| !stratum.members.is_empty()).count() > 1
+    }
+
     /// The observed labels.
     pub fn observed(&self) -> &[usize] {
         &self.observed

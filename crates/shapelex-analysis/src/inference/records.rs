@@ -116,6 +116,11 @@ pub struct PairRecord {
     pub hotelling: StatisticRecord,
     /// Number of these coordinates.
     pub components: usize,
+    /// Studentised distance `‖Δ‖²/(V₁ + V₂)`, `V` the estimated variance of an average, with a test by random signs in place of labels:
+    /// valid, nearly, for groups that scatter unequally, whatever their sizes. Null with strata, if no group scatters, and in results
+    /// of earlier versions.
+    #[cfg_attr(feature = "serde", serde(default))]
+    pub studentised: Option<StatisticRecord>,
     /// Difference along the shape.
     pub effect: Vec<EffectPoint>,
     /// Differences in size.

@@ -31,7 +31,7 @@ const PERMUTATIONS: usize = 199;
 
 /// Kind of shape of a null case.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
+pub(crate) enum Kind {
     Landmarks,
     LandmarksInSpace,
     Curves,
@@ -39,7 +39,7 @@ pub enum Kind {
 }
 
 impl Kind {
-    pub const ALL: [Self; 4] = [Self::Landmarks, Self::LandmarksInSpace, Self::Curves, Self::Surfaces];
+    pub(crate) const ALL: [Self; 4] = [Self::Landmarks, Self::LandmarksInSpace, Self::Curves, Self::Surfaces];
 
     fn representation(self) -> Representation {
         match self {
@@ -62,25 +62,26 @@ impl Kind {
 
 /// Two groups of one mean shape, and how they are aligned.
 #[derive(Debug, Clone, Copy)]
-pub struct Case {
-    pub kind: Kind,
+pub(crate) struct Case {
+    pub(crate) kind: Kind,
     /// Shapes of the group that scatters more, and of the other.
-    pub sizes: [usize; 2],
+    pub(crate) sizes: [usize; 2],
     /// Ratio of the standard deviations.
-    pub ratio: f64,
+    pub(crate) ratio: f64,
     /// The method by name; the default otherwise.
-    pub alignment: Option<Alignment>,
+    pub(crate) alignment: Option<Alignment>,
 }
 
 /// Parts of the sets with p ≤ 0.05, and with a warning.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Alarms {
-    pub distance: f64,
-    pub pseudo_f: f64,
-    pub hotelling: f64,
-    pub warned: f64,
+pub(crate) struct Alarms {
+    pub(crate) distance: f64,
+    pub(crate) pseudo_f: f64,
+    pub(crate) hotelling: f64,
+    pub(crate) studentised: f64,
+    pub(crate) warned: f64,
     /// p ≤ 0.05 of the distance without a warning.
-    pub silent: f64,
+    pub(crate) silent: f64,
 }
 
 /// The space of a kind of shapes, and its base shape, coordinate-major.
@@ -167,7 +168,7 @@ fn rotation(d: usize, noise: &mut impl FnMut() -> f64) -> Vec<Vec<f64>> {
 }
 
 /// Alarms of a case in so many sets.
-pub fn alarms(case: &Case, sets: usize) -> Alarms {
+pub(crate) fn alarms(case: &Case, sets: usize) -> Alarms {
     let prepared = Prepared::new(case.kind);
     let found: Vec<Alarms> = (0..sets).into_par_iter().map(|set| alarms_of(case, &prepared, set)).collect();
     let part = |of: fn(&Alarms) -> f64| found.iter().map(of).sum::<f64>() / sets as f64;
@@ -175,6 +176,7 @@ pub fn alarms(case: &Case, sets: usize) -> Alarms {
         distance: part(|set| set.distance),
         pseudo_f: part(|set| set.pseudo_f),
         hotelling: part(|set| set.hotelling),
+        studentised: part(|set| set.studentised),
         warned: part(|set| set.warned),
         silent: part(|set| set.silent),
     }
@@ -200,13 +202,14 @@ fn alarms_of(case: &Case, prepared: &Prepared, set: usize) -> Alarms {
         distance,
         pseudo_f: alarm(pair.pseudo_f.test.p),
         hotelling: alarm(pair.hotelling.test.p),
+        studentised: alarm(pair.studentised.as_ref().unwrap().test.p),
         warned,
         silent: distance * (1.0 - warned),
     }
 }
 
 /// Part of the sets in which 40 shapes of one mean depend on a number by p ≤ 0.05; their deviations grow with it by `ratio`.
-pub fn regression_alarms(kind: Kind, ratio: f64, alignment: Option<Alignment>, sets: usize) -> f64 {
+pub(crate) fn regression_alarms(kind: Kind, ratio: f64, alignment: Option<Alignment>, sets: usize) -> f64 {
     const SHAPES: usize = 40;
     let prepared = Prepared::new(kind);
     let alarm = |set: usize| {

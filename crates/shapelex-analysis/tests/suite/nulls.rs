@@ -21,6 +21,7 @@ fn groups_that_differ_in_scatter_alone_do_not_differ_in_shape() {
         let case = Case { kind, sizes: [20, 20], ratio, alignment: None };
         let found = alarms(&case, sets);
         assert!(found.distance < most && found.pseudo_f < most, "{case:?}: {found:?}");
+        assert!(found.studentised < most, "{case:?}: {found:?}");
         assert!(ratio == 1.0 || found.warned > 0.99, "{case:?}: {found:?}");
     }
 }
@@ -43,6 +44,7 @@ fn unequal_groups_of_unequal_scatter_are_told() {
         let case = Case { kind: Kind::Landmarks, sizes, ratio: 2.0, alignment: None };
         let found = alarms(&case, SETS);
         assert!(found.silent < MOST && found.warned > 0.99, "{case:?}: {found:?}");
+        assert!(found.studentised < MOST, "{case:?}: {found:?}");
     }
 }
 
