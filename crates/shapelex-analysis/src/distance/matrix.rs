@@ -64,7 +64,7 @@ impl DistanceSpace {
         rows: &mut [f64],
         work: &mut Work,
     ) {
-        let (count, norms) = (shapes.count(), &shapes.squared_norms);
+        let (count, sizes) = (shapes.count(), &shapes.sizes);
         let products = shapes.laid.iter().map(|laid| match (&shapes.laid[0], laid) {
             (Columns::Signals(first), Columns::Signals(second)) => {
                 let length = self.size * self.columns;
@@ -86,7 +86,11 @@ impl DistanceSpace {
                     }
                     None => self.largest_score(shapes, i, j, work),
                 };
-                rows[(i - left.start) * count + j] = self.distance(score, norms[i], norms[j]);
+                let distance = self.distance(score, sizes[i], sizes[j]);
+                rows[(i - left.start) * count + j] = match self.is_close(distance, sizes[i], sizes[j]) {
+                    true => self.closer(shapes, i, shapes, j, work).distance,
+                    false => distance,
+                };
             }
         }
     }

@@ -3,21 +3,21 @@
 use realfft::num_complex::Complex64;
 
 use super::spectra::{HALF_ROOT, Transform, complex_spectra, spectra};
-use super::{DistanceSpace, Scale, chunk};
+use super::{DistanceSpace, chunk};
 use crate::AnalysisError;
 use crate::accumulate;
 use crate::alignment::Method;
 use crate::fit::Scaling;
 use crate::magnitudes::Magnitudes;
-use crate::metric::{Metric, dot, norm};
+use crate::metric::{Metric, norm};
 use crate::subspace::{Subspace, check_extent};
 use shapelex_numeric::parallel;
 
 /// Shapes prepared for comparison: orthonormal bases or points, as signals or as spectra, one set per candidate placement.
 #[derive(Debug, Clone)]
 pub struct PreparedShapes {
-    /// `‖x‖²`.
-    pub(super) squared_norms: Vec<f64>,
+    /// `‖x‖` of shapes that keep their sizes, else 1.
+    pub(super) sizes: Vec<f64>,
     /// One entry per candidate placement (without start point); the first is the shape as given.
     pub(super) laid: Vec<Columns>,
     /// For every candidate placement, if the space has bounds; else empty.
@@ -69,34 +69,29 @@ impl DistanceSpace {
             None => Columns::Signals(signals),
         });
         let laid: Vec<Columns> = laid.collect();
-        let has_unit_size =
-            matches!(&self.method, Method::Procrustes(fit) if fit.scaling == Scaling::Partial);
-        let square = |x: &[f64]| if has_unit_size { 1.0 } else { dot(x, x) };
-        let squared_norms: Vec<f64> = whitened.chunks_exact(length).map(square).collect();
-        let norms: Vec<f64> = match self.scale {
-            Scale::Unit(_) => vec![1.0; squared_norms.len()],
-            Scale::Sizes => squared_norms.iter().map(|square| square.sqrt()).collect(),
-        };
+        let keeps_size = matches!(&self.method, Method::Procrustes(fit) if fit.scaling == Scaling::None);
+        let size = |x: &[f64]| if keeps_size { norm(x) } else { 1.0 };
+        let sizes = whitened.chunks_exact(length).map(size).collect();
         let magnitudes = |laid: &Columns| match (laid, self.bounded) {
             (Columns::Spectra(spectra), Some(signals)) => {
-                Some(Magnitudes::new(signals, self.size, self.columns, spectra, &norms))
+                Some(Magnitudes::new(signals, self.size, self.columns, spectra))
             }
             _ => None,
         };
         let magnitudes = laid.iter().filter_map(magnitudes).collect();
-        Ok(PreparedShapes { squared_norms, laid, magnitudes })
+        Ok(PreparedShapes { sizes, laid, magnitudes })
     }
 
-    /// The columns that represent the whitened shape `x`.
+    /// The columns that represent the whitened shape `x`, of unit norm: products of two sizes would leave the range of numbers.
     pub(super) fn columns_of(&self, x: &[f64]) -> Result<Vec<f64>, AnalysisError> {
         match &self.method {
             Method::Projection(class) => {
                 let blocks = Subspace::new(class, x)?.blocks;
                 Ok(blocks.iter().flat_map(|block| block.q.iter().copied()).collect())
             }
-            Method::Procrustes(fit) => {
+            Method::Procrustes(_) => {
                 check_extent(norm(x), norm(x))?;
-                let factor = if fit.scaling == Scaling::None { 1.0 } else { norm(x).recip() };
+                let factor = norm(x).recip();
                 Ok(x.iter().map(|value| factor * value).collect())
             }
         }
@@ -106,13 +101,13 @@ impl DistanceSpace {
 impl PreparedShapes {
     /// Number of prepared shapes.
     pub fn count(&self) -> usize {
-        self.squared_norms.len()
+        self.sizes.len()
     }
 
     /// Reserves memory for further shapes.
     pub fn reserve(&mut self, shapes: usize) {
         let count = self.count().max(1);
-        self.squared_norms.reserve_exact(shapes);
+        self.sizes.reserve_exact(shapes);
         for laid in &mut self.laid {
             match laid {
                 Columns::Signals(all) => all.reserve_exact(all.len() / count * shapes),
@@ -124,7 +119,7 @@ impl PreparedShapes {
 
     /// Appends the shapes of `more`, prepared by the same space.
     pub fn append(&mut self, more: Self) {
-        self.squared_norms.extend(more.squared_norms);
+        self.sizes.extend(more.sizes);
         self.magnitudes.iter_mut().zip(more.magnitudes).for_each(|(all, more)| all.append(more));
         for (laid, more) in self.laid.iter_mut().zip(more.laid) {
             match (laid, more) {
