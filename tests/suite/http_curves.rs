@@ -547,6 +547,41 @@ fn a_morph_leads_from_one_shape_to_the_other() {
     assert_close(&answer["frames"][3]["control_points"][0], &json!([-1, 0]), 1e-12, "beyond");
 }
 
+/// Curves as surfaces: numbers that have lost their digits are named, in measures and overlaps.
+#[test]
+fn areas_far_from_the_origin_warn() {
+    let server = shared();
+    let at = |offset: f64| circle(9, 1.0).iter().map(|[x, y]| [x + offset, y + offset]).collect::<Vec<_>>();
+    for (offset, warned) in [(0.0, false), (1e5, false), (1e8, true), (1e12, true), (1e15, true)] {
+        let body = json!({"representation": closed(9, &trigonometric()), "shapes": [{"points": at(offset)}]});
+        let found = server.post("/v1/measure", &body).expect(200)["results"][0].clone();
+        assert_eq!(
+            found["warnings"].to_string().contains("so far from the origin"),
+            warned,
+            "{offset:e}: {found}"
+        );
+        if !warned {
+            assert!((number(&found["area"]) - PI).abs() <= 1e-9, "{found}");
+        }
+        let path = json!({"representation": open(8, &cubic()), "shapes": [{"points": at(offset)}]});
+        let found = server.post("/v1/measure", &path).expect(200)["results"][0].clone();
+        assert_eq!(
+            found["warnings"].to_string().contains("so far from the origin"),
+            warned,
+            "{offset:e}: {found}"
+        );
+        let bodies = json!({"first": {"contour": at(offset)}, "second": {"contour": at(offset)}});
+        if offset <= 1e12 {
+            let found = server.post("/v1/overlap", &bodies).expect(200);
+            assert_eq!(
+                found["warnings"].to_string().contains("so far from the origin"),
+                warned,
+                "{offset:e}: {found}"
+            );
+        }
+    }
+}
+
 // ---------------------------------------------------------------- generators
 
 #[test]
