@@ -390,6 +390,28 @@ fn refined_splines_are_the_same_curve_and_others_say_how_much_they_change() {
             );
         }
     }
+    // Open curves of an odd number of poles begin where they begin.
+    let odd = [json!({"name": "bspline", "degree": 2}), interpolator("half_integer_shifts", &zeros(3))];
+    for (generator, factor) in odd.iter().flat_map(|generator| [(generator, 2), (generator, 4)]) {
+        let body = json!({"representation": open(6, generator), "shapes": [{"points": arc(7, 2)}], "factor": factor});
+        let fine = server.post("/v1/refine", &body).expect(200);
+        assert_eq!((&fine["exact"], &fine["parameter_shift"]), (&json!(true), &json!(0.0)), "{fine}");
+        let at = |representation: &Value, shapes: &Value| {
+            let body = json!({"representation": representation, "shapes": shapes, "samples": 41});
+            server.post("/v1/evaluate", &body).expect(200)["evaluations"][0]["points"].clone()
+        };
+        let before = at(&body["representation"], &body["shapes"]);
+        assert_close(&at(&fine["representation"], &fine["shapes"]), &before, 1e-12, "an open curve");
+        // Closed directions have no such generator.
+        let shifted = &fine["representation"]["generator"];
+        assert_eq!(shifted["name"], "shifted_exponential");
+        let body = json!({"representation": closed(7, shifted), "shapes": [{"points": arc(7, 2)}]});
+        server.post("/v1/evaluate", &body).expect_problem(
+            422,
+            "invalid-input",
+            &["/representation/generator"],
+        );
+    }
     for (representation, points) in [(closed(7, &cubic()), arc(7, 2)), (open(6, &cubic()), arc(7, 2))] {
         let body = json!({"representation": representation, "shapes": [{"points": points}]});
         let fine = server.post("/v1/refine", &body).expect(200);
