@@ -632,6 +632,24 @@ fn odd_lists_of_poles_are_refined_exactly_along_open_directions() {
     }
 }
 
+/// Tangents at smooth poles are waves that B-splines along `u` do not have: sampled along `u`, exact along `v` and with sharp poles.
+#[test]
+fn a_smooth_sphere_of_cubic_splines_is_refined_along_its_meridians_only() {
+    let server = shared();
+    let cubic = json!({"name": "bspline", "degree": 3});
+    for (topology, count, size, exact) in
+        [("sphere", 21, [5, 8], true), ("sphere", 21, [10, 4], false), ("sharp_sphere", 27, [10, 8], true)]
+    {
+        let rows: Vec<[f64; 3]> =
+            (0..count).map(|k| [0, 1, 2].map(|c| f64::from(k * k * (c + 2) % 17))).collect();
+        let body = json!({"representation": {"kind": "surface", "topology": topology, "control_points": [5, 4], "generators": [cubic, cubic]},
+            "shapes": [{"control_points": rows}], "control_points": size});
+        let answer = server.post("/v1/refine", &body).expect(200);
+        assert_eq!(answer["exact"], exact, "{topology} {size:?}");
+        assert_eq!(answer["shapes"][0]["l2_change"].is_null(), exact, "{topology} {size:?}");
+    }
+}
+
 /// Domain poles along a meridian belong to functions of `v ∈ [0, 1]`, as along every direction: `sin πv` needs ±πj.
 #[test]
 fn domain_poles_along_a_meridian_are_those_of_functions_of_v() {
