@@ -389,6 +389,9 @@ pub fn read_generator(value: Value) -> Result<GeneratorKind, Vec<Fault>> {
             GeneratorKind::Bspline { degree }
         }),
         Some("exponential") => fields.poles().map(|poles| GeneratorKind::Exponential { poles }),
+        Some("shifted_exponential") => {
+            fields.poles().map(|poles| GeneratorKind::ShiftedExponential { poles })
+        }
         Some("interpolator") => {
             let (family, poles) = (fields.value("family"), fields.poles());
             let support = fields.given("support").then(|| fields.count("support")).flatten();
@@ -402,7 +405,7 @@ pub fn read_generator(value: Value) -> Result<GeneratorKind, Vec<Fault>> {
             })
         }
         Some(other) => {
-            let known = "\"trigonometric\", \"cubic\", \"bspline\", \"exponential\" or \"interpolator\"";
+            let known = "\"trigonometric\", \"cubic\", \"bspline\", \"exponential\", \"shifted_exponential\" or \"interpolator\"";
             return Err(vec![Fault::new("/name", format!("expected {known}, got \"{other}\""))]);
         }
         None => None,

@@ -390,6 +390,28 @@ fn refined_splines_are_the_same_curve_and_others_say_how_much_they_change() {
             );
         }
     }
+    // Open curves of an odd number of poles begin where they begin.
+    let odd = [json!({"name": "bspline", "degree": 2}), interpolator("half_integer_shifts", &zeros(3))];
+    for (generator, factor) in odd.iter().flat_map(|generator| [(generator, 2), (generator, 4)]) {
+        let body = json!({"representation": open(6, generator), "shapes": [{"points": arc(7, 2)}], "factor": factor});
+        let fine = server.post("/v1/refine", &body).expect(200);
+        assert_eq!((&fine["exact"], &fine["parameter_shift"]), (&json!(true), &json!(0.0)), "{fine}");
+        let at = |representation: &Value, shapes: &Value| {
+            let body = json!({"representation": representation, "shapes": shapes, "samples": 41});
+            server.post("/v1/evaluate", &body).expect(200)["evaluations"][0]["points"].clone()
+        };
+        let before = at(&body["representation"], &body["shapes"]);
+        assert_close(&at(&fine["representation"], &fine["shapes"]), &before, 1e-12, "an open curve");
+        // Closed directions have no such generator.
+        let shifted = &fine["representation"]["generator"];
+        assert_eq!(shifted["name"], "shifted_exponential");
+        let body = json!({"representation": closed(7, shifted), "shapes": [{"points": arc(7, 2)}]});
+        server.post("/v1/evaluate", &body).expect_problem(
+            422,
+            "invalid-input",
+            &["/representation/generator"],
+        );
+    }
     for (representation, points) in [(closed(7, &cubic()), arc(7, 2)), (open(6, &cubic()), arc(7, 2))] {
         let body = json!({"representation": representation, "shapes": [{"points": points}]});
         let fine = server.post("/v1/refine", &body).expect(200);
@@ -545,6 +567,125 @@ fn a_morph_leads_from_one_shape_to_the_other() {
     assert_close(&answer["frames"][0]["control_points"], &json!(circle(4, 1.0)), 1e-12, "unit norm");
     assert_close(&answer["frames"][1]["control_points"][0], &json!([half, half]), 1e-12, "half way");
     assert_close(&answer["frames"][3]["control_points"][0], &json!([-1, 0]), 1e-12, "beyond");
+}
+
+#[test]
+fn a_morph_leads_through_several_shapes() {
+    let server = shared();
+    for (representation, path) in [(closed(6, &trigonometric()), "plane"), (open(5, &cubic()), "sphere")] {
+        let shapes: Vec<Value> = (1..=4).map(|seed| json!({"points": arc(6, seed)})).collect();
+        let body = json!({"representation": representation, "shapes": shapes, "path": path});
+        let positions = [0.0, 0.5, 1.0, 1.25, 2.0, 2.75, 3.0, 3.5, -1.0];
+        let answer = server.post("/v1/morph", &with(&body, "positions", json!(positions))).expect(200);
+        let piece = |k: usize, tau: f64| {
+            let body = json!({"representation": representation, "from": shapes[k], "to": shapes[k + 1], "path": path, "positions": [tau]});
+            server.post("/v1/morph", &body).expect(200)
+        };
+        for (frame, (tau, k)) in answer["frames"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .zip(positions.into_iter().zip([0, 0, 1, 1, 2, 2, 2, 2, 0]))
+        {
+            let wanted = &piece(k, tau - k as f64)["frames"][0];
+            assert_eq!(
+                (&frame["position"], &frame["control_points"]),
+                (&json!(tau), &wanted["control_points"])
+            );
+        }
+        match path {
+            "plane" => assert!(answer["angle"].is_null() && answer.get("angles").is_none(), "{answer}"),
+            _ => {
+                let angles: Vec<Value> = (0..3).map(|k| piece(k, 0.0)["angle"].clone()).collect();
+                assert_eq!(answer["angles"], json!(angles));
+                let total: f64 = angles.iter().map(number).sum();
+                assert!((number(&answer["angle"]) - total).abs() < 1e-14);
+            }
+        }
+        // Equally spaced positions, ten for each piece, on whole numbers at the shapes.
+        let usual = server.post("/v1/morph", &body).expect(200);
+        let at: Vec<f64> =
+            usual["frames"].as_array().unwrap().iter().map(|frame| number(&frame["position"])).collect();
+        assert_eq!((at.len(), at[10], at[20], at[30]), (31, 1.0, 2.0, 3.0));
+        assert!(server.post("/v1/morph?format=svg", &body).expect_svg().contains("<animate"));
+        let strip = server.post("/v1/morph?format=svg&animate=false", &body).expect_svg();
+        assert!(strip.contains("through 4 shapes") && strip.contains("last shape"), "{strip}");
+        // Two in a list are from and to.
+        let two = with(&body, "shapes", json!([shapes[2], shapes[3]]));
+        let ends =
+            json!({"representation": representation, "from": shapes[2], "to": shapes[3], "path": path});
+        assert_eq!(server.post("/v1/morph", &two).expect(200), server.post("/v1/morph", &ends).expect(200));
+
+        let mut morph = Refusals::of(&server, "/v1/morph", body);
+        morph.invalid("/shapes", json!([shapes[0]]), &["/shapes"], "at least 2");
+        morph.invalid("/shapes", json!([]), &["/shapes"], "at least 2");
+        morph.invalid("/shapes/2/points", json!(arc(7, 1)), &["/shapes/2/points"], "got 7");
+        morph.invalid("/from", shapes[0].clone(), &["/from"], "got both");
+        morph.invalid("/positions", json!([1002.5, -1000.5]), &["/positions/0", "/positions/1"], "1002");
+        if path == "sphere" {
+            morph.case(
+                &[("/shapes/1/points", json!(vec![[0; 2]; 6]))],
+                "degenerate-shape",
+                &["/shapes/1"],
+                "no extent",
+            );
+        }
+    }
+}
+
+#[test]
+fn a_shape_of_points_and_normals_is_morphed_through_several() {
+    let server = shared();
+    let representation =
+        json!({"kind": "subdivision", "scheme": "normal_based", "level": 1, "connectivity": "octahedron"});
+    let corners = [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]];
+    let shape = |x: f64, z: f64| json!({"points": corners.map(|[a, b, c]| [x * f64::from(a), f64::from(b), z * f64::from(c)])});
+    let shapes = [shape(1.0, 1.0), shape(2.0, 1.0), shape(2.0, 3.0)];
+    let body = json!({"representation": representation, "shapes": shapes, "positions": [0.5, 1.5]});
+    let answer = server.post("/v1/morph", &body).expect(200);
+    for (k, frame) in answer["frames"].as_array().unwrap().iter().enumerate() {
+        let body = json!({"representation": representation, "from": shapes[k], "to": shapes[k + 1], "positions": [0.5]});
+        let wanted = &server.post("/v1/morph", &body).expect(200)["frames"][0];
+        assert_eq!(
+            (&frame["control_points"], &frame["normals"]),
+            (&wanted["control_points"], &wanted["normals"])
+        );
+    }
+}
+
+/// Curves as surfaces: numbers that have lost their digits are named, in measures and overlaps.
+#[test]
+fn areas_far_from_the_origin_warn() {
+    let server = shared();
+    let at = |offset: f64| circle(9, 1.0).iter().map(|[x, y]| [x + offset, y + offset]).collect::<Vec<_>>();
+    for (offset, warned) in [(0.0, false), (1e5, false), (1e8, true), (1e12, true), (1e15, true)] {
+        let body = json!({"representation": closed(9, &trigonometric()), "shapes": [{"points": at(offset)}]});
+        let found = server.post("/v1/measure", &body).expect(200)["results"][0].clone();
+        assert_eq!(
+            found["warnings"].to_string().contains("so far from the origin"),
+            warned,
+            "{offset:e}: {found}"
+        );
+        if !warned {
+            assert!((number(&found["area"]) - PI).abs() <= 1e-9, "{found}");
+        }
+        let path = json!({"representation": open(8, &cubic()), "shapes": [{"points": at(offset)}]});
+        let found = server.post("/v1/measure", &path).expect(200)["results"][0].clone();
+        assert_eq!(
+            found["warnings"].to_string().contains("so far from the origin"),
+            warned,
+            "{offset:e}: {found}"
+        );
+        let bodies = json!({"first": {"contour": at(offset)}, "second": {"contour": at(offset)}});
+        if offset <= 1e12 {
+            let found = server.post("/v1/overlap", &bodies).expect(200);
+            assert_eq!(
+                found["warnings"].to_string().contains("so far from the origin"),
+                warned,
+                "{offset:e}: {found}"
+            );
+        }
+    }
 }
 
 // ---------------------------------------------------------------- generators

@@ -143,6 +143,12 @@ fn a_pole_grid_to_start_from_covers_the_sphere_once() {
     let answer = server.post("/v1/subdivide", &body).expect(200);
     assert!(answer["volume"].as_f64().unwrap() > 0.1, "{}", answer["volume"]);
     assert_eq!(answer["self_intersecting"], false);
+    // One name for two meshes: the answer says which one it is.
+    assert!(answer["warnings"].to_string().contains("sphere_grid"), "{}", answer["warnings"]);
+    let mut body = body;
+    body["start"] = json!("sphere_grid");
+    let named = server.post("/v1/subdivide", &body).expect(200);
+    assert_eq!((&named["mesh"], &named["warnings"]), (&answer["mesh"], &json!([])));
     // Stored under this name, it keeps its 36 vertices.
     let representation = json!({"kind": "subdivision", "scheme": "blob", "lambda": 1.0, "level": 2, "connectivity": "pole_grid"});
     let cohort = json!({"name": "grids", "representation": representation, "correspondence": "landmarks"});

@@ -423,3 +423,109 @@ fn sizes_are_refused_before_anything_is_computed() {
     let problem = jobs.post("/v1/distances", &posted).expect_problem(422, "invalid-input", &["/shapes"]);
     assert!(problem["detail"].as_str().unwrap().contains("cohort"), "{problem}");
 }
+
+/// A representation of every kind, with its number of control points.
+fn kinds() -> Vec<(Value, usize)> {
+    let cubic = json!({"name": "cubic"});
+    let spline = json!({"name": "bspline", "degree": 3});
+    let surface = |topology: &str| json!({"kind": "surface", "topology": topology, "control_points": [5, 4]});
+    vec![
+        (json!({"kind": "landmarks", "dimension": 2, "points": 7}), 7),
+        (json!({"kind": "landmarks", "dimension": 3, "points": 7}), 7),
+        (json!({"kind": "closed_curve", "dimension": 2, "control_points": 12, "generator": cubic}), 12),
+        (json!({"kind": "closed_curve", "dimension": 3, "control_points": 12, "generator": spline}), 12),
+        (json!({"kind": "open_curve", "dimension": 2, "intervals": 8, "generator": spline}), 11),
+        (surface("sphere"), 21),
+        (surface("sharp_sphere"), 27),
+        (surface("cylinder"), 35),
+        (surface("torus"), 20),
+        (surface("plane"), 56),
+        (json!({"kind": "subdivision", "scheme": "loop", "level": 2, "connectivity": "octahedron"}), 6),
+    ]
+}
+
+/// Control points without a pattern, whose last coordinate is `thin` times as large.
+fn scattered(seed: usize, count: usize, dimension: usize, thin: f64) -> Value {
+    let number = |k: usize, c: usize| {
+        let value = (1.0 + (seed * 37 + k * 11 + c * 5) as f64).sin() * 1e3;
+        (value - value.floor()) * if c + 1 == dimension { thin } else { 1.0 }
+    };
+    let row = |k: usize| (0..dimension).map(|c| number(k, c)).collect::<Vec<f64>>();
+    json!({"control_points": (0..count).map(row).collect::<Vec<_>>()})
+}
+
+#[test]
+fn identical_shapes_have_the_distance_zero_whatever_they_are() {
+    let server = Server::fresh();
+    let mut compared = 0;
+    for (representation, count) in kinds() {
+        let dimension = representation["dimension"].as_u64().unwrap_or(3) as usize;
+        let cyclic = representation["kind"] == "closed_curve";
+        let correspondences: &[&str] = if cyclic { &["landmarks", "cyclic"] } else { &["landmarks"] };
+        for (&correspondence, thin) in correspondences.iter().flat_map(|name| [(name, 1.0), (name, 1e-7)]) {
+            let shape = |seed: usize| scattered(seed, count, dimension, thin);
+            // Copies at other places of a batch.
+            let shapes: Vec<Value> = [0, 1, 2, 0, 3, 4, 5, 0].map(shape).into();
+            let name = format!("c{compared}");
+            let cohort =
+                json!({"name": name, "representation": representation, "correspondence": correspondence});
+            server.post("/v1/cohorts", &cohort).expect(201);
+            server.post(&format!("/v1/cohorts/{name}/shapes"), &json!({"shapes": shapes})).expect(201);
+            for (transformation, alignment) in [
+                ("similarity", "projection"),
+                ("similarity", "procrustes"),
+                ("similarity", "partial_procrustes"),
+                ("rigid", "procrustes"),
+                ("translation", "projection"),
+                ("affine", "projection"),
+                ("non_uniform_scaling_translation", "projection"),
+            ] {
+                let what =
+                    format!("{representation}, {correspondence}, {thin}, {transformation}, {alignment}");
+                let asked = json!({"representation": representation, "correspondence": correspondence, "shapes": shapes,
+                    "transformation": transformation, "alignment": alignment});
+                let answer = server.post("/v1/distances", &asked).expect(200);
+                let stored =
+                    json!({"cohort": name, "transformation": transformation, "alignment": alignment});
+                let stored = server.post("/v1/distances", &stored).expect(200);
+                for matrix in [&answer["distances"], &stored["distances"]] {
+                    for (i, j) in [(0, 3), (0, 7), (3, 7), (7, 0)] {
+                        assert_eq!(matrix[i][j].as_f64(), Some(0.0), "{what}");
+                    }
+                    assert!(matrix[0][1].as_f64().unwrap() > 0.0, "{what}");
+                }
+                let asked = json!({"shapes": [shapes[0]], "neighbours": 4, "transformation": transformation, "alignment": alignment});
+                let found = server.post(&format!("/v1/cohorts/{name}/search"), &asked).expect(200);
+                let found = distances_of(found["results"][0]["neighbours"].as_array().unwrap());
+                assert_eq!(found[..3], [0.0; 3], "{what}");
+                assert!(found[3] > 0.0, "{what}");
+            }
+            compared += 1;
+        }
+    }
+    assert_eq!(compared, 26);
+}
+
+#[test]
+fn lengths_are_right_for_very_large_and_very_small_shapes() {
+    let server = Server::fresh();
+    let triangles = [[[0.0, 0.0], [4.0, 0.0], [1.0, 3.0]], [[0.0, 0.0], [5.0, 1.0], [2.0, 2.0]]];
+    let length = |factor: f64, transformation: &str| {
+        let scaled = |shape: &[[f64; 2]; 3]| json!({"points": shape.map(|point| point.map(|x| factor * x))});
+        let shapes: Vec<Value> = triangles.iter().map(scaled).collect();
+        let asked = json!({"representation": {"kind": "landmarks", "dimension": 2, "points": 3}, "shapes": shapes,
+            "transformation": transformation});
+        server.post("/v1/distances", &asked).expect(200)["distances"][0][1].as_f64().unwrap()
+    };
+    for transformation in ["rigid", "translation"] {
+        let wanted = length(1.0, transformation);
+        assert!(wanted > 0.1, "{wanted}");
+        for factor in [1e-98, 1e-80, 1e-30, 1e30, 1e78, 1e99] {
+            let found = length(factor, transformation) / factor;
+            assert!(
+                (found - wanted).abs() <= 1e-12 * wanted,
+                "{transformation} {factor:e}: {found} for {wanted}"
+            );
+        }
+    }
+}

@@ -159,6 +159,7 @@ fn energies_and_gradients_are_evaluated_without_iterations() {
     let found = ask(&points);
     assert_eq!((&found["iterations"], &found["stop"]), (&json!(0), &json!("limit")));
     assert_eq!(found["control_points"].as_array().unwrap().len(), 8);
+    assert_eq!(found["gradient_rows"], json!((0..8).collect::<Vec<_>>()));
     // The scale of the term is the area of the first shape: its product with the energy is differentiated.
     let area = |points: &[[f64; 2]]| {
         let body = json!({"representation": curves(json!({}))["representation"], "shapes": [{"control_points": points}]});
@@ -177,6 +178,26 @@ fn energies_and_gradients_are_evaluated_without_iterations() {
         // Second-order differences of a field that is a quadratic spline.
         assert!((difference - gradient).abs() <= 1e-4 * (1.0 + gradient.abs()), "{difference}, {gradient}");
     }
+}
+
+/// The rows of the gradient of a cylinder are its points: control points beyond its ends follow them.
+#[test]
+fn a_gradient_says_to_which_control_points_it_belongs() {
+    let server = shared();
+    let place = |k: usize, l: usize| {
+        let (sine, cosine) = (TAU * k as f64 / 6.0).sin_cos();
+        [14.0 + 5.0 * cosine, 12.0 + 5.0 * sine, 4.0 + 3.0 * l as f64]
+    };
+    // M_u (M_v + 3) control points, one of each list before and one after the ends.
+    let rows: Vec<[f64; 3]> = (0..6).flat_map(|k| (0..6).map(move |l| place(k, l))).collect();
+    let body = json!({"representation": {"kind": "surface", "topology": "cylinder", "control_points": [6, 3]},
+        "shapes": [{"control_points": rows}], "gradient": true,
+        "terms": [{"name": "threshold", "theta": 0.6, "level": 60}], "stages": [{"sigma": 2, "iterations": 0}]});
+    let found = post_image(&server, PATH, &body, &ball()[0]).expect(200)["results"][0].clone();
+    assert_eq!(found["control_points"].as_array().unwrap().len(), 36);
+    assert_eq!(found["gradient"].as_array().unwrap().len(), 24);
+    let free: Vec<usize> = (0..6).flat_map(|k| (1..5).map(move |l| 6 * k + l)).collect();
+    assert_eq!(found["gradient_rows"], json!(free));
 }
 
 pub(crate) const SPACE: [usize; 3] = [30, 26, 22];

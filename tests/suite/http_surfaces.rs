@@ -558,6 +558,98 @@ fn surfaces_of_half_integer_shifts_are_refined_exactly() {
     assert_eq!(answer["representation"]["generators"][0]["name"], "interpolator");
 }
 
+/// Odd lists of poles along open directions and meridians: the refined surface is the same at the same parameters, and is evaluated,
+/// measured, drawn, stored, compared and refined again as any other.
+#[test]
+fn odd_lists_of_poles_are_refined_exactly_along_open_directions() {
+    let server = Server::fresh();
+    let shifts = |w: f64| json!({"name": "interpolator", "family": "half_integer_shifts", "domain_poles": [[0, 0], [0, w], [0, -w]]});
+    let quadratic = json!({"name": "bspline", "degree": 2});
+    let round = json!({"name": "exponential", "domain_poles": [[0, 0], [0, TAU], [0, -TAU]]});
+    let cases = [
+        ("sphere", [shifts(TAU), shifts(PI)], 21),
+        ("sphere", [round.clone(), quadratic.clone()], 21),
+        ("sharp_sphere", [shifts(TAU), shifts(PI)], 27),
+        ("cylinder", [shifts(TAU), shifts(1.0)], 35),
+        ("cylinder", [round, quadratic.clone()], 35),
+        ("plane", [quadratic, shifts(1.0)], 56),
+    ];
+    let places: Vec<[f64; 2]> =
+        (0..40).map(|k| [f64::from(k) / 40.0, f64::from(k * 7 % 41) / 40.0]).collect();
+    for (index, (topology, generators, count)) in cases.into_iter().enumerate() {
+        let representation = json!({"kind": "surface", "topology": topology, "control_points": [5, 4], "generators": generators});
+        let number_at = |k: usize, c: usize| (1.0 + (k * 11 + c * 5) as f64).sin() * 0.3;
+        let rows: Vec<[f64; 3]> = (0..count)
+            .map(|k| [0, 1, 2].map(|c| number_at(k, c) + [k as f64 / 5.0, (k % 5) as f64, (k % 3) as f64][c]))
+            .collect();
+        let shape = json!({"control_points": rows});
+        let evaluated = |representation: &Value, shape: &Value, shifts: &Value| {
+            let moved: Vec<[f64; 2]> = places
+                .iter()
+                .map(|[u, v]| [(u + number(&shifts[0])) % 1.0, v + number(&shifts[1])])
+                .collect();
+            let body = json!({"representation": representation, "parameters": moved, "shapes": [shape]});
+            server.post("/v1/evaluate", &body).expect(200)["evaluations"][0]["points"].clone()
+        };
+        let measured = |representation: &Value, shape: &Value| {
+            let body = json!({"representation": representation, "shapes": [shape]});
+            number(&server.post("/v1/measure", &body).expect(200)["results"][0]["area"])
+        };
+        let before = evaluated(&representation, &shape, &json!([0, 0]));
+        let body = json!({"representation": representation, "shapes": [shape], "factor": 2});
+        let answer = server.post("/v1/refine", &body).expect(200);
+        let (fine, refined) = (&answer["representation"], &answer["shapes"][0]);
+        assert_eq!((&answer["exact"], &refined["l2_change"]), (&json!(true), &Value::Null), "{answer}");
+        assert_eq!(answer["parameter_shifts"][1], 0.0, "{topology}");
+        assert_eq!(fine["generators"][1]["name"], "shifted_exponential");
+        assert_close(&evaluated(fine, refined, &answer["parameter_shifts"]), &before, 1e-12, topology);
+        let [area, wanted] = [measured(fine, refined), measured(&representation, &shape)];
+        // Areas of surfaces that fold are known to few digits.
+        assert!((area - wanted).abs() <= 1e-3 * wanted, "{topology}: {area} for {wanted}");
+        // Again, by a number that has no two-scale relation for half-integer shifts.
+        let body = json!({"representation": fine, "shapes": [refined], "control_points": [10, 24]});
+        let again = server.post("/v1/refine", &body).expect(200);
+        assert_eq!(again["exact"], true, "{again}");
+        let both: Vec<f64> = [0, 1]
+            .map(|i| number(&answer["parameter_shifts"][i]) + number(&again["parameter_shifts"][i]))
+            .into();
+        assert_close(
+            &evaluated(&again["representation"], &again["shapes"][0], &json!(both)),
+            &before,
+            1e-12,
+            topology,
+        );
+        // Stored.
+        let name = format!("refined-{index}");
+        let cohort = json!({"name": name, "representation": fine, "correspondence": "landmarks"});
+        server.post("/v1/cohorts", &cohort).expect(201);
+        assert_eq!(&server.get(&format!("/v1/cohorts/{name}")).expect(200)["representation"], fine);
+        let shapes = json!([{"external_id": "a", "control_points": refined["control_points"]}]);
+        server.post(&format!("/v1/cohorts/{name}/shapes"), &json!({"shapes": shapes})).expect(201);
+        let stored = server.get(&format!("/v1/cohorts/{name}/shapes/a")).expect(200);
+        assert_close(&stored["control_points"], &refined["control_points"], 0.0, "stored");
+        server.get(&format!("/v1/cohorts/{name}/shapes/a?format=svg")).expect_svg();
+    }
+}
+
+/// Tangents at smooth poles are waves that B-splines along `u` do not have: sampled along `u`, exact along `v` and with sharp poles.
+#[test]
+fn a_smooth_sphere_of_cubic_splines_is_refined_along_its_meridians_only() {
+    let server = shared();
+    let cubic = json!({"name": "bspline", "degree": 3});
+    for (topology, count, size, exact) in
+        [("sphere", 21, [5, 8], true), ("sphere", 21, [10, 4], false), ("sharp_sphere", 27, [10, 8], true)]
+    {
+        let rows: Vec<[f64; 3]> =
+            (0..count).map(|k| [0, 1, 2].map(|c| f64::from(k * k * (c + 2) % 17))).collect();
+        let body = json!({"representation": {"kind": "surface", "topology": topology, "control_points": [5, 4], "generators": [cubic, cubic]},
+            "shapes": [{"control_points": rows}], "control_points": size});
+        let answer = server.post("/v1/refine", &body).expect(200);
+        assert_eq!(answer["exact"], exact, "{topology} {size:?}");
+        assert_eq!(answer["shapes"][0]["l2_change"].is_null(), exact, "{topology} {size:?}");
+    }
+}
+
 /// Domain poles along a meridian belong to functions of `v ∈ [0, 1]`, as along every direction: `sin πv` needs ±πj.
 #[test]
 fn domain_poles_along_a_meridian_are_those_of_functions_of_v() {

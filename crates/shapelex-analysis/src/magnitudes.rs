@@ -34,29 +34,23 @@ pub(crate) struct Magnitudes {
 }
 
 impl Magnitudes {
-    /// Magnitudes of shapes of `n` rows from their spectra and norms. Spectra of complex signals are divided by `√n`; those of
+    /// Magnitudes of shapes of unit norm and `n` rows from their spectra. Spectra of complex signals are divided by `√n`; those of
     /// real signals are the half spectra of `columns` columns, one after the other.
-    pub(crate) fn new(
-        signals: Signals,
-        n: usize,
-        columns: usize,
-        spectra: &[Complex64],
-        norms: &[f64],
-    ) -> Self {
+    pub(crate) fn new(signals: Signals, n: usize, columns: usize, spectra: &[Complex64]) -> Self {
         let half = n / 2 + 1;
         let length = match signals {
             Signals::Complex => n,
             Signals::Real => columns * half,
         };
-        let mut values = Vec::with_capacity(length * norms.len());
-        for (shape, norm) in spectra.chunks_exact(length).zip(norms) {
+        let mut values = Vec::with_capacity(spectra.len());
+        for shape in spectra.chunks_exact(length) {
             match signals {
-                Signals::Complex => values.extend(shape.iter().map(|value| (value.norm() / norm) as f32)),
+                Signals::Complex => values.extend(shape.iter().map(|value| value.norm() as f32)),
                 Signals::Real => values.extend(shape.chunks_exact(half).flat_map(|column| {
                     column.iter().enumerate().map(|(f, value)| {
                         // All frequencies but 0 and n/2 occur twice.
                         let twice = if f == 0 || 2 * f == n { 1.0 } else { 2.0_f64.sqrt() };
-                        (twice * value.norm() / ((n as f64).sqrt() * norm)) as f32
+                        (twice * value.norm() / (n as f64).sqrt()) as f32
                     })
                 })),
             }

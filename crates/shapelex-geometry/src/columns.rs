@@ -7,7 +7,7 @@
 
 use super::curve::{Curve, unit_of};
 use super::generator::Generator;
-use super::open::{covering, phantoms};
+use super::open::covering;
 use shapelex_numeric::lanes::vectorised;
 
 /// Segments of a group.
@@ -129,9 +129,9 @@ struct Extended {
 
 impl Extended {
     fn new(generator: &Generator, closed: bool, count: usize) -> Self {
-        let beyond = phantoms(generator.support());
+        let [first, after] = generator.beyond();
         let (segments, before) =
-            if closed { (count, generator.support() / 2) } else { (count - 1 - 2 * beyond, beyond) };
+            if closed { (count, generator.support() / 2) } else { (count - 1 - first - after, first) };
         // Up to the end of the last group, and as far beyond as the support reaches.
         let len = segments.next_multiple_of(LANES) + generator.support() + 1;
         Self { segments, count, closed, before, len }
@@ -139,7 +139,7 @@ impl Extended {
 
     /// The control points near the first or the second half of segment 0.
     fn pieces<'a>(&self, generator: &'a Generator, half: usize) -> Vec<Piece<'a>> {
-        let near = covering(generator.support(), half);
+        let near = covering(generator, half);
         near.map(|(k, p)| ((k + self.before as isize) as usize, generator.piece(p))).collect()
     }
 
@@ -195,7 +195,8 @@ mod tests {
             for (count, closed) in (3..20).flat_map(|count| [(count, true), (count, false)]) {
                 let built = kind.build(count).unwrap();
                 let generator = &built.generator;
-                let rows = if closed { count } else { count + 1 + 2 * phantoms(generator.support()) };
+                let [before, after] = generator.beyond();
+                let rows = if closed { count } else { count + 1 + before + after };
                 let points = Matrix::from_fn(rows, 2, |k, c| (7.0 * (3 * k + c) as f64).sin() * 1e5);
                 let curve = if closed { Curve::closed } else { Curve::open }(generator, &points);
                 let (columns, unit) = Columns::near_one(generator, closed, 2, points.as_slice());

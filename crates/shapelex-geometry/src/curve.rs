@@ -10,7 +10,7 @@
 
 use super::generator::{Generator, evaluate_taylor};
 use super::knot_line::locate;
-use super::open::{covering, phantoms};
+use super::open::covering;
 use super::representation::ShapeSpace;
 use shapelex_numeric::dense::Matrix;
 
@@ -44,11 +44,11 @@ impl Curve {
         Self::new(generator, control_points, segments, true, row)
     }
 
-    /// The open curve with `control_points` (`(M + 1 + 2K) × d`, phantoms included, `K = ⌈N/2⌉ − 1`).
+    /// The open curve with `control_points` (`(M + 1 + 2K) × d`, phantoms included, `K = ⌈N/2⌉ − 1`; one less if shifted).
     pub fn open(generator: &Generator, control_points: &Matrix) -> Self {
-        let phantoms = phantoms(generator.support());
-        let segments = control_points.nrows() - 1 - 2 * phantoms;
-        Self::new(generator, control_points, segments, false, |k| (k + phantoms as isize) as usize)
+        let [before, after] = generator.beyond();
+        let segments = control_points.nrows() - 1 - before - after;
+        Self::new(generator, control_points, segments, false, |k| (k + before as isize) as usize)
     }
 
     fn new(
@@ -61,7 +61,7 @@ impl Curve {
         let (terms, dimension) = (generator.terms(), control_points.ncols());
         let mut coefficients = vec![0.0; 2 * segments * dimension * terms];
         for half in 0..2 * segments {
-            for (k, p) in covering(generator.support(), half) {
+            for (k, p) in covering(generator, half) {
                 let (piece, row) = (generator.piece(p), row(k));
                 for c in 0..dimension {
                     let weight = control_points[(row, c)];

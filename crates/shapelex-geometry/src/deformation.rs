@@ -10,7 +10,6 @@
 use super::GeometryError;
 use super::capability::FieldFault;
 use super::knot_line::Line;
-use super::open::phantoms;
 use super::representation::{Representation, ShapeSpace};
 use super::vector::norm;
 use shapelex_numeric::MAX_NUMBER;
@@ -213,7 +212,7 @@ pub fn weights(space: &ShapeSpace, parameters: &[f64]) -> Vec<(usize, f64)> {
 fn line_weights(line: &Line, u: f64) -> Vec<(usize, f64)> {
     let (half, s) = line.locate(u);
     let (first, weights) = line.weights(half, s, 0);
-    let beyond = phantoms(line.generator().support());
+    let beyond = line.generator().beyond()[0];
     let row = |k: usize| {
         if line.is_closed() {
             (k as isize - beyond as isize).rem_euclid(line.intervals() as isize) as usize

@@ -11,7 +11,6 @@
 use super::GeometryError;
 use super::curve::Curve;
 use super::generator::Generator;
-use super::open::phantoms;
 use super::representation::{Representation, ShapeSpace};
 use shapelex_numeric::banded::{Band, Banded};
 use shapelex_numeric::bounded::{Stop, never};
@@ -212,7 +211,7 @@ impl<'a> Basis<'a> {
         let t = u * self.intervals as f64;
         let reach = self.generator.support() as f64 / 2.0;
         let (first, last) = ((t - reach).ceil() as isize, (t + reach).floor() as isize);
-        let lead = phantoms(self.generator.support()) as isize;
+        let lead = self.generator.beyond()[0] as isize;
         let mut values: Vec<(usize, f64)> = Vec::with_capacity(self.generator.support() + 1);
         for k in first..=last {
             let value = self.generator.evaluate(t - k as f64, 0);

@@ -9,7 +9,8 @@ use std::sync::Arc;
 
 use super::GeometryError;
 use super::generator::{Generator, GeneratorKind, Poles, evaluate_taylor};
-use super::open::{OpenInterpolation, covering, open_gram, phantoms};
+use super::open::{OpenInterpolation, covering, open_gram};
+use super::surface::basis::SHIFTED_CLOSED;
 use shapelex_numeric::NumericError;
 use shapelex_numeric::banded::Banded;
 use shapelex_numeric::circulant::Circulant;
@@ -79,6 +80,9 @@ impl Line {
         closed: bool,
     ) -> Result<Self, GeometryError> {
         let built = kind.build(intervals_of_the_poles)?;
+        if closed && kind.is_shifted() {
+            return Err(GeometryError::Surface { field: "generator", detail: SHIFTED_CLOSED.into() });
+        }
         let (generator, interpolating) = (built.generator.clone(), kind.properties().interpolating);
         let (gram, interpolation): (Arc<dyn SymmetricOperator>, _) = if closed {
             let interpolation = if interpolating {
@@ -127,16 +131,21 @@ impl Line {
         &self.gram
     }
 
-    /// Number of control points beyond each end, `K`; 0 if closed.
-    pub fn beyond(&self) -> usize {
-        if self.closed { 0 } else { phantoms(self.generator.support()) }
+    /// Number of control points before the start, `K`, and beyond the end of an open line; 0 if closed.
+    pub fn beyond(&self) -> [usize; 2] {
+        if self.closed { [0; 2] } else { self.generator.beyond() }
+    }
+
+    /// Number of control points.
+    pub fn count(&self) -> usize {
+        let [before, after] = self.beyond();
+        self.intervals + if self.closed { 0 } else { 1 + before + after }
     }
 
     /// Maps from control points to values and to first derivatives at parameters `t = M u` in units of the knots. Open lines have
     /// `M + 1 + 2K` control points, from the first one beyond the end on. Where a derivative jumps, it is the one to the right.
     pub fn taps(&self, parameters: &[f64]) -> [SparseRows; 2] {
-        let (support, beyond) = (self.generator.support(), self.beyond());
-        let count = if self.closed { self.intervals } else { self.intervals + 1 + 2 * beyond };
+        let (support, [beyond, _], count) = (self.generator.support(), self.beyond(), self.count());
         let reach = 0.5 * support as f64;
         [0, 1].map(|derivative| {
             let mut map = SparseRows::new(count, parameters.len(), parameters.len() * support);
@@ -162,9 +171,9 @@ impl Line {
     /// The control points with an influence on a half-interval: the index of the first, counted from the first phantom (`−K`),
     /// and the `derivative` with respect to `u` of their basis functions at `s ∈ [−1, 1]`.
     pub fn weights(&self, half: usize, s: f64, derivative: usize) -> (usize, impl Iterator<Item = f64> + '_) {
-        let beyond = phantoms(self.generator.support()) as isize;
+        let beyond = self.generator.beyond()[0] as isize;
         let scale = (self.intervals as f64).powi(derivative as i32);
-        let mut pieces = covering(self.generator.support(), half).peekable();
+        let mut pieces = covering(&self.generator, half).peekable();
         let first = pieces.peek().map_or(0, |(k, _)| (k + beyond) as usize);
         let weight = move |(_, p)| scale * evaluate_taylor(self.generator.piece(p), s, derivative);
         (first, pieces.map(weight))

@@ -52,10 +52,7 @@ impl MeshQuality {
     /// The defects in words.
     pub fn warnings(&self) -> Vec<String> {
         let edges = format!("{} of its edges have no length: vertices coincide", self.collapsed_edges);
-        let rounding = format!(
-            "it is so far from the origin that coordinates are rounded to {:.1e}: smaller details are lost",
-            self.rounding.unwrap_or_default()
-        );
+        let rounding = rounding_warning(self.rounding.unwrap_or_default());
         let found = [
             (self.is_point, "all of its vertices are one point".to_owned()),
             (self.collapsed_edges > 0 && !self.is_point, edges),
@@ -86,14 +83,14 @@ impl MeshQuality {
         let [low, high] = bounds(mesh.vertices.iter().copied()).unwrap_or_default();
         let extent = (0..3).map(|c| high[c] - low[c]).fold(0.0, f64::max);
         let largest = (0..3).map(|c| low[c].abs().max(high[c].abs())).fold(0.0, f64::max);
-        let (rounding, nothing) = (f64::EPSILON * largest, NOTHING * largest);
+        let nothing = NOTHING * largest;
         let is_point = !(extent > nothing);
         let near: Vec<[f64; 3]> = mesh.vertices.iter().map(|v| near_one(*v, low, extent)).collect();
         let is_thin = !is_point && thickness(&near) <= FLAT.max(nothing / extent);
         // A sheet may legitimately be flat.
         let is_flat = is_thin && signed_volume.is_some();
         let has_volume = signed_volume.is_none_or(|volume| volume.abs() > NO_VOLUME * area.powf(1.5));
-        let rounding = Some(rounding).filter(|rounding| *rounding > COARSE * extent && !is_point);
+        let rounding = coarse_rounding(extent, largest);
         // Intersections caused by the rounding of coordinates do not count.
         let decided = !is_point && !is_thin && rounding.is_none() && faces.len() <= MAX_FACES;
         Self {
@@ -109,6 +106,20 @@ impl MeshQuality {
             rounding,
         }
     }
+}
+
+/// The rounding unit of the `largest` coordinate of a shape, if it is a significant fraction of its `extent` and the shape is not a
+/// point.
+pub fn coarse_rounding(extent: f64, largest: f64) -> Option<f64> {
+    let rounding = f64::EPSILON * largest;
+    (rounding > COARSE * extent && extent > NOTHING * largest).then_some(rounding)
+}
+
+/// [`coarse_rounding`] in words.
+pub fn rounding_warning(rounding: f64) -> String {
+    format!(
+        "it is so far from the origin that coordinates are rounded to {rounding:.1e}: smaller details are lost"
+    )
 }
 
 /// The point relative to the lower corner of the box, in units of the extent.

@@ -5,13 +5,12 @@
 //! changes them by `O(M^{−n})`; the change is measured.
 //!
 //! Generators of odd order have their knots at half-integers. If these are split evenly, they fall between the knots of the
-//! finer basis: the refined closed curve then starts half a fine interval earlier. Open curves cannot be shifted and are
-//! sampled.
+//! finer basis: the refined closed curve then starts half a fine interval earlier. Open curves begin where they begin: their finer
+//! basis is shifted by half an interval instead.
 
 use super::GeometryError;
 use super::curve::Curve;
 use super::generator::refinement::FineFilter;
-use super::open::phantoms;
 use super::representation::{Representation, ShapeSpace};
 use shapelex_numeric::dense::Matrix;
 
@@ -34,9 +33,14 @@ impl Refinement {
         let kind = representation.generator().ok_or(GeometryError::NotACurve)?;
         let count = representation.count();
         let recipe = kind.recipe(count)?;
-        let filter = FineFilter::new(&recipe, kind.build(count)?.as_ref(), factor)
-            .filter(|filter| representation.is_closed() || !filter.half_step);
-        let kind = if filter.is_some() { kind.two_scale(factor) } else { kind.refined(factor) };
+        let filter = FineFilter::new(&recipe, kind.build(count)?.as_ref(), factor);
+        let (filter, kind) = match filter {
+            Some(filter) if filter.half_step && !representation.is_closed() => {
+                (Some(filter.for_shifted()), kind.two_scale_shifted(factor))
+            }
+            Some(filter) => (Some(filter), kind.two_scale(factor)),
+            None => (None, kind.refined(factor)),
+        };
         let fine = ShapeSpace::new(&representation.with_count(factor * count).with_generator(kind))?;
         Ok(Self { coarse: coarse.clone(), fine, factor, filter })
     }
@@ -72,8 +76,7 @@ impl Refinement {
 
     fn filter_control_points(&self, filter: &FineFilter, coarse: &Matrix) -> Matrix {
         let rows = self.fine.representation().size() as isize;
-        let phantoms_of =
-            |space: &ShapeSpace| space.generator().map_or(0, |g| phantoms(g.support())) as isize;
+        let phantoms_of = |space: &ShapeSpace| space.generator().map_or(0, |g| g.beyond()[0]) as isize;
         let (closed, lead, own) =
             (self.coarse.representation().is_closed(), phantoms_of(&self.coarse), phantoms_of(&self.fine));
         let row_of = |k: isize| {

@@ -15,7 +15,6 @@ use std::sync::Arc;
 use super::GeometryError;
 use super::generator::{Generator, GeneratorKind};
 use super::knot_line::Line;
-use super::open::phantoms;
 use super::subdivision::Subdivision;
 use super::subdivision::basis::SubdivisionBasis;
 use super::surface::basis::{Extent, SurfaceBasis, Tangents};
@@ -43,7 +42,8 @@ pub enum Representation {
         generator: GeneratorKind,
     },
     /// An open spline curve in the plane or in space, on `u ∈ [0, 1]`. A shape is given by `M + 1` points on the curve, or by
-    /// all `M + 1 + 2K` control points, including the `K = ⌈support/2⌉ − 1` beyond each end.
+    /// all `M + 1 + 2K` control points, including the `K = ⌈support/2⌉ − 1` beyond each end (one less at the end of
+    /// `shifted_exponential`).
     OpenCurve {
         /// Dimension of the points: 2 or 3.
         #[cfg_attr(feature = "schema", schema(minimum = 2, maximum = 3))]
@@ -102,11 +102,14 @@ impl Representation {
     pub fn size(&self) -> usize {
         match self {
             Self::ClosedCurve { control_points, .. } => *control_points,
-            Self::OpenCurve { intervals, generator, .. } => intervals + 1 + 2 * phantoms(generator.support()),
+            Self::OpenCurve { intervals, generator, .. } => {
+                let [before, after] = generator.beyond();
+                intervals + 1 + before + after
+            }
             Self::Landmarks { points, .. } => *points,
             Self::Surface { topology, control_points, generators, .. } => {
                 let extent = Extent { topology: *topology, intervals: *control_points };
-                extent.size([0, 1].map(|i| generators[i].support()))
+                extent.size([0, 1].map(|i| generators[i].beyond()))
             }
             Self::Subdivision(subdivision) => subdivision.connectivity.size().vertices,
         }
@@ -162,13 +165,15 @@ impl Representation {
                         // Half of a great circle, with special conditions at its ends.
                         Topology::Sphere if i == 1 => {
                             let fewest = generator.fewest_along_meridian();
-                            (field, count, fewest.max(sphere::MIN_ALONG_MERIDIAN))
+                            let rings = sphere::MIN_ALONG_MERIDIAN + usize::from(generator.is_shifted());
+                            (field, count, fewest.max(rings))
                         }
                         // Continued beyond its ends, as open lines are.
                         Topology::SharpSphere if i == 1 => {
                             let fewest = generator.fewest_along_meridian();
                             let poles = generator.properties().smoothness + 2;
-                            (field, count, fewest.max(sphere::MIN_ALONG_MERIDIAN).max(poles - 1))
+                            let rings = sphere::MIN_ALONG_MERIDIAN + usize::from(generator.is_shifted());
+                            (field, count, fewest.max(rings).max(poles - 1))
                         }
                         _ if topology.closed()[i] => closed(field, count, generator),
                         _ => open(field, count, generator),
@@ -411,11 +416,17 @@ impl ShapeSpace {
     /// As [`Self::interpolate`], with the tangents of a surface at its poles; other shapes have none.
     ///
     /// # Errors
-    /// As for [`Self::interpolate`].
+    /// As for [`Self::interpolate`]; [`GeometryError::Surface`] for smooth spheres of shifted splines, which have fewer rings than the
+    /// points.
     pub fn interpolate_with(&self, points: Matrix, tangents: &Tangents) -> Result<Matrix, GeometryError> {
         match &self.basis {
             Basis::Points => Ok(points),
             Basis::Curve(line) => Ok(line.interpolate(points)),
+            Basis::Surface(basis) if !basis.meets_points() => {
+                let detail = "the points have one ring more than there are control points between the poles with \
+                              \"shifted_exponential\": give control_points instead";
+                Err(GeometryError::Surface { field: "generators/1", detail: detail.into() })
+            }
             Basis::Surface(basis) => Ok(basis.interpolate(&points, tangents)),
             Basis::Subdivision(basis) => basis.interpolate(&points),
         }

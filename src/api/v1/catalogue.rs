@@ -78,7 +78,7 @@ pub(super) struct RieszBounds {
 /// its derivative.
 #[utoipa::path(get, path = "/v1/generators/{name}", tag = "catalogue",
     params(
-        ("name" = String, Path, description = "`trigonometric`, `cubic`, `bspline`, `exponential` or `interpolator`"),
+        ("name" = String, Path, description = "`trigonometric`, `cubic`, `bspline`, `exponential`, `shifted_exponential` or `interpolator`"),
         ("control_points" = Option<usize>, Query, description = "Control points (closed) or intervals (open). \
                                                                  Default: 8, or the fewest if these are more"),
         ("degree" = Option<u8>, Query, description = "Degree of `bspline`", minimum = 1, maximum = 5),
@@ -131,7 +131,8 @@ fn read_query(
             return Err(ServiceError::parameter(key, TWICE));
         }
     }
-    let known = ["trigonometric", "cubic", "keys", "bspline", "exponential", "interpolator"];
+    let known =
+        ["trigonometric", "cubic", "keys", "bspline", "exponential", "shifted_exponential", "interpolator"];
     if !known.contains(&name.as_str()) {
         return Err(ServiceError::NotFound { kind: "generator", key: name });
     }

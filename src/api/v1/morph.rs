@@ -1,4 +1,4 @@
-//! Morphing: shapes on a path between two shapes.
+//! Morphing: shapes on a path between two shapes, or through several.
 
 #[cfg(feature = "schema")]
 use super::described::*;
@@ -13,7 +13,7 @@ use crate::analysis::path::{PathKind, Positions};
 use crate::api::extract::{BesideFormat, Caller, Format, JsonBody, ShapeFormat};
 use crate::api::problem::Problem;
 use crate::api::respond::{Planned, compute_planned, file_of, json, picture, planned};
-use crate::formats::checked::{Checked, LARGE, document, take_given, take_or_default};
+use crate::formats::checked::{Checked, LARGE, List, document, take_given, take_or_default};
 use crate::formats::picture::{PictureFile, PictureFormat};
 use crate::formats::representation::Read;
 use crate::formats::shape::{Points, ShapeInput};
@@ -22,11 +22,11 @@ use crate::geometry::representation::Representation;
 use crate::service::app::work::Work;
 use crate::service::app::{App, ServiceError};
 use crate::service::cost::requests::{self, Counts};
-use crate::service::shapes::morph::{Morph, MorphTask, PathShape};
-use crate::service::shapes::read::own_faults;
+use crate::service::shapes::morph::{Morph, MorphTask, PathShape, Stops};
+use crate::service::shapes::read::{own_faults, shape_faults};
 
 document! {
-    /// Two shapes and the kind of path between them.
+    /// Two shapes or more, and the kind of path between them: `from` and `to`, or `shapes`.
     #[schema(example = json!({
         "representation": {"kind": "closed_curve", "dimension": 2, "control_points": 4, "generator": {"name": "trigonometric"}},
         "from": {"points": [[2, 0], [0, 1], [-2, 0], [0, -1]]}, "to": {"points": [[1, 0], [0, 2], [-1, 0], [0, -2]]},
@@ -40,18 +40,24 @@ document! {
         #[schema(value_type = Option<Correspondence>)]
         correspondence: Checked<Correspondence>;
         /// Shape at the start of the path.
-        #[schema(value_type = ShapeInput, required = true)]
-        from: ShapeInput, required;
+        #[schema(value_type = Option<ShapeInput>)]
+        from: ShapeInput;
         /// Shape at the end of the path.
-        #[schema(value_type = ShapeInput, required = true)]
-        to: ShapeInput, required;
-        /// Kind of path: the straight line, or the great circle between the shapes scaled to unit norm. Default: `plane`.
+        #[schema(value_type = Option<ShapeInput>)]
+        to: ShapeInput;
+        /// Shapes that the path leads through, in this order, in place of `from` and `to`. At least 2.
+        #[schema(value_type = Option<Vec<ShapeInput>>, min_items = 2)]
+        shapes: List<ShapeInput>;
+        /// Kind of path from each shape to the next: the straight line, or the great circle between the shapes scaled to unit norm.
+        /// Default: `plane`.
         #[schema(value_type = Option<PathKind>)]
         path: Checked<PathKind>;
-        /// Positions on the path: 0 is `from`, 1 is `to`; other values extrapolate. Between −1000 and 1000.
+        /// Positions on the path: 0 is `from`, 1 is `to`; of `shapes`, `k` is the shape at index `k`, and `k + 0.5` half way from it to
+        /// the next. Values beyond the ends extrapolate, by 1000 paths or less.
         #[schema(value_type = Option<Vec<f64>>)]
         positions: Checked<Vec<f64>, LARGE>;
-        /// Number of equally spaced positions from 0 to 1, in place of `positions`. Default: 11.
+        /// Number of equally spaced positions from the first shape to the last, in place of `positions`. Default: 11 for two shapes,
+        /// 10 more for each further shape.
         #[schema(value_type = Option<usize>, minimum = 2, maximum = 1000)]
         steps: Checked<usize>;
     }
@@ -69,19 +75,23 @@ pub(super) struct MorphFrame {
     normals: Option<Vec<[f64; 3]>>,
 }
 
-/// A path between two shapes.
+/// A path through shapes.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct MorphAnswer {
     /// One shape per position, in order.
     frames: Vec<MorphFrame>,
-    /// Angle between the two shapes in radians; null on the straight line.
+    /// Length of a path on the sphere in radians: the angle between two shapes, the sum of `angles` for several; null on straight
+    /// lines.
     angle: Option<f64>,
+    /// Angles from each of several `shapes` to the next in radians, on the sphere.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    angles: Option<Vec<f64>>,
 }
 
 /// Largest number of equally spaced positions.
 const MAX_STEPS: usize = 1000;
-/// Default number of equally spaced positions.
-const USUAL_STEPS: usize = 11;
+/// Default number of equally spaced positions from one shape to the next, without the first.
+const USUAL_STEPS: usize = 10;
 
 /// Kind of drawing of a path.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
@@ -110,7 +120,7 @@ impl MorphQuery {
     }
 }
 
-/// Computes shapes on a path between two curves or surfaces, with extrapolation.
+/// Computes shapes on a path between two curves or surfaces, or through several, with extrapolation.
 ///
 /// As SVG: an animation through the curves and back, or, with `animate=false` and as PNG, some of them side by side. Surfaces are
 /// always drawn side by side.
@@ -140,24 +150,22 @@ impl MorphRequest {
             self.representation.take().and_then(|field| field.take("/representation", &mut errors));
         let correspondence = take_or_default(self.correspondence.take(), "/correspondence", &mut errors);
         let kind = take_or_default(self.path.take(), "/path", &mut errors);
-        let positions = self.take_positions(&mut errors);
+        let stops = self.take_stops(&mut errors);
+        let positions = self.take_positions(stops.count().saturating_sub(1), &mut errors);
         let wanted = representation.zip(correspondence).zip(kind.zip(positions));
-        let ends = [self.from.unwrap_or_default(), self.to.unwrap_or_default()];
         if !errors.is_empty() {
-            // Faults of the shapes that do not depend on the representation; a missing shape is already reported.
-            for (shape, pointer) in ends.iter().zip(["/from", "/to"]) {
-                let found = own_faults(shape.clone());
-                errors.extend(found.into_iter().map(|error| error.below(pointer)));
-            }
+            errors.extend(faults_of_stops(&stops));
         }
         let (((representation, correspondence), (kind, positions)), _) = checked(wanted, errors, Vec::new())?;
         let representation = app.admit(representation)?;
         let counts = Counts::new(&representation, 2, &app.limits);
+        let reading = requests::morph(counts, stops.count(), false, &app.limits);
         let count = positions.count();
         let drawn = matches!(format, ShapeFormat::Plain(Format::Picture(_)));
         let work = requests::morph(counts, count, drawn, &app.limits)
+            + reading
             + mesh_work(&representation, count, format, app);
-        let task = MorphTask { representation, correspondence, kind, positions, ends };
+        let task = MorphTask { representation, correspondence, kind, positions, stops };
         planned(work + format.work(), move |app| match format {
             ShapeFormat::Plain(Format::Picture(file)) => {
                 picture(&task.drawing(app, &file.style, animated)?, &file)
@@ -167,8 +175,34 @@ impl MorphRequest {
         })
     }
 
-    /// Takes the positions, or their number.
-    fn take_positions(&mut self, errors: &mut Vec<Fault>) -> Option<Positions> {
+    /// Takes the shapes that the path leads through.
+    fn take_stops(&mut self, errors: &mut Vec<Fault>) -> Stops {
+        let ends = [self.from.take(), self.to.take()];
+        let Some(shapes) = self.shapes.take() else {
+            for (name, shape) in ["/from", "/to"].into_iter().zip(&ends) {
+                if shape.is_none() {
+                    errors
+                        .push(Fault::new(name, "required field is missing: expected an object, or `shapes`"));
+                }
+            }
+            return Stops::Ends(Box::new(ends.map(Option::unwrap_or_default)));
+        };
+        for (name, shape) in ["/from", "/to"].into_iter().zip(&ends) {
+            if shape.is_some() {
+                errors.push(Fault::new(name, "expected either from and to or shapes, got both"));
+            }
+        }
+        let before = errors.len();
+        let shapes = shapes.take("/shapes", errors);
+        if shapes.len() < 2 && errors.len() == before {
+            let detail = format!("expected at least 2 shapes, got {}", shapes.len());
+            errors.push(Fault::new("/shapes", detail));
+        }
+        Stops::Listed(shapes)
+    }
+
+    /// Takes the positions on a path of so many pieces, or their number.
+    fn take_positions(&mut self, pieces: usize, errors: &mut Vec<Fault>) -> Option<Positions> {
         let steps = take_given(self.steps.take(), "/steps", errors);
         let positions = take_given(self.positions.take(), "/positions", errors);
         match (positions, steps) {
@@ -178,13 +212,27 @@ impl MorphRequest {
             }
             (Some(positions), None) => Some(Positions::At(positions)),
             (None, steps) => {
-                let steps = steps.unwrap_or(USUAL_STEPS);
+                let usual = pieces.saturating_mul(USUAL_STEPS).saturating_add(1).clamp(2, MAX_STEPS);
+                let steps = steps.unwrap_or(usual);
                 if !(2..=MAX_STEPS).contains(&steps) {
                     let detail = format!("expected a number between 2 and {MAX_STEPS}, got {steps}");
                     errors.push(Fault::new("/steps", detail));
                 }
                 Some(Positions::Steps(steps.clamp(2, MAX_STEPS)))
             }
+        }
+    }
+}
+
+/// Faults of shapes that do not depend on the representation; a missing shape is already reported.
+fn faults_of_stops(stops: &Stops) -> Vec<Fault> {
+    match stops {
+        Stops::Listed(shapes) => shape_faults(shapes.clone()),
+        Stops::Ends(ends) => {
+            let below = |(shape, pointer): (&ShapeInput, &'static str)| {
+                own_faults(shape.clone()).into_iter().map(move |error| error.below(pointer))
+            };
+            ends.iter().zip(["/from", "/to"]).flat_map(below).collect()
         }
     }
 }
@@ -203,11 +251,13 @@ fn mesh_work(representation: &Representation, count: usize, format: ShapeFormat,
 }
 
 impl From<Morph> for MorphAnswer {
-    fn from(Morph { frames, angle }: Morph) -> Self {
+    fn from(Morph { frames, angles }: Morph) -> Self {
         let frame = |PathShape { position, control_points, normals }: PathShape| {
             let points = Points::from_columns(control_points.as_slice().to_vec(), control_points.ncols());
             MorphFrame { position, shape: ShapeOutput { control_points: points }, normals }
         };
-        Self { frames: frames.into_iter().map(frame).collect(), angle }
+        let angle = angles.as_ref().map(|angles| angles.iter().sum());
+        let angles = angles.filter(|angles| angles.len() > 1);
+        Self { frames: frames.into_iter().map(frame).collect(), angle, angles }
     }
 }

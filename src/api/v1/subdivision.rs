@@ -62,8 +62,9 @@ document! {
         /// Mesh to refine: closed, or for `loop` and `normal_based` with a boundary. Give one of `mesh`, `start` and `polyline`.
         #[schema(value_type = Option<ControlMeshInput>)]
         mesh: ControlMeshInput;
-        /// Named starting mesh on the unit sphere: `tetrahedron`, `octahedron`, `icosahedron`, or `sphere_grid` (also called
-        /// `pole_grid` here). A number after a slash says how often it is split first.
+        /// Named starting mesh on the unit sphere: `tetrahedron`, `octahedron`, `icosahedron`, or `sphere_grid`. A number after a slash
+        /// says how often it is split first. `pole_grid` is deprecated here: it is read as `sphere_grid`, with a warning, and is another
+        /// mesh as `connectivity` of a representation.
         #[schema(value_type = Option<String>)]
         start: Checked<String>;
         /// Polyline to refine, for the scheme `normal_based`.

@@ -105,9 +105,12 @@ pub struct SegmentedOutput {
     /// Runs of the stages.
     pub(super) stages: Vec<StageOutput>,
     /// Gradient of the energy with respect to the free points, where asked for: all control points, without those of a cylinder
-    /// beyond its ends.
+    /// beyond its ends, which follow the free ones.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) gradient: Option<Points>,
+    /// Positions of the free points among `control_points`, one for each row of `gradient`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) gradient_rows: Option<Vec<usize>>,
     /// Overlap with the truth, where it was posted.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) overlap: Option<TruthOutput>,

@@ -290,9 +290,11 @@ impl Task<'_> {
             warnings.push("the prior compares control points beyond the ends as they are extended".into());
         }
         let outlines = [model.outline(&first), model.outline(&found.rows)];
+        let control_points = model.control_points(&found.rows);
+        let gradient_rows = gradient.as_ref().map(|_| free_rows(model, control_points.len()));
         let object = SegmentedOutput {
             index,
-            control_points: world(model.control_points(&found.rows)),
+            control_points: world(control_points),
             converged: found.outcome == Outcome::Converged,
             stop: found.outcome.name(),
             iterations: found.iterations(),
@@ -301,6 +303,7 @@ impl Task<'_> {
             gradient: gradient.map(|rows| {
                 points(&rows.into_iter().map(|row| frame.gradient_to_world(row)).collect::<Vec<_>>())
             }),
+            gradient_rows,
             overlap: self.overlap(index, scene, &outlines[1], &stop)?,
             mask: self.wanted.answered.mask.then(|| self.mask(scene, &outlines[1])),
             component: self.wanted.starts.component(index),
@@ -401,4 +404,10 @@ fn faulty_start(error: SegmentationError, starts: &Starts, index: usize) -> Serv
 fn points<const D: usize>(rows: &[[f64; D]]) -> Points {
     let matrix = Matrix::from_fn(rows.len(), D, |k, c| rows[k][c]);
     Points::from_columns(matrix.as_slice().to_vec(), D)
+}
+
+/// Positions of the free points of a model among its `count` control points.
+fn free_rows<const D: usize>(model: &dyn Model<D>, count: usize) -> Vec<usize> {
+    let places: Vec<[f64; D]> = (0..count).map(|row| [row as f64; D]).collect();
+    model.free_points(&places).into_iter().map(|place| place[0] as usize).collect()
 }

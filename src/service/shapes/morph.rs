@@ -1,4 +1,4 @@
-//! Paths between two posted shapes: straight lines, or great circles between shapes of unit norm.
+//! Routes through posted shapes: straight lines, or great circles between shapes of unit norm.
 //!
 //! The functions are synchronous and run on the pool.
 
@@ -10,7 +10,7 @@ use super::read::check_correspondence;
 use super::read_oriented::OrientedReader;
 use super::request::Posted;
 use crate::analysis::correspondence::Correspondence;
-use crate::analysis::path::{Path, PathKind, Positions};
+use crate::analysis::path::{PathKind, Positions, Route, on_piece};
 use crate::formats::fault::Fault;
 use crate::formats::gltf::{self, Displacement, Play};
 use crate::formats::mesh::{MeshFormat, objects};
@@ -29,28 +29,76 @@ use crate::numeric::dense::Matrix;
 use crate::service::app::faults::Faults;
 use crate::service::app::{App, Limits, ServiceError};
 
-/// Two shapes of a request, and the path between them.
+/// Shapes of a request that a route leads through.
+#[derive(Debug)]
+pub enum Stops {
+    /// Those at its start and its end, `from` and `to`.
+    Ends(Box<[ShapeInput; 2]>),
+    /// Two or more, `shapes`.
+    Listed(Vec<ShapeInput>),
+}
+
+impl Stops {
+    /// Number of shapes.
+    pub fn count(&self) -> usize {
+        match self {
+            Self::Ends(_) => 2,
+            Self::Listed(shapes) => shapes.len(),
+        }
+    }
+
+    /// Pointer to shape `k` in the request.
+    fn pointer(&self, k: usize) -> String {
+        match (self, k) {
+            (Self::Ends(_), 0) => "/from".into(),
+            (Self::Ends(_), _) => "/to".into(),
+            (Self::Listed(_), _) => format!("/shapes/{k}"),
+        }
+    }
+
+    /// Reads all shapes, one by one as `ends` or together as `list`.
+    ///
+    /// # Errors
+    /// The faults of all shapes.
+    fn read<T>(
+        self,
+        ends: impl Fn(ShapeInput, &str) -> Result<T, ServiceError>,
+        list: impl FnOnce(Vec<ShapeInput>) -> Result<Vec<T>, ServiceError>,
+    ) -> Result<Vec<T>, ServiceError> {
+        let [from, to] = match self {
+            Self::Listed(shapes) => return list(shapes),
+            Self::Ends(ends) => *ends,
+        };
+        let mut faults = Faults::default();
+        match (faults.keep(ends(from, "/from"))?, faults.keep(ends(to, "/to"))?) {
+            (Some(from), Some(to)) => Ok(vec![from, to]),
+            _ => Err(ServiceError::Invalid(faults)),
+        }
+    }
+}
+
+/// Shapes of a request, and the route through them.
 #[derive(Debug)]
 pub struct MorphTask {
     /// Representation of the shapes.
     pub representation: Admitted,
     /// Conversion of posted points to control points.
     pub correspondence: Correspondence,
-    /// Kind of path.
+    /// Kind of its paths.
     pub kind: PathKind,
-    /// Positions on the path.
+    /// Positions on the route.
     pub positions: Positions,
-    /// Shapes at the start and the end of the path.
-    pub ends: [ShapeInput; 2],
+    /// Shapes that the route leads through.
+    pub stops: Stops,
 }
 
-/// A path between two shapes.
+/// A route through shapes.
 #[derive(Debug)]
 pub struct Morph {
     /// The shapes on the path, in the order of the positions.
     pub frames: Vec<PathShape>,
-    /// Angle between the shapes in radians, for paths on the sphere.
-    pub angle: Option<f64>,
+    /// Angles between neighbours in radians, for paths on the sphere.
+    pub angles: Option<Vec<f64>>,
 }
 
 /// A shape on a path.
@@ -117,24 +165,33 @@ const MAX_FRAMES: usize = 1000;
 /// Maximum size of an animation in bytes: no browser plays longer ones.
 const MAX_DRAWN: usize = 16 << 20;
 
-/// Maximum extrapolation.
+/// Maximum extrapolation of a path.
 const MAX_POSITION: f64 = 1000.0;
 
-/// List of all positions, for shapes of `size` control points.
+/// List of all positions on a route of `pieces` paths, for shapes of `size` control points.
 ///
 /// # Errors
 /// Too many positions, or positions out of range.
-fn listed(positions: Positions, size: usize, limits: &Limits) -> Result<Vec<f64>, ServiceError> {
+fn listed(
+    positions: Positions,
+    pieces: usize,
+    size: usize,
+    limits: &Limits,
+) -> Result<Vec<f64>, ServiceError> {
     let pointer = if matches!(positions, Positions::At(_)) { "/positions" } else { "/steps" };
-    let (positions, mut faults) = (positions.list(), Vec::new());
+    let (positions, mut faults) = (positions.list(pieces), Vec::new());
     let (total, most) = (positions.len().saturating_mul(size), limits.samples);
     if positions.is_empty() || total > most {
         let detail = format!("expected between 1 and {most} control points over all positions, got {total}");
         faults.push(Fault::new(pointer, detail));
     }
-    let wild = positions.iter().enumerate().filter(|(_, tau)| !(tau.abs() <= MAX_POSITION));
+    let last = MAX_POSITION + pieces.saturating_sub(1) as f64;
+    let wild = positions.iter().enumerate().filter(|(_, tau)| !(-MAX_POSITION..=last).contains(*tau));
     faults.extend(wild.map(|(i, tau)| {
-        let detail = format!("expected a number within ±{MAX_POSITION}, got {tau}");
+        let detail = match pieces {
+            1 => format!("expected a number within ±{MAX_POSITION}, got {tau}"),
+            _ => format!("expected a number between -{MAX_POSITION} and {last}, got {tau}"),
+        };
         Fault::new(format!("/positions/{i}"), detail)
     }));
     ServiceError::unless_empty(faults)?;
@@ -145,7 +202,7 @@ impl MorphTask {
     /// Shapes on the path.
     ///
     /// # Errors
-    /// Faults of the shapes at `/from…` and `/to…`, and of the positions; opposite shapes.
+    /// Faults of the shapes at `/from…` and `/to…`, or `/shapes…`, and of the positions; opposite shapes.
     pub fn morph(self, app: &App) -> Result<Morph, ServiceError> {
         if self.representation.is_linear() {
             let posted = Posted::new(app, &self.representation, self.correspondence)?;
@@ -153,8 +210,8 @@ impl MorphTask {
         }
         self.check_oriented()?;
         let (representation, positions) = (self.representation, self.positions);
-        let shapes = oriented_path(app, &reader(&representation)?, &representation, positions, self.ends)?;
-        Ok(Morph { angle: None, frames: shapes.into_iter().map(oriented_frame).collect() })
+        let shapes = oriented_route(app, &reader(&representation)?, &representation, positions, self.stops)?;
+        Ok(Morph { angles: None, frames: shapes.into_iter().map(oriented_frame).collect() })
     }
 
     /// Meshes of the shapes on the path, with their positions: over `grid` for surfaces with two parameters, of their level for others.
@@ -187,7 +244,7 @@ impl MorphTask {
         too_many(self.representation.refined_vertices(), self.positions.count())?;
         let (representation, positions) = (self.representation, self.positions);
         let reader = reader(&representation)?;
-        let shapes = oriented_path(app, &reader, &representation, positions, self.ends)?;
+        let shapes = oriented_route(app, &reader, &representation, positions, self.stops)?;
         let mesh = |(position, shape): &(f64, Oriented)| {
             context.check()?;
             let refined = reader.meshes.refine(shape, None);
@@ -204,22 +261,29 @@ impl MorphTask {
     /// # Errors
     /// Those of [`Self::morph`]; too many frames.
     pub fn drawing(self, app: &App, style: &Style, animated: bool) -> Result<Drawing, ServiceError> {
-        let name = match self.kind {
-            PathKind::Plane => "from one shape to another along a straight line",
-            PathKind::Sphere => "from one shape to another along a great circle",
+        let count = self.stops.count();
+        let lines = match (self.kind, count) {
+            (PathKind::Plane, 2) => "a straight line",
+            (PathKind::Sphere, 2) => "a great circle",
+            (PathKind::Plane, _) => "straight lines",
+            (PathKind::Sphere, _) => "great circles",
+        };
+        let name = match count {
+            2 => format!("from one shape to another along {lines}"),
+            _ => format!("through {count} shapes along {lines}"),
         };
         if self.representation.is_linear() {
             let posted = Posted::new(app, &self.representation, self.correspondence)?;
             let morph = self.along(app, &posted)?;
             return match animated {
-                true => animate(&posted, name, &morph, style),
-                false => Ok(strip(&posted.space, name, &morph)),
+                true => animate(&posted, &name, &morph, count, style),
+                false => Ok(strip(&posted.space, &name, &morph, count)),
             };
         }
         self.check_oriented()?;
         let (representation, positions) = (self.representation, self.positions);
         let reader = reader(&representation)?;
-        let shapes = oriented_path(app, &reader, &representation, positions, self.ends)?;
+        let shapes = oriented_route(app, &reader, &representation, positions, self.stops)?;
         let context = app.pool.context();
         let mesh = |(_, shape): &(f64, Oriented)| {
             context.check()?;
@@ -227,7 +291,7 @@ impl MorphTask {
             refined.map_err(|error| ServiceError::invalid("/positions", error.to_string()))
         };
         let meshes = shapes.iter().map(mesh).collect::<Result<Vec<_>, _>>()?;
-        Ok(layout::draw(name, vec![Layer::from_meshes(&meshes, colour::BACK)]))
+        Ok(layout::draw(&name, vec![Layer::from_meshes(&meshes, colour::BACK)]))
     }
 
     /// Checks the path between shapes of points and normals.
@@ -244,25 +308,26 @@ impl MorphTask {
 
     /// Shapes on the path in a linear space.
     fn along(self, app: &App, posted: &Posted) -> Result<Morph, ServiceError> {
-        let mut faults = Faults::default();
-        let positions = faults.keep(listed(self.positions, posted.metric.size(), &app.limits))?;
-        let [from, to] = self.ends;
-        let from = faults.keep(posted.read_one(app, from, "/from"))?;
-        let to = faults.keep(posted.read_one(app, to, "/to"))?;
-        let (Some(positions), Some(from), Some(to)) = (positions, from, to) else {
+        let (mut faults, pieces) = (Faults::default(), self.stops.count().saturating_sub(1));
+        let pointers: Vec<String> = (0..=pieces).map(|k| self.stops.pointer(k)).collect();
+        let named = matches!(self.stops, Stops::Ends(_));
+        let positions = faults.keep(listed(self.positions, pieces, posted.metric.size(), &app.limits))?;
+        let read = |shape, pointer: &str| posted.read_one(app, shape, pointer);
+        let shapes = faults.keep(self.stops.read(read, |shapes| posted.read(app, shapes)))?;
+        let (Some(positions), Some(shapes)) = (positions, shapes) else {
             return Err(ServiceError::Invalid(faults));
         };
-        let (from, to) = (from.as_slice().to_vec(), to.as_slice().to_vec());
-        let path = Path::new(self.kind, &posted.metric, from, to).map_err(|error| {
-            let pointer = |index: usize| if index == 0 { "/from".to_owned() } else { "/to".to_owned() };
-            ServiceError::from_analysis(error, pointer).without_index()
+        let shapes: Vec<Vec<f64>> = shapes.iter().map(|shape| shape.as_slice().to_vec()).collect();
+        let route = Route::new(self.kind, &posted.metric, &shapes).map_err(|error| {
+            let error = ServiceError::from_analysis(error, |index: usize| pointers[index].clone());
+            if named { error.without_index() } else { error }
         })?;
         let frames = each(&app.pool.context(), &positions, |&position| PathShape {
             position,
-            control_points: posted.matrix(&path.at(position)),
+            control_points: posted.matrix(&route.at(position)),
             normals: None,
         })?;
-        Ok(Morph { frames, angle: path.angle() })
+        Ok(Morph { frames, angles: route.angles() })
     }
 }
 
@@ -272,27 +337,29 @@ fn reader(representation: &Admitted) -> Result<OrientedReader<'_>, ServiceError>
         .ok_or_else(|| ServiceError::Internal("only the normal-based scheme has normals".into()))
 }
 
-/// Shapes on the straight line between two shapes of points and normals, whose normals rotate along great circles.
-fn oriented_path(
+/// Shapes on the straight lines through shapes of points and normals, whose normals rotate along great circles.
+fn oriented_route(
     app: &App,
     reader: &OrientedReader<'_>,
     representation: &Representation,
     positions: Positions,
-    [from, to]: [ShapeInput; 2],
+    stops: Stops,
 ) -> Result<Vec<(f64, Oriented)>, ServiceError> {
-    let mut faults = Faults::default();
-    let read = |shape, pointer| reader.read(shape).map_err(|errors| ServiceError::below(errors, pointer));
-    let positions = faults.keep(listed(positions, representation.size(), &app.limits))?;
-    let from = faults.keep(read(from, "/from"))?;
-    let to = faults.keep(read(to, "/to"))?;
-    let (Some(positions), Some(from), Some(to)) = (positions, from, to) else {
+    let (mut faults, context, pieces) =
+        (Faults::default(), app.pool.context(), stops.count().saturating_sub(1));
+    let pointers: Vec<String> = (0..=pieces).map(|k| stops.pointer(k)).collect();
+    let positions = faults.keep(listed(positions, pieces, representation.size(), &app.limits))?;
+    let read =
+        |shape, pointer: &str| reader.read(shape).map_err(|errors| ServiceError::below(errors, pointer));
+    let shapes = faults.keep(stops.read(read, |shapes| reader.read_each(&context, shapes)?.all()))?;
+    let (Some(positions), Some(shapes)) = (positions, shapes) else {
         return Err(ServiceError::Invalid(faults));
     };
-    let context = app.pool.context();
     let at = |tau: f64| {
         context.check()?;
-        let shape = from.between(&to, tau).map_err(|(vertex, fault)| {
-            ServiceError::invalid(format!("/to/normals/{vertex}"), fault.to_string())
+        let (piece, place) = on_piece(tau, pieces);
+        let shape = shapes[piece].between(&shapes[piece + 1], place).map_err(|(vertex, fault)| {
+            ServiceError::invalid(format!("{}/normals/{vertex}", pointers[piece + 1]), fault.to_string())
         })?;
         Ok((tau, shape))
     };
@@ -307,8 +374,8 @@ fn oriented_frame((position, Oriented { points, normals }): (f64, Oriented)) -> 
 /// Maximum number of shapes of a strip.
 const MAX_STRIP: usize = 7;
 
-/// Drawing of the first and the last shape of a path and of some between them, side by side.
-fn strip(space: &ShapeSpace, title: &str, morph: &Morph) -> Drawing {
+/// Drawing of the first and the last shape of a route through `count` shapes and of some between them, side by side.
+fn strip(space: &ShapeSpace, title: &str, morph: &Morph, count: usize) -> Drawing {
     let last = morph.frames.len().saturating_sub(1);
     let drawn = morph.frames.len().min(MAX_STRIP);
     let cell = |k: usize| {
@@ -319,25 +386,34 @@ fn strip(space: &ShapeSpace, title: &str, morph: &Morph) -> Drawing {
             _ => colour::MAIN,
         };
         let layer = Layer::of(space, [frame.control_points.as_slice()], colour, 2.0, 1.0);
-        (place_on_path(frame.position), vec![layer])
+        (place_on_route(frame.position, count), vec![layer])
     };
     layout::row(title, (0..drawn).map(cell).collect())
 }
 
-/// A position on a path as readers know it.
-fn place_on_path(position: f64) -> String {
+/// A position on a route through `count` shapes as readers know it.
+fn place_on_route(position: f64, count: usize) -> String {
+    let last = count as f64 - 1.0;
     match position {
         0.0 => "first shape".into(),
-        1.0 => "second shape".into(),
+        1.0 if count == 2 => "second shape".into(),
+        end if end == last => "last shape".into(),
+        k if k.fract() == 0.0 && (0.0..last).contains(&k) => format!("shape {}", k + 1.0),
         other => short(other),
     }
 }
 
-/// Animated drawing of a path, through its frames and back.
+/// Animated drawing of a route through `count` shapes, through its frames and back.
 ///
 /// # Errors
 /// Too many frames.
-fn animate(posted: &Posted, title: &str, morph: &Morph, style: &Style) -> Result<Drawing, ServiceError> {
+fn animate(
+    posted: &Posted,
+    title: &str,
+    morph: &Morph,
+    count: usize,
+    style: &Style,
+) -> Result<Drawing, ServiceError> {
     if morph.frames.len() > MAX_FRAMES {
         let detail =
             format!("expected at most {MAX_FRAMES} positions in a drawing, got {}", morph.frames.len());
@@ -346,7 +422,7 @@ fn animate(posted: &Posted, title: &str, morph: &Morph, style: &Style) -> Result
     let shapes = morph.frames.iter().map(|frame| frame.control_points.as_slice());
     let layer = Layer::of(&posted.space, shapes, colour::MAIN, 2.5, 1.0);
     let ends = [morph.frames.first(), morph.frames.last()]
-        .map(|frame| frame.map_or_else(String::new, |frame| place_on_path(frame.position)));
+        .map(|frame| frame.map_or_else(String::new, |frame| place_on_route(frame.position, count)));
     let drawing = layout::animate(title, layer, ends);
     let bytes = drawing.animation_bytes(style);
     if bytes > MAX_DRAWN {

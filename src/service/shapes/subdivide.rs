@@ -93,6 +93,7 @@ pub fn subdivide_named(
     depth: Depth,
     wanted_limit: bool,
 ) -> Result<RefinedMesh, ServiceError> {
+    let named = start;
     let start = start.covering_once();
     let (vertices, most) = (start.size().vertices, app.limits.points);
     if vertices > most {
@@ -102,7 +103,14 @@ pub fn subdivide_named(
     }
     let mesh = start.mesh();
     let normals = matches!(scheme, Scheme::NormalBased { .. }).then(|| mesh.vertices.clone());
-    refine(app, scheme, (TriangleMesh { normals, ..mesh }, "/start"), depth, wanted_limit, Vec::new())
+    let renamed = (named != start).then(|| {
+        format!(
+            "\"{named}\" was read as \"{start}\", which covers the sphere once; as connectivity of a representation \"{named}\" \
+             covers it twice"
+        )
+    });
+    let corrections = renamed.into_iter().collect();
+    refine(app, scheme, (TriangleMesh { normals, ..mesh }, "/start"), depth, wanted_limit, corrections)
 }
 
 fn refine(

@@ -7,11 +7,13 @@ use shapelex_analysis::distance::DistanceSpace;
 use shapelex_analysis::fit::Scaling;
 use shapelex_analysis::fit::{Fit, transform};
 use shapelex_analysis::matching::{Matching, Placement};
-use shapelex_analysis::metric::norm;
+use shapelex_analysis::metric::{Metric, norm};
 use shapelex_analysis::neighbours::NeighbourSearch;
 use shapelex_analysis::transformation::{ClassName, CustomClass, Transformation, TransformationClass};
 use shapelex_geometry::generator::GeneratorKind;
 use shapelex_geometry::representation::{Representation, ShapeSpace};
+use shapelex_geometry::surface::Topology;
+use shapelex_geometry::surface::seam::Seam;
 use shapelex_numeric::dense::Matrix;
 
 /// Rows of a shape: neither even nor a power of two.
@@ -359,4 +361,203 @@ fn bounds_exclude_no_neighbour() {
         }
     }
     assert!(compared > 1000);
+}
+
+/// `‖Q₂ − Q₁Q₁ᵀQ₂‖/√I` by dense bases of everything: the chordal distance without a difference of numbers near 1.
+fn slow_chordal_of_close(class: &TransformationClass, x: &[f64], y: &[f64]) -> f64 {
+    let basis = |x: &[f64]| {
+        let columns = class.matrices().iter().flat_map(|b| transform(b, x)).collect();
+        Matrix::from_vec(x.len(), class.matrices().len(), columns).qr().q()
+    };
+    let (one, other) = (basis(x), basis(y));
+    let left = &other - &one * one.tr_mul(&other);
+    (left.norm_squared() / class.matrices().len() as f64).sqrt()
+}
+
+fn slow_of_close(method: &Method, x: &[f64], y: &[f64]) -> f64 {
+    match method {
+        Method::Projection(class) => slow_chordal_of_close(class, x, y),
+        Method::Procrustes(fit) => slow_residual(*fit, x, y),
+    }
+}
+
+/// Every search that there is, and whether it tries start points.
+fn searches(d: usize) -> [(Matching, bool); 4] {
+    [
+        (plain(d), false),
+        (matching(d, Correspondence::Landmarks, Direction::Either, Mirror::Allow), false),
+        (matching(d, Correspondence::Cyclic, Direction::Given, Mirror::Forbid), true),
+        (matching(d, Correspondence::Cyclic, Direction::Either, Mirror::Allow), true),
+    ]
+}
+
+#[test]
+fn identical_shapes_have_the_distance_zero() {
+    for d in [2, 3] {
+        let mut all = shapes(21, 5, d);
+        // A polygon that is nearly regular: many start points are nearly equal.
+        let wave = |k: usize, c: usize| {
+            let t = std::f64::consts::TAU * k as f64 / N as f64;
+            if c == 2 { (2.0 * t).cos() } else { (t - 1.5 * c as f64).cos() }
+        };
+        all.push(
+            (0..d).flat_map(|c| (0..N).map(move |k| wave(k, c) * (1.0 + 1e-7 * (k * c) as f64))).collect(),
+        );
+        let count = all.len();
+        for (searched, cyclic) in searches(d) {
+            let moved = all.iter().enumerate().map(|(k, x)| {
+                let shift = if cyclic { k as u32 } else { 0 };
+                searched.place(x, Placement { shift, ..Placement::default() }).into_owned()
+            });
+            let both: Vec<Vec<f64>> = all.iter().cloned().chain(all.iter().cloned()).chain(moved).collect();
+            for method in methods(d) {
+                let space = DistanceSpace::new(&method, &searched).unwrap();
+                let prepared = space.prepare(&both.concat()).unwrap();
+                let matrix = space.matrix(&prepared, &|_| true).unwrap();
+                for k in 0..count {
+                    let row = space.compare(&prepared, k, &prepared);
+                    let mut search = NeighbourSearch::new(&space, space.prepare(&all[k]).unwrap(), 3);
+                    search.offer(&prepared, &|| false).unwrap();
+                    let nearest = search.into_sorted().remove(0);
+                    assert_eq!(
+                        nearest.iter().map(|found| found.position).collect::<Vec<_>>(),
+                        [k, k + count, k + 2 * count]
+                    );
+                    for copy in [k, k + count, k + 2 * count] {
+                        assert_eq!(row[copy].distance, 0.0, "{method:?} {k} {copy}");
+                        assert_eq!(matrix[k * 3 * count + copy], 0.0, "{method:?} {k} {copy}");
+                    }
+                    assert!(
+                        nearest.iter().all(|found| found.found.distance == 0.0),
+                        "{method:?} {nearest:?}"
+                    );
+                    assert_eq!(row[k + count].placement, Placement::default(), "{method:?}");
+                    assert!((0..count).filter(|&j| j != k).all(|j| row[j].distance > 0.0));
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn copies_under_the_class_have_the_distance_zero() {
+    for d in [2, 3] {
+        let shape = shapes(4, 1, d).remove(0);
+        let turn = if d == 2 {
+            vec![0.6, -0.8, 0.8, 0.6]
+        } else {
+            vec![0.6, -0.8, 0.0, 0.8, 0.6, 0.0, 0.0, 0.0, 1.0]
+        };
+        let turned = transform(&Matrix::from_row_slice(d, d, &turn), &shape);
+        for (searched, _) in searches(d) {
+            let fits = [ClassName::Similarity, ClassName::Rigid].map(|name| procrustes(name, d));
+            for method in fits.into_iter().chain([projection(ClassName::Affine, d)]) {
+                assert_eq!(distance(&method, &searched, &shape, &turned), 0.0, "{method:?}");
+            }
+            if d == 2 {
+                assert_eq!(distance(&projection(ClassName::Similarity, d), &searched, &shape, &turned), 0.0);
+            }
+        }
+    }
+}
+
+#[test]
+fn close_shapes_keep_their_digits() {
+    for d in [2, 3] {
+        let shape = shapes(8, 1, d).remove(0);
+        for part in [1e-3, 1e-5, 1e-8, 1e-11] {
+            let mut random = Noise(5);
+            let mut near: Vec<f64> = shape.iter().map(|x| x + part * random.next()).collect();
+            for coordinate in near.chunks_exact_mut(N) {
+                let mean = coordinate.iter().sum::<f64>() / N as f64;
+                coordinate.iter_mut().for_each(|x| *x -= mean);
+            }
+            for (searched, cyclic) in searches(d) {
+                let shift = if cyclic { 4 } else { 0 };
+                let placed = searched.place(&near, Placement { shift, ..Placement::default() });
+                for method in methods(d) {
+                    let wanted = slow_of_close(&method, &shape, &near);
+                    let found = distance(&method, &searched, &shape, &placed);
+                    // Rounding of the numbers themselves, and of products above 10⁻⁴ of the size.
+                    let size = 1.0 + norm(&shape);
+                    let tolerance = if wanted > 5e-5 { 1e-11 * size } else { 1e-14 * size + 1e-9 * wanted };
+                    assert!(
+                        (found - wanted).abs() <= tolerance,
+                        "{method:?} {part:e}: {found:e} for {wanted:e}"
+                    );
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn lengths_scale_with_the_shapes() {
+    for d in [2, 3] {
+        let shapes = shapes(6, 3, d);
+        for (searched, _) in searches(d) {
+            for method in methods(d) {
+                let wanted = matrix(&method, &searched, &shapes);
+                let is_length = matches!(&method, Method::Procrustes(fit) if fit.scaling == Scaling::None);
+                for factor in [1e-99, 1e-80, 1e-50, 1e50, 1e78, 1e99] {
+                    let scaled: Vec<Vec<f64>> =
+                        shapes.iter().map(|x| x.iter().map(|x| factor * x).collect()).collect();
+                    let found = matrix(&method, &searched, &scaled);
+                    let unit = if is_length { factor } else { 1.0 };
+                    for (found, wanted) in found.iter().zip(&wanted) {
+                        assert!(
+                            (found - unit * wanted).abs() <= 1e-10 * unit * wanted,
+                            "{method:?} {factor:e}: {found:e}"
+                        );
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Copies at other places of a batch: whitening, and the bases of shapes that are nearly flat, do not depend on the place.
+#[test]
+fn copies_at_other_places_of_a_batch_have_the_distance_zero() {
+    let spline = GeneratorKind::Bspline { degree: 3 };
+    let surface = |topology| Representation::Surface {
+        topology,
+        seam: Seam::Straight,
+        control_points: [5, 4],
+        generators: [spline.clone(), spline.clone()],
+    };
+    let representations = [
+        Representation::ClosedCurve { dimension: 3, control_points: 12, generator: spline.clone() },
+        Representation::OpenCurve { dimension: 3, intervals: 9, generator: spline.clone() },
+        Representation::Landmarks { dimension: 3, points: 9 },
+        surface(Topology::Torus),
+        surface(Topology::Plane),
+        surface(Topology::Cylinder),
+        surface(Topology::Sphere),
+        surface(Topology::SharpSphere),
+    ];
+    for representation in representations {
+        let space = ShapeSpace::new(&representation).unwrap();
+        let metric = Metric::of(&space);
+        let matching = Matching::new(&space, Correspondence::Landmarks, Direction::Given, Mirror::Forbid);
+        let mut random = Noise(3);
+        let count = representation.size();
+        let mut shape = || -> Vec<f64> {
+            (0..3 * count).map(|k| random.next() * if k < 2 * count { 1.0 } else { 1e-7 }).collect()
+        };
+        let (one, others) = (shape(), [shape(), shape(), shape()]);
+        let batch = [&one, &others[0], &one, &others[1], &others[2], &one].map(Vec::as_slice).concat();
+        for method in methods(3) {
+            let distances = DistanceSpace::new(&method, &matching).unwrap();
+            let prepared = distances.prepare_given(&metric, batch.clone()).unwrap();
+            let matrix = distances.matrix(&prepared, &|_| true).unwrap();
+            let alone = distances.prepare_given(&metric, one.clone()).unwrap();
+            let row = distances.compare(&alone, 0, &prepared);
+            assert!(matrix[1] > 0.0, "{method:?}");
+            for copy in [0, 2, 5] {
+                assert_eq!(matrix[copy], 0.0, "{representation:?} {method:?}");
+                assert_eq!(row[copy].distance, 0.0, "{representation:?} {method:?}");
+            }
+        }
+    }
 }

@@ -10,7 +10,7 @@ use crate::subdivision::oriented::OrientedMeshes;
 use crate::subdivision::stencil::check_valences;
 use crate::subdivision::{Scheme, Subdivision};
 use crate::surface::Topology;
-use crate::surface::basis::{self, Extent};
+use crate::surface::basis::{self, Extent, SHIFTED_CLOSED};
 use crate::surface::seam::Seam;
 
 /// Domain of a shape: what names its places.
@@ -227,6 +227,12 @@ impl Representation {
         }
         let admissible = faults.is_empty();
         faults.extend(knots.iter().filter_map(|knots| count_fault(knots, bounds.control_points, admissible)));
+        if faults.is_empty()
+            && let Self::ClosedCurve { generator, .. } = self
+            && generator.is_shifted()
+        {
+            faults.push(FieldFault::new("generator", SHIFTED_CLOSED));
+        }
         if faults.is_empty() {
             faults = self.surface_faults(bounds.control_points);
         }

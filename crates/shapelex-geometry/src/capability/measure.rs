@@ -7,7 +7,7 @@ use crate::intersection::self_intersects;
 use crate::measures::CurveMeasures;
 use crate::mesh::TriangleMesh;
 use crate::mesh_tree::NearestTriangles;
-use crate::quality::{MAX_FACES, MeshQuality};
+use crate::quality::{MAX_FACES, MeshQuality, coarse_rounding, rounding_warning};
 use crate::representation::{Representation, ShapeSpace};
 use crate::subdivision::measures::{coarse_faces, measure};
 use crate::surface::Surface;
@@ -269,7 +269,9 @@ const USUAL_ACCURACY: f64 = 1e-8;
 fn curve_warnings(measures: &CurveMeasures, distances: Option<&Distances>) -> Vec<String> {
     let (low, high) = &measures.bounding_box;
     let extent = low.iter().zip(high).map(|(low, high)| high - low).fold(0.0, f64::max);
-    let mut warnings = Vec::new();
+    let largest = low.iter().chain(high).fold(0.0_f64, |most, value| most.max(value.abs()));
+    let mut warnings: Vec<String> =
+        coarse_rounding(extent, largest).map(rounding_warning).into_iter().collect();
     if measures.length_error > USUAL_ACCURACY * measures.length {
         warnings.push(format!("length is accurate to {:.1e} only", measures.length_error));
     }

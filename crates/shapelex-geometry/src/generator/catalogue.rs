@@ -10,6 +10,7 @@ use super::interpolator::{self, Interpolator, MIN_POLES, free_weights};
 use super::piecewise::Generator;
 use super::poles::{MAX_POLES, MAX_REAL_PART, Poles};
 use crate::GeometryError;
+use crate::open::phantoms;
 
 /// A number that is compared and hashed by its bits, so that it can be part of a key.
 #[derive(Debug, Clone, Copy)]
@@ -171,6 +172,13 @@ pub enum GeneratorKind {
         #[cfg_attr(feature = "serde", serde(flatten))]
         poles: PoleList,
     },
+    /// The exponential B-spline with 3, 5, 7 or 9 poles, shifted by half an interval: `φ(t − ½)`. Its knots are those of the line, for open
+    /// directions, which begin and end at knots. Refinement of half-integer shifts, and of B-splines by even factors, leads to it.
+    ShiftedExponential {
+        /// Poles of the B-spline, an odd number.
+        #[cfg_attr(feature = "serde", serde(flatten))]
+        poles: PoleList,
+    },
     /// An interpolator built from exponential B-splines, with 3 to 10 poles.
     Interpolator {
         /// Family of the interpolator.
@@ -243,6 +251,7 @@ impl GeneratorKind {
             Self::Cubic {} => "cubic",
             Self::Bspline { .. } => "bspline",
             Self::Exponential { .. } => "exponential",
+            Self::ShiftedExponential { .. } => "shifted_exponential",
             Self::Interpolator { .. } => "interpolator",
         }
     }
@@ -261,6 +270,16 @@ impl GeneratorKind {
                 }
             }
             Self::Exponential { poles } => faults.extend(pole_faults(poles, 2)),
+            Self::ShiftedExponential { poles } => {
+                faults.extend(pole_faults(poles, MIN_POLES));
+                if faults.is_empty() && poles.len().is_multiple_of(2) {
+                    let detail = format!(
+                        "expected an odd number of poles, got {}: knots of others are at the integers without a shift",
+                        poles.len()
+                    );
+                    faults.push((poles.field().into(), detail));
+                }
+            }
             Self::Interpolator { family, poles, support, weights } => {
                 faults.extend(pole_faults(poles, MIN_POLES));
                 faults.extend(support_faults(*family, poles.len(), *support, weights));
@@ -281,7 +300,9 @@ impl GeneratorKind {
             Self::Trigonometric {} => (Poles::trigonometric(1, TAU), 'u'),
             Self::Cubic {} => (Poles::zeros(3), 't'),
             Self::Bspline { degree } => (Poles::zeros(*degree as usize + 1), 't'),
-            Self::Exponential { poles } | Self::Interpolator { poles, .. } => listed(poles),
+            Self::Exponential { poles }
+            | Self::ShiftedExponential { poles }
+            | Self::Interpolator { poles, .. } => listed(poles),
         }
     }
 
@@ -290,6 +311,7 @@ impl GeneratorKind {
         let order = self.reproduced().0.order();
         match self {
             Self::Bspline { .. } | Self::Exponential { .. } => order,
+            Self::ShiftedExponential { .. } => order + 1,
             Self::Interpolator { support: Some(support), .. } => *support,
             _ => 2 * order.saturating_sub(1),
         }
@@ -302,11 +324,14 @@ impl GeneratorKind {
             Self::Bspline { degree } => *degree == 1,
             // Only the hat function is interpolating: for other pairs of poles `φ(0) ≠ 1`, because `∫φ = 1`.
             Self::Exponential { .. } => poles.order() == 2 && poles.zeros == 2,
+            Self::ShiftedExponential { .. } => false,
             _ => true,
         };
         let admissible = match self {
             Self::Trigonometric {} => MIN_CLOSED,
-            Self::Exponential { poles } | Self::Interpolator { poles, .. } => poles.fewest_intervals(),
+            Self::Exponential { poles }
+            | Self::ShiftedExponential { poles }
+            | Self::Interpolator { poles, .. } => poles.fewest_intervals(),
             _ => 1,
         };
         GeneratorProperties {
@@ -334,6 +359,7 @@ impl GeneratorKind {
             Self::Cubic {} => square(Poles::zeros(3)),
             Self::Bspline { degree } => Recipe::Bspline(Poles::zeros(*degree as usize + 1)),
             Self::Exponential { poles } => Recipe::Bspline(poles.on(intervals)?),
+            Self::ShiftedExponential { poles } => Recipe::ShiftedBspline(poles.on(intervals)?),
             Self::Interpolator { family: Family::HalfIntegerShifts, poles, .. } => {
                 Recipe::HalfIntegerShifts(poles.on(intervals)?)
             }
@@ -371,11 +397,35 @@ impl GeneratorKind {
         }
     }
 
+    /// As [`Self::two_scale`], for an even split of an odd number of poles, whose B-splines have their knots between those of the finer
+    /// grid: with these shifted by half an interval.
+    pub(crate) fn two_scale_shifted(&self, factor: usize) -> Self {
+        match self.two_scale(factor) {
+            Self::Bspline { degree } => {
+                Self::ShiftedExponential { poles: PoleList::on_grid(&vec![[0.0; 2]; degree as usize + 1]) }
+            }
+            Self::Exponential { poles } => Self::ShiftedExponential { poles },
+            other => other,
+        }
+    }
+
+    /// Whether it is a B-spline that is shifted by half an interval.
+    pub fn is_shifted(&self) -> bool {
+        matches!(self, Self::ShiftedExponential { .. })
+    }
+
+    /// Numbers of control points beyond both ends of an open line, as [`Generator::beyond`].
+    pub fn beyond(&self) -> [usize; 2] {
+        let before = phantoms(self.support());
+        [before, before - usize::from(self.is_shifted())]
+    }
+
     /// Whether its poles are those of functions of `v ∈ [0, 1]` from pole to pole.
     fn is_of_meridian(&self) -> bool {
         matches!(
             self,
             Self::Exponential { poles: PoleList::MeridianPoles(_) }
+                | Self::ShiftedExponential { poles: PoleList::MeridianPoles(_) }
                 | Self::Interpolator { poles: PoleList::MeridianPoles(_), .. }
         )
     }
@@ -383,7 +433,9 @@ impl GeneratorKind {
     /// The same generator along a meridian, as a request has it: `domain_poles` are those of functions of `v ∈ [0, 1]`.
     #[must_use]
     pub fn of_meridian(mut self) -> Self {
-        if let Self::Exponential { poles } | Self::Interpolator { poles, .. } = &mut self
+        if let Self::Exponential { poles }
+        | Self::ShiftedExponential { poles }
+        | Self::Interpolator { poles, .. } = &mut self
             && let PoleList::DomainPoles(list) = poles
         {
             *poles = PoleList::MeridianPoles(std::mem::take(list));
@@ -401,7 +453,11 @@ impl GeneratorKind {
     pub(crate) fn fewest_along_meridian(&self) -> usize {
         let fewest = self.properties().fewest_control_points;
         match self {
-            Self::Exponential { poles } | Self::Interpolator { poles, .. } if self.is_of_meridian() => {
+            Self::Exponential { poles }
+            | Self::ShiftedExponential { poles }
+            | Self::Interpolator { poles, .. }
+                if self.is_of_meridian() =>
+            {
                 poles.fewest_intervals()
             }
             _ => fewest.div_ceil(2),
@@ -412,6 +468,7 @@ impl GeneratorKind {
     pub fn refined(&self, factor: usize) -> Self {
         match self {
             Self::Exponential { poles } => Self::Exponential { poles: poles.refined(factor) },
+            Self::ShiftedExponential { poles } => Self::ShiftedExponential { poles: poles.refined(factor) },
             Self::Interpolator { family, poles, support, weights } => Self::Interpolator {
                 family: *family,
                 poles: poles.refined(factor),
@@ -527,6 +584,8 @@ fn describe(poles: &Poles, variable: char) -> Vec<String> {
 pub enum Recipe {
     /// The normalised B-spline.
     Bspline(Poles),
+    /// The normalised B-spline of an odd order, shifted by half an interval.
+    ShiftedBspline(Poles),
     /// An interpolator of B-splines of increasing order.
     IntegerShifts {
         /// The poles of the lowest order.
@@ -561,9 +620,10 @@ impl Recipe {
     /// Poles of the reproduced functions.
     pub fn poles(&self) -> &Poles {
         match self {
-            Self::Bspline(poles) | Self::IntegerShifts { poles, .. } | Self::HalfIntegerShifts(poles) => {
-                poles
-            }
+            Self::Bspline(poles)
+            | Self::ShiftedBspline(poles)
+            | Self::IntegerShifts { poles, .. }
+            | Self::HalfIntegerShifts(poles) => poles,
         }
     }
 
@@ -575,8 +635,10 @@ impl Recipe {
     /// conditions have no stable solution.
     pub fn build(&self) -> Result<Built, GeometryError> {
         let interpolator = match self {
-            Self::Bspline(poles) => {
-                let generator = Arc::new(normalised_bspline(poles)?);
+            Self::Bspline(poles) | Self::ShiftedBspline(poles) => {
+                let generator = normalised_bspline(poles)?;
+                let is_shifted = matches!(self, Self::ShiftedBspline(_));
+                let generator = Arc::new(if is_shifted { generator.shifted() } else { generator });
                 return Ok(Built { generator, poles: poles.clone(), weights: None, condition: None });
             }
             Self::IntegerShifts { poles, support, weights } => {

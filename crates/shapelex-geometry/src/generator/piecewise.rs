@@ -1,5 +1,6 @@
 //! The piecewise Taylor form of a generator.
 
+use crate::open::phantoms;
 use shapelex_numeric::double_double::Real;
 
 /// Half the length of a piece; pieces are half-integer intervals.
@@ -102,22 +103,49 @@ impl<T: Real> From<Pieces<T>> for Generator {
             support,
             terms: kept,
             smoothness,
+            shifted: false,
             coefficients: rounded.chunks_exact(terms).flat_map(|c| &c[..kept]).copied().collect(),
         }
     }
 }
 
-/// A centred generator with support `[−N/2, N/2]`, as `2N` Taylor vectors of equal length.
+/// A centred generator with support `[−N/2, N/2]`, as `2N` Taylor vectors of equal length. A shifted one, `φ(t − ½)`, has the support
+/// `[1 − N/2, N/2]`: its first two vectors are zero.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Generator {
     support: usize,
     terms: usize,
     smoothness: usize,
+    shifted: bool,
     /// `C[p][m]` at `p·terms + m`.
     coefficients: Vec<f64>,
 }
 
 impl Generator {
+    /// `φ(t − ½)`, for a centred generator of an odd support: its knots are the integers.
+    pub(super) fn shifted(self) -> Self {
+        let mut coefficients = vec![0.0; 2 * self.terms];
+        coefficients.extend(self.coefficients);
+        Self { support: self.support + 1, shifted: true, coefficients, ..self }
+    }
+
+    /// Whether it is `φ(t − ½)` of a centred `φ`.
+    pub fn is_shifted(&self) -> bool {
+        self.shifted
+    }
+
+    /// Number of pieces before the support: they are zero.
+    pub fn pieces_before(&self) -> usize {
+        if self.shifted { 2 } else { 0 }
+    }
+
+    /// Numbers of control points beyond the ends of an open line that have an influence on it: before its first knot, and after its
+    /// last one.
+    pub fn beyond(&self) -> [usize; 2] {
+        let before = phantoms(self.support);
+        [before, before - usize::from(self.shifted)]
+    }
+
     /// `factor · φ`.
     pub(super) fn scaled(mut self, factor: f64) -> Self {
         self.coefficients.iter_mut().for_each(|c| *c *= factor);

@@ -78,6 +78,13 @@ impl FineFilter {
         let doubled_delay = order * (factor - 1);
         let fine = poles.refined(factor as f64).integral();
         let (raw, lead, scale) = match recipe {
+            // Shifts by half an interval on both grids: `(n(m−1) − (m−1))/2` fine intervals between the two.
+            Recipe::ShiftedBspline(_) => {
+                let taps = two_scale_filter(poles, factor).into_iter();
+                let taps = taps.map(|value| fine / poles.integral() * value).collect();
+                let first = -(((order - 1) * (factor - 1) / 2) as isize);
+                return Some(Self { first, taps, half_step: false });
+            }
             Recipe::Bspline(_) => (two_scale_filter(poles, factor), 0, fine / poles.integral()),
             Recipe::HalfIntegerShifts(_) if factor.is_multiple_of(2) => {
                 (prefilter(poles, built.weights.as_ref()?, factor), factor / 2 * (order - 2), fine)
@@ -89,5 +96,11 @@ impl FineFilter {
             taps: raw.into_iter().map(|value| scale * value).collect(),
             half_step: doubled_delay % 2 == 1,
         })
+    }
+
+    /// The same taps for fine B-splines that are centred half a fine interval after their index, as shifted ones are.
+    #[must_use]
+    pub fn for_shifted(self) -> Self {
+        if self.half_step { Self { first: self.first - 1, half_step: false, ..self } } else { self }
     }
 }

@@ -7,6 +7,7 @@ use crate::capability::measure::mesh_warnings;
 use crate::curve::Curve;
 use crate::intersection::{polygon_self_intersects, self_intersects};
 use crate::mesh::{MeshError, TriangleMesh};
+use crate::quality::{coarse_rounding, rounding_warning};
 use crate::raster::{
     Grid, Mask, Overlap, bounds, from_contours, from_curves, from_mesh, overlap_unless_stopped,
 };
@@ -119,11 +120,17 @@ impl Body {
     /// Caveats about its cells.
     fn warnings(&self, stop: Stop<'_>) -> Vec<String> {
         match &self.kind {
-            Kind::Contour(points) if polygon_self_intersects(points) => vec![CROSSES.into()],
-            Kind::Curve(curve) if self_intersects(curve) => vec![CROSSES.into()],
+            Kind::Contour(points) => self.planar_warnings(polygon_self_intersects(points)),
+            Kind::Curve(curve) => self.planar_warnings(self_intersects(curve)),
             Kind::Mesh(mesh) => mesh_warnings(mesh, stop),
-            Kind::Contour(_) | Kind::Curve(_) | Kind::Mask(_) => Vec::new(),
+            Kind::Mask(_) => Vec::new(),
         }
+    }
+
+    fn planar_warnings(&self, crosses: bool) -> Vec<String> {
+        let largest = self.corners.as_flattened().iter().fold(0.0_f64, |most, value| most.max(value.abs()));
+        let rounding = coarse_rounding(longest_side(self.corners), largest).map(rounding_warning);
+        crosses.then(|| CROSSES.to_owned()).into_iter().chain(rounding).collect()
     }
 
     /// Its cells on a grid; `None` once `stop` returns true.

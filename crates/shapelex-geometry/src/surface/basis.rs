@@ -31,28 +31,31 @@ impl Extent {
         [0, 1].map(|i| self.intervals[i].saturating_add(usize::from(!closed[i])))
     }
 
-    /// Number of rows of a shape, `N`, for generators with these supports.
-    pub fn size(self, supports: [usize; 2]) -> usize {
+    /// Number of rows of a shape, `N`, for generators with so many control points beyond open ends.
+    pub fn size(self, beyond: [[usize; 2]; 2]) -> usize {
+        // Two control points at and beyond each pole follow from the conditions there.
+        let between = (self.intervals[1] + beyond[1][0] + beyond[1][1]).saturating_sub(3);
         match self.topology {
-            Topology::Sphere => self.intervals[0]
-                .saturating_mul(self.intervals[1].saturating_sub(1))
-                .saturating_add(POLAR_ROWS),
-            Topology::SharpSphere => self.intervals[0]
-                .saturating_mul(self.intervals[1].saturating_sub(1))
-                .saturating_add(sharp_polar_rows(self.intervals[0])),
+            Topology::Sphere => self.intervals[0].saturating_mul(between).saturating_add(POLAR_ROWS),
+            Topology::SharpSphere => {
+                self.intervals[0].saturating_mul(between).saturating_add(sharp_polar_rows(self.intervals[0]))
+            }
             _ => {
-                let [rows, columns] = self.control_grid(supports);
+                let [rows, columns] = self.control_grid(beyond);
                 rows.saturating_mul(columns)
             }
         }
     }
 
     /// Number of control points along `u` and `v`, including those beyond open edges.
-    fn control_grid(self, supports: [usize; 2]) -> [usize; 2] {
+    fn control_grid(self, beyond: [[usize; 2]; 2]) -> [usize; 2] {
         let (grid, closed) = (self.grid(), self.topology.closed());
-        [0, 1].map(|i| if closed[i] { grid[i] } else { grid[i].saturating_add(2 * phantoms(supports[i])) })
+        [0, 1].map(|i| if closed[i] { grid[i] } else { grid[i].saturating_add(beyond[i].iter().sum()) })
     }
 }
+
+/// Why closed directions have no shifted generators.
+pub const SHIFTED_CLOSED: &str = "expected an open direction for \"shifted_exponential\", got a closed one, which begins anywhere: use \"exponential\"";
 
 /// Inconsistencies of a surface with admissible generators: fields and details.
 pub fn faults(extent: Extent, seam: Seam, kinds: &[GeneratorKind; 2]) -> Vec<(&'static str, String)> {
@@ -66,6 +69,11 @@ pub fn faults(extent: Extent, seam: Seam, kinds: &[GeneratorKind; 2]) -> Vec<(&'
             extent.intervals[1]
         );
         faults.push(("control_points/1", detail));
+    }
+    for (i, kind) in kinds.iter().enumerate() {
+        if kind.is_shifted() && extent.topology.closed()[i] {
+            faults.push((["generators/0", "generators/1"][i], SHIFTED_CLOSED.into()));
+        }
     }
     if extent.topology.has_poles() {
         if phantoms(kinds[1].support()) != 1 {
@@ -183,6 +191,12 @@ impl SurfaceBasis {
         self.lines.iter().all(Line::reproduces_constants)
     }
 
+    /// Whether there is a surface through all points at the knots. Smooth spheres of shifted splines have one ring of control points less
+    /// than such points: they meet them in the least-squares sense.
+    pub fn meets_points(&self) -> bool {
+        self.extent.topology != Topology::Sphere || !self.lines[1].generator().is_shifted()
+    }
+
     /// Moves the surface of `rows` by `by`. Constants must be reproduced; the rows of the constant 1 are whole numbers.
     pub fn translate(&self, rows: &mut Matrix, by: [f64; 3]) {
         let ones = self.interpolate_function(|_, _| [1.0; 3]);
@@ -241,7 +255,7 @@ impl SurfaceBasis {
     pub fn reverse(&self, column: &mut [f64]) {
         let closed = self.extent.topology.closed()[0];
         let (columns, polar) = match &self.sphere {
-            Some(sphere) => (self.extent.intervals[1] - 1, sphere.polar_rows()),
+            Some(sphere) => (sphere.between(), sphere.polar_rows()),
             None => (self.gram.size() / self.lines_stored(), 0),
         };
         let (grid, polar) = column.split_at_mut(column.len() - polar);
@@ -305,7 +319,7 @@ impl SurfaceBasis {
         let Some(sphere) = &self.sphere else {
             return Matrix::from_vec(self.gram.size(), nets.len(), nets.concat());
         };
-        let columns = self.extent.intervals[1] + 3;
+        let columns = sphere.columns_stored();
         let longer = handle_length(self.extent.intervals[1]) / handle_length(from);
         let (sine, cosine) = (std::f64::consts::TAU * shift).sin_cos();
         let mut rows = Vec::with_capacity(self.gram.size() * nets.len());
@@ -363,9 +377,9 @@ impl SurfaceBasis {
 
     /// The surface with these `rows` (`N × 3`).
     pub fn surface(&self, rows: &Matrix) -> Surface {
-        let supports = [0, 1].map(|i| self.lines[i].generator().support());
-        let beyond = supports.map(phantoms);
-        let size = [0, 1].map(|i| self.extent.intervals[i] + 1 + 2 * beyond[i]);
+        let ends = [0, 1].map(|i| self.lines[i].generator().beyond());
+        let beyond = ends.map(|[before, _]| before);
+        let size = [0, 1].map(|i| self.extent.intervals[i] + 1 + ends[i].iter().sum::<usize>());
         let stored: Vec<Vec<f64>> = rows.column_iter().map(|rows| self.grid(rows.as_slice())).collect();
         let places: [Vec<(usize, bool)>; 2] = [0, 1].map(|i| {
             (0..size[i]).map(|k| self.stored(i, k as isize - beyond[i] as isize, beyond[i])).collect()
@@ -389,14 +403,14 @@ impl SurfaceBasis {
 
     /// The rows with an influence at `(u, v)`, with their weights: `σ(u, v) = Σ w_i c_i`. A row may occur several times.
     pub fn weights(&self, u: f64, v: f64) -> Vec<(usize, f64)> {
-        let columns = match self.sphere {
-            Some(_) => self.extent.intervals[1] + 3,
+        let columns = match &self.sphere {
+            Some(sphere) => sphere.columns_stored(),
             None => self.gram.size() / self.lines_stored(),
         };
         let [along_u, along_v] = [(0, u), (1, v)].map(|(i, parameter)| {
             let line = &self.lines[i];
             let (half, s) = line.locate(parameter);
-            let beyond = phantoms(line.generator().support());
+            let beyond = line.generator().beyond()[0];
             let (first, weights) = line.weights(half, s, 0);
             let place = move |(k, weight)| {
                 let (stored, crossed) = self.stored(i, (first + k) as isize - beyond as isize, beyond);
@@ -432,7 +446,7 @@ impl SurfaceBasis {
             (0..size).for_each(|row| identity.push(&[(row as u32, 1.0)]));
             return identity;
         };
-        let [count, columns] = [self.extent.intervals[0], self.extent.intervals[1] + 3];
+        let [count, columns] = [self.extent.intervals[0], sphere.columns_stored()];
         let mut net = SparseRows::new(size, count * columns, 2 * count * columns);
         for k in 0..count {
             for l in 0..columns {
@@ -445,7 +459,7 @@ impl SurfaceBasis {
 
     /// Number of stored control points along `u`.
     pub(super) fn lines_stored(&self) -> usize {
-        self.extent.control_grid([0, 1].map(|i| self.lines[i].generator().support()))[0]
+        self.extent.control_grid([0, 1].map(|i| self.lines[i].generator().beyond()))[0]
     }
 
     /// Control points `[k][l]` of one coordinate.

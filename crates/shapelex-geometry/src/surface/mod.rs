@@ -37,7 +37,6 @@ use std::ops::Range;
 
 use super::generator::GeneratorKind;
 use super::knot_line::Line;
-use super::open::phantoms;
 use super::vector::{far_origin, minus};
 use seam::Seam;
 
@@ -138,7 +137,8 @@ impl Surface {
 
     /// Number of intervals along a direction within `[0, 1]`.
     pub fn intervals(&self, direction: usize) -> usize {
-        self.size[direction] - 1 - 2 * phantoms(self.lines[direction].generator().support())
+        let [before, after] = self.lines[direction].generator().beyond();
+        self.size[direction] - 1 - before - after
     }
 
     /// A power of two near the largest coordinate; 1 if all coordinates are 0.

@@ -5,8 +5,9 @@
 //! ```
 //!
 //! Every direction has a factor `m` of its own, 1 included, and a filter `g` as for curves ([`FineFilter`]). `δ` is half a fine
-//! interval where an odd order is split by an even factor, else 0. Only closed directions can be shifted: along open ones, from
-//! pole to pole, and across a seam that reverses `v`, such a factor has no relation. A sphere with smooth poles needs as
+//! interval where an odd order is split by an even factor, else 0. Only closed directions can be shifted: along open ones and from
+//! pole to pole, such a factor leads to B-splines that are shifted themselves, whose knots are those of the line; across a seam
+//! that reverses `v` it has no relation. A sphere with smooth poles needs as
 //! well that `cos 2πu` stays the same function on both grids, since its tangents at the poles are multiples of it.
 //!
 //! Source: Schmitter, *Spline Shape Processing*, (6.53)–(6.57), in each direction of (2.3).
@@ -16,7 +17,6 @@ use super::basis::{Extent, SurfaceBasis};
 use super::seam::Seam;
 use crate::generator::GeneratorKind;
 use crate::generator::refinement::FineFilter;
-use crate::open::phantoms;
 use shapelex_numeric::dense::Matrix;
 use shapelex_numeric::kronecker::transpose;
 
@@ -35,12 +35,16 @@ struct Direction {
 
 impl Direction {
     /// Prepares a direction whose generator belongs to `intervals` intervals; `None` without a two-scale relation.
-    fn new(kind: &GeneratorKind, intervals: usize, factor: usize) -> Option<Self> {
+    fn new(kind: &GeneratorKind, intervals: usize, factor: usize, closed: bool) -> Option<Self> {
         if factor == 1 {
             return Some(Self { factor, filter: None, kind: kind.clone() });
         }
         let (recipe, built) = (kind.recipe(intervals).ok()?, kind.build(intervals).ok()?);
         let filter = FineFilter::new(&recipe, &built, factor)?;
+        if filter.half_step && !closed {
+            let kind = kind.two_scale_shifted(factor);
+            return Some(Self { factor, filter: Some(filter.for_shifted()), kind });
+        }
         Some(Self { factor, filter: Some(filter), kind: kind.two_scale(factor) })
     }
 
@@ -48,13 +52,16 @@ impl Direction {
         self.filter.as_ref().is_some_and(|filter| filter.half_step)
     }
 
-    /// The rows of `x` (`[row][column]`), refined. Open lines have `beyond` control points beyond each end, before and after.
-    fn rows(&self, x: &[f64], columns: usize, closed: bool, beyond: [usize; 2]) -> Vec<f64> {
+    /// The rows of `x` (`[row][column]`), refined. Open lines have `beyond` control points beyond their ends, before and after
+    /// refinement.
+    fn rows(&self, x: &[f64], columns: usize, closed: bool, beyond: [[usize; 2]; 2]) -> Vec<f64> {
         let Some(filter) = &self.filter else { return x.to_vec() };
-        let [lead, own] = beyond.map(|count| if closed { 0 } else { count as isize });
+        let [[lead, trail], [own, after]] =
+            beyond.map(|ends| ends.map(|count| if closed { 0 } else { count as isize }));
         let coarse = (x.len() / columns) as isize;
         let factor = self.factor as isize;
-        let fine = if closed { factor * coarse } else { factor * (coarse - 1 - 2 * lead) + 1 + 2 * own };
+        let fine =
+            if closed { factor * coarse } else { factor * (coarse - 1 - lead - trail) + 1 + own + after };
         let mut refined = vec![0.0; fine as usize * columns];
         for (row, values) in x.chunks_exact(columns).enumerate() {
             let first = factor * (row as isize - lead) + filter.first + own;
@@ -79,7 +86,7 @@ pub struct SurfaceRefinement {
     seam: Seam,
     directions: [Direction; 2],
     /// Control points beyond open ends along `u` and `v`, on the coarse and on the fine grid.
-    beyond: [[usize; 2]; 2],
+    beyond: [[[usize; 2]; 2]; 2],
 }
 
 impl SurfaceRefinement {
@@ -95,19 +102,16 @@ impl SurfaceRefinement {
             let polar = extent.topology.has_poles() && i == 1;
             let count =
                 if polar { kinds[i].meridian_count(extent.intervals[i]) } else { extent.intervals[i] };
-            Direction::new(&kinds[i], count, factor(i)?)
+            Direction::new(&kinds[i], count, factor(i)?, extent.topology.closed()[i])
         };
         let directions = [direction(0)?, direction(1)?];
-        let closed = extent.topology.closed();
-        let shifted = |i: usize| directions[i].is_shifted();
-        if (0..2).any(|i| shifted(i) && !closed[i]) || (shifted(1) && seam == Seam::Reflected) {
+        if directions[1].is_shifted() && seam == Seam::Reflected {
             return None;
         }
         if extent.topology == Topology::Sphere && directions[0].factor > 1 && !basis.keeps_tangents() {
             return None;
         }
-        let of = |kind: &GeneratorKind| phantoms(kind.support());
-        let beyond = [0, 1].map(|i| [of(&kinds[i]), of(&directions[i].kind)]);
+        let beyond = [0, 1].map(|i| [kinds[i].beyond(), directions[i].kind.beyond()]);
         Some(Self { extent, seam, directions, beyond })
     }
 

@@ -27,6 +27,8 @@ use shapelex_numeric::operator::SymmetricOperator;
 pub(super) struct SharpGram {
     /// `M_u`, `M_v`.
     intervals: [usize; 2],
+    /// Number of rings between the poles.
+    between: usize,
     fft: RealFft,
     /// Eigenvalues of `Φ_u`, by harmonic.
     eigenvalues: Vec<f64>,
@@ -47,12 +49,12 @@ impl SharpGram {
     ) -> Result<Self, GeometryError> {
         let block = |poles: bool| basis.sharp_block(meridian, support, poles);
         let (blocks, intervals) = ([block(true)?, block(false)?], basis.intervals());
-        Ok(Self { intervals, fft: RealFft::new(intervals[0]), eigenvalues, blocks })
+        Ok(Self { intervals, between: basis.between(), fft: RealFft::new(intervals[0]), eigenvalues, blocks })
     }
 
     /// Unknowns along a meridian: both tangents and the points in between.
     fn length(&self) -> usize {
-        self.intervals[1] + 1
+        self.between + 2
     }
 
     /// Start of the unknowns of harmonic `q` (`1`, `cos`, `sin`, `cos 2·`, …). The poles are before and after those of the constants.
@@ -110,16 +112,15 @@ impl SharpGram {
     /// Splits rows into the points between the poles, the poles, and the handles of both poles.
     fn split<'a>(&self, x: &'a [f64]) -> (&'a [f64], [f64; 2], [&'a [f64]; 2]) {
         let count = self.intervals[0];
-        let (free, polar) = x.split_at(count * (self.intervals[1] - 1));
+        let (free, polar) = x.split_at(count * self.between);
         let (north, south) = polar[2..].split_at(count);
         (free, [polar[0], polar[1]], [north, south])
     }
 
     /// Unknowns `[k][m]` from the points between the poles and tangents by pole and meridian.
     fn join(&self, free: &[f64], tangent: impl Fn(usize, usize) -> f64) -> Vec<f64> {
-        let between = self.intervals[1] - 1;
         let mut grid = Vec::with_capacity(self.intervals[0] * self.length());
-        for (k, points) in free.chunks_exact(between).enumerate() {
+        for (k, points) in free.chunks_exact(self.between).enumerate() {
             grid.push(tangent(0, k));
             grid.extend_from_slice(points);
             grid.push(tangent(1, k));

@@ -14,6 +14,9 @@
 //! Gram operator into banded blocks along `v`: one with the poles, two with a pair of tangents each, and a common one for
 //! all other harmonics, times the eigenvalue of `Φ_u`.
 //!
+//! A generator that is shifted by half an interval along `v` has `M_v + 2` control points, the first two of which follow from pole and
+//! tangents alone: there are `M_v − 2` rings between the poles, and points at the knots are met in the mean only.
+//!
 //! Source: Schmitter, *Spline Shape Processing*, (7.11)–(7.13), with the lengths of the tangents corrected.
 
 use std::f64::consts::{FRAC_1_SQRT_2, PI, TAU};
@@ -55,6 +58,8 @@ struct PoleRule {
     values: [f64; 2],
     /// `M_v φ_v'(1)`.
     slope: f64,
+    /// Whether `φ_v` is shifted by half an interval: the two control points at a pole are those at `±½`.
+    shifted: bool,
     /// Ratio of the control values of `cos 2πu` to its samples at the knots.
     harmonic: f64,
 }
@@ -69,6 +74,7 @@ impl PoleRule {
         Self {
             values: [psi.evaluate(0.0, 0), psi.evaluate(1.0, 0)],
             slope: meridian.intervals() as f64 * psi.evaluate(1.0, 1),
+            shifted: psi.is_shifted(),
             harmonic: gain.recip(),
         }
     }
@@ -77,8 +83,13 @@ impl PoleRule {
     ///
     /// ```text
     /// c[−1] = c[1] + τ/(M_v φ'(1)),    c[0] = (c_N − φ(1)(c[−1] + c[1]))/φ(0)
+    /// shifted:  φ(0) = φ(1),   c[−1], c[0] = ½ (c_N/φ(1) ± τ/(M_v φ'(1)))
     /// ```
     fn close(&self, inner: f64, pole: f64, tangent: f64) -> [f64; 2] {
+        if self.shifted {
+            let (middle, step) = (0.5 * pole / self.values[1], 0.5 * tangent / self.slope);
+            return [middle - step, middle + step];
+        }
         let beyond = inner + tangent / self.slope;
         [(pole - self.values[1] * (beyond + inner)) / self.values[0], beyond]
     }
@@ -109,14 +120,11 @@ impl SphereBasis {
     /// [`GeometryError::Dependent`] if the samples along a meridian do not determine the control points.
     pub(super) fn new(around: &Line, meridian: &Line) -> Result<Self, GeometryError> {
         let (rule, last) = (PoleRule::new(around, meridian), meridian.intervals());
-        let [middle, side] = rule.values;
-        let mut band = Band::zeros(last + 1, 1);
-        for l in 0..=last {
-            band.add(l, l, if l == 0 || l == last { 0.5 * middle } else { middle });
-            if l < last {
-                band.add(l, l + 1, side);
-            }
-        }
+        let band = if rule.shifted {
+            normal_of_pairs(last - 2, rule.values[1])
+        } else {
+            knots_of(last, rule.values)
+        };
         let meridians = Arc::new(Banded::new(band).map_err(dependent)?);
         Ok(Self { intervals: [around.intervals(), last], rule, ends: Ends::Smooth, meridians })
     }
@@ -147,26 +155,31 @@ impl SphereBasis {
         if self.is_sharp() { sharp_polar_rows(self.intervals[0]) } else { POLAR_ROWS }
     }
 
-    /// Number of rings between the poles, `M_v − 1`.
-    fn between(&self) -> usize {
-        self.intervals[1] - 1
+    /// Number of rings between the poles, `M_v − 1`; one less if the generator is shifted.
+    pub(super) fn between(&self) -> usize {
+        self.intervals[1] - 1 - usize::from(self.rule.shifted)
     }
 
-    /// Number of control points between the poles, `M_u (M_v − 1)`.
+    /// Number of control points along a meridian, with those at and beyond the poles.
+    pub(super) fn columns_stored(&self) -> usize {
+        self.between() + 4
+    }
+
+    /// Number of control points between the poles.
     fn free(&self) -> usize {
         self.intervals[0] * self.between()
     }
 
     /// `c[k, l]` for one coordinate of a shape, `l = −1 … M_v + 1` fastest.
     pub(super) fn expand(&self, rows: &[f64]) -> Vec<f64> {
-        let [count, intervals] = self.intervals;
+        let (count, columns) = (self.intervals[0], self.columns_stored());
         let value =
             |k, l| -> f64 { self.combination(k, l).iter().map(|(row, part)| part * rows[*row]).sum() };
-        let mut grid = Vec::with_capacity(count * (intervals + 3));
+        let mut grid = Vec::with_capacity(count * columns);
         for (k, row) in rows[..self.free()].chunks_exact(self.between()).enumerate() {
             grid.extend([value(k, 0), value(k, 1)]);
             grid.extend(row);
-            grid.extend([value(k, intervals + 1), value(k, intervals + 2)]);
+            grid.extend([value(k, columns - 2), value(k, columns - 1)]);
         }
         grid
     }
@@ -178,7 +191,7 @@ impl SphereBasis {
         // At the south, inwards is against the direction of v.
         let (pole, inner, which, direction) = match l {
             0 | 1 => (NORTH, row(1), 1 - l, 1.0),
-            _ if l > intervals => (SOUTH, row(self.between()), l - intervals - 1, -1.0),
+            _ if l > self.between() + 1 => (SOUTH, row(self.between()), l - self.between() - 2, -1.0),
             _ => return vec![(row(l - 1), 1.0)],
         };
         let part = |inner, pole, tangent| self.rule.close(inner, pole, tangent)[which];
@@ -224,6 +237,10 @@ impl SphereBasis {
             let (sine, cosine) = (TAU * k as f64 / count as f64).sin_cos();
             let tangent = |[a, b]: [f64; 2]| self.rule.harmonic * (a * cosine + b * sine) / self.rule.slope;
             let mut p: Vec<f64> = (0..length).map(|l| around[(k, l)]).collect();
+            if self.rule.shifted {
+                rows.extend(self.between_in_mean(&p, [top, bottom], [tangent(north), -tangent(south)]));
+                continue;
+            }
             p[0] = 0.5 * (top - side * tangent(north));
             p[intervals] = 0.5 * (bottom + side * tangent(south));
             self.meridians.solve(&mut p);
@@ -234,6 +251,19 @@ impl SphereBasis {
         rows.extend(north.map(|tangent| top + kappa * tangent));
         rows.extend(south.map(|tangent| bottom + kappa * tangent));
         rows
+    }
+
+    /// Control points between the poles with a shifted generator, from the points `p` at the knots of a meridian, its poles, and its
+    /// inward tangents over `M_v φ'(1)`: `φ(1) (c[l−1] + c[l]) = p[l]` at all knots in between, in the least-squares sense.
+    fn between_in_mean(&self, p: &[f64], poles: [f64; 2], steps: [f64; 2]) -> Vec<f64> {
+        let (last, value) = (self.intervals[1], self.rule.values[1]);
+        let mut left: Vec<f64> = p[1..last].to_vec();
+        let ends = [0, 1].map(|i| self.rule.close(0.0, poles[i], steps[i] * self.rule.slope)[0]);
+        left[0] -= value * ends[0];
+        left[last - 2] -= value * ends[1];
+        let mut free: Vec<f64> = left.windows(2).map(|pair| value * (pair[0] + pair[1])).collect();
+        self.meridians.solve(&mut free);
+        free
     }
 
     /// Rows, for one coordinate, of the sphere with sharp poles that interpolates `points` (`[k][l]`, `l = 0 … M_v`). Meridians are
@@ -255,11 +285,12 @@ impl SphereBasis {
         let [count, intervals] = self.intervals;
         let mut rows = Vec::with_capacity(self.free() + self.polar_rows());
         for k in 0..count {
-            rows.extend((2..=intervals).map(|l| c(k, l)));
+            rows.extend((2..2 + self.between()).map(|l| c(k, l)));
         }
         rows.extend(poles);
-        let kappa = handle_length(intervals);
-        for (pole, beyond, inner) in [(poles[0], 0, 2), (poles[1], intervals + 2, intervals)] {
+        let (kappa, last) = (handle_length(intervals), self.columns_stored() - 1);
+        let step = if self.rule.shifted { 1 } else { 2 };
+        for (pole, beyond, inner) in [(poles[0], 0, step), (poles[1], last, last - step)] {
             rows.extend((0..count).map(|k| pole + kappa * self.rule.slope * (c(k, beyond) - c(k, inner))));
         }
         rows
@@ -273,7 +304,7 @@ impl SphereBasis {
         support: usize,
         poles: bool,
     ) -> Result<Banded, GeometryError> {
-        let last = self.intervals[1] + 2;
+        let last = self.columns_stored() - 1;
         let mut columns = self.columns(Some(1));
         let [at, beyond] = self.rule.close(0.0, 0.0, 1.0);
         let south = columns.len() - 1;
@@ -290,7 +321,7 @@ impl SphereBasis {
     /// Coefficients over the control points `l = −1 … M_v + 1` of a meridian: for the pole (`order` 0) or the tangent
     /// (`order` 1) at the north, for the points between the poles, then for the south.
     fn columns(&self, order: Option<usize>) -> Vec<Vec<(usize, f64)>> {
-        let last = self.intervals[1] + 2;
+        let last = self.columns_stored() - 1;
         let ends = |pole: f64, tangent: f64| self.rule.close(0.0, pole, tangent);
         let polar = order.map(|order| match order {
             0 => (ends(1.0, 0.0), ends(1.0, 0.0)),
@@ -301,7 +332,7 @@ impl SphereBasis {
         if let Some(([at, beyond], _)) = polar {
             columns.push(vec![(0, beyond), (1, at)]);
         }
-        for l in 1..self.intervals[1] {
+        for l in 1..=self.between() {
             let mut column = vec![(l + 1, 1.0)];
             if l == 1 {
                 column.extend([(0, inner[1]), (1, inner[0])]);
@@ -321,6 +352,30 @@ impl SphereBasis {
     fn block(&self, meridian: &Band, support: usize, order: Option<usize>) -> Result<Banded, GeometryError> {
         gram_block(&self.columns(order), meridian, (support - 1).max(2))
     }
+}
+
+/// Samples at the knots of a meridian of `last` intervals, with the first and the last row halved.
+fn knots_of(last: usize, [middle, side]: [f64; 2]) -> Band {
+    let mut band = Band::zeros(last + 1, 1);
+    for l in 0..=last {
+        band.add(l, l, if l == 0 || l == last { 0.5 * middle } else { middle });
+        if l < last {
+            band.add(l, l + 1, side);
+        }
+    }
+    band
+}
+
+/// The normal matrix of `value (c[l − 1] + c[l])`, `l = 0 … count`, for `count` unknowns.
+fn normal_of_pairs(count: usize, value: f64) -> Band {
+    let mut band = Band::zeros(count, 1);
+    for l in 0..count {
+        band.add(l, l, 2.0 * value * value);
+        if l + 1 < count {
+            band.add(l, l + 1, value * value);
+        }
+    }
+    band
 }
 
 /// `EᵀΦ_vE` for the columns of `E`, a band of this width.

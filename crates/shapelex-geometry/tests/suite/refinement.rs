@@ -157,12 +157,9 @@ fn refinable() -> Vec<GeneratorKind> {
     splines.chain(others).collect()
 }
 
-/// Whether a curve is refined as the same function: half-integer shifts by even factors, and on open curves no
-/// half-step.
-fn is_exact(kind: &GeneratorKind, order: usize, factor: usize, closed: bool) -> bool {
-    let refinable = refinable().contains(kind);
-    let even = factor.is_multiple_of(2) || !kind.needs_even_factors();
-    refinable && even && (closed || (order * (factor - 1)).is_multiple_of(2))
+/// Whether a curve is refined as the same function: half-integer shifts by even factors.
+fn is_exact(kind: &GeneratorKind, factor: usize) -> bool {
+    refinable().contains(kind) && (factor.is_multiple_of(2) || !kind.needs_even_factors())
 }
 
 /// `r(u) = r_fine(u + δ)` when exact, and `r = r_fine` at the fine knots otherwise.
@@ -173,7 +170,7 @@ fn assert_refined(space: &ShapeSpace, factor: usize, seed: u64, parameters: &[f6
     let fine = Curve::of(refinement.space(), &refinement.apply(&points)).unwrap();
     assert_eq!(fine.segments(), factor * curve.segments(), "{what}");
     let kind = space.representation().generator().unwrap();
-    let wanted = is_exact(kind, space.line().expect("a curve").poles().order(), factor, curve.is_closed());
+    let wanted = is_exact(kind, factor);
     assert_eq!(refinement.is_exact(), wanted, "{what}");
     let shift = refinement.parameter_shift();
     let knots: Vec<f64> = (0..=fine.segments()).map(|k| k as f64 / fine.segments() as f64).collect();
@@ -181,7 +178,12 @@ fn assert_refined(space: &ShapeSpace, factor: usize, seed: u64, parameters: &[f6
         // Control points are random in [−1, 1]; values are sums of at most ten of them.
         assert_close(&format!("{what}, u = {u}"), &fine.evaluate(u + shift, 0), &curve.evaluate(u, 0), 1e-12);
     }
-    assert!(wanted || shift == 0.0);
+    assert!((wanted && curve.is_closed()) || shift == 0.0);
+    let order = space.line().expect("a curve").poles().order();
+    let between = wanted && !(order * (factor - 1)).is_multiple_of(2);
+    let fine = refinement.representation().generator().unwrap();
+    assert_eq!(fine.is_shifted(), between && !curve.is_closed(), "{what}");
+    assert_eq!(refinement.space().gram().size(), refinement.representation().size(), "{what}");
 }
 
 proptest! {
@@ -329,10 +331,7 @@ proptest! {
         places in prop::collection::vec(prop::array::uniform2(0.0..1.0), 20),
     ) {
         let space = surfaces(topology, Seam::Straight, [7, 6], kinds.clone()).unwrap();
-        let closed = topology.closed();
-        let wanted = (0..2).all(|i| {
-            factors[i] == 1 || is_exact(&kinds[i], space.surface().unwrap().lines()[i].poles().order(), factors[i], closed[i])
-        });
+        let wanted = (0..2).all(|i| factors[i] == 1 || is_exact(&kinds[i], factors[i]));
         prop_assert_eq!(assert_same_surface(&space, factors, seed, &places), wanted);
     }
 
@@ -351,7 +350,7 @@ proptest! {
         prop_assert_eq!(assert_same_surface(&space, factors, seed, &places), !reversed);
     }
 
-    /// Spheres stay the same, poles and tangents included, where `cos 2πu` is reproduced along `u` and the knots fall on knots along `v`.
+    /// Spheres stay the same, poles and tangents included, where `cos 2πu` is reproduced along `u`.
     #[test]
     fn refined_spheres_are_the_same(
         around in prop::sample::select(vec![0_usize, 1, 2]),
@@ -371,10 +370,130 @@ proptest! {
         let sharp = surfaces(Topology::SharpSphere, Seam::Straight, [7, 6], kinds.clone()).unwrap();
         let space = surfaces(Topology::Sphere, Seam::Straight, [7, 6], kinds).unwrap();
         let along_u = factors[0] == 1 || around == 0 || (around == 1 && even);
-        let along_v = factors[1] == 1 || along == 1 || (along == 0 && factors[1] % 2 == 1);
+        let along_v = along != 2 || factors[1] == 1 || factors[1] % 2 == 0;
         prop_assert_eq!(assert_same_surface(&space, factors, seed, &places), along_u && along_v);
         // No tangent planes at the poles, no condition on cos 2πu.
         let along_u = along_u || around == 2;
         prop_assert_eq!(assert_same_surface(&sharp, factors, seed, &places), along_u && along_v);
     }
+}
+
+/// Generators whose refinement is shifted by half an interval along open directions: odd lists of poles, split evenly.
+fn between_knots() -> Vec<GeneratorKind> {
+    let odd = |kind: &GeneratorKind| kind.properties().smoothness % 2 == 1;
+    let kinds: Vec<GeneratorKind> = refinable().into_iter().filter(odd).collect();
+    assert!(kinds.len() >= 8, "{}", kinds.len());
+    kinds
+}
+
+/// `⟨r, r⟩` of the Gram operator, and the square of its root; both are the squared norm.
+fn squared_norms(space: &ShapeSpace, rows: &Matrix) -> [f64; 2] {
+    let (mut applied, mut whitened) = (rows.clone(), rows.clone());
+    space.gram().apply(applied.as_mut_slice());
+    space.gram().whiten(whitened.as_mut_slice());
+    let norm = rows.dot(&applied);
+    space.gram().solve(applied.as_mut_slice());
+    space.gram().unwhiten(whitened.as_mut_slice());
+    let largest = rows.amax();
+    assert!((applied - rows).amax() <= 1e-9 * largest && (&whitened - rows).amax() <= 1e-9 * largest);
+    let mut whitened = rows.clone();
+    space.gram().whiten(whitened.as_mut_slice());
+    [norm, whitened.norm_squared()]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+
+    /// Open curves split evenly have the norm of the coarse curve, can be refined again by any factor, and interpolate.
+    #[test]
+    fn shifted_splines_are_curves_as_others(
+        kind in prop::sample::select(between_knots()),
+        factors in prop::array::uniform2(prop::sample::select(vec![2_usize, 4, 3])),
+        size in 6_usize..12,
+        seed in any::<u64>(),
+        parameters in prop::collection::vec(0.0..1.0, 30),
+    ) {
+        prop_assume!(factors[0] % 2 == 0);
+        let space = open(&kind, size, 2).unwrap();
+        let (points, curve) = random_curve(&space, seed);
+        let once = Refinement::new(&space, factors[0]).unwrap();
+        let fine = once.apply(&points);
+        let [norm, root] = squared_norms(once.space(), &fine);
+        let [wanted, _] = squared_norms(&space, &points);
+        prop_assert!((norm - wanted).abs() <= 1e-12 * wanted && (root - wanted).abs() <= 1e-11 * wanted);
+        // The shifts are again combinations of shifts, by odd and by even factors.
+        let twice = Refinement::new(once.space(), factors[1]).unwrap();
+        prop_assert!(twice.is_exact());
+        let finer = Curve::of(twice.space(), &twice.apply(&fine)).unwrap();
+        // What is reproduced is interpolated: a curve through its own values at the knots has these values, and constants stay.
+        let line = once.space().line().unwrap();
+        let values = Matrix::from_fn(line.intervals() + 1, 2, |k, c| curve.evaluate(k as f64 / line.intervals() as f64, 0)[c]);
+        let through = Curve::of(once.space(), &line.interpolate(values.clone())).unwrap();
+        let backwards = Matrix::from_fn(values.nrows(), 2, |k, c| values[(values.nrows() - 1 - k, c)]);
+        let turned = Curve::of(once.space(), &line.interpolate(backwards)).unwrap();
+        for &u in &parameters {
+            assert_close("twice", &finer.evaluate(u, 0), &curve.evaluate(u, 0), 1e-12);
+            assert_close("turned", &turned.evaluate(1.0 - u, 0), &through.evaluate(u, 0), 1e-9);
+        }
+        for k in 0..=line.intervals() {
+            let u = k as f64 / line.intervals() as f64;
+            assert_close("knot", &through.evaluate(u, 0), &curve.evaluate(u, 0), 1e-9);
+        }
+        if line.reproduces_constants() {
+            let ones = line.interpolate(Matrix::from_element(values.nrows(), 2, 1.0));
+            prop_assert!((ones.add_scalar(-1.0)).amax() <= 1e-9, "{}", ones);
+        }
+    }
+
+    /// Surfaces split evenly along meridians and other open directions have the norm of the coarse surface, and can be refined again.
+    #[test]
+    fn shifted_splines_are_surfaces_as_others(
+        topology in prop::sample::select(vec![Topology::Sphere, Topology::SharpSphere, Topology::Cylinder, Topology::Plane]),
+        along in prop::sample::select(vec![0_usize, 1]),
+        factor in prop::sample::select(vec![2_usize, 3]),
+        seed in any::<u64>(),
+        places in prop::collection::vec(prop::array::uniform2(0.0..1.0), 20),
+    ) {
+        let circle = PoleList::from_domain(&[[0.0, 0.0], [0.0, TAU], [0.0, -TAU]]);
+        let half = PoleList::from_domain(&[[0.0, 0.0], [0.0, TAU / 2.0], [0.0, -TAU / 2.0]]);
+        let around = GeneratorKind::Exponential { poles: circle };
+        let meridian = if topology.has_poles() { half_integer_shifts(half).of_meridian() } else { half_integer_shifts(half) };
+        let kinds = [around, [meridian, GeneratorKind::Bspline { degree: 2 }][along].clone()];
+        let space = surfaces(topology, Seam::Straight, [7, 6], kinds).unwrap();
+        let rows = crate::spaces::Noise(seed).matrix(space.representation().size(), 3);
+        let fine = ShapeSpace::new(&space.resized([7, 12]).unwrap()).unwrap();
+        let resized = Resizing::new(&space, &fine).unwrap().apply(&rows);
+        prop_assert!(resized.change.is_none());
+        let Representation::Surface { generators, .. } = fine.representation() else { unreachable!() };
+        prop_assert!(generators[1].is_shifted());
+        prop_assert_eq!(resized.control_points.nrows(), fine.representation().size());
+        let [norm, root] = squared_norms(&fine, &resized.control_points);
+        let [wanted, _] = squared_norms(&space, &rows);
+        prop_assert!((norm - wanted).abs() <= 1e-12 * wanted && (root - wanted).abs() <= 1e-11 * wanted, "{norm} {root} {wanted}");
+        prop_assert!(assert_same_surface(&fine, [1, factor], seed, &places));
+        // The net is that of the surface, and a constant is interpolated.
+        let basis = fine.surface().unwrap();
+        for &[u, v] in &places {
+            let sum = basis.weights(u, v).into_iter().map(|(row, weight)| weight * resized.control_points[(row, 0)]).sum::<f64>();
+            assert_close("weights", &[sum], &[basis.surface(&resized.control_points).point(u, v)[0]], 1e-12);
+        }
+        let ones = basis.interpolate_function(|_, _| [1.0; 3]);
+        prop_assert!(ones.add_scalar(-1.0).amax() <= 1e-9);
+    }
+}
+
+/// Closed directions have no use for a shift, and an even number of poles has its knots at the integers.
+#[test]
+fn shifted_splines_are_for_open_directions_and_odd_orders() {
+    let poles = |order: usize| PoleList::on_grid(&vec![[0.0; 2]; order]);
+    for order in [2, 3, 4, 5, 9, 10] {
+        let kind = GeneratorKind::ShiftedExponential { poles: poles(order) };
+        assert_eq!(kind.faults().is_empty(), order % 2 == 1 && order > 2, "{order}");
+    }
+    let kind = GeneratorKind::ShiftedExponential { poles: poles(3) };
+    let circle = GeneratorKind::Trigonometric {};
+    assert!(surfaces(Topology::Torus, Seam::Straight, [7, 6], [circle.clone(), kind.clone()]).is_err());
+    assert!(surfaces(Topology::Cylinder, Seam::Straight, [7, 6], [circle, kind.clone()]).is_ok());
+    assert!(closed(&kind, 7, 2).is_err());
+    assert_eq!(open(&kind, 7, 2).unwrap().representation().size(), 9);
 }

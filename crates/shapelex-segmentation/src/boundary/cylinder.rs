@@ -53,7 +53,7 @@ impl CylinderBoundary {
 /// keeps the exact cylinder for any number of points along the axis.
 pub fn extension(lines: &[Line; 2]) -> SparseRows {
     let [around, last] = [0, 1].map(|i| lines[i].intervals());
-    let beyond = lines[1].beyond();
+    let [beyond, _] = lines[1].beyond();
     let mut net =
         SparseRows::new(around * (last + 1), around * (last + 1 + 2 * beyond), 2 * around * (last + 1));
     for k in 0..around {

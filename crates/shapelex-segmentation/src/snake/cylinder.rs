@@ -42,6 +42,10 @@ impl CylinderSnake {
             let detail = "expected a cylinder".into();
             return Err(GeometryError::Surface { field: "topology", detail });
         }
+        if basis.lines()[1].generator().is_shifted() {
+            let detail = "expected another generator than \"shifted_exponential\" along the axis, which has other points beyond its ends";
+            return Err(GeometryError::Surface { field: "generators/1", detail: detail.into() });
+        }
         let net = extension(basis.lines());
         Ok(Self { basis, net })
     }
@@ -87,8 +91,9 @@ impl Model<3> for CylinderSnake {
 
     fn free_points(&self, control_points: &[[f64; 3]]) -> Vec<[f64; 3]> {
         let line = &self.basis.lines()[1];
-        let free = line.beyond()..line.beyond() + line.intervals() + 1;
-        let length = free.end + line.beyond();
+        let [before, after] = line.beyond();
+        let free = before..before + line.intervals() + 1;
+        let length = free.end + after;
         control_points.chunks_exact(length).flat_map(|along| along[free.clone()].to_vec()).collect()
     }
 }
