@@ -3,6 +3,8 @@
 //! A field that begins with `=`, `+`, `-`, `@`, a tab or a carriage return and is not a number is a formula to spreadsheets,
 //! whoever wrote it. An apostrophe before it makes it a text.
 
+use std::io::{self, Write};
+
 /// Makes texts of what spreadsheets take for formulas, in CSV that comes in pieces.
 #[derive(Debug, Default)]
 pub struct Escaping {
@@ -48,6 +50,53 @@ impl Escaping {
             written.extend_from_slice(&self.field);
         }
         self.field.clear();
+    }
+}
+
+/// Output that counts its bytes, and may escape formulas on their way.
+pub struct Escaped<'o> {
+    output: &'o mut (dyn Write + Send),
+    escaping: Option<Escaping>,
+    bytes: u64,
+}
+
+impl<'o> Escaped<'o> {
+    /// An output, which escapes formulas where `escapes` is set.
+    pub fn new(output: &'o mut (dyn Write + Send), escapes: bool) -> Self {
+        Self { output, escaping: escapes.then(Escaping::default), bytes: 0 }
+    }
+
+    fn put(&mut self, bytes: &[u8]) -> io::Result<()> {
+        self.output.write_all(bytes)?;
+        self.bytes += bytes.len() as u64;
+        Ok(())
+    }
+
+    /// Writes what is left, and returns the number of bytes written.
+    ///
+    /// # Errors
+    /// Those of the output.
+    pub fn end(mut self) -> io::Result<u64> {
+        let rest = self.escaping.take().map(|mut escaping| escaping.rest()).unwrap_or_default();
+        self.put(&rest)?;
+        Ok(self.bytes)
+    }
+}
+
+impl Write for Escaped<'_> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        match &mut self.escaping {
+            Some(escaping) => {
+                let piece = escaping.piece(bytes);
+                self.put(&piece)?;
+            }
+            None => self.put(bytes)?,
+        }
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.output.flush()
     }
 }
 

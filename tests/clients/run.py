@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
-"""Generates a Python and a TypeScript client from the OpenAPI document, checks their types and calls the service with them.
+"""Generates clients from the OpenAPI document, checks their types and calls the service with them.
 
     tests/clients/run.py [--program target/debug/shapelex]
 
-The document must be valid, and no operation may be missing from a client. Where Python packages or npm cannot be had, the
-part that needs them is skipped with a line that says so.
+Python by openapi-python-client, TypeScript by openapi-typescript, both by openapi-generator too, and Java by it, which is compiled. The
+document must be valid, and no operation may be missing from a client. Where Python packages, npm, Java or its libraries cannot be had,
+the part that needs them is skipped with a line that says so.
 """
 
 import argparse
@@ -12,6 +13,7 @@ import importlib.util
 import json
 import os
 import pathlib
+import re
 import shutil
 import subprocess
 import sys
@@ -123,26 +125,136 @@ def generate_typescript(folder):
     return ["node", folder / "built" / "calls.js"]
 
 
+def has_java():
+    """Whether there is Java, after it was installed where the rights are there."""
+    if shutil.which("java"):
+        return True
+    if os.geteuid() == 0 and shutil.which("apt-get"):
+        os.environ["DEBIAN_FRONTEND"] = "noninteractive"
+        try:
+            environment.run(["apt-get", "update", "-qq"])
+            environment.run(["apt-get", "install", "-y", "-qq", "--no-install-recommends", "default-jre-headless"])
+        except environment.Unavailable as error:
+            print(f"SKIPPED: the three clients of openapi-generator, Java cannot be installed: {error}")
+            return False
+    if shutil.which("java"):
+        return True
+    print("SKIPPED: the three clients of openapi-generator, there is no java (Debian: default-jre-headless)")
+    return False
+
+
+def install_openapi(folder):
+    """An environment with openapi-generator and what its Python client needs."""
+    environment.created(folder, ["-r", HERE / "openapi-requirements.txt"])
+
+
+def generated(folder, language, output, *settings):
+    """The client of a language by openapi-generator."""
+    shutil.rmtree(output, ignore_errors=True)
+    command = [folder / "bin" / "openapi-generator-cli", "generate", "-g", language, "-i", DOCUMENT, "-o", output, *settings]
+    told = run(command, timeout=600)
+    faults = [line for line in told.splitlines() if " ERROR " in line]
+    if faults:
+        sys.exit(f"openapi-generator for {language}: {faults}")
+
+
+def missing_from(text, name):
+    """Ends where operations are missing in the source of a client, in which `name` makes the names of functions."""
+    missing = {operation for operation in operations() if not re.search(rf"\b{name(operation)}\(", text)}
+    if missing:
+        sys.exit(f"operations that openapi-generator leaves out: {sorted(missing)}")
+
+
+def camel(name):
+    """`find_cohort` as `findCohort`."""
+    first, *rest = name.split("_")
+    return first + "".join(word.capitalize() for word in rest)
+
+
+def openapi_python(folder):
+    """The Python client of openapi-generator, beside its calls."""
+    client = folder / "client"
+    generated(folder, "python", client, "--additional-properties", "packageName=shapelex_openapi")
+    missing_from("".join(file.read_text() for file in (client / "shapelex_openapi" / "api").glob("*.py")), str)
+    shutil.copy(HERE / "openapi_calls.py", client)
+    return [folder / "bin" / "python", client / "openapi_calls.py"]
+
+
+def openapi_typescript(folder, npm):
+    """The TypeScript client of openapi-generator, beside its calls in the folder of the packages, compiled."""
+    client = npm / "openapi"
+    generated(
+        folder, "typescript-axios", client, "--additional-properties", "useSingleRequestParameter=true,importFileExtension=.js"
+    )
+    missing_from((client / "api.ts").read_text(), camel)
+    shutil.copy(HERE / "openapi_calls.ts", npm)
+    shutil.copy(HERE / "openapi-tsconfig.json", npm)
+    run([npm / "node_modules" / ".bin" / "tsc", "--project", "openapi-tsconfig.json"], cwd=npm, timeout=600)
+    return ["node", npm / "built" / "openapi_calls.js"]
+
+
+def compile_java(folder):
+    """Compiles the Java client of openapi-generator; returns how many clients that are."""
+    if not (shutil.which("mvn") and shutil.which("javac")):
+        print("SKIPPED: the Java client of openapi-generator, there is no mvn or no javac (Debian: maven, default-jdk-headless)")
+        return 0
+    client = folder / "java"
+    generated(folder, "java", client, "--library", "native", "--additional-properties", "hideGenerationTimestamp=true")
+    sources = "".join(file.read_text() for file in client.rglob("api/*.java"))
+    missing_from(sources, camel)
+    mvn = ["mvn", "--batch-mode", "--quiet", "-Dstyle.color=never", "-Dmaven.test.skip=true"]
+    try:
+        libraries = subprocess.run(
+            [*mvn, "dependency:resolve", "dependency:resolve-plugins"], cwd=client, capture_output=True, text=True, timeout=600
+        )
+        told = re.findall(r"\[ERROR\] (.{1,150})", libraries.stdout + libraries.stderr)
+        reason = (told or ["it says nothing"])[0] if libraries.returncode else None
+    except subprocess.SubprocessError as error:
+        reason = str(error)
+    if reason:
+        print(f"SKIPPED: the Java client of openapi-generator, its libraries cannot be had: {reason}")
+        return 0
+    run([*mvn, "compile"], cwd=client, timeout=600)
+    return 1
+
+
+def of_openapi_generator(npm):
+    """Commands of the clients of openapi-generator, and how many others were compiled."""
+    if not has_java():
+        return [], 0
+    folder = TARGET / "clients" / "openapi"
+    if not installed(folder, ["openapi-requirements.txt"], install_openapi):
+        return [], 0
+    commands = [openapi_python(folder)]
+    if npm:
+        commands.append(openapi_typescript(folder, npm))
+    else:
+        print("SKIPPED: the TypeScript client of openapi-generator, there are no packages of npm")
+    return commands, compile_java(folder)
+
+
 def clients():
-    """Commands that make the calls, of all clients that can be generated here."""
-    commands, folder = [], TARGET / "clients" / "python"
+    """Commands that make the calls, of all clients that can be generated here, and how many others were compiled."""
+    commands, npm, folder = [], None, TARGET / "clients" / "python"
     if installed(folder, ["requirements.txt"], install_python):
         run([folder / "bin" / "openapi-spec-validator", DOCUMENT])
         commands.append(generate_python(folder))
     if not (shutil.which("node") and shutil.which("npm")):
         print("SKIPPED: the generated TypeScript client, there is no node or no npm")
-        return commands
-    folder = TARGET / "clients" / "typescript"
-    if installed(folder, ["package.json", "package-lock.json"], install_npm):
-        commands.append(generate_typescript(folder))
-    return commands
+    else:
+        folder = TARGET / "clients" / "typescript"
+        if installed(folder, ["package.json", "package-lock.json"], install_npm):
+            npm = folder
+            commands.append(generate_typescript(folder))
+    others, compiled = of_openapi_generator(npm)
+    return commands + others, compiled
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--program", type=pathlib.Path, default=TARGET / "debug" / "shapelex")
     shapelex, begin = parser.parse_args().program.resolve(), time.monotonic()
-    commands = clients()
+    commands, compiled = clients()
     if not commands:
         return
     common = contract()
@@ -152,7 +264,7 @@ def main():
             for command in commands:
                 print(run([*command, address, key]).strip())
     print(f"clients: {time.monotonic() - begin:.0f} s")
-    print(f"clients: {len(commands)} passed, 0 failed")
+    print(f"clients: {len(commands) + compiled} passed, 0 failed")
 
 
 if __name__ == "__main__":

@@ -156,6 +156,40 @@ fn files_go_into_a_store_and_out_of_it() {
     }
 }
 
+/// As `formulas` of HTTP: of a store, of a service, and of a file that is translated.
+#[test]
+fn formulas_in_csv_are_escaped_by_an_option() {
+    let server = Setting::fresh().start();
+    create(&server);
+    let shapes =
+        json!({"shapes": [{"external_id": "=1+1", "label": "-x", "points": [[0, 0], [4, 0], [4, -1]]}]});
+    server.post("/v1/cohorts/c/shapes", &shapes).expect(201);
+    let escaped = server.get("/v1/cohorts/c/export?format=csv&formulas=escape").text().to_owned();
+    let kept = server.get("/v1/cohorts/c/export?format=csv").text().to_owned();
+    assert!(escaped.contains("'=1+1") && escaped.contains("'-x") && escaped.contains("-1"), "{escaped}");
+    assert!(!escaped.contains("'-1") && kept != escaped, "{kept}");
+    let folder = files();
+    let of_cohort = |more: &[&str]| {
+        run(server.command("export").arg("-").args(["--cohort", "c", "--to", "csv"]).args(more))
+    };
+    let of_service = ["--server", server.address(), "--formulas", "escape"];
+    for more in [&["--formulas", "escape"][..], &of_service] {
+        let (code, said, told) = of_cohort(more);
+        assert_eq!((code, &said), (0, &escaped), "{told}");
+        assert!(told.contains(&format!("{} bytes of CSV", escaped.len())), "{told}");
+    }
+    assert_eq!(of_cohort(&["--formulas", "keep"]).1, kept);
+    std::fs::write(folder.path().join("kept.csv"), &kept).unwrap();
+    let convert =
+        |to: &str| shapelex(&["convert", "kept.csv", "--to", to, "--formulas", "escape"], folder.path());
+    let (code, said, told) = convert("csv");
+    assert!(code == 0 && said.contains("'=1+1") && said.contains("'-x"), "{said} {told}");
+    let (code, _, told) = convert("ndjson");
+    assert!(code == 2 && told.contains("expected --to csv beside --formulas escape, got ndjson"), "{told}");
+    let (code, _, told) = run(server.command("export").arg("-").args(["--formulas", "escape"]));
+    assert!(code == 2 && told.contains("expected --cohort"), "{told}");
+}
+
 #[test]
 fn what_harmonics_leave_is_said() {
     let server = Setting::fresh().start();

@@ -10,6 +10,7 @@ use super::content::{Opened, shown};
 use super::{Complete, Reading, Writing, note, own_limits};
 use crate::cli::maintenance::Outcome;
 use crate::formats::files::{self, FileError, Format, Place, Summary};
+use crate::formats::formulas::Escaped;
 use crate::formats::summary::{FileSummary, left_out};
 use crate::service::files::unknown_format;
 
@@ -51,16 +52,18 @@ struct Converted {
 pub(super) fn run(args: &ConvertArgs) -> Result<Outcome, String> {
     let target = target(args)?;
     let (options, stated) = (args.reading.options()?, args.reading.format()?);
-    let writing = args.writing.options()?;
+    let (writing, escapes) = (args.writing.options()?, args.writing.escapes(target)?);
     let failed = |error: FileError| format!("{}: {error}", shown(&args.file));
     let opened = Opened::new(&args.file, stated, &options).map_err(failed)?;
     let convert = |output: &mut (dyn Write + Send)| {
         let mut opened = opened;
-        let mut writer = target.writer(output, &writing)?;
+        let mut output = Escaped::new(output, escapes);
+        let mut writer = target.writer(&mut output, &writing)?;
         let mut push = |record| writer.push(&record);
         let format = opened.format;
         let read = format.read(&mut opened.source, &options, &own_limits(), &|| false, &mut push)?;
         let written = writer.finish()?;
+        output.end()?;
         if written.records == 0 {
             let said = FileSummary::new(format.id(), read).without_shapes();
             let said = if said.is_empty() { String::new() } else { format!(": {}", said.join("; ")) };

@@ -13,6 +13,7 @@ use crate::cli::maintenance::{At, Outcome};
 use crate::domain::attribute::Attribute;
 use crate::domain::filter::ShapeFilter;
 use crate::formats::files::{self, FileError, Format, Limits, ReadOptions, Source, WriteOptions};
+use crate::formats::formulas::Escaped;
 use crate::formats::summary::left_out;
 use crate::service::app::App;
 use crate::service::app::outgoing::BodyWriter;
@@ -64,7 +65,7 @@ impl ExportArgs {
     pub(in crate::cli) fn check_store(&self) -> Result<(), String> {
         match self.writing.is_usual() {
             true => Ok(()),
-            false => Err("expected --cohort beside --write and --series, got none".into()),
+            false => Err("expected --cohort beside --write, --series and --formulas, got none".into()),
         }
     }
 }
@@ -110,12 +111,24 @@ fn target(file: &Path, stated: Option<&str>) -> Result<&'static Format, String> 
     }
 }
 
+/// Writes the shapes. Returns the number of bytes.
 async fn write(
     target: &Target,
     args: &ExportArgs,
     format: &'static Format,
     output: &mut (dyn Write + Send),
 ) -> Result<u64, String> {
+    let mut output = Escaped::new(output, args.writing.escapes(format)?);
+    write_shapes(target, args, format, &mut output).await?;
+    output.end().map_err(|error| error.to_string())
+}
+
+async fn write_shapes(
+    target: &Target,
+    args: &ExportArgs,
+    format: &'static Format,
+    output: &mut (dyn Write + Send),
+) -> Result<(), String> {
     let cohort = args.cohort.as_deref().unwrap_or_default();
     let options = args.writing.options()?;
     let content = args.content(format);
@@ -158,22 +171,21 @@ async fn write(
         let lines = response.bytes().await.map_err(|error| format!("the file breaks off: {error}"))?;
         return written_here(&lines, format, &options, output).map_err(|error| error.to_string());
     }
-    let (mut stream, mut bytes) = (response.bytes_stream(), 0);
+    let mut stream = response.bytes_stream();
     while let Some(piece) = stream.next().await {
         let piece = piece.map_err(|error| format!("the file breaks off: {error}"))?;
         output.write_all(&piece).map_err(|error| error.to_string())?;
-        bytes += piece.len() as u64;
     }
-    Ok(bytes)
+    Ok(())
 }
 
-/// Writes shapes that came as lines. Returns the number of bytes.
+/// Writes shapes that came as lines.
 fn written_here(
     lines: &[u8],
     format: &'static Format,
     options: &WriteOptions,
     output: &mut (dyn Write + Send),
-) -> Result<u64, FileError> {
+) -> Result<(), FileError> {
     let lines_format = files::find("ndjson")
         .ok_or_else(|| FileError::new(files::FaultKind::Unknown, "expected the format ndjson, got none"))?;
     let mut file = Vec::new();
@@ -182,7 +194,7 @@ fn written_here(
     files::read(lines_format, &mut source, &ReadOptions::default(), &mut |record| writer.push(&record))?;
     writer.finish()?;
     output.write_all(&file)?;
-    Ok(file.len() as u64)
+    Ok(())
 }
 
 async fn from_store(
@@ -191,20 +203,18 @@ async fn from_store(
     filter: ShapeFilter,
     file: ShapeFile,
     output: &mut (dyn Write + Send),
-) -> Result<u64, String> {
+) -> Result<(), String> {
     let cohort = catalogue::find(app, cohort).await.map_err(|error| error.to_string())?;
     let (writer, mut pieces) = BodyWriter::new();
     let writing =
         async { export(app, &cohort, filter, file, writer).await.map_err(|error| error.to_string()) };
     let taking = async {
-        let mut bytes = 0;
         while let Some(piece) = pieces.recv().await {
             output.write_all(&piece).map_err(|error| error.to_string())?;
-            bytes += piece.len() as u64;
         }
-        Ok(bytes)
+        Ok(())
     };
-    let (summary, bytes) = tokio::try_join!(writing, taking)?;
+    let (summary, ()) = tokio::try_join!(writing, taking)?;
     left_out(&summary).for_each(|line| note(&line));
-    Ok(bytes)
+    Ok(())
 }

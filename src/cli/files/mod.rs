@@ -15,11 +15,11 @@ use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use clap::{Args, Subcommand};
+use clap::{Args, Subcommand, ValueEnum};
 
 use super::maintenance::Outcome;
 use crate::formats::dicom;
-use crate::formats::files::{Limits, ReadOptions, WriteOptions};
+use crate::formats::files::{Format, Limits, ReadOptions, WriteOptions};
 use crate::service::files::{FileFormat, unknown_format};
 
 /// Commands for files that need no service and no store.
@@ -70,12 +70,34 @@ pub(super) struct Writing {
     /// Image, or folder of images, of the DICOM series that a structure set refers to; may be repeated. Its headers stay here
     #[arg(long, value_name = "FILE")]
     series: Vec<PathBuf>,
+    /// What becomes of texts in CSV that spreadsheets would run as formulas: `escape` puts an apostrophe before them
+    #[arg(long, value_enum, value_name = "WHAT", default_value_t = Formulas::Keep)]
+    formulas: Formulas,
+}
+
+/// What becomes of texts in CSV that a spreadsheet would run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Formulas {
+    Keep,
+    Escape,
 }
 
 impl Writing {
     /// Whether nothing is said of the file.
     fn is_usual(&self) -> bool {
-        self.write.is_empty() && self.series.is_empty()
+        self.write.is_empty() && self.series.is_empty() && self.formulas == Formulas::Keep
+    }
+
+    /// Whether formulas are escaped in a file of a format.
+    ///
+    /// # Errors
+    /// A format that is not CSV: its texts are no formulas.
+    fn escapes(&self, format: &Format) -> Result<bool, String> {
+        match self.formulas {
+            Formulas::Keep => Ok(false),
+            Formulas::Escape if format.id == "csv" => Ok(true),
+            Formulas::Escape => Err(format!("expected --to csv beside --formulas escape, got {}", format.id)),
+        }
     }
 
     /// The options.

@@ -115,10 +115,7 @@ impl Verifier {
         let role = role.and_then(|value| highest_role(value, &self.settings.roles));
         let role = role.ok_or(Refusal::Nobody("the token has none of the roles reader, writer, admin"))?;
         let tenant = match &self.settings.tenant_claim {
-            Some(name) => claim(claims, name)
-                .and_then(Value::as_str)
-                .filter(|tenant| tenant_problem(tenant).is_none())
-                .ok_or(Refusal::Nobody("the token names no tenant"))?,
+            Some(name) => only_tenant(claim(claims, name)).map_err(Refusal::Nobody)?,
             None => DEFAULT_TENANT,
         };
         let subject = claims.get("sub").and_then(Value::as_str).unwrap_or_default();
@@ -177,6 +174,29 @@ fn claim<'a>(claims: &'a Map<String, Value>, name: &str) -> Option<&'a Value> {
         let (first, rest) = name.split_once('.')?;
         claim(claims.get(first)?.as_object()?, rest)
     })
+}
+
+/// The tenant of a claim: a text, or a list of it alone, as providers write attributes of people.
+///
+/// # Errors
+/// No tenant, several of them, or a text that is the name of none.
+fn only_tenant(claim: Option<&Value>) -> Result<&str, &'static str> {
+    let none = "the token names no tenant";
+    let found = match claim {
+        Some(Value::Array(values)) => {
+            let (first, others) = values.split_first().ok_or(none)?;
+            if others.iter().any(|other| other != first) {
+                return Err("the token names several tenants, expected one");
+            }
+            first
+        }
+        found => found.ok_or(none)?,
+    };
+    let tenant = found.as_str().ok_or(none)?;
+    match tenant_problem(tenant) {
+        None => Ok(tenant),
+        Some(_) => Err("the token names a tenant in a form that no tenant has"),
+    }
 }
 
 /// Highest role in a list, or in a string with spaces, where `groups` stand for roles too; their names may have spaces.
@@ -249,6 +269,27 @@ mod tests {
                 "{wrong}"
             );
         }
+    }
+
+    #[test]
+    fn a_tenant_is_a_text_or_the_only_one_of_a_list() {
+        let tenant = |value: Value| only_tenant(Some(&value)).map(str::to_owned);
+        for one in [json!("clinic"), json!(["clinic"]), json!(["clinic", "clinic"])] {
+            assert_eq!(tenant(one), Ok("clinic".into()));
+        }
+        for (wrong, said) in [
+            (json!(["clinic", "other"]), "several tenants"),
+            (json!(["clinic", 3]), "several tenants"),
+            (json!([]), "no tenant"),
+            (json!([["clinic"]]), "no tenant"),
+            (json!({"clinic": true}), "no tenant"),
+            (Value::Null, "no tenant"),
+            (json!(["a\nb"]), "form"),
+            (json!(""), "form"),
+        ] {
+            assert!(tenant(wrong.clone()).unwrap_err().contains(said), "{wrong}");
+        }
+        assert!(only_tenant(None).is_err());
     }
 
     #[test]
