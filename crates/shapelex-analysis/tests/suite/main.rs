@@ -6,6 +6,7 @@ mod dictionaries;
 mod groupwise;
 mod laws;
 mod motions;
+mod outliers;
 mod parts;
 mod pipeline;
 mod retrieval;
