@@ -1487,7 +1487,7 @@ fn a_file_that_was_changed_or_is_none_is_not_imported() {
     check("the last digit", &with(&file, pointer, Some(json!(digit.next_up()))), &["/digest"]);
     check("a parameter", &with(&file, "/content/method/centre", Some(json!(false))), &["/digest"]);
     check("the digest", &with(&file, "/digest", Some(json!("0"))), &["/digest"]);
-    check("the version", &with(&file, "/format_version", Some(json!(4))), &["/format"]);
+    check("the version", &with(&file, "/format_version", Some(json!(5))), &["/format"]);
     check("the format", &with(&file, "/format", Some(json!("other"))), &["/format"]);
     check("the name", &with(&file, "/name", Some(json!("a b"))), &["/name"]);
     check("a field", &with(&file, "/colour", Some(json!(1))), &["/colour"]);

@@ -8,6 +8,12 @@ use rand::rngs::ChaCha12Rng;
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
 use serde_json::{Value, json};
+use shapelex::analysis::dictionary;
+use shapelex::analysis::dictionary::content::Content;
+use shapelex::analysis::dictionary::method::Method;
+use shapelex::analysis::dictionary::recipe::Recipe;
+use shapelex::analysis::transformation::{ClassName, Transformation};
+use shapelex::analysis::watch::Unwatched;
 
 use crate::http_dictionaries::{finished, submit};
 use crate::server::Server;
@@ -163,6 +169,59 @@ fn false_alarms_on_real_outlines_are_those_of_the_quantile() {
     assert!((0.015..0.09).contains(&mean), "{mean}: {rates:?}");
 }
 
+/// Digest of the content of a file that was changed.
+fn digest_of(file: &Value) -> Value {
+    let content: Content = serde_json::from_value(file["content"].clone()).unwrap();
+    json!(blake3::hash(&serde_json::to_vec(&content).unwrap()).to_hex().to_string())
+}
+
+/// Held-out shapes are chosen by their contents: the same cohort in another order and in other requests gives the same measures, and so
+/// do the same shapes in memory; another seed chooses others. Sums in another order differ in their last bits.
+#[test]
+fn held_out_shapes_do_not_depend_on_order_or_store() {
+    let server = Server::fresh();
+    let mut shapes = circles(900, 77);
+    for shape in shapes.iter_mut().step_by(100) {
+        shape["points"][3] = json!([40.0, -30.0]);
+    }
+    let novelty = |found: &Value| -> Vec<f64> {
+        found["statistics"]["held_out"]["novelty"].as_array().unwrap().iter().map(number).collect()
+    };
+    let near =
+        |a: &[f64], b: &[f64]| a.len() == b.len() && a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-6);
+    cohort(&server, "once", &landmarks(), &shapes);
+    let once = learn(&server, "once", &components(6), None);
+    assert_eq!(once["statistics"]["held_out"]["seed"], 0);
+    let backwards: Vec<Value> = shapes.iter().rev().cloned().collect();
+    cohort(&server, "thrice", &landmarks(), &backwards[..17]);
+    add(&server, "thrice", &backwards[17..600]);
+    add(&server, "thrice", &backwards[600..]);
+    let thrice = learn(&server, "thrice", &components(6), None);
+    assert!(near(&novelty(&once), &novelty(&thrice)));
+    assert!(
+        (alarms(&server, "once", &shapes, 0.99) - alarms(&server, "thrice", &shapes, 0.99)).abs() < 1e-12
+    );
+    let recipe = Recipe::new(
+        serde_json::from_value(landmarks()).unwrap(),
+        Transformation::Named(ClassName::Similarity),
+        Method::components(6, true),
+    );
+    let columns = |shape: &Value| -> Vec<f64> {
+        let points = shape["points"].as_array().unwrap();
+        (0..2).flat_map(|c| points.iter().map(move |point| number(&point[c]))).collect()
+    };
+    let numbers = shapes.iter().flat_map(columns).collect();
+    let kept = recipe.setting().unwrap().shapes(numbers, vec![1.0; shapes.len()]).unwrap();
+    let learnt = dictionary::learn::learn(&kept, &recipe, &Unwatched).unwrap();
+    assert!(near(&novelty(&once), &learnt.dictionary.content.statistics.held_out.unwrap().novelty));
+    let body = json!({"name": "other", "cohort": "once", "transformation": "similarity",
+        "method": components(6), "held_out_seed": 1});
+    finished(&server, &submit(&server, &body));
+    let other = server.get("/v1/dictionaries/other").expect(200);
+    assert_eq!(other["statistics"]["held_out"]["seed"], 1);
+    assert!(!near(&novelty(&once), &novelty(&other)));
+}
+
 /// What was exported before there were shapes held out is imported, has the digest it had, and says so.
 #[test]
 fn dictionaries_without_shapes_held_out_say_so() {
@@ -170,12 +229,10 @@ fn dictionaries_without_shapes_held_out_say_so() {
     cohort(&server, "circles", &landmarks(), &circles(20, 1));
     learn(&server, "circles", &components(4), None);
     let mut file = server.get("/v1/dictionaries/circles/export").expect(200);
-    assert_eq!(file["format_version"], 2);
+    assert_eq!(file["format_version"], 4);
     file["format_version"] = json!(1);
     file["content"]["statistics"].as_object_mut().unwrap().remove("held_out");
-    let content: shapelex::analysis::dictionary::content::Content =
-        serde_json::from_value(file["content"].clone()).unwrap();
-    file["digest"] = json!(blake3::hash(&serde_json::to_vec(&content).unwrap()).to_hex().to_string());
+    file["digest"] = digest_of(&file);
     server.post("/v1/dictionaries/import?name=old", &file).expect(201);
     let again = server.get("/v1/dictionaries/old/export").expect(200);
     assert_eq!((&again["format_version"], &again["digest"]), (&json!(1), &file["digest"]));
@@ -185,12 +242,20 @@ fn dictionaries_without_shapes_held_out_say_so() {
         assert!(warnings[0].as_str().unwrap().contains("Learn it again"), "{what}: {warnings}");
         assert_eq!(ask(&server, "circles", what, &question)["warnings"], Value::Null);
     }
+    // Those of which every so-manyth shape was held out have no seed, and remain as they are.
+    let mut former = server.get("/v1/dictionaries/circles/export").expect(200);
+    former["format_version"] = json!(2);
+    former["content"]["statistics"]["held_out"].as_object_mut().unwrap().remove("seed");
+    former["digest"] = digest_of(&former);
+    server.post("/v1/dictionaries/import?name=former", &former).expect(201);
+    let again = server.get("/v1/dictionaries/former/export").expect(200);
+    assert_eq!((&again["format_version"], &again["digest"]), (&json!(2), &former["digest"]));
+    let answers = ["former", "circles"].map(|name| ask(&server, name, "score", &question)["results"].clone());
+    assert_eq!(answers[0], answers[1]);
     // Numbers that learning does not make are refused, under a digest of their own.
     let mut broken = server.get("/v1/dictionaries/circles/export").expect(200);
     broken["content"]["statistics"]["held_out"]["residuals"]["log_deviation"] = json!(0.0);
-    let content: shapelex::analysis::dictionary::content::Content =
-        serde_json::from_value(broken["content"].clone()).unwrap();
-    broken["digest"] = json!(blake3::hash(&serde_json::to_vec(&content).unwrap()).to_hex().to_string());
+    broken["digest"] = digest_of(&broken);
     let pointer = "/content/statistics/held_out/residuals";
     server.post("/v1/dictionaries/import", &broken).expect_problem(422, "invalid-input", &[pointer]);
 }

@@ -175,7 +175,7 @@ fn robust_dictionaries_are_other_dictionaries() {
 
     // A file keeps it.
     let file = server.get("/v1/dictionaries/robust/export").expect(200);
-    assert_eq!((&file["format_version"], &file["content"]["robust"]["rejected"]), (&json!(3), &json!(WRONG)));
+    assert_eq!((&file["format_version"], &file["content"]["robust"]["rejected"]), (&json!(4), &json!(WRONG)));
     let imported = server.post("/v1/dictionaries/import?name=imported", &file).expect(201);
     assert_eq!(imported["provenance"]["digest"], robust["provenance"]["digest"]);
     assert_eq!(imported["robust"], robust["robust"]);

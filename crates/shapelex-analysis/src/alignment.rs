@@ -500,7 +500,7 @@ pub(super) fn align_all_to(
 ) -> Result<(MeanShape, Vec<AlignedShape>), AnalysisError> {
     let centroids: Vec<Vec<f64>> =
         control_points.chunks_exact(metric.len()).map(|shape| metric.centroid(shape)).collect();
-    let source = ShapesInMemory::new(metric, method.translates(), control_points, weights)?;
+    let source = ShapesInMemory::marked(metric, method.translates(), control_points, weights)?;
     let watch = StopWhen(stop);
     let source = Watched::new(&source, &watch);
     let mean = mean_of(&source)?;

@@ -9,7 +9,7 @@ use object_store::path::Path;
 use serde::{Deserialize, Serialize};
 use serde_json::value::RawValue;
 use shapelex_analysis::AnalysisError;
-use shapelex_analysis::accumulate::{MergePart, ShapeSource, Shapes};
+use shapelex_analysis::accumulate::{MergePart, ShapeSource, Shapes, VisitMarked};
 use shapelex_analysis::dictionary::content::Content;
 use shapelex_analysis::dictionary::in_use::Dictionary;
 use shapelex_analysis::dictionary::learn::Learner;
@@ -178,10 +178,9 @@ pub fn learn(
     cleared?;
     let (content, digest) = text(&learnt.dictionary.content)?;
     let cohort = &source.revision().manifest().cohort;
-    let statistics = &learnt.dictionary.content.statistics;
     Ok(File {
         format: FORMAT,
-        format_version: if statistics.held_out.is_some() { 2 } else { 1 },
+        format_version: learnt.dictionary.content.format_version(),
         name,
         digest,
         provenance: Provenance {
@@ -246,6 +245,10 @@ impl ShapeSource for Learnt<'_> {
         visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), AnalysisError>,
     ) -> Result<(), AnalysisError> {
         self.source.for_each_batch(visit)
+    }
+
+    fn for_each_marked(&self, visit: &mut VisitMarked<'_>) -> Result<(), AnalysisError> {
+        self.source.for_each_marked(visit)
     }
 
     fn spread(&self, pass: &Pass, merge: &mut MergePart<'_>) -> Result<bool, AnalysisError> {

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 #[cfg(feature = "schema")]
 use super::described::*;
 use super::entity_tags::{tag_of, tagged, unless_known};
-use super::request_macros::{MeanOutput, PageQuery, RobustOutput, page};
+use super::request_macros::{MeanOutput, PageQuery, page};
 use super::shape_query::Parameters;
 #[cfg(feature = "schema")]
 use crate::analysis::alignment::Alignment;
@@ -362,8 +362,8 @@ fn answer_mean(live: &LiveMean, format: ShapeFormat) -> Result<Response, Service
             picture(&draw_mean(&live.setup, &title, &live.mean, &live.drawn, unit), &file)
         }
         ShapeFormat::Plain(Format::Json) => {
-            let mut mean = MeanOutput::new(&live.mean, live.setup.metric.dimension());
-            mean.robust = live.robust.as_ref().map(RobustOutput::of_cohort);
+            let mean = MeanOutput::new(&live.mean, live.setup.metric.dimension());
+            let mean = mean.leaving_out(live.robust.as_ref());
             json(
                 StatusCode::OK,
                 &CohortMeanOutput { mean, revision: live.cohort.revision, started_from: live.started_from },

@@ -21,7 +21,7 @@ use crate::analysis::dictionary::content::{Atom, MeanRecord, Statistics};
 use crate::analysis::dictionary::method::Method;
 use crate::analysis::dictionary::modes::Mode;
 use crate::analysis::estimate::Estimate;
-use crate::analysis::factors::RobustSummary;
+use crate::analysis::factors::{Minority, RobustSummary};
 use crate::analysis::frame::Frame;
 use crate::analysis::transformation::Transformation;
 use crate::api::extract::{
@@ -83,6 +83,10 @@ document! {
         /// and no classifier. Default: false.
         #[schema(value_type = Option<bool>)]
         robust: Checked<bool>;
+        /// Seed of the choice of the held-out shapes, which set the limit of outliers: those of the smallest BLAKE3 digests of this seed and
+        /// their contents, whatever their order. Default: 0.
+        #[schema(value_type = Option<u64>)]
+        held_out_seed: Checked<u64>;
         /// Classifier to train. Default: none. It is trained on all shapes, and validated on shapes that neither it nor the
         /// dictionary has seen.
         #[schema(value_type = Option<ClassifierSettings>)]
@@ -274,6 +278,9 @@ pub(super) struct RobustDictionary<'a> {
     reduced: usize,
     /// Number of equal weights that the weights are worth, `(Σw)²/Σw²`.
     effective: f64,
+    /// Shapes that count although they are unlike the majority and agree with each other; absent if there are none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    minority: Option<Minority>,
     /// Shapes with the smallest factors below one, at most 20, and where along them they are wrong.
     #[schema(max_items = 20)]
     shapes: &'a [LessCountedShape],
@@ -281,8 +288,8 @@ pub(super) struct RobustDictionary<'a> {
 
 impl<'a> RobustDictionary<'a> {
     fn new(summary: RobustSummary, shapes: &'a [LessCountedShape]) -> Self {
-        let RobustSummary { rejected, reduced, effective } = summary;
-        Self { rejected, reduced, effective, shapes }
+        let RobustSummary { rejected, reduced, effective, minority } = summary;
+        Self { rejected, reduced, effective, minority, shapes }
     }
 }
 
@@ -377,6 +384,7 @@ fn learn_of(request: LearnRequest) -> Result<(Learn, bool), ServiceError> {
         ("mirror", request.mirror.is_some()),
         ("method", request.method.is_some()),
         ("robust", request.robust.is_some()),
+        ("held_out_seed", request.held_out_seed.is_some()),
         ("classifier", request.classifier.is_some()),
     ];
     let mut faults: Vec<Fault> = Vec::new();
@@ -400,6 +408,7 @@ fn learn_of(request: LearnRequest) -> Result<(Learn, bool), ServiceError> {
     let mirror = take_given(request.mirror, "/mirror", &mut errors);
     let method = take_given(request.method, "/method", &mut errors);
     let robust = take_or_default(request.robust, "/robust", &mut errors);
+    let held_out_seed = take_or_default(request.held_out_seed, "/held_out_seed", &mut errors);
     let classifier = take_given(request.classifier, "/classifier", &mut errors);
     let version = take_given(request.continue_from, "/continue_from", &mut errors);
     let dry_run = take_or_default(request.dry_run, "/dry_run", &mut errors);
@@ -416,6 +425,7 @@ fn learn_of(request: LearnRequest) -> Result<(Learn, bool), ServiceError> {
             mirror,
             method: method.ok_or_else(incomplete)?,
             robust: robust.ok_or_else(incomplete)?,
+            held_out_seed: held_out_seed.ok_or_else(incomplete)?,
             classifier: classifier.map(Box::new),
         },
     };

@@ -4,7 +4,7 @@ use crate::formats::fault::Fault;
 use serde::{Deserialize, Serialize};
 
 use crate::analysis::alignment::MeanShape;
-use crate::analysis::factors::{Factors, RobustSummary};
+use crate::analysis::factors::{Factors, Minority, RobustSummary};
 use crate::analysis::matching::Disagreement;
 use crate::analysis::transformation::ClassName;
 use crate::api::problem::Problem;
@@ -223,6 +223,9 @@ pub(super) struct RobustOutput {
     reduced_count: usize,
     /// Number of equal weights that the weights of the shapes are worth, `(Σw)²/Σw²`.
     effective_count: f64,
+    /// Shapes that count although they are unlike the majority and agree with each other; absent if there are none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    minority: Option<Minority>,
 }
 
 impl RobustOutput {
@@ -232,20 +235,31 @@ impl RobustOutput {
     }
 
     /// Of a cohort.
-    pub(super) fn of_cohort(left_out: &LeftOut) -> Self {
+    fn of_cohort(left_out: &LeftOut) -> Self {
         Self { shapes: Some(left_out.shapes.clone()), ..Self::of(left_out.summary) }
     }
 
     fn of(summary: RobustSummary) -> Self {
-        let RobustSummary { rejected, reduced, effective } = summary;
+        let RobustSummary { rejected, reduced, effective, minority } = summary;
         Self {
             weights: None,
             shapes: None,
             rejected_count: rejected,
             reduced_count: reduced,
             effective_count: effective,
+            minority,
         }
     }
+}
+
+/// Caveat about a minority that a robust mean keeps.
+fn minority_warning(Minority { shapes, share, distance }: Minority) -> String {
+    format!(
+        "{shapes} of the shapes that count ({:.0} %) are unlike the majority and agree with each other, and the mean is {:.1} % of its \
+         size away from that of the majority: if they are of another kind, leave them out",
+        100.0 * share,
+        100.0 * distance
+    )
 }
 
 impl MeanOutput {
@@ -268,6 +282,7 @@ impl MeanOutput {
                  mean, which is then no mean of their shapes: use the correspondence \"cyclic\""
             ));
         }
+        warnings.extend(mean.robust.as_ref().and_then(|factors| factors.minority).map(minority_warning));
         Self {
             mean: ShapeOutput {
                 control_points: Points::from_columns(mean.control_points.clone(), dimension),
@@ -283,6 +298,13 @@ impl MeanOutput {
             robust: mean.robust.as_ref().map(RobustOutput::of_posted),
             warnings,
         }
+    }
+
+    /// The mean of a cohort, with what it leaves out.
+    pub(super) fn leaving_out(mut self, left_out: Option<&LeftOut>) -> Self {
+        self.warnings.extend(left_out.and_then(|left_out| left_out.summary.minority).map(minority_warning));
+        self.robust = left_out.map(RobustOutput::of_cohort);
+        self
     }
 }
 

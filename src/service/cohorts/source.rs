@@ -9,7 +9,7 @@ use tokio_util::task::AbortOnDropHandle;
 
 use crate::analysis::AnalysisError;
 use crate::analysis::accumulate::{
-    BLOCK, MergePart, PART, Reservation, ShapeSource, Shapes, ShapesInMemory, prepare,
+    BLOCK, Mark, MergePart, PART, Reservation, ShapeSource, Shapes, ShapesInMemory, VisitMarked, prepare,
 };
 use crate::analysis::dictionary::content::Content;
 use crate::analysis::matching::Placement;
@@ -328,6 +328,54 @@ impl<'a> StoredShapes<'a> {
         self.range.count == 0
     }
 
+    /// Calls `visit` with consecutive batches of prepared shapes and what `marks_of` says of them as they are stored.
+    fn for_each_prepared(
+        &self,
+        marks_of: &dyn Fn(&[f64], &[f64]) -> Vec<Mark>,
+        visit: &mut VisitMarked<'_>,
+    ) -> Result<(), AnalysisError> {
+        let (metric, centred) = (&self.setup.metric, self.setup.method.translates());
+        let length = metric.len();
+        let (mut rows, mut weights): (Vec<f64>, Vec<f64>) = (Vec::new(), Vec::new());
+        let mut first = self.range.first;
+        // Stored chunks have any length; batches are whole blocks, so that the result does not depend on how the cohort
+        // was uploaded.
+        let mut emit =
+            |rows: &mut Vec<f64>, weights: &mut Vec<f64>, count: usize| -> Result<(), ServiceError> {
+                let marks = marks_of(&rows[..count * length], &weights[..count]);
+                prepare(metric, centred, first, &mut rows[..count * length])
+                    .map_err(|error| self.named(error))?;
+                let batch = Shapes { first, whitened: &rows[..count * length], weights: &weights[..count] };
+                visit(batch, &marks)?;
+                self.worked(count);
+                rows.drain(..count * length);
+                weights.drain(..count);
+                first += count;
+                Ok(())
+            };
+        self.scan(&mut |control_points, chunk_weights| {
+            rows.extend_from_slice(control_points);
+            weights.extend_from_slice(chunk_weights);
+            let whole = weights.len() / BLOCK * BLOCK;
+            if whole >= BATCH_SHAPES {
+                emit(&mut rows, &mut weights, whole)?;
+            }
+            Ok(true)
+        })?;
+        let rest = weights.len();
+        if rest > 0 {
+            emit(&mut rows, &mut weights, rest)?;
+        }
+        if first != self.range.first + self.range.count {
+            // Only an erasure changes a revision.
+            return Err(ServiceError::Unavailable(
+                "shapes were erased while they were read: try again".into(),
+            )
+            .into());
+        }
+        Ok(())
+    }
+
     /// Calls `visit` with every stored batch, its shapes prepared; errors name the affected shapes.
     pub(crate) fn for_each_stored(&self, ids: Ids, visit: &mut VisitStored<'_>) -> Result<(), ServiceError> {
         let (mut batches, mut first) = (Batches::new(self, None, ids), 0);
@@ -477,6 +525,11 @@ impl ShapeSource for KeptShapes<'_> {
         Ok(())
     }
 
+    /// Reads the shapes once more: their marks are not kept.
+    fn for_each_marked(&self, visit: &mut VisitMarked<'_>) -> Result<(), AnalysisError> {
+        self.stored.for_each_marked(visit)
+    }
+
     fn check(&self) -> Result<(), AnalysisError> {
         ShapeSource::check(&self.stored)
     }
@@ -507,44 +560,11 @@ impl ShapeSource for StoredShapes<'_> {
         &self,
         visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), AnalysisError>,
     ) -> Result<(), AnalysisError> {
-        let (metric, centred) = (&self.setup.metric, self.setup.method.translates());
-        let length = metric.len();
-        let (mut rows, mut weights): (Vec<f64>, Vec<f64>) = (Vec::new(), Vec::new());
-        let mut first = self.range.first;
-        // Stored chunks have any length; batches are whole blocks, so that the result does not depend on how the cohort
-        // was uploaded.
-        let mut emit =
-            |rows: &mut Vec<f64>, weights: &mut Vec<f64>, count: usize| -> Result<(), ServiceError> {
-                prepare(metric, centred, first, &mut rows[..count * length])
-                    .map_err(|error| self.named(error))?;
-                visit(Shapes { first, whitened: &rows[..count * length], weights: &weights[..count] })?;
-                self.worked(count);
-                rows.drain(..count * length);
-                weights.drain(..count);
-                first += count;
-                Ok(())
-            };
-        self.scan(&mut |control_points, chunk_weights| {
-            rows.extend_from_slice(control_points);
-            weights.extend_from_slice(chunk_weights);
-            let whole = weights.len() / BLOCK * BLOCK;
-            if whole >= BATCH_SHAPES {
-                emit(&mut rows, &mut weights, whole)?;
-            }
-            Ok(true)
-        })?;
-        let rest = weights.len();
-        if rest > 0 {
-            emit(&mut rows, &mut weights, rest)?;
-        }
-        if first != self.range.first + self.range.count {
-            // Only an erasure changes a revision.
-            return Err(ServiceError::Unavailable(
-                "shapes were erased while they were read: try again".into(),
-            )
-            .into());
-        }
-        Ok(())
+        self.for_each_prepared(&|_, _| Vec::new(), &mut |batch, _| visit(batch))
+    }
+
+    fn for_each_marked(&self, visit: &mut VisitMarked<'_>) -> Result<(), AnalysisError> {
+        self.for_each_prepared(&Mark::of_all, visit)
     }
 
     fn check(&self) -> Result<(), AnalysisError> {

@@ -25,17 +25,9 @@ use crate::service::shapes::read::admit_linear;
 
 /// Name of the file format.
 const FORMAT: &str = "shapelex-dictionary";
-/// Versions of the format: the second adds measures of held-out shapes, the third the shapes that a robust dictionary leaves out.
-const FORMAT_VERSIONS: RangeInclusive<u32> = 1..=3;
-
-/// Lowest version that can represent `content`, so that a file stays the same when it is imported and exported again.
-fn format_version(content: &Content) -> u32 {
-    match content {
-        Content { robust: Some(_), .. } => 3,
-        content if content.statistics.held_out.is_some() => 2,
-        _ => 1,
-    }
-}
+/// Versions of the format: see [`Content::format_version`], the lowest one, so that a file stays the same when it is imported and
+/// exported again.
+const FORMAT_VERSIONS: RangeInclusive<u32> = 1..=4;
 
 /// A dictionary as a single file in JSON, described in `docs/dictionaries.md`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
@@ -112,8 +104,9 @@ fn format_version(content: &Content) -> u32 {
 pub struct DictionaryFile {
     /// Name of the format: `shapelex-dictionary`.
     pub format: String,
-    /// Version of the format: 1, or 2 with measures of held-out shapes.
-    #[schema(minimum = 1, maximum = 2)]
+    /// Version of the format: 1, 2 with measures of held-out shapes, 3 with shapes that a robust dictionary leaves out, 4 with held-out
+    /// shapes that were chosen by a seed.
+    #[schema(minimum = 1, maximum = 4)]
     pub format_version: u32,
     /// Name under which the dictionary was learnt.
     pub name: String,
@@ -131,7 +124,7 @@ impl DictionaryFile {
         let (listed, content) = (&ready.listed, &ready.dictionary.content);
         Self {
             format: FORMAT.into(),
-            format_version: format_version(content),
+            format_version: content.format_version(),
             name: listed.name.clone(),
             digest: listed.digest.clone(),
             provenance: listed.provenance.clone(),

@@ -41,11 +41,18 @@ pub struct Plan {
     /// Whether shapes unlike the majority are left out, or count less.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub robust: bool,
+    /// Seed of the choice of the shapes that are held out.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub held_out_seed: u64,
     /// Settings of the classifier, if one is wanted.
     #[serde(default)]
     pub classifier: Option<ClassifierSettings>,
     /// Id of the version from which learning continues.
     pub continue_from: Option<String>,
+}
+
+fn is_zero(seed: &u64) -> bool {
+    *seed == 0
 }
 
 /// Name and version of the program.
@@ -76,6 +83,7 @@ impl Plan {
             frame: self.frame,
             method: self.method.clone(),
             estimator: Estimator::robust(self.robust),
+            held_out_seed: self.held_out_seed,
         }
     }
 

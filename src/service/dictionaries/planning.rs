@@ -17,6 +17,7 @@ use crate::analysis::classification::study::WITHIN;
 use crate::analysis::correspondence::Mirror;
 use crate::analysis::dictionary::method::Method;
 use crate::analysis::dictionary::procedure::ParameterFault;
+use crate::analysis::dictionary::recipe::Recipe;
 use crate::analysis::estimate::{Estimate, Trainings};
 use crate::analysis::frame::Frame;
 use crate::analysis::robust;
@@ -67,6 +68,8 @@ pub enum From {
         method: Method,
         /// Whether shapes unlike the majority are left out, or count less.
         robust: bool,
+        /// Seed of the choice of the shapes that are held out.
+        held_out_seed: u64,
         /// Settings of the classifier, if one is wanted.
         classifier: Option<Box<ClassifierSettings>>,
     },
@@ -128,7 +131,17 @@ pub async fn plan(app: &App, learn: Learn) -> Result<Planned, ServiceError> {
 /// Plan of a request, and the revision up to which an earlier version has seen the shapes.
 async fn started(app: &App, learn: Learn, cohort: &Cohort) -> Result<(Plan, u64), ServiceError> {
     match learn.from {
-        From::Anew { filter, transformation, alignment, frame, mirror, method, robust, classifier } => {
+        From::Anew {
+            filter,
+            transformation,
+            alignment,
+            frame,
+            mirror,
+            method,
+            robust,
+            held_out_seed,
+            classifier,
+        } => {
             let usual = Alignment::usual(&transformation, cohort.spec.representation.dimension());
             let plan = Plan {
                 name: learn.name,
@@ -141,6 +154,7 @@ async fn started(app: &App, learn: Learn, cohort: &Cohort) -> Result<(Plan, u64)
                 mirror: mirror.unwrap_or(cohort.spec.mirror),
                 method,
                 robust,
+                held_out_seed,
                 classifier: classifier.map(|settings| *settings),
                 continue_from: None,
             };
@@ -267,6 +281,7 @@ async fn continued(app: &App, name: String, cohort: &Cohort, key: &str) -> Resul
         mirror: content.mirror,
         method: content.method.clone(),
         robust: false,
+        held_out_seed: Recipe::of(content).held_out_seed,
         classifier: None,
         continue_from: Some(ready.listed.id.clone()),
     };

@@ -6,17 +6,20 @@
 //! computed the sum of a part or of a group.
 //!
 //! * [`ShapeSource`] — a set of shapes: in memory, stored, or changed on the way;
+//! * [`Mark`] — what a shape was given as: samples of a set depend on the marks alone, not on its order;
 //! * [`Accumulator`] — a sum over them, made by [`accumulate`]; [`map_shapes`] gives a value for each shape;
 //! * [`OuterProductSum`], [`ScatterSum`] — sums of outer products with their leading eigenpairs.
 
+mod mark;
 mod scatter;
 mod source;
 mod sum;
 
+pub use self::mark::{Mark, ranked};
 pub use self::scatter::{OuterProductSum, ScatterSum};
 pub use self::source::{
-    BLOCK, KEPT_BYTES, MergePart, PART, Reservation, Reserved, ShapeSource, Shapes, ShapesInMemory, Watched,
-    map_shapes, prepare, smallest_eligible,
+    BLOCK, KEPT_BYTES, MergePart, PART, Reservation, Reserved, ShapeSource, Shapes, ShapesInMemory,
+    VisitMarked, Watched, map_shapes, prepare, smallest_eligible,
 };
 pub use self::sum::{Accumulator, FAN_IN, accumulate};
 

@@ -2,6 +2,7 @@
 
 use shapelex_numeric::parallel;
 
+use super::mark::Mark;
 use crate::AnalysisError;
 use crate::matching::placement::Placement;
 use crate::metric::{Metric, norm};
@@ -55,6 +56,9 @@ impl<'a> Shapes<'a> {
     }
 }
 
+/// Receives consecutive shapes and their marks.
+pub type VisitMarked<'a> = dyn FnMut(Shapes<'_>, &[Mark]) -> Result<(), AnalysisError> + 'a;
+
 /// A set of shapes that can be read several times, always in the same order.
 ///
 /// Statistics take it as `&dyn ShapeSource`, so that they are compiled once: a call for each batch costs nothing. A failure of what the
@@ -71,6 +75,16 @@ pub trait ShapeSource: Sync {
         &self,
         visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), AnalysisError>,
     ) -> Result<(), AnalysisError>;
+
+    /// Calls `visit` with consecutive batches of any length and the [mark](Mark) of each shape. Default: marks of the prepared shapes,
+    /// for a source whose shapes were never given in another form; one that changes or selects shapes of another source passes
+    /// their marks on.
+    ///
+    /// # Errors
+    /// As [`for_each_batch`](Self::for_each_batch).
+    fn for_each_marked(&self, visit: &mut VisitMarked<'_>) -> Result<(), AnalysisError> {
+        self.for_each_batch(&mut |batch| visit(batch, &Mark::of_all(batch.whitened, batch.weights)))
+    }
 
     /// Fails once reading should end. Called between the steps of computations on shapes read before.
     ///
@@ -142,6 +156,8 @@ pub type MergePart<'a> = dyn FnMut(&[u8]) -> Result<(), AnalysisError> + 'a;
 pub struct ShapesInMemory {
     whitened: Vec<f64>,
     weights: Vec<f64>,
+    /// Marks of the shapes as given; `None` for shapes that were prepared elsewhere.
+    marks: Option<Vec<Mark>>,
 }
 
 impl ShapesInMemory {
@@ -156,12 +172,26 @@ impl ShapesInMemory {
         weights: Vec<f64>,
     ) -> Result<Self, AnalysisError> {
         prepare(metric, centred, 0, &mut control_points)?;
-        Ok(Self { whitened: control_points, weights })
+        Ok(Self::prepared(control_points, weights))
+    }
+
+    /// As [`new`](Self::new), with the marks of the shapes, so that samples of them are those of the same shapes in a store.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn marked(
+        metric: &Metric,
+        centred: bool,
+        control_points: Vec<f64>,
+        weights: Vec<f64>,
+    ) -> Result<Self, AnalysisError> {
+        let marks = Some(Mark::of_all(&control_points, &weights));
+        Ok(Self { marks, ..Self::new(metric, centred, control_points, weights)? })
     }
 
     /// Wraps shapes that are already prepared.
     pub fn prepared(whitened: Vec<f64>, weights: Vec<f64>) -> Self {
-        Self { whitened, weights }
+        Self { whitened, weights, marks: None }
     }
 
     /// All shapes of a source.
@@ -177,24 +207,6 @@ impl ShapesInMemory {
             }
             whitened.extend_from_slice(batch.whitened);
             weights.extend_from_slice(batch.weights);
-            Ok(())
-        })?;
-        Ok(Self::prepared(whitened, weights))
-    }
-
-    /// At most `most` shapes of a source, evenly spread over it.
-    ///
-    /// # Errors
-    /// Errors of the source.
-    pub fn spread_out(source: &dyn ShapeSource, most: usize) -> Result<Self, AnalysisError> {
-        let (count, held) = (source.count(), source.count().min(most));
-        let (mut whitened, mut weights) = (Vec::new(), Vec::new());
-        let mut wanted = (0..held).map(|i| i * count / held).peekable();
-        source.for_each_batch(&mut |batch| {
-            for (_, x, weight) in batch.iter().filter(|(k, ..)| wanted.next_if_eq(k).is_some()) {
-                whitened.extend_from_slice(x);
-                weights.push(weight);
-            }
             Ok(())
         })?;
         Ok(Self::prepared(whitened, weights))
@@ -237,6 +249,13 @@ impl ShapeSource for ShapesInMemory {
         visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), AnalysisError>,
     ) -> Result<(), AnalysisError> {
         visit(self.all())
+    }
+
+    fn for_each_marked(&self, visit: &mut VisitMarked<'_>) -> Result<(), AnalysisError> {
+        match &self.marks {
+            Some(marks) => visit(self.all(), marks),
+            None => visit(self.all(), &Mark::of_all(&self.whitened, &self.weights)),
+        }
     }
 }
 
@@ -340,6 +359,15 @@ impl ShapeSource for Watched<'_> {
                 }
                 rest = others;
             }
+        })
+    }
+
+    fn for_each_marked(&self, visit: &mut VisitMarked<'_>) -> Result<(), AnalysisError> {
+        self.source.for_each_marked(&mut |batch, marks| {
+            self.check()?;
+            visit(batch, marks)?;
+            self.worked(marks.len());
+            Ok(())
         })
     }
 

@@ -147,7 +147,8 @@ impl Procedure for Components {
         let (k, n, c) = (size.shapes, size.length, self.components as f64);
         Cost {
             multiply_adds: PRODUCT * k * n * (n.min(k) + 2.0 * c) + EIGENPROBLEM * n.min(k).powi(3),
-            numbers: 3.0 * n * n,
+            // The vectors of few shapes are kept as they are.
+            numbers: 3.0 * n * if 2.0 * k < n { k } else { n },
         }
     }
 }

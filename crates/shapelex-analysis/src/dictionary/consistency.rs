@@ -1,6 +1,6 @@
 //! Consistency of a content that was not learnt here, and of the dictionary made of it.
 
-use super::content::{Content, HeldOutMeasure};
+use super::content::{Content, HeldOutMeasure, TypicalScores};
 use super::in_use::Dictionary;
 use crate::factors::RobustSummary;
 use crate::metric::norm;
@@ -96,18 +96,19 @@ fn held_out_faults(content: &Content) -> Vec<FieldFault> {
             faults.push(FieldFault::new(format!("statistics/held_out/{field}"), detail));
         }
     };
-    let count = held_out.novelty.len();
-    let ascending = |values: &[f64]| {
+    let left = held_out.novelty.len();
+    let count = left + held_out.gross_errors.as_ref().map_or(0, |gross| gross.shapes);
+    let ascending = |values: &[f64], count: usize| {
         values.len() == count && values.is_sorted() && values.iter().all(|value| value.abs() <= MAX_NUMBER)
     };
     let fits = |measure: &HeldOutMeasure| {
-        ascending(&measure.values)
+        ascending(&measure.values, count)
             && measure.log_mean.abs() <= MAX_NUMBER
             && (1e-100..=MAX_NUMBER).contains(&measure.log_deviation)
     };
     let wrong = "expected one number per held-out shape in ascending order, with mean and positive deviation";
     check(
-        count >= 2 && ascending(&held_out.novelty),
+        left >= 2 && ascending(&held_out.novelty, left),
         "novelty",
         "expected at least two numbers in ascending order",
     );
@@ -119,5 +120,22 @@ fn held_out_faults(content: &Content) -> Vec<FieldFault> {
         "t_squared",
         "expected for components, and only for them",
     );
+    let scores = held_out.gross_errors.as_ref().and_then(|gross| gross.scores.as_ref());
+    check(
+        scores.is_none_or(|scores| components && are_of(scores, content.atoms.len())),
+        "gross_errors/scores",
+        "expected a mean and a covariance of the scores, with mean and positive deviation of logarithms",
+    );
     faults
+}
+
+/// Whether these can be scores in `components` components.
+fn are_of(scores: &TypicalScores, components: usize) -> bool {
+    let TypicalScores { mean, covariance, log_mean, log_deviation } = scores;
+    let row = |row: &[f64]| row.len() == components && row.iter().all(|value| value.abs() <= MAX_NUMBER);
+    row(mean)
+        && covariance.len() == components
+        && covariance.iter().all(|values| row(values))
+        && log_mean.abs() <= MAX_NUMBER
+        && (1e-100..=MAX_NUMBER).contains(log_deviation)
 }

@@ -53,6 +53,21 @@ pub struct Content {
     pub classifier: Option<ClassifierRecord>,
 }
 
+impl Content {
+    /// Lowest version of the file format that has all fields of the content: the second adds measures of held-out shapes, the third the
+    /// shapes that a robust dictionary leaves out, the fourth the seed and the gross
+    /// errors of the held-out shapes, and a minority that a robust one keeps.
+    pub fn format_version(&self) -> u32 {
+        match &self.statistics.held_out {
+            Some(held_out) if held_out.seed.is_some() || held_out.gross_errors.is_some() => 4,
+            _ if self.robust.is_some_and(|robust| robust.minority.is_some()) => 4,
+            _ if self.robust.is_some() => 3,
+            Some(_) => 2,
+            None => 1,
+        }
+    }
+}
+
 /// Mean shape with its certificate.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -159,13 +174,50 @@ pub enum HoldOut {
 pub struct HeldOutStatistics {
     /// Method of holding out shapes.
     pub method: HoldOut,
+    /// Seed of the choice of the held-out shapes, which does not depend on the order of the shapes. Null in dictionaries learnt by
+    /// earlier versions, which took every so-manyth shape, and where every shape was held out by its place.
+    #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
+    pub seed: Option<u64>,
     /// Squared Mahalanobis distances; null for sparse atoms.
     #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
     pub t_squared: Option<HeldOutMeasure>,
     /// Squared prediction errors `‖y − ŷ‖²`.
     pub residuals: HeldOutMeasure,
-    /// Larger of the two standardised logarithms for every shape, ascending; the outlier limit is derived from it.
+    /// Larger of the two standardised logarithms for every shape without gross errors, ascending; the outlier limit is derived from
+    /// it.
     pub novelty: Vec<f64>,
+    /// Gross errors among the held-out shapes; null if there are none.
+    #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
+    pub gross_errors: Option<GrossErrors>,
+}
+
+/// Gross errors among the held-out shapes, without which the outlier limit and the logarithms are computed.
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
+pub struct GrossErrors {
+    /// Number of gross errors.
+    pub shapes: usize,
+    /// Scores without them, in which the distance of a shape is measured; null for sparse atoms and for few shapes.
+    #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
+    pub scores: Option<TypicalScores>,
+}
+
+/// Scores of the held-out shapes without gross errors.
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
+pub struct TypicalScores {
+    /// Mean score of every component.
+    pub mean: Vec<f64>,
+    /// Covariance of the scores, divided by the number of shapes minus one.
+    pub covariance: Vec<Vec<f64>>,
+    /// Mean of the logarithms of the squared distances, each without the shape itself.
+    pub log_mean: f64,
+    /// Standard deviation of these logarithms.
+    pub log_deviation: f64,
 }
 
 /// A measure of the held-out shapes.
@@ -176,9 +228,9 @@ pub struct HeldOutStatistics {
 pub struct HeldOutMeasure {
     /// Values, ascending, one per shape.
     pub values: Vec<f64>,
-    /// Mean of the logarithms.
+    /// Mean of the logarithms, without gross errors.
     pub log_mean: f64,
-    /// Standard deviation of the logarithms.
+    /// Standard deviation of the logarithms, without gross errors.
     pub log_deviation: f64,
 }
 

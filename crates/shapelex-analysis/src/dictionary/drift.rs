@@ -88,7 +88,7 @@ pub struct Drift {
     pub classes: Option<Vec<ClassDrift>>,
 }
 
-/// Reads at most the given number of the training shapes, evenly spread, whitened as those of a source.
+/// Reads a [sample](ShapesInMemory::sample) of at most the given number of the training shapes, whitened as those of a source.
 pub type ReadTraining<'a> = dyn Fn(usize) -> Result<ShapesInMemory, AnalysisError> + 'a;
 
 /// Maximum number of training shapes that are halved: the spread of their means does not depend on their number.

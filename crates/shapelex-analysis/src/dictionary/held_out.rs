@@ -4,9 +4,13 @@
 //! nothing is searched or if there are many shapes. A small number of shapes with searched start points influences the
 //! mean, which in turn influences the start points. In that case, and for sparse atoms, which have no downdate,
 //! everything is learnt anew without one part of the shapes, and then describes that part.
+//!
+//! Which shapes are held out, and in which part, depends on what they were given as and on a seed, not on their places
+//! ([`Mark`](crate::accumulate::Mark)): the same shapes in any order have the same limit of outliers.
 
-use super::content::{HeldOutMeasure, HeldOutStatistics, HoldOut};
+use super::content::{GrossErrors, HeldOutMeasure, HeldOutStatistics, HoldOut, TypicalScores};
 use super::downdate::{Downdate, FEWEST, HeldOut};
+use super::gross_errors::{Held, Typical};
 use super::in_use::Dictionary;
 use super::learn::{bytes, learn_part};
 use super::method::Method;
@@ -58,12 +62,6 @@ pub fn trainings(method: &Method, searches: bool, shapes: usize) -> usize {
     parts(shapes).1
 }
 
-/// At most [`MAX_HELD`] of the positions, evenly spread.
-fn spread(positions: &[usize]) -> Vec<usize> {
-    let held = positions.len().min(MAX_HELD);
-    (0..held).map(|i| positions[i * positions.len() / held]).collect()
-}
-
 /// Measures of held-out shapes. `None` for fewer than three shapes; for sparse atoms also if the shapes do not fit in
 /// memory or if learning was continued (not `anew`). `state`: the sums from which components were computed.
 pub(super) fn statistics(
@@ -84,14 +82,17 @@ pub(super) fn statistics(
     if !(method.is_sparse() || anew && few) {
         let downdate = method.downdate(&dictionary.content, preparation, state, count)?;
         return downdate
-            .map(|downdate| Ok(record(HoldOut::LeaveOneOut, left_out(shapes, dictionary, &downdate, watch)?)))
+            .map(|downdate| {
+                let held = left_out(shapes, dictionary, recipe, &downdate, watch)?;
+                Ok(held.record(HoldOut::LeaveOneOut, recipe.held_out_seed))
+            })
             .transpose();
     }
     if !anew || method.needed_shapes() > inside(count) {
         return Ok(None);
     }
-    match held_in_parts(&ShapesInMemory::of(shapes)?, dictionary, recipe, watch) {
-        Ok(found) => Ok(Some(record(HoldOut::Parts, found))),
+    match held_in_parts(shapes, dictionary, recipe, watch) {
+        Ok(held) => Ok(Some(held.record(HoldOut::Parts, recipe.held_out_seed))),
         Err(AnalysisError::Interrupted) => Err(AnalysisError::Interrupted),
         // The whole set could be learnt, but not a part of it: a shape may be degenerate for the mean of the others.
         Err(error) => {
@@ -101,39 +102,62 @@ pub(super) fn statistics(
     }
 }
 
+/// Held-out shapes.
+struct HeldShapes {
+    /// Prepared for the dictionary of all shapes.
+    posed: Vec<f64>,
+    /// Scores in that dictionary; empty for sparse atoms.
+    scores: Vec<Vec<f64>>,
+    /// Measures without the shapes themselves.
+    found: HeldOut,
+}
+
 fn left_out(
     shapes: &dyn ShapeSource,
     dictionary: &Dictionary,
+    recipe: &Recipe,
     downdate: &Downdate,
     watch: &dyn Watch,
-) -> Result<HeldOut, AnalysisError> {
+) -> Result<HeldShapes, AnalysisError> {
     watch.check()?;
-    let some = ShapesInMemory::spread_out(shapes, MAX_HELD)?;
+    let some = ShapesInMemory::sample(shapes, recipe.held_out_seed, MAX_HELD)?;
     let posed = ShapesInMemory::of(&Posed { source: &some, preparation: &dictionary.preparation })?;
-    Ok(downdate.leave_out(posed.all()))
+    let codes = dictionary.model.codes(posed.all().whitened, dictionary.metric().len())?;
+    let scores = codes.into_iter().map(|code| code.values).collect();
+    let found = downdate.leave_out(posed.all());
+    Ok(HeldShapes { posed: posed.into_whitened(), scores, found })
 }
 
 fn held_in_parts(
-    shapes: &ShapesInMemory,
+    source: &dyn ShapeSource,
     dictionary: &Dictionary,
     recipe: &Recipe,
     watch: &dyn Watch,
-) -> Result<HeldOut, AnalysisError> {
+) -> Result<HeldShapes, AnalysisError> {
+    // The order of the ranks: cohorts are often ordered by class, and a period may run through them.
+    let shapes = ShapesInMemory::ranked(source, recipe.held_out_seed)?;
     let (parts, learnt) = parts(shapes.count());
-    let (mut distances, mut residuals) = (Vec::new(), Vec::new());
+    let (mut distances, mut residuals, mut held) = (Vec::new(), Vec::new(), Vec::new());
     for part in 0..learnt {
         watch.check()?;
-        // Consecutive shapes go to different parts, because cohorts are often ordered by class.
-        let (outside, inside): (Vec<usize>, Vec<usize>) =
+        let (mut outside, inside): (Vec<usize>, Vec<usize>) =
             (0..shapes.count()).partition(|k| k % parts == part);
+        outside.truncate(MAX_HELD);
         let measured = dictionary.preparation.measured();
-        let learner = learn_part(recipe, measured, &subset(shapes, &inside), watch)?;
-        let found = learner.told(&subset(shapes, &spread(&outside)))?;
+        let learner = learn_part(recipe, measured, &subset(&shapes, &inside), watch)?;
+        let found = learner.told(&subset(&shapes, &outside))?;
         distances.extend(found.distances.into_iter().flatten());
         residuals.extend(found.residuals);
+        held.extend(outside);
         watch.phase(Phase::HoldOut, (part + 1) as f64 / learnt as f64);
     }
-    Ok(HeldOut { distances: (!distances.is_empty()).then_some(distances), residuals })
+    let (posed, codes) = described(&dictionary.preparation, &dictionary.model, &subset(&shapes, &held))?;
+    let scores = match recipe.method.is_sparse() {
+        true => Vec::new(),
+        false => codes.into_iter().map(|code| code.values).collect(),
+    };
+    let distances = (!distances.is_empty()).then_some(distances);
+    Ok(HeldShapes { posed, scores, found: HeldOut { distances, residuals } })
 }
 
 impl Dictionary {
@@ -150,23 +174,49 @@ impl Dictionary {
 /// Largest stored value; every shape beyond it is new.
 const MOST: f64 = 1e100;
 
-fn record(method: HoldOut, mut found: HeldOut) -> HeldOutStatistics {
-    for values in found.distances.iter_mut().chain([&mut found.residuals]) {
-        values.iter_mut().for_each(|value| *value = value.min(MOST));
+impl HeldShapes {
+    fn record(mut self, method: HoldOut, seed: u64) -> HeldOutStatistics {
+        for values in self.found.distances.iter_mut().chain([&mut self.found.residuals]) {
+            values.iter_mut().for_each(|value| *value = value.min(MOST));
+        }
+        let Self { posed, scores, found: HeldOut { distances, residuals } } = self;
+        let held = Held { posed: &posed, scores: &scores, residuals: &residuals };
+        let typical = Typical::of(&held);
+        let kept = typical.as_ref().map_or_else(|| vec![true; residuals.len()], |found| found.kept.clone());
+        let logarithms = |values: &[f64]| {
+            Logarithms::of(&chosen(values, &kept).map(|value| value.min(MOST)).collect::<Vec<f64>>())
+        };
+        let among_typical = typical.as_ref().and_then(|found| found.distances.as_ref());
+        let measured = among_typical.map(|(distances, _)| distances).or(distances.as_ref());
+        let novelty = Novelty {
+            distances: measured.map(|distances| logarithms(distances)),
+            residuals: logarithms(&residuals),
+        };
+        let measures = residuals.iter().enumerate();
+        let measures: Vec<f64> = measures
+            .map(|(k, residual)| novelty.measure(measured.map(|distances| distances[k].min(MOST)), *residual))
+            .collect();
+        let scores = among_typical.zip(novelty.distances).map(|((_, spread), logarithms)| TypicalScores {
+            mean: spread.mean.clone(),
+            covariance: spread.covariance.row_iter().map(|row| row.iter().copied().collect()).collect(),
+            log_mean: logarithms.mean,
+            log_deviation: logarithms.deviation,
+        });
+        let shapes = kept.iter().filter(|kept| !**kept).count();
+        HeldOutStatistics {
+            method,
+            seed: Some(seed),
+            novelty: ascending(chosen(&measures, &kept).collect()),
+            t_squared: distances.map(|values| measure(logarithms(&values), values)),
+            residuals: measure(novelty.residuals, residuals),
+            gross_errors: typical.map(|_| GrossErrors { shapes, scores }),
+        }
     }
-    let HeldOut { distances, residuals } = found;
-    let novelty = Novelty {
-        distances: distances.as_deref().map(Logarithms::of),
-        residuals: Logarithms::of(&residuals),
-    };
-    let distance = |k: usize| distances.as_ref().map(|distances| distances[k]);
-    let measures = residuals.iter().enumerate().map(|(k, residual)| novelty.measure(distance(k), *residual));
-    HeldOutStatistics {
-        method,
-        novelty: ascending(measures.collect()),
-        t_squared: novelty.distances.zip(distances).map(|(logarithms, values)| measure(logarithms, values)),
-        residuals: measure(novelty.residuals, residuals),
-    }
+}
+
+/// The values that are kept.
+fn chosen<'a>(values: &'a [f64], kept: &'a [bool]) -> impl Iterator<Item = f64> {
+    values.iter().zip(kept).filter(|(_, kept)| **kept).map(|(value, _)| *value)
 }
 
 fn measure(logarithms: Logarithms, values: Vec<f64>) -> HeldOutMeasure {
@@ -184,11 +234,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_bounded_number_of_shapes_is_held_out() {
-        let all: Vec<usize> = (0..100_000).collect();
-        assert_eq!(spread(&all[..3]), [0, 1, 2]);
-        let many = spread(&all);
-        assert!(many.len() == MAX_HELD && many.is_sorted_by(|a, b| a < b) && many[MAX_HELD - 1] < 100_000);
+    fn parts_and_trainings_are_bounded() {
         assert_eq!([5, 20, 100, 400, 401].map(parts), [(5, 5), (10, 10), (5, 5), (5, 5), (5, 1)]);
         let components = Method::FunctionalPca { components: 3, centre: true };
         assert_eq!([3, 20, 400, 401].map(|count| trainings(&components, true, count)), [0, 10, 5, 0]);
@@ -199,7 +245,10 @@ mod tests {
     #[test]
     fn the_record_is_in_order() {
         let found = HeldOut { distances: Some(vec![3.0, 1.0, 1e300]), residuals: vec![0.1, 0.3, 0.2] };
-        let record = record(HoldOut::LeaveOneOut, found);
+        let posed = vec![1.0, 2.0, 3.0];
+        let held = HeldShapes { posed, scores: vec![vec![1.0]; 3], found };
+        let record = held.record(HoldOut::LeaveOneOut, 7);
+        assert_eq!((record.seed, &record.gross_errors), (Some(7), &None));
         assert_eq!(record.residuals.values, [0.1, 0.2, 0.3]);
         assert_eq!(record.t_squared.unwrap().values, [1.0, 3.0, MOST]);
         assert!(record.novelty.len() == 3 && record.novelty.is_sorted());

@@ -1,7 +1,7 @@
 //! A dictionary in use: its content, prepared for computation.
 
-use super::content::Content;
-use super::model::{Coded, Model};
+use super::content::{Content, HeldOutStatistics};
+use super::model::{Coded, Model, Spread};
 use super::preparation::{Pose, Posed, Preparation};
 use crate::AnalysisError;
 use crate::accumulate::ShapeSource;
@@ -24,6 +24,8 @@ pub struct Dictionary {
     pub model: Model,
     /// Classifier, if there is one.
     pub classifier: Option<Classifier>,
+    /// Scores of the held-out shapes without gross errors; `None` if there were none.
+    typical: Option<Spread>,
 }
 
 impl Dictionary {
@@ -37,7 +39,25 @@ impl Dictionary {
         let preparation = content.preparation(measured)?;
         let classifier =
             content.classifier.as_ref().map(|record| Classifier::from_record(record, measured.metric));
-        Ok(Self { content, preparation, model, classifier })
+        let held_out = content.statistics.held_out.clone();
+        Ok(Self { content, preparation, model, classifier, typical: None }.holding_out(held_out))
+    }
+
+    /// The dictionary with these measures of held-out shapes.
+    pub(super) fn holding_out(mut self, held_out: Option<HeldOutStatistics>) -> Self {
+        let scores = held_out.as_ref().and_then(|held| held.gross_errors.as_ref()?.scores.as_ref());
+        self.typical = scores.map(|scores| {
+            let q = scores.mean.len();
+            let covariance = Matrix::from_fn(q, q, |i, j| scores.covariance[i][j]);
+            Spread::new(scores.mean.clone(), covariance)
+        });
+        self.content.statistics.held_out = held_out;
+        self
+    }
+
+    /// Distance of scores by which outliers are found, if it is not `T²`.
+    pub(super) fn typical_distance(&self, scores: &[f64]) -> Option<f64> {
+        self.typical.as_ref().map(|typical| typical.distance(scores))
     }
 
     /// The dictionary with a trained classifier.

@@ -137,7 +137,7 @@ impl Learner<'_> {
         self.enter(Phase::HoldOut)?;
         let anew = previous.is_none();
         let held_out = held_out::statistics(shapes, &dictionary, self.recipe, &state, anew, self.watch);
-        dictionary.content.statistics.held_out = held_out.map_err(|error| shapes.located(error))?;
+        let dictionary = dictionary.holding_out(held_out.map_err(|error| shapes.located(error))?);
         Ok(Learnt { dictionary, state, less_counted: Vec::new() })
     }
 

@@ -31,7 +31,7 @@
 //! * [`learning`] — online and batch learning of sparse atoms; [`statistics`] — sufficient statistics of codes;
 //! * [`model`] — learnt atoms in use; [`work`] — predicted work;
 //! * [`downdate`] — leave-one-out statistics of principal components;
-//! * [`novelty`] — the limit beyond which a shape is an outlier.
+//! * [`novelty`] — the limit beyond which a shape is an outlier; `gross_errors` — held-out shapes without which it is computed.
 //!
 //! Source: Schmitter 2017, (4.27); Mairal, Bach, Ponce, Sapiro 2009 for the statistics.
 
@@ -43,6 +43,7 @@ mod consistency;
 pub mod content;
 pub mod downdate;
 pub mod drift;
+mod gross_errors;
 pub mod held_out;
 pub mod in_use;
 pub mod learn;

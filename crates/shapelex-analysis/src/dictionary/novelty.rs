@@ -13,6 +13,10 @@
 //! P(x > s) = (1 + s/Σx)^−k,      so that      limit = m₍ₙ₋ₖ₎ + Σx (((k + 1)/((n + 1)(1 − q)))^(1/k) − 1)
 //! ```
 //!
+//! Gross errors among the held-out shapes are left out first ([`gross_errors`](super::gross_errors)): a few of them would stretch
+//! the fitted tail until no other shape is an outlier. `T²` is then the squared distance in mean and covariance of the scores of the
+//! shapes that are left.
+//!
 //! One limit serves both measures: separate limits at level `q` would give up to twice as many false alarms. Logarithms are
 //! used because `T²` and `Q` of few shapes have power-law tails.
 //!
@@ -47,15 +51,29 @@ pub struct Logarithms {
 impl Logarithms {
     /// From positive values; zeros count as the smallest value.
     pub fn of(values: &[f64]) -> Self {
-        let logarithms: Vec<f64> = values.iter().map(|value| value.max(LEAST).ln()).collect();
+        Self::of_logarithms(&values.iter().map(|value| value.max(LEAST).ln()).collect::<Vec<f64>>())
+    }
+
+    /// From logarithms.
+    pub(super) fn of_logarithms(logarithms: &[f64]) -> Self {
         let n = logarithms.len() as f64;
         let mean = logarithms.iter().sum::<f64>() / n.max(1.0);
         let squares: f64 = logarithms.iter().map(|l| (l - mean) * (l - mean)).sum();
-        Self { mean, deviation: (squares / (n - 1.0).max(1.0)).sqrt().max(MIN_DEVIATION) }
+        Self::new(mean, (squares / (n - 1.0).max(1.0)).sqrt())
+    }
+
+    /// With the smallest deviation that is told from rounding, or more.
+    pub(super) fn new(mean: f64, deviation: f64) -> Self {
+        Self { mean, deviation: deviation.max(MIN_DEVIATION) }
+    }
+
+    /// A logarithm as a number of standard deviations.
+    pub(super) fn standard(self, logarithm: f64) -> f64 {
+        (logarithm - self.mean) / self.deviation
     }
 
     fn standardise(self, value: f64) -> f64 {
-        (value.max(LEAST).ln() - self.mean) / self.deviation
+        self.standard(value.max(LEAST).ln())
     }
 }
 

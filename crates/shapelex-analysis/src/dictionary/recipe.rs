@@ -38,6 +38,8 @@ pub struct Recipe {
     pub method: Method,
     /// Whether shapes unlike the majority are left out, or count less.
     pub estimator: Estimator,
+    /// Seed of the choice of the shapes that are held out.
+    pub held_out_seed: u64,
 }
 
 impl Recipe {
@@ -54,6 +56,7 @@ impl Recipe {
             frame: Frame::Training,
             method,
             estimator: Estimator::Plain,
+            held_out_seed: 0,
         }
     }
 
@@ -70,6 +73,7 @@ impl Recipe {
             frame: content.frame,
             method: content.method.clone(),
             estimator: Estimator::robust(content.robust.is_some()),
+            held_out_seed: content.statistics.held_out.as_ref().and_then(|held| held.seed).unwrap_or(0),
         }
     }
 
@@ -147,7 +151,7 @@ impl Setting {
         control_points: Vec<f64>,
         weights: Vec<f64>,
     ) -> Result<ShapesInMemory, AnalysisError> {
-        ShapesInMemory::new(&self.metric, self.method.translates(), control_points, weights)
+        ShapesInMemory::marked(&self.metric, self.method.translates(), control_points, weights)
     }
 }
 

@@ -35,17 +35,32 @@ impl Dictionary {
     pub(super) fn score_of(&self, y: &[f64], code: &SparseCode, quantile: f64) -> Score {
         let residual = squared_distance(y, &self.model.reconstruct(code));
         let scores = matches!(self.model, Model::Components { .. }).then(|| code.values.clone());
-        Score { scores, ..self.compared(self.model.distance(code), residual, quantile) }
+        let compared = self.compared(self.model.distance(code), scores.as_deref(), residual, quantile);
+        Score { scores, ..compared }
     }
 
-    /// Compares both measures of a shape with those of the training shapes.
-    pub(super) fn compared(&self, t_squared: Option<f64>, residual: f64, quantile: f64) -> Score {
+    /// Compares both measures of a shape with those of the training shapes. With the scores, the distance of them from the held-out
+    /// shapes without gross errors decides in place of `T²`, where there were some.
+    pub(super) fn compared(
+        &self,
+        t_squared: Option<f64>,
+        scores: Option<&[f64]>,
+        residual: f64,
+        quantile: f64,
+    ) -> Score {
         let statistics = &self.content.statistics;
         let known = Known::of(statistics);
         let outlier = match &statistics.held_out {
             Some(held_out) => {
-                novelty_of(held_out).measure(t_squared, residual)
-                    > novelty::limit(&held_out.novelty, quantile)
+                let novelty = novelty_of(held_out);
+                let among_typical = scores.and_then(|scores| self.typical_distance(scores));
+                let measure = match among_typical.zip(logarithms_of_typical(held_out)) {
+                    Some((distance, logarithms)) => {
+                        Novelty { distances: Some(logarithms), ..novelty }.measure(Some(distance), residual)
+                    }
+                    None => novelty.measure(t_squared, residual),
+                };
+                measure > novelty::limit(&held_out.novelty, quantile)
             }
             None => {
                 residual > value_at(known.residuals, quantile)
@@ -90,6 +105,12 @@ fn novelty_of(held_out: &HeldOutStatistics) -> Novelty {
         distances: held_out.t_squared.as_ref().map(logarithms),
         residuals: logarithms(&held_out.residuals),
     }
+}
+
+/// Logarithms of the distances among the held-out shapes without gross errors, if there were some.
+fn logarithms_of_typical(held_out: &HeldOutStatistics) -> Option<Logarithms> {
+    let scores = held_out.gross_errors.as_ref()?.scores.as_ref()?;
+    Some(Logarithms { mean: scores.log_mean, deviation: scores.log_deviation })
 }
 
 /// Fraction of the ascending `values` that are at most `value`.

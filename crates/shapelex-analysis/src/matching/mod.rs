@@ -21,7 +21,7 @@ use moving::MovedSurfaces;
 pub use placement::Placement;
 
 use super::AnalysisError;
-use super::accumulate::{MergePart, ShapeSource, Shapes, for_each_changed, map_shapes};
+use super::accumulate::{MergePart, PART, ShapeSource, Shapes, VisitMarked, for_each_changed, map_shapes};
 use super::correspondence::{Correspondence, Direction, Mirror};
 use super::fit::{Fit, best_correlation, cross_product};
 use super::mean::MeanSpace;
@@ -436,6 +436,13 @@ impl Placed<'_> {
     fn stand_as_given(&self) -> bool {
         self.placements.iter().all(|placement| *placement == Placement::default())
     }
+
+    fn place(&self, batch: Shapes<'_>, whitened: &mut [f64]) {
+        let length = whitened.len() / batch.weights.len().max(1);
+        for ((k, x, _), placed) in batch.iter().zip(whitened.chunks_exact_mut(length.max(1))) {
+            placed.copy_from_slice(&self.matching.place(x, self.placements[k]));
+        }
+    }
 }
 
 impl ShapeSource for Placed<'_> {
@@ -455,13 +462,25 @@ impl ShapeSource for Placed<'_> {
             return self.source.for_each_batch(visit);
         }
         let place = |batch: Shapes<'_>, whitened: &mut [f64]| {
-            let length = whitened.len() / batch.weights.len().max(1);
-            for ((k, x, _), placed) in batch.iter().zip(whitened.chunks_exact_mut(length.max(1))) {
-                placed.copy_from_slice(&self.matching.place(x, self.placements[k]));
-            }
+            self.place(batch, whitened);
             Ok(())
         };
         for_each_changed(self.source, place, visit)
+    }
+
+    fn for_each_marked(&self, visit: &mut VisitMarked<'_>) -> Result<(), AnalysisError> {
+        self.source.for_each_marked(&mut |mut rest, mut marks| {
+            // Parts, so that a source in memory is not copied as a whole.
+            while !marks.is_empty() {
+                let (part, others) = rest.split_at(marks.len().min(PART));
+                let (own, left) = marks.split_at(part.weights.len());
+                let mut whitened = part.whitened.to_vec();
+                self.place(part, &mut whitened);
+                visit(Shapes { whitened: &whitened, ..part }, own)?;
+                (rest, marks) = (others, left);
+            }
+            Ok(())
+        })
     }
 
     /// Only this process knows the placements, so the pass is distributed only while all shapes stand as given.

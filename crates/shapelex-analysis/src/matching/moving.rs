@@ -30,6 +30,9 @@ const MOST_FOLLOWED: usize = 2;
 /// Shapes whose parameterisations are compared with the mean.
 const LOOKED_AT: usize = 8;
 
+/// Seed of their choice, which is no parameter: the answer is a warning.
+const LOOKED_AT_SEED: u64 = 0;
+
 /// A parameterisation disagrees with the mean if another one leaves less than this part of what it leaves.
 const DISAGREES: f64 = 0.8;
 
@@ -178,7 +181,7 @@ impl Matching {
         Ok(best.0)
     }
 
-    /// Of surfaces whose parameters correspond as given, how many of at most 8, evenly spread over `source`, fit the target better if
+    /// Of surfaces whose parameters correspond as given, how many of a [sample](ShapesInMemory::sample) of at most 8 fit the target better if
     /// their parameters move; `None` for other shapes, and where parameters are searched. `translates`: whether shapes are centred.
     ///
     /// Cost: a pass over `source`, and at most 24 moved surfaces for each of the 8.
@@ -193,7 +196,7 @@ impl Matching {
     ) -> Result<Option<Disagreement>, AnalysisError> {
         let surfaces = if self.moves() { None } else { MovedSurfaces::new(&self.space, true, translates) };
         let Some(surfaces) = surfaces else { return Ok(None) };
-        let some = ShapesInMemory::spread_out(source, LOOKED_AT)?;
+        let some = ShapesInMemory::sample(source, LOOKED_AT_SEED, LOOKED_AT)?;
         let found = map_shapes(&some, |_, x, _| surfaces.disagrees(x, target))?;
         let disagreeing = found.iter().filter(|disagrees| **disagrees).count();
         Ok(Some(Disagreement { looked_at: found.len(), disagreeing }))

@@ -20,7 +20,7 @@
 //! [`PASSES`] passes over the shapes, a plain one two; one that searches start points takes as many in each of a few more rounds.
 //!
 //! What it cannot do: a third of the shapes may be wrong, not more; and a group of shapes that differs from all others is wrong by
-//! this definition, even if it is a class of its own. Wrong shapes within the variation of the right ones cannot be told from
+//! this definition, even if it is a class of its own. A compact part that is kept although it is unlike the majority is told ([`Minority`](super::factors::Minority)). Wrong shapes within the variation of the right ones cannot be told from
 //! them, and hardly matter for the mean.
 //!
 //! Sources: Weiszfeld 1937; Locantore et al. 1999 (spatial signs); Hubert, Rousseeuw and Vanden Branden 2005 (two distances,
@@ -28,6 +28,7 @@
 
 mod groups;
 mod listed;
+mod minority;
 mod mirrors;
 mod moments;
 mod points;
@@ -372,7 +373,8 @@ impl Task<'_> {
         factors.iter_mut().zip(&standing).for_each(|(factor, standing)| *factor *= standing);
         let weighted: Vec<f64> =
             weights.iter().zip(&factors).map(|(weight, factor)| weight * factor).collect();
-        Ok(Factors { factors, effective: effective(&weighted) })
+        let minority = described.minority(&factors);
+        Ok(Factors { factors, effective: effective(&weighted), minority })
     }
 
     /// [`Self::judged`] about the centre of the shapes with the factors `standing`.

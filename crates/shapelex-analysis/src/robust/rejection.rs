@@ -1,11 +1,13 @@
 //! Which shapes are wrong: from their scores and residuals to the factors of their weights.
 
 use super::groups::outside_groups;
+use super::minority::Scores;
 use super::moments::{Moments, square};
 use super::sources::ROUNDING;
+use crate::factors::Minority;
 
 /// Weight of the densest majority.
-const MAJORITY: f64 = 0.65;
+pub(super) const MAJORITY: f64 = 0.65;
 
 /// Standard deviations of a normal distance up to which a shape counts fully, and from which on not at all.
 #[derive(Debug, Clone, Copy)]
@@ -70,7 +72,7 @@ fn quantile(values: &[f64], weights: &[f64], order: &[usize], part: f64) -> f64 
 }
 
 /// The least value up to which a fraction `part` of the weight lies. Equal weights take no sorting.
-fn smallest(values: &[f64], weights: &[f64], part: f64) -> f64 {
+pub(super) fn smallest(values: &[f64], weights: &[f64], part: f64) -> f64 {
     let equal = weights.first().is_some_and(|first| *first > 0.0 && weights.iter().all(|w| w == first));
     if !equal {
         return quantile(values, weights, &order(values), part);
@@ -245,6 +247,12 @@ impl Description {
         let Some(root) = covariance.cholesky() else { return vec![0.0; self.weights.len()] };
         let (lower, mut away) = (root.unpack(), vec![0.0; q]);
         self.scores.chunks_exact(q).map(|t| square(&lower, &mean, t, &mut away)).collect()
+    }
+
+    /// The compact minority among the shapes with these factors, if there is one.
+    pub(super) fn minority(&self, factors: &[f64]) -> Option<Minority> {
+        let Self { scores, components, weights, size, .. } = self;
+        Scores { scores, q: *components, weights }.minority(factors, *size)
     }
 
     /// Zero for the shapes in [groups](super::groups) of wrong ones, one for the others. `start`: scores of a change of the start

@@ -4,7 +4,9 @@ use shapelex_numeric::parallel;
 
 use super::weiszfeld::NEAREST;
 use crate::AnalysisError;
-use crate::accumulate::{BLOCK, Reservation, ShapeSource, Shapes, ShapesInMemory, for_each_changed};
+use crate::accumulate::{
+    BLOCK, Reservation, ShapeSource, Shapes, ShapesInMemory, VisitMarked, for_each_changed,
+};
 use crate::alignment::Method;
 use crate::fit::{Scaling, cross_product, transform};
 use crate::metric::{dot, norm};
@@ -297,5 +299,23 @@ impl ShapeSource for Retained<'_> {
             return Ok(());
         }
         visit(Shapes { first, whitened: &whitened, weights: &weights })
+    }
+
+    fn for_each_marked(&self, visit: &mut VisitMarked<'_>) -> Result<(), AnalysisError> {
+        let mut first = 0;
+        self.source.for_each_marked(&mut |batch, all| {
+            let (mut whitened, mut weights, mut marks) = (Vec::new(), Vec::new(), Vec::new());
+            for ((k, x, weight), mark) in batch.iter().zip(all).filter(|((k, ..), _)| self.factors[*k] > 0.0)
+            {
+                whitened.extend_from_slice(x);
+                weights.push(weight * self.factors[k]);
+                marks.push(*mark);
+            }
+            if !weights.is_empty() {
+                visit(Shapes { first, whitened: &whitened, weights: &weights }, &marks)?;
+            }
+            first += marks.len();
+            Ok(())
+        })
     }
 }

@@ -9,6 +9,7 @@ mod motions;
 #[path = "../nulls/mod.rs"]
 mod null_cases;
 mod nulls;
+mod outliers;
 mod parts;
 mod pipeline;
 mod retrieval;

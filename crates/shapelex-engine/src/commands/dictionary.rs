@@ -104,6 +104,7 @@ impl Learn {
             frame: self.frame,
             method: self.method,
             estimator: Estimator::Plain,
+            held_out_seed: 0,
         };
         let runners = self.machines.runners(threads)?;
         let source = AtRest::new(revision.clone(), Arc::new(setting), runtime, runners.chosen());

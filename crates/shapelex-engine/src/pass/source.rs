@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use futures_util::future::BoxFuture;
 use shapelex_analysis::AnalysisError;
-use shapelex_analysis::accumulate::{MergePart, PART, ShapeSource, Shapes, prepare};
+use shapelex_analysis::accumulate::{Mark, MergePart, PART, ShapeSource, Shapes, VisitMarked, prepare};
 use shapelex_analysis::pass::Pass;
 use tokio::runtime::Handle;
 
@@ -173,6 +173,15 @@ impl ShapeSource for AtRest<'_> {
             let first = k * PART;
             prepare(metric, method.translates(), first, &mut control_points)?;
             Ok(visit(Shapes { first, whitened: &control_points, weights: &weights })?)
+        })?)
+    }
+
+    fn for_each_marked(&self, visit: &mut VisitMarked<'_>) -> Result<(), AnalysisError> {
+        let Setting { metric, method, .. } = &*self.subject.setting;
+        Ok(self.for_each_part(&mut |k, Numbers { mut control_points, weights, .. }| {
+            let (first, marks) = (k * PART, Mark::of_all(&control_points, &weights));
+            prepare(metric, method.translates(), first, &mut control_points)?;
+            Ok(visit(Shapes { first, whitened: &control_points, weights: &weights }, &marks)?)
         })?)
     }
 

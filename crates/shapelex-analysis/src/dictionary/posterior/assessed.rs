@@ -51,7 +51,7 @@ impl Dictionary {
         let residuals = Known::of(&self.content.statistics).residuals;
         let usual = residuals.iter().sum::<f64>() / residuals.len().max(1) as f64;
         let (t_squared, residual) = (measures.distance * components as f64, measures.residual * usual);
-        let score = self.compared(Some(t_squared), residual, quantile);
+        let score = self.compared(Some(t_squared), None, residual, quantile);
         PartScore {
             is_outlier: score.outlier,
             distance_rank: score.t_squared_rank.unwrap_or_default(),

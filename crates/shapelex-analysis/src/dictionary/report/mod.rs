@@ -42,7 +42,7 @@ use super::model::Model;
 use super::recipe::Recipe;
 use super::work::{EIGENPROBLEM, PRODUCT};
 use crate::AnalysisError;
-use crate::accumulate::{ShapesInMemory, prepare};
+use crate::accumulate::{Mark, ShapesInMemory, prepare, ranked};
 use crate::inference::groups::strata;
 use crate::metric::{Metric, dot, norm};
 use crate::robust::mean_by;
@@ -101,6 +101,30 @@ pub struct TrainingShapes {
     pub weights: Vec<f64>,
     /// Subject of each shape, numbered from 0 without gaps.
     pub subjects: Vec<usize>,
+}
+
+impl TrainingShapes {
+    /// The same in the order of their [marks](crate::accumulate::Mark), whatever order they were given in; subjects are numbered in
+    /// this order.
+    fn ranked(self) -> Self {
+        let Self { control_points, weights, subjects } = self;
+        let length = control_points.len() / weights.len().max(1);
+        let order = ranked(&Mark::of_all(&control_points, &weights), 0);
+        let rows = order.iter().flat_map(|&k| &control_points[k * length..(k + 1) * length]).copied();
+        let mut numbers: Vec<Option<usize>> = vec![None; subjects.iter().max().map_or(0, |last| last + 1)];
+        let mut count = 0;
+        let mut number = |&k: &usize| {
+            *numbers[subjects[k]].get_or_insert_with(|| {
+                count += 1;
+                count - 1
+            })
+        };
+        Self {
+            control_points: rows.collect(),
+            subjects: order.iter().map(&mut number).collect(),
+            weights: order.iter().map(|&k| weights[k]).collect(),
+        }
+    }
 }
 
 /// How well the modes of a dictionary describe shapes.
@@ -355,7 +379,7 @@ impl Dictionary {
     }
 
     /// The shapes that the dictionary was learnt from in the coordinates of their spectrum, and their sizes as given over those in
-    /// pose. `shapes` are without those that were left out then; their weights are moved.
+    /// pose, in an order that depends on the shapes alone: some of them are then chosen by their places, and by drawn ones. `shapes` are without those that were left out then; their weights are moved.
     ///
     /// # Errors
     /// As [`Self::report`].
@@ -372,7 +396,7 @@ impl Dictionary {
             weights: std::mem::take(&mut shapes.weights),
             subjects: std::mem::take(&mut shapes.subjects),
         };
-        *shapes = self.retained(given)?;
+        *shapes = self.retained(given)?.ranked();
         let prepared = self.preparation.prepare(&shapes.control_points)?;
         let mut given = shapes.control_points.clone();
         prepare(self.metric(), self.preparation.method.translates(), 0, &mut given)?;
