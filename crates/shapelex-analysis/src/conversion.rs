@@ -88,16 +88,17 @@ impl Conversion<'_> {
         found.map_err(|error| FieldFault::new("", error.to_string()))
     }
 
-    /// Given control points; those of a contour begin at their canonical start under `cyclic`.
+    /// Given control points; those of a contour are oriented unless their direction counts, and begin at their canonical start under
+    /// `cyclic`.
     ///
     /// # Errors
     /// The number of control points.
     pub fn take(&self, control_points: Matrix) -> Result<Matrix, FieldFault> {
         check_count(control_points.nrows(), "control points", self.space.representation().size(), "")?;
-        if self.correspondence != Correspondence::Cyclic || !self.space.domain().is_line() {
-            return Ok(control_points);
-        }
         let directed = self.directed(control_points);
+        if self.correspondence != Correspondence::Cyclic || !self.space.domain().is_line() {
+            return Ok(directed);
+        }
         let shift = canonical_shift(&directed);
         Ok(rotate_start(&directed, shift))
     }
@@ -164,6 +165,36 @@ mod tests {
         }
         let taken = conversion.take(rotate_start(&wanted, 5)).unwrap();
         assert_eq!(taken, conversion.take(wanted).unwrap());
+    }
+
+    #[test]
+    fn control_points_of_either_direction_run_counter_clockwise_unless_they_are_landmarks() {
+        let space = space();
+        let taken = |correspondence, direction| {
+            let conversion =
+                Conversion { space: &space, correspondence, direction, repeated_points: RepeatedPoints::Drop };
+            let backwards = Matrix::from_fn(12, 2, |k, c| bean(12)[((12 - k) % 12, c)]);
+            let taken = conversion.take(backwards.clone()).unwrap();
+            (polygon_area(&taken) > 0.0, taken == backwards)
+        };
+        assert_eq!(taken(Correspondence::ArcLength, Direction::Either), (true, false));
+        assert!(taken(Correspondence::Cyclic, Direction::Either).0);
+        assert_eq!(taken(Correspondence::ArcLength, Direction::Given), (false, true));
+        assert_eq!(taken(Correspondence::Landmarks, Direction::Either), (false, true));
+    }
+
+    #[test]
+    fn only_closed_planar_curves_whose_start_is_searched_are_compared_in_either_direction_by_default() {
+        let generator = GeneratorKind::Bspline { degree: 3 };
+        let open = Representation::OpenCurve { dimension: 2, intervals: 12, generator: generator.clone() };
+        let closed =
+            |dimension| Representation::ClosedCurve { dimension, control_points: 12, generator: generator.clone() };
+        let usual = Direction::usual;
+        assert_eq!(usual(Correspondence::Cyclic, &closed(2)), Direction::Either);
+        assert_eq!(usual(Correspondence::ArcLength, &closed(2)), Direction::Given);
+        assert_eq!(usual(Correspondence::Landmarks, &closed(2)), Direction::Given);
+        assert_eq!(usual(Correspondence::Cyclic, &closed(3)), Direction::Given);
+        assert_eq!(usual(Correspondence::ArcLength, &open), Direction::Given);
     }
 
     #[test]

@@ -53,6 +53,8 @@ export const de: Strings = {
     points: (count) => `${count} Kontrollpunkte`, intervals: (count) => `${count} Abschnitte`,
   },
   topologies: { sphere: "Kugel", sharp_sphere: "Kugel mit spitzen Polen", cylinder: "Zylinder", torus: "Torus", plane: "Blatt" },
+  directions: { either: "zählt nicht", given: "zählt, wie gezeichnet" },
+  mirrors: { forbid: "sind andere Formen", allow: "sind dieselbe Form" },
   correspondences: { cyclic: "der Anfangspunkt wird gesucht (zyklisch)", arc_length: "nach Bogenlänge ab dem ersten Punkt", landmarks: "Punkt für Punkt, wie gegeben" },
   attributes: {
     external_id: "Externe Kennung", label: "Bezeichnung", subject: "Proband", created_at: "Angelegt", "measures.points": "Punkte", "measures.centroid_size": "Zentroidgröße", "measures.length": "Länge",
@@ -60,7 +62,7 @@ export const de: Strings = {
   },
   cohorts: {
     lead: "Eine Kohorte ist eine benannte Menge gleichartiger Formen, deren Punkte nach einer Regel einander zugeordnet werden.", create: "Neue Kohorte", none: "Es gibt noch keine Kohorten.", plane: "in der Ebene", space: "im Raum",
-    correspondence: "Zuordnung der Punkte", sizes: { closed_curve: "Kontrollpunkte", open_curve: "Abschnitte", landmarks: "Landmarken", surface: "Kontrollpunkte längs u" },
+    correspondence: "Zuordnung der Punkte", direction: "Richtung der Zeichnung", mirror: "Spiegelbilder", sizes: { closed_curve: "Kontrollpunkte", open_curve: "Abschnitte", landmarks: "Landmarken", surface: "Kontrollpunkte längs u" },
   },
   cohort: {
     overview: "Formen", table: "Tabelle", mean: "Mittel", compare: "Gruppen", regression: "Regression", upload: "Hochladen",

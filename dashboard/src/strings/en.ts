@@ -51,6 +51,8 @@ export const en = {
     points: (count: number) => `${count} control points`, intervals: (count: number) => `${count} intervals`,
   },
   topologies: { sphere: "sphere", sharp_sphere: "sphere with sharp poles", cylinder: "cylinder", torus: "torus", plane: "sheet" },
+  directions: { either: "does not count", given: "counts, as it is drawn" },
+  mirrors: { forbid: "are other shapes", allow: "are the same shape" },
   correspondences: { cyclic: "the start point is searched (cyclic)", arc_length: "by arc length from the first point", landmarks: "point by point, as given" },
   attributes: {
     external_id: "External id", label: "Label", subject: "Subject", created_at: "Created", "measures.points": "Points", "measures.centroid_size": "Centroid size", "measures.length": "Length",
@@ -58,7 +60,7 @@ export const en = {
   },
   cohorts: {
     lead: "A cohort is a named set of shapes of one kind, whose points are matched by one rule.", create: "New cohort", none: "There are no cohorts yet.", plane: "in the plane", space: "in space",
-    correspondence: "How points are matched", sizes: { closed_curve: "Control points", open_curve: "Intervals", landmarks: "Landmarks", surface: "Control points along u" },
+    correspondence: "How points are matched", direction: "Direction of drawing", mirror: "Mirror images", sizes: { closed_curve: "Control points", open_curve: "Intervals", landmarks: "Landmarks", surface: "Control points along u" },
   },
   cohort: {
     overview: "Shapes", table: "Table", mean: "Mean", compare: "Groups", regression: "Regression", upload: "Upload",

@@ -52,7 +52,8 @@ document! {
         /// Point correspondence between shapes. Default: `landmarks`.
         #[schema(value_type = Option<Correspondence>)]
         correspondence: Checked<Correspondence>;
-        /// How to treat contour direction. Default: `given` (keep the direction as posted).
+        /// How to treat contour direction. Default: `either` for closed planar curves under `cyclic`, else `given` (keep the
+        /// direction as posted).
         #[schema(value_type = Option<Direction>)]
         direction: Checked<Direction>;
         /// Whether shapes may be matched to mirror images. Default: `forbid`.
@@ -143,15 +144,13 @@ fn new_cohort(request: CohortRequest) -> Result<CohortSpec, ServiceError> {
     let description = take_given(request.description, "/description", &mut errors).flatten();
     let representation = request.representation.and_then(|field| field.take("/representation", &mut errors));
     let correspondence = take_or_default(request.correspondence, "/correspondence", &mut errors);
-    let direction = take_or_default(request.direction, "/direction", &mut errors);
+    let direction = take_given(request.direction, "/direction", &mut errors);
     let mirror = take_or_default(request.mirror, "/mirror", &mut errors);
     let length_unit = take_given(request.length_unit, "/length_unit", &mut errors).flatten();
-    let whole = (name.as_ref(), representation, correspondence, direction, mirror);
-    match whole {
-        (Some(name), Some(representation), Some(correspondence), Some(direction), Some(mirror))
-            if errors.is_empty() =>
-        {
+    match (name.as_ref(), representation, correspondence, mirror) {
+        (Some(name), Some(representation), Some(correspondence), Some(mirror)) if errors.is_empty() => {
             let name = name.clone();
+            let direction = direction.unwrap_or_else(|| Direction::usual(correspondence, &representation));
             Ok(CohortSpec {
                 name,
                 description,

@@ -76,7 +76,8 @@ macro_rules! settings_request {
         crate::api::v1::request_macros::shapes_request! {
             $(#[$meta])*
             $name {
-                /// How to treat contour direction. Default: `given` (keep the direction as posted).
+                /// How to treat contour direction. Default: `either` for closed planar curves under `cyclic`, else `given` (keep the
+                /// direction as posted).
                 #[schema(value_type = Option<crate::analysis::correspondence::Direction>)]
                 direction: crate::formats::checked::Checked<crate::analysis::correspondence::Direction>;
                 /// Whether shapes may be matched to mirror images. Default: `forbid`.
@@ -103,9 +104,10 @@ macro_rules! settings_request {
                 errors: &mut Vec<crate::formats::fault::Fault>,
             ) -> (Option<crate::service::statistics::Settings>, Vec<crate::formats::shape::ShapeInput>) {
                 use crate::analysis::alignment::Alignment;
+                use crate::analysis::correspondence::Direction;
                 use crate::formats::checked::{take_given, take_or_default};
                 let (common, shapes) = self.take_shapes(errors);
-                let direction = take_or_default(self.direction.take(), "/direction", errors);
+                let direction = take_given(self.direction.take(), "/direction", errors);
                 let mirror = take_or_default(self.mirror.take(), "/mirror", errors);
                 let transformation =
                     self.transformation.take().and_then(|field| field.take("/transformation", errors));
@@ -115,10 +117,12 @@ macro_rules! settings_request {
                     let (representation, correspondence) = common?;
                     let transformation = transformation?;
                     let usual = Alignment::usual(&transformation, representation.dimension());
+                    let direction =
+                        direction.unwrap_or_else(|| Direction::usual(correspondence, &representation));
                     Some(crate::service::statistics::Settings {
                         representation,
                         correspondence,
-                        direction: direction?,
+                        direction,
                         mirror: mirror?,
                         transformation,
                         alignment: alignment.unwrap_or(usual),

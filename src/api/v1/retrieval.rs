@@ -198,7 +198,8 @@ document! {
         /// Conversion of posted points to control points. Default: `landmarks`.
         #[schema(value_type = Option<Correspondence>)]
         correspondence: Checked<Correspondence>;
-        /// How to treat the direction of posted contours. Default: `given` (keep the direction as posted).
+        /// How to treat the direction of posted contours. Default: `either` for closed planar curves under `cyclic`, else `given`
+        /// (keep the direction as posted).
         #[schema(value_type = Option<Direction>)]
         direction: Checked<Direction>;
         /// Id or name of a cohort.
@@ -315,7 +316,7 @@ fn matrix_request(mut request: DistancesRequest) -> Result<MatrixRequest, Servic
     let representation = request.representation.and_then(|field| field.take("/representation", &mut errors));
     let correspondence =
         take_or_default(request.correspondence, "/correspondence", &mut errors).unwrap_or_default();
-    let direction = take_or_default(request.direction, "/direction", &mut errors).unwrap_or_default();
+    let direction = take_given(request.direction, "/direction", &mut errors);
     let cohort = take_given(request.cohort, "/cohort", &mut errors);
     let filter = take_filter(request.filter, "/filter", &mut errors).unwrap_or_default();
     let ids = take_many(request.ids, "/ids", &mut errors);
@@ -333,6 +334,7 @@ fn matrix_request(mut request: DistancesRequest) -> Result<MatrixRequest, Servic
             let frame = Frame::default();
             let usual = Alignment::usual(&transformation, representation.dimension());
             let alignment = alignment.unwrap_or(usual);
+            let direction = direction.unwrap_or_else(|| Direction::usual(correspondence, &representation));
             let settings = Settings {
                 representation,
                 correspondence,
