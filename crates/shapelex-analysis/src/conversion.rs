@@ -171,8 +171,12 @@ mod tests {
     fn control_points_of_either_direction_run_counter_clockwise_unless_they_are_landmarks() {
         let space = space();
         let taken = |correspondence, direction| {
-            let conversion =
-                Conversion { space: &space, correspondence, direction, repeated_points: RepeatedPoints::Drop };
+            let conversion = Conversion {
+                space: &space,
+                correspondence,
+                direction,
+                repeated_points: RepeatedPoints::Drop,
+            };
             let backwards = Matrix::from_fn(12, 2, |k, c| bean(12)[((12 - k) % 12, c)]);
             let taken = conversion.take(backwards.clone()).unwrap();
             (polygon_area(&taken) > 0.0, taken == backwards)
@@ -187,8 +191,11 @@ mod tests {
     fn only_closed_planar_curves_whose_start_is_searched_are_compared_in_either_direction_by_default() {
         let generator = GeneratorKind::Bspline { degree: 3 };
         let open = Representation::OpenCurve { dimension: 2, intervals: 12, generator: generator.clone() };
-        let closed =
-            |dimension| Representation::ClosedCurve { dimension, control_points: 12, generator: generator.clone() };
+        let closed = |dimension| Representation::ClosedCurve {
+            dimension,
+            control_points: 12,
+            generator: generator.clone(),
+        };
         let usual = Direction::usual;
         assert_eq!(usual(Correspondence::Cyclic, &closed(2)), Direction::Either);
         assert_eq!(usual(Correspondence::ArcLength, &closed(2)), Direction::Given);

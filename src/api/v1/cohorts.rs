@@ -298,6 +298,7 @@ pub(super) struct CohortMeanOutput {
         ("frame" = Option<Frame>, Query, description = "Frame. Default: `training`"),
         ("start" = inline(Option<SearchStart>), Query, description = "Start points with which the search begins: `given`, those of the shapes, or `last`, those of the last search. Default: `given`"),
         ("robust" = Option<bool>, Query, description = "Whether shapes unlike the majority count less or not at all. At least five shapes. Default: false"),
+        ("corresponding" = Option<bool>, Query, description = "Whether the parameters of surfaces with poles that came as meshes correspond, as those of meshes with common vertices do. They are refused otherwise: `POST /v1/cohorts/{cohort}/correspond` makes a cohort in which they do. Default: false"),
         ("stale" = Option<bool>, Query, description = "Whether the last mean computed is answered at once, with its revision, while that of the current revision is computed in the background. Default: false"),
         FilterQuery,
         ShapeFormatQuery,
@@ -345,6 +346,7 @@ fn take_mean_query(pairs: Vec<(String, String)>) -> Result<(MeanQuery, bool), Pr
         frame: parameters.take_word("frame")?.unwrap_or_default(),
         start: parameters.take_word("start")?.unwrap_or_default(),
         robust: parameters.take_flag("robust")?,
+        corresponding: parameters.take_flag("corresponding")?,
         filter: parameters.take_filter(),
     };
     let stale = parameters.take_flag("stale")?;
@@ -363,6 +365,7 @@ fn answer_mean(live: &LiveMean, format: ShapeFormat) -> Result<Response, Service
         ShapeFormat::Plain(Format::Json) => {
             let mut mean = MeanOutput::new(&live.mean, live.setup.metric.dimension());
             mean.robust = live.robust.as_ref().map(RobustOutput::of_cohort);
+            mean.warnings.extend(live.mixed.clone());
             json(
                 StatusCode::OK,
                 &CohortMeanOutput { mean, revision: live.cohort.revision, started_from: live.started_from },

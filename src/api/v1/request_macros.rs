@@ -5,7 +5,6 @@ use serde::{Deserialize, Serialize};
 
 use crate::analysis::alignment::MeanShape;
 use crate::analysis::factors::{Factors, RobustSummary};
-use crate::analysis::matching::Disagreement;
 use crate::analysis::transformation::ClassName;
 use crate::api::problem::Problem;
 use crate::domain::dictionary::LessCountedShape;
@@ -14,6 +13,7 @@ use crate::formats::checked::{Checked, take_or_default};
 use crate::formats::shape::{Points, ShapeInput};
 use crate::numeric::dense::Matrix;
 use crate::service::app::ServiceError;
+use crate::service::cohorts::caveats;
 use crate::service::cohorts::live_mean::LeftOut;
 use crate::service::shapes::read;
 
@@ -179,6 +179,22 @@ pub(super) struct ShapeOutput {
     pub(super) control_points: Points,
 }
 
+/// What is common to all entries of an answer about posted shapes.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct Caveats {
+    /// What should be known of the shapes: contours drawn both ways round where their direction counts. Absent if there is nothing
+    /// to say.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    #[schema(required = false)]
+    warnings: Vec<String>,
+}
+
+impl From<Option<String>> for Caveats {
+    fn from(warning: Option<String>) -> Self {
+        Self { warnings: warning.into_iter().collect() }
+    }
+}
+
 /// A mean shape with its certificate.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct MeanOutput {
@@ -265,13 +281,7 @@ impl MeanOutput {
                 mean.rounds
             ));
         }
-        if let Some(Disagreement { looked_at, disagreeing }) = mean.disagreement.filter(|d| d.disagreeing > 0)
-        {
-            warnings.push(format!(
-                "the parameterisations of {disagreeing} of {looked_at} surfaces that were looked at disagree with that of the \
-                 mean, which is then no mean of their shapes: use the correspondence \"cyclic\""
-            ));
-        }
+        warnings.extend(caveats::of_parameters(mean.disagreement));
         Self {
             mean: ShapeOutput {
                 control_points: Points::from_columns(mean.control_points.clone(), dimension),

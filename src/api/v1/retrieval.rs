@@ -116,6 +116,9 @@ pub(super) struct SearchResult {
 pub(super) struct SearchAnswer {
     /// Revision of the cohort that was searched.
     cohort_revision: u64,
+    /// What should be known of the shapes that were compared: contours drawn both ways round where their direction counts, surfaces
+    /// whose parameters do not correspond.
+    warnings: Vec<String>,
     /// One entry per shape.
     results: Vec<SearchResult>,
 }
@@ -152,7 +155,8 @@ pub(super) async fn search_cohort(
             neighbours: list.into_iter().map(Into::into).collect(),
         };
         let results = found.neighbours.into_iter().map(result).collect();
-        json(StatusCode::OK, &SearchAnswer { cohort_revision: found.cohort_revision, results })
+        let (cohort_revision, warnings) = (found.cohort_revision, found.warnings);
+        json(StatusCode::OK, &SearchAnswer { cohort_revision, warnings, results })
     })
     .await
 }
@@ -239,6 +243,10 @@ pub(super) struct DistancesAnswer {
     ids: Vec<String>,
     /// Class labels of the rows and columns.
     labels: Vec<Option<String>>,
+    /// What should be known of the shapes: contours drawn both ways round where their direction counts, surfaces whose parameters do not
+    /// correspond. Absent in matrices of jobs of earlier versions.
+    #[schema(required = false)]
+    warnings: Vec<String>,
     /// Distance matrix, symmetric with a zero diagonal: values in [0, 1], under `partial_procrustes` in [0, 2], or lengths under
     /// `rigid` and `translation`.
     distances: Vec<Vec<f64>>,

@@ -1,9 +1,9 @@
 //! Shapes of an upload on their way: as received, and as rows for the store.
 
 use super::measures::Measuring;
-use super::placer::Placer;
+use super::placer::{Found, Placer};
 use crate::domain::id;
-use crate::domain::shape::NewShape;
+use crate::domain::shape::{NewShape, ShapeMeasures};
 use crate::formats::fault::Fault;
 use crate::formats::files::{Geometry, Place, Record};
 use crate::formats::ndjson::Line;
@@ -46,7 +46,7 @@ pub(super) struct Arrived {
     pub(super) row: ShapeRow,
     /// Number of repeated points that were dropped.
     pub(super) repeated_points: usize,
-    pub(super) is_self_intersecting: bool,
+    pub(super) measures: ShapeMeasures,
     /// Names of its further attributes.
     pub(super) names: Vec<String>,
     /// Warnings of the fit of a surface to a mesh.
@@ -104,7 +104,7 @@ pub(super) fn read(
     let all = |faults: Vec<Fault>| faults.into_iter().map(placed).collect();
     let (external_id, shape) = match shape {
         Ok(Incoming::Parsed(shape)) => {
-            (external_id(&shape).map(str::to_owned), read_shape(reading, *shape).map(plain))
+            (external_id(&shape).map(str::to_owned), read_shape(reading, *shape).map(Found::from))
         }
         Ok(Incoming::Record(record)) => {
             (record.name.as_ref().map(|name| placer.placing().external_id(name)), placer.read(*record))
@@ -115,25 +115,19 @@ pub(super) fn read(
     };
     let shape = shape.and_then(|found| {
         // Once stored, a shape without extent would break every mean of the cohort.
-        check_extent(&found.0.control_points, reading.conversion.space.representation().size())
+        check_extent(&found.shape.control_points, reading.conversion.space.representation().size())
             .map_err(|error| vec![Fault::new("", error.to_string())])?;
         Ok(found)
     });
-    let (shape, warnings) = match shape {
+    let Found { shape, fit, warnings } = match shape {
         Ok(found) => found,
         Err(faults) => return (external_id, Err(all(faults))),
     };
     let ReadShape { control_points, attributes, points, repeated_points } = shape;
     let measures = measuring.measure(&control_points, Some(points));
-    let is_self_intersecting = measures.self_intersecting == Some(true);
+    let measures = ShapeMeasures { fit: fit.and_then(|fit| fit.residual(measures.area)), ..measures };
     let names = attributes.labels.keys().cloned().collect();
     let shape = NewShape { id: id::new_id(id::SHAPE), attributes, measures, control_points };
-    let arrived =
-        Arrived { origin, row: shape.into(), repeated_points, is_self_intersecting, names, warnings };
+    let arrived = Arrived { origin, row: shape.into(), repeated_points, measures, names, warnings };
     (external_id, Ok(arrived))
-}
-
-/// A shape without warnings.
-fn plain(shape: ReadShape) -> (ReadShape, Vec<String>) {
-    (shape, Vec::new())
 }

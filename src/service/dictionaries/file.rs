@@ -25,12 +25,17 @@ use crate::service::shapes::read::admit_linear;
 
 /// Name of the file format.
 const FORMAT: &str = "shapelex-dictionary";
-/// Versions of the format: the second adds measures of held-out shapes, the third the shapes that a robust dictionary leaves out.
-const FORMAT_VERSIONS: RangeInclusive<u32> = 1..=3;
+/// Versions of the format: the second adds measures of held-out shapes, the third the shapes that a robust dictionary leaves out, the
+/// fourth warnings about the shapes.
+const FORMAT_VERSIONS: RangeInclusive<u32> = 1..=4;
+/// Maximum number of warnings about the shapes, and their maximum length.
+const MOST_WARNINGS: usize = 10;
+const MAX_WARNING_CHARS: usize = 1000;
 
-/// Lowest version that can represent `content`, so that a file stays the same when it is imported and exported again.
-fn format_version(content: &Content) -> u32 {
+/// Lowest version that can represent a dictionary, so that a file stays the same when it is imported and exported again.
+fn format_version(provenance: &Provenance, content: &Content) -> u32 {
     match content {
+        _ if !provenance.warnings.is_empty() => 4,
         Content { robust: Some(_), .. } => 3,
         content if content.statistics.held_out.is_some() => 2,
         _ => 1,
@@ -112,8 +117,8 @@ fn format_version(content: &Content) -> u32 {
 pub struct DictionaryFile {
     /// Name of the format: `shapelex-dictionary`.
     pub format: String,
-    /// Version of the format: 1, or 2 with measures of held-out shapes.
-    #[schema(minimum = 1, maximum = 2)]
+    /// Version of the format: 1; 2 with measures of held-out shapes, 3 of a robust dictionary, 4 with warnings about the shapes.
+    #[schema(minimum = 1, maximum = 4)]
     pub format_version: u32,
     /// Name under which the dictionary was learnt.
     pub name: String,
@@ -131,7 +136,7 @@ impl DictionaryFile {
         let (listed, content) = (&ready.listed, &ready.dictionary.content);
         Self {
             format: FORMAT.into(),
-            format_version: format_version(content),
+            format_version: format_version(&listed.provenance, content),
             name: listed.name.clone(),
             digest: listed.digest.clone(),
             provenance: listed.provenance.clone(),
@@ -192,6 +197,15 @@ fn checked_file(
     if listed > MOST_LISTED {
         let detail = format!("expected at most {MOST_LISTED} shapes, got {listed}");
         return Err(ServiceError::invalid("/provenance/less_counted", detail));
+    }
+    let warnings = &file.provenance.warnings;
+    if warnings.len() > MOST_WARNINGS || warnings.iter().any(|text| text.chars().count() > MAX_WARNING_CHARS)
+    {
+        let found = warnings.len();
+        let detail = format!(
+            "expected at most {MOST_WARNINGS} warnings of at most {MAX_WARNING_CHARS} characters, got {found}"
+        );
+        return Err(ServiceError::invalid("/provenance/warnings", detail));
     }
     let text = text_of(&file.content, &file.digest)?;
     let admitted = check_content(&file.content, &app.limits);

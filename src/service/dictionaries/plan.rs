@@ -44,6 +44,9 @@ pub struct Plan {
     /// Settings of the classifier, if one is wanted.
     #[serde(default)]
     pub classifier: Option<ClassifierSettings>,
+    /// Whether the client says that the parameters of surfaces correspond.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub corresponding: bool,
     /// Id of the version from which learning continues.
     pub continue_from: Option<String>,
 }

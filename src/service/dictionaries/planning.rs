@@ -31,6 +31,7 @@ use crate::service::app::error::parameter_fault;
 use crate::service::app::{App, Limits, Page, ServiceError};
 use crate::service::cohorts::attributes::{FilterPlace, refuse_unknown};
 use crate::service::cohorts::catalogue;
+use crate::service::cohorts::caveats;
 use crate::service::cohorts::measures;
 use crate::service::cost::requests;
 use crate::service::jobs;
@@ -67,6 +68,8 @@ pub enum From {
         method: Method,
         /// Whether shapes unlike the majority are left out, or count less.
         robust: bool,
+        /// Whether the client says that the parameters of surfaces correspond.
+        corresponding: bool,
         /// Settings of the classifier, if one is wanted.
         classifier: Option<Box<ClassifierSettings>>,
     },
@@ -114,6 +117,7 @@ pub async fn plan(app: &App, learn: Learn) -> Result<Planned, ServiceError> {
         refuse_unknown(app, &cohort, &plan.filter, FilterPlace::Body("/filter")).await?;
     }
     check_count(&plan, since, shapes)?;
+    check_correspondence(app, &cohort, &plan).await?;
     if let Some(classifier) = &plan.classifier {
         check_classifier(app, &cohort, &plan, classifier, shapes).await?;
     }
@@ -128,7 +132,17 @@ pub async fn plan(app: &App, learn: Learn) -> Result<Planned, ServiceError> {
 /// Plan of a request, and the revision up to which an earlier version has seen the shapes.
 async fn started(app: &App, learn: Learn, cohort: &Cohort) -> Result<(Plan, u64), ServiceError> {
     match learn.from {
-        From::Anew { filter, transformation, alignment, frame, mirror, method, robust, classifier } => {
+        From::Anew {
+            filter,
+            transformation,
+            alignment,
+            frame,
+            mirror,
+            method,
+            robust,
+            corresponding,
+            classifier,
+        } => {
             let usual = Alignment::usual(&transformation, cohort.spec.representation.dimension());
             let plan = Plan {
                 name: learn.name,
@@ -142,6 +156,7 @@ async fn started(app: &App, learn: Learn, cohort: &Cohort) -> Result<(Plan, u64)
                 method,
                 robust,
                 classifier: classifier.map(|settings| *settings),
+                corresponding,
                 continue_from: None,
             };
             Ok((plan, 0))
@@ -268,9 +283,21 @@ async fn continued(app: &App, name: String, cohort: &Cohort, key: &str) -> Resul
         method: content.method.clone(),
         robust: false,
         classifier: None,
+        corresponding: false,
         continue_from: Some(ready.listed.id.clone()),
     };
     Ok((plan, since))
+}
+
+/// Refuses surfaces that came as meshes, unless the client says that their parameters correspond.
+async fn check_correspondence(app: &App, cohort: &Cohort, plan: &Plan) -> Result<(), ServiceError> {
+    if plan.corresponding || plan.continue_from.is_some() {
+        return Ok(());
+    }
+    match caveats::refusal(app, cohort, &plan.filter).await? {
+        Some(detail) => Err(ServiceError::invalid("/corresponding", detail)),
+        None => Ok(()),
+    }
 }
 
 fn check_count(plan: &Plan, since: u64, shapes: u64) -> Result<(), ServiceError> {

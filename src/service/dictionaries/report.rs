@@ -258,13 +258,14 @@ impl PlannedTest for PlannedReport {
         let (control_points, weights) = selection.read(app, handle, cohort, length, &stop)?;
         let training = TrainingShapes { control_points, weights, subjects: subjects.clone() };
         let found = ready.dictionary.report(&ready.setup.space, training, &plan.options, &meter);
-        let found = found.map_err(|error| match error {
+        let mut found = found.map_err(|error| match error {
             AnalysisError::Parameter { field: "shapes", .. } => changed("their statistics differ"),
             AnalysisError::Parameter { field: "dictionary", detail } => {
                 ServiceError::parameter("dictionary", detail)
             }
             other => selection.named(other.into(), &cohort.spec.name),
         })?;
+        found.warnings.extend(provenance.warnings.clone());
         Ok(DictionaryReport {
             dictionary: UsedDictionary::new(ready),
             cohort: cohort.id.clone(),

@@ -21,6 +21,7 @@
 //!
 //! * [`cohorts`], [`shapes`], [`dictionaries`] — finding, listing and deleting; `aliases` — names for versions; `assessments` — what they said of shapes; [`upload`] — storing shapes;
 //! * `corrections` — shapes stored again with other attributes, or deleted; `erasure` — everything of a subject removed;
+//! * `tally` — how many shapes run which way, or came as meshes;
 //! * [`scan`] — reading control points in bulk; `places` — where they are, and whose they are;
 //! * [`jobs`] — the queue; [`tasks`] — distributed parts of jobs; [`outputs`] — large results of jobs; [`files`] — what jobs work on;
 //! * [`changes`] — the change feed; [`hooks`] — where it is delivered; `trash` — deleted objects; [`receipts`] — outcomes of idempotent requests;
@@ -62,6 +63,7 @@ mod replica;
 pub mod scan;
 pub mod shapes;
 mod sqlite;
+mod tally;
 pub mod tasks;
 mod text;
 mod trash;
@@ -85,6 +87,7 @@ pub use measure::Measures;
 pub use places::{NamedShape, Places};
 pub use scan::{Ids, ScanBatch};
 pub use shapes::{Cursor, CursorError, ListCursor, Listing, Order, ShapePage, SortKey};
+pub use tally::Tally;
 pub use tasks::{PartClaim, PartEnd, PassOf, Start};
 pub use upload::{Added, ShapeRow, Upload};
 

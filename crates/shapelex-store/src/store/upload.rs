@@ -330,7 +330,8 @@ pub(super) async fn insert_alone(
 
 async fn insert_rows(write: &mut Transaction, cohort: i64, places: &[Place<'_>]) -> Result<(), StoreError> {
     const INSERT: &str = "INSERT INTO shape (chunk_id, position, cohort, id, external_id, subject,
-        label, digest, labels, metadata, points, centroid_size, length, area, volume, self_intersecting) ";
+        label, digest, labels, metadata, points, centroid_size, length, area, volume, self_intersecting, clockwise,
+        fit_mean, fit_largest, fit_area) ";
     let mut query = sql(write, INSERT);
     for (index, Place { chunk, position, row }) in places.iter().enumerate() {
         query.push(if index == 0 { "VALUES (" } else { ", (" });
@@ -347,7 +348,14 @@ async fn insert_rows(write: &mut Transaction, cohort: i64, places: &[Place<'_>])
         for number in [measures.centroid_size, measures.length, measures.area, measures.volume] {
             query.push(", ").push_bind(number);
         }
-        query.push(", ").push_bind(measures.self_intersecting.map(i64::from)).push(")");
+        for flag in [measures.self_intersecting, measures.clockwise] {
+            query.push(", ").push_bind(flag.map(i64::from));
+        }
+        let fit = measures.fit;
+        for number in [fit.map(|fit| fit.mean), fit.map(|fit| fit.largest), fit.map(|fit| fit.area)] {
+            query.push(", ").push_bind(number);
+        }
+        query.push(")");
     }
     query.execute().await?;
     Ok(())
