@@ -80,6 +80,7 @@ const OPERATIONS: &[&str] = &[
     "POST /v1/align",
     "POST /v1/cohorts",
     "POST /v1/cohorts/{cohort}/correspond",
+    "POST /v1/cohorts/{cohort}/matching",
     "POST /v1/cohorts/{cohort}/search",
     "POST /v1/cohorts/{cohort}/segment",
     "POST /v1/cohorts/{cohort}/shapes",

@@ -34,6 +34,7 @@ mod http_input;
 mod http_jobs;
 mod http_language;
 mod http_limits;
+mod http_matching;
 mod http_mesh_cohorts;
 mod http_novelty;
 mod http_numbers;

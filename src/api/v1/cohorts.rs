@@ -217,6 +217,12 @@ pub(super) struct CohortPatch {
     #[serde(deserialize_with = "given")]
     #[schema(value_type = Option<String>)]
     length_unit: Option<Option<String>>,
+    /// New correspondence. Curves are stored again.
+    correspondence: Option<Correspondence>,
+    /// New treatment of contour direction. Closed planar curves are stored again.
+    direction: Option<Direction>,
+    /// New treatment of mirror images.
+    mirror: Option<Mirror>,
 }
 
 /// Deserialises a present field, either null or a value.
@@ -224,9 +230,11 @@ fn given<'de, D: serde::Deserializer<'de>>(field: D) -> Result<Option<Option<Str
     Option::deserialize(field).map(Some)
 }
 
-/// Changes the name, description or unit of a cohort.
+/// Changes the name, description, unit, correspondence, direction or mirror images of a cohort.
 ///
-/// The revision grows by one. With `If-Match`, the change is made only if the cohort is still at that version.
+/// The revision grows by one. Curves that another correspondence or direction stores otherwise are stored again: as points along
+/// them, from where they began and in the direction in which they were given. Earlier revisions keep their shapes and their rule, and so do
+/// dictionaries and jobs that are of them; dictionaries of another correspondence are applied to posted shapes only. With `If-Match`, the change is made only if the cohort is still at that version.
 #[utoipa::path(patch, path = "/v1/cohorts/{cohort}", tag = "cohorts", request_body = CohortPatch,
     params(("cohort" = String, Path, description = "Id or name"), IfMatchHeader),
     responses(
@@ -242,8 +250,9 @@ pub(super) async fn update_cohort(
     IfMatch(expected): IfMatch,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    let CohortPatch { name, description, length_unit } = app.parse_whole(&body)?;
-    let changes = CohortChanges { name, description, length_unit };
+    let CohortPatch { name, description, length_unit, correspondence, direction, mirror } =
+        app.parse_whole(&body)?;
+    let changes = CohortChanges { name, description, length_unit, correspondence, direction, mirror };
     let cohort = catalogue::update(&app, &key, changes, expected).await?;
     let tag = revision_tag(&cohort);
     Ok(tagged(json(StatusCode::OK, &CohortOutput::from(cohort))?, &tag))

@@ -329,8 +329,8 @@ pub(super) struct MeasuresOutput {
 
 impl From<ShapeMeasures> for MeasuresOutput {
     fn from(measures: ShapeMeasures) -> Self {
-        let ShapeMeasures { points, centroid_size, length, area, volume, self_intersecting, clockwise, fit } =
-            measures;
+        let ShapeMeasures { points, centroid_size, length, area, volume, .. } = measures;
+        let ShapeMeasures { self_intersecting, clockwise, fit, .. } = measures;
         let (fit_mean, fit_largest, fit_area) =
             (fit.map(|fit| fit.mean), fit.map(|fit| fit.largest), fit.map(|fit| fit.area));
         Self {

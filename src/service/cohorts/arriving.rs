@@ -1,7 +1,9 @@
 //! Shapes of an upload on their way: as received, and as rows for the store.
 
 use super::measures::Measuring;
-use super::placer::{Found, Placer};
+use super::placer::{Found, MeshFit, Placer};
+use crate::analysis::conversion::{Beginning, Conversion};
+use crate::analysis::correspondence::Correspondence;
 use crate::domain::id;
 use crate::domain::shape::{NewShape, ShapeMeasures};
 use crate::formats::fault::Fault;
@@ -11,7 +13,7 @@ use crate::formats::shape::ShapeInput;
 use crate::geometry::resample::check_extent;
 use crate::service::app::ServiceError;
 use crate::service::shapes::names::external_id;
-use crate::service::shapes::read::{ReadShape, parse, read_shape};
+use crate::service::shapes::read::{ReadShape, Reading, parse, read_shape};
 use crate::store::ShapeRow;
 
 /// A shape as received.
@@ -123,11 +125,26 @@ pub(super) fn read(
         Ok(found) => found,
         Err(faults) => return (external_id, Err(all(faults))),
     };
-    let ReadShape { control_points, attributes, points, repeated_points } = shape;
+    let ReadShape { control_points, attributes, points, repeated_points, beginning } = shape;
     let measures = measuring.measure(&control_points, Some(points));
-    let measures = ShapeMeasures { fit: fit.and_then(|fit| fit.residual(measures.area)), ..measures };
+    let measures = completed(measures, reading, (fit, beginning));
     let names = attributes.labels.keys().cloned().collect();
     let shape = NewShape { id: id::new_id(id::SHAPE), attributes, measures, control_points };
     let arrived = Arrived { origin, row: shape.into(), repeated_points, measures, names, warnings };
     (external_id, Ok(arrived))
+}
+
+/// The measures of a shape with what is known of how it arrived: what its fit has left, and how a contour ran.
+fn completed(
+    measures: ShapeMeasures,
+    reading: &Reading<'_>,
+    (fit, beginning): (Option<MeshFit>, Beginning),
+) -> ShapeMeasures {
+    let Conversion { space, correspondence, .. } = &reading.conversion;
+    let searched = *correspondence == Correspondence::Cyclic && space.domain().is_line();
+    ShapeMeasures {
+        fit: fit.and_then(|fit| fit.residual(measures.area)),
+        beginning: (searched || beginning.reversed).then_some(beginning),
+        ..measures
+    }
 }

@@ -81,6 +81,8 @@ impl MeanQuery {
         SearchSettings {
             transformation: Transformation::Named(self.transformation),
             alignment: self.alignment_in(cohort),
+            correspondence: cohort.spec.correspondence,
+            direction: cohort.spec.direction,
             mirror: cohort.spec.mirror,
             filter: self.filter.clone(),
             robust: self.robust,

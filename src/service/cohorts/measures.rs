@@ -51,6 +51,7 @@ impl Measuring {
             self_intersecting,
             clockwise: runs_clockwise(&self.space, control_points),
             fit: None,
+            beginning: None,
         }
     }
 }

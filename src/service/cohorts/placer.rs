@@ -1,5 +1,6 @@
 //! Records of files as shapes of a cohort.
 
+use crate::analysis::conversion::Beginning;
 use crate::domain::shape::FitResidual;
 use crate::formats::fault::Fault;
 use crate::formats::files::{Fourier, Record};
@@ -98,11 +99,9 @@ impl<'a> Placer<'a> {
         let control_points = control_points.as_slice().to_vec();
         let attributes = attributes(shape)?;
         let fit = mean.map(|mean| MeshFit { mean, largest, mesh_area });
-        Ok(Found {
-            shape: ReadShape { control_points, attributes, points, repeated_points: 0 },
-            fit,
-            warnings,
-        })
+        let beginning = Beginning::default();
+        let shape = ReadShape { control_points, attributes, points, repeated_points: 0, beginning };
+        Ok(Found { shape, fit, warnings })
     }
 
     /// The curve of Fourier coefficients: itself where the space contains it, else at the number of points that is asked for.

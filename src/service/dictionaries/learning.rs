@@ -24,7 +24,7 @@ use crate::analysis::dictionary::procedure;
 use crate::analysis::estimate::{self, Stage, Trainings};
 use crate::analysis::matching::Disagreement;
 use crate::analysis::watch::{Phase, Watch};
-use crate::domain::cohort::Cohort;
+use crate::domain::cohort::{Cohort, CohortSpec};
 use crate::domain::dictionary::{LessCountedShape, NewDictionary, Provenance, Summary};
 use crate::domain::id;
 use crate::domain::job::Job;
@@ -280,7 +280,9 @@ impl Task<'_> {
         let Plan { transformation, alignment, mirror, filter, revision, robust, .. } = self.plan;
         let (transformation, filter) = (transformation.clone(), filter.clone());
         let (alignment, mirror, robust) = (*alignment, *mirror, *robust);
-        let settings = SearchSettings { transformation, alignment, mirror, filter, robust };
+        let CohortSpec { correspondence, direction, .. } = self.cohort.spec;
+        let settings =
+            SearchSettings { transformation, alignment, correspondence, direction, mirror, filter, robust };
         let known = KnownPlacements::find(self.app, &self.cohort.id, &settings)?;
         let is_same = known.revision == *revision && known.started_from.is_none() && !robust;
         Some((known, if is_same { Which::All } else { Which::Leading }))

@@ -62,8 +62,9 @@ impl Plan {
         let cohort = handle.block_on(app.store.find_cohort(&self.cohort))?;
         let cohort =
             cohort.ok_or_else(|| ServiceError::NotFound { kind: "cohort", key: self.cohort.clone() })?;
+        let cohort = cohort.at(self.revision);
         let spec = CohortSpec { mirror: self.mirror, ..cohort.spec };
-        Ok(Cohort { revision: self.revision, spec, ..cohort })
+        Ok(Cohort { spec, ..cohort })
     }
 
     /// Parameters of learning from `cohort`.

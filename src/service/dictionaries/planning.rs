@@ -247,6 +247,11 @@ async fn continued(app: &App, name: String, cohort: &Cohort, key: &str) -> Resul
             cohort.spec.name
         )));
     }
+    let spec = &cohort.spec;
+    if (content.correspondence, content.direction) != (spec.correspondence, spec.direction) {
+        let detail = "the correspondence or direction of the cohort has changed since: learn again from the whole cohort";
+        return Err(at(detail.into()));
+    }
     if app.store.read_dictionary_state(&ready.listed.id).await?.is_none() {
         return Err(at(NO_STATE.into()));
     }

@@ -134,7 +134,7 @@ impl Training {
         let provenance = &ready.listed.provenance;
         let cohort = app.store.find_cohort(&provenance.cohort).await?;
         let gone = || ServiceError::NotFound { kind: "cohort", key: provenance.cohort_name.clone() };
-        let cohort = Cohort { revision: provenance.cohort_revision, ..cohort.ok_or_else(gone)? };
+        let cohort = cohort.ok_or_else(gone)?.at(provenance.cohort_revision);
         app.touched.note("cohort_id", &cohort.id);
         let content = &ready.dictionary.content;
         let learnt_from = content.statistics.shapes + content.robust.map_or(0, |robust| robust.rejected);

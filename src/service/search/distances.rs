@@ -286,7 +286,7 @@ pub fn run(app: &App, handle: &Handle, job: &Job, context: &JobContext) -> Resul
         .map_err(|error| ServiceError::Internal(format!("the parameters of a job: {error}")))?;
     let cohort = handle.block_on(app.store.find_cohort(&plan.cohort))?;
     let cohort = cohort.ok_or_else(|| ServiceError::NotFound { kind: "cohort", key: plan.cohort.clone() })?;
-    let cohort = Cohort { revision: plan.revision, ..cohort };
+    let cohort = cohort.at(plan.revision);
     context.report("read", 0.0, None);
     let compared = Compared::new(Setup::of(app, plan.comparison.settings(&cohort))?)?;
     let matrix = plan.matrix(app, handle, (&cohort, &compared), context)?;

@@ -2,6 +2,8 @@
 
 use std::collections::BTreeMap;
 
+use shapelex_analysis::conversion::Beginning;
+
 /// Maximum number of names of further attributes in a cohort: every name is a column of its tables.
 pub const MAX_NAMES: usize = 4096;
 
@@ -42,6 +44,8 @@ pub struct ShapeMeasures {
     pub clockwise: Option<bool>,
     /// What the fit to a mesh whose parameters were computed has left.
     pub fit: Option<FitResidual>,
+    /// How a contour ran as it was given, where its start or its direction was changed; `None` also of contours of earlier versions.
+    pub beginning: Option<Beginning>,
 }
 
 /// What the fit of a surface to the mesh that it came as has left.

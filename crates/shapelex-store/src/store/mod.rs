@@ -20,6 +20,7 @@
 //! number of processes; only writers of the same cohort wait for each other. The SQL is the same (`engine`).
 //!
 //! * [`cohorts`], [`shapes`], [`dictionaries`] — finding, listing and deleting; `aliases` — names for versions; `assessments` — what they said of shapes; [`upload`] — storing shapes;
+//! * `rules` — correspondences of cohorts changed, and their shapes stored again;
 //! * `corrections` — shapes stored again with other attributes, or deleted; `erasure` — everything of a subject removed;
 //! * `tally` — how many shapes run which way, or came as meshes;
 //! * [`scan`] — reading control points in bulk; `places` — where they are, and whose they are;
@@ -60,6 +61,7 @@ mod places;
 mod postgres;
 pub mod receipts;
 mod replica;
+mod rules;
 pub mod scan;
 pub mod shapes;
 mod sqlite;

@@ -13,6 +13,8 @@ use super::engine::{from_sql, to_sql};
 use super::error::StoreError;
 use super::filter::{Revisions, Selection};
 use super::handle::{Store, blocking};
+use shapelex_analysis::conversion::Beginning;
+
 use crate::domain::attribute::Attribute;
 use crate::domain::change::{ChangeKind, NewChange};
 use crate::domain::filter::ShapeFilter;
@@ -179,7 +181,7 @@ macro_rules! described {
         "s.chunk_id, s.position, s.id, s.external_id, s.subject, s.label, s.labels,
         coalesce(s.first_stored_ms, c.created_at_ms) AS created_at_ms,
         s.points, s.centroid_size, s.length, s.area, s.volume, s.self_intersecting, s.clockwise,
-        s.fit_mean, s.fit_largest, s.fit_area"
+        s.fit_mean, s.fit_largest, s.fit_area, s.given_start, s.given_reversed"
     };
 }
 pub(super) use described;
@@ -455,6 +457,7 @@ pub(super) fn read_measures(row: &Row) -> Result<ShapeMeasures, StoreError> {
         (Some(mean), Some(largest), Some(area)) => Some(FitResidual { mean, largest, area }),
         _ => None,
     };
+    let beginning = row.get::<Option<f64>>("given_start")?.zip(flag("given_reversed")?);
     Ok(ShapeMeasures {
         points: row.get::<Option<i64>>("points")?.map(from_sql),
         centroid_size: row.get("centroid_size")?,
@@ -464,6 +467,7 @@ pub(super) fn read_measures(row: &Row) -> Result<ShapeMeasures, StoreError> {
         self_intersecting: flag("self_intersecting")?,
         clockwise: flag("clockwise")?,
         fit,
+        beginning: beginning.map(|(start, reversed)| Beginning { start, reversed }),
     })
 }
 
