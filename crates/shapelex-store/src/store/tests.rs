@@ -635,7 +635,7 @@ async fn a_rule_changes_with_a_revision_and_all_shapes() {
 
 /// Adds a shape to an upload that has begun.
 async fn committed(mut upload: Upload, shape: NewShape) -> Result<u64, StoreError> {
-    upload.add(vec![shape.into()]).await?;
+    upload.add(vec![shape]).await?;
     upload.commit_once(1, None, None, |_| None).await
 }
 
