@@ -1,7 +1,7 @@
 //! Caveats of a selection of shapes of a cohort, which everything that is computed of them answers.
 //!
 //! * curves of both directions where the direction counts;
-//! * surfaces with poles that came as meshes: each has parameters of its own, and a mean of their control points is no mean of their
+//! * surfaces with poles that came as meshes: parameters were computed for each alone, so a mean of control points differs from a mean of
 //!   shapes unless the job `correspond` has moved the parameters, or the client knows that they correspond.
 
 use std::sync::Arc;
