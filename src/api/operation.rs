@@ -173,6 +173,7 @@ macro_rules! every_operation {
                 POST "/v1/dictionaries/{dictionary}/encode" coding::encode (READER, LINES, "results");
                 POST "/v1/dictionaries/{dictionary}/reconstruct" coding::reconstruct (READER, &[JSON, NDJSON, SVG, PNG], "results");
                 POST "/v1/dictionaries/{dictionary}/score" coding::score (READER, LINES, "results");
+                POST "/v1/cohorts/{cohort}/matching" matching::match_cohort (READER, PLAIN, "matchings");
                 POST "/v1/cohorts/{cohort}/correspond" correspond::correspond_cohort (WRITER, PLAIN, "shapes");
                 POST "/v1/dictionaries/{dictionary}/correspond" correspond::correspond_shapes (READER, LINES, "results");
                 POST "/v1/dictionaries/{dictionary}/prior" coding::prior (READER, LINES, "results");

@@ -29,6 +29,7 @@ use crate::geometry::representation::{Representation, ShapeSpace};
 use crate::geometry::resample::RepeatedPoints;
 use crate::service::app::faults::Faults;
 use crate::service::app::{App, Limits, ServiceError};
+use crate::service::shapes::directions::{Rule, Ways};
 use crate::service::shapes::draw::MAX_DRAWN;
 use crate::service::shapes::outcome::{OnError, Outcomes, of_shape};
 use crate::service::shapes::read::{self, Batch, Reading};
@@ -264,6 +265,12 @@ impl Setup {
         self.alignment
     }
 
+    /// What curves correspond by, as far as their direction matters.
+    pub(crate) fn rule(&self) -> Rule {
+        let mirror = if self.matching.mirrors() { Mirror::Allow } else { Mirror::Forbid };
+        Rule { correspondence: self.correspondence, direction: self.direction, mirror }
+    }
+
     /// Correspondence of points between shapes.
     pub(crate) fn correspondence(&self) -> Correspondence {
         self.correspondence
@@ -292,6 +299,8 @@ pub struct Statistics {
     pub sizes: Vec<f64>,
     /// Whether components are those of shapes that are moved, at unit size, into the tangent space at their mean.
     pub tangent: bool,
+    /// A warning of contours drawn both ways round, if that matters.
+    pub mixed: Option<String>,
     weights: Vec<f64>,
 }
 
@@ -309,6 +318,7 @@ pub fn align(
     let region = region.map(|region| setup.region(region)).transpose()?;
     let Batch { control_points, weights } = read::read_batch(&setup.reading(&app.limits), shapes)?;
     let sizes = norms(&setup.metric, &setup.method, &control_points);
+    let mixed = setup.rule().warning(Ways::of_points(&setup.space, &control_points));
     let context = app.pool.context();
     context.check()?;
     let stop = || context.is_cancelled();
@@ -319,7 +329,7 @@ pub fn align(
         }
         None => align_all_by(estimator, measured, setup.frame, control_points, weights.clone(), &stop)?,
     };
-    Ok(Statistics { setup, mean, aligned, sizes, tangent: false, weights })
+    Ok(Statistics { setup, mean, aligned, sizes, tangent: false, mixed, weights })
 }
 
 /// Functional PCA of aligned shapes.
@@ -396,17 +406,29 @@ pub fn project(
     onto: Onto,
     reference: ShapeInput,
     (shapes, on_error): (Vec<ShapeInput>, OnError),
-) -> Result<(Setup, Outcomes<Projection>), ServiceError> {
+) -> Result<Projected, ServiceError> {
     let setup = Setup::new(app, settings)?;
     let reading = setup.reading(&app.limits);
     let (reference, shapes) = read::read_with_reference(&reading, reference, (shapes, on_error))?;
+    let mixed = setup.rule().warning(Ways::of_each(&setup.space, &reference, &shapes));
     let both = BothWays::new(&setup.metric, &setup.method, reference)
         .map_err(|error| ServiceError::from_analysis(error, |_| "/reference".into()).without_index())?;
     let projections = shapes.each(&app.pool.context(), |index, (shape, _)| {
         both.project(&shape, onto).map_err(|error| of_shape(index, error))
     })?;
     let projections = projections.checked(on_error)?;
-    Ok((setup, projections))
+    Ok(Projected { setup, projections, mixed })
+}
+
+/// Projections of shapes.
+#[derive(Debug)]
+pub struct Projected {
+    /// Prepared settings.
+    pub setup: Setup,
+    /// The projections, in input order.
+    pub projections: Outcomes<Projection>,
+    /// A warning of contours drawn both ways round, the reference among them, if that matters.
+    pub mixed: Option<String>,
 }
 
 /// Drawing of a mean with aligned shapes behind it; `unit`: the unit of length, if known.

@@ -192,7 +192,15 @@ fn cohort(name: &str, points: usize) -> Cohort {
         mirror: Mirror::Forbid,
         length_unit: None,
     };
-    Cohort { id: id::new_id(id::COHORT), spec, revision: 0, shapes: 0, created_at_ms: 0, updated_at_ms: 0 }
+    Cohort {
+        id: id::new_id(id::COHORT),
+        spec,
+        revision: 0,
+        shapes: 0,
+        created_at_ms: 0,
+        updated_at_ms: 0,
+        former_rules: Vec::new(),
+    }
 }
 
 /// The coordinates of a shape, one after the other.

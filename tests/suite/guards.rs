@@ -80,6 +80,7 @@ const OPERATIONS: &[&str] = &[
     "POST /v1/align",
     "POST /v1/cohorts",
     "POST /v1/cohorts/{cohort}/correspond",
+    "POST /v1/cohorts/{cohort}/matching",
     "POST /v1/cohorts/{cohort}/search",
     "POST /v1/cohorts/{cohort}/segment",
     "POST /v1/cohorts/{cohort}/shapes",
@@ -330,7 +331,7 @@ fn the_examples_of_the_interface_document_work() {
                 continue;
             };
             let (method, path) = name.split_once(' ').unwrap();
-            let is_of_surfaces = path.ends_with("/correspond");
+            let is_of_surfaces = path.ends_with("/correspond") || path.ends_with("/matching");
             let [cohort_of, dictionary_of] = if is_of_surfaces { ["beans"; 2] } else { [&*cohort, "modes"] };
             let path = path.replace("{cohort}", cohort_of).replace("{dictionary}", dictionary_of);
             // The shapes of an earlier example.

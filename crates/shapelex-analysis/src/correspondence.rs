@@ -1,6 +1,7 @@
 //! Correspondence between the parameter values of two shapes.
 
 use shapelex_geometry::capability::domain::Domain;
+use shapelex_geometry::representation::Representation;
 use shapelex_geometry::surface::Topology;
 
 /// Rule by which the points of two shapes correspond. `landmarks`: as given. `arc_length`: contours are resampled at equal
@@ -38,7 +39,8 @@ pub enum Mirror {
 
 /// Treatment of the direction in which contours are traversed: `given` keeps it as posted; `either` disregards it. Then planar
 /// contours are made counter-clockwise, and for contours in space the direction that best matches the mean is searched, as it is for
-/// cylinders and tori under `cyclic`.
+/// cylinders and tori under `cyclic`. Where a request gives none, closed planar curves whose start is searched (`cyclic`) are
+/// compared in `either` direction, all other shapes as `given`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
@@ -50,6 +52,17 @@ pub enum Direction {
     /// The direction is disregarded: planar contours are made counter-clockwise; for contours in space, the direction
     /// that best matches the mean is searched.
     Either,
+}
+
+impl Direction {
+    /// The default for shapes of `representation`: [`Self::Either`] for closed planar curves whose start is searched, else
+    /// [`Self::Given`]. Where a tracing begins is then of no account, and so is the way in which it runs: which of the two a file
+    /// holds is a habit of the program that wrote it.
+    pub fn usual(correspondence: Correspondence, representation: &Representation) -> Self {
+        let closed = representation.domain() == Domain::Line { closed: true };
+        let searched = correspondence == Correspondence::Cyclic;
+        if searched && closed && representation.dimension() == 2 { Self::Either } else { Self::Given }
+    }
 }
 
 impl Correspondence {

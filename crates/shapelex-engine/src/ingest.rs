@@ -36,6 +36,14 @@ pub struct Measures {
     pub volume: Option<f64>,
     /// Whether a planar curve intersects itself.
     pub self_intersecting: Option<bool>,
+    /// Whether a closed planar curve runs clockwise.
+    pub clockwise: Option<bool>,
+    /// Mean distance of a mesh from the surface fitted to it.
+    pub fit_mean: Option<f64>,
+    /// Largest such distance.
+    pub fit_largest: Option<f64>,
+    /// Area of the surface, relative to that of the mesh, minus one.
+    pub fit_area: Option<f64>,
 }
 
 /// A shape of a cohort.

@@ -110,6 +110,27 @@ impl Sizes {
     }
 }
 
+/// Part of the squared extent of a curve below which its area has no sign.
+///
+/// An area is a sum of terms as large as the squared extent, with a rounding error of some 1e-15 of it; contours of
+/// use enclose more than a thousandth. A figure of eight or a line that is traced back has an area of rounding.
+const NO_AREA: f64 = 1e-9;
+
+/// Whether the closed planar curve of `space` with these control points (`2·N` coordinate-major numbers) runs clockwise; `None` for
+/// shapes of other kinds. A curve without an area to speak of does not. Exact up to rounding. Cost `O(M n²)` for `M` segments of
+/// degree `n − 1`.
+pub fn runs_clockwise(space: &ShapeSpace, control_points: &[f64]) -> Option<bool> {
+    let PlacedCurve { near_one, unit } = PlacedCurve::of(space, control_points)?;
+    if !near_one.is_closed() || near_one.dimension() != 2 {
+        return None;
+    }
+    let range =
+        |c: &[f64]| c.iter().copied().fold(f64::MIN, f64::max) - c.iter().copied().fold(f64::MAX, f64::min);
+    let extent = control_points.chunks_exact(space.representation().size()).map(range).fold(0.0, f64::max);
+    let relative = extent / unit;
+    Some(signed_area(&near_one) < -NO_AREA * relative * relative)
+}
+
 /// A curve with coordinates near 1, and the power of two by which they were divided: squares of coordinates overflow long before
 /// sizes do.
 struct PlacedCurve {

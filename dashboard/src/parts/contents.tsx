@@ -1,6 +1,6 @@
 /** What is in a file, and what would be left out of it, as the service says. */
 import type { Found, Format } from "../formats/file";
-import { count, number, t } from "../strings";
+import { count, number, percent, t } from "../strings";
 import type { Schemas } from "../api/client";
 
 type Group = Schemas["FileGroup"];
@@ -38,10 +38,20 @@ export function Contents({ found, formats = [] }: { found: Found; formats?: Form
         {labels.length > 0 && <><dt>{t.file.labels}</dt><dd>{listed(labels.map(([name, some]) => `${name} (${count(some)})`), labels.length)}</dd></>}
         {attributes.length > 0 && <><dt>{t.file.attributes}</dt><dd>{listed(attributes, attributes.length)}</dd></>}
       </dl>
+      {found.proposals?.map((one) => <Proposed key={`${one.kind} ${one.representation?.kind}`} one={one} />)}
       {found.records === 0 && <p class="note warn">{t.file.none}</p>}
       <Remarks file={found} title={t.file.leftOut} />
     </div>
   );
+}
+
+/** Control points that represent the shapes, with what they leave. */
+function Proposed({ one }: { one: NonNullable<Found["proposals"]>[number] }) {
+  const { representation, relative_residual: left } = one;
+  const points = representation && "control_points" in representation ? [representation.control_points].flat().join(" × ") : representation && "intervals" in representation ? String(representation.intervals) : "";
+  return representation && typeof left === "number"
+    ? <p class="small quiet">{t.file.proposed(points, percent(left, 2))}</p>
+    : null;
 }
 
 function Shapes({ group, unit }: { group: Group; unit: string }) {

@@ -53,14 +53,17 @@ export const de: Strings = {
     points: (count) => `${count} Kontrollpunkte`, intervals: (count) => `${count} Abschnitte`,
   },
   topologies: { sphere: "Kugel", sharp_sphere: "Kugel mit spitzen Polen", cylinder: "Zylinder", torus: "Torus", plane: "Blatt" },
+  directions: { either: "zählt nicht", given: "zählt, wie gezeichnet" },
+  mirrors: { forbid: "sind andere Formen", allow: "sind dieselbe Form" },
   correspondences: { cyclic: "der Anfangspunkt wird gesucht (zyklisch)", arc_length: "nach Bogenlänge ab dem ersten Punkt", landmarks: "Punkt für Punkt, wie gegeben" },
   attributes: {
     external_id: "Externe Kennung", label: "Bezeichnung", subject: "Proband", created_at: "Angelegt", "measures.points": "Punkte", "measures.centroid_size": "Zentroidgröße", "measures.length": "Länge",
-    "measures.area": "Flächeninhalt", "measures.volume": "Volumen", "measures.self_intersecting": "Schneidet sich selbst",
+    "measures.area": "Flächeninhalt", "measures.volume": "Volumen", "measures.self_intersecting": "Schneidet sich selbst", "measures.clockwise": "Läuft im Uhrzeigersinn",
+    "measures.fit_mean": "Mittlerer Fehler der Anpassung", "measures.fit_largest": "Größter Fehler der Anpassung", "measures.fit_area": "Fehler der Fläche",
   },
   cohorts: {
     lead: "Eine Kohorte ist eine benannte Menge gleichartiger Formen, deren Punkte nach einer Regel einander zugeordnet werden.", create: "Neue Kohorte", none: "Es gibt noch keine Kohorten.", plane: "in der Ebene", space: "im Raum",
-    correspondence: "Zuordnung der Punkte", sizes: { closed_curve: "Kontrollpunkte", open_curve: "Abschnitte", landmarks: "Landmarken", surface: "Kontrollpunkte längs u" },
+    correspondence: "Zuordnung der Punkte", direction: "Richtung der Zeichnung", mirror: "Spiegelbilder", sizes: { closed_curve: "Kontrollpunkte", open_curve: "Abschnitte", landmarks: "Landmarken", surface: "Kontrollpunkte längs u" },
   },
   cohort: {
     overview: "Formen", table: "Tabelle", mean: "Mittel", compare: "Gruppen", regression: "Regression", upload: "Hochladen",
@@ -123,6 +126,7 @@ export const de: Strings = {
     looking: "Wird gelesen", ready: "Noch nicht gespeichert", store: "Speichern", storeAll: (count) => `Alle ${count} Dateien speichern`, refused: "Nicht lesbar", storedWithout: "Aus dieser Datei nicht gespeichert:", document: (count) => `${count} Formen, wie eine Anfrage an diesen Dienst sie enthält.`, lines: "Zeilen, wie Anfragen an diesen Dienst sie enthalten. Jede wird geprüft, wenn sie gespeichert werden.",
   },
   file: {
+    proposed: (points: string, left: string) => `Vorgeschlagene Kontrollpunkte: ${points}. Sie lassen ${left} der Größe einer Form übrig.`,
     format: "Format", kinds: { curve: "Kurven", landmarks: "Landmarken", mesh: "Netze", fourier: "Fourier-Koeffizienten" }, points: (count) => `${count} Punkte`, harmonics: (count) => `${count} Harmonische`, faces: (count) => `${count} Seitenflächen`,
     closed: (closed, all) => (closed === all ? "geschlossen" : closed === "0" ? "offen" : `${closed} davon geschlossen`), holes: (count) => `${count} umranden Löcher`, incomplete: (count) => `${count} mit fehlenden Punkten`,
     extent: "Koordinaten", noUnit: "nicht genannt", labels: "Bezeichnungen", attributes: "Merkmale", none: "Diese Datei enthält keine Form.", leftOut: "Ausgelassen würden:", warnings: "Warnungen", which: (count) => `Welche Formate? ${count}, nach Inhalt und Name`,

@@ -51,14 +51,17 @@ export const en = {
     points: (count: number) => `${count} control points`, intervals: (count: number) => `${count} intervals`,
   },
   topologies: { sphere: "sphere", sharp_sphere: "sphere with sharp poles", cylinder: "cylinder", torus: "torus", plane: "sheet" },
+  directions: { either: "does not count", given: "counts, as it is drawn" },
+  mirrors: { forbid: "are other shapes", allow: "are the same shape" },
   correspondences: { cyclic: "the start point is searched (cyclic)", arc_length: "by arc length from the first point", landmarks: "point by point, as given" },
   attributes: {
     external_id: "External id", label: "Label", subject: "Subject", created_at: "Created", "measures.points": "Points", "measures.centroid_size": "Centroid size", "measures.length": "Length",
-    "measures.area": "Area", "measures.volume": "Volume", "measures.self_intersecting": "Intersects itself",
+    "measures.area": "Area", "measures.volume": "Volume", "measures.self_intersecting": "Intersects itself", "measures.clockwise": "Runs clockwise",
+    "measures.fit_mean": "Mean error of the fit", "measures.fit_largest": "Largest error of the fit", "measures.fit_area": "Error of the area",
   },
   cohorts: {
     lead: "A cohort is a named set of shapes of one kind, whose points are matched by one rule.", create: "New cohort", none: "There are no cohorts yet.", plane: "in the plane", space: "in space",
-    correspondence: "How points are matched", sizes: { closed_curve: "Control points", open_curve: "Intervals", landmarks: "Landmarks", surface: "Control points along u" },
+    correspondence: "How points are matched", direction: "Direction of drawing", mirror: "Mirror images", sizes: { closed_curve: "Control points", open_curve: "Intervals", landmarks: "Landmarks", surface: "Control points along u" },
   },
   cohort: {
     overview: "Shapes", table: "Table", mean: "Mean", compare: "Groups", regression: "Regression", upload: "Upload",
@@ -120,6 +123,7 @@ export const en = {
     looking: "Looking into it", ready: "Not stored yet", store: "Store", storeAll: (count: number) => `Store all ${count} files`, refused: "Cannot be read", storedWithout: "Not stored from this file:", document: (count: string) => `${count} shapes as a request of this service has them.`, lines: "Lines as requests of this service have them. Each one is checked when they are stored.",
   },
   file: {
+    proposed: (points: string, left: string) => `Proposed control points: ${points}. They leave ${left} of the size of a shape.`,
     format: "Format", kinds: { curve: "Curves", landmarks: "Landmarks", mesh: "Meshes", fourier: "Fourier coefficients" } as Record<string, string>, points: (count: string) => `${count} points`, harmonics: (count: string) => `${count} harmonics`, faces: (count: string) => `${count} faces`,
     closed: (closed: string, all: string) => (closed === all ? "closed" : closed === "0" ? "open" : `${closed} of them closed`), holes: (count: string) => `${count} bound holes`, incomplete: (count: string) => `${count} with missing points`,
     extent: "Coordinates", noUnit: "not said", labels: "Labels", attributes: "Attributes", none: "There is no shape in this file.", leftOut: "Would be left out:", warnings: "Warnings", which: (count: number) => `Which formats? ${count}, by content and name`,

@@ -51,9 +51,10 @@ export function Cohorts() {
 }
 
 function NewCohort({ onClose }: { onClose: () => void }) {
-  const [form, setForm] = useState({ name: "", description: "", unit: "", kind: "closed_curve", size: "64", dimension: "2", correspondence: "cyclic", topology: "sphere" });
+  const [form, setForm] = useState({ name: "", description: "", unit: "", kind: "closed_curve", size: "64", dimension: "2", correspondence: "cyclic", direction: "", mirror: "forbid", topology: "sphere" });
   const set = (change: Partial<typeof form>) => setForm({ ...form, ...change });
   const curve = form.kind === "closed_curve" || form.kind === "open_curve";
+  const direction = form.direction || (form.kind === "closed_curve" && form.dimension === "2" && form.correspondence === "cyclic" ? "either" : "given");
   const action = useAction(async () => {
     const size = Number(form.size), dimension = Number(form.dimension);
     const representation = (
@@ -62,7 +63,7 @@ function NewCohort({ onClose }: { onClose: () => void }) {
       : form.kind === "open_curve" ? { kind: "open_curve", dimension, intervals: size, generator: { name: "bspline", degree: 3 } }
       : { kind: "closed_curve", dimension, control_points: size, generator: { name: "trigonometric" } }) as Schemas["Representation"];
     const correspondence = (curve ? form.correspondence : "landmarks") as Schemas["Correspondence"];
-    const cohort = await post("/v1/cohorts", { body: { name: form.name.trim(), description: form.description || null, length_unit: form.unit || null, representation, correspondence } });
+    const cohort = await post("/v1/cohorts", { body: { name: form.name.trim(), description: form.description || null, length_unit: form.unit || null, representation, correspondence, direction: (curve ? direction : "given") as Schemas["Direction"], mirror: form.mirror as Schemas["Mirror"] } });
     navigate(`/app/cohorts/${encodeURIComponent(cohort.name)}/upload`);
   });
   return (
@@ -79,6 +80,8 @@ function NewCohort({ onClose }: { onClose: () => void }) {
           <Field label={t.cohorts.sizes[form.kind as keyof typeof t.cohorts.sizes]}><input type="number" min={2} max={4096} required value={form.size} onInput={(event) => set({ size: event.currentTarget.value })} /></Field>
           <Field label={t.words.unit}><input placeholder="mm" value={form.unit} onInput={(event) => set({ unit: event.currentTarget.value })} /></Field>
         </div>
+        {curve && <Select label={t.cohorts.direction} value={direction} options={Object.entries(t.directions)} onChange={(direction) => set({ direction })} />}
+        <Select label={t.cohorts.mirror} value={form.mirror} options={Object.entries(t.mirrors)} onChange={(mirror) => set({ mirror })} />
         {curve && <Select label={t.cohorts.correspondence} value={form.correspondence} options={Object.entries(t.correspondences).filter(([id]) => form.kind === "closed_curve" || id !== "cyclic")} onChange={(correspondence) => set({ correspondence })} />}
         <Fault error={action.error} />
         <div class="row"><button class="main" disabled={action.busy}>{t.act.create}</button><button type="button" onClick={onClose}>{t.act.cancel}</button></div>

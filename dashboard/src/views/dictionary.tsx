@@ -27,6 +27,7 @@ export function DictionaryPage({ dictionary, children }: { dictionary: string; c
     <Page title={data?.name ?? dictionary} tag={data && `${t.words.version} ${data.version}`} crumbs={[[t.menu.dictionaries, "/app/dictionaries"], ...(data?.cohort_name ? [[data.cohort_name, `/app/cohorts/${encodeURIComponent(data.cohort_name)}`] as [string, string]] : [])]} lead={lead}
       actions={data && <><a class="button main" href={`/app/assess?dictionary=${encodeURIComponent(`${data.name}@${data.version}`)}`}>{t.menu.assess}</a><Download name={`${data.name}-${data.version}`} source={{ path: `/v1/dictionaries/${encodeURIComponent(dictionary)}/export` }} formats={[[t.act.export, "json", "application/json"]]} /><button class="bad" onClick={() => setAsk(true)}>{t.act.remove}</button></>}>
       {tabs.length > 0 && <Tabs label={dictionary} tabs={tabs} />}
+      {data?.warnings?.map((warning) => <p class="note warn" key={warning}>{warning}</p>)}
       <Fault error={about.error} retry={about.reload} />
       {data ? children(data) : !about.error && <Loading on />}
       {ask && data && <Delete about={data} onClose={() => setAsk(false)} />}

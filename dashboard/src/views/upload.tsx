@@ -189,6 +189,7 @@ function Added({ answer }: { answer: Schemas["AddAnswer"] }) {
   const failed = (answer.results ?? []).flatMap((one) => ("error" in one && one.error ? [one] : []));
   return (
     <>
+      {answer.warnings?.map((warning) => <p class="note warn" key={warning}>{warning}</p>)}
       {answer.self_intersecting > 0 && <p class="note warn">{t.upload.crossing(answer.self_intersecting)}</p>}
       {failed.length > 0 && (
         <div class="note warn">

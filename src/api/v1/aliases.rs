@@ -42,7 +42,7 @@ pub(super) struct AliasOutput {
 impl From<Alias> for AliasOutput {
     fn from(alias: Alias) -> Self {
         let Alias { alias, id, name, version, digest, moves: _, moved_at_ms } = alias;
-        let dictionary = UsedDictionary { id, name, version, digest };
+        let dictionary = UsedDictionary { id, name, version, digest, warnings: Vec::new() };
         Self { alias, dictionary, moved_at: rfc3339(moved_at_ms) }
     }
 }

@@ -52,7 +52,8 @@ document! {
         /// Point correspondence between shapes. Default: `landmarks`.
         #[schema(value_type = Option<Correspondence>)]
         correspondence: Checked<Correspondence>;
-        /// How to treat contour direction. Default: `given` (keep the direction as posted).
+        /// How to treat contour direction. Default: `either` for closed planar curves under `cyclic`, else `given` (keep the
+        /// direction as posted).
         #[schema(value_type = Option<Direction>)]
         direction: Checked<Direction>;
         /// Whether shapes may be matched to mirror images. Default: `forbid`.
@@ -143,15 +144,13 @@ fn new_cohort(request: CohortRequest) -> Result<CohortSpec, ServiceError> {
     let description = take_given(request.description, "/description", &mut errors).flatten();
     let representation = request.representation.and_then(|field| field.take("/representation", &mut errors));
     let correspondence = take_or_default(request.correspondence, "/correspondence", &mut errors);
-    let direction = take_or_default(request.direction, "/direction", &mut errors);
+    let direction = take_given(request.direction, "/direction", &mut errors);
     let mirror = take_or_default(request.mirror, "/mirror", &mut errors);
     let length_unit = take_given(request.length_unit, "/length_unit", &mut errors).flatten();
-    let whole = (name.as_ref(), representation, correspondence, direction, mirror);
-    match whole {
-        (Some(name), Some(representation), Some(correspondence), Some(direction), Some(mirror))
-            if errors.is_empty() =>
-        {
+    match (name.as_ref(), representation, correspondence, mirror) {
+        (Some(name), Some(representation), Some(correspondence), Some(mirror)) if errors.is_empty() => {
             let name = name.clone();
+            let direction = direction.unwrap_or_else(|| Direction::usual(correspondence, &representation));
             Ok(CohortSpec {
                 name,
                 description,
@@ -218,6 +217,12 @@ pub(super) struct CohortPatch {
     #[serde(deserialize_with = "given")]
     #[schema(value_type = Option<String>)]
     length_unit: Option<Option<String>>,
+    /// New correspondence. Curves are stored again.
+    correspondence: Option<Correspondence>,
+    /// New treatment of contour direction. Closed planar curves are stored again.
+    direction: Option<Direction>,
+    /// New treatment of mirror images.
+    mirror: Option<Mirror>,
 }
 
 /// Deserialises a present field, either null or a value.
@@ -225,9 +230,11 @@ fn given<'de, D: serde::Deserializer<'de>>(field: D) -> Result<Option<Option<Str
     Option::deserialize(field).map(Some)
 }
 
-/// Changes the name, description or unit of a cohort.
+/// Changes the name, description, unit, correspondence, direction or mirror images of a cohort.
 ///
-/// The revision grows by one. With `If-Match`, the change is made only if the cohort is still at that version.
+/// The revision grows by one. Curves that another correspondence or direction stores otherwise are stored again: as points along
+/// them, from where they began and in the direction in which they were given. Earlier revisions keep their shapes and their rule, and so do
+/// dictionaries and jobs that are of them; dictionaries of another correspondence are applied to posted shapes only. With `If-Match`, the change is made only if the cohort is still at that version.
 #[utoipa::path(patch, path = "/v1/cohorts/{cohort}", tag = "cohorts", request_body = CohortPatch,
     params(("cohort" = String, Path, description = "Id or name"), IfMatchHeader),
     responses(
@@ -243,8 +250,9 @@ pub(super) async fn update_cohort(
     IfMatch(expected): IfMatch,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    let CohortPatch { name, description, length_unit } = app.parse_whole(&body)?;
-    let changes = CohortChanges { name, description, length_unit };
+    let CohortPatch { name, description, length_unit, correspondence, direction, mirror } =
+        app.parse_whole(&body)?;
+    let changes = CohortChanges { name, description, length_unit, correspondence, direction, mirror };
     let cohort = catalogue::update(&app, &key, changes, expected).await?;
     let tag = revision_tag(&cohort);
     Ok(tagged(json(StatusCode::OK, &CohortOutput::from(cohort))?, &tag))
@@ -299,6 +307,7 @@ pub(super) struct CohortMeanOutput {
         ("frame" = Option<Frame>, Query, description = "Frame. Default: `training`"),
         ("start" = inline(Option<SearchStart>), Query, description = "Start points with which the search begins: `given`, those of the shapes, or `last`, those of the last search. Default: `given`"),
         ("robust" = Option<bool>, Query, description = "Whether shapes unlike the majority count less or not at all. At least five shapes. Default: false"),
+        ("corresponding" = Option<bool>, Query, description = "Whether the parameters of surfaces with poles that came as meshes correspond, as those of meshes with common vertices do. They are refused otherwise: `POST /v1/cohorts/{cohort}/correspond` makes a cohort in which they do. Default: false"),
         ("stale" = Option<bool>, Query, description = "Whether the last mean computed is answered at once, with its revision, while that of the current revision is computed in the background. Default: false"),
         FilterQuery,
         ShapeFormatQuery,
@@ -346,6 +355,7 @@ fn take_mean_query(pairs: Vec<(String, String)>) -> Result<(MeanQuery, bool), Pr
         frame: parameters.take_word("frame")?.unwrap_or_default(),
         start: parameters.take_word("start")?.unwrap_or_default(),
         robust: parameters.take_flag("robust")?,
+        corresponding: parameters.take_flag("corresponding")?,
         filter: parameters.take_filter(),
     };
     let stale = parameters.take_flag("stale")?;
@@ -363,7 +373,8 @@ fn answer_mean(live: &LiveMean, format: ShapeFormat) -> Result<Response, Service
         }
         ShapeFormat::Plain(Format::Json) => {
             let mean = MeanOutput::new(&live.mean, live.setup.metric.dimension());
-            let mean = mean.leaving_out(live.robust.as_ref());
+            let mut mean = mean.leaving_out(live.robust.as_ref());
+            mean.warnings.extend(live.mixed.clone());
             json(
                 StatusCode::OK,
                 &CohortMeanOutput { mean, revision: live.cohort.revision, started_from: live.started_from },

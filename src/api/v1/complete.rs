@@ -230,6 +230,7 @@ fn answered(
         CompletedShape::new(ready, &places, factors, (index, completion), novelty)
     };
     let mut warnings: Vec<String> = warning.into_iter().collect();
+    warnings.extend(ready.listed.provenance.warnings.clone());
     if completed.iter().any(|completion| !completion.posterior.converged) {
         warnings.push("the search of a pose did not converge: see more of the shape".into());
     }

@@ -87,6 +87,10 @@ document! {
         /// their contents, whatever their order. Default: 0.
         #[schema(value_type = Option<u64>)]
         held_out_seed: Checked<u64>;
+        /// Whether the parameters of surfaces with poles that came as meshes correspond, as those of meshes with common vertices do. They
+        /// are refused otherwise: `POST /v1/cohorts/{cohort}/correspond` makes a cohort in which they do. Default: false.
+        #[schema(value_type = Option<bool>)]
+        corresponding: Checked<bool>;
         /// Classifier to train. Default: none. It is trained on all shapes, and validated on shapes that neither it nor the
         /// dictionary has seen.
         #[schema(value_type = Option<ClassifierSettings>)]
@@ -130,6 +134,10 @@ pub(super) struct ProvenanceOutput {
     continued_from: Option<String>,
     /// Program and its version.
     program: String,
+    /// What should be known of the shapes in everything that is computed with the dictionary; absent if there is nothing to say.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    #[schema(required = false)]
+    warnings: Vec<String>,
     /// Time of creation, RFC 3339 in UTC.
     created_at: String,
 }
@@ -144,6 +152,7 @@ impl ProvenanceOutput {
             seed: listed.summary.method.seed(),
             continued_from: provenance.continued_from.clone(),
             program: provenance.program.clone(),
+            warnings: provenance.warnings.clone(),
             created_at: rfc3339(listed.created_at_ms),
         }
     }
@@ -258,6 +267,10 @@ pub(super) struct DictionaryOutput<'a> {
     centre: Option<&'a [Vec<f64>]>,
     /// Eigenshapes, orthonormal in `L₂`; or atoms of unit norm.
     atoms: &'a [Atom],
+    /// What should be known of the shapes in everything that is computed with the dictionary; absent if there is nothing to say.
+    #[serde(skip_serializing_if = "<[String]>::is_empty")]
+    #[schema(required = false)]
+    warnings: &'a [String],
     /// Convergence of the learning, and quality of the description of the shapes.
     statistics: &'a Statistics,
     /// Shapes that were left out, or count less; absent without `robust`.
@@ -316,6 +329,7 @@ impl<'a> DictionaryOutput<'a> {
             mean: &content.mean,
             centre: content.centre.as_deref(),
             atoms: &content.atoms,
+            warnings: &provenance.warnings,
             statistics: &content.statistics,
             robust: content.robust.map(|summary| RobustDictionary::new(summary, &provenance.less_counted)),
             classifier: content.classifier.as_ref().map(ClassifierOutput::new),
@@ -385,6 +399,7 @@ fn learn_of(request: LearnRequest) -> Result<(Learn, bool), ServiceError> {
         ("method", request.method.is_some()),
         ("robust", request.robust.is_some()),
         ("held_out_seed", request.held_out_seed.is_some()),
+        ("corresponding", request.corresponding.is_some()),
         ("classifier", request.classifier.is_some()),
     ];
     let mut faults: Vec<Fault> = Vec::new();
@@ -409,6 +424,7 @@ fn learn_of(request: LearnRequest) -> Result<(Learn, bool), ServiceError> {
     let method = take_given(request.method, "/method", &mut errors);
     let robust = take_or_default(request.robust, "/robust", &mut errors);
     let held_out_seed = take_or_default(request.held_out_seed, "/held_out_seed", &mut errors);
+    let corresponding = take_or_default(request.corresponding, "/corresponding", &mut errors);
     let classifier = take_given(request.classifier, "/classifier", &mut errors);
     let version = take_given(request.continue_from, "/continue_from", &mut errors);
     let dry_run = take_or_default(request.dry_run, "/dry_run", &mut errors);
@@ -426,6 +442,7 @@ fn learn_of(request: LearnRequest) -> Result<(Learn, bool), ServiceError> {
             method: method.ok_or_else(incomplete)?,
             robust: robust.ok_or_else(incomplete)?,
             held_out_seed: held_out_seed.ok_or_else(incomplete)?,
+            corresponding: corresponding.ok_or_else(incomplete)?,
             classifier: classifier.map(Box::new),
         },
     };
@@ -586,6 +603,10 @@ pub(super) struct ModeAnswer {
     mean: ShapeOutput,
     /// Mean plus `sigma` standard deviations.
     plus: ShapeOutput,
+    /// What should be known of the shapes that the dictionary was learnt from; absent if there is nothing to say.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    #[schema(required = false)]
+    warnings: Vec<String>,
 }
 
 impl ModeAnswer {
@@ -594,7 +615,8 @@ impl ModeAnswer {
         let Mode { explained, deviation, shapes } = mode;
         let [minus, mean, plus] =
             shapes.map(|shape| ShapeOutput { control_points: Points::from_columns(shape, dimension) });
-        Self { dictionary, component, sigma, explained, deviation, minus, mean, plus }
+        let warnings = dictionary.warnings.clone();
+        Self { dictionary, component, sigma, explained, deviation, minus, mean, plus, warnings }
     }
 }
 

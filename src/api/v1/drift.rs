@@ -13,7 +13,7 @@ use crate::api::problem::Problem;
 use crate::api::respond::{compute, json, picture};
 use crate::service::app::Work;
 use crate::service::dictionaries::answers::UsedDictionary;
-use crate::service::dictionaries::coding::outlier_warnings;
+use crate::service::dictionaries::coding::warnings;
 use crate::service::dictionaries::drift::{CohortDrift, Since};
 use crate::service::dictionaries::pictures::drifted;
 use crate::service::dictionaries::{drift, ready};
@@ -68,7 +68,7 @@ pub(super) struct DriftAnswer {
     mean: Option<MeanDrift>,
     /// Predicted classes of the new shapes; null without a classifier.
     classes: Option<Vec<ClassDrift>>,
-    /// Warnings about outlier detection; absent if there are none.
+    /// Warnings about outlier detection, and those of the dictionary; absent if there are none.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     warnings: Vec<String>,
 }
@@ -105,7 +105,7 @@ pub(super) async fn dictionary_drift(
     let answer = compute(app.weighing(Work::MOMENT + format.work()), move |_| match format {
         Format::Picture(file) => picture(&drifted(&ready, &found, quantile), &file),
         Format::Json => {
-            let (dictionary, warnings) = (UsedDictionary::new(&ready), outlier_warnings(&ready));
+            let (dictionary, warnings) = (UsedDictionary::new(&ready), warnings(&ready));
             json(StatusCode::OK, &DriftAnswer::new(dictionary, found, quantile, warnings))
         }
     });

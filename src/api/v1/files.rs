@@ -24,7 +24,7 @@ use super::file_parameters::{FileParameters, written};
 use super::series::ConvertForm;
 use super::series::SeriesRequest;
 use crate::api::body;
-use crate::api::extract::{Caller, Query, media_type, unknown_parameter};
+use crate::api::extract::{Caller, Query, TWICE, media_type, unknown_parameter};
 use crate::api::form;
 use crate::api::operation::ANY_FILE;
 use crate::api::problem::Problem;
@@ -33,6 +33,7 @@ use crate::formats::files::{self, Group, Inspection, WriteOptions};
 use crate::formats::summary::FileSummary;
 use crate::service::app::outgoing::{Arriving, BodyWriter};
 use crate::service::app::{App, ServiceError};
+use crate::service::files::proposal::{Proposal, USUAL_TOLERANCE, check_tolerance};
 use crate::service::files::translate::{self, FileReading};
 
 /// Format of files that refer to a series of images.
@@ -52,6 +53,20 @@ pub(super) struct InspectAnswer {
     labels: BTreeMap<String, u64>,
     /// Number of shapes by the names of their attributes, of the first 100 names.
     attributes: BTreeMap<String, u64>,
+    /// Numbers of control points for its curves and meshes; absent where it has none.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    #[schema(required = false)]
+    proposals: Vec<Proposal>,
+}
+
+/// How numbers of control points are proposed.
+#[derive(IntoParams)]
+#[into_params(parameter_in = Query)]
+#[allow(dead_code, reason = "only for the document; the handler reads it")]
+pub(super) struct ProposalQuery {
+    /// Root mean square distance that proposed control points may leave, as a part of the size of a shape, 0.0001 to 0.5. Default: 0.01.
+    #[param(minimum = 0.0001, maximum = 0.5)]
+    tolerance: Option<f64>,
 }
 
 /// Shapes of a file of one kind and one dimension.
@@ -94,10 +109,10 @@ impl From<Group> for FileGroup {
 
 /// Tells what is in a file, without storing it.
 ///
-/// The shapes that an upload would take by kind, with their names, boxes and labels, and what it would leave out. The file is
-/// the body of the request, with the media type of its format or as `application/octet-stream`.
+/// The shapes that an upload would take by kind, with their names, boxes and labels, and what it would leave out; and numbers of
+/// control points that represent its curves and meshes within a tolerance, with the error that they leave. The file is the body of the request, with the media type of its format or as `application/octet-stream`.
 #[utoipa::path(post, path = "/v1/inspect", tag = "files",
-    params(FileQuery, ReadQuery),
+    params(FileQuery, ReadQuery, ProposalQuery),
     request_body(content((Binary = "application/octet-stream", example = json!("{\"points\": [[0, 0], [5, 1], [1, 3]], \"closed\": true}\n")))),
     responses((status = 200, description = "What is in the file", body = InspectAnswer)))]
 pub(super) async fn inspect_file(
@@ -106,12 +121,32 @@ pub(super) async fn inspect_file(
     request: Request,
 ) -> Result<Response, Problem> {
     let mut parameters = FileParameters::take(&mut pairs);
+    let tolerance = take_tolerance(&mut pairs)?;
     refuse_rest(&pairs)?;
     let reading = parameters.reading(&media_type(request.headers()))?;
-    let (file, found) = translate::inspect(&app, body::pieces(request.into_body()), reading).await?;
+    let (file, found, first) = translate::inspect(&app, body::pieces(request.into_body()), reading).await?;
+    let proposals = first.propose(&app, tolerance).await?;
     let Inspection { groups, labels, attributes } = found;
     let groups = groups.into_iter().map(FileGroup::from).collect();
-    Ok(json(StatusCode::OK, &InspectAnswer { file, groups, labels, attributes })?)
+    Ok(json(StatusCode::OK, &InspectAnswer { file, groups, labels, attributes, proposals })?)
+}
+
+/// Takes the tolerance of proposals out of `pairs`.
+fn take_tolerance(pairs: &mut Vec<(String, String)>) -> Result<f64, Problem> {
+    let (taken, rest): (Vec<_>, Vec<_>) =
+        std::mem::take(pairs).into_iter().partition(|(name, _)| name == "tolerance");
+    *pairs = rest;
+    match taken.as_slice() {
+        [] => Ok(USUAL_TOLERANCE),
+        [(name, text)] => {
+            let number = text.parse::<f64>();
+            let number = number
+                .map_err(|_| Problem::of_parameter(name, format!("expected a number, got '{text}'")))?;
+            check_tolerance(number)?;
+            Ok(number)
+        }
+        [(name, _), ..] => Err(Problem::of_parameter(name, TWICE)),
+    }
 }
 
 fn refuse_rest(pairs: &[(String, String)]) -> Result<(), Problem> {

@@ -31,6 +31,7 @@ mod hooks;
 mod incomplete;
 pub mod jobs;
 mod keys;
+mod matching;
 mod morph;
 mod overlap;
 mod pictures;

@@ -6,7 +6,7 @@ use serde::Serialize;
 use super::batches::{Batch, PlannedResults, answer_batch, results};
 #[cfg(feature = "schema")]
 use super::described::*;
-use super::request_macros::{checked, settings_request};
+use super::request_macros::{Caveats, checked, settings_request};
 use crate::api::extract::Caller;
 use crate::api::problem::Problem;
 use crate::formats::checked::{Checked, take_given};
@@ -66,7 +66,7 @@ impl From<PriorEnergy> for ReferencePriorOutput {
 
 results! {
     /// Prior energies.
-    ReferencePriorAnswer of ReferencePriorResult: ShapeWithReferencePrior with ReferencePriorOutput
+    ReferencePriorAnswer with Caveats of ReferencePriorResult: ShapeWithReferencePrior with ReferencePriorOutput
 }
 
 /// Computes energy and gradient of the shape prior of a reference, without an image.
@@ -103,8 +103,8 @@ impl ReferencePriorRequest {
             requests::align(&settings, counts) + cost::boundaries(&settings.representation, shapes.len());
         let names = InputNames::of_posted(&shapes);
         let find = move |app: &App| {
-            let found = prior::energies(app, settings, weight, reference, (shapes, on_error))?;
-            Ok((found.map(|_, energy| Ok(ReferencePriorOutput::from(energy))), ()))
+            let (found, mixed) = prior::energies(app, settings, weight, reference, (shapes, on_error))?;
+            Ok((found.map(|_, energy| Ok(ReferencePriorOutput::from(energy))), Caveats::from(mixed)))
         };
         Ok((work, names, Box::new(find)))
     }

@@ -5,7 +5,6 @@ use serde::{Deserialize, Serialize};
 
 use crate::analysis::alignment::MeanShape;
 use crate::analysis::factors::{Factors, Minority, RobustSummary};
-use crate::analysis::matching::Disagreement;
 use crate::analysis::transformation::ClassName;
 use crate::api::problem::Problem;
 use crate::domain::dictionary::LessCountedShape;
@@ -14,6 +13,7 @@ use crate::formats::checked::{Checked, take_or_default};
 use crate::formats::shape::{Points, ShapeInput};
 use crate::numeric::dense::Matrix;
 use crate::service::app::ServiceError;
+use crate::service::cohorts::caveats;
 use crate::service::cohorts::live_mean::LeftOut;
 use crate::service::shapes::read;
 
@@ -76,7 +76,8 @@ macro_rules! settings_request {
         crate::api::v1::request_macros::shapes_request! {
             $(#[$meta])*
             $name {
-                /// How to treat contour direction. Default: `given` (keep the direction as posted).
+                /// How to treat contour direction. Default: `either` for closed planar curves under `cyclic`, else `given` (keep the
+                /// direction as posted).
                 #[schema(value_type = Option<crate::analysis::correspondence::Direction>)]
                 direction: crate::formats::checked::Checked<crate::analysis::correspondence::Direction>;
                 /// Whether shapes may be matched to mirror images. Default: `forbid`.
@@ -103,9 +104,10 @@ macro_rules! settings_request {
                 errors: &mut Vec<crate::formats::fault::Fault>,
             ) -> (Option<crate::service::statistics::Settings>, Vec<crate::formats::shape::ShapeInput>) {
                 use crate::analysis::alignment::Alignment;
+                use crate::analysis::correspondence::Direction;
                 use crate::formats::checked::{take_given, take_or_default};
                 let (common, shapes) = self.take_shapes(errors);
-                let direction = take_or_default(self.direction.take(), "/direction", errors);
+                let direction = take_given(self.direction.take(), "/direction", errors);
                 let mirror = take_or_default(self.mirror.take(), "/mirror", errors);
                 let transformation =
                     self.transformation.take().and_then(|field| field.take("/transformation", errors));
@@ -115,10 +117,12 @@ macro_rules! settings_request {
                     let (representation, correspondence) = common?;
                     let transformation = transformation?;
                     let usual = Alignment::usual(&transformation, representation.dimension());
+                    let direction =
+                        direction.unwrap_or_else(|| Direction::usual(correspondence, &representation));
                     Some(crate::service::statistics::Settings {
                         representation,
                         correspondence,
-                        direction: direction?,
+                        direction,
                         mirror: mirror?,
                         transformation,
                         alignment: alignment.unwrap_or(usual),
@@ -173,6 +177,22 @@ pub(super) fn rows(matrix: &Matrix) -> Vec<Vec<f64>> {
 pub(super) struct ShapeOutput {
     /// Control points in the representation.
     pub(super) control_points: Points,
+}
+
+/// What is common to all entries of an answer about posted shapes.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct Caveats {
+    /// What should be known of the shapes: contours drawn both ways round where their direction counts. Absent if there is nothing
+    /// to say.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    #[schema(required = false)]
+    warnings: Vec<String>,
+}
+
+impl From<Option<String>> for Caveats {
+    fn from(warning: Option<String>) -> Self {
+        Self { warnings: warning.into_iter().collect() }
+    }
 }
 
 /// A mean shape with its certificate.
@@ -275,13 +295,7 @@ impl MeanOutput {
                 mean.rounds
             ));
         }
-        if let Some(Disagreement { looked_at, disagreeing }) = mean.disagreement.filter(|d| d.disagreeing > 0)
-        {
-            warnings.push(format!(
-                "the parameterisations of {disagreeing} of {looked_at} surfaces that were looked at disagree with that of the \
-                 mean, which is then no mean of their shapes: use the correspondence \"cyclic\""
-            ));
-        }
+        warnings.extend(caveats::of_parameters(mean.disagreement));
         warnings.extend(mean.robust.as_ref().and_then(|factors| factors.minority).map(minority_warning));
         Self {
             mean: ShapeOutput {

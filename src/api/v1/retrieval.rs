@@ -116,6 +116,9 @@ pub(super) struct SearchResult {
 pub(super) struct SearchAnswer {
     /// Revision of the cohort that was searched.
     cohort_revision: u64,
+    /// What should be known of the shapes that were compared: contours drawn both ways round where their direction counts, surfaces
+    /// whose parameters do not correspond.
+    warnings: Vec<String>,
     /// One entry per shape.
     results: Vec<SearchResult>,
 }
@@ -152,7 +155,8 @@ pub(super) async fn search_cohort(
             neighbours: list.into_iter().map(Into::into).collect(),
         };
         let results = found.neighbours.into_iter().map(result).collect();
-        json(StatusCode::OK, &SearchAnswer { cohort_revision: found.cohort_revision, results })
+        let (cohort_revision, warnings) = (found.cohort_revision, found.warnings);
+        json(StatusCode::OK, &SearchAnswer { cohort_revision, warnings, results })
     })
     .await
 }
@@ -198,7 +202,8 @@ document! {
         /// Conversion of posted points to control points. Default: `landmarks`.
         #[schema(value_type = Option<Correspondence>)]
         correspondence: Checked<Correspondence>;
-        /// How to treat the direction of posted contours. Default: `given` (keep the direction as posted).
+        /// How to treat the direction of posted contours. Default: `either` for closed planar curves under `cyclic`, else `given`
+        /// (keep the direction as posted).
         #[schema(value_type = Option<Direction>)]
         direction: Checked<Direction>;
         /// Id or name of a cohort.
@@ -238,6 +243,10 @@ pub(super) struct DistancesAnswer {
     ids: Vec<String>,
     /// Class labels of the rows and columns.
     labels: Vec<Option<String>>,
+    /// What should be known of the shapes: contours drawn both ways round where their direction counts, surfaces whose parameters do not
+    /// correspond. Absent in matrices of jobs of earlier versions.
+    #[schema(required = false)]
+    warnings: Vec<String>,
     /// Distance matrix, symmetric with a zero diagonal: values in [0, 1], under `partial_procrustes` in [0, 2], or lengths under
     /// `rigid` and `translation`.
     distances: Vec<Vec<f64>>,
@@ -315,7 +324,7 @@ fn matrix_request(mut request: DistancesRequest) -> Result<MatrixRequest, Servic
     let representation = request.representation.and_then(|field| field.take("/representation", &mut errors));
     let correspondence =
         take_or_default(request.correspondence, "/correspondence", &mut errors).unwrap_or_default();
-    let direction = take_or_default(request.direction, "/direction", &mut errors).unwrap_or_default();
+    let direction = take_given(request.direction, "/direction", &mut errors);
     let cohort = take_given(request.cohort, "/cohort", &mut errors);
     let filter = take_filter(request.filter, "/filter", &mut errors).unwrap_or_default();
     let ids = take_many(request.ids, "/ids", &mut errors);
@@ -333,6 +342,7 @@ fn matrix_request(mut request: DistancesRequest) -> Result<MatrixRequest, Servic
             let frame = Frame::default();
             let usual = Alignment::usual(&transformation, representation.dimension());
             let alignment = alignment.unwrap_or(usual);
+            let direction = direction.unwrap_or_else(|| Direction::usual(correspondence, &representation));
             let settings = Settings {
                 representation,
                 correspondence,

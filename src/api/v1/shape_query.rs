@@ -37,7 +37,8 @@ pub(super) struct FilterQuery {
     /// alternatives. With an operator: `labels[age.gte]=30`, compared as numbers if the bound is a number, else as texts.
     #[param(style = DeepObject, explode, value_type = Option<BTreeMap<String, String>>, example = json!({}))]
     labels: Option<BTreeMap<String, String>>,
-    /// Only shapes with these measures (`points`, `centroid_size`, `length`, `area`, `volume`, `self_intersecting`):
+    /// Only shapes with these measures (`points`, `centroid_size`, `length`, `area`, `volume`, `self_intersecting`,
+    /// `clockwise`, `fit_mean`, `fit_largest`, `fit_area`):
     /// `measures[area.gte]=2`, also written `measures.area.gte=2`.
     #[param(style = DeepObject, explode, value_type = Option<BTreeMap<String, String>>, example = json!({}))]
     measures: Option<BTreeMap<String, String>>,

@@ -37,6 +37,7 @@ use crate::formats::time::rfc3339;
 use crate::geometry::resample::RepeatedPoints;
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::cohorts::catalogue::{Expected, ShapeListing, revision_tag};
+use crate::service::cohorts::fits::MeshResidual;
 use crate::service::cohorts::upload::{Returned, Stored, Treatment, UploadResult};
 use crate::service::cohorts::{catalogue, upload, upload_file};
 use crate::service::files::export::ShapeFile;
@@ -81,6 +82,11 @@ pub(super) struct AddAnswer {
     ids: Vec<Option<String>>,
     /// Number of stored shapes beyond the first 100 000, of which the answer says nothing else.
     unlisted: usize,
+    /// What should be known of the shapes as a whole: contours drawn both ways round where their direction counts, surfaces that
+    /// their control points represent coarsely. Absent if there is nothing to say.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    #[schema(required = false)]
+    warnings: Vec<String>,
     /// The same as `unlisted`, for clients of the releases before.
     #[schema(deprecated)]
     left_out: usize,
@@ -109,12 +115,15 @@ pub(super) struct AddedShape {
     /// Identifier assigned by the client, if the shape has one.
     #[serde(skip_serializing_if = "Option::is_none")]
     external_id: Option<String>,
+    /// What the fit to a mesh has left, of a surface that came as one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    fit: Option<MeshResidual>,
 }
 
 impl From<UploadResult> for AddResult {
-    fn from(UploadResult { index, external_id, id, faults }: UploadResult) -> Self {
+    fn from(UploadResult { index, external_id, id, faults, fit }: UploadResult) -> Self {
         match id {
-            Some(id) => Self::Stored(AddedShape { index, id, external_id }),
+            Some(id) => Self::Stored(AddedShape { index, id, external_id, fit }),
             None => Self::Failed(FailedShape {
                 shape: InputShape { index, id, external_id },
                 error: ServiceError::Invalid(faults.into()).into(),
@@ -126,7 +135,7 @@ impl From<UploadResult> for AddResult {
 impl From<Stored> for AddAnswer {
     fn from(stored: Stored) -> Self {
         let Stored { added, revision, ids, skipped, results, left_out, .. } = stored;
-        let Stored { repeated_points, self_intersecting, note, .. } = stored;
+        let Stored { repeated_points, self_intersecting, warnings, note, .. } = stored;
         let results = results.into_iter().map(AddResult::from).collect();
         let file = note.and_then(|note| json::from_value(&note).ok());
         Self {
@@ -138,6 +147,7 @@ impl From<Stored> for AddAnswer {
             results,
             ids,
             unlisted: left_out,
+            warnings,
             left_out,
             file,
         }
@@ -303,12 +313,38 @@ pub(super) struct MeasuresOutput {
     /// Whether a planar curve intersects itself.
     #[serde(skip_serializing_if = "Option::is_none")]
     self_intersecting: Option<bool>,
+    /// Whether a closed planar curve runs clockwise.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    clockwise: Option<bool>,
+    /// Of a surface that came as a mesh without parameters: mean distance of the mesh from the surface that was fitted to it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    fit_mean: Option<f64>,
+    /// Largest such distance.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    fit_largest: Option<f64>,
+    /// Area of the surface, relative to that of the mesh, minus one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    fit_area: Option<f64>,
 }
 
 impl From<ShapeMeasures> for MeasuresOutput {
     fn from(measures: ShapeMeasures) -> Self {
-        let ShapeMeasures { points, centroid_size, length, area, volume, self_intersecting } = measures;
-        Self { points, centroid_size, length, area, volume, self_intersecting }
+        let ShapeMeasures { points, centroid_size, length, area, volume, .. } = measures;
+        let ShapeMeasures { self_intersecting, clockwise, fit, .. } = measures;
+        let (fit_mean, fit_largest, fit_area) =
+            (fit.map(|fit| fit.mean), fit.map(|fit| fit.largest), fit.map(|fit| fit.area));
+        Self {
+            points,
+            centroid_size,
+            length,
+            area,
+            volume,
+            self_intersecting,
+            clockwise,
+            fit_mean,
+            fit_largest,
+            fit_area,
+        }
     }
 }
 

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::batches::{Batch, PlannedResults, answer_batch, results};
 #[cfg(feature = "schema")]
 use super::described::*;
-use super::request_macros::{MeanOutput, ShapeOutput, checked, rows, settings_request};
+use super::request_macros::{Caveats, MeanOutput, ShapeOutput, checked, rows, settings_request};
 use crate::analysis::alignment::{AlignedShape, Alignment, Onto, Projection, unwhitened};
 use crate::analysis::factors::Estimator;
 use crate::analysis::pca::Components;
@@ -28,7 +28,7 @@ use crate::service::cost::requests::{self, Counts};
 use crate::service::shapes::draw::MAX_DRAWN;
 use crate::service::shapes::names::InputNames;
 use crate::service::shapes::outcome::OnError;
-use crate::service::statistics::{self, CheckedSettings, Settings, Setup, Statistics};
+use crate::service::statistics::{self, CheckedSettings, Projected, Settings, Setup, Statistics};
 
 settings_request! {
     /// Shapes to project.
@@ -136,7 +136,7 @@ impl ProjectionOutput {
 
 results! {
     /// Projections.
-    ProjectAnswer of ProjectResult: ProjectedShape with ProjectionOutput
+    ProjectAnswer with Caveats of ProjectResult: ProjectedShape with ProjectionOutput
 }
 
 /// Projects shapes onto the class of a reference, or the reference onto the classes of the shapes.
@@ -164,10 +164,12 @@ impl ProjectRequest {
         let work = requests::project(Counts::new(&settings.representation, shapes.len() + 1, &app.limits));
         let names = InputNames::of_posted(&shapes);
         let find = move |app: &App| {
-            let (setup, projections) =
-                statistics::project(app, settings, onto, reference, (shapes, on_error))?;
+            let found = statistics::project(app, settings, onto, reference, (shapes, on_error))?;
+            let Projected { setup, projections, mixed } = found;
             let dimension = setup.metric.dimension();
-            Ok((projections.map(|_, projection| Ok(ProjectionOutput::new(projection, dimension))), ()))
+            let projections =
+                projections.map(|_, projection| Ok(ProjectionOutput::new(projection, dimension)));
+            Ok((projections, Caveats::from(mixed)))
         };
         Ok((work, names, Box::new(find)))
     }
@@ -239,7 +241,9 @@ fn by(settings: Option<Settings>, robust: Option<bool>) -> Option<Settings> {
 fn mean_output(statistics: &Statistics, basis: bool) -> MeanOutput {
     let Statistics { setup, mean, .. } = statistics;
     let basis = mean.basis.as_ref().filter(|_| basis).map(|basis| elements(setup, basis));
-    MeanOutput { basis, ..MeanOutput::new(mean, setup.metric.dimension()) }
+    let mut output = MeanOutput::new(mean, setup.metric.dimension());
+    output.warnings.extend(statistics.mixed.clone());
+    MeanOutput { basis, ..output }
 }
 
 /// Shapes in the columns of a whitened matrix.

@@ -1,9 +1,11 @@
 //! Shapes of an upload on their way: as received, and as rows for the store.
 
 use super::measures::Measuring;
-use super::placer::Placer;
+use super::placer::{Found, MeshFit, Placer};
+use crate::analysis::conversion::{Beginning, Conversion};
+use crate::analysis::correspondence::Correspondence;
 use crate::domain::id;
-use crate::domain::shape::NewShape;
+use crate::domain::shape::{NewShape, ShapeMeasures};
 use crate::formats::fault::Fault;
 use crate::formats::files::{Geometry, Place, Record};
 use crate::formats::ndjson::Line;
@@ -11,7 +13,7 @@ use crate::formats::shape::ShapeInput;
 use crate::geometry::resample::check_extent;
 use crate::service::app::ServiceError;
 use crate::service::shapes::names::external_id;
-use crate::service::shapes::read::{ReadShape, parse, read_shape};
+use crate::service::shapes::read::{ReadShape, Reading, parse, read_shape};
 use crate::store::ShapeRow;
 
 /// A shape as received.
@@ -46,7 +48,7 @@ pub(super) struct Arrived {
     pub(super) row: ShapeRow,
     /// Number of repeated points that were dropped.
     pub(super) repeated_points: usize,
-    pub(super) is_self_intersecting: bool,
+    pub(super) measures: ShapeMeasures,
     /// Names of its further attributes.
     pub(super) names: Vec<String>,
     /// Warnings of the fit of a surface to a mesh.
@@ -104,7 +106,7 @@ pub(super) fn read(
     let all = |faults: Vec<Fault>| faults.into_iter().map(placed).collect();
     let (external_id, shape) = match shape {
         Ok(Incoming::Parsed(shape)) => {
-            (external_id(&shape).map(str::to_owned), read_shape(reading, *shape).map(plain))
+            (external_id(&shape).map(str::to_owned), read_shape(reading, *shape).map(Found::from))
         }
         Ok(Incoming::Record(record)) => {
             (record.name.as_ref().map(|name| placer.placing().external_id(name)), placer.read(*record))
@@ -115,25 +117,34 @@ pub(super) fn read(
     };
     let shape = shape.and_then(|found| {
         // Once stored, a shape without extent would break every mean of the cohort.
-        check_extent(&found.0.control_points, reading.conversion.space.representation().size())
+        check_extent(&found.shape.control_points, reading.conversion.space.representation().size())
             .map_err(|error| vec![Fault::new("", error.to_string())])?;
         Ok(found)
     });
-    let (shape, warnings) = match shape {
+    let Found { shape, fit, warnings } = match shape {
         Ok(found) => found,
         Err(faults) => return (external_id, Err(all(faults))),
     };
-    let ReadShape { control_points, attributes, points, repeated_points } = shape;
+    let ReadShape { control_points, attributes, points, repeated_points, beginning } = shape;
     let measures = measuring.measure(&control_points, Some(points));
-    let is_self_intersecting = measures.self_intersecting == Some(true);
+    let measures = completed(measures, reading, (fit, beginning));
     let names = attributes.labels.keys().cloned().collect();
     let shape = NewShape { id: id::new_id(id::SHAPE), attributes, measures, control_points };
-    let arrived =
-        Arrived { origin, row: shape.into(), repeated_points, is_self_intersecting, names, warnings };
+    let arrived = Arrived { origin, row: shape.into(), repeated_points, measures, names, warnings };
     (external_id, Ok(arrived))
 }
 
-/// A shape without warnings.
-fn plain(shape: ReadShape) -> (ReadShape, Vec<String>) {
-    (shape, Vec::new())
+/// The measures of a shape with what is known of how it arrived: what its fit has left, and how a contour ran.
+fn completed(
+    measures: ShapeMeasures,
+    reading: &Reading<'_>,
+    (fit, beginning): (Option<MeshFit>, Beginning),
+) -> ShapeMeasures {
+    let Conversion { space, correspondence, .. } = &reading.conversion;
+    let searched = *correspondence == Correspondence::Cyclic && space.domain().is_line();
+    ShapeMeasures {
+        fit: fit.and_then(|fit| fit.residual(measures.area)),
+        beginning: (searched || beginning.reversed).then_some(beginning),
+        ..measures
+    }
 }

@@ -3,7 +3,8 @@
 //! A cohort is found by id or name. Changes can be made conditional on its revision; deleted cohorts go to the trash.
 
 use super::attributes::refuse_misspelt;
-use super::measures;
+use super::{measures, rules};
+use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::domain::attribute::Attribute;
 use crate::domain::cohort::{Cohort, CohortSpec, name_problem};
 use crate::domain::filter::ShapeFilter;
@@ -65,6 +66,7 @@ pub async fn create(app: &App, spec: CohortSpec) -> Result<Cohort, ServiceError>
         shapes: 0,
         created_at_ms: now,
         updated_at_ms: now,
+        former_rules: Vec::new(),
     };
     app.store.create_cohort(&cohort, app.receipt(&cohort.id).as_ref()).await?;
     Ok(cohort)
@@ -90,12 +92,33 @@ pub struct CohortChanges {
     pub description: Option<Option<String>>,
     /// New unit, or `Some(None)` to remove it.
     pub length_unit: Option<Option<String>>,
+    /// New correspondence.
+    pub correspondence: Option<Correspondence>,
+    /// New treatment of contour direction.
+    pub direction: Option<Direction>,
+    /// New treatment of mirror images.
+    pub mirror: Option<Mirror>,
 }
 
-/// Updates name, description or unit of a cohort, provided that it is at the `expected` revision, if given.
+/// What shapes of a cohort are compared by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Rule {
+    pub(super) correspondence: Correspondence,
+    pub(super) direction: Direction,
+    pub(super) mirror: Mirror,
+}
+
+impl Rule {
+    pub(super) fn of(spec: &CohortSpec) -> Self {
+        Self { correspondence: spec.correspondence, direction: spec.direction, mirror: spec.mirror }
+    }
+}
+
+/// Updates name, description, unit or rule of a cohort, provided that it is at the `expected` revision, if given.
 ///
 /// # Errors
-/// [`ServiceError::NotFound`]; invalid fields; a name that is taken; [`ServiceError::Changed`].
+/// [`ServiceError::NotFound`]; invalid fields; a name that is taken; [`ServiceError::Changed`]; of another rule those of
+/// [`rules::change`].
 pub async fn update(
     app: &App,
     key: &str,
@@ -103,8 +126,12 @@ pub async fn update(
     expected: Option<Expected>,
 ) -> Result<Cohort, ServiceError> {
     let mut cohort = find_as_expected(app, key, expected.as_ref()).await?;
-    let CohortChanges { name, description, length_unit } = changes;
+    let CohortChanges { name, description, length_unit, correspondence, direction, mirror } = changes;
+    let former = cohort.spec.clone();
     let spec = &mut cohort.spec;
+    spec.correspondence = correspondence.unwrap_or(spec.correspondence);
+    spec.direction = direction.unwrap_or(spec.direction);
+    spec.mirror = mirror.unwrap_or(spec.mirror);
     if let Some(name) = name {
         spec.name = name;
     }
@@ -115,7 +142,13 @@ pub async fn update(
         spec.length_unit = unit;
     }
     let (description, unit) = (spec.description.as_deref(), spec.length_unit.as_deref());
-    ServiceError::unless_empty(text_faults(Some(&spec.name), description, unit))?;
+    let mut faults = Faults::from(text_faults(Some(&spec.name), description, unit));
+    faults.keep(read::check_correspondence(&spec.representation, spec.correspondence))?;
+    faults.keep(read::check_mirror(&spec.representation, spec.mirror))?;
+    faults.unless_any()?;
+    if Rule::of(&former) != Rule::of(spec) {
+        return rules::change(app, &former, cohort).await;
+    }
     app.store.update_cohort(&cohort, now_ms()).await?;
     find(app, &cohort.id).await
 }

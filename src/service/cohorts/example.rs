@@ -47,7 +47,7 @@ fn description() -> Result<CohortSpec, ServiceError> {
         representation: serde_json::from_str(REPRESENTATION)
             .map_err(|error| ServiceError::Internal(error.to_string()))?,
         correspondence: Correspondence::Cyclic,
-        direction: Direction::Given,
+        direction: Direction::Either,
         mirror: Mirror::Forbid,
         length_unit: Some("pixel".into()),
     })

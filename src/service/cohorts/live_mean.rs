@@ -12,6 +12,7 @@ use serde::Serialize;
 use tokio::runtime::Handle;
 
 use super::attributes::{FilterPlace, refuse_unknown};
+use super::caveats;
 use super::measures;
 use super::placements::{KnownPlacements, SearchSettings, Which};
 use super::source::StoredShapes;
@@ -46,6 +47,9 @@ pub struct MeanQuery {
     pub start: SearchStart,
     /// Whether shapes unlike the majority count less.
     pub robust: bool,
+    /// Whether the client says that the parameters of surfaces correspond.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub corresponding: bool,
 }
 
 /// Placements with which a search for start points, directions and mirror images begins. The alternation of mean and
@@ -77,6 +81,8 @@ impl MeanQuery {
         SearchSettings {
             transformation: Transformation::Named(self.transformation),
             alignment: self.alignment_in(cohort),
+            correspondence: cohort.spec.correspondence,
+            direction: cohort.spec.direction,
             mirror: cohort.spec.mirror,
             filter: self.filter.clone(),
             robust: self.robust,
@@ -100,6 +106,8 @@ pub struct LiveMean {
     pub started_from: Option<u64>,
     /// What a robust mean leaves out.
     pub robust: Option<LeftOut>,
+    /// A warning of contours drawn both ways round, if that matters.
+    pub mixed: Option<String>,
 }
 
 /// Shapes that a robust mean leaves out, or that count less.
@@ -179,11 +187,17 @@ pub async fn mean(app: &App, cohort: Cohort, query: MeanQuery) -> Result<Arc<Liv
     };
     let settings = settings.checked(&app.limits)?;
     measures::complete_for(app, &cohort, &query.filter).await?;
+    if !query.corresponding
+        && let Some(detail) = caveats::refusal(app, &cohort, &query.filter).await?
+    {
+        return Err(ServiceError::parameter("corresponding", detail));
+    }
+    let mixed = caveats::of_directions(app, &cohort, &query.filter, cohort.spec.mirror).await?;
     let (task_app, handle) = (app.clone(), Handle::current());
     let work = requests::align(&settings, Counts::for_cohort(&cohort, &app.limits));
     let computed =
         app.pool.weighing(work).run(move || compute(&task_app, &handle, cohort, settings, query)).await?;
-    let mean = Arc::new(computed);
+    let mean = Arc::new(LiveMean { mixed, ..computed });
     app.cache.keep(&id, &key, &mean);
     app.cache.keep(&id, &key.1, &Arc::new(Latest(mean.cohort.clone())));
     Ok(mean)
@@ -297,5 +311,5 @@ fn compute(
         let found = KnownPlacements { revision, started_from, places, placements, leading };
         found.keep(app, &cohort.id, &search);
     }
-    Ok(LiveMean { setup, mean, drawn, cohort, started_from, robust })
+    Ok(LiveMean { setup, mean, drawn, cohort, started_from, robust, mixed: None })
 }

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use super::directed;
 use crate::analysis::metric::Metric;
 use crate::analysis::size::centroid_size;
 use crate::domain::attribute::Attribute;
@@ -9,7 +10,7 @@ use crate::domain::cohort::Cohort;
 use crate::domain::filter::ShapeFilter;
 use crate::domain::shape::ShapeMeasures;
 use crate::geometry::representation::ShapeSpace;
-use crate::geometry::size::{SizeMeasure, Sizes};
+use crate::geometry::size::{SizeMeasure, Sizes, runs_clockwise};
 use crate::numeric::bounded::never;
 use crate::service::app::parallel;
 use crate::service::app::{App, ServiceError};
@@ -48,6 +49,9 @@ impl Measuring {
             area: size(SizeMeasure::Area),
             volume: size(SizeMeasure::Volume),
             self_intersecting,
+            clockwise: runs_clockwise(&self.space, control_points),
+            fit: None,
+            beginning: None,
         }
     }
 }
@@ -74,7 +78,7 @@ pub(crate) async fn complete(app: &App, cohort: &Cohort) -> Result<(), ServiceEr
     loop {
         let shapes = app.store.unmeasured(&cohort.id).await?;
         if shapes.is_empty() {
-            return Ok(());
+            return directed::complete(app, cohort).await;
         }
         let measuring = match &measuring {
             Some(measuring) => Arc::clone(measuring),

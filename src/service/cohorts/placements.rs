@@ -9,7 +9,7 @@ use std::sync::Arc;
 use serde::Serialize;
 
 use crate::analysis::alignment::Alignment;
-use crate::analysis::correspondence::Mirror;
+use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::analysis::matching::Placement;
 use crate::analysis::transformation::Transformation;
 use crate::domain::filter::ShapeFilter;
@@ -22,6 +22,8 @@ use crate::store::Places;
 pub(crate) struct SearchSettings {
     pub(crate) transformation: Transformation,
     pub(crate) alignment: Alignment,
+    pub(crate) correspondence: Correspondence,
+    pub(crate) direction: Direction,
     pub(crate) mirror: Mirror,
     pub(crate) filter: ShapeFilter,
     pub(crate) robust: bool,

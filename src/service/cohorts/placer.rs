@@ -1,5 +1,7 @@
 //! Records of files as shapes of a cohort.
 
+use crate::analysis::conversion::Beginning;
+use crate::domain::shape::FitResidual;
 use crate::formats::fault::Fault;
 use crate::formats::files::{Fourier, Record};
 use crate::formats::record::{MAX_SAMPLES, Placed, Placing};
@@ -19,8 +21,36 @@ pub(super) struct Placer<'a> {
     fitter: Option<Fitter<'a>>,
 }
 
-/// A shape with warnings of its fit.
-type Found = (ReadShape, Vec<String>);
+/// A shape, with what its fit to a mesh has left.
+pub(super) struct Found {
+    pub(super) shape: ReadShape,
+    pub(super) fit: Option<MeshFit>,
+    /// Warnings of the fit.
+    pub(super) warnings: Vec<String>,
+}
+
+/// What a fit to a mesh has left, before the surface is measured.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct MeshFit {
+    mean: f64,
+    largest: f64,
+    mesh_area: f64,
+}
+
+impl MeshFit {
+    /// The residual of a surface with this area; `None` where its numbers are beyond bounds.
+    pub(super) fn residual(self, area: Option<f64>) -> Option<FitResidual> {
+        let Self { mean, largest, mesh_area } = self;
+        let area = area? / mesh_area - 1.0;
+        [mean, largest, area].iter().all(|x| x.is_finite()).then_some(FitResidual { mean, largest, area })
+    }
+}
+
+impl From<ReadShape> for Found {
+    fn from(shape: ReadShape) -> Self {
+        Self { shape, fit: None, warnings: Vec::new() }
+    }
+}
 
 impl<'a> Placer<'a> {
     pub(super) fn new(reading: Reading<'a>, placing: &'a Placing) -> Self {
@@ -45,7 +75,7 @@ impl<'a> Placer<'a> {
     pub(super) fn read(&self, record: Record) -> Result<Found, Vec<Fault>> {
         let representation = self.reading.conversion.space.representation();
         match self.placing.place(record, representation)? {
-            Placed::Shape(shape) => Ok((read_shape(&self.reading, shape)?, Vec::new())),
+            Placed::Shape(shape) => Ok(read_shape(&self.reading, shape)?.into()),
             Placed::Mesh(shape, mesh) => self.fit(shape, mesh),
             Placed::Fourier(shape, fourier) => self.expand(shape, &fourier),
         }
@@ -62,12 +92,16 @@ impl<'a> Placer<'a> {
             return refused("expected a representation with two parameters, got another one".into());
         };
         let source = ParameterSource::Computed { poles: None };
+        let mesh_area = mesh.face_areas().iter().sum();
         let fitted = fitter.fit(FitTarget::Mesh { mesh, source }, &never);
-        let Fitted { control_points, warnings, .. } =
+        let Fitted { control_points, mean, largest, warnings, .. } =
             fitted.map_err(|faults| faults.into_iter().map(Fault::from).collect::<Vec<_>>())?;
         let control_points = control_points.as_slice().to_vec();
         let attributes = attributes(shape)?;
-        Ok((ReadShape { control_points, attributes, points, repeated_points: 0 }, warnings))
+        let fit = mean.map(|mean| MeshFit { mean, largest, mesh_area });
+        let beginning = Beginning::default();
+        let shape = ReadShape { control_points, attributes, points, repeated_points: 0, beginning };
+        Ok(Found { shape, fit, warnings })
     }
 
     /// The curve of Fourier coefficients: itself where the space contains it, else at the number of points that is asked for.
@@ -96,6 +130,6 @@ impl<'a> Placer<'a> {
                 return Err(vec![Fault::new("", detail)]);
             }
         };
-        Ok((read_shape(&self.reading, shape)?, Vec::new()))
+        Ok(read_shape(&self.reading, shape)?.into())
     }
 }

@@ -17,10 +17,12 @@ use tokio::sync::mpsc;
 use super::arriving::{Arrived, Incoming, Origin, Taken, read};
 use super::attribute_names;
 use super::catalogue::{Expected, revision_tag};
+use super::fits::{Fits, MeshResidual};
 use super::measures::Measuring;
 use super::placer::Placer;
 use crate::analysis::conversion::Conversion;
 use crate::domain::cohort::{Cohort, CohortSpec};
+use crate::domain::filter::ShapeFilter;
 use crate::domain::job::Job;
 use crate::domain::shape::MAX_NAMES;
 use crate::formats::bounds::Census;
@@ -35,9 +37,10 @@ use crate::service::app::incoming::stopped;
 use crate::service::app::memory::Purpose;
 use crate::service::app::{App, Limits, ServiceError, Work, idempotency, now_ms};
 use crate::service::cost::requests::{self, Counts, FitCounts};
+use crate::service::shapes::directions::{Rule, Ways};
 use crate::service::shapes::outcome::OnError;
 use crate::service::shapes::read::Reading;
-use crate::store::{Added, ShapeRow, StoreError, Upload};
+use crate::store::{Added, Listing, Revisions, ShapeRow, StoreError, Upload};
 
 /// Number of shapes written to the store at once.
 const CHUNK_SHAPES: usize = 4096;
@@ -69,6 +72,25 @@ pub enum Returned {
     None,
 }
 
+impl Returned {
+    /// What is answered of `count` inputs: results, and ids on their own.
+    fn of(
+        self,
+        results: Vec<UploadResult>,
+        ids: Vec<String>,
+        count: usize,
+    ) -> (Vec<UploadResult>, Vec<Option<String>>) {
+        match self {
+            Self::Results => (with_ids(results, ids), Vec::new()),
+            Self::Ids => {
+                let ids = aligned(ids, &results, count);
+                (results, ids)
+            }
+            Self::None => (results, Vec::new()),
+        }
+    }
+}
+
 /// What became of an input.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct UploadResult {
@@ -80,6 +102,9 @@ pub struct UploadResult {
     pub id: Option<String>,
     /// Faults of an invalid input, at most `MAX_FAULTS`.
     pub faults: Vec<Fault>,
+    /// What the fit to a mesh has left.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fit: Option<MeshResidual>,
 }
 
 /// Result of an upload.
@@ -106,6 +131,9 @@ pub struct Stored {
     /// Number of the valid shapes that intersect themselves.
     #[serde(default)]
     pub self_intersecting: usize,
+    /// What the client should know of the shapes as a whole.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<String>,
     /// What is answered besides, kept with the receipt of an idempotent request.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub note: Option<serde_json::Value>,
@@ -256,6 +284,10 @@ pub(super) struct Writer {
     left_out: usize,
     repeated_points: usize,
     self_intersecting: usize,
+    /// Directions of the curves.
+    ways: Ways,
+    /// Residuals of the fits to meshes.
+    fits: Fits,
     results: Vec<UploadResult>,
     pub(super) occasion: Occasion,
     faults: Faults,
@@ -300,6 +332,8 @@ impl Writer {
             left_out: 0,
             repeated_points: 0,
             self_intersecting: 0,
+            ways: Ways::default(),
+            fits: Fits::default(),
             results: Vec::new(),
             occasion: Occasion::default(),
             faults: Faults::default(),
@@ -382,14 +416,49 @@ impl Writer {
     }
 
     /// Notes what became of an input; the id of a valid one follows.
-    fn record(&mut self, index: usize, external_id: Option<String>, mut faults: Vec<Fault>) {
+    fn record(
+        &mut self,
+        index: usize,
+        external_id: Option<String>,
+        mut faults: Vec<Fault>,
+        fit: Option<MeshResidual>,
+    ) {
         let (valid, named) = (faults.is_empty(), index < MAX_NAMED);
         if valid && !named {
             self.left_out += 1;
         } else if !valid || self.treatment.returned == Returned::Results {
             faults.truncate(MAX_FAULTS);
-            self.results.push(UploadResult { index, external_id, id: None, faults });
+            self.results.push(UploadResult { index, external_id, id: None, faults, fit });
         }
+    }
+
+    /// Notes what a valid shape is.
+    fn note(&mut self, shape: &Arrived) {
+        self.repeated_points += shape.repeated_points;
+        self.self_intersecting += usize::from(shape.measures.self_intersecting == Some(true));
+        self.ways.note(shape.measures.clockwise);
+        self.fits.note(&shape.measures);
+        for warning in &shape.warnings {
+            self.warn(warning);
+        }
+    }
+
+    /// What the client should know of the shapes as a whole, and beside those that the cohort has.
+    async fn said(&self, app: &App) -> Result<Vec<String>, ServiceError> {
+        let rule = Rule::of(&self.cohort.spec, self.cohort.spec.mirror);
+        let mixed = match rule.warning(self.ways) {
+            Some(warning) => Some(warning),
+            None if rule.counts() && self.ways != Ways::default() => {
+                let (revisions, filter) = (Revisions::until(self.cohort.revision), &ShapeFilter::default());
+                let wanted =
+                    Listing { revisions, filter, order: None, after: None, limit: 1, geometry: false };
+                let first = app.store.list_shapes(&self.cohort.id, &wanted).await?.shapes;
+                let first = first.first().and_then(|shape| shape.measures.clockwise);
+                first.and_then(|clockwise| rule.warning_beside(self.ways, clockwise))
+            }
+            None => None,
+        };
+        Ok(mixed.into_iter().chain(self.fits.warning()).collect())
     }
 
     /// Pointer to the list of the shapes.
@@ -436,12 +505,8 @@ impl Writer {
         for (index, (external_id, result)) in (first..).zip(results) {
             match result {
                 Ok(shape) => {
-                    self.record(index, external_id, Vec::new());
-                    self.repeated_points += shape.repeated_points;
-                    self.self_intersecting += usize::from(shape.is_self_intersecting);
-                    for warning in &shape.warnings {
-                        self.warn(warning);
-                    }
+                    self.record(index, external_id, Vec::new(), shape.measures.fit.map(MeshResidual::from));
+                    self.note(&shape);
                     good.push(shape);
                 }
                 Err(faults) => {
@@ -449,7 +514,7 @@ impl Writer {
                     if self.refuses() {
                         self.faults.extend(faults);
                     } else {
-                        self.record(index, external_id, faults);
+                        self.record(index, external_id, faults, None);
                     }
                 }
             }
@@ -477,6 +542,7 @@ impl Writer {
         taken: Result<(), ServiceError>,
     ) -> Result<Stored, ServiceError> {
         let list = self.list();
+        let warnings = if taken.is_ok() { self.said(app).await } else { Ok(Vec::new()) };
         let Self { chunks, task, position, treatment, skipped, left_out, results, occasion, .. } = self;
         let Self { repeated_points, self_intersecting, retry, cohort, expected, names, .. } = self;
         drop(chunks);
@@ -484,10 +550,13 @@ impl Writer {
             task.await.map_err(|error| ServiceError::Internal(format!("the writing task: {error}")))?;
         // Errors of the task come first: after it has ended, the writer silently drops further shapes.
         let (mut upload, added, ids) = written?;
-        if let Err(error) = taken {
-            upload.abort().await?;
-            return Err(error);
-        }
+        let warnings = match taken.and(warnings) {
+            Ok(warnings) => warnings,
+            Err(error) => {
+                upload.abort().await?;
+                return Err(error);
+            }
+        };
         if let Some(retry) = &retry
             && let Some(stored) = idempotency::done_before(app, retry).await?
         {
@@ -502,14 +571,7 @@ impl Writer {
                 return Err(error);
             }
         }
-        let (results, ids) = match treatment.returned {
-            Returned::Results => (with_ids(results, ids), Vec::new()),
-            Returned::Ids => {
-                let ids = aligned(ids, &results, position);
-                (results, ids)
-            }
-            Returned::None => (results, Vec::new()),
-        };
+        let (results, ids) = treatment.returned.of(results, ids, position);
         let mut stored = Stored {
             added,
             revision: 0,
@@ -519,6 +581,7 @@ impl Writer {
             left_out,
             repeated_points,
             self_intersecting,
+            warnings,
             note: occasion.note,
         };
         let receipt = |revision| {

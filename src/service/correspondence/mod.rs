@@ -204,7 +204,7 @@ pub fn run(app: &App, handle: &Handle, job: &Job, context: &JobContext) -> Resul
         return Ok(outcome(completed(stored)?));
     }
     let source = handle.block_on(catalogue::find(&app, &plan.cohort))?;
-    let source = Cohort { revision: plan.revision, ..source };
+    let source = source.at(plan.revision);
     let spherical = spherical_of(&app, &source)?;
     let shapes = handle.block_on(attributes::describe(&app, &source, &plan.filter, "/filter"))?;
     let estimate = Estimate::for_correspondence(&spherical, shapes.len(), &plan.options);

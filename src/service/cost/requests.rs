@@ -75,6 +75,11 @@ impl Counts {
         Self { shapes: shapes as f64, ..self }
     }
 
+    /// The same counts with a different number of control points.
+    pub fn with_points(self, points: usize) -> Self {
+        Self { points: points as f64, ..self }
+    }
+
     /// `d·N`.
     fn length(self) -> f64 {
         self.points * self.dimension

@@ -27,13 +27,17 @@ pub struct UsedDictionary {
     pub version: u64,
     /// BLAKE3 digest of the content.
     pub digest: String,
+    /// What should be known of the shapes that it was learnt from; absent if there is nothing to say.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    #[schema(required = false)]
+    pub warnings: Vec<String>,
 }
 
 impl UsedDictionary {
     /// The version that is ready for use.
     pub fn new(ready: &Ready) -> Self {
-        let Listed { id, name, version, digest, .. } = ready.listed.clone();
-        Self { id, name, version, digest }
+        let Listed { id, name, version, digest, provenance, .. } = ready.listed.clone();
+        Self { id, name, version, digest, warnings: provenance.warnings }
     }
 
     /// The version with its digest, in one line.
@@ -47,21 +51,22 @@ impl UsedDictionary {
 pub struct ByDictionary {
     /// The dictionary, at the version that was used.
     dictionary: UsedDictionary,
-    /// Warnings about novelty; absent if there are none.
+    /// Warnings about novelty, and those of the dictionary; absent if there are none.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     #[schema(required = false)]
     warnings: Vec<String>,
 }
 
 impl ByDictionary {
-    /// Without warnings: for answers that do not say what is novel.
+    /// With the warnings of the dictionary alone: for answers that do not say what is novel.
     pub fn new(ready: &Ready) -> Self {
-        Self { dictionary: UsedDictionary::new(ready), warnings: Vec::new() }
+        let dictionary = UsedDictionary::new(ready);
+        Self { warnings: dictionary.warnings.clone(), dictionary }
     }
 
     /// With warnings about novelty.
     pub fn with_warnings(ready: &Ready) -> Self {
-        Self { warnings: coding::outlier_warnings(ready), ..Self::new(ready) }
+        Self { warnings: coding::warnings(ready), ..Self::new(ready) }
     }
 
     /// With warnings about novelty, also of shapes with missing parts if the dictionary is prepared for them.

@@ -422,7 +422,7 @@ pub fn run(app: &App, handle: &Handle, job: &Job, context: &JobContext) -> Resul
 /// The request of a stored plan.
 async fn restored(app: &App, plan: Plan) -> Result<Planned, ServiceError> {
     let cohort = catalogue::find(app, &plan.cohort).await?;
-    let cohort = Cohort { revision: plan.revision, ..cohort };
+    let cohort = cohort.at(plan.revision);
     let ready = ready::find(app, &plan.dictionary).await?;
     let shapes = app.store.count(&cohort.id, Revisions::until(plan.revision), &plan.filter).await?;
     let shapes = usize::try_from(shapes).unwrap_or(usize::MAX);

@@ -253,11 +253,16 @@ pub(crate) fn check_quantile(quantile: f64) -> Result<(), ServiceError> {
 }
 
 /// Caveats about the outliers that a dictionary reports.
-pub fn outlier_warnings(ready: &Ready) -> Vec<String> {
+fn outlier_warnings(ready: &Ready) -> Vec<String> {
     match ready.dictionary.content.statistics.held_out {
         Some(_) => Vec::new(),
         None => vec![IN_SAMPLE.into()],
     }
+}
+
+/// Caveats about the outliers that a dictionary reports, and about the shapes that it was learnt from.
+pub fn warnings(ready: &Ready) -> Vec<String> {
+    [outlier_warnings(ready), ready.listed.provenance.warnings.clone()].concat()
 }
 
 const IN_SAMPLE: &str = "this dictionary has no measures of held-out shapes: outliers and ranks are relative to \

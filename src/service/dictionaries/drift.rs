@@ -105,7 +105,7 @@ fn compared(
     let source = StoredShapes::new(app, handle, cohort, &provenance.filter, since, &ready.setup, &stop)?;
     // Training shapes, as far as they still exist.
     let training = |most: usize| {
-        let cohort = Cohort { revision: provenance.cohort_revision, ..cohort.clone() };
+        let cohort = cohort.clone().at(provenance.cohort_revision);
         let shapes = StoredShapes::new(app, handle, &cohort, &provenance.filter, 0, &ready.setup, &stop)?;
         ShapesInMemory::sample(&shapes, HALVED_SEED, most)
     };

@@ -25,9 +25,16 @@ use crate::service::shapes::read::admit_linear;
 
 /// Name of the file format.
 const FORMAT: &str = "shapelex-dictionary";
-/// Versions of the format: see [`Content::format_version`], the lowest one, so that a file stays the same when it is imported and
-/// exported again.
+/// Versions of the format: see [`format_version`], the lowest one, so that a file stays the same when it is imported and exported again.
 const FORMAT_VERSIONS: RangeInclusive<u32> = 1..=4;
+/// Maximum number of warnings about the shapes, and their maximum length.
+const MOST_WARNINGS: usize = 10;
+const MAX_WARNING_CHARS: usize = 1000;
+
+/// Lowest version that can represent a dictionary: that of its content, the fourth with warnings about the shapes.
+fn format_version(provenance: &Provenance, content: &Content) -> u32 {
+    if provenance.warnings.is_empty() { content.format_version() } else { 4 }
+}
 
 /// A dictionary as a single file in JSON, described in `docs/dictionaries.md`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
@@ -105,7 +112,7 @@ pub struct DictionaryFile {
     /// Name of the format: `shapelex-dictionary`.
     pub format: String,
     /// Version of the format: 1, 2 with measures of held-out shapes, 3 with shapes that a robust dictionary leaves out, 4 with held-out
-    /// shapes that were chosen by a seed.
+    /// shapes that were chosen by a seed, or with warnings about the shapes.
     #[schema(minimum = 1, maximum = 4)]
     pub format_version: u32,
     /// Name under which the dictionary was learnt.
@@ -124,7 +131,7 @@ impl DictionaryFile {
         let (listed, content) = (&ready.listed, &ready.dictionary.content);
         Self {
             format: FORMAT.into(),
-            format_version: content.format_version(),
+            format_version: format_version(&listed.provenance, content),
             name: listed.name.clone(),
             digest: listed.digest.clone(),
             provenance: listed.provenance.clone(),
@@ -185,6 +192,15 @@ fn checked_file(
     if listed > MOST_LISTED {
         let detail = format!("expected at most {MOST_LISTED} shapes, got {listed}");
         return Err(ServiceError::invalid("/provenance/less_counted", detail));
+    }
+    let warnings = &file.provenance.warnings;
+    if warnings.len() > MOST_WARNINGS || warnings.iter().any(|text| text.chars().count() > MAX_WARNING_CHARS)
+    {
+        let found = warnings.len();
+        let detail = format!(
+            "expected at most {MOST_WARNINGS} warnings of at most {MAX_WARNING_CHARS} characters, got {found}"
+        );
+        return Err(ServiceError::invalid("/provenance/warnings", detail));
     }
     let text = text_of(&file.content, &file.digest)?;
     let admitted = check_content(&file.content, &app.limits);

@@ -22,17 +22,20 @@ use crate::analysis::dictionary::learn::{Learner, Learnt};
 use crate::analysis::dictionary::model::Coded;
 use crate::analysis::dictionary::procedure;
 use crate::analysis::estimate::{self, Stage, Trainings};
+use crate::analysis::matching::Disagreement;
 use crate::analysis::watch::{Phase, Watch};
-use crate::domain::cohort::Cohort;
+use crate::domain::cohort::{Cohort, CohortSpec};
 use crate::domain::dictionary::{LessCountedShape, NewDictionary, Provenance, Summary};
 use crate::domain::id;
 use crate::domain::job::Job;
 use crate::formats::json;
 use crate::service::app::progress::{JobContext, Meter, Part};
 use crate::service::app::{App, ServiceError, now_ms};
+use crate::service::cohorts::caveats;
 use crate::service::cohorts::placements::{KnownPlacements, SearchSettings, Which};
 use crate::service::cohorts::source::{Distribute, StoredShapes, Work};
 use crate::service::jobs::Outcome;
+use crate::service::shapes::directions::is_warning;
 use crate::service::statistics::Setup;
 use crate::store::Revisions;
 
@@ -87,6 +90,7 @@ pub fn learn(
         None => None,
         Some(id) => Some(Previous::read(app, handle, id)?),
     };
+    let known = previous.as_ref().map_or_else(Vec::new, |previous| previous.warnings.clone());
     let setup = Setup::of(app, plan.settings(&cohort))?;
     let shapes = count(app, handle, plan)?;
     let meter = meter(plan, &setup, shapes, context);
@@ -95,7 +99,7 @@ pub fn learn(
         None => Box::new(Spreading { app, handle, job, plan }),
     };
     let task = Task { app, handle, job, plan, cohort: &cohort, setup: &setup, context, meter, others };
-    let (content, state, less_counted) = task.content(previous)?;
+    let Found { content, state, less_counted, disagreement } = task.content(previous)?;
     let text = serde_json::to_vec(&content)
         .map_err(|error| ServiceError::Internal(format!("a dictionary is not JSON: {error}")))?;
     let provenance = Provenance {
@@ -107,6 +111,7 @@ pub fn learn(
         continued_from: plan.continue_from.clone(),
         program: program(),
         less_counted,
+        warnings: task.warnings(known, disagreement)?,
     };
     Ok(NewDictionary {
         id: id::new_id(id::DICTIONARY),
@@ -152,6 +157,7 @@ struct Previous {
     content: Content,
     revision: u64,
     state: Vec<u8>,
+    warnings: Vec<String>,
 }
 
 impl Previous {
@@ -160,8 +166,19 @@ impl Previous {
         let dictionary = handle.block_on(app.store.read_dictionary(id))?.ok_or_else(gone)?;
         let state = handle.block_on(app.store.read_dictionary_state(id))?;
         let state = state.ok_or_else(|| ServiceError::invalid("/continue_from", NO_STATE))?;
-        Ok(Self { content: dictionary.content, revision: dictionary.provenance.cohort_revision, state })
+        let Provenance { cohort_revision, warnings, .. } = dictionary.provenance;
+        Ok(Self { content: dictionary.content, revision: cohort_revision, state, warnings })
     }
+}
+
+/// What a run of a plan has found.
+struct Found {
+    content: Content,
+    /// The sums from which learning can continue.
+    state: Vec<u8>,
+    /// The shapes that count less.
+    less_counted: Vec<LessCountedShape>,
+    disagreement: Option<Disagreement>,
 }
 
 /// One run of a plan.
@@ -214,11 +231,8 @@ impl Watch for Task<'_> {
 }
 
 impl Task<'_> {
-    /// The learnt content, the sums from which learning can continue, and the shapes that count less.
-    fn content(
-        &self,
-        previous: Option<Previous>,
-    ) -> Result<(Content, Vec<u8>, Vec<LessCountedShape>), ServiceError> {
+    /// The learnt content, and what was found on the way.
+    fn content(&self, previous: Option<Previous>) -> Result<Found, ServiceError> {
         let stop = || self.context.is_cancelled();
         let known = self.known_placements();
         let known = known.as_ref().map(|(known, which)| (&**known, *which));
@@ -228,7 +242,7 @@ impl Task<'_> {
         let learner = Learner { recipe: &recipe, measured: self.setup.measured(), watch: self, help: &help };
         let learn = || match &previous {
             None => Ok(learner.learn(&shapes)?),
-            Some(Previous { content, revision, state }) => {
+            Some(Previous { content, revision, state, .. }) => {
                 let new = self.shapes(*revision, &stop)?;
                 let previous = procedure::Previous { content, state };
                 Ok::<_, ServiceError>(learner.continue_from(previous, &shapes, &new)?)
@@ -238,12 +252,25 @@ impl Task<'_> {
             Err(_) if self.others.has_failed_to_code() => learn(),
             learnt => learnt,
         };
-        let Learnt { mut dictionary, state, less_counted } = learnt?;
+        let Learnt { mut dictionary, state, less_counted, disagreement } = learnt?;
         if let Some(settings) = &self.plan.classifier {
             dictionary.content.classifier = Some(self.classifier(&shapes, settings, &dictionary)?);
         }
-        let named = shapes.less_counted(less_counted, LISTED_NUMBERS)?;
-        Ok((dictionary.content, state, named))
+        let less_counted = shapes.less_counted(less_counted, LISTED_NUMBERS)?;
+        Ok(Found { content: dictionary.content, state, less_counted, disagreement })
+    }
+
+    /// What should be known of the shapes; `known` is what the continued version says of their parameters.
+    fn warnings(
+        &self,
+        known: Vec<String>,
+        disagreement: Option<Disagreement>,
+    ) -> Result<Vec<String>, ServiceError> {
+        let Plan { filter, mirror, .. } = self.plan;
+        let directions = caveats::of_directions(self.app, self.cohort, filter, *mirror);
+        let directions = self.handle.block_on(directions)?;
+        let known = known.into_iter().filter(|text| !is_warning(text));
+        Ok(directions.into_iter().chain(known).chain(caveats::of_parameters(disagreement)).collect())
     }
 
     /// Placements that a search for the same mean has found, of which the dictionary does not depend: those of all shapes at the same
@@ -253,7 +280,9 @@ impl Task<'_> {
         let Plan { transformation, alignment, mirror, filter, revision, robust, .. } = self.plan;
         let (transformation, filter) = (transformation.clone(), filter.clone());
         let (alignment, mirror, robust) = (*alignment, *mirror, *robust);
-        let settings = SearchSettings { transformation, alignment, mirror, filter, robust };
+        let CohortSpec { correspondence, direction, .. } = self.cohort.spec;
+        let settings =
+            SearchSettings { transformation, alignment, correspondence, direction, mirror, filter, robust };
         let known = KnownPlacements::find(self.app, &self.cohort.id, &settings)?;
         let is_same = known.revision == *revision && known.started_from.is_none() && !robust;
         Some((known, if is_same { Which::All } else { Which::Leading }))

@@ -47,6 +47,9 @@ pub struct Plan {
     /// Settings of the classifier, if one is wanted.
     #[serde(default)]
     pub classifier: Option<ClassifierSettings>,
+    /// Whether the client says that the parameters of surfaces correspond.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub corresponding: bool,
     /// Id of the version from which learning continues.
     pub continue_from: Option<String>,
 }
@@ -66,8 +69,9 @@ impl Plan {
         let cohort = handle.block_on(app.store.find_cohort(&self.cohort))?;
         let cohort =
             cohort.ok_or_else(|| ServiceError::NotFound { kind: "cohort", key: self.cohort.clone() })?;
+        let cohort = cohort.at(self.revision);
         let spec = CohortSpec { mirror: self.mirror, ..cohort.spec };
-        Ok(Cohort { revision: self.revision, spec, ..cohort })
+        Ok(Cohort { spec, ..cohort })
     }
 
     /// Parameters of learning from `cohort`.

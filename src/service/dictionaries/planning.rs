@@ -32,6 +32,7 @@ use crate::service::app::error::parameter_fault;
 use crate::service::app::{App, Limits, Page, ServiceError};
 use crate::service::cohorts::attributes::{FilterPlace, refuse_unknown};
 use crate::service::cohorts::catalogue;
+use crate::service::cohorts::caveats;
 use crate::service::cohorts::measures;
 use crate::service::cost::requests;
 use crate::service::jobs;
@@ -70,6 +71,8 @@ pub enum From {
         robust: bool,
         /// Seed of the choice of the shapes that are held out.
         held_out_seed: u64,
+        /// Whether the client says that the parameters of surfaces correspond.
+        corresponding: bool,
         /// Settings of the classifier, if one is wanted.
         classifier: Option<Box<ClassifierSettings>>,
     },
@@ -117,6 +120,7 @@ pub async fn plan(app: &App, learn: Learn) -> Result<Planned, ServiceError> {
         refuse_unknown(app, &cohort, &plan.filter, FilterPlace::Body("/filter")).await?;
     }
     check_count(&plan, since, shapes)?;
+    check_correspondence(app, &cohort, &plan).await?;
     if let Some(classifier) = &plan.classifier {
         check_classifier(app, &cohort, &plan, classifier, shapes).await?;
     }
@@ -140,6 +144,7 @@ async fn started(app: &App, learn: Learn, cohort: &Cohort) -> Result<(Plan, u64)
             method,
             robust,
             held_out_seed,
+            corresponding,
             classifier,
         } => {
             let usual = Alignment::usual(&transformation, cohort.spec.representation.dimension());
@@ -156,6 +161,7 @@ async fn started(app: &App, learn: Learn, cohort: &Cohort) -> Result<(Plan, u64)
                 robust,
                 held_out_seed,
                 classifier: classifier.map(|settings| *settings),
+                corresponding,
                 continue_from: None,
             };
             Ok((plan, 0))
@@ -246,6 +252,11 @@ async fn continued(app: &App, name: String, cohort: &Cohort, key: &str) -> Resul
             cohort.spec.name
         )));
     }
+    let spec = &cohort.spec;
+    if (content.correspondence, content.direction) != (spec.correspondence, spec.direction) {
+        let detail = "the correspondence or direction of the cohort has changed since: learn again from the whole cohort";
+        return Err(at(detail.into()));
+    }
     if app.store.read_dictionary_state(&ready.listed.id).await?.is_none() {
         return Err(at(NO_STATE.into()));
     }
@@ -283,9 +294,21 @@ async fn continued(app: &App, name: String, cohort: &Cohort, key: &str) -> Resul
         robust: false,
         held_out_seed: Recipe::of(content).held_out_seed,
         classifier: None,
+        corresponding: false,
         continue_from: Some(ready.listed.id.clone()),
     };
     Ok((plan, since))
+}
+
+/// Refuses surfaces that came as meshes, unless the client says that their parameters correspond.
+async fn check_correspondence(app: &App, cohort: &Cohort, plan: &Plan) -> Result<(), ServiceError> {
+    if plan.corresponding || plan.continue_from.is_some() {
+        return Ok(());
+    }
+    match caveats::refusal(app, cohort, &plan.filter).await? {
+        Some(detail) => Err(ServiceError::invalid("/corresponding", detail)),
+        None => Ok(()),
+    }
 }
 
 fn check_count(plan: &Plan, since: u64, shapes: u64) -> Result<(), ServiceError> {

@@ -134,7 +134,7 @@ impl Training {
         let provenance = &ready.listed.provenance;
         let cohort = app.store.find_cohort(&provenance.cohort).await?;
         let gone = || ServiceError::NotFound { kind: "cohort", key: provenance.cohort_name.clone() };
-        let cohort = Cohort { revision: provenance.cohort_revision, ..cohort.ok_or_else(gone)? };
+        let cohort = cohort.ok_or_else(gone)?.at(provenance.cohort_revision);
         app.touched.note("cohort_id", &cohort.id);
         let content = &ready.dictionary.content;
         let learnt_from = content.statistics.shapes + content.robust.map_or(0, |robust| robust.rejected);
@@ -258,13 +258,14 @@ impl PlannedTest for PlannedReport {
         let (control_points, weights) = selection.read(app, handle, cohort, length, &stop)?;
         let training = TrainingShapes { control_points, weights, subjects: subjects.clone() };
         let found = ready.dictionary.report(&ready.setup.space, training, &plan.options, &meter);
-        let found = found.map_err(|error| match error {
+        let mut found = found.map_err(|error| match error {
             AnalysisError::Parameter { field: "shapes", .. } => changed("their statistics differ"),
             AnalysisError::Parameter { field: "dictionary", detail } => {
                 ServiceError::parameter("dictionary", detail)
             }
             other => selection.named(other.into(), &cohort.spec.name),
         })?;
+        found.warnings.extend(provenance.warnings.clone());
         Ok(DictionaryReport {
             dictionary: UsedDictionary::new(ready),
             cohort: cohort.id.clone(),

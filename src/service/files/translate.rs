@@ -4,6 +4,7 @@ use bytes::Bytes;
 use futures_util::Stream;
 
 use super::format::{FileFormat, file_limits};
+use super::proposal::FirstShapes;
 use super::writing::write;
 use crate::formats::files::{
     FileError, Format, Inspection, ReadOptions, Record, Sink, Source, Summary, WriteOptions,
@@ -36,7 +37,7 @@ impl FileReading {
     }
 }
 
-/// Tells what is in a file.
+/// Tells what is in a file, with its first shapes of each kind.
 ///
 /// # Errors
 /// Faults of the file; a body that breaks off or stalls.
@@ -44,16 +45,18 @@ pub async fn inspect(
     app: &App,
     stream: impl Stream<Item = Result<Bytes, ServiceError>>,
     reading: FileReading,
-) -> Result<(FileSummary, Inspection), ServiceError> {
+) -> Result<(FileSummary, Inspection, FirstShapes), ServiceError> {
     let limits = app.limits;
     read_incoming(app, stream, file_limits(&limits), &mut None, move |source, stop| {
         let (mut found, mut unstored) = (Inspection::default(), Summary::default());
+        let mut first = FirstShapes::default();
         let summary = read(source, &stop, &reading, &limits, &mut |record| {
             found.add(&record);
+            first.offer(&record, &limits);
             count_unstored(&record, None, &mut unstored);
             Ok(())
         })?;
-        Ok((summary.without(unstored), found))
+        Ok((summary.without(unstored), found, first))
     })
     .await
 }

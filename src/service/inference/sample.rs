@@ -56,5 +56,5 @@ pub(super) fn subject_warning(shapes: &[ShapeDescription], strata: &[String]) ->
 pub(super) fn cohort_at(app: &App, handle: &Handle, id: &str, revision: u64) -> Result<Cohort, ServiceError> {
     let cohort = handle.block_on(app.store.find_cohort(id))?;
     let cohort = cohort.ok_or_else(|| ServiceError::NotFound { kind: "cohort", key: id.into() })?;
-    Ok(Cohort { revision, ..cohort })
+    Ok(cohort.at(revision))
 }

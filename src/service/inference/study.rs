@@ -26,6 +26,8 @@ use crate::geometry::drawing::scene::Drawing;
 use crate::service::app::progress::{JobContext, Meter, Part};
 use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::catalogue;
+use crate::service::cohorts::caveats::of_descriptions;
+use crate::service::cohorts::directed;
 use crate::service::cohorts::selection::Selection;
 use crate::service::cost::requests;
 use crate::service::jobs::inline_or_job::PlannedTest;
@@ -236,6 +238,7 @@ impl<K: StudyKind> Study<K> {
     }
 
     async fn for_cohort(app: &App, cohort: Cohort, plan: Plan<K::Options>) -> Result<Self, ServiceError> {
+        directed::complete(app, &cohort).await?;
         let sample = K::select(app, &cohort, &plan).await?;
         let (task_app, settings) = (app.clone(), plan.settings(&cohort));
         let preparing = app.pool.weighing(requests::space(&cohort.spec.representation, &app.limits));
@@ -252,6 +255,11 @@ impl<K: StudyKind> Study<K> {
         let rest = (self.estimate.multiply_adds - alignment.multiply_adds).max(0.0);
         let parts = vec![Part { work: alignment.multiply_adds, count }, Part { work: rest, count: f64::MAX }];
         Meter::new(context, parts, 0.0)
+    }
+
+    /// What should be known of the shapes in the result.
+    pub(super) fn caveats(&self) -> Vec<String> {
+        of_descriptions(&self.cohort, self.sample.selection().shapes, self.plan.mirror)
     }
 
     /// The space of the study.

@@ -20,11 +20,14 @@ use crate::formats::shape::ShapeInput;
 use crate::service::app::progress::JobContext;
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::cohorts::attributes::{FilterPlace, refuse_unknown};
+use crate::service::cohorts::caveats;
+use crate::service::cohorts::directed;
 use crate::service::cohorts::measures;
 use crate::service::cohorts::source::StoredShapes;
 use crate::service::cohorts::{catalogue, source};
 use crate::service::cost::requests::{self, Counts};
 use crate::service::jobs::{self, Outcome};
+use crate::service::shapes::directions::Ways;
 use crate::service::shapes::read;
 use crate::service::statistics::{CheckedSettings, Settings, Setup};
 use crate::store::{Ids, Revisions};
@@ -153,9 +156,13 @@ fn matrix_of_posted(
 ) -> Result<NamedMatrix, ServiceError> {
     let (ids, labels) = shapes.iter().enumerate().map(posted_names).unzip();
     let control_points = read::read_batch(&compared.setup.reading(&app.limits), shapes)?.control_points;
+    let Setup { space, .. } = &compared.setup;
+    let mixed = compared.setup.rule().warning(Ways::of_points(space, &control_points));
     let context = app.pool.context();
     let go_on = |_: f64| !context.is_cancelled();
-    matrix_of(compared, Named { ids, labels, control_points, field: "shapes" }, &go_on)
+    let mut matrix = matrix_of(compared, Named { ids, labels, control_points, field: "shapes" }, &go_on)?;
+    matrix.fields.insert("warnings".into(), mixed.into_iter().collect());
+    Ok(matrix)
 }
 
 fn posted_names((position, shape): (usize, &ShapeInput)) -> (String, Option<String>) {
@@ -279,7 +286,7 @@ pub fn run(app: &App, handle: &Handle, job: &Job, context: &JobContext) -> Resul
         .map_err(|error| ServiceError::Internal(format!("the parameters of a job: {error}")))?;
     let cohort = handle.block_on(app.store.find_cohort(&plan.cohort))?;
     let cohort = cohort.ok_or_else(|| ServiceError::NotFound { kind: "cohort", key: plan.cohort.clone() })?;
-    let cohort = Cohort { revision: plan.revision, ..cohort };
+    let cohort = cohort.at(plan.revision);
     context.report("read", 0.0, None);
     let compared = Compared::new(Setup::of(app, plan.comparison.settings(&cohort))?)?;
     let matrix = plan.matrix(app, handle, (&cohort, &compared), context)?;
@@ -318,9 +325,23 @@ impl Plan {
                 matrix_of_stored(&compared.space, &shapes, &go_on)?
             }
         };
+        matrix.fields.insert("warnings".into(), Value::from(self.warnings(app, handle, cohort)?));
         matrix.fields.insert("cohort".into(), Value::from(cohort.id.clone()));
         matrix.fields.insert("cohort_revision".into(), Value::from(self.revision));
         Ok(matrix)
+    }
+
+    /// What should be known of the shapes.
+    fn warnings(&self, app: &App, handle: &Handle, cohort: &Cohort) -> Result<Vec<String>, ServiceError> {
+        let mirror = self.comparison.mirror.unwrap_or(cohort.spec.mirror);
+        match &self.chosen {
+            Chosen::Filter(filter) => handle.block_on(caveats::of_selection(app, cohort, filter, mirror)),
+            Chosen::Ids(keys) => {
+                handle.block_on(directed::complete(app, cohort))?;
+                let shapes = handle.block_on(source::find_all(app, cohort, keys))?;
+                Ok(caveats::of_measures(cohort, shapes.iter().map(|shape| &shape.measures), mirror))
+            }
+        }
     }
 }
 

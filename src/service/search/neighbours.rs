@@ -21,6 +21,7 @@ use crate::domain::shape::ShapeAttributes;
 use crate::formats::shape::ShapeInput;
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::cohorts::attributes::{FilterPlace, refuse_unknown};
+use crate::service::cohorts::caveats;
 use crate::service::cohorts::measures;
 use crate::service::cohorts::source::StoredShapes;
 use crate::service::cohorts::{catalogue, source};
@@ -59,6 +60,8 @@ pub enum Queries {
 pub struct Found {
     /// Revision of the cohort that was searched.
     pub cohort_revision: u64,
+    /// What should be known of the shapes that were compared.
+    pub warnings: Vec<String>,
     /// One list per query, by ascending distance.
     pub neighbours: Vec<Vec<FoundNeighbour>>,
 }
@@ -108,6 +111,8 @@ pub async fn search(app: &App, key: &str, search: Search) -> Result<Found, Servi
             Ok((setup, space))
         })
         .await?;
+    let mirror = comparison.mirror.unwrap_or(cohort.spec.mirror);
+    let warnings = caveats::of_selection(app, &cohort, &filter, mirror).await?;
     let work = predicted(app, &cohort, &space, queries.count(), (&filter, &comparison));
     let (task_cohort, own) = (cohort.clone(), queries.ids().to_vec());
     // A stored query is its own neighbour, and removed in the end.
@@ -127,7 +132,7 @@ pub async fn search(app: &App, key: &str, search: Search) -> Result<Found, Servi
         list.retain(|neighbour| own.get(query) != Some(&neighbour.id));
         list.truncate(neighbours);
     }
-    Ok(Found { cohort_revision: cohort.revision, neighbours: found })
+    Ok(Found { cohort_revision: cohort.revision, warnings, neighbours: found })
 }
 
 fn check_sizes(app: &App, search: &Search) -> Result<(), ServiceError> {

@@ -15,6 +15,7 @@ use crate::segmentation::frame::Frame;
 use crate::segmentation::snake::Model;
 use crate::segmentation::snake::kind::SpaceModel;
 use crate::service::app::{App, ServiceError};
+use crate::service::shapes::directions::Ways;
 use crate::service::shapes::outcome::{OnError, Outcomes, of_shape};
 use crate::service::shapes::read;
 use crate::service::statistics::{CheckedSettings, Setup};
@@ -43,7 +44,7 @@ pub struct PriorEnergy {
 }
 
 /// Prior energies of shapes. The start point, the direction and the mirror image of each are those that fit the reference best, as
-/// far as the settings search for them.
+/// far as the settings search for them. With them a warning of contours drawn both ways round, if that matters.
 ///
 /// # Errors
 /// A weight out of range, at `/weight`; enclosing shapes without a model, at `/representation`; faults of the input. Under
@@ -54,7 +55,7 @@ pub fn energies(
     weight: f64,
     reference: ShapeInput,
     (shapes, on_error): (Vec<ShapeInput>, OnError),
-) -> Result<Outcomes<PriorEnergy>, ServiceError> {
+) -> Result<(Outcomes<PriorEnergy>, Option<String>), ServiceError> {
     if !WEIGHTS.contains(&weight) {
         let detail = format!("expected a number between 0 and {:e}, got {weight}", WEIGHTS.end);
         return Err(ServiceError::invalid("/weight", detail));
@@ -68,13 +69,14 @@ pub fn energies(
     let model = model.map_err(|fault| ServiceError::below(vec![Fault::from(fault)], "/representation"))?;
     let reading = setup.reading(&app.limits);
     let (reference, shapes) = read::read_with_reference(&reading, reference, (shapes, on_error))?;
+    let mixed = setup.rule().warning(Ways::of_each(&setup.space, &reference, &shapes));
     let found = match (&model, setup.metric.dimension()) {
         (Some(SpaceModel::Plane(model)), _) => of_all(app, &setup, Some(&**model), weight, reference, shapes),
         (Some(SpaceModel::Space(model)), _) => of_all(app, &setup, Some(&**model), weight, reference, shapes),
         (None, 2) => of_all::<2>(app, &setup, None, weight, reference, shapes),
         (None, _) => of_all::<3>(app, &setup, None, weight, reference, shapes),
     };
-    found?.checked(on_error)
+    Ok((found?.checked(on_error)?, mixed))
 }
 
 fn of_all<const D: usize>(

@@ -11,6 +11,7 @@ use crate::domain::filter::ShapeFilter;
 use crate::geometry::representation::Representation;
 use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::catalogue;
+use crate::service::cohorts::caveats;
 use crate::service::cohorts::live_mean::{self, MeanQuery, SearchStart};
 use crate::service::dictionaries::ready::{self, Ready};
 
@@ -66,13 +67,19 @@ pub async fn find(
                 return Err(ServiceError::invalid("/prior/transformation", detail));
             };
             let cohort = catalogue::find(app, &key).await?;
+            let all = ShapeFilter::default();
+            if let Some(found) = caveats::of_meshes(app, &cohort, &all).await? {
+                let detail = format!("expected surfaces whose parameters correspond, got others: {found}");
+                return Err(ServiceError::invalid("/prior/cohort", detail));
+            }
             let query = MeanQuery {
                 transformation,
                 alignment,
                 frame: Frame::default(),
-                filter: ShapeFilter::default(),
+                filter: all,
                 start: SearchStart::default(),
                 robust: false,
+                corresponding: true,
             };
             let live = live_mean::mean(app, cohort, query).await?;
             let representation = live.cohort.spec.representation.clone();

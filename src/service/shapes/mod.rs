@@ -4,7 +4,7 @@
 //! * [`read`] — control points of posted shapes; [`read_points`], [`read_mesh`], [`read_oriented`] — points, meshes, and
 //!   points with normals as posted; [`request`] — shapes of a request in their space; [`spaces`] — prepared spaces;
 //!   [`each`] — parallel work on a list; [`names`], [`outcome`] — names of the
-//!   shapes of a request, and values for them or their errors;
+//!   shapes of a request, and values for them or their errors; `directions` — which way closed curves run;
 //! * [`evaluate`], [`measure`], [`mesh`], [`draw`] — values, measures, triangle meshes, drawings;
 //! * [`fit`], [`resample`], [`idealise`] — shapes from points, meshes and formulas;
 //! * [`refine`], [`resize`], [`subdivide`] — other grids of knots; refined meshes and polylines;
@@ -12,6 +12,7 @@
 //! * [`generators`] — generators asked for in a query.
 
 pub mod deform;
+pub(crate) mod directions;
 pub mod draw;
 pub mod each;
 pub mod evaluate;

@@ -67,6 +67,11 @@ impl<T> Outcomes<T> {
         self.0.is_empty()
     }
 
+    /// The values that there are, in order.
+    pub(crate) fn values(&self) -> impl Iterator<Item = &T> {
+        self.0.iter().filter_map(|outcome| outcome.as_ref().ok())
+    }
+
     /// Outcomes in order.
     pub fn into_vec(self) -> Vec<Result<T, ServiceError>> {
         self.0

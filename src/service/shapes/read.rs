@@ -9,7 +9,7 @@ use serde::de::DeserializeOwned;
 
 use super::outcome::{OnError, Outcomes};
 use super::read_points::given;
-use crate::analysis::conversion::{Conversion, Converted};
+use crate::analysis::conversion::{Beginning, Conversion, Converted};
 use crate::analysis::correspondence::{Correspondence, Mirror};
 use crate::domain::attribute::{LARGEST_WHOLE, is_beyond};
 use crate::domain::key::is_deceptive;
@@ -161,7 +161,7 @@ impl Reading<'_> {
 
     fn take(&self, list: &PointList) -> Result<Converted, Vec<Fault>> {
         let control_points = self.matrix(list)?;
-        self.conversion.take(control_points).map(unrepeated).map_err(|fault| vec![fault.into()])
+        self.conversion.take(control_points).map_err(|fault| vec![fault.into()])
     }
 
     fn matrix(&self, list: &PointList) -> Result<Matrix, Vec<Fault>> {
@@ -185,7 +185,7 @@ impl Reading<'_> {
 }
 
 fn unrepeated(control_points: Matrix) -> Converted {
-    Converted { control_points, repeated_points: 0 }
+    Converted { control_points, repeated_points: 0, beginning: Beginning::default() }
 }
 
 /// Tangents of poles with numbers out of range.
@@ -221,6 +221,8 @@ pub struct ReadShape {
     pub points: usize,
     /// Number of repeated points that were dropped.
     pub repeated_points: usize,
+    /// How a contour ran as it was given.
+    pub beginning: Beginning,
 }
 
 /// Control points and attributes of a posted shape.
@@ -234,9 +236,9 @@ pub fn read_shape(reading: &Reading<'_>, shape: ShapeInput) -> Result<ReadShape,
     }
     let points = given(&shape.points).or(given(&shape.control_points)).map_or(0, PointList::len);
     match (reading.convert(&shape), attributes(shape)) {
-        (Ok(Converted { control_points, repeated_points }), Ok(attributes)) => {
+        (Ok(Converted { control_points, repeated_points, beginning }), Ok(attributes)) => {
             let control_points = control_points.as_slice().to_vec();
-            Ok(ReadShape { control_points, attributes, points, repeated_points })
+            Ok(ReadShape { control_points, attributes, points, repeated_points, beginning })
         }
         (converted, attributes) => {
             Err(converted.err().into_iter().chain(attributes.err()).flatten().collect())

@@ -13,6 +13,7 @@ use super::recipe::Recipe;
 use crate::AnalysisError;
 use crate::accumulate::{KEPT_BYTES, ShapeSource, ShapesInMemory, Watched};
 use crate::factors::{Estimator, Factors, RobustSummary};
+use crate::matching::Disagreement;
 use crate::partial_sums::Measured;
 use crate::robust::{LessCounted, Listed, Retained, mean_by};
 use crate::watch::{Phase, Quiet, Watch};
@@ -32,6 +33,9 @@ pub struct Learnt {
     pub state: Vec<u8>,
     /// Shapes that count less in a robust dictionary, at most [`MOST_LISTED`], by ascending factors.
     pub less_counted: Vec<LessCounted>,
+    /// Whether the parameters of surfaces that correspond as given disagree with those of the mean; `None` for other shapes, and where
+    /// an earlier version is continued.
+    pub disagreement: Option<Disagreement>,
 }
 
 /// Learns a dictionary from `shapes`: whitened, and centred if the class translates, as
@@ -83,16 +87,17 @@ impl Learner<'_> {
         self.enter(Phase::Mean)?;
         let estimator = self.recipe.estimator;
         let mean = mean_of(estimator, self.recipe, self.measured, shapes);
-        let (mean, factors) = mean.map_err(|error| shapes.located(error))?;
+        let FirstMean { mean, factors, disagreement } = mean.map_err(|error| shapes.located(error))?;
         let Some(factors) = factors else {
-            return self.finish((shapes, shapes), mean, None, None, self.help);
+            let learnt = self.finish((shapes, shapes), mean, None, None, self.help)?;
+            return Ok(Learnt { disagreement, ..learnt });
         };
         // Wrong shapes must not become atoms, nor set the limit of outliers: what follows does not see them.
         let retained = Retained::new(shapes, &factors.factors);
         let mut learnt =
             self.finish((&retained, &retained), mean, None, Some(factors.summary()), &|_| Ok(None))?;
         learnt.less_counted = self.less_counted(shapes, &factors, &learnt.dictionary.content)?;
-        Ok(learnt)
+        Ok(Learnt { disagreement, ..learnt })
     }
 
     /// Continues an earlier version with the shapes of `new`, which are among `shapes`. Its mean shape is kept.
@@ -138,7 +143,7 @@ impl Learner<'_> {
         let anew = previous.is_none();
         let held_out = held_out::statistics(shapes, &dictionary, self.recipe, &state, anew, self.watch);
         let dictionary = dictionary.holding_out(held_out.map_err(|error| shapes.located(error))?);
-        Ok(Learnt { dictionary, state, less_counted: Vec::new() })
+        Ok(Learnt { dictionary, state, less_counted: Vec::new(), disagreement: None })
     }
 
     /// Learns from prepared shapes, which are kept in memory if they fit. Components take a single pass and read them from the
@@ -179,15 +184,24 @@ pub(super) fn bytes(shapes: &dyn ShapeSource, preparation: &Preparation) -> usiz
     shapes.count().saturating_mul(8 * preparation.metric.len())
 }
 
+/// The mean from which learning begins.
+struct FirstMean {
+    mean: MeanRecord,
+    /// Factors of a robust mean.
+    factors: Option<Factors>,
+    disagreement: Option<Disagreement>,
+}
+
 fn mean_of(
     estimator: Estimator,
     recipe: &Recipe,
     measured: Measured<'_>,
     shapes: &dyn ShapeSource,
-) -> Result<(MeanRecord, Option<Factors>), AnalysisError> {
+) -> Result<FirstMean, AnalysisError> {
     let Measured { metric, method, matching } = measured;
     let mean = mean_by(estimator, shapes, metric, method, recipe.frame, matching)?;
-    Ok((MeanRecord::of(&mean, metric.dimension()), mean.robust))
+    let record = MeanRecord::of(&mean, metric.dimension());
+    Ok(FirstMean { mean: record, factors: mean.robust, disagreement: mean.disagreement })
 }
 
 /// Learns from shapes in memory, without certificate, held-out shapes and reports: for a part of a validation.
@@ -199,7 +213,7 @@ pub(crate) fn learn_part(
 ) -> Result<Dictionary, AnalysisError> {
     let watched = Watched::new(shapes, watch);
     // Wrong shapes are left out of all parts alike.
-    let (mean, _) = mean_of(Estimator::Plain, recipe, measured, &watched)?;
+    let FirstMean { mean, .. } = mean_of(Estimator::Plain, recipe, measured, &watched)?;
     let mut content = recipe.content(mean);
     let preparation = content.preparation(measured)?;
     let posed = ShapesInMemory::of(&Posed { source: &watched, preparation: &preparation })?;

@@ -7,7 +7,7 @@
 //! | `weights` | list of doubles | weights in means |
 //! | `ids`, `created_at` | list of strings | of every shape |
 //! | `external_ids`, `subjects`, `labels`, `attributes`, `metadata` | list of strings | null where a shape has none; attributes and metadata as JSON |
-//! | `points`, `centroid_size`, `length`, `area`, `volume`, `self_intersecting` | list | measures |
+//! | `points`, `centroid_size`, `length`, `area`, `volume`, `self_intersecting`, `clockwise`, `fit_mean`, `fit_largest`, `fit_area` | list | measures |
 //!
 //! Equal shapes give equal bytes, so that parts can be named by their digest: nothing is compressed, there are no statistics and no
 //! times. The metadata of the file say `shapelex.format`, `shapelex.points` (`N`) and `shapelex.dimension` (`d`).
@@ -134,6 +134,7 @@ impl Rows {
         };
         let points = measures.iter().map(|measures| measures.points).collect::<Int64Array>();
         let crossing = measures.iter().map(|measures| measures.self_intersecting).collect::<BooleanArray>();
+        let clockwise = measures.iter().map(|measures| measures.clockwise).collect::<BooleanArray>();
         let control_points = BinaryArray::from_iter_values([&self.control_points]);
         let mut columns: Vec<(&'static str, ArrayRef)> = vec![
             ("part", Arc::new(Int64Array::from(vec![number as i64]))),
@@ -150,6 +151,10 @@ impl Rows {
         columns.push(("area", numbers(|measures| measures.area)));
         columns.push(("volume", numbers(|measures| measures.volume)));
         columns.push(("self_intersecting", list(Arc::new(crossing))));
+        columns.push(("clockwise", list(Arc::new(clockwise))));
+        columns.push(("fit_mean", numbers(|measures| measures.fit_mean)));
+        columns.push(("fit_largest", numbers(|measures| measures.fit_largest)));
+        columns.push(("fit_area", numbers(|measures| measures.fit_area)));
         columns
     }
 }

@@ -79,6 +79,8 @@ pub struct Fitted {
     pub residual: f64,
     /// Largest such distance.
     pub largest: f64,
+    /// Weighted mean of these distances, of surfaces with two parameters.
+    pub mean: Option<f64>,
     /// Parameters of the vertices of a mesh, for surfaces with parameters.
     pub parameters: Option<Vec<[f64; 2]>>,
     /// Fraction of the area of a mesh over which a surface with parameters is folded.
@@ -352,9 +354,9 @@ impl<'a> Fitter<'a> {
             weight: 1.0,
         };
         let samples: Vec<SurfaceSample> = pairs.into_iter().enumerate().map(sample).collect();
-        let SurfaceFit { rows, residual, largest } =
+        let SurfaceFit { rows, residual, mean, largest } =
             fit(basis, &samples).map_err(|error| refused(error.to_string()))?;
-        Ok(self.fitted(rows, residual, largest))
+        Ok(Fitted { mean: Some(mean), ..self.fitted(rows, residual, largest) })
     }
 
     /// Fits a surface to the faces of a mesh, and not only to its vertices.
@@ -367,10 +369,11 @@ impl<'a> Fitter<'a> {
     ) -> Result<Fitted, Vec<FieldFault>> {
         let (faces, samples): (Vec<usize>, Vec<SurfaceSample>) =
             mesh_samples(basis, mesh, parameters).into_iter().unzip();
-        let SurfaceFit { rows, residual, largest } =
+        let SurfaceFit { rows, residual, mean, largest } =
             fit(basis, &samples).map_err(|error| vec![FieldFault::new("vertices", error.to_string())])?;
         let folded = folded(basis, &rows, mesh, &faces, &samples).map_err(|fault| vec![fault])?;
         Ok(Fitted {
+            mean: Some(mean),
             parameters: Some(parameters.to_vec()),
             folded: Some(folded),
             warnings: mesh_warnings(mesh, stop),
@@ -510,6 +513,7 @@ impl<'a> Fitter<'a> {
             control_points,
             residual,
             largest,
+            mean: None,
             parameters: None,
             folded: None,
             warnings: Vec::new(),

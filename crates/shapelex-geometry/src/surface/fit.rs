@@ -22,6 +22,8 @@ pub struct SurfaceFit {
     pub rows: Matrix,
     /// Root mean square residual, `√(Σ w_i |σ(u_i, v_i) − p_i|²)`.
     pub residual: f64,
+    /// Mean residual, `Σ w_i |σ(u_i, v_i) − p_i|`.
+    pub mean: f64,
     /// Largest residual, `max_i |σ(u_i, v_i) − p_i|`.
     pub largest: f64,
 }
@@ -76,15 +78,16 @@ fn fit_near(basis: &SurfaceBasis, samples: &[SurfaceSample]) -> Result<SurfaceFi
     }
     let factored = Definite::new(&normal).ok().filter(|normal| most_unseen(basis, normal) < MAX_UNSEEN);
     let rows = factored.ok_or(undetermined)?.solve(&right);
-    let (mut squares, mut largest) = (0.0, 0.0_f64);
+    let (mut squares, mut mean, mut largest) = (0.0, 0.0, 0.0_f64);
     for sample in samples {
         let place = place(sample);
         let value = [0, 1, 2].map(|c| place.iter().map(|(i, a)| a * rows[(*i, c)]).sum());
         let apart = norm(minus(value, sample.point));
         squares += sample.weight / total * apart.powi(2);
+        mean += sample.weight / total * apart;
         largest = largest.max(apart);
     }
-    Ok(SurfaceFit { rows, residual: squares.sqrt(), largest })
+    Ok(SurfaceFit { rows, residual: squares.sqrt(), mean, largest })
 }
 
 /// Number of steps of the power iteration of [`most_unseen`], which needs the order of magnitude only.

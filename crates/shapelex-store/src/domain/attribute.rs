@@ -42,12 +42,30 @@ pub enum Measure {
     Volume,
     /// Whether a planar curve intersects itself.
     SelfIntersecting,
+    /// Whether a closed planar curve runs clockwise.
+    Clockwise,
+    /// Mean distance of a mesh from the surface fitted to it.
+    FitMean,
+    /// Largest distance of a mesh from the surface fitted to it.
+    FitLargest,
+    /// Relative error of the area of a surface fitted to a mesh.
+    FitArea,
 }
 
 impl Measure {
     /// All measures.
-    pub const ALL: [Self; 6] =
-        [Self::Points, Self::CentroidSize, Self::Length, Self::Area, Self::Volume, Self::SelfIntersecting];
+    pub const ALL: [Self; 10] = [
+        Self::Points,
+        Self::CentroidSize,
+        Self::Length,
+        Self::Area,
+        Self::Volume,
+        Self::SelfIntersecting,
+        Self::Clockwise,
+        Self::FitMean,
+        Self::FitLargest,
+        Self::FitArea,
+    ];
 
     /// Name in requests and of the column in the store.
     pub fn name(self) -> &'static str {
@@ -58,6 +76,24 @@ impl Measure {
             Self::Area => "area",
             Self::Volume => "volume",
             Self::SelfIntersecting => "self_intersecting",
+            Self::Clockwise => "clockwise",
+            Self::FitMean => "fit_mean",
+            Self::FitLargest => "fit_largest",
+            Self::FitArea => "fit_area",
+        }
+    }
+
+    /// Whether its values are true and false.
+    pub fn is_flag(self) -> bool {
+        matches!(self, Self::SelfIntersecting | Self::Clockwise)
+    }
+
+    /// Value, if it is true or false.
+    pub fn flag(self, measures: &ShapeMeasures) -> Option<bool> {
+        match self {
+            Self::SelfIntersecting => measures.self_intersecting,
+            Self::Clockwise => measures.clockwise,
+            _ => None,
         }
     }
 
@@ -74,7 +110,10 @@ impl Measure {
             Self::Length => measures.length,
             Self::Area => measures.area,
             Self::Volume => measures.volume,
-            Self::SelfIntersecting => None,
+            Self::FitMean => measures.fit.map(|fit| fit.mean),
+            Self::FitLargest => measures.fit.map(|fit| fit.largest),
+            Self::FitArea => measures.fit.map(|fit| fit.area),
+            Self::SelfIntersecting | Self::Clockwise => None,
         }
     }
 }
@@ -137,7 +176,7 @@ impl Attribute {
     /// Whether its values are numbers or times, so that bounds and values must be such.
     pub fn is_numeric(&self) -> bool {
         match self {
-            Self::Measure(measure) => *measure != Measure::SelfIntersecting,
+            Self::Measure(measure) => !measure.is_flag(),
             Self::CreatedAt => true,
             Self::ExternalId | Self::Subject | Self::Label | Self::Labels(_) => false,
         }
@@ -151,8 +190,8 @@ impl Attribute {
             Self::Subject => text(&shape.subject),
             Self::Label => text(&shape.label),
             Self::CreatedAt => Some(AttributeValue::Time(shape.created_at_ms)),
-            Self::Measure(Measure::SelfIntersecting) => {
-                shape.measures.self_intersecting.map(AttributeValue::Flag)
+            Self::Measure(measure) if measure.is_flag() => {
+                measure.flag(&shape.measures).map(AttributeValue::Flag)
             }
             Self::Measure(measure) => measure.number(&shape.measures).map(AttributeValue::Number),
             Self::Labels(name) => match shape.labels.get(name)? {

@@ -1,5 +1,6 @@
 //! Cohorts: named sets of comparable shapes.
 
+use serde::{Deserialize, Serialize};
 use shapelex_analysis::correspondence::{Correspondence, Direction, Mirror};
 use shapelex_geometry::representation::Representation;
 
@@ -39,6 +40,32 @@ pub struct Cohort {
     pub created_at_ms: i64,
     /// Time of the last change, milliseconds since 1970 UTC.
     pub updated_at_ms: i64,
+    /// Rules that it had before, in order.
+    pub former_rules: Vec<FormerRule>,
+}
+
+/// A rule by which the shapes of a cohort were compared.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FormerRule {
+    /// Last revision at which it held.
+    pub until: u64,
+    /// Correspondence of parameter values between shapes.
+    pub correspondence: Correspondence,
+    /// Treatment of contour direction.
+    pub direction: Direction,
+    /// Whether shapes might be matched to mirror images.
+    pub mirror: Mirror,
+}
+
+impl Cohort {
+    /// The cohort at an earlier revision, with the rule that it had then.
+    pub fn at(mut self, revision: u64) -> Self {
+        if let Some(rule) = self.former_rules.iter().find(|rule| revision <= rule.until) {
+            let FormerRule { correspondence, direction, mirror, .. } = *rule;
+            self.spec = CohortSpec { correspondence, direction, mirror, ..self.spec };
+        }
+        Self { revision, ..self }
+    }
 }
 
 /// Maximum length of a name in characters.

@@ -67,6 +67,11 @@ pub struct Provenance {
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     #[cfg_attr(feature = "schema", schema(max_items = 20))]
     pub less_counted: Vec<LessCountedShape>,
+    /// What should be known of the shapes in everything that is computed with the dictionary: contours drawn both ways round where
+    /// their direction counts, surfaces whose parameters do not correspond.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    #[cfg_attr(feature = "schema", schema(max_items = 10))]
+    pub warnings: Vec<String>,
 }
 
 /// A shape of a cohort that counts less than its weight in a robust estimate, or not at all.

@@ -120,7 +120,7 @@ impl ShapeFilter {
             }
             let wanted = match attribute {
                 Attribute::CreatedAt => "a time in RFC 3339, as 2026-01-31T12:00:00Z",
-                Attribute::Measure(Measure::SelfIntersecting) => "true or false",
+                Attribute::Measure(measure) if measure.is_flag() => "true or false",
                 _ => "a finite number",
             };
             let value = condition.values().find(|value| !is_comparable(&attribute, value))?;
@@ -132,7 +132,7 @@ impl ShapeFilter {
 
 fn is_comparable(attribute: &Attribute, value: &str) -> bool {
     match attribute {
-        Attribute::Measure(Measure::SelfIntersecting) => matches!(value, "true" | "false"),
+        Attribute::Measure(measure) if measure.is_flag() => matches!(value, "true" | "false"),
         _ => !attribute.is_numeric() || number_of(attribute, value).is_some(),
     }
 }

@@ -2,6 +2,8 @@
 
 use std::collections::BTreeMap;
 
+use shapelex_analysis::conversion::Beginning;
+
 /// Maximum number of names of further attributes in a cohort: every name is a column of its tables.
 pub const MAX_NAMES: usize = 4096;
 
@@ -38,6 +40,23 @@ pub struct ShapeMeasures {
     pub volume: Option<f64>,
     /// Whether a planar curve intersects itself.
     pub self_intersecting: Option<bool>,
+    /// Whether a closed planar curve runs clockwise.
+    pub clockwise: Option<bool>,
+    /// What the fit to a mesh whose parameters were computed has left.
+    pub fit: Option<FitResidual>,
+    /// How a contour ran as it was given, where its start or its direction was changed; `None` also of contours of earlier versions.
+    pub beginning: Option<Beginning>,
+}
+
+/// What the fit of a surface to the mesh that it came as has left.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FitResidual {
+    /// Mean distance of the points of the mesh from their places on the surface, over its area.
+    pub mean: f64,
+    /// Largest such distance.
+    pub largest: f64,
+    /// Area of the surface, relative to that of the mesh, minus one.
+    pub area: f64,
 }
 
 /// A shape about to be stored.

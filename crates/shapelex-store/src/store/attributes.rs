@@ -206,21 +206,7 @@ impl Store {
             let mut read = self.begin_read().await?;
             let cohort = self.number(&mut read, cohort_id).await?;
             let rows = sql(&mut read, NEXT).bind(cohort).bind(MEASURED_AT_ONCE).all().await?;
-            let place = |row: &Row| -> Result<Cursor, StoreError> {
-                Ok(Cursor { chunk: row.get("chunk_id")?, position: row.get("position")? })
-            };
-            let places: Vec<Cursor> = rows.iter().map(place).collect::<Result<_, _>>()?;
-            let mut found = Vec::with_capacity(places.len());
-            for of_chunk in places.chunk_by(|a, b| a.chunk == b.chunk) {
-                let row = blob::load(&mut read, &[of_chunk[0].chunk]).await?.pop();
-                let row = row.ok_or(StoreError::Corrupt { chunk: of_chunk[0].chunk })?;
-                let chunk = Chunk::verified(&row)?;
-                for &place in of_chunk {
-                    let position = usize::try_from(place.position).unwrap_or(usize::MAX);
-                    found.push(Unmeasured { place, control_points: chunk.shape(position)?.1 });
-                }
-            }
-            Ok(found)
+            unmeasured_at(&mut read, &rows).await
         })
     }
 
@@ -232,7 +218,8 @@ impl Store {
         Box::pin(async move {
             const KEEP: &str =
                 "UPDATE shape SET points = $3, centroid_size = $4, length = $5, area = $6, volume = $7,
-                self_intersecting = $8 WHERE chunk_id = $1 AND position = $2 AND centroid_size IS NULL";
+                self_intersecting = $8, clockwise = $9
+                WHERE chunk_id = $1 AND position = $2 AND centroid_size IS NULL";
             let mut write = self.begin_write("measures").await?;
             for (place, measures) in measured {
                 sql(&mut write, KEEP)
@@ -244,12 +231,38 @@ impl Store {
                     .bind(measures.area)
                     .bind(measures.volume)
                     .bind(measures.self_intersecting.map(i64::from))
+                    .bind(measures.clockwise.map(i64::from))
                     .execute()
                     .await?;
             }
             Ok(write.commit().await?)
         })
     }
+}
+
+/// The shapes at the places of these rows, which are in storage order.
+///
+/// # Errors
+/// [`StoreError::Corrupt`].
+pub(super) async fn unmeasured_at(
+    read: &mut Transaction,
+    rows: &[Row],
+) -> Result<Vec<Unmeasured>, StoreError> {
+    let place = |row: &Row| -> Result<Cursor, StoreError> {
+        Ok(Cursor { chunk: row.get("chunk_id")?, position: row.get("position")? })
+    };
+    let places: Vec<Cursor> = rows.iter().map(place).collect::<Result<_, _>>()?;
+    let mut found = Vec::with_capacity(places.len());
+    for of_chunk in places.chunk_by(|a, b| a.chunk == b.chunk) {
+        let row = blob::load(&mut *read, &[of_chunk[0].chunk]).await?.pop();
+        let row = row.ok_or(StoreError::Corrupt { chunk: of_chunk[0].chunk })?;
+        let chunk = Chunk::verified(&row)?;
+        for &place in of_chunk {
+            let position = usize::try_from(place.position).unwrap_or(usize::MAX);
+            found.push(Unmeasured { place, control_points: chunk.shape(position)?.1 });
+        }
+    }
+    Ok(found)
 }
 
 fn read_description(row: &Row) -> Result<ShapeDescription, StoreError> {

@@ -5,6 +5,7 @@ use super::engine::{self, Query, Row, Transaction, sql};
 use super::engine::{from_sql, to_sql};
 use super::error::StoreError;
 use super::handle::{PURGE_ORPHANS, Store, begin_task};
+use super::shapes::from_json;
 use super::text::{from_text, to_text};
 use super::{changes, receipts};
 use crate::domain::change::{ChangeKind, NewChange};
@@ -176,7 +177,7 @@ impl Store {
 }
 
 /// Maps the error of a statement that sets a name.
-fn name_taken(error: sqlx::Error, name: &str) -> StoreError {
+pub(super) fn name_taken(error: sqlx::Error, name: &str) -> StoreError {
     if engine::is_duplicate(&error, "cohort", "handle") {
         return StoreError::NameTaken { name: name.into() };
     }
@@ -199,5 +200,6 @@ pub(super) fn read_cohort(row: &Row) -> Result<Cohort, StoreError> {
         shapes: from_sql(row.get("shapes")?),
         created_at_ms: row.get("created_at_ms")?,
         updated_at_ms: row.get("updated_at_ms")?,
+        former_rules: from_json(row.get("former_rules")?)?.unwrap_or_default(),
     })
 }

@@ -407,7 +407,8 @@ async fn empty(write: &mut Transaction, subject: &str, rows: &[Held]) -> Result<
         deleted_revision = (SELECT revision FROM chunk WHERE chunk.id = shape.chunk_id),
         external_id = NULL, label = NULL, labels = NULL, metadata = NULL, digest = NULL,
         first_stored_ms = NULL, points = NULL, centroid_size = NULL, length = NULL, area = NULL,
-        volume = NULL, self_intersecting = NULL, subject = ";
+        volume = NULL, self_intersecting = NULL, clockwise = NULL, fit_mean = NULL, fit_largest = NULL,
+        fit_area = NULL, given_start = NULL, given_reversed = NULL, subject = ";
     let mut query = sql(write, EMPTY);
     query.push_bind(subject).push(" WHERE ");
     push_places(&mut query, "", rows);

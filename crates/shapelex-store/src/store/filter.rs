@@ -215,6 +215,10 @@ fn column(attribute: &Attribute) -> &'static str {
         Attribute::Measure(Measure::Area) => "s.area",
         Attribute::Measure(Measure::Volume) => "s.volume",
         Attribute::Measure(Measure::SelfIntersecting) => "s.self_intersecting",
+        Attribute::Measure(Measure::Clockwise) => "s.clockwise",
+        Attribute::Measure(Measure::FitMean) => "s.fit_mean",
+        Attribute::Measure(Measure::FitLargest) => "s.fit_largest",
+        Attribute::Measure(Measure::FitArea) => "s.fit_area",
         Attribute::Labels(_) => "s.labels",
     }
 }
@@ -235,9 +239,10 @@ fn push_presence(query: &mut Query<'_>, attribute: &Attribute) {
 fn push_text(query: &mut Query<'_>, attribute: &Attribute) {
     let Attribute::Labels(name) = attribute else {
         match attribute {
-            Attribute::Measure(Measure::SelfIntersecting) => {
-                query.push("CASE s.self_intersecting WHEN 1 THEN 'true' WHEN 0 THEN 'false' END")
-            }
+            Attribute::Measure(measure) if measure.is_flag() => query
+                .push("CASE ")
+                .push(column(attribute))
+                .push(" WHEN 1 THEN 'true' WHEN 0 THEN 'false' END"),
             other => query.push(column(other)),
         };
         return;

@@ -20,7 +20,9 @@
 //! number of processes; only writers of the same cohort wait for each other. The SQL is the same (`engine`).
 //!
 //! * [`cohorts`], [`shapes`], [`dictionaries`] — finding, listing and deleting; `aliases` — names for versions; `assessments` — what they said of shapes; [`upload`] — storing shapes;
+//! * `rules` — correspondences of cohorts changed, and their shapes stored again;
 //! * `corrections` — shapes stored again with other attributes, or deleted; `erasure` — everything of a subject removed;
+//! * `tally` — how many shapes run which way, or came as meshes;
 //! * [`scan`] — reading control points in bulk; `places` — where they are, and whose they are;
 //! * [`jobs`] — the queue; [`tasks`] — distributed parts of jobs; [`outputs`] — large results of jobs; [`files`] — what jobs work on;
 //! * [`changes`] — the change feed; [`hooks`] — where it is delivered; `trash` — deleted objects; [`receipts`] — outcomes of idempotent requests;
@@ -59,9 +61,11 @@ mod places;
 mod postgres;
 pub mod receipts;
 mod replica;
+mod rules;
 pub mod scan;
 pub mod shapes;
 mod sqlite;
+mod tally;
 pub mod tasks;
 mod text;
 mod trash;
@@ -85,6 +89,7 @@ pub use measure::Measures;
 pub use places::{NamedShape, Places};
 pub use scan::{Ids, ScanBatch};
 pub use shapes::{Cursor, CursorError, ListCursor, Listing, Order, ShapePage, SortKey};
+pub use tally::Tally;
 pub use tasks::{PartClaim, PartEnd, PassOf, Start};
 pub use upload::{Added, ShapeRow, Upload};
 

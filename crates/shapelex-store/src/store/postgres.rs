@@ -24,6 +24,8 @@ const MIGRATIONS: &[(i64, &str, &str)] = &[
     (13, "hooks", include_str!("migrations/postgres/0013_hooks.sql")),
     (14, "assessments", include_str!("migrations/postgres/0014_assessments.sql")),
     (15, "job files", include_str!("migrations/postgres/0015_job_files.sql")),
+    (16, "directions and fits", include_str!("migrations/postgres/0016_directions_and_fits.sql")),
+    (17, "former rules", include_str!("migrations/postgres/0017_former_rules.sql")),
 ];
 
 /// Schemes of addresses of PostgreSQL; the driver takes any.

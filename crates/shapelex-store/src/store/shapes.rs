@@ -13,10 +13,12 @@ use super::engine::{from_sql, to_sql};
 use super::error::StoreError;
 use super::filter::{Revisions, Selection};
 use super::handle::{Store, blocking};
+use shapelex_analysis::conversion::Beginning;
+
 use crate::domain::attribute::Attribute;
 use crate::domain::change::{ChangeKind, NewChange};
 use crate::domain::filter::ShapeFilter;
-use crate::domain::shape::{Shape, ShapeAttributes, ShapeMeasures};
+use crate::domain::shape::{FitResidual, Shape, ShapeAttributes, ShapeMeasures};
 
 /// Position in the storage order of a cohort, just after a shape. Opaque to clients.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -178,7 +180,8 @@ macro_rules! described {
     () => {
         "s.chunk_id, s.position, s.id, s.external_id, s.subject, s.label, s.labels,
         coalesce(s.first_stored_ms, c.created_at_ms) AS created_at_ms,
-        s.points, s.centroid_size, s.length, s.area, s.volume, s.self_intersecting"
+        s.points, s.centroid_size, s.length, s.area, s.volume, s.self_intersecting, s.clockwise,
+        s.fit_mean, s.fit_largest, s.fit_area, s.given_start, s.given_reversed"
     };
 }
 pub(super) use described;
@@ -449,13 +452,22 @@ fn json_text(text: Option<&str>) -> Result<Option<String>, StoreError> {
 
 /// Reads the measures of a shape, which are empty until it has been measured.
 pub(super) fn read_measures(row: &Row) -> Result<ShapeMeasures, StoreError> {
+    let flag = |name: &str| Ok::<_, StoreError>(row.get::<Option<i64>>(name)?.map(|flag| flag != 0));
+    let fit = match (row.get("fit_mean")?, row.get("fit_largest")?, row.get("fit_area")?) {
+        (Some(mean), Some(largest), Some(area)) => Some(FitResidual { mean, largest, area }),
+        _ => None,
+    };
+    let beginning = row.get::<Option<f64>>("given_start")?.zip(flag("given_reversed")?);
     Ok(ShapeMeasures {
         points: row.get::<Option<i64>>("points")?.map(from_sql),
         centroid_size: row.get("centroid_size")?,
         length: row.get("length")?,
         area: row.get("area")?,
         volume: row.get("volume")?,
-        self_intersecting: row.get::<Option<i64>>("self_intersecting")?.map(|flag| flag != 0),
+        self_intersecting: flag("self_intersecting")?,
+        clockwise: flag("clockwise")?,
+        fit,
+        beginning: beginning.map(|(start, reversed)| Beginning { start, reversed }),
     })
 }
 

@@ -14,7 +14,8 @@ use super::folder::*;
 use super::handle::*;
 use super::*;
 use crate::domain::access::Principal;
-use crate::domain::cohort::{Cohort, CohortSpec};
+use crate::domain::attribute::{Attribute, Measure};
+use crate::domain::cohort::{Cohort, CohortSpec, FormerRule};
 use crate::domain::filter::ShapeFilter;
 use crate::domain::id;
 use crate::domain::shape::{NewShape, Shape, ShapeAttributes, ShapeMeasures};
@@ -75,6 +76,7 @@ pub(super) fn cohort(name: &str) -> Cohort {
         revision: 0,
         shapes: 0,
         created_at_ms: 11,
+        former_rules: Vec::new(),
         updated_at_ms: 12,
     }
 }
@@ -559,6 +561,82 @@ async fn shapes_of_earlier_versions_are_measured_once() {
     store.keep_measures(&[(unmeasured[0].place, other)]).await.unwrap();
     let listed = list_all(&store, &cohort, &EVERYTHING).await;
     assert_eq!((listed[0].measures, listed[1].measures), (measures, ShapeMeasures::default()));
+}
+
+#[tokio::test]
+async fn directions_of_earlier_versions_are_kept_once_and_counted() {
+    let (_folder, store, cohort) = with_cohort().await;
+    store_all(&store, &cohort, (0..5).map(shape).collect()).await;
+    let all = Revisions::latest();
+    let undirected = store.undirected(&cohort.id, None).await.unwrap();
+    assert_eq!(undirected.len(), 5);
+    assert_eq!(undirected[3].control_points, shape(3).control_points);
+    let later = store.undirected(&cohort.id, Some(undirected[1].place)).await.unwrap();
+    assert_eq!(later, undirected[2..]);
+    let directions: Vec<(Cursor, bool)> =
+        undirected[..4].iter().enumerate().map(|(k, shape)| (shape.place, k == 2)).collect();
+    store.keep_directions(&directions).await.unwrap();
+    store.keep_directions(&[(undirected[0].place, true)]).await.unwrap();
+    assert_eq!(store.undirected(&cohort.id, None).await.unwrap(), undirected[4..]);
+    let found = store.tally(&cohort.id, all, &EVERYTHING).await.unwrap();
+    assert_eq!(found, Tally { shapes: 5, clockwise: 1, counter_clockwise: 3, fitted: 0 });
+    let mut filter = ShapeFilter::default();
+    filter.condition(Attribute::Measure(Measure::Clockwise)).add("eq", "true".into()).unwrap();
+    assert_eq!(list_all(&store, &cohort, &filter).await.len(), 1);
+}
+
+#[tokio::test]
+async fn a_rule_changes_with_a_revision_and_all_shapes() {
+    let (_folder, store, cohort) = with_cohort().await;
+    store_all(&store, &cohort, (0..3).map(shape).collect()).await;
+    let cohort = store.find_cohort(&cohort.id).await.unwrap().unwrap();
+    let late = store.begin_upload(&cohort);
+    let listed = list_all(&store, &cohort, &EVERYTHING).await;
+    let again = |shape: &Shape| {
+        let control_points = shape.control_points.iter().map(|x| 2.0 * x).collect();
+        let new = NewShape {
+            id: shape.id.clone(),
+            attributes: shape.attributes.clone(),
+            measures: shape.measures,
+            control_points,
+        };
+        (ShapeRow::from(new), shape.created_at_ms)
+    };
+    let former = FormerRule {
+        until: cohort.revision,
+        correspondence: cohort.spec.correspondence,
+        direction: cohort.spec.direction,
+        mirror: cohort.spec.mirror,
+    };
+    let spec = CohortSpec { direction: Direction::Given, ..cohort.spec.clone() };
+    let changed = Cohort { spec, former_rules: vec![former], ..cohort.clone() };
+    store.change_rule(&changed, Some(listed.iter().map(again).collect()), 99).await.unwrap();
+    let found = store.find_cohort(&cohort.id).await.unwrap().unwrap();
+    assert_eq!((found.revision, found.shapes), (cohort.revision + 1, 3));
+    assert_eq!((found.spec.direction, &found.former_rules), (Direction::Given, &changed.former_rules));
+    assert_eq!(found.clone().at(cohort.revision).spec, cohort.spec);
+    assert_eq!(found.clone().at(found.revision).spec, found.spec);
+    let relisted = list_all(&store, &cohort, &EVERYTHING).await;
+    for (new, old) in relisted.iter().zip(&listed) {
+        assert_eq!(
+            (&new.id, new.created_at_ms, &new.attributes),
+            (&old.id, old.created_at_ms, &old.attributes)
+        );
+        assert_eq!(new.control_points[0], 2.0 * old.control_points[0]);
+    }
+    let before =
+        store.scan(&cohort.id, Revisions::until(cohort.revision), &EVERYTHING, None, Ids::Skip).await;
+    assert_eq!(before.unwrap().unwrap().control_points[..WIDTH], listed[0].control_points[..]);
+    // What was converted by the rule before does not come in later, nor does a change of what was another revision.
+    assert!(matches!(committed(late, shape(7)).await, Err(StoreError::Changed)));
+    let stale = store.change_rule(&changed, Some(Vec::new()), 100).await;
+    assert!(matches!(stale, Err(StoreError::Changed)), "{stale:?}");
+}
+
+/// Adds a shape to an upload that has begun.
+async fn committed(mut upload: Upload, shape: NewShape) -> Result<u64, StoreError> {
+    upload.add(vec![shape]).await?;
+    upload.commit_once(1, None, None, |_| None).await
 }
 
 #[tokio::test]

@@ -13,6 +13,7 @@ use super::engine::{self, Transaction, sql};
 use super::engine::{from_sql, to_sql};
 use super::error::StoreError;
 use super::handle::{PURGE_UPLOAD, Store, blocking};
+use super::text::to_text;
 use super::{changes, receipts};
 use crate::domain::change::{ChangeKind, NewChange};
 use crate::domain::cohort::Cohort;
@@ -57,6 +58,8 @@ pub struct Upload {
     dirty: bool,
     /// Names of the attributes of the shapes.
     names: Option<NewNames>,
+    /// Correspondence and direction by which the shapes were converted.
+    rule: [String; 2],
 }
 
 impl Store {
@@ -72,6 +75,7 @@ impl Store {
             stored: 0,
             dirty: false,
             names: None,
+            rule: [to_text(&cohort.spec.correspondence), to_text(&cohort.spec.direction)],
         }
     }
 }
@@ -165,6 +169,7 @@ impl Upload {
             {
                 return Err(StoreError::JobLost);
             }
+            upload.check_rule(&mut write, cohort).await?;
             if let Some(names) = &upload.names {
                 names.check(&mut write, cohort).await?;
             }
@@ -205,6 +210,14 @@ impl Upload {
             upload.dirty = false;
             Ok(())
         })
+    }
+
+    /// Checks that the cohort still has the rule by which the shapes were converted.
+    async fn check_rule(&self, write: &mut Transaction, cohort: i64) -> Result<(), StoreError> {
+        const RULE: &str = "SELECT correspondence, direction FROM cohort WHERE number = $1";
+        let row = sql(write, RULE).bind(cohort).optional().await?.ok_or(StoreError::CohortGone)?;
+        let present: [String; 2] = [row.get("correspondence")?, row.get("direction")?];
+        if present == self.rule { Ok(()) } else { Err(StoreError::Changed) }
     }
 
     /// Assigns the next revision to the pending chunks.
@@ -330,7 +343,8 @@ pub(super) async fn insert_alone(
 
 async fn insert_rows(write: &mut Transaction, cohort: i64, places: &[Place<'_>]) -> Result<(), StoreError> {
     const INSERT: &str = "INSERT INTO shape (chunk_id, position, cohort, id, external_id, subject,
-        label, digest, labels, metadata, points, centroid_size, length, area, volume, self_intersecting) ";
+        label, digest, labels, metadata, points, centroid_size, length, area, volume, self_intersecting, clockwise,
+        fit_mean, fit_largest, fit_area, given_start, given_reversed) ";
     let mut query = sql(write, INSERT);
     for (index, Place { chunk, position, row }) in places.iter().enumerate() {
         query.push(if index == 0 { "VALUES (" } else { ", (" });
@@ -347,7 +361,16 @@ async fn insert_rows(write: &mut Transaction, cohort: i64, places: &[Place<'_>])
         for number in [measures.centroid_size, measures.length, measures.area, measures.volume] {
             query.push(", ").push_bind(number);
         }
-        query.push(", ").push_bind(measures.self_intersecting.map(i64::from)).push(")");
+        for flag in [measures.self_intersecting, measures.clockwise] {
+            query.push(", ").push_bind(flag.map(i64::from));
+        }
+        let fit = measures.fit;
+        for number in [fit.map(|fit| fit.mean), fit.map(|fit| fit.largest), fit.map(|fit| fit.area)] {
+            query.push(", ").push_bind(number);
+        }
+        query.push(", ").push_bind(measures.beginning.map(|beginning| beginning.start));
+        query.push(", ").push_bind(measures.beginning.map(|beginning| i64::from(beginning.reversed)));
+        query.push(")");
     }
     query.execute().await?;
     Ok(())
@@ -447,6 +470,47 @@ impl Batch {
             NewChunk { data, rows: indices.to_vec() }
         };
         fresh.chunks(blob::rows_per_chunk(width)).map(chunk).collect()
+    }
+}
+
+/// All shapes of a cohort, to be stored again.
+#[derive(Debug)]
+pub(super) struct WholeCohort {
+    batch: Batch,
+    chunks: Vec<NewChunk>,
+    width: usize,
+}
+
+impl WholeCohort {
+    /// Encodes the shapes of `width` coordinates each.
+    ///
+    /// # Errors
+    /// [`StoreError::WrongWidth`].
+    pub(super) fn new(rows: Vec<ShapeRow>, width: usize) -> Result<Self, StoreError> {
+        let all: Vec<usize> = (0..rows.len()).collect();
+        let batch = Batch::new(rows, 0, width)?;
+        let chunks = batch.encode(&all, width);
+        Ok(Self { batch, chunks, width })
+    }
+
+    /// Stores them, not yet visible; returns the chunk and position of each, in order.
+    pub(super) async fn insert(
+        &self,
+        write: &mut Transaction,
+        cohort: i64,
+        upload: &str,
+    ) -> Result<Vec<(i64, i64)>, StoreError> {
+        let mut places = Vec::new();
+        for chunk in &self.chunks {
+            let size = (chunk.rows.len(), self.width);
+            let number = insert_chunk(&mut *write, cohort, upload, size, &chunk.data).await?;
+            let rows = chunk.rows.iter().map(|&index| &self.batch.rows[index]);
+            places.extend((0..).zip(rows).map(|(position, row)| Place { chunk: number, position, row }));
+        }
+        for rows in engine::rows_of_inserts(&places) {
+            insert_rows(&mut *write, cohort, rows).await?;
+        }
+        Ok(places.iter().map(|place| (place.chunk, place.position)).collect())
     }
 }
 

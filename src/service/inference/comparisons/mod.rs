@@ -112,7 +112,7 @@ impl StudyKind for ComparedShapes {
         let Self { members, strata, samples } = sample;
         let found = compare(shapes, &members.groups, plan.draws(strata), *samples, watch);
         let mut found = found.map_err(|error| refused(error, "/groups"))?;
-        found.warnings = [sample.warnings(&plan.strata), found.warnings].concat();
+        found.warnings = [study.caveats(), sample.warnings(&plan.strata), found.warnings].concat();
         Ok(Comparison {
             cohort: cohort.id.clone(),
             cohort_revision: plan.revision,

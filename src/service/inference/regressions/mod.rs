@@ -163,7 +163,7 @@ impl StudyKind for RegressedShapes {
             attribute,
             score,
         });
-        let mut warnings = found.warnings;
+        let mut warnings = [study.caveats(), found.warnings].concat();
         warnings.extend(subject_warning(&sample.shapes, &plan.strata));
         if sample.left_out > 0 {
             warnings.push(format!("{} shapes lack a value and are left out", sample.left_out));
