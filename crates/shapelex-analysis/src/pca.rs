@@ -21,6 +21,10 @@ use shapelex_numeric::kernels::add_scaled;
 /// Components with an eigenvalue below this fraction of the first are rounding error and are dropped.
 pub(super) const SMALLEST_COMPONENT: f64 = 1e-12;
 
+/// Warning about components that are not centred.
+pub const UNCENTRED: &str = "the components are not centred: the first one is the mean, and fractions of variation count it; \
+                             \"centre\": true subtracts it";
+
 /// Functional principal components.
 #[derive(Debug, Clone)]
 pub struct FunctionalPca {

@@ -11,7 +11,7 @@ use super::described::*;
 use super::request_macros::{Caveats, MeanOutput, ShapeOutput, checked, rows, settings_request};
 use crate::analysis::alignment::{AlignedShape, Alignment, Onto, Projection, unwhitened};
 use crate::analysis::factors::Estimator;
-use crate::analysis::pca::Components;
+use crate::analysis::pca::{Components, UNCENTRED};
 use crate::api::extract::{BesideFormat, Caller, Format, JsonBody, OnlyFormat, OnlyShapeFormat, ShapeFormat};
 use crate::api::problem::Problem;
 use crate::api::respond::{compute_planned, json, mesh, picture, planned};
@@ -405,9 +405,7 @@ impl PcaAnswer {
     fn new(statistics: &Statistics, pca: Components, aligned: Option<Vec<AlignedOutput>>) -> Self {
         let mut mean = mean_output(statistics, false);
         if !pca.pca.centred {
-            mean.warnings.push(
-                "the components are not centred: the first one is the mean, and fractions count it; \"centre\": true subtracts it".into(),
-            );
+            mean.warnings.push(UNCENTRED.to_owned());
         }
         Self { mean, pca: PcaOutput::new(statistics, pca), aligned }
     }

@@ -19,10 +19,12 @@ use crate::analysis::classification::study::{WITHIN, train_classifier};
 use crate::analysis::dictionary::content::Content;
 use crate::analysis::dictionary::in_use::Dictionary;
 use crate::analysis::dictionary::learn::{Learner, Learnt};
+use crate::analysis::dictionary::method::Method;
 use crate::analysis::dictionary::model::Coded;
 use crate::analysis::dictionary::procedure;
 use crate::analysis::estimate::{self, Stage, Trainings};
 use crate::analysis::matching::Disagreement;
+use crate::analysis::pca::UNCENTRED;
 use crate::analysis::watch::{Phase, Watch};
 use crate::domain::cohort::{Cohort, CohortSpec};
 use crate::domain::dictionary::{LessCountedShape, NewDictionary, Provenance, Summary};
@@ -266,11 +268,14 @@ impl Task<'_> {
         known: Vec<String>,
         disagreement: Option<Disagreement>,
     ) -> Result<Vec<String>, ServiceError> {
-        let Plan { filter, mirror, .. } = self.plan;
+        let Plan { filter, mirror, method, .. } = self.plan;
         let directions = caveats::of_directions(self.app, self.cohort, filter, *mirror);
         let directions = self.handle.block_on(directions)?;
-        let known = known.into_iter().filter(|text| !is_warning(text));
-        Ok(directions.into_iter().chain(known).chain(caveats::of_parameters(disagreement)).collect())
+        let known = known.into_iter().filter(|text| !is_warning(text) && text != UNCENTRED);
+        let uncentred = matches!(method, Method::FunctionalPca { centre: false, .. });
+        let parameters = caveats::of_parameters(disagreement);
+        let found = directions.into_iter().chain(known).chain(parameters);
+        Ok(found.chain(uncentred.then(|| UNCENTRED.to_owned())).collect())
     }
 
     /// Placements that a search for the same mean has found, of which the dictionary does not depend: those of all shapes at the same
