@@ -608,7 +608,8 @@ fn a_morph_leads_through_several_shapes() {
             usual["frames"].as_array().unwrap().iter().map(|frame| number(&frame["position"])).collect();
         assert_eq!((at.len(), at[10], at[20], at[30]), (31, 1.0, 2.0, 3.0));
         assert!(server.post("/v1/morph?format=svg", &body).expect_svg().contains("<animate"));
-        let strip = server.post("/v1/morph?format=svg&animate=false", &body).expect_svg();
+        let strip = server.post("/v1/morph?format=svg&animate=false", &body);
+        let strip = strip.expect_svg();
         assert!(strip.contains("through 4 shapes") && strip.contains("last shape"), "{strip}");
         // Two in a list are from and to.
         let two = with(&body, "shapes", json!([shapes[2], shapes[3]]));

@@ -480,6 +480,10 @@ fn identical_shapes_have_the_distance_zero_whatever_they_are() {
                 ("affine", "projection"),
                 ("non_uniform_scaling_translation", "projection"),
             ] {
+                // Similarities of space do not form a linear class.
+                if dimension == 3 && (transformation, alignment) == ("similarity", "projection") {
+                    continue;
+                }
                 let what =
                     format!("{representation}, {correspondence}, {thin}, {transformation}, {alignment}");
                 let asked = json!({"representation": representation, "correspondence": correspondence, "shapes": shapes,
