@@ -3,10 +3,11 @@
     python docs/pictures.py http://127.0.0.1:8080 docs/pictures
 
 Writes `cells.svg`: thin cells with their mean, mode 1 at five steps, and cells that were treated against those that were not,
-side by side. Needs only Python. The atoms of `docs/inhomogeneous.md` are drawn by `docs/inhomogeneous.py`.
+side by side; and `resolutions.svg`: a surface that is edited at three resolutions, from a sphere of 24 points on. Needs only Python. The atoms of `docs/inhomogeneous.md` are drawn by `docs/inhomogeneous.py`.
 """
 
 import json
+import math
 import re
 import sys
 import urllib.error
@@ -38,6 +39,43 @@ def beside(pictures):
     return f"{head}\n{''.join(parts)}</svg>\n"
 
 
+def edited(base, representation, rows, edits):
+    """The surface with the control points nearest to some places moved away from its axis, or along it at the poles."""
+    moves = {}
+    for place, by in edits:
+        nearest = min(range(len(rows)), key=lambda k: math.dist(rows[k], place))
+        moves[nearest] = {"control_point": nearest, "by": by}
+    body = {"representation": representation, "shape": {"control_points": rows}, "moves": list(moves.values())}
+    return json.loads(ask(f"{base}/deform", body))["control_points"]
+
+
+def resolutions(base, look):
+    """A head: stretched by its coarse control points, then with nose, ears and brows, then with eyes. Each step is the same surface on a
+    grid that is twice as fine, exactly, and moves a few control points of it."""
+    shifts = {"name": "interpolator", "family": "half_integer_shifts"}
+    poles = [[[0, 0], [0, w], [0, -w]] for w in (2 * math.pi, math.pi)]
+    representation = {"kind": "surface", "topology": "sphere", "control_points": [6, 4],
+                      "generators": [{**shifts, "domain_poles": list_} for list_ in poles]}
+    sphere = {"representation": representation, "surfaces": [{"surface": {"name": "sphere", "radius": 1}}]}
+    rows = json.loads(ask(f"{base}/idealised", sphere))["shapes"][0]["control_points"]
+    stages = [
+        [((0, 0, 1), (0, 0, 0.5)), ((0, 0, -1), (0, 0, -0.5)), ((-0.7, 0, 0.7), (-0.35, 0, 0.2)), ((0.7, 0, -0.7), (0.3, 0, 0))],
+        [((1.1, 0, 0), (0.9, 0, -0.15)), ((0, 1.1, 0), (0, 0.7, 0.2)), ((0, -1.1, 0), (0, -0.7, 0.2))],
+        [((1, y, 0.5), (0.3, 0, 0)) for y in (-0.35, 0.35)],
+    ]
+    pictures = []
+    for index, edits in enumerate(stages):
+        if index:
+            body = {"representation": representation, "shapes": [{"control_points": rows}], "factor": 2}
+            finer = json.loads(ask(f"{base}/refine", body))
+            assert finer["exact"], finer
+            representation, rows = finer["representation"], finer["shapes"][0]["control_points"]
+        rows = edited(base, representation, rows, edits)
+        body = {"representation": representation, "shapes": [{"control_points": rows}], "grid": [36, 24]}
+        pictures.append(ask(f"{base}/evaluate?{look}&width=300&title=false&legend=false", body))
+    return beside(pictures)
+
+
 def main():
     base, folder = sys.argv[1].rstrip("/") + "/v1", Path(sys.argv[2])
     folder.mkdir(parents=True, exist_ok=True)
@@ -54,6 +92,7 @@ def main():
         ask(f"{base}/comparisons?{look}&width=330", groups, prefer="wait=60"),
     ]
     (folder / "cells.svg").write_text(beside(pictures))
+    (folder / "resolutions.svg").write_text(resolutions(base, look))
 
 
 if __name__ == "__main__":
