@@ -31,6 +31,7 @@ mod http_drawings;
 mod http_engine;
 mod http_events;
 mod http_files;
+mod http_flow;
 mod http_formats;
 mod http_geomorph;
 mod http_hooks;
