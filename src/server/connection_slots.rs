@@ -19,7 +19,7 @@ pub(super) struct Timeouts {
     pub(super) first: Duration,
     /// From a response to the end of the next request head.
     pub(super) idle: Duration,
-    /// While response bytes are ready that the client does not take.
+    /// While response bytes are ready that the client does not take, nor sends more of a request.
     pub(super) reader: Duration,
 }
 
@@ -62,7 +62,7 @@ impl Slots {
             idle,
             next: 0,
             unread: HashMap::new(),
-            written: 0,
+            moved: 0,
         };
         Some(Arc::new(Slot { slots: Arc::clone(self), closing, usage: Mutex::new(usage) }))
     }
@@ -107,13 +107,13 @@ struct Usage {
     next: u64,
     /// Bodies waiting for the client to read, with the start of the wait.
     unread: HashMap<u64, Instant>,
-    /// Number of bytes written since then.
-    written: usize,
+    /// Number of bytes written, and of request bodies taken, since then.
+    moved: usize,
 }
 
 /// Number of the connection itself in `unread`; bodies count from one.
 const WIRE: u64 = 0;
-/// Number of bytes that a client must take within the timeout; a ping does not count as reading.
+/// Number of bytes that a client must take, or send of a body, within the timeout; a ping does not count as reading.
 const LEAST: usize = 16 << 10;
 
 /// How to close a connection.
@@ -132,7 +132,7 @@ impl Usage {
             return;
         }
         if self.unread.is_empty() {
-            self.written = 0;
+            self.moved = 0;
         }
         self.unread.entry(number).or_insert_with(Instant::now);
     }
@@ -169,9 +169,9 @@ impl Slot {
     /// Records that `bytes` were written.
     pub(super) fn wrote(&self, bytes: usize) {
         let mut usage = locked(&self.usage);
-        usage.written = usage.written.saturating_add(bytes);
-        if usage.written >= LEAST {
-            usage.written = 0;
+        usage.moved = usage.moved.saturating_add(bytes);
+        if usage.moved >= LEAST {
+            usage.moved = 0;
             usage.unread.values_mut().for_each(|since| *since = Instant::now());
         }
     }
@@ -267,6 +267,11 @@ impl Part {
         }
         usage.settle(place);
     }
+
+    /// Records that `bytes` of the body were taken from the client.
+    pub(super) fn took(&self, bytes: usize) {
+        self.request.place.wrote(bytes);
+    }
 }
 
 impl Drop for Part {
@@ -341,6 +346,16 @@ mod tests {
         assert_eq!(place.end(&PATIENCE).await, CloseReason::AtOnce);
         assert!(begin.elapsed() >= Duration::from_millis(299), "what was read counts: {:?}", begin.elapsed());
         answer.waits(false);
+        answer.waits(true);
+        let (begin, body) = (Instant::now(), request.part(false));
+        for _ in 0..3 {
+            tokio::time::sleep(Duration::from_millis(100)).await;
+            body.took(LEAST);
+        }
+        assert_eq!(place.end(&PATIENCE).await, CloseReason::AtOnce);
+        assert!(begin.elapsed() >= Duration::from_millis(499), "what was sent counts: {:?}", begin.elapsed());
+        answer.waits(false);
+        drop(body);
         drop((answer, request));
         let begin = Instant::now();
         assert_eq!(place.end(&PATIENCE).await, CloseReason::Idle);

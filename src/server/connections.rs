@@ -203,7 +203,7 @@ where
 }
 
 /// Observer of a request body. While no data is available, the client is not sending; the route bounds how long that may
-/// last.
+/// last. A client that sends is not one that has stopped reading: many read only when they have sent their whole request.
 struct Arriving(Part);
 
 impl Inspect for Arriving {
@@ -211,7 +211,11 @@ impl Inspect for Arriving {
         match passing {
             Passing::Asked => {}
             Passing::Pending => self.0.waits(true),
-            Passing::Frame(_) | Passing::Ended => self.0.waits(false),
+            Passing::Frame(frame) => {
+                self.0.waits(false);
+                self.0.took(frame.data_ref().map_or(0, Bytes::len));
+            }
+            Passing::Ended => self.0.waits(false),
         }
     }
 }

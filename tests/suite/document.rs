@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use crate::guards::{operations, resolve};
 use crate::server::{Server, Setting, shared};
 
-fn served() -> Value {
+pub(crate) fn served() -> Value {
     shared().get("/openapi.json").expect(200)
 }
 
@@ -224,7 +224,12 @@ fn around(schema: &Value) -> Vec<(Value, bool)> {
 
 /// Starts a service with the dictionary of the examples.
 pub(crate) fn furnished() -> Server {
-    let server = Setting::fresh().with_example().start();
+    furnish(Setting::fresh().with_example())
+}
+
+/// Starts a service with the example, and learns the dictionary of the examples.
+pub(crate) fn furnish(setting: Setting) -> Server {
+    let server = setting.start();
     let learn = json!({"name": "modes", "cohort": "example-cells", "transformation": "similarity",
         "method": {"kind": "functional_pca", "components": 3, "centre": true},
         "classifier": {"kind": "discriminant", "attribute": "labels.treatment", "repeats": 1}});
@@ -233,7 +238,7 @@ pub(crate) fn furnished() -> Server {
     server
 }
 
-fn furnished_path(template: &str) -> String {
+pub(crate) fn furnished_path(template: &str) -> String {
     let path = template.replace("{cohort}", "example-cells").replace("{dictionary}", "modes");
     path.replace("{name}", "bspline")
         .replace("{job}", "none")

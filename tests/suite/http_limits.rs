@@ -17,18 +17,18 @@ use crate::server::{Server, Setting, wait};
 
 const SOON: Duration = Duration::from_secs(30);
 
-fn address(server: &Server) -> &str {
+pub(crate) fn address(server: &Server) -> &str {
     server.address().split_once("://").unwrap().1
 }
 
-fn connect(server: &Server) -> TcpStream {
+pub(crate) fn connect(server: &Server) -> TcpStream {
     let stream = TcpStream::connect(address(server)).unwrap();
     stream.set_read_timeout(Some(SOON)).unwrap();
     stream
 }
 
 /// Everything until the other side closes, which must be soon.
-fn rest(stream: &mut TcpStream) -> Vec<u8> {
+pub(crate) fn rest(stream: &mut TcpStream) -> Vec<u8> {
     let (mut bytes, mut buffer) = (Vec::new(), [0; 65_536]);
     loop {
         match stream.read(&mut buffer) {
@@ -41,7 +41,7 @@ fn rest(stream: &mut TcpStream) -> Vec<u8> {
 }
 
 /// The status of the next answer, and the bytes that came with it.
-fn answer(stream: &mut TcpStream) -> (u16, String) {
+pub(crate) fn answer(stream: &mut TcpStream) -> (u16, String) {
     let (mut text, mut buffer) = (String::new(), [0; 65_536]);
     while !text.contains("\r\n\r\n") {
         let count = stream.read(&mut buffer).unwrap();
@@ -51,7 +51,7 @@ fn answer(stream: &mut TcpStream) -> (u16, String) {
     (text.split(' ').nth(1).unwrap().parse().unwrap(), text)
 }
 
-fn send(stream: &mut TcpStream, text: &str) {
+pub(crate) fn send(stream: &mut TcpStream, text: &str) {
     stream.write_all(text.as_bytes()).unwrap();
 }
 
@@ -84,13 +84,13 @@ fn mean() -> Value {
 }
 
 /// Lengths and areas of few shapes, which are light.
-fn measure() -> Value {
+pub(crate) fn measure() -> Value {
     let shapes: Vec<Value> = (0..3).map(|k| contour(k, 9)).collect();
     json!({"representation": curves(9), "shapes": shapes})
 }
 
 /// Repeats until it holds.
-fn until(what: &str, mut holds: impl FnMut() -> bool) {
+pub(crate) fn until(what: &str, mut holds: impl FnMut() -> bool) {
     let begin = Instant::now();
     while !holds() {
         assert!(begin.elapsed() < SOON, "{what}: not in time");
@@ -594,7 +594,7 @@ fn heavy_requests_of_one_tenant_do_not_hold_up_another() {
 }
 
 /// A certificate for this machine with its key, both as PEM.
-fn certificate() -> (String, String) {
+pub(crate) fn certificate() -> (String, String) {
     let made = rcgen::generate_simple_self_signed(["127.0.0.1".to_owned()]).unwrap();
     (made.cert.pem(), made.signing_key.serialize_pem())
 }

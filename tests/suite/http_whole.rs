@@ -13,13 +13,13 @@ use crate::memory::growth;
 use crate::server::{Server, Setting};
 
 /// Shapes as lines, so many that their files are longer than what an answer holds before it is sent.
-fn lines(count: usize) -> String {
+pub(crate) fn lines(count: usize) -> String {
     (0..count)
         .map(|k| format!("{{\"points\":[[0,0],[5,1],[1,3],[2,{k}.25]],\"label\":\"a{k}\"}}\n"))
         .collect()
 }
 
-fn unpacked(bytes: &[u8]) -> Vec<u8> {
+pub(crate) fn unpacked(bytes: &[u8]) -> Vec<u8> {
     let mut text = Vec::new();
     GzDecoder::new(bytes).read_to_end(&mut text).unwrap();
     text
@@ -64,7 +64,7 @@ fn streamed_answers_arrive_whole_in_gzip_too() {
 }
 
 /// The content of a chunked answer that has ended.
-fn content(answer: &str) -> String {
+pub(crate) fn content(answer: &str) -> String {
     let (_, mut chunks) = answer.split_once("\r\n\r\n").unwrap();
     let mut text = String::new();
     loop {
@@ -106,15 +106,17 @@ fn a_client_that_sends_before_it_reads_gets_a_whole_conversion() {
     server.assert_alive();
 }
 
+/// A chunk of PNG with its length and its sum.
+pub(crate) fn chunk(name: &[u8; 4], data: &[u8]) -> Vec<u8> {
+    let mut sum = flate2::Crc::new();
+    sum.update(name);
+    sum.update(data);
+    let length = u32::try_from(data.len()).unwrap().to_be_bytes();
+    [&length[..], name, data, &sum.sum().to_be_bytes()].concat()
+}
+
 /// A PNG of one bit a cell, all zero: some hundred bytes for each million of cells.
 fn empty_picture(side: u32) -> Vec<u8> {
-    let chunk = |name: &[u8; 4], data: &[u8]| {
-        let mut sum = flate2::Crc::new();
-        sum.update(name);
-        sum.update(data);
-        let length = u32::try_from(data.len()).unwrap().to_be_bytes();
-        [&length[..], name, data, &sum.sum().to_be_bytes()].concat()
-    };
     let header = [&side.to_be_bytes()[..], &side.to_be_bytes(), &[1, 0, 0, 0, 0]].concat();
     let mut packed = flate2::write::ZlibEncoder::new(Vec::new(), flate2::Compression::best());
     let row = vec![0; 1 + side.div_ceil(8) as usize];

@@ -1,7 +1,11 @@
 //! All integration tests, one binary.
 #![allow(clippy::unwrap_used, clippy::print_stdout, missing_docs)]
 
+mod announced;
 mod commands;
+#[path = "../../crates/shapelex-formats/tests/suite/dicom.rs"]
+#[expect(dead_code, reason = "of the encodings, one is used here")]
+mod dicom;
 mod document;
 mod endless;
 mod file_commands;
@@ -10,6 +14,7 @@ mod guards;
 mod health;
 mod http_access;
 mod http_aliases;
+mod http_announced;
 mod http_assessments;
 mod http_bad_input;
 mod http_browsers;
@@ -27,6 +32,7 @@ mod http_drawings;
 mod http_engine;
 mod http_events;
 mod http_files;
+mod http_flow;
 mod http_formats;
 mod http_geomorph;
 mod http_hooks;

@@ -69,6 +69,7 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
     let content = guarded("a table of contents", || contents(&bytes))?;
     let metadata = content.metadata();
     check_alone(&bytes, metadata)?;
+    check_rows(metadata)?;
     let limits = *source.limits();
     let mut reading = Reading::new(options, limits, &facts(metadata));
     let roots = reading.of_use(content.schema())?;
@@ -88,11 +89,18 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
             .with_projection(mask.clone())
             .with_batch_size(rows);
         let mut batches = guarded("a row group", || builder.build().map_err(malformed))?;
+        let mut found = 0;
         while let Some(batch) = guarded("a row group", || Ok(batches.next()))? {
             let batch = batch.map_err(|error| {
                 FileError::malformed(place_of_group(group), format!("expected valid pages, got {error}"))
             })?;
+            found += batch.num_rows() as i64;
             reading.batch(&batch, sink)?;
+        }
+        let announced = metadata.row_group(group).num_rows();
+        if found != announced {
+            let detail = format!("expected {announced} rows by the table of contents, got {found}");
+            return Err(FileError::malformed(place_of_group(group), detail));
         }
     }
     Ok(reading.summary)
@@ -113,6 +121,17 @@ fn check_alone(bytes: &[u8], metadata: &ParquetMetaData) -> Result<(), FileError
             Err(FileError::malformed(Place::byte((end + at + 4) as u64), detail))
         }
     }
+}
+
+/// Refuses a table of contents whose numbers of rows contradict each other.
+fn check_rows(metadata: &ParquetMetaData) -> Result<(), FileError> {
+    let rows = metadata.row_groups().iter().map(|group| group.num_rows());
+    let (announced, found) = (metadata.file_metadata().num_rows(), rows.fold(0, i64::saturating_add));
+    if announced == found {
+        return Ok(());
+    }
+    let detail = format!("expected row groups of {announced} rows in all, got {found}");
+    Err(FileError::malformed(Place::tag("row group"), detail))
 }
 
 fn place_of_group(group: usize) -> Place {
