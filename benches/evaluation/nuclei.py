@@ -96,8 +96,16 @@ def segment(service, image, labels, found, part, seed, polarity, terms=("contour
     return results, time.perf_counter() - begun
 
 
+TOLD = ("folded", "left_image", "collapsed", "left_object")
+
+
 def is_failed(result):
-    return result["stop"] in ("folded", "left_image", "collapsed") or result["overlap"]["jaccard"] < 0.5
+    return result["stop"] in TOLD or result["overlap"]["jaccard"] < 0.5
+
+
+def is_silent(result):
+    """Whether a result is bad, and neither its end nor a warning says so."""
+    return result["overlap"]["jaccard"] < 0.5 and result["stop"] not in TOLD and not result["warnings"]
 
 
 def rows_of(service, data, images, part, energy):
@@ -114,8 +122,8 @@ def rows_of(service, data, images, part, energy):
     for kind, runs in sorted(by_kind.items()):
         results = [result for found, _ in runs for result in found]
         overlaps = [result["overlap"]["jaccard"] for result in results]
-        failed = sum(map(is_failed, results))
-        yield [energy, kind, len(runs), len(results), f"{mean(overlaps):.3f}", f"{median(overlaps):.3f}", failed,
+        failed, silent = sum(map(is_failed, results)), sum(map(is_silent, results))
+        yield [energy, kind, len(runs), len(results), f"{mean(overlaps):.3f}", f"{median(overlaps):.3f}", failed, silent,
                f"{1000 * sum(seconds for _, seconds in runs) / len(results):.0f} ms"]
 
 
@@ -175,7 +183,7 @@ def main():
     with tempfile.TemporaryDirectory(prefix="shapelex-nuclei-") as folder:
         service = Service(arguments.binary, Path(folder))
         try:
-            head = ["terms", "images", "number", "nuclei", "mean Jaccard", "median", "failed", "a nucleus"]
+            head = ["terms", "images", "number", "nuclei", "mean Jaccard", "median", "failed", "silent", "a nucleus"]
             found = []
             for part in (0.1, 0.25):
                 for energy in ENERGIES:

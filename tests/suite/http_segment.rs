@@ -294,7 +294,8 @@ fn stored_means_are_references_of_a_prior() {
     let prior = |mut prior: Value| {
         prior["transformation"] = json!("similarity");
         prior["weight"] = json!(10);
-        curves(json!({"prior": prior}))
+        // The attraction to the boxes, which are smaller than the objects, is left out.
+        curves(json!({"prior": prior, "leave_box": true}))
     };
     let segmented = |body: &Value| post_image(&server, PATH, body, &bright()).expect(200)["results"].clone();
     let posted =
@@ -350,13 +351,18 @@ fn another_polarity_is_a_warning_and_a_lost_shape_is_an_answer() {
     let server = shared();
     let dark = picture(|label| if label > 0 { 40 } else { 200 });
     let one = json!({"boxes": [{"lower": [8, 15], "upper": [25, 26]}]});
-    let found = post_image(&server, PATH, &curves(one.clone()), &dark).expect(200);
+    let mut wrong = curves(one.clone());
+    wrong["terms"] = json!([{"name": "contour", "polarity": "bright"}]);
+    let found = post_image(&server, PATH, &wrong, &dark).expect(200);
     let warnings = found["results"][0]["warnings"].to_string();
     assert!(warnings.contains("other polarity"), "{warnings}");
-    let mut right = curves(one);
+    let mut right = curves(one.clone());
     right["terms"] = json!([{"name": "contour", "polarity": "dark"}]);
     let found = post_image(&server, PATH, &right, &dark).expect(200);
     assert_eq!(found["results"][0]["warnings"], json!([]));
+    // By default the contrast decides.
+    let usual = post_image(&server, PATH, &curves(one), &dark).expect(200);
+    assert_eq!(usual["results"], found["results"]);
     // A shape beside the image has no image in it.
     let outside = curves(json!({"boxes": [{"lower": [200, 15], "upper": [225, 26]}]}));
     let found = post_image(&server, PATH, &outside, &bright()).expect(200);

@@ -10,7 +10,7 @@ use crate::server::{Reply, Server, Setting};
 
 const PATH: &str = "/v1/cohorts/cells/segment";
 
-fn with_cohort() -> Server {
+pub(crate) fn with_cohort() -> Server {
     let server = Setting::fresh().start();
     let representation = curves(json!({}))["representation"].clone();
     server.post("/v1/cohorts", &json!({"name": "cells", "representation": representation})).expect(201);
@@ -18,7 +18,7 @@ fn with_cohort() -> Server {
 }
 
 /// Sends parameters and an image with further headers.
-fn post(server: &Server, parameters: &Value, image: &[u8], headers: &[(&str, &str)]) -> Reply {
+pub(crate) fn post(server: &Server, parameters: &Value, image: &[u8], headers: &[(&str, &str)]) -> Reply {
     post_to(server, PATH, parameters, image, headers)
 }
 

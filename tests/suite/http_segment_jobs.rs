@@ -14,7 +14,7 @@ use crate::server::{Reply, Server, Setting};
 const LONG: Duration = Duration::from_secs(240);
 
 /// Sends a form with headers.
-fn post(
+pub(crate) fn post(
     server: &Server,
     path: &str,
     parameters: &Value,
@@ -30,10 +30,10 @@ fn post(
     server.send(headers.iter().fold(request, |request, (name, value)| request.header(*name, *value)))
 }
 
-const ASYNC: (&str, &str) = ("prefer", "respond-async");
+pub(crate) const ASYNC: (&str, &str) = ("prefer", "respond-async");
 
 /// The job of a reply, when it has ended.
-fn ended(server: &Server, reply: &Reply) -> Value {
+pub(crate) fn ended(server: &Server, reply: &Reply) -> Value {
     let job = reply.expect(202);
     let path = format!("/v1/jobs/{}", job["id"].as_str().unwrap());
     assert_eq!(reply.header("location"), Some(path.as_str()));

@@ -32,7 +32,8 @@ fn seeds_begin_in_the_squares_around_them() {
     // A tenth of the height of 40 cells is the least radius, four cells.
     let boxes =
         json!([{"lower": [10.5, 14.5], "upper": [21.5, 25.5]}, {"lower": [42, 14], "upper": [50, 22]}]);
-    let boxes = post_image(&server, PATH, &curves(json!({"boxes": boxes})), &image).expect(200);
+    let boxes =
+        post_image(&server, PATH, &curves(json!({"boxes": boxes, "leave_box": true})), &image).expect(200);
     for index in 0..2 {
         assert_eq!(found[index]["control_points"], boxes["results"][index]["control_points"]);
     }
@@ -103,8 +104,11 @@ fn slices_of_a_volume_are_images() {
     let labels: Vec<u8> = stack(1.0).into_iter().map(|value| u8::from(value == 1.0)).collect();
     let labels = nifti_u8(&grid, &labels).unwrap();
     let one = json!([{"lower": [40, 10], "upper": [53, 27]}]);
-    let flat = post_image(&server, PATH, &curves(json!({"boxes": one})), &bright()).expect(200);
-    let sliced = post_image(&server, PATH, &curves(json!({"boxes": one, "slice": 1})), &volume).expect(200);
+    let flat =
+        post_image(&server, PATH, &curves(json!({"boxes": one, "leave_box": true})), &bright()).expect(200);
+    let sliced =
+        post_image(&server, PATH, &curves(json!({"boxes": one, "slice": 1, "leave_box": true})), &volume)
+            .expect(200);
     assert_eq!(flat["results"][0]["control_points"], sliced["results"][0]["control_points"]);
     assert_eq!(sliced["image"]["size"], json!([64, 40]));
     let shapes = json!([{"control_points": sliced["results"][0]["control_points"]}]);

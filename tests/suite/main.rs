@@ -57,6 +57,7 @@ mod http_segment;
 mod http_segment_cohort;
 mod http_segment_fields;
 mod http_segment_jobs;
+mod http_segment_moved;
 mod http_segment_nuclei;
 mod http_segment_shown;
 mod http_segment_starts;

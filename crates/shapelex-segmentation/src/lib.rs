@@ -121,7 +121,7 @@ pub enum SegmentationError {
     #[error("expected stages with blurs of the scene, got {}", blur_of(*sigma))]
     Stages {
         /// The unknown blur.
-        sigma: Option<f64>,
+        sigma: Option<field::Blur>,
     },
     /// The model has no curvature for Newton's method.
     #[error("expected a planar curve for Newton's method, got a surface")]
@@ -136,6 +136,6 @@ pub enum SegmentationError {
     },
 }
 
-fn blur_of(sigma: Option<f64>) -> String {
+fn blur_of(sigma: Option<field::Blur>) -> String {
     sigma.map_or_else(|| "none".into(), |sigma| format!("one with a blur of {sigma}"))
 }

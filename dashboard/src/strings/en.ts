@@ -192,7 +192,7 @@ export const en = {
       contour: ["its edge", "The gradient crosses the boundary: objects with edges all around."], local_contrast: ["contrast to its surroundings", "The mean inside differs from that of a shell around it: uneven backgrounds."],
       two_class: ["two grey values", "One grey inside, one outside: objects about as large as the rest."], threshold: ["its brightness", "Brighter than a level: objects of known brightness."],
     } as Record<string, [string, string]>,
-    stops: { converged: "The contour has come to rest.", limit: "The contour was still moving at the last step. Go on from here.", line_search: "The contour has come to rest at the level of the noise.", folded: "The contour folded. Try a better box, or fewer control points.", left_image: "The contour left the picture. Try a better box.", collapsed: "Nothing was left of the contour. Try the other polarity." },
+    stops: { converged: "The contour has come to rest.", limit: "The contour was still moving at the last step. Go on from here.", line_search: "The contour has come to rest at the level of the noise.", folded: "The contour folded. Try a better box, or fewer control points.", left_image: "The contour left the picture. Try a better box.", left_object: "The contour left its object: it is much larger or smaller than the box, or lies beside it.", collapsed: "Nothing was left of the contour. Try the other polarity." },
   },
   administration: {
     settingsHint: "What the service was started with. It is changed by flags, variables or a file, and a restart.", commit: "Commit", compiler: "Compiler", features: "Features", database: "Database", schema: (version: number) => `schema ${version}`,

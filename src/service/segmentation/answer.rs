@@ -6,6 +6,7 @@ use serde::Serialize;
 
 use super::contours::ComponentOutput;
 use super::image::{Coordinates, ImageOutput};
+use super::place::{self, MovedOutput, SharedOutput};
 use crate::formats::shape::Points;
 use crate::geometry::raster::{Mask, Overlap};
 use crate::segmentation::energy::TermValue;
@@ -96,8 +97,14 @@ pub struct SegmentedOutput {
     /// Whether the last stage converged.
     pub(super) converged: bool,
     /// Why the segmentation ended: `converged`, `limit`, `line_search` (no step decreases the energy: usual at the level of the
-    /// noise), `folded`, `left_image` or `collapsed`. After the last three the shape is that of the stage before.
+    /// noise), `left_object` (see `moved`), `folded`, `left_image` or `collapsed`. After the last three the shape is that of the
+    /// stage before.
     pub(super) stop: &'static str,
+    /// The result beside its initial shape.
+    pub(super) moved: MovedOutput,
+    /// Results of this request that cover some of the same cells.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub(super) shared: Vec<SharedOutput>,
     /// Number of iterations of all stages.
     pub(super) iterations: usize,
     /// The terms of the energy at the result.
@@ -125,9 +132,9 @@ pub struct SegmentedOutput {
 }
 
 impl SegmentedOutput {
-    /// Whether the shape is that of the stage before the one in which it folded, collapsed or left the image.
+    /// Whether the shape left its object, or is that of the stage before the one in which it folded, collapsed or left the image.
     pub(super) fn has_failed(&self) -> bool {
-        let faults = [Outcome::Folded, Outcome::LeftImage, Outcome::Collapsed];
+        let faults = [Outcome::Folded, Outcome::LeftImage, Outcome::Collapsed, Outcome::LeftObject];
         faults.into_iter().any(|fault| fault.name() == self.stop)
     }
 }
@@ -143,14 +150,24 @@ pub struct SegmentAnswer {
     pub(super) results: Vec<SegmentedOutput>,
 }
 
+/// Value of a term, which is dimensionless, that may be rounding: where a shape begins far from all edges, sums of any sign are left.
+const ROUNDING: f64 = 1e-6;
+
 /// The value, if it is a number.
 pub(super) fn finite(value: f64) -> Option<f64> {
     value.is_finite().then_some(value)
 }
 
-/// Limitations of a result; `begun` are the terms at the initial shape.
-pub(super) fn warnings<const D: usize>(found: &Segmentation<D>, begun: &[TermValue]) -> Vec<String> {
+/// Limitations of a result; `begun` are the terms at the initial shape, `size_factor` is that between its size and that of the result.
+pub(super) fn warnings<const D: usize>(
+    found: &Segmentation<D>,
+    begun: &[TermValue],
+    size_factor: f64,
+) -> Vec<String> {
     let mut warnings = Vec::new();
+    if found.outcome == Outcome::LeftObject {
+        warnings.push(place::left(&found.moved, size_factor));
+    }
     let fault = match found.outcome {
         Outcome::Folded => Some("folded"),
         Outcome::LeftImage => Some("left the image"),
@@ -161,9 +178,9 @@ pub(super) fn warnings<const D: usize>(found: &Segmentation<D>, begun: &[TermVal
         let stage = last.stage;
         warnings.push(format!("the shape {fault} in stage {stage}: the shape before that stage is answered"));
     }
-    for term in
-        begun.iter().filter(|term| matches!(term.name, "contour" | "local_contrast") && term.value > 0.0)
-    {
+    let is_other =
+        |term: &&TermValue| matches!(term.name, "contour" | "local_contrast") && term.value > ROUNDING;
+    for term in begun.iter().filter(is_other) {
         warnings.push(format!(
             "the term {} is positive at the initial shape ({:.2e}), as for an object of the other polarity",
             term.name, term.value

@@ -8,7 +8,7 @@ use std::f64::consts::PI;
 
 use serde::Serialize;
 
-use super::request::{Minimiser, StageInput, TermInput};
+use super::request::{Minimiser, SigmaInput, StageInput, TermInput};
 use super::sheets;
 use super::wanted::{Reference, Wanted};
 use crate::formats::image::Grid;
@@ -21,6 +21,10 @@ const CELL_BYTES: usize = 52;
 /// Bytes per cell of the prepared field of a term at one blur.
 const FIELD_BYTES: usize = 8;
 
+/// Bytes of the runs of the cells of a result, for each cell of the length of its boundary, or of the area.
+const RUN_BYTES: f64 = 16.0;
+/// Bytes per cell of the first result that covers it, where there are several.
+const OWNER_BYTES: usize = 4;
 /// Bytes of an outline for each cell of the length of a curve, or of the area of a surface.
 const OUTLINE_BYTES: [f64; 2] = [32.0, 200.0];
 
@@ -78,10 +82,15 @@ impl SegmentEstimate {
 pub(super) fn memory(wanted: &Wanted, grid: &Grid, stages: &[StageInput], files: usize) -> usize {
     let fields = wanted.energy.image_terms().len() * blurs(stages).len();
     let outlines = if wanted.answered.outlines { Cost::new(wanted, grid).outlines() } else { 0 };
+    let several = if wanted.starts.count() > 1 {
+        Cost::new(wanted, grid).runs().saturating_add(OWNER_BYTES.saturating_mul(grid.cells()))
+    } else {
+        0
+    };
     let detected = wanted.different_detectors().len();
     let detector = if detected > 0 { sheets::CELL_BYTES } else { 0 };
     let cells = grid.cells().saturating_mul(CELL_BYTES + detector + FIELD_BYTES * (fields + detected));
-    cells.saturating_add(files).saturating_add(outlines)
+    cells.saturating_add(files).saturating_add(outlines).saturating_add(several)
 }
 
 /// Predicted work.
@@ -119,10 +128,13 @@ pub fn boundaries(representation: &Admitted, shapes: usize) -> Work {
 }
 
 /// The different blurs of stages.
-fn blurs(stages: &[StageInput]) -> Vec<f64> {
-    let mut blurs: Vec<f64> = stages.iter().map(|stage| stage.sigma).collect();
-    blurs.sort_by(f64::total_cmp);
-    blurs.dedup();
+fn blurs(stages: &[StageInput]) -> Vec<SigmaInput> {
+    let mut blurs = Vec::new();
+    for stage in stages {
+        if !blurs.contains(&stage.sigma) {
+            blurs.push(stage.sigma);
+        }
+    }
     blurs
 }
 
@@ -145,6 +157,12 @@ impl<'a> Cost<'a> {
         (2.0 * OUTLINE_BYTES[self.axes - 2] * boundaries) as usize
     }
 
+    /// Bytes of the cells of all results.
+    fn runs(&self) -> usize {
+        let boundaries: f64 = (0..self.wanted.starts.count()).map(|index| self.boundary(index)).sum();
+        (RUN_BYTES * boundaries) as usize
+    }
+
     /// Length in cells of the boundary of an object, or its area.
     fn boundary(&self, index: usize) -> f64 {
         let [x, y, z] = self.extent(index);
@@ -164,13 +182,14 @@ impl<'a> Cost<'a> {
 
     /// Seconds per cell for the fields of all terms and blurs.
     fn fields(&self, stages: &[StageInput]) -> f64 {
-        let of_term = |term: &TermInput, blur: f64| {
+        let sides = self.wanted.sides(self.grid);
+        let of_term = |term: &TermInput, blur: SigmaInput| -> f64 {
             let [fixed, per_cell] = match term {
                 TermInput::Contour { .. } => CONTOUR,
-                TermInput::Boundary { .. } | TermInput::Spacing { .. } => [0.0; 2],
+                TermInput::Boundary { .. } | TermInput::Start { .. } | TermInput::Spacing { .. } => [0.0; 2],
                 _ => REGION,
             };
-            self.axes as f64 * (fixed + per_cell * blur / self.cell)
+            blur.in_cells(&sides).map(|cells| fixed + per_cell * cells).sum()
         };
         let terms = &self.wanted.energy.terms;
         blurs(stages).iter().map(|blur| terms.iter().map(|term| of_term(term, *blur)).sum::<f64>()).sum()
@@ -198,7 +217,8 @@ impl<'a> Cost<'a> {
             2 => SAMPLE[0] * (PER_CELL * boundary).max(PER_POINT * self.points()),
             _ if vertices > 0.0 => SAMPLE[2] * vertices,
             _ => {
-                let blur = (stage.sigma / self.cell).max(1.0);
+                let sides = self.wanted.sides(self.grid);
+                let blur = stage.sigma.in_cells(&sides).fold(f64::INFINITY, f64::min).max(1.0);
                 SAMPLE[1] * (boundary / (blur * blur)).max(PER_POINT_IN_SPACE * self.points())
             }
         }

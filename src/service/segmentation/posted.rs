@@ -5,7 +5,7 @@ use super::image::Coordinates;
 use super::reference::{DictionaryPart, Source, Stored};
 use super::request::{BoxInput, EnergyInput, Minimiser, StageInput, TermInput};
 use super::starts::{SeedInput, Starts};
-use super::wanted::{Answered, Reference, Wanted};
+use super::wanted::{Answered, Keeping, Reference, Wanted};
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::analysis::factors::Estimator;
@@ -71,7 +71,8 @@ requests! {
         /// Attributes, one entry for each object, in order. Posted `shapes` have attributes of their own.
         #[schema(value_type = Option<Vec<ObjectInput>>)]
         objects: List<ObjectInput>;
-        /// Whether objects are stored that fold, collapse or leave the image: as they were before. Default: false.
+        /// Whether objects are stored that leave their object, or that fold, collapse or leave the image: these as they were before.
+        /// Default: false.
         #[schema(value_type = Option<bool>)]
         store_failed: Checked<bool>;
     } {
@@ -118,6 +119,18 @@ requests! {
         /// Coordinates of shapes, boxes, blurs and the answer. Default: `world`.
         #[schema(value_type = Option<Coordinates>)]
         coordinates: Checked<Coordinates>;
+        /// Factor between the sizes of a result and its initial shape beyond which the result has left its object (`stop` is
+        /// `left_object`). Default: 2 for areas, 2.83 for volumes; around seeds without a radius, which say nothing about a size, any.
+        #[schema(value_type = Option<f64>, minimum = 1)]
+        size_factor: Checked<f64>;
+        /// Factor by which the box around an initial shape is scaled; a boundary that goes beyond costs energy. Default: 1.5 for
+        /// `boxes`, else anywhere.
+        #[schema(value_type = Option<f64>, minimum = 1)]
+        box_factor: Checked<f64>;
+        /// Whether shapes may leave the boxes where they begin at no cost. Default: false with `boxes`, and where `box_factor` is
+        /// given.
+        #[schema(value_type = Option<bool>)]
+        leave_box: Checked<bool>;
         /// Labels of the truth, one for each object. Default: all but 0.
         #[schema(value_type = Option<Vec<u32>>)]
         truth_labels: Many<u32>;
@@ -237,6 +250,11 @@ impl SegmentRequest {
         let method = take_or_default(self.method, "/method", &mut errors).unwrap_or_default();
         let prior = self.prior.map(|prior| prior.taken(&mut errors));
         let coordinates = take_or_default(self.coordinates, "/coordinates", &mut errors);
+        let keeping = Keeping {
+            size_factor: take_given(self.size_factor, "/size_factor", &mut errors),
+            box_factor: take_given(self.box_factor, "/box_factor", &mut errors),
+            leave_box: take_given(self.leave_box, "/leave_box", &mut errors),
+        };
         let truth_labels = take_many(self.truth_labels, "/truth_labels", &mut errors);
         let answered = Answered {
             history: take_or_default(self.history, "/history", &mut errors).unwrap_or_default(),
@@ -258,6 +276,7 @@ impl SegmentRequest {
                     energy: EnergyInput { terms, stages, method },
                     prior: reference.zip(prior.and_then(|prior| prior.weight)),
                     coordinates,
+                    keeping,
                     truth_labels,
                     answered,
                 };

@@ -6,6 +6,7 @@ use super::image::Coordinates;
 use super::sheets::{self, SheetField};
 use crate::formats::fault::Fault;
 use crate::segmentation::energy::Polarity;
+use crate::segmentation::field::Blur;
 use crate::segmentation::run::scene::{EdgeScale, ImageTerm};
 use crate::segmentation::run::{Method, Settings, Stage};
 use crate::segmentation::snake::reparametrisation::Free;
@@ -19,6 +20,9 @@ pub const MAX_BLUR: f64 = 64.0;
 /// Least blur in cells along every axis for the contour term: with less, sampled second derivatives are wrong by more than a third, and
 /// without a blur there are none.
 pub const LEAST_BLUR: f64 = 0.5;
+/// Usual weight of the attraction to initial shapes that fill boxes. Of nuclei in boxes that are wrong by a tenth, fewer are lost than
+/// with 1; in boxes that are wrong by a quarter, contours are better than with 4.
+const USUAL_START: f64 = 2.0;
 /// Largest weight; smaller ones are as useless.
 const MAX_WEIGHT: f64 = 1e9;
 
@@ -166,10 +170,9 @@ pub enum TermInput {
         #[serde(default = "one")]
         #[schema(minimum = 0, default = 1)]
         weight: f64,
-        /// Default: `bright`.
+        /// Default: by the contrast of the field in the initial shape and around it.
         #[serde(default)]
-        #[schema(required = false)]
-        polarity: ObjectPolarity,
+        polarity: Option<ObjectPolarity>,
         /// Default: the percentile 99.
         #[serde(default = "usual_edges")]
         #[schema(required = false)]
@@ -203,10 +206,9 @@ pub enum TermInput {
         #[serde(default = "one")]
         #[schema(minimum = 0, default = 1)]
         weight: f64,
-        /// Default: `bright`.
+        /// Default: by the contrast of the field in the initial shape and around it.
         #[serde(default)]
-        #[schema(required = false)]
-        polarity: ObjectPolarity,
+        polarity: Option<ObjectPolarity>,
         /// What the term integrates. Default: `intensity`.
         #[serde(default)]
         #[schema(required = false)]
@@ -226,6 +228,14 @@ pub enum TermInput {
     /// Length or area of the boundary, relative to that of the initial shape.
     Boundary {
         /// Weight `κ`.
+        #[serde(default = "one")]
+        #[schema(minimum = 0, default = 1)]
+        weight: f64,
+    },
+    /// Square distance from the initial shape, relative to its box. Default without this term: weight 2 with the term `contour`
+    /// where shapes are kept to their boxes, else 0.
+    Start {
+        /// Weight `η`.
         #[serde(default = "one")]
         #[schema(minimum = 0, default = 1)]
         weight: f64,
@@ -287,6 +297,75 @@ impl From<Minimiser> for Method {
     }
 }
 
+/// Standard deviation of a blur: one number, or one for each axis of the image, x first.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(untagged, expecting = "expected a number, or a list of one for each axis of the image")]
+pub enum SigmaInput {
+    /// The same in all directions.
+    Same(f64),
+    /// Along x and y of an image in the plane.
+    InPlane([f64; 2]),
+    /// Along x, y and z of a volume.
+    InSpace([f64; 3]),
+}
+
+impl SigmaInput {
+    /// Along x, y and z.
+    pub(super) fn along(self) -> [f64; 3] {
+        match self {
+            Self::Same(sigma) => [sigma; 3],
+            Self::InPlane([x, y]) => [x, y, 0.0],
+            Self::InSpace(sigmas) => sigmas,
+        }
+    }
+
+    /// Number of axes that it is given for; `None` for all.
+    fn axes(self) -> Option<usize> {
+        match self {
+            Self::Same(_) => None,
+            Self::InPlane(_) => Some(2),
+            Self::InSpace(_) => Some(3),
+        }
+    }
+
+    /// In the cells of each axis, which have these sides.
+    pub(super) fn in_cells(self, sides: &[f64]) -> impl Iterator<Item = f64> {
+        self.along().into_iter().zip(sides).map(|(sigma, side)| sigma / side)
+    }
+
+    /// Faults at the field, in an image with cells of these sides and mean side `cell`; a blur needs `least` cells along every axis.
+    fn faults(self, sides: &[f64], cell: f64, least: f64) -> Vec<Fault> {
+        if let Some(axes) = self.axes().filter(|axes| *axes != sides.len()) {
+            let detail = format!("expected a number, or one for each of {} axes, got {axes}", sides.len());
+            return vec![Fault::new("", detail)];
+        }
+        let most = MAX_BLUR * cell;
+        let longest = sides.iter().copied().fold(0.0, f64::max);
+        let of_axis = |(axis, side): (usize, &f64)| {
+            let side = if self.axes().is_some() { *side } else { longest };
+            let (sigma, least) = (self.along()[axis], least * side);
+            let detail = if !(0.0..=most).contains(&sigma) {
+                format!("expected a number between 0 and {most} ({MAX_BLUR} cells), got {sigma}")
+            } else if sigma < least {
+                let what = "half a cell along every axis, for the term contour";
+                format!("expected at least {least} ({what}), got {sigma}")
+            } else {
+                return None;
+            };
+            let place = if self.axes().is_some() { format!("/{axis}") } else { String::new() };
+            Some(Fault::new(place, detail))
+        };
+        let axes = self.axes().unwrap_or(1);
+        sides.iter().enumerate().take(axes).filter_map(of_axis).collect()
+    }
+}
+
+impl From<SigmaInput> for Blur {
+    fn from(sigma: SigmaInput) -> Self {
+        Self::along(sigma.along())
+    }
+}
+
 /// A stage of the minimisation.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
@@ -295,9 +374,8 @@ pub struct StageInput {
     #[serde(default)]
     #[schema(required = false)]
     pub free: FreeInput,
-    /// Standard deviation of the blur of the image, in the unit of the coordinates.
-    #[schema(minimum = 0)]
-    pub sigma: f64,
+    /// Standard deviation of the blur of the image, in the unit of the coordinates: one number, or one for each axis of the image.
+    pub sigma: SigmaInput,
     /// Maximum number of iterations; 0 evaluates the energy. Default: 150.
     #[serde(default = "usual_iterations")]
     #[schema(minimum = 0, maximum = 2000, default = 150)]
@@ -309,9 +387,20 @@ fn usual_iterations() -> usize {
 }
 
 impl StageInput {
-    /// An affine stage at a blur of two cells, then all points at blurs of two cells and of one, at least `least`.
-    pub fn usual(cell: f64, least: f64) -> Vec<Self> {
-        let sigma = |cells: f64| (cells * cell).max(least);
+    /// An affine stage at a blur of two cells, then all points at blurs of two cells and of one, for cells with these `sides` in the
+    /// world and in the coordinates of the request (`units`). Cells are counted by their shortest side in the world; along an axis
+    /// with longer ones the blur has at least `least` cells of that axis. So slices that are thick beside their pixels are hardly
+    /// blurred across, and what is small within them is still seen.
+    pub fn usual(sides: &[f64], units: &[f64], least: f64) -> Vec<Self> {
+        let shortest = sides.iter().copied().fold(f64::INFINITY, f64::min);
+        let along = |cells: f64, axis: usize| units[axis] * (cells * shortest / sides[axis]).max(least);
+        let sigma = |cells: f64| match sides.len() {
+            _ if (0..sides.len()).all(|axis| along(cells, axis) == along(cells, 0)) => {
+                SigmaInput::Same(along(cells, 0))
+            }
+            2 => SigmaInput::InPlane([0, 1].map(|axis| along(cells, axis))),
+            _ => SigmaInput::InSpace([0, 1, 2].map(|axis| along(cells, axis))),
+        };
         let stage = |free, cells| Self { free, sigma: sigma(cells), iterations: usual_iterations() };
         vec![stage(FreeInput::Affine, 2.0), stage(FreeInput::All, 2.0), stage(FreeInput::All, 1.0)]
     }
@@ -377,14 +466,19 @@ pub struct EnergyInput {
 }
 
 impl EnergyInput {
-    /// Least blur that the terms allow, in an image whose cells have this longest side.
-    pub(super) fn least_blur(&self, longest: f64) -> f64 {
-        let by_edges = self.terms.iter().any(|term| matches!(term, TermInput::Contour { .. }));
-        if by_edges { LEAST_BLUR * longest } else { 0.0 }
+    /// Least blur that the terms allow, in cells along every axis.
+    pub(super) fn least_blur(&self) -> f64 {
+        if self.is_by_edges() { LEAST_BLUR } else { 0.0 }
     }
 
-    /// Faults of terms and stages, in an image whose cells have this side, and this longest side along an axis.
-    pub(super) fn faults(&self, cell: f64, longest: f64) -> Vec<Fault> {
+    /// Whether the term `contour` is among the terms. Its edges hold a shape against the attraction to the initial one, which the
+    /// weaker pull of terms of regions would not reach.
+    fn is_by_edges(&self) -> bool {
+        self.terms.iter().any(|term| matches!(term, TermInput::Contour { .. }))
+    }
+
+    /// Faults of terms and stages, in an image whose cells have this mean side, and these sides along the axes.
+    pub(super) fn faults(&self, cell: f64, sides: &[f64]) -> Vec<Fault> {
         let mut faults = Vec::new();
         for (list, count) in [("terms", self.terms.len()), ("stages", self.stages.len())] {
             if count > MAX_TERMS {
@@ -405,23 +499,31 @@ impl EnergyInput {
             faults.extend(term.faults().into_iter().map(below));
         }
         for (index, stage) in self.stages.iter().enumerate() {
-            let most = MAX_BLUR * cell;
-            if !(0.0..=most).contains(&stage.sigma) {
-                let detail =
-                    format!("expected a number between 0 and {most} ({MAX_BLUR} cells), got {}", stage.sigma);
-                faults.push(Fault::new(format!("/stages/{index}/sigma"), detail));
-            } else if stage.sigma < self.least_blur(longest) {
-                let least = self.least_blur(longest);
-                let what = "half a cell along every axis, for the term contour";
-                let detail = format!("expected at least {least} ({what}), got {}", stage.sigma);
-                faults.push(Fault::new(format!("/stages/{index}/sigma"), detail));
-            }
+            let below = |fault: Fault| fault.below(&format!("/stages/{index}/sigma"));
+            faults.extend(stage.sigma.faults(sides, cell, self.least_blur()).into_iter().map(below));
             if stage.iterations > MAX_ITERATIONS {
                 let detail = format!("expected at most {MAX_ITERATIONS}, got {}", stage.iterations);
                 faults.push(Fault::new(format!("/stages/{index}/iterations"), detail));
             }
         }
         faults
+    }
+
+    /// For each image term, whether its polarity is that of the contrast.
+    pub(super) fn by_contrast(&self) -> impl Iterator<Item = bool> {
+        self.terms.iter().filter(|term| term.of_image().is_some()).map(|term| {
+            matches!(
+                term,
+                TermInput::Contour { polarity: None, .. } | TermInput::LocalContrast { polarity: None, .. }
+            )
+        })
+    }
+
+    /// The weight of the attraction to initial shapes; `None` without the term.
+    fn start(&self) -> Option<f64> {
+        self.terms
+            .iter()
+            .find_map(|term| if let TermInput::Start { weight } = term { Some(*weight) } else { None })
     }
 
     /// Image terms with their weights.
@@ -434,9 +536,12 @@ impl EnergyInput {
         self.terms.iter().enumerate().filter_map(|(index, term)| Some((index, term.field()?)))
     }
 
-    /// Settings of a run with these stages.
-    pub(super) fn settings<const D: usize>(&self, stages: &[StageInput]) -> Settings<D> {
+    /// Settings of a run with these stages, whose shapes are kept to their boxes scaled by a factor, or not.
+    pub(super) fn settings<const D: usize>(&self, stages: &[StageInput], wall: Option<f64>) -> Settings<D> {
         let mut settings = Settings::new(stages.iter().map(|stage| stage.stage()).collect());
+        settings.wall = wall;
+        let usual = if wall.is_some() && self.is_by_edges() { USUAL_START } else { 0.0 };
+        settings.hold = self.start().unwrap_or(usual);
         settings.method = self.method.into();
         for term in &self.terms {
             match term {
@@ -457,6 +562,7 @@ impl TermInput {
             | Self::LocalContrast { weight, .. }
             | Self::TwoClass { weight, .. }
             | Self::Boundary { weight }
+            | Self::Start { weight }
             | Self::Spacing { weight } => *weight,
         }
     }
@@ -468,7 +574,7 @@ impl TermInput {
             | Self::Threshold { field, .. }
             | Self::LocalContrast { field, .. }
             | Self::TwoClass { field, .. } => Some(*field),
-            Self::Boundary { .. } | Self::Spacing { .. } => None,
+            Self::Boundary { .. } | Self::Start { .. } | Self::Spacing { .. } => None,
         }
     }
 
@@ -480,12 +586,14 @@ impl TermInput {
                     EdgeInput::Sheets { percent } => EdgeScale::Sheets(percent),
                     EdgeInput::Given { scale } => EdgeScale::Given(scale),
                 };
-                ImageTerm::Contour { polarity: polarity.into(), edges }
+                ImageTerm::Contour { polarity: polarity.unwrap_or_default().into(), edges }
             }
             Self::Threshold { theta, level, .. } => ImageTerm::Threshold { theta, level },
-            Self::LocalContrast { polarity, .. } => ImageTerm::LocalContrast { polarity: polarity.into() },
+            Self::LocalContrast { polarity, .. } => {
+                ImageTerm::LocalContrast { polarity: polarity.unwrap_or_default().into() }
+            }
             Self::TwoClass { .. } => ImageTerm::TwoClass,
-            Self::Boundary { .. } | Self::Spacing { .. } => return None,
+            Self::Boundary { .. } | Self::Start { .. } | Self::Spacing { .. } => return None,
         };
         Some((term, self.weight()))
     }

@@ -1,12 +1,14 @@
 //! Segmentation of objects in an image, from an initial shape each.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use super::answer::{
     CellsOutput, SegmentAnswer, SegmentedOutput, StageOutput, TermOutput, TruthOutput, finite, warnings,
 };
 use super::cost::{self, SegmentEstimate};
-use super::image::{ImageOutput, Part, plane_frame, volume_frame};
+use super::image::{Coordinates, ImageOutput, Part, plane_frame, volume_frame};
+use super::place;
 use super::prior::{begun, with_target};
 use super::request::{FieldInput, StageInput};
 use super::shown::Segmented;
@@ -20,7 +22,7 @@ use crate::numeric::bounded::Stop;
 use crate::numeric::dense::Matrix;
 use crate::segmentation::SegmentationError;
 use crate::segmentation::energy::Prior;
-use crate::segmentation::field::Image;
+use crate::segmentation::field::{Blur, Image};
 use crate::segmentation::frame::Frame;
 use crate::segmentation::run::scene::{FieldTerm, Scene};
 use crate::segmentation::run::{Outcome, Settings, StageReport, evaluate, segment};
@@ -126,10 +128,7 @@ impl Planned {
                 task.run(frame, &**model)?
             }
         };
-        let (results, outlines): (Vec<_>, Vec<_>) = found.into_iter().unzip();
-        let outlines = outlines.into_iter().flatten().collect();
-        let answer =
-            SegmentAnswer { image: ImageOutput::new(&grid), coordinates: wanted.coordinates, results };
+        let (answer, outlines) = gathered(found, &grid, wanted.coordinates);
         Ok(Segmented { answer, outlines, image, grid })
     }
 
@@ -153,7 +152,9 @@ fn terms(
 ) -> Result<Vec<FieldTerm>, ServiceError> {
     let mut known: Vec<(FieldInput, Arc<Image>)> = Vec::new();
     let mut terms = Vec::new();
-    for ((index, input), (term, weight)) in wanted.energy.fields().zip(wanted.energy.image_terms()) {
+    let energy = &wanted.energy;
+    let wanted_terms = energy.fields().zip(energy.image_terms()).zip(energy.by_contrast());
+    for (((index, input), (term, weight)), by_contrast) in wanted_terms {
         let found = known.iter().find(|(known, _)| *known == input).map(|(_, field)| field.clone());
         let field = match (found, input.detector(wanted.coordinates)) {
             (Some(field), _) => field,
@@ -164,7 +165,7 @@ fn terms(
             }
         };
         known.push((input, field.clone()));
-        terms.push(FieldTerm { field, term, weight });
+        terms.push(FieldTerm { field, term, weight, by_contrast });
     }
     Ok(terms)
 }
@@ -176,8 +177,34 @@ fn of_field(error: ServiceError, index: usize) -> ServiceError {
     ServiceError::Invalid(faults.map(|fault| if fault.pointer == "/image" { fault } else { below(fault) }))
 }
 
-/// A segmented object, and the outlines of its initial shape and of its result where they are asked for.
-type Found = (SegmentedOutput, Option<[Outline; 2]>);
+/// A segmented object.
+struct Found {
+    object: SegmentedOutput,
+    /// The outlines of its initial shape and of its result, where they are asked for.
+    outlines: Option<[Outline; 2]>,
+    /// The cells of its result, where there are others.
+    cells: Vec<Range<usize>>,
+}
+
+/// The answer of all objects, each with the others that cover some of the same cells.
+fn gathered(
+    found: Vec<Found>,
+    grid: &FileGrid,
+    coordinates: Coordinates,
+) -> (SegmentAnswer, Vec<[Outline; 2]>) {
+    let (mut results, mut outlines, mut cells) = (Vec::new(), Vec::new(), Vec::new());
+    for one in found {
+        results.push(one.object);
+        outlines.extend(one.outlines);
+        cells.push(one.cells);
+    }
+    let shared = place::overlaps(&cells, grid.cells());
+    for (result, shared) in results.iter_mut().zip(shared) {
+        result.warnings.extend(place::warnings(&shared));
+        result.shared = shared;
+    }
+    (SegmentAnswer { image: ImageOutput::new(grid), coordinates, results }, outlines)
+}
 
 /// A segmentation whose files were read.
 struct Task<'a> {
@@ -197,9 +224,10 @@ struct Task<'a> {
 impl Task<'_> {
     fn run<const D: usize>(&self, frame: Frame<D>, model: &dyn Model<D>) -> Result<Vec<Found>, ServiceError> {
         let starts: Vec<Vec<[f64; D]>> = self.starts()?.iter().map(|start| rows(start)).collect();
-        let mut settings = self.wanted.energy.settings::<D>(self.stages);
+        let wall = self.wanted.keeping.box_factor(&self.wanted.starts);
+        let mut settings = self.wanted.energy.settings::<D>(self.stages, wall);
         settings.prior = self.prior(frame, model)?;
-        let sigmas: Vec<f64> = self.stages.iter().map(|stage| stage.sigma).collect();
+        let sigmas: Vec<Blur> = self.stages.iter().map(|stage| stage.sigma.into()).collect();
         let stop = || self.context.is_cancelled();
         let scene = Scene::of_fields(self.grid.size(), frame, &self.terms, &sigmas, &stop);
         let scene = scene.ok_or(ServiceError::Cancelled)?;
@@ -272,6 +300,8 @@ impl Task<'_> {
         self.check_extent(index, &in_cells, scene.size())?;
         let first = model.free_points(&in_cells);
         let at_start = |error| faulty_start(error, &self.wanted.starts, index);
+        let size_factor = self.wanted.keeping.size_factor(&self.wanted.starts, index, D);
+        let settings = &Settings { size_factor: Some(size_factor), ..settings.clone() };
         let begun = evaluate(scene, model, &first, settings).map_err(at_start)?;
         let found = segment(scene, model, &first, settings, &stop).map_err(at_start)?;
         if found.outcome == Outcome::Stopped || stop() {
@@ -284,16 +314,20 @@ impl Task<'_> {
         let world = |rows: Vec<[f64; D]>| {
             points(&rows.into_iter().map(|row| frame.to_world(row)).collect::<Vec<_>>())
         };
-        let mut warnings = warnings(&found, &begun.terms);
+        let mut warnings = warnings(&found, &begun.terms, size_factor);
         warnings.extend(self.wanted.starts.warning(index));
         if D == 3 && self.wanted.prior.is_some() && model.lift().is_some() {
             warnings.push("the prior compares control points beyond the ends as they are extended".into());
         }
         let outlines = [model.outline(&first), model.outline(&found.rows)];
+        let has_others = self.wanted.starts.count() > 1;
+        let cells = if has_others { place::runs(&outlines[1], scene.size()) } else { Vec::new() };
         let control_points = model.control_points(&found.rows);
         let gradient_rows = gradient.as_ref().map(|_| free_rows(model, control_points.len()));
         let object = SegmentedOutput {
             index,
+            moved: found.moved.into(),
+            shared: Vec::new(),
             control_points: world(control_points),
             converged: found.outcome == Outcome::Converged,
             stop: found.outcome.name(),
@@ -309,7 +343,8 @@ impl Task<'_> {
             component: self.wanted.starts.component(index),
             warnings,
         };
-        Ok((object, self.wanted.answered.outlines.then_some(outlines)))
+        let outlines = self.wanted.answered.outlines.then_some(outlines);
+        Ok(Found { object, outlines, cells })
     }
 
     /// Refuses an initial shape that is much larger than the image: its boundary would have as many more samples.

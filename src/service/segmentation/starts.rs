@@ -105,6 +105,14 @@ impl Starts {
         }
     }
 
+    /// Whether the initial shape at `index` says how large its object is: a seed without a radius does not.
+    pub(super) fn has_size(&self, index: usize) -> bool {
+        match self {
+            Self::Seeds(seeds) => seeds[index].radius.is_some(),
+            Self::Shapes(_) | Self::Boxes(_) | Self::Components(_) => true,
+        }
+    }
+
     /// Field or part of the request.
     fn place(&self) -> &'static str {
         match self {

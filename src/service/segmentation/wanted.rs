@@ -1,5 +1,7 @@
 //! What is wanted of an image, and its faults.
 
+use std::f64::consts::SQRT_2;
+
 use super::image::Coordinates;
 use super::request::{EnergyInput, FieldInput, StageInput};
 use super::sheets;
@@ -9,6 +11,15 @@ use crate::formats::image::Grid;
 use crate::formats::shape::ShapeInput;
 use crate::service::app::App;
 use crate::service::statistics::CheckedSettings;
+
+/// Factor between the areas of a result and its initial shape beyond which it is usually another object, and between their volumes:
+/// `√2` along each side. A box whose sides are a quarter too short or too long has 0.56 or 1.56 times the area, 0.42 or 1.95 times the
+/// volume.
+const SIZE_FACTORS: [f64; 2] = [2.0, 2.0 * SQRT_2];
+/// Factor by which boxes are usually scaled: of one whose sides and centre are wrong by a quarter, the object ends within it.
+const BOX_FACTOR: f64 = 1.5;
+/// Largest factor; larger ones are as useless.
+const MAX_FACTOR: f64 = 1e6;
 
 /// What is wanted of an image.
 #[derive(Debug)]
@@ -23,6 +34,8 @@ pub struct Wanted {
     pub prior: Option<(Reference, f64)>,
     /// Coordinates of shapes, blurs and the answer.
     pub coordinates: Coordinates,
+    /// What keeps results to where they begin.
+    pub keeping: Keeping,
     /// Labels of the truth, one for each object; all but 0 without.
     pub truth_labels: Option<Vec<u32>>,
     /// What is answered besides.
@@ -43,6 +56,48 @@ pub enum Reference {
     },
 }
 
+/// What keeps results to where they begin, as far as it is asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Keeping {
+    /// Factor between sizes beyond which a result has left its object.
+    pub size_factor: Option<f64>,
+    /// Factor by which the box around an initial shape is scaled.
+    pub box_factor: Option<f64>,
+    /// Whether shapes may leave these boxes.
+    pub leave_box: Option<bool>,
+}
+
+impl Keeping {
+    /// The factor between the sizes of a result and of the initial shape at `index`. A seed without a radius says nothing about
+    /// a size.
+    pub(super) fn size_factor(&self, starts: &Starts, index: usize, dimension: usize) -> f64 {
+        let usual = if starts.has_size(index) { SIZE_FACTORS[dimension - 2] } else { f64::INFINITY };
+        self.size_factor.unwrap_or(usual)
+    }
+
+    /// The factor by which boxes are scaled; `None` where shapes may leave them.
+    pub(super) fn box_factor(&self, starts: &Starts) -> Option<f64> {
+        let is_usual = matches!(starts, Starts::Boxes(_)) || self.box_factor.is_some();
+        let leaves = self.leave_box.unwrap_or(!is_usual);
+        (!leaves).then(|| self.box_factor.unwrap_or(BOX_FACTOR))
+    }
+
+    fn faults(&self) -> Vec<Fault> {
+        let mut faults = Vec::new();
+        for (name, factor) in [("size_factor", self.size_factor), ("box_factor", self.box_factor)] {
+            if let Some(factor) = factor.filter(|factor| !(1.0..=MAX_FACTOR).contains(factor)) {
+                let detail = format!("expected a number between 1 and {MAX_FACTOR:e}, got {factor}");
+                faults.push(Fault::new(format!("/{name}"), detail));
+            }
+        }
+        if self.leave_box == Some(true) && self.box_factor.is_some() {
+            let detail = "expected no box_factor where shapes may leave their boxes, got both";
+            faults.push(Fault::new("/box_factor", detail));
+        }
+        faults
+    }
+}
+
 /// Optional parts of the answer.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Answered {
@@ -59,7 +114,7 @@ pub struct Answered {
 impl Wanted {
     pub(super) fn faults(&self, grid: &Grid, app: &App) -> Vec<Fault> {
         let dimension = self.settings.representation.dimension();
-        let mut faults = self.energy.faults(self.cell(grid), self.longest_side(grid));
+        let mut faults = self.energy.faults(self.cell(grid), &self.sides(grid));
         let axes = if grid.is_planar() { 2 } else { 3 };
         if axes != dimension {
             let detail = format!("expected an image of {dimension} dimensions, as the shapes, got {axes}");
@@ -74,6 +129,7 @@ impl Wanted {
             faults.extend(detector.faults(grid).into_iter().map(below));
         }
         faults.extend(self.starts.faults(dimension, &app.limits));
+        faults.extend(self.keeping.faults());
         let count = self.starts.count();
         if let Some(labels) = &self.truth_labels
             && labels.len() != count
@@ -126,18 +182,19 @@ impl Wanted {
         }
     }
 
-    /// The longest side of a cell in the unit of the coordinates.
-    fn longest_side(&self, grid: &Grid) -> f64 {
+    /// The sides of a cell along the axes of the image, in the unit of the coordinates.
+    pub(super) fn sides(&self, grid: &Grid) -> Vec<f64> {
         let axes = if grid.is_planar() { 2 } else { 3 };
         match self.coordinates {
-            Coordinates::Index => 1.0,
-            Coordinates::World => grid.spacing()[..axes].iter().copied().fold(0.0, f64::max),
+            Coordinates::Index => vec![1.0; axes],
+            Coordinates::World => grid.spacing()[..axes].to_vec(),
         }
     }
 
     pub(super) fn stages(&self, grid: &Grid) -> Vec<StageInput> {
         if self.energy.stages.is_empty() {
-            StageInput::usual(self.cell(grid), self.energy.least_blur(self.longest_side(grid)))
+            let units = self.sides(grid);
+            StageInput::usual(&grid.spacing()[..units.len()], &units, self.energy.least_blur())
         } else {
             self.energy.stages.clone()
         }

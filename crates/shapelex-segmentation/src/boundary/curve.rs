@@ -110,6 +110,22 @@ impl Boundary<2> for CurveBoundary {
         self.gather(value, &slopes)
     }
 
+    fn mean(
+        &self,
+        samples: &Samples<2>,
+        function: &dyn Fn(usize, [f64; 2]) -> (f64, [f64; 2]),
+    ) -> Differential<2> {
+        let share = 1.0 / samples.points.len() as f64;
+        let mut slopes = samples.zeros();
+        let mut sum = 0.0;
+        for (s, point) in samples.points.iter().enumerate() {
+            let (value, of_point) = function(s, *point);
+            sum += share * value;
+            slopes.points[s] = of_point.map(|x| share * x);
+        }
+        self.gather(sum, &slopes)
+    }
+
     fn curvature(&self, samples: &Samples<2>, field: &Integrated<2>, factor: f64) -> Option<Matrix> {
         let weight = self.weight * self.frame.determinant().abs();
         let rise = |(point, tangent): (&[f64; 2], &[f64; 2])| {

@@ -163,6 +163,14 @@ impl Boundary<3> for CylinderBoundary {
         self.lateral.area(samples, &self.frame)
     }
 
+    fn mean(
+        &self,
+        samples: &Samples<3>,
+        function: &dyn Fn(usize, [f64; 3]) -> (f64, [f64; 3]),
+    ) -> Differential<3> {
+        self.closed.mean(samples, function)
+    }
+
     fn spacing(&self, samples: &Samples<3>) -> Differential<3> {
         self.lateral.unevenness(samples, &self.frame)
     }

@@ -137,6 +137,18 @@ impl Boundary<3> for MeshBoundary {
         self.gather(area, &slopes)
     }
 
+    fn mean(
+        &self,
+        samples: &Samples<3>,
+        function: &dyn Fn(usize, [f64; 3]) -> (f64, [f64; 3]),
+    ) -> Differential<3> {
+        let share = 1.0 / samples.vertices.len() as f64;
+        let found: Vec<(f64, [f64; 3])> =
+            samples.vertices.iter().enumerate().map(|(s, vertex)| function(s, *vertex)).collect();
+        let slopes: Vec<[f64; 3]> = found.iter().map(|(_, slope)| slope.map(|x| share * x)).collect();
+        self.gather(found.iter().map(|(value, _)| share * value).sum(), &slopes)
+    }
+
     /// `mean(a²)/mean(a)² − 1` over the faces, `a = |(V_b − V_a) × (V_c − V_a)|²`.
     fn spacing(&self, samples: &Samples<3>) -> Differential<3> {
         let edges: Vec<[[f64; 3]; 3]> = self.faces.iter().map(|face| self.edges(samples, *face)).collect();

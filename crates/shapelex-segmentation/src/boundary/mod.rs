@@ -96,6 +96,14 @@ pub trait Boundary<const D: usize>: Send + Sync {
     /// How unevenly the parameters are spread over the boundary: 0 if evenly. Scale invariant.
     fn spacing(&self, samples: &Samples<D>) -> Differential<D>;
 
+    /// Mean over the samples of a function of their numbers and positions in index coordinates, given with its slope in them. Weights are those of the
+    /// parameters, and do not depend on the shape.
+    fn mean(
+        &self,
+        samples: &Samples<D>,
+        function: &dyn Fn(usize, [f64; D]) -> (f64, [f64; D]),
+    ) -> Differential<D>;
+
     /// `∮ max(factor ∂F/∂n, 0) φ_k φ_l n nᵀ ds` by rows `(k, c)`, the second derivatives of `factor ∫_Ω F` where they are
     /// positive. `None` for boundaries that do not offer it.
     fn curvature(&self, samples: &Samples<D>, field: &Integrated<D>, factor: f64) -> Option<Matrix> {

@@ -133,6 +133,23 @@ impl Sheet {
         self.gather(area, &slopes)
     }
 
+    /// Mean over the samples of a function of their positions, given with its slope.
+    fn mean(
+        &self,
+        samples: &Samples<3>,
+        function: &dyn Fn(usize, [f64; 3]) -> (f64, [f64; 3]),
+    ) -> Differential<3> {
+        let total: f64 = (0..samples.points.len()).map(|s| self.weight(s)).sum();
+        let mut slopes = samples.zeros();
+        let mut sum = 0.0;
+        for (s, point) in samples.points.iter().enumerate() {
+            let (share, (value, slope)) = (self.weight(s) / total, function(s, *point));
+            sum += share * value;
+            slopes.points[s] = slope.map(|x| share * x);
+        }
+        self.gather(sum, &slopes)
+    }
+
     /// Mean over the sampled parallels of the relative variance of `|σ_u|²`, plus mean over the meridians of that of `|σ_v|²`.
     pub(super) fn unevenness(&self, samples: &Samples<3>, frame: &Frame<3>) -> Differential<3> {
         let columns = self.columns();
@@ -264,6 +281,14 @@ impl Boundary<3> for TensorBoundary {
 
     fn measure(&self, samples: &Samples<3>) -> Differential<3> {
         self.sheet.area(samples, &self.frame)
+    }
+
+    fn mean(
+        &self,
+        samples: &Samples<3>,
+        function: &dyn Fn(usize, [f64; 3]) -> (f64, [f64; 3]),
+    ) -> Differential<3> {
+        self.sheet.mean(samples, function)
     }
 
     fn spacing(&self, samples: &Samples<3>) -> Differential<3> {

@@ -8,18 +8,20 @@
 //! * [`contour`] — flux of the gradient through the boundary; [`threshold`] — region brighter than a level;
 //! * [`local_contrast`] — mean inside against a shell; [`two_class`] — two means, without a polarity;
 //! * [`boundary_cost`] — size of the boundary; [`spacing`] — evenness of the parameterisation; [`prior`] — distance from a
-//!   class of shapes.
+//!   class of shapes; [`wall`] — a box that the shape is kept to; [`hold`] — the first shape.
 //!
 //! Weights do not depend on the scale of the image or of the object.
 
 pub mod boundary_cost;
 pub mod contour;
+pub mod hold;
 pub mod local_contrast;
 pub mod prior;
 pub mod shape;
 pub mod spacing;
 pub mod threshold;
 pub mod two_class;
+pub mod wall;
 
 use shapelex_numeric::dense::Matrix;
 
@@ -28,12 +30,14 @@ use crate::field::Integrated;
 
 pub use boundary_cost::BoundaryCost;
 pub use contour::Contour;
+pub use hold::Hold;
 pub use local_contrast::LocalContrast;
 pub use prior::Prior;
 pub use shape::{Polarity, Shape};
 pub use spacing::Spacing;
 pub use threshold::Threshold;
 pub use two_class::TwoClass;
+pub use wall::Wall;
 
 /// A term of an energy.
 #[derive(Debug, Clone)]
@@ -52,6 +56,10 @@ pub enum Term<const D: usize> {
     Spacing(Spacing),
     /// See [`Prior`].
     Prior(Prior<D>),
+    /// See [`Wall`].
+    Wall(Wall<D>),
+    /// See [`Hold`].
+    Hold(Hold<D>),
 }
 
 impl<const D: usize> Term<D> {
@@ -65,6 +73,8 @@ impl<const D: usize> Term<D> {
             Self::BoundaryCost(_) => "boundary",
             Self::Spacing(_) => "spacing",
             Self::Prior(_) => "prior",
+            Self::Wall(_) => "box",
+            Self::Hold(_) => "start",
         }
     }
 
@@ -78,6 +88,8 @@ impl<const D: usize> Term<D> {
             Self::BoundaryCost(term) => term.evaluate(shape),
             Self::Spacing(term) => term.evaluate(shape),
             Self::Prior(term) => term.evaluate(shape),
+            Self::Wall(term) => term.evaluate(shape),
+            Self::Hold(term) => term.evaluate(shape),
         }
     }
 }
@@ -93,7 +105,7 @@ impl<const D: usize> Term<D> {
                 Some((&term.image, -2.0 * term.polarity.sign() / (term.contrast * shape.volume.value)))
             }
             Self::TwoClass(term) => Some((&term.centred, term.factor(shape))),
-            Self::BoundaryCost(_) | Self::Spacing(_) | Self::Prior(_) => None,
+            Self::BoundaryCost(_) | Self::Spacing(_) | Self::Prior(_) | Self::Wall(_) | Self::Hold(_) => None,
         }
     }
 
@@ -106,11 +118,12 @@ impl<const D: usize> Term<D> {
     /// γ       2S/V^{2/d}, the volume held fixed
     /// ```
     ///
-    /// The cost of the boundary has no part: its curvature is small beside that of the image.
+    /// The cost of the boundary has no part: its curvature is small beside that of the image. Nor have the wall, which most
+    /// shapes never touch, and the attraction to the first shape.
     fn curvature(&self, shape: &Shape<'_, D>) -> Option<Matrix> {
         let size = D * shape.rows.len();
         match self {
-            Self::BoundaryCost(_) => Some(Matrix::zeros(size, size)),
+            Self::BoundaryCost(_) | Self::Wall(_) | Self::Hold(_) => Some(Matrix::zeros(size, size)),
             Self::Spacing(_) => shape.boundary.spacing_curvature(&shape.samples),
             Self::Prior(term) => Some(term.curvature(shape)),
             _ => {

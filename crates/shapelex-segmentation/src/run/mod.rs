@@ -1,15 +1,17 @@
 //! Segmentation of an object: stages of minimisation from coarse to fine, each followed by a check.
 //!
 //! ```text
-//! E = Σ w_i E_i (image) + κ A/A₀ + ρ E_ρ + γ E_prior
+//! E = Σ w_i E_i (image) + κ A/A₀ + ρ E_ρ + γ E_prior + ω E_box
 //! ```
 //!
 //! * [`scene`] — an image with its fields, prepared once for any number of objects;
-//! * [`check`](mod@check) — folds, shapes that leave the image, and collapse.
+//! * [`check`](mod@check) — folds, shapes that leave the image, and collapse;
+//! * [`moved`] — a result beside its start: shapes that have left their object.
 //!
 //! A stage whose result fails the check is repeated from its start with `10 ρ` and half of the clip, twice at most.
 
 pub mod check;
+pub mod moved;
 pub mod scene;
 
 use shapelex_numeric::bounded::Stop;
@@ -20,16 +22,20 @@ use shapelex_numeric::{coordinates, lbfgs, newton};
 
 use crate::SegmentationError;
 use crate::boundary::Boundary;
-use crate::energy::{BoundaryCost, Energy, Prior, Shape, Spacing, Term, TermValue};
+use crate::energy::{BoundaryCost, Energy, Hold, Prior, Shape, Spacing, Term, TermValue, Wall};
+use crate::field::Blur;
 use crate::snake::Model;
 use crate::snake::reparametrisation::{Free, Reparametrisation};
 use check::{Fault, check};
+use moved::Moved;
 use scene::{Measures, Scene};
 
 /// Factor on `ρ` and on the clip when a stage is repeated.
 const REPAIR: (f64, f64) = (10.0, 0.5);
 /// `ρ` of the first repetition if it was zero.
 const LEAST_SPACING: f64 = 0.1;
+/// `ω`: a boundary that is a tenth of the half sides beyond the wall everywhere costs as much as an edge gains.
+const WALL: f64 = 100.0;
 /// Number of free points from which the clip is halved.
 const MANY: usize = 100;
 
@@ -38,16 +44,16 @@ const MANY: usize = 100;
 pub struct Stage {
     /// What is free.
     pub free: Free,
-    /// Blur of the image, in units of length; one of those of the scene.
-    pub sigma: f64,
+    /// Blur of the image; one of those of the scene.
+    pub sigma: Blur,
     /// Maximum number of iterations.
     pub iterations: usize,
 }
 
 impl Stage {
     /// A stage with the usual number of iterations.
-    pub fn new(free: Free, sigma: f64) -> Self {
-        Self { free, sigma, iterations: 150 }
+    pub fn new(free: Free, sigma: impl Into<Blur>) -> Self {
+        Self { free, sigma: sigma.into(), iterations: 150 }
     }
 }
 
@@ -82,14 +88,23 @@ pub struct Settings<const D: usize> {
     pub repairs: usize,
     /// The method of minimisation.
     pub method: Method,
+    /// Factor by which the box around the first shape is scaled, beyond which the boundary costs; `None`: it may go anywhere.
+    pub wall: Option<f64>,
+    /// `η`, the weight of the attraction to the first shape.
+    pub hold: f64,
+    /// Factor between the sizes of the result and the first shape beyond which the result has left its object; `None`: results are
+    /// not compared. See [`Moved::has_left`].
+    pub size_factor: Option<f64>,
 }
 
 impl<const D: usize> Settings<D> {
-    /// Usual rules without `κ` and a prior: `ρ = 0.1`, steps of at most 2 cells, to 0.005 cells in the plane and 0.01 in space.
+    /// Usual rules without `κ`, a prior, a wall and a comparison of sizes: `ρ = 0.1`, steps of at most 2 cells, to 0.005 cells in the plane and 0.01 in space.
     pub fn new(stages: Vec<Stage>) -> Self {
         let tolerance = if D == 2 { 0.005 } else { 0.01 };
         let (clip, repairs, method) = (2.0, 2, Method::default());
-        Self { stages, boundary: 0.0, spacing: 0.1, prior: None, tolerance, clip, repairs, method }
+        let (boundary, spacing, prior) = (0.0, 0.1, None);
+        let (wall, hold, size_factor) = (None, 0.0, None);
+        Self { stages, boundary, spacing, prior, tolerance, clip, repairs, method, wall, hold, size_factor }
     }
 }
 
@@ -108,6 +123,8 @@ pub enum Outcome {
     LeftImage,
     /// A stage shrank the shape to nothing; the result is that of the stage before.
     Collapsed,
+    /// The result is of another size than the first shape, or somewhere else.
+    LeftObject,
     /// The caller wanted to stop.
     Stopped,
 }
@@ -122,6 +139,7 @@ impl Outcome {
             Self::Folded => "folded",
             Self::LeftImage => "left_image",
             Self::Collapsed => "collapsed",
+            Self::LeftObject => "left_object",
             Self::Stopped => "stopped",
         }
     }
@@ -178,6 +196,8 @@ pub struct Segmentation<const D: usize> {
     pub terms: Vec<TermValue>,
     /// Runs of stages in order, with those that failed the check.
     pub stages: Vec<StageReport>,
+    /// The result beside the first shape.
+    pub moved: Moved<D>,
 }
 
 impl<const D: usize> Segmentation<D> {
@@ -237,8 +257,15 @@ pub fn segment<const D: usize>(
     }
     let boundary = run.boundary(last);
     let energy = run.energy(last)?;
-    let terms = energy.values(&Shape::new(&*boundary, &run.rows));
-    Ok(Segmentation { rows: run.rows, outcome, terms, stages: reports })
+    let shape = Shape::new(&*boundary, &run.rows);
+    let (terms, size) = (energy.values(&shape), shape.volume.value);
+    let outlines = [start, &run.rows[..]].map(|rows| model.outline(rows));
+    let moved = Moved::between((&outlines[0], run.measures.volume), (&outlines[1], size), scene.frame());
+    let ended = matches!(outcome, Outcome::Converged | Outcome::Limit | Outcome::LineSearch);
+    if ended && settings.size_factor.is_some_and(|factor| moved.has_left(factor)) {
+        outcome = Outcome::LeftObject;
+    }
+    Ok(Segmentation { rows: run.rows, outcome, terms, stages: reports, moved })
 }
 
 /// State between stages.
@@ -247,6 +274,10 @@ struct Run<'a, const D: usize> {
     model: &'a dyn Model<D>,
     settings: &'a Settings<D>,
     measures: Measures,
+    /// The box that the shape is kept to.
+    wall: Option<Wall<D>>,
+    /// What attracts to the first shape.
+    hold: Option<Hold<D>>,
     rows: Vec<[f64; D]>,
     spacing: f64,
     clip: f64,
@@ -264,11 +295,16 @@ impl<'a, const D: usize> Run<'a, D> {
         }
         let measures = Measures::of(scene, model, start)?;
         let clip = if start.len() > MANY { 0.5 * settings.clip } else { settings.clip };
-        Ok(Self { scene, model, settings, measures, rows: start.to_vec(), spacing: settings.spacing, clip })
+        let wall = |factor| wall(scene, model, start, factor);
+        let hold = (settings.hold > 0.0).then(|| wall(1.0)).flatten();
+        let hold = hold.map(|wall| Hold { start: start.to_vec(), wall });
+        let wall = settings.wall.and_then(wall);
+        let (rows, spacing) = (start.to_vec(), settings.spacing);
+        Ok(Self { scene, model, settings, measures, wall, hold, rows, spacing, clip })
     }
 
     fn boundary(&self, stage: &Stage) -> Box<dyn Boundary<D>> {
-        let cells = self.scene.frame().sigma_in_cells(stage.sigma);
+        let cells = stage.sigma.in_cells(self.scene.frame());
         let sigma = cells[..D].iter().copied().fold(f64::INFINITY, f64::min);
         self.model.boundary(&self.rows, sigma, *self.scene.frame())
     }
@@ -285,6 +321,8 @@ impl<'a, const D: usize> Run<'a, D> {
         if let Some((prior, gamma)) = &self.settings.prior {
             terms.push((Term::Prior(prior.clone()), *gamma));
         }
+        terms.extend(self.wall.map(|wall| (Term::Wall(wall), WALL)));
+        terms.extend(self.hold.clone().map(|hold| (Term::Hold(hold), self.settings.hold)));
         Ok(Energy { terms })
     }
 
@@ -361,6 +399,18 @@ impl<'a, const D: usize> Run<'a, D> {
             }
         }
     }
+}
+
+/// The wall around the box of a shape, in the frame.
+fn wall<const D: usize>(
+    scene: &Scene<D>,
+    model: &dyn Model<D>,
+    rows: &[[f64; D]],
+    factor: f64,
+) -> Option<Wall<D>> {
+    let frame = *scene.frame();
+    let world = |point: &[f64; 3]| frame.to_world(std::array::from_fn(|c| point[c]));
+    Wall::around(model.outline(rows).points().iter().map(world), factor, frame)
 }
 
 /// The energy as a function of the unknowns of a stage.

@@ -1,14 +1,15 @@
 //! An image with the fields of the image terms, prepared once for any number of objects.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use crate::SegmentationError;
 use crate::energy::{Contour, LocalContrast, Polarity, Shape, Term, Threshold, TwoClass};
 use crate::field::filter::{blur, gradient_length, laplacian};
 use crate::field::image::percentile;
-use crate::field::{Image, Integrated, Value};
+use crate::field::{Blur, Image, Integrated, Value};
 use crate::frame::Frame;
-use crate::snake::Model;
+use crate::snake::{Model, Outline};
 
 use shapelex_geometry::raster::Grid;
 use shapelex_numeric::bounded::{Stop, never};
@@ -19,6 +20,8 @@ const MEASURED: f64 = 3.0;
 const SHEET_POWER: f64 = 1.5;
 /// Volume of a first shape, in cells, that is rounding.
 const NOTHING: f64 = 1e-6;
+/// Size of the box whose cells are near a shape, relative to that around it.
+const NEAR: f64 = 1.5;
 /// Percentiles between which the range of an image is measured: outliers do not count.
 const RANGE: [f64; 2] = [1.0, 99.0];
 
@@ -69,11 +72,13 @@ pub struct FieldTerm {
     pub term: ImageTerm,
     /// Its weight.
     pub weight: f64,
+    /// Whether the polarity is that of the contrast of the field in and around the first shape, in place of that of the term.
+    pub by_contrast: bool,
 }
 
 impl FieldTerm {
     /// Prepares the term for a blur. `measured`: see [`measured`](fn@measured).
-    fn prepared<const D: usize>(&self, frame: &Frame<D>, measured: Option<f64>, sigma: f64) -> Prepared<D> {
+    fn prepared<const D: usize>(&self, frame: &Frame<D>, measured: Option<f64>, sigma: Blur) -> Prepared<D> {
         prepare(&self.field, frame, &self.term, measured, sigma)
     }
 }
@@ -85,7 +90,7 @@ fn field_of_levels(terms: &[FieldTerm]) -> Option<Arc<Image>> {
 }
 
 /// The different ones of `sigmas`, in order.
-fn distinct(sigmas: &[f64]) -> Vec<f64> {
+fn distinct(sigmas: &[Blur]) -> Vec<Blur> {
     let mut found = Vec::new();
     for sigma in sigmas {
         if !found.contains(sigma) {
@@ -131,12 +136,14 @@ pub struct Scene<const D: usize> {
     /// The image whose median in the first shape is a level, where a term needs one.
     levels: Option<Arc<Image>>,
     frame: Frame<D>,
+    /// For every term, the field whose contrast is its polarity.
+    contrasts: Vec<Option<Arc<Image>>>,
     /// For every blur, the terms with their weights.
-    fields: Vec<(f64, Vec<(Prepared<D>, f64)>)>,
+    fields: Vec<(Blur, Vec<(Prepared<D>, f64)>)>,
 }
 
 /// Measures of a first shape that scale the terms.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Measures {
     /// `A₀`, the length or area of the boundary.
     pub boundary: f64,
@@ -144,6 +151,8 @@ pub struct Measures {
     pub volume: f64,
     /// Median of the image inside.
     pub median: Option<f64>,
+    /// For each image term, the polarity by the contrast of its field; `None` where it is given.
+    pub polarities: Vec<Option<Polarity>>,
 }
 
 impl Measures {
@@ -164,29 +173,31 @@ impl Measures {
             return Err(SegmentationError::NoVolume { volume });
         }
         let median = scene.median(model, rows);
-        Ok(Self { boundary: measure, volume, median })
+        let polarities = scene.polarities(&model.outline(rows));
+        Ok(Self { boundary: measure, volume, median, polarities })
     }
 }
 
 impl<const D: usize> Scene<D> {
-    /// Prepares an image for terms with weights, at the blurs of the stages, in units of length. Blurs are isotropic in the
-    /// frame.
+    /// Prepares an image for terms with weights, at the blurs of the stages.
     ///
     /// Memory: about 24 bytes per cell and blur of every term while preparing, 8 to keep.
     pub fn new<T: Value>(
         image: &Image<T>,
         frame: Frame<D>,
         terms: &[(ImageTerm, f64)],
-        sigmas: &[f64],
+        sigmas: &[impl Into<Blur> + Copy],
     ) -> Self {
+        let sigmas: Vec<Blur> = sigmas.iter().map(|sigma| (*sigma).into()).collect();
         let field: Arc<Image> = Arc::new(image.map(|value| value));
         let of_image = |(term, weight): &(ImageTerm, f64)| FieldTerm {
             field: field.clone(),
             term: *term,
             weight: *weight,
+            by_contrast: false,
         };
         let terms: Vec<FieldTerm> = terms.iter().map(of_image).collect();
-        Self::of_fields(image.size(), frame, &terms, sigmas, &never).expect("nothing stops")
+        Self::of_fields(image.size(), frame, &terms, &sigmas, &never).expect("nothing stops")
     }
 
     /// As [`Scene::new`] for terms with fields of their own, all of one `size`. `None` if the caller wants to stop, which is looked at
@@ -195,7 +206,7 @@ impl<const D: usize> Scene<D> {
         size: [usize; 3],
         frame: Frame<D>,
         terms: &[FieldTerm],
-        sigmas: &[f64],
+        sigmas: &[Blur],
         stop: Stop<'_>,
     ) -> Option<Self> {
         let (levels, mut fields) = (field_of_levels(terms), Vec::new());
@@ -208,7 +219,8 @@ impl<const D: usize> Scene<D> {
                 .map(|(term, known)| (!stop()).then(|| (term.prepared(&frame, *known, sigma), term.weight)));
             fields.push((sigma, prepared.collect::<Option<_>>()?));
         }
-        Some(Self { size, levels, frame, fields })
+        let contrasts = terms.iter().map(|term| term.by_contrast.then(|| term.field.clone())).collect();
+        Some(Self { size, levels, frame, contrasts, fields })
     }
 
     /// Number of cells of the image along x, y, z.
@@ -233,18 +245,66 @@ impl<const D: usize> Scene<D> {
         percentile(cells.map(value).collect(), 50.0)
     }
 
+    /// For each term, the polarity by the contrast of its field in a shape and around it, where it is not given: `Dark` if the mean
+    /// of the cells in the shape is below that of the others of the box around it, [`NEAR`] times as large.
+    fn polarities(&self, outline: &Outline) -> Vec<Option<Polarity>> {
+        if self.contrasts.iter().all(Option::is_none) {
+            return vec![None; self.contrasts.len()];
+        }
+        let around = around(outline.bounds(), self.size);
+        let [along_x, along_y, along_z] = around.clone();
+        let grid = Grid {
+            first: around.each_ref().map(|range| range.start as f64),
+            spacing: [1.0; 3],
+            size: around.each_ref().map(ExactSizeIterator::len),
+        };
+        let mask = outline.cells(&grid);
+        let polarity = |field: &Arc<Image>| {
+            let (mut sums, mut counts) = ([0.0; 2], [0.0; 2]);
+            let cells = along_x.clone().flat_map(|i| along_y.clone().map(move |j| (i, j)));
+            let cells = cells.flat_map(|(i, j)| along_z.clone().map(move |k| [i, j, k]));
+            for (cell, inside) in cells.zip(&mask.inside) {
+                sums[usize::from(*inside)] += field.at(cell);
+                counts[usize::from(*inside)] += 1.0;
+            }
+            let is_dark = sums[1] * counts[0] < sums[0] * counts[1];
+            if is_dark { Polarity::Dark } else { Polarity::Bright }
+        };
+        self.contrasts.iter().map(|field| field.as_ref().map(polarity)).collect()
+    }
+
     /// The image terms at a blur.
     pub(super) fn terms(
         &self,
-        sigma: f64,
+        sigma: Blur,
         measures: &Measures,
         centre: &[f64],
     ) -> Result<Vec<(Term<D>, f64)>, SegmentationError> {
         let known = self.fields.iter().find(|(known, _)| *known == sigma);
         let (_, terms) = known.ok_or(SegmentationError::Stages { sigma: Some(sigma) })?;
-        let term = |(prepared, weight): &(Prepared<D>, f64)| Ok((prepared.term(measures, centre)?, *weight));
-        terms.iter().map(term).collect()
+        let polarities = measures.polarities.iter();
+        let term = |((prepared, weight), polarity): (&(Prepared<D>, f64), &Option<Polarity>)| {
+            let mut term = prepared.term(measures, centre)?;
+            match (&mut term, polarity) {
+                (Term::Contour(term), Some(polarity)) => term.polarity = *polarity,
+                (Term::LocalContrast(term), Some(polarity)) => term.polarity = *polarity,
+                _ => {}
+            }
+            Ok((term, *weight))
+        };
+        terms.iter().zip(polarities).map(term).collect()
     }
+}
+
+/// The cells of an image of this size in the box between two corners, [`NEAR`] times as large.
+fn around(bounds: Option<[[f64; 3]; 2]>, size: [usize; 3]) -> [Range<usize>; 3] {
+    let [lower, upper] = bounds.unwrap_or([[0.0; 3]; 2]);
+    std::array::from_fn(|c| {
+        let (middle, half) = (0.5 * (lower[c] + upper[c]), 0.5 * NEAR * (upper[c] - lower[c]));
+        let last = size[c] as f64;
+        (middle - half).ceil().clamp(0.0, last) as usize
+            ..((middle + half).floor() + 1.0).clamp(0.0, last) as usize
+    })
 }
 
 /// Prepares a term for a blur. `measured`: see [`measured`].
@@ -253,9 +313,9 @@ fn prepare<const D: usize>(
     frame: &Frame<D>,
     term: &ImageTerm,
     measured: Option<f64>,
-    sigma: f64,
+    sigma: Blur,
 ) -> Prepared<D> {
-    let cells = frame.sigma_in_cells(sigma);
+    let cells = sigma.in_cells(frame);
     match term {
         ImageTerm::Contour { polarity, edges } => {
             let cell = cell_side(frame);
@@ -263,7 +323,7 @@ fn prepare<const D: usize>(
                 EdgeScale::Given(edge) => *edge,
                 EdgeScale::Percentile(percent) => edge(image, frame, sigma, *percent),
                 EdgeScale::Sheets(_) => {
-                    measured.unwrap_or(0.0) * (MEASURED * cell / sigma.max(cell)).powf(SHEET_POWER)
+                    measured.unwrap_or(0.0) * (MEASURED * cell / sigma.mean(D).max(cell)).powf(SHEET_POWER)
                 }
             };
             let laplacian = Arc::new(Integrated::new(&laplacian(image, cells, frame.metric())));
@@ -292,8 +352,8 @@ fn prepare<const D: usize>(
 }
 
 /// The percentile of `|∇f_σ|`.
-fn edge<const D: usize>(image: &Image, frame: &Frame<D>, sigma: f64, percent: f64) -> f64 {
-    gradient_length(image, frame.sigma_in_cells(sigma), frame.metric()).percentile(percent)
+fn edge<const D: usize>(image: &Image, frame: &Frame<D>, sigma: Blur, percent: f64) -> f64 {
+    gradient_length(image, sigma.in_cells(frame), frame.metric()).percentile(percent)
 }
 
 /// The side of a cell in units of length.
@@ -305,7 +365,7 @@ fn cell_side<const D: usize>(frame: &Frame<D>) -> f64 {
 fn measured<const D: usize>(image: &Image, frame: &Frame<D>, term: &ImageTerm) -> Option<f64> {
     match term {
         ImageTerm::Contour { edges: EdgeScale::Sheets(percent), .. } => {
-            Some(edge(image, frame, MEASURED * cell_side(frame), *percent))
+            Some(edge(image, frame, Blur::from(MEASURED * cell_side(frame)), *percent))
         }
         _ => None,
     }

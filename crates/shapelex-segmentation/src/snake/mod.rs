@@ -16,6 +16,7 @@ pub mod surface;
 
 use shapelex_geometry::mesh::TriangleMesh;
 use shapelex_geometry::raster::{Grid, Mask, from_contours, from_mesh};
+use shapelex_geometry::vector::{cross, dot, minus, plus};
 use shapelex_numeric::sparse::SparseRows;
 
 use crate::boundary::Boundary;
@@ -44,6 +45,57 @@ impl Outline {
             Self::Polygon(points) => from_contours(std::slice::from_ref(points), grid),
             Self::Mesh(mesh) => from_mesh(mesh, grid),
         }
+    }
+
+    /// The points of the polygon, or the vertices of the mesh; in the plane, the third coordinate is 0.
+    pub fn points(&self) -> Vec<[f64; 3]> {
+        match self {
+            Self::Polygon(points) => points.iter().map(|[x, y]| [*x, *y, 0.0]).collect(),
+            Self::Mesh(mesh) => mesh.vertices.clone(),
+        }
+    }
+
+    /// The smallest grid of whole cells around the outline; `None` without points, or with points that are not finite.
+    pub fn grid(&self) -> Option<Grid> {
+        let [lower, upper] = self.bounds()?;
+        let first = lower.map(f64::floor);
+        let size = std::array::from_fn(|c| (upper[c] - first[c]).ceil() as usize + 1);
+        let is_finite = lower.iter().chain(&upper).all(|x| x.is_finite());
+        is_finite.then_some(Grid { first, spacing: [1.0; 3], size })
+    }
+
+    /// The centroid of what is enclosed; of an outline that encloses nothing, a point of it. In the plane, the third coordinate is 0.
+    ///
+    /// ```text
+    /// c = o + Σ V_i (vertices of simplex i − o)/((d + 1) Σ V_i),   V_i: signed volume of the simplex of a face and the point o
+    /// ```
+    pub fn centroid(&self) -> [f64; 3] {
+        let (mut total, mut moment) = (0.0, [0.0; 3]);
+        let mut add = |volume: f64, sum: [f64; 3]| {
+            total += volume;
+            (0..3).for_each(|c| moment[c] += volume * sum[c]);
+        };
+        let (origin, share) = match self {
+            Self::Polygon(points) => {
+                let origin = points.first().map_or([0.0; 3], |[x, y]| [*x, *y, 0.0]);
+                let from = |[x, y]: [f64; 2]| [x - origin[0], y - origin[1], 0.0];
+                for (a, b) in points.iter().zip(points.iter().cycle().skip(1)) {
+                    let [a, b] = [from(*a), from(*b)];
+                    add(0.5 * (a[0] * b[1] - a[1] * b[0]), plus(a, b));
+                }
+                (origin, 1.0 / 3.0)
+            }
+            Self::Mesh(mesh) => {
+                let origin = mesh.vertices.first().copied().unwrap_or_default();
+                for face in &mesh.faces {
+                    let [a, b, c] = face.map(|vertex| minus(mesh.vertices[vertex as usize], origin));
+                    add(dot(a, cross(b, c)) / 6.0, plus(plus(a, b), c));
+                }
+                (origin, 0.25)
+            }
+        };
+        let scale = share / total;
+        if scale.is_finite() { std::array::from_fn(|c| origin[c] + scale * moment[c]) } else { origin }
     }
 
     /// Lower and upper corner; `None` without points. In the plane, the third coordinate is 0.

@@ -16,12 +16,17 @@ use shapelex_segmentation::boundary::curve::CurveBoundary;
 use shapelex_segmentation::boundary::tensor::TensorBoundary;
 use shapelex_segmentation::boundary::{Boundary, Differential};
 use shapelex_segmentation::energy::{
-    BoundaryCost, Contour, Energy, LocalContrast, Polarity, Prior, Shape, Spacing, Term, Threshold, TwoClass,
+    BoundaryCost, Contour, Energy, Hold, LocalContrast, Polarity, Prior, Shape, Spacing, Term, Threshold,
+    TwoClass, Wall,
 };
 use shapelex_segmentation::field::{Image, Integrated};
 use shapelex_segmentation::frame::Frame;
+use shapelex_segmentation::run::scene::{EdgeScale, FieldTerm, ImageTerm, Scene};
+use shapelex_segmentation::run::{Settings, Stage, segment};
 use shapelex_segmentation::snake::Model;
 use shapelex_segmentation::snake::curve::CurveSnake;
+use shapelex_segmentation::snake::cylinder::CylinderSnake;
+use shapelex_segmentation::snake::reparametrisation::Free;
 use shapelex_segmentation::snake::surface::SurfaceSnake;
 
 use crate::vectors::{assert_close, count, image, load, number, numbers, points};
@@ -167,6 +172,103 @@ fn gradients_of_planar_terms_are_those_of_differences() {
     let (total, values) = (energy.evaluate(&shape).value, energy.values(&shape));
     assert_close(&[values.iter().map(|term| term.weighted).sum()], &[total], 1e-12, "sum of terms");
     assert!(values.iter().all(|term| term.weighted == 0.5 * term.value));
+}
+
+/// A box around a shape that its boundary crosses, and a first shape beside it.
+fn walls<const D: usize>(rows: &[[f64; D]], frame: Frame<D>) -> [Term<D>; 2] {
+    let wall = Wall::around(rows.iter().map(|point| frame.to_world(*point)), 0.6, frame).expect("a box");
+    let moved =
+        |(i, p): (usize, &[f64; D])| std::array::from_fn(|c| p[c] + (0.9 * i as f64 + c as f64).cos());
+    let start = rows.iter().enumerate().map(moved).collect();
+    [Term::Wall(wall), Term::Hold(Hold { start, wall })]
+}
+
+/// Of every kind of boundary: curves, spheres, and cylinders, whose walls are those of their closed meshes.
+#[test]
+fn gradients_of_walls_are_those_of_differences() {
+    let planar = Planar::load();
+    let sheared = Frame::new([[-0.5, 0.1], [0.2, 1.5]], [3.0, 4.0]).expect("a frame");
+    for frame in [Frame::identity(), sheared] {
+        let boundary = CurveBoundary::new(&planar.line, 16, &planar.rows, frame);
+        assert_differences(&boundary, &planar.rows, &walls(&planar.rows, frame));
+    }
+    let frame =
+        Frame::new([[0.0, -2.0, 0.1], [1.5, 0.2, 0.0], [0.0, 0.3, 4.0]], [7.0, -3.0, 1.0]).expect("a frame");
+    let document = load("sphere3d");
+    let rows = points::<3>(&document["tied"]["free_points"]);
+    assert_differences(&tied_boundary(&document, &rows, frame), &rows, &walls(&rows, frame));
+    let extent = Extent { topology: Topology::Cylinder, intervals: [6, 4] };
+    let basis = SurfaceBasis::new(extent, Seam::Straight, &Topology::Cylinder.usual_generators())
+        .expect("a cylinder");
+    let model = CylinderSnake::new(Arc::new(basis)).expect("a model");
+    let around = |k: usize| std::f64::consts::TAU * k as f64 / 6.0;
+    let point = |(k, l): (usize, usize)| {
+        [5.0 * around(k).cos() + 9.0, 4.0 * around(k).sin() + 8.0, 3.0 * l as f64 + 2.0]
+    };
+    let rows: Vec<[f64; 3]> = (0..6).flat_map(|k| (0..5).map(move |l| (k, l))).map(point).collect();
+    assert_differences(&*model.boundary(&rows, 1.0, frame), &rows, &walls(&rows, frame));
+}
+
+/// Nothing within the box, the square of the part beyond it outside; nothing at the first shape.
+#[test]
+fn walls_are_felt_beyond_the_box_only() {
+    let planar = Planar::load();
+    let around = |factor: f64| {
+        Wall::around(planar.boundary.sample(&planar.rows).points.into_iter(), factor, Frame::identity())
+    };
+    let at = |wall: Wall<2>, rows: &[[f64; 2]]| wall.evaluate(&Shape::new(&planar.boundary, rows));
+    let (tight, wide) = (around(1.0).expect("a box"), around(3.0).expect("a box"));
+    let inside = at(tight, &planar.rows);
+    assert!(
+        inside.value == 0.0 && inside.gradient.iter().flatten().all(|slope| *slope == 0.0),
+        "{}",
+        inside.value
+    );
+    // Far to the right the whole boundary is d beyond: the mean of (d + x)², x the positions in half sides, is that of one point on.
+    let far: Vec<[f64; 2]> = planar.rows.iter().map(|[x, y]| [x + 100.0 * tight.half[0], *y]).collect();
+    let expected = |factor: f64| {
+        let points = planar.boundary.sample(&planar.rows).points;
+        let square = |[x, _]: &[f64; 2]| ((x - tight.middle[0]) / tight.half[0] + 100.0 - factor).powi(2);
+        points.iter().map(square).sum::<f64>() / points.len() as f64
+    };
+    assert_close(
+        &[at(tight, &far).value, at(wide, &far).value],
+        &[expected(1.0), expected(3.0)],
+        1e-12,
+        "walls",
+    );
+    let hold = Hold { start: planar.rows.clone(), wall: tight };
+    let value = |rows: &[[f64; 2]]| hold.evaluate(&Shape::new(&planar.boundary, rows)).value;
+    assert_close(&[value(&planar.rows), value(&far)], &[0.0, 10_000.0], 1e-12, "holds");
+}
+
+/// The polarity that a term has by contrast is that of the image.
+#[test]
+fn polarities_follow_the_contrast() {
+    let size = [40, 36, 1];
+    let inside = |cell: usize| ((cell % 40) as f64 - 19.0).hypot((cell / 40) as f64 - 17.0) < 8.0;
+    let model = CurveSnake::new(&GeneratorKind::Trigonometric {}, 8).expect("a model");
+    let turn = |k: usize| std::f64::consts::TAU * k as f64 / 8.0;
+    let start: Vec<[f64; 2]> =
+        (0..8).map(|k| [18.5 + 6.0 * turn(k).cos(), 17.5 + 7.0 * turn(k).sin()]).collect();
+    let found = |sign: f64, term: ImageTerm, by_contrast: bool| {
+        let values = (0..40 * 36).map(|cell| sign * if inside(cell) { 9.0 } else { 2.0 }).collect();
+        let field = Arc::new(Image::new(size, values).expect("an image"));
+        let terms = [FieldTerm { field, term, weight: 1.0, by_contrast }];
+        let scene =
+            Scene::of_fields(size, Frame::identity(), &terms, &[1.0.into()], &|| false).expect("a scene");
+        let settings = Settings::new(vec![Stage::new(Free::All, 1.0)]);
+        segment(&scene, &model, &start, &settings, &|| false).expect("a shape").rows
+    };
+    for (sign, polarity) in [(1.0, Polarity::Bright), (-1.0, Polarity::Dark)] {
+        let terms = |polarity| {
+            let edges = EdgeScale::Percentile(99.0);
+            [ImageTerm::Contour { polarity, edges }, ImageTerm::LocalContrast { polarity }]
+        };
+        for (given, usual) in terms(polarity).into_iter().zip(terms(Polarity::Bright)) {
+            assert_eq!(found(sign, usual, true), found(sign, given, false), "{given:?}");
+        }
+    }
 }
 
 fn sphere(document: &Value) -> SurfaceBasis {

@@ -275,7 +275,7 @@ fn faulty_requests_are_refused() {
     };
     let stage = |sigma| vec![Stage::new(Free::All, sigma)];
     assert_eq!(refused(&start[1..], stage(1.0)), SegmentationError::Rows { expected: 8, found: 7 });
-    assert_eq!(refused(&start, stage(2.0)), SegmentationError::Stages { sigma: Some(2.0) });
+    assert_eq!(refused(&start, stage(2.0)), SegmentationError::Stages { sigma: Some(2.0.into()) });
     assert_eq!(refused(&start, vec![]), SegmentationError::Stages { sigma: None });
     assert!(matches!(refused(&[[3.0, 4.0]; 8], stage(1.0)), SegmentationError::NoVolume { .. }));
     let stopped = segment(&scene, &model, &start, &Settings::new(stage(1.0)), &|| true).unwrap();
