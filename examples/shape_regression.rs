@@ -42,7 +42,14 @@ fn main() -> Result<(), Box<dyn Error>> {
     let (metric, method) = (Metric::of(&space), Method::new(&class, Alignment::Projection, 2)?);
     let matching = Matching::new(&space, Correspondence::Landmarks, Direction::Given, Mirror::Forbid);
     let frame = frame_for(&class);
-    let study = StudySpace { space: &space, metric: &metric, method: &method, frame, matching: &matching };
+    let study = StudySpace {
+        space: &space,
+        metric: &metric,
+        method: &method,
+        tangent: true,
+        frame,
+        matching: &matching,
+    };
     let control_points = (0..SHAPES).flat_map(contour).collect();
     let shapes = AlignedShapes::new(study, control_points, vec![1.0; SHAPES], &Unwatched)?;
     let variables = Variables {

@@ -8,7 +8,9 @@ use crate::server::{assert_relative, shared};
 
 fn measured(body: &Value) -> Value {
     let answer: Value = shared().post("/v1/measure", body).expect(200);
-    assert_eq!(answer["results"][0]["warnings"], json!([]), "{answer}");
+    // A collapsed curve has no extent but that of rounding.
+    let of_rounding = |warning: &Value| warning.as_str().unwrap().contains("so far from the origin");
+    assert!(answer["results"][0]["warnings"].as_array().unwrap().iter().all(of_rounding), "{answer}");
     answer["results"][0].clone()
 }
 

@@ -116,6 +116,11 @@ impl Line {
         &self.generator
     }
 
+    /// Whether the generator is shifted by half a knot, so that control points lie between the knots.
+    pub fn is_shifted(&self) -> bool {
+        self.generator.is_shifted()
+    }
+
     /// Poles of the functions that the generator reproduces, on the grid of the knots.
     pub fn poles(&self) -> &Poles {
         &self.poles

@@ -387,10 +387,9 @@ async fn learnt(app: &App, job: Job) -> Result<Response, Problem> {
     }
 }
 
-fn learn_of(request: LearnRequest) -> Result<(Learn, bool), ServiceError> {
-    let mut errors = request.faults;
-    let continues = request.continue_from.is_some();
-    let given = [
+/// Fields that a request with `continue_from` may not have, and whether they are given.
+fn given_fields(request: &LearnRequest) -> [(&'static str, bool); 10] {
+    [
         ("filter", request.filter.is_some()),
         ("transformation", request.transformation.is_some()),
         ("alignment", request.alignment.is_some()),
@@ -401,7 +400,12 @@ fn learn_of(request: LearnRequest) -> Result<(Learn, bool), ServiceError> {
         ("held_out_seed", request.held_out_seed.is_some()),
         ("corresponding", request.corresponding.is_some()),
         ("classifier", request.classifier.is_some()),
-    ];
+    ]
+}
+
+fn learn_of(request: LearnRequest) -> Result<(Learn, bool), ServiceError> {
+    let (continues, given) = (request.continue_from.is_some(), given_fields(&request));
+    let mut errors = request.faults;
     let mut faults: Vec<Fault> = Vec::new();
     for (field, given) in given {
         let needed = matches!(field, "transformation" | "method");

@@ -121,6 +121,9 @@ pub(crate) fn refuse_repeated(keys: &[String]) -> Result<(), ServiceError> {
     ServiceError::unless_empty(repeated.map(fault).collect())
 }
 
+/// Marks of a batch of shapes, of their control points as stored and their weights.
+type MarksOf<'a> = &'a dyn Fn(&[f64], &[f64]) -> Vec<Mark>;
+
 /// Shapes of a cohort at its revision, or a part of them, read again in every pass.
 #[derive(Clone, Copy)]
 pub(crate) struct StoredShapes<'a> {
@@ -331,7 +334,7 @@ impl<'a> StoredShapes<'a> {
     /// Calls `visit` with consecutive batches of prepared shapes and what `marks_of` says of them as they are stored.
     fn for_each_prepared(
         &self,
-        marks_of: &dyn Fn(&[f64], &[f64]) -> Vec<Mark>,
+        marks_of: MarksOf<'_>,
         visit: &mut VisitMarked<'_>,
     ) -> Result<(), AnalysisError> {
         let (metric, centred) = (&self.setup.metric, self.setup.method.translates());

@@ -315,10 +315,7 @@ impl Task<'_> {
             points(&rows.into_iter().map(|row| frame.to_world(row)).collect::<Vec<_>>())
         };
         let mut warnings = warnings(&found, &begun.terms, size_factor);
-        warnings.extend(self.wanted.starts.warning(index));
-        if D == 3 && self.wanted.prior.is_some() && model.lift().is_some() {
-            warnings.push("the prior compares control points beyond the ends as they are extended".into());
-        }
+        warnings.extend(self.more_warnings(index, D == 3 && model.lift().is_some()));
         let outlines = [model.outline(&first), model.outline(&found.rows)];
         let has_others = self.wanted.starts.count() > 1;
         let cells = if has_others { place::runs(&outlines[1], scene.size()) } else { Vec::new() };
@@ -345,6 +342,13 @@ impl Task<'_> {
         };
         let outlines = self.wanted.answered.outlines.then_some(outlines);
         Ok(Found { object, outlines, cells })
+    }
+
+    /// Warnings of the start, and of a prior on a shape whose control points beyond the ends are `extended`.
+    fn more_warnings(&self, index: usize, extended: bool) -> impl Iterator<Item = String> {
+        let of_prior = (extended && self.wanted.prior.is_some())
+            .then(|| "the prior compares control points beyond the ends as they are extended".into());
+        self.wanted.starts.warning(index).into_iter().chain(of_prior)
     }
 
     /// Refuses an initial shape that is much larger than the image: its boundary would have as many more samples.

@@ -450,7 +450,7 @@ mod tests {
             let (bytes, cells) = size_of_shape(&shape(0, names));
             let fixed = BYTES_PER_COLUMN * (found.columns.len() + 1);
             assert!(found.bytes() <= fixed + shapes * (bytes + 4), "{} > {bytes}", found.bytes());
-            assert_eq!(cells, 12 + each);
+            assert_eq!(cells, 16 + each);
         }
     }
 

@@ -3,7 +3,8 @@
 //! ```text
 //! 1. start       the shape with the least sum of squared distances to the nearest 65 % of the weight (trimmed medoid)
 //! 2. majority    the nearest 65 % to their own mean, in turns: the sum of their squared distances never rises
-//! 3. minority    of the others those that are nearer to their own mean than half of their distance from the majority
+//! 3. minority    of the others those that are nearer to their own mean than half of their distance from the majority, beginning with the
+//!                shape that has most weight about it in this sense; hardly a shape stands between the two means
 //! ```
 //!
 //! Distances are those of shapes, not divided by the variation of the set as those of the [description](super::rejection): another
@@ -12,7 +13,7 @@
 //!
 //! Nothing is drawn at random, and nothing depends on the order of the shapes.
 
-use super::rejection::{MAJORITY, median, order, smallest};
+use super::rejection::{MAJORITY, order, smallest};
 use crate::factors::Minority;
 
 /// Least share of a minority in the weight.
@@ -23,6 +24,10 @@ const FEWEST: usize = 5;
 
 /// A shape belongs to the minority if its distance from the mean of that is below this part of its distance from the majority.
 const NEAR: f64 = 0.5;
+
+/// Most weight in the middle half of the way between the two means, as a part of that of the minority: in the tail of a single kind more
+/// shapes stand there than beyond.
+const BETWEEN: f64 = 0.25;
 
 /// Least part of the minority that the estimate keeps: what it leaves out need not be told.
 const KEPT: f64 = 0.5;
@@ -98,21 +103,38 @@ impl Scores<'_> {
     /// Weights of the shapes that are not of the majority with this `centre` and agree with each other, zero for the others.
     fn apart(&self, majority: &[f64], centre: &[f64]) -> Vec<f64> {
         let far: Vec<f64> = self.weights.iter().zip(majority).map(|(weight, near)| weight - near).collect();
-        let coordinate = |i: usize| self.rows().map(|t| t[i]).collect::<Vec<f64>>();
-        let mut middle: Vec<f64> = (0..self.q).map(|i| median(&coordinate(i), &far)).collect();
         let others = self.distances(centre);
-        let mut members = Vec::new();
-        for _ in 0..STEPS {
-            let own = self.distances(&middle);
+        let about = |middle: &[f64]| -> Vec<f64> {
+            let own = self.distances(middle);
             let is_near = |k: usize| own[k] < NEAR * NEAR * others[k];
-            let next: Vec<f64> = (0..far.len()).map(|k| if is_near(k) { far[k] } else { 0.0 }).collect();
-            if next == members || next.iter().all(|weight| *weight == 0.0) {
-                return next;
+            (0..far.len()).map(|k| if is_near(k) { far[k] } else { 0.0 }).collect()
+        };
+        let farthest = order(&others).into_iter().rev().filter(|&k| far[k] > 0.0);
+        let starts = STARTS.min(DISTANCES / self.weights.len()).max(1);
+        let begun = farthest.take(starts).map(|k| about(&self.scores[k * self.q..(k + 1) * self.q]));
+        let mut members =
+            begun.max_by(|a, b| a.iter().sum::<f64>().total_cmp(&b.iter().sum())).unwrap_or_default();
+        for _ in 0..STEPS {
+            if members.iter().all(|weight| *weight == 0.0) {
+                break;
             }
-            middle = self.mean(&next);
+            let next = about(&self.mean(&members));
+            if next == members {
+                break;
+            }
             members = next;
         }
         members
+    }
+
+    /// Weight of the shapes in the middle half of the way from `centre` to `other`.
+    fn between(&self, centre: &[f64], other: &[f64]) -> f64 {
+        let way: Vec<f64> = other.iter().zip(centre).map(|(o, c)| o - c).collect();
+        let length = squared(other, centre);
+        let place =
+            |t: &[f64]| t.iter().zip(centre).zip(&way).map(|((t, c), w)| (t - c) * w).sum::<f64>() / length;
+        let is_between = |t: &[f64]| (0.25..=0.75).contains(&place(t));
+        self.rows().zip(self.weights).filter(|(t, _)| is_between(t)).map(|(_, weight)| weight).sum()
     }
 
     /// The minority among the shapes with these `factors`, if there is one. `size`: norm of the mean.
@@ -132,7 +154,8 @@ impl Scores<'_> {
         let distance = squared(&self.mean(&kept), &centre).sqrt() / size;
         let is_told =
             shapes >= FEWEST && share >= LEAST && counting >= KEPT * weight && distance >= LEAST_DISTANCE;
-        is_told.then_some(Minority { shapes, share, distance })
+        let stands_apart = || self.between(&centre, &self.mean(&members)) <= BETWEEN * weight;
+        (is_told && stands_apart()).then_some(Minority { shapes, share, distance })
     }
 }
 

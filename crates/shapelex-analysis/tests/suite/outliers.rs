@@ -20,15 +20,15 @@ const QUANTILE: f64 = 0.99;
 
 type Contour = Vec<[f64; 2]>;
 
-/// Standard deviation of a radius, of all waves together.
-const DEVIATION: f64 = 0.14;
+/// Standard deviation of the noise of a coordinate.
+const NOISE: f64 = 0.004;
 
 /// Contours about one shape: smooth waves, and a little noise of each coordinate.
 fn contour(random: &mut ChaCha12Rng) -> Contour {
     let mut normal = || random.sample::<f64, _>(StandardNormal);
     let waves: Vec<[f64; 2]> =
         (2..14).map(|k| [normal(), normal()].map(|x| 0.12 * x / f64::from(k - 1).powf(1.3))).collect();
-    let mut noise = || 0.004 * normal();
+    let mut noise = || NOISE * normal();
     let at = |i: usize| {
         let t = TAU * i as f64 / POINTS as f64;
         let own: f64 = (2..)
@@ -47,7 +47,8 @@ enum Error {
     Lobe,
     /// Two points in each other's place.
     Swap,
-    /// Noise of ten deviations.
+    /// Ten times the noise of the others. Noise that destroys the shape is another matter: its projections on the mean are short, so that
+    /// such shapes form a compact group.
     Noise,
 }
 
@@ -70,7 +71,7 @@ fn spoilt(mut contour: Contour, error: Error, random: &mut ChaCha12Rng) -> Conto
             contour.swap(first, (first + random.random_range(8..POINTS - 8)) % POINTS);
         }
         Error::Noise => {
-            let mut noise = || 10.0 * DEVIATION * random.sample::<f64, _>(StandardNormal);
+            let mut noise = || 10.0 * NOISE * random.sample::<f64, _>(StandardNormal);
             contour.iter_mut().for_each(|point| *point = point.map(|x| x + noise()));
         }
     }

@@ -42,7 +42,7 @@ impl CylinderSnake {
             let detail = "expected a cylinder".into();
             return Err(GeometryError::Surface { field: "topology", detail });
         }
-        if basis.lines()[1].generator().is_shifted() {
+        if basis.lines()[1].is_shifted() {
             let detail = "expected another generator than \"shifted_exponential\" along the axis, which has other points beyond its ends";
             return Err(GeometryError::Surface { field: "generators/1", detail: detail.into() });
         }
