@@ -1598,12 +1598,12 @@ fn a_cohort_that_is_deleted_meanwhile_fails_its_jobs() {
     let server = Setting::fresh().with_example().start();
     let long = json!({"kind": "sparse", "atoms": 30, "lambda": 0.02, "max_epochs": 10_000, "tolerance": 0.0});
     let running = submit(&server, &request("cells", "example-cells", &long));
-    let waiting = submit(&server, &request("cells", "example-cells", &components(3, true)));
     let under_way = |found: &Value| found["phase"] == "learn";
     let start = Instant::now();
     while !under_way(&job_when(&server, &running, &["running"])) {
         assert!(start.elapsed() < PATIENCE);
     }
+    let waiting = submit(&server, &request("cells", "example-cells", &components(3, true)));
     assert_eq!(server.delete("/v1/cohorts/example-cells").status, 204);
     for id in [&running, &waiting] {
         let failed = finished(&server, id);
