@@ -110,7 +110,7 @@ impl LinearAlignment {
         });
         match tangent {
             Some(true) if !removes_size => Err(AnalysisError::NotAProperClass(
-                "the tangent space of shapes of unit size requires a class that removes size".into(),
+                "expected false with a class that keeps sizes, got true".into(),
             )),
             _ => Ok(Self { alignment, tangent: tangent.unwrap_or(removes_size) }),
         }

@@ -118,7 +118,7 @@ impl Rule {
 ///
 /// # Errors
 /// [`ServiceError::NotFound`]; invalid fields; a name that is taken; [`ServiceError::Changed`]; of another rule those of
-/// [`rules::change`].
+/// `rules::change`.
 pub async fn update(
     app: &App,
     key: &str,

@@ -13,7 +13,7 @@
 //! P(x > s) = (1 + s/Σx)^−k,      so that      limit = m₍ₙ₋ₖ₎ + Σx (((k + 1)/((n + 1)(1 − q)))^(1/k) − 1)
 //! ```
 //!
-//! Gross errors among the held-out shapes are left out first ([`gross_errors`](super::gross_errors)): a few of them would stretch
+//! Gross errors among the held-out shapes are left out first (`gross_errors`): a few of them would stretch
 //! the fitted tail until no other shape is an outlier. `T²` is then the squared distance in mean and covariance of the scores of the
 //! shapes that are left.
 //!
