@@ -4,8 +4,7 @@
 
 use crate::analysis::accumulate::{ShapesInMemory, Watched};
 use crate::analysis::alignment::{
-    AlignedShape, Alignment, BothWays, LinearAlignment, MeanShape, Method, Onto, Projection, norms,
-    to_tangent, unwhitened,
+    AlignedShape, Alignment, BothWays, MeanShape, Method, Onto, Projection, norms, unwhitened,
 };
 use crate::analysis::conversion::Conversion;
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
@@ -19,6 +18,7 @@ use crate::analysis::partial_sums::Measured;
 use crate::analysis::pca::Components;
 use crate::analysis::region::Region;
 use crate::analysis::robust::{align_all_by, point_weights};
+use crate::analysis::tangent::{LinearAlignment, to_tangent};
 use crate::analysis::transformation::{Transformation, TransformationClass};
 use crate::formats::fault::Fault;
 use crate::formats::observed::Observed;

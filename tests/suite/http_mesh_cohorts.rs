@@ -172,7 +172,7 @@ fn cohorts_of_the_job_and_surfaces_with_parameters_are_not_refused() {
 #[test]
 fn a_dictionary_says_that_the_parameters_of_its_surfaces_disagree() {
     let server = shared();
-    // Posted as grids with parameters of their own, which nobody can know: what is seen in the mean is said everywhere.
+    // The client posts grids with its parameters, which the service takes as they are: what the mean shows is said everywhere.
     crate::http_correspond::stored(&server, "turned-grids", 6);
     finished(&server, &submit(&server, &learn("turned-grids", "turned-grids", Value::Null)));
     let path = "/v1/dictionaries/turned-grids";

@@ -4,6 +4,7 @@
 //! r̃_k = P_k r_mean = A_k r_k + b_k      residual ‖r_mean − r̃_k‖      correlation ⟨r̃_k, r_mean⟩/(‖r̃_k‖‖r_mean‖)
 //! ```
 
+use super::AnalysisError;
 use super::accumulate::{ShapeSource, ShapesInMemory, Watched, map_shapes};
 use super::factors::Factors;
 use super::fit::{self, Fit, Scaling};
@@ -17,7 +18,6 @@ use super::start_points::{SpectralSearch, is_spectral, spectral_bytes};
 use super::subspace::{Projected, Subspace, check_extent, flatten};
 use super::transformation::{ClassName, Transformation, TransformationClass};
 use super::watch::StopWhen;
-use super::{AnalysisError, DEGENERATE};
 use shapelex_geometry::surface::motion::Motion;
 use shapelex_numeric::dense::Matrix;
 
@@ -51,88 +51,6 @@ pub enum Alignment {
     /// Iterated rotations of shapes of unit size, without reflection: partial Procrustes fits, as in geomorph. Comparisons and
     /// regressions project them into the tangent space at the mean.
     PartialProcrustes,
-}
-
-/// Alignment of shapes for linear statistics: a method, and whether the aligned shapes are moved, at unit size, into the tangent
-/// space at their mean ([`to_tangent`]).
-///
-/// Without it a projected shape shrinks with the roughness of the shape (`‖P_k m‖ = cos θ_k`), and so does a full Procrustes fit:
-/// averages of groups that differ in scatter alone would differ.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct LinearAlignment {
-    /// The method.
-    pub alignment: Alignment,
-    /// Whether aligned shapes are moved into the tangent space.
-    pub tangent: bool,
-}
-
-impl LinearAlignment {
-    /// The alignment of the shapes of a test, of what a request gives: partial Procrustes fits by name are moved into the tangent
-    /// space, projections and full Procrustes fits by name are not.
-    ///
-    /// # Errors
-    /// [`AnalysisError::NotAProperClass`] for `tangent` with a class that keeps sizes.
-    pub fn of_test(
-        transformation: &Transformation,
-        dimension: usize,
-        alignment: Option<Alignment>,
-        tangent: Option<bool>,
-    ) -> Result<Self, AnalysisError> {
-        let by_name = alignment.map(|alignment| alignment == Alignment::PartialProcrustes);
-        Self::new(transformation, dimension, alignment, tangent.or(by_name))
-    }
-
-    /// The alignment of the shapes of components, of what a request gives: aligned shapes of a method by name are not moved.
-    ///
-    /// # Errors
-    /// As [`Self::of_test`].
-    pub fn of_components(
-        transformation: &Transformation,
-        dimension: usize,
-        alignment: Option<Alignment>,
-        tangent: Option<bool>,
-    ) -> Result<Self, AnalysisError> {
-        Self::new(transformation, dimension, alignment, tangent.or(alignment.map(|_| false)))
-    }
-
-    /// Without `alignment`: the projection where the class is a linear space, partial Procrustes fits for similarity in space.
-    /// Without `tangent`: in the tangent space where the class removes size.
-    fn new(
-        transformation: &Transformation,
-        dimension: usize,
-        alignment: Option<Alignment>,
-        tangent: Option<bool>,
-    ) -> Result<Self, AnalysisError> {
-        let removes_size = transformation.removes_size();
-        let alignment = alignment.unwrap_or_else(|| match Alignment::usual(transformation, dimension) {
-            Alignment::Procrustes if removes_size => Alignment::PartialProcrustes,
-            usual => usual,
-        });
-        match tangent {
-            Some(true) if !removes_size => Err(AnalysisError::NotAProperClass(
-                "expected false with a class that keeps sizes, got true".into(),
-            )),
-            _ => Ok(Self { alignment, tangent: tangent.unwrap_or(removes_size) }),
-        }
-    }
-}
-
-/// Moves an aligned shape `y` into the tangent space at the mean `m`, at unit size: `z = y/‖y‖`, then
-/// `z + (1 − ⟨z, m⟩/‖m‖²) m`; all whitened.
-///
-/// Of the projection `y = P_k m` on a mean of unit norm this is `m + y/‖y‖ − ‖y‖ m`. Cost: two passes over the coordinates.
-///
-/// # Errors
-/// [`AnalysisError::Degenerate`] with index 0 for a shape whose alignment to the mean has no extent.
-pub fn to_tangent(mean: &[f64], shape: &mut [f64]) -> Result<(), AnalysisError> {
-    let (size, squared) = (norm(shape), dot(mean, mean));
-    if !(size >= DEGENERATE * squared.sqrt()) {
-        let class = "alignment to the mean, to which it is orthogonal".into();
-        return Err(AnalysisError::Degenerate { index: 0, class, sigma: size / squared.sqrt() });
-    }
-    let along = 1.0 - dot(shape, mean) / (size * squared);
-    shape.iter_mut().zip(mean).for_each(|(y, m)| *y = *y / size + along * m);
-    Ok(())
 }
 
 impl Alignment {

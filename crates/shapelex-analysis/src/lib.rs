@@ -100,6 +100,7 @@ pub mod size;
 pub mod sparse;
 mod start_points;
 pub mod subspace;
+pub mod tangent;
 pub mod transformation;
 pub mod watch;
 

@@ -8,13 +8,14 @@ use serde::{Deserialize, Serialize};
 use tokio::runtime::Handle;
 
 use super::sample::cohort_at;
-use crate::analysis::alignment::{Alignment, LinearAlignment};
+use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::Mirror;
 use crate::analysis::estimate::{Estimate, TestWork, alignment_stage};
 use crate::analysis::factors::Estimator;
 use crate::analysis::inference::aligned::{AlignedShapes, StudySpace, frame_for};
 use crate::analysis::inference::error::StudyError;
 use crate::analysis::inference::permutation::Draws;
+use crate::analysis::tangent::LinearAlignment;
 use crate::analysis::transformation::Transformation;
 use crate::analysis::watch::Watch;
 use crate::domain::attribute::Attribute;

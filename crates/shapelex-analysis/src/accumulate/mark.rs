@@ -183,7 +183,7 @@ mod tests {
         }
     }
 
-    /// Of a shape that is given 3000 times and 100 others, all are drawn, and the copies fill the rest.
+    /// A sample of a shape that is given 3000 times and of 100 others holds all of them, and copies in the other places.
     #[test]
     fn copies_do_not_displace_others() {
         let numbers: Vec<f64> = (0..3100).map(|k| if k % 31 == 0 { f64::from(k) } else { 0.5 }).collect();

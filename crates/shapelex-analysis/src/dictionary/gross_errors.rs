@@ -55,7 +55,7 @@ const NEAR: f64 = 0.5;
 /// Standard deviation of a normal distribution divided by its median absolute deviation.
 const NORMAL_DEVIATION: f64 = 1.482_602_218_505_602;
 
-/// What is known of held-out shapes, one after the other in any order.
+/// Held-out shapes, their scores and their residuals, one after the other in any order.
 pub(super) struct Held<'a> {
     /// Prepared shapes, as many numbers each.
     pub(super) posed: &'a [f64],
@@ -254,12 +254,8 @@ fn typical_count(ascending: &[f64]) -> usize {
     let mut count = ascending.len();
     while count > fewest {
         let unlikely = (((count - fewest) as f64) / LEVEL).ln();
-        let Some((score, at)) =
-            widest_gap(&ascending[..count], fewest).filter(|(score, _)| *score > unlikely)
-        else {
-            break;
-        };
-        debug_assert!(score > unlikely);
+        let widest = widest_gap(&ascending[..count], fewest).filter(|(score, _)| *score > unlikely);
+        let Some((_, at)) = widest else { break };
         count = at;
     }
     count

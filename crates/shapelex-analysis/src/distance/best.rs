@@ -56,13 +56,26 @@ impl DistanceSpace {
         work: &mut Work,
     ) -> Best {
         let mut best = Best::NONE;
-        for (&candidate, laid) in self.matching.candidates().iter().zip(&others.laid) {
+        self.each_score(shapes, i, others, j, work, |_, score, placement| best.offer(score, placement));
+        best
+    }
+
+    /// Calls `visit` with the position of each candidate, and the score of each placement that begins with it.
+    pub(super) fn each_score(
+        &self,
+        shapes: &PreparedShapes,
+        i: usize,
+        others: &PreparedShapes,
+        j: usize,
+        work: &mut Work,
+        mut visit: impl FnMut(usize, f64, Placement),
+    ) {
+        for (k, (&candidate, laid)) in self.matching.candidates().iter().zip(&others.laid).enumerate() {
             self.scores(shapes, i, laid, j, work);
             for (shift, &score) in work.scores.iter().enumerate() {
-                best.offer(score, Placement { shift: shift as u32, ..candidate });
+                visit(k, score, Placement { shift: shift as u32, ..candidate });
             }
         }
-        best
     }
 
     /// Fills `work.scores`: one score per start point of shape `j` in `laid`, or a single one if start points are not searched.

@@ -97,14 +97,10 @@ impl DistanceSpace {
         work: &mut Work,
     ) -> impl Iterator<Item = (usize, Placement)> + use<> {
         let (mut best, mut all) = (Best::NONE, Vec::new());
-        for (k, (&candidate, laid)) in self.matching.candidates().iter().zip(&others.laid).enumerate() {
-            self.scores(shapes, i, laid, j, work);
-            for (shift, &score) in work.scores.iter().enumerate() {
-                let placement = Placement { shift: shift as u32, ..candidate };
-                best.offer(score, placement);
-                all.push((score, k, placement));
-            }
-        }
+        self.each_score(shapes, i, others, j, work, |k, score, placement| {
+            best.offer(score, placement);
+            all.push((score, k, placement));
+        });
         let least = best.score - SAME_SCORE * best.score.abs();
         all.retain(|(score, _, placement)| *score >= least || *placement == best.placement);
         // Stable: of equal scores, the first comes first.

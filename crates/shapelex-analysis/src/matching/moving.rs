@@ -181,7 +181,7 @@ impl Matching {
         Ok(best.0)
     }
 
-    /// Of surfaces whose parameters correspond as given, how many of a [sample](ShapesInMemory::sample) of at most 8 fit the target better if
+    /// Number of surfaces, of a [sample](ShapesInMemory::sample) of at most 8 whose parameters correspond as given, that fit better if
     /// their parameters move; `None` for other shapes, and where parameters are searched. `translates`: whether shapes are centred.
     ///
     /// Cost: a pass over `source`, and at most 24 moved surfaces for each of the 8.

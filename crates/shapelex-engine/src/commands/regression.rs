@@ -5,7 +5,8 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use clap::{Args, ValueEnum};
-use shapelex_analysis::alignment::{Alignment, LinearAlignment};
+use shapelex_analysis::alignment::Alignment;
+use shapelex_analysis::tangent::LinearAlignment;
 use shapelex_analysis::transformation::Transformation;
 use shapelex_engine::EngineError;
 use shapelex_engine::objects::Objects;
