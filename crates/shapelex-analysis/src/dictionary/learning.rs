@@ -59,7 +59,8 @@ pub struct Learning {
     pub seed: u64,
     /// Maximum number of passes over the shapes.
     pub max_epochs: usize,
-    /// Learning ends when the relative decrease of the objective in a pass (with a pursuit: in ten passes) is below this.
+    /// Learning ends when the objective is, by what the second half of the passes gained, relatively nearer to its end than this; with a
+    /// pursuit, which does not minimise, when it is so for ten passes.
     pub tolerance: f64,
 }
 
@@ -113,6 +114,24 @@ const BLOCK_BYTES: usize = 64 << 20;
 /// Distance from the border of its ball below which an atom is on the border.
 const ON_BORDER: f64 = 1e-14;
 
+/// Fewest passes after which the end of learning is estimated.
+const FEWEST_PASSES: usize = 4;
+
+/// What is left to gain, divided by what the second half of the passes gained: one if the distance from the end falls like the reciprocal
+/// of their number, less if it falls faster. Measured on outlines with 8 to 24 atoms: 0.4 to 0.9.
+const LEFT: f64 = 1.5;
+
+/// How far an objective is from its end, estimated by how much the best of all passes is below that of their first half, and not less in
+/// general. A single pass gains little long before the end.
+fn left_to_gain(history: &[f64]) -> f64 {
+    let passes = history.len();
+    if passes < FEWEST_PASSES {
+        return f64::INFINITY;
+    }
+    let least = |passes: &[f64]| passes.iter().copied().fold(f64::INFINITY, f64::min);
+    LEFT * (least(&history[..passes / 2]) - least(history))
+}
+
 impl Learning {
     /// Learns atoms from prepared shapes in normal form.
     ///
@@ -151,7 +170,8 @@ impl Learning {
             let objective = state.total.objective(&state.atoms, self.coder.lambda());
             learnt.history.push(objective);
             watch.epoch(learnt.history.len(), objective);
-            waited = if least - objective > self.tolerance * objective { 0 } else { waited + 1 };
+            let near = left_to_gain(&learnt.history) <= self.tolerance * objective;
+            waited = if near { waited + 1 } else { 0 };
             if state.reseed(&residuals, source)? && chances > 0 {
                 (chances, waited) = (chances - 1, 0);
             }

@@ -63,10 +63,10 @@ pub enum Method {
         #[cfg_attr(feature = "serde", serde(default = "default_max_epochs"))]
         #[cfg_attr(feature = "schema", schema(default = 200, minimum = 1, maximum = 10000))]
         max_epochs: usize,
-        /// Relative decrease of the objective in one pass (with `nonzeros`: ten passes) below which learning stops. Default:
-        /// 1e-4.
+        /// Relative distance of the objective from its end, estimated by what the second half of the passes gained, below which learning
+        /// stops (with `nonzeros`: for ten passes). Default: 1e-3.
         #[cfg_attr(feature = "serde", serde(default = "default_tolerance"))]
-        #[cfg_attr(feature = "schema", schema(default = 1e-4, minimum = 0, exclusive_maximum = 1))]
+        #[cfg_attr(feature = "schema", schema(default = 1e-3, minimum = 0, exclusive_maximum = 1))]
         tolerance: f64,
         /// Update schedule of the atoms. Default: `online` (after every group of shapes).
         #[cfg_attr(feature = "serde", serde(default))]
@@ -93,7 +93,7 @@ fn default_max_epochs() -> usize {
 }
 
 fn default_tolerance() -> f64 {
-    1e-4
+    1e-3
 }
 
 impl Method {

@@ -11,6 +11,7 @@ use shapelex_analysis::classification::study::train_classifier;
 use shapelex_analysis::dictionary::content::HoldOut;
 use shapelex_analysis::dictionary::in_use::Dictionary;
 use shapelex_analysis::dictionary::learn::{Learner, Learnt, learn};
+use shapelex_analysis::dictionary::learning::Schedule;
 use shapelex_analysis::dictionary::method::Method;
 use shapelex_analysis::dictionary::procedure::Previous;
 use shapelex_analysis::dictionary::recipe::{Recipe, Setting};
@@ -98,6 +99,26 @@ fn sparse_atoms_are_learnt_and_reconstruct() {
         assert!(found.relative_error.unwrap() < 0.05 && found.residual.len() == 10, "{found:?}");
     }
     assert!(dictionary.mode(0, 1.0).is_none() && dictionary.sampler(0, 1.0).is_none());
+}
+
+/// At the default tolerance, an objective that has converged is within a thousandth of where a run of many passes ends.
+#[test]
+fn learning_ends_within_a_thousandth_of_its_end() {
+    for (atoms, lambda, online) in [(6, 0.02, true), (12, 0.01, true), (12, 0.01, false)] {
+        let by = |wanted: Option<f64>| {
+            let mut method = Method::sparse(atoms, lambda);
+            if let Method::Sparse { tolerance, max_epochs, schedule, .. } = &mut method {
+                *schedule = if online { Schedule::Online } else { Schedule::Batch };
+                *tolerance = wanted.unwrap_or(*tolerance);
+                *max_epochs = 2000;
+            }
+            learnt(method, 150).1.dictionary.content.statistics
+        };
+        let (found, end) = (by(None), by(Some(1e-7)));
+        assert!(found.converged && found.history.len() < end.history.len());
+        let off = found.history.last().unwrap() / end.history.last().unwrap() - 1.0;
+        assert!(off < 1e-3, "{atoms} atoms, {lambda}: {off:e} after {} passes", found.history.len());
+    }
 }
 
 /// The content depends on the shapes and the recipe alone, and prepares the same dictionary again.
