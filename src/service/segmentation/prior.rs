@@ -22,11 +22,9 @@ use crate::service::statistics::{CheckedSettings, Setup};
 
 /// Range of weights.
 const WEIGHTS: Range<f64> = 0.0..1e9;
-/// Cells along the longest side of a shape, for each control point of a curve: as many samples as a boundary has at most. The relative
-/// error of areas is then about 1e-6.
-const CELLS_OF_CURVE: f64 = 16.0;
-/// The same for the root of the number of control points of a surface.
-const CELLS_OF_SURFACE: f64 = 8.0;
+/// Cells along the longest side of a shape, for each control point of a curve and for the root of their number of a surface: the faces of
+/// cylinders and meshes have about the size of a cell. What curves, spheres and tori enclose does not depend on it.
+const CELLS: [f64; 2] = [16.0, 8.0];
 
 /// The prior energy of a shape.
 #[derive(Debug, Clone)]
@@ -173,7 +171,7 @@ impl<const D: usize> Measured<'_, D> {
                 let Some(frame) = frame(&placed) else { return Ok(None) };
                 let in_cells: Vec<[f64; D]> = placed.iter().map(|point| frame.to_index(*point)).collect();
                 let free = model.free_points(&in_cells);
-                let boundary = model.boundary(&free, 1.0, frame);
+                let boundary = model.exact(&free, frame);
                 let volume = boundary.volume(&boundary.sample(&free));
                 (frame, free, volume)
             }
@@ -235,7 +233,7 @@ fn frame<const D: usize>(points: &[[f64; D]]) -> Option<Frame<D>> {
     let side = |c: usize| along(c).fold(f64::MIN, f64::max) - along(c).fold(f64::MAX, f64::min);
     let longest = (0..D).map(side).fold(0.0, f64::max);
     let count = points.len() as f64;
-    let cells = if D == 2 { CELLS_OF_CURVE * count } else { CELLS_OF_SURFACE * count.sqrt() };
+    let cells = if D == 2 { CELLS[0] * count } else { CELLS[1] * count.sqrt() };
     let spacing = longest / cells;
     Frame::new(std::array::from_fn(|r| std::array::from_fn(|c| if r == c { spacing } else { 0.0 })), [0.0; D])
         .ok()

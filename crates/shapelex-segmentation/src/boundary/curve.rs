@@ -1,7 +1,7 @@
 //! Planar closed curves.
 //!
 //! ```text
-//! r(t) = Σ_k c_k φ(t − k),   t_s = s/S,   weight 1/S
+//! r(t) = Σ_k c_k φ(t − k),   t_s = s/S,   w = 1/S
 //! ∬_Ω F = Σ w G(r) y',   area = Σ w x y',   length = Σ w |A r'|
 //! ```
 
@@ -9,34 +9,41 @@ use shapelex_geometry::knot_line::Line;
 use shapelex_numeric::dense::Matrix;
 use shapelex_numeric::sparse::SparseRows;
 
-use super::{Boundary, Differential, Samples, relative_variance};
+use super::{Boundary, Differential, Rule, Samples, relative_variance};
 use crate::field::Integrated;
 use crate::frame::Frame;
 
-/// A closed curve sampled uniformly in its parameter.
+/// A closed curve sampled at the nodes of a rule.
 #[derive(Debug, Clone)]
 pub struct CurveBoundary {
     /// From control points to points and derivatives, and their transposes.
     maps: [SparseRows; 2],
     transposes: [SparseRows; 2],
-    weight: f64,
+    weights: Vec<f64>,
     sign: f64,
     frame: Frame<2>,
 }
 
 impl CurveBoundary {
-    /// The curves of a closed line with `per_span` samples per control point, oriented so that `rows` enclose a positive area.
+    /// The curves of a closed line with `per_span` uniform samples per control point, oriented so that `rows` enclose a positive area.
     pub fn new(line: &Line, per_span: usize, rows: &[[f64; 2]], frame: Frame<2>) -> Self {
-        let count = line.intervals() * per_span;
-        let parameters: Vec<f64> = (0..count).map(|s| s as f64 / per_span as f64).collect();
-        let maps = line.taps(&parameters);
+        Self::with_rule(line, Rule::sampled(line, per_span), rows, frame)
+    }
+
+    /// The same with the samples of a rule.
+    pub fn with_rule(line: &Line, rule: Rule, rows: &[[f64; 2]], frame: Frame<2>) -> Self {
+        let maps = line.taps(&rule.parameters);
         let transposes = [maps[0].transpose(), maps[1].transpose()];
-        let weight = 1.0 / per_span as f64;
-        let mut boundary = Self { maps, transposes, weight, sign: 1.0, frame };
+        let mut boundary = Self { maps, transposes, weights: rule.weights, sign: 1.0, frame };
         if boundary.volume(&boundary.sample(rows)).value < 0.0 {
             boundary.sign = -1.0;
         }
         boundary
+    }
+
+    /// The weight of a sample in means.
+    fn share(&self, sample: usize) -> f64 {
+        self.weights[sample] / self.rows() as f64
     }
 
     fn gather(&self, value: f64, slopes: &Samples<2>) -> Differential<2> {
@@ -64,11 +71,12 @@ impl CurveBoundary {
 
     /// `Σ w g y'` for the antiderivative `g` with its gradient.
     fn enclosed(&self, samples: &Samples<2>, at: impl Fn([f64; 2]) -> (f64, [f64; 2])) -> Differential<2> {
-        let weight = self.weight * self.sign * self.frame.determinant().abs();
+        let factor = self.sign * self.frame.determinant().abs();
         let mut slopes = samples.zeros();
         let mut value = 0.0;
         for (s, (point, tangent)) in samples.points.iter().zip(&samples.along_u).enumerate() {
             let (g, gradient) = at(*point);
+            let weight = factor * self.weights[s];
             let rise = weight * tangent[1];
             value += g * rise;
             slopes.points[s] = gradient.map(|slope| slope * rise);
@@ -99,12 +107,12 @@ impl Boundary<2> for CurveBoundary {
     fn measure(&self, samples: &Samples<2>) -> Differential<2> {
         let mut slopes = samples.zeros();
         let mut value = 0.0;
-        for (slope, tangent) in slopes.along_u.iter_mut().zip(&samples.along_u) {
+        for ((slope, tangent), weight) in slopes.along_u.iter_mut().zip(&samples.along_u).zip(&self.weights) {
             let [x, y] = self.frame.turn(*tangent);
             let length = x.hypot(y);
-            value += self.weight * length;
+            value += weight * length;
             if length > 0.0 {
-                *slope = self.frame.turn_back([x, y].map(|x| self.weight * x / length));
+                *slope = self.frame.turn_back([x, y].map(|x| weight * x / length));
             }
         }
         self.gather(value, &slopes)
@@ -115,11 +123,10 @@ impl Boundary<2> for CurveBoundary {
         samples: &Samples<2>,
         function: &dyn Fn(usize, [f64; 2]) -> (f64, [f64; 2]),
     ) -> Differential<2> {
-        let share = 1.0 / samples.points.len() as f64;
         let mut slopes = samples.zeros();
         let mut sum = 0.0;
         for (s, point) in samples.points.iter().enumerate() {
-            let (value, of_point) = function(s, *point);
+            let (share, (value, of_point)) = (self.share(s), function(s, *point));
             sum += share * value;
             slopes.points[s] = of_point.map(|x| share * x);
         }
@@ -127,24 +134,23 @@ impl Boundary<2> for CurveBoundary {
     }
 
     fn curvature(&self, samples: &Samples<2>, field: &Integrated<2>, factor: f64) -> Option<Matrix> {
-        let weight = self.weight * self.frame.determinant().abs();
-        let rise = |(point, tangent): (&[f64; 2], &[f64; 2])| {
+        let area = self.frame.determinant().abs();
+        let rise = |((point, tangent), weight): ((&[f64; 2], &[f64; 2]), &f64)| {
             let speed = tangent[0].hypot(tangent[1]).max(f64::MIN_POSITIVE);
             let n = [self.sign * tangent[1] / speed, -self.sign * tangent[0] / speed];
             // `F`, the slope of its antiderivative along x, half a cell to either side.
             let at = |step: f64| field.at([point[0] + step * n[0], point[1] + step * n[1]]).1[0];
-            ((factor * (at(0.5) - at(-0.5))).max(0.0) * weight * speed, n)
+            ((factor * (at(0.5) - at(-0.5))).max(0.0) * weight * area * speed, n)
         };
-        Some(self.squares(0, samples.points.iter().zip(&samples.along_u).map(rise)))
+        Some(self.squares(0, samples.points.iter().zip(&samples.along_u).zip(&self.weights).map(rise)))
     }
 
     fn spacing_curvature(&self, samples: &Samples<2>) -> Option<Matrix> {
-        let share = 1.0 / samples.along_u.len() as f64;
-        let turned = |tangent: &[f64; 2]| self.frame.turn(*tangent);
-        let mean: f64 = samples.along_u.iter().map(turned).map(|[x, y]| share * (x * x + y * y)).sum();
-        let factor = 8.0 * share / (mean * mean).max(f64::MIN_POSITIVE);
-        let slopes = samples.along_u.iter().map(|tangent| (factor, self.frame.turn_back(turned(tangent))));
-        Some(self.squares(1, slopes))
+        let turned: Vec<[f64; 2]> = samples.along_u.iter().map(|tangent| self.frame.turn(*tangent)).collect();
+        let mean: f64 = turned.iter().enumerate().map(|(s, [x, y])| self.share(s) * (x * x + y * y)).sum();
+        let factor = 8.0 / (mean * mean).max(f64::MIN_POSITIVE);
+        let slopes = turned.iter().enumerate();
+        Some(self.squares(1, slopes.map(|(s, v)| (factor * self.share(s), self.frame.turn_back(*v)))))
     }
 
     /// `mean(q²)/mean(q)² − 1`, `q = |A r'|²`.
@@ -152,8 +158,7 @@ impl Boundary<2> for CurveBoundary {
         let tangents: Vec<[f64; 2]> =
             samples.along_u.iter().map(|tangent| self.frame.turn(*tangent)).collect();
         let squares: Vec<f64> = tangents.iter().map(|[x, y]| x * x + y * y).collect();
-        let share = 1.0 / squares.len() as f64;
-        let (value, of_squares) = relative_variance(&squares, |_| share);
+        let (value, of_squares) = relative_variance(&squares, |s| self.share(s));
         let mut slopes = samples.zeros();
         for ((slope, tangent), factor) in slopes.along_u.iter_mut().zip(&tangents).zip(of_squares) {
             *slope = self.frame.turn_back(tangent.map(|x| 2.0 * factor * x));

@@ -9,7 +9,7 @@ use shapelex_numeric::sparse::SparseRows;
 
 use super::mesh::MeshBoundary;
 use super::tensor::Sheet;
-use super::{Boundary, Differential, Samples};
+use super::{Boundary, Differential, Rule, Samples};
 use crate::field::Integrated;
 use crate::frame::Frame;
 
@@ -40,7 +40,8 @@ impl CylinderBoundary {
         let operator = vertices(lines, &net, mesh);
         let faces = faces(mesh);
         let closed = MeshBoundary::new(operator, faces, rows, frame);
-        Self { lateral: Sheet::new(lines, net, LATERAL), closed, frame }
+        let rules = [0, 1].map(|i| Rule::sampled(&lines[i], LATERAL[i]));
+        Self { lateral: Sheet::new(lines, net, rules), closed, frame }
     }
 
     /// The closed mesh.

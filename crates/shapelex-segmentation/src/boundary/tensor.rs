@@ -12,10 +12,9 @@ use rayon::prelude::*;
 
 use shapelex_geometry::knot_line::Line;
 use shapelex_geometry::vector::{cross, dot, norm};
-use shapelex_numeric::quadrature::GaussLegendre;
 use shapelex_numeric::sparse::SparseRows;
 
-use super::{Boundary, Differential, Samples, relative_variance};
+use super::{Boundary, Differential, Rule, Samples, relative_variance};
 use crate::field::Integrated;
 use crate::frame::Frame;
 
@@ -30,34 +29,20 @@ pub(super) struct Sheet {
     /// Values and derivatives along `u` and along `v`, and their transposes.
     maps: [[SparseRows; 2]; 2],
     transposes: [[SparseRows; 2]; 2],
-    /// Weights along `v`; their sum is the number of spans.
-    weights: Vec<f64>,
-    /// Weight along `u`.
-    weight: f64,
+    /// Weights along `u` and along `v`; their sums are the numbers of spans.
+    weights: [Vec<f64>; 2],
 }
 
 impl Sheet {
-    /// `net`: map from free points to control points `[k][l]`. `samples`: number per span along `u` and `v`.
-    pub(super) fn new(lines: &[Line; 2], net: SparseRows, samples: [usize; 2]) -> Self {
-        let count = lines[0].intervals() * samples[0];
-        let around: Vec<f64> = (0..count).map(|s| s as f64 / samples[0] as f64).collect();
-        let rule = GaussLegendre::new(samples[1]);
-        let nodes = |span: usize| rule.points().map(move |(x, w)| (span as f64 + 0.5 + 0.5 * x, 0.5 * w));
-        let (along, weights): (Vec<f64>, Vec<f64>) = if lines[1].is_closed() {
-            // Uniform samples are best along closed directions.
-            let count = lines[1].intervals() * samples[1];
-            (0..count).map(|s| (s as f64 / samples[1] as f64, 1.0 / samples[1] as f64)).unzip()
-        } else {
-            (0..lines[1].intervals()).flat_map(nodes).unzip()
-        };
-        let maps = [lines[0].taps(&around), lines[1].taps(&along)];
+    /// `net`: map from free points to control points `[k][l]`. `rules`: samples along `u` and `v`.
+    pub(super) fn new(lines: &[Line; 2], net: SparseRows, rules: [Rule; 2]) -> Self {
+        let maps = [0, 1].map(|i| lines[i].taps(&rules[i].parameters));
         let transposes = maps.each_ref().map(|pair| pair.each_ref().map(SparseRows::transpose));
         Self {
             net: [net.clone(), net.transpose()],
             maps,
             transposes,
-            weights,
-            weight: 1.0 / samples[0] as f64,
+            weights: rules.map(|rule| rule.weights),
         }
     }
 
@@ -67,12 +52,12 @@ impl Sheet {
 
     /// Number of samples along `v`.
     fn columns(&self) -> usize {
-        self.weights.len()
+        self.weights[1].len()
     }
 
     /// The weight of a sample.
     fn weight(&self, sample: usize) -> f64 {
-        self.weight * self.weights[sample % self.columns()]
+        self.weights[0][sample / self.columns()] * self.weights[1][sample % self.columns()]
     }
 
     /// Points and derivatives along `u` and `v`, `[u][v]`.
@@ -154,7 +139,7 @@ impl Sheet {
     pub(super) fn unevenness(&self, samples: &Samples<3>, frame: &Frame<3>) -> Differential<3> {
         let columns = self.columns();
         let count = samples.points.len() / columns;
-        let total: f64 = self.weights.iter().sum();
+        let totals = self.weights.each_ref().map(|weights| weights.iter().sum::<f64>());
         let [us, vs] = [&samples.along_u, &samples.along_v]
             .map(|list| list.iter().map(|tangent| frame.turn(*tangent)).collect::<Vec<_>>());
         let mut slopes = samples.zeros();
@@ -162,7 +147,7 @@ impl Sheet {
         for j in 0..columns {
             let squares: Vec<f64> =
                 (0..count).map(|i| dot(us[i * columns + j], us[i * columns + j])).collect();
-            let (variance, factors) = relative_variance(&squares, |_| 1.0 / count as f64);
+            let (variance, factors) = relative_variance(&squares, |i| self.weights[0][i] / totals[0]);
             let share = 1.0 / columns as f64;
             value += share * variance;
             for (i, factor) in factors.into_iter().enumerate() {
@@ -173,7 +158,7 @@ impl Sheet {
         for i in 0..count {
             let line = i * columns..(i + 1) * columns;
             let squares: Vec<f64> = vs[line.clone()].iter().map(|tangent| dot(*tangent, *tangent)).collect();
-            let (variance, factors) = relative_variance(&squares, |j| self.weights[j] / total);
+            let (variance, factors) = relative_variance(&squares, |j| self.weights[1][j] / totals[1]);
             let share = 1.0 / count as f64;
             value += share * variance;
             for (s, factor) in line.zip(factors) {
@@ -189,8 +174,8 @@ impl Sheet {
         let (mut parallels, mut meridians) = (vec![0.0; columns], vec![0.0; samples.points.len() / columns]);
         for s in 0..samples.points.len() {
             let (i, j) = (s / columns, s % columns);
-            parallels[j] += self.weight * norm(samples.along_u[s]);
-            meridians[i] += self.weights[j] * norm(samples.along_v[s]);
+            parallels[j] += self.weights[0][i] * norm(samples.along_u[s]);
+            meridians[i] += self.weights[1][j] * norm(samples.along_v[s]);
         }
         [parallels, meridians].map(|lengths| lengths.into_iter().fold(0.0, f64::max))
     }
@@ -228,7 +213,18 @@ impl TensorBoundary {
         rows: &[[f64; 3]],
         frame: Frame<3>,
     ) -> Self {
-        let mut boundary = Self { sheet: Sheet::new(lines, net, samples), sign: 1.0, frame };
+        Self::with_rules(lines, net, [0, 1].map(|i| Rule::sampled(&lines[i], samples[i])), rows, frame)
+    }
+
+    /// The same with the samples of rules.
+    pub fn with_rules(
+        lines: &[Line; 2],
+        net: SparseRows,
+        rules: [Rule; 2],
+        rows: &[[f64; 3]],
+        frame: Frame<3>,
+    ) -> Self {
+        let mut boundary = Self { sheet: Sheet::new(lines, net, rules), sign: 1.0, frame };
         if boundary.volume(&boundary.sample(rows)).value < 0.0 {
             boundary.sign = -1.0;
         }
@@ -299,6 +295,6 @@ impl Boundary<3> for TensorBoundary {
 /// Largest lengths, in cells, of a parallel and of a meridian of a shape.
 pub fn lengths(lines: &[Line; 2], net: &SparseRows, rows: &[[f64; 3]]) -> [f64; 2] {
     // Four samples per span give lengths to a few per cent.
-    let sheet = Sheet::new(lines, net.clone(), [4; 2]);
+    let sheet = Sheet::new(lines, net.clone(), [0, 1].map(|i| Rule::sampled(&lines[i], 4)));
     sheet.lengths(&sheet.sample(rows))
 }

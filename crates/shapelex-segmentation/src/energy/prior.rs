@@ -23,7 +23,7 @@ use shapelex_numeric::dense::Matrix;
 use shapelex_numeric::sparse::SparseRows;
 
 use super::shape::{Shape, forbidden};
-use crate::boundary::Differential;
+use crate::boundary::{Boundary, Differential};
 use crate::frame::Frame;
 
 /// What attracts.
@@ -43,6 +43,8 @@ pub struct Prior<const D: usize> {
     /// From free points to the control points of the metric, and the transpose; `None` if they are the same.
     lift: Option<[SparseRows; 2]>,
     frame: Frame<D>,
+    /// The boundary that measures what shapes enclose; `None` for that of the samples of the image.
+    enclosing: Option<Arc<dyn Boundary<D>>>,
 }
 
 impl<const D: usize> Prior<D> {
@@ -86,7 +88,13 @@ impl<const D: usize> Prior<D> {
 
     fn of(metric: Metric, attractor: Attractor, lift: Option<SparseRows>, frame: Frame<D>) -> Self {
         let lift = lift.map(|lift| [lift.clone(), lift.transpose()]);
-        Self { metric, attractor: Arc::new(attractor), lift, frame }
+        Self { metric, attractor: Arc::new(attractor), lift, frame, enclosing: None }
+    }
+
+    /// The same, with what shapes enclose measured by this boundary.
+    #[must_use]
+    pub fn measured_by(self, enclosing: Arc<dyn Boundary<D>>) -> Self {
+        Self { enclosing: Some(enclosing), ..self }
     }
 
     /// The squared distance of control points in the world, coordinate-major, and its gradient. `None` for degenerate shapes.
@@ -144,7 +152,9 @@ impl<const D: usize> Prior<D> {
 
     /// Value and gradient; infinite for shapes without volume.
     pub fn evaluate(&self, shape: &Shape<'_, D>) -> Differential<D> {
-        let relative = (shape.volume.value > 0.0).then(|| self.relative(shape.rows, &shape.volume)).flatten();
+        let exact = self.enclosing.as_ref().map(|boundary| boundary.volume(&boundary.sample(shape.rows)));
+        let volume = exact.as_ref().unwrap_or(&shape.volume);
+        let relative = (volume.value > 0.0).then(|| self.relative(shape.rows, volume)).flatten();
         relative.unwrap_or_else(|| forbidden(shape.rows.len()))
     }
 

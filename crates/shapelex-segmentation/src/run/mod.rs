@@ -14,6 +14,8 @@ pub mod check;
 pub mod moved;
 pub mod scene;
 
+use std::sync::Arc;
+
 use shapelex_numeric::bounded::Stop;
 use shapelex_numeric::dense::Matrix;
 use shapelex_numeric::descent::{Ending, Minimum, Objective, Rules};
@@ -258,9 +260,9 @@ pub fn segment<const D: usize>(
     let boundary = run.boundary(last);
     let energy = run.energy(last)?;
     let shape = Shape::new(&*boundary, &run.rows);
-    let (terms, size) = (energy.values(&shape), shape.volume.value);
-    let outlines = [start, &run.rows[..]].map(|rows| model.outline(rows));
-    let moved = Moved::between((&outlines[0], run.measures.volume), (&outlines[1], size), scene.frame());
+    let terms = energy.values(&shape);
+    let [before, after] = [start, &run.rows[..]].map(|rows| (model.outline(rows), run.enclosed(rows)));
+    let moved = Moved::between((&before.0, before.1), (&after.0, after.1), scene.frame());
     let ended = matches!(outcome, Outcome::Converged | Outcome::Limit | Outcome::LineSearch);
     if ended && settings.size_factor.is_some_and(|factor| moved.has_left(factor)) {
         outcome = Outcome::LeftObject;
@@ -278,6 +280,8 @@ struct Run<'a, const D: usize> {
     wall: Option<Wall<D>>,
     /// What attracts to the first shape.
     hold: Option<Hold<D>>,
+    /// What measures areas and volumes exactly.
+    enclosing: Arc<dyn Boundary<D>>,
     rows: Vec<[f64; D]>,
     spacing: f64,
     clip: f64,
@@ -299,8 +303,14 @@ impl<'a, const D: usize> Run<'a, D> {
         let hold = (settings.hold > 0.0).then(|| wall(1.0)).flatten();
         let hold = hold.map(|wall| Hold { start: start.to_vec(), wall });
         let wall = settings.wall.and_then(wall);
+        let enclosing = Arc::from(model.exact(start, *scene.frame()));
         let (rows, spacing) = (start.to_vec(), settings.spacing);
-        Ok(Self { scene, model, settings, measures, wall, hold, rows, spacing, clip })
+        Ok(Self { scene, model, settings, measures, wall, hold, enclosing, rows, spacing, clip })
+    }
+
+    /// The area or volume that free points enclose.
+    fn enclosed(&self, rows: &[[f64; D]]) -> f64 {
+        self.enclosing.volume(&self.enclosing.sample(rows)).value
     }
 
     fn boundary(&self, stage: &Stage) -> Box<dyn Boundary<D>> {
@@ -319,7 +329,7 @@ impl<'a, const D: usize> Run<'a, D> {
             terms.push((Term::Spacing(Spacing {}), self.spacing));
         }
         if let Some((prior, gamma)) = &self.settings.prior {
-            terms.push((Term::Prior(prior.clone()), *gamma));
+            terms.push((Term::Prior(prior.clone().measured_by(self.enclosing.clone())), *gamma));
         }
         terms.extend(self.wall.map(|wall| (Term::Wall(wall), WALL)));
         terms.extend(self.hold.clone().map(|hold| (Term::Hold(hold), self.settings.hold)));

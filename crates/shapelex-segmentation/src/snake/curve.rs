@@ -7,8 +7,8 @@ use shapelex_geometry::knot_line::Line;
 use shapelex_numeric::sparse::SparseRows;
 
 use super::{MAX_PER_SPAN, Model, OUTLINE_SPACING, Outline, equal};
-use crate::boundary::Boundary;
 use crate::boundary::curve::CurveBoundary;
+use crate::boundary::{Boundary, Rule};
 use crate::frame::Frame;
 
 /// Samples per cell of length.
@@ -56,6 +56,10 @@ impl Model<2> for CurveSnake {
 
     fn boundary(&self, rows: &[[f64; 2]], _sigma: f64, frame: Frame<2>) -> Box<dyn Boundary<2>> {
         Box::new(CurveBoundary::new(&self.line, self.per_span(rows, DENSITY), rows, frame))
+    }
+
+    fn exact(&self, rows: &[[f64; 2]], frame: Frame<2>) -> Box<dyn Boundary<2>> {
+        Box::new(CurveBoundary::with_rule(&self.line, Rule::exact(&self.line), rows, frame))
     }
 
     fn outline(&self, rows: &[[f64; 2]]) -> Outline {

@@ -117,6 +117,12 @@ pub trait Model<const D: usize>: Send + Sync {
     /// The boundary, sampled finely enough for a field with a blur of `sigma` cells and shapes of about the size of `rows`.
     fn boundary(&self, rows: &[[f64; D]], sigma: f64, frame: Frame<D>) -> Box<dyn Boundary<D>>;
 
+    /// The boundary by which areas and volumes of curves, spheres and tori are exact but for rounding; meshes and cylinders with their
+    /// caps have those of their faces.
+    fn exact(&self, rows: &[[f64; D]], frame: Frame<D>) -> Box<dyn Boundary<D>> {
+        self.boundary(rows, 1.0, frame)
+    }
+
     /// The outline of a shape.
     fn outline(&self, rows: &[[f64; D]]) -> Outline;
 

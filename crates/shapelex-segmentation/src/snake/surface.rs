@@ -21,8 +21,8 @@ use shapelex_numeric::dense::Matrix;
 use shapelex_numeric::sparse::SparseRows;
 
 use super::{Model, OUTLINE_SPACING, Outline, SPACING, per_span};
-use crate::boundary::Boundary;
 use crate::boundary::tensor::{TensorBoundary, lengths};
+use crate::boundary::{Boundary, Rule};
 use crate::frame::Frame;
 
 /// Minimum number of samples per span along `u` and Gauss nodes per span along `v`: the volume is then accurate to a millionth.
@@ -109,6 +109,12 @@ impl Model<3> for SurfaceSnake {
         let spacing = SPACING * sigma.max(1.0);
         let samples = [0, 1].map(|i| per_span(lengths[i], lines[i].intervals(), spacing, LEAST));
         Box::new(TensorBoundary::new(lines, self.net.clone(), samples, rows, frame))
+    }
+
+    fn exact(&self, rows: &[[f64; 3]], frame: Frame<3>) -> Box<dyn Boundary<3>> {
+        let lines = self.basis.lines();
+        let rules = [0, 1].map(|i| Rule::exact(&lines[i]));
+        Box::new(TensorBoundary::with_rules(lines, self.net.clone(), rules, rows, frame))
     }
 
     fn outline(&self, rows: &[[f64; 3]]) -> Outline {
