@@ -354,6 +354,13 @@ impl<'de, T: Deserialize<'de>> Deserialize<'de> for Limited<T> {
 #[derive(Debug, Clone)]
 pub struct Many<T, const MOST: usize = SMALL>(Result<Vec<T>, Box<Fault>>);
 
+impl<T, const MOST: usize> Many<T, MOST> {
+    /// The values, if they were read.
+    pub fn get(&self) -> Option<&[T]> {
+        self.0.as_deref().ok()
+    }
+}
+
 impl<'de, T: DeserializeOwned> Deserialize<'de> for Many<T, SMALL> {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let text = <&RawValue>::deserialize(deserializer)?.get();

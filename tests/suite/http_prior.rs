@@ -2,11 +2,12 @@
 
 use std::f64::consts::{PI, TAU};
 
+use reqwest::Method;
 use serde_json::{Value, json};
 
 use crate::form::post_image;
 use crate::http_segment::{PATH as SEGMENT, bright, curves, number};
-use crate::server::{flat, shared};
+use crate::server::{Setting, flat, shared};
 
 const PATH: &str = "/v1/prior";
 const COUNT: usize = 8;
@@ -196,6 +197,61 @@ fn initial_shapes_begin_where_they_fit_the_reference() {
     };
     assert!(term("landmarks", false) > 0.003, "{}", term("landmarks", false));
     assert!(term("cyclic", false) < 1e-9 && term("cyclic", true) < 1e-9, "{}", term("cyclic", false));
+}
+
+/// Among several dictionaries the one that lies nearest attracts, and the answer names it (thesis 8.2).
+#[test]
+fn a_prior_chooses_among_dictionaries() {
+    let server = Setting::fresh().start();
+    let waved = |turns: f64, depth: f64| -> Vec<[f64; 2]> {
+        let point = |k: usize| {
+            let t = TAU * k as f64 / COUNT as f64;
+            let r = 6.0 * (1.0 + depth * (turns * t).cos());
+            [r * t.cos(), r * t.sin()]
+        };
+        (0..COUNT).map(point).collect()
+    };
+    for (name, turns) in [("long", 2.0), ("three", 3.0)] {
+        let shapes: Vec<Value> = (0..6).map(|i| shape(&waved(turns, 0.2 + 0.03 * f64::from(i)))).collect();
+        server.post("/v1/cohorts", &json!({"name": name, "representation": representation()})).expect(201);
+        server.post(&format!("/v1/cohorts/{name}/shapes"), &json!({"shapes": shapes})).expect(201);
+        let learn = json!({"name": name, "cohort": name, "transformation": "similarity",
+            "method": {"kind": "functional_pca", "components": 1}});
+        let learn = server.request(Method::POST, "/v1/dictionaries").header("prefer", "wait=50").json(&learn);
+        server.send(learn).expect(201);
+    }
+    let found = |points: &[[f64; 2]], prior: Value| {
+        let mut body = curves(
+            json!({"shapes": [shape(points)], "stages": [{"sigma": 2, "iterations": 0}], "prior": prior}),
+        );
+        body.as_object_mut().unwrap().remove("boxes");
+        post_image(&server, SEGMENT, &body, &bright()).expect(200)["results"][0].clone()
+    };
+    let of = |field: &str, keys: Value, part: &str| json!({field: keys, "reference": part, "transformation": "similarity"});
+    let value = |found: &Value| number(&found["energies"]["prior"]["value"]);
+    let names = json!(["long", "three@1"]);
+    for (turns, nearest) in [(2.0, "long"), (3.0, "three")] {
+        let placed: Vec<[f64; 2]> = waved(turns, 0.25).iter().map(|[x, y]| [x + 16.0, y + 20.0]).collect();
+        for part in ["mean", "components"] {
+            let single =
+                ["long", "three"].map(|name| value(&found(&placed, of("dictionary", json!(name), part))));
+            let several = found(&placed, of("dictionaries", names.clone(), part));
+            let id = server.get(&format!("/v1/dictionaries/{nearest}")).expect(200)["id"].clone();
+            assert_eq!(several["chosen_dictionary"], id, "{part}");
+            assert_eq!(value(&several), single[0].min(single[1]), "{part}: {single:?}");
+        }
+        assert!(found(&placed, of("dictionary", json!("long"), "mean"))["chosen_dictionary"].is_null());
+    }
+    let refused = |prior: Value| post_image(&server, SEGMENT, &curves(json!({"prior": prior})), &bright());
+    refused(of("dictionaries", json!(["long"]), "mean")).expect_problem(
+        422,
+        "invalid-input",
+        &["/prior/dictionaries"],
+    );
+    refused(of("dictionaries", json!(["long", "none"]), "mean")).expect_problem(404, "not-found", &[]);
+    let mut both = of("dictionaries", names, "mean");
+    both["dictionary"] = json!("long");
+    refused(both).expect_problem(422, "invalid-input", &["/prior/reference"]);
 }
 
 #[test]

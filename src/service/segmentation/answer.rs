@@ -127,6 +127,9 @@ pub struct SegmentedOutput {
     /// Component of the part `mask` where the object began.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) component: Option<ComponentOutput>,
+    /// Id of the dictionary of the prior that lies nearest to the result, where `dictionaries` names several.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) chosen_dictionary: Option<String>,
     /// Limitations of the result.
     pub(super) warnings: Vec<String>,
 }

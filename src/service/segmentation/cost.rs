@@ -256,12 +256,12 @@ impl<'a> Cost<'a> {
 
     /// Multiply-adds for an object to project onto what several shapes span.
     fn spans(&self, stages: &[StageInput]) -> f64 {
-        let Some((Reference::Stored { shapes, is_span: true }, _)) = &self.wanted.prior else { return 0.0 };
+        let Some((reference, _)) = &self.wanted.prior else { return 0.0 };
         let length = self.points() * self.axes as f64;
         // A class has at most as many matrices as a matrix has entries.
-        let basis = (shapes.len() * self.axes * self.axes) as f64;
+        let basis = |shapes: &[Vec<f64>]| ((shapes.len() * self.axes * self.axes) as f64).min(length);
         let evaluations: f64 = stages.iter().map(|stage| 1.0 + self.evaluations(stage)).sum();
-        2.0 * evaluations * length * basis.min(length)
+        2.0 * evaluations * length * reference.spans().map(basis).sum::<f64>()
     }
 
     /// Multiply-adds of Newton's method for an object.

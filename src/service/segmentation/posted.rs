@@ -191,6 +191,9 @@ impl CohortSegmentRequest {
     }
 }
 
+/// Numbers of dictionaries to choose from.
+const STRUCTURES: std::ops::RangeInclusive<usize> = 2..=16;
+
 document! {
     /// Attraction to the shapes that a class of transformations makes of a reference: `weight · ‖c − c*‖²/V^(2/d)`, with `c*` the
     /// nearest of them and `V` the area or volume.
@@ -205,6 +208,10 @@ document! {
         /// Id, `name@version`, `name@alias` or name of a dictionary of the representation.
         #[schema(value_type = Option<String>)]
         dictionary: Checked<String>;
+        /// Two to sixteen dictionaries of one representation in place of `dictionary`: the one that lies nearest attracts, at each step
+        /// anew.
+        #[schema(value_type = Option<Vec<String>>, min_items = 2, max_items = 16)]
+        dictionaries: Many<String>;
         /// Class of transformations.
         #[schema(value_type = Transformation, required = true)]
         transformation: Checked<Transformation>, required;
@@ -332,6 +339,7 @@ struct Taken {
     reference: Option<ShapeInput>,
     cohort: Option<String>,
     dictionary: Option<String>,
+    dictionaries: Option<Vec<String>>,
     transformation: Option<Transformation>,
     alignment: Option<Alignment>,
     weight: Option<f64>,
@@ -340,12 +348,14 @@ struct Taken {
 impl ShapePrior {
     /// The mean that is the reference, with its class and alignment, where one is named and all of them could be read.
     pub fn stored(&self) -> Option<(Source, Transformation, Option<Alignment>)> {
-        let source = match (&self.reference, &self.cohort, &self.dictionary) {
-            (None, Some(key), None) => Source::Cohort(key.get()?.clone()),
-            (None, None, Some(key)) => Source::Dictionary(key.get()?.clone(), DictionaryPart::default()),
-            (Some(part), None, Some(key)) => {
-                Source::Dictionary(key.get()?.clone(), part.read(SMALL, "", &mut Vec::new())?)
-            }
+        let part = match &self.reference {
+            Some(part) => part.read(SMALL, "", &mut Vec::new()),
+            None => Some(DictionaryPart::default()),
+        };
+        let source = match (&self.reference, &self.cohort, &self.dictionary, &self.dictionaries) {
+            (None, Some(key), None, None) => Source::Cohort(key.get()?.clone()),
+            (_, None, Some(key), None) => Source::Dictionaries(vec![key.get()?.clone()], part?),
+            (_, None, None, Some(keys)) => Source::Dictionaries(structures(keys)?.to_vec(), part?),
             _ => return None,
         };
         let alignment = match &self.alignment {
@@ -355,11 +365,17 @@ impl ShapePrior {
         Some((source, self.transformation.as_ref()?.get()?.clone(), alignment))
     }
 
+    /// Whether it names a dictionary, or several.
+    fn names_dictionaries(&self) -> bool {
+        self.dictionary.is_some() || self.dictionaries.is_some()
+    }
+
     fn taken(self, errors: &mut Vec<Fault>) -> Taken {
+        let of_dictionaries = self.names_dictionaries();
         errors.extend(self.faults.into_iter().map(|fault| fault.below("/prior")));
         // What names a part of a dictionary was read with it, unless it is faulty.
-        let reference = self.reference.and_then(|reference| match (&self.dictionary, reference.is_text()) {
-            (Some(_), true) => {
+        let reference = self.reference.and_then(|reference| match (of_dictionaries, reference.is_text()) {
+            (true, true) => {
                 reference.read::<DictionaryPart>(SMALL, "/prior/reference", errors);
                 None
             }
@@ -369,6 +385,7 @@ impl ShapePrior {
             reference,
             cohort: take_given(self.cohort, "/prior/cohort", errors),
             dictionary: take_given(self.dictionary, "/prior/dictionary", errors),
+            dictionaries: take_many(self.dictionaries, "/prior/dictionaries", errors),
             transformation: take_given(self.transformation, "/prior/transformation", errors),
             alignment: take_given(self.alignment, "/prior/alignment", errors),
             weight: self.weight.map_or(Some(1.0), |weight| weight.take("/prior/weight", errors)),
@@ -384,32 +401,48 @@ impl Taken {
         representation: &Representation,
         errors: &mut Vec<Fault>,
     ) -> Option<Reference> {
-        let named = [self.reference.is_some(), self.cohort.is_some(), self.dictionary.is_some()];
-        match named.into_iter().filter(|is_given| *is_given).count() {
-            1 => {}
-            count => {
-                // A key that could not be read has a fault already.
-                if count > 1 || errors.is_empty() {
-                    let detail = format!("expected one of reference, cohort, dictionary, got {count}");
-                    errors.push(Fault::new("/prior/reference", detail));
-                }
-                return None;
-            }
+        if let Some(keys) = &self.dictionaries
+            && !STRUCTURES.contains(&keys.len())
+        {
+            let (least, most) = STRUCTURES.into_inner();
+            let detail = format!("expected {least} to {most} dictionaries, got {}", keys.len());
+            errors.push(Fault::new("/prior/dictionaries", detail));
+            return None;
         }
+        let named = [
+            ("reference", self.reference.is_some()),
+            ("cohort", self.cohort.is_some()),
+            ("dictionary", self.dictionary.is_some()),
+            ("dictionaries", self.dictionaries.is_some()),
+        ];
+        let given: Vec<&str> = named.iter().filter(|(_, given)| *given).map(|(name, _)| *name).collect();
+        let [field] = given[..] else {
+            // A key that could not be read has a fault already.
+            if given.len() > 1 || errors.is_empty() {
+                let names = named.map(|(name, _)| name).join(", ");
+                let detail = format!("expected one of {names}, got {}", given.len());
+                errors.push(Fault::new("/prior/reference", detail));
+            }
+            return None;
+        };
         match (self.reference.clone(), stored) {
             (Some(shape), _) => Some(Reference::Posted(shape)),
             (None, Some(stored)) if stored.representation == *representation => {
-                Some(Reference::Stored { shapes: stored.shapes, is_span: stored.is_span })
+                Some(Reference::Stored(std::iter::once(stored.first).chain(stored.others).collect()))
             }
             (None, Some(_)) => {
-                let field = if self.cohort.is_some() { "cohort" } else { "dictionary" };
-                let detail = format!("expected a {field} of the representation of the request, got another");
+                let detail = format!("expected {field} of the representation of the request, got another");
                 errors.push(Fault::new(format!("/prior/{field}"), detail));
                 None
             }
             (None, None) => None,
         }
     }
+}
+
+/// The dictionaries to choose from, where they are as many as may be.
+fn structures(keys: &Many<String>) -> Option<&[String]> {
+    keys.get().filter(|keys| STRUCTURES.contains(&keys.len()))
 }
 
 /// Settings of the shapes and of the class of the prior; without a prior the class is not used.

@@ -20,8 +20,8 @@ use crate::service::dictionaries::ready::{self, Ready};
 pub enum Source {
     /// The cohort with this id or name.
     Cohort(String),
-    /// A part of the dictionary with this id, `name@version`, `name@alias` or name.
-    Dictionary(String, DictionaryPart),
+    /// A part of the dictionaries with these ids, `name@version`, `name@alias` or names, of which the nearest attracts.
+    Dictionaries(Vec<String>, DictionaryPart),
 }
 
 /// What attracts of a dictionary.
@@ -42,10 +42,24 @@ pub enum DictionaryPart {
 pub struct Stored {
     /// Its representation.
     pub representation: Representation,
-    /// The shapes: one, or those that span what attracts; control points, coordinate-major.
+    /// What attracts.
+    #[serde(flatten)]
+    pub first: Structure,
+    /// What attracts in its place where it is nearer.
+    #[serde(default)]
+    pub others: Vec<Structure>,
+}
+
+/// Shapes that attract.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Structure {
+    /// One, or those that span what attracts; control points, coordinate-major.
     pub shapes: Vec<Vec<f64>>,
     /// Whether their sums attract too.
     pub is_span: bool,
+    /// Id of their dictionary.
+    #[serde(default)]
+    pub dictionary: Option<String>,
 }
 
 /// The mean of a cohort under a class of transformations; or the mean of a dictionary, or what its components or atoms span, which
@@ -84,18 +98,41 @@ pub async fn find(
             let live = live_mean::mean(app, cohort, query).await?;
             let representation = live.cohort.spec.representation.clone();
             let shapes = vec![live.mean.control_points.clone()];
-            Ok(Stored { representation, shapes, is_span: false })
+            let first = Structure { shapes, is_span: false, dictionary: None };
+            Ok(Stored { representation, first, others: Vec::new() })
         }
-        Source::Dictionary(key, part) => of_dictionary(&*ready::find(app, &key).await?, part),
+        Source::Dictionaries(keys, part) => of_dictionaries(app, &keys, part).await,
     }
 }
 
-fn of_dictionary(ready: &Ready, part: DictionaryPart) -> Result<Stored, ServiceError> {
+async fn of_dictionaries(app: &App, keys: &[String], part: DictionaryPart) -> Result<Stored, ServiceError> {
+    let mut found: Option<Stored> = None;
+    for (index, key) in keys.iter().enumerate() {
+        let ready = ready::find(app, key).await?;
+        let representation = &ready.dictionary.content.representation;
+        let structure = of_dictionary(&ready, part)?;
+        match &mut found {
+            None => {
+                let representation = representation.clone();
+                found = Some(Stored { representation, first: structure, others: Vec::new() });
+            }
+            Some(stored) if stored.representation == *representation => stored.others.push(structure),
+            Some(_) => {
+                let detail =
+                    "expected dictionaries of one representation, got another than that of the first";
+                return Err(ServiceError::invalid(format!("/prior/dictionaries/{index}"), detail));
+            }
+        }
+    }
+    found.ok_or_else(|| ServiceError::Internal("a prior without a dictionary".into()))
+}
+
+fn of_dictionary(ready: &Ready, part: DictionaryPart) -> Result<Structure, ServiceError> {
     let (dictionary, content) = (&ready.dictionary, &ready.dictionary.content);
-    let representation = content.representation.clone();
+    let id = Some(ready.listed.id.clone());
     if part == DictionaryPart::Mean {
-        let shapes = vec![columns_of(&content.mean.control_points, representation.dimension())];
-        return Ok(Stored { representation, shapes, is_span: false });
+        let shapes = vec![columns_of(&content.mean.control_points, content.representation.dimension())];
+        return Ok(Structure { shapes, is_span: false, dictionary: id });
     }
     if part == DictionaryPart::Components && content.method.is_sparse() {
         let detail = "expected mean or atoms of a sparse dictionary, got components";
@@ -106,5 +143,5 @@ fn of_dictionary(ready: &Ready, part: DictionaryPart) -> Result<Stored, ServiceE
         shape
     };
     let shapes = dictionary.span(Reference::Atoms).into_iter().map(unwhitened).collect();
-    Ok(Stored { representation, shapes, is_span: true })
+    Ok(Structure { shapes, is_span: true, dictionary: id })
 }

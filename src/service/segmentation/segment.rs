@@ -10,6 +10,7 @@ use super::cost::{self, SegmentEstimate};
 use super::image::{Coordinates, ImageOutput, Part, plane_frame, volume_frame};
 use super::place;
 use super::prior::{begun, with_target};
+use super::reference::Structure;
 use super::request::{FieldInput, StageInput};
 use super::shown::Segmented;
 use super::starts::{Starts, usual_radius};
@@ -243,10 +244,11 @@ impl Task<'_> {
         let radius = usual_radius(grid, wanted.coordinates, wanted.cell(grid));
         let starts = wanted.starts.control_points(self.setup, &self.app.limits, radius)?;
         let reference = match &wanted.prior {
-            Some((Reference::Posted(shape), _)) => self.posted(shape)?,
-            Some((Reference::Stored { shapes, is_span: false }, _)) => shapes.concat(),
-            _ => return Ok(starts),
+            Some((Reference::Posted(shape), _)) => Some(self.posted(shape)?),
+            Some((stored, _)) => stored.stored_shape(),
+            None => None,
         };
+        let Some(reference) = reference else { return Ok(starts) };
         if !self.setup.matching.searches() {
             return Ok(starts);
         }
@@ -261,19 +263,38 @@ impl Task<'_> {
         model: &dyn Model<D>,
     ) -> Result<Option<(Prior<D>, f64)>, ServiceError> {
         let Some((reference, weight)) = &self.wanted.prior else { return Ok(None) };
-        let (metric, lift) = (self.setup.metric.clone(), model.lift());
-        let shape = match reference {
-            Reference::Posted(shape) => self.posted(shape)?,
-            Reference::Stored { shapes, is_span: false } => shapes.concat(),
-            Reference::Stored { shapes, is_span: true } => {
-                let class = self.wanted.settings.linear_class();
-                let class = class.ok_or_else(|| ServiceError::Internal("a span of no class".into()))?;
-                return Ok(Some((Prior::spanned(metric, class, shapes, lift, frame), *weight)));
+        let structures = match reference {
+            Reference::Posted(shape) => vec![self.attracted(&[self.posted(shape)?], false, frame, model)?],
+            Reference::Stored(structures) => {
+                let of = |one: &Structure| self.attracted(&one.shapes, one.is_span, frame, model);
+                structures.iter().map(of).collect::<Result<Vec<_>, _>>()?
             }
         };
-        let prior = Prior::new(metric, self.setup.method.clone(), &rows(&shape), lift, frame);
-        let prior = prior.map_err(|error| ServiceError::invalid("/prior/reference", error.to_string()))?;
-        Ok(Some((prior, *weight)))
+        Ok(structures.into_iter().reduce(Prior::or).map(|prior| (prior, *weight)))
+    }
+
+    /// The attraction to what shapes span, or to the class of one.
+    fn attracted<const D: usize>(
+        &self,
+        shapes: &[Vec<f64>],
+        is_span: bool,
+        frame: Frame<D>,
+        model: &dyn Model<D>,
+    ) -> Result<Prior<D>, ServiceError> {
+        let (metric, lift) = (self.setup.metric.clone(), model.lift());
+        if is_span {
+            let class = self.wanted.settings.linear_class();
+            let class = class.ok_or_else(|| ServiceError::Internal("a span of no class".into()))?;
+            return Ok(Prior::spanned(metric, class, shapes, lift, frame));
+        }
+        let prior = Prior::new(metric, self.setup.method.clone(), &rows(&shapes.concat()), lift, frame);
+        prior.map_err(|error| ServiceError::invalid("/prior/reference", error.to_string()))
+    }
+
+    /// The dictionary that attracts a result, where there are several to choose from.
+    fn chosen<const D: usize>(&self, settings: &Settings<D>, result: &[[f64; D]]) -> Option<String> {
+        let ((prior, _), (reference, _)) = (settings.prior.as_ref()?, self.wanted.prior.as_ref()?);
+        reference.choice(prior.chosen(result)?).map(str::to_owned)
     }
 
     /// Control points of a posted reference.
@@ -319,6 +340,7 @@ impl Task<'_> {
         let outlines = [model.outline(&first), model.outline(&found.rows)];
         let has_others = self.wanted.starts.count() > 1;
         let cells = if has_others { place::runs(&outlines[1], scene.size()) } else { Vec::new() };
+        let chosen = self.chosen(settings, &found.rows);
         let control_points = model.control_points(&found.rows);
         let gradient_rows = gradient.as_ref().map(|_| free_rows(model, control_points.len()));
         let object = SegmentedOutput {
@@ -338,6 +360,7 @@ impl Task<'_> {
             overlap: self.overlap(index, scene, &outlines[1], &stop)?,
             mask: self.wanted.answered.mask.then(|| self.mask(scene, &outlines[1])),
             component: self.wanted.starts.component(index),
+            chosen_dictionary: chosen,
             warnings,
         };
         let outlines = self.wanted.answered.outlines.then_some(outlines);

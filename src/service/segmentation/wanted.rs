@@ -3,6 +3,7 @@
 use std::f64::consts::SQRT_2;
 
 use super::image::Coordinates;
+use super::reference::Structure;
 use super::request::{EnergyInput, FieldInput, StageInput};
 use super::sheets;
 use super::starts::Starts;
@@ -47,13 +48,38 @@ pub struct Wanted {
 pub enum Reference {
     /// A posted shape.
     Posted(ShapeInput),
-    /// Shapes of the representation, control points coordinate-major: one, or a span.
-    Stored {
-        /// The shapes.
-        shapes: Vec<Vec<f64>>,
-        /// Whether their sums attract too.
-        is_span: bool,
-    },
+    /// Shapes of the representation, of which the nearest attract.
+    Stored(Vec<Structure>),
+}
+
+impl Reference {
+    /// The only shape that attracts, of the store.
+    pub(super) fn stored_shape(&self) -> Option<Vec<f64>> {
+        match self {
+            Self::Stored(structures) => match structures.as_slice() {
+                [Structure { shapes, is_span: false, .. }] => Some(shapes.concat()),
+                _ => None,
+            },
+            Self::Posted(_) => None,
+        }
+    }
+
+    /// Those that span what attracts.
+    pub(super) fn spans(&self) -> impl Iterator<Item = &[Vec<f64>]> {
+        let structures = match self {
+            Self::Stored(structures) => structures.as_slice(),
+            Self::Posted(_) => &[],
+        };
+        structures.iter().filter(|one| one.is_span).map(|one| one.shapes.as_slice())
+    }
+
+    /// Id of the dictionary at a position, where there are several to choose from.
+    pub(super) fn choice(&self, index: usize) -> Option<&str> {
+        match self {
+            Self::Stored(structures) if structures.len() > 1 => structures.get(index)?.dictionary.as_deref(),
+            _ => None,
+        }
+    }
 }
 
 /// What keeps results to where they begin, as far as it is asked for.
@@ -137,7 +163,8 @@ impl Wanted {
             let detail = format!("expected a label for each of {count} shapes, got {}", labels.len());
             faults.push(Fault::new("/truth_labels", detail));
         }
-        if let Some((Reference::Stored { is_span: true, .. }, _)) = self.prior
+        if let Some((reference, _)) = &self.prior
+            && reference.spans().next().is_some()
             && self.settings.linear_class().is_none()
         {
             let detail = "expected a linear class for components and atoms: Procrustes fits have no span";

@@ -9,6 +9,9 @@
 //! dictionary. `c*` is `P c` for linear classes and a Procrustes fit for rotations of space; by the envelope theorem its change does not
 //! enter the gradient. Without the division by the volume, the term would pull every shape towards a point.
 //!
+//! Several references make a choice: the nearest one attracts, at each shape anew, so that a run chooses its structure among several
+//! dictionaries (thesis 8.2). The energy is continuous where the choice changes, its gradient is not.
+//!
 //! Equal parameters are compared: the first shape should be the posed reference. The affine class contains reflections and flat
 //! shapes.
 
@@ -39,7 +42,8 @@ enum Attractor {
 #[derive(Debug, Clone)]
 pub struct Prior<const D: usize> {
     metric: Metric,
-    attractor: Arc<Attractor>,
+    /// The nearest of them attracts.
+    attractors: Vec<Arc<Attractor>>,
     /// From free points to the control points of the metric, and the transpose; `None` if they are the same.
     lift: Option<[SparseRows; 2]>,
     frame: Frame<D>,
@@ -88,7 +92,14 @@ impl<const D: usize> Prior<D> {
 
     fn of(metric: Metric, attractor: Attractor, lift: Option<SparseRows>, frame: Frame<D>) -> Self {
         let lift = lift.map(|lift| [lift.clone(), lift.transpose()]);
-        Self { metric, attractor: Arc::new(attractor), lift, frame, enclosing: None }
+        Self { metric, attractors: vec![Arc::new(attractor)], lift, frame, enclosing: None }
+    }
+
+    /// The same with the references of another prior on the same control points to choose from.
+    #[must_use]
+    pub fn or(mut self, other: Self) -> Self {
+        self.attractors.extend(other.attractors);
+        self
     }
 
     /// The same, with what shapes enclose measured by this boundary.
@@ -97,9 +108,27 @@ impl<const D: usize> Prior<D> {
         Self { enclosing: Some(enclosing), ..self }
     }
 
-    /// The squared distance of control points in the world, coordinate-major, and its gradient. `None` for degenerate shapes.
-    fn distance(&self, shape: Vec<f64>) -> Option<(f64, Vec<f64>)> {
-        match &*self.attractor {
+    /// The nearest attractor, with the squared distance of control points in the world, coordinate-major, and its gradient. `None` for
+    /// degenerate shapes.
+    fn nearest(&self, shape: &[f64]) -> Option<(usize, (f64, Vec<f64>))> {
+        let found = self.attractors.iter().enumerate();
+        let found = found.filter_map(|(index, one)| Some((index, self.distance(one, shape.to_vec())?)));
+        found.min_by(|(_, (a, _)), (_, (b, _))| a.total_cmp(b))
+    }
+
+    /// The position of the reference that attracts free points. `None` for degenerate shapes.
+    pub fn chosen(&self, rows: &[[f64; D]]) -> Option<usize> {
+        self.nearest(&columns(&self.world(rows))).map(|(index, _)| index)
+    }
+
+    /// Control points in the world.
+    fn world(&self, rows: &[[f64; D]]) -> Vec<[f64; D]> {
+        let lifted = self.lift.as_ref().map(|[lift, _]| lift.apply(rows));
+        lifted.as_deref().unwrap_or(rows).iter().map(|point| self.frame.to_world(*point)).collect()
+    }
+
+    fn distance(&self, attractor: &Attractor, shape: Vec<f64>) -> Option<(f64, Vec<f64>)> {
+        match attractor {
             Attractor::Span(span) => {
                 let SpanEnergy { energy, gradient } = span.energy(&shape);
                 Some((energy, gradient))
@@ -118,10 +147,7 @@ impl<const D: usize> Prior<D> {
 
     /// The squared distance `‖c − c*‖²` and its gradient, before the division by the size. `None` for degenerate shapes.
     pub fn squared_distance(&self, rows: &[[f64; D]]) -> Option<Differential<D>> {
-        let lifted = self.lift.as_ref().map(|[lift, _]| lift.apply(rows));
-        let world: Vec<[f64; D]> =
-            lifted.as_deref().unwrap_or(rows).iter().map(|point| self.frame.to_world(*point)).collect();
-        let (value, slopes) = self.distance(columns(&world))?;
+        let (_, (value, slopes)) = self.nearest(&columns(&self.world(rows)))?;
         let n = self.metric.size();
         let slope = |i: usize| self.frame.turn_back(std::array::from_fn(|c| slopes[c * n + i]));
         let gradient: Vec<[f64; D]> = (0..n).map(slope).collect();
