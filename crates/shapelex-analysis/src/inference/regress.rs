@@ -1,6 +1,7 @@
 //! Regression of shapes on an attribute: change of the shape, explained variation, predictions, scores.
 
 use super::aligned::{AlignedShapes, mean_warnings};
+use super::compare::UNEQUAL_SPREADS;
 use super::error::StudyError;
 use super::permutation::Draws;
 use super::records::{AttributeSummary, CovariateRecord, Prediction, RegressionRecord};
@@ -67,7 +68,42 @@ pub fn regress(
         average: &average,
         found,
     };
-    Ok(Regressed { record: outcome.record(), values, scores, warnings: mean_warnings(&shapes.mean) })
+    let mut warnings = mean_warnings(&shapes.mean);
+    warnings.extend(scatter_warning(shapes, &values, &outcome));
+    Ok(Regressed { record: outcome.record(), values, scores, warnings })
+}
+
+/// Fewest shapes of a half whose scatter is looked at.
+const FEWEST: usize = 5;
+
+/// Warning about shapes whose scatter about the regression changes with the attribute: those above its median beside the others (Goldfeld
+/// and Quandt 1965).
+fn scatter_warning(shapes: &AlignedShapes<'_>, values: &[f64], outcome: &Outcome<'_>) -> Option<String> {
+    let (average, slope) = (outcome.average, &outcome.found.slope);
+    let median = quantile(outcome.sorted, 0.5);
+    let mut halves = [(0.0, 0.0, 0_usize); 2];
+    for (k, value) in values.iter().enumerate().filter(|(_, value)| **value != median) {
+        let step = value - outcome.attribute.mean;
+        let rest = shapes.aligned.column(k).iter().zip(average.iter().zip(slope));
+        let square: f64 = rest.map(|(y, (a, b))| (y - a - step * b).powi(2)).sum();
+        let (sum, weight, count) = &mut halves[usize::from(*value > median)];
+        *sum += shapes.weights[k] * square;
+        *weight += shapes.weights[k];
+        *count += 1;
+    }
+    if halves.iter().any(|(_, _, count)| *count < FEWEST) {
+        return None;
+    }
+    let [below, above] = halves.map(|(sum, weight, _)| (sum / weight).sqrt());
+    let (more, less, wide, narrow) =
+        if above > below { ("above", "below", above, below) } else { ("below", "above", below, above) };
+    (wide > UNEQUAL_SPREADS * narrow).then(|| {
+        let ratio = if narrow > 0.0 { format!("{:.2} times as much as", wide / narrow) } else { "unlike".into() };
+        format!(
+            "shapes {more} the median of the attribute scatter {ratio} those {less} it: the test assumes equal scatter and finds changes \
+             too often"
+        )
+    })
 }
 
 /// What the record of a regression is made from.
