@@ -31,15 +31,13 @@ fn main() {
         };
         row(&Case { kind, sizes: [20, 20], ratio: 3.0, alignment: Some(by_name) }, sets);
     }
-    println!("\n| shapes | ratio | default | by name |\n|---|---|---|---|");
+    println!("\n| shapes | ratio | default | warned | by name |\n|---|---|---|---|---|");
     for (kind, by_name) in
         [(Kind::Landmarks, Alignment::Projection), (Kind::LandmarksInSpace, Alignment::Procrustes)]
     {
-        let default = regression_alarms(kind, 4.5, None, sets);
-        println!(
-            "| {kind:?} | 4.5 | {default:.3} | {:.3} |",
-            regression_alarms(kind, 4.5, Some(by_name), sets)
-        );
+        let [default, warned] = regression_alarms(kind, 4.5, None, sets);
+        let [by_name, _] = regression_alarms(kind, 4.5, Some(by_name), sets);
+        println!("| {kind:?} | 4.5 | {default:.3} | {warned:.3} | {by_name:.3} |");
     }
 }
 
