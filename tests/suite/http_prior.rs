@@ -100,7 +100,7 @@ fn the_energy_has_no_unit_and_its_gradient_is_that_of_differences() {
 #[test]
 fn areas_and_volumes_are_exact() {
     let (cubic, waves) = (json!({"name": "cubic"}), json!({"name": "trigonometric"}));
-    let squares = json!({"name": "exponential", "poles": [0, 0, 0]});
+    let squares = json!({"name": "exponential", "poles": [[0, 0], [0, 0], [0, 0]]});
     let line = |generator: &Value| {
         let representation =
             json!({"kind": "closed_curve", "dimension": 2, "control_points": 7, "generator": generator});

@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use super::request::{Minimiser, SigmaInput, StageInput, TermInput};
 use super::sheets;
-use super::wanted::{Reference, Wanted};
+use super::wanted::Wanted;
 use crate::formats::image::Grid;
 use crate::geometry::capability::domain::Admitted;
 use crate::service::app::Work;

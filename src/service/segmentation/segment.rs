@@ -328,10 +328,8 @@ impl Task<'_> {
         if found.outcome == Outcome::Stopped || stop() {
             return Err(ServiceError::Cancelled);
         }
-        let gradient = match self.wanted.answered.gradient {
-            true => Some(evaluate(scene, model, &found.rows, settings).map_err(at_start)?.gradient),
-            false => None,
-        };
+        let slopes = || evaluate(scene, model, &found.rows, settings).map(|ended| ended.gradient);
+        let gradient = self.wanted.answered.gradient.then(slopes).transpose().map_err(at_start)?;
         let world = |rows: Vec<[f64; D]>| {
             points(&rows.into_iter().map(|row| frame.to_world(row)).collect::<Vec<_>>())
         };
@@ -339,10 +337,10 @@ impl Task<'_> {
         warnings.extend(self.more_warnings(index, D == 3 && model.lift().is_some()));
         let outlines = [model.outline(&first), model.outline(&found.rows)];
         let has_others = self.wanted.starts.count() > 1;
-        let cells = if has_others { place::runs(&outlines[1], scene.size()) } else { Vec::new() };
-        let chosen = self.chosen(settings, &found.rows);
+        let cells = has_others.then(|| place::runs(&outlines[1], scene.size())).unwrap_or_default();
         let control_points = model.control_points(&found.rows);
         let gradient_rows = gradient.as_ref().map(|_| free_rows(model, control_points.len()));
+        let chosen_dictionary = self.chosen(settings, &found.rows);
         let object = SegmentedOutput {
             index,
             moved: found.moved.into(),
@@ -360,7 +358,7 @@ impl Task<'_> {
             overlap: self.overlap(index, scene, &outlines[1], &stop)?,
             mask: self.wanted.answered.mask.then(|| self.mask(scene, &outlines[1])),
             component: self.wanted.starts.component(index),
-            chosen_dictionary: chosen,
+            chosen_dictionary,
             warnings,
         };
         let outlines = self.wanted.answered.outlines.then_some(outlines);

@@ -84,7 +84,8 @@ fn scatter_warning(shapes: &AlignedShapes<'_>, values: &[f64], outcome: &Outcome
     let mut halves = [(0.0, 0.0, 0_usize); 2];
     for (k, value) in values.iter().enumerate().filter(|(_, value)| **value != median) {
         let step = value - outcome.attribute.mean;
-        let rest = shapes.aligned.column(k).iter().zip(average.iter().zip(slope));
+        let aligned = shapes.aligned.column(k);
+        let rest = aligned.iter().zip(average.iter().zip(slope));
         let square: f64 = rest.map(|(y, (a, b))| (y - a - step * b).powi(2)).sum();
         let (sum, weight, count) = &mut halves[usize::from(*value > median)];
         *sum += shapes.weights[k] * square;

@@ -23,7 +23,7 @@ use crate::field::Integrated;
 
 /// Gauss nodes in each half of a span where areas and volumes are exact but for rounding: for products of three splines up to degree 3, and
 /// to 1e-13 for trigonometric and exponential ones. Knots of generators lie at halves of spans.
-const EXACT: usize = 5;
+const EXACT: usize = 6;
 
 /// A quadrature rule along a line: parameters, and weights with the number of spans as their sum.
 #[derive(Debug, Clone)]
