@@ -88,6 +88,12 @@ pub(crate) struct ConnectionLimits {
 }
 
 impl ServeConfig {
+            /// Each setting of the list with its default, as it is written in the file.
+            #[cfg(test)]
+            fn defaults() -> Vec<(&'static str, String)> {
+                vec![$((stringify!($field), tests::written::<<$type as Given>::Value>(&$default))),*]
+            }
+
             /// Flags over environment over file over defaults.
             ///
             /// # Errors
@@ -483,6 +489,42 @@ fn read_file(path: &Path) -> Result<ServeArgs, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A default in the words of the file.
+    pub(super) fn written<T: std::fmt::Debug>(value: &T) -> String {
+        format!("{value:?}").trim_matches('"').to_lowercase()
+    }
+
+    /// The page of settings says of each its flag, its variable, its default and its help. With `WRITE_SETTINGS` in the environment, the
+    /// page is written.
+    #[test]
+    fn the_page_of_settings_is_true() {
+        let defaults = ServeConfig::defaults();
+        let default =
+            |name: &str| defaults.iter().find(|(field, _)| *field == name).map(|(_, text)| text.as_str());
+        let row = |setting: &clap::Arg| {
+            let (name, env) = (setting.get_id().as_str(), setting.get_env().unwrap().to_str().unwrap());
+            let value = match default(name) {
+                Some("") | None if name != "no_example" => String::new(),
+                value => format!("`{}`", value.unwrap_or("false")),
+            };
+            let flag = setting.get_long().unwrap();
+            format!("| `--{flag}` | `{env}` | {value} | {} |\n", setting.get_help().unwrap())
+        };
+        let settings = ServeArgs::augment_args(clap::Command::new("serve"));
+        let rows: String = settings.get_arguments().map(row).collect();
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/settings.md");
+        let page = std::fs::read_to_string(&path).unwrap();
+        let (before, after) = page.split_once("<!-- settings begin -->\n").unwrap();
+        let (_, after) = after.split_once("<!-- settings end -->").unwrap();
+        let head = "| flag | variable | default | meaning |\n|---|---|---|---|\n";
+        let expected = format!("{before}<!-- settings begin -->\n{head}{rows}<!-- settings end -->{after}");
+        if std::env::var_os("WRITE_SETTINGS").is_some() {
+            std::fs::write(path, expected).unwrap();
+        } else {
+            assert_eq!(page, expected, "WRITE_SETTINGS=1 cargo test --lib page_of_settings writes it");
+        }
+    }
 
     #[test]
     fn flags_win_over_the_file_and_the_file_over_defaults() {

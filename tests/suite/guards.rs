@@ -1,4 +1,4 @@
-//! What must stay true of the documents: the committed interface document, the commands of the README.
+//! What must stay true of the documents: the committed interface document, the commands of the README and of the recipes.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -490,21 +490,36 @@ fn curl_blocks(text: &str) -> Vec<String> {
     blocks.filter(|block| block.trim_start().starts_with("curl")).map(str::to_owned).collect()
 }
 
-#[test]
-fn the_commands_of_the_readme_work() {
+/// The README, and the recipes in the order of their list.
+fn pages_of_commands() -> Vec<String> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let Ok(readme) = std::fs::read_to_string(root.join("README.md")) else {
-        println!("there is no README.md yet");
-        return;
-    };
-    let blocks = curl_blocks(&readme);
-    assert!(!blocks.is_empty(), "the README has no ```sh block that begins with curl");
+    let read = |path: &str| std::fs::read_to_string(root.join(path)).unwrap();
+    let list = read("docs/recipes/README.md");
+    let names = list.lines().filter(|line| line.starts_with(|c: char| c.is_ascii_digit()));
+    let names: Vec<&str> =
+        names.filter_map(|line| line.split_once("](")?.1.split_once(')')).map(|(name, _)| name).collect();
+    let files = std::fs::read_dir(root.join("docs/recipes")).unwrap();
+    let pages =
+        files.filter(|file| file.as_ref().unwrap().path().extension().is_some_and(|ending| ending == "md"));
+    assert_eq!(pages.count(), names.len() + 1, "a recipe that docs/recipes/README.md does not list");
+    std::iter::once(read("README.md"))
+        .chain(names.iter().map(|name| read(&format!("docs/recipes/{name}"))))
+        .collect()
+}
+
+#[test]
+fn the_commands_of_the_readme_and_of_the_recipes_work() {
+    let blocks: Vec<String> = pages_of_commands().iter().flat_map(|page| curl_blocks(page)).collect();
+    assert!(blocks.len() > 30, "{} ```sh blocks that begin with curl", blocks.len());
     let found = Command::new("curl").arg("--version").output();
     assert!(found.is_ok(), "this test runs the curl commands of the README: install curl");
     let server = Setting::fresh().with_example().start();
     let address = server.address().trim_start_matches("http://");
     // Pictures that the commands write do not end up in the checkout.
     let folder = tempfile::tempdir().unwrap();
+    let (bodies, copies) = (bodies_of_recipes(), folder.path().join("bodies"));
+    std::fs::create_dir(&copies).unwrap();
+    bodies.iter().for_each(|(name, text)| std::fs::write(copies.join(name), text).unwrap());
     for block in blocks {
         assert!(block.contains("127.0.0.1:8080"), "not against the service: {block}");
         // `-f` as a default of this run: an answer of 400 and above is a failure.
@@ -518,18 +533,68 @@ fn the_commands_of_the_readme_work() {
     for entry in std::fs::read_dir(folder.path()).unwrap() {
         let path = entry.unwrap().path();
         let is_picture = path.extension().is_some_and(|ending| ending == "svg");
-        let begin = std::fs::read(&path).unwrap();
-        assert!(!is_picture || begin.starts_with(b"<svg"), "{} holds another answer", path.display());
+        assert!(
+            !is_picture || std::fs::read(&path).unwrap().starts_with(b"<svg"),
+            "{} holds another answer",
+            path.display()
+        );
     }
+}
+
+/// Bodies of the requests of recipes, by the names of their files.
+fn bodies_of_recipes() -> Vec<(String, String)> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/recipes/bodies");
+    let read = |file: std::io::Result<std::fs::DirEntry>| {
+        let path = file.unwrap().path();
+        (path.file_name().unwrap().to_str().unwrap().to_owned(), std::fs::read_to_string(path).unwrap())
+    };
+    std::fs::read_dir(folder).unwrap().map(read).collect()
+}
+
+#[test]
+fn recipes_show_the_bodies_that_they_send() {
+    let pages = pages_of_commands();
+    let bodies = bodies_of_recipes();
+    for page in &pages {
+        for name in page.split("-d @bodies/").skip(1).filter_map(|rest| rest.split_whitespace().next()) {
+            let (_, text) =
+                bodies.iter().find(|(body, _)| body == name).unwrap_or_else(|| panic!("no {name}"));
+            let shown = format!("`bodies/{name}`:\n\n```json\n{text}```\n");
+            assert!(page.contains(&shown), "the page that sends {name} shows another body");
+        }
+    }
+    for (name, _) in &bodies {
+        assert!(
+            pages.iter().any(|page| page.contains(&format!("-d @bodies/{name}"))),
+            "no recipe sends {name}"
+        );
+    }
+}
+
+/// The program of the README prints the distance that the command answers.
+#[test]
+fn the_program_of_the_readme_works() {
+    let pages = pages_of_commands();
+    let program = pages[0].split("```python\n").nth(1).and_then(|rest| rest.split("```").next()).unwrap();
+    let server = shared();
+    let program = program.replace("http://127.0.0.1:8080", server.address());
+    let Ok(output) = Command::new("python3").arg("-c").arg(program).output() else {
+        println!("SKIPPED: the program of the README, there is no python3");
+        return;
+    };
+    let printed = String::from_utf8_lossy(&output.stdout).trim().parse::<f64>();
+    let distance = printed.unwrap_or_else(|_| panic!("{}", String::from_utf8_lossy(&output.stderr)));
+    assert!((distance - 0.090_471_462_652_060_85).abs() < 1e-12, "{distance}");
 }
 
 /// What waits for a job may get the job itself, as JSON, after a wait on a slow machine.
 #[test]
-fn commands_of_the_readme_save_no_job_as_a_picture() {
-    let readme = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("README.md")).unwrap();
+fn commands_save_no_job_as_a_picture() {
     let saving = |line: &&str| line.contains("prefer: wait") && line.contains(" -o ");
-    for line in curl_blocks(&readme).iter().flat_map(|block| block.lines()).filter(saving) {
-        assert!(line.contains("%{http_code}") && line.contains("= 202"), "{line}");
+    for page in pages_of_commands() {
+        for line in curl_blocks(&page).iter().flat_map(|block| block.lines()).filter(saving) {
+            assert!(line.contains("%{http_code}") && line.contains("= 202"), "{line}");
+        }
     }
 }
 
