@@ -176,6 +176,31 @@ fn a_dictionary_of_contours_drawn_both_ways_says_so_in_all_its_answers() {
 }
 
 #[test]
+fn shapes_that_run_against_a_dictionary_are_told() {
+    let server = shared();
+    for (name, direction) in [("one-way", "given"), ("any-way", "either")] {
+        create(&server, name, &json!({"direction": direction}));
+        let shapes: Vec<Value> =
+            (0..6).map(|k| json!({"points": bean(0.02 * f64::from(k), false)})).collect();
+        add(&server, name, &shapes);
+        let method = json!({"kind": "functional_pca", "components": 2});
+        let body = json!({"name": name, "cohort": name, "transformation": "similarity", "method": method});
+        finished(&server, &submit(&server, &body));
+        for (clockwise, told) in [(true, name == "one-way"), (false, false)] {
+            let shapes =
+                json!({"shapes": [{"points": bean(0.05, clockwise)}, {"points": bean(0.06, false)}]});
+            for operation in ["encode", "score", "assess", "reconstruct"] {
+                let found =
+                    said(&server.post(&format!("/v1/dictionaries/{name}/{operation}"), &shapes).expect(200));
+                assert_eq!(found.len(), usize::from(told), "{name} {operation}: {found:?}");
+                let beginning = "1 of 2 contours run clockwise, unlike the mean of the dictionary";
+                assert!(found.iter().all(|text| text.starts_with(beginning)), "{found:?}");
+            }
+        }
+    }
+}
+
+#[test]
 fn landmarks_of_mirror_images_may_run_the_other_way() {
     let server = shared();
     let mean = |mirror: &str, direction: &str| {

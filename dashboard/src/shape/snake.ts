@@ -5,6 +5,8 @@ import { evaluated, type Points } from "./points";
 
 export type Box = { x: number; y: number; w: number; h: number };
 export interface Wanted { term: string; polarity: string; sigma: number; points: number }
+/** Terms that ask whether the object is bright or dark: the others refuse the question. */
+export const asksPolarity = (term: string): boolean => term === "contour" || term === "local_contrast";
 export const USUAL: Wanted = { term: "contour", polarity: "bright", sigma: 1, points: 16 };
 
 export interface Contour {
@@ -28,7 +30,7 @@ export async function segmented(volume: Volume, slice: Slice, wanted: Wanted, st
   const stages = goesOn ? [{ free: "all", sigma }] : [{ free: "affine", sigma: 2 * sigma }, { free: "all", sigma: 2 * sigma }, { free: "all", sigma }];
   const parameters = {
     representation, coordinates: "world", history: true, stages,
-    terms: [wanted.term === "contour" ? { name: "contour", polarity: wanted.polarity } : { name: wanted.term, polarity: wanted.polarity }, { name: "spacing", weight: 0.1 }],
+    terms: [asksPolarity(wanted.term) ? { name: wanted.term, polarity: wanted.polarity } : { name: wanted.term }, { name: "spacing", weight: 0.1 }],
     ...(goesOn ? { shapes: [{ control_points: start.control }] } : { boxes: [{ lower: [start.box.x, start.box.y], upper: [start.box.x + start.box.w, start.box.y + start.box.h] }] }),
   };
   const answer = await postImage<Schemas["SegmentAnswer"]>("/v1/segment", parameters, fileOf(volume, slice), signal);

@@ -65,6 +65,10 @@ export const de: Strings = {
     lead: "Eine Kohorte ist eine benannte Menge gleichartiger Formen, deren Punkte nach einer Regel einander zugeordnet werden.", create: "Neue Kohorte", none: "Es gibt noch keine Kohorten.", plane: "in der Ebene", space: "im Raum",
     correspondence: "Zuordnung der Punkte", direction: "Richtung der Zeichnung", mirror: "Spiegelbilder", sizes: { closed_curve: "Kontrollpunkte", open_curve: "Abschnitte", landmarks: "Landmarken", surface: "Kontrollpunkte längs u" },
   },
+  correspond: {
+    title: "In Korrespondenz bringen", start: "Beginnen", name: "Name der neuen Kohorte",
+    hint: "An Netze angepasste Flächen haben jeweils eigene Parameter: Punkte zweier Flächen entsprechen einander nicht, und ihr Mittel ist das ihrer Nähte. Hier werden die Parameter aller Flächen ohne Vorlage bewegt; das Ergebnis ist eine neue Kohorte. Es dauert Sekunden bis Minuten.",
+  },
   cohort: {
     overview: "Formen", table: "Tabelle", mean: "Mittel", compare: "Gruppen", regression: "Regression", upload: "Hochladen",
     shape: "1 Form", shapes: (count) => `${count} Formen`, revision: (revision) => `Revision ${revision}`, unit: (unit) => `Längen in ${unit}`,
@@ -119,6 +123,7 @@ export const de: Strings = {
     depends: (name, p, r) => `Die Form hängt ab von ${name} (p ${p.startsWith("<") ? p : `= ${p}`}); das erklärt ${r} der Variation.`, independent: (name, p) => `Eine Abhängigkeit der Form von ${name} wurde nicht gefunden (p = ${p}).`,
   },
   upload: {
+    alike: (others: number) => `und ${others === 1 ? "eine weitere Form" : `${others} weitere Formen`}`,
     lead: "Jede Form wird geprüft, bevor sie gespeichert wird. Dieselbe Datei kann noch einmal gesendet werden: Formen mit bekannter Kennung und gleichem Inhalt werden nicht doppelt gespeichert.", onError: "Fehlerhafte Formen", skip: "Fehlerhafte auslassen", abort: "Alles oder nichts",
     drop: "Dateien hier ablegen", formats: "Konturen, Landmarken, Netze, Labelbilder. Sie sehen, was in einer Datei ist, bevor es gespeichert wird", choose: "Dateien wählen", added: (count) => `${count} hinzugefügt`, skipped: (count) => `${count} ausgelassen`, failed: "Nichts gespeichert",
     stopped: "Abgebrochen. Aus dieser Datei wurde nichts gespeichert.", syntax: (message) => `Die Datei ist kein gültiges JSON: ${message}`, crossing: (count) => `${count} der Formen schneiden sich selbst. Sie sind gespeichert; sehen Sie sie an, bevor Sie Schlüsse ziehen.`,

@@ -63,6 +63,10 @@ export const en = {
     lead: "A cohort is a named set of shapes of one kind, whose points are matched by one rule.", create: "New cohort", none: "There are no cohorts yet.", plane: "in the plane", space: "in space",
     correspondence: "How points are matched", direction: "Direction of drawing", mirror: "Mirror images", sizes: { closed_curve: "Control points", open_curve: "Intervals", landmarks: "Landmarks", surface: "Control points along u" },
   },
+  correspond: {
+    title: "Make them correspond", start: "Begin", name: "Name of the new cohort",
+    hint: "Meshes are fitted with parameters of their own, so that points of two surfaces do not correspond: a mean of them is the mean of their seams. This moves the parameters of all surfaces without a template, and stores the result as a new cohort. It takes seconds to minutes.",
+  },
   cohort: {
     overview: "Shapes", table: "Table", mean: "Mean", compare: "Groups", regression: "Regression", upload: "Upload",
     shape: "1 shape", shapes: (count: string) => `${count} shapes`, revision: (revision: number) => `revision ${revision}`, unit: (unit: string) => `lengths in ${unit}`,
@@ -116,6 +120,7 @@ export const en = {
     depends: (name: string, p: string, r: string) => `Shape depends on ${name} (p ${p.startsWith("<") ? p : `= ${p}`}); it explains ${r} of the variation.`, independent: (name: string, p: string) => `No dependence of shape on ${name} was found (p = ${p}).`,
   },
   upload: {
+    alike: (others: number) => `and ${others === 1 ? "one more shape" : `${others} more shapes`}`,
     lead: "Every shape is checked before it is stored. The same file can be sent again: shapes with a known id and the same content are not stored twice.", onError: "Bad shapes", skip: "Leave bad shapes out", abort: "All or nothing",
     drop: "Drop files here", formats: "Contours, landmarks, meshes, label images. You see what is in a file before it is stored", choose: "Choose files", added: (count: number) => `${count} added`, skipped: (count: number) => `${count} left out`, failed: "Nothing stored",
     stopped: "Stopped. Nothing of this file was stored.", syntax: (message: string) => `The file is not valid JSON: ${message}`, crossing: (count: number) => `${count} of the shapes cross themselves. They are stored; look at them before you draw conclusions.`,

@@ -1,7 +1,8 @@
 /** A cohort: its shapes in one picture, filters with their counts, sizes, and the table. */
 import type { ComponentChildren } from "preact";
-import { useEffect, useState } from "preact/hooks";
+import { useEffect, useRef, useState } from "preact/hooks";
 import { get, patch, remove, post, send, type Schemas } from "../api/client";
+import { settled } from "../api/jobs";
 import { Chart, Spark } from "../parts/chart";
 import { Choice, Dialog, Download, Empty, Fault, Field, Loading, PICTURES, Page, Picture, SortHead, Tabs, announce } from "../parts/basic";
 import { useAction, useEvents, useLoaded, useSettled } from "../hooks";
@@ -160,27 +161,37 @@ function Sheet({ cohort, filter, revision, total }: { cohort: string; filter: UR
       <div class="sheet">
         {sheet.data?.cells.map((cell) => <a key={cell.id} href={`/app/cohorts/${encodeURIComponent(cohort)}/shapes/${encodeURIComponent(cell.id)}`} title={cell.id} aria-label={cell.id}><Cell paths={cell.paths} dots={cell.dots} size={scale === "own" ? undefined : largest} onSize={(size) => setLargest((before) => Math.max(before, size))} /></a>)}
       </div>
-      {(cursor || sheet.data?.next) && (
-        <div class="row">
-          {cursor && <button onClick={() => history.back()}>{t.act.previous}</button>}
-          {sheet.data?.next && <button onClick={() => setCursor(sheet.data!.next, false)}>{t.act.next}</button>}
-        </div>
-      )}
+      <Pages cursor={cursor} next={sheet.data?.next} onNext={(next) => setCursor(next, false)} />
     </section>
   );
 }
 
-/** Surfaces are pictures of the service: the first of them, with links below. */
-function SolidSheet({ cohort, filter, revision }: { cohort: string; filter: URLSearchParams; revision: number }) {
-  const path = `/v1/cohorts/${encodeURIComponent(cohort)}`;
-  const query = new URLSearchParams([...filter, ["columns", "4"], ["size", "170"], ["limit", "12"]]);
-  const listed = useLoaded(`${cohort} ${filter} ${revision}`, (signal) => get("/v1/cohorts/{cohort}/shapes", { path: { cohort }, query: new URLSearchParams([...filter, ["fields", "id,external_id"], ["limit", "12"]]), signal }));
+/** The way to the pages before and after. */
+function Pages({ cursor, next, onNext }: { cursor: string; next: string | null | undefined; onNext: (next: string) => void }) {
+  if (!cursor && !next) return null;
+  return (
+    <div class="row">
+      {cursor && <button onClick={() => history.back()}>{t.act.previous}</button>}
+      {next && <button onClick={() => onNext(next)}>{t.act.next}</button>}
+    </div>
+  );
+}
+
+/** Surfaces are pictures of the service, twelve a page, with links below. */
+function SolidSheet({ cohort: name, filter, revision }: { cohort: string; filter: URLSearchParams; revision: number }) {
+  const cohort = name, path = `/v1/cohorts/${encodeURIComponent(cohort)}`;
+  const [cursor, setCursor] = useSetting("cursor", "");
+  const page: [string, string][] = [...filter, ["limit", "12"]];
+  if (cursor) page.push(["cursor", cursor]);
+  const query = new URLSearchParams([...page, ["columns", "4"], ["size", "170"]]);
+  const listed = useLoaded(`${cohort} ${query} ${revision}`, (signal) => get("/v1/cohorts/{cohort}/shapes", { path: { cohort }, query: new URLSearchParams([...page, ["fields", "id,external_id"]]), signal }));
   return (
     <section class="card">
       <h2>{t.cohort.sheet}</h2>
-      <Picture key={revision} source={{ path: `${path}/sheet`, query, ownWidth: true }} name={`${cohort}-sheet`} alt={t.cohort.sheet} />
+      <Picture key={`${revision} ${cursor}`} source={{ path: `${path}/sheet`, query, ownWidth: true }} name={`${cohort}-sheet`} alt={t.cohort.sheet} />
       <Fault error={listed.error} />
       <div class="chips">{listed.data?.items.map((one) => <a class="tag" key={one.id} href={`/app/cohorts/${encodeURIComponent(cohort)}/shapes/${encodeURIComponent(one.external_id ?? one.id ?? "")}`}>{one.external_id ?? one.id}</a>)}</div>
+      <Pages cursor={cursor} next={listed.data?.next} onNext={(next) => setCursor(next, false)} />
     </section>
   );
 }
@@ -254,15 +265,45 @@ function Histogram({ edges, counts, label }: { edges: number[]; counts: number[]
 function CohortActions({ cohort }: { cohort: string }) {
   const { query } = usePlace();
   const learn = new URLSearchParams([["learn", cohort], ...filterOf(query)]);
-  const [ask, setAsk] = useState<"" | "change" | "delete">("");
+  const [ask, setAsk] = useState<"" | "change" | "delete" | "correspond">("");
+  const about = useLoaded(cohort, (signal) => get("/v1/cohorts/{cohort}", { path: { cohort }, signal }));
+  const representation = about.data?.representation;
+  const spheres = representation?.kind === "surface" && representation.topology === "sphere";
   return (
     <>
+      {spheres && <button onClick={() => setAsk("correspond")}>{t.correspond.title}</button>}
+      {ask === "correspond" && <Correspond cohort={cohort} onClose={() => setAsk("")} />}
       <a class="button" href={`/app/dictionaries?${learn}`}>{t.learn.title}</a>
       <button onClick={() => setAsk("change")}>{t.act.change}</button>
       <button class="bad" onClick={() => setAsk("delete")}>{t.act.remove}</button>
       {ask === "delete" && <DeleteCohort cohort={cohort} onClose={() => setAsk("")} />}
       {ask === "change" && <ChangeCohort cohort={cohort} onClose={() => setAsk("")} />}
     </>
+  );
+}
+
+/** Spheres with parameters that correspond, as a new cohort: without them a mean of fitted meshes is the mean of their seams. */
+function Correspond({ cohort, onClose }: { cohort: string; onClose: () => void }) {
+  const [part, setPart] = useState<number | null>(null);
+  const leaving = useRef(new AbortController());
+  useEffect(() => () => leaving.current.abort(), []);
+  const action = useAction(async (form: FormData) => {
+    const name = String(form.get("name") ?? "").trim();
+    const job = await post("/v1/cohorts/{cohort}/correspond", { path: { cohort }, body: { name } });
+    await settled<unknown>(job, leaving.current.signal, (now) => setPart(now.progress));
+    onClose();
+    navigate(`/app/cohorts/${encodeURIComponent(name)}`);
+  });
+  return (
+    <Dialog title={t.correspond.title} onClose={onClose}>
+      <form class="stack" onSubmit={(event) => { event.preventDefault(); action.run(new FormData(event.currentTarget)); }}>
+        <p class="prose">{t.correspond.hint}</p>
+        <Field label={t.correspond.name}><input name="name" required maxLength={100} defaultValue={`${cohort}-corresponding`} /></Field>
+        {action.busy && <progress value={part ?? undefined} max={1} aria-label={t.correspond.title} />}
+        <Fault error={action.error} />
+        <div class="row"><button class="main" disabled={action.busy}>{t.correspond.start}</button><button type="button" onClick={onClose}>{t.act.cancel}</button></div>
+      </form>
+    </Dialog>
   );
 }
 
@@ -285,11 +326,33 @@ function DeleteCohort({ cohort, onClose }: { cohort: string; onClose: () => void
   );
 }
 
+const isCurve = ({ representation: { kind } }: Schemas["CohortOutput"]) => kind === "closed_curve" || kind === "open_curve";
+
+/** The parts of the rule of matching that were changed. */
+function ruleOf(about: Schemas["CohortOutput"], text: (name: string) => string) {
+  const changed = Object.entries({ correspondence: about.correspondence, direction: about.direction, mirror: about.mirror }).filter(([name, before]) => text(name) && text(name) !== before);
+  return Object.fromEntries(changed.map(([name]) => [name, text(name)]));
+}
+
+/** How shapes are matched: a change makes a new revision. */
+function RuleFields({ about }: { about: Schemas["CohortOutput"] }) {
+  const choices = (name: string, label: string, value: string, options: Record<string, string>) => (
+    <Field key={name} label={label}><select name={name} defaultValue={value}>{Object.entries(options).map(([id, text]) => <option key={id} value={id} selected={id === value}>{text}</option>)}</select></Field>
+  );
+  return (
+    <>
+      {isCurve(about) && choices("correspondence", t.cohorts.correspondence, about.correspondence, Object.fromEntries(Object.entries(t.correspondences).filter(([id]) => about.representation.kind === "closed_curve" || id !== "cyclic")))}
+      {isCurve(about) && choices("direction", t.cohorts.direction, about.direction, t.directions)}
+      {choices("mirror", t.cohorts.mirror, about.mirror, t.mirrors)}
+    </>
+  );
+}
+
 function ChangeCohort({ cohort, onClose }: { cohort: string; onClose: () => void }) {
   const now = useLoaded(cohort, (signal) => get("/v1/cohorts/{cohort}", { path: { cohort }, signal }));
   const action = useAction(async (form: FormData) => {
     const text = (name: string) => String(form.get(name) ?? "").trim();
-    const changed = await patch("/v1/cohorts/{cohort}", { path: { cohort }, body: { name: text("name"), description: text("description") || null, length_unit: text("unit") || null } });
+    const changed = await patch("/v1/cohorts/{cohort}", { path: { cohort }, body: { name: text("name"), description: text("description") || null, length_unit: text("unit") || null, ...ruleOf(now.data!, text) } });
     onClose();
     announce({ text: t.act.saved });
     if (changed.name !== cohort) navigate(`/app/cohorts/${encodeURIComponent(changed.name)}`);
@@ -301,6 +364,7 @@ function ChangeCohort({ cohort, onClose }: { cohort: string; onClose: () => void
           <Field label={t.words.name}><input name="name" required defaultValue={now.data.name} /></Field>
           <Field label={t.words.description}><input name="description" defaultValue={now.data.description ?? ""} /></Field>
           <Field label={t.words.unit}><input name="unit" defaultValue={now.data.length_unit ?? ""} /></Field>
+          <RuleFields about={now.data} />
           <Fault error={action.error} />
           <div class="row"><button class="main" disabled={action.busy}>{t.act.save}</button><button type="button" onClick={onClose}>{t.act.cancel}</button></div>
         </form>
@@ -361,10 +425,7 @@ function Rows({ cohort, about, filter, revision }: { cohort: string; about: Sche
           </table>
         </div>
       )}
-      <div class="row">
-        {place.get("cursor") && <button onClick={() => history.back()}>{t.act.previous}</button>}
-        {list.data?.next && <button onClick={() => setCursor(list.data!.next!, false)}>{t.act.next}</button>}
-      </div>
+      <Pages cursor={place.get("cursor") ?? ""} next={list.data?.next} onNext={(next) => setCursor(next, false)} />
     </>
   );
 }

@@ -10,7 +10,7 @@ import { navigate, useSetting } from "../router";
 import { evaluated, path } from "../shape/points";
 import { handedOverImage, handOver } from "../shape/handover";
 import { largestObject } from "../shape/object";
-import { curve, segmented, type Box, type Contour } from "../shape/snake";
+import { asksPolarity, curve, segmented, type Box, type Contour } from "../shape/snake";
 import { count, number, t } from "../strings";
 
 export function Segment() {
@@ -187,7 +187,7 @@ export function Segment() {
               <h2>{t.compare.settings}</h2>
               <Select label={t.segment.term} value={term} options={Object.entries(t.segment.terms).map(([id, [name]]) => [id, name])} onChange={setTerm} />
               <p class="small quiet">{t.segment.terms[term as keyof typeof t.segment.terms]?.[1]}</p>
-              <div class="stack tight"><span class="legend">{t.segment.polarity}</span><Choice label={t.segment.polarity} value={polarity} options={[["bright", t.segment.bright], ["dark", t.segment.dark]]} onChange={setPolarity} /></div>
+              {asksPolarity(term) && <div class="stack tight"><span class="legend">{t.segment.polarity}</span><Choice label={t.segment.polarity} value={polarity} options={[["bright", t.segment.bright], ["dark", t.segment.dark]]} onChange={setPolarity} /></div>}
               <Field label={t.segment.sigma}><input type="number" min={0.5} max={20} step={0.5} value={sigma} onInput={(event) => setSigma(event.currentTarget.value)} /></Field>
               <Field label={t.segment.points}><input type="number" min={4} max={128} value={size} onInput={(event) => { setFound(undefined); setSize(event.currentTarget.value); }} /></Field>
               <fieldset class="stack tight"><legend>{t.segment.boxOf(volume.hasLengths ? "mm" : t.segment.pixels)}</legend><div class="form" style={{ gridTemplateColumns: "1fr 1fr" }}>

@@ -185,8 +185,25 @@ function HowRead({ one: { reading, found, error }, formats, onRead }: { one: Dro
   );
 }
 
+type Failed = Extract<NonNullable<Schemas["AddAnswer"]["results"]>[number], { error: unknown }>;
+
+/** What was wrong, each cause once: at its first shape, with the number of shapes that have it. */
+function causesOf(failed: Failed[]) {
+  const causes = new Map<string, { detail: string; fault: Parameters<typeof Place>[0]["fault"]; name: string | null | undefined; shapes: number }>();
+  for (const one of failed) {
+    const faults = one.error.errors?.length ? one.error.errors : [{ pointer: "", detail: one.error.detail, index: one.index }];
+    for (const fault of faults) {
+      const before = causes.get(fault.detail);
+      if (before) before.shapes += 1;
+      else causes.set(fault.detail, { detail: fault.detail, fault, name: "external_id" in one ? one.external_id : undefined, shapes: 1 });
+    }
+  }
+  return [...causes.values()];
+}
+
 function Added({ answer }: { answer: Schemas["AddAnswer"] }) {
   const failed = (answer.results ?? []).flatMap((one) => ("error" in one && one.error ? [one] : []));
+  const causes = causesOf(failed);
   return (
     <>
       {answer.warnings?.map((warning) => <p class="note warn" key={warning}>{warning}</p>)}
@@ -195,12 +212,9 @@ function Added({ answer }: { answer: Schemas["AddAnswer"] }) {
         <div class="note warn">
           <strong>{t.upload.left(failed.length)}</strong>
           <ul>
-            {failed.slice(0, 50).map((one) => {
-              const faults = one.error.errors?.length ? one.error.errors : [{ pointer: "", detail: one.error.detail, index: one.index }];
-              return faults.map((fault) => <li><Place fault={fault} />{fault.detail}{"external_id" in one && one.external_id ? <> (<code>{one.external_id}</code>)</> : null}</li>);
-            })}
+            {causes.slice(0, 50).map(({ detail, fault, name, shapes }) => <li key={detail}><Place fault={fault} />{detail}{name && <> (<code>{name}</code>)</>}{shapes > 1 && <> {t.upload.alike(shapes - 1)}</>}</li>)}
           </ul>
-          {failed.length > 50 && <p>{t.fault.more(failed.length - 50)}</p>}
+          {causes.length > 50 && <p>{t.fault.more(causes.length - 50)}</p>}
         </div>
       )}
       {answer.file && <Remarks file={answer.file} title={t.upload.storedWithout} />}

@@ -125,10 +125,12 @@ pub(super) async fn ask_dictionary<R, T: Send + 'static, L: ResultList<Common = 
     let asked = shapes.ask(&app, &ready, settings, errors, form.on_error).await;
     let ((settings, numbers), asked) = asked.map_err(|error| places.of(error))?;
     let (work, names) = (asked.work(&ready, numbers, &app.limits), asked.names.clone());
+    let directions = asked.directions(&ready);
     compute(app.weighing(work), move |app| {
         let found = answer(app, &ready, asked, settings);
-        let answered =
-            found.and_then(|(outcomes, common)| form.respond::<L>(&places, names, outcomes, common));
+        let answered = found.and_then(|(outcomes, common)| {
+            form.respond::<L>(&places, names, outcomes, common.and(directions))
+        });
         answered.map_err(|error| places.of(error))
     })
     .await

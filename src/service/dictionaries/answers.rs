@@ -69,6 +69,13 @@ impl ByDictionary {
         Self { warnings: coding::warnings(ready), ..Self::new(ready) }
     }
 
+    /// The same with another warning, if there is one.
+    #[must_use]
+    pub fn and(mut self, warning: Option<String>) -> Self {
+        self.warnings.extend(warning);
+        self
+    }
+
     /// With warnings about novelty, also of shapes with missing parts if the dictionary is prepared for them.
     pub fn with_warnings_of_parts(ready: &Ready, prepared: Option<&Prepared>) -> Self {
         let mut common = Self::with_warnings(ready);

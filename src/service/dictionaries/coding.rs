@@ -13,16 +13,19 @@ use crate::analysis::dictionary::posted_code::PostedCode;
 use crate::analysis::dictionary::posterior::missing::PartialShape;
 use crate::analysis::dictionary::prior::{Energy, Reference};
 use crate::analysis::dictionary::score::Score;
+use crate::analysis::rows::columns_of;
 use crate::domain::cohort::Cohort;
 use crate::domain::shape::Shape;
 use crate::formats::fault::Fault;
 use crate::formats::shape::ShapeInput;
 use crate::geometry::capability::FieldFault;
 use crate::geometry::resample::RepeatedPoints;
+use crate::geometry::size::runs_clockwise;
 use crate::numeric::MAX_NUMBER;
 use crate::service::app::{App, Limits, ServiceError, Work};
 use crate::service::cohorts::{catalogue, source};
 use crate::service::cost::requests::{self, Counts};
+use crate::service::shapes::directions::{Ways, drawn_clockwise, have_direction};
 use crate::service::shapes::names::InputNames;
 use crate::service::shapes::outcome::{OnError, Outcomes, of_shape};
 use crate::service::shapes::read::{self, Reading};
@@ -99,6 +102,24 @@ impl Asked {
         };
         ready.work(self.names.len(), numbers, limits)
             + ready.work_of_parts(parts, parts * ready.setup.metric.size())
+    }
+
+    /// A warning of closed planar curves that run against the mean of the dictionary, where that matters.
+    pub fn directions(&self, ready: &Ready) -> Option<String> {
+        let (space, rule) = (&ready.setup.space, ready.setup.rule());
+        if !have_direction(space.representation()) || !rule.counts() {
+            return None;
+        }
+        let mean =
+            columns_of(&ready.dictionary.content.mean.control_points, space.representation().dimension());
+        let mut ways = Ways::default();
+        match &self.shapes {
+            AskedShapes::Posted(shapes) => shapes.iter().for_each(|shape| ways.note(drawn_clockwise(shape))),
+            AskedShapes::Stored(shapes) => {
+                shapes.values().for_each(|points| ways.note(runs_clockwise(space, points)));
+            }
+        }
+        rule.warning_of_model(ways, runs_clockwise(space, &mean)?)
     }
 
     /// Control points of the shapes, or of the parts of them that are seen.

@@ -6,11 +6,13 @@
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::domain::cohort::CohortSpec;
 use crate::domain::shape::ShapeMeasures;
+use crate::formats::shape::ShapeInput;
 use crate::geometry::capability::domain::Domain;
 use crate::geometry::representation::{Representation, ShapeSpace};
 use crate::geometry::size::runs_clockwise;
 use crate::service::shapes::outcome::Outcomes;
 use crate::service::shapes::read::Weighted;
+use crate::service::shapes::read_points::given;
 
 /// How many closed planar curves run which way.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -68,15 +70,24 @@ impl Rule {
         Some(format!("{few} of {all} contours run {way}, unlike the others, {ending}"))
     }
 
-    /// A warning of curves that run against one that was there before, if it matters.
+    /// A warning of new curves that run against the first one of a cohort, if it matters.
     pub(crate) fn warning_beside(self, ways: Ways, clockwise: bool) -> Option<String> {
+        self.warning_against(ways, clockwise, ["new contours", "the first one of the cohort"])
+    }
+
+    /// A warning of curves that run against the mean of a dictionary, if it matters.
+    pub(crate) fn warning_of_model(self, ways: Ways, clockwise: bool) -> Option<String> {
+        let all = format!("of {} contours", ways.clockwise + ways.counter_clockwise);
+        self.warning_against(ways, clockwise, [&all, "the mean of the dictionary"])
+    }
+
+    fn warning_against(self, ways: Ways, clockwise: bool, [who, other]: [&str; 2]) -> Option<String> {
         let against = if clockwise { ways.counter_clockwise } else { ways.clockwise };
         if against == 0 || !self.counts() {
             return None;
         }
         let way = if clockwise { "counter-clockwise" } else { "clockwise" };
-        let ending = self.ending();
-        Some(format!("{against} new contours run {way}, unlike the first one of the cohort, {ending}"))
+        Some(format!("{against} {who} run {way}, unlike {other}, {}", self.ending()))
     }
 }
 
@@ -119,6 +130,15 @@ impl Ways {
         }
         ways
     }
+}
+
+/// Whether the polygon of the points of a posted curve runs clockwise; `None` without points of the plane.
+pub(crate) fn drawn_clockwise(shape: &ShapeInput) -> Option<bool> {
+    let points = given(&shape.points).or(given(&shape.control_points))?.checked(2).ok()?.as_chunks::<2>().0;
+    let [x0, y0] = *points.first()?;
+    let pairs = points.iter().zip(points.iter().cycle().skip(1));
+    let area: f64 = pairs.map(|([ax, ay], [bx, by])| (ax - x0) * (by - y0) - (bx - x0) * (ay - y0)).sum();
+    Some(area < 0.0)
 }
 
 /// Whether shapes are closed planar curves.
