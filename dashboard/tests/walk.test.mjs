@@ -440,6 +440,33 @@ test("an object of a picture: box, contour, correction, report", async () => {
   await page.context().close();
 });
 
+test("each way of seeing an object finds it", async () => {
+  const page = await open(browser, service.address);
+  await show(page, "segment");
+  const picture = await page.evaluate(() => {
+    const canvas = new OffscreenCanvas(160, 120);
+    const context = canvas.getContext("2d");
+    context.fillStyle = "#222"; context.fillRect(0, 0, 160, 120);
+    context.fillStyle = "#ddd"; context.beginPath(); context.ellipse(84, 58, 38, 24, 0.5, 0, 7); context.fill();
+    return canvas.convertToBlob().then((blob) => blob.arrayBuffer()).then((buffer) => [...new Uint8Array(buffer)]);
+  });
+  await page.locator("input[type=file]").setInputFiles({ name: "ellipse.png", mimeType: "image/png", buffer: Buffer.from(picture) });
+  await page.getByLabel("The object is seen by").waitFor();
+  const terms = await page.getByLabel("The object is seen by").locator("option").evaluateAll((options) => options.map((option) => option.value));
+  assert.ok(terms.length >= 4, terms.join());
+  for (const term of terms) {
+    await page.getByLabel("The object is seen by").selectOption(term);
+    for (const [name, value] of [["Left", 40], ["Top", 28], ["Width", 90], ["Height", 60]]) { await page.getByLabel(name, { exact: true }).fill(String(value)); await page.getByLabel(name, { exact: true }).press("Tab"); }
+    await page.getByRole("button", { name: "Find the contour" }).click();
+    await page.locator("path.contour").waitFor();
+    const area = await page.evaluate(() => { const box = document.querySelector("path.contour").getBBox(); return box.width * box.height; });
+    assert.ok(area > 3000 && area < 5600, `${term}: box of the contour ${area}`);
+    await page.getByRole("button", { name: "A new box" }).click();
+  }
+  assert.deepEqual(page.faults, []);
+  await page.context().close();
+});
+
 /** A body in a volume: brighter than its surroundings, an ellipsoid with three different axes, off the middle. */
 const inside = (i, j, k) => ((i - 22) / 12) ** 2 + ((j - 20) / 9) ** 2 + ((k - 11) / 6) ** 2 < 1;
 
@@ -642,6 +669,31 @@ test("the averages of two groups of surfaces turn together", async () => {
   await page.waitForTimeout(400);
   assert.ok(!before.equals(await second.screenshot()), "the other one has turned");
   await screen(page, "surfaces-groups");
+  assert.deepEqual(page.faults, []);
+  await page.context().close();
+});
+
+test("surfaces are made to correspond; the rule of matching of a cohort is changed", async () => {
+  const page = await open(browser, service.address);
+  await page.goto(`${service.address}/app/cohorts/ellipsoids`);
+  await page.getByRole("button", { name: "Make them correspond" }).click();
+  await page.getByLabel("Name of the new cohort").fill("ellipsoids-matched");
+  await page.getByRole("button", { name: "Begin" }).click();
+  await page.waitForURL("**/app/cohorts/ellipsoids-matched");
+  await page.getByText("All 12 shapes").waitFor();
+  const contour = Array.from({ length: 24 }, (_, i) => [2 * Math.cos(i / 3.82), Math.sin(i / 3.82)]);
+  await service.call("POST", "/v1/cohorts", { name: "given", correspondence: "cyclic", direction: "given", representation: { kind: "closed_curve", dimension: 2, control_points: 12, generator: { name: "trigonometric" } } });
+  await service.call("POST", "/v1/cohorts/given/shapes", { shapes: [{ points: contour }] });
+  await page.goto(`${service.address}/app/cohorts/given`);
+  await page.getByRole("button", { name: "Edit" }).click();
+  await page.getByLabel("Direction of drawing").selectOption("either");
+  await page.getByRole("button", { name: "Save" }).click();
+  await page.getByText("Saved").waitFor();
+  const { direction, correspondence } = await service.call("GET", "/v1/cohorts/given");
+  assert.deepEqual([direction, correspondence], ["either", "cyclic"]);
+  // A file beside a zone leaves the page where it is.
+  const prevented = await page.evaluate(() => !document.querySelector("main").dispatchEvent(new Event("dragover", { bubbles: true, cancelable: true })));
+  assert.ok(prevented);
   assert.deepEqual(page.faults, []);
   await page.context().close();
 });
