@@ -154,8 +154,6 @@ impl Definite {
     /// # Errors
     /// [`NumericError::NotPositiveDefinite`] if the factorisation fails.
     pub fn new(s: &Matrix) -> Result<Self, NumericError> {
-        // The library's high-level call takes its parallelism from a global setting.
-        faer::set_global_parallelism(Par::Seq);
         let failure = |smallest| NumericError::NotPositiveDefinite { size: s.nrows(), smallest };
         let factor = view(s).llt(Side::Lower).map_err(|_| failure(0.0))?;
         let pivot = |i: usize| factor.L()[(i, i)].powi(2) / s[(i, i)];
@@ -254,7 +252,6 @@ const SINGULAR: f64 = 1e-12;
 impl Square {
     /// Factors the matrix; `None` if it is singular to working precision. Cost `2n³/3`.
     pub fn new(matrix: &Matrix) -> Option<Self> {
-        faer::set_global_parallelism(Par::Seq);
         let factors = view(matrix).partial_piv_lu();
         let pivots: Vec<f64> = (0..matrix.nrows()).map(|i| factors.U()[(i, i)].abs()).collect();
         let largest = pivots.iter().copied().fold(0.0, f64::max);
@@ -337,8 +334,6 @@ fn full_eigenpairs(s: &Matrix, count: usize) -> Result<Eigenpairs, NumericError>
     if s.iter().any(|value| !value.is_finite()) {
         return Err(failure);
     }
-    // The library's high-level call takes its parallelism from a global setting.
-    faer::set_global_parallelism(Par::Seq);
     let eigen = view(s).self_adjoint_eigen(Side::Lower).map_err(|_| failure)?;
     let (ascending, u) = (eigen.S().column_vector(), eigen.U());
     let values = (0..count).map(|i| ascending[n - 1 - i]).collect();
