@@ -27,7 +27,7 @@ pub fn is_stream(media_type: &str) -> bool {
     )
 }
 
-/// Whether a body is a file of another program, which is read as it arrives and bounded by its reader. No other route takes it.
+/// Whether a body is a file of another program, which is read as it arrives and bounded by its reader.
 pub fn is_file(media_type: &str) -> bool {
     media_type == "application/octet-stream"
         || FileFormat::all().any(|format| format.media_types().contains(&media_type))

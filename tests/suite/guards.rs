@@ -322,8 +322,11 @@ fn the_examples_of_the_interface_document_work() {
             }
             let own = body.get("example");
             let of_schema = || resolve(&document, &body["schema"]).get("example");
-            // The lines are the shapes of the document, whose other fields are in the query: `http_results` sends them.
-            if media_type == "application/x-ndjson" && own.is_none() {
+            // The lines, or the file, are the shapes of the document, whose other fields are in the query: `http_results` and
+            // `http_batch_files` send them.
+            if ["application/x-ndjson", "application/octet-stream"].contains(&media_type.as_str())
+                && own.is_none()
+            {
                 continue;
             }
             let Some(example) = own.or_else(of_schema) else {

@@ -916,7 +916,8 @@ fn other_media_types_methods_routes_and_formats_are_refused() {
             ["text/plain", "text/csv", "application/xml", "multipart/form-data; boundary=x", "nonsense"]
         {
             // Files of these types are shapes.
-            if path.ends_with("/shapes") && shapelex_formats::shape::find(media_type).is_some() {
+            let takes_files = ["/shapes", "/project", "/measure"].iter().any(|end| path.ends_with(end));
+            if takes_files && shapelex_formats::shape::find(media_type).is_some() {
                 continue;
             }
             let reply = server.post_bytes(path, media_type, "{}");

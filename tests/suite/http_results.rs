@@ -371,7 +371,7 @@ fn settings_in_the_query_are_refused_by_name() {
     send_lines(&server, &format!("{path}?cohort=ellipses&ids=[\"e1\"]"), &line, "*/*").expect(422);
     send_lines(&server, path, " \n\n", "*/*").expect_problem(422, "too-few-shapes", &[]);
     send_lines(&server, path, &line, "text/turtle").expect_problem(406, "not-acceptable", &[]);
-    server.post_bytes(path, "text/csv", line).expect_problem(415, "unsupported-media-type", &[]);
+    server.post_bytes(path, "application/xml", line).expect_problem(415, "unsupported-media-type", &[]);
 }
 
 #[test]

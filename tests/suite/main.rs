@@ -17,6 +17,7 @@ mod http_aliases;
 mod http_announced;
 mod http_assessments;
 mod http_bad_input;
+mod http_batch_files;
 mod http_browsers;
 mod http_classes;
 mod http_comparisons;

@@ -1,9 +1,10 @@
 //! Requests about many shapes, and their answers: one entry for each shape, in order.
 //!
 //! A request is a JSON document, or NDJSON with one shape per line. The other fields of the document are then parameters of the
-//! query, whose values are JSON or plain text. An answer is a JSON document with a list `results`, or NDJSON with one entry
+//! query, whose values are JSON or plain text. A file of another program is read as the lines that `POST /v1/convert` makes of it. An answer is a JSON document with a list `results`, or NDJSON with one entry
 //! per line, beside which stand the other fields of the document.
 
+use std::convert::Infallible;
 use std::sync::Arc;
 
 use axum::body::{Body, Bytes};
@@ -11,10 +12,12 @@ use axum::extract::{FromRequest, FromRequestParts, Request};
 use axum::http::request::Parts;
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
+use futures_util::stream;
 use serde::Serialize;
 use serde::de::{DeserializeOwned, IgnoredAny};
 
-use crate::api::body::{self, is_stream};
+use super::file_parameters::FileParameters;
+use crate::api::body::{self, is_file, is_stream};
 use crate::api::extract::{
     BesideFormat, Format, PrefersLines, Query, TWICE, is_json, media_type, unknown_parameter,
 };
@@ -25,7 +28,10 @@ use crate::formats::fault::Fault;
 use crate::formats::json;
 use crate::formats::picture::PictureFile;
 use crate::formats::shape::ShapeInput;
+use crate::formats::summary::FileSummary;
+use crate::service::app::outgoing::BodyWriter;
 use crate::service::app::{App, Limits, ServiceError, Work};
+use crate::service::files::translate::{FileReading, shape_lines};
 use crate::service::shapes::names::InputNames;
 use crate::service::shapes::outcome::{OnError, Outcomes, ShapeError};
 use crate::service::shapes::read;
@@ -59,6 +65,8 @@ pub(super) struct Form {
     pub(super) on_error: OnError,
     /// Whether the answer is NDJSON.
     answers_lines: bool,
+    /// What its reader says of the file that the body is, if it is one.
+    file: Option<FileSummary>,
 }
 
 impl FromRequest<App> for Batch {
@@ -123,16 +131,34 @@ impl Batch {
                 parameters.first().map_or(Ok(()), |(name, _)| Err(unknown_parameter(name)))?;
                 None
             }
+            other if is_file(other) => {
+                let reading = FileParameters::take_reading(&mut parameters).reading(other)?;
+                let settings = Some(settings(&parameters)?);
+                let (file, body) = lines_of(app, body, reading).await?;
+                return Ok(Self { body, form: Form { settings, on_error, answers_lines, file: Some(file) } });
+            }
             other => return Err(unsupported(other)),
         };
         let body = body::read(app, body).await?;
-        Ok(Self { body, form: Form { settings, on_error, answers_lines } })
+        Ok(Self { body, form: Form { settings, on_error, answers_lines, file: None } })
     }
+}
+
+/// The shapes of a file as lines, within the memory for bodies, and what its reader says of it.
+async fn lines_of(app: &App, body: Body, reading: FileReading) -> Result<(FileSummary, Bytes), Problem> {
+    let (output, pieces) = BodyWriter::new();
+    let work =
+        async move { shape_lines(app, body::pieces(body), reading, output).await.map_err(Problem::from) };
+    let pieces = stream::unfold(pieces, |mut pieces| async move {
+        pieces.recv().await.map(|piece| (Ok::<_, Infallible>(piece), pieces))
+    });
+    tokio::try_join!(work, body::read(app, Body::from_stream(pieces)))
 }
 
 /// Refusal of a body that is neither JSON nor NDJSON.
 pub(super) fn unsupported(media_type: &str) -> Problem {
-    let detail = format!("expected application/json or application/x-ndjson, got '{media_type}'");
+    let detail =
+        format!("expected application/json, application/x-ndjson or a file of shapes, got '{media_type}'");
     Problem::new(ProblemKind::UnsupportedMediaType, detail)
 }
 
@@ -196,7 +222,8 @@ impl Form {
         let unreadable = |fault| ShapeInput { faults: vec![fault], ..ShapeInput::default() };
         let shapes = items.into_iter().map(|item: Result<ShapeInput, Fault>| item.unwrap_or_else(unreadable));
         request.put_shapes(List::of(shapes.collect(), count));
-        Ok((request, Places::Lines(numbers.into())))
+        let places = if self.file.is_some() { Places::File } else { Places::Lines(numbers.into()) };
+        Ok((request, places))
     }
 
     /// Answer with one entry for each shape.
@@ -219,7 +246,8 @@ impl Form {
             };
             entry.into()
         };
-        let list = L::new(common, names.into_iter().zip(outcomes).enumerate().map(entry).collect());
+        let results = names.into_iter().zip(outcomes).enumerate().map(entry).collect();
+        let list = L::new(common, results, self.file.clone());
         if self.answers_lines { lines(&list) } else { json(StatusCode::OK, &list) }
     }
 }
@@ -231,12 +259,18 @@ pub(super) enum Places {
     Document,
     /// The shapes in the lines of these numbers, the other fields in the query.
     Lines(Arc<[u64]>),
+    /// The shapes in a file, the other fields in the query.
+    File,
 }
 
 impl Places {
     /// The same error, with its faults where they are in the request as it was sent.
     pub(super) fn of(&self, error: ServiceError) -> ServiceError {
-        let Self::Lines(lines) = self else { return error };
+        let lines: &[u64] = match self {
+            Self::Document => return error,
+            Self::Lines(lines) => lines,
+            Self::File => &[],
+        };
         let place = |fault| placed(fault, lines);
         match error {
             ServiceError::Invalid(faults) => ServiceError::Invalid(faults.map(place)),
@@ -250,10 +284,10 @@ impl Places {
 
 /// A fault of a document, in the lines or in the query that it was made of.
 fn placed(fault: Fault, lines: &[u64]) -> Fault {
-    let line = fault.index.and_then(|index| Some((format!("/shapes/{index}"), *lines.get(index)?)));
-    if let Some((prefix, line)) = line {
+    if let Some(index) = fault.index {
+        let prefix = format!("/shapes/{index}");
         let pointer = fault.pointer.strip_prefix(&prefix).unwrap_or(&fault.pointer).to_owned();
-        return Fault { pointer, line: Some(line), ..fault };
+        return Fault { pointer, line: lines.get(index).copied(), ..fault };
     }
     let Some(path) = fault.pointer.strip_prefix('/') else { return fault };
     match path.split_once('/').unwrap_or((path, "")) {
@@ -324,8 +358,8 @@ pub(super) trait ResultList: Serialize {
     /// Entry of a shape.
     type Entry: Serialize + From<Entry<Self::Answer>>;
 
-    /// The answer with these parts.
-    fn new(common: Self::Common, results: Vec<Self::Entry>) -> Self;
+    /// The answer with these parts, to a file or not.
+    fn new(common: Self::Common, results: Vec<Self::Entry>, file: Option<FileSummary>) -> Self;
 
     /// Its parts; no common ones if it has no further fields.
     fn parts(&self) -> (Option<&Self::Common>, &[Self::Entry]);
@@ -398,6 +432,10 @@ macro_rules! result_list {
             common: $common,
             /// One entry for each input shape, in order.
             results: Vec<$entry>,
+            /// What the file of the request held besides; absent where the body was no file.
+            #[serde(skip_serializing_if = "Option::is_none")]
+            #[schema(required = false)]
+            file: Option<crate::formats::summary::FileSummary>,
         }
 
         impl crate::api::v1::batches::ResultList for $list {
@@ -405,8 +443,12 @@ macro_rules! result_list {
             type Answer = $answer;
             type Entry = $entry;
 
-            fn new(common: $common, results: Vec<$entry>) -> Self {
-                Self { common, results }
+            fn new(
+                common: $common,
+                results: Vec<$entry>,
+                file: Option<crate::formats::summary::FileSummary>,
+            ) -> Self {
+                Self { common, results, file }
             }
 
             fn parts(&self) -> (Option<&$common>, &[$entry]) {
@@ -420,6 +462,10 @@ macro_rules! result_list {
         pub(super) struct $list {
             /// One entry for each input shape, in order.
             results: Vec<$entry>,
+            /// What the file of the request held besides; absent where the body was no file.
+            #[serde(skip_serializing_if = "Option::is_none")]
+            #[schema(required = false)]
+            file: Option<crate::formats::summary::FileSummary>,
         }
 
         impl crate::api::v1::batches::ResultList for $list {
@@ -427,8 +473,8 @@ macro_rules! result_list {
             type Answer = $answer;
             type Entry = $entry;
 
-            fn new((): (), results: Vec<$entry>) -> Self {
-                Self { results }
+            fn new((): (), results: Vec<$entry>, file: Option<crate::formats::summary::FileSummary>) -> Self {
+                Self { results, file }
             }
 
             fn parts(&self) -> (Option<&()>, &[$entry]) {

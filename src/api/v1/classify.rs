@@ -89,7 +89,7 @@ results! {
 /// Lines of NDJSON are shapes; the other fields of the request are parameters then.
 #[utoipa::path(post, path = "/v1/dictionaries/{dictionary}/classify", tag = "dictionaries",
     params(("dictionary" = String, Path, description = "Id, `name@version`, `name@alias` or name"), BatchQuery),
-    request_body(content((ClassifyRequest = "application/json"), (ShapeInput = "application/x-ndjson"))),
+    request_body(content((ClassifyRequest = "application/json"), (ShapeInput = "application/x-ndjson"), (Binary = "application/octet-stream"))),
     responses(
         (status = 200, description = "One class per shape, in order", content((ClassifyAnswer = "application/json"), (ClassifyResult = "application/x-ndjson"))),
         (status = 404, description = "No such dictionary or cohort"),
@@ -155,7 +155,7 @@ fn assess_settings(
         ("dictionary" = String, Path, description = "Id, `name@version`, `name@alias` or name"), BatchQuery,
         ("format" = Option<String>, Query, description = "`json`, `svg` or `png`"), DrawingQuery
     ),
-    request_body(content((AssessRequest = "application/json"), (ShapeInput = "application/x-ndjson"))),
+    request_body(content((AssessRequest = "application/json"), (ShapeInput = "application/x-ndjson"), (Binary = "application/octet-stream"))),
     responses(
         (status = 200, description = "One assessment per shape, in order", content((AssessAnswer = "application/json"), (AssessResult = "application/x-ndjson"), (String = "image/svg+xml"))),
         (status = 404, description = "No such dictionary or cohort"),

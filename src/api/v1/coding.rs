@@ -211,7 +211,7 @@ results! {
 /// Lines of NDJSON are shapes; the other fields of the request are parameters then.
 #[utoipa::path(post, path = "/v1/dictionaries/{dictionary}/encode", tag = "dictionaries",
     params(("dictionary" = String, Path, description = "Id, `name@version`, `name@alias` or name"), BatchQuery),
-    request_body(content((EncodeRequest = "application/json"), (ShapeInput = "application/x-ndjson"))),
+    request_body(content((EncodeRequest = "application/json"), (ShapeInput = "application/x-ndjson"), (Binary = "application/octet-stream"))),
     responses(
         (status = 200, description = "One code per shape, in order", content((EncodeAnswer = "application/json"), (EncodeResult = "application/x-ndjson"))),
         (status = 404, description = "No such dictionary or cohort")
@@ -285,7 +285,7 @@ results! {
         ("dictionary" = String, Path, description = "Id, `name@version`, `name@alias` or name"), BatchQuery,
         ("format" = Option<String>, Query, description = "`json`, `svg` or `png`"), DrawingQuery
     ),
-    request_body(content((ReconstructRequest = "application/json"), (ShapeInput = "application/x-ndjson"))),
+    request_body(content((ReconstructRequest = "application/json"), (ShapeInput = "application/x-ndjson"), (Binary = "application/octet-stream"))),
     responses(
         (status = 200, description = "One reconstruction per shape or code, in order", content((ReconstructAnswer = "application/json"), (ReconstructResult = "application/x-ndjson"), (String = "image/svg+xml"))),
         (status = 404, description = "No such dictionary or cohort")
@@ -386,7 +386,7 @@ results! {
 /// Lines of NDJSON are shapes; the other fields of the request are parameters then.
 #[utoipa::path(post, path = "/v1/dictionaries/{dictionary}/score", tag = "dictionaries",
     params(("dictionary" = String, Path, description = "Id, `name@version`, `name@alias` or name"), BatchQuery),
-    request_body(content((ScoreRequest = "application/json"), (ShapeInput = "application/x-ndjson"))),
+    request_body(content((ScoreRequest = "application/json"), (ShapeInput = "application/x-ndjson"), (Binary = "application/octet-stream"))),
     responses(
         (status = 200, description = "One score per shape, in order", content((ScoreAnswer = "application/json"), (ScoreResult = "application/x-ndjson"))),
         (status = 404, description = "No such dictionary or cohort")
@@ -441,7 +441,7 @@ results! {
 /// Lines of NDJSON are shapes; the other fields of the request are parameters then.
 #[utoipa::path(post, path = "/v1/dictionaries/{dictionary}/prior", tag = "dictionaries",
     params(("dictionary" = String, Path, description = "Id, `name@version`, `name@alias` or name"), BatchQuery),
-    request_body(content((PriorRequest = "application/json"), (ShapeInput = "application/x-ndjson"))),
+    request_body(content((PriorRequest = "application/json"), (ShapeInput = "application/x-ndjson"), (Binary = "application/octet-stream"))),
     responses(
         (status = 200, description = "One energy per shape, in order", content((PriorAnswer = "application/json"), (PriorResult = "application/x-ndjson"))),
         (status = 404, description = "No such dictionary or cohort")

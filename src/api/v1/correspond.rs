@@ -176,7 +176,7 @@ results! {
 /// of `POST /v1/cohorts/{cohort}/correspond`. The answered control points can be encoded, scored or classified.
 #[utoipa::path(post, path = "/v1/dictionaries/{dictionary}/correspond", tag = "dictionaries",
     params(("dictionary" = String, Path, description = "Id, `name@version`, `name@alias` or name"), BatchQuery),
-    request_body(content((CorrespondShapesRequest = "application/json"), (ShapeInput = "application/x-ndjson"))),
+    request_body(content((CorrespondShapesRequest = "application/json"), (ShapeInput = "application/x-ndjson"), (Binary = "application/octet-stream"))),
     responses(
         (status = 200, description = "One surface per shape, in order", content((CorrespondAnswer = "application/json"), (CorrespondResult = "application/x-ndjson"))),
         (status = 404, description = "No such dictionary or cohort")

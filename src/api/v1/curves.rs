@@ -587,7 +587,7 @@ impl CurveMeasureOutput {
 ///
 /// Lines of NDJSON are shapes; the other fields of the request are parameters then.
 #[utoipa::path(post, path = "/v1/measure", tag = "curves", params(BatchQuery),
-    request_body(content((MeasureRequest = "application/json"), (ShapeInput = "application/x-ndjson"))),
+    request_body(content((MeasureRequest = "application/json"), (ShapeInput = "application/x-ndjson"), (Binary = "application/octet-stream"))),
     responses(
         (status = 200, description = "Measures of each shape, in order", content((MeasureAnswer = "application/json"), (MeasureResult = "application/x-ndjson")))
     ))]

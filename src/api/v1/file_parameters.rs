@@ -109,6 +109,15 @@ impl FileParameters {
         Self(taken)
     }
 
+    /// Takes the name of a file and the options of reading it from `pairs`, and leaves the others.
+    pub(super) fn take_reading(pairs: &mut Vec<(String, String)>) -> Self {
+        let known = names_of(&ReadOptions::default());
+        let is_own = |name: &str| name == "name" || known.iter().any(|known| known == name);
+        let (taken, rest) = std::mem::take(pairs).into_iter().partition(|(name, _)| is_own(name));
+        *pairs = rest;
+        Self(taken)
+    }
+
     /// Whether they say the format, whatever the media type.
     pub(super) fn is_format_stated(&self) -> bool {
         self.0.iter().any(|(name, _)| name == "format")

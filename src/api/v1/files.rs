@@ -210,7 +210,8 @@ async fn converted(
     options: WriteOptions,
 ) -> Result<Response, Problem> {
     let (output, pieces) = BodyWriter::during(arriving);
-    let work = async move { translate::translate(&app, stream, reading, format, options, output).await };
+    let work =
+        async move { translate::translate(&app, stream, reading, format, options, output).await.map(drop) };
     answer(format, None, pieces, work).await
 }
 

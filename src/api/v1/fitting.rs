@@ -182,7 +182,7 @@ results! {
 ///
 /// Lines of NDJSON are shapes; the other fields of the request are parameters then.
 #[utoipa::path(post, path = "/v1/fit", tag = "curves", params(BatchQuery),
-    request_body(content((FitRequest = "application/json"), (ShapeInput = "application/x-ndjson"))),
+    request_body(content((FitRequest = "application/json"), (ShapeInput = "application/x-ndjson"), (Binary = "application/octet-stream"))),
     responses(
         (status = 200, description = "One entry per contour, grid, list or mesh, in order", content((FitAnswer = "application/json"), (FitResult = "application/x-ndjson")))
     ))]

@@ -78,7 +78,7 @@ results! {
 ///
 /// Lines of NDJSON are shapes; the other fields of the request are parameters then.
 #[utoipa::path(post, path = "/v1/prior", tag = "statistics", params(BatchQuery),
-    request_body(content((ReferencePriorRequest = "application/json"), (ShapeInput = "application/x-ndjson"))),
+    request_body(content((ReferencePriorRequest = "application/json"), (ShapeInput = "application/x-ndjson"), (Binary = "application/octet-stream"))),
     responses(
         (status = 200, description = "One energy per shape, in order", content((ReferencePriorAnswer = "application/json"), (ReferencePriorResult = "application/x-ndjson")))
     ))]

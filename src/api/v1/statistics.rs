@@ -145,7 +145,7 @@ results! {
 ///
 /// Lines of NDJSON are shapes; the other fields of the request are parameters then.
 #[utoipa::path(post, path = "/v1/project", tag = "statistics", params(BatchQuery),
-    request_body(content((ProjectRequest = "application/json"), (ShapeInput = "application/x-ndjson"))),
+    request_body(content((ProjectRequest = "application/json"), (ShapeInput = "application/x-ndjson"), (Binary = "application/octet-stream"))),
     responses(
         (status = 200, description = "One projection per shape, in order", content((ProjectAnswer = "application/json"), (ProjectResult = "application/x-ndjson")))
     ))]

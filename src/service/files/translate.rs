@@ -7,7 +7,7 @@ use super::format::{FileFormat, file_limits};
 use super::proposal::FirstShapes;
 use super::writing::write;
 use crate::formats::files::{
-    FileError, Format, Inspection, ReadOptions, Record, Sink, Source, Summary, WriteOptions,
+    FileError, Format, Inspection, ReadOptions, Record, Sink, Source, Summary, WriteOptions, find,
 };
 use crate::formats::record::count_unstored;
 use crate::formats::summary::FileSummary;
@@ -61,7 +61,7 @@ pub async fn inspect(
     .await
 }
 
-/// Translates a file.
+/// Translates a file, and tells what its reader says of it.
 ///
 /// # Errors
 /// As [`inspect`]; a file without a shape that is read; shapes that the other format cannot hold.
@@ -72,18 +72,45 @@ pub async fn translate(
     to: &'static Format,
     options: WriteOptions,
     output: BodyWriter,
-) -> Result<(), ServiceError> {
+) -> Result<FileSummary, ServiceError> {
+    translate_each(app, stream, reading, (to, options), output, |record| record).await
+}
+
+/// Translates a file to lines of shapes as requests take them, which do not know objects of several rings.
+///
+/// # Errors
+/// As [`translate`].
+pub async fn shape_lines(
+    app: &App,
+    stream: impl Stream<Item = Result<Bytes, ServiceError>>,
+    reading: FileReading,
+    output: BodyWriter,
+) -> Result<FileSummary, ServiceError> {
+    let to = find("ndjson").ok_or_else(|| ServiceError::Internal("no format of lines".into()))?;
+    let alone = |record| Record { ring: None, ..record };
+    translate_each(app, stream, reading, (to, WriteOptions::default()), output, alone).await
+}
+
+async fn translate_each(
+    app: &App,
+    stream: impl Stream<Item = Result<Bytes, ServiceError>>,
+    reading: FileReading,
+    (to, options): (&'static Format, WriteOptions),
+    output: BodyWriter,
+    each: fn(Record) -> Record,
+) -> Result<FileSummary, ServiceError> {
     let (limits, memory) = (app.limits, app.memory.clone());
     read_incoming(app, stream, file_limits(&limits), &mut None, move |source, stop| {
         let fill = |push: &mut dyn FnMut(&Record) -> Result<(), FileError>| {
             let mut count = 0_u64;
             let summary = read(source, &stop, &reading, &limits, &mut |record| {
                 count += 1;
-                push(&record)
+                push(&each(record))
             })?;
-            if count > 0 { Ok(()) } else { Err(without_shapes(&summary)) }
+            if count > 0 { Ok(summary) } else { Err(without_shapes(&summary)) }
         };
-        write(&memory, to, output, &options, fill).map(drop)
+        let (summary, unwritten) = write(&memory, to, output, &options, fill)?;
+        Ok(summary.without(unwritten))
     })
     .await
 }
