@@ -87,7 +87,9 @@ pub fn read(
     options.check(format)?;
     let mut account = Account::new(*source.limits(), source.content());
     let (mut empty, mut left_out) = (0, Summary::default());
-    let mut counted = |record: Record| {
+    let unit = format.unit();
+    let mut counted = |mut record: Record| {
+        record.unit = record.unit.or(unit);
         let checked = account.add(&record).and_then(|()| record.check());
         checked.map_err(|error| {
             let is_placed = record.place != Place::default();
@@ -106,6 +108,9 @@ pub fn read(
         _ => error,
     })?;
     summary.records = account.records - empty;
+    if let Some(unit) = unit {
+        summary.set("unit", unit.word());
+    }
     summary.dropped.extend(left_out.dropped);
     Ok(summary)
 }
