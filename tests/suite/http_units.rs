@@ -62,6 +62,8 @@ fn written(format: &'static str, unit: &'static str, record: &Record, options: W
 fn series() -> Vec<SeriesImage> {
     let study = Study { instance: "1.6".into(), ..Study::default() };
     let image = SeriesImage { class: "1.2".into(), instance: "1.3".into(), study, ..SeriesImage::default() };
+    let image =
+        SeriesImage { position: [0.0, 0.0, 5.0], orientation: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0], ..image };
     vec![SeriesImage { series: "1.4".into(), frame_of_reference: "1.5".into(), ..image }]
 }
 
@@ -132,7 +134,7 @@ fn files() -> Vec<File> {
         written("mrk", "um", &record(3, Some(true)), unit("um")),
         written("coco", "pixel", &record(2, Some(true)), plain()),
         written("imagej-roi", "pixel", &record(2, Some(true)), plain()),
-        written("imagej-roi-set", "pixel", &record(2, Some(true)), plain()),
+        File { format: "zip", ..written("imagej-roi-set", "pixel", &record(2, Some(true)), plain()) },
         written("geojson", "cm", &record(2, Some(true)), unit("cm")),
         File { format: "geojson", unit: "pixel", bytes: qupath.into() },
         written("arrow", "inch", &record(2, Some(true)), unit("inch")),
@@ -387,8 +389,10 @@ fn a_structure_set_is_written_in_millimetres_again() {
     let parameters = json!({"series": [{"class": "1.2", "instance": "1.3", "series": "1.4", "frame_of_reference": "1.5",
         "position": [0.0, 0.0, 5.0], "orientation": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0], "study": {"instance": "1.6"}}]});
     let parameters = parameters.to_string();
-    let parts: [(&str, &str, &[u8]); 2] =
-        [("parameters", "application/json", parameters.as_bytes()), ("file", "application/x-ndjson", &lines)];
+    let parts: [(&str, &str, &[u8]); 2] = [
+        ("parameters", "application/json", parameters.as_bytes()),
+        ("file", "application/x-ndjson", &lines[..]),
+    ];
     let query = "to=rtstruct&format=ndjson&write_unit=cm";
     let file = crate::form::post_form(&server, &format!("/v1/convert?{query}"), crate::form::form(&parts));
     assert_eq!(file.status, 200, "{}", file.text());

@@ -86,3 +86,38 @@ impl Lengths {
         Some(UnitOfShapes { former, unit, adopt: self.adopts() })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn lengths(former: Option<&str>, is_empty: bool) -> Lengths {
+        Lengths { former: former.map(str::to_owned), is_empty, met: None }
+    }
+
+    #[test]
+    fn a_text_that_names_no_unit_counts_as_none() {
+        let mut old = lengths(Some("furlong"), true);
+        assert_eq!(old.meet(Unit::Millimetre).unwrap(), Unit::Millimetre);
+        let unit = UnitOfShapes { former: Some("furlong".into()), unit: "mm".into(), adopt: true };
+        assert_eq!(old.at_commit(), Some(unit));
+        assert_eq!(old.told(), Some(FileUnits::new(Unit::Millimetre, Unit::Millimetre, true)));
+        // One that does is a unit, under whatever spelling.
+        let mut spelt = lengths(Some("µm"), true);
+        assert_eq!(spelt.meet(Unit::Millimetre).unwrap(), Unit::Micrometre);
+        assert!(!spelt.adopts());
+        assert!(lengths(Some("px"), true).meet(Unit::Inch).is_err());
+    }
+
+    #[test]
+    fn all_shapes_of_a_file_are_in_one_unit() {
+        let mut found = lengths(None, false);
+        assert_eq!((found.at_commit(), found.warning()), (None, None));
+        assert_eq!(found.meet(Unit::Centimetre).unwrap(), Unit::Centimetre);
+        assert_eq!(found.meet(Unit::Metre).unwrap(), Unit::Centimetre);
+        let refused = found.meet(Unit::Pixel).unwrap_err();
+        assert!(matches!(refused, ServiceError::Invalid(_)), "{refused}");
+        assert!(found.warning().is_some_and(|warning| warning.contains("stored in cm")));
+        assert!(!found.adopts());
+    }
+}

@@ -108,7 +108,7 @@ fn pixels(text: &str) -> Option<Sizes> {
 /// The attributes `PhysicalSizeX` and `PhysicalSizeXUnit`, of any axis.
 fn physical(start: &BytesStart<'_>, axis: &str) -> Option<(f64, LengthUnit)> {
     let attribute = |name: String| {
-        let found = start.try_get_attribute(name).ok()??;
+        let found = start.try_get_attribute(&name).ok()??;
         Some(found.normalized_value(XmlVersion::Implicit1_0).ok()?.into_owned())
     };
     let size: f64 = attribute(format!("PhysicalSize{axis}"))?.trim().parse().ok()?;
