@@ -61,7 +61,7 @@ impl Unit {
     /// The unit that a text names: a word, or another spelling that programs use.
     pub fn find(text: &str) -> Option<Self> {
         let text = text.trim();
-        // Lower and upper case tell units apart: Mm is no millimetre.
+        // Lower and upper case tell units apart: Mm is another unit.
         match text {
             "m" => return Some(Self::Metre),
             "cm" => return Some(Self::Centimetre),

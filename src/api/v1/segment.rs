@@ -266,11 +266,10 @@ pub(super) async fn segment_into_cohort(
     let (mut asked, Storing { objects, store_failed, unit }) = asked.split(&cohort)?;
     let app = app.with_priority(priority_of(asked.priority.take())?);
     let lengths = Lengths::default();
-    let mut membership =
+    let membership =
         Membership { cohort, expected, objects, store_failed, digests, job: None, unit, lengths };
     let look = |prepared: &mut Prepared| Ok(membership.attributes(&prepared.wanted.starts)?);
     let (posted, attributes) = Posted::new(&app, parts, asked, look).await?;
-    membership.meet(posted.ready.unit())?;
     added(&app, posted, (membership, attributes), prefer, dry_run).await
 }
 
@@ -287,10 +286,11 @@ async fn repeated(app: &App, prefer: Prefer) -> Result<Option<Response>, Problem
 async fn added(
     app: &App,
     posted: Posted,
-    (membership, attributes): (Membership, Vec<ShapeInput>),
+    (mut membership, attributes): (Membership, Vec<ShapeInput>),
     prefer: Prefer,
     dry_run: bool,
 ) -> Result<Response, Problem> {
+    membership.meet(posted.ready.unit())?;
     if dry_run {
         return Ok(estimated(posted.ready.estimate())?);
     }

@@ -35,7 +35,7 @@ pub trait Writer: Send {
 /// A file whose coordinates have the unit of its format.
 pub(super) struct InUnit<'a> {
     writer: Box<dyn Writer + 'a>,
-    /// Unit of records that have none of their own.
+    /// Unit of records that do not say theirs.
     given: Option<Unit>,
     unit: Unit,
     /// Number of records with another unit that cannot be converted, and that of the first one.

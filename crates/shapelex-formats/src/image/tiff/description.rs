@@ -43,7 +43,7 @@ fn length(size: f64, unit: LengthUnit) -> Option<(f64, LengthUnit)> {
 /// The sizes that the first page describes, where `decoder` is. `None` if it describes none in the plane.
 ///
 /// # Errors
-/// A resolution that is no size, beside lines of ImageJ.
+/// A resolution of 0 or without a number, beside lines of ImageJ.
 pub(super) fn sizes(
     bytes: &[u8],
     lists: &Lists,

@@ -18,7 +18,7 @@ use crate::unit::Unit;
 struct Features<'a> {
     output: Output<'a>,
     grouping: Grouping,
-    /// Unit of shapes that have none of their own.
+    /// Unit of shapes that do not say theirs.
     unit: Option<Unit>,
     /// Number of records taken and of features written.
     features: u64,
