@@ -26,6 +26,7 @@ pub mod fault;
 pub mod formulas;
 pub mod gltf;
 pub mod json;
+pub mod lengths;
 pub mod matrix;
 pub mod merge_patch;
 pub mod mesh;
@@ -42,4 +43,4 @@ pub mod time;
 pub mod trail;
 pub mod tree;
 
-pub use shapelex_formats::{dicom, image, shape as files, words};
+pub use shapelex_formats::{dicom, image, shape as files, unit, words};

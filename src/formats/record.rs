@@ -14,6 +14,7 @@ use super::fault::Fault;
 use super::files::{Faces, Fourier, Geometry, Mesh, Points, Record, Summary, Value};
 use super::json;
 use super::shape::{PointList, ShapeInput};
+use super::unit::Unit;
 use crate::geometry::capability::domain::Domain;
 use crate::geometry::mesh::TriangleMesh;
 use crate::geometry::representation::Representation;
@@ -54,6 +55,10 @@ pub struct Placing {
     pub samples: Option<usize>,
     /// Text before names.
     pub prefix: Option<String>,
+    /// Unit of the coordinates, whatever the file says.
+    pub unit: Option<Unit>,
+    /// Unit in which shapes are stored, once it is known.
+    pub stored_unit: Option<Unit>,
     /// Maximum size of the metadata of a shape in bytes.
     pub metadata_bytes: usize,
 }
@@ -88,6 +93,7 @@ impl Placing {
     /// # Errors
     /// All faults of the record, with pointers into the posted shape.
     pub fn place(&self, record: Record, representation: &Representation) -> Result<Placed, Vec<Fault>> {
+        let record = self.in_stored_unit(record)?;
         let Record { geometry, .. } = record;
         let attributes =
             self.attributes(Record { geometry: Geometry::Landmarks(Points::default()), ..record });
@@ -121,6 +127,21 @@ impl Placing {
                 let (found, kind) = (other.kind().name(), representation.kind_name());
                 let detail = format!("expected a shape that can be a {kind}, got one of the kind {found}");
                 Err(vec![Fault::new("", detail)])
+            }
+        }
+    }
+
+    /// What the coordinates of a record are in, where it is known.
+    pub fn unit_of(&self, record: &Record) -> Option<Unit> {
+        self.unit.or(record.unit)
+    }
+
+    /// A record in the unit in which shapes are stored.
+    fn in_stored_unit(&self, record: Record) -> Result<Record, Vec<Fault>> {
+        match self.unit_of(&record).zip(self.stored_unit) {
+            None => Ok(record),
+            Some((from, to)) => {
+                record.converted(from, to).map_err(|error| vec![Fault::new("", error.detail)])
             }
         }
     }

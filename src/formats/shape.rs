@@ -19,6 +19,7 @@ use super::observed::Observed;
 #[cfg(feature = "schema")]
 use super::observed::ObservedEntry;
 use super::trail::{next_entry, next_entry_by};
+use super::unit::Ratio;
 
 /// Largest magnitude of a coordinate.
 pub const MAX_COORDINATE: f64 = crate::numeric::MAX_NUMBER;
@@ -67,6 +68,16 @@ impl PointList {
     pub fn of_rows(dimension: usize, coordinates: Vec<f64>) -> Self {
         let rows = coordinates.len().checked_div(dimension).unwrap_or(0);
         Self { coordinates, width: dimension, rows, ..Self::default() }
+    }
+
+    /// The same in another unit; what is then beyond the bounds is a fault.
+    #[must_use]
+    pub fn scaled(mut self, ratio: Ratio) -> Self {
+        self.coordinates.iter_mut().for_each(|x| *x = ratio.times(*x));
+        if let Some(x) = self.coordinates.iter().copied().find(|x| !(x.abs() <= MAX_COORDINATE)) {
+            self.fault(String::new(), format!("expected numbers within ±{MAX_COORDINATE:e}, got {x:e}"));
+        }
+        self
     }
 
     /// Number of points.

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::fault::brief;
 use super::files::{Dropped, Summary};
+use super::lengths::FileUnits;
 
 /// Maximum number of warnings, and of names of what was left out.
 const MOST: usize = 20;
@@ -20,6 +21,10 @@ pub struct FileSummary {
     pub records: u64,
     /// Facts of the file: unit, frame of reference, size of the image.
     pub properties: BTreeMap<String, serde_json::Value>,
+    /// Units of the file and of the cohort that takes its shapes; absent where there is no cohort, or no unit of the file.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(required = false)]
+    pub units: Option<FileUnits>,
     /// What was read and is no shape.
     pub left_out: Vec<LeftOut>,
     /// Warnings.
@@ -46,7 +51,7 @@ impl FileSummary {
         let Summary { records, properties, dropped, warnings } = summary;
         let left_out = dropped.into_iter().map(LeftOut::from).collect();
         let warnings = warnings.into_iter().take(MOST).map(brief).collect();
-        Self { format: format.into(), records, properties, left_out, warnings }
+        Self { format: format.into(), records, properties, units: None, left_out, warnings }
     }
 
     /// Why the file may hold no shape, as far as its reader says.

@@ -661,7 +661,7 @@ fn new_cohort(server: &Server, name: &str, representation: &Value, correspondenc
 fn a_cohort_is_created_read_listed_and_deleted() {
     let server = Server::fresh();
     let body = json!({"name": "nuclei.2026-a", "representation": trigonometric(12), "correspondence": "cyclic",
-        "mirror": "allow", "direction": "either", "length_unit": "µm", "description": "nuclei of two lines"});
+        "mirror": "allow", "direction": "either", "length_unit": "um", "description": "nuclei of two lines"});
     let reply = server.post("/v1/cohorts", &body);
     let cohort = reply.expect(201);
     let id = cohort["id"].as_str().unwrap();

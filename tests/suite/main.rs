@@ -68,6 +68,7 @@ mod http_subdivision;
 mod http_surfaces;
 mod http_tables;
 mod http_tokens;
+mod http_units;
 mod http_whole;
 mod kill;
 mod kill_dictionaries;

@@ -59,8 +59,10 @@ document! {
         /// Whether shapes may be matched to mirror images. Default: `forbid`.
         #[schema(value_type = Option<Mirror>)]
         mirror: Checked<Mirror>;
-        /// Unit of the coordinates.
-        #[schema(value_type = Option<String>)]
+        /// Unit of the coordinates: `m`, `cm`, `mm`, `um`, `nm`, `inch`, `pixel`, `voxel`, or `none` for numbers without a unit; other
+        /// spellings of these, such as `µm`, are stored as the word. Files that state another length are converted to it. Null: not
+        /// known; the first file with a unit sets it.
+        #[schema(value_type = Option<String>, example = "mm")]
         length_unit: Checked<Option<String>>;
     }
 }
@@ -83,7 +85,7 @@ pub(super) struct CohortOutput {
     direction: Direction,
     /// Whether shapes may be matched to mirror images.
     mirror: Mirror,
-    /// Unit of the coordinates.
+    /// Unit of the coordinates; a text of an earlier release that names none counts as not known.
     length_unit: Option<String>,
     /// Revision number, which grows with every change.
     revision: u64,
@@ -213,7 +215,8 @@ pub(super) struct CohortPatch {
     #[serde(deserialize_with = "given")]
     #[schema(value_type = Option<String>)]
     description: Option<Option<String>>,
-    /// New unit; null to remove it.
+    /// New unit, one of `m`, `cm`, `mm`, `um`, `nm`, `inch`, `pixel`, `voxel` and `none`; null to remove it. Stored coordinates stay
+    /// as they are.
     #[serde(deserialize_with = "given")]
     #[schema(value_type = Option<String>)]
     length_unit: Option<Option<String>>,
@@ -368,7 +371,7 @@ fn answer_mean(live: &LiveMean, format: ShapeFormat) -> Result<Response, Service
         ShapeFormat::Mesh(format, grid) => mesh(&live.setup.space, &live.mean.control_points, format, grid),
         ShapeFormat::Plain(Format::Picture(file)) => {
             let title = format!("mean of {} shapes of {}", live.mean.shapes, live.cohort.spec.name);
-            let unit = live.cohort.spec.length_unit.as_deref();
+            let unit = live.cohort.spec.shown_unit();
             picture(&draw_mean(&live.setup, &title, &live.mean, &live.drawn, unit), &file)
         }
         ShapeFormat::Plain(Format::Json) => {

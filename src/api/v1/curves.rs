@@ -23,7 +23,7 @@ use crate::geometry::measures::{CurveMeasures, Orientation};
 use crate::geometry::surface::field::{AffineField, FieldTerm, PolynomialField, VectorField};
 use crate::geometry::surface::measures::SurfaceMeasures;
 use crate::service::app::{App, Limits, ServiceError, Work};
-use crate::service::cohorts::catalogue::text_faults;
+use crate::service::cohorts::catalogue::{text_faults, word_of_unit};
 use crate::service::cost::requests::{self, Counts};
 use crate::service::shapes::draw::MAX_DRAWN;
 use crate::service::shapes::evaluate::{EvaluateTask, Evaluated};
@@ -273,7 +273,7 @@ shapes_request! {
         "shapes": [{"points": [[2, 0], [0, 1], [-2, 0], [0, -1]]}]
     }))]
     MeasureRequest {
-        /// Unit of the coordinates, copied to the response.
+        /// Unit of the coordinates, one of those of cohorts, copied to the response.
         #[schema(value_type = Option<String>)]
         length_unit: Checked<Option<String>>;
         /// Shape in the same representation to which distances are measured.
@@ -602,6 +602,7 @@ impl MeasureRequest {
         let length_unit = take_given(self.length_unit, "/length_unit", &mut errors).flatten();
         let unit_faults = text_faults(None, None, length_unit.as_deref());
         errors.extend(unit_faults.into_iter().map(|fault| Fault::new(fault.pointer, fault.detail)));
+        let length_unit = word_of_unit(length_unit);
         let field = take_given(self.field, "/field", &mut errors);
         let field = field.and_then(|field| field.take(&mut errors));
         if let (Some(_), Some((representation, _))) = (&field, &settings)

@@ -9,6 +9,7 @@ use crate::api::operation::ANY_FILE;
 use crate::api::problem::{Problem, ProblemKind};
 use crate::formats::files::{self, ReadOptions, WriteOptions};
 use crate::formats::json;
+use crate::formats::lengths::unit_of;
 use crate::formats::record::{MAX_SAMPLES, Placing, Plane};
 use crate::formats::summary::FileSummary;
 use crate::formats::words::plain_sentence;
@@ -43,6 +44,9 @@ pub(super) struct PlacingQuery {
     samples: Option<usize>,
     /// Text before the names of the shapes, which become their external ids.
     prefix: Option<String>,
+    /// What the coordinates of the file are in, whatever it states: `m`, `cm`, `mm`, `um`, `nm`, `inch`, `pixel`, `voxel` or `none`.
+    /// Lengths are converted to the unit of the cohort. Default: what the file states.
+    unit: Option<String>,
 }
 
 /// Options by name, for the document.
@@ -100,7 +104,7 @@ impl FileParameters {
     /// Takes the parameters that concern files from `pairs`, and leaves the others.
     pub(super) fn take(pairs: &mut Vec<(String, String)>) -> Self {
         let known = names_of(&ReadOptions::default());
-        let own = ["format", "name", "plane", "samples", "prefix"];
+        let own = ["format", "name", "plane", "samples", "prefix", "unit"];
         let is_own = |name: &str| {
             own.contains(&name) || name.starts_with(WRITE) || known.iter().any(|known| known == name)
         };
@@ -193,7 +197,10 @@ impl FileParameters {
         let samples =
             self.value("samples")?.map(|text| count_of("samples", &text, MAX_SAMPLES)).transpose()?;
         let prefix = self.value("prefix")?;
-        let placing = Placing { plane, samples, prefix, metadata_bytes: limits.metadata_bytes };
+        let unit = self.value("unit")?.map(|word| unit_of(&word)).transpose();
+        let unit = unit.map_err(|detail| Problem::of_parameter("unit", detail))?;
+        let metadata_bytes = limits.metadata_bytes;
+        let placing = Placing { plane, samples, prefix, unit, metadata_bytes, ..Placing::default() };
         let reading = self.reading(media_type)?;
         let service = *limits;
         let read: crate::service::cohorts::upload_file::ReadFile = Box::new(move |source, stop, sink| {

@@ -19,6 +19,7 @@ use crate::formats::picture::PictureFormat;
 use crate::formats::shape::ShapeInput;
 use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::catalogue;
+use crate::service::cohorts::lengths::Lengths;
 use crate::service::jobs;
 use crate::service::segmentation::answer::SegmentAnswer;
 use crate::service::segmentation::cost::SegmentEstimate;
@@ -262,9 +263,11 @@ pub(super) async fn segment_into_cohort(
         return Ok(response);
     }
     let asked = app.read::<CohortSegmentRequest>(parts.parameters.clone()).await?;
-    let (mut asked, Storing { objects, store_failed }) = asked.split(&cohort)?;
+    let (mut asked, Storing { objects, store_failed, unit }) = asked.split(&cohort)?;
     let app = app.with_priority(priority_of(asked.priority.take())?);
-    let membership = Membership { cohort, expected, objects, store_failed, digests, job: None };
+    let lengths = Lengths::default();
+    let membership =
+        Membership { cohort, expected, objects, store_failed, digests, job: None, unit, lengths };
     let look = |prepared: &mut Prepared| Ok(membership.attributes(&prepared.wanted.starts)?);
     let (posted, attributes) = Posted::new(&app, parts, asked, look).await?;
     added(&app, posted, (membership, attributes), prefer, dry_run).await
@@ -283,10 +286,11 @@ async fn repeated(app: &App, prefer: Prefer) -> Result<Option<Response>, Problem
 async fn added(
     app: &App,
     posted: Posted,
-    (membership, attributes): (Membership, Vec<ShapeInput>),
+    (mut membership, attributes): (Membership, Vec<ShapeInput>),
     prefer: Prefer,
     dry_run: bool,
 ) -> Result<Response, Problem> {
+    membership.meet(posted.ready.unit())?;
     if dry_run {
         return Ok(estimated(posted.ready.estimate())?);
     }

@@ -630,7 +630,7 @@ pub(super) async fn find_shape(
             ShapeFormat::Plain(Format::Picture(file)) => file,
         };
         let title = shape.attributes.external_id.as_deref().unwrap_or(&shape.id);
-        let unit = cohort.spec.length_unit.as_deref();
+        let unit = cohort.spec.shown_unit();
         picture(&draw_shapes(&space, title, &[&shape.control_points], unit), &file)
     });
     asked.unless_known(&revision, format, answer).await.map(not_stored)

@@ -184,5 +184,5 @@ fn drawn(app: &App, cohort: &Cohort, cells: Cells, shapes: Vec<Shape>) -> Result
     let named = |shape: Shape| (shape.attributes.external_id.unwrap_or(shape.id), shape.control_points);
     let shapes: Vec<(String, Vec<f64>)> = shapes.into_iter().map(named).collect();
     let title = format!("{} of {} shapes of {}", shapes.len(), cohort.shapes, cohort.spec.name);
-    Ok(draw_sheet(&space, &title, &shapes, cells.columns, cohort.spec.length_unit.as_deref()))
+    Ok(draw_sheet(&space, &title, &shapes, cells.columns, cohort.spec.shown_unit()))
 }

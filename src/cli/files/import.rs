@@ -23,8 +23,10 @@ use super::target::{Service, Target, TargetArgs, refusal};
 use super::{Reading, note, say};
 use crate::cli::maintenance::{At, Outcome};
 use crate::formats::json;
+use crate::formats::lengths::{FileUnits, unit_of};
 use crate::formats::record::{Placing, Plane};
 use crate::formats::summary::FileSummary;
+use crate::formats::unit::Unit;
 use crate::service::app::idempotency::Retry;
 use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::catalogue;
@@ -58,6 +60,9 @@ pub(in crate::cli) struct ImportArgs {
     /// Text before the names of shapes; `{file}` is the name of the file without its ending
     #[arg(long, requires = "cohort", value_name = "TEXT")]
     prefix: Option<String>,
+    /// What the coordinates of the files are in, whatever they state: m, cm, mm, um, nm, inch, pixel, voxel or none
+    #[arg(long, requires = "cohort", value_parser = unit_of)]
+    unit: Option<Unit>,
     /// File that lists what was imported: files in it are not sent again
     #[arg(long, requires = "cohort", value_name = "FILE")]
     journal: Option<PathBuf>,
@@ -199,6 +204,7 @@ impl Import<'_> {
         add("samples", args.samples.map(|count| count.to_string()));
         let stem = path.file_stem().unwrap_or_default().to_string_lossy();
         add("prefix", args.prefix.as_ref().map(|prefix| prefix.replace("{file}", &stem)));
+        add("unit", args.unit.map(|unit| unit.word().to_owned()));
         add("on_error", args.skip_invalid.then(|| "skip".to_owned()));
         add("return", Some("none".into()));
         query
@@ -253,7 +259,9 @@ impl Import<'_> {
             plane: self.args.plane,
             samples: self.args.samples.map(usize::from),
             prefix: value("prefix"),
+            unit: self.args.unit,
             metadata_bytes: app.limits.metadata_bytes,
+            ..Placing::default()
         };
         let options = self.args.reading.options()?;
         let limits = app.limits;
@@ -450,6 +458,7 @@ fn words(Line { file, fate }: &Line) -> String {
             }
             parts
                 .extend(summary.left_out.iter().map(|left| format!("{} {} left out", left.count, left.what)));
+            parts.extend(summary.units.as_ref().and_then(FileUnits::sentence));
             parts.extend(summary.warnings.iter().map(|warning| format!("warning: {warning}")));
             parts.join("; ")
         }

@@ -9,7 +9,9 @@ use crate::domain::shape::{NewShape, ShapeMeasures};
 use crate::formats::fault::Fault;
 use crate::formats::files::{Geometry, Place, Record};
 use crate::formats::ndjson::Line;
+use crate::formats::record::Placing;
 use crate::formats::shape::ShapeInput;
+use crate::formats::unit::Unit;
 use crate::geometry::resample::check_extent;
 use crate::service::app::ServiceError;
 use crate::service::shapes::names::external_id;
@@ -61,6 +63,14 @@ impl Incoming {
         match self {
             Self::Line(line) => line.text.len(),
             Self::Parsed(_) | Self::Record(_) => 0,
+        }
+    }
+
+    /// What the coordinates of a record are in, where it is known.
+    pub(super) fn unit(&self, placing: &Placing) -> Option<Unit> {
+        match self {
+            Self::Record(record) => placing.unit_of(record),
+            Self::Line(_) | Self::Parsed(_) => None,
         }
     }
 

@@ -11,6 +11,8 @@ use crate::domain::filter::ShapeFilter;
 use crate::domain::id;
 use crate::domain::shape::Shape;
 use crate::formats::fault::Fault;
+use crate::formats::lengths::unit_of;
+use crate::formats::unit::Unit;
 use crate::service::app::faults::Faults;
 use crate::service::app::{App, Page, ServiceError, now_ms};
 use crate::service::shapes::read;
@@ -18,8 +20,6 @@ use crate::store::{ListCursor, Listing, Order, Revisions};
 
 /// Maximum length of a description.
 const MAX_DESCRIPTION_CHARS: usize = 10_000;
-/// Maximum length of the name of a unit.
-const MAX_UNIT_CHARS: usize = 50;
 
 /// Faults of the texts of a cohort; absent texts are not checked.
 pub fn text_faults(name: Option<&str>, description: Option<&str>, length_unit: Option<&str>) -> Vec<Fault> {
@@ -34,20 +34,22 @@ pub fn text_faults(name: Option<&str>, description: Option<&str>, length_unit: O
     if description.is_some_and(|text| text.contains('\0')) {
         faults.push(Fault::new("/description", "expected text without the character U+0000"));
     }
-    if length_unit.is_some_and(|unit| unit.contains(char::is_control)) {
-        faults.push(Fault::new("/length_unit", "expected text without control characters"));
-    }
-    if length_unit.is_some_and(|unit| unit.is_empty() || unit.chars().count() > MAX_UNIT_CHARS) {
-        faults.push(Fault::new("/length_unit", format!("expected 1 to {MAX_UNIT_CHARS} characters")));
+    if let Some(Err(detail)) = length_unit.map(unit_of) {
+        faults.push(Fault::new("/length_unit", detail));
     }
     faults
+}
+
+/// The word of the unit that a text names; a text that names none stays.
+pub fn word_of_unit(text: Option<String>) -> Option<String> {
+    text.map(|text| Unit::find(&text).map_or(text, |unit| unit.word().into()))
 }
 
 /// Creates a cohort.
 ///
 /// # Errors
 /// All invalid fields; a name that is taken; [`ServiceError::Forbidden`] for keys limited to certain cohorts.
-pub async fn create(app: &App, spec: CohortSpec) -> Result<Cohort, ServiceError> {
+pub async fn create(app: &App, mut spec: CohortSpec) -> Result<Cohort, ServiceError> {
     app.check_unlimited("creating a cohort")?;
     let texts = text_faults(Some(&spec.name), spec.description.as_deref(), spec.length_unit.as_deref());
     let mut faults = Faults::from(texts);
@@ -58,6 +60,7 @@ pub async fn create(app: &App, spec: CohortSpec) -> Result<Cohort, ServiceError>
     if let Some(id) = app.done_before::<String>().await? {
         return find(app, &id).await;
     }
+    spec.length_unit = word_of_unit(spec.length_unit);
     let now = now_ms();
     let cohort = Cohort {
         id: id::new_id(id::COHORT),
@@ -141,11 +144,13 @@ pub async fn update(
     if let Some(unit) = length_unit {
         spec.length_unit = unit;
     }
-    let (description, unit) = (spec.description.as_deref(), spec.length_unit.as_deref());
-    let mut faults = Faults::from(text_faults(Some(&spec.name), description, unit));
+    // What an earlier release has stored stays.
+    let unit = spec.length_unit.as_deref().filter(|_| spec.length_unit != former.length_unit);
+    let mut faults = Faults::from(text_faults(Some(&spec.name), spec.description.as_deref(), unit));
     faults.keep(read::check_correspondence(&spec.representation, spec.correspondence))?;
     faults.keep(read::check_mirror(&spec.representation, spec.mirror))?;
     faults.unless_any()?;
+    spec.length_unit = word_of_unit(spec.length_unit.take());
     if Rule::of(&former) != Rule::of(spec) {
         return rules::change(app, &former, cohort).await;
     }

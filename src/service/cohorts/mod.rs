@@ -6,6 +6,7 @@
 //! * [`corrections`] — attributes of shapes changed, shapes deleted by a filter, subjects erased;
 //! * [`upload`] — streams of shapes into a cohort; [`upload_file`] — files of other programs; `placer` — their records as shapes;
 //!   `arriving` — shapes on their way; [`fits`] — what fits to meshes have left;
+//! * [`lengths`] — the unit of a cohort, and that of a file;
 //! * [`example`] — the example cohort of an empty store;
 //! * [`source`] — shapes of a cohort at one revision, as a source for statistics;
 //! * [`selection`] — control points of selected shapes, in the order of their descriptions;
@@ -25,6 +26,7 @@ pub mod corrections;
 pub(crate) mod directed;
 pub mod example;
 pub mod fits;
+pub mod lengths;
 pub mod live_mean;
 pub mod matching;
 pub(crate) mod measures;

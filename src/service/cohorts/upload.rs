@@ -18,6 +18,7 @@ use super::arriving::{Arrived, Incoming, Origin, Taken, read};
 use super::attribute_names;
 use super::catalogue::{Expected, revision_tag};
 use super::fits::{Fits, MeshResidual};
+use super::lengths::Lengths;
 use super::measures::Measuring;
 use super::placer::Placer;
 use crate::analysis::conversion::Conversion;
@@ -157,6 +158,8 @@ pub struct Occasion {
     pub note: Option<serde_json::Value>,
     /// The job that adds them, as it was claimed: nothing is stored unless it is still held.
     pub job: Option<Job>,
+    /// Units of shapes that were converted.
+    pub lengths: Lengths,
 }
 
 /// Adds the shapes of one body.
@@ -192,6 +195,7 @@ pub async fn add_as(
         return Ok(stored);
     }
     let mut writer = Writer::new(app, &cohort, treatment, "/shapes/", expected).await?;
+    writer.lengths = occasion.lengths.clone();
     writer.occasion = occasion;
     let incoming = shapes.into_iter().map(|shape| Incoming::Parsed(Box::new(shape))).collect();
     let taken = writer.take(app, incoming).await;
@@ -293,6 +297,8 @@ pub(super) struct Writer {
     faults: Faults,
     /// How records of files become shapes.
     pub(super) placing: Arc<Placing>,
+    /// Units of the shapes.
+    pub(super) lengths: Lengths,
     /// Names of the further attributes of the shapes.
     names: BTreeSet<String>,
     /// Warnings of the shapes: their text with the number of shapes that have it.
@@ -338,6 +344,7 @@ impl Writer {
             occasion: Occasion::default(),
             faults: Faults::default(),
             placing: Arc::default(),
+            lengths: Lengths::default(),
             names: BTreeSet::new(),
             warnings: BTreeMap::new(),
         })
@@ -498,8 +505,22 @@ impl Writer {
         Ok(results)
     }
 
+    /// Notes the units of records, and in which they are stored.
+    fn meet_units(&mut self, incoming: &[Incoming]) -> Result<(), ServiceError> {
+        let mut units: Vec<_> = incoming.iter().filter_map(|incoming| incoming.unit(&self.placing)).collect();
+        units.dedup();
+        for unit in units {
+            let stored = Some(self.lengths.meet(unit)?);
+            if self.placing.stored_unit != stored {
+                Arc::make_mut(&mut self.placing).stored_unit = stored;
+            }
+        }
+        Ok(())
+    }
+
     async fn take_some(&mut self, app: &App, incoming: Vec<Incoming>) -> Result<(), ServiceError> {
         let first = self.position;
+        self.meet_units(&incoming)?;
         let results = self.read_some(app, incoming).await?;
         let mut good = Vec::with_capacity(results.len());
         for (index, (external_id, result)) in (first..).zip(results) {
@@ -544,7 +565,7 @@ impl Writer {
         let list = self.list();
         let warnings = if taken.is_ok() { self.said(app).await } else { Ok(Vec::new()) };
         let Self { chunks, task, position, treatment, skipped, left_out, results, occasion, .. } = self;
-        let Self { repeated_points, self_intersecting, retry, cohort, expected, names, .. } = self;
+        let Self { repeated_points, self_intersecting, retry, cohort, expected, names, lengths, .. } = self;
         drop(chunks);
         let written =
             task.await.map_err(|error| ServiceError::Internal(format!("the writing task: {error}")))?;
@@ -565,7 +586,10 @@ impl Writer {
             return Ok(stored);
         }
         match attribute_names::admit(app, &cohort, names, list).await {
-            Ok(names) => upload.name_attributes(names),
+            Ok(names) => {
+                upload.name_attributes(names);
+                upload.keep_unit(lengths.at_commit());
+            }
             Err(error) => {
                 upload.abort().await?;
                 return Err(error);

@@ -11,6 +11,7 @@ use tokio::sync::mpsc;
 
 use super::arriving::Incoming;
 use super::catalogue::Expected;
+use super::lengths::Lengths;
 use super::upload::{Stored, Treatment, Writer};
 use crate::domain::cohort::Cohort;
 use crate::formats::fault::Fault;
@@ -62,18 +63,20 @@ pub async fn add_file(
     expected: Option<Expected>,
 ) -> Result<Stored, ServiceError> {
     let mut writer = Writer::new(app, &cohort, treatment, "", expected).await?;
-    let taken = take_file(app, &mut writer, stream, file).await;
+    let taken = take_file(app, &mut writer, &cohort, stream, file).await;
     writer.end(app, taken).await
 }
 
 async fn take_file(
     app: &App,
     writer: &mut Writer,
+    cohort: &Cohort,
     stream: impl Stream<Item = Result<Bytes, ServiceError>>,
     file: FileToAdd,
 ) -> Result<(), ServiceError> {
     let FileToAdd { limits, placing, read } = file;
     writer.placing = Arc::new(placing);
+    writer.lengths = Lengths::of(cohort);
     let (mut retry, domain) = (writer.retry.take(), writer.domain());
     let (sender, mut batches) = mpsc::channel(1);
     let reading = read_incoming(app, stream, limits, &mut retry, move |mut source, stop| {
@@ -99,6 +102,8 @@ async fn take_file(
     }
     let counted = |(text, count): (&String, &usize)| format!("{count} shapes: {text}");
     summary.warnings.extend(writer.warnings.iter().map(counted));
+    summary.warnings.extend(writer.lengths.warning());
+    summary.units = writer.lengths.told();
     writer.occasion.note = json::to_value(&summary).ok();
     Ok(())
 }

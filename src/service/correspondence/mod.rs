@@ -22,6 +22,7 @@ use crate::domain::shape::ShapeDescription;
 use crate::formats::fault::Fault;
 use crate::formats::json;
 use crate::formats::shape::ShapeInput;
+use crate::formats::unit::Unit;
 use crate::geometry::reparametrisation::Spherical;
 use crate::numeric::dense::Matrix;
 use crate::service::app::progress::{JobContext, Meter, Part};
@@ -250,6 +251,7 @@ async fn store(
         description: Some(description.clone()),
         correspondence: Correspondence::Landmarks,
         direction: Direction::Given,
+        length_unit: source.spec.length_unit.clone().filter(|unit| Unit::find(unit).is_some()),
         ..source.spec.clone()
     };
     let existing = app.store.find_cohort(&plan.name).await?;
@@ -261,7 +263,7 @@ async fn store(
         _ => catalogue::create(&app.clone().with_retry(None), spec).await?,
     };
     note["cohort"] = json!(cohort.id);
-    let occasion = Occasion { note: Some(note), job: Some(job.clone()) };
+    let occasion = Occasion { note: Some(note), job: Some(job.clone()), ..Occasion::default() };
     let id = cohort.id.clone();
     let added = upload::add_as(app, cohort, inputs, Treatment::default(), None, occasion).await;
     if added.is_err() {

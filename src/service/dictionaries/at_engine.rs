@@ -171,7 +171,7 @@ impl<'a> AtEngine<'a> {
         let spec = &self.cohort.spec;
         json!({"id": self.id, "name": spec.name, "representation": spec.representation,
             "correspondence": spec.correspondence, "direction": spec.direction, "mirror": spec.mirror,
-            "length_unit": spec.length_unit, "revision": self.cohort.revision, "shape_count": shapes})
+            "length_unit": spec.shown_unit(), "revision": self.cohort.revision, "shape_count": shapes})
     }
 }
 

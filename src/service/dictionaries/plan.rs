@@ -81,7 +81,7 @@ impl Plan {
             correspondence: cohort.spec.correspondence,
             direction: cohort.spec.direction,
             mirror: self.mirror,
-            length_unit: cohort.spec.length_unit.clone(),
+            length_unit: cohort.spec.shown_unit().map(str::to_owned),
             transformation: self.transformation.clone(),
             alignment: self.alignment,
             frame: self.frame,

@@ -148,7 +148,7 @@ async fn write_pages(
     let content = Arc::new(Content::new(&space, &file)?);
     let at_once = file.at_once();
     let ShapeFile { format, mut options, .. } = file;
-    options.unit = options.unit.or_else(|| cohort.spec.length_unit.clone());
+    options.unit = options.unit.or_else(|| cohort.spec.shown_unit().map(str::to_owned));
     options.facts.extend(facts(cohort));
     options.shapes = Some(count);
     let memory = app.memory.clone();

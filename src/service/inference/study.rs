@@ -303,7 +303,7 @@ impl<K: StudyKind> PlannedTest for Study<K> {
     }
 
     fn draw(&self, answer: &K::Record) -> Drawing {
-        self.setup.in_scale(K::draw(self, answer), self.cohort.spec.length_unit.as_deref())
+        self.setup.in_scale(K::draw(self, answer), self.cohort.spec.shown_unit())
     }
 }
 

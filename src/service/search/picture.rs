@@ -99,7 +99,7 @@ fn drawing(
     let rows = queries.map(aligned).collect::<Result<Vec<Row>, ServiceError>>()?;
     let title = format!("nearest shapes of {}, and their distances", cohort.spec.name);
     let drawing = draw_nearest(&setup.space, &setup.method, &title, &rows);
-    Ok(setup.in_scale(drawing, cohort.spec.length_unit.as_deref()))
+    Ok(setup.in_scale(drawing, cohort.spec.shown_unit()))
 }
 
 /// A query and its neighbours, aligned to it.

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use crate::formats::image::{
     Description, Grid, ImageError, ImageFile, Limits as FileLimits, describe, read, read_labels,
 };
+use crate::formats::unit::Unit;
 use crate::segmentation::SegmentationError;
 use crate::segmentation::frame::Frame;
 use crate::service::app::{Limits, ServiceError};
@@ -35,12 +36,11 @@ pub struct ImageOutput {
 impl ImageOutput {
     /// The grid of an image.
     pub fn new(grid: &Grid) -> Self {
-        use crate::formats::image::LengthUnit;
         let axes = if grid.is_planar() { 2 } else { 3 };
         Self {
             size: grid.size()[..axes].to_vec(),
             spacing: grid.spacing()[..axes].to_vec(),
-            has_lengths: grid.units()[..axes].iter().all(|unit| *unit != LengthUnit::Unknown),
+            has_lengths: grid.has_lengths(),
         }
     }
 }
@@ -110,6 +110,15 @@ impl Part<'_> {
 
     fn refused(&self, error: &ImageError) -> ServiceError {
         ServiceError::invalid(format!("/{}", self.name), error.to_string())
+    }
+}
+
+/// What coordinates of a grid are in: cells, or what positions are in.
+pub fn unit_of(grid: &Grid, coordinates: Coordinates) -> Option<Unit> {
+    match coordinates {
+        Coordinates::World => grid.unit(),
+        Coordinates::Index if grid.is_planar() => Some(Unit::Pixel),
+        Coordinates::Index => Some(Unit::Voxel),
     }
 }
 

@@ -22,6 +22,7 @@ use crate::formats::json;
 use crate::service::app::progress::JobContext;
 use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::catalogue::{self, Expected, revision_tag};
+use crate::service::cohorts::lengths::Lengths;
 use crate::service::cohorts::upload::Stored as Uploaded;
 use crate::service::jobs::inline_or_job::AT_ONCE_SECONDS;
 use crate::service::jobs::{self, Outcome};
@@ -178,18 +179,22 @@ impl Plan {
         let cohort = handle.block_on(catalogue::find(app, cohort))?;
         let (parts, attracting) = self.files(app, handle, job)?;
         let asked: CohortSegmentRequest = app.parse(&parts.parameters)?;
-        let (asked, Storing { objects, store_failed }) = asked.split(&cohort)?;
-        let membership = Membership {
+        let (asked, Storing { objects, store_failed, unit }) = asked.split(&cohort)?;
+        let mut membership = Membership {
             expected: self.revision.map(|revision| expected(&cohort, revision)),
             cohort,
             objects,
             store_failed,
             digests: self.digests.clone(),
             job: Some(job.clone()),
+            unit,
+            lengths: Lengths::default(),
         };
         let prepared = parts.prepared_here(app, asked, attracting)?;
         let attributes = membership.attributes(&prepared.wanted.starts)?;
-        let found = prepared.ready(app)?.segment_in_job(app)?;
+        let ready = prepared.ready(app)?;
+        membership.meet(ready.unit())?;
+        let found = ready.segment_in_job(app)?;
         let arriving = membership.arriving(found.answer, attributes)?;
         let (answer, _) = handle.block_on(membership.store(app, arriving))?;
         Ok(outcome(answer))

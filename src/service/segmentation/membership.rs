@@ -16,9 +16,12 @@ use crate::domain::job::Job;
 use crate::formats::checked::{Checked, Metadata};
 use crate::formats::fault::Fault;
 use crate::formats::json;
+use crate::formats::lengths::FileUnits;
 use crate::formats::shape::{PointList, ShapeInput};
+use crate::formats::unit::Unit;
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::cohorts::catalogue::{Expected, revision_tag};
+use crate::service::cohorts::lengths::Lengths;
 use crate::service::cohorts::upload::{self, Occasion, Stored, Treatment};
 use crate::service::shapes::outcome::OnError;
 use crate::service::shapes::read::attributes;
@@ -76,6 +79,10 @@ pub struct Membership {
     pub digests: Digests,
     /// The job that adds the objects, as it was claimed.
     pub job: Option<Job>,
+    /// Unit of the coordinates, whatever the image says.
+    pub unit: Option<Unit>,
+    /// Units of the shapes.
+    pub lengths: Lengths,
 }
 
 /// A segmented object, and what became of it.
@@ -104,6 +111,14 @@ pub struct MembersAnswer {
     added: usize,
     /// Revision of the cohort after the request.
     revision: u64,
+    /// Units of the image and of the cohort, in which shapes are stored; absent where the image gives no unit.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(required = false)]
+    units: Option<FileUnits>,
+    /// What should be known of the shapes as a whole. Absent if there is nothing to say.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    #[schema(required = false)]
+    warnings: Vec<String>,
 }
 
 /// Objects on their way to a cohort.
@@ -150,6 +165,16 @@ impl Membership {
         }
     }
 
+    /// Notes what the coordinates of an image are in, as far as it says.
+    ///
+    /// # Errors
+    /// A length where the shapes of the cohort have none, and the other way round.
+    pub fn meet(&mut self, stated: Option<Unit>) -> Result<(), ServiceError> {
+        self.unit = self.unit.or(stated);
+        self.lengths = Lengths::of(&self.cohort);
+        self.unit.map_or(Ok(()), |unit| self.lengths.meet(unit).map(drop))
+    }
+
     /// Shapes of the objects that are to be stored, with their origin.
     ///
     /// # Errors
@@ -173,7 +198,9 @@ impl Membership {
             members.push(MemberOutput { object, external_id, id: None, not_stored });
         }
         let revision = self.cohort.revision;
-        let answer = MembersAnswer { image, coordinates, results: members, added: 0, revision };
+        let (units, warnings) = (self.lengths.told(), self.lengths.warning().into_iter().collect());
+        let answer =
+            MembersAnswer { image, coordinates, results: members, added: 0, revision, units, warnings };
         let answer = json::to_value(&answer).map_err(|error| ServiceError::Internal(error.to_string()))?;
         Ok(Arriving { shapes, places, answer })
     }
@@ -183,9 +210,18 @@ impl Membership {
         let origin = self.digests.origin(object.index, object.stop);
         let given = attributes.metadata.and_then(|data| data.take("/metadata", &mut Vec::new()));
         ShapeInput {
-            control_points: Some(Box::new(PointList::from(&object.control_points))),
+            control_points: Some(Box::new(self.stored_points(object))),
             metadata: Some(Box::new(Metadata::of(&with_origin(given, origin)))),
             ..ShapeInput { metadata: None, ..attributes }
+        }
+    }
+
+    /// The control points of an object in the unit of the cohort.
+    fn stored_points(&self, object: &SegmentedOutput) -> PointList {
+        let points = PointList::from(&object.control_points);
+        match self.lengths.ratio() {
+            Some(ratio) => points.scaled(ratio),
+            None => points,
         }
     }
 
@@ -200,7 +236,7 @@ impl Membership {
         }
         let list = if self.objects.is_some() { "objects" } else { "shapes" };
         let treatment = Treatment { on_error: OnError::Skip, ..Treatment::default() };
-        let occasion = Occasion { note: Some(answer), job: self.job };
+        let occasion = Occasion { note: Some(answer), job: self.job, lengths: self.lengths };
         let stored = upload::add_as(app, self.cohort, shapes, treatment, self.expected, occasion).await;
         let stored = stored.map_err(|error| in_request(error, list, &places))?;
         match Repeated::of(stored)? {

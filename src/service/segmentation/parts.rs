@@ -11,6 +11,7 @@ use super::segment::{Files, Planned};
 use super::shown::Segmented;
 use super::starts;
 use super::wanted::Wanted;
+use crate::formats::unit::Unit;
 use crate::service::app::memory::Purpose;
 use crate::service::app::{App, ServiceError, Work};
 
@@ -138,6 +139,11 @@ impl Ready {
     /// Predicted cost.
     pub fn estimate(&self) -> SegmentEstimate {
         self.planned.estimate()
+    }
+
+    /// What the coordinates of the objects are in, where the image says so.
+    pub fn unit(&self) -> Option<Unit> {
+        self.planned.unit()
     }
 
     /// Segments the objects of a request, for which it reserves memory.

@@ -17,8 +17,10 @@ use crate::formats::checked::{
     Checked, List, Many, Raw, SMALL, document, take_given, take_many, take_or_default,
 };
 use crate::formats::fault::Fault;
+use crate::formats::lengths::unit_of;
 use crate::formats::representation::Read;
 use crate::formats::shape::{ObjectInput, ShapeInput};
+use crate::formats::unit::Unit;
 use crate::geometry::representation::Representation;
 use crate::service::app::{App, ServiceError};
 use crate::service::statistics::{CheckedSettings, Settings};
@@ -75,6 +77,11 @@ requests! {
         /// Default: false.
         #[schema(value_type = Option<bool>)]
         store_failed: Checked<bool>;
+        /// What the coordinates are in, whatever the image states: `m`, `cm`, `mm`, `um`, `nm`, `inch`, `pixel`, `voxel` or `none`.
+        /// Lengths are stored in the unit of the cohort. Default: `mm` where the image states lengths, `pixel` or `voxel` where it
+        /// counts cells.
+        #[schema(value_type = Option<String>)]
+        unit: Checked<String>;
     } {
         /// Representation of the shapes: `closed_curve` in the plane; `surface` with the topology `sphere`, `cylinder` (closed by lids)
         /// or `torus`; `subdivision` with a linear scheme.
@@ -166,6 +173,8 @@ pub struct Storing {
     pub objects: Option<Vec<ShapeInput>>,
     /// Whether those are stored that have failed.
     pub store_failed: bool,
+    /// Unit of the coordinates, whatever the image says.
+    pub unit: Option<Unit>,
 }
 
 impl CohortSegmentRequest {
@@ -180,6 +189,8 @@ impl CohortSegmentRequest {
         let objects = objects.map(|objects| objects.into_iter().map(ShapeInput::from).collect());
         let store_failed =
             take_or_default(self.store_failed, "/store_failed", &mut errors).unwrap_or_default();
+        let unit = take_given(self.unit, "/unit", &mut errors).map(|text| unit_of(&text)).transpose();
+        let unit = unit.map_err(|detail| errors.push(Fault::new("/unit", detail))).ok().flatten();
         if let Some(posted) = asked.representation.as_ref().and_then(Read::get)
             && *posted != cohort.spec.representation
         {
@@ -187,7 +198,7 @@ impl CohortSegmentRequest {
             errors.push(Fault::new("/representation", detail));
         }
         ServiceError::unless_empty(errors)?;
-        Ok((asked, Storing { objects, store_failed }))
+        Ok((asked, Storing { objects, store_failed, unit }))
     }
 }
 

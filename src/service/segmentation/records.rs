@@ -8,8 +8,9 @@ use crate::formats::files::{
     FaultKind, FileError, Geometry, Holes, Mesh, Place, Points, ReadOptions, Record, Ring, Sink, Summary,
     Value,
 };
-use crate::formats::image::{Format, ImageError, LABEL_OPTIONS, LengthUnit, describe};
+use crate::formats::image::{Format, Grid, ImageError, LABEL_OPTIONS, LengthUnit, describe};
 use crate::formats::json;
+use crate::formats::unit::Ratio;
 use crate::service::app::{Limits, ServiceError};
 
 /// Reads a label image: one record for the outer boundary of each component of each label but 0, in world coordinates.
@@ -37,10 +38,13 @@ pub fn read_label_image(
     let (found, _) = boundaries(&file, &wanted, &limits, stop).map_err(refused)?;
     let mut summary = Summary::default();
     summary.set("size", file.grid.size().to_vec());
-    summary.set("spacing", file.grid.spacing().to_vec());
-    if file.grid.units().iter().any(|unit| *unit != LengthUnit::Unknown) {
-        summary.set("unit", "mm");
-    }
+    let unit = file.grid.unit();
+    // From positions to what the file gives lengths in.
+    let told = unit.zip(file.grid.unit_of_shapes());
+    let ratio = told.and_then(|(unit, of_shapes)| unit.to(of_shapes)).unwrap_or(Ratio::ONE);
+    summary.set("spacing", file.grid.spacing().map(|size| ratio.times(size)).to_vec());
+    summary.properties.extend(told.map(|(_, unit)| ("unit".to_owned(), unit.word().into())));
+    summary.warnings.extend(without_sizes(&file.grid));
     let mut components: BTreeMap<u32, usize> = BTreeMap::new();
     for boundary in &found {
         *components.entry(boundary.component().label).or_default() += 1;
@@ -53,12 +57,34 @@ pub fn read_label_image(
         };
         let title = names.get(&of.label).map(String::as_str);
         if options.selects(&of.label.to_string()) || title.is_some_and(|title| options.selects(title)) {
-            let mut titled = |record: Record| sink(Record { label: title.map(str::to_owned), ..record });
+            let mut titled = |record: Record| {
+                let record = Record { label: title.map(str::to_owned), unit, ..record };
+                sink(match told {
+                    Some((unit, of_shapes)) => record.converted(unit, of_shapes)?,
+                    None => record,
+                })
+            };
             give(boundary, object, &name, options, &mut summary, &mut titled)?;
             summary.records += 1;
         }
     }
     Ok(summary)
+}
+
+/// What should be known of a volume whose file gives no sizes of its voxels.
+fn without_sizes(grid: &Grid) -> Option<String> {
+    let [x, y, z] = grid.units();
+    let unknown = |unit: LengthUnit| unit.length().is_none();
+    match (grid.is_planar(), unknown(x) || unknown(y), z) {
+        (false, _, LengthUnit::Cell) => {
+            Some("the file gives no sizes of its voxels: they are taken for cubes of side 1".into())
+        }
+        (false, false, LengthUnit::Unknown) => Some(
+            "the file gives no distance between its layers: it is taken for 1 mm, and the unit of the shapes for unknown"
+                .into(),
+        ),
+        _ => None,
+    }
 }
 
 /// Memory that reading a label image takes, by its header.
@@ -189,8 +215,8 @@ fn refused(error: ServiceError) -> FileError {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::formats::image::detect;
     use crate::formats::image::write::png_u8;
-    use crate::formats::image::{Grid, detect};
 
     /// An image of 6 × 5 cells: a ring of label 7 around a hole, and two cells of label 3 apart.
     fn image() -> Vec<u8> {

@@ -7,7 +7,7 @@ use super::answer::{
     CellsOutput, SegmentAnswer, SegmentedOutput, StageOutput, TermOutput, TruthOutput, finite, warnings,
 };
 use super::cost::{self, SegmentEstimate};
-use super::image::{Coordinates, ImageOutput, Part, plane_frame, volume_frame};
+use super::image::{Coordinates, ImageOutput, Part, plane_frame, unit_of, volume_frame};
 use super::place;
 use super::prior::{begun, with_target};
 use super::reference::Structure;
@@ -18,6 +18,7 @@ use super::wanted::{Reference, Wanted, size};
 use crate::formats::fault::Fault;
 use crate::formats::image::{Description, Grid as FileGrid};
 use crate::formats::shape::{Points, ShapeInput};
+use crate::formats::unit::Unit;
 use crate::geometry::raster::{Grid, Mask, overlap_unless_stopped};
 use crate::numeric::bounded::Stop;
 use crate::numeric::dense::Matrix;
@@ -84,6 +85,11 @@ impl Planned {
         let files = read(&description).saturating_add(truth.as_ref().map_or(0, read));
         let bytes = cost::memory(&wanted, &grid, &stages, files);
         Ok(Self { wanted, stages, description, bytes })
+    }
+
+    /// What the coordinates of the objects are in, where the image says so.
+    pub fn unit(&self) -> Option<Unit> {
+        unit_of(&self.description.grid, self.wanted.coordinates)
     }
 
     /// Predicted work.

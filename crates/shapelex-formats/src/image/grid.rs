@@ -1,6 +1,7 @@
 //! The grid of an image: its size, and the positions of its cells.
 
 use super::error::ImageError;
+use crate::unit::Unit;
 
 /// Determinants below this, relative to the product of the lengths of the columns, are taken for zero: the inverse would have
 /// lost all digits that matter for positions.
@@ -17,21 +18,47 @@ pub enum LengthUnit {
     Millimetre,
     /// 0.001 mm.
     Micrometre,
+    /// 10⁻⁶ mm.
+    Nanometre,
     /// 25.4 mm.
     Inch,
-    /// Not given: lengths are taken for millimetres, and cells without lengths have the size 1.
+    /// A cell: the file gives no lengths, and cells have the size 1.
+    Cell,
+    /// Not given: lengths are taken for millimetres.
     Unknown,
 }
 
 impl LengthUnit {
-    /// Length of the unit in millimetres.
-    pub fn millimetres(self) -> f64 {
+    /// The unit of a length; `None` without one.
+    pub fn length(self) -> Option<Unit> {
         match self {
-            Self::Metre => 1000.0,
-            Self::Centimetre => 10.0,
-            Self::Millimetre | Self::Unknown => 1.0,
-            Self::Micrometre => 0.001,
-            Self::Inch => 25.4,
+            Self::Metre => Some(Unit::Metre),
+            Self::Centimetre => Some(Unit::Centimetre),
+            Self::Millimetre => Some(Unit::Millimetre),
+            Self::Micrometre => Some(Unit::Micrometre),
+            Self::Nanometre => Some(Unit::Nanometre),
+            Self::Inch => Some(Unit::Inch),
+            Self::Cell | Self::Unknown => None,
+        }
+    }
+
+    /// A number of this unit in millimetres.
+    pub fn millimetres(self, x: f64) -> f64 {
+        self.length().and_then(|unit| unit.to(Unit::Millimetre)).map_or(x, |ratio| ratio.times(x))
+    }
+}
+
+impl From<Unit> for LengthUnit {
+    fn from(unit: Unit) -> Self {
+        match unit {
+            Unit::Metre => Self::Metre,
+            Unit::Centimetre => Self::Centimetre,
+            Unit::Millimetre => Self::Millimetre,
+            Unit::Micrometre => Self::Micrometre,
+            Unit::Nanometre => Self::Nanometre,
+            Unit::Inch => Self::Inch,
+            Unit::Pixel | Unit::Voxel => Self::Cell,
+            Unit::None => Self::Unknown,
         }
     }
 }
@@ -125,6 +152,34 @@ impl Grid {
     /// Units of lengths along x, y, z in the file.
     pub fn units(&self) -> [LengthUnit; 3] {
         self.units
+    }
+
+    /// Whether the file gives lengths along all axes that it has.
+    pub fn has_lengths(&self) -> bool {
+        self.axes().iter().all(|unit| unit.length().is_some())
+    }
+
+    /// What positions are in: millimetres where the file gives lengths, cells where it gives none; `None` where it does not say the
+    /// unit of its lengths.
+    pub fn unit(&self) -> Option<Unit> {
+        match self.axes() {
+            _ if self.has_lengths() => Some(Unit::Millimetre),
+            axes if axes.iter().any(|unit| *unit != LengthUnit::Cell) => None,
+            _ if self.is_planar() => Some(Unit::Pixel),
+            _ => Some(Unit::Voxel),
+        }
+    }
+
+    /// The unit in which shapes of the image are told: that of the file where it is a small one, else that of positions.
+    pub fn unit_of_shapes(&self) -> Option<Unit> {
+        let [first, others @ ..] = self.axes() else { return None };
+        let is_small = matches!(first, LengthUnit::Micrometre | LengthUnit::Nanometre);
+        if is_small && others.iter().all(|unit| unit == first) { first.length() } else { self.unit() }
+    }
+
+    /// Units along the axes that the image has.
+    fn axes(&self) -> &[LengthUnit] {
+        if self.is_planar() { &self.units[..2] } else { &self.units }
     }
 
     /// Distances between neighbouring centres along x, y, z in millimetres: the lengths of the columns of `A`.

@@ -10,6 +10,7 @@ use super::grid::{Grid, LengthUnit, cross};
 use super::limits::{Limits, reserve};
 use super::stream::{DEFLATE_RATIO, STREAM_BYTES, Stream};
 use super::value::{Numbers, Source, Target, ValueType};
+use crate::unit::Unit;
 use crate::words::MAX_NAME;
 
 /// Name in messages.
@@ -221,8 +222,9 @@ impl Axes {
             Some(text) => directions(text, count, fields.get("space origin"))?,
             None => spacings(fields.get("spacings"), count)?,
         };
-        let millimetres = unit.millimetres();
-        affine.iter_mut().flatten().for_each(|entry| *entry *= millimetres);
+        affine.iter_mut().flatten().for_each(|entry| *entry = unit.millimetres(*entry));
+        let sizes = ["space directions", "spacings"].iter().any(|name| fields.get(name).is_some());
+        let unit = if unit == LengthUnit::Unknown && !sizes { LengthUnit::Cell } else { unit };
         Ok(Self { size, affine, unit })
     }
 }
@@ -317,16 +319,10 @@ fn unit(fields: &Fields) -> Result<LengthUnit, ImageError> {
     if units.any(|unit| unit != first) {
         return Err(unsupported("one unit of all axes", text));
     }
-    match first.to_lowercase().as_str() {
-        "" | "???" => Ok(LengthUnit::Unknown),
-        "m" | "meter" | "metre" => Ok(LengthUnit::Metre),
-        "cm" | "centimeter" | "centimetre" => Ok(LengthUnit::Centimetre),
-        "mm" | "millimeter" | "millimetre" => Ok(LengthUnit::Millimetre),
-        "um" | "µm" | "μm" | "micron" | "microns" | "micrometer" | "micrometre" => {
-            Ok(LengthUnit::Micrometre)
-        }
-        "in" | "inch" => Ok(LengthUnit::Inch),
-        other => Err(unsupported("lengths in m, cm, mm, um or inch (space units)", other)),
+    match Unit::find(first) {
+        _ if ["", "???"].contains(&first) => Ok(LengthUnit::Unknown),
+        Some(unit) if unit != Unit::None => Ok(unit.into()),
+        _ => Err(unsupported("lengths in m, cm, mm, um, nm or inch (space units)", first)),
     }
 }
 

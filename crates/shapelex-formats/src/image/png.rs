@@ -96,7 +96,7 @@ impl Header {
         let sample = if info.bit_depth == BitDepth::Sixteen { 2 } else { 1 };
         let cells = size.iter().map(|size| *size as u64).product::<u64>();
         let expanded = cells.saturating_mul(channels * sample);
-        let grid = Grid::along_axes(size, [1.0; 3], [LengthUnit::Unknown; 3])?;
+        let grid = Grid::along_axes(size, [1.0; 3], [LengthUnit::Cell; 3])?;
         Ok(Self { grid, colour: info.color_type, depth: info.bit_depth, compressed, expanded })
     }
 }

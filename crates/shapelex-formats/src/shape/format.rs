@@ -7,7 +7,8 @@ use super::options::{ReadOptions, WriteOptions};
 use super::record::{Kind, Sink};
 use super::source::Source;
 use super::summary::Summary;
-use super::write::{Opened, Output, Writer};
+use super::write::{InUnit, Opened, Output, Writer};
+use crate::unit::Unit;
 
 /// Reads all records of a file.
 pub(super) type Read = fn(&mut Source<'_>, &ReadOptions, Sink<'_>) -> Result<Summary, FileError>;
@@ -36,6 +37,15 @@ pub struct Format {
 }
 
 impl Format {
+    /// What coordinates are in by the definition of the format, in files that have no place for a unit.
+    pub fn unit(&self) -> Option<Unit> {
+        match self.id {
+            "rtstruct" | "fcsv" => Some(Unit::Millimetre),
+            "imagej-roi" | "imagej-roi-set" | "coco" => Some(Unit::Pixel),
+            _ => None,
+        }
+    }
+
     /// Whether files of the format can be read.
     pub fn is_read(&self) -> bool {
         self.read.is_some()
@@ -46,7 +56,7 @@ impl Format {
         self.open.is_some()
     }
 
-    /// Begins a file of this format.
+    /// Begins a file of this format. Coordinates are converted to its unit from that of each record, else from that of the options.
     ///
     /// # Errors
     /// A format that is only read; those of the output.
@@ -61,6 +71,11 @@ impl Format {
             return Err(FileError::new(FaultKind::Unsupported, detail));
         };
         options.check()?;
-        open(Box::new(output), options)
+        let writer = open(Box::new(output), options)?;
+        let given = options.unit.as_deref().and_then(Unit::find);
+        Ok(match self.unit() {
+            Some(unit) => Box::new(InUnit::new(writer, given, unit)),
+            None => writer,
+        })
     }
 }

@@ -173,6 +173,7 @@ fn outline(record: &Record) -> Record {
         name: record.name.clone(),
         label: record.label.clone(),
         ring: record.ring.clone(),
+        unit: record.unit,
         ..Record::new(record.geometry.clone(), record.place.clone())
     }
 }

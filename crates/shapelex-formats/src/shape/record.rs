@@ -4,9 +4,10 @@ use std::collections::BTreeMap;
 
 use serde_json::{Map, Value as Json};
 
-use super::error::{FileError, Place};
+use super::error::{FaultKind, FileError, Place};
 use super::json::{SCALAR, map_bytes, map_characters, text_characters};
 use super::limits::{MAX_COORDINATE, MAX_DIMENSION};
+use crate::unit::{Ratio, Unit};
 
 /// Takes the next record of a file. Its error ends the reading and is returned.
 pub type Sink<'a> = &'a mut dyn FnMut(Record) -> Result<(), FileError>;
@@ -16,6 +17,8 @@ pub type Sink<'a> = &'a mut dyn FnMut(Record) -> Result<(), FileError>;
 pub struct Record {
     /// The shape.
     pub geometry: Geometry,
+    /// What its coordinates are in, where the file says so.
+    pub unit: Option<Unit>,
     /// Name of the shape within the file: the external id where it is stored.
     pub name: Option<String>,
     /// Option of reading that gives the shapes of the file other names, where several may have the same: `names=id`.
@@ -41,6 +44,7 @@ impl Record {
     pub fn new(geometry: impl Into<Geometry>, place: Place) -> Self {
         Self {
             geometry: geometry.into(),
+            unit: None,
             name: None,
             other_names: None,
             subject: None,
@@ -60,6 +64,28 @@ impl Record {
             Geometry::Mesh(mesh) => mesh.vertices.is_empty(),
             Geometry::Fourier(_) => false,
         }
+    }
+
+    /// The same in another unit, if it can be: coordinates, and the unit where the metadata name it. Positions of planes and
+    /// slices in the metadata stay in the unit of the file.
+    ///
+    /// # Errors
+    /// A length where the other unit is none, and the other way round; coordinates beyond the limits in the other unit.
+    pub fn converted(mut self, from: Unit, to: Unit) -> Result<Self, FileError> {
+        let Some(ratio) = from.to(to) else {
+            let detail = format!("expected coordinates in {}, got {}", to.word(), from.word());
+            return Err(FileError::new(FaultKind::Unsupported, detail));
+        };
+        let stated = self.metadata.get("unit").and_then(Json::as_str).and_then(Unit::find);
+        if stated.is_some() && stated == self.unit && stated != Some(to) {
+            self.metadata.insert("unit".into(), to.word().into());
+        }
+        self.unit = Some(to);
+        if ratio != Ratio::ONE {
+            self.geometry.scale(ratio);
+            self.check()?;
+        }
+        Ok(self)
     }
 
     /// About the number of bytes that it takes in memory.
@@ -280,6 +306,18 @@ impl Geometry {
         match self {
             Self::Fourier(fourier) => fourier.dimension(),
             other => other.points().map_or(0, Points::dimension),
+        }
+    }
+
+    /// Multiplies all coordinates.
+    fn scale(&mut self, ratio: Ratio) {
+        let scale = |numbers: &mut [f64]| numbers.iter_mut().for_each(|x| *x = ratio.times(*x));
+        match self {
+            Self::Curve { points, .. } | Self::Landmarks(points) => scale(&mut points.coordinates),
+            Self::Mesh(mesh) => scale(&mut mesh.vertices.coordinates),
+            Self::Fourier(Fourier { constant, cosine, sine }) => {
+                [constant, cosine, sine].into_iter().for_each(|numbers| scale(numbers));
+            }
         }
     }
 

@@ -1,5 +1,7 @@
 //! The registry of formats.
 
+use std::collections::BTreeSet;
+
 use super::account::Account;
 use super::error::{FaultKind, FileError, Place};
 use super::format::Format;
@@ -87,7 +89,11 @@ pub fn read(
     options.check(format)?;
     let mut account = Account::new(*source.limits(), source.content());
     let (mut empty, mut left_out) = (0, Summary::default());
-    let mut counted = |record: Record| {
+    let unit = format.unit();
+    let mut units = BTreeSet::new();
+    let mut counted = |mut record: Record| {
+        record.unit = record.unit.or(unit);
+        units.insert(record.unit);
         let checked = account.add(&record).and_then(|()| record.check());
         checked.map_err(|error| {
             let is_placed = record.place != Place::default();
@@ -106,6 +112,12 @@ pub fn read(
         _ => error,
     })?;
     summary.records = account.records - empty;
+    // One unit of all shapes is a fact of the file.
+    let common =
+        if units.is_empty() { unit } else { units.pop_first().flatten().filter(|_| units.is_empty()) };
+    if let Some(unit) = common {
+        summary.properties.entry("unit".into()).or_insert_with(|| unit.word().into());
+    }
     summary.dropped.extend(left_out.dropped);
     Ok(summary)
 }
@@ -159,7 +171,6 @@ fn shown(head: &[u8]) -> String {
 mod tests {
     use super::*;
     use crate::shape::Limits;
-    use std::collections::BTreeSet;
 
     #[test]
     fn words_of_formats_are_their_own() {

@@ -13,7 +13,7 @@ fn grey_values_are_kept_as_integers() {
         (image.grid.size(), &image.values[..]),
         ([3, 2, 1], &[0.0, 1.0, 2.0, 100.0, 200.0, 255.0][..])
     );
-    assert_eq!((image.grid.spacing(), image.grid.units()), ([1.0; 3], [LengthUnit::Unknown; 3]));
+    assert_eq!((image.grid.spacing(), image.grid.units()), ([1.0; 3], [LengthUnit::Cell; 3]));
     assert_eq!(read_labels(&file, &LIMITS).unwrap().values, [0, 1, 2, 100, 200, 255]);
     is_refused_when_cut_off(&file[..file.len() - 12]);
     let file = png([2, 1], ColorType::Grayscale, BitDepth::Sixteen, &[1, 2, 255, 255]);

@@ -4,6 +4,7 @@ use std::io::{Cursor, Write};
 
 use ::tiff::encoder::{Compression, Predictor, TiffEncoder, colortype};
 use shapelex_formats::image::{ImageError, LengthUnit, Limits, ValueType, describe, read, read_labels};
+use shapelex_formats::unit::Unit;
 
 use crate::files::{
     LIMITS, Tags, fraction, grey, header_refusal, is_refused_when_cut_off, longs, refusal, shorts, tiff,
@@ -156,18 +157,25 @@ fn spacing_follows_from_a_resolution_with_a_unit() {
         one_page(tags, &[1])
     };
     let grid = |unit, x| read(&with(unit, x), &LIMITS).unwrap().grid;
-    let unknown = LengthUnit::Unknown;
     // 100 cells and 40 cells in a centimetre.
     let centimetre = grid(Some(3), [200, 2]);
     assert_eq!(
         (centimetre.spacing(), centimetre.units()[..2].to_vec()),
         ([0.1, 0.25, 1.0], vec![LengthUnit::Centimetre; 2])
     );
-    assert_eq!(centimetre.units()[2], unknown);
+    assert_eq!(centimetre.units()[2], LengthUnit::Unknown);
     // 254 cells in an inch; the quotient and its product with 25.4 are rounded once each.
     assert!((grid(Some(2), [254, 1]).spacing()[0] - 0.1).abs() < 1e-16);
     for unit in [None, Some(1)] {
-        assert_eq!((grid(unit, [100, 1]).spacing(), grid(unit, [100, 1]).units()), ([1.0; 3], [unknown; 3]));
+        let grid = grid(unit, [100, 1]);
+        assert_eq!((grid.spacing(), grid.units()), ([1.0; 3], [LengthUnit::Cell; 3]));
+    }
+    // What programs write where they know of no size.
+    for (unit, cells) in [(2, [72, 1]), (2, [96, 1]), (2, [1, 1]), (3, [1, 1]), (3, [28346, 1000])] {
+        let mut tags = grey([1, 1], 8);
+        tags.extend([fraction(282, cells), fraction(283, cells), shorts(296, &[unit])]);
+        let grid = read(&one_page(tags, &[1]), &LIMITS).unwrap().grid;
+        assert_eq!((grid.spacing(), grid.units()), ([1.0; 3], [LengthUnit::Cell; 3]), "{unit} {cells:?}");
     }
     assert_eq!(
         header_refusal(&with(Some(2), [0, 1])),
@@ -264,4 +272,96 @@ fn strips_that_share_their_bytes_do_not_multiply_the_work() {
     let file = tiff(&[(tags, vec![blocks])], [60_000, 60_001]);
     let expected = "expected a valid TIFF file, got one with a fault: strips or tiles share their bytes";
     assert_eq!(read(&file, &limits).unwrap_err().to_string(), expected);
+}
+
+/// Two pages of 2 × 2 cells whose first one has a description, and a resolution of 4 cells in a unit without a name.
+fn described(description: &[u8], pages: usize) -> Vec<u8> {
+    let page = |index: usize| {
+        let mut tags = grey([2, 2], 8);
+        tags.extend([fraction(282, [4, 1]), fraction(283, [2, 1]), shorts(296, &[1])]);
+        if index == 0 {
+            tags.push((270, 2, description.len() as u32, description.to_vec()));
+        }
+        (tags, vec![vec![1, 0, 0, 2]])
+    };
+    tiff(&(0..pages).map(page).collect::<Vec<_>>(), STRIPS)
+}
+
+/// Spacing in millimetres, the units of the file, and the unit of its shapes.
+fn sizes(description: &[u8], pages: usize) -> ([f64; 3], [LengthUnit; 3], Option<Unit>) {
+    let file = described(description, pages);
+    let grid = read_labels(&file, &LIMITS).unwrap().grid;
+    assert_eq!(describe(&file, &LIMITS).unwrap().grid, grid);
+    (grid.spacing(), grid.units(), grid.unit_of_shapes())
+}
+
+#[test]
+fn sizes_that_ome_describes_are_read() {
+    use LengthUnit::{Cell, Micrometre, Millimetre, Nanometre, Unknown};
+    let ome = |attributes: &str| {
+        format!(
+            "<?xml version=\"1.0\" encoding=\"UTF-8\"?><!-- OME -->\n<OME xmlns=\"x\"><Instrument ID=\"a\"/>\
+             <Image><Pixels {attributes} SizeX=\"2\"><Channel/></Pixels><Pixels PhysicalSizeX=\"9\"/></Image></OME>\0"
+        )
+    };
+    let plain = "PhysicalSizeX=\"0.5\" PhysicalSizeY=\"0.25\" PhysicalSizeZ=\"2\"";
+    let micrometres = ([0.0005, 0.00025, 0.002], [Micrometre; 3], Some(Unit::Micrometre));
+    assert_eq!(sizes(ome(plain).as_bytes(), 2), micrometres);
+    let prefixed =
+        ome(plain).replace("<", "<o:").replace("<o:/", "</o:").replace("<o:?", "<?").replace("<o:!", "<!");
+    assert_eq!(sizes(prefixed.as_bytes(), 2), micrometres);
+    let named =
+        |unit: &str| ["X", "Y", "Z"].map(|axis| format!("PhysicalSize{axis}Unit=\"{unit}\"")).join(" ");
+    assert_eq!(sizes(ome(&format!("{plain} {}", named("µm"))).as_bytes(), 2), micrometres);
+    let nanometres = sizes(ome(&format!("{plain} {}", named("nm"))).as_bytes(), 2);
+    assert_eq!((nanometres.1, nanometres.2), ([Nanometre; 3], Some(Unit::Nanometre)));
+    let millimetres = sizes(ome(&format!("{plain} {}", named("mm"))).as_bytes(), 2);
+    assert_eq!(millimetres, ([0.5, 0.25, 2.0], [Millimetre; 3], Some(Unit::Millimetre)));
+    // Ångström, and units of no length that is known here.
+    let tenths = sizes(ome(&format!("{plain} {}", named("Å"))).as_bytes(), 2);
+    assert_eq!((tenths.0[2], tenths.1), (2e-7, [Nanometre; 3]));
+    for unit in ["pixel", "reference frame", "parsec"] {
+        let cells = sizes(ome(&format!("{plain} {}", named(unit))).as_bytes(), 2);
+        assert_eq!(cells, ([1.0; 3], [Cell; 3], Some(Unit::Voxel)), "{unit}");
+    }
+    // Without a distance between pages the unit of a volume is not known, that of one page is.
+    let flat = ome("PhysicalSizeX=\"0.5\" PhysicalSizeY=\"0.25\"");
+    assert_eq!(sizes(flat.as_bytes(), 2), ([0.0005, 0.00025, 1.0], [Micrometre, Micrometre, Unknown], None));
+    assert_eq!(sizes(flat.as_bytes(), 1).2, Some(Unit::Micrometre));
+    for odd in ["0", "-1", "NaN", "inf", "1e-320", "x", ""] {
+        let text = ome(&plain.replace("0.5", odd));
+        assert_eq!(sizes(text.as_bytes(), 2), ([1.0; 3], [Cell; 3], Some(Unit::Voxel)), "{odd}");
+    }
+    // Texts that are cut off or of another kind say nothing.
+    let whole = ome(plain);
+    for end in 0..whole.len() {
+        sizes(&whole.as_bytes()[..end], 2);
+    }
+    for other in [
+        &b"<Other><Pixels PhysicalSizeX=\"1\" PhysicalSizeY=\"1\"/></Other>"[..],
+        b"{\"shape\": [2]}",
+        b"\xff\xfe",
+    ] {
+        assert_eq!(sizes(other, 2).1, [Cell; 3]);
+    }
+}
+
+#[test]
+fn sizes_that_imagej_describes_are_read() {
+    use LengthUnit::{Cell, Centimetre, Micrometre, Unknown};
+    let lines = |unit: &[u8], spacing: &str| {
+        [b"ImageJ=1.54f\nimages=2\nslices=2\nunit=", unit, b"\n", spacing.as_bytes(), b"loop=false\n\0"]
+            .concat()
+    };
+    for unit in [&b"micron"[..], b"um", "µm".as_bytes(), b"\\u00B5m", b"\xb5m"] {
+        let found = sizes(&lines(unit, "spacing=2.0\n"), 2);
+        assert_eq!(found, ([0.00025, 0.0005, 0.002], [Micrometre; 3], Some(Unit::Micrometre)), "{unit:?}");
+    }
+    let centimetres = sizes(&lines(b"cm", "spacing=-0.5\n"), 2);
+    assert_eq!(centimetres, ([2.5, 5.0, 5.0], [Centimetre; 3], Some(Unit::Millimetre)));
+    let flat = sizes(&lines(b"um", ""), 2);
+    assert_eq!((flat.1, flat.2), ([Micrometre, Micrometre, Unknown], None));
+    for unit in [&b"pixel"[..], b"", b"furlong"] {
+        assert_eq!(sizes(&lines(unit, "spacing=2.0\n"), 2), ([1.0; 3], [Cell; 3], Some(Unit::Voxel)));
+    }
 }

@@ -19,8 +19,15 @@ pub struct CohortSpec {
     pub direction: Direction,
     /// Whether shapes may be matched to mirror images.
     pub mirror: Mirror,
-    /// Unit of the coordinates, such as `mm`.
+    /// Unit of the coordinates, such as `mm`; `none` where they have none by intent, another text of an earlier release.
     pub length_unit: Option<String>,
+}
+
+impl CohortSpec {
+    /// Unit that stands beside numbers.
+    pub fn shown_unit(&self) -> Option<&str> {
+        self.length_unit.as_deref().filter(|unit| *unit != "none")
+    }
 }
 
 /// A named set of shapes in one representation with one correspondence rule.

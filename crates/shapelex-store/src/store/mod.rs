@@ -91,7 +91,7 @@ pub use scan::{Ids, ScanBatch};
 pub use shapes::{Cursor, CursorError, ListCursor, Listing, Order, ShapePage, SortKey};
 pub use tally::Tally;
 pub use tasks::{PartClaim, PartEnd, PassOf, Start};
-pub use upload::{Added, ShapeRow, Upload};
+pub use upload::{Added, ShapeRow, UnitOfShapes, Upload};
 
 #[cfg(test)]
 mod tests;

@@ -28,6 +28,7 @@ mod keys;
 mod opening;
 mod sharing;
 mod tasks;
+mod units;
 
 /// Number of coordinates of a shape of [`cohort`].
 const WIDTH: usize = 6;

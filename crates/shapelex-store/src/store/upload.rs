@@ -60,6 +60,19 @@ pub struct Upload {
     names: Option<NewNames>,
     /// Correspondence and direction by which the shapes were converted.
     rule: [String; 2],
+    /// Unit of the shapes, where one is known.
+    unit: Option<UnitOfShapes>,
+}
+
+/// The unit in which shapes are stored, and what the cohort said of its unit when they were converted to it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct UnitOfShapes {
+    /// Text of the cohort.
+    pub former: Option<String>,
+    /// Unit of the shapes.
+    pub unit: String,
+    /// Whether the cohort takes it, if it still has no shapes.
+    pub adopt: bool,
 }
 
 impl Store {
@@ -76,6 +89,7 @@ impl Store {
             dirty: false,
             names: None,
             rule: [to_text(&cohort.spec.correspondence), to_text(&cohort.spec.direction)],
+            unit: None,
         }
     }
 }
@@ -124,6 +138,11 @@ impl Upload {
     /// Names the attributes of the shapes, which the cohort must have room for when they become visible.
     pub fn name_attributes(&mut self, names: Option<NewNames>) {
         self.names = names;
+    }
+
+    /// Says the unit of the shapes, which the cohort must still have, or takes, when they become visible.
+    pub fn keep_unit(&mut self, unit: Option<UnitOfShapes>) {
+        self.unit = unit;
     }
 
     /// Makes all shapes visible at once; returns the new revision of the cohort, or the current one if nothing was new.
@@ -178,6 +197,7 @@ impl Upload {
             if count != upload.stored {
                 return Err(StoreError::UploadLost);
             }
+            upload.check_unit(&mut write, cohort, count > 0).await?;
             let revision = if count == 0 {
                 let current = sql(&mut write, "SELECT revision FROM cohort WHERE number = $1");
                 current.bind(cohort).scalar().await?
@@ -218,6 +238,25 @@ impl Upload {
         let row = sql(write, RULE).bind(cohort).optional().await?.ok_or(StoreError::CohortGone)?;
         let present: [String; 2] = [row.get("correspondence")?, row.get("direction")?];
         if present == self.rule { Ok(()) } else { Err(StoreError::Changed) }
+    }
+
+    /// Checks that the cohort has the unit to which the shapes were converted, or gives it to an empty one.
+    async fn check_unit(&self, write: &mut Transaction, cohort: i64, is_new: bool) -> Result<(), StoreError> {
+        const UNIT: &str = "SELECT length_unit, shapes FROM cohort WHERE number = $1";
+        const ADOPT: &str = "UPDATE cohort SET length_unit = $2 WHERE number = $1";
+        let Some(UnitOfShapes { former, unit, adopt }) = &self.unit else { return Ok(()) };
+        let row = sql(&mut *write, UNIT).bind(cohort).optional().await?.ok_or(StoreError::CohortGone)?;
+        let present: Option<String> = row.get("length_unit")?;
+        if present.as_ref() == Some(unit) {
+            return Ok(());
+        }
+        if present != *former || *adopt && row.get::<i64>("shapes")? > 0 {
+            return Err(StoreError::Changed);
+        }
+        if *adopt && is_new {
+            sql(write, ADOPT).bind(cohort).bind(unit).execute().await?;
+        }
+        Ok(())
     }
 
     /// Assigns the next revision to the pending chunks.

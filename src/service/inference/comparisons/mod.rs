@@ -116,7 +116,7 @@ impl StudyKind for ComparedShapes {
         Ok(Comparison {
             cohort: cohort.id.clone(),
             cohort_revision: plan.revision,
-            length_unit: cohort.spec.length_unit.clone(),
+            length_unit: cohort.spec.shown_unit().map(str::to_owned),
             header: plan.header(members.shapes.len(), members.left_out),
             found,
         })

@@ -180,7 +180,7 @@ impl StudyKind for RegressedShapes {
 
     fn draw(study: &Study<Self>, regression: &ShapeRegression) -> Drawing {
         let (setup, spec) = (&study.setup, &study.cohort.spec);
-        let cohort = (spec.name.as_str(), spec.length_unit.as_deref());
+        let cohort = (spec.name.as_str(), spec.shown_unit());
         draw_regression((&setup.space, &setup.method), cohort, regression.header.shapes, &regression.found)
     }
 }

@@ -53,8 +53,8 @@ impl Header {
         let voxels = size.iter().map(|size| *size as u128).product::<u128>() * stored.bytes() as u128;
         limits.bytes("NIfTI-1 header and voxels", u128::from(offset) + voxels)?;
         let unit = unit(&raw)?;
-        let millimetres = unit.millimetres();
-        let grid = Grid::new(size, affine(&raw)?.map(|row| row.map(|entry| millimetres * entry)), [unit; 3])?;
+        let affine = affine(&raw)?.map(|row| row.map(|entry| unit.millimetres(entry)));
+        let grid = Grid::new(size, affine, [unit; 3])?;
         let big_endian = raw.big_endian;
         Ok(Self { grid, numbers: Numbers { stored, big_endian, scale: scale(&raw)? }, offset })
     }

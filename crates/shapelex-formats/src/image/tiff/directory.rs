@@ -20,6 +20,7 @@ pub(super) const LIST_ENTRY_BYTES: u64 = 48;
 const WIDTH: u16 = 256;
 const HEIGHT: u16 = 257;
 const SAMPLES: u16 = 277;
+const DESCRIPTION: u16 = 270;
 /// Offsets and lengths of strips, then of tiles.
 const LISTS: [u16; 4] = [273, 279, 324, 325];
 /// What else the decoder and this crate read: the entries of one page, all short.
@@ -27,13 +28,15 @@ const SHORT: [u16; 16] = [256, 257, 258, 259, 262, 274, 277, 278, 282, 283, 284,
 /// Those of them that came with version 6, and a list of JPEG tables, which must be short as well.
 const SHORT_LATER: [u16; 3] = [339, 347, 530];
 
-/// Lengths of the lists of strips or tiles.
+/// Lengths of the lists of strips or tiles, and what the first page says of itself.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Lists {
     /// That of the longest list.
     pub(super) longest: u64,
     /// That of all lists together.
     pub(super) entries: u64,
+    /// Position and number of bytes of what the first page says of itself.
+    pub(super) description: Option<[usize; 2]>,
 }
 
 /// Walks over all directories.
@@ -71,6 +74,8 @@ struct Entry {
     count: u64,
     /// Number of bytes of its values.
     size: u64,
+    /// Where they are.
+    from: u64,
     /// The first value, if it is a whole number.
     first: Option<u64>,
 }
@@ -108,6 +113,7 @@ impl<'a> Walk<'a> {
                 WIDTH => size[0] = entry.first.unwrap_or(0),
                 HEIGHT => size[1] = entry.first.unwrap_or(0),
                 SAMPLES => samples = entry.first.unwrap_or(0),
+                DESCRIPTION if self.cells == 0 => self.lists.description = self.within(&entry),
                 _ => {}
             }
             longest = longest.max(self.check_entry(&entry)?);
@@ -116,6 +122,12 @@ impl<'a> Walk<'a> {
         self.lists.longest = self.lists.longest.max(longest);
         self.next = self.number(first.saturating_add(count.saturating_mul(width)), last)?;
         Ok(())
+    }
+
+    /// Position and number of bytes of the values of an entry, if they are in the file.
+    fn within(&self, entry: &Entry) -> Option<[usize; 2]> {
+        let [from, size] = [usize::try_from(entry.from).ok()?, usize::try_from(entry.size).ok()?];
+        self.bytes.get(from..from.checked_add(size)?).map(|_| [from, size])
     }
 
     fn entry(&self, at: u64) -> Result<Entry, ImageError> {
@@ -136,7 +148,7 @@ impl<'a> Walk<'a> {
         }
         let whole = count > 0 && matches!(kind, 1 | 3 | 4 | 16);
         let first = if whole { Some(self.number(from, width as usize)?) } else { None };
-        Ok(Entry { tag, count, size, first })
+        Ok(Entry { tag, count, size, from, first })
     }
 
     /// Number of entries, if this is a list of strips or tiles.

@@ -1,6 +1,9 @@
 //! TIFF: pages of grey or RGB pixels in strips or tiles. Several pages are a volume, page after page along z.
+//!
+//! Sizes of cells are those that OME or ImageJ describe on the first page, else those of its resolution.
 
 mod bounded;
+mod description;
 mod directory;
 mod page;
 
@@ -9,7 +12,7 @@ use tiff::{TiffError, TiffFormatError};
 
 use super::error::ImageError;
 use super::file::{Description, ImageFile};
-use super::grid::{Grid, LengthUnit};
+use super::grid::Grid;
 use super::limits::{Limits, reserve};
 use super::value::{Source, Target};
 use bounded::Bounded;
@@ -72,6 +75,7 @@ impl Stack {
         let lists = directory::check(bytes, limits)?;
         let mut decoder = open(bytes, lists, limits)?;
         let first = Page::new(&mut decoder, limits)?;
+        let sizes = description::sizes(bytes, &lists, &mut decoder)?.unwrap_or_else(|| first.sizes());
         let mut count = 1_u64;
         while decoder.more_images() {
             decoder.next_image().map_err(refusal)?;
@@ -88,7 +92,7 @@ impl Stack {
         let size = limits.size([first.size[0], first.size[1], count])?;
         limits.bytes(PIXELS, u128::from(first.padded) * u128::from(count))?;
         check_length(bytes, &first, count)?;
-        Ok(Self { page: first, grid: grid(&first, size)?, lists })
+        Ok(Self { page: first, grid: sizes.grid(size)?, lists })
     }
 }
 
@@ -97,12 +101,6 @@ fn check_length(bytes: &[u8], page: &Page, count: u64) -> Result<(), ImageError>
     let most = if page.plain { 1 } else { MOST_RATIO };
     let (expected, found) = (page.bytes() * count, (bytes.len() as u64).saturating_mul(most));
     if expected <= found { Ok(()) } else { Err(ImageError::Truncated { place: PIXELS, expected, found }) }
-}
-
-/// TIFF has no distance between pages: it is 1 mm, and its unit unknown.
-fn grid(page: &Page, size: [usize; 3]) -> Result<Grid, ImageError> {
-    let [x, y] = page.spacing.map(|value| value * page.unit.millimetres());
-    Grid::along_axes(size, [x, y, 1.0], [page.unit, page.unit, LengthUnit::Unknown])
 }
 
 fn append_page<T: Target>(

@@ -6,6 +6,7 @@ use tiff::decoder::{ChunkType, Decoder, DecodingSampleType};
 use tiff::tags::{CompressionMethod, PhotometricInterpretation, Tag};
 
 use super::bounded::Bounded;
+use super::description::Sizes;
 use super::{NAME, refusal};
 use crate::image::LengthUnit;
 use crate::image::error::ImageError;
@@ -70,6 +71,13 @@ impl Page {
             unit,
             padded,
         })
+    }
+
+    /// Sizes of its cells. TIFF has no distance between pages.
+    pub(super) fn sizes(&self) -> Sizes {
+        let [x, y] = self.spacing.map(|size| (size, self.unit));
+        let z = if self.unit == LengthUnit::Cell { LengthUnit::Cell } else { LengthUnit::Unknown };
+        Sizes([x, y, (1.0, z)])
     }
 
     /// Bytes of the decoded page.
@@ -158,23 +166,40 @@ fn value_type(found: Option<DecodingSampleType>) -> Result<ValueType, ImageError
     }
 }
 
-/// Spacing from the resolution, if the file gives its unit.
+/// Cells to the inch that programs write where they know of no size: those of screens, and none at all.
+const USUAL: [f64; 3] = [1.0, 72.0, 96.0];
+/// Part by which resolutions differ that say the same: of 72 to the inch in centimetres, to three digits.
+const SAME: f64 = 1e-3;
+
+/// Spacing from the resolution, if the file gives its unit and it is none of the usual ones.
 fn spacing(decoder: &mut Pages<'_>) -> Result<(LengthUnit, [f64; 2]), ImageError> {
     let unit = match decoder.find_tag_unsigned::<u16>(Tag::ResolutionUnit).map_err(refusal)? {
         Some(2) => LengthUnit::Inch,
         Some(3) => LengthUnit::Centimetre,
-        _ => return Ok((LengthUnit::Unknown, [1.0; 2])),
+        _ => return Ok((LengthUnit::Cell, [1.0; 2])),
     };
+    let Some(spacing) = resolution(decoder)? else { return Ok((LengthUnit::Cell, [1.0; 2])) };
+    let inches = |size: f64| unit.millimetres(size) / LengthUnit::Inch.millimetres(1.0);
+    let is_usual =
+        |size: &f64| *size == 1.0 || USUAL.iter().any(|usual| (usual * inches(*size) - 1.0).abs() < SAME);
+    if spacing.iter().all(is_usual) {
+        return Ok((LengthUnit::Cell, [1.0; 2]));
+    }
+    Ok((unit, spacing))
+}
+
+/// Distances along x and y by the resolution, in its unit.
+pub(super) fn resolution(decoder: &mut Pages<'_>) -> Result<Option<[f64; 2]>, ImageError> {
     let mut spacing = [1.0; 2];
     for ((value, tag), axis) in spacing.iter_mut().zip([Tag::XResolution, Tag::YResolution]).zip(['x', 'y']) {
         *value = match decoder.find_tag(tag).map_err(refusal)? {
             Some(Value::Rational(cells, lengths)) => f64::from(lengths) / f64::from(cells),
             Some(_) => return Err(ImageError::corrupt(NAME, "a resolution that is no fraction")),
-            None => return Ok((LengthUnit::Unknown, [1.0; 2])),
+            None => return Ok(None),
         };
         check_spacing(axis, *value)?;
     }
-    Ok((unit, spacing))
+    Ok(Some(spacing))
 }
 
 /// Bytes after decompression, of pixels of `pixel_bytes`: tiles reach beyond the image.

@@ -241,7 +241,6 @@ impl Reading<'_> {
         if self.masks > 0 {
             self.summary.warnings.push(format!("{} masks are not read: {advice}", self.masks));
         }
-        self.summary.set("unit", "pixel");
         Ok(self.summary)
     }
 }

@@ -71,9 +71,20 @@ pub(super) struct Own {
     pub(super) labels: BTreeMap<String, Value>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) weight: Option<f64>,
+    /// Unit of the coordinates, where it is not that of QuPath.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) unit: Option<String>,
     /// Properties that the writer added, which are no metadata.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub(super) added: Vec<String>,
+}
+
+impl Own {
+    /// Whether it says nothing.
+    pub(super) fn is_empty(&self) -> bool {
+        let Self { subject, labels, weight, unit, added } = self;
+        subject.is_none() && labels.is_empty() && weight.is_none() && unit.is_none() && added.is_empty()
+    }
 }
 
 /// Numbers by name, and how many had none.

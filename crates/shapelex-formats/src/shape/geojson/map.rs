@@ -11,6 +11,7 @@ use super::super::record::{Geometry, Points, Record};
 use super::super::summary::Summary;
 use super::coordinates::Coordinates;
 use super::feature::{Node, Own, Properties};
+use crate::unit::Unit;
 
 /// Makes records of features, and counts what becomes none.
 pub(super) struct Mapping<'o> {
@@ -113,7 +114,15 @@ impl<'o> Mapping<'o> {
             }
             (name, id) => record.name = name.or(id),
         }
-        if let Some(Own { subject, labels, weight, added }) = own {
+        // QuPath says the type of each of its objects, and measures them in pixels of the image.
+        let of_qupath = record.metadata.get("objectType").is_some_and(Json::is_string);
+        record.unit = of_qupath.then_some(Unit::Pixel);
+        if let Some(Own { subject, labels, weight, unit, added }) = own {
+            let is_added = added.iter().any(|name| name == "objectType");
+            record.unit = match unit {
+                Some(unit) => Unit::find(&unit),
+                None => record.unit.filter(|_| !is_added),
+            };
             added.iter().for_each(|name| drop(record.metadata.remove(name)));
             (record.subject, record.weight) = (subject, weight);
             record.labels.extend(labels);

@@ -12,21 +12,25 @@ use super::super::record::{Points, Record, Value};
 use super::super::summary::Summary;
 use super::super::write::{Opened, Output, Writer};
 use super::feature::{KNOWN, Own};
+use crate::unit::Unit;
 
 /// A collection that is being written, a feature a line.
 struct Features<'a> {
     output: Output<'a>,
     grouping: Grouping,
+    /// Unit of shapes that do not say theirs.
+    unit: Option<Unit>,
     /// Number of records taken and of features written.
     features: u64,
     buffer: Vec<u8>,
     summary: Summary,
 }
 
-pub(super) fn open<'a>(mut output: Output<'a>, _: &WriteOptions) -> Opened<'a> {
+pub(super) fn open<'a>(mut output: Output<'a>, options: &WriteOptions) -> Opened<'a> {
     output.write_all(b"{\"type\":\"FeatureCollection\",\"features\":[")?;
     let (grouping, summary) = (Grouping::default(), Summary::default());
-    Ok(Box::new(Features { output, grouping, features: 0, buffer: Vec::new(), summary }))
+    let unit = options.unit.as_deref().and_then(Unit::find);
+    Ok(Box::new(Features { output, grouping, unit, features: 0, buffer: Vec::new(), summary }))
 }
 
 impl Writer for Features<'_> {
@@ -65,7 +69,7 @@ impl Features<'_> {
         text.extend_from_slice(b"\"geometry\":");
         geometry(&mut text, &parts, geometry_members(&mut metadata));
         text.extend_from_slice(b",\"properties\":");
-        let properties = properties(first, metadata, name, &mut self.summary);
+        let properties = properties(first, first.unit.or(self.unit), metadata, name, &mut self.summary);
         serde_json::to_writer(&mut text, &properties).map_err(std::io::Error::from)?;
         text.push(b'}');
         self.output.write_all(&text)?;
@@ -115,6 +119,7 @@ const OWN: [&str; 2] = ["measurements", "shapelex"];
 /// The properties as QuPath names them: numbers are measurements; what it does not know stands in `shapelex`.
 fn properties(
     record: &Record,
+    unit: Option<Unit>,
     mut metadata: Map<String, Json>,
     name: Option<String>,
     summary: &mut Summary,
@@ -147,8 +152,11 @@ fn properties(
     if !measurements.is_empty() {
         properties.insert("measurements".into(), Json::Object(measurements));
     }
-    let own = Own { subject: record.subject.clone(), labels, weight: record.weight, added };
-    if own.subject.is_some() || !own.labels.is_empty() || own.weight.is_some() || !own.added.is_empty() {
+    // Objects that come from QuPath are in pixels.
+    let unit = unit.filter(|unit| !added.is_empty() || *unit != Unit::Pixel);
+    let unit = unit.map(|unit| unit.word().to_owned());
+    let own = Own { subject: record.subject.clone(), labels, weight: record.weight, unit, added };
+    if !own.is_empty() {
         properties.insert("shapelex".into(), json!(own));
     }
     add_metadata(&mut properties, metadata, &OWN, record, summary);

@@ -44,7 +44,6 @@ pub(super) fn read(
     let data = source.bytes()?;
     let region = Region::new(Bytes(&data))?;
     let mut summary = Summary::default();
-    summary.set("unit", "pixel");
     let place = Place::item(0);
     let mut template = Record::new(Geometry::Landmarks(Points::new(2)), place.clone());
     region.describe(&mut template)?;

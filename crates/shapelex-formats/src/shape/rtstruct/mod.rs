@@ -55,7 +55,6 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
     dicom::check_class(&root, &[uids::RT_STRUCTURE_SET_STORAGE], &format!("a {NAME}"))?;
     let mut summary = Summary::default();
     dicom::list_identifying(&file, &mut summary);
-    summary.set("unit", "mm");
     summary.set("axes", AXES);
     let regions = Regions::new(&root, &mut summary)?;
     let mut reading = Reading { options, limits, summary, sink, objects: 0 };

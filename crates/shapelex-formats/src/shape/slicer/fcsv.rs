@@ -103,7 +103,6 @@ fn read(source: &mut Source<'_>, _: &ReadOptions, sink: Sink<'_>) -> Result<Summ
     }
     let mut summary = Summary::default();
     summary.set("coordinate_system", system.as_str());
-    summary.set("unit", "mm");
     let mut record = Record::new(Geometry::Landmarks(points), Place::item(0));
     record.metadata.insert("coordinate_system".into(), system.into());
     keep(&mut record, "landmark_names", labels);

@@ -27,6 +27,7 @@ use super::super::summary::Summary;
 use super::super::text::{end, left_out, shown};
 use super::super::write::{Opened, Output, Writer};
 use super::{KEPT, keep, points, system, text_of};
+use crate::unit::Unit;
 use crate::words::plain;
 
 /// Points and curves of 3D Slicer.
@@ -142,6 +143,7 @@ impl Markup<'_> {
             None => None,
         };
         let unit = unit.unwrap_or("mm").to_owned();
+        let known = Unit::find(&unit);
         limits.points(self.control_points.len() as u64, || place.clone())?;
         let (mut points, mut labels, mut descriptions) = (Points::new(3), Vec::new(), Vec::new());
         for (k, point) in self.control_points.into_iter().enumerate() {
@@ -156,6 +158,7 @@ impl Markup<'_> {
             Some(closed) => Geometry::Curve { points, closed },
         };
         let mut record = Record::new(geometry, place.clone());
+        record.unit = known;
         record.name = Some(self.name).filter(|name| !name.is_empty());
         summary.set("coordinate_system", agreed(summary, "coordinate_system", &system));
         summary.set("unit", agreed(summary, "unit", &unit));
@@ -215,7 +218,8 @@ impl Writer for Markups<'_> {
             Some(false) => ("Curve", "OC"),
             Some(true) => ("ClosedCurve", "CC"),
         };
-        let unit = record.metadata.get("unit").and_then(Value::as_str).or(self.unit.as_deref());
+        let stated = record.metadata.get("unit").and_then(Value::as_str);
+        let unit = stated.or(record.unit.map(Unit::word)).or(self.unit.as_deref());
         let head = json!({
             "type": kind,
             "name": record.name.as_deref().unwrap_or_default(),

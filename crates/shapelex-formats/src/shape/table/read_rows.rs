@@ -15,6 +15,7 @@ use super::super::record::{Domain, Field, Geometry, Mesh, Points, Record, Ring, 
 use super::super::summary::Summary;
 use super::arrays::{Lists, Texts, is_flag, is_list_of_numbers, is_number, is_text, numbers, wholes};
 use super::{FIELDS, FieldNote, LABELS, PREFIX, check_name};
+use crate::unit::Unit;
 
 /// Column of the points, unless an option names another one.
 const POINTS: &str = "points";
@@ -24,6 +25,7 @@ pub(super) struct Reading<'a> {
     options: &'a ReadOptions,
     limits: Limits,
     notes: BTreeMap<String, FieldNote>,
+    unit: Option<Unit>,
     row: u64,
     /// Facts of the file, and what was left out.
     pub(super) summary: Summary,
@@ -41,7 +43,8 @@ impl<'a> Reading<'a> {
                 None => {}
             }
         }
-        Self { options, limits, notes, row: 0, summary }
+        let unit = metadata.get(&format!("{PREFIX}unit")).and_then(|unit| Unit::find(unit));
+        Self { options, limits, notes, unit, row: 0, summary }
     }
 
     /// Positions of the columns of a schema that can be of use. Others are counted.
@@ -136,6 +139,7 @@ impl<'a> Reading<'a> {
             finite(&Value::Number(weight), "weight", &place)?;
         }
         Ok(Record {
+            unit: self.unit,
             name: text(&columns.external_id),
             subject: text(&columns.subject),
             label: text(&columns.label),

@@ -16,6 +16,7 @@ use super::super::record::{Domain, Field as MeshField, Geometry, Mesh, Points, R
 use super::super::summary::Summary;
 use super::super::text::name_fits;
 use super::{FIELDS, FieldNote, LABELS, PREFIX, SCHEMA, unwritten};
+use crate::unit::Unit;
 
 /// Largest number of rows of a batch.
 pub(super) const ROWS: usize = 8192;
@@ -94,6 +95,8 @@ struct Layout {
 /// Rows that are collected until there are enough for a batch.
 pub(super) struct Rows {
     metadata: HashMap<String, String>,
+    /// Unit of all shapes: the one that is stated, else that of the first shape.
+    unit: Option<Unit>,
     layout: Option<Layout>,
     columns: Columns,
     /// Memory of batches that were written, for the next ones.
@@ -139,6 +142,7 @@ impl Rows {
         metadata.insert(format!("{PREFIX}schema"), SCHEMA.into());
         Self {
             metadata,
+            unit: options.unit.as_deref().and_then(Unit::find),
             layout: None,
             columns: Columns::default(),
             spare: Vec::new(),
@@ -149,9 +153,19 @@ impl Rows {
     /// Adds a row. Returns a batch when there are enough of them.
     ///
     /// # Errors
-    /// Fourier coefficients, numbers that 32 bits do not hold.
+    /// Fourier coefficients, numbers that 32 bits do not hold, a length among shapes that have none and the other way round.
     pub(super) fn push(&mut self, record: &Record) -> Result<Option<RecordBatch>, FileError> {
-        self.columns.push(record)?;
+        match (self.unit, record.unit) {
+            (Some(unit), Some(from)) if from != unit => {
+                self.columns.push(&record.clone().converted(from, unit)?)?;
+            }
+            (None, Some(unit)) if self.summary.records == 0 => {
+                self.unit = Some(unit);
+                self.metadata.entry(format!("{PREFIX}unit")).or_insert_with(|| unit.word().into());
+                self.columns.push(record)?;
+            }
+            _ => self.columns.push(record)?,
+        }
         self.summary.records += 1;
         let rows = self.columns.labels.len();
         let names = self.columns.names.len().min(COLUMNS);
