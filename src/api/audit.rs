@@ -191,6 +191,10 @@ impl Open<'_> {
         entry.key = Some(principal.key.clone());
         entry.subject.clone_from(&principal.subject);
         entry.objects.extend(self.asker.touched().ids());
+        // The id tells which shape it was, and an external id may tell whose: the trail outlives an erasure.
+        if entry.objects.contains_key("shape_id") {
+            entry.objects.remove("shape");
+        }
         Some(entry)
     }
 }

@@ -158,6 +158,7 @@ macro_rules! every_operation {
                 POST "/v1/cohorts/{cohort}/segment" segment::segment_into_cohort (WRITER, PLAIN, "results");
                 POST "/v1/sheets" sheets::detect_sheets (READER, &[PNG, NIFTI]);
                 GET "/v1/cohorts/{cohort}/mean" cohorts::cohort_mean (READER, MODEL, ANSWER);
+                GET "/v1/subjects/{subject}" subjects::find_subject (READER, PLAIN, "items");
                 DELETE "/v1/subjects/{subject}" corrections::erase_subject (ADMIN, PLAIN);
                 POST "/v1/cohorts/{cohort}/search" retrieval::search_cohort (READER, DRAWN, "results.neighbours");
                 POST "/v1/distances" retrieval::compute_distances (READER, &[JSON, CSV, ARROW, PARQUET, NPY]);

@@ -1,4 +1,4 @@
-//! Maintenance commands for operators: check, back up, restore, migrate, export, import.
+//! Maintenance commands for operators: check, back up, restore, migrate, export, import, silence, compact, erasures.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{BufReader, BufWriter, Write};
@@ -6,10 +6,12 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
 
+mod erasures;
+
 use super::files;
 use super::files::export::ExportArgs;
 use super::files::import::ImportArgs;
-use crate::service::app::clock;
+use crate::service::app::{clock, now_ms};
 use crate::store::maintenance::{self, Checked, MaintenanceError, Site};
 use crate::store::{Store, StoreError};
 use crate::store_location;
@@ -38,6 +40,21 @@ pub(super) enum Maintenance {
         /// Folder of the embedded store, created if missing
         #[arg(long, env = "SHAPELEX_DATA_DIR", default_value = "shapelex-data")]
         data_dir: PathBuf,
+        /// Leave active hooks active: this copy takes the place of the store
+        #[arg(long)]
+        resume_hooks: bool,
+    },
+    /// Make a copy that was made by other means silent, as `restore` does: its active hooks are paused, and its deliveries get other ids
+    Silence(At),
+    /// Write the files of the store anew, so that they hold no copies of erased rows; others wait meanwhile
+    Compact(At),
+    /// List the subjects that were erased, as digests, or erase them in a store that was restored
+    Erasures {
+        /// Erase the subjects of this list, which `erasures` wrote; `-` is standard input. The service must not be running
+        #[arg(long, value_name = "FILE")]
+        repeat: Option<PathBuf>,
+        #[command(flatten)]
+        at: At,
     },
     /// Upgrade the schema of the store, as the start of the service does
     Migrate {
@@ -67,6 +84,9 @@ pub(super) enum Maintenance {
         files: Vec<PathBuf>,
         #[command(flatten)]
         shapes: Box<ImportArgs>,
+        /// Leave active hooks active: the store takes the place of the exported one
+        #[arg(long, conflicts_with = "cohort")]
+        resume_hooks: bool,
         #[command(flatten)]
         at: At,
     },
@@ -114,24 +134,30 @@ pub(super) async fn run(command: Maintenance) -> Result<Outcome, String> {
     let done = match command {
         Maintenance::Check(at) => check(&at.site()?).await,
         Maintenance::Backup { file, at } => back_up(&file, &at.site()?).await,
-        Maintenance::Restore { file, data_dir } => restore(&file, &data_dir).await,
+        Maintenance::Restore { file, data_dir, resume_hooks } => {
+            restore(&file, &data_dir, resume_hooks).await
+        }
+        Maintenance::Silence(at) => silence(&at.site()?).await,
+        Maintenance::Compact(at) => compact(&at.site()?).await,
+        Maintenance::Erasures { repeat: None, at } => erasures::list(&at.site()?).await,
+        Maintenance::Erasures { repeat: Some(file), at } => erasures::repeat(&file, &at.site()?).await,
         Maintenance::Migrate { check: true, at } => versions(&at.site()?).await,
         Maintenance::Migrate { check: false, at } => migrate(&at.site()?).await,
         Maintenance::ConfirmClock(at) => confirm_clock(&at.site()?).await,
         Maintenance::Export { file, shapes, at } if shapes.cohort.is_some() => {
             return files::export::run(&file, *shapes, at).await;
         }
-        Maintenance::Import { files, shapes, at } if shapes.cohort.is_some() => {
+        Maintenance::Import { files, shapes, at, .. } if shapes.cohort.is_some() => {
             return files::import::run(&files, *shapes, at).await;
         }
         Maintenance::Export { file, shapes, at } => {
             shapes.check_store()?;
             export(&file, &at.site()?).await
         }
-        Maintenance::Import { files, shapes, at } => match files.as_slice() {
+        Maintenance::Import { files, shapes, resume_hooks, at } => match files.as_slice() {
             [file] => {
                 shapes.check_store()?;
-                import(file, &at.site()?).await
+                import(file, &at.site()?, resume_hooks).await
             }
             _ => return Err("expected one file written by export, or a cohort for files of shapes".into()),
         },
@@ -181,12 +207,40 @@ async fn back_up(file: &Path, site: &Site) -> Result<Outcome, MaintenanceError> 
     Ok(Outcome::Done)
 }
 
-async fn restore(file: &Path, data_dir: &Path) -> Result<Outcome, MaintenanceError> {
-    match maintenance::restore(file, data_dir, &mut say).await? {
+async fn restore(file: &Path, data_dir: &Path, resume: bool) -> Result<Outcome, MaintenanceError> {
+    let restored = maintenance::restore(file, data_dir, resume, &mut say).await?;
+    match restored.checked {
         Some(checked) => say(&summary(&checked)),
         None => say("the backup has the schema of an older version: only its file was checked"),
     }
     say(&format!("restored into {}", data_dir.display()));
+    say_paused(restored.paused);
+    Ok(Outcome::Done)
+}
+
+/// Tells how many hooks of a copy are paused, if any.
+fn say_paused(hooks: u64) {
+    if hooks > 0 {
+        say(&format!(
+            "{hooks} hooks are paused: POST /v1/hooks/{{hook}}/resume once this store is the one that delivers"
+        ));
+    }
+}
+
+async fn silence(site: &Site) -> Result<Outcome, MaintenanceError> {
+    let store = Store::inspect(site).await?;
+    let paused = store.silence().await?;
+    store.close().await;
+    say("the store is a copy with an id");
+    say_paused(paused);
+    Ok(Outcome::Done)
+}
+
+async fn compact(site: &Site) -> Result<Outcome, MaintenanceError> {
+    let store = Store::inspect(site).await?;
+    let erasures = store.compact(now_ms()).await?;
+    store.close().await;
+    say(&format!("the files are written anew, and hold nothing of {erasures} more erasures"));
     Ok(Outcome::Done)
 }
 
@@ -251,21 +305,28 @@ async fn export_to(store: &Store, file: &Path) -> Result<u64, MaintenanceError> 
     Ok(rows)
 }
 
-async fn import(file: &Path, site: &Site) -> Result<Outcome, MaintenanceError> {
+async fn import(file: &Path, site: &Site, resume: bool) -> Result<Outcome, MaintenanceError> {
     let failed = |source| MaintenanceError::File { path: file.to_path_buf(), source };
     // Opened before the store is created, so that a wrong name leaves nothing behind.
     let input = if is_standard(file) { None } else { Some(File::open(file).map_err(failed)?) };
-    let store = match site {
-        Site::Folder(folder) => Store::open(folder).await?,
-        Site::Url(url) => Store::connect(url, CONNECTIONS).await?,
-    };
-    let rows = match input {
-        Some(input) => store.import(&mut BufReader::with_capacity(BUFFER, input)).await,
-        None => store.import(&mut BufReader::with_capacity(BUFFER, std::io::stdin())).await,
+    let store = open(site).await?;
+    let imported = match input {
+        Some(input) => store.import(&mut BufReader::with_capacity(BUFFER, input), resume).await,
+        None => store.import(&mut BufReader::with_capacity(BUFFER, std::io::stdin()), resume).await,
     };
     store.close().await;
-    say(&format!("imported {} rows", rows?));
+    let (rows, paused) = imported?;
+    say(&format!("imported {rows} rows"));
+    say_paused(paused);
     Ok(Outcome::Done)
+}
+
+/// Opens the store as the service does.
+async fn open(site: &Site) -> Result<Store, StoreError> {
+    match site {
+        Site::Folder(folder) => Store::open(folder).await,
+        Site::Url(url) => Store::connect(url, CONNECTIONS).await,
+    }
 }
 
 async fn confirm_clock(site: &Site) -> Result<Outcome, MaintenanceError> {

@@ -1,4 +1,4 @@
-//! Periodic clean-up: expired objects in the trash, expired receipts, and old entries of the audit trail.
+//! Periodic clean-up: expired objects in the trash, expired receipts, remains of erased shapes, and old entries of the audit trail.
 
 use std::time::Duration;
 
@@ -29,6 +29,8 @@ pub async fn keep_tidy(app: App, terms: Terms) {
             _ = ticks.tick() => {}
             () = app.stopping() => return,
         }
+        // After erasures that were interrupted, or found no room for it.
+        drop(app.store.begin_rewriting());
         if let Err(error) = tidy(&app, terms).await {
             tracing::warn!(error = error.cause(), "expired data could not be removed");
         }

@@ -76,6 +76,7 @@ const OPERATIONS: &[&str] = &[
     "GET /v1/keys/{key}",
     "GET /v1/transformations",
     "GET /v1/settings",
+    "GET /v1/subjects/{subject}",
     "GET /v1/version",
     "POST /v1/align",
     "POST /v1/cohorts",

@@ -1143,7 +1143,7 @@ fn the_good_shapes_are_stored_when_the_bad_ones_may_be_skipped() {
     let answer = server.post_bytes(path, NDJSON, lines.join("\n")).expect(201);
     assert_eq!((&answer["added"], &answer["skipped"]), (&json!(5850), &json!(150)));
     let results = answer["results"].as_array().unwrap();
-    assert_eq!((results.len(), &answer["left_out"]), (6000, &json!(0)));
+    assert_eq!((results.len(), &answer["unlisted"]), (6000, &json!(0)));
     for (index, result) in results.iter().enumerate() {
         assert_eq!(result["index"], index, "{result}");
         let error = &result["error"]["errors"][0];

@@ -167,6 +167,34 @@ fn a_shape_of_no_class_is_not_accepted() {
     }
 }
 
+/// One field for a pipeline: a shape unlike all training shapes has no class, whatever the distance to the class says.
+#[test]
+fn the_verdict_joins_class_and_novelty() {
+    let server = Server::fresh();
+    new_cohort(&server, "lobes", &two_classes(15, 0.04));
+    let mut seen = std::collections::BTreeSet::new();
+    for kind in ["mean_space", "discriminant", "nearest_neighbours"] {
+        learnt(&server, &request(kind, "lobes", &json!({"kind": kind}))).expect(201);
+        let lobed_ones =
+            (0..40).map(|k| lobed(2.0 + 0.1 * f64::from(k), 0.01 * f64::from(k), 900 + k as u64));
+        let shapes: Vec<Value> = lobed_ones.map(|points| json!({"points": points})).collect();
+        for what in ["classify", "assess"] {
+            let answer = ask(&server, kind, what, &json!({"shapes": shapes, "quantile": 0.9}));
+            for result in answer["results"].as_array().unwrap() {
+                let class = if what == "assess" { &result["class"] } else { result };
+                let wanted = match (&result["novelty"]["is_outlier"], &class["accepted"]) {
+                    (Value::Bool(true), _) => "outlier",
+                    (_, Value::Bool(true)) => "accepted",
+                    _ => "no_class",
+                };
+                assert_eq!(result["verdict"], wanted, "{kind} {what}: {result}");
+                seen.insert((wanted, class["accepted"].as_bool()));
+            }
+        }
+    }
+    assert!(seen.contains(&("outlier", Some(false))) && seen.contains(&("accepted", Some(true))), "{seen:?}");
+}
+
 #[test]
 fn classes_do_not_depend_on_pose() {
     let server = Server::fresh();
@@ -331,7 +359,9 @@ fn an_assessment_is_everything_at_once() {
         let (mut class, of_class) = own(&classes["results"][i]);
         assert_eq!((&of_code, &of_class), (&names, &names));
         assert_eq!(assessment["code"], code);
-        assert_eq!(class.as_object_mut().unwrap().remove("novelty").as_ref(), Some(&assessment["novelty"]));
+        for both in ["novelty", "verdict"] {
+            assert_eq!(class.as_object_mut().unwrap().remove(both).as_ref(), Some(&assessment[both]));
+        }
         assert_eq!(assessment["class"], class);
         assert_eq!(assessment["novelty"], scores["results"][i]["novelty"]);
         assert_eq!(assessment["residual"], shapes["results"][i]["residual"]);

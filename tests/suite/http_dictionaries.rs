@@ -279,6 +279,60 @@ fn who_waits_is_answered_the_dictionary_and_learning_again_makes_the_same_one() 
     assert_ne!(other["provenance"]["digest"], dictionary(&server, "modes@1")["provenance"]["digest"]);
 }
 
+/// A pipeline that learns every night makes a version only when there is something new.
+#[test]
+fn what_has_not_changed_is_not_learnt_again() {
+    let server = Server::fresh();
+    new_cohort(&server, "blobs", &blobs(0..12));
+    let mut body = request("modes", "blobs", &components(2, true));
+    body["only_if_changed"] = json!(true);
+    let newest = || dictionary(&server, "modes");
+    let learns = |body: &Value, version: u64| {
+        let made = learnt(&server, body).expect(201);
+        assert_eq!(made["version"], version, "{body}");
+        made
+    };
+    let keeps = |body: &Value| assert_eq!(learnt(&server, body).expect(200), newest(), "{body}");
+    learns(&body, 1);
+    keeps(&body);
+    assert_eq!(server.post("/v1/dictionaries", &body).expect(200)["version"], 1, "without waiting");
+    // Other shapes of the cohort do not matter, those of the filter do.
+    let mut some = body.clone();
+    (some["name"], some["filter"]) = (json!("some"), json!({"label": "b"}));
+    let labelled = |k: usize| json!({"external_id": format!("b{k}"), "label": "b", "points": blob(k)});
+    add_shapes(&server, "blobs", &(20..26).map(labelled).collect::<Vec<_>>());
+    let first = learnt(&server, &some).expect(201);
+    learns(&body, 2);
+    add_shapes(&server, "blobs", &blobs([30]));
+    assert_eq!(learnt(&server, &some).expect(200), first);
+    learns(&body, 3);
+    keeps(&body);
+    // Nor does a plain request stop to make versions, nor do other parameters count as the same.
+    let mut other = body.clone();
+    other["method"] = components(3, true);
+    learns(&other, 4);
+    learns(&body, 5);
+    learns(&request("modes", "blobs", &components(2, true)), 6);
+    keeps(&body);
+    // Shapes that are gone or corrected, and versions that are continued.
+    assert_eq!(server.delete("/v1/cohorts/blobs/shapes/30").status, 204);
+    learns(&body, 7);
+    let further =
+        json!({"name": "modes", "cohort": "blobs", "continue_from": "modes", "only_if_changed": true});
+    keeps(&further);
+    add_shapes(&server, "blobs", &blobs([31]));
+    learns(&further, 8);
+    let path = "/v1/cohorts/blobs/shapes/3";
+    server.send(server.request(Method::PATCH, path).json(&json!({"weight": 2}))).expect(200);
+    learns(&body, 9);
+    let subject = json!({"subject": "anna"});
+    server.send(server.request(Method::PATCH, path).json(&subject)).expect(200);
+    learns(&body, 10);
+    server.delete("/v1/subjects/anna").expect(200);
+    learns(&body, 11);
+    keeps(&body);
+}
+
 #[test]
 fn a_version_has_a_tag_that_never_changes() {
     let server = Server::fresh();

@@ -183,7 +183,9 @@ fn changes_are_delivered_in_order_and_signed() {
         assert!(delivery.is_signed_by(secret), "{delivery:?}");
         assert!(!delivery.is_signed_by(&format!("whsec_{}", BASE64.encode([7; 32]))));
         let digits = created["id"].as_str().unwrap().trim_start_matches("hok_");
-        assert_eq!(delivery.id, format!("evt_{digits}_{}", delivery.sequence()));
+        let (store, rest) = delivery.id.strip_prefix("evt_").unwrap().split_once('_').unwrap();
+        assert!(store.len() == 16 && store.bytes().all(|byte| byte.is_ascii_hexdigit()), "{}", delivery.id);
+        assert_eq!(rest, format!("{digits}_{}", delivery.sequence()));
     }
     until("the position", || found(&server, &created)["position"] == 7);
     let shown = found(&server, &created);
@@ -398,10 +400,62 @@ fn hooks_belong_to_the_administrators_of_a_tenant() {
     until("the delivery", || !receiver.received().is_empty());
     std::thread::sleep(Duration::from_millis(1500));
     let ids: Vec<String> = receiver.received().into_iter().map(|one| one.id).collect();
-    assert_eq!(ids, [format!("evt_{}_1", own["id"].as_str().unwrap().trim_start_matches("hok_"))]);
+    let end = format!("_{}_1", own["id"].as_str().unwrap().trim_start_matches("hok_"));
+    assert!(ids.len() == 1 && ids[0].ends_with(&end), "{ids:?}");
     let trail =
         server.send(server.request(Method::GET, "/v1/audit?operation=create_hook").bearer_auth(&other));
     assert_eq!(trail.expect(200)["items"][0]["status"], 201);
+}
+
+/// A copy that is tried beside the store must not say what only the store may say.
+#[test]
+fn copies_of_a_store_are_silent_until_they_are_told_to_speak() {
+    let (server, receiver) = (server(&[]), Receiver::start());
+    let paused = hook(&server, &json!({"url": receiver.url()}));
+    act(&server, &paused, "pause");
+    let created = hook(&server, &json!({"url": receiver.url()}));
+    make_cohort(&server, "feet");
+    until("the delivery", || receiver.confirmed() == [1]);
+    let export = server.folder().join("export");
+    assert!(server.command("export").arg(&export).status().unwrap().success());
+    let mut files = vec![("import", export)];
+    if server.database().is_none() {
+        files.push(("restore", server.folder().join("backup")));
+        assert!(server.command("backup").arg(&files[1].1).status().unwrap().success());
+    }
+    add(&server, "feet", 1);
+    until("the delivery of the store", || receiver.confirmed() == [1, 2]);
+    let mut known: BTreeSet<String> = receiver.received().into_iter().map(|one| one.id).collect();
+    for (command, file) in files {
+        for resumes in [false, true] {
+            let place = Setting::fresh().flags(&["--allow-private-hooks", "true"]);
+            let mut made = place.command(command);
+            made.arg(&file).args(resumes.then_some("--resume-hooks"));
+            let output = made.output().unwrap();
+            assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+            let said = String::from_utf8(output.stdout).unwrap();
+            assert_eq!(said.contains("1 hooks are paused"), !resumes, "{said}");
+            let copy = place.start();
+            assert_eq!(found(&copy, &paused)["reason"], Value::Null, "paused before");
+            let before = receiver.received().len();
+            add(&copy, "feet", 5);
+            if !resumes {
+                std::thread::sleep(Duration::from_millis(1500));
+                assert_eq!(receiver.received().len(), before, "{command} delivers");
+                let shown = found(&copy, &created);
+                assert_eq!(shown["status"], "paused");
+                assert!(shown["reason"].as_str().unwrap().contains("copy"), "{shown}");
+                assert_eq!(act(&copy, &created, "resume")["reason"], Value::Null);
+            }
+            until("the delivery of the copy", || receiver.received().len() == before + 1);
+            let delivery = receiver.received().pop().unwrap();
+            assert_eq!(delivery.sequence(), 2, "another change with the number of one of the store");
+            assert!(known.insert(delivery.id), "two stores deliver under the same id");
+        }
+    }
+    let said = server.command("silence").output().unwrap();
+    assert!(String::from_utf8_lossy(&said.stdout).contains("1 hooks are paused"), "{said:?}");
+    assert_eq!(found(&server, &created)["status"], "paused");
 }
 
 /// Kills in the suite; `benches/reliability/hooks.py` makes hundreds.

@@ -31,7 +31,7 @@ fn post_to(server: &Server, path: &str, parameters: &Value, image: &[u8], header
     server.send(headers.iter().fold(request, |request, (name, value)| request.header(*name, *value)))
 }
 
-fn named(ids: [&str; 2]) -> Value {
+pub(crate) fn named(ids: [&str; 2]) -> Value {
     curves(json!({"objects": ids.map(|id| json!({
         "external_id": id, "subject": "mouse-3", "label": "control", "labels": {"plate": 7}, "metadata": {"well": id}
     }))}))

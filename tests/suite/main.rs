@@ -31,6 +31,7 @@ mod http_dictionaries;
 mod http_directions;
 mod http_drawings;
 mod http_engine;
+mod http_erasure;
 mod http_events;
 mod http_files;
 mod http_flow;

@@ -18,7 +18,9 @@ use crate::api::extract::{Caller, Path};
 use crate::api::problem::Problem;
 use crate::formats::checked::{Checked, List, Many, document, take_given, take_many};
 use crate::service::app::App;
-use crate::service::dictionaries::answers::{AssessmentOutput, ByDictionary, ClassOutput, NoveltyOutput};
+use crate::service::dictionaries::answers::{
+    AssessmentOutput, ByDictionary, ClassOutput, NoveltyOutput, Verdict,
+};
 use crate::service::dictionaries::classify;
 use crate::service::dictionaries::pictures::assessed;
 use crate::service::dictionaries::posterior;
@@ -73,6 +75,8 @@ asking_request! {
 /// Class of a shape and its novelty.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct ClassificationOutput {
+    /// Use of the shape, by its class and its novelty together.
+    verdict: Verdict,
     #[serde(flatten)]
     class: ClassOutput,
     /// Comparison of the shape with all training shapes.
@@ -104,9 +108,10 @@ pub(super) async fn classify(
     let settings =
         |request: ClassifyRequest, _: &Ready, errors: &mut _| quantile_of(request.quantile, errors);
     ask_dictionary::<_, _, ClassifyAnswer>(app, received, settings, |app, ready, asked, quantile| {
-        let output = |classified: Classified| ClassificationOutput {
-            class: ClassOutput::new(ready, &classified),
-            novelty: NoveltyOutput::new(&classified.outlier),
+        let output = |classified: Classified| {
+            let (class, novelty) =
+                (ClassOutput::new(ready, &classified), NoveltyOutput::new(&classified.outlier));
+            ClassificationOutput { verdict: Verdict::of(Some(&class), &novelty), class, novelty }
         };
         let classes = classify::classify(app, ready, asked, quantile)?;
         Ok((classes.map(|_, classified| Ok(output(classified))), ByDictionary::with_warnings(ready)))

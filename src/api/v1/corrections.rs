@@ -17,7 +17,7 @@ use crate::api::problem::Problem;
 use crate::api::respond::json;
 use crate::domain::job::JobKind;
 use crate::service::cohorts::catalogue::revision_tag;
-use crate::service::cohorts::corrections::{self, Deletion};
+use crate::service::cohorts::corrections::{self, Deletion, Erased};
 use crate::store::{Deleted, SubjectCohort, SubjectDictionary, SubjectJob};
 
 /// Changes to a shape: absent fields keep their values, null removes, and the members of `labels` and `metadata` are changed one
@@ -142,9 +142,23 @@ pub(super) struct ErasureAnswer {
     dictionaries: Vec<AffectedDictionary>,
     /// Jobs on these cohorts that were removed or begun again.
     jobs: Vec<AffectedJob>,
+    /// Whether the files of the store hold nothing of the shapes any more either; absent for a dry run.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(required = false)]
+    files: Option<FilesState>,
     /// Present and true if nothing was erased.
     #[serde(skip_serializing_if = "Option::is_none")]
     dry_run: Option<bool>,
+}
+
+/// State of the files of the store after an erasure.
+#[derive(Debug, Clone, Copy, Serialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum FilesState {
+    /// They are written anew, and hold nothing of the shapes.
+    Done,
+    /// Parts that the database does not use may hold copies of attributes until the files are written anew; a repeated request tells.
+    Pending,
 }
 
 /// A cohort from which shapes were erased.
@@ -202,15 +216,17 @@ pub(super) enum JobOutcome {
 }
 
 impl ErasureAnswer {
-    fn new(found: Vec<SubjectCohort>, dry_run: bool) -> Self {
+    fn new(Erased { cohorts, is_done }: Erased) -> Self {
+        let files = is_done.map(|is_done| if is_done { FilesState::Done } else { FilesState::Pending });
         let mut answer = Self {
-            shapes: found.iter().map(|cohort| cohort.shapes).sum(),
+            shapes: cohorts.iter().map(|cohort| cohort.shapes).sum(),
             cohorts: Vec::new(),
             dictionaries: Vec::new(),
             jobs: Vec::new(),
-            dry_run: dry_run.then_some(true),
+            files,
+            dry_run: is_done.is_none().then_some(true),
         };
-        for cohort in found {
+        for cohort in cohorts {
             let SubjectCohort { id, name, revision, shapes, trashed, dictionaries, jobs, .. } = cohort;
             let dictionaries = dictionaries.into_iter().map(|version| AffectedDictionary::new(version, &id));
             answer.dictionaries.extend(dictionaries);
@@ -238,12 +254,14 @@ impl From<SubjectJob> for AffectedJob {
 ///
 /// Attributes are emptied and control points overwritten in the store, also of shapes that were deleted or corrected before and
 /// of cohorts in the trash. Jobs on these cohorts that have ended since the first of the shapes was stored are removed, because
-/// their results may name shapes. Dictionaries that were learnt from the shapes are named and not changed. A subject without
-/// shapes is answered in the same way; a repetition erases what has arrived since.
+/// their results may name shapes. Dictionaries that were learnt from the shapes are named and not changed. A subject that has no
+/// shapes and was never erased is not found; a repetition erases what has arrived since. The files of the store are then written anew
+/// (`files`), if that takes some seconds.
 #[utoipa::path(delete, path = "/v1/subjects/{subject}", tag = "cohorts",
     params(("subject" = String, Path, description = "The subject, percent-encoded"), EraseQuery),
     responses(
         (status = 200, description = "What was erased", body = ErasureAnswer),
+        (status = 404, description = "No such subject"),
         (status = "4XX", description = "The query was refused")
     ))]
 pub(super) async fn erase_subject(
@@ -251,6 +269,6 @@ pub(super) async fn erase_subject(
     Path(subject): Path<String>,
     Query(EraseQuery { dry_run }): Query<EraseQuery>,
 ) -> Result<Response, Problem> {
-    let found = corrections::erase(&app, &subject, dry_run).await?;
-    Ok(json(StatusCode::OK, &ErasureAnswer::new(found, dry_run))?)
+    let erased = corrections::erase(&app, &subject, dry_run).await?;
+    Ok(json(StatusCode::OK, &ErasureAnswer::new(erased))?)
 }

@@ -42,7 +42,7 @@ use crate::service::app::{App, ServiceError, Work};
 use crate::service::cost::requests;
 use crate::service::dictionaries::answers::UsedDictionary;
 use crate::service::dictionaries::file::DictionaryFile;
-use crate::service::dictionaries::planning::{From as LearnFrom, Learn, Planned};
+use crate::service::dictionaries::planning::{Decision, From as LearnFrom, Learn, Planned};
 use crate::service::dictionaries::ready::Ready;
 use crate::service::dictionaries::{file, modes, planning, ready};
 use crate::service::jobs;
@@ -99,6 +99,10 @@ document! {
         /// only shapes added since then are learnt from. Cannot be combined with the parameters.
         #[schema(value_type = Option<String>)]
         continue_from: Checked<String>;
+        /// Whether nothing is learnt if the newest version of the name was learnt from the same shapes with the same parameters; that version
+        /// is returned then. Default: false.
+        #[schema(value_type = Option<bool>)]
+        only_if_changed: Checked<bool>;
         /// Whether to return only the predicted cost. Default: false.
         #[schema(value_type = Option<bool>)]
         dry_run: Checked<bool>;
@@ -117,6 +121,17 @@ pub(super) struct EstimateAnswer {
     cohort_revision: u64,
     /// Learning method with all defaults filled in.
     method: Method,
+}
+
+/// Answer if nothing is learnt.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+#[serde(untagged)]
+#[allow(dead_code, reason = "only for the document")]
+pub(super) enum NotLearnt<'a> {
+    /// Predicted cost (dry run).
+    Estimate(Box<EstimateAnswer>),
+    /// The newest version, which would be learnt again.
+    Unchanged(Box<DictionaryOutput<'a>>),
 }
 
 /// Training data, seed and program behind a dictionary.
@@ -342,11 +357,12 @@ impl<'a> DictionaryOutput<'a> {
 ///
 /// The response is a job (202). With `Prefer: wait=N` it is the dictionary (201) if that is ready within `N` seconds, at most
 /// 60. With `dry_run` it is the predicted cost (200), and nothing runs. The cohort is used as it is now, even if shapes are
-/// added meanwhile. Learning again from the same shapes with the same parameters gives the same digest.
+/// added meanwhile. Learning again from the same shapes with the same parameters gives the same digest; with `only_if_changed` it is
+/// left out, and the response is the newest version (200).
 #[utoipa::path(post, path = "/v1/dictionaries", tag = "dictionaries", request_body = LearnRequest,
     params(("prefer" = Option<String>, Header, description = "`wait=10`: wait up to ten seconds for the dictionary"), RetryHeader),
     responses(
-        (status = 200, description = "Predicted cost (dry run)", body = EstimateAnswer),
+        (status = 200, description = "Predicted cost (dry run), or the newest version (`only_if_changed`)", body = NotLearnt),
         (status = 201, description = "The dictionary, if it was learnt within the wait", body = DictionaryOutput, headers(("Location" = String))),
         (status = 202, description = "The job that learns the dictionary", body = JobOutput, headers(("Location" = String))),
         (status = 404, description = "No such cohort"),
@@ -362,7 +378,10 @@ pub(super) async fn learn_dictionary(
     let mut request: LearnRequest = app.parse(&body)?;
     let app = app.with_priority(priority_of(request.priority.take())?);
     let (learn, dry_run) = learn_of(request)?;
-    let Planned { plan, estimate } = planning::plan(&app, learn).await?;
+    let Planned { plan, estimate } = match planning::decide(&app, learn).await? {
+        Decision::Learn(planned) => *planned,
+        Decision::Unchanged(ready) => return Ok(json(StatusCode::OK, &DictionaryOutput::new(&ready))?),
+    };
     if dry_run {
         let (cohort_revision, method) = (plan.revision, plan.method);
         return Ok(json(StatusCode::OK, &EstimateAnswer { estimate, cohort_revision, method })?);
@@ -431,6 +450,7 @@ fn learn_of(request: LearnRequest) -> Result<(Learn, bool), ServiceError> {
     let corresponding = take_or_default(request.corresponding, "/corresponding", &mut errors);
     let classifier = take_given(request.classifier, "/classifier", &mut errors);
     let version = take_given(request.continue_from, "/continue_from", &mut errors);
+    let only_if_changed = take_or_default(request.only_if_changed, "/only_if_changed", &mut errors);
     let dry_run = take_or_default(request.dry_run, "/dry_run", &mut errors);
     faults.extend(errors);
     ServiceError::unless_empty(faults)?;
@@ -450,7 +470,8 @@ fn learn_of(request: LearnRequest) -> Result<(Learn, bool), ServiceError> {
             classifier: classifier.map(Box::new),
         },
     };
-    let learn = Learn { name: name.ok_or_else(incomplete)?, cohort: cohort.ok_or_else(incomplete)?, from };
+    let (name, cohort) = (name.ok_or_else(incomplete)?, cohort.ok_or_else(incomplete)?);
+    let learn = Learn { name, cohort, from, only_if_changed: only_if_changed.unwrap_or(false) };
     Ok((learn, dry_run.unwrap_or(false)))
 }
 

@@ -50,6 +50,7 @@ mod sheet;
 mod sheets;
 mod statistics;
 mod subdivision;
+mod subjects;
 mod tables;
 mod version;
 

@@ -87,9 +87,6 @@ pub(super) struct AddAnswer {
     #[serde(skip_serializing_if = "Vec::is_empty")]
     #[schema(required = false)]
     warnings: Vec<String>,
-    /// The same as `unlisted`, for clients of the releases before.
-    #[schema(deprecated)]
-    left_out: usize,
     /// What a file of another program holds beside its shapes.
     #[serde(skip_serializing_if = "Option::is_none")]
     file: Option<FileSummary>,
@@ -148,7 +145,6 @@ impl From<Stored> for AddAnswer {
             ids,
             unlisted: left_out,
             warnings,
-            left_out,
             file,
         }
     }

@@ -91,7 +91,7 @@ pub(crate) fn receipt(retry: &Retry, outcome: impl Serialize) -> Receipt {
 /// Stored outcome of a request that has been read completely, if it was executed before.
 ///
 /// # Errors
-/// [`ServiceError::KeyReused`].
+/// [`ServiceError::KeyReused`]; [`ServiceError::Deleted`] if the outcome is not kept any more.
 pub(crate) async fn done_before<T: DeserializeOwned>(
     app: &App,
     retry: &Retry,
@@ -100,6 +100,11 @@ pub(crate) async fn done_before<T: DeserializeOwned>(
     let Some(found) = app.store.find_receipt(&key.key).await? else { return Ok(None) };
     if found.request != key {
         return Err(ServiceError::KeyReused);
+    }
+    if found.is_forgotten() {
+        return Err(ServiceError::Deleted {
+            kind: "answer to this request, which was carried out and named shapes that were erased since,",
+        });
     }
     app.touched.note_repeat();
     let outcome = json::from_value(&found.outcome);

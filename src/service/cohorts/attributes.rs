@@ -135,10 +135,8 @@ async fn refuse_absent(
     named: BTreeSet<Attribute>,
     place: FilterPlace<'_>,
 ) -> Result<(), ServiceError> {
-    // Measures and times are not misspelt: their names were read.
-    let is_free = |attribute: &Attribute| {
-        matches!(attribute, Attribute::Labels(_) | Attribute::Label | Attribute::Subject)
-    };
+    // Measures and times are not misspelt: their names were read. A subject is asked for to learn that nothing is held of it.
+    let is_free = |attribute: &Attribute| matches!(attribute, Attribute::Labels(_) | Attribute::Label);
     let named: Vec<Attribute> = named.into_iter().filter(is_free).collect();
     if are_known(app, cohort, &named).await? {
         return Ok(());

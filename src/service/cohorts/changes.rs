@@ -24,12 +24,16 @@ pub struct ChangeOutput {
     /// Number of shapes added, deleted or erased.
     #[serde(rename = "shape_count")]
     shapes: Option<u64>,
+    /// Ids of the shapes that were erased, at most 200: more are in further changes. Absent for other kinds.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(required = false, max_items = 200)]
+    shape_ids: Option<Vec<String>>,
 }
 
 impl From<Change> for ChangeOutput {
     fn from(change: Change) -> Self {
-        let Change { sequence, at_ms, kind, object, cohort, revision, shapes } = change;
-        Self { sequence, at: rfc3339(at_ms), kind, object, cohort, revision, shapes }
+        let Change { sequence, at_ms, kind, object, cohort, revision, shapes, shape_ids } = change;
+        Self { sequence, at: rfc3339(at_ms), kind, object, cohort, revision, shapes, shape_ids }
     }
 }
 

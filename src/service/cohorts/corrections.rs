@@ -1,12 +1,15 @@
 //! Corrections of stored shapes: attributes changed, shapes deleted by a filter, all shapes of a subject erased.
 
+use std::time::Duration;
+
 use serde_json::{Map, Value, json};
 
 use super::attribute_names;
 use super::attributes::refuse_misspelt;
 use super::catalogue::{Expected, find_as_expected};
-use super::measures;
+use super::{measures, subjects};
 use crate::domain::cohort::Cohort;
+use crate::domain::erasure::ErasureState;
 use crate::domain::filter::ShapeFilter;
 use crate::domain::shape::{Shape, ShapeAttributes};
 use crate::formats::fault::Fault;
@@ -28,6 +31,10 @@ const FIXED: [(&[&str], &str); 3] = [
     (&["id", "external_id"], "expected no identifier: a stored shape keeps its identifiers"),
     (&["created_at", "measures"], "expected no field that the service sets"),
 ];
+/// Object of the audit entry of a dry run.
+const DRY_RUN: &str = "dry_run";
+/// Longest time that an erasure waits for the files of the store to be written anew.
+const REWRITING: Duration = Duration::from_secs(15);
 /// Number of attempts when others correct the same shape at the same time.
 const ATTEMPTS: usize = 16;
 
@@ -166,6 +173,7 @@ pub async fn delete(
     measures::complete_for(app, &cohort, &filter).await?;
     let (revisions, revision) = (Revisions::until(cohort.revision), expected.map(|_| cohort.revision));
     let deleted = if dry_run {
+        app.touched.note(DRY_RUN, "true");
         let shapes = app.store.count(&cohort.id, revisions, &filter).await?;
         Deleted { shapes, revision: cohort.revision }
     } else {
@@ -175,20 +183,35 @@ pub async fn delete(
     Ok(deleted)
 }
 
-/// Erases the shapes of a subject in all cohorts of the tenant, those in the trash included, at every revision. Returns the
-/// cohorts with what was erased; with `dry_run`, what would be.
+/// Outcome of an erasure.
+#[derive(Debug)]
+pub struct Erased {
+    /// Cohorts with what was erased from them; for a dry run, what would be.
+    pub cohorts: Vec<SubjectCohort>,
+    /// Whether the files of the store hold nothing of the subject either; `None` for a dry run.
+    pub is_done: Option<bool>,
+}
+
+/// Erases the shapes of a subject in all cohorts of the tenant, those in the trash included, at every revision; with `dry_run`, tells what
+/// would be erased. Waits for the files to be written anew, but no longer than [`REWRITING`].
 ///
 /// # Errors
-/// [`ServiceError::Forbidden`] for keys limited to certain cohorts; a failure of the store, after which a repetition erases what
-/// is left.
-pub async fn erase(app: &App, subject: &str, dry_run: bool) -> Result<Vec<SubjectCohort>, ServiceError> {
+/// [`ServiceError::NotFound`] for a subject that has no shapes and was not erased before; [`ServiceError::Forbidden`] for keys limited to
+/// certain cohorts; a failure of the store, after which a repetition erases the rest.
+pub async fn erase(app: &App, subject: &str, dry_run: bool) -> Result<Erased, ServiceError> {
     app.check_unlimited("erasing a subject")?;
     let found = app.store.find_subject(subject).await?;
+    if found.is_empty() && app.store.find_erasure(subject).await?.is_none() {
+        return Err(subjects::not_found());
+    }
     for cohort in &found {
         app.touched.note("cohort_id", &cohort.id);
     }
+    let shapes: u64 = found.iter().map(|cohort| cohort.shapes).sum();
     if dry_run {
-        return Ok(found);
+        app.touched.note(DRY_RUN, "true");
+        app.touched.note("shapes", &shapes.to_string());
+        return Ok(Erased { cohorts: found, is_done: None });
     }
     let mut erased = Vec::new();
     for cohort in found {
@@ -199,19 +222,23 @@ pub async fn erase(app: &App, subject: &str, dry_run: bool) -> Result<Vec<Subjec
         }
         erased.push(cohort);
     }
-    app.store.finish_erasures(Some(subject)).await?;
+    app.store.finish_erasures(Some(subject), now_ms()).await?;
     let shapes: u64 = erased.iter().map(|cohort| cohort.shapes).sum();
     app.touched.note("shapes", &shapes.to_string());
-    tracing::info!(shapes, cohorts = erased.len(), "a subject was erased");
-    Ok(erased)
+    // It goes on if it takes longer, or the client leaves.
+    let _ = tokio::time::timeout(REWRITING, app.store.begin_rewriting()).await;
+    let state = app.store.find_erasure(subject).await?.map(|erasure| erasure.state);
+    let is_done = state == Some(ErasureState::Done);
+    tracing::info!(shapes, cohorts = erased.len(), is_done, "a subject was erased");
+    Ok(Erased { cohorts: erased, is_done: Some(is_done) })
 }
 
-/// Overwrites what an interrupted erasure has left.
+/// Completes an interrupted erasure.
 ///
 /// # Errors
 /// A failure of the store.
 pub async fn finish(app: &App) -> Result<(), ServiceError> {
-    let overwritten = app.store.finish_erasures(None).await?;
+    let overwritten = app.store.finish_erasures(None, now_ms()).await?;
     if overwritten > 0 {
         tracing::info!(overwritten, "an interrupted erasure was completed");
     }

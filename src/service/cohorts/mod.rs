@@ -4,6 +4,7 @@
 //!   restored; [`changes`] — the feed;
 //! * `rules` — correspondence, direction and mirror images changed;
 //! * [`corrections`] — attributes of shapes changed, shapes deleted by a filter, subjects erased;
+//! * [`subjects`] — holdings of a subject;
 //! * [`upload`] — streams of shapes into a cohort; [`upload_file`] — files of other programs; `placer` — their records as shapes;
 //!   `arriving` — shapes on their way; [`fits`] — what fits to meshes have left;
 //! * [`lengths`] — the unit of a cohort, and that of a file;
@@ -35,6 +36,7 @@ mod placer;
 mod rules;
 pub mod selection;
 pub mod source;
+pub mod subjects;
 pub mod trash;
 pub mod upload;
 pub mod upload_file;

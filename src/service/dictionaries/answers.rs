@@ -202,7 +202,7 @@ pub struct ClassOutput {
     /// Confidence of the first class minus that of the second.
     margin: f64,
     /// Whether the distance to the class is within the quantile of the class's own shapes when held out. If not, the shape
-    /// belongs to none of these classes.
+    /// belongs to none of these classes. An outlier may be accepted too: `verdict` says what to do.
     accepted: bool,
 }
 
@@ -233,9 +233,35 @@ impl ClassOutput {
     }
 }
 
+/// What a pipeline is to do with a shape: `novelty` compares it with all training shapes, `accepted` of its class with those of the class
+/// alone, and both can disagree.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// A usual shape; if there is a classifier, of the class that it names.
+    Accepted,
+    /// A usual shape, of none of the classes.
+    NoClass,
+    /// An unusual shape: the class that is named for it means nothing.
+    Outlier,
+}
+
+impl Verdict {
+    /// Verdict on a shape with this class, if it has one, and this novelty.
+    pub fn of(class: Option<&ClassOutput>, novelty: &NoveltyOutput) -> Self {
+        match class {
+            _ if novelty.is_outlier => Self::Outlier,
+            Some(class) if !class.accepted => Self::NoClass,
+            _ => Self::Accepted,
+        }
+    }
+}
+
 /// Code, class, outlier status and residual of a shape.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct AssessmentOutput {
+    /// Use of the shape, by its class and its novelty together.
+    verdict: Verdict,
     /// Sparse code or component scores, and the transformation into the pose of the dictionary.
     code: CodeOutput,
     /// Class of the shape; null if the dictionary has no classifier, and for shapes with missing parts.
@@ -282,7 +308,15 @@ impl AssessmentOutput {
 
     fn of_part(ready: &Ready, part: PartAssessment, novelty: &PartScore) -> Self {
         let (setup, posterior) = (&ready.setup, &part.posterior);
+        let novelty = NoveltyOutput {
+            is_outlier: novelty.is_outlier,
+            t_squared: Some(part.t_squared),
+            t_squared_rank: Some(novelty.distance_rank),
+            squared_prediction_error: part.squared_error,
+            squared_prediction_error_rank: novelty.residual_rank,
+        };
         Self {
+            verdict: Verdict::of(None, &novelty),
             code: CodeOutput {
                 indices: (0..part.scores.len()).collect(),
                 parameters: part.scores.len(),
@@ -301,13 +335,7 @@ impl AssessmentOutput {
                 },
             },
             class: None,
-            novelty: NoveltyOutput {
-                is_outlier: novelty.is_outlier,
-                t_squared: Some(part.t_squared),
-                t_squared_rank: Some(novelty.distance_rank),
-                squared_prediction_error: part.squared_error,
-                squared_prediction_error_rank: novelty.residual_rank,
-            },
+            novelty,
             relative_error: part.relative_error,
             residual: part.residual,
             part: Some(PartOutput {
@@ -322,10 +350,13 @@ impl AssessmentOutput {
 
     fn of_whole(ready: &Ready, assessment: Assessment) -> Result<Self, AnalysisError> {
         let Assessment { coded, classified, score, relative_error, residual } = assessment;
+        let class = classified.map(|classified| ClassOutput::new(ready, &classified));
+        let novelty = NoveltyOutput::new(&score);
         Ok(Self {
+            verdict: Verdict::of(class.as_ref(), &novelty),
             code: CodeOutput::new(&ready.dictionary, &coded)?,
-            class: classified.map(|classified| ClassOutput::new(ready, &classified)),
-            novelty: NoveltyOutput::new(&score),
+            class,
+            novelty,
             relative_error,
             residual,
             part: None,
@@ -345,4 +376,32 @@ impl AssessmentOutput {
 
 fn rows(matrix: &Matrix) -> Vec<Vec<f64>> {
     matrix.row_iter().map(|row| row.iter().copied().collect()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_outlier_is_one_whatever_its_class_says() {
+        let novelty = |is_outlier| NoveltyOutput {
+            is_outlier,
+            t_squared: None,
+            t_squared_rank: None,
+            squared_prediction_error: 1.0,
+            squared_prediction_error_rank: 0.5,
+        };
+        let class = |accepted| ClassOutput { label: "a".into(), ranking: Vec::new(), margin: 0.5, accepted };
+        for (accepted, is_outlier, wanted) in [
+            (None, false, Verdict::Accepted),
+            (Some(true), false, Verdict::Accepted),
+            (Some(false), false, Verdict::NoClass),
+            (None, true, Verdict::Outlier),
+            (Some(true), true, Verdict::Outlier),
+            (Some(false), true, Verdict::Outlier),
+        ] {
+            let found = Verdict::of(accepted.map(class).as_ref(), &novelty(is_outlier));
+            assert_eq!(found, wanted, "{accepted:?} {is_outlier}");
+        }
+    }
 }

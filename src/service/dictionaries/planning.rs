@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use super::class_labels::{self, settings_faults};
 use super::plan::{NO_STATE, Plan};
-use super::ready;
+use super::ready::{self, Ready};
 use crate::analysis::accumulate::KEPT_BYTES;
 use crate::analysis::alignment::{Alignment, MIN_SHAPES};
 use crate::analysis::classification::record::ClassifierSettings;
@@ -48,6 +48,8 @@ pub struct Learn {
     pub cohort: String,
     /// Start of learning: from scratch, or from a version.
     pub from: From,
+    /// Whether nothing is learnt if the newest version of the name has the same shapes and parameters.
+    pub only_if_changed: bool,
 }
 
 /// Start of learning.
@@ -89,11 +91,20 @@ pub struct Planned {
     pub estimate: Estimate,
 }
 
+/// What a request leads to.
+#[derive(Debug)]
+pub enum Decision {
+    /// A dictionary is to be learnt.
+    Learn(Box<Planned>),
+    /// The newest version of the name would be learnt again.
+    Unchanged(Arc<Ready>),
+}
+
 /// Checks a request as far as possible before it runs, and plans it.
 ///
 /// # Errors
 /// All faults of the request; too few shapes; a cohort or version that does not exist.
-pub async fn plan(app: &App, learn: Learn) -> Result<Planned, ServiceError> {
+pub async fn decide(app: &App, learn: Learn) -> Result<Decision, ServiceError> {
     let mut faults: Vec<Fault> = Vec::new();
     if let Some(problem) = name_problem(&learn.name, id::DICTIONARY) {
         faults.push(Fault::new("/name", problem));
@@ -112,8 +123,12 @@ pub async fn plan(app: &App, learn: Learn) -> Result<Planned, ServiceError> {
     ServiceError::unless_empty(faults)?;
     let cohort = catalogue::find(app, &learn.cohort).await.map_err(|error| error.named_at("/cohort"))?;
     check_name_is_open(app, &learn.name).await?;
+    let only_if_changed = learn.only_if_changed;
     let (plan, since) = started(app, learn, &cohort).await?;
     measures::complete_for(app, &cohort, &plan.filter).await?;
+    if only_if_changed && let Some(ready) = unchanged(app, &cohort, &plan).await? {
+        return Ok(Decision::Unchanged(ready));
+    }
     let revisions = Revisions { after: since, until: plan.revision };
     let shapes = app.store.count(&cohort.id, revisions, &plan.filter).await?;
     if shapes == 0 && since == 0 {
@@ -127,9 +142,31 @@ pub async fn plan(app: &App, learn: Learn) -> Result<Planned, ServiceError> {
     let (task_app, work) = (app.clone(), requests::space(&cohort.spec.representation, &app.limits));
     let estimated = move || {
         let estimate = estimate(&task_app, &plan, &cohort, shapes)?;
-        Ok(Planned { plan, estimate })
+        Ok(Decision::Learn(Box::new(Planned { plan, estimate })))
     };
     app.pool.weighing(work).run(estimated).await
+}
+
+/// The newest version of the name of a plan, if it was learnt from the same shapes with the same parameters. A shape that was corrected, or
+/// erased, is not the same any more.
+async fn unchanged(app: &App, cohort: &Cohort, plan: &Plan) -> Result<Option<Arc<Ready>>, ServiceError> {
+    let Some(id) = app.store.find_dictionary_id(&plan.name).await? else { return Ok(None) };
+    let ready = ready::find(app, &id).await?;
+    let (content, provenance) = (&ready.dictionary.content, &ready.listed.provenance);
+    let settings = content.classifier.as_ref().map(|record| &record.settings);
+    let is_alike = provenance.cohort == plan.cohort
+        && provenance.filter == plan.filter
+        && Recipe::of(content) == plan.recipe(cohort)
+        && settings == plan.classifier.as_ref();
+    if !is_alike {
+        return Ok(None);
+    }
+    let since = Revisions { after: provenance.cohort_revision, until: plan.revision };
+    let seen = Revisions::until(provenance.cohort_revision);
+    let changed = app.store.count(&cohort.id, since, &plan.filter).await?
+        + app.store.count_deleted(&cohort.id, since, &plan.filter).await?;
+    let found = app.store.count(&cohort.id, seen, &plan.filter).await?;
+    Ok((changed == 0 && found == content.statistics.shapes as u64).then_some(ready))
 }
 
 /// Plan of a request, and the revision up to which an earlier version has seen the shapes.

@@ -161,6 +161,7 @@ mod tests {
             cohort: None,
             revision: None,
             shapes: None,
+            shape_ids: None,
         }
     }
 

@@ -170,11 +170,12 @@ impl Courier {
         let (hook, end) = (&claim.hook, Instant::now() + TURN);
         let app = self.app.of(Arc::new(Principal::system(&hook.tenant)));
         let (mut position, mut attempts) = (hook.position, hook.attempts);
+        let store = app.store.identity().await?;
         loop {
             let page = changes::list(&app, position, PAGE).await?;
             for change in page.changes.iter().filter(|change| hook.filter.admits(change)) {
                 let sent = tokio::select! {
-                    sent = self.send(hook, change) => sent,
+                    sent = self.send(hook, &store, change) => sent,
                     () = self.stop.cancelled() => return Ok(self.app.store.release_hook(claim, now_ms()).await?),
                 };
                 metrics::hook_delivery(sent.is_ok());
@@ -225,7 +226,7 @@ impl Courier {
     }
 
     /// Makes one attempt at a delivery.
-    async fn send(&self, hook: &Hook, change: &Change) -> Result<(), Failed> {
+    async fn send(&self, hook: &Hook, store: &str, change: &Change) -> Result<(), Failed> {
         let client =
             self.client.as_ref().ok_or_else(|| Failed::new("the service has no client: see its log"))?;
         let settings = &self.settings;
@@ -234,7 +235,7 @@ impl Courier {
         })?;
         let body = serde_json::to_string(&Delivery::new(change))
             .map_err(|_| Failed::new("the change cannot be written as JSON: see the log of the service"))?;
-        let id = hook.delivery_id(change.sequence);
+        let id = hook.delivery_id(store, change.sequence);
         let timestamp = (now_ms() / 1000).to_string();
         let signature = signature(hook.secret.bytes(), &id, &timestamp, &body);
         let request = client
@@ -351,6 +352,7 @@ mod tests {
             cohort: Some("coh_1".into()),
             revision: Some(2),
             shapes: Some(3),
+            shape_ids: None,
         };
         let found: serde_json::Value = serde_json::to_value(Delivery::new(&change)).unwrap();
         let at = "1970-01-01T00:00:00Z";

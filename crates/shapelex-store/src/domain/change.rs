@@ -23,7 +23,7 @@ pub enum ChangeKind {
     ShapeDeleted,
     /// Shapes that pass a filter were deleted; the object is the cohort.
     ShapesDeleted,
-    /// The shapes of a subject were erased, in all revisions; the object is the cohort.
+    /// Shapes of a subject were erased, in all revisions; the object is the cohort, `shape_ids` names them.
     SubjectErased,
     /// A version of a dictionary was learnt or imported.
     DictionaryAdded,
@@ -128,27 +128,46 @@ pub struct NewChange<'a> {
     pub revision: Option<u64>,
     /// Number of shapes added, deleted or erased.
     pub shapes: Option<u64>,
+    /// Ids of the shapes that were erased.
+    pub shape_ids: Option<&'a [&'a str]>,
 }
+
+/// Maximum number of shapes that a change names: a page of changes stays below ten megabytes.
+pub const MAX_NAMED: usize = 200;
 
 impl<'a> NewChange<'a> {
     /// A change of a cohort itself.
     pub fn for_cohort(kind: ChangeKind, cohort: &'a str, revision: u64) -> Self {
-        Self { kind, object: cohort, cohort: Some(cohort), revision: Some(revision), shapes: None }
+        Self {
+            kind,
+            object: cohort,
+            cohort: Some(cohort),
+            revision: Some(revision),
+            shapes: None,
+            shape_ids: None,
+        }
     }
 
     /// A change of a shape of the cohort.
     pub fn for_shape(kind: ChangeKind, shape: &'a str, cohort: &'a str, revision: u64) -> Self {
-        Self { kind, object: shape, cohort: Some(cohort), revision: Some(revision), shapes: None }
+        Self {
+            kind,
+            object: shape,
+            cohort: Some(cohort),
+            revision: Some(revision),
+            shapes: None,
+            shape_ids: None,
+        }
     }
 
     /// A change of the state of a job on the cohort.
     pub fn for_job(kind: ChangeKind, job: &'a str, cohort: Option<&'a str>) -> Self {
-        Self { kind, object: job, cohort, revision: None, shapes: None }
+        Self { kind, object: job, cohort, revision: None, shapes: None, shape_ids: None }
     }
 
     /// A change of a dictionary that was learnt from the cohort.
     pub fn for_dictionary(kind: ChangeKind, dictionary: &'a str, cohort: &'a str) -> Self {
-        Self { kind, object: dictionary, cohort: Some(cohort), revision: None, shapes: None }
+        Self { kind, object: dictionary, cohort: Some(cohort), revision: None, shapes: None, shape_ids: None }
     }
 }
 
@@ -169,6 +188,8 @@ pub struct Change {
     pub revision: Option<u64>,
     /// Number of shapes added, deleted or erased.
     pub shapes: Option<u64>,
+    /// Ids of the shapes that were erased.
+    pub shape_ids: Option<Vec<String>>,
 }
 
 #[cfg(test)]
@@ -194,6 +215,7 @@ mod tests {
             cohort: Some("coh_1".into()),
             revision: Some(1),
             shapes: Some(2),
+            shape_ids: None,
         };
         let of = |kind, cohort: &str| ChangeFilter { kinds: Some(vec![kind]), cohort: Some(cohort.into()) };
         assert!(ChangeFilter::default().admits(&change));

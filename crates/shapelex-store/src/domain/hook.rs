@@ -1,7 +1,7 @@
 //! Hooks: addresses to which changes are delivered, at least once and in order, each signed.
 //!
 //! ```text
-//! webhook-id:        evt_<digits of the hook's id>_<number of the change>
+//! webhook-id:        evt_<id of the store>_<digits of the hook's id>_<number of the change>
 //! webhook-timestamp: seconds since 1970
 //! webhook-signature: v1,<base64 of HMAC-SHA256(secret, "id.timestamp.body")>
 //! ```
@@ -79,7 +79,7 @@ pub struct Hook {
     pub secret: SigningSecret,
     /// Status of the hook.
     pub status: HookStatus,
-    /// Why deliveries were given up.
+    /// Why deliveries were given up, or paused by a command.
     pub reason: Option<String>,
     /// Number of the last change that was delivered or needed no delivery.
     pub position: u64,
@@ -96,10 +96,11 @@ pub struct Hook {
 }
 
 impl Hook {
-    /// Id of the delivery of a change, the same for every attempt.
-    pub fn delivery_id(&self, sequence: u64) -> String {
+    /// Id of the delivery of a change by a store, the same for every attempt. Copies of a store have other ids: their changes with the
+    /// same numbers are other changes.
+    pub fn delivery_id(&self, store: &str, sequence: u64) -> String {
         let digits = self.id.trim_start_matches(id::HOOK).trim_start_matches('_');
-        format!("evt_{digits}_{sequence}")
+        format!("evt_{store}_{digits}_{sequence}")
     }
 }
 

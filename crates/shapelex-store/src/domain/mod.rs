@@ -9,6 +9,7 @@
 //! * [`study`] — results of comparisons and regressions of a cohort's shapes;
 //! * [`job`] — long work, its progress and its outcome;
 //! * [`change`] — the change feed; [`hook`] — where it is delivered; [`retry`] — requests that may be repeated; [`trash`] — deleted objects that can be restored;
+//!   [`erasure`] — which subjects were erased;
 //! * [`id`] — prefixed, sortable, opaque identifiers.
 
 pub mod access;
@@ -17,6 +18,7 @@ pub mod audit;
 pub mod change;
 pub mod cohort;
 pub mod dictionary;
+pub mod erasure;
 pub mod filter;
 pub mod hook;
 pub mod id;

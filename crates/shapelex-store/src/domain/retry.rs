@@ -20,6 +20,13 @@ pub struct Receipt {
     pub outcome: Value,
 }
 
+impl Receipt {
+    /// Whether the outcome was of shapes that were erased since, and is not kept any more.
+    pub fn is_forgotten(&self) -> bool {
+        self.outcome.is_null()
+    }
+}
+
 /// Maximum length of a key in characters.
 pub const MAX_KEY_CHARS: usize = 255;
 
@@ -30,6 +37,16 @@ pub fn job_key(id: &str) -> String {
 
 /// First character of the keys of jobs.
 pub const JOB_MARK: char = '\u{1}';
+/// First character of what a key is kept as once it may name shapes that were erased.
+const HIDDEN_MARK: char = '\u{2}';
+
+/// What a key is kept as once it may name shapes that were erased: a digest.
+pub fn hidden_key(key: &str) -> String {
+    if key.starts_with(HIDDEN_MARK) {
+        return key.into();
+    }
+    format!("{HIDDEN_MARK}{}", blake3::hash(key.as_bytes()).to_hex())
+}
 
 /// Whether `key` is valid: 1 to [`MAX_KEY_CHARS`] printable ASCII characters.
 pub fn is_key(key: &str) -> bool {

@@ -56,7 +56,8 @@ pub(super) async fn record(
     const NEXT: &str = "INSERT INTO change_sequence (tenant, last) VALUES ($1, 1)
         ON CONFLICT (tenant) DO UPDATE SET last = change_sequence.last + 1 RETURNING last";
     const RECORD: &str = "INSERT INTO change
-        (tenant, sequence, at_ms, kind, object, cohort, revision, shapes) VALUES ($1, $2, $3, $4, $5, $6, $7, $8)";
+        (tenant, sequence, at_ms, kind, object, cohort, revision, shapes, shape_ids)
+        VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9)";
     const PRUNE: &str = "DELETE FROM change WHERE tenant = $1 AND sequence <= $2";
     let sequence: i64 = sql(&mut *write, NEXT).bind(tenant).scalar().await?;
     sql(&mut *write, RECORD)
@@ -68,6 +69,7 @@ pub(super) async fn record(
         .bind(change.cohort)
         .bind(change.revision.map(to_sql))
         .bind(change.shapes.map(to_sql))
+        .bind(change.shape_ids.map(|ids| to_text(&ids)))
         .execute()
         .await?;
     let last_gone = sequence - to_sql(MAX_CHANGES);
@@ -89,5 +91,6 @@ fn read_change(row: &Row) -> Result<Change, StoreError> {
         cohort: row.get("cohort")?,
         revision: number("revision")?,
         shapes: number("shapes")?,
+        shape_ids: row.get::<Option<&str>>("shape_ids")?.map(from_text).transpose()?,
     })
 }

@@ -109,11 +109,8 @@ impl Store {
             let grow = sql(&mut write, GROW).bind(cohort).bind(revision).bind(to_sql(shapes)).bind(now_ms);
             grow.execute().await?;
             let change = NewChange {
-                kind: ChangeKind::ShapesDeleted,
-                object: cohort_id,
-                cohort: Some(cohort_id),
-                revision: Some(from_sql(revision)),
                 shapes: Some(shapes),
+                ..NewChange::for_cohort(ChangeKind::ShapesDeleted, cohort_id, from_sql(revision))
             };
             changes::record(&mut write, self.tenant(), &change, now_ms).await?;
             write.commit().await?;

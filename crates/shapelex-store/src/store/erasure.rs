@@ -3,10 +3,9 @@
 //! For each cohort a transaction hides the rows at every revision (they are deleted by the revision that added them), empties
 //! their columns and removes what jobs have found out about them. The subject stays in the rows until the control points in the
 //! chunks are overwritten, in further transactions: a crash in between leaves a mark from which [`Store::finish_erasures`] goes
-//! on. The embedded database overwrites what it frees (`secure_delete`), and its log is emptied in the end.
+//! on. Receipts lose what they say of the shapes. In the end the files are written anew (`erasures`).
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
-use std::time::Duration;
 
 use serde_json::Value;
 
@@ -16,18 +15,18 @@ use super::blob::{self, ROWS_PER_CHUNK};
 use super::changes;
 use super::engine::{Query, Row, Transaction, sql};
 use super::engine::{from_sql, to_sql};
+use super::erasures;
 use super::error::StoreError;
 use super::filter::{Revisions, Selection};
-use super::handle::{CHUNKS_PER_PURGE, PURGE_ORPHANS, Store, begin_task, blocking};
+use super::handle::{CHUNKS_PER_PURGE, PURGE_ORPHANS, Store, blocking};
+use super::receipts::{self, Forgotten};
 use super::shapes::Cursor;
 use super::text::from_text;
-use crate::domain::change::{ChangeKind, NewChange};
+use crate::domain::change::{ChangeKind, MAX_NAMED, NewChange};
 use crate::domain::dictionary::Provenance;
 use crate::domain::filter::ShapeFilter;
 use crate::domain::job::{JobKind, JobStatus};
 
-/// Pause before the log of the embedded database is emptied again, when a reader has kept it.
-const PAUSE: Duration = Duration::from_secs(5);
 /// A place is one number: the chunk times this, plus the row.
 const PLACES: i64 = 1 << 20;
 const _: () = assert!(ROWS_PER_CHUNK <= PLACES as usize);
@@ -162,6 +161,8 @@ impl Store {
             end_jobs(&mut write, &cohort.jobs).await?;
             empty(&mut write, subject, &rows).await?;
             assessments::forget(&mut write, number, rows.iter().map(|row| row.id.as_str())).await?;
+            receipts::forget(&mut write, self.tenant(), &forgotten(&rows, subject)).await?;
+            erasures::record(&mut write, self.tenant(), subject, now_ms).await?;
             let living = rows.iter().filter(|row| row.is_living).count() as u64;
             let revision: i64 =
                 sql(&mut write, GROW).bind(number).bind(to_sql(living)).bind(now_ms).scalar().await?;
@@ -169,23 +170,38 @@ impl Store {
             cohort.shapes = shapes_of(&rows);
             cohort.trashed = found.get::<Option<i64>>("deleted_at_ms")?.is_some();
             if !cohort.trashed {
-                let change = NewChange {
-                    shapes: Some(cohort.shapes),
-                    ..NewChange::for_cohort(ChangeKind::SubjectErased, &cohort.id, cohort.revision)
-                };
-                changes::record(&mut write, self.tenant(), &change, now_ms).await?;
+                self.announce(&mut write, &cohort, &rows, now_ms).await?;
             }
             write.commit().await?;
             Ok(Some(cohort))
         })
     }
 
+    /// Records the change of a cohort, in parts that name the shapes.
+    async fn announce(
+        &self,
+        write: &mut Transaction,
+        cohort: &SubjectCohort,
+        rows: &[Held],
+        now_ms: i64,
+    ) -> Result<(), StoreError> {
+        let ids: Vec<&str> = ids_of(rows).into_iter().collect();
+        for ids in ids.chunks(MAX_NAMED) {
+            let change = NewChange {
+                shapes: Some(ids.len() as u64),
+                shape_ids: Some(ids),
+                ..NewChange::for_cohort(ChangeKind::SubjectErased, &cohort.id, cohort.revision)
+            };
+            changes::record(write, self.tenant(), &change, now_ms).await?;
+        }
+        Ok(())
+    }
+
     /// Overwrites the control points and weights of the erased shapes of a subject of the tenant, or of all; returns their number.
-    /// The embedded database is then left without older copies of them in its file and its log.
     ///
     /// # Errors
     /// Database errors; what is left is overwritten by the next call.
-    pub fn finish_erasures<'a>(&'a self, subject: Option<&'a str>) -> Answer<'a, u64> {
+    pub fn finish_erasures<'a>(&'a self, subject: Option<&'a str>, now_ms: i64) -> Answer<'a, u64> {
         Box::pin(async move {
             const MARKED: &str = "SELECT DISTINCT h.id, s.cohort, s.subject
                 FROM cohort AS h CROSS JOIN shape AS s ON s.cohort = h.number
@@ -205,9 +221,7 @@ impl Store {
                     (row.get("id")?, row.get("cohort")?, row.get("subject")?);
                 count += self.overwrite(id, number, subject).await?;
             }
-            if count > 0 {
-                self.empty_log().await;
-            }
+            self.note_overwritten(subject, now_ms).await?;
             Ok(count)
         })
     }
@@ -236,27 +250,6 @@ impl Store {
                 overwrite_in_chunk(&mut write, chunk, positions).await?;
             }
             write.commit().await?;
-        }
-    }
-
-    /// Empties the log of the embedded database, at once or as soon as readers let it.
-    async fn empty_log(&self) {
-        let store = self.clone();
-        match self.inner.pools.fold_log().await {
-            Ok(true) => {}
-            Ok(false) => {
-                begin_task(Box::pin(async move {
-                    while !store.inner.pools.is_closed() {
-                        tokio::time::sleep(PAUSE).await;
-                        if matches!(store.inner.pools.fold_log().await, Ok(true)) {
-                            return;
-                        }
-                    }
-                }));
-            }
-            Err(error) => {
-                tracing::warn!(%error, "the write-ahead log still has older copies of erased shapes");
-            }
         }
     }
 
@@ -374,9 +367,24 @@ fn read_held(row: &Row) -> Result<Held, StoreError> {
     })
 }
 
+/// Ids of the shapes that the rows belong to.
+fn ids_of(rows: &[Held]) -> BTreeSet<&str> {
+    rows.iter().map(|row| row.id.as_str()).collect()
+}
+
 /// Number of shapes that the rows belong to.
 fn shapes_of(rows: &[Held]) -> u64 {
-    rows.iter().map(|row| row.id.as_str()).collect::<BTreeSet<_>>().len() as u64
+    ids_of(rows).len() as u64
+}
+
+/// What receipts must not say any more.
+fn forgotten<'a>(rows: &'a [Held], subject: &'a str) -> Forgotten<'a> {
+    let mut added: BTreeMap<i64, BTreeSet<&str>> = BTreeMap::new();
+    for row in rows {
+        added.entry(row.stored_ms).or_default().insert(&row.id);
+    }
+    let names = rows.iter().filter_map(|row| row.external_id.as_deref()).chain([subject]).collect();
+    Forgotten { ids: ids_of(rows), names, added }
 }
 
 /// Appends the condition that a row of `table` is one of these.

@@ -94,9 +94,19 @@ pub enum StoreError {
         /// What the system says.
         source: std::io::Error,
     },
-    /// The schema cannot be brought up to date, for example because a newer program wrote it.
+    /// The schema cannot be brought up to date.
     #[error("the database schema does not fit this program")]
     Schema(#[source] sqlx::migrate::MigrateError),
+    /// A newer program wrote the schema.
+    #[error(
+        "the schema of the store has version {found}, this program knows {known}: use the program that wrote it, or a newer one"
+    )]
+    Newer {
+        /// Schema version of the store.
+        found: i64,
+        /// Schema version of this program.
+        known: i64,
+    },
     /// What was given as the place of the database is not one.
     #[error("the address of the database cannot be read: {detail}")]
     Url {
@@ -166,4 +176,14 @@ pub enum StoreError {
     /// Any other failure of the database.
     #[error("the database failed")]
     Database(#[source] sqlx::Error),
+}
+
+impl StoreError {
+    /// Why a schema of the version `found` cannot be brought up to date by a program that knows `known`.
+    pub(super) fn schema(error: sqlx::migrate::MigrateError, found: i64, known: i64) -> Self {
+        match error {
+            sqlx::migrate::MigrateError::VersionMissing(_) if found > known => Self::Newer { found, known },
+            error => Self::Schema(error),
+        }
+    }
 }

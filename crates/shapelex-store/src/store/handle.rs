@@ -45,6 +45,8 @@ pub(super) struct Inner {
     pub(super) damage: OnceLock<String>,
     /// When a probe found room for a change.
     found_room: Mutex<Option<Instant>>,
+    /// Held while the file of the embedded database is written anew.
+    pub(super) rewriting: tokio::sync::Mutex<()>,
 }
 
 impl Store {
@@ -143,6 +145,7 @@ impl Store {
             replica: Replica::new(),
             damage: OnceLock::new(),
             found_room: Mutex::default(),
+            rewriting: tokio::sync::Mutex::default(),
         }))
     }
 

@@ -21,13 +21,13 @@
 //!
 //! * [`cohorts`], [`shapes`], [`dictionaries`] — finding, listing and deleting; `aliases` — names for versions; `assessments` — what they said of shapes; [`upload`] — storing shapes;
 //! * `rules` — correspondences of cohorts changed, and their shapes stored again;
-//! * `corrections` — shapes stored again with other attributes, or deleted; `erasure` — everything of a subject removed;
+//! * `corrections` — shapes stored again with other attributes, or deleted; `subjects` — the holdings of one; `erasure` — everything of a subject removed, `erasures` — the list of them, and the files written anew;
 //! * `tally` — how many shapes run which way, or came as meshes;
 //! * [`scan`] — reading control points in bulk; `places` — where they are, and whose they are;
 //! * [`jobs`] — the queue; [`tasks`] — distributed parts of jobs; [`outputs`] — large results of jobs; [`files`] — what jobs work on;
 //! * [`changes`] — the change feed; [`hooks`] — where it is delivered; `trash` — deleted objects; [`receipts`] — outcomes of idempotent requests;
 //! * [`audit`] — the audit trail; [`metrics`] — metric names;
-//! * [`maintenance`] — checks, backups and exports of the whole store;
+//! * [`maintenance`] — checks, backups and exports of the whole store; `copies` — what tells them apart;
 //! * [`Answer`] — what methods return; `blob` — conversion between numbers and bytes; `sqlite`, `postgres` — connections, checks, schema;
 //! * `replica` — which processes are alive; `clock` — notes about the clock.
 
@@ -40,10 +40,12 @@ mod blob;
 pub mod changes;
 mod clock;
 pub mod cohorts;
+mod copies;
 mod corrections;
 pub mod dictionaries;
 mod engine;
 mod erasure;
+mod erasures;
 mod error;
 pub mod files;
 mod filter;
@@ -65,6 +67,7 @@ mod rules;
 pub mod scan;
 pub mod shapes;
 mod sqlite;
+mod subjects;
 mod tally;
 pub mod tasks;
 mod text;
@@ -89,6 +92,7 @@ pub use measure::Measures;
 pub use places::{NamedShape, Places};
 pub use scan::{Ids, ScanBatch};
 pub use shapes::{Cursor, CursorError, ListCursor, Listing, Order, ShapePage, SortKey};
+pub use subjects::{HeldShape, Holding};
 pub use tally::Tally;
 pub use tasks::{PartClaim, PartEnd, PassOf, Start};
 pub use upload::{Added, ShapeRow, UnitOfShapes, Upload};

@@ -8,7 +8,7 @@ use sqlx::{ConnectOptions, PgPool};
 
 use super::engine::Failure;
 use super::error::StoreError;
-use super::sqlite::migrator;
+use super::sqlite::{NEWEST, migrator};
 
 /// How long a request waits for a connection.
 const PATIENCE: Duration = Duration::from_secs(10);
@@ -26,6 +26,7 @@ const MIGRATIONS: &[(i64, &str, &str)] = &[
     (15, "job files", include_str!("migrations/postgres/0015_job_files.sql")),
     (16, "directions and fits", include_str!("migrations/postgres/0016_directions_and_fits.sql")),
     (17, "former rules", include_str!("migrations/postgres/0017_former_rules.sql")),
+    (20, "erasures", include_str!("migrations/postgres/0020_erasures.sql")),
 ];
 
 /// Schemes of addresses of PostgreSQL; the driver takes any.
@@ -67,7 +68,9 @@ pub(super) fn latest() -> i64 {
 
 /// Upgrades the schema.
 pub(super) async fn migrate(pool: &PgPool) -> Result<(), StoreError> {
-    migrator(MIGRATIONS).run(pool).await.map_err(StoreError::Schema)
+    let Err(error) = migrator(MIGRATIONS).run(pool).await else { return Ok(()) };
+    let found = sqlx::query_scalar(NEWEST).fetch_one(pool).await.unwrap_or_default();
+    Err(StoreError::schema(error, found, latest()))
 }
 
 /// Meaning of an SQLSTATE.

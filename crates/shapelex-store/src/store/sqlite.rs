@@ -42,6 +42,7 @@ const MIGRATIONS: &[(i64, &str, &str)] = &[
     (15, "job files", include_str!("migrations/sqlite/0015_job_files.sql")),
     (16, "directions and fits", include_str!("migrations/sqlite/0016_directions_and_fits.sql")),
     (17, "former rules", include_str!("migrations/sqlite/0017_former_rules.sql")),
+    (20, "erasures", include_str!("migrations/sqlite/0020_erasures.sql")),
 ];
 
 fn options(file: &Path) -> SqliteConnectOptions {
@@ -90,7 +91,7 @@ pub(super) async fn look(file: &Path, whole: bool) -> Result<SqlitePool, StoreEr
 pub(super) async fn attach(file: &Path) -> Result<Pools, StoreError> {
     let writer = writer(options(file).create_if_missing(true)).await?;
     check_version(&writer).await?;
-    migrator(MIGRATIONS).run(&writer).await.map_err(StoreError::Schema)?;
+    upgrade(&writer).await?;
     let reader = reader(file).await?;
     Ok(Pools::Sqlite { writer, reader })
 }
@@ -109,7 +110,14 @@ pub(super) fn latest() -> i64 {
 /// Checks the file and upgrades its schema.
 pub(super) async fn migrate(writer: &SqlitePool) -> Result<(), StoreError> {
     check_file(writer).await?;
-    migrator(MIGRATIONS).run(writer).await.map_err(StoreError::Schema)
+    upgrade(writer).await
+}
+
+/// Brings the schema up to date.
+async fn upgrade(writer: &SqlitePool) -> Result<(), StoreError> {
+    let Err(error) = migrator(MIGRATIONS).run(writer).await else { return Ok(()) };
+    let found = sqlx::query_scalar(NEWEST).fetch_one(writer).await.unwrap_or_default();
+    Err(StoreError::schema(error, found, latest()))
 }
 
 /// Migrates the database in `file`, after a check if requested, and opens its connections.
@@ -140,7 +148,7 @@ async fn migrated(options: SqliteConnectOptions, check: bool) -> Result<SqlitePo
     if check {
         check_file(&writer).await?;
     }
-    migrator(MIGRATIONS).run(&writer).await.map_err(StoreError::Schema)?;
+    upgrade(&writer).await?;
     Ok(writer)
 }
 
@@ -197,6 +205,9 @@ async fn check_file(pool: &SqlitePool) -> Result<(), StoreError> {
     }
     Err(StoreError::Damaged { detail })
 }
+
+/// Version of a schema.
+pub(super) const NEWEST: &str = "SELECT max(version) FROM _sqlx_migrations";
 
 /// Migrations of a schema, ready to run.
 pub(super) fn migrator(steps: &[(i64, &'static str, &'static str)]) -> Migrator {

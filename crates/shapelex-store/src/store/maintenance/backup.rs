@@ -11,6 +11,7 @@ use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{ConnectOptions, Connection};
 
 use super::super::answer::Answer;
+use super::super::copies::settle_copy;
 use super::super::engine::sql;
 use super::super::error::StoreError;
 use super::super::folder::DATABASE_FILE;
@@ -47,18 +48,28 @@ impl Store {
     }
 }
 
+/// Outcome of a restoration.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Restored {
+    /// Numbers of the check; `None` for the schema of an older version, of which only the file is checked.
+    pub checked: Option<Checked>,
+    /// Number of hooks that are paused.
+    pub paused: u64,
+}
+
 /// Creates a store from the backup in `file`, in the folder `data_dir`, which must be empty or absent. Its content is
-/// checked first; each finding is reported.
+/// checked first; each finding is reported. Active hooks are paused unless they are to `resume`.
 ///
-/// A backup of an older version keeps its schema, and only its file is checked.
+/// A backup of an older version keeps its schema.
 ///
 /// # Errors
-/// [`MaintenanceError::FolderInUse`], [`MaintenanceError::BadBackup`], [`MaintenanceError::Newer`].
+/// [`MaintenanceError::FolderInUse`], [`MaintenanceError::BadBackup`], [`StoreError::Newer`].
 pub fn restore<'a>(
     file: &'a Path,
     data_dir: &'a Path,
+    resume: bool,
     report: &'a mut (dyn FnMut(&str) + Send),
-) -> Answer<'a, Option<Checked>, MaintenanceError> {
+) -> Answer<'a, Restored, MaintenanceError> {
     Box::pin(async move {
         if !file.is_file() {
             return Err(MaintenanceError::BadBackup(format!("no file {}", file.display())));
@@ -71,11 +82,11 @@ pub fn restore<'a>(
         private_file(&to).map_err(|source| file_error(&to, source))?;
         blocking(move || copy_content(&from, &to)).await.map_err(|source| file_error(file, source))?;
         check_file(&copy.path).await?;
-        let checked = check_content(&copy.path, report).await?;
+        let restored = settle_content(&copy.path, resume, report).await?;
         let target = data_dir.join(DATABASE_FILE);
         blocking(move || copy.finish(&target)).await?;
         drop(lock);
-        Ok(checked)
+        Ok(restored)
     })
 }
 
@@ -84,30 +95,43 @@ fn copy_content(from: &Path, to: &Path) -> std::io::Result<u64> {
     std::io::copy(&mut File::open(from)?, &mut OpenOptions::new().write(true).open(to)?)
 }
 
-/// Checks the content of a copy, unless its schema is older.
-async fn check_content(
+/// Checks the content of a copy, unless its schema is older, and makes it an independent store.
+async fn settle_content(
     copy: &Path,
+    resume: bool,
     report: &mut (dyn FnMut(&str) + Send),
-) -> Result<Option<Checked>, MaintenanceError> {
+) -> Result<Restored, MaintenanceError> {
     let store = Store::new(sqlite::connect(copy, false).await?, None, None, None);
-    let checked = match schema::require_present(&store.inner.pools).await {
-        Err(MaintenanceError::Older { found: 0, .. }) => {
-            Err(MaintenanceError::BadBackup("it is not a backup of a store".into()))
-        }
-        Err(MaintenanceError::Older { .. }) => Ok(None),
-        Err(error) => Err(error),
-        Ok(_) => store.check(report).await.map(Some).map_err(MaintenanceError::from),
-    };
+    let restored = checked_copy(&store, resume, report).await;
     // The connection that merges the write-ahead log removes it when it closes; one that never read would leave it.
     let folded = sql(store.writer(), "PRAGMA wal_checkpoint(TRUNCATE)").execute().await;
     store.close().await;
     folded?;
-    match checked? {
-        Some(Checked { findings, .. }) if findings > 0 => {
-            Err(MaintenanceError::BadBackup(format!("findings: {findings}")))
+    restored
+}
+
+async fn checked_copy(
+    store: &Store,
+    resume: bool,
+    report: &mut (dyn FnMut(&str) + Send),
+) -> Result<Restored, MaintenanceError> {
+    let checked = match schema::require_present(&store.inner.pools).await {
+        Err(MaintenanceError::Older { found: 0, .. }) => {
+            return Err(MaintenanceError::BadBackup("it is not a backup of a store".into()));
         }
-        checked => Ok(checked),
+        Err(MaintenanceError::Older { .. }) => None,
+        Err(error) => return Err(error),
+        Ok(_) => Some(store.check(report).await?),
+    };
+    if let Some(Checked { findings, .. }) = checked
+        && findings > 0
+    {
+        return Err(MaintenanceError::BadBackup(format!("findings: {findings}")));
     }
+    let mut write = store.begin_write("copy").await?;
+    let paused = settle_copy(&mut write, resume).await?;
+    write.commit().await?;
+    Ok(Restored { checked, paused })
 }
 
 /// Refuses a folder that contains anything other than the remains of an interrupted command.

@@ -5,6 +5,7 @@ use std::io::{BufRead, Read as _};
 use serde_json::{Map, Value};
 
 use super::super::answer::Answer;
+use super::super::copies::settle_copy;
 use super::super::engine::{Transaction, sql};
 use super::super::handle::Store;
 use super::tables::{Cell, TABLES, Table};
@@ -18,13 +19,18 @@ const BYTES_PER_INSERT: usize = 4 << 20;
 const END_OF_LINE: u8 = b'\n';
 
 impl Store {
-    /// Reads an export into this store, which must be empty; returns the number of rows.
+    /// Reads an export into this store, which must be empty; returns the number of rows, and that of the hooks that are paused: all active
+    /// ones unless they are to `resume`.
     ///
     /// Nothing becomes visible before the last line has proved the export complete; otherwise nothing remains.
     ///
     /// # Errors
     /// [`MaintenanceError::StoreInUse`], [`MaintenanceError::Format`].
-    pub fn import<'a>(&'a self, input: &'a mut (dyn BufRead + Send)) -> Answer<'a, u64, MaintenanceError> {
+    pub fn import<'a>(
+        &'a self,
+        input: &'a mut (dyn BufRead + Send),
+        resume: bool,
+    ) -> Answer<'a, (u64, u64), MaintenanceError> {
         Box::pin(async move {
             let schema = schema::require_present(&self.inner.pools).await?;
             let mut lines = Lines { input, digest: blake3::Hasher::new(), number: 0, text: Vec::new() };
@@ -52,8 +58,9 @@ impl Store {
                 let last = last.ok_or_else(|| lines.wrong(format!("no counter of {}", table.name)))?;
                 set_counter(&mut write, table, last).await?;
             }
+            let paused = settle_copy(&mut write, resume).await?;
             write.commit().await?;
-            Ok(rows.counts.iter().sum())
+            Ok((rows.counts.iter().sum(), paused))
         })
     }
 }

@@ -1,11 +1,12 @@
 //! Operator's work on a whole store, of all tenants.
 //!
 //! * `tables` — list of all stored tables; `schema` — versions and migration;
-//! * `check` — integrity check; `backup` — copy and restoration of the embedded database's file;
+//! * `check` — integrity check; `compact` — files written anew; `backup` — copy and restoration of the embedded database's file;
 //! * `export`, `import` — a stream of lines that both databases write and read.
 
 mod backup;
 mod check;
+mod compact;
 mod export;
 mod import;
 mod schema;
@@ -20,7 +21,7 @@ use super::folder::DATABASE_FILE;
 use super::handle::Store;
 use super::{mark, postgres, sqlite};
 
-pub use backup::restore;
+pub use backup::{Restored, restore};
 pub use check::Checked;
 pub use schema::{Versions, migrate, versions};
 
@@ -45,16 +46,6 @@ pub enum MaintenanceError {
     /// There is no store.
     #[error("no store in {}", .0.display())]
     NoStore(PathBuf),
-    /// A newer program wrote the schema.
-    #[error(
-        "the schema of the store has version {found}, this program knows {known}: use the program that wrote it, or a newer one"
-    )]
-    Newer {
-        /// Schema version of the store.
-        found: i64,
-        /// Schema version of this program.
-        known: i64,
-    },
     /// The schema must be upgraded first.
     #[error(
         "the schema of the store has version {found}, this program needs {known}: run `shapelex migrate` first"
@@ -96,6 +87,11 @@ pub enum MaintenanceError {
     /// The backup is damaged.
     #[error("the backup is not restored: {0}")]
     BadBackup(String),
+    /// Others read from the log for too long.
+    #[error(
+        "the tables are written anew, but others still read from the write-ahead log: run the command again"
+    )]
+    Read,
     /// PostgreSQL has its own backup tools.
     #[error(
         "PostgreSQL is backed up with `pg_dump`; `shapelex export` writes a file that any store can import"
@@ -113,7 +109,7 @@ impl Store {
     /// Opens the store at `site` as it is, even while the service uses it: nothing is migrated or cleaned up.
     ///
     /// # Errors
-    /// [`MaintenanceError::NoStore`], [`MaintenanceError::Older`] and [`MaintenanceError::Newer`].
+    /// [`MaintenanceError::NoStore`], [`MaintenanceError::Older`] and [`StoreError::Newer`].
     pub fn inspect<'a>(site: &'a Site) -> Answer<'a, Self, MaintenanceError> {
         Box::pin(async move {
             let pools = existing(site).await?;

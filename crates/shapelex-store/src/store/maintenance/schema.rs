@@ -25,7 +25,7 @@ impl Versions {
         };
         let found = version(pools).await?;
         if found > known {
-            return Err(MaintenanceError::Newer { found, known });
+            return Err(StoreError::Newer { found, known }.into());
         }
         Ok(Self { found, known })
     }
@@ -34,7 +34,7 @@ impl Versions {
 /// Versions of the store at `site`, which is not changed.
 ///
 /// # Errors
-/// [`MaintenanceError::NoStore`], [`MaintenanceError::Newer`].
+/// [`MaintenanceError::NoStore`], [`StoreError::Newer`].
 pub fn versions<'a>(site: &'a Site) -> Answer<'a, Versions, MaintenanceError> {
     Box::pin(async move {
         let pools = existing(site).await?;
@@ -48,7 +48,7 @@ pub fn versions<'a>(site: &'a Site) -> Answer<'a, Versions, MaintenanceError> {
 /// created if missing.
 ///
 /// # Errors
-/// [`MaintenanceError::Newer`]; [`StoreError::Locked`], [`StoreError::Damaged`], [`StoreError::Schema`].
+/// [`StoreError::Newer`]; [`StoreError::Locked`], [`StoreError::Damaged`], [`StoreError::Schema`].
 pub fn migrate<'a>(site: &'a Site) -> Answer<'a, Versions, MaintenanceError> {
     Box::pin(async move {
         let (pools, lock) = match site {

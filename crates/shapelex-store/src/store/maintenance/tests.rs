@@ -260,7 +260,7 @@ async fn an_export_makes_the_same_store() {
     upload.abort().await.unwrap();
 
     let (_two, embedded) = embedded().await;
-    let count = embedded.import(&mut first.as_slice()).await.unwrap();
+    let (count, _) = embedded.import(&mut first.as_slice(), false).await.unwrap();
     assert_eq!(count, first.iter().filter(|byte| **byte == b'\n').count() as u64 - 2);
     assert!(exported(&embedded).await == first, "the embedded store exports something else");
     assert_eq!(findings(&embedded).await, [""; 0]);
@@ -269,7 +269,7 @@ async fn an_export_makes_the_same_store() {
     assert_eq!(embedded.find_shape(&hands.id, "e2").await.unwrap(), before);
 
     let (_three, other) = fresh().await;
-    other.import(&mut first.as_slice()).await.unwrap();
+    other.import(&mut first.as_slice(), false).await.unwrap();
     assert!(exported(&other).await == first, "the other store exports something else");
     for store in [&embedded, &other] {
         store.create_cohort(&cohort("next"), None).await.unwrap();
@@ -331,15 +331,15 @@ async fn what_is_not_a_whole_export_leaves_nothing() {
     let (_two, empty) = fresh().await;
     let nothing = exported(&empty).await;
     for (bad, place, reason) in bad {
-        let error = empty.import(&mut bad.as_bytes()).await.unwrap_err().to_string();
+        let error = empty.import(&mut bad.as_bytes(), false).await.unwrap_err().to_string();
         assert!(error.contains(place) && error.contains(reason), "{error}, expected {place}{reason}");
         for table in TABLES {
             assert_eq!(rows(&empty, table.name).await, 0, "{}: {error}", table.name);
         }
     }
     assert!(nothing == exported(&empty).await, "numbers were drawn");
-    empty.import(&mut export.as_bytes()).await.unwrap();
-    let error = empty.import(&mut export.as_bytes()).await.unwrap_err();
+    empty.import(&mut export.as_bytes(), false).await.unwrap();
+    let error = empty.import(&mut export.as_bytes(), false).await.unwrap_err();
     assert!(matches!(error, MaintenanceError::StoreInUse("cohort")), "{error}");
     empty.close().await;
 }
@@ -359,11 +359,11 @@ async fn a_backup_makes_the_same_store() {
 
     let target = tempfile::tempdir().unwrap();
     let place = target.path().join("new");
-    let checked = restore(&file, &place, &mut |_: &str| ()).await.unwrap().unwrap();
+    let checked = restore(&file, &place, false, &mut |_: &str| ()).await.unwrap().checked.unwrap();
     assert_eq!((checked.shapes, checked.findings), (8, 0), "the pending shape too");
     let names: Vec<_> = fs::read_dir(&place).unwrap().map(|entry| entry.unwrap().file_name()).collect();
     assert_eq!(names.len(), 2, "the database and the lock: {names:?}");
-    let error = restore(&file, &place, &mut |_: &str| ()).await.unwrap_err();
+    let error = restore(&file, &place, false, &mut |_: &str| ()).await.unwrap_err();
     assert!(matches!(error, MaintenanceError::FolderInUse(_)), "{error}");
     let restored = Store::open(&place).await.unwrap();
     assert!(exported(&restored).await == before, "another store");
@@ -374,7 +374,7 @@ async fn a_backup_makes_the_same_store() {
 /// Tries to restore a file that must be refused; returns the reason.
 async fn refused(file: &Path) -> String {
     let target = tempfile::tempdir().unwrap();
-    let error = restore(file, target.path(), &mut |_: &str| ()).await.unwrap_err();
+    let error = restore(file, target.path(), false, &mut |_: &str| ()).await.unwrap_err();
     assert!(!target.path().join(DATABASE_FILE).exists(), "{error}");
     error.to_string()
 }
@@ -405,7 +405,7 @@ async fn a_bad_backup_is_not_restored() {
     write(&good);
     let target = tempfile::tempdir().unwrap();
     fs::write(target.path().join("restore.partial"), "x").unwrap();
-    restore(&file, target.path(), &mut |_: &str| ()).await.unwrap();
+    restore(&file, target.path(), false, &mut |_: &str| ()).await.unwrap();
 }
 
 #[tokio::test]
@@ -436,9 +436,11 @@ async fn schemas_are_migrated_and_newer_ones_left_alone() {
         versions(&site).await.unwrap_err(),
         Store::inspect(&site).await.unwrap_err(),
     ] {
-        assert!(matches!(error, MaintenanceError::Newer { found: 9999, .. }), "{error}");
+        assert!(matches!(error, MaintenanceError::Store(StoreError::Newer { found: 9999, .. })), "{error}");
         assert!(error.to_string().contains("newer"), "{error}");
     }
+    let error = Store::open(folder.path()).await.unwrap_err();
+    assert!(matches!(error, StoreError::Newer { found: 9999, known: k } if k == known), "{error}");
 }
 
 #[tokio::test]

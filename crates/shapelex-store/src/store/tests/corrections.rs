@@ -27,7 +27,8 @@ async fn erase(store: &Store, subject: &str) -> Vec<SubjectCohort> {
     for cohort in store.find_subject(subject).await.unwrap() {
         erased.extend(store.erase_subject(cohort, subject, 91).await.unwrap());
     }
-    store.finish_erasures(Some(subject)).await.unwrap();
+    store.finish_erasures(Some(subject), 99).await.unwrap();
+    store.begin_rewriting().await.unwrap();
     erased
 }
 
@@ -216,11 +217,11 @@ async fn an_interrupted_erasure_is_finished_later() {
     store.erase_subject(found, "s1", 70).await.unwrap().unwrap();
     assert_sound(&store).await;
     assert_eq!(store.find_subject("s1").await.unwrap(), []);
-    let count = async |key: &str| store.finish_erasures(Some(key)).await.unwrap();
+    let count = async |key: &str| store.finish_erasures(Some(key), 99).await.unwrap();
     assert_eq!((count("s0").await, count("s1").await, count("s1").await), (0, 1, 0));
     let found = store.find_subject("s2").await.unwrap().remove(0);
     store.erase_subject(found, "s2", 71).await.unwrap().unwrap();
-    assert_eq!(store.finish_erasures(None).await.unwrap(), 1);
+    assert_eq!(store.finish_erasures(None, 99).await.unwrap(), 1);
     let (_, left) = find(&store, &cohort, "e0").await;
     assert_eq!(left.control_points, shape(0).control_points);
     assert_eq!(left.attributes.weight, 1.0);
@@ -426,7 +427,7 @@ async fn every_revision_agrees_with_a_model_after_random_changes() {
         let (_folder, copy) = fresh().await;
         let mut export = Vec::new();
         store.export(&mut export).await.unwrap();
-        copy.import(&mut export.as_slice()).await.unwrap();
+        copy.import(&mut export.as_slice(), false).await.unwrap();
         compare(&copy, &cohort, &model).await;
     }
 }
