@@ -30,6 +30,14 @@ pub struct Fault {
     #[serde(default)]
     #[schema(value_type = Option<FilePlace>)]
     pub place: Option<Box<Place>>,
+    /// Number of equal faults of a file, of which this is the first one; absent if there is no other.
+    #[serde(default)]
+    #[schema(example = 177)]
+    pub count: Option<usize>,
+    /// Places of the first of the other ones.
+    #[serde(default)]
+    #[schema(value_type = Vec<FilePlace>, required = false)]
+    pub more: Vec<Place>,
 }
 
 /// Place in a file: as much of it as is known.
@@ -49,11 +57,23 @@ struct FilePlace {
     item: Option<u64>,
 }
 
+/// Number of places of equal faults that are told beside that of the first one.
+const MOST_PLACES: usize = 4;
+
 impl Fault {
     /// A fault at a pointer (RFC 6901); client input repeated in it is shortened.
     pub fn new(pointer: impl Into<String>, detail: impl Into<String>) -> Self {
         let (pointer, detail) = (brief_pointer(pointer.into()), brief(detail.into()));
-        Self { pointer, parameter: None, detail, index: None, line: None, place: None }
+        Self {
+            pointer,
+            parameter: None,
+            detail,
+            index: None,
+            line: None,
+            place: None,
+            count: None,
+            more: Vec::new(),
+        }
     }
 
     /// A fault of a parameter of the query or the path.
@@ -72,6 +92,19 @@ impl Fault {
         let place = Place { entry: brief_text(&place.entry), tag: brief_text(&place.tag), ..place.clone() };
         let line = self.line.or(place.line);
         Self { line, place: (place != Place::default()).then(|| Box::new(place)), ..self }
+    }
+
+    /// Counts another fault instead of it, if that says the same of another place.
+    pub fn joins(&mut self, other: &Self) -> bool {
+        let says_same =
+            self.detail == other.detail && self.pointer == other.pointer && self.parameter == other.parameter;
+        if says_same {
+            self.count = Some(self.count.unwrap_or(1) + 1);
+            if self.more.len() < MOST_PLACES {
+                self.more.extend(other.place.as_deref().cloned());
+            }
+        }
+        says_same
     }
 
     /// The same fault with `prefix` before its pointer.
@@ -107,6 +140,10 @@ impl Serialize for Fault {
         }
         if let Some(place) = &self.place {
             map.serialize_entry("place", place)?;
+        }
+        if let Some(count) = &self.count {
+            map.serialize_entry("count", count)?;
+            map.serialize_entry("more", &self.more)?;
         }
         map.end()
     }

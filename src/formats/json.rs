@@ -77,7 +77,12 @@ pub fn parse_lines<T: DeserializeOwned>(bounds: Bounds, text: &[u8]) -> Lines<T>
 /// Reads a text whose errors leave a trail. Steps of an earlier error that went no further would stand before those of this one.
 fn read<T: DeserializeOwned>(text: &[u8]) -> Result<T, Fault> {
     trail::forget();
-    serde_json::from_slice(text).map_err(fault)
+    serde_json::from_slice(without_mark(text)).map_err(fault)
+}
+
+/// A text without the byte order mark of UTF-8 that some programs put before it.
+fn without_mark(text: &[u8]) -> &[u8] {
+    text.strip_prefix("\u{feff}".as_bytes()).unwrap_or(text)
 }
 
 /// The fault of an error that has returned.

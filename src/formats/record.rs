@@ -94,26 +94,26 @@ impl Placing {
     /// All faults of the record, with pointers into the posted shape.
     pub fn place(&self, record: Record, representation: &Representation) -> Result<Placed, Vec<Fault>> {
         let record = self.in_stored_unit(record)?;
-        let Record { geometry, .. } = record;
+        let Record { geometry, planar_by, .. } = record;
         let attributes =
             self.attributes(Record { geometry: Geometry::Landmarks(Points::default()), ..record });
         let (domain, dimension) = (representation.domain(), representation.dimension());
         match (geometry, domain) {
             (Geometry::Curve { points, closed }, Domain::Points | Domain::Line { .. }) => {
                 let closed = domain.is_line().then_some(Checked::of(Some(closed)));
-                let points = self.points(points, dimension)?;
+                let points = self.points(points, dimension, planar_by)?;
                 Ok(with_points(points, ShapeInput { closed, ..attributes }))
             }
             (Geometry::Landmarks(points), Domain::Points | Domain::Line { .. }) => {
-                Ok(with_points(self.points(points, dimension)?, attributes))
+                Ok(with_points(self.points(points, dimension, planar_by)?, attributes))
             }
             (Geometry::Mesh(mesh), Domain::Points) => {
-                Ok(with_points(self.points(mesh.vertices, dimension)?, attributes))
+                Ok(with_points(self.points(mesh.vertices, dimension, None)?, attributes))
             }
             (Geometry::Mesh(mesh), Domain::Sheet { .. }) => Ok(Placed::Mesh(attributes, triangles(&mesh)?)),
             (Geometry::Mesh(mesh), Domain::Vertices) => {
                 check_faces(&mesh.faces, representation)?;
-                let control_points = self.points(mesh.vertices, dimension)?;
+                let control_points = self.points(mesh.vertices, dimension, None)?;
                 let control_points = Some(Box::new(control_points));
                 Ok(Placed::Shape(ShapeInput { control_points, ..attributes }))
             }
@@ -177,7 +177,12 @@ impl Placing {
     }
 
     /// Points without missing ones, in the dimension of the representation.
-    fn points(&self, points: Points, wanted: usize) -> Result<PointList, Vec<Fault>> {
+    fn points(
+        &self,
+        points: Points,
+        wanted: usize,
+        planar_by: Option<&str>,
+    ) -> Result<PointList, Vec<Fault>> {
         let missing = points.missing();
         if !missing.is_empty() {
             let fault = |k: &usize| {
@@ -197,7 +202,11 @@ impl Placing {
                 let coordinates = points.rows().flat_map(|row| [row[a], row[b]]).collect();
                 Ok(PointList::of_rows(2, coordinates))
             }
-            (3, 2, None) => Err(wrong_dimension(found, wanted, " (plane=xy, xz or yz projects them)")),
+            (3, 2, None) => {
+                let own = planar_by.map(|option| format!("{option} gives each in the plane of its slice; "));
+                let hint = format!(" ({}plane=xy, xz or yz projects them)", own.unwrap_or_default());
+                Err(wrong_dimension(found, wanted, &hint))
+            }
             _ => Err(wrong_dimension(found, wanted, "")),
         }
     }
@@ -281,6 +290,10 @@ mod tests {
         };
         let text = fault(&Placing::default(), curve(), &curves());
         assert!(text.starts_with("/points expected 2 coordinates") && text.contains("plane=xy"), "{text}");
+        let drawn = Record { planar_by: Some("contours=plane"), ..record(curve()) };
+        let faults = Placing::default().place(drawn, &curves()).unwrap_err();
+        let hint = "(contours=plane gives each in the plane of its slice; plane=xy, xz or yz projects them)";
+        assert!(faults[0].detail.ends_with(hint), "{}", faults[0].detail);
         let placing = Placing {
             plane: Some(Plane::Xz),
             prefix: Some("s-".into()),

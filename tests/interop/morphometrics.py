@@ -292,3 +292,12 @@ def markups(convert, folder):
     head = written.read_text().splitlines()[1]
     yield "fcsv out: read by numpy", same(again, points) and head == "# CoordinateSystem = RAS", head
     yield "fcsv in: what was written", same(rows(convert(written)[0][0]), points), "6 points"
+    landmarks = [{"id": f"p{k}", "coordinates": list(row)} for k, row in enumerate(points)]
+    path = folder / "theirs.json"
+    path.write_text(json.dumps(landmarks))
+    table = folder / "landmarks.csv"
+    table.write_text("# six points\n" + "".join(f"p{k},{x!r},{y!r},{z!r}\n" for k, (x, y, z) in enumerate(points.tolist())))
+    for name, path in [("json", path), ("csv", table)]:
+        found = convert(path)[0][0]
+        ok = same(rows(found), points) and found["metadata"]["landmark_names"] == [f"p{k}" for k in range(6)]
+        yield f"scalismo in: of {name}", ok, "names and positions"

@@ -78,6 +78,12 @@ fn files_are_translated_without_a_service() {
     assert_eq!(std::fs::read_to_string(folder.path().join("copy.ndjson")).unwrap(), LINES);
     let (code, _, said) = shapelex(&same, folder.path());
     assert!(code == 2 && said.contains("already exists"), "{said}");
+    let piped = ["convert", "scans/a.ndjson", "-o", "-"];
+    assert_eq!(shapelex(&piped, folder.path()).1, LINES);
+    assert!(!folder.path().join("-").exists());
+    let regions = ["convert", "cells.png", "-o", "cells.roi.zip", "--json"];
+    let (code, _, said) = shapelex(&regions, folder.path());
+    assert!(code == 0 && said.contains("imagej-roi-set"), "{said}");
     for (arguments, wanted) in [
         (&["convert", "scans/b.ndjson", "--output", "x.ndjson"][..], "line 1: expected 2 coordinates"),
         (&["convert", "scans/notes.txt"], "expected a file of one of the formats"),

@@ -185,7 +185,7 @@ fn the_formats_are_listed_as_they_are_taken() {
         json!({
             "id": "geojson", "name": "GeoJSON", "read": true, "written": true, "kinds": ["curve", "landmarks"],
             "media_types": ["application/geo+json", "application/geo+json-seq"],
-            "extensions": ["geojson", "geojsonl", "geojsons"], "options": ["holes", "names", "nuclei", "select"],
+            "extensions": ["geojson", "geojsonl", "geojsons"], "options": ["holes", "names", "nuclei", "select", "attributes"],
         })
     );
     assert_eq!((&one("gltf")["read"], &one("gltf")["written"]), (&json!(false), &json!(true)));

@@ -40,6 +40,7 @@ mod http_geomorph;
 mod http_hooks;
 mod http_input;
 mod http_jobs;
+mod http_labels;
 mod http_language;
 mod http_limits;
 mod http_matching;

@@ -236,7 +236,7 @@ pub enum GeometryError {
     /// A mesh has a positive genus.
     #[error(
         "expected a mesh with the topology of a sphere, for longitude and colatitude, got one with {genus} \
-         handles"
+         handles: of label volumes, the option fill fills them"
     )]
     NotASphere {
         /// Number of handles.

@@ -39,6 +39,12 @@ impl<const D: usize> Frame<D> {
         Self { matrix, offset: [0.0; D], inverse: matrix, determinant: 1.0 }
     }
 
+    /// The frame of an image that begins at the index `first` of this one.
+    #[must_use]
+    pub fn shifted(&self, first: [f64; D]) -> Self {
+        Self { offset: self.to_world(first), ..*self }
+    }
+
     /// `det A`: negative if the frame changes the orientation.
     pub fn determinant(&self) -> f64 {
         self.determinant

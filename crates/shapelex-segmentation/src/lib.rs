@@ -76,6 +76,16 @@ pub enum SegmentationError {
         /// Number of components of the least size.
         found: usize,
     },
+    /// Labels look like the grey values of a photograph.
+    #[error(
+        "expected a label image, where each object is a region of one number, got {} pieces with {} different values, {} of them of \
+         1 to {} cells, as in a photograph",
+        texture.components, texture.labels, texture.crumbs, contours::Texture::CRUMB
+    )]
+    Photograph {
+        /// How finely the labels are divided.
+        texture: contours::Texture,
+    },
     /// The boundaries of components would have too many vertices.
     #[error("expected at most {most} vertices of boundaries, got {found}")]
     Vertices {

@@ -10,6 +10,7 @@ use crate::api::form;
 use crate::api::problem::Problem;
 use crate::api::respond::{Binary, Planned, compute_planned, json, planned};
 use crate::formats::checked::{Checked, Many, document, take_given, take_many, take_or_default};
+use crate::formats::files::Photograph;
 use crate::service::app::{App, ServiceError};
 #[cfg(feature = "schema")]
 use crate::service::segmentation::contours::ContoursAnswer;
@@ -30,6 +31,16 @@ document! {
         /// Number of cells below which a component is left out. Default: 1.
         #[schema(value_type = Option<usize>)]
         least_cells: Checked<usize>;
+        /// Whether only the largest component of each label is taken. Default: false.
+        #[schema(value_type = Option<bool>)]
+        largest: Checked<bool>;
+        /// Whether holes and cavities are filled, and in space handles, each by a film one cell thick. Default: false.
+        #[schema(value_type = Option<bool>)]
+        fill: Checked<bool>;
+        /// What becomes of an image that looks like a photograph: `refuse`, or `read`, which takes its grey values for labels.
+        /// Default: `refuse`.
+        #[schema(value_type = Option<PhotographTreatment>)]
+        photograph: Checked<Photograph>;
         /// Slice of a volume, by its index along z from 0: the answer is that of an image in the plane. Default: the whole volume.
         #[schema(value_type = Option<usize>)]
         slice: Checked<usize>;
@@ -37,6 +48,17 @@ document! {
         #[schema(value_type = Option<Coordinates>)]
         coordinates: Checked<Coordinates>;
     }
+}
+
+/// What becomes of an image that looks like a photograph where labels are expected.
+#[derive(utoipa::ToSchema)]
+#[schema(rename_all = "snake_case")]
+#[allow(dead_code, reason = "only for the document")]
+pub(super) enum PhotographTreatment {
+    /// It is refused.
+    Refuse,
+    /// Its grey values are taken for labels.
+    Read,
 }
 
 /// Form with a label image.
@@ -85,15 +107,18 @@ impl ContoursRequest {
         let labels = take_many(self.labels, "/labels", &mut errors);
         let blur = take_or_default(self.blur, "/blur", &mut errors);
         let least_cells = take_given(self.least_cells, "/least_cells", &mut errors);
+        let largest = take_or_default(self.largest, "/largest", &mut errors);
+        let fill = take_or_default(self.fill, "/fill", &mut errors);
+        let photograph = take_or_default(self.photograph, "/photograph", &mut errors);
         let slice = take_given(self.slice, "/slice", &mut errors);
         let coordinates = take_or_default(self.coordinates, "/coordinates", &mut errors);
         ServiceError::unless_empty(errors)?;
-        match (blur, coordinates) {
-            (Some(blur), Some(coordinates)) => {
-                let least_cells = least_cells.unwrap_or(1);
-                Ok((Wanted { labels, blur, least_cells, coordinates }, slice))
-            }
-            _ => Err(ServiceError::invalid("", "the request is incomplete")),
-        }
+        let (Some(blur), Some(largest), Some(fill), Some(photograph), Some(coordinates)) =
+            (blur, largest, fill, photograph, coordinates)
+        else {
+            return Err(ServiceError::invalid("", "the request is incomplete"));
+        };
+        let least_cells = least_cells.unwrap_or(1);
+        Ok((Wanted { labels, blur, least_cells, largest, fill, photograph, coordinates }, slice))
     }
 }

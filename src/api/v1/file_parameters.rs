@@ -87,6 +87,9 @@ mod described {
     }
 }
 
+/// Media types of files compressed by gzip, whatever they hold.
+const GZIP: [&str; 2] = ["application/gzip", "application/x-gzip"];
+
 /// What stands before the names of options of writing.
 const WRITE: &str = "write_";
 
@@ -170,7 +173,8 @@ impl FileParameters {
                 let format = FileFormat::find(word).filter(|format| format.is_read());
                 Some(format.ok_or_else(|| Problem::of_parameter("format", unknown_format(word).detail))?)
             }
-            None if media_type == ANY_FILE => None,
+            // What is compressed tells.
+            None if media_type == ANY_FILE || GZIP.contains(&media_type) => None,
             None => {
                 let mut named = FileFormat::of_media_type(media_type);
                 match (named.next(), named.next()) {

@@ -30,7 +30,7 @@ pub(super) struct FormatEntry {
     #[schema(example = json!(["curve", "landmarks"]))]
     kinds: Vec<&'static str>,
     /// Options of reading, which are parameters by their names. `*` of archives: those of the files within.
-    #[schema(example = json!(["holes", "names", "nuclei", "select"]))]
+    #[schema(example = json!(["holes", "names", "nuclei", "select", "attributes"]))]
     options: &'static [&'static str],
 }
 

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde::Serialize;
 
-use super::content::{Opened, shown};
+use super::content::{Opened, is_standard, shown};
 use super::{Complete, Reading, Writing, note, own_limits};
 use crate::cli::maintenance::Outcome;
 use crate::formats::files::{self, FileError, Format, Place, Summary};
@@ -24,7 +24,7 @@ pub(in crate::cli) struct ConvertArgs {
     /// Format to write, as an id, a media type or an ending. Default: by the name of the output, else ndjson
     #[arg(long, value_name = "FORMAT")]
     to: Option<String>,
-    /// File to write, which must not exist. Default: standard output
+    /// File to write, which must not exist; `-` is standard output, as without it
     #[arg(long, short, value_name = "FILE")]
     output: Option<PathBuf>,
     #[command(flatten)]
@@ -74,7 +74,7 @@ pub(super) fn run(args: &ConvertArgs) -> Result<Outcome, String> {
         }
         Ok(Converted { from: format.id(), to: target.id, read, written })
     };
-    let converted = match &args.output {
+    let converted = match args.output.as_deref().filter(|path| !is_standard(path)) {
         None => {
             let mut output = BufWriter::with_capacity(BUFFER, std::io::stdout());
             let converted = convert(&mut output).map_err(failed)?;
@@ -100,10 +100,11 @@ pub(super) fn run(args: &ConvertArgs) -> Result<Outcome, String> {
 
 /// The format that is written.
 fn target(args: &ConvertArgs) -> Result<&'static Format, String> {
-    let name = args.output.as_deref().and_then(Path::file_name).map(|name| name.to_string_lossy());
+    let file = args.output.as_deref().filter(|path| !is_standard(path));
+    let name = file.and_then(Path::file_name).map(|name| name.to_string_lossy());
     let format = match (&args.to, name) {
         (Some(word), _) => files::find(word).ok_or_else(|| unknown_format(word)),
-        (None, Some(name)) => files::detect(&[], Some(&name)),
+        (None, Some(name)) => files::detect_written(&name),
         (None, None) => files::find("ndjson").ok_or_else(|| unknown_format("ndjson")),
     };
     let format = format.map_err(|error| error.to_string())?;

@@ -100,7 +100,7 @@ fn target(file: &Path, stated: Option<&str>) -> Result<&'static Format, String> 
     let format = match stated {
         Some(word) => files::find(word).ok_or_else(|| unknown_format(word)),
         None if is_standard(file) => files::find("ndjson").ok_or_else(|| unknown_format("ndjson")),
-        None => files::detect(&[], Some(&name.to_string_lossy())),
+        None => files::detect_written(&name.to_string_lossy()),
     };
     let format = format.map_err(|error| error.to_string())?;
     match format.is_written() {

@@ -12,9 +12,16 @@ pub const MAX_FAULTS: usize = 100;
 pub struct Faults {
     listed: Vec<Fault>,
     unlisted: usize,
+    /// Whether one fault is listed for all that say the same.
+    joins: bool,
 }
 
 impl Faults {
+    /// Faults of a file: of those that say the same, the first one is listed with their number.
+    pub fn of_file() -> Self {
+        Self { joins: true, ..Self::default() }
+    }
+
     /// Adds a fault.
     pub fn add(&mut self, pointer: impl Into<String>, detail: impl Into<String>) {
         self.extend([Fault::new(pointer, detail)]);
@@ -48,7 +55,7 @@ impl Faults {
 
     /// Number of faults, including those that are not listed.
     pub fn count(&self) -> usize {
-        self.listed.len() + self.unlisted
+        self.listed.iter().map(|fault| fault.count.unwrap_or(1)).sum::<usize>() + self.unlisted
     }
 
     /// The listed faults.
@@ -78,6 +85,9 @@ impl Faults {
 impl Extend<Fault> for Faults {
     fn extend<I: IntoIterator<Item = Fault>>(&mut self, faults: I) {
         for fault in faults {
+            if self.joins && self.listed.iter_mut().any(|listed| listed.joins(&fault)) {
+                continue;
+            }
             if self.listed.len() < MAX_FAULTS {
                 self.listed.push(fault);
             } else {
@@ -104,6 +114,7 @@ impl From<Vec<Fault>> for Faults {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::formats::files::Place;
 
     #[test]
     fn all_faults_are_counted_and_the_first_are_listed() {
@@ -114,6 +125,12 @@ mod tests {
         assert_eq!(all.keep::<()>(Err(ServiceError::Invalid(more))).unwrap(), None);
         assert_eq!((all.count(), all.listed().len()), (150, MAX_FAULTS));
         assert_eq!(all.listed()[99].pointer, "/99");
+        let at = |i: u64| Fault::new("/points", "wrong").at_place(&Place::item(i));
+        let mut of_file = Faults::of_file();
+        of_file.extend((0..177).map(at).chain([fault(0)]));
+        assert_eq!((of_file.count(), of_file.listed().len()), (178, 2));
+        let first = &of_file.listed()[0];
+        assert_eq!((first.count, first.more.len(), first.more[0].item), (Some(177), 4, Some(1)));
         assert!(all.keep::<()>(Err(ServiceError::Cancelled)).is_err());
         assert!(matches!(all.unless_any(), Err(ServiceError::Invalid(all)) if all.count() == 150));
         assert!(Faults::default().unless_any().is_ok());

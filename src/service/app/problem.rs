@@ -123,10 +123,13 @@ impl Problem {
     fn from_first(kind: ProblemKind, errors: Vec<Fault>, found: usize) -> Self {
         let detail = match errors.as_slice() {
             [] => kind.title().into(),
-            [one] => match place(one) {
-                "" => one.detail.clone(),
-                place => format!("{place}: {}", one.detail),
-            },
+            [one] => {
+                let times = one.count.map(|count| format!(" ({count} times)")).unwrap_or_default();
+                match place(one) {
+                    "" => format!("{}{times}", one.detail),
+                    place => format!("{place}: {}{times}", one.detail),
+                }
+            }
             [first, ..] => format!("{found} errors, the first at '{}': {}", place(first), first.detail),
         };
         Self { kind, detail: brief(detail), errors }

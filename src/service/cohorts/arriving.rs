@@ -1,11 +1,14 @@
 //! Shapes of an upload on their way: as received, and as rows for the store.
 
+use std::collections::BTreeSet;
+use std::sync::{Mutex, PoisonError};
+
 use super::measures::Measuring;
 use super::placer::{Found, MeshFit, Placer};
 use crate::analysis::conversion::{Beginning, Conversion};
 use crate::analysis::correspondence::Correspondence;
 use crate::domain::id;
-use crate::domain::shape::{NewShape, ShapeMeasures};
+use crate::domain::shape::{MAX_NAMES, NewShape, ShapeMeasures};
 use crate::formats::fault::Fault;
 use crate::formats::files::{Geometry, Place, Record};
 use crate::formats::ndjson::Line;
@@ -41,6 +44,27 @@ impl Origin {
     }
 }
 
+/// Names of the further attributes of shapes that are read at the same time, each once and no more than are refused.
+#[derive(Default)]
+pub(super) struct BroughtNames(Mutex<BTreeSet<String>>);
+
+impl BroughtNames {
+    fn add<'a>(&self, of_shape: impl Iterator<Item = &'a String>) {
+        let mut names = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if names.len() <= MAX_NAMES {
+            for name in of_shape {
+                if !names.contains(name) {
+                    names.insert(name.clone());
+                }
+            }
+        }
+    }
+
+    pub(super) fn into_set(self) -> BTreeSet<String> {
+        self.0.into_inner().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
 /// External id of an input, and its shape or its faults.
 pub(super) type Taken = (Option<String>, Result<Arrived, Vec<Fault>>);
 
@@ -51,8 +75,6 @@ pub(super) struct Arrived {
     /// Number of repeated points that were dropped.
     pub(super) repeated_points: usize,
     pub(super) measures: ShapeMeasures,
-    /// Names of its further attributes.
-    pub(super) names: Vec<String>,
     /// Warnings of the fit of a surface to a mesh.
     pub(super) warnings: Vec<String>,
 }
@@ -90,6 +112,7 @@ impl Incoming {
 pub(super) fn read(
     placer: &Placer<'_>,
     measuring: &Measuring,
+    names: &BroughtNames,
     incoming: Incoming,
     index: usize,
     prefix: &str,
@@ -138,9 +161,9 @@ pub(super) fn read(
     let ReadShape { control_points, attributes, points, repeated_points, beginning } = shape;
     let measures = measuring.measure(&control_points, Some(points));
     let measures = completed(measures, reading, (fit, beginning));
-    let names = attributes.labels.keys().cloned().collect();
+    names.add(attributes.labels.keys());
     let shape = NewShape { id: id::new_id(id::SHAPE), attributes, measures, control_points };
-    let arrived = Arrived { origin, row: shape.into(), repeated_points, measures, names, warnings };
+    let arrived = Arrived { origin, row: shape.into(), repeated_points, measures, warnings };
     (external_id, Ok(arrived))
 }
 

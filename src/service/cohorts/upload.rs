@@ -14,7 +14,7 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::mpsc;
 
-use super::arriving::{Arrived, Incoming, Origin, Taken, read};
+use super::arriving::{Arrived, BroughtNames, Incoming, Origin, Taken, read};
 use super::attribute_names;
 use super::catalogue::{Expected, revision_tag};
 use super::fits::{Fits, MeshResidual};
@@ -25,7 +25,6 @@ use crate::analysis::conversion::Conversion;
 use crate::domain::cohort::{Cohort, CohortSpec};
 use crate::domain::filter::ShapeFilter;
 use crate::domain::job::Job;
-use crate::domain::shape::MAX_NAMES;
 use crate::formats::bounds::Census;
 use crate::formats::ndjson::{Line, LineTooLong, Lines};
 use crate::formats::record::Placing;
@@ -294,7 +293,7 @@ pub(super) struct Writer {
     fits: Fits,
     results: Vec<UploadResult>,
     pub(super) occasion: Occasion,
-    faults: Faults,
+    pub(super) faults: Faults,
     /// How records of files become shapes.
     pub(super) placing: Arc<Placing>,
     /// Units of the shapes.
@@ -494,10 +493,10 @@ impl Writer {
             let conversion = Conversion { space: &space, correspondence, direction, repeated_points };
             let reading = Reading { conversion, limits: &limits };
             let placer = Placer::new(reading, &placing);
-            let read = |offset, shape| read(&placer, &measuring, shape, first + offset, prefix);
-            let mut results = parallel::map(incoming, read);
-            let names = names_of(&mut results);
-            Ok((results, names))
+            let names = BroughtNames::default();
+            let read = |offset, shape| read(&placer, &measuring, &names, shape, first + offset, prefix);
+            let results = parallel::map(incoming, read);
+            Ok((results, names.into_set()))
         };
         let (results, names) = app.pool.weighing(work).run(read).await?;
         self.names.extend(names);
@@ -616,18 +615,6 @@ impl Writer {
         stored.revision = upload.commit_once(now_ms(), expected, occasion.job.as_ref(), receipt).await?;
         Ok(stored)
     }
-}
-
-/// Names of the further attributes of the shapes, each once and no more than are refused; the shapes forget theirs.
-fn names_of(taken: &mut [Taken]) -> BTreeSet<String> {
-    let mut names = BTreeSet::new();
-    for shape in taken.iter_mut().filter_map(|(_, shape)| shape.as_mut().ok()) {
-        let of_shape = std::mem::take(&mut shape.names);
-        if names.len() <= MAX_NAMES {
-            names.extend(of_shape);
-        }
-    }
-    names
 }
 
 /// Number of shapes that take [`GROUP_SECONDS`] to measure, at most [`CHUNK_SHAPES`]: surfaces take milliseconds each.

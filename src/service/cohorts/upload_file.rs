@@ -19,6 +19,7 @@ use crate::formats::files::{FaultKind, FileError, Limits as FileLimits, Record, 
 use crate::formats::json;
 use crate::formats::record::{Placing, count_unstored};
 use crate::formats::summary::FileSummary;
+use crate::service::app::faults::Faults;
 use crate::service::app::incoming::read_incoming;
 use crate::service::app::{App, ServiceError};
 
@@ -77,6 +78,7 @@ async fn take_file(
     let FileToAdd { limits, placing, read } = file;
     writer.placing = Arc::new(placing);
     writer.lengths = Lengths::of(cohort);
+    writer.faults = Faults::of_file();
     let (mut retry, domain) = (writer.retry.take(), writer.domain());
     let (sender, mut batches) = mpsc::channel(1);
     let reading = read_incoming(app, stream, limits, &mut retry, move |mut source, stop| {

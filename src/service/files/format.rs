@@ -146,19 +146,19 @@ impl FileFormat {
                 let bytes = source.bytes()?;
                 // A compressed image may have been decompressed on the way.
                 let format = image::detect(&bytes).unwrap_or(format);
-                source.reserve_beside(label_image_bytes(&bytes, limits)?)?;
+                source.reserve_beside(label_image_bytes(&bytes, options, limits)?)?;
                 read_label_image(format, &bytes, options, limits, stop, sink)
             }
         }
     }
 }
 
-/// Class of the objects of DICOM that are label images; those of other classes hold contours.
-const SEGMENTATION: &[u8] = b"1.2.840.10008.5.1.4.1.1.66.4";
+/// Classes of the objects of DICOM that are label images, segmentations and label maps; those of other classes hold contours.
+const SEGMENTATIONS: [&[u8]; 2] = [b"1.2.840.10008.5.1.4.1.1.66.4", b"1.2.840.10008.5.1.4.1.1.66.7"];
 
-/// Whether the first bytes of a file name the class of segmentations.
+/// Whether the first bytes of a file name a class of segmentations.
 fn is_segmentation(head: &[u8]) -> bool {
-    memchr::memmem::find(head, SEGMENTATION).is_some()
+    SEGMENTATIONS.iter().any(|class| memchr::memmem::find(head, class).is_some())
 }
 
 /// Limits of files that the service reads: whole files and single features are as large as a body may be.
@@ -216,6 +216,11 @@ mod tests {
         let id = |head: &[u8], name| FileFormat::detect(head, name).map(FileFormat::id);
         assert_eq!(id(b"\x89PNG\r\n\x1a\n", None), Ok("png"));
         assert_eq!(id(b"{}", Some("a.NDJSON")), Ok("ndjson"));
+        for (class, format) in [("66.4", "segmentation"), ("66.7", "segmentation"), ("481.3", "rtstruct")] {
+            let preamble =
+                [&[0; 128][..], b"DICM", format!("1.2.840.10008.5.1.4.1.1.{class}").as_bytes()].concat();
+            assert_eq!(id(&preamble, None), Ok(format), "{class}");
+        }
         let error = id(b"????", Some("a.xyz")).unwrap_err().to_string();
         assert!(error.contains("NDJSON") && error.contains("PNG") && error.contains("3f 3f"), "{error}");
     }

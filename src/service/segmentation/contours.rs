@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use super::image::{Coordinates, ImageOutput, Part, plane_frame, volume_frame};
+use crate::formats::files::Photograph;
 use crate::formats::image::{Description, Grid, ImageFile};
 use crate::segmentation::SegmentationError;
 use crate::segmentation::contours::{
@@ -13,8 +14,12 @@ use crate::service::app::{App, Limits, ServiceError, Work};
 
 /// Predicted seconds per cell: reading, and finding components.
 const CELL: f64 = 6e-8;
+/// Predicted seconds per cell to fill handles: looks at the cells around each cell of the boxes of components.
+const FILLING: f64 = 1e-6;
 /// Predicted bytes per cell beside the labels: components, and their parts in images of noise.
-const CELL_BYTES: usize = 16;
+const CELL_BYTES: usize = 24;
+/// Predicted bytes per cell to fill handles: the box of a component.
+const FILLING_BYTES: usize = 12;
 
 /// What is wanted of an image.
 #[derive(Debug, Clone)]
@@ -25,8 +30,36 @@ pub struct Wanted {
     pub blur: f64,
     /// Number of cells below which a component is left out.
     pub least_cells: usize,
+    /// Whether only the largest component of each label is wanted.
+    pub largest: bool,
+    /// Whether holes, cavities and handles are filled.
+    pub fill: bool,
+    /// What becomes of an image that looks like a photograph.
+    pub photograph: Photograph,
     /// Coordinates of the answer.
     pub coordinates: Coordinates,
+}
+
+impl Default for Wanted {
+    /// All components of all labels, in the world.
+    fn default() -> Self {
+        Self {
+            labels: None,
+            blur: 0.0,
+            least_cells: 1,
+            largest: false,
+            fill: false,
+            photograph: Photograph::Refuse,
+            coordinates: Coordinates::World,
+        }
+    }
+}
+
+impl Wanted {
+    /// Whether the cells of a label are wanted.
+    fn takes(&self, label: u32) -> bool {
+        self.labels.as_ref().is_none_or(|labels| labels.contains(&label))
+    }
 }
 
 /// A component of a label in the plane, as closed curves without a repeated point.
@@ -75,7 +108,7 @@ pub struct SurfaceOutput {
     pub(super) genus: usize,
 }
 
-/// Components that are left out because they are small.
+/// Components that are left out: small ones, and those beside the largest of their label.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct LeftOutOutput {
     /// Their number.
@@ -113,8 +146,53 @@ pub struct ContoursAnswer {
     coordinates: Coordinates,
     /// One entry for each component, in the order of their first cells.
     pub(super) results: Vec<LabelBoundary>,
-    /// Components with fewer cells than asked for.
+    /// Components with fewer cells than asked for, and those beside the largest one.
     left_out: LeftOutOutput,
+    /// Number of components that the edge of the image cuts: those with `edge_sides`.
+    cut_by_edge: usize,
+    /// What is to be known of the answer.
+    warnings: Vec<String>,
+}
+
+/// What is found of the labels of a file.
+#[derive(Debug, Default)]
+pub(super) struct Found {
+    /// One entry for each component, in the order of their first cells; where labels overlap, of one label after the other.
+    pub(super) boundaries: Vec<LabelBoundary>,
+    /// Components that are left out.
+    pub(super) dropped: Dropped,
+    /// The grid of the first label image.
+    pub(super) grid: Option<Grid>,
+    /// Number of components with filled handles.
+    pub(super) filled: usize,
+    /// Segments that have an image to themselves.
+    segments: Vec<u32>,
+    /// Number of points or vertices.
+    vertices: usize,
+}
+
+/// What is said of a volume whose ends are not known.
+pub(super) const OPEN_ENDS: &str = "the file does not say where the volume of its segments ends along z: edge_sides counts no sides of the \
+     first and the last slice";
+/// What else can be done with a photograph.
+pub(super) const WAY_OUT: &str =
+    ": POST /v1/segment finds objects in a photograph, and photograph=read takes its values for labels";
+
+impl Found {
+    /// Number of components that the edge of the image cuts.
+    pub(super) fn cut_by_edge(&self) -> usize {
+        self.boundaries.iter().filter(|boundary| boundary.component().edge_sides > 0).count()
+    }
+
+    /// What is to be known of them.
+    pub(super) fn warnings(&self) -> Vec<String> {
+        let open = self.grid.is_some_and(|grid| grid.has_open_ends()).then(|| OPEN_ENDS.to_owned());
+        let filled = match self.filled {
+            0 => None,
+            count => Some(format!("{count} components had handles, which are filled")),
+        };
+        open.into_iter().chain(filled).collect()
+    }
 }
 
 /// An image of which the header was read.
@@ -136,7 +214,7 @@ impl Planned {
             return Err(ServiceError::invalid("/blur", detail));
         }
         let description = image.describe(&app.limits)?;
-        let room = app.memory.hold(Purpose::Bodies, label_bytes(&description))?;
+        let room = app.memory.hold(Purpose::Bodies, label_bytes(&description, wanted.fill))?;
         Ok(Self { wanted, description, _room: room })
     }
 
@@ -149,7 +227,8 @@ impl Planned {
     pub fn work(&self) -> Work {
         let cells = self.description.grid.cells() as f64;
         let blur = if self.wanted.blur > 0.0 { 2.0 } else { 1.0 };
-        Work::from_seconds(cells * CELL * blur)
+        let fills = self.wanted.fill && !self.description.grid.is_planar();
+        Work::from_seconds(cells * (CELL * blur + if fills { FILLING } else { 0.0 }))
     }
 
     /// The boundaries of the labels.
@@ -157,80 +236,138 @@ impl Planned {
     /// # Errors
     /// A file that is broken or holds no labels; wanted labels without cells; too many vertices; [`ServiceError::Cancelled`].
     pub fn contours(&self, app: &App, image: Part<'_>) -> Result<ContoursAnswer, ServiceError> {
-        let file = image.labels(&app.limits)?;
         let context = app.pool.context();
         let stop = || context.is_cancelled();
-        let (results, dropped) = boundaries(&file, &self.wanted, &app.limits, &stop)?;
+        let mut found = Found::default();
+        let mut add =
+            |file: &ImageFile<u32>, segment| found.add(file, segment, &self.wanted, &app.limits, &stop);
+        image.each_label_image(&app.limits, &|label| self.wanted.takes(label), &mut add)?;
+        found.check_labels(&self.wanted)?;
         Ok(ContoursAnswer {
-            image: ImageOutput::new(&file.grid),
+            image: ImageOutput::new(self.grid()),
             coordinates: self.wanted.coordinates,
-            results,
-            left_out: LeftOutOutput { components: dropped.components, cells: dropped.cells },
+            left_out: LeftOutOutput { components: found.dropped.components, cells: found.dropped.cells },
+            cut_by_edge: found.cut_by_edge(),
+            warnings: found.warnings(),
+            results: found.boundaries,
         })
     }
 }
 
-/// Memory in which a label image is decoded and the boundaries of its labels are found, by its header.
-pub(super) fn label_bytes(description: &Description) -> usize {
-    let labels = description.grid.cells().saturating_mul(size_of::<u32>() + CELL_BYTES);
+/// Memory in which a label image is decoded, the boundaries of its labels are found and handles filled, by its header.
+pub(super) fn label_bytes(description: &Description, fill: bool) -> usize {
+    let filling = if fill && !description.grid.is_planar() { FILLING_BYTES } else { 0 };
+    let labels = description.grid.cells().saturating_mul(size_of::<u32>() + CELL_BYTES + filling);
     usize::try_from(description.memory_bytes).unwrap_or(usize::MAX).saturating_add(labels)
 }
 
-/// The boundaries of the labels of an image, in the order of the first cells of their components.
-///
-/// # Errors
-/// Wanted labels without cells; more components, points or vertices than `limits` allow; [`ServiceError::Cancelled`].
-pub(super) fn boundaries(
-    file: &ImageFile<u32>,
-    wanted: &Wanted,
-    limits: &Limits,
-    stop: &(dyn Fn() -> bool + Sync),
-) -> Result<(Vec<LabelBoundary>, Dropped), ServiceError> {
-    let selection = Selection {
-        labels: wanted.labels.clone(),
-        least_cells: wanted.least_cells,
-        most_components: limits.shapes,
-    };
-    match file.grid.is_planar() {
-        true => regions(file, wanted, &selection, limits, stop),
-        false => solids(file, wanted, &selection, limits, stop),
+impl Found {
+    /// Adds the boundaries of a label image: of all wanted labels, or of a `segment` that may overlap others.
+    ///
+    /// # Errors
+    /// Wanted labels without cells; a photograph; more components, points or vertices than `limits` allow;
+    /// [`ServiceError::Cancelled`].
+    pub(super) fn add(
+        &mut self,
+        file: &ImageFile<u32>,
+        segment: Option<u32>,
+        wanted: &Wanted,
+        limits: &Limits,
+        stop: &(dyn Fn() -> bool + Sync),
+    ) -> Result<(), ServiceError> {
+        let selection = Selection {
+            labels: if segment.is_some() { None } else { wanted.labels.clone() },
+            least_cells: wanted.least_cells,
+            largest: wanted.largest,
+            refuses_photographs: wanted.photograph == Photograph::Refuse,
+            most_components: limits.shapes.saturating_sub(self.boundaries.len()),
+        };
+        self.grid.get_or_insert(file.grid);
+        self.segments.extend(segment);
+        match file.grid.is_planar() {
+            true => self.add_regions(file, wanted, &selection, limits, stop),
+            false => self.add_solids(file, wanted, &selection, limits, stop),
+        }
     }
-}
 
-fn regions(
-    file: &ImageFile<u32>,
-    wanted: &Wanted,
-    selection: &Selection,
-    limits: &Limits,
-    stop: &(dyn Fn() -> bool + Sync),
-) -> Result<(Vec<LabelBoundary>, Dropped), ServiceError> {
-    let frame = plane_frame(&file.grid, wanted.coordinates)?;
-    let [width, height, _] = file.grid.size();
-    let labels = Labels::<2>::new([width, height], &file.values).map_err(faulty)?;
-    let found = Components::find(&labels, selection, stop).map_err(faulty)?;
-    let found = found.ok_or(ServiceError::Cancelled)?;
-    let most = limits.samples.min(limits.answer_numbers / 2);
-    let regions = found.regions(&frame, wanted.blur, most, stop).map_err(faulty)?;
-    let regions = regions.ok_or(ServiceError::Cancelled)?;
-    Ok((regions.into_iter().map(region).collect(), found.dropped()))
-}
+    /// Refuses wanted labels that no segment has, where each has an image to itself.
+    fn check_labels(&self, wanted: &Wanted) -> Result<(), ServiceError> {
+        let is_apart = self.grid.is_none() || !self.segments.is_empty();
+        let missing = wanted.labels.iter().flatten().find(|label| !self.segments.contains(label));
+        match missing.filter(|_| is_apart) {
+            Some(label) => Err(faulty(SegmentationError::Label { label: *label })),
+            None => Ok(()),
+        }
+    }
 
-fn solids(
-    file: &ImageFile<u32>,
-    wanted: &Wanted,
-    selection: &Selection,
-    limits: &Limits,
-    stop: &(dyn Fn() -> bool + Sync),
-) -> Result<(Vec<LabelBoundary>, Dropped), ServiceError> {
-    let frame = volume_frame(&file.grid, wanted.coordinates).map_err(faulty)?;
-    let labels = Labels::<3>::new(file.grid.size(), &file.values).map_err(faulty)?;
-    let found = Components::find(&labels, selection, stop).map_err(faulty)?;
-    let found = found.ok_or(ServiceError::Cancelled)?;
-    // Three coordinates, and two triangles of three indices.
-    let most = limits.vertices.min(limits.answer_numbers / 3);
-    let solids = found.solids(&frame, wanted.blur, most, stop).map_err(faulty)?;
-    let solids = solids.ok_or(ServiceError::Cancelled)?;
-    Ok((solids.into_iter().map(solid).collect(), found.dropped()))
+    fn push(&mut self, found: LabelBoundary) {
+        self.vertices += match &found {
+            LabelBoundary::Region(RegionOutput { points, holes, .. }) => {
+                points.len() + holes.iter().map(Vec::len).sum::<usize>()
+            }
+            LabelBoundary::Solid(SolidOutput { outer, cavities, .. }) => {
+                outer.vertices.len() + cavities.iter().map(|cavity| cavity.vertices.len()).sum::<usize>()
+            }
+        };
+        self.boundaries.push(found);
+    }
+
+    fn count(&mut self, dropped: Dropped) {
+        self.dropped.components += dropped.components;
+        self.dropped.cells += dropped.cells;
+    }
+
+    fn add_regions(
+        &mut self,
+        file: &ImageFile<u32>,
+        wanted: &Wanted,
+        selection: &Selection,
+        limits: &Limits,
+        stop: &(dyn Fn() -> bool + Sync),
+    ) -> Result<(), ServiceError> {
+        let frame = plane_frame(&file.grid, wanted.coordinates)?;
+        let [width, height, _] = file.grid.size();
+        let labels = Labels::<2>::new([width, height], &file.values).map_err(faulty)?;
+        let found = Components::find(&labels, selection, stop).map_err(faulty)?;
+        let found = found.ok_or(ServiceError::Cancelled)?;
+        self.count(found.dropped());
+        let most = limits.samples.min(limits.answer_numbers / 2).saturating_sub(self.vertices);
+        let regions = found.regions(&frame, wanted.blur, most, stop).map_err(faulty)?;
+        let regions = regions.ok_or(ServiceError::Cancelled)?;
+        regions.into_iter().for_each(|found| self.push(region(found, wanted.fill)));
+        Ok(())
+    }
+
+    fn add_solids(
+        &mut self,
+        file: &ImageFile<u32>,
+        wanted: &Wanted,
+        selection: &Selection,
+        limits: &Limits,
+        stop: &(dyn Fn() -> bool + Sync),
+    ) -> Result<(), ServiceError> {
+        let frame = volume_frame(&file.grid, wanted.coordinates).map_err(faulty)?;
+        let labels = Labels::<3>::new(file.grid.size(), &file.values).map_err(faulty)?;
+        let labels = labels.with_open_ends(file.grid.has_open_ends());
+        let found = Components::find(&labels, selection, stop).map_err(faulty)?;
+        let found = found.ok_or(ServiceError::Cancelled)?;
+        self.count(found.dropped());
+        // Three coordinates, and two triangles of three indices.
+        let most = limits.vertices.min(limits.answer_numbers / 3).saturating_sub(self.vertices);
+        let solids = found.solids(&frame, wanted.blur, most, stop).map_err(faulty)?;
+        for (id, one) in solids.ok_or(ServiceError::Cancelled)?.into_iter().enumerate() {
+            let one = match wanted.fill && one.outer.genus() > 0 {
+                true => {
+                    self.filled += 1;
+                    let filled = found.filled(id, &frame, wanted.blur, most, stop).map_err(faulty)?;
+                    filled.ok_or(ServiceError::Cancelled)?
+                }
+                false => one,
+            };
+            self.push(solid(one, wanted.fill));
+        }
+        Ok(())
+    }
 }
 
 /// Refusal of labels or of a setting.
@@ -241,7 +378,8 @@ fn faulty(error: SegmentationError) -> ServiceError {
         SegmentationError::Components { .. } => "/least_cells",
         _ => "/image",
     };
-    ServiceError::invalid(pointer, error.to_string())
+    let way_out = if matches!(error, SegmentationError::Photograph { .. }) { WAY_OUT } else { "" };
+    ServiceError::invalid(pointer, format!("{error}{way_out}"))
 }
 
 fn component(found: Component) -> ComponentOutput {
@@ -249,8 +387,9 @@ fn component(found: Component) -> ComponentOutput {
     ComponentOutput { label, component: number, cells, edge_sides: border_faces }
 }
 
-fn region(found: Region) -> LabelBoundary {
+fn region(found: Region, fill: bool) -> LabelBoundary {
     let Region { component: of, outer, holes } = found;
+    let holes = if fill { Vec::new() } else { holes };
     LabelBoundary::Region(RegionOutput { component: component(of), points: outer, holes })
 }
 
@@ -259,8 +398,9 @@ fn surface(found: Surface) -> SurfaceOutput {
     SurfaceOutput { vertices: found.mesh.vertices, faces: found.mesh.faces, genus }
 }
 
-fn solid(found: Solid) -> LabelBoundary {
+fn solid(found: Solid, fill: bool) -> LabelBoundary {
     let Solid { component: of, outer, cavities } = found;
+    let cavities = if fill { Vec::new() } else { cavities };
     let cavities = cavities.into_iter().map(surface).collect();
     LabelBoundary::Solid(SolidOutput { component: component(of), outer: surface(outer), cavities })
 }

@@ -3,7 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use crate::formats::image::{
-    Description, Grid, ImageError, ImageFile, Limits as FileLimits, describe, read, read_labels,
+    Description, Grid, ImageError, ImageFile, LabelPart, Limits as FileLimits, describe, detect, read,
+    read_labels,
 };
 use crate::formats::unit::Unit;
 use crate::segmentation::SegmentationError;
@@ -90,6 +91,34 @@ impl Part<'_> {
         let file = read_labels(self.bytes, &file_limits(limits)).map_err(|error| self.refused(&error))?;
         let grid = file.grid;
         self.of_slice(file, &grid, |file, k| file.layer(k))
+    }
+
+    /// Gives on the label images: one, or where segments overlap, one for each that is wanted.
+    ///
+    /// # Errors
+    /// As for [`Self::describe`]; a broken file, or one that holds other numbers than labels; those of `add`.
+    pub fn each_label_image(
+        &self,
+        limits: &Limits,
+        wanted: &dyn Fn(u32) -> bool,
+        add: &mut dyn FnMut(&ImageFile<u32>, Option<u32>) -> Result<(), ServiceError>,
+    ) -> Result<(), ServiceError> {
+        let format = detect(self.bytes).map_err(|error| self.refused(&error))?;
+        let mut added = Ok(());
+        let mut give = |LabelPart { image, label, first }: LabelPart| {
+            let grid = image.grid;
+            let part = Self { slice: self.slice.and_then(|k| k.checked_sub(first)), ..*self };
+            // The image of a segment has only the slices around its frames.
+            let is_there = part.slice.is_some_and(|k| k < grid.size()[2]);
+            if label.is_some() && self.slice.is_some() && !is_there {
+                return true;
+            }
+            let file = part.of_slice(image, &grid, |file, k| file.layer(k));
+            added = file.and_then(|file| add(&file, label));
+            added.is_ok()
+        };
+        let read = format.each_label_image(self.bytes, &file_limits(limits), wanted, &mut give);
+        read.map_err(|error| self.refused(&error)).and(added)
     }
 
     /// The whole, or its slice by `layer`.

@@ -298,7 +298,12 @@ impl SegmentRequest {
                     truth_labels,
                     answered,
                 };
-                let of_mask = contours::Wanted { labels: mask_labels, blur: 0.0, least_cells, coordinates };
+                let of_mask = contours::Wanted {
+                    labels: mask_labels,
+                    least_cells,
+                    coordinates,
+                    ..contours::Wanted::default()
+                };
                 Ok(Checks { wanted, of_mask, slice })
             }
             _ => Err(ServiceError::invalid("", "the request is incomplete")),

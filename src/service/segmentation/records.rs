@@ -2,16 +2,21 @@
 
 use std::collections::BTreeMap;
 
-use super::contours::{ComponentOutput, LabelBoundary, SurfaceOutput, Wanted, boundaries, label_bytes};
-use super::image::{Coordinates, file_limits};
+use super::contours::{ComponentOutput, Found, LabelBoundary, SurfaceOutput, Wanted, label_bytes};
+use super::image::file_limits;
 use crate::formats::files::{
     FaultKind, FileError, Geometry, Holes, Mesh, Place, Points, ReadOptions, Record, Ring, Sink, Summary,
     Value,
 };
-use crate::formats::image::{Format, Grid, ImageError, LABEL_OPTIONS, LengthUnit, describe};
+use crate::formats::image::{
+    Format, Grid, ImageError, LABEL_OPTIONS, LabelNames, LabelPart, LengthUnit, describe,
+};
 use crate::formats::json;
-use crate::formats::unit::Ratio;
+use crate::formats::unit::{Ratio, Unit};
 use crate::service::app::{Limits, ServiceError};
+
+/// Number of cells below which a component is left out unless the options say another: as few enclose no cell.
+const LEAST_CELLS: usize = 5;
 
 /// Reads a label image: one record for the outer boundary of each component of each label but 0, in world coordinates.
 ///
@@ -19,7 +24,7 @@ use crate::service::app::{Limits, ServiceError};
 /// the file gives to the label, if any. `select` takes numbers and names. `bytes` are those of the whole file.
 ///
 /// # Errors
-/// Faults of the image; options other than [`LABEL_OPTIONS`]; holes under [`Holes::Refuse`]; errors of `sink`.
+/// Faults of the image; options other than [`LABEL_OPTIONS`]; a photograph; holes under [`Holes::Refuse`]; errors of `sink`.
 pub fn read_label_image(
     format: &Format,
     bytes: &[u8],
@@ -29,42 +34,47 @@ pub fn read_label_image(
     sink: Sink<'_>,
 ) -> Result<Summary, FileError> {
     check_options(format, options)?;
+    let wanted = wanted(options)?;
     let faulty = |error| placed(&error, bytes.len());
-    let file = format.read_labels(bytes, &file_limits(limits)).map_err(faulty)?;
-    let wanted = Wanted { labels: None, blur: 0.0, least_cells: 1, coordinates: Coordinates::World };
     // Answers are bounded by what is written of them.
     let limits = Limits { answer_numbers: usize::MAX, ..*limits };
-    let names = format.label_names(bytes, &file_limits(&limits)).map_err(faulty)?;
-    let (found, _) = boundaries(&file, &wanted, &limits, stop).map_err(refused)?;
-    let mut summary = Summary::default();
-    summary.set("size", file.grid.size().to_vec());
-    let unit = file.grid.unit();
-    // From positions to what the file gives lengths in.
-    let told = unit.zip(file.grid.unit_of_shapes());
-    let ratio = told.and_then(|(unit, of_shapes)| unit.to(of_shapes)).unwrap_or(Ratio::ONE);
-    summary.set("spacing", file.grid.spacing().map(|size| ratio.times(size)).to_vec());
-    summary.properties.extend(told.map(|(_, unit)| ("unit".to_owned(), unit.word().into())));
-    summary.warnings.extend(without_sizes(&file.grid));
+    let LabelNames { of: names, warnings } =
+        format.label_names(bytes, &file_limits(&limits)).map_err(faulty)?;
+    let title = |label: u32| names.get(&label).map(String::as_str);
+    let selects = |label: u32| {
+        options.selects(&label.to_string()) || title(label).is_some_and(|title| options.selects(title))
+    };
+    let (mut found, mut added) = (Found::default(), Ok(()));
+    let mut give = |part: LabelPart| {
+        added = found.add(&part.image, part.label, &wanted, &limits, stop);
+        added.is_ok()
+    };
+    format.each_label_image(bytes, &file_limits(&limits), &selects, &mut give).map_err(faulty)?;
+    added.map_err(refused)?;
+    let mut summary = said(&found, options);
+    summary.warnings.extend(warnings);
+    let unit = found.grid.as_ref().and_then(Grid::unit);
+    let told = found.grid.as_ref().and_then(told);
     let mut components: BTreeMap<u32, usize> = BTreeMap::new();
-    for boundary in &found {
+    for boundary in &found.boundaries {
         *components.entry(boundary.component().label).or_default() += 1;
     }
-    for (object, boundary) in (0..).zip(found) {
+    for (object, boundary) in (0..).zip(found.boundaries) {
         let of = *boundary.component();
         let name = match components.get(&of.label) {
             Some(1) => of.label.to_string(),
             _ => format!("{}.{}", of.label, of.component),
         };
-        let title = names.get(&of.label).map(String::as_str);
-        if options.selects(&of.label.to_string()) || title.is_some_and(|title| options.selects(title)) {
+        if selects(of.label) {
+            let title = title(of.label).map(str::to_owned);
             let mut titled = |record: Record| {
-                let record = Record { label: title.map(str::to_owned), unit, ..record };
+                let record = Record { label: title.clone(), unit, ..record };
                 sink(match told {
                     Some((unit, of_shapes)) => record.converted(unit, of_shapes)?,
                     None => record,
                 })
             };
-            give(boundary, object, &name, options, &mut summary, &mut titled)?;
+            give_on(boundary, object, &name, options, &mut summary, &mut titled)?;
             summary.records += 1;
         }
     }
@@ -87,13 +97,57 @@ fn without_sizes(grid: &Grid) -> Option<String> {
     }
 }
 
+/// Unit of positions, and that in which the file gives lengths.
+fn told(grid: &Grid) -> Option<(Unit, Unit)> {
+    grid.unit().zip(grid.unit_of_shapes())
+}
+
+/// What the options say of the boundaries.
+fn wanted(options: &ReadOptions) -> Result<Wanted, FileError> {
+    let blur = options.blur.unwrap_or(0.0);
+    if !(blur >= 0.0 && blur.is_finite()) {
+        let detail = format!("expected a number of at least 0, got {blur}");
+        return Err(FileError::of(FaultKind::Option, Place::tag("blur"), detail));
+    }
+    Ok(Wanted {
+        blur,
+        least_cells: options.least_cells.unwrap_or(LEAST_CELLS),
+        largest: options.largest == Some(true),
+        fill: options.fill == Some(true),
+        photograph: options.photograph.unwrap_or_default(),
+        ..Wanted::default()
+    })
+}
+
+/// What is said of an image beside its boundaries.
+fn said(found: &Found, options: &ReadOptions) -> Summary {
+    let mut summary = Summary { warnings: found.warnings(), ..Summary::default() };
+    if let Some(grid) = &found.grid {
+        let told = told(grid);
+        // From positions to what the file gives lengths in.
+        let ratio = told.and_then(|(unit, of_shapes)| unit.to(of_shapes)).unwrap_or(Ratio::ONE);
+        summary.set("size", grid.size().to_vec());
+        summary.set("spacing", grid.spacing().map(|size| ratio.times(size)).to_vec());
+        summary.properties.extend(told.map(|(_, unit)| ("unit".to_owned(), unit.word().into())));
+        summary.warnings.extend(without_sizes(grid));
+        summary.set("cut_by_edge", found.cut_by_edge());
+    }
+    let least = options.least_cells.unwrap_or(LEAST_CELLS);
+    let what = match options.largest {
+        Some(true) => format!("components of fewer than {least} cells or beside the largest of their label"),
+        _ => format!("components of fewer than {least} cells"),
+    };
+    summary.drop_many(&what, found.dropped.components as u64, None, Place::default);
+    summary
+}
+
 /// Memory that reading a label image takes, by its header.
 ///
 /// # Errors
 /// Faults of the header.
-pub fn label_image_bytes(bytes: &[u8], limits: &Limits) -> Result<usize, FileError> {
+pub fn label_image_bytes(bytes: &[u8], options: &ReadOptions, limits: &Limits) -> Result<usize, FileError> {
     let description = describe(bytes, &file_limits(limits)).map_err(|error| placed(&error, bytes.len()))?;
-    Ok(label_bytes(&description))
+    Ok(label_bytes(&description, options.fill == Some(true)))
 }
 
 /// A fault of an image of `length` bytes, as one of a file of shapes.
@@ -135,7 +189,7 @@ fn check_options(format: &Format, options: &ReadOptions) -> Result<(), FileError
 }
 
 /// Gives on the outer boundary of a component, and its holes as the options say.
-fn give(
+fn give_on(
     boundary: LabelBoundary,
     object: u64,
     name: &str,
@@ -228,6 +282,8 @@ mod tests {
     }
 
     fn records(options: &ReadOptions) -> Result<(Vec<Record>, Summary), FileError> {
+        // The two cells of label 3 are kept.
+        let options = &ReadOptions { least_cells: options.least_cells.or(Some(1)), ..options.clone() };
         let (bytes, mut found) = (image(), Vec::new());
         let format = detect(&bytes).unwrap();
         let summary =
@@ -259,6 +315,18 @@ mod tests {
         let refuse = ReadOptions { holes: Some(Holes::Refuse), ..ReadOptions::default() };
         let error = records(&refuse).unwrap_err();
         assert_eq!(error.to_string(), "item 0: expected labels without holes, got 1 in '7'");
+        let usual = ReadOptions { least_cells: Some(5), ..ReadOptions::default() };
+        let (found, summary) = records(&usual).unwrap();
+        assert_eq!((names(&found), summary.dropped[0].count), (vec!["7"], 2));
+        assert_eq!(summary.dropped[0].what, "components of fewer than 5 cells");
+        assert_eq!(summary.properties["cut_by_edge"], 1);
+        let whole =
+            ReadOptions { fill: Some(true), largest: Some(true), holes: Some(Holes::Refuse), ..usual };
+        let whole = ReadOptions { least_cells: None, ..whole };
+        let (found, summary) = records(&whole).unwrap();
+        assert_eq!((names(&found), summary.dropped[0].count), (vec!["7", "3"], 1));
+        let blur = ReadOptions { blur: Some(-1.0), ..ReadOptions::default() };
+        assert_eq!(records(&blur).unwrap_err().to_string(), "blur: expected a number of at least 0, got -1");
         let closed = ReadOptions { closed: Some(true), ..ReadOptions::default() };
         assert_eq!(records(&closed).unwrap_err().kind, FaultKind::Option);
     }

@@ -303,7 +303,11 @@ pub(super) fn of_mask(
 pub(super) fn of_part(error: ServiceError) -> ServiceError {
     let ServiceError::Invalid(faults) = error else { return error };
     ServiceError::Invalid(faults.map(|fault| match fault.pointer.as_str() {
-        "/image" => Fault { pointer: "/mask".into(), ..fault },
+        "/image" => {
+            // A mask has no such option.
+            let detail = fault.detail.replace(contours::WAY_OUT, "");
+            Fault { pointer: "/mask".into(), detail, ..fault }
+        }
         "/labels" => Fault { pointer: "/mask_labels".into(), ..fault },
         "/least_cells" => Fault { pointer: "/mask_least_cells".into(), ..fault },
         _ => fault,

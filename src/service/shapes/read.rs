@@ -43,8 +43,8 @@ const NORMALS: &str = "expected no normals: they belong to the subdivision schem
 /// Why parts of shapes are refused.
 const PART: &str =
     "expected a whole shape, got one of which a part is seen: assess and complete of a dictionary take these";
-/// Most attributes of a shape.
-const MAX_LABELS: usize = 100;
+/// Most attributes of a shape: programs of microscopy measure some hundred numbers of a cell.
+const MAX_LABELS: usize = 1000;
 
 /// A representation within the limits.
 ///
@@ -284,7 +284,10 @@ fn labels(given: Option<Raw>, errors: &mut Vec<Fault>) -> BTreeMap<String, serde
     if labels.len() > MAX_LABELS {
         errors.push(Fault::new(
             "/labels",
-            format!("expected at most {MAX_LABELS} entries, got {}", labels.len()),
+            format!(
+                "expected at most {MAX_LABELS} entries, got {}: the option attributes takes some of those of a file",
+                labels.len()
+            ),
         ));
     }
     for (key, value) in labels.iter_mut().take(MAX_LABELS) {

@@ -48,8 +48,8 @@ pub(crate) enum Value<'a> {
     Bytes(&'a [u8]),
     /// The items of a sequence.
     Items(Vec<DataSet<'a>>),
-    /// Compressed pixels.
-    Fragments,
+    /// Compressed pixels: what follows the table of offsets.
+    Fragments(Vec<&'a [u8]>),
 }
 
 impl<'a> Element<'a> {
@@ -57,7 +57,7 @@ impl<'a> Element<'a> {
     pub(crate) fn bytes(&self) -> Option<&'a [u8]> {
         match self.value {
             Value::Bytes(bytes) => Some(bytes),
-            Value::Items(_) | Value::Fragments => None,
+            Value::Items(_) | Value::Fragments(_) => None,
         }
     }
 
@@ -127,7 +127,9 @@ pub(super) fn read<'a>(
                 tree.at = decoder.position();
             }
             LazyDataToken::LazyItemValue { len, decoder } => {
-                tree.value(Tag(0x7fe0, 0x0010), decoder.position(), len)?;
+                let (tag, at) = (Tag(0x7fe0, 0x0010), decoder.position());
+                let value = tree.value(tag, at, len)?;
+                tree.push(Element { tag, vr: VR::OB, at, value })?;
                 decoder.skip_bytes(len).map_err(|error| tree.fault(&error))?;
                 tree.at = decoder.position();
             }
@@ -223,7 +225,12 @@ impl<'a> Tree<'a> {
     fn end_sequence(&mut self) -> Result<(), FileError> {
         match self.open.pop() {
             Some(Open::Sequence { tag, at, items, pixels }) => {
-                let value = if pixels { Value::Fragments } else { Value::Items(items) };
+                let fragment =
+                    |item: &DataSet<'a>| item.elements.first().and_then(Element::bytes).unwrap_or_default();
+                let value = match pixels {
+                    true => Value::Fragments(items.iter().skip(1).map(fragment).collect()),
+                    false => Value::Items(items),
+                };
                 self.push(Element { tag, vr: VR::SQ, at, value })
             }
             _ => Err(self.malformed("expected an element, got the end of a sequence that has not begun")),

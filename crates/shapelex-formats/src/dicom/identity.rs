@@ -76,7 +76,7 @@ fn list(set: &DataSet<'_>, names: &mut BTreeSet<Tag>, summary: &mut Summary) {
 fn identifies(element: &Element<'_>) -> bool {
     let filled = match &element.value {
         Value::Bytes(bytes) => bytes.iter().any(|byte| !matches!(byte, b' ' | b'\0')),
-        Value::Items(_) | Value::Fragments => false,
+        Value::Items(_) | Value::Fragments(_) => false,
     };
     let kind = match element.vr {
         VR::PN | VR::DA | VR::TM | VR::DT => true,

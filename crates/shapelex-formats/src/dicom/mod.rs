@@ -7,8 +7,10 @@
 
 mod content;
 mod data_set;
+mod extended;
 mod identity;
 mod number;
+pub(crate) mod run_lengths;
 mod series;
 mod values;
 

@@ -1,20 +1,20 @@
 //! Texts and numbers of elements, with the place of a fault.
 
+use std::cell::RefCell;
+
 use dicom_core::{Tag, VR};
-use dicom_dictionary_std::tags;
+use dicom_dictionary_std::{tags, uids};
 use dicom_encoding::text::{SpecificCharacterSet, TextCodec};
 use dicom_encoding::transfer_syntax::TransferSyntax;
 
 use super::data_set::{DataSet, Element, Value};
+use super::extended::{self, ESCAPE};
 use super::number;
 use crate::shape::{FileError, Place};
 use crate::words::MAX_NAME;
 
 /// Most characters of a value that a message shows.
 const SHOWN: usize = 20;
-
-/// Starts an escape sequence of ISO 2022, which changes the character set in the middle of a text.
-const ESCAPE: u8 = 0x1b;
 
 /// A tag as it is written in the standard.
 pub(crate) fn shown(tag: Tag) -> String {
@@ -27,6 +27,8 @@ pub(crate) struct File<'a> {
     big_endian: bool,
     charset: Charset,
     syntax: &'static TransferSyntax,
+    /// Texts with bytes above 127 of a set that is not declared: their number, and the place of the first one.
+    undeclared: RefCell<Option<(usize, Place)>>,
 }
 
 /// How texts are encoded.
@@ -45,7 +47,8 @@ impl<'a> File<'a> {
         big_endian: bool,
         syntax: &'static TransferSyntax,
     ) -> Result<Self, FileError> {
-        let mut file = Self { set, big_endian, charset: Charset::Default, syntax };
+        let undeclared = RefCell::default();
+        let mut file = Self { set, big_endian, charset: Charset::Default, syntax, undeclared };
         file.charset = file.root().charset()?;
         Ok(file)
     }
@@ -60,9 +63,25 @@ impl<'a> File<'a> {
         &self.set
     }
 
+    /// Whether pixels are run lengths.
+    pub(crate) fn has_run_lengths(&self) -> bool {
+        self.syntax.uid() == uids::RLE_LOSSLESS
+    }
+
     /// Name of the transfer syntax.
     pub(crate) fn syntax(&self) -> &'static str {
         self.syntax.name()
+    }
+
+    /// What is to be known of the texts that were read so far.
+    pub(crate) fn warning(&self) -> Option<String> {
+        let undeclared = self.undeclared.borrow();
+        undeclared.as_ref().map(|(count, place)| {
+            format!(
+                "texts with bytes above 127, but no character set (0008,0005) that has them: {count}, the first one at {place}; \
+                 they are read as UTF-8 if they can be, else as ISO 8859-1, which may be wrong"
+            )
+        })
     }
 
     /// Whether the most significant byte comes first.
@@ -98,6 +117,14 @@ impl<'f> Node<'f> {
         match element.bytes() {
             Some(bytes) => Ok(Some(bytes).filter(|bytes| !bytes.is_empty())),
             None => Err(self.malformed(tag, "expected a value, got a sequence")),
+        }
+    }
+
+    /// The pieces of compressed pixels; `None` where an element holds something else.
+    pub(crate) fn fragments(&self, tag: Tag) -> Option<&'f [&'f [u8]]> {
+        match self.set.get(tag).map(|element| &element.value) {
+            Some(Value::Fragments(fragments)) => Some(fragments),
+            _ => None,
         }
     }
 
@@ -247,8 +274,12 @@ impl<'f> Node<'f> {
     fn decode(&self, tag: Tag, bytes: &[u8]) -> Result<String, FileError> {
         let fault = |what: &str| self.malformed(tag, format!("expected text in {what}, got other bytes"));
         if bytes.contains(&ESCAPE) {
-            let detail = "expected text in one character set, got an escape sequence (ISO 2022)";
-            return Err(FileError::unsupported(self.place(tag), detail));
+            let usual = match &self.file.charset {
+                Charset::Other(set) => Some(set),
+                Charset::Default | Charset::Utf8 | Charset::Unknown(_) => None,
+            };
+            return extended::decode(bytes, usual)
+                .map_err(|detail| FileError::unsupported(self.place(tag), detail));
         }
         match &self.file.charset {
             _ if bytes.is_ascii() => Ok(String::from_utf8_lossy(bytes).into_owned()),
@@ -261,10 +292,14 @@ impl<'f> Node<'f> {
                     format!("expected a character set of the standard, got '{}'", code.escape_default());
                 Err(FileError::unsupported(self.place(tag), detail))
             }
-            Charset::Default => Ok(match std::str::from_utf8(bytes) {
-                Ok(text) => text.to_owned(),
-                Err(_) => bytes.iter().copied().map(char::from).collect(),
-            }),
+            Charset::Default => {
+                let mut undeclared = self.file.undeclared.borrow_mut();
+                undeclared.get_or_insert_with(|| (0, self.place(tag))).0 += 1;
+                Ok(match std::str::from_utf8(bytes) {
+                    Ok(text) => text.to_owned(),
+                    Err(_) => bytes.iter().copied().map(char::from).collect(),
+                })
+            }
         }
     }
 }

@@ -15,7 +15,8 @@ use super::{nifti, nrrd, png};
 const SHOWN: usize = 8;
 
 /// Fields of [`ReadOptions`](crate::shape::ReadOptions) that are obeyed where the boundaries of labels become records.
-pub const LABEL_OPTIONS: [&str; 2] = ["holes", "select"];
+pub const LABEL_OPTIONS: [&str; 7] =
+    ["holes", "select", "least_cells", "largest", "fill", "blur", "photograph"];
 
 /// A format of image files.
 #[derive(Debug, Clone, Copy)]
@@ -33,11 +34,45 @@ pub struct Format {
     pub(super) describe: fn(&[u8], &Limits) -> Result<Description, ImageError>,
     pub(super) image: fn(&[u8], &Limits) -> Result<ImageFile, ImageError>,
     pub(super) labels: fn(&[u8], &Limits) -> Result<ImageFile<u32>, ImageError>,
-    pub(super) names: Option<Names>,
+    pub(super) names: Option<ReadNames>,
+    pub(super) parts: Option<ReadParts>,
 }
 
 /// Reads the names of labels.
-type Names = fn(&[u8], &Limits) -> Result<BTreeMap<u32, String>, ImageError>;
+type ReadNames = fn(&[u8], &Limits) -> Result<LabelNames, ImageError>;
+/// Reads the label images of a file whose labels may overlap.
+type ReadParts = fn(&[u8], &Limits, &dyn Fn(u32) -> bool, GiveLabels<'_>) -> Result<(), ImageError>;
+
+/// Takes a label image. Whether another one is wanted.
+pub type GiveLabels<'a> = &'a mut dyn FnMut(LabelPart) -> bool;
+
+/// A label image of a file that may have several.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LabelPart {
+    /// The image.
+    pub image: ImageFile<u32>,
+    /// Its only label; of all labels if absent.
+    pub label: Option<u32>,
+    /// Its first slice, among those of the file.
+    pub first: usize,
+}
+
+impl LabelPart {
+    /// The image of all labels.
+    pub(super) fn whole(image: ImageFile<u32>) -> Self {
+        Self { image, label: None, first: 0 }
+    }
+}
+
+/// The names that a file gives to labels.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct LabelNames {
+    /// Names by label.
+    pub of: BTreeMap<u32, String>,
+    /// What is to be known of them.
+    pub warnings: Vec<String>,
+}
+
 impl Format {
     /// The labels in a file of this format: [`read_labels`](super::read_labels).
     ///
@@ -51,8 +86,28 @@ impl Format {
     ///
     /// # Errors
     /// Those of [`label_names`](super::label_names).
-    pub fn label_names(&self, bytes: &[u8], limits: &Limits) -> Result<BTreeMap<u32, String>, ImageError> {
-        self.names.map_or_else(|| Ok(BTreeMap::new()), |names| names(bytes, limits))
+    pub fn label_names(&self, bytes: &[u8], limits: &Limits) -> Result<LabelNames, ImageError> {
+        self.names.map_or_else(|| Ok(LabelNames::default()), |names| names(bytes, limits))
+    }
+
+    /// Gives on the label images of a file of this format: one, or where labels overlap, one for each label that is `wanted`.
+    ///
+    /// # Errors
+    /// Those of [`read_labels`](super::read_labels) but for the overlap.
+    pub fn each_label_image(
+        &self,
+        bytes: &[u8],
+        limits: &Limits,
+        wanted: &dyn Fn(u32) -> bool,
+        give: GiveLabels<'_>,
+    ) -> Result<(), ImageError> {
+        match self.parts {
+            Some(parts) => parts(bytes, limits, wanted, give),
+            None => {
+                give(LabelPart::whole(self.read_labels(bytes, limits)?));
+                Ok(())
+            }
+        }
     }
 }
 
@@ -66,8 +121,9 @@ pub static FORMATS: &[Format] = &[
         magic: &[(0, b"\x89PNG\r\n\x1a\n")],
         describe: png::describe,
         image: png::read,
-        labels: png::read,
+        labels: png::read_labels,
         names: None,
+        parts: None,
     },
     #[cfg(feature = "microscopy")]
     Format {
@@ -80,6 +136,7 @@ pub static FORMATS: &[Format] = &[
         image: tiff::read,
         labels: tiff::read,
         names: None,
+        parts: None,
     },
     Format {
         id: "nii",
@@ -91,6 +148,7 @@ pub static FORMATS: &[Format] = &[
         image: nifti::read,
         labels: nifti::read,
         names: None,
+        parts: None,
     },
     Format {
         id: "nii.gz",
@@ -102,6 +160,7 @@ pub static FORMATS: &[Format] = &[
         image: nifti::read_compressed,
         labels: nifti::read_compressed,
         names: None,
+        parts: None,
     },
     Format {
         id: "nrrd",
@@ -113,6 +172,7 @@ pub static FORMATS: &[Format] = &[
         image: nrrd::read,
         labels: nrrd::read,
         names: Some(nrrd::names),
+        parts: None,
     },
     #[cfg(feature = "dicom")]
     Format {
@@ -125,6 +185,7 @@ pub static FORMATS: &[Format] = &[
         image: segmentation::read,
         labels: segmentation::read_labels,
         names: Some(segmentation::names),
+        parts: Some(segmentation::read_parts),
     },
 ];
 

@@ -75,6 +75,7 @@ pub struct Grid {
     size: [usize; 3],
     affine: [[f64; 4]; 3],
     units: [LengthUnit; 3],
+    open_ends: bool,
 }
 
 impl Grid {
@@ -90,7 +91,7 @@ impl Grid {
         {
             return Err(ImageError::Empty { size: size.map(|size| size as u64) });
         }
-        let grid = Self { size, affine, units };
+        let grid = Self { size, affine, units, open_ends: false };
         let spacing = grid.spacing();
         for (axis, value) in ['x', 'y', 'z'].into_iter().zip(spacing) {
             check_spacing(axis, value)?;
@@ -141,7 +142,26 @@ impl Grid {
     pub fn layer(&self, k: usize) -> Option<Self> {
         let [width, height, depth] = self.size;
         let affine = self.affine.map(|[x, y, z, offset]| [x, y, z, offset + z * k as f64]);
-        (k < depth).then_some(Self { size: [width, height, 1], affine, units: self.units })
+        (k < depth).then_some(Self { size: [width, height, 1], affine, ..*self })
+    }
+
+    /// The grid of `count` layers from the index `first` along z on. `None` if it does not have them.
+    #[must_use]
+    pub(super) fn layers(&self, first: usize, count: usize) -> Option<Self> {
+        let [width, height, depth] = self.size;
+        let begin = self.layer(first)?;
+        (count > 0 && first + count <= depth).then_some(Self { size: [width, height, count], ..begin })
+    }
+
+    /// The same grid, of a volume that may go on beyond its first and its last layer.
+    #[must_use]
+    pub(super) fn with_open_ends(self, open_ends: bool) -> Self {
+        Self { open_ends, ..self }
+    }
+
+    /// Whether the volume may go on beyond its first and its last layer: the file holds a part of it and does not say which.
+    pub fn has_open_ends(&self) -> bool {
+        self.open_ends && !self.is_planar()
     }
 
     /// The rows `[A | b]`, in millimetres.

@@ -36,7 +36,7 @@ pub mod write;
 
 pub use error::ImageError;
 pub use file::{Description, ImageFile};
-pub use format::{FORMATS, Format, LABEL_OPTIONS, detect};
+pub use format::{FORMATS, Format, GiveLabels, LABEL_OPTIONS, LabelNames, LabelPart, detect};
 pub use grid::{Grid, LengthUnit};
 pub use limits::Limits;
 pub use value::ValueType;
@@ -62,7 +62,7 @@ pub fn read_labels(bytes: &[u8], limits: &Limits) -> Result<ImageFile<u32>, Imag
 /// # Errors
 /// As [`read`].
 pub fn label_names(bytes: &[u8], limits: &Limits) -> Result<BTreeMap<u32, String>, ImageError> {
-    detect(bytes)?.label_names(bytes, limits)
+    Ok(detect(bytes)?.label_names(bytes, limits)?.of)
 }
 
 /// Size, type and memory of a file, from its header; nothing is decoded.

@@ -6,6 +6,7 @@ use flate2::read::MultiGzDecoder;
 
 use super::error::ImageError;
 use super::file::{Description, ImageFile};
+use super::format::LabelNames;
 use super::grid::{Grid, LengthUnit, cross};
 use super::limits::{Limits, reserve};
 use super::stream::{DEFLATE_RATIO, STREAM_BYTES, Stream};
@@ -69,7 +70,7 @@ pub(super) fn read<T: Target>(bytes: &[u8], limits: &Limits) -> Result<ImageFile
 }
 
 /// Names of segments as 3D Slicer writes them: `Segment0_LabelValue:=1`, `Segment0_Name:=liver`.
-pub(super) fn names(bytes: &[u8], limits: &Limits) -> Result<BTreeMap<u32, String>, ImageError> {
+pub(super) fn names(bytes: &[u8], limits: &Limits) -> Result<LabelNames, ImageError> {
     Header::new(bytes, limits)?;
     let (fields, _) = Fields::new(bytes)?;
     let name = |(key, label): (&String, &String)| {
@@ -82,7 +83,7 @@ pub(super) fn names(bytes: &[u8], limits: &Limits) -> Result<BTreeMap<u32, Strin
         let fault = format!("expected names of segments of at most {MAX_NAME} bytes, got {}", long.len());
         return Err(ImageError::corrupt(NAME, fault));
     }
-    Ok(names)
+    Ok(LabelNames { of: names, warnings: Vec::new() })
 }
 
 /// The lines of a header.

@@ -46,13 +46,8 @@ pub(super) fn describe(bytes: &[u8], limits: &Limits) -> Result<Description, Ima
 
 pub(super) fn read<T: Target>(bytes: &[u8], limits: &Limits) -> Result<ImageFile<T>, ImageError> {
     let (mut decoder, header) = open(bytes, limits)?;
-    let found = (bytes.len() as u64).saturating_mul(DEFLATE_RATIO);
-    if found < header.compressed {
-        return Err(ImageError::Truncated { place: PIXELS, expected: header.compressed, found });
-    }
+    check_length(bytes, &header)?;
     decoder.set_transformations(Transformations::EXPAND);
-    decoder.set_ignore_text_chunk(true);
-    decoder.set_ignore_iccp_chunk(true);
     let mut reader = decoder.read_info().map_err(refusal)?;
     check_frames(reader.info())?;
     check_palette(reader.info())?;
@@ -68,6 +63,41 @@ pub(super) fn read<T: Target>(bytes: &[u8], limits: &Limits) -> Result<ImageFile
     Ok(ImageFile { grid: header.grid, values })
 }
 
+/// The labels: the positions in a palette where there is one, whatever its colours, else the grey values.
+pub(super) fn read_labels(bytes: &[u8], limits: &Limits) -> Result<ImageFile<u32>, ImageError> {
+    let (mut decoder, header) = open(bytes, limits)?;
+    if header.colour != ColorType::Indexed {
+        return read(bytes, limits);
+    }
+    check_length(bytes, &header)?;
+    decoder.set_transformations(Transformations::IDENTITY);
+    let mut reader = decoder.read_info().map_err(refusal)?;
+    check_frames(reader.info())?;
+    check_palette(reader.info())?;
+    let pixels = frame(&mut reader, &header, limits)?;
+    let bits = header.depth as usize;
+    let [width, height, _] = header.grid.size();
+    let row_bytes = (width * bits).div_ceil(8);
+    let mut values = reserve(header.grid.cells())?;
+    for row in pixels.chunks_exact(row_bytes).take(height) {
+        // The first pixel of a byte is in its highest bits.
+        values.extend((0..width * bits).step_by(bits).map(|at| {
+            let below = 8 - bits - at % 8;
+            u32::from(row[at / 8] >> below) & ((1 << bits) - 1)
+        }));
+    }
+    Ok(ImageFile { grid: header.grid, values })
+}
+
+/// Refuses a file that is too short for its pixels, before memory is taken for them.
+fn check_length(bytes: &[u8], header: &Header) -> Result<(), ImageError> {
+    let found = (bytes.len() as u64).saturating_mul(DEFLATE_RATIO);
+    match found < header.compressed {
+        true => Err(ImageError::Truncated { place: PIXELS, expected: header.compressed, found }),
+        false => Ok(()),
+    }
+}
+
 /// The decoder of a file whose header is within the limits.
 fn open<'a>(bytes: &'a [u8], limits: &Limits) -> Result<(Pixels<'a>, Header), ImageError> {
     // The decoder calls an empty image a fault of the header.
@@ -77,6 +107,8 @@ fn open<'a>(bytes: &'a [u8], limits: &Limits) -> Result<(Pixels<'a>, Header), Im
     }
     let most = usize::try_from(limits.bytes.saturating_add(DECODER_BYTES)).unwrap_or(usize::MAX);
     let mut decoder = Decoder::new_with_limits(Cursor::new(bytes), png::Limits { bytes: most });
+    decoder.set_ignore_text_chunk(true);
+    decoder.set_ignore_iccp_chunk(true);
     let info = decoder.read_header_info().map_err(refusal)?;
     let header = Header::new(info, limits)?;
     Ok((decoder, header))

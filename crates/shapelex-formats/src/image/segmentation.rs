@@ -1,15 +1,17 @@
 //! DICOM Segmentation: segments of a scan, a bit or a number for each cell.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use dicom_dictionary_std::{tags, uids};
 
 use super::error::ImageError;
 use super::file::{Description, ImageFile};
+use super::format::{GiveLabels, LabelNames, LabelPart};
 use super::grid::{Grid, LengthUnit, cross};
 use super::limits::{Limits, reserve};
 use super::value::{Source, Target, ValueType};
-use crate::dicom::{self, Content, File, Node};
+use crate::dicom::{self, Content, File, Node, run_lengths};
 use crate::shape::FileError;
 
 /// Name in messages.
@@ -22,6 +24,9 @@ const DEPTH: usize = 64;
 
 /// Largest distance, in mm, of a frame from the place that the others and the distance of slices give it.
 const PLACE_MM: f64 = 0.01;
+
+/// Cells of the label images of overlapping segments, all together, for each cell that one image may have.
+const OVERLAPPING: u64 = 16;
 
 /// Bytes of memory for an element of a file, for each byte that it takes there.
 const ELEMENT_BYTES: u64 = 16;
@@ -43,10 +48,30 @@ struct Segments<'f> {
     kind: Kind,
     stored: ValueType,
     frames: Vec<Frame>,
-    pixels: &'f [u8],
+    pixels: Pixels<'f>,
+}
+
+/// Pixels of all frames.
+#[derive(Clone, Copy)]
+enum Pixels<'f> {
+    /// One after the other.
+    Plain(&'f [u8]),
+    /// Run lengths of each.
+    Runs(&'f [&'f [u8]]),
+}
+
+impl Pixels<'_> {
+    /// Number of bytes in the file.
+    fn bytes(self) -> usize {
+        match self {
+            Self::Plain(bytes) => bytes.len(),
+            Self::Runs(runs) => runs.iter().map(|run| run.len()).sum(),
+        }
+    }
 }
 
 /// A frame: the slice it lies in, and its segment if it has one.
+#[derive(Clone, Copy)]
 struct Frame {
     slice: usize,
     segment: u32,
@@ -55,8 +80,9 @@ struct Frame {
 pub(super) fn describe(bytes: &[u8], limits: &Limits) -> Result<Description, ImageError> {
     with_segments(bytes, limits, |segments| {
         let cells = segments.grid.cells() as u64 * size_of::<f32>() as u64;
-        let elements = bytes.len().saturating_sub(segments.pixels.len()) as u64;
-        let memory_bytes = cells + ELEMENT_BYTES.saturating_mul(elements);
+        let elements = bytes.len().saturating_sub(segments.pixels.bytes()) as u64;
+        let frame = 2 * segments.area() as u64;
+        let memory_bytes = cells + frame + ELEMENT_BYTES.saturating_mul(elements);
         Ok(Description { grid: segments.grid, stored: segments.stored, channels: 1, memory_bytes })
     })
 }
@@ -82,8 +108,28 @@ pub(super) fn read_labels(bytes: &[u8], limits: &Limits) -> Result<ImageFile<u32
     })
 }
 
+/// The label image of all segments, or where segments overlap, one for each that is `wanted`.
+pub(super) fn read_parts(
+    bytes: &[u8],
+    limits: &Limits,
+    wanted: &dyn Fn(u32) -> bool,
+    give: GiveLabels<'_>,
+) -> Result<(), ImageError> {
+    with_segments(bytes, limits, |segments| match (segments.kind, segments.labels()) {
+        (Kind::Fractional, _) => {
+            Err(unsupported("segments of whole cells (BINARY or LABELMAP)", "FRACTIONAL"))
+        }
+        (_, Ok(values)) => {
+            give(LabelPart::whole(ImageFile { grid: segments.grid, values }));
+            Ok(())
+        }
+        (_, Err(ImageError::Overlap { .. })) => segments.each(limits, wanted, give),
+        (_, Err(other)) => Err(other),
+    })
+}
+
 /// Labels of segments by their numbers.
-pub(super) fn names(bytes: &[u8], limits: &Limits) -> Result<BTreeMap<u32, String>, ImageError> {
+pub(super) fn names(bytes: &[u8], limits: &Limits) -> Result<LabelNames, ImageError> {
     let content = Content::new(bytes, limits.bytes, |_| Ok(())).map_err(refused)?;
     let file = content.parse(DEPTH).map_err(refused)?;
     let mut names = BTreeMap::new();
@@ -93,7 +139,7 @@ pub(super) fn names(bytes: &[u8], limits: &Limits) -> Result<BTreeMap<u32, Strin
             names.insert(number, name);
         }
     }
-    Ok(names)
+    Ok(LabelNames { of: names, warnings: file.warning().into_iter().collect() })
 }
 
 fn refused(error: FileError) -> ImageError {
@@ -156,10 +202,60 @@ impl<'f> Segments<'f> {
             return Err(ImageError::corrupt(NAME, fault));
         }
         let cells = u64::from(columns) * u64::from(rows) * per_frame.len() as u64;
-        let pixels = pixels(file, cells.saturating_mul(bits.into()))?;
+        let pixels = pixels(file, kind, per_frame.len(), cells.saturating_mul(bits.into()))?;
         let shared = root.item(tags::SHARED_FUNCTIONAL_GROUPS_SEQUENCE).map_err(refused)?;
         let (grid, frames) = arrange(&per_frame, shared.as_ref(), [columns, rows], kind, limits)?;
+        let grid = grid.with_open_ends(referenced(&root)? != grid.size()[2]);
         Ok(Self { grid, kind, stored, frames, pixels })
+    }
+
+    /// Gives on a label image for each segment that is wanted, in the order of their numbers: of the slices from its first frame to
+    /// its last one, and one more on each side, so that these are on the edge only where the volume ends.
+    fn each(
+        &self,
+        limits: &Limits,
+        wanted: &dyn Fn(u32) -> bool,
+        give: GiveLabels<'_>,
+    ) -> Result<(), ImageError> {
+        let mut order: Vec<usize> = (0..self.frames.len()).collect();
+        order.sort_by_key(|k| (self.frames[*k].segment, self.frames[*k].slice));
+        let mut cells = 0_u64;
+        for own in order.chunk_by(|a, b| self.frames[*a].segment == self.frames[*b].segment) {
+            let segment = self.frames[own[0]].segment;
+            if segment == 0 || !wanted(segment) {
+                continue;
+            }
+            let [first, last] = [own[0], own[own.len() - 1]].map(|k| self.frames[k].slice);
+            let first = first.saturating_sub(1);
+            let count = (last + 2).min(self.grid.size()[2]) - first;
+            let Some(grid) = self.grid.layers(first, count) else { continue };
+            cells = cells.saturating_add(grid.cells() as u64);
+            if cells > limits.cells.saturating_mul(OVERLAPPING) {
+                let found = format!("{} and more after {segment} of them", cells);
+                return Err(unsupported("overlapping segments of a bounded number of cells in all", found));
+            }
+            let image = ImageFile { grid, values: self.of_segment(own, first, &grid)? };
+            if !give(LabelPart { image, label: Some(segment), first }) {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// The cells of one segment, by its frames, in a grid that begins with a slice.
+    fn of_segment(&self, frames: &[usize], first: usize, grid: &Grid) -> Result<Vec<u32>, ImageError> {
+        let mut labels = reserve(grid.cells())?;
+        labels.resize(grid.cells(), 0_u32);
+        let area = self.area();
+        for k in frames {
+            let Frame { slice, segment } = self.frames[*k];
+            let at = (slice - first) * area;
+            let pixels = self.frame(*k)?;
+            for (cell, label) in labels[at..at + area].iter_mut().enumerate() {
+                *label = bit(&pixels, k * area + cell) * segment;
+            }
+        }
+        Ok(labels)
     }
 
     /// The number of the segment of each cell, 0 where there is none.
@@ -169,11 +265,14 @@ impl<'f> Segments<'f> {
         let area = self.area();
         for (k, frame) in self.frames.iter().enumerate() {
             let at = frame.slice * area;
+            let pixels = self.frame(k)?;
             for (cell, label) in labels[at..at + area].iter_mut().enumerate() {
                 let found = match (self.kind, self.stored) {
-                    (Kind::Binary, _) => self.bit(k * area + cell) * frame.segment,
-                    (_, ValueType::U16) => self.pair(k * area + cell),
-                    _ => u32::from(self.pixels[k * area + cell]),
+                    (Kind::Binary, _) => bit(&pixels, k * area + cell) * frame.segment,
+                    (_, ValueType::U16) => {
+                        u32::from(u16::from_le_bytes([pixels[2 * cell], pixels[2 * cell + 1]]))
+                    }
+                    _ => u32::from(pixels[cell]),
                 };
                 if found != 0 && *label != 0 {
                     return Err(ImageError::Overlap { index: at + cell, segments: [*label, found] });
@@ -193,9 +292,10 @@ impl<'f> Segments<'f> {
         let mut values = reserve(self.grid.cells())?;
         values.resize(self.grid.cells(), 0.0_f32);
         let area = self.area();
-        for (frame, pixels) in self.frames.iter().zip(self.pixels.chunks_exact(area)) {
+        for (k, frame) in self.frames.iter().enumerate() {
             let at = frame.slice * area;
-            for (cell, (value, pixel)) in values[at..at + area].iter_mut().zip(pixels).enumerate() {
+            let pixels = self.frame(k)?;
+            for (cell, (value, pixel)) in values[at..at + area].iter_mut().zip(&*pixels).enumerate() {
                 *value = Target::integer(i64::from(*pixel), at + cell)?;
             }
         }
@@ -208,22 +308,51 @@ impl<'f> Segments<'f> {
         columns * rows
     }
 
-    /// Bits of all frames follow each other, the least significant one of a byte first.
-    fn bit(&self, cell: usize) -> u32 {
-        u32::from(self.pixels[cell / 8] >> (cell % 8) & 1)
-    }
-
-    fn pair(&self, cell: usize) -> u32 {
-        u32::from(u16::from_le_bytes([self.pixels[2 * cell], self.pixels[2 * cell + 1]]))
+    /// The bytes of a frame; of bits, which of all frames follow each other, those of all.
+    fn frame(&self, k: usize) -> Result<Cow<'_, [u8]>, ImageError> {
+        let bytes = if self.stored == ValueType::U16 { 2 } else { 1 };
+        let area = self.area();
+        match self.pixels {
+            Pixels::Plain(pixels) if self.kind == Kind::Binary => Ok(pixels.into()),
+            Pixels::Plain(pixels) => Ok(pixels[k * area * bytes..(k + 1) * area * bytes].into()),
+            Pixels::Runs(runs) => run_lengths::frame(runs[k], area, bytes)
+                .map(Cow::from)
+                .map_err(|fault| ImageError::corrupt(NAME, format!("frame {k}: {fault}"))),
+        }
     }
 }
 
-/// Pixels of a number of bits, to which a byte may be added to make their number even.
-fn pixels<'f>(file: &'f File<'f>, bits: u64) -> Result<&'f [u8], ImageError> {
-    let Some(pixels) = file
-        .root()
-        .bytes(tags::PIXEL_DATA)
-        .map_err(|_| unsupported("pixels without compression", file.syntax()))?
+/// A bit, the least significant one of a byte first.
+fn bit(pixels: &[u8], cell: usize) -> u32 {
+    u32::from(pixels[cell / 8] >> (cell % 8) & 1)
+}
+
+/// Number of images that the segments refer to: the slices of the volume that was segmented, if each image is one.
+fn referenced(root: &Node<'_>) -> Result<usize, ImageError> {
+    let mut count = 0;
+    for series in root.items(tags::REFERENCED_SERIES_SEQUENCE).map_err(refused)? {
+        count += series.items(tags::REFERENCED_INSTANCE_SEQUENCE).map_err(refused)?.len();
+    }
+    Ok(count)
+}
+
+/// Pixels of a number of bits, to which a byte may be added to make their number even, or run lengths of each frame.
+fn pixels<'f>(file: &'f File<'f>, kind: Kind, frames: usize, bits: u64) -> Result<Pixels<'f>, ImageError> {
+    let root = file.root();
+    if let (true, Some(runs)) =
+        (file.has_run_lengths() && kind != Kind::Binary, root.fragments(tags::PIXEL_DATA))
+    {
+        return match runs.len() == frames {
+            true => Ok(Pixels::Runs(runs)),
+            false => Err(ImageError::corrupt(
+                NAME,
+                format!("expected {frames} frames of run lengths, got {}", runs.len()),
+            )),
+        };
+    }
+    let plain = root.bytes(tags::PIXEL_DATA);
+    let Some(pixels) =
+        plain.map_err(|_| unsupported("pixels as they are, or run lengths of bytes", file.syntax()))?
     else {
         return Err(ImageError::corrupt(NAME, "expected pixels (7FE0,0010), got none"));
     };
@@ -234,7 +363,7 @@ fn pixels<'f>(file: &'f File<'f>, bits: u64) -> Result<&'f [u8], ImageError> {
     if found > expected + 1 {
         return Err(ImageError::Excess { place: PIXELS, expected });
     }
-    Ok(pixels)
+    Ok(Pixels::Plain(pixels))
 }
 
 /// An item of the description of a frame, or of that of all frames.

@@ -51,6 +51,8 @@ mod registry;
 #[cfg(feature = "dicom")]
 mod rtstruct;
 #[cfg(feature = "morphometrics")]
+mod scalismo;
+#[cfg(feature = "morphometrics")]
 mod slicer;
 mod source;
 mod summary;
@@ -73,13 +75,13 @@ pub use limits::{Limits, MAX_COORDINATE};
 #[cfg(feature = "meshes")]
 pub use mesh::{NORMALS, TEXTURE_OF_CORNERS};
 pub use options::{
-    Columns, Contours, Curves, Encoding, Holes, Layout, MAX_HARMONICS, Names, Nuclei, ProjectFiles,
-    ReadOptions, Scale, WriteOptions,
+    Columns, Contours, Curves, Decimal, Encoding, Holes, Layout, MAX_HARMONICS, Names, Nuclei, Photograph,
+    ProjectFiles, ReadOptions, Scale, WriteOptions,
 };
 #[cfg(feature = "morphometrics")]
 pub use project::{named_files, pack_project};
 pub use record::{Domain, Faces, Field, Fourier, Geometry, Kind, Mesh, Points, Record, Ring, Sink, Value};
-pub use registry::{FORMATS, detect, find, read};
+pub use registry::{FORMATS, detect, detect_written, find, read};
 pub use source::{Asked, Source};
 pub use summary::{Dropped, Summary};
 #[cfg(feature = "tables")]

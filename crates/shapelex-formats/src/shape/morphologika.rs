@@ -55,7 +55,7 @@ pub(super) static FORMAT: Format = Format {
         Lines::new(&text, 0).any(|line| line.eq_ignore_ascii_case("[individuals]"))
     },
     kinds: &[Kind::Landmarks],
-    options: &["missing"],
+    options: &["missing", "attributes"],
     read: Some(read),
     open: Some(open),
 };

@@ -40,7 +40,7 @@ pub(super) static FORMAT: Format = Format {
     extensions: &["ndjson", "jsonl"],
     recognise,
     kinds: &[Kind::Curve, Kind::Landmarks, Kind::Mesh, Kind::Fourier],
-    options: &["closed"],
+    options: &["closed", "attributes"],
     read: Some(read),
     open: Some(open),
 };

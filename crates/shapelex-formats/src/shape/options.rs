@@ -6,6 +6,8 @@ use serde_json::{Map, Value};
 
 use super::error::{FaultKind, FileError, Place};
 use super::format::Format;
+use super::record::Record;
+use super::summary::Summary;
 use crate::series::SeriesImage;
 
 /// Options of reading. A format refuses those that it does not name in [`Format::options`].
@@ -36,6 +38,41 @@ pub struct ReadOptions {
     pub names: Option<Names>,
     /// Which files of a project are read. Default: local particles, else world particles.
     pub files: Option<ProjectFiles>,
+    /// Names of attributes to take, as patterns like those of `select`; the others are counted. Default: all.
+    pub attributes: Option<String>,
+    /// What stands before the decimals of numbers. Default: a comma where fields are separated otherwise and the first rows have one.
+    pub decimal: Option<Decimal>,
+    /// Number of cells below which a component of a label is left out and counted. Default: 5, the fewest that enclose a cell.
+    pub least_cells: Option<usize>,
+    /// Whether only the largest component of each label is taken; the others are counted. Default: all are.
+    pub largest: Option<bool>,
+    /// Whether holes and cavities of labels are filled, and handles of those in space. Default: they are not.
+    pub fill: Option<bool>,
+    /// Standard deviation of a Gaussian blur of the cells of a component before its boundary is placed, in the unit of the coordinates.
+    pub blur: Option<f64>,
+    /// What becomes of an image that looks like a photograph where labels are expected. Default: `refuse`.
+    pub photograph: Option<Photograph>,
+}
+
+/// What stands before the decimals of numbers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Decimal {
+    /// `1.5`.
+    Point,
+    /// `1,5`.
+    Comma,
+}
+
+/// What becomes of an image that looks like a photograph where labels are expected.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Photograph {
+    /// It is refused.
+    #[default]
+    Refuse,
+    /// Its grey values are taken for labels.
+    Read,
 }
 
 /// What becomes of scales.
@@ -180,11 +217,28 @@ impl ReadOptions {
 
     /// Whether a name is selected. `*` stands for any text and `?` for one character.
     pub fn selects(&self, name: &str) -> bool {
-        let name = name.to_lowercase();
-        let matches =
-            |pattern: &str| matches_pattern(pattern.trim().to_lowercase().as_bytes(), name.as_bytes());
-        self.select.as_ref().is_none_or(|select| select.split(',').any(matches))
+        self.select.as_ref().is_none_or(|select| has_match(select, name))
     }
+
+    /// Takes the attributes that are not wanted from a record, and counts them.
+    pub(super) fn thin(&self, record: &mut Record, summary: &mut Summary) {
+        let Some(wanted) = &self.attributes else { return };
+        let Record { labels, place, .. } = record;
+        labels.retain(|name, _| {
+            let is_wanted = has_match(wanted, name);
+            if !is_wanted {
+                summary.drop("attributes that are not selected", Some(name), || place.clone());
+            }
+            is_wanted
+        });
+    }
+}
+
+/// Whether one of the patterns, with commas between them, matches a name; case does not count.
+fn has_match(patterns: &str, name: &str) -> bool {
+    let name = name.to_lowercase();
+    let matches = |pattern: &str| matches_pattern(pattern.trim().to_lowercase().as_bytes(), name.as_bytes());
+    patterns.split(',').any(matches)
 }
 
 /// Linear in the lengths, up to the length of what the last star covers.

@@ -23,6 +23,8 @@ pub struct Record {
     pub name: Option<String>,
     /// Option of reading that gives the shapes of the file other names, where several may have the same: `names=id`.
     pub other_names: Option<&'static str>,
+    /// Option of reading that gives a shape in space as one of the plane that it lies in: `contours=plane`.
+    pub planar_by: Option<&'static str>,
     /// Opaque identifier of the subject; never a name of a person.
     pub subject: Option<String>,
     /// Class label.
@@ -47,6 +49,7 @@ impl Record {
             unit: None,
             name: None,
             other_names: None,
+            planar_by: None,
             subject: None,
             label: None,
             labels: BTreeMap::new(),

@@ -46,6 +46,8 @@ pub static FORMATS: &[&Format] = &[
     #[cfg(feature = "morphometrics")]
     &super::slicer::markups::FORMAT,
     #[cfg(feature = "morphometrics")]
+    &super::scalismo::FORMAT,
+    #[cfg(feature = "morphometrics")]
     &super::chc::FORMAT,
     #[cfg(feature = "morphometrics")]
     &super::nef::FORMAT,
@@ -94,6 +96,7 @@ pub fn read(
     let mut counted = |mut record: Record| {
         record.unit = record.unit.or(unit);
         units.insert(record.unit);
+        options.thin(&mut record, &mut left_out);
         let checked = account.add(&record).and_then(|()| record.check());
         checked.map_err(|error| {
             let is_placed = record.place != Place::default();
@@ -159,6 +162,19 @@ pub fn detect(head: &[u8], name: Option<&str>) -> Result<&'static Format, FileEr
     })
 }
 
+/// The format that is written to a file with this name: the one with the longest ending, of those that are written.
+///
+/// # Errors
+/// As [`detect`].
+pub fn detect_written(name: &str) -> Result<&'static Format, FileError> {
+    let lower = name.to_lowercase();
+    let ends = |extension: &&&str| lower.strip_suffix(**extension).is_some_and(|rest| rest.ends_with('.'));
+    let length = |format: &&&Format| format.extensions.iter().filter(ends).map(|ending| ending.len()).max();
+    let found =
+        FORMATS.iter().filter(|format| format.is_written() && length(format).is_some()).max_by_key(length);
+    found.map_or_else(|| detect(&[], Some(name)), |format| Ok(*format))
+}
+
 /// The first bytes of an unknown file, hexadecimal.
 fn shown(head: &[u8]) -> String {
     if head.is_empty() {
@@ -183,6 +199,16 @@ mod tests {
             }
             assert!(format.is_read() || format.is_written());
         }
+    }
+
+    #[test]
+    fn names_of_outputs_tell_the_format() {
+        let id = |name| detect_written(name).map(|format| format.id);
+        assert_eq!([id("a.ndjson"), id("A.MRK.JSON"), id("a.b.tps")], [Ok("ndjson"), Ok("mrk"), Ok("tps")]);
+        #[cfg(feature = "microscopy")]
+        assert_eq!([id("cells.roi.zip"), id("cells.roi")], [Ok("imagej-roi-set"), Ok("imagej-roi")]);
+        assert_eq!(id("cells.zip"), Ok("zip"), "a format that is only read");
+        assert!(id("cells").is_err());
     }
 
     #[test]

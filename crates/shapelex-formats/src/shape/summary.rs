@@ -49,13 +49,10 @@ impl Summary {
     }
 
     /// Counts `count` of what is not given on, all with one name. Cost: that of the names that are kept.
-    pub(super) fn drop_many(
-        &mut self,
-        what: &str,
-        count: u64,
-        name: Option<&str>,
-        place: impl FnOnce() -> Place,
-    ) {
+    pub fn drop_many(&mut self, what: &str, count: u64, name: Option<&str>, place: impl FnOnce() -> Place) {
+        if count == 0 {
+            return;
+        }
         let found = self.dropped.iter().position(|dropped| dropped.what == what);
         let at = found.unwrap_or_else(|| {
             self.dropped.push(Dropped { what: what.into(), count: 0, names: Vec::new(), first: place() });

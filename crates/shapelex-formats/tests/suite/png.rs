@@ -60,13 +60,28 @@ fn colours_become_luma_and_alpha_is_left_out() {
 fn labels_may_be_grey_pixels_of_any_colour_type() {
     let rgba = png([2, 1], ColorType::Rgba, BitDepth::Eight, &[7, 7, 7, 255, 200, 200, 200, 0]);
     assert_eq!(read_labels(&rgba, &LIMITS).unwrap().values, [7, 200]);
-    let palette = png([2, 1], ColorType::Indexed, BitDepth::Two, &[0b0010_0000]);
-    assert_eq!(read_labels(&palette, &LIMITS).unwrap().values, [0, 50]);
-    let coloured = png([2, 1], ColorType::Indexed, BitDepth::Two, &[0b0001_0000]);
+    let coloured = png([2, 1], ColorType::Rgb, BitDepth::Eight, &[7, 7, 7, 255, 0, 0]);
     assert_eq!(
         read_labels(&coloured, &LIMITS),
         Err(ImageError::Colour { index: 1, colour: [255.0, 0.0, 0.0] })
     );
+}
+
+/// As VOC and DAVIS have them: colours are for the eye.
+#[test]
+fn labels_of_a_palette_are_its_positions() {
+    for (depth, bytes, expected) in [
+        (BitDepth::One, vec![0b1010_0000, 0b0100_0000], [1, 0, 1, 0, 1, 0]),
+        (BitDepth::Two, vec![0b0001_1000, 0b1100_0100], [0, 1, 2, 3, 0, 1]),
+        (BitDepth::Four, vec![0x01, 0x20, 0x32, 0x10], [0, 1, 2, 3, 2, 1]),
+        (BitDepth::Eight, vec![0, 1, 2, 3, 2, 1], [0, 1, 2, 3, 2, 1]),
+    ] {
+        let file = png([3, 2], ColorType::Indexed, depth, &bytes);
+        assert_eq!(read_labels(&file, &LIMITS).unwrap().values, expected, "{depth:?}");
+        for length in 0..file.len() - 12 {
+            assert!(read_labels(&file[..length], &LIMITS).is_err(), "{depth:?}, {length} bytes");
+        }
+    }
 }
 
 /// A chunk with its checksum.

@@ -1,6 +1,8 @@
 //! DICOM segmentations: bits, numbers, places of frames, and files that are wrong.
 
-use shapelex_formats::image::{ImageError, Limits, describe, label_names, read, read_labels};
+use shapelex_formats::image::{
+    ImageError, ImageFile, Limits, describe, detect, label_names, read, read_labels,
+};
 
 use crate::cost::compare;
 use crate::dicom::{BIG, EXPLICIT, Encoding, IMPLICIT, file};
@@ -17,6 +19,8 @@ struct Small<'a> {
     between: &'a str,
     /// Empty items behind what all frames share, and of a sequence that is not read.
     empty: [usize; 2],
+    /// Number of images that it refers to.
+    images: usize,
 }
 
 impl Default for Small<'_> {
@@ -24,7 +28,16 @@ impl Default for Small<'_> {
         // Three frames of 6 cells: 110000, 000011, 101010, the least significant bit first.
         let pixels = vec![0b0000_0011, 0b0101_1100, 0b01];
         let frames = vec![(1, [5.0, 6.0, 7.0]), (2, [5.0, 6.0, 7.0]), (1, [5.0, 6.0, 11.0])];
-        Self { encoding: IMPLICIT, kind: "BINARY", bits: 1, frames, pixels, between: "2", empty: [0; 2] }
+        Self {
+            encoding: IMPLICIT,
+            kind: "BINARY",
+            bits: 1,
+            frames,
+            pixels,
+            between: "2",
+            empty: [0; 2],
+            images: 0,
+        }
     }
 }
 
@@ -46,8 +59,10 @@ impl Small<'_> {
         let segment =
             |(k, name): (u16, &str)| [e.number(0x0062_0004, k), e.text(0x0062_0005, "LO", name)].concat();
         let segments: Vec<Vec<u8>> = [(1, "Liver"), (2, "Spleen")].map(segment).into();
+        let images = e.sequence(0x0008_1115, &[e.sequence(0x0008_114a, &vec![Vec::new(); self.images])]);
         [
             e.text(0x0008_0016, "UI", "1.2.840.10008.5.1.4.1.1.66.4"),
+            images,
             e.text(0x0028_0008, "IS", &self.frames.len().to_string()),
             e.number(0x0028_0010, 2),
             e.number(0x0028_0011, 3),
@@ -124,6 +139,55 @@ fn segments_that_overlap_are_refused() {
     assert_eq!(read_labels(&small.file(), &LIMITS), expected);
 }
 
+/// The label images of a file, with their segments.
+fn parts(bytes: &[u8], wanted: &dyn Fn(u32) -> bool) -> Vec<(Option<u32>, ImageFile<u32>)> {
+    let mut found = Vec::new();
+    let format = detect(bytes).unwrap();
+    format
+        .each_label_image(bytes, &LIMITS, wanted, &mut |part| {
+            found.push((part.label, part.image));
+            true
+        })
+        .unwrap();
+    found
+}
+
+#[test]
+fn segments_that_overlap_are_given_one_after_the_other() {
+    // Six slices of 2 mm: segment 1 in the first two, segment 2 in the second and the last.
+    let z = |k: u8| [0.0, 0.0, 2.0 * f64::from(k)];
+    let frames = vec![(2, z(5)), (1, z(0)), (2, z(1)), (1, z(1))];
+    // 111111, 110000, 011000, 110000
+    let pixels = vec![0b1111_1111, 0b0110_0000, 0b0000_1100];
+    let small = Small { frames, pixels, ..Small::default() };
+    let error = read_labels(&small.file(), &LIMITS).unwrap_err();
+    assert!(matches!(error, ImageError::Overlap { .. }), "{error}");
+    let found = parts(&small.file(), &|_| true);
+    let [(Some(1), one), (Some(2), two)] = &found[..] else { panic!("{found:?}") };
+    // One slice more where there is one.
+    assert_eq!((one.grid.size(), two.grid.size()), ([3, 2, 3], [3, 2, 6]));
+    assert_eq!(one.values, [[1, 1, 0, 0, 0, 0], [1, 1, 0, 0, 0, 0], [0; 6]].concat());
+    let blank = [0; 6];
+    let expected = [blank, [0, 2, 2, 0, 0, 0], blank, blank, blank, [2; 6]].concat();
+    assert_eq!(two.values, expected);
+    assert_eq!(two.grid.affine()[2][3], 0.0);
+    let few = parts(&small.file(), &|segment| segment == 2);
+    assert_eq!(few.iter().map(|(segment, _)| *segment).collect::<Vec<_>>(), [Some(2)]);
+    // Without an overlap there is one image of all.
+    assert_eq!(parts(&Small::default().file(), &|_| false)[0].0, None);
+}
+
+#[test]
+fn a_volume_ends_where_its_last_image_is() {
+    // Two frames in slices 0 and 2 of three.
+    for (images, open) in [(0, true), (2, true), (3, false), (40, true)] {
+        let small = Small { images, ..Small::default() };
+        assert_eq!(read_labels(&small.file(), &LIMITS).unwrap().grid.has_open_ends(), open, "{images}");
+    }
+    let flat = Small { frames: vec![(1, [0.0; 3])], pixels: vec![1], ..Small::default() };
+    assert!(!read_labels(&flat.file(), &LIMITS).unwrap().grid.has_open_ends());
+}
+
 #[test]
 fn frames_must_form_a_volume() {
     let at = |frames: Vec<(u16, [f64; 3])>| refusal(&Small { frames, ..Small::default() }.file());
@@ -166,7 +230,9 @@ fn wrong_files_are_refused() {
     compressed.extend([0xfe, 0xff, 0, 0xe0, 0, 0, 0, 0, 0xfe, 0xff, 0xdd, 0xe0, 0, 0, 0, 0]);
     let refused = refusal(&file("1.2.840.10008.1.2.5", &compressed));
     assert!(
-        refused.starts_with("expected pixels without compression in a DICOM Segmentation file, got RLE"),
+        refused.starts_with(
+            "expected pixels as they are, or run lengths of bytes in a DICOM Segmentation file, got RLE"
+        ),
         "{refused}"
     );
     assert!(refusal(&EXPLICIT.file(&set)).ends_with("expected pixels (7FE0,0010), got none"));

@@ -4,7 +4,8 @@
 //! * `level` — positions of the boundary between the centres of two cells;
 //! * [`rings`] — the outer ring and the holes of a component in the plane;
 //! * `cases` — the pieces of a surface in a cube of eight centres; [`surfaces`] — the outer surface and the cavities of a
-//!   component in space.
+//!   component in space;
+//! * `fill` — components in space without handles and cavities.
 //!
 //! # Topology
 //! The cells of a component are connected across sides in the plane and across faces in space. Cells that meet at a corner or
@@ -33,13 +34,14 @@
 
 mod cases;
 pub mod components;
+mod fill;
 mod level;
 mod parts;
 pub mod rings;
 mod sets;
 pub mod surfaces;
 
-pub use components::{Component, Components, Dropped, Labels, Selection};
+pub use components::{Component, Components, Dropped, Labels, Selection, Texture};
 pub use rings::Region;
 pub use surfaces::{Solid, Surface, SurfaceCounts};
 

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use shapelex_numeric::bounded::Stop;
 
-use super::components::{Component, Dropped, Labels, NONE, Selection};
+use super::components::{Component, Dropped, Labels, NONE, Selection, Texture};
 use super::sets::Sets;
 use crate::SegmentationError;
 
@@ -43,6 +43,8 @@ pub(super) struct Parts {
     ids: Vec<u32>,
     /// The parts of each component.
     sets: Sets,
+    /// For every part its label.
+    labels: Vec<u32>,
 }
 
 impl Parts {
@@ -53,7 +55,8 @@ impl Parts {
         stop: Stop<'_>,
     ) -> Option<Self> {
         let strides = labels.strides();
-        let mut parts = Self { ids: vec![NONE; labels.values.len()], sets: Sets::of_each(0) };
+        let mut parts =
+            Self { ids: vec![NONE; labels.values.len()], sets: Sets::of_each(0), labels: Vec::new() };
         for (at, label) in labels.values.iter().enumerate() {
             if at.is_multiple_of(labels.size[0]) && stop() {
                 return None;
@@ -71,7 +74,11 @@ impl Parts {
                 }
             }
             // There are fewer parts than cells, hence than `NONE`.
-            parts.ids[at] = if part == NONE { parts.sets.begin() } else { part };
+            if part == NONE {
+                part = parts.sets.begin();
+                parts.labels.push(*label);
+            }
+            parts.ids[at] = part;
         }
         Some(parts)
     }
@@ -85,14 +92,48 @@ impl Parts {
         sizes
     }
 
-    /// Numbers the components of the least size in the order of their first cells. Faces and corners are not yet known.
+    /// How finely the labels are divided, by the sizes of components at their first parts.
+    pub(super) fn texture(&self, sizes: &[u32]) -> Texture {
+        let of_components = || sizes.iter().filter(|cells| **cells > 0);
+        let crumbs = || of_components().filter(|cells| **cells <= Texture::CRUMB);
+        let mut labels = self.labels.clone();
+        labels.sort_unstable();
+        labels.dedup();
+        Texture {
+            labels: labels.len(),
+            cells: of_components().map(|cells| *cells as usize).sum(),
+            components: of_components().count(),
+            crumbs: crumbs().count(),
+            crumb_cells: crumbs().map(|cells| *cells as usize).sum(),
+        }
+    }
+
+    /// Whether the component that begins with a part is kept, by the sizes of components at their first parts.
+    pub(super) fn kept(&self, sizes: &[u32], selection: &Selection) -> Vec<bool> {
+        let mut kept: Vec<bool> = sizes.iter().map(|cells| *cells >= selection.least()).collect();
+        if selection.largest {
+            let mut largest = BTreeMap::<u32, usize>::new();
+            for (part, label) in self.labels.iter().enumerate().filter(|(part, _)| sizes[*part] > 0) {
+                let before = largest.entry(*label).or_insert(part);
+                if sizes[part] > sizes[*before] {
+                    *before = part;
+                }
+            }
+            for (part, kept) in kept.iter_mut().enumerate().filter(|(_, kept)| **kept) {
+                *kept = largest.get(&self.labels[part]) == Some(&part);
+            }
+        }
+        kept
+    }
+
+    /// Numbers the components that are kept in the order of their first cells. Faces and corners are not yet known.
     pub(super) fn number<const D: usize>(
         self,
         labels: &Labels<'_, D>,
         mut sizes: Vec<u32>,
-        selection: &Selection,
+        kept: &[bool],
     ) -> (Vec<u32>, Vec<Component>, Dropped) {
-        let Self { mut ids, mut sets } = self;
+        let Self { mut ids, mut sets, .. } = self;
         let mut of_part = vec![NONE; sets.len()];
         let (mut list, mut dropped, mut met) =
             (Vec::new(), Dropped::default(), BTreeMap::<u32, usize>::new());
@@ -102,7 +143,7 @@ impl Parts {
             let cells = std::mem::take(&mut sizes[first as usize]);
             if cells > 0 {
                 let number = met.entry(labels.values[at]).or_default();
-                if cells >= selection.least() {
+                if kept[first as usize] {
                     of_part[first as usize] = list.len() as u32;
                     list.push(component(labels, at, *number, cells));
                 } else {

@@ -295,3 +295,39 @@ fn the_bits_do_not_depend_on_the_number_of_threads() {
         assert!(on(1) == on(4), "blur {blur}");
     }
 }
+
+#[test]
+fn the_largest_component_of_each_label_is_kept() {
+    let (size, labels) = picture(&["1.22.", "..22.", "1.1.2", "1.1.."]);
+    let largest = Selection { largest: true, ..Selection::default() };
+    let found = components(size, &labels, &largest);
+    let list: Vec<_> =
+        found.list().iter().map(|component| (component.label, component.number, component.cells)).collect();
+    assert_eq!(list, [(2, 0, 4), (1, 1, 2)], "of two with two cells the first one");
+    assert_eq!(found.dropped(), Dropped { components: 3, cells: 4 });
+    let large = Selection { least_cells: 3, ..largest };
+    assert_eq!(components(size, &labels, &large).list().len(), 1);
+}
+
+/// Noise of many values is no label image; noise of few values, specks beside objects and objects of many values are.
+#[test]
+fn a_photograph_is_refused() {
+    let size = [40, 30];
+    let find = |labels: &[u32]| {
+        let selection = Selection { refuses_photographs: true, ..Selection::default() };
+        Components::<2>::find(&Labels::new(size, labels).unwrap(), &selection, &never)
+            .map(|found| found.is_some())
+    };
+    let error = find(&random_labels(1200, 100, 1)).unwrap_err();
+    let text = error.to_string();
+    assert!(
+        matches!(error, SegmentationError::Photograph { .. }) && text.contains("99 different values"),
+        "{text}"
+    );
+    assert_eq!(find(&random_labels(1200, 15, 1)), Ok(true));
+    // 5 × 5 cells each, with a speck in one of them each.
+    let mut objects: Vec<u32> = (0..1200).map(|at| (at % 40 / 5 + at / 40 / 5 * 8) as u32).collect();
+    assert_eq!(find(&objects), Ok(true));
+    objects[41] = 77;
+    assert_eq!(find(&objects), Ok(true));
+}

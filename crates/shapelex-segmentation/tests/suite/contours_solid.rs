@@ -251,3 +251,71 @@ fn the_bits_do_not_depend_on_the_number_of_threads() {
         assert!(on(1) == on(4), "blur {blur}");
     }
 }
+
+fn filled(found: &Components<3>, id: usize) -> Solid {
+    let solid = found.filled(id, &Frame::identity(), 0.0, MANY, &never);
+    solid.expect("valid settings").expect("not stopped")
+}
+
+/// A ring of square section, also along the edge of the volume: one film closes it.
+#[test]
+fn a_handle_is_filled_by_a_film() {
+    for first in [0.0, 2.0] {
+        let far = |x: f64| (x - first - 3.0).abs();
+        let ring = |[i, j, k]: [f64; 3]| {
+            u32::from((2.0..4.0).contains(&far(i).max(far(j)).floor()) && (k - first).abs() < 3.0)
+        };
+        let labels = volume([10, 10, 8], ring);
+        let found = components([10, 10, 8], &labels);
+        let solid = filled(&found, 0);
+        check(&solid, "a filled ring");
+        let open = &found.solids(&Frame::identity(), 0.0, MANY, &never).unwrap().unwrap()[0];
+        assert_eq!((open.outer.genus(), solid.outer.genus()), (1, 0));
+        assert_eq!(solid.component, found.list()[0]);
+        // The film has 3 × 3 cells, of 3 or 5 layers.
+        let added = solid.outer.mesh.signed_volume() - total_volume(open);
+        assert!((8.0..14.0).contains(&added), "{added}");
+    }
+}
+
+/// Noise has handles, cavities and pieces that touch at corners and edges; what is filled encloses all of it.
+#[test]
+fn noise_is_filled_without_handles() {
+    let size = [9, 8, 7];
+    for seed in 0..30 {
+        let noise = random_labels(9 * 8 * 7, 5, seed);
+        let labels: Vec<u32> = noise.iter().map(|value| u32::from(*value > 1)).collect();
+        let found = components(size, &labels);
+        for (id, component) in found.list().iter().enumerate() {
+            let solid = filled(&found, id);
+            let what = format!("seed {seed}, component {id} of {} cells", component.cells);
+            check(&solid, &what);
+            assert_eq!((solid.outer.genus(), solid.cavities.len()), (0, 0), "{what}");
+        }
+    }
+}
+
+#[test]
+fn a_filled_component_is_placed_as_before() {
+    let labels = volume([6, 5, 4], |[i, j, k]| u32::from(i > 2.0 && j > 1.0 && k > 1.0));
+    let frame = Frame::new([[0.5, 0.1, 0.0], [0.0, 1.0, 0.0], [0.0, 0.2, -3.0]], [1.0, 2.0, 3.0]).unwrap();
+    let found = components([6, 5, 4], &labels);
+    for blur in [0.0, 0.4] {
+        let whole = &found.solids(&frame, blur, MANY, &never).unwrap().unwrap()[0];
+        let solid = found.filled(0, &frame, blur, MANY, &never).unwrap().unwrap();
+        let [a, b] = [whole, &solid].map(|solid| solid.outer.mesh.signed_volume());
+        assert!((a - b).abs() < 1e-5 * a, "{a} {b}");
+        assert_eq!(whole.outer.mesh.vertices.len(), solid.outer.mesh.vertices.len());
+    }
+}
+
+#[test]
+fn open_ends_have_no_sides_on_the_edge() {
+    let labels = [1; 24];
+    let sides = |open| {
+        let labels = Labels::<3>::new([2, 3, 4], &labels).unwrap().with_open_ends(open);
+        let found = Components::find(&labels, &Selection::default(), &never).unwrap().unwrap();
+        (found.list()[0].border_faces, found.list()[0].faces)
+    };
+    assert_eq!((sides(false), sides(true)), ((52, 52), (40, 52)));
+}

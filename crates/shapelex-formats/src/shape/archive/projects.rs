@@ -71,7 +71,7 @@ impl Files<'_> {
         let project = Project::new(&entry.table, options).map_err(|error| error.at(at.clone()))?;
         let folder = entry.name.rsplit_once('/').map_or("", |(folder, _)| folder);
         // Those of the project say nothing of its files.
-        let own = ReadOptions { files: None, select: None, ..options.clone() };
+        let own = ReadOptions { files: None, select: None, attributes: None, ..options.clone() };
         let mut known = BTreeSet::from([entry.name.clone()]);
         for named in &project.files {
             let missing = || {

@@ -16,7 +16,7 @@ pub(super) static FORMAT: Format = Format {
     extensions: &["coco.json"],
     recognise,
     kinds: &[Kind::Curve, Kind::Landmarks],
-    options: &["select"],
+    options: &["select", "attributes"],
     read: Some(read::read),
     open: Some(write::open),
 };

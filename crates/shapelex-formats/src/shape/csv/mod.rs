@@ -26,7 +26,7 @@ pub(super) static FORMAT: Format = Format {
     extensions: &["csv", "tsv"],
     recognise: |_| false,
     kinds: &[Kind::Landmarks, Kind::Curve],
-    options: &["columns", "missing", "dimension", "closed"],
+    options: &["columns", "missing", "dimension", "closed", "decimal", "attributes"],
     read: Some(read::read),
     open: Some(write::open),
 };
@@ -112,6 +112,55 @@ mod tests {
         assert_eq!(
             (coordinates(&found[0]), &found[0].labels["Centroid Size"]),
             (&[1.0, 2.0, 3.0, 4.0][..], &Value::Number(2.5))
+        );
+    }
+
+    #[test]
+    fn decimal_commas_are_recognised_or_asked_for() {
+        let german = "id;Größe;Datum;x1;y1;x2;y2\na;12,5;1.2.2026;495,0;-1,25e2;0,5;7\nb;3;;1;2;3;4\n";
+        let (found, summary) = records(&FORMAT, german, &ReadOptions::default()).expect("a valid table");
+        assert_eq!(coordinates(&found[0]), [495.0, -125.0, 0.5, 7.0]);
+        assert_eq!(found[0].labels["Größe"], Value::Number(12.5));
+        assert_eq!(found[0].labels["Datum"], Value::Text("1.2.2026".into()));
+        assert_eq!(summary.properties["decimal"], "comma");
+        let given = |decimal: &str| columns(&format!(r#"{{"decimal":"{decimal}"}}"#));
+        let quoted = "x1,y1\n\"1,5\",2\n";
+        let (found, _) = records(&FORMAT, quoted, &given("comma")).expect("a valid table");
+        assert_eq!(coordinates(&found[0]), [1.5, 2.0]);
+        // Texts with commas are no numbers, and points are no commas.
+        let points = "id;note;x1;y1\na;1,2,3;1.5;2\n";
+        assert_eq!(coordinates(&read(points)[0]), [1.5, 2.0]);
+        for (text, options, message) in [
+            (
+                quoted,
+                given("point"),
+                "item 0, column 'x1', line 2: expected a number, got '1,5' (decimal=comma reads decimal commas)",
+            ),
+            (
+                "x1;y1\n1,5;2.5\n",
+                ReadOptions::default(),
+                "item 0, column 'y1', line 2: expected a number with a decimal comma (option decimal), got '2.5'",
+            ),
+            (
+                "x1;y1\n1,5;2,5,1\n",
+                ReadOptions::default(),
+                "item 0, column 'y1', line 2: expected a number, got '2,5,1'",
+            ),
+        ] {
+            assert_eq!(fault(&FORMAT, text, &options), message);
+        }
+    }
+
+    #[test]
+    fn attributes_are_taken_by_patterns() {
+        let options = columns(r#"{"attributes":"age, l*"}"#);
+        let text = "id,age,left,Length,depth,x1,y1\na,1,true,3,4,0,0\nb,1,true,3,4,0,0\n";
+        let (found, summary) = records(&FORMAT, text, &options).expect("a valid table");
+        assert_eq!(found[1].labels.keys().collect::<Vec<_>>(), ["Length", "age", "left"]);
+        let dropped = &summary.dropped[0];
+        assert_eq!(
+            (dropped.what.as_str(), dropped.count, dropped.names[0].as_str()),
+            ("attributes that are not selected", 2, "depth")
         );
     }
 

@@ -1,5 +1,6 @@
 //! Reading of tables.
 
+use std::borrow::Cow;
 use std::cmp::Reverse;
 use std::collections::BTreeSet;
 use std::io::{self, Read};
@@ -8,9 +9,10 @@ use csv::StringRecord;
 
 use super::super::error::{FileError, Place};
 use super::super::limits::Limits;
-use super::super::options::ReadOptions;
-use super::super::record::Sink;
-use super::super::record::{Geometry, Points, Record};
+use super::super::options::{Decimal, ReadOptions};
+use super::super::record::{Geometry, Points, Record, Sink, Value};
+#[cfg(feature = "morphometrics")]
+use super::super::scalismo;
 use super::super::source::Source;
 use super::super::summary::Summary;
 use super::super::text::{Missing, count, is_missing, number, push, shown, value};
@@ -46,8 +48,7 @@ struct Rows<'s, 'a> {
 }
 
 impl<'s, 'a> Rows<'s, 'a> {
-    fn new(source: &'s mut Source<'a>) -> Self {
-        let separator = separator(source.head());
+    fn new(source: &'s mut Source<'a>, separator: u8) -> Self {
         let limit = source.limits().held / ROWS;
         let reader = csv::ReaderBuilder::new()
             .has_headers(false)
@@ -92,6 +93,27 @@ fn separator(head: &[u8]) -> u8 {
     counts.iter().find(has_coordinates).unwrap_or(&counts[0]).0
 }
 
+/// What separates fields, and whether a comma stands before decimals: where semicolons or tabs separate, and a number that has a
+/// comma comes before one that has a point.
+fn style(head: &[u8], options: &ReadOptions) -> (u8, bool) {
+    let separator = separator(head);
+    let given = options.decimal.map(|decimal| decimal == Decimal::Comma);
+    (separator, given.unwrap_or_else(|| separator != b',' && has_commas(head, separator)))
+}
+
+/// Whether the first number of a table that has decimals has them behind a comma.
+fn has_commas(head: &[u8], separator: u8) -> bool {
+    let reader = csv::ReaderBuilder::new().delimiter(separator).flexible(true).from_reader(head);
+    let rows = reader.into_records().map_while(Result::ok);
+    let decimals = |row: StringRecord| {
+        row.iter()
+            .map(str::trim)
+            .find(|field| field.contains([',', '.']) && number(&field.replacen(',', ".", 1)).is_ok())
+            .map(|field| field.contains(','))
+    };
+    rows.filter_map(decimals).next().unwrap_or(false)
+}
+
 /// Names of the columns of a table.
 fn header(head: &[u8], separator: u8) -> Vec<String> {
     let reader = csv::ReaderBuilder::new().has_headers(false).delimiter(separator).from_reader(head);
@@ -109,8 +131,13 @@ pub(super) fn read(
     options: &ReadOptions,
     sink: Sink<'_>,
 ) -> Result<Summary, FileError> {
+    #[cfg(feature = "morphometrics")]
+    if options.columns.is_none() && scalismo::is_table(source.head()) {
+        return scalismo::read_table(source, sink);
+    }
     let limits = *source.limits();
-    let mut rows = Rows::new(source);
+    let (separator, comma) = style(source.head(), options);
+    let mut rows = Rows::new(source, separator);
     if rows.next()?.is_none() {
         return Err(FileError::truncated(Place::line(0), "expected a header, got the end of the file"));
     }
@@ -126,7 +153,10 @@ pub(super) fn read(
     };
     summary.set("layout", layout);
     summary.set("dimension", dimension);
-    let mut table = Table { roles, missing, closed: options.closed, limits, summary };
+    if comma {
+        summary.set("decimal", "comma");
+    }
+    let mut table = Table { roles, missing, closed: options.closed, comma, limits, summary };
     match &table.roles.coordinates {
         Coordinates::Wide { .. } => table.wide(&mut rows, sink)?,
         Coordinates::Long(_) => table.long(&mut rows, sink)?,
@@ -138,6 +168,8 @@ struct Table {
     roles: Roles,
     missing: Missing,
     closed: Option<bool>,
+    /// Whether a comma stands before decimals.
+    comma: bool,
     limits: Limits,
     summary: Summary,
 }
@@ -276,14 +308,44 @@ impl Table {
         for (x, column) in point.iter_mut().zip(columns) {
             let field = row[*column].trim();
             if !field.is_empty() && !is_missing(field) {
-                *x = Some(
-                    number(field)
-                        .map_err(|detail| FileError::malformed(self.within(*column, place), detail))?,
-                );
+                let found = self.number(field);
+                *x = Some(found.map_err(|detail| FileError::malformed(self.within(*column, place), detail))?);
             }
         }
         self.missing.apply(point);
         push(points, point).map_err(|detail| FileError::malformed(place.clone(), detail))
+    }
+
+    /// A number with the decimals of the table.
+    fn number(&self, field: &str) -> Result<f64, String> {
+        match (self.comma, number(field)) {
+            (true, _) if field.contains('.') => {
+                Err(format!("expected a number with a decimal comma (option decimal), got {}", shown(field)))
+            }
+            (true, _) => {
+                number(&self.pointed(field)).map_err(|_| format!("expected a number, got {}", shown(field)))
+            }
+            (false, Err(detail)) if number(&field.replacen(',', ".", 1)).is_ok() => {
+                Err(format!("{detail} (decimal=comma reads decimal commas)"))
+            }
+            (false, found) => found,
+        }
+    }
+
+    /// A field with a point before its decimals.
+    fn pointed<'f>(&self, field: &'f str) -> Cow<'f, str> {
+        match self.comma && field.contains(',') && !field.contains('.') {
+            true => field.replacen(',', ".", 1).into(),
+            false => field.into(),
+        }
+    }
+
+    /// An attribute with the decimals of the table.
+    fn value(&self, field: &str) -> Value {
+        match value(&self.pointed(field)) {
+            Value::Text(_) => Value::Text(field.into()),
+            found => found,
+        }
     }
 
     /// A field that is neither empty nor missing.
@@ -308,12 +370,12 @@ impl Table {
 
     fn record(&self, row: &StringRecord, geometry: Geometry, place: Place) -> Result<Record, FileError> {
         let owned = |column| self.text(row, column).map(str::to_owned);
-        let weight = self.text(row, self.roles.weight).map(number).transpose();
+        let weight = self.text(row, self.roles.weight).map(|field| self.number(field)).transpose();
         let weight = weight.map_err(|detail| {
             FileError::malformed(self.within(self.roles.weight.unwrap_or(0), &place), detail)
         })?;
         let attribute = |column: &usize| {
-            let value = value(self.text(row, Some(*column))?);
+            let value = self.value(self.text(row, Some(*column))?);
             Some((self.roles.names[*column].clone(), value))
         };
         Ok(Record {

@@ -35,7 +35,7 @@ pub(super) static FORMAT: Format = Format {
     extensions: &["geojson", "geojsonl", "geojsons"],
     recognise,
     kinds: &[Kind::Curve, Kind::Landmarks],
-    options: &["holes", "names", "nuclei", "select"],
+    options: &["holes", "names", "nuclei", "select", "attributes"],
     read: Some(read),
     open: Some(write::open),
 };

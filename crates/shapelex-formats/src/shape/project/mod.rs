@@ -44,7 +44,7 @@ pub(super) static FORMAT: Format = Format {
     extensions: &["swproj", "xlsx"],
     recognise: workbook::is_workbook,
     kinds: &[Kind::Landmarks, Kind::Mesh, Kind::Curve],
-    options: &["files", "select"],
+    options: &["files", "select", "attributes"],
     read: Some(read),
     open: None,
 };

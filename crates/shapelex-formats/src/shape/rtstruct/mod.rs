@@ -75,6 +75,7 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
         summary.warnings.push(format!("no region has a name that '{select}' selects"));
     }
     summary.set("regions", lines);
+    summary.warnings.extend(file.warning());
     Ok(summary)
 }
 
@@ -267,6 +268,7 @@ impl Reading<'_, '_> {
         }
         record.metadata.insert("contour".into(), about);
         if let Some(basis) = basis {
+            record.planar_by = Some("contours=plane");
             record.metadata.insert("plane".into(), basis.describe(&contour.points));
         }
         (self.sink)(record)

@@ -35,7 +35,7 @@ pub(in super::super) static FORMAT: Format = Format {
     extensions: &["arrows", "arrow", "feather"],
     recognise,
     kinds: &[Kind::Curve, Kind::Landmarks, Kind::Mesh],
-    options: &["closed", "columns", "dimension"],
+    options: &["closed", "columns", "dimension", "attributes"],
     read: Some(read),
     open: Some(open),
 };

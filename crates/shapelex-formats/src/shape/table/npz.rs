@@ -41,7 +41,7 @@ pub(in super::super) static FORMAT: Format = Format {
     extensions: &["npz"],
     recognise,
     kinds: &[Kind::Curve, Kind::Landmarks],
-    options: &["closed", "columns", "dimension"],
+    options: &["closed", "columns", "dimension", "attributes"],
     read: Some(read),
     open: Some(open),
 };

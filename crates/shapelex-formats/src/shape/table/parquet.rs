@@ -49,7 +49,7 @@ pub(in super::super) static FORMAT: Format = Format {
     extensions: &["parquet", "pq"],
     recognise: |head| head.starts_with(b"PAR1"),
     kinds: &[Kind::Curve, Kind::Landmarks, Kind::Mesh],
-    options: &["closed", "columns", "dimension"],
+    options: &["closed", "columns", "dimension", "attributes"],
     read: Some(read),
     open: Some(open),
 };
