@@ -304,6 +304,14 @@ pub(super) const TABLES: &[Table] = &[
         condition: None,
     },
     Table {
+        name: "subject_secret",
+        key: 1,
+        columns: &[("tenant", Text), ("secret", Bytes)],
+        counted: false,
+        page: MANY,
+        condition: None,
+    },
+    Table {
         name: "hook",
         key: 1,
         columns: &[
