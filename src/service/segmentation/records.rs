@@ -4,9 +4,10 @@ use std::collections::BTreeMap;
 
 use super::contours::{ComponentOutput, LabelBoundary, SurfaceOutput, Wanted, boundaries, label_bytes};
 use super::image::{Coordinates, file_limits};
+use crate::formats::dicom::Instance;
 use crate::formats::files::{
-    FaultKind, FileError, Geometry, Holes, Mesh, Place, Points, ReadOptions, Record, Ring, Sink, Summary,
-    Value,
+    EVERY, FaultKind, FileError, Geometry, Holes, Mesh, Names, Place, Points, ReadOptions, Record, Ring,
+    Scope, Sink, Summary, Value,
 };
 use crate::formats::image::{Format, ImageError, LABEL_OPTIONS, LengthUnit, describe};
 use crate::formats::json;
@@ -14,8 +15,8 @@ use crate::service::app::{Limits, ServiceError};
 
 /// Reads a label image: one record for the outer boundary of each component of each label but 0, in world coordinates.
 ///
-/// The name of a record is its label, with the number of the component where the label has several; its class is the name that
-/// the file gives to the label, if any. `select` takes numbers and names. `bytes` are those of the whole file.
+/// The name of a record is its label, of the largest component; others have their rank behind it: `2`, `2.1`, `2.2`. Its class is the name
+/// that the file gives to the label, if any. `select` takes numbers and names. `bytes` are those of the whole file.
 ///
 /// # Errors
 /// Faults of the image; options other than [`LABEL_OPTIONS`]; holes under [`Holes::Refuse`]; errors of `sink`.
@@ -41,24 +42,90 @@ pub fn read_label_image(
     if file.grid.units().iter().any(|unit| *unit != LengthUnit::Unknown) {
         summary.set("unit", "mm");
     }
-    let mut components: BTreeMap<u32, usize> = BTreeMap::new();
-    for boundary in &found {
-        *components.entry(boundary.component().label).or_default() += 1;
-    }
-    for (object, boundary) in (0..).zip(found) {
+    let ranks = ranks(&found);
+    let instance = instance_of(format, bytes, options, &limits)?;
+    for ((object, boundary), rank) in (0..).zip(found).zip(ranks) {
         let of = *boundary.component();
-        let name = match components.get(&of.label) {
-            Some(1) => of.label.to_string(),
-            _ => format!("{}.{}", of.label, of.component),
+        let name = match rank {
+            0 => of.label.to_string(),
+            rank => format!("{}.{rank}", of.label),
         };
+        let identity =
+            Identity { name: &name, number: object + 1, rank, instance: instance.as_ref(), options };
         let title = names.get(&of.label).map(String::as_str);
         if options.selects(&of.label.to_string()) || title.is_some_and(|title| options.selects(title)) {
-            let mut titled = |record: Record| sink(Record { label: title.map(str::to_owned), ..record });
+            let mut titled =
+                |record: Record| sink(identity.named(Record { label: title.map(str::to_owned), ..record }));
             give(boundary, object, &name, options, &mut summary, &mut titled)?;
             summary.records += 1;
         }
     }
     Ok(summary)
+}
+
+/// For each component its rank by size among those of its label, from 0; of equal ones that with the earlier first cell comes first. So the
+/// largest one has the same rank whatever specks there are beside it.
+fn ranks(found: &[LabelBoundary]) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..found.len()).collect();
+    order.sort_by_key(|at| {
+        let of = found[*at].component();
+        (of.label, std::cmp::Reverse(of.cells), of.component)
+    });
+    let mut ranks = vec![0; found.len()];
+    for pair in order.windows(2) {
+        if found[pair[0]].component().label == found[pair[1]].component().label {
+            ranks[pair[1]] = ranks[pair[0]] + 1;
+        }
+    }
+    ranks
+}
+
+/// What tells a DICOM segmentation that is stored from others.
+fn instance_of(
+    format: &Format,
+    bytes: &[u8],
+    options: &ReadOptions,
+    limits: &Limits,
+) -> Result<Option<Instance>, FileError> {
+    let is_wanted = options.storing.is_some() && format.media_types.contains(&"application/dicom");
+    is_wanted.then(|| Instance::read(bytes, file_limits(limits).bytes)).transpose()
+}
+
+/// What a component is called.
+struct Identity<'a> {
+    name: &'a str,
+    /// Its position in the file, from 1.
+    number: u64,
+    /// Its rank among the components of its label, from 0.
+    rank: usize,
+    instance: Option<&'a Instance>,
+    options: &'a ReadOptions,
+}
+
+impl Identity<'_> {
+    /// A record of the component with its name: of DICOM the unique one, of a surface that of its segment, of others that of the contour.
+    fn named(&self, mut record: Record) -> Record {
+        let Self { name, number, rank, .. } = self;
+        let rest =
+            record.name.as_deref().and_then(|own| own.strip_prefix(name)).unwrap_or_default().to_owned();
+        let uid = self.instance.and_then(|instance| instance.uid.as_deref());
+        match (self.options.names, uid) {
+            (Some(Names::Number), _) => record.name = Some(format!("{number}{rest}")),
+            (None | Some(Names::Id), Some(uid)) => {
+                let label = name.split('.').next().unwrap_or(name);
+                let part = match (rank, &record.geometry) {
+                    (0, Geometry::Mesh(_)) => String::new(),
+                    (rank, _) => format!("/{}", rank + 1),
+                };
+                record.name = Some(format!("{uid}/{label}{part}{rest}"));
+                record.scope = Scope::Everywhere;
+            }
+            _ => {}
+        }
+        let asked = self.options.storing.is_some_and(|storing| storing.persons);
+        record.person = self.instance.and_then(|instance| instance.person.clone()).filter(|_| asked);
+        record
+    }
 }
 
 /// Memory that reading a label image takes, by its header.
@@ -95,7 +162,7 @@ fn check_options(format: &Format, options: &ReadOptions) -> Result<(), FileError
     let given = json::to_value(options).unwrap_or_default();
     let given = given.as_object().into_iter().flatten().filter(|(_, value)| !value.is_null());
     for (name, _) in given {
-        if !LABEL_OPTIONS.contains(&name.as_str()) {
+        if !LABEL_OPTIONS.contains(&name.as_str()) && !EVERY.contains(&name.as_str()) {
             let known = LABEL_OPTIONS.join(", ");
             let detail =
                 format!("expected options of label images ({known}), got {name} for {}", format.name);
@@ -219,7 +286,7 @@ mod tests {
     #[test]
     fn features_are_kept_by_label_and_holes_as_the_options_say() {
         let (found, summary) = records(&ReadOptions::default()).unwrap();
-        assert_eq!(names(&found), ["7", "3.0", "3.1"]);
+        assert_eq!(names(&found), ["7", "3", "3.1"]);
         assert_eq!(
             (summary.records, summary.dropped[0].what.as_str(), summary.dropped[0].count),
             (3, "holes", 1)
@@ -233,6 +300,8 @@ mod tests {
         let refuse = ReadOptions { holes: Some(Holes::Refuse), ..ReadOptions::default() };
         let error = records(&refuse).unwrap_err();
         assert_eq!(error.to_string(), "item 0: expected labels without holes, got 1 in '7'");
+        let numbers = ReadOptions { names: Some(Names::Number), ..ReadOptions::default() };
+        assert_eq!(names(&records(&numbers).unwrap().0), ["1", "2", "3"]);
         let closed = ReadOptions { closed: Some(true), ..ReadOptions::default() };
         assert_eq!(records(&closed).unwrap_err().kind, FaultKind::Option);
     }
