@@ -4,7 +4,7 @@
 
 use std::sync::Arc;
 
-use axum::extract::{MatchedPath, Request};
+use axum::extract::Request;
 use axum::http::HeaderMap;
 use axum::http::header::{AUTHORIZATION, HOST};
 use axum::http::uri::Authority;
@@ -28,7 +28,7 @@ pub(super) async fn refuse(request: &mut Request) -> Option<Response> {
     let Some(app) = request.extensions().get::<App>().cloned() else {
         return Some(Problem::new(ProblemKind::Internal, "a request without the context").into_response());
     };
-    let route = request.extensions().get::<MatchedPath>().map_or("", MatchedPath::as_str);
+    let route = observe::route(request).unwrap_or_default();
     let needs = match needed(request.method().as_str(), route) {
         Needs::Role(_) if route == "/metrics" && app.metrics_are_open() => Needs::Nothing,
         needs => needs,

@@ -15,6 +15,7 @@ use metrics::{Counter, Label, counter, gauge, histogram};
 use tracing::{Instrument, Span};
 
 use super::inspected_body::{Inspect, InspectedBody, Passing};
+use super::operation;
 use crate::domain::access::{self, Principal};
 use crate::service::app::metrics::{
     HTTP_BYTES_IN, HTTP_BYTES_OUT, HTTP_DURATION, HTTP_IN_FLIGHT, HTTP_REQUESTS,
@@ -105,7 +106,7 @@ pub fn network(request: &Request) -> Option<IpAddr> {
 
 /// Path template of the matched route.
 pub fn route(request: &Request) -> Option<&str> {
-    request.extensions().get::<MatchedPath>().map(MatchedPath::as_str)
+    request.extensions().get::<MatchedPath>().map(|path| operation::route_of(path.as_str()))
 }
 
 /// Middleware that counts and logs the request.

@@ -196,7 +196,9 @@ macro_rules! every_operation {
             streamed {
                 GET "/v1/cohorts/{cohort}/shapes" shapes::list_shapes (READER, &[JSON, ANY_FILE]);
                 POST "/v1/cohorts/{cohort}/shapes" shapes::add_shapes (WRITER, PLAIN);
+                PATCH "/v1/cohorts/{cohort}/shapes" bulk::update_shapes (WRITER, PLAIN);
                 DELETE "/v1/cohorts/{cohort}/shapes" corrections::delete_shapes (WRITER, PLAIN);
+                POST "/v1/cohorts/{cohort}/attributes" bulk::set_attributes (WRITER, PLAIN);
                 POST "/v1/inspect" files::inspect_file (READER, PLAIN);
                 POST "/v1/convert" files::convert_file (READER, FILE);
                 GET "/v1/cohorts/{cohort}/export" exports::export_cohort (READER, FILE);
@@ -239,6 +241,21 @@ macro_rules! records {
     };
 }
 every_operation!(records);
+
+/// Route of a shape, and how it is matched: its id is all that follows, slashes included, since ids of shapes from files have some. There is
+/// no route below that of a shape.
+const SHAPE: &str = "/v1/cohorts/{cohort}/shapes/{shape}";
+const SHAPE_MATCHED: &str = "/v1/cohorts/{cohort}/shapes/{*shape}";
+
+/// The pattern by which requests are matched to a route.
+pub fn pattern(route: &'static str) -> &'static str {
+    if route == SHAPE { SHAPE_MATCHED } else { route }
+}
+
+/// The route whose pattern was matched.
+pub fn route_of(pattern: &str) -> &str {
+    if pattern == SHAPE_MATCHED { SHAPE } else { pattern }
+}
 
 static BY_ROUTE: LazyLock<HashMap<(&str, &str), &Operation>> = LazyLock::new(|| {
     OPERATIONS.iter().map(|operation| ((operation.method, operation.path), operation)).collect()

@@ -6,12 +6,14 @@
 //! | mesh | its vertices | refused | a fit | its vertices as control points, if the faces agree |
 //! | Fourier coefficients | refused | the curve itself, else `samples` points | refused | refused |
 
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json};
 
 use super::checked::{Checked, Metadata, Raw};
 use super::fault::Fault;
-use super::files::{Faces, Fourier, Geometry, Mesh, Points, Record, Summary, Value};
+use super::files::{Faces, Fourier, Geometry, Mesh, Place, Points, Record, Summary, Value};
 use super::json;
 use super::shape::{PointList, ShapeInput};
 use super::unit::Unit;
@@ -53,14 +55,45 @@ pub struct Placing {
     pub plane: Option<Plane>,
     /// Number of points at which Fourier coefficients are sampled, where the representation does not contain their curves.
     pub samples: Option<usize>,
-    /// Text before names.
+    /// Text before names, instead of the name of the file.
     pub prefix: Option<String>,
     /// Unit of the coordinates, whatever the file says.
     pub unit: Option<Unit>,
     /// Unit in which shapes are stored, once it is known.
     pub stored_unit: Option<Unit>,
+    /// Name of the file, by which its shapes are named.
+    pub name: Option<String>,
+    /// Facts of all shapes where their records say nothing.
+    pub facts: Facts,
     /// Maximum size of the metadata of a shape in bytes.
     pub metadata_bytes: usize,
+}
+
+/// Attributes of all shapes of a file.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Facts {
+    /// Subject.
+    pub subject: Option<String>,
+    /// Class label.
+    pub label: Option<String>,
+    /// Further attributes.
+    pub labels: BTreeMap<String, Value>,
+    /// Weight in means.
+    pub weight: Option<f64>,
+}
+
+impl Facts {
+    /// A further attribute by its name and the text of its value: a number or a Boolean where it is one of JSON, a text in quotation
+    /// marks or any other text as it is.
+    pub fn add(&mut self, name: &str, text: &str) {
+        let value = match serde_json::from_str(text) {
+            Ok(Json::Bool(yes)) => Value::Bool(yes),
+            Ok(Json::String(text)) => Value::Text(text),
+            Ok(Json::Number(number)) => Value::number(&number).unwrap_or_else(|| text.into()),
+            _ => text.into(),
+        };
+        self.labels.insert(name.into(), value);
+    }
 }
 
 /// Counts what of a record is not stored: the fields of meshes, and their faces where the vertices become landmarks. Without a
@@ -146,19 +179,24 @@ impl Placing {
         }
     }
 
-    /// External id of a record with this name.
-    pub fn external_id(&self, name: &str) -> String {
-        format!("{}{name}", self.prefix.as_deref().unwrap_or_default())
+    /// The facts of all shapes, as a shape without points.
+    pub fn said(&self) -> ShapeInput {
+        self.attributes(Record::new(Geometry::Landmarks(Points::default()), Place::default()))
     }
 
-    /// Attributes of a shape: its name, labels and metadata.
+    /// Attributes of a shape: its name, labels and metadata, and the facts of all shapes where the record says nothing.
     fn attributes(&self, record: Record) -> ShapeInput {
         let Record { name, subject, label, mut labels, weight, mut metadata, ring, .. } = record;
         if let Some(ring) = ring {
             labels.entry("hole".into()).or_insert(Value::Bool(ring.hole));
             metadata.entry("ring").or_insert_with(|| json::to_value(&ring).unwrap_or_default());
         }
-        let name = name.map(|name| self.external_id(&name));
+        let Facts { subject: of, label: class, labels: further, weight: usual } = &self.facts;
+        for (name, value) in further {
+            labels.entry(name.clone()).or_insert_with(|| value.clone());
+        }
+        let (subject, label, weight) =
+            (subject.or_else(|| of.clone()), label.or_else(|| class.clone()), weight.or(*usual));
         let text = |text: Option<String>| text.map(|text| Checked::of(Some(text)));
         ShapeInput {
             external_id: text(name),
@@ -264,7 +302,6 @@ fn check_faces(faces: &Faces, representation: &Representation) -> Result<(), Vec
 
 #[cfg(test)]
 mod tests {
-    use super::super::files::Place;
     use super::*;
     use crate::geometry::generator::GeneratorKind;
 
@@ -294,16 +331,32 @@ mod tests {
         let faults = Placing::default().place(drawn, &curves()).unwrap_err();
         let hint = "(contours=plane gives each in the plane of its slice; plane=xy, xz or yz projects them)";
         assert!(faults[0].detail.ends_with(hint), "{}", faults[0].detail);
-        let placing = Placing {
-            plane: Some(Plane::Xz),
-            prefix: Some("s-".into()),
-            metadata_bytes: 1000,
-            ..Placing::default()
-        };
+        let placing = Placing { plane: Some(Plane::Xz), metadata_bytes: 1000, ..Placing::default() };
         let Placed::Shape(shape) = placing.place(record(curve()), &curves()).unwrap() else { panic!() };
         let points = shape.points.unwrap();
         assert_eq!(points.checked(2).unwrap(), [1.0, 3.0, 4.0, 6.0, 7.0, 10.0]);
-        assert_eq!(shape.external_id.unwrap().get().unwrap().as_deref(), Some("s-a"));
+        assert_eq!(shape.external_id.unwrap().get().unwrap().as_deref(), Some("a"));
+    }
+
+    #[test]
+    fn facts_hold_where_records_say_nothing() {
+        let mut facts = Facts { subject: Some("p".into()), weight: Some(2.0), ..Facts::default() };
+        for (name, text) in
+            [("age", "61"), ("ward", "B"), ("code", "\"007\""), ("big", "007"), ("dead", "false")]
+        {
+            facts.add(name, text);
+        }
+        let placing = Placing { facts, ..Placing::default() };
+        let own = Record { subject: Some("own".into()), ..record(Geometry::Landmarks(Points::default())) };
+        let own = Record { labels: [("age".to_owned(), Value::Number(3.0))].into(), ..own };
+        let (own, other) = (placing.attributes(own), placing.said());
+        let subject = |shape: &ShapeInput| shape.subject.as_ref().unwrap().get().unwrap().clone();
+        assert_eq!((subject(&own).as_deref(), subject(&other).as_deref()), (Some("own"), Some("p")));
+        let mut errors = Vec::new();
+        let mut labels = |shape: ShapeInput| -> Option<Json> { shape.labels?.read(1000, "", &mut errors) };
+        let rest = serde_json::json!({"age": 3, "ward": "B", "code": "007", "big": "007", "dead": false});
+        assert_eq!(labels(own), Some(rest.clone()));
+        assert_eq!(labels(other).unwrap()["age"], 61);
     }
 
     #[test]

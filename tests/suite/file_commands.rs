@@ -255,8 +255,8 @@ fn projects_bring_the_files_that_they_name() {
     assert_eq!((code, fates), (0, wanted("imported")), "{told}");
     assert_eq!(import().1, wanted("known"));
     assert_eq!(server.get("/v1/cohorts/c").expect(200)["shape_count"], 3);
-    let shape = server.get("/v1/cohorts/c/shapes/m02").expect(200);
-    assert_eq!((&shape["label"], &shape["labels"]), (&json!("f"), &json!({"age": 61})));
+    let shape = server.get("/v1/cohorts/c/shapes/a/m02").expect(200);
+    assert_eq!((&shape["label"], &shape["labels"]), (&json!("f"), &json!({"age": 61, "file": "m02"})));
     // A file that is missing, one that is no shape, and a project that is sent alone.
     std::fs::remove_file(path("particles/m01.particles")).unwrap();
     let (code, said, _) = shapelex(&["inspect", "study/a.swproj"], folder.path());

@@ -934,7 +934,7 @@ fn other_media_types_methods_routes_and_formats_are_refused() {
             assert_eq!(server.post_bytes(path, media_type, "{}").status, 422, "{path} {media_type}");
         }
         for method in [Method::PUT, Method::PATCH, Method::DELETE] {
-            if method == Method::DELETE && path.ends_with("shapes") {
+            if method != Method::PUT && path.ends_with("shapes") {
                 continue;
             }
             let reply = server.send(server.request(method.clone(), path));

@@ -121,13 +121,19 @@ fn corrections_are_checked_as_what_arrives() {
     let next = change(&tag, "treated").header("etag").unwrap().to_owned();
     change(&tag, "else").expect_problem(412, "precondition-failed", &[]);
     change(&next, "other").expect(200);
-    // A repeated upload compares with what is stored now.
-    let again = server.post("/v1/cohorts/feet/shapes", &json!({"shapes": [shape]}));
-    again.expect_problem(409, "external-id-conflict", &["/shapes/0/external_id"]);
+    // A repeated upload adds nothing, and leaves the correction as it is.
+    let again = server.post("/v1/cohorts/feet/shapes", &json!({"shapes": [shape]})).expect(201);
+    assert_eq!((&again["added"], &again["unchanged"]), (&json!(0), &json!(1)));
+    assert!(again["warnings"].to_string().contains("1 shapes stand in the cohort"), "{again}");
+    let mut moved = shape.clone();
+    moved["control_points"] = json!([[0, 0], [9, 0], [0.5, 3]]);
+    let moved = server.post("/v1/cohorts/feet/shapes", &json!({"shapes": [moved]}));
+    moved.expect_problem(409, "external-id-conflict", &["/shapes/0/external_id"]);
     let mut corrected = shape.clone();
     corrected["label"] = json!("other");
     let again = add(&server, "feet", &[corrected]);
     assert_eq!((&again["added"], &again["results"]), (&json!(0), &added["results"]));
+    assert_eq!(again.get("warnings"), None);
 }
 
 /// Neither of two values takes precedence, at any depth, wherever a document is taken.

@@ -49,13 +49,13 @@ fn a_file_is_taken_by_its_name_its_format_or_its_media_type() {
     assert_eq!(found["file"], file);
     assert_eq!(found["results"][1]["external_id"], "second");
     let shape = server.get(&format!("{path}/shapes/first")).expect(200);
-    assert_eq!((&shape["label"], &shape["labels"]), (&json!("a"), &json!({"age": 61})));
+    assert_eq!((&shape["label"], &shape["labels"]), (&json!("a"), &json!({"age": 61, "file": "a"})));
     assert_eq!(shape["control_points"], json!([[0.0, 0.0], [4.0, 0.0], [4.0, 1.0]]));
     let shape = server.get(&format!("{path}/shapes/second")).expect(200);
     assert_eq!(shape["metadata"], json!({"site": "zrh"}));
     // The same again adds nothing; with a prefix they are others.
     let again = post(&server, &format!("{path}/shapes?format=ndjson"), LINES).expect(201);
-    assert_eq!((&again["added"], &again["revision"]), (&json!(0), &json!(1)));
+    assert_eq!((&again["added"], &again["unchanged"], &again["revision"]), (&json!(0), &json!(2), &json!(1)));
     let more = post(&server, &format!("{path}/shapes?format=ndjson&prefix=b-&return=ids"), LINES).expect(201);
     assert_eq!((&more["added"], more["ids"].as_array().unwrap().len()), (&json!(2), 2));
     server.get(&format!("{path}/shapes/b-first")).expect(200);
@@ -93,7 +93,7 @@ fn labels_of_an_image_are_shapes_with_their_holes_counted() {
     let found = server.post_bytes(&shapes, "image/png", label_picture()).expect(201);
     let names: Vec<&str> =
         found["results"].as_array().unwrap().iter().filter_map(|r| r["external_id"].as_str()).collect();
-    assert_eq!(names, ["3", "7.0", "7.1"]);
+    assert_eq!(names, ["3", "7", "7.1"]);
     assert_eq!(found["file"]["left_out"][0]["what"], "holes");
     assert_eq!(found["file"]["left_out"][0]["count"], 1);
     let kept =
@@ -272,7 +272,7 @@ fn a_file_without_shapes_says_what_it_holds_instead() {
 }
 
 #[test]
-fn objects_with_one_name_are_refused_with_the_option_that_helps() {
+fn features_of_one_name_may_be_named_by_their_ids() {
     let server = Server::fresh();
     let path = cohort(&server, "c", &landmarks(3), "landmarks");
     let cell = |id: &str, x: u32| {
@@ -281,18 +281,9 @@ fn objects_with_one_name_are_refused_with_the_option_that_helps() {
         )
     };
     let file = format!("[{},{}]", cell("1-a", 4), cell("1-b", 5));
-    let problem = post(&server, &format!("{path}/shapes?name=a.geojson"), file.clone());
-    let problem = problem.expect_problem(409, "external-id-conflict", &["/external_id"]);
-    let detail = problem["errors"][0]["detail"].as_str().unwrap();
-    assert!(detail.contains("'Cell'") && detail.contains("names=id"), "{detail}");
-    assert_eq!(problem["errors"][0]["place"]["item"], json!(1));
     post(&server, &format!("{path}/shapes?name=a.geojson&names=id"), file).expect(201);
-    let stored = server.get(&format!("{path}/shapes/1-b")).expect(200);
+    let stored = server.get(&format!("{path}/shapes/a/1-b")).expect(200);
     assert_eq!(stored["metadata"]["name"], "Cell");
-    // Where another shape of the cohort has the name, there is no such option.
-    let line = "{\"points\":[[0,0],[9,0],[0,3]],\"external_id\":\"1-b\"}\n";
-    let problem = post(&server, &format!("{path}/shapes?format=ndjson"), line).expect(409);
-    assert!(!problem.to_string().contains("names=id"), "{problem}");
 }
 
 /// Images of a series 5 mm apart.

@@ -18,7 +18,7 @@ type Attribute = Schemas["AttributesAnswer"]["items"][number];
 export function CohortPage({ cohort, lead, actions, children }: { cohort: string; lead?: ComponentChildren; actions?: ComponentChildren; children: (about: Schemas["CohortOutput"], reload: () => void, round: number) => ComponentChildren }) {
   const { query } = usePlace();
   const about = useLoaded(cohort, (signal) => get("/v1/cohorts/{cohort}", { path: { cohort }, signal }));
-  useEvents(["cohort_updated", "shapes_added", "shape_updated", "shape_deleted", "shapes_deleted"], (_, data) => {
+  useEvents(["cohort_updated", "shapes_added", "shape_updated", "shapes_updated", "shape_deleted", "shapes_deleted"], (_, data) => {
     if (!about.data || data.cohort === about.data.id) about.reload();
   });
   const base = `/app/cohorts/${encodeURIComponent(cohort)}`;

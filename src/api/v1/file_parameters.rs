@@ -1,5 +1,7 @@
 //! Query parameters of files: format and name, options of reading and of writing, and how records become shapes.
 
+use std::collections::BTreeMap;
+
 use serde::Serialize;
 use utoipa::IntoParams;
 
@@ -7,16 +9,19 @@ use crate::api::extract::TWICE;
 use crate::api::form;
 use crate::api::operation::ANY_FILE;
 use crate::api::problem::{Problem, ProblemKind};
+use crate::formats::fault::Fault;
 use crate::formats::files::{self, ReadOptions, WriteOptions};
 use crate::formats::json;
 use crate::formats::lengths::unit_of;
-use crate::formats::record::{MAX_SAMPLES, Placing, Plane};
-use crate::formats::summary::FileSummary;
+use crate::formats::record::{Facts, MAX_SAMPLES, Placing, Plane};
 use crate::formats::words::plain_sentence;
 use crate::service::app::{Limits, ServiceError};
+use crate::service::cohorts::pseudonyms::SubjectFrom;
 use crate::service::cohorts::upload_file::FileToAdd;
-use crate::service::files::translate::FileReading;
-use crate::service::files::{FileFormat, file_limits, unknown_format};
+use crate::service::files::translate::{FileReading, to_add};
+use crate::service::files::{FileFormat, unknown_format};
+use crate::service::shapes::outcome::OnError;
+use crate::service::shapes::read::attributes;
 
 /// Parameters of files.
 #[derive(IntoParams)]
@@ -26,7 +31,7 @@ pub(super) struct FileQuery {
     /// Format of the file, as an id, a media type or an ending. Default: the media type of the request, else by the first
     /// bytes, else by the name.
     format: Option<String>,
-    /// Name of the file, by which its format is known where its bytes do not tell it.
+    /// Name of the file, by which its format is known where its bytes do not tell it, and its shapes are named where they are stored.
     name: Option<String>,
 }
 
@@ -42,11 +47,26 @@ pub(super) struct PlacingQuery {
     /// not contain them. Default: they are refused.
     #[param(minimum = 3, maximum = 10_000)]
     samples: Option<usize>,
-    /// Text before the names of the shapes, which become their external ids.
+    /// Text before the names of the shapes, which become their external ids. Default: the name of the file without its ending and a
+    /// slash; nothing before names that are identities: those of tables, of NDJSON, and unique identifiers of DICOM.
     prefix: Option<String>,
     /// What the coordinates of the file are in, whatever it states: `m`, `cm`, `mm`, `um`, `nm`, `inch`, `pixel`, `voxel` or `none`.
     /// Lengths are converted to the unit of the cohort. Default: what the file states.
     unit: Option<String>,
+    /// Subject of the shapes of which the file says none.
+    subject: Option<String>,
+    /// What of the file says whose its shapes are. The subject is a keyed digest, the same for a patient in all files of a tenant.
+    #[param(inline)]
+    subject_from: Option<SubjectFrom>,
+    /// Class label of the shapes of which the file says none.
+    label: Option<String>,
+    /// Attributes of the shapes that the file does not give them: `labels[site]=zrh`, also written `labels.site=zrh`. A value
+    /// that is a number or a Boolean of JSON becomes one, unless it stands in quotation marks.
+    #[param(style = DeepObject, explode, value_type = Option<BTreeMap<String, String>>, example = json!({}))]
+    labels: Option<BTreeMap<String, String>>,
+    /// Weight of the shapes of which the file says none.
+    #[param(minimum = 1e-100, maximum = 1e100)]
+    weight: Option<f64>,
 }
 
 /// Options by name, for the document.
@@ -60,6 +80,7 @@ mod described {
 
     use super::{FileFormat, ReadOptions, WRITE, WriteOptions, names_of};
     use crate::api::document::text_parameter;
+    use crate::formats::files::EVERY;
 
     /// Options of reading by name, with the formats that have them.
     pub(in crate::api) struct ReadQuery;
@@ -67,6 +88,9 @@ mod described {
     impl IntoParams for ReadQuery {
         fn into_params(_: impl Fn() -> Option<ParameterIn>) -> Vec<Parameter> {
             let of = |name: &str| {
+                if EVERY.contains(&name) {
+                    return text_parameter(name, "Option of reading files of every format.".to_owned());
+                }
                 let formats = FileFormat::all().filter(|format| format.options().contains(&name));
                 let formats = formats.map(FileFormat::id).collect::<Vec<_>>().join(", ");
                 text_parameter(name, format!("Option of reading files of the formats {formats}."))
@@ -109,7 +133,11 @@ impl FileParameters {
         let known = names_of(&ReadOptions::default());
         let own = ["format", "name", "plane", "samples", "prefix", "unit"];
         let is_own = |name: &str| {
-            own.contains(&name) || name.starts_with(WRITE) || known.iter().any(|known| known == name)
+            own.contains(&name)
+                || FACTS.contains(&name)
+                || attribute_of(name).is_some()
+                || name.starts_with(WRITE)
+                || known.iter().any(|known| known == name)
         };
         let (taken, rest) = std::mem::take(pairs).into_iter().partition(|(name, _)| is_own(name));
         *pairs = rest;
@@ -196,24 +224,71 @@ impl FileParameters {
     ///
     /// # Errors
     /// Parameters with values that they cannot have; as for the format.
-    pub(super) fn into_file(mut self, media_type: &str, limits: &Limits) -> Result<FileToAdd, Problem> {
+    pub(super) fn into_file(
+        mut self,
+        media_type: &str,
+        on_error: OnError,
+        limits: &Limits,
+    ) -> Result<FileToAdd, Problem> {
         let plane = self.value("plane")?.map(|word| word_of::<Plane>("plane", &word)).transpose()?;
         let samples =
             self.value("samples")?.map(|text| count_of("samples", &text, MAX_SAMPLES)).transpose()?;
         let prefix = self.value("prefix")?;
         let unit = self.value("unit")?.map(|word| unit_of(&word)).transpose();
         let unit = unit.map_err(|detail| Problem::of_parameter("unit", detail))?;
-        let metadata_bytes = limits.metadata_bytes;
-        let placing = Placing { plane, samples, prefix, unit, metadata_bytes, ..Placing::default() };
+        let subject_from =
+            self.value("subject_from")?.map(|word| word_of("subject_from", &word)).transpose()?;
+        let facts = self.facts()?;
         let reading = self.reading(media_type)?;
-        let service = *limits;
-        let read: crate::service::cohorts::upload_file::ReadFile = Box::new(move |source, stop, sink| {
-            let format = reading.format_of(source.head())?;
-            let summary = format.read(source, &reading.options, &service, stop, sink)?;
-            Ok(FileSummary::new(format.id(), summary))
-        });
-        Ok(FileToAdd { limits: file_limits(limits), placing, read })
+        let name = reading.name.clone();
+        let placing = Placing { plane, samples, prefix, name, facts, metadata_bytes: limits.metadata_bytes };
+        check_facts(&placing)?;
+        Ok(to_add(reading, placing, (on_error, subject_from), limits))
     }
+
+    /// Facts of all shapes of a file.
+    fn facts(&mut self) -> Result<Facts, Problem> {
+        let weight = self.value("weight")?.map(|text| {
+            let wrong = || Problem::of_parameter("weight", format!("expected a number, got '{text}'"));
+            text.parse().map_err(|_| wrong())
+        });
+        let mut facts = Facts {
+            subject: self.value("subject")?,
+            label: self.value("label")?,
+            weight: weight.transpose()?,
+            ..Facts::default()
+        };
+        let (named, rest): (Vec<_>, _) =
+            std::mem::take(&mut self.0).into_iter().partition(|(name, _)| attribute_of(name).is_some());
+        self.0 = rest;
+        for (parameter, value) in named {
+            let Some(name) = attribute_of(&parameter).filter(|name| !facts.labels.contains_key(*name)) else {
+                return Err(Problem::of_parameter(&parameter, TWICE));
+            };
+            facts.add(name, &value);
+        }
+        Ok(facts)
+    }
+}
+
+/// Parameters that say something of all shapes of a file, beside their attributes.
+const FACTS: [&str; 4] = ["subject", "subject_from", "label", "weight"];
+
+/// Name of the attribute that a parameter gives: `site` of `labels.site` and `labels[site]`.
+fn attribute_of(parameter: &str) -> Option<&str> {
+    let rest = parameter.strip_prefix("labels")?;
+    rest.strip_prefix('.').or_else(|| rest.strip_prefix('[')?.strip_suffix(']'))
+}
+
+/// Refuses what no shape can have, before the file is read.
+fn check_facts(placing: &Placing) -> Result<(), Problem> {
+    let Err(faults) = attributes(placing.said()) else { return Ok(()) };
+    let named = |fault: Fault| {
+        let parameter =
+            fault.pointer.trim_start_matches('/').replace('/', ".").replace("~1", "/").replace("~0", "~");
+        Fault::of_parameter(parameter, fault.detail)
+    };
+    Err(ServiceError::Parameters(faults.into_iter().map(named).collect()).into())
 }
 
 /// Refusal of a body whose format is not known.

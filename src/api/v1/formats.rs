@@ -5,6 +5,7 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use crate::api::extract::NoQuery;
+use crate::formats::files::EVERY;
 use crate::service::files::FileFormat;
 
 /// A format of files.
@@ -31,7 +32,7 @@ pub(super) struct FormatEntry {
     kinds: Vec<&'static str>,
     /// Options of reading, which are parameters by their names. `*` of archives: those of the files within.
     #[schema(example = json!(["holes", "names", "nuclei", "select", "attributes"]))]
-    options: &'static [&'static str],
+    options: Vec<&'static str>,
 }
 
 impl From<FileFormat> for FormatEntry {
@@ -44,9 +45,15 @@ impl From<FileFormat> for FormatEntry {
             read: format.is_read(),
             written: format.is_written(),
             kinds: format.kinds().iter().map(|kind| kind.name()).collect(),
-            options: format.options(),
+            options: if format.is_read() { options(format) } else { Vec::new() },
         }
     }
+}
+
+/// Options of a format and those of every format.
+fn options(format: FileFormat) -> Vec<&'static str> {
+    let own = format.options();
+    own.iter().copied().chain(EVERY.into_iter().filter(|name| !own.contains(name))).collect()
 }
 
 /// The formats of files.

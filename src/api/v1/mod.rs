@@ -4,6 +4,7 @@ mod aliases;
 mod assessments;
 mod audit;
 mod batches;
+mod bulk;
 mod catalogue;
 mod changes;
 mod classify;
@@ -57,7 +58,7 @@ mod version;
 use axum::Router;
 use axum::routing::{MethodFilter, on};
 
-use super::operation::every_operation;
+use super::operation::{every_operation, pattern};
 use super::{health, metrics};
 use crate::service::app::App;
 
@@ -67,7 +68,7 @@ macro_rules! routes {
         $($method:ident $path:literal $module:ident :: $handler:ident $row:tt;)*
     })*) => {
         $(pub(super) fn $group() -> Router<App> {
-            Router::new()$(.route($path, on(MethodFilter::$method, $module::$handler)))*
+            Router::new()$(.route(pattern($path), on(MethodFilter::$method, $module::$handler)))*
         })*
 
         #[cfg(feature = "schema")]

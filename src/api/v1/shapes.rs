@@ -63,15 +63,19 @@ const FORMERLY_REPLAYED: &str = "idempotent-replayed";
 /// Result of adding shapes.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct AddAnswer {
-    /// Number of new shapes; repeated ones with the same content are not counted.
+    /// Number of new shapes; repeated ones are not counted.
     added: usize,
+    /// Number of shapes that stand in the cohort already, under the same external ids and with the same points. Their attributes stay as
+    /// they are, also where the request has others.
+    unchanged: usize,
     /// Revision of the cohort after the request.
     revision: u64,
     /// Number of points that were dropped, in all stored shapes, because they are equal to their predecessor.
     repeated_points: usize,
     /// Number of shapes that intersect themselves; `measures.self_intersecting=true` lists them.
     self_intersecting: usize,
-    /// Number of invalid shapes, which were not stored, under `on_error=skip`.
+    /// Number of shapes that were not stored under `on_error=skip`: invalid ones, and those whose external id belongs to a shape with
+    /// other points.
     skipped: usize,
     /// Entries in the order of the input: with `return=results` one for each of the first 100 000 shapes; always one for each
     /// invalid shape.
@@ -107,7 +111,7 @@ pub(super) enum AddResult {
 pub(super) struct AddedShape {
     /// Position in the request, from 0.
     index: usize,
-    /// Id, also of a shape that existed before with the same content.
+    /// Id, also of a shape that existed before with the same points.
     id: String,
     /// Identifier assigned by the client, if the shape has one.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -131,12 +135,13 @@ impl From<UploadResult> for AddResult {
 
 impl From<Stored> for AddAnswer {
     fn from(stored: Stored) -> Self {
-        let Stored { added, revision, ids, skipped, results, left_out, .. } = stored;
+        let Stored { added, unchanged, revision, ids, skipped, results, left_out, .. } = stored;
         let Stored { repeated_points, self_intersecting, warnings, note, .. } = stored;
         let results = results.into_iter().map(AddResult::from).collect();
         let file = note.and_then(|note| json::from_value(&note).ok());
         Self {
             added,
+            unchanged,
             revision,
             repeated_points,
             self_intersecting,
@@ -154,7 +159,8 @@ impl From<Stored> for AddAnswer {
 #[derive(Debug, Default, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
 pub(super) struct AddQuery {
-    /// Handling of invalid shapes: `abort` stores nothing, `skip` stores the valid ones. Default: `abort`.
+    /// Handling of shapes that are invalid, broken in a file, or have the external id of another shape: `abort` stores nothing, `skip`
+    /// stores the others. Default: `abort`.
     #[param(inline, required = false)]
     on_error: OnError,
     /// Points that are equal to their predecessor, where contours are resampled (correspondences `arc_length` and
@@ -170,7 +176,7 @@ pub(super) struct AddQuery {
 impl AddQuery {
     fn treatment(self) -> Treatment {
         let Self { on_error, repeated_points, returned } = self;
-        Treatment { on_error, repeated_points, returned }
+        Treatment { on_error, conflicts: on_error, repeated_points, returned }
     }
 
     /// Reads the parameters that do not concern files.
@@ -195,8 +201,8 @@ impl AddQuery {
 ///
 /// Send JSON for one body, NDJSON (`application/x-ndjson`, one shape per line) for a stream of any length, or a file of another
 /// program: with the media type of its format, or with any beside the parameter `format` or `name`. Repeating an
-/// `external_id` with the same content is a safe retry; with other content it is a conflict. Once the response is 201, the
-/// shapes are on disk.
+/// `external_id` with the same points is a safe retry, which leaves the stored attributes as they are; with other points it is a
+/// conflict. Once the response is 201, the shapes are on disk.
 #[utoipa::path(post, path = "/v1/cohorts/{cohort}/shapes", tag = "cohorts",
     params(("cohort" = String, Path, description = "Id or name"), AddQuery, FileQuery, PlacingQuery, ReadQuery, RetryHeader, IfMatchHeader),
     request_body(content((AddRequest = "application/json"), (ShapeInput = "application/x-ndjson", example = json!("{\"external_id\": \"scan-19\", \"points\": [[0, 0], [5, 1], [1, 3]]}\n")), (Binary = "application/octet-stream", example = json!("{\"points\": [[0, 0], [5, 1], [1, 3]], \"closed\": true}\n")))),
@@ -237,7 +243,7 @@ async fn add(
     let body = request.into_body();
     let stored = match found.as_str() {
         other if parameters.is_format_stated() || !(is_stream(other) || is_json(other)) => {
-            let file = parameters.into_file(other, &app.limits)?;
+            let file = parameters.into_file(other, treatment.on_error, &app.limits)?;
             upload_file::add_file(&app, cohort, body::pieces(body), file, treatment, expected).await
         }
         _ if !parameters.is_empty() => return Err(unknown_parameter(parameters.first())),

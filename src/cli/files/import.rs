@@ -1,8 +1,8 @@
 //! `shapelex import FILE… --cohort NAME`: takes files of shapes into a cohort.
 //!
 //! Each file is one request, stored as a whole or not at all. Its `Idempotency-Key` is the digest of its content, the cohort and the
-//! options: a file that was imported within the last seven days is not stored again, whatever its name. A journal remembers
-//! longer, and spares sending.
+//! options, among which is the name of the file: a file that was imported within the last seven days is not stored again. A journal
+//! remembers longer, and spares sending.
 
 use std::collections::BTreeSet;
 use std::fs::{File, OpenOptions};
@@ -17,22 +17,25 @@ use serde_json::{Value, json};
 use tokio_util::io::ReaderStream;
 
 use super::bar::Bar;
-use super::content::{Opened, shown};
+use super::content::{Opened, is_standard, shown};
 use super::places::{Place, expand};
 use super::target::{Service, Target, TargetArgs, refusal};
 use super::{Reading, note, say};
 use crate::cli::maintenance::{At, Outcome};
+use crate::formats::files;
 use crate::formats::json;
 use crate::formats::lengths::{FileUnits, unit_of};
-use crate::formats::record::{Placing, Plane};
+use crate::formats::record::{Facts, Placing, Plane};
 use crate::formats::summary::FileSummary;
 use crate::formats::unit::Unit;
 use crate::service::app::idempotency::Retry;
 use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::catalogue;
+use crate::service::cohorts::pseudonyms::SubjectFrom;
 use crate::service::cohorts::upload::{Returned, Stored, Treatment};
-use crate::service::cohorts::upload_file::{FileToAdd, add_file};
-use crate::service::files::{FileFormat, file_limits};
+use crate::service::cohorts::upload_file::add_file;
+use crate::service::files::FileFormat;
+use crate::service::files::translate::{FileReading, to_add};
 use crate::service::shapes::outcome::OnError;
 
 /// Number of bytes read at once.
@@ -48,7 +51,7 @@ pub(in crate::cli) struct ImportArgs {
     target: TargetArgs,
     #[command(flatten)]
     reading: Reading,
-    /// Store the valid shapes of a file that has invalid ones
+    /// Store the other shapes of a file with shapes that are invalid, broken, or have the names of others
     #[arg(long, requires = "cohort")]
     skip_invalid: bool,
     /// Plane onto which shapes in space are projected, for planar cohorts: xy, xz or yz
@@ -57,18 +60,41 @@ pub(in crate::cli) struct ImportArgs {
     /// Number of points of curves given by Fourier coefficients that the cohort does not contain
     #[arg(long, requires = "cohort", value_name = "N", value_parser = clap::value_parser!(u16).range(3..=10_000))]
     samples: Option<u16>,
-    /// Text before the names of shapes; `{file}` is the name of the file without its ending
+    /// Text before the names of shapes; `{file}` is the name of the file without its ending. Default: `{file}/`, but for names that
+    /// are identities: those of tables, of NDJSON, and unique identifiers of DICOM
     #[arg(long, requires = "cohort", value_name = "TEXT")]
     prefix: Option<String>,
     /// What the coordinates of the files are in, whatever they state: m, cm, mm, um, nm, inch, pixel, voxel or none
     #[arg(long, requires = "cohort", value_parser = unit_of)]
     unit: Option<Unit>,
+    #[command(flatten)]
+    facts: FactsArgs,
     /// File that lists what was imported: files in it are not sent again
     #[arg(long, requires = "cohort", value_name = "FILE")]
     journal: Option<PathBuf>,
     /// Print a line of JSON for each file
     #[arg(long, requires = "cohort")]
     json: bool,
+}
+
+/// Facts of all shapes of the files.
+#[derive(Debug, Clone, Args)]
+struct FactsArgs {
+    /// Subject of the shapes of which the file says none; `{file}` as in `--prefix`
+    #[arg(long, requires = "cohort", value_name = "TEXT")]
+    subject: Option<String>,
+    /// What of a file says whose its shapes are: `PatientID`. The subject is a keyed digest, the same for a patient in all files
+    #[arg(long, requires = "cohort", value_name = "WHAT", value_parser = subject_from)]
+    subject_from: Option<SubjectFrom>,
+    /// Class label of the shapes of which the file says none
+    #[arg(long, requires = "cohort", value_name = "TEXT")]
+    label: Option<String>,
+    /// Attribute of the shapes that the file does not give them, such as `site=zrh`; may be repeated
+    #[arg(long, requires = "cohort", value_name = "NAME=VALUE")]
+    labels: Vec<String>,
+    /// Weight of the shapes of which the file says none
+    #[arg(long, requires = "cohort", value_name = "NUMBER")]
+    weight: Option<f64>,
 }
 
 impl ImportArgs {
@@ -82,6 +108,10 @@ impl ImportArgs {
             false => Err("expected --cohort beside --from and --option, got none".into()),
         }
     }
+}
+
+fn subject_from(word: &str) -> Result<SubjectFrom, String> {
+    json::from_value(&word.into()).map_err(|_| "expected PatientID".into())
 }
 
 fn plane(word: &str) -> Result<Plane, String> {
@@ -100,7 +130,7 @@ struct Line {
 #[serde(tag = "status", rename_all = "snake_case")]
 enum Fate {
     /// Its shapes are stored.
-    Imported { added: u64, skipped: u64, revision: u64, summary: Box<FileSummary> },
+    Imported { added: u64, unchanged: u64, skipped: u64, revision: u64, summary: Box<FileSummary> },
     /// It was imported before.
     Known,
     /// A file of a folder that has no known format.
@@ -118,6 +148,7 @@ pub(in crate::cli) async fn run(files: &[PathBuf], args: ImportArgs, at: At) -> 
     let cohort = args.cohort.clone().unwrap_or_default();
     // Faults of options are found before anything is sent.
     args.reading.options()?;
+    super::pairs(&args.facts.labels)?;
     let stated = args.reading.format()?;
     let target = args.target.clone().open(at).await?;
     let mut journal = args.journal.as_deref().map(Journal::open).transpose()?;
@@ -202,8 +233,22 @@ impl Import<'_> {
         };
         add("plane", args.plane.and_then(|plane| json::to_value(&plane).ok()?.as_str().map(str::to_owned)));
         add("samples", args.samples.map(|count| count.to_string()));
-        let stem = path.file_stem().unwrap_or_default().to_string_lossy();
-        add("prefix", args.prefix.as_ref().map(|prefix| prefix.replace("{file}", &stem)));
+        let name = (!is_standard(path)).then(|| path.file_name().unwrap_or_default().to_string_lossy());
+        let stem = name.as_deref().map(files::stem).unwrap_or_default();
+        let filled = |text: &String| text.replace("{file}", stem);
+        add("name", name.as_deref().map(str::to_owned));
+        add("prefix", args.prefix.as_ref().map(filled));
+        let FactsArgs { subject, subject_from, label, labels, weight } = &args.facts;
+        add("subject", subject.as_ref().map(filled));
+        add(
+            "subject_from",
+            subject_from.and_then(|from| json::to_value(&from).ok()?.as_str().map(str::to_owned)),
+        );
+        add("label", label.clone());
+        add("weight", weight.map(|weight| weight.to_string()));
+        for (name, value) in super::pairs(labels).unwrap_or_default() {
+            add(&format!("labels.{name}"), Some(value.to_owned()));
+        }
         add("unit", args.unit.map(|unit| unit.word().to_owned()));
         add("on_error", args.skip_invalid.then(|| "skip".to_owned()));
         add("return", Some("none".into()));
@@ -235,7 +280,8 @@ impl Import<'_> {
                 let count = |name: &str| answer[name].as_u64().unwrap_or_default();
                 let summary = json::from_value(&answer["file"]).unwrap_or_default();
                 let (added, skipped, revision) = (count("added"), count("skipped"), count("revision"));
-                Ok(Fate::Imported { added, skipped, revision, summary: Box::new(summary) })
+                let unchanged = count("unchanged");
+                Ok(Fate::Imported { added, unchanged, skipped, revision, summary: Box::new(summary) })
             }
             // These would refuse every file.
             401 | 403 | 404 => Err(refusal(response).await),
@@ -260,18 +306,17 @@ impl Import<'_> {
             samples: self.args.samples.map(usize::from),
             prefix: value("prefix"),
             unit: self.args.unit,
+            name: value("name"),
+            facts: self.facts(value("subject"))?,
             metadata_bytes: app.limits.metadata_bytes,
             ..Placing::default()
         };
-        let options = self.args.reading.options()?;
-        let limits = app.limits;
-        let read: crate::service::cohorts::upload_file::ReadFile = Box::new(move |source, stop, sink| {
-            let summary = format.read(source, &options, &limits, stop, sink)?;
-            Ok(FileSummary::new(format.id(), summary))
-        });
-        let file = FileToAdd { limits: file_limits(&limits), placing, read };
+        let (name, options) = (value("name"), self.args.reading.options()?);
+        let reading = FileReading { format: Some(format), name, options };
         let on_error = if self.args.skip_invalid { OnError::Skip } else { OnError::Abort };
-        let treatment = Treatment { on_error, returned: Returned::None, ..Treatment::default() };
+        let file = to_add(reading, placing, (on_error, self.args.facts.subject_from), &app.limits);
+        let treatment =
+            Treatment { on_error, conflicts: on_error, returned: Returned::None, ..Treatment::default() };
         let retry =
             Retry::new(&format!("import-{digest}"), "shapelex import").map_err(|error| error.to_string())?;
         let app =
@@ -285,13 +330,21 @@ impl Import<'_> {
         };
         match add_file(&app, cohort, stream, file, treatment, None).await {
             Ok(_) if app.touched.is_repeat() => Ok(Fate::Known),
-            Ok(Stored { added, skipped, revision, note, .. }) => {
+            Ok(Stored { added, unchanged, skipped, revision, note, .. }) => {
                 let summary = note.and_then(|note| json::from_value(&note).ok()).unwrap_or_default();
-                let (added, skipped) = (added as u64, skipped as u64);
-                Ok(Fate::Imported { added, skipped, revision, summary: Box::new(summary) })
+                let (added, unchanged, skipped) = (added as u64, unchanged as u64, skipped as u64);
+                Ok(Fate::Imported { added, unchanged, skipped, revision, summary: Box::new(summary) })
             }
             Err(error) => refused(sentence(&error)),
         }
+    }
+
+    /// Facts of all shapes of a file.
+    fn facts(&self, subject: Option<String>) -> Result<Facts, String> {
+        let FactsArgs { label, labels, weight, .. } = &self.args.facts;
+        let mut facts = Facts { subject, label: label.clone(), weight: *weight, ..Facts::default() };
+        super::pairs(labels)?.into_iter().for_each(|(name, value)| facts.add(name, value));
+        Ok(facts)
     }
 
     /// The bytes of a file, counted by the progress bar.
@@ -451,10 +504,13 @@ fn words(Line { file, fate }: &Line) -> String {
         Fate::Known => format!("{file}: imported before"),
         Fate::LeftOut { error } => format!("{file}: left out: {error}"),
         Fate::Refused { error } => format!("{file}: refused: {error}"),
-        Fate::Imported { added, skipped, summary, .. } => {
+        Fate::Imported { added, unchanged, skipped, summary, .. } => {
             let mut parts = vec![format!("{file}: {added} shapes added")];
+            if *unchanged > 0 {
+                parts.push(format!("{unchanged} were there before"));
+            }
             if *skipped > 0 {
-                parts.push(format!("{skipped} invalid ones skipped"));
+                parts.push(format!("{skipped} skipped that cannot be stored"));
             }
             parts
                 .extend(summary.left_out.iter().map(|left| format!("{} {} left out", left.count, left.what)));

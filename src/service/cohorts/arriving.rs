@@ -5,6 +5,7 @@ use std::sync::{Mutex, PoisonError};
 
 use super::measures::Measuring;
 use super::placer::{Found, MeshFit, Placer};
+use super::upload::UploadResult;
 use crate::analysis::conversion::{Beginning, Conversion};
 use crate::analysis::correspondence::Correspondence;
 use crate::domain::id;
@@ -28,19 +29,46 @@ pub(super) enum Incoming {
     Record(Box<Record>),
 }
 
-/// Where a shape was in a stream or a file.
+/// Where a shape was in a body, a stream or a file.
 #[derive(Debug, Default)]
 pub(super) struct Origin {
+    /// Position in the input, from 0.
+    index: usize,
+    external_id: Option<String>,
     line: Option<u64>,
     place: Place,
-    /// Option of reading that gives other names.
-    pub(super) other_names: Option<&'static str>,
+    /// Whether it came in a file, whose shapes may be numbered.
+    is_of_file: bool,
 }
 
 impl Origin {
     /// The fault with what is known of the place.
     pub(super) fn of(&self, fault: Fault) -> Fault {
         Fault { line: self.line, ..fault }.at_place(&self.place)
+    }
+
+    /// The fault that the external id belongs to another shape.
+    pub(super) fn conflict(&self, external_id: &str, prefix: &str) -> Fault {
+        let pointer = match prefix {
+            "" => "/external_id".into(),
+            prefix => format!("{prefix}{}/external_id", self.index),
+        };
+        let mut detail = format!(
+            "the external id '{external_id}' belongs to another shape of the cohort, with other points"
+        );
+        if self.is_of_file {
+            detail.push_str(
+                ": the parameter name or prefix tells the shapes of files apart, names=number those of one file",
+            );
+        }
+        self.of(Fault::new(pointer, detail).at_shape(self.index))
+    }
+
+    /// What became of the shape if its external id belongs to another one.
+    pub(super) fn refused(&self, prefix: &str) -> UploadResult {
+        let name = self.external_id.clone();
+        let faults = vec![self.conflict(name.as_deref().unwrap_or_default(), prefix)];
+        UploadResult { index: self.index, external_id: name, faults, ..UploadResult::default() }
     }
 }
 
@@ -118,16 +146,16 @@ pub(super) fn read(
     prefix: &str,
 ) -> Taken {
     let reading = placer.reading();
-    let (origin, shape) = match incoming {
+    let at = Origin { index, ..Origin::default() };
+    let (mut origin, shape) = match incoming {
         Incoming::Line(Line { number, text }) => {
-            let origin = Origin { line: Some(number), ..Origin::default() };
+            let origin = Origin { line: Some(number), ..at };
             (origin, parse(reading.limits, text.trim_ascii_end()).map(Incoming::Parsed))
         }
-        Incoming::Parsed(shape) => (Origin::default(), Ok(Incoming::Parsed(shape))),
+        Incoming::Parsed(shape) => (at, Ok(Incoming::Parsed(shape))),
         Incoming::Record(record) => {
             let place = record.place.clone();
-            let origin = Origin { line: place.line, place, other_names: record.other_names };
-            (origin, Ok(Incoming::Record(record)))
+            (Origin { line: place.line, place, is_of_file: true, ..at }, Ok(Incoming::Record(record)))
         }
     };
     // Each line is a document of its own; in a body, pointers include the position of the shape.
@@ -141,9 +169,7 @@ pub(super) fn read(
         Ok(Incoming::Parsed(shape)) => {
             (external_id(&shape).map(str::to_owned), read_shape(reading, *shape).map(Found::from))
         }
-        Ok(Incoming::Record(record)) => {
-            (record.name.as_ref().map(|name| placer.placing().external_id(name)), placer.read(*record))
-        }
+        Ok(Incoming::Record(record)) => (record.name.clone(), placer.read(*record)),
         Ok(Incoming::Line(_)) => return (None, Err(vec![placed(Fault::new("", "expected a shape"))])),
         Err(ServiceError::Malformed(faults)) => return (None, Err(all(faults))),
         Err(other) => return (None, Err(vec![placed(Fault::new("", other.to_string()))])),
@@ -163,6 +189,7 @@ pub(super) fn read(
     let measures = completed(measures, reading, (fit, beginning));
     names.add(attributes.labels.keys());
     let shape = NewShape { id: id::new_id(id::SHAPE), attributes, measures, control_points };
+    origin.external_id.clone_from(&external_id);
     let arrived = Arrived { origin, row: shape.into(), repeated_points, measures, warnings };
     (external_id, Ok(arrived))
 }

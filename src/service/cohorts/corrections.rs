@@ -36,7 +36,7 @@ const DRY_RUN: &str = "dry_run";
 /// Longest time that an erasure waits for the files of the store to be written anew.
 const REWRITING: Duration = Duration::from_secs(15);
 /// Number of attempts when others correct the same shape at the same time.
-const ATTEMPTS: usize = 16;
+pub(super) const ATTEMPTS: usize = 16;
 
 /// Changes attributes of a shape by a merge patch of label, labels, subject, metadata and weight; the cohort must be at an
 /// expected version. Returns the cohort and the shape after that. Without a difference nothing is stored.
@@ -81,7 +81,7 @@ pub async fn correct(
 const OF_64_BITS: f64 = 18_446_744_073_709_551_616.0;
 
 /// Members of a patch of a shape.
-fn checked_members(patch: MergePatch) -> Result<Map<String, Value>, ServiceError> {
+pub(super) fn checked_members(patch: MergePatch) -> Result<Map<String, Value>, ServiceError> {
     let MergePatch { members, mut faults } = patch;
     for name in members.keys().filter(|name| !FIELDS.contains(&name.as_str())) {
         let fixed = FIXED.iter().find(|(names, _)| names.contains(&name.as_str()));
@@ -106,7 +106,7 @@ fn checked_members(patch: MergePatch) -> Result<Map<String, Value>, ServiceError
 }
 
 /// The attributes with the changes, checked as those of a shape that arrives.
-fn patched(
+pub(super) fn patched(
     limits: &Limits,
     current: &ShapeAttributes,
     members: &Map<String, Value>,

@@ -4,10 +4,12 @@
 //!   restored; [`changes`] — the feed;
 //! * `rules` — correspondence, direction and mirror images changed;
 //! * [`corrections`] — attributes of shapes changed, shapes deleted by a filter, subjects erased;
+//! * [`bulk`] — attributes of many shapes changed at once;
 //! * [`subjects`] — holdings of a subject;
 //! * [`upload`] — streams of shapes into a cohort; [`upload_file`] — files of other programs; `placer` — their records as shapes;
 //!   `arriving` — shapes on their way; [`fits`] — what fits to meshes have left;
 //! * [`lengths`] — the unit of a cohort, and that of a file;
+//! * [`pseudonyms`] — subjects of persons whom files identify;
 //! * [`example`] — the example cohort of an empty store;
 //! * [`source`] — shapes of a cohort at one revision, as a source for statistics;
 //! * [`selection`] — control points of selected shapes, in the order of their descriptions;
@@ -20,6 +22,7 @@
 mod arriving;
 mod attribute_names;
 pub mod attributes;
+pub mod bulk;
 pub mod catalogue;
 pub(crate) mod caveats;
 pub mod changes;
@@ -33,6 +36,7 @@ pub mod matching;
 pub(crate) mod measures;
 pub(crate) mod placements;
 mod placer;
+pub mod pseudonyms;
 mod rules;
 pub mod selection;
 pub mod source;

@@ -64,10 +64,6 @@ impl<'a> Placer<'a> {
         &self.reading
     }
 
-    pub(super) fn placing(&self) -> &Placing {
-        self.placing
-    }
-
     /// The shape of a record.
     ///
     /// # Errors

@@ -117,7 +117,10 @@ pub struct Stored {
     /// Under [`Returned::Ids`] the ids of the first `MAX_NAMED` inputs; `None` for an invalid one.
     #[serde(default)]
     pub ids: Vec<Option<String>>,
-    /// Number of invalid shapes, which were not stored, under [`OnError::Skip`].
+    /// Number of shapes that the cohort has already, with the same external ids and control points.
+    #[serde(default)]
+    pub unchanged: usize,
+    /// Number of shapes that were not stored under [`OnError::Skip`]: invalid ones, and those whose external id belongs to another.
     pub skipped: usize,
     /// What became of the inputs: of the first `MAX_NAMED` under [`Returned::Results`], and of all invalid ones.
     #[serde(default)]
@@ -144,6 +147,8 @@ pub struct Stored {
 pub struct Treatment {
     /// Invalid shapes.
     pub on_error: OnError,
+    /// Shapes whose external id belongs to a shape with other points.
+    pub conflicts: OnError,
     /// What the response says of the inputs.
     pub returned: Returned,
     /// Points equal to their predecessor, where contours are resampled.
@@ -265,8 +270,19 @@ fn too_long(error: LineTooLong) -> ServiceError {
     ServiceError::TooLarge(Fault { line: Some(error.number), ..Fault::new("", error.to_string()) })
 }
 
-/// An upload, the number of its new shapes, and the ids of the first ones.
-type Written = (Upload, usize, Vec<String>);
+/// What was written of an upload.
+struct Written {
+    upload: Upload,
+    /// Number of new shapes.
+    new: usize,
+    /// Number of shapes that the cohort has already, and of those among them with other attributes.
+    unchanged: usize,
+    differing: usize,
+    /// Ids of the first shapes.
+    ids: Vec<String>,
+    /// Shapes that were left out because their external id belongs to another one.
+    conflicts: Vec<UploadResult>,
+}
 
 /// Parses shapes on the pool while a task writes the previous ones to the store.
 pub(super) struct Writer {
@@ -316,7 +332,10 @@ impl Writer {
             expected.check(&revision_tag(cohort))?;
         }
         let space = app.space_of(&cohort.spec.representation)?;
-        let upload = app.store.begin_upload(cohort);
+        let mut upload = app.store.begin_upload(cohort);
+        if treatment.conflicts == OnError::Skip {
+            upload.skip_conflicts();
+        }
         let (chunks, received) = mpsc::channel(1);
         let ids = if treatment.returned == Returned::None { 0 } else { MAX_NAMED };
         let task = tokio::spawn(write(upload, received, prefix, ids));
@@ -375,9 +394,7 @@ impl Writer {
             return Err(ServiceError::Invalid(std::mem::take(&mut self.faults)));
         }
         if self.skipped > MAX_REFUSED {
-            let detail =
-                format!("expected at most {MAX_REFUSED} invalid shapes, got more: nothing is stored");
-            return Err(ServiceError::invalid("", detail));
+            return Err(too_many_refused());
         }
         Ok(())
     }
@@ -569,8 +586,8 @@ impl Writer {
         let written =
             task.await.map_err(|error| ServiceError::Internal(format!("the writing task: {error}")))?;
         // Errors of the task come first: after it has ended, the writer silently drops further shapes.
-        let (mut upload, added, ids) = written?;
-        let warnings = match taken.and(warnings) {
+        let Written { mut upload, new: added, unchanged, differing, ids, conflicts } = written?;
+        let mut warnings = match taken.and(warnings) {
             Ok(warnings) => warnings,
             Err(error) => {
                 upload.abort().await?;
@@ -594,11 +611,15 @@ impl Writer {
                 return Err(error);
             }
         }
+        warnings.extend(stay(differing));
+        let skipped = skipped + conflicts.len();
+        let (results, left_out) = with_conflicts(results, conflicts, left_out);
         let (results, ids) = treatment.returned.of(results, ids, position);
         let mut stored = Stored {
             added,
             revision: 0,
             ids,
+            unchanged,
             skipped,
             results,
             left_out,
@@ -615,6 +636,12 @@ impl Writer {
         stored.revision = upload.commit_once(now_ms(), expected, occasion.job.as_ref(), receipt).await?;
         Ok(stored)
     }
+}
+
+fn too_many_refused() -> ServiceError {
+    let detail =
+        format!("expected at most {MAX_REFUSED} shapes that cannot be stored, got more: nothing is stored");
+    ServiceError::invalid("", detail)
 }
 
 /// Number of shapes that take [`GROUP_SECONDS`] to measure, at most [`CHUNK_SHAPES`]: surfaces take milliseconds each.
@@ -640,60 +667,88 @@ fn aligned(ids: Vec<String>, refused: &[UploadResult], count: usize) -> Vec<Opti
     (0..count.min(MAX_NAMED)).map(id).collect()
 }
 
-/// Writes shapes to the store; returns the number of new ones and the ids of the first `most`.
+/// The warning that shapes of the cohort have other attributes than those that arrived.
+fn stay(differing: usize) -> Option<String> {
+    let warning = "shapes stand in the cohort with the same points and other attributes or metadata, which stay as they are";
+    (differing > 0).then(|| format!("{differing} {warning}"))
+}
+
+/// The results with shapes that were left out after they were noted as valid, and the number of valid ones that have none. Both lists are
+/// in order.
+fn with_conflicts(
+    mut results: Vec<UploadResult>,
+    conflicts: Vec<UploadResult>,
+    left_out: usize,
+) -> (Vec<UploadResult>, usize) {
+    let unlisted = conflicts.iter().filter(|conflict| conflict.index >= MAX_NAMED).count();
+    let mut replaced = conflicts.iter().map(|conflict| conflict.index).peekable();
+    results.retain(|result| {
+        while replaced.next_if(|index| *index < result.index).is_some() {}
+        replaced.peek() != Some(&result.index)
+    });
+    results.extend(conflicts);
+    results.sort_by_key(|result| result.index);
+    (results, left_out.saturating_sub(unlisted))
+}
+
+/// Writes shapes to the store; keeps the ids of the first `most`.
 async fn write(
-    mut upload: Upload,
+    upload: Upload,
     mut chunks: mpsc::Receiver<Vec<Arrived>>,
     prefix: &'static str,
     most: usize,
 ) -> Result<Written, ServiceError> {
-    let (mut new, mut ids) = (0, Vec::new());
+    let (ids, conflicts) = (Vec::new(), Vec::new());
+    let mut written = Written { upload, new: 0, unchanged: 0, differing: 0, ids, conflicts };
     let mut first = 0;
     while let Some(chunk) = chunks.recv().await {
         let (origins, rows): (Vec<Origin>, Vec<ShapeRow>) =
             chunk.into_iter().map(|arrived| (arrived.origin, arrived.row)).unzip();
-        let added = match upload.add(rows).await {
+        let added = match written.upload.add(rows).await {
             Ok(added) => added,
             Err(error) => {
-                upload.abort().await?;
+                written.upload.abort().await?;
                 return Err(located(error, first, &origins, prefix));
             }
         };
         first += origins.len();
-        for added in added {
+        for (added, origin) in added.into_iter().zip(&origins) {
             let id = match added {
                 Added::New { id } => {
-                    new += 1;
+                    written.new += 1;
                     id
                 }
-                Added::Existing { id } => id,
+                Added::Existing { id, differs } => {
+                    written.unchanged += 1;
+                    written.differing += usize::from(differs);
+                    id
+                }
+                Added::Conflict if written.conflicts.len() < MAX_REFUSED => {
+                    written.conflicts.push(origin.refused(prefix));
+                    continue;
+                }
+                Added::Conflict => {
+                    written.upload.abort().await?;
+                    return Err(too_many_refused());
+                }
             };
-            if ids.len() < most {
-                ids.push(id);
+            if written.ids.len() < most {
+                written.ids.push(id);
             }
         }
     }
-    Ok((upload, new, ids))
+    Ok(written)
 }
 
-/// Locates a conflict in the input; `origins` are those of the chunk that begins at shape `first`.
+/// Locates a conflict in the input; `origins` are those of the chunk that begins at the valid shape `first`.
 fn located(error: StoreError, first: usize, origins: &[Origin], prefix: &str) -> ServiceError {
     let StoreError::ExternalIdConflict { position, external_id } = error else { return error.into() };
-    let index = usize::try_from(position).unwrap_or(usize::MAX);
-    let origin = index.checked_sub(first).and_then(|offset| origins.get(offset));
-    let pointer =
-        if prefix.is_empty() { "/external_id".into() } else { format!("{prefix}{index}/external_id") };
-    let mut detail =
-        format!("the external id '{external_id}' belongs to another shape of the cohort, with other content");
-    if let Some(option) = origin.and_then(|origin| origin.other_names) {
-        detail.push_str(&format!(
-            ": where shapes of a file have one name, the option {option} gives them others"
-        ));
-    }
-    let fault = Fault::new(pointer, detail).at_shape(index);
-    ServiceError::ExternalIdConflict(match origin {
-        Some(origin) => origin.of(fault),
-        None => fault,
+    let offset = usize::try_from(position).ok().and_then(|position| position.checked_sub(first));
+    ServiceError::ExternalIdConflict(match offset.and_then(|offset| origins.get(offset)) {
+        Some(origin) => origin.conflict(&external_id, prefix),
+        None => {
+            Fault::new("/external_id", format!("the external id '{external_id}' belongs to another shape"))
+        }
     })
 }
 
@@ -713,6 +768,21 @@ mod tests {
         let found = aligned(ids(), &[refused(0), refused(2)], 4);
         assert_eq!(found, [None, Some("a".to_owned()), None, Some("b".to_owned())]);
         assert_eq!(aligned(ids(), &[], 2), [Some("a".to_owned()), Some("b".to_owned())]);
+    }
+
+    #[test]
+    fn conflicts_take_the_place_of_valid_inputs() {
+        let result = |index, faults: usize| {
+            let faults = vec![Fault::new("", "bad"); faults];
+            UploadResult { index, faults, ..UploadResult::default() }
+        };
+        let conflicts = vec![result(1, 2), result(3, 2), result(MAX_NAMED + 5, 2)];
+        let noted = vec![result(0, 0), result(1, 0), result(2, 1), result(3, 0)];
+        let (all, left_out) = with_conflicts(noted, conflicts.clone(), 9);
+        let found: Vec<_> = all.iter().map(|result| (result.index, result.faults.len())).collect();
+        assert_eq!((found, left_out), (vec![(0, 0), (1, 2), (2, 1), (3, 2), (MAX_NAMED + 5, 2)], 8));
+        let (only, _) = with_conflicts(vec![result(2, 1)], conflicts, 9);
+        assert_eq!(only.iter().map(|result| result.index).collect::<Vec<_>>(), [1, 2, 3, MAX_NAMED + 5]);
     }
 
     #[test]

@@ -12,10 +12,13 @@ use tokio::sync::mpsc;
 use super::arriving::Incoming;
 use super::catalogue::Expected;
 use super::lengths::Lengths;
+use super::pseudonyms::{Pseudonyms, SubjectFrom};
 use super::upload::{Stored, Treatment, Writer};
 use crate::domain::cohort::Cohort;
 use crate::formats::fault::Fault;
-use crate::formats::files::{FaultKind, FileError, Limits as FileLimits, Record, Sink, Source, Summary};
+use crate::formats::files::{
+    FaultKind, FileError, Filed, Limits as FileLimits, Record, Sink, Source, Summary,
+};
 use crate::formats::json;
 use crate::formats::record::{Placing, count_unstored};
 use crate::formats::summary::FileSummary;
@@ -40,6 +43,8 @@ pub struct FileToAdd {
     pub limits: FileLimits,
     /// How its records become shapes.
     pub placing: Placing,
+    /// What of it says who its shapes are of, if anything does.
+    pub subject_from: Option<SubjectFrom>,
     /// Reads it.
     pub read: ReadFile,
 }
@@ -75,7 +80,12 @@ async fn take_file(
     stream: impl Stream<Item = Result<Bytes, ServiceError>>,
     file: FileToAdd,
 ) -> Result<(), ServiceError> {
-    let FileToAdd { limits, placing, read } = file;
+    let FileToAdd { limits, placing, subject_from, read } = file;
+    let pseudonyms = match subject_from {
+        Some(SubjectFrom::PatientId) => Some(Pseudonyms::of(app).await?),
+        None => None,
+    };
+    let mut filed = Filed::new(placing.name.as_deref(), placing.prefix.as_deref());
     writer.placing = Arc::new(placing);
     writer.lengths = Lengths::of(cohort);
     writer.faults = Faults::of_file();
@@ -83,12 +93,24 @@ async fn take_file(
     let (sender, mut batches) = mpsc::channel(1);
     let reading = read_incoming(app, stream, limits, &mut retry, move |mut source, stop| {
         let mut batch = Batch { sender, records: Vec::new(), bytes: 0 };
-        let mut unstored = Summary::default();
-        let summary = read(&mut source, &|| stop.is_set(), &mut |record| {
-            count_unstored(&record, Some(domain), &mut unstored);
+        let (mut unstored, mut unknown) = (Summary::default(), 0);
+        let mut give = |mut record: Record| {
+            let person = record.person.take();
+            if let Some(pseudonyms) = &pseudonyms {
+                record.subject = record.subject.or_else(|| person.map(|person| pseudonyms.subject(&person)));
+                unknown += usize::from(record.subject.is_none());
+            }
             batch.push(record)
+        };
+        let mut summary = read(&mut source, &|| stop.is_set(), &mut |record| {
+            count_unstored(&record, Some(domain), &mut unstored);
+            filed.push(record, &mut give)
         })?;
+        filed.finish(&mut give)?;
         batch.pass()?;
+        if unknown > 0 {
+            summary.warnings.push(format!("{unknown} shapes are of no patient whom the file identifies"));
+        }
         Ok(summary.without(unstored))
     });
     let taking = async {

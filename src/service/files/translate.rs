@@ -7,14 +7,17 @@ use super::format::{FileFormat, file_limits};
 use super::proposal::FirstShapes;
 use super::writing::write;
 use crate::formats::files::{
-    FileError, Format, Inspection, ReadOptions, Record, Sink, Source, Summary, WriteOptions, find,
+    FaultKind, FileError, Format, Inspection, Place, ReadOptions, Record, Sink, Source, Storing, Summary,
+    WriteOptions, find,
 };
-use crate::formats::record::count_unstored;
+use crate::formats::record::{Placing, count_unstored};
 use crate::formats::summary::FileSummary;
 use crate::service::app::incoming::{Stop, read_incoming};
 use crate::service::app::outgoing::BodyWriter;
 use crate::service::app::{App, Limits, ServiceError};
-use crate::service::cohorts::upload_file::without_shapes;
+use crate::service::cohorts::pseudonyms::SubjectFrom;
+use crate::service::cohorts::upload_file::{FileToAdd, ReadFile, without_shapes};
+use crate::service::shapes::outcome::OnError;
 
 /// How a file is read.
 #[derive(Debug, Clone, Default)]
@@ -35,6 +38,35 @@ impl FileReading {
     pub fn format_of(&self, head: &[u8]) -> Result<FileFormat, crate::formats::files::FileError> {
         self.format.map_or_else(|| FileFormat::detect(head, self.name.as_deref()), Ok)
     }
+}
+
+/// Formats of files that identify persons, or hold files that do.
+const OF_PERSONS: [&str; 3] = ["rtstruct", "segmentation", "zip"];
+
+/// A file that is added to a cohort.
+pub fn to_add(
+    reading: FileReading,
+    placing: Placing,
+    (on_error, subject_from): (OnError, Option<SubjectFrom>),
+    limits: &Limits,
+) -> FileToAdd {
+    let (FileReading { mut options, .. }, service) = (reading.clone(), *limits);
+    options.storing =
+        Some(Storing { skips_broken: on_error == OnError::Skip, persons: subject_from.is_some() });
+    let read: ReadFile = Box::new(move |source, stop, sink| {
+        let format = reading.format_of(source.head())?;
+        if subject_from.is_some() && !OF_PERSONS.contains(&format.id()) {
+            let detail =
+                format!("expected a file of DICOM, which identifies a patient, got {}", format.name());
+            return Err(FileError {
+                place: Box::new(Place::tag("subject_from")),
+                ..FileError::new(FaultKind::Option, detail)
+            });
+        }
+        let summary = format.read(source, &options, &service, stop, sink)?;
+        Ok(FileSummary::new(format.id(), summary))
+    });
+    FileToAdd { limits: file_limits(limits), placing, subject_from, read }
 }
 
 /// Tells what is in a file, with its first shapes of each kind.

@@ -4,9 +4,10 @@ use std::collections::BTreeMap;
 
 use super::contours::{ComponentOutput, Found, LabelBoundary, SurfaceOutput, Wanted, label_bytes};
 use super::image::file_limits;
+use crate::formats::dicom::Instance;
 use crate::formats::files::{
-    FaultKind, FileError, Geometry, Holes, Mesh, Place, Points, ReadOptions, Record, Ring, Sink, Summary,
-    Value,
+    EVERY, FaultKind, FileError, Geometry, Holes, Mesh, Names, Place, Points, ReadOptions, Record, Ring,
+    Scope, Sink, Summary, Value,
 };
 use crate::formats::image::{
     Format, Grid, ImageError, LABEL_OPTIONS, LabelNames, LabelPart, LengthUnit, describe,
@@ -20,8 +21,8 @@ const LEAST_CELLS: usize = 5;
 
 /// Reads a label image: one record for the outer boundary of each component of each label but 0, in world coordinates.
 ///
-/// The name of a record is its label, with the number of the component where the label has several; its class is the name that
-/// the file gives to the label, if any. `select` takes numbers and names. `bytes` are those of the whole file.
+/// The name of a record is its label, of the largest component; others have their rank behind it: `2`, `2.1`, `2.2`. Its class is the name
+/// that the file gives to the label, if any. `select` takes numbers and names. `bytes` are those of the whole file.
 ///
 /// # Errors
 /// Faults of the image; options other than [`LABEL_OPTIONS`]; a photograph; holes under [`Holes::Refuse`]; errors of `sink`.
@@ -55,20 +56,20 @@ pub fn read_label_image(
     summary.warnings.extend(warnings);
     let unit = found.grid.as_ref().and_then(Grid::unit);
     let told = found.grid.as_ref().and_then(told);
-    let mut components: BTreeMap<u32, usize> = BTreeMap::new();
-    for boundary in &found.boundaries {
-        *components.entry(boundary.component().label).or_default() += 1;
-    }
-    for (object, boundary) in (0..).zip(found.boundaries) {
+    let ranks = ranks(&found.boundaries);
+    let instance = instance_of(format, bytes, options, &limits)?;
+    for ((object, boundary), rank) in (0..).zip(found.boundaries).zip(ranks) {
         let of = *boundary.component();
-        let name = match components.get(&of.label) {
-            Some(1) => of.label.to_string(),
-            _ => format!("{}.{}", of.label, of.component),
+        let name = match rank {
+            0 => of.label.to_string(),
+            rank => format!("{}.{rank}", of.label),
         };
         if selects(of.label) {
+            let identity =
+                Identity { name: &name, number: object + 1, rank, instance: instance.as_ref(), options };
             let title = title(of.label).map(str::to_owned);
             let mut titled = |record: Record| {
-                let record = Record { label: title.clone(), unit, ..record };
+                let record = identity.named(Record { label: title.clone(), unit, ..record });
                 sink(match told {
                     Some((unit, of_shapes)) => record.converted(unit, of_shapes)?,
                     None => record,
@@ -141,6 +142,71 @@ fn said(found: &Found, options: &ReadOptions) -> Summary {
     summary
 }
 
+/// For each component its rank by size among those of its label, from 0; of equal ones that with the earlier first cell comes first. So the
+/// largest one has the same rank whatever specks there are beside it.
+fn ranks(found: &[LabelBoundary]) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..found.len()).collect();
+    order.sort_by_key(|at| {
+        let of = found[*at].component();
+        (of.label, std::cmp::Reverse(of.cells), of.component)
+    });
+    let mut ranks = vec![0; found.len()];
+    for pair in order.windows(2) {
+        if found[pair[0]].component().label == found[pair[1]].component().label {
+            ranks[pair[1]] = ranks[pair[0]] + 1;
+        }
+    }
+    ranks
+}
+
+/// What tells a DICOM segmentation that is stored from others.
+fn instance_of(
+    format: &Format,
+    bytes: &[u8],
+    options: &ReadOptions,
+    limits: &Limits,
+) -> Result<Option<Instance>, FileError> {
+    let is_wanted = options.storing.is_some() && format.media_types.contains(&"application/dicom");
+    is_wanted.then(|| Instance::read(bytes, file_limits(limits).bytes)).transpose()
+}
+
+/// What a component is called.
+struct Identity<'a> {
+    name: &'a str,
+    /// Its position in the file, from 1.
+    number: u64,
+    /// Its rank among the components of its label, from 0.
+    rank: usize,
+    instance: Option<&'a Instance>,
+    options: &'a ReadOptions,
+}
+
+impl Identity<'_> {
+    /// A record of the component with its name: of DICOM the unique one, of a surface that of its segment, of others that of the contour.
+    fn named(&self, mut record: Record) -> Record {
+        let Self { name, number, rank, .. } = self;
+        let rest =
+            record.name.as_deref().and_then(|own| own.strip_prefix(name)).unwrap_or_default().to_owned();
+        let uid = self.instance.and_then(|instance| instance.uid.as_deref());
+        match (self.options.names, uid) {
+            (Some(Names::Number), _) => record.name = Some(format!("{number}{rest}")),
+            (None | Some(Names::Id), Some(uid)) => {
+                let label = name.split('.').next().unwrap_or(name);
+                let part = match (rank, &record.geometry) {
+                    (0, Geometry::Mesh(_)) => String::new(),
+                    (rank, _) => format!("/{}", rank + 1),
+                };
+                record.name = Some(format!("{uid}/{label}{part}{rest}"));
+                record.scope = Scope::Everywhere;
+            }
+            _ => {}
+        }
+        let asked = self.options.storing.is_some_and(|storing| storing.persons);
+        record.person = self.instance.and_then(|instance| instance.person.clone()).filter(|_| asked);
+        record
+    }
+}
+
 /// Memory that reading a label image takes, by its header.
 ///
 /// # Errors
@@ -175,7 +241,7 @@ fn check_options(format: &Format, options: &ReadOptions) -> Result<(), FileError
     let given = json::to_value(options).unwrap_or_default();
     let given = given.as_object().into_iter().flatten().filter(|(_, value)| !value.is_null());
     for (name, _) in given {
-        if !LABEL_OPTIONS.contains(&name.as_str()) {
+        if !LABEL_OPTIONS.contains(&name.as_str()) && !EVERY.contains(&name.as_str()) {
             let known = LABEL_OPTIONS.join(", ");
             let detail =
                 format!("expected options of label images ({known}), got {name} for {}", format.name);
@@ -301,7 +367,7 @@ mod tests {
     #[test]
     fn features_are_kept_by_label_and_holes_as_the_options_say() {
         let (found, summary) = records(&ReadOptions::default()).unwrap();
-        assert_eq!(names(&found), ["7", "3.0", "3.1"]);
+        assert_eq!(names(&found), ["7", "3", "3.1"]);
         assert_eq!(
             (summary.records, summary.dropped[0].what.as_str(), summary.dropped[0].count),
             (3, "holes", 1)
@@ -327,6 +393,8 @@ mod tests {
         assert_eq!((names(&found), summary.dropped[0].count), (vec!["7", "3"], 1));
         let blur = ReadOptions { blur: Some(-1.0), ..ReadOptions::default() };
         assert_eq!(records(&blur).unwrap_err().to_string(), "blur: expected a number of at least 0, got -1");
+        let numbers = ReadOptions { names: Some(Names::Number), ..ReadOptions::default() };
+        assert_eq!(names(&records(&numbers).unwrap().0), ["1", "2", "3"]);
         let closed = ReadOptions { closed: Some(true), ..ReadOptions::default() };
         assert_eq!(records(&closed).unwrap_err().kind, FaultKind::Option);
     }

@@ -27,6 +27,44 @@ use dicom_dictionary_std::{StandardSopClassDictionary, tags};
 pub use crate::series::{Patient, SeriesImage, Study};
 use crate::shape::{FileError, Place};
 
+/// What tells an instance of DICOM from all others, and who it is of.
+#[derive(Clone, PartialEq, Eq)]
+pub struct Instance {
+    /// SOP Instance UID (0008,0018).
+    pub uid: Option<String>,
+    /// Issuer of Patient ID (0010,0021) and Patient ID (0010,0020) with the separator of units between them; `None` without an ID.
+    /// It identifies a person: only a keyed digest of it may be kept.
+    pub person: Option<String>,
+}
+
+/// Says nothing of the person.
+impl std::fmt::Debug for Instance {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Instance").field("uid", &self.uid).finish_non_exhaustive()
+    }
+}
+
+impl Instance {
+    pub(crate) fn of(root: &Node<'_>) -> Result<Self, FileError> {
+        let issuer = root.short_text(tags::ISSUER_OF_PATIENT_ID)?.unwrap_or_default();
+        let id = root.short_text(tags::PATIENT_ID)?.filter(|id| !id.is_empty());
+        let person = id.map(|id| format!("{issuer}\u{1f}{id}"));
+        Ok(Self { uid: root.short_text(tags::SOP_INSTANCE_UID)?, person })
+    }
+
+    /// That of a whole file, of which at most `held` bytes are unpacked.
+    ///
+    /// # Errors
+    /// Faults of the file.
+    pub fn read(bytes: &[u8], held: u64) -> Result<Self, FileError> {
+        /// Deepest nesting of sequences.
+        const DEPTH: usize = 64;
+        let content = Content::new(bytes, held, |_| Ok(()))?;
+        let file = content.parse(DEPTH)?;
+        Self::of(&file.root())
+    }
+}
+
 /// Refuses a file of another class than those given, and says what it is.
 pub(crate) fn check_class(root: &Node<'_>, classes: &[&str], name: &str) -> Result<(), FileError> {
     let found = root.text(tags::SOP_CLASS_UID)?;

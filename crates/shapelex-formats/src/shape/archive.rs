@@ -21,6 +21,7 @@ use std::rc::Rc;
 use super::error::{FaultKind, FileError, Place};
 use super::format::Format;
 use super::limits::{Bound, Budget, Limits};
+use super::naming::{Filed, Scope};
 use super::options::ReadOptions;
 use super::record::Sink;
 use super::record::{Kind, Record};
@@ -124,7 +125,13 @@ impl Files<'_> {
                 continue;
             }
             let place = Place { entry: Some(name), ..Place::default() };
-            count += u64::from(self.read(file, &place, options, sink).map_err(|error| error.at(place))?);
+            match self.read(file, &place, options, sink) {
+                Ok(is_known) => count += u64::from(is_known),
+                Err(error) => {
+                    options.leave_out(error.at(place), &mut self.summary)?;
+                    count += 1;
+                }
+            }
         }
         if count == 0 {
             let detail = format!("expected an archive with files of a known format, got {}", archive.len());
@@ -167,12 +174,28 @@ impl Files<'_> {
             let detail = "expected files of shapes, got an archive within the archive";
             return Err(FileError::new(FaultKind::Unsupported, detail));
         }
-        let mut named = Named { stem: stem(file_name), place, waiting: None, several: false };
-        let summary = read_file(format, &mut source, options, &mut |record| named.push(record, sink))?;
-        named.finish(sink)?;
+        // Regions of ImageJ have names beside those of their files.
+        let prefix = (format.id == "imagej-roi").then_some("");
+        let mut filed = Filed::within(file_name, prefix, options.storing.is_some());
+        let mut give = |mut record: Record| {
+            if record.scope == Scope::Whole {
+                record.scope = Scope::File;
+            }
+            sink(record)
+        };
+        let read = read_file(format, &mut source, options, &mut |mut record| {
+            record.place = record.place.within(place);
+            if record.scope == Scope::File {
+                record.scope = Scope::of(format.id);
+            }
+            filed.push(record, &mut give)
+        });
         // What follows the shapes is checked too.
-        std::io::copy(&mut source, &mut std::io::sink())?;
+        let rest = std::io::copy(&mut source, &mut std::io::sink());
         self.content += source.offset();
+        let summary = read?;
+        filed.finish(&mut give)?;
+        rest?;
         self.add(summary, place);
         Ok(true)
     }
@@ -200,45 +223,6 @@ impl Files<'_> {
             self.summary.drop("facts that differ between files", Some(&name), || place.clone());
         }
     }
-}
-
-/// Gives records the place of their file. The only record of a file has its name, if it has none.
-struct Named<'a> {
-    stem: &'a str,
-    place: &'a Place,
-    /// A record without a name, of which it is not known yet whether it is the only one.
-    waiting: Option<Record>,
-    several: bool,
-}
-
-impl Named<'_> {
-    fn push(&mut self, mut record: Record, sink: Sink<'_>) -> Result<(), FileError> {
-        record.place = record.place.within(self.place);
-        if let Some(first) = self.waiting.take() {
-            self.several = true;
-            sink(first)?;
-        }
-        if record.name.is_none() && !self.several {
-            self.waiting = Some(record);
-            return Ok(());
-        }
-        self.several = true;
-        sink(record)
-    }
-
-    fn finish(self, sink: Sink<'_>) -> Result<(), FileError> {
-        match self.waiting {
-            Some(record) => sink(Record { name: Some(self.stem.into()), ..record }),
-            None => Ok(()),
-        }
-    }
-}
-
-/// The name of a file without its endings.
-fn stem(file_name: &str) -> &str {
-    let ends = |(at, _): (usize, _)| (at > 0).then(|| &file_name[..at]);
-    let plain = file_name.strip_suffix(".gz").unwrap_or(file_name);
-    plain.rmatch_indices('.').next().and_then(ends).unwrap_or(plain)
 }
 
 #[cfg(test)]

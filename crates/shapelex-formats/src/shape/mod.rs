@@ -37,6 +37,7 @@ mod limits;
 mod mesh;
 #[cfg(feature = "morphometrics")]
 mod morphologika;
+mod naming;
 mod ndjson;
 #[cfg(feature = "morphometrics")]
 mod nef;
@@ -68,15 +69,17 @@ mod unzip;
 mod wkt;
 mod write;
 
+pub use csv::{AttributeRow, attribute_rows};
 pub use error::{FaultKind, FileError, Place};
 pub use format::Format;
 pub use inspection::{Group, Inspected, Inspection};
 pub use limits::{Limits, MAX_COORDINATE};
 #[cfg(feature = "meshes")]
 pub use mesh::{NORMALS, TEXTURE_OF_CORNERS};
+pub use naming::{FILE, Filed, Scope, stem};
 pub use options::{
-    Columns, Contours, Curves, Decimal, Encoding, Holes, Layout, MAX_HARMONICS, Names, Nuclei, Photograph,
-    ProjectFiles, ReadOptions, Scale, WriteOptions,
+    Columns, Contours, Curves, Decimal, EVERY, Encoding, Holes, Layout, MAX_HARMONICS, Names, Nuclei,
+    Photograph, ProjectFiles, ReadOptions, Scale, Storing, WriteOptions,
 };
 #[cfg(feature = "morphometrics")]
 pub use project::{named_files, pack_project};

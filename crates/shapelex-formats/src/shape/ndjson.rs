@@ -115,19 +115,22 @@ struct FourierLine {
 }
 
 fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Result<Summary, FileError> {
-    let mut text = String::new();
+    let (mut text, mut summary) = (String::new(), Summary::default());
     while source.next_line(&mut text)? {
         if text.trim().is_empty() {
             continue;
         }
         let place = Place::line(source.line());
-        let line: Line = serde_json::from_str(&text).map_err(|error| {
+        let line = serde_json::from_str::<Line>(&text).map_err(|error| {
             let at = Place { tag: Some(format!("column {}", error.column())), ..place.clone() };
             FileError::malformed(at, plain(&error))
-        })?;
-        sink(record(line, options, place)?)?;
+        });
+        match line.and_then(|line| record(line, options, place)) {
+            Ok(record) => sink(record)?,
+            Err(error) => options.leave_out(error, &mut summary)?,
+        }
     }
-    Ok(Summary::default())
+    Ok(summary)
 }
 
 fn record(line: Line, options: &ReadOptions, place: Place) -> Result<Record, FileError> {

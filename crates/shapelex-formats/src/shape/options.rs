@@ -34,7 +34,7 @@ pub struct ReadOptions {
     pub nuclei: Option<Nuclei>,
     /// What becomes of contours that were drawn on slices of a volume. Default: `space`.
     pub contours: Option<Contours>,
-    /// What names the shapes of a file with names and ids. Default: `name`.
+    /// What names the shapes of a file. Default: `name`, of DICOM that is stored `id`.
     pub names: Option<Names>,
     /// Which files of a project are read. Default: local particles, else world particles.
     pub files: Option<ProjectFiles>,
@@ -52,6 +52,9 @@ pub struct ReadOptions {
     pub blur: Option<f64>,
     /// What becomes of an image that looks like a photograph where labels are expected. Default: `refuse`.
     pub photograph: Option<Photograph>,
+    /// Demands beside the options, where records become stored shapes. No option by name.
+    #[serde(skip)]
+    pub storing: Option<Storing>,
 }
 
 /// What stands before the decimals of numbers.
@@ -73,6 +76,15 @@ pub enum Photograph {
     Refuse,
     /// Its grey values are taken for labels.
     Read,
+}
+
+/// How records are read that become stored shapes.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Storing {
+    /// Whether broken records are counted and left out, as far as those after them can be read.
+    pub skips_broken: bool,
+    /// Whether records say who they are of: [`Record::person`](super::Record::person).
+    pub persons: bool,
 }
 
 /// What becomes of scales.
@@ -160,7 +172,7 @@ pub enum Contours {
     Stack,
 }
 
-/// What names the shapes of a file whose features have names and ids.
+/// What names the shapes of a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Names {
@@ -169,6 +181,8 @@ pub enum Names {
     Name,
     /// Their id, for files in which several have one name; their name where they have none.
     Id,
+    /// Their place in the file, from 1.
+    Number,
 }
 
 /// Which files of a project are read.
@@ -187,7 +201,27 @@ pub enum ProjectFiles {
     LandmarksFile,
 }
 
+/// Options that every format obeys.
+pub const EVERY: [&str; 1] = ["names"];
+
+/// What broken records are called that are left out.
+const BROKEN: &str = "broken shapes";
+
 impl ReadOptions {
+    /// Counts a broken record that is left out, if it is.
+    ///
+    /// # Errors
+    /// The fault itself, if the file is refused for it.
+    pub(super) fn leave_out(&self, error: FileError, summary: &mut Summary) -> Result<(), FileError> {
+        let is_broken = matches!(error.kind, FaultKind::Malformed | FaultKind::Unsupported);
+        if !(is_broken && self.storing.is_some_and(|storing| storing.skips_broken)) {
+            return Err(error);
+        }
+        let FileError { place, detail, .. } = error;
+        summary.drop(BROKEN, Some(&detail), || *place);
+        Ok(())
+    }
+
     /// Options by name, as texts of a query or of a command line.
     ///
     /// # Errors
@@ -201,7 +235,10 @@ impl ReadOptions {
         let given = serde_json::to_value(self).unwrap_or_default();
         let given = given.as_object().into_iter().flatten().filter(|(_, value)| !value.is_null());
         for (name, _) in given {
-            if !format.options.contains(&name.as_str()) && format.options != ["*"] {
+            if !format.options.contains(&name.as_str())
+                && !EVERY.contains(&name.as_str())
+                && format.options != ["*"]
+            {
                 let known = if format.options.is_empty() { "none".into() } else { format.options.join(", ") };
                 let detail = format!("expected options of {} ({known}), got {name}", format.name);
                 return Err(FileError::of(FaultKind::Option, Place::tag(name), detail));

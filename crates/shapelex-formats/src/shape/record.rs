@@ -7,6 +7,7 @@ use serde_json::{Map, Value as Json};
 use super::error::{FaultKind, FileError, Place};
 use super::json::{SCALAR, map_bytes, map_characters, text_characters};
 use super::limits::{MAX_COORDINATE, MAX_DIMENSION};
+use super::naming::Scope;
 use crate::unit::{Ratio, Unit};
 
 /// Takes the next record of a file. Its error ends the reading and is returned.
@@ -21,10 +22,14 @@ pub struct Record {
     pub unit: Option<Unit>,
     /// Name of the shape within the file: the external id where it is stored.
     pub name: Option<String>,
-    /// Option of reading that gives the shapes of the file other names, where several may have the same: `names=id`.
-    pub other_names: Option<&'static str>,
     /// Option of reading that gives a shape in space as one of the plane that it lies in: `contours=plane`.
     pub planar_by: Option<&'static str>,
+    /// Identity that no shape of another file has, such as one of unique identifiers; it is the name where the shape is stored.
+    pub id: Option<String>,
+    /// How far the name reaches.
+    pub scope: Scope,
+    /// Who the shape is of, as the file identifies them. Only where it was asked for, and never stored: a keyed digest is.
+    pub person: Option<String>,
     /// Opaque identifier of the subject; never a name of a person.
     pub subject: Option<String>,
     /// Class label.
@@ -48,8 +53,10 @@ impl Record {
             geometry: geometry.into(),
             unit: None,
             name: None,
-            other_names: None,
             planar_by: None,
+            id: None,
+            scope: Scope::File,
+            person: None,
             subject: None,
             label: None,
             labels: BTreeMap::new(),
@@ -124,7 +131,10 @@ impl Record {
 
     /// Sizes of texts, and beside them those of every attribute that is a text, and of every other one.
     fn attribute_size(&self, size: impl Fn(&str) -> usize, text: usize, other: usize) -> usize {
-        let texts = [&self.name, &self.subject, &self.label].into_iter().flatten().map(|text| size(text));
+        let texts = [&self.name, &self.id, &self.person, &self.subject, &self.label]
+            .into_iter()
+            .flatten()
+            .map(|text| size(text));
         let label = |(name, value): (&String, &Value)| {
             size(name) + if let Value::Text(content) = value { text + size(content) } else { other }
         };

@@ -5,6 +5,7 @@ use std::collections::BTreeSet;
 use super::account::Account;
 use super::error::{FaultKind, FileError, Place};
 use super::format::Format;
+use super::naming::Naming;
 use super::options::ReadOptions;
 use super::record::{Record, Sink};
 use super::source::Source;
@@ -93,20 +94,27 @@ pub fn read(
     let (mut empty, mut left_out) = (0, Summary::default());
     let unit = format.unit();
     let mut units = BTreeSet::new();
+    let (mut naming, ask) = (Naming::new(format.id, options), source.asker());
     let mut counted = |mut record: Record| {
         record.unit = record.unit.or(unit);
         units.insert(record.unit);
         options.thin(&mut record, &mut left_out);
         let checked = account.add(&record).and_then(|()| record.check());
-        checked.map_err(|error| {
+        let checked = checked.map_err(|error| {
             let is_placed = record.place != Place::default();
             error.at(if is_placed { record.place.clone() } else { Place::item(account.records - 1) })
-        })?;
+        });
+        if let Err(error) = checked {
+            options.leave_out(error, &mut left_out)?;
+            empty += 1;
+            return Ok(());
+        }
         if record.is_empty() {
             empty += 1;
             left_out.drop("shapes without points", record.name.as_deref(), || record.place.clone());
             return Ok(());
         }
+        naming.name(&mut record, &ask)?;
         sink(record)
     };
     let read = read(source, options, &mut counted).and_then(|summary| source.finish().map(|()| summary));

@@ -129,6 +129,12 @@ impl<'a> Source<'a> {
         self.ask.as_ref().map_or(Ok(()), |ask| ask(Asked::Beside(bytes)))
     }
 
+    /// Asks for memory for bytes beside those of the file, while it is read.
+    pub(super) fn asker(&self) -> impl Fn(usize) -> Result<(), FileError> + use<'a> {
+        let ask = self.ask.clone();
+        move |bytes| ask.as_ref().map_or(Ok(()), |ask| ask(Asked::Beside(bytes)))
+    }
+
     /// The first bytes of the file, at most 4096.
     pub fn head(&self) -> &[u8] {
         &self.head

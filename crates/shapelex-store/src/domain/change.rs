@@ -19,6 +19,8 @@ pub enum ChangeKind {
     ShapesAdded,
     /// Attributes of a shape were changed.
     ShapeUpdated,
+    /// Attributes of several shapes were changed by one request; the object is the cohort.
+    ShapesUpdated,
     /// A shape was deleted.
     ShapeDeleted,
     /// Shapes that pass a filter were deleted; the object is the cohort.
@@ -47,13 +49,14 @@ pub enum ChangeKind {
 
 impl ChangeKind {
     /// All kinds.
-    pub const ALL: [Self; 18] = [
+    pub const ALL: [Self; 19] = [
         Self::CohortCreated,
         Self::CohortUpdated,
         Self::CohortDeleted,
         Self::CohortRestored,
         Self::ShapesAdded,
         Self::ShapeUpdated,
+        Self::ShapesUpdated,
         Self::ShapeDeleted,
         Self::ShapesDeleted,
         Self::SubjectErased,
@@ -77,6 +80,7 @@ impl ChangeKind {
             Self::CohortRestored => "cohort_restored",
             Self::ShapesAdded => "shapes_added",
             Self::ShapeUpdated => "shape_updated",
+            Self::ShapesUpdated => "shapes_updated",
             Self::ShapeDeleted => "shape_deleted",
             Self::ShapesDeleted => "shapes_deleted",
             Self::SubjectErased => "subject_erased",
@@ -126,7 +130,7 @@ pub struct NewChange<'a> {
     pub cohort: Option<&'a str>,
     /// Revision of the cohort after the change.
     pub revision: Option<u64>,
-    /// Number of shapes added, deleted or erased.
+    /// Number of shapes added, changed, deleted or erased.
     pub shapes: Option<u64>,
     /// Ids of the shapes that were erased.
     pub shape_ids: Option<&'a [&'a str]>,
@@ -186,7 +190,7 @@ pub struct Change {
     pub cohort: Option<String>,
     /// Revision of the cohort after the change.
     pub revision: Option<u64>,
-    /// Number of shapes added, deleted or erased.
+    /// Number of shapes added, changed, deleted or erased.
     pub shapes: Option<u64>,
     /// Ids of the shapes that were erased.
     pub shape_ids: Option<Vec<String>>,

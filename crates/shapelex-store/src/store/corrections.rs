@@ -12,10 +12,11 @@ use super::error::StoreError;
 use super::filter::{Revisions, Selection};
 use super::handle::{Store, blocking};
 use super::shapes::Cursor;
-use super::upload::{ShapeRow, insert_alone};
+use super::upload::{ShapeRow, WholeCohort, insert_alone};
 use crate::domain::change::{ChangeKind, NewChange};
+use crate::domain::cohort::Cohort;
 use crate::domain::filter::ShapeFilter;
-use crate::domain::shape::{NewShape, Shape};
+use crate::domain::shape::Shape;
 
 /// Outcome of deleting shapes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -44,13 +45,7 @@ impl Store {
         Box::pin(async move {
             const GROW: &str = "UPDATE cohort SET revision = $2, updated_at_ms = $3 WHERE number = $1";
             const SHOW: &str = "UPDATE chunk SET revision = $2, created_at_ms = $3 WHERE id = $1";
-            const AGE: &str = "UPDATE shape SET first_stored_ms = $2 WHERE chunk_id = $1";
-            let new = NewShape {
-                id: shape.id.clone(),
-                attributes: shape.attributes.clone(),
-                measures: shape.measures,
-                control_points: shape.control_points.clone(),
-            };
+            let new = shape.clone();
             let encode = move || {
                 let row = ShapeRow::from(new);
                 let data = row.alone();
@@ -66,13 +61,59 @@ impl Store {
             let upload = self.inner.replica.owned_id();
             let chunk = insert_alone(&mut write, cohort, &upload, &row, &data).await?;
             sql(&mut write, SHOW).bind(chunk).bind(revision).bind(now_ms).execute().await?;
-            sql(&mut write, AGE).bind(chunk).bind(shape.created_at_ms).execute().await?;
             sql(&mut write, GROW).bind(cohort).bind(revision).bind(now_ms).execute().await?;
             let change =
                 NewChange::for_shape(ChangeKind::ShapeUpdated, &shape.id, cohort_id, from_sql(revision));
             changes::record(&mut write, self.tenant(), &change, now_ms).await?;
             write.commit().await?;
             Ok(Some(from_sql(revision)))
+        })
+    }
+
+    /// Stores shapes again with other attributes, all as the next revision of their cohort, which must be at `revision`, that at which they
+    /// were read; returns the new revision. `names` are those of the attributes, unless the shapes had them all. Memory: a copy of the
+    /// shapes.
+    ///
+    /// # Errors
+    /// [`StoreError::CohortGone`], [`StoreError::Changed`], [`StoreError::TooManyNames`].
+    pub fn correct_shapes<'a>(
+        &'a self,
+        cohort: &'a Cohort,
+        shapes: Vec<Shape>,
+        names: Option<&'a NewNames>,
+        now_ms: i64,
+    ) -> Answer<'a, u64> {
+        Box::pin(async move {
+            const SHOW: &str = "UPDATE chunk SET revision = $2, created_at_ms = $3
+                WHERE upload = $1 AND revision IS NULL";
+            const GROW: &str = "UPDATE cohort SET revision = $2, updated_at_ms = $3 WHERE number = $1";
+            let width = cohort.spec.representation.size() * cohort.spec.representation.dimension();
+            let ids: Vec<String> = shapes.iter().map(|shape| shape.id.clone()).collect();
+            let encode = move || WholeCohort::new(shapes.into_iter().map(ShapeRow::from).collect(), width);
+            let whole = blocking(encode).await?;
+            let revision = to_sql(cohort.revision + 1);
+            let mut write = self.begin_write(&cohort.id).await?;
+            let number = self.number_at(&mut write, &cohort.id, Some(cohort.revision)).await?;
+            if let Some(names) = names {
+                names.check(&mut write, number).await?;
+            }
+            let mut end = sql(&mut write, "UPDATE shape SET deleted_revision = ");
+            end.push_bind(revision).push(" WHERE deleted_revision IS NULL AND cohort = ").push_bind(number);
+            end.push(" AND id IN ").push_texts(ids.iter().map(String::as_str));
+            if end.execute().await? != ids.len() as u64 {
+                return Err(StoreError::Changed);
+            }
+            let upload = self.inner.replica.owned_id();
+            whole.insert(&mut write, number, &upload).await?;
+            sql(&mut write, SHOW).bind(&upload).bind(revision).bind(now_ms).execute().await?;
+            sql(&mut write, GROW).bind(number).bind(revision).bind(now_ms).execute().await?;
+            let change = NewChange {
+                shapes: Some(ids.len() as u64),
+                ..NewChange::for_cohort(ChangeKind::ShapesUpdated, &cohort.id, from_sql(revision))
+            };
+            changes::record(&mut write, self.tenant(), &change, now_ms).await?;
+            write.commit().await?;
+            Ok(from_sql(revision))
         })
     }
 

@@ -22,6 +22,7 @@
 //! * [`cohorts`], [`shapes`], [`dictionaries`] — finding, listing and deleting; `aliases` — names for versions; `assessments` — what they said of shapes; [`upload`] — storing shapes;
 //! * `rules` — correspondences of cohorts changed, and their shapes stored again;
 //! * `corrections` — shapes stored again with other attributes, or deleted; `subjects` — the holdings of one; `erasure` — everything of a subject removed, `erasures` — the list of them, and the files written anew;
+//! * `subject_secrets` — secrets by which identifiers of persons become subjects;
 //! * `tally` — how many shapes run which way, or came as meshes;
 //! * [`scan`] — reading control points in bulk; `places` — where they are, and whose they are;
 //! * [`jobs`] — the queue; [`tasks`] — distributed parts of jobs; [`outputs`] — large results of jobs; [`files`] — what jobs work on;
@@ -67,6 +68,7 @@ mod rules;
 pub mod scan;
 pub mod shapes;
 mod sqlite;
+mod subject_secrets;
 mod subjects;
 mod tally;
 pub mod tasks;

@@ -26,6 +26,7 @@ const MIGRATIONS: &[(i64, &str, &str)] = &[
     (15, "job files", include_str!("migrations/postgres/0015_job_files.sql")),
     (16, "directions and fits", include_str!("migrations/postgres/0016_directions_and_fits.sql")),
     (17, "former rules", include_str!("migrations/postgres/0017_former_rules.sql")),
+    (18, "subject secrets", include_str!("migrations/postgres/0018_subject_secrets.sql")),
     (20, "erasures", include_str!("migrations/postgres/0020_erasures.sql")),
 ];
 

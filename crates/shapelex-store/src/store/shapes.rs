@@ -580,6 +580,24 @@ async fn fill(connection: &mut Transaction, mut entries: Vec<Entry>) -> Result<V
     Ok(filled)
 }
 
+/// Digests of the control points of shapes of one chunk, as they are stored.
+pub(super) async fn points_digests(
+    connection: &mut Transaction,
+    places: Vec<Cursor>,
+) -> Result<Vec<blake3::Hash>, StoreError> {
+    let Some(chunk) = places.first().map(|place| place.chunk) else { return Ok(Vec::new()) };
+    let row = blob::load(connection, &[chunk]).await?.pop().ok_or(StoreError::Corrupt { chunk })?;
+    let digests = move || {
+        let chunk = Chunk::verified(&row)?;
+        let digest = |place: Cursor| {
+            let position = usize::try_from(place.position).unwrap_or(usize::MAX);
+            chunk.shape(position).map(|(_, points)| blake3::hash(&blob::bytes_of(&points)))
+        };
+        places.into_iter().map(digest).collect::<Result<Vec<_>, StoreError>>()
+    };
+    blocking(digests).await
+}
+
 fn fill_from(row: &Row, entries: Vec<Entry>) -> Result<Vec<Shape>, StoreError> {
     let chunk = Chunk::verified(row)?;
     let fill = |Entry { place, mut shape }: Entry| {

@@ -303,7 +303,7 @@ async fn the_same_content_again_is_a_retry() {
     let mut again = first.clone();
     again.id = id::new_id(id::SHAPE);
     let (new, twin) = (named(2, "b"), named(2, "b"));
-    let existing = |id: &str| Added::Existing { id: id.into() };
+    let existing = |id: &str| Added::Existing { id: id.into(), differs: false };
     let mut upload = store.begin_upload(&cohort);
     let added = upload.add(vec![again.clone(), new.clone(), twin.clone()]);
     let expected = [existing(&first.id), Added::New { id: new.id.clone() }, existing(&new.id)];
@@ -339,10 +339,17 @@ async fn other_content_under_an_external_id_is_a_conflict() {
     conflict_at(upload.add(vec![named(4, "b")]).await, 2, "b");
     let twins = vec![named(5, "c"), named(6, "c")];
     conflict_at(upload.add(twins).await, 3, "c");
-    // Attributes are content as well.
+    // Attributes are no reason: those that are stored stay.
     let mut heavier = named(1, "a");
     heavier.attributes.weight = 2.0;
-    conflict_at(upload.add(vec![heavier]).await, 2, "a");
+    let added = upload.add(vec![heavier]).await.unwrap();
+    assert!(matches!(&added[..], [Added::Existing { differs: true, .. }]), "{added:?}");
+    // Where conflicts are skipped, the others are stored.
+    let mut skipping = store.begin_upload(&cohort);
+    skipping.skip_conflicts();
+    let added = skipping.add(vec![named(2, "a"), named(7, "d"), named(8, "d")]).await.unwrap();
+    assert!(matches!(&added[..], [Added::Conflict, Added::New { .. }, Added::Conflict]), "{added:?}");
+    skipping.abort().await.unwrap();
     // Uncommitted shapes of another upload may vanish, so even the same content does not count as existing.
     let mut other = store.begin_upload(&cohort);
     let error = other.add(vec![named(3, "b")]).await.unwrap_err();

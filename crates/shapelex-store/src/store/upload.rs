@@ -13,6 +13,7 @@ use super::engine::{self, Transaction, sql};
 use super::engine::{from_sql, to_sql};
 use super::error::StoreError;
 use super::handle::{PURGE_UPLOAD, Store, blocking};
+use super::shapes::{self, Cursor};
 use super::text::to_text;
 use super::{changes, receipts};
 use crate::domain::change::{ChangeKind, NewChange};
@@ -36,11 +37,15 @@ pub enum Added {
         /// Id of the new shape.
         id: String,
     },
-    /// It already exists, equal in everything except its id.
+    /// It already exists, with the same external id and the same control points, bit for bit.
     Existing {
         /// Id of the existing shape.
         id: String,
+        /// Whether its attributes are others, as after a correction. They stay.
+        differs: bool,
     },
+    /// Its external id belongs to a shape with other control points: it is left out.
+    Conflict,
 }
 
 /// Shapes being added to a cohort. Dropped without [`Upload::commit`], it leaves nothing behind.
@@ -56,6 +61,8 @@ pub struct Upload {
     stored: i64,
     /// Whether there may be pending rows.
     dirty: bool,
+    /// Whether shapes whose external id belongs to another one are left out.
+    skips_conflicts: bool,
     /// Names of the attributes of the shapes.
     names: Option<NewNames>,
     /// Correspondence and direction by which the shapes were converted.
@@ -87,6 +94,7 @@ impl Store {
             received: 0,
             stored: 0,
             dirty: false,
+            skips_conflicts: false,
             names: None,
             rule: [to_text(&cohort.spec.correspondence), to_text(&cohort.spec.direction)],
             unit: None,
@@ -104,7 +112,7 @@ impl Upload {
     /// was before the call. Making rows of shapes is left to the caller, who can do it in parallel.
     ///
     /// # Errors
-    /// [`StoreError::ExternalIdConflict`] if a shape with different content has the external id,
+    /// [`StoreError::ExternalIdConflict`] if a shape with other control points has the external id and conflicts are not skipped,
     /// [`StoreError::ExternalIdPending`] if another unfinished upload has it, [`StoreError::WrongWidth`],
     /// [`StoreError::CohortGone`].
     pub fn add(&mut self, shapes: Vec<impl Into<ShapeRow>>) -> Answer<'_, Vec<Added>> {
@@ -133,6 +141,11 @@ impl Upload {
             self.received += batch.rows.len() as u64;
             Ok(added)
         })
+    }
+
+    /// Leaves out shapes whose external id belongs to a shape with other control points, instead of refusing all.
+    pub fn skip_conflicts(&mut self) {
+        self.skips_conflicts = true;
     }
 
     /// Names the attributes of the shapes, which the cohort must have room for when they become visible.
@@ -286,9 +299,10 @@ impl Upload {
     async fn try_add(&mut self, batch: &Arc<Batch>) -> Result<Vec<Added>, StoreError> {
         let mut read = self.store.begin_read().await?;
         let cohort = self.store.number(&mut read, &self.cohort_id).await?;
-        let held = find_held(&mut read, cohort, &self.id, batch).await?;
+        let mut held = find_held(&mut read, cohort, &self.id, batch).await?;
+        digest_points(&mut read, &mut held, batch).await?;
         read.commit().await?;
-        let (added, fresh) = batch.sort_out(&held)?;
+        let (added, fresh) = batch.sort_out(&held, self.skips_conflicts)?;
         if fresh.is_empty() {
             return Ok(added);
         }
@@ -383,7 +397,7 @@ pub(super) async fn insert_alone(
 async fn insert_rows(write: &mut Transaction, cohort: i64, places: &[Place<'_>]) -> Result<(), StoreError> {
     const INSERT: &str = "INSERT INTO shape (chunk_id, position, cohort, id, external_id, subject,
         label, digest, labels, metadata, points, centroid_size, length, area, volume, self_intersecting, clockwise,
-        fit_mean, fit_largest, fit_area, given_start, given_reversed) ";
+        fit_mean, fit_largest, fit_area, given_start, given_reversed, first_stored_ms) ";
     let mut query = sql(write, INSERT);
     for (index, Place { chunk, position, row }) in places.iter().enumerate() {
         query.push(if index == 0 { "VALUES (" } else { ", (" });
@@ -409,6 +423,7 @@ async fn insert_rows(write: &mut Transaction, cohort: i64, places: &[Place<'_>])
         }
         query.push(", ").push_bind(measures.beginning.map(|beginning| beginning.start));
         query.push(", ").push_bind(measures.beginning.map(|beginning| i64::from(beginning.reversed)));
+        query.push(", ").push_bind(row.first_stored_ms);
         query.push(")");
     }
     query.execute().await?;
@@ -437,6 +452,31 @@ struct Held {
     id: String,
     /// `None` if an unfinished upload holds it, which may still be rolled back.
     digest: Option<Vec<u8>>,
+    place: Cursor,
+    /// Digest of its control points, where that of its content is another one.
+    points: Option<blake3::Hash>,
+}
+
+impl Held {
+    /// The outcome of a row with its external id.
+    fn beside(&self, row: &ShapeRow) -> Added {
+        if row.is_stored_as(self.digest.as_deref()) {
+            Added::Existing { id: self.id.clone(), differs: false }
+        } else if self.points == Some(row.points_digest()) {
+            Added::Existing { id: self.id.clone(), differs: true }
+        } else {
+            Added::Conflict
+        }
+    }
+}
+
+/// The outcome of a row with the external id of an earlier one.
+fn beside(first: &ShapeRow, row: &ShapeRow) -> Added {
+    if first.points == row.points {
+        Added::Existing { id: first.id.clone(), differs: !row.is_stored_as(first.digest_bytes()) }
+    } else {
+        Added::Conflict
+    }
 }
 
 /// A chunk to be stored.
@@ -459,29 +499,29 @@ impl Batch {
     }
 
     /// Determines the outcomes, and the shapes to be stored.
-    fn sort_out(&self, held: &HashMap<String, Held>) -> Result<(Vec<Added>, Vec<usize>), StoreError> {
+    fn sort_out(
+        &self,
+        held: &HashMap<String, Held>,
+        skips_conflicts: bool,
+    ) -> Result<(Vec<Added>, Vec<usize>), StoreError> {
         let mut seen: HashMap<&str, &ShapeRow> = HashMap::new();
         let (mut added, mut fresh) = (Vec::with_capacity(self.rows.len()), Vec::new());
         for (index, row) in self.rows.iter().enumerate() {
-            let other = row.external_id.as_deref().and_then(|key| {
-                let inside = seen.get(key).map(|first| (first.id.as_str(), first.digest_bytes()));
-                let outside = || held.get(key).map(|h| (h.id.as_str(), h.digest.as_deref()));
-                inside.or_else(outside)
-            });
-            match other {
-                None => {
+            let key = row.external_id.as_deref();
+            let outcome = match (key.and_then(|key| seen.get(key)), key.and_then(|key| held.get(key))) {
+                (Some(first), _) => beside(first, row),
+                (None, Some(held)) if held.digest.is_none() => return Err(self.pending(index)),
+                (None, Some(held)) => held.beside(row),
+                (None, None) => {
                     fresh.push(index);
-                    added.push(Added::New { id: row.id.clone() });
-                    if let Some(key) = &row.external_id {
-                        seen.insert(key, row);
-                    }
+                    seen.extend(key.map(|key| (key, row)));
+                    Added::New { id: row.id.clone() }
                 }
-                Some((id, there)) if row.is_stored_as(there) => {
-                    added.push(Added::Existing { id: id.to_owned() });
-                }
-                Some((_, None)) => return Err(self.pending(index)),
-                Some(_) => return Err(self.conflict(index)),
+            };
+            if outcome == Added::Conflict && !skips_conflicts {
+                return Err(self.conflict(index));
             }
+            added.push(outcome);
         }
         Ok((added, fresh))
     }
@@ -512,7 +552,7 @@ impl Batch {
     }
 }
 
-/// All shapes of a cohort, to be stored again.
+/// Shapes of a cohort, perhaps all of them, to be stored again.
 #[derive(Debug)]
 pub(super) struct WholeCohort {
     batch: Batch,
@@ -560,7 +600,8 @@ async fn find_held(
     upload: &str,
     batch: &Batch,
 ) -> Result<HashMap<String, Held>, StoreError> {
-    const HELD: &str = "SELECT s.external_id, s.id, s.digest, c.revision IS NOT NULL AS visible, c.upload
+    const HELD: &str = "SELECT s.external_id, s.id, s.digest, s.chunk_id, s.position,
+        c.revision IS NOT NULL AS visible, c.upload
         FROM json_each($2) AS asked
         CROSS JOIN shape AS s ON s.cohort = $1 AND s.external_id = asked.value
         CROSS JOIN chunk AS c ON c.id = s.chunk_id
@@ -575,8 +616,36 @@ async fn find_held(
         let is_ours = row.get::<&str>("upload")? == upload;
         let digest: Option<Vec<u8>> = row.get("digest")?;
         let counts = is_ours || row.get::<bool>("visible")?;
-        let found = Held { id: row.get("id")?, digest: digest.filter(|_| counts) };
+        let place = Cursor { chunk: row.get("chunk_id")?, position: row.get("position")? };
+        let found = Held { id: row.get("id")?, digest: digest.filter(|_| counts), place, points: None };
         held.insert(row.get("external_id")?, found);
     }
     Ok(held)
+}
+
+/// Digests the control points of the shapes whose content is not that of the batch's shape with their external id. Cost: their chunks are
+/// read, one after the other.
+async fn digest_points(
+    read: &mut Transaction,
+    held: &mut HashMap<String, Held>,
+    batch: &Batch,
+) -> Result<(), StoreError> {
+    let mut asked: Vec<(Cursor, &str)> = Vec::new();
+    for row in &batch.rows {
+        let Some(key) = row.external_id.as_deref() else { continue };
+        let Some(found) = held.get(key).filter(|found| found.digest.is_some()) else { continue };
+        if !row.is_stored_as(found.digest.as_deref()) {
+            asked.push((found.place, key));
+        }
+    }
+    asked.sort_unstable();
+    for chunk in asked.chunk_by(|(a, _), (b, _)| a.chunk == b.chunk) {
+        let places: Vec<Cursor> = chunk.iter().map(|(place, _)| *place).collect();
+        for ((_, key), digest) in chunk.iter().zip(shapes::points_digests(read, places).await?) {
+            if let Some(found) = held.get_mut(*key) {
+                found.points = Some(digest);
+            }
+        }
+    }
+    Ok(())
 }

@@ -70,8 +70,8 @@ fn files_are_read_in_the_order_of_the_directory() {
     let expected = [
         (Some("z"), "file 'b/z.ndjson', line 1"),
         (Some("a.v1"), "file 'a.v1.ndjson.gz', line 1"),
-        (None, "file 'c.ndjson', line 1"),
-        (None, "file 'c.ndjson', line 2"),
+        (Some("c/1"), "file 'c.ndjson', line 1"),
+        (Some("c/2"), "file 'c.ndjson', line 2"),
     ];
     assert_eq!(places, expected.map(|(name, place)| (name, place.to_owned())));
     assert_eq!((summary.records, &summary.properties["files"]), (4, &3.into()));

@@ -129,7 +129,9 @@ pub(super) fn read(
         Reading { options, limits, images, categories, summary: Summary::default(), masks: 0, given: 0 };
     for (item, annotation) in (0..).zip(annotations) {
         let place = Place { byte: Some(offset(annotation.get(), &text)), ..Place::item(item) };
-        reading.annotation(annotation.get(), item, &place, sink)?;
+        if let Err(error) = reading.annotation(annotation.get(), item, &place, sink) {
+            options.leave_out(error, &mut reading.summary)?;
+        }
     }
     reading.finish()
 }

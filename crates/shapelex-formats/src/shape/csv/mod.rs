@@ -11,9 +11,12 @@
 //!
 //! Separated by commas, semicolons or tabs, whichever the first line has most of. An empty field, `NA` and `NaN` are missing.
 
+mod attributes;
 mod columns;
 mod read;
 mod write;
+
+pub use attributes::{AttributeRow, attribute_rows};
 
 use super::format::Format;
 use super::record::Kind;

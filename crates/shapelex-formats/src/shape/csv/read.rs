@@ -42,13 +42,13 @@ impl Read for Bounded<'_, '_> {
 }
 
 /// Rows with their lines.
-struct Rows<'s, 'a> {
+pub(super) struct Rows<'s, 'a> {
     reader: csv::Reader<Bounded<'s, 'a>>,
-    record: StringRecord,
+    pub(super) record: StringRecord,
 }
 
 impl<'s, 'a> Rows<'s, 'a> {
-    fn new(source: &'s mut Source<'a>, separator: u8) -> Self {
+    pub(super) fn new(source: &'s mut Source<'a>, separator: u8) -> Self {
         let limit = source.limits().held / ROWS;
         let reader = csv::ReaderBuilder::new()
             .has_headers(false)
@@ -59,7 +59,7 @@ impl<'s, 'a> Rows<'s, 'a> {
     }
 
     /// Reads the next row. Returns its line.
-    fn next(&mut self) -> Result<Option<u64>, FileError> {
+    pub(super) fn next(&mut self) -> Result<Option<u64>, FileError> {
         let line = self.reader.position().line();
         let found = self.reader.read_record(&mut self.record).map_err(|error| {
             let at = Place::line(error.position().map_or(line, csv::Position::line));
@@ -75,7 +75,7 @@ impl<'s, 'a> Rows<'s, 'a> {
 
 /// Comma, semicolon or tab: the one of which the header has most outside of quotation marks. Names of attributes may have others: one
 /// that makes columns of coordinates of the header comes first.
-fn separator(head: &[u8]) -> u8 {
+pub(super) fn separator(head: &[u8]) -> u8 {
     let mut counts = [(b',', 0), (b';', 0), (b'\t', 0)];
     let mut quoted = false;
     for byte in head {
@@ -158,7 +158,7 @@ pub(super) fn read(
     }
     let mut table = Table { roles, missing, closed: options.closed, comma, limits, summary };
     match &table.roles.coordinates {
-        Coordinates::Wide { .. } => table.wide(&mut rows, sink)?,
+        Coordinates::Wide { .. } => table.wide(&mut rows, options, sink)?,
         Coordinates::Long(_) => table.long(&mut rows, sink)?,
     }
     Ok(table.summary)
@@ -185,28 +185,41 @@ struct Group {
 }
 
 impl Table {
-    fn wide(&mut self, rows: &mut Rows<'_, '_>, sink: Sink<'_>) -> Result<(), FileError> {
-        let Coordinates::Wide { dimension, columns } = &self.roles.coordinates else { return Ok(()) };
+    fn wide(
+        &mut self,
+        rows: &mut Rows<'_, '_>,
+        options: &ReadOptions,
+        sink: Sink<'_>,
+    ) -> Result<(), FileError> {
         let mut item = 0;
         while let Some(line) = rows.next()? {
             let place = Place { item: Some(item), ..Place::line(line) };
-            self.check_width(&rows.record, &place)?;
-            let mut points = Points::new(*dimension);
-            for columns in columns.chunks_exact(*dimension) {
-                self.point(&rows.record, columns, &mut points, &place)?;
+            match self.row(&rows.record, place) {
+                Ok(record) => sink(record)?,
+                Err(error) => options.leave_out(error, &mut self.summary)?,
             }
-            let closed = self.closed(&rows.record, &place)?;
-            // A row of a curve may have fewer points than the table has columns for.
-            if closed.is_some() {
-                let is_empty =
-                    |columns: &&[usize]| columns.iter().all(|at| rows.record[*at].trim().is_empty());
-                columns.chunks_exact(*dimension).rev().take_while(is_empty).for_each(|_| points.pop());
-            }
-            let record = self.record(&rows.record, geometry(points, closed), place)?;
-            sink(record)?;
             item += 1;
         }
         Ok(())
+    }
+
+    /// The shape of a row, in a table of one shape a row.
+    fn row(&mut self, row: &StringRecord, place: Place) -> Result<Record, FileError> {
+        self.check_width(row, &place)?;
+        let Coordinates::Wide { dimension, columns } = &self.roles.coordinates else {
+            return Err(FileError::malformed(place, "expected one shape a row, got one point a row"));
+        };
+        let mut points = Points::new(*dimension);
+        for columns in columns.chunks_exact(*dimension) {
+            self.point(row, columns, &mut points, &place)?;
+        }
+        let closed = self.closed(row, &place)?;
+        // A row of a curve may have fewer points than the table has columns for.
+        if closed.is_some() {
+            let is_empty = |columns: &&[usize]| columns.iter().all(|at| row[*at].trim().is_empty());
+            columns.chunks_exact(*dimension).rev().take_while(is_empty).for_each(|_| points.pop());
+        }
+        self.record(row, geometry(points, closed), place)
     }
 
     fn long(&mut self, rows: &mut Rows<'_, '_>, sink: Sink<'_>) -> Result<(), FileError> {

@@ -15,7 +15,7 @@ use crate::unit::Unit;
 
 /// Makes records of features, and counts what becomes none.
 pub(super) struct Mapping<'o> {
-    options: &'o ReadOptions,
+    pub(super) options: &'o ReadOptions,
     limits: Limits,
     pub(super) summary: Summary,
     /// Number of rings that did not repeat their first point.
@@ -107,7 +107,6 @@ impl<'o> Mapping<'o> {
             }
             (Some(name), Some(id)) => {
                 record.name = Some(name);
-                record.other_names = Some("names=id");
                 if record.metadata.insert("id".into(), id.into()).is_some() {
                     self.summary.drop("properties with the name of a member", Some("id"), || place.clone());
                 }

@@ -109,7 +109,10 @@ impl Reading<'_, '_, '_> {
             self.scanner.kept.clear();
             let start = self.scanner.offset();
             self.scanner.value()?;
-            self.feature(start)?;
+            if let Err(error) = self.feature(start) {
+                self.mapping.options.leave_out(error, &mut self.mapping.summary)?;
+                self.item += 1;
+            }
             self.scanner.kept.clear();
             match self.scanner.peek_more("the next feature")? {
                 b',' => self.scanner.expect(b',', "a comma")?,

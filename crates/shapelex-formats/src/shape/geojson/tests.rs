@@ -117,7 +117,7 @@ fn files_are_collections_lists_features_and_sequences_of_them() {
     ] {
         let (records, _) = read_all(&text);
         let found: Vec<_> = records.iter().map(|r| (r.name.as_deref(), r.place.item)).collect();
-        assert_eq!(found, [(Some("a]}\"\\"), Some(0)), (Some("a]}\"\\"), Some(1))], "{text}");
+        assert_eq!(found, [(Some("a]}\"\\"), Some(0)), (Some("a]}\"\\~2"), Some(1))], "{text}");
         let byte = records[1].place.byte.and_then(|byte| usize::try_from(byte).ok()).expect("an offset");
         assert!(text[byte..].starts_with("{\"type\":\"Feature\""), "{text}");
         assert!(recognise(text.as_bytes()), "{text}");

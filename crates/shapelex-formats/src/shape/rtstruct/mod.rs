@@ -22,7 +22,7 @@ use super::record::{Geometry, Kind, Record, Ring};
 use super::source::Source;
 use super::summary::Summary;
 use super::{limits::Limits, record::Sink};
-use crate::dicom::{self, Content};
+use crate::dicom::{self, Content, Instance};
 use plane::{Basis, FLAT_MM};
 use regions::{Contour, ContourKind, Region, Regions};
 use slices::{Contact, Slice};
@@ -57,7 +57,8 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
     dicom::list_identifying(&file, &mut summary);
     summary.set("axes", AXES);
     let regions = Regions::new(&root, &mut summary)?;
-    let mut reading = Reading { options, limits, summary, sink, objects: 0 };
+    let instance = options.storing.map(|_| Instance::of(&root)).transpose()?;
+    let mut reading = Reading { options, limits, summary, instance, sink, objects: 0 };
     let mut lines = Vec::new();
     for (index, unique) in regions.unique_names().iter().enumerate() {
         let (name, place) = regions.name(index);
@@ -65,7 +66,7 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
             reading.summary.drop("regions that are not selected", Some(name), || place);
             continue;
         }
-        let region = regions.region(index, &limits)?;
+        let region = regions.region(index, &limits, options, &mut reading.summary)?;
         lines.push(region.line());
         reading.region(region, unique)?;
     }
@@ -84,6 +85,8 @@ struct Reading<'a, 'b> {
     options: &'a ReadOptions,
     limits: Limits,
     summary: Summary,
+    /// What names records that are stored.
+    instance: Option<Instance>,
     sink: Sink<'b>,
     /// Number of slices so far.
     objects: u64,
@@ -257,6 +260,7 @@ impl Reading<'_, '_> {
         };
         let mut record = Record::new(geometry, contour.place.clone());
         record.name = Some(contour_name(name, contour));
+        self.identify(&mut record, region, Some(contour));
         record.label = Some(region.name.clone());
         record.ring = ring;
         record.metadata = region.metadata();
@@ -299,6 +303,7 @@ impl Reading<'_, '_> {
             Ok(stack) => {
                 let mut record = Record::new(stack.mesh, Place::item(region.index));
                 record.name = Some(name.to_owned());
+                self.identify(&mut record, region, None);
                 record.label = Some(region.name.clone());
                 record.metadata = region.metadata();
                 record.metadata.insert("stack".into(), stack.about);
@@ -318,6 +323,19 @@ impl Reading<'_, '_> {
             }
             Err(fault) => Err(fault),
         }
+    }
+}
+
+impl Reading<'_, '_> {
+    /// Says which region, or which contour of it, a record is in all files of the world, and who it is of.
+    fn identify(&self, record: &mut Record, region: &Region, contour: Option<&Contour>) {
+        let Some(instance) = &self.instance else { return };
+        record.id = instance.uid.as_ref().map(|uid| match contour {
+            Some(contour) => format!("{uid}/{}/{}", region.number, contour.number),
+            None => format!("{uid}/{}", region.number),
+        });
+        let asked = self.options.storing.is_some_and(|storing| storing.persons);
+        record.person = instance.person.clone().filter(|_| asked);
     }
 }
 

@@ -8,6 +8,7 @@ use serde_json::{Map, Value, json};
 use crate::dicom::Node;
 use crate::shape::error::{FileError, Place};
 use crate::shape::limits::Limits;
+use crate::shape::options::ReadOptions;
 use crate::shape::record::Points;
 use crate::shape::summary::Summary;
 
@@ -195,8 +196,14 @@ impl<'f> Regions<'f> {
         (&row.name, row.node.place(tags::ROI_NAME))
     }
 
-    /// A region with its contours.
-    pub(super) fn region(&self, index: usize, limits: &Limits) -> Result<Region, FileError> {
+    /// A region with its contours; broken ones are left out where the options say so.
+    pub(super) fn region(
+        &self,
+        index: usize,
+        limits: &Limits,
+        options: &ReadOptions,
+        summary: &mut Summary,
+    ) -> Result<Region, FileError> {
         let row = &self.rows[index];
         let item = index as u64;
         let at = |error: FileError| error.at(Place::item(item));
@@ -212,9 +219,13 @@ impl<'f> Regions<'f> {
         let Some(node) = &row.contours else { return Ok(region) };
         region.colour = node.array(tags::ROI_DISPLAY_COLOR).map_err(at)?;
         for (k, item) in node.items(tags::CONTOUR_SEQUENCE).map_err(at)?.iter().enumerate() {
-            region.contours.push(contour(item, k + 1, limits).map_err(at)?);
-            let place = &mut region.contours[k].place;
-            place.item = Some(index as u64);
+            match contour(item, k + 1, limits).map_err(at) {
+                Ok(mut contour) => {
+                    contour.place.item = Some(index as u64);
+                    region.contours.push(contour);
+                }
+                Err(error) => options.leave_out(error, summary)?,
+            }
         }
         Ok(region)
     }

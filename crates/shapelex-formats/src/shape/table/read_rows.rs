@@ -85,7 +85,10 @@ impl<'a> Reading<'a> {
         for row in 0..batch.num_rows() {
             let place = Place::item(self.row);
             self.row += 1;
-            sink(self.record(&columns, row, place)?)?;
+            match self.record(&columns, row, place) {
+                Ok(record) => sink(record)?,
+                Err(error) => self.options.leave_out(error, &mut self.summary)?,
+            }
         }
         Ok(())
     }

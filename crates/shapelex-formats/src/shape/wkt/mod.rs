@@ -55,7 +55,14 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
         }
         let mut template = Record::new(Geometry::Landmarks(Points::new(2)), place.clone());
         let mut parsed = Text::new(&line, limits);
-        let parts = parsed.line().map_err(|error| error.at(place.clone()))?;
+        let parts = match parsed.line().map_err(|error| error.at(place.clone())) {
+            Ok(parts) => parts,
+            Err(error) => {
+                options.leave_out(error, &mut summary)?;
+                item += 1;
+                continue;
+            }
+        };
         template.name = parsed.id;
         if let Some(srid) = parsed.srid {
             template.metadata.insert("srid".into(), srid.into());

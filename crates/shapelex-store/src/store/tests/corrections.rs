@@ -105,9 +105,15 @@ async fn a_corrected_shape_keeps_its_id_and_earlier_revisions_keep_it_as_it_was(
     assert_eq!(late, None);
     let changed = store.correct_shape(&cohort.id, Some(1), place, (&before, None), 92).await;
     assert!(matches!(changed, Err(StoreError::Changed)));
-    // The content of the correction counts for uploads.
+    // Uploads compare control points: attributes that were corrected stay.
     let mut upload = store.begin_upload(&cohort);
-    let error = upload.add(vec![labelled(1, "a", "s")]).await.unwrap_err();
+    let stored = |differs| Added::Existing { id: before.id.clone(), differs };
+    let posted = labelled(1, "a", "s");
+    assert_eq!(posted.control_points, before.control_points);
+    assert_eq!(upload.add(vec![posted]).await.unwrap(), [stored(true)]);
+    let mut moved = labelled(1, "a", "s");
+    moved.control_points[0] += 1.0;
+    let error = upload.add(vec![moved]).await.unwrap_err();
     assert!(matches!(error, StoreError::ExternalIdConflict { .. }), "{error:?}");
     let again = NewShape {
         id: id::new_id(id::SHAPE),
@@ -115,7 +121,7 @@ async fn a_corrected_shape_keeps_its_id_and_earlier_revisions_keep_it_as_it_was(
         measures: after.measures,
         control_points: after.control_points.clone(),
     };
-    assert_eq!(upload.add(vec![again]).await.unwrap(), [Added::Existing { id: before.id.clone() }]);
+    assert_eq!(upload.add(vec![again]).await.unwrap(), [stored(false)]);
     let kinds: Vec<ChangeKind> =
         store.list_changes(0, 9).await.unwrap().iter().map(|change| change.kind).collect();
     assert_eq!(kinds, [ChangeKind::CohortCreated, ChangeKind::ShapesAdded, ChangeKind::ShapeUpdated]);

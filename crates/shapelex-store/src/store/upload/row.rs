@@ -2,7 +2,7 @@
 
 use super::super::blob::{self, Encoded};
 use super::digest::{self, Digests};
-use crate::domain::shape::{NewShape, ShapeMeasures};
+use crate::domain::shape::{NewShape, Shape, ShapeMeasures};
 
 /// A shape as it is stored: attributes as text, control points as bytes, and the digest of both.
 #[derive(Debug)]
@@ -16,6 +16,8 @@ pub struct ShapeRow {
     pub(super) labels: Option<String>,
     pub(super) metadata: Option<String>,
     pub(super) measures: ShapeMeasures,
+    /// Time of creation of a shape that is stored again, which its chunk does not tell.
+    pub(super) first_stored_ms: Option<i64>,
     pub(super) weight: f64,
     /// Control points, as stored.
     pub(super) points: Vec<u8>,
@@ -37,8 +39,22 @@ impl ShapeRow {
         stored.zip(self.digests.as_ref()).is_some_and(|(stored, digests)| digests.contain(stored))
     }
 
+    /// Digest of the control points alone.
+    pub(super) fn points_digest(&self) -> blake3::Hash {
+        blake3::hash(&self.points)
+    }
+
     pub(super) fn digest_bytes(&self) -> Option<&[u8]> {
         self.digests.as_ref().map(|digests| digests.content.as_slice())
+    }
+}
+
+/// A shape that is stored again, under its id and with its time of creation.
+impl From<Shape> for ShapeRow {
+    fn from(shape: Shape) -> Self {
+        let Shape { id, attributes, measures, control_points, created_at_ms } = shape;
+        let row = Self::from(NewShape { id, attributes, measures, control_points });
+        Self { first_stored_ms: Some(created_at_ms), ..row }
     }
 }
 
@@ -59,6 +75,7 @@ impl From<NewShape> for ShapeRow {
             labels,
             metadata: attributes.metadata,
             measures,
+            first_stored_ms: None,
             weight: attributes.weight,
             points,
         }

@@ -1,0 +1,6 @@
+-- Keys of the digests that stand for identifiers of persons: one for each tenant, made when it is first used.
+
+CREATE TABLE subject_secret (
+    tenant TEXT  COLLATE "C" NOT NULL PRIMARY KEY,
+    secret BYTEA NOT NULL
+);
