@@ -241,7 +241,9 @@ impl FileParameters {
         let facts = self.facts()?;
         let reading = self.reading(media_type)?;
         let name = reading.name.clone();
-        let placing = Placing { plane, samples, prefix, name, facts, metadata_bytes: limits.metadata_bytes };
+        let metadata_bytes = limits.metadata_bytes;
+        let placing =
+            Placing { plane, samples, prefix, unit, name, facts, metadata_bytes, ..Placing::default() };
         check_facts(&placing)?;
         Ok(to_add(reading, placing, (on_error, subject_from), limits))
     }

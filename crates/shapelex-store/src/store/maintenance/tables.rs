@@ -308,8 +308,11 @@ pub(super) const TABLES: &[Table] = &[
         name: "erasure",
         key: 2,
         columns: &[("tenant", Text), ("subject", Bytes), ("erased_at_ms", Integer), ("state", Text)],
+        counted: false,
+        page: MANY,
+        condition: None,
     },
-    TableSpec {
+    Table {
         name: "subject_secret",
         key: 1,
         columns: &[("tenant", Text), ("secret", Bytes)],
