@@ -5,7 +5,7 @@ use shapelex_formats::image::{Grid, ImageError, ImageFile, LengthUnit, Limits, r
 const LIMITS: Limits = Limits { bytes: 1 << 20, cells: 1 << 16 };
 
 fn plane() -> Grid {
-    Grid::along_axes([5, 3, 1], [1.0; 3], [LengthUnit::Unknown; 3]).unwrap()
+    Grid::along_axes([5, 3, 1], [1.0; 3], [LengthUnit::Cell; 3]).unwrap()
 }
 
 /// A grid whose map has a negative determinant and entries of single precision.
