@@ -51,6 +51,7 @@ mod http_novelty;
 mod http_numbers;
 mod http_operations;
 mod http_partial;
+mod http_pipeline;
 mod http_prior;
 mod http_report;
 mod http_results;

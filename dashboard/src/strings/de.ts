@@ -123,6 +123,7 @@ export const de: Strings = {
     depends: (name, p, r) => `Die Form hängt ab von ${name} (p ${p.startsWith("<") ? p : `= ${p}`}); das erklärt ${r} der Variation.`, independent: (name, p) => `Eine Abhängigkeit der Form von ${name} wurde nicht gefunden (p = ${p}).`,
   },
   upload: {
+    label: "Klasse aller Formen dieser Datei", subject: "Person aller Formen dieser Datei", asStated: "wie in der Datei angegeben", unsaid: "die der ersten Datei",
     alike: (others: number) => `und ${others === 1 ? "eine weitere Form" : `${others} weitere Formen`}`,
     lead: "Jede Form wird geprüft, bevor sie gespeichert wird. Dieselbe Datei kann noch einmal gesendet werden: Formen mit bekannter Kennung und gleichem Inhalt werden nicht doppelt gespeichert.", onError: "Fehlerhafte Formen", skip: "Fehlerhafte auslassen", abort: "Alles oder nichts",
     drop: "Dateien hier ablegen", formats: "Konturen, Landmarken, Netze, Labelbilder. Sie sehen, was in einer Datei ist, bevor es gespeichert wird", choose: "Dateien wählen", added: (count) => `${count} hinzugefügt`, skipped: (count) => `${count} ausgelassen`, failed: "Nichts gespeichert",

@@ -120,6 +120,7 @@ export const en = {
     depends: (name: string, p: string, r: string) => `Shape depends on ${name} (p ${p.startsWith("<") ? p : `= ${p}`}); it explains ${r} of the variation.`, independent: (name: string, p: string) => `No dependence of shape on ${name} was found (p = ${p}).`,
   },
   upload: {
+    label: "Label of all shapes of this file", subject: "Subject of all shapes of this file", asStated: "as the file states", unsaid: "that of the first file",
     alike: (others: number) => `and ${others === 1 ? "one more shape" : `${others} more shapes`}`,
     lead: "Every shape is checked before it is stored. The same file can be sent again: shapes with a known id and the same content are not stored twice.", onError: "Bad shapes", skip: "Leave bad shapes out", abort: "All or nothing",
     drop: "Drop files here", formats: "Contours, landmarks, meshes, label images. You see what is in a file before it is stored", choose: "Choose files", added: (count: number) => `${count} added`, skipped: (count: number) => `${count} left out`, failed: "Nothing stored",

@@ -13,6 +13,9 @@ export function setLanguage(language: "en" | "de"): void {
   locale = language === "de" ? "de-DE" : "en-GB";
 }
 
+/** Units of lengths that the service knows, as choices. */
+export const UNITS: [string, string][] = ["mm", "cm", "m", "um", "nm", "inch", "pixel", "voxel", "none"].map((word) => [word, word === "um" ? "µm" : word]);
+
 export const count = (value: number): string => value.toLocaleString(locale);
 
 /** A number with as many digits as matter. */

@@ -8,7 +8,7 @@ import { Choice, Dialog, Download, Empty, Fault, Field, Loading, PICTURES, Page,
 import { useAction, useEvents, useLoaded, useSettled } from "../hooks";
 import { navigate, usePlace, useSetting } from "../router";
 import { bounded, filterOf, toggled, withFilter } from "../shape/filter";
-import { count, number, t, time, unit } from "../strings";
+import { count, number, t, time, unit, UNITS } from "../strings";
 import { hasMesh } from "../shape/points";
 import { describe } from "./cohorts";
 
@@ -363,7 +363,7 @@ function ChangeCohort({ cohort, onClose }: { cohort: string; onClose: () => void
         <form class="stack" onSubmit={(event) => { event.preventDefault(); action.run(new FormData(event.currentTarget)); }}>
           <Field label={t.words.name}><input name="name" required defaultValue={now.data.name} /></Field>
           <Field label={t.words.description}><input name="description" defaultValue={now.data.description ?? ""} /></Field>
-          <Field label={t.words.unit}><input name="unit" defaultValue={now.data.length_unit ?? ""} /></Field>
+          <Field label={t.words.unit}><select name="unit">{[["", t.upload.unsaid] as [string, string], ...UNITS].map(([id, name]) => <option key={id} value={id} selected={id === (now.data!.length_unit ?? "")}>{name}</option>)}</select></Field>
           <RuleFields about={now.data} />
           <Fault error={action.error} />
           <div class="row"><button class="main" disabled={action.busy}>{t.act.save}</button><button type="button" onClick={onClose}>{t.act.cancel}</button></div>

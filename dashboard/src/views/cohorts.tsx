@@ -4,7 +4,7 @@ import { get, pages, post, type Schemas } from "../api/client";
 import { Dialog, Empty, Fault, Field, Loading, Page, Select } from "../parts/basic";
 import { useAction, useEvents, useLoaded } from "../hooks";
 import { navigate, useSetting } from "../router";
-import { count, t, time } from "../strings";
+import { count, t, time, UNITS } from "../strings";
 
 export function describe(representation: Schemas["Representation"]): string {
   const kind = t.kinds[representation.kind];
@@ -78,7 +78,7 @@ function NewCohort({ onClose }: { onClose: () => void }) {
             ? <Select label={t.words.topology} value={form.topology} options={Object.entries(t.topologies)} onChange={(topology) => set({ topology })} />
             : <Select label={t.words.dimension} value={form.dimension} options={[["2", t.cohorts.plane], ["3", t.cohorts.space]]} onChange={(dimension) => set({ dimension })} />}
           <Field label={t.cohorts.sizes[form.kind as keyof typeof t.cohorts.sizes]}><input type="number" min={2} max={4096} required value={form.size} onInput={(event) => set({ size: event.currentTarget.value })} /></Field>
-          <Field label={t.words.unit}><input placeholder="mm" value={form.unit} onInput={(event) => set({ unit: event.currentTarget.value })} /></Field>
+          <Select label={t.words.unit} value={form.unit} options={[["", t.upload.unsaid], ...UNITS]} onChange={(unit) => set({ unit })} />
         </div>
         {curve && <Select label={t.cohorts.direction} value={direction} options={Object.entries(t.directions)} onChange={(direction) => set({ direction })} />}
         <Select label={t.cohorts.mirror} value={form.mirror} options={Object.entries(t.mirrors)} onChange={(mirror) => set({ mirror })} />

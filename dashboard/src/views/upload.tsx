@@ -3,7 +3,7 @@ import { useRef, useState } from "preact/hooks";
 import { authorization, Refusal, Said, search, type Problem, type Schemas } from "../api/client";
 import { Choice, Fault, Field, Place, Select } from "../parts/basic";
 import { formats, inspected, keptBody, type Format, type Found, type Kept, type Reading } from "../formats/file";
-import { count, percent, t } from "../strings";
+import { count, percent, t, UNITS } from "../strings";
 import { CohortPage } from "./cohort";
 import { Contents, Formats, Remarks } from "../parts/contents";
 import { Drop } from "../parts/drop";
@@ -163,10 +163,16 @@ function Placing({ found, planar, value, onChange }: { found: Found; planar: boo
     <div class="form">
       {projected && <Select label={t.file.plane} value={value.plane ?? ""} options={[["", t.file.noPlane], ["xy", "xy"], ["xz", "xz"], ["yz", "yz"]]} onChange={(plane) => onChange({ ...value, plane })} />}
       {sampled && <Field label={t.file.samples}><input type="number" min={3} max={10_000} value={value.samples ?? ""} onChange={(event) => onChange({ ...value, samples: event.currentTarget.value })} /></Field>}
-      <Field label={t.file.prefix}><input value={value.prefix ?? ""} onChange={(event) => onChange({ ...value, prefix: event.currentTarget.value })} /></Field>
+      {([["label", t.upload.label], ["subject", t.upload.subject], ["prefix", t.file.prefix]] as const).map(([name, label]) => (
+        <Field key={name} label={label}><input value={value[name] ?? ""} onChange={(event) => onChange(given({ ...value, [name]: event.currentTarget.value.trim() }))} /></Field>
+      ))}
+      <Select label={t.words.unit} value={value.unit ?? ""} options={[["", t.upload.asStated], ...UNITS]} onChange={(unit) => onChange(given({ ...value, unit }))} />
     </div>
   );
 }
+
+/** Without what is empty: an empty prefix is a wish of its own. */
+const given = (reading: Reading): Reading => Object.fromEntries(Object.entries(reading).filter(([, value]) => value !== ""));
 
 /** The format, where the service should not recognise it, and the options of reading that the format has. */
 function HowRead({ one: { reading, found, error }, formats, onRead }: { one: Dropped; formats: Format[]; onRead: (reading: Reading) => void }) {

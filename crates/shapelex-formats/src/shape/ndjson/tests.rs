@@ -157,5 +157,5 @@ fn options_of_other_formats_are_refused() {
     let mut source = Source::new(&b""[..], Limits::default()).expect("a source");
     let options = ReadOptions { select: Some("*".into()), ..ReadOptions::default() };
     let error = super::super::read(&FORMAT, &mut source, &options, &mut |_| Ok(())).expect_err("an option");
-    assert_eq!(error.to_string(), "select: expected options of NDJSON (closed), got select");
+    assert_eq!(error.to_string(), "select: expected options of NDJSON (closed, attributes), got select");
 }

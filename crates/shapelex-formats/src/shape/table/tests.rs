@@ -18,6 +18,7 @@ use super::super::{
     Columns, FaultKind, FileError, Format, Fourier, Geometry, Limits, Mesh, Place, Points, ReadOptions,
     Record, Source, Summary, Value, WriteOptions, detect, find, read,
 };
+use crate::unit::Unit;
 
 /// The option by which a column has the points.
 fn points_in(name: &str) -> Columns {
@@ -109,7 +110,8 @@ pub(super) fn meshes() -> Vec<Record> {
 
 #[test]
 fn tables_come_back_as_they_were_written() {
-    let records = [points(), meshes()].concat();
+    let in_mm = |record| Record { unit: Some(Unit::Millimetre), ..record };
+    let records: Vec<Record> = [points(), meshes()].concat().into_iter().map(in_mm).collect();
     let facts = BTreeMap::from([("representation".to_owned(), "polygon".to_owned())]);
     let options = WriteOptions { unit: Some("mm".into()), facts, ..WriteOptions::default() };
     for id in ["arrow", "parquet"] {
