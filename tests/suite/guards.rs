@@ -337,14 +337,22 @@ fn the_examples_of_the_interface_document_work() {
                 continue;
             };
             let (method, path) = name.split_once(' ').unwrap();
-            let is_of_surfaces = path.ends_with("/correspond") || path.ends_with("/matching");
+            // Operations come in their order: attributes and changes of shapes before there are any.
+            let is_early =
+                path.ends_with("/attributes") || name.starts_with("PATCH") && path.ends_with("/shapes");
+            let is_of_surfaces = is_early || path.ends_with("/correspond") || path.ends_with("/matching");
+            let shapes = if is_early { ["bean-1", "bean-2"] } else { ["scan-17", "scan-18"] };
             let [cohort_of, dictionary_of] = if is_of_surfaces { ["beans"; 2] } else { [&*cohort, "modes"] };
             let path = path.replace("{cohort}", cohort_of).replace("{dictionary}", dictionary_of);
             // The shapes of an earlier example.
             let path = path.replace("{shape}", "scan-17").replace("{hook}", &hook);
             let path = path.replace("{alias}", "production");
             let text = example.as_str().map_or_else(|| example.to_string(), str::to_owned);
-            let text = text.replace("hippocampi", "beans").replace("hippocampus_001", "bean-1");
+            let text = text
+                .replace("hippocampi", "beans")
+                .replace("hippocampus_001", "bean-1")
+                .replace("scan-17", shapes[0])
+                .replace("scan-18", shapes[1]);
             let request = server.request(method.parse().unwrap(), &path).header("content-type", media_type);
             let reply = server.send(request.body(text));
             assert!((200..300).contains(&reply.status), "{name} {media_type}: {}", reply.text());

@@ -246,8 +246,8 @@ fn dicom_is_named_by_its_identifiers_and_a_patient_is_one_subject() {
     broken[at] = b'9';
     let refused = post(&server, &format!("{shapes}?name=d.dcm&prefix=d/"), broken.clone());
     refused.expect_problem(422, "invalid-input", &[""]);
-    let kept =
-        post(&server, &format!("{shapes}?name=d.dcm&prefix=d/&on_error=skip&{}", &options[11..]), broken);
+    let skipping = "name=d.dcm&prefix=d/&on_error=skip&subject_from=PatientID";
+    let kept = post(&server, &format!("{shapes}?{skipping}"), broken);
     let kept = kept.expect(201);
     assert_eq!(kept["added"], 1, "{kept}");
     let left = &kept["file"]["left_out"];
