@@ -99,6 +99,9 @@ fn templates(format: &str) -> Option<&'static [&'static str]> {
         "mrk" => &[MARKUPS],
         "chc" => &["a 0 0 1 2 0 %\n", "a ~ 0 1 3 0 2 4 -1\n"],
         "nef" => &["#CONST 1 1 1 0\n#HARMO %\na\n1 0 0 1\n", "#CONST 1 1 1 0\n#HARMO 1\na\n1 0 0 ~\n"],
+        "scalismo" => {
+            &["[{\"id\":\"a\",\"coordinates\":[1,2,1e999]}]", "[{\"id\":\"a\",\"coordinates\":[1,2,3]}"]
+        }
         "csv" => &["id,x1,y1,x4194304,y4194304\na,0,0,1,1\n", "id,x,y\na,0,~\n"],
         "geojson" => &["{\"type\":\"MultiPoint\",\"coordinates\":[[0,0],[~,1]]}"],
         "wkt" => &["MULTIPOINT ((0 0), (~ 1))"],

@@ -247,7 +247,8 @@ pub(crate) fn furnished_path(template: &str) -> String {
 }
 
 /// A query that is read after the body, and a parameter of another generator than that of [`furnished_path`].
-const ELSEWHERE: [&str; 2] = ["POST /v1/pca", "GET /v1/generators/{name} support"];
+const ELSEWHERE: [&str; 3] =
+    ["POST /v1/pca", "POST /v1/cohorts/{cohort}/shapes weight", "GET /v1/generators/{name} support"];
 
 #[test]
 fn the_bounds_of_parameters_are_those_of_the_service() {

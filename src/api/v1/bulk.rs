@@ -56,7 +56,7 @@ document! {
     #[schema(example = json!({"shapes": [{"external_id": "scan-17", "subject": "p-17", "label": "treated", "labels": {"dose": 3}}]}))]
     pub(super) struct AttributesRequest {
         /// For each shape its `id` or `external_id`, and its changes: `subject`, `label`, `labels`, `weight`, `metadata`.
-        #[schema(value_type = Vec<serde_json::Value>, required = true)]
+        #[schema(value_type = Vec<std::collections::BTreeMap<String, serde_json::Value>>, required = true)]
         shapes: List<MergePatch>, required;
     }
 }

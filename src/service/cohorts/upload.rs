@@ -601,15 +601,9 @@ impl Writer {
             upload.abort().await?;
             return Ok(stored);
         }
-        match attribute_names::admit(app, &cohort, names, list).await {
-            Ok(names) => {
-                upload.name_attributes(names);
-                upload.keep_unit(lengths.at_commit());
-            }
-            Err(error) => {
-                upload.abort().await?;
-                return Err(error);
-            }
+        if let Err(error) = describe(app, &cohort, &mut upload, (names, list), lengths).await {
+            upload.abort().await?;
+            return Err(error);
         }
         warnings.extend(stay(differing));
         let skipped = skipped + conflicts.len();
@@ -636,6 +630,20 @@ impl Writer {
         stored.revision = upload.commit_once(now_ms(), expected, occasion.job.as_ref(), receipt).await?;
         Ok(stored)
     }
+}
+
+/// Tells an upload the names of attributes that are new in the cohort, and the unit that the cohort takes.
+async fn describe(
+    app: &App,
+    cohort: &Cohort,
+    upload: &mut Upload,
+    (names, list): (BTreeSet<String>, &'static str),
+    lengths: Lengths,
+) -> Result<(), ServiceError> {
+    let names = attribute_names::admit(app, cohort, names, list).await?;
+    upload.name_attributes(names);
+    upload.keep_unit(lengths.at_commit());
+    Ok(())
 }
 
 fn too_many_refused() -> ServiceError {
