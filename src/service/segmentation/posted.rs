@@ -67,7 +67,7 @@ requests! {
     #[schema(example = json!({
         "representation": {"kind": "closed_curve", "dimension": 2, "control_points": 24, "generator": {"name": "cubic"}},
         "boxes": [{"lower": [6, 6], "upper": [20, 18]}], "objects": [{"external_id": "cell-1", "label": "control"}],
-        "terms": [{"name": "contour"}], "coordinates": "index"
+        "terms": [{"name": "contour"}], "coordinates": "index", "unit": "mm"
     }))]
     CohortSegmentRequest {
         /// Attributes, one entry for each object, in order. Posted `shapes` have attributes of their own.
