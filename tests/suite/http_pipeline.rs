@@ -57,7 +57,7 @@ fn nights_over_the_same_folder_store_and_learn_what_is_new() {
     let count = |server: &Server| server.get("/v1/cohorts/organs").expect(200)["shape_count"].clone();
     let version = |server: &Server| server.get("/v1/dictionaries/organs").expect(200)["version"].clone();
     let (stored, learnt) = (count(&server), version(&server));
-    assert!(stored.as_u64().unwrap() > 12 && learnt == 1, "{first}");
+    assert!(stored.as_u64().unwrap() > 12 && learnt == 1, "{stored} {learnt} {first}");
     // A correction is no conflict for the files that are sent again.
     let path = "/v1/cohorts/organs/shapes/monday/organ-3";
     server.send(server.request(reqwest::Method::PATCH, path).json(&json!({"label": "checked"}))).expect(200);
