@@ -61,8 +61,9 @@ fn nights_over_the_same_folder_store_and_learn_what_is_new() {
     // A correction is no conflict for the files that are sent again.
     let path = "/v1/cohorts/organs/shapes/monday/organ-3";
     server.send(server.request(reqwest::Method::PATCH, path).json(&json!({"label": "checked"}))).expect(200);
+    std::fs::copy(folder.join("done/monday.geojson"), folder.join("monday.geojson")).unwrap();
     let second = night(&server, &script, &folder).unwrap();
-    assert!(second.contains("0 shapes of 0 files need a look"), "{second}");
+    assert!(second.contains("monday.geojson: 0 new, 12 known, 0 left out"), "{second}");
     assert_eq!((count(&server), version(&server)), (stored, learnt));
     assert_eq!(server.get(path).expect(200)["label"], "checked");
     std::fs::write(folder.join("tuesday.geojson"), map(12, 3)).unwrap();
@@ -73,5 +74,7 @@ fn nights_over_the_same_folder_store_and_learn_what_is_new() {
     );
     assert_eq!(version(&server), 2);
     let alias: Value = server.get("/v1/dictionaries/organs/aliases").expect(200);
-    assert_eq!(alias["items"][0]["version"], 2, "{alias}");
+    assert_eq!(alias["items"][0]["dictionary"]["version"], 2, "{alias}");
+    let empty = night(&server, &script, &folder).unwrap();
+    assert!(empty.contains("notes.txt: refused") && empty.contains("0 shapes of 0 files"), "{empty}");
 }
