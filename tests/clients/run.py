@@ -33,6 +33,7 @@ DOCUMENT = ROOT / "openapi" / "openapi.json"
 LINES = "Unsupported content type text/plain"
 OF_DICTIONARIES = ["assess", "classify", "correspond", "encode", "prior", "reconstruct", "score"]
 KNOWN_WARNINGS = {
+    "POST /v1/cohorts/{cohort}/attributes": "Unsupported content type text/csv",
     "POST /v1/cohorts/{cohort}/shapes": LINES,
     **{f"POST /v1/{name}": LINES for name in ["fit", "measure", "prior", "project"]},
     **{f"POST /v1/dictionaries/{{dictionary}}/{name}": LINES for name in OF_DICTIONARIES},
