@@ -7,12 +7,10 @@ use super::files::{FileError, Place};
 use crate::geometry::capability::FieldFault;
 
 /// A single fault of an input.
-#[derive(Debug, Clone, PartialEq, Eq, Deserialize, utoipa::ToSchema)]
-#[schema(as = FaultDocument)]
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
 pub struct Fault {
     /// JSON pointer into the body, or into the line of a stream; absent for a parameter.
     #[serde(default)]
-    #[schema(example = "/shapes/17", required = false)]
     pub pointer: String,
     /// Name of a parameter of the query or the path; absent for a fault of the body.
     #[serde(default)]
@@ -21,23 +19,72 @@ pub struct Fault {
     pub detail: String,
     /// Position of the shape in the batch or stream, counted from 0.
     #[serde(default)]
-    #[schema(example = 17)]
     pub index: Option<usize>,
     /// Line of the stream or file, counted from 1.
     #[serde(default)]
     pub line: Option<u64>,
     /// Place in a file of another program.
     #[serde(default)]
-    #[schema(value_type = Option<FilePlace>)]
     pub place: Option<Box<Place>>,
-    /// Number of equal faults of a file, of which this is the first one; absent if there is no other.
-    #[serde(default)]
-    #[schema(example = 177)]
-    pub count: Option<usize>,
+    /// Equal faults of a file, of which this is the first one.
+    #[serde(flatten)]
+    pub alike: Option<Box<Alike>>,
+}
+
+/// Equal faults.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Deserialize)]
+pub struct Alike {
+    /// Number of them, the first one included.
+    pub count: usize,
     /// Places of the first of the other ones.
     #[serde(default)]
-    #[schema(value_type = Vec<FilePlace>, required = false)]
     pub more: Vec<Place>,
+}
+
+/// A single fault of an input.
+#[cfg(feature = "schema")]
+#[derive(utoipa::ToSchema)]
+#[allow(dead_code, reason = "only for the document")]
+struct FaultDocument {
+    /// JSON pointer into the body, or into the line of a stream; absent for a parameter.
+    #[schema(example = "/shapes/17", required = false)]
+    pointer: String,
+    /// Name of a parameter of the query or the path; absent for a fault of the body.
+    parameter: Option<String>,
+    /// Description of the fault, with the offending numbers.
+    detail: String,
+    /// Position of the shape in the batch or stream, counted from 0.
+    #[schema(example = 17)]
+    index: Option<usize>,
+    /// Line of the stream or file, counted from 1.
+    line: Option<u64>,
+    /// Place in a file of another program.
+    #[schema(value_type = Option<FilePlace>)]
+    place: Option<Box<Place>>,
+    /// Number of equal faults of a file, of which this is the first one; absent if there is no other.
+    #[schema(example = 177)]
+    count: Option<usize>,
+    /// Places of the first of the other ones.
+    #[schema(value_type = Vec<FilePlace>, required = false)]
+    more: Vec<Place>,
+}
+
+#[cfg(feature = "schema")]
+impl utoipa::PartialSchema for Fault {
+    fn schema() -> utoipa::openapi::RefOr<utoipa::openapi::schema::Schema> {
+        FaultDocument::schema()
+    }
+}
+
+#[cfg(feature = "schema")]
+impl utoipa::ToSchema for Fault {
+    fn name() -> std::borrow::Cow<'static, str> {
+        FaultDocument::name()
+    }
+
+    fn schemas(schemas: &mut Vec<(String, utoipa::openapi::RefOr<utoipa::openapi::schema::Schema>)>) {
+        FaultDocument::schemas(schemas);
+    }
 }
 
 /// Place in a file: as much of it as is known.
@@ -64,16 +111,7 @@ impl Fault {
     /// A fault at a pointer (RFC 6901); client input repeated in it is shortened.
     pub fn new(pointer: impl Into<String>, detail: impl Into<String>) -> Self {
         let (pointer, detail) = (brief_pointer(pointer.into()), brief(detail.into()));
-        Self {
-            pointer,
-            parameter: None,
-            detail,
-            index: None,
-            line: None,
-            place: None,
-            count: None,
-            more: Vec::new(),
-        }
+        Self { pointer, parameter: None, detail, index: None, line: None, place: None, alike: None }
     }
 
     /// A fault of a parameter of the query or the path.
@@ -99,9 +137,10 @@ impl Fault {
         let says_same =
             self.detail == other.detail && self.pointer == other.pointer && self.parameter == other.parameter;
         if says_same {
-            self.count = Some(self.count.unwrap_or(1) + 1);
-            if self.more.len() < MOST_PLACES {
-                self.more.extend(other.place.as_deref().cloned());
+            let alike = self.alike.get_or_insert_with(|| Box::new(Alike { count: 1, more: Vec::new() }));
+            alike.count += 1;
+            if alike.more.len() < MOST_PLACES {
+                alike.more.extend(other.place.as_deref().cloned());
             }
         }
         says_same
@@ -141,9 +180,9 @@ impl Serialize for Fault {
         if let Some(place) = &self.place {
             map.serialize_entry("place", place)?;
         }
-        if let Some(count) = &self.count {
-            map.serialize_entry("count", count)?;
-            map.serialize_entry("more", &self.more)?;
+        if let Some(alike) = &self.alike {
+            map.serialize_entry("count", &alike.count)?;
+            map.serialize_entry("more", &alike.more)?;
         }
         map.end()
     }

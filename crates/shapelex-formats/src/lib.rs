@@ -3,7 +3,7 @@
 //! * [`image`] — images, volumes, label images and masks;
 //! * [`shape`] — contours, landmarks and meshes of other programs;
 //! * [`dicom`] — what the files of DICOM of both have in common;
-//! * [`unit`] — what coordinates are in;
+//! * [`mod@unit`] — what coordinates are in;
 //! * [`words`] — messages of parsers in words that clients know.
 //!
 //! Families of formats are features, each of which brings the libraries that it needs: `dicom`, `meshes`, `microscopy`, `morphometrics`

@@ -182,9 +182,11 @@ impl ShapesPatch {
         });
         let changes = self.changes.unwrap_or_default();
         let edits = match (filter, ids, all) {
-            (Some(filter), None, false) if filter != ShapeFilter::default() => Edits::Filter(filter, changes),
+            (Some(filter), None, false) if filter != ShapeFilter::default() => {
+                Edits::Filter(Box::new(filter), changes)
+            }
             (None, Some(ids), false) => Edits::Ids(ids, changes),
-            (None, None, true) => Edits::Filter(ShapeFilter::default(), changes),
+            (None, None, true) => Edits::Filter(Box::default(), changes),
             _ => {
                 let detail = "expected one of a filter with conditions, ids and all=true";
                 errors.push(Fault::new("", detail));

@@ -55,7 +55,8 @@ impl Faults {
 
     /// Number of faults, including those that are not listed.
     pub fn count(&self) -> usize {
-        self.listed.iter().map(|fault| fault.count.unwrap_or(1)).sum::<usize>() + self.unlisted
+        self.listed.iter().map(|fault| fault.alike.as_ref().map_or(1, |alike| alike.count)).sum::<usize>()
+            + self.unlisted
     }
 
     /// The listed faults.
@@ -130,7 +131,8 @@ mod tests {
         of_file.extend((0..177).map(at).chain([fault(0)]));
         assert_eq!((of_file.count(), of_file.listed().len()), (178, 2));
         let first = &of_file.listed()[0];
-        assert_eq!((first.count, first.more.len(), first.more[0].item), (Some(177), 4, Some(1)));
+        let alike = first.alike.as_ref().unwrap();
+        assert_eq!((alike.count, alike.more.len(), alike.more[0].item), (177, 4, Some(1)));
         assert!(all.keep::<()>(Err(ServiceError::Cancelled)).is_err());
         assert!(matches!(all.unless_any(), Err(ServiceError::Invalid(all)) if all.count() == 150));
         assert!(Faults::default().unless_any().is_ok());

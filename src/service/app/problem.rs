@@ -124,7 +124,8 @@ impl Problem {
         let detail = match errors.as_slice() {
             [] => kind.title().into(),
             [one] => {
-                let times = one.count.map(|count| format!(" ({count} times)")).unwrap_or_default();
+                let times =
+                    one.alike.as_ref().map(|alike| format!(" ({} times)", alike.count)).unwrap_or_default();
                 match place(one) {
                     "" => format!("{}{times}", one.detail),
                     place => format!("{place}: {}{times}", one.detail),

@@ -45,7 +45,7 @@ pub struct Bulk {
 #[derive(Debug)]
 pub enum Edits {
     /// The same changes of all shapes that pass a filter.
-    Filter(ShapeFilter, MergePatch),
+    Filter(Box<ShapeFilter>, MergePatch),
     /// The same changes of the shapes with these ids, or external ids.
     Ids(Vec<String>, MergePatch),
     /// Changes of one shape each.
@@ -161,11 +161,14 @@ async fn store(app: &App, cohort: &Cohort, changed: Vec<Shape>) -> Result<u64, S
     Ok(app.store.correct_shapes(cohort, changed, names.as_ref(), now_ms()).await?)
 }
 
+/// An edit by an id: its position, the id, its members and its line.
+type ById = (usize, String, Arc<Map<String, Value>>, Option<u64>);
+
 /// The work, checked as far as it can be without the shapes.
 struct Plan {
     filter: Option<(ShapeFilter, Arc<Map<String, Value>>)>,
     /// Edits by ids: members, pointers and lines.
-    edits: Vec<(usize, String, Arc<Map<String, Value>>, Option<u64>)>,
+    edits: Vec<ById>,
     /// Where an edit stands in the request.
     list: &'static str,
     failed: Vec<Failed>,
@@ -175,7 +178,7 @@ impl Plan {
     fn new(edits: Edits, on_error: OnError, limits: &Limits) -> Result<Self, ServiceError> {
         let mut plan = Self { filter: None, edits: Vec::new(), list: "", failed: Vec::new() };
         match edits {
-            Edits::Filter(filter, patch) => plan.filter = Some((filter, shared(limits, patch)?)),
+            Edits::Filter(filter, patch) => plan.filter = Some((*filter, shared(limits, patch)?)),
             Edits::Ids(ids, patch) => {
                 let members = shared(limits, patch)?;
                 plan.list = "/ids/";

@@ -193,7 +193,7 @@ pub struct Erased {
 }
 
 /// Erases the shapes of a subject in all cohorts of the tenant, those in the trash included, at every revision; with `dry_run`, tells what
-/// would be erased. Waits for the files to be written anew, but no longer than [`REWRITING`].
+/// would be erased. Waits for the files to be written anew, but no longer than `REWRITING`.
 ///
 /// # Errors
 /// [`ServiceError::NotFound`] for a subject that has no shapes and was not erased before; [`ServiceError::Forbidden`] for keys limited to

@@ -34,6 +34,9 @@ pub struct ImageOutput {
     has_lengths: bool,
 }
 
+/// Takes a label image, and the label that its segment has.
+type AddLabels<'a> = &'a mut dyn FnMut(&ImageFile<u32>, Option<u32>) -> Result<(), ServiceError>;
+
 impl ImageOutput {
     /// The grid of an image.
     pub fn new(grid: &Grid) -> Self {
@@ -101,7 +104,7 @@ impl Part<'_> {
         &self,
         limits: &Limits,
         wanted: &dyn Fn(u32) -> bool,
-        add: &mut dyn FnMut(&ImageFile<u32>, Option<u32>) -> Result<(), ServiceError>,
+        add: AddLabels<'_>,
     ) -> Result<(), ServiceError> {
         let format = detect(self.bytes).map_err(|error| self.refused(&error))?;
         let mut added = Ok(());

@@ -343,7 +343,7 @@ impl Task<'_> {
         warnings.extend(self.more_warnings(index, D == 3 && model.lift().is_some()));
         let outlines = [model.outline(&first), model.outline(&found.rows)];
         let has_others = self.wanted.starts.count() > 1;
-        let cells = has_others.then(|| place::runs(&outlines[1], scene.size())).unwrap_or_default();
+        let cells = if has_others { place::runs(&outlines[1], scene.size()) } else { Vec::new() };
         let control_points = model.control_points(&found.rows);
         let gradient_rows = gradient.as_ref().map(|_| free_rows(model, control_points.len()));
         let chosen_dictionary = self.chosen(settings, &found.rows);

@@ -67,7 +67,10 @@ fn lines(text: &[u8], decoder: &mut Pages<'_>) -> Result<Option<Sizes>, ImageErr
     };
     let find = |name: &str| {
         let pairs = text.lines().filter_map(|line| line.split_once('='));
-        pairs.filter(|(key, _)| *key == name).map(|(_, value)| value.trim_matches(['\0', ' ', '\r'])).last()
+        pairs
+            .filter(|(key, _)| *key == name)
+            .map(|(_, value)| value.trim_matches(['\0', ' ', '\r']))
+            .next_back()
     };
     let unit = find("unit").map(|unit| unit.replace("\\u00B5", "µ").replace("\\u00b5", "µ"));
     let unit = unit.and_then(|unit| Unit::find(&unit)).filter(|unit| unit.is_length());
