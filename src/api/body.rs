@@ -135,7 +135,7 @@ pub(super) fn too_many_values(most: usize) -> Problem {
 pub fn pieces(body: Body) -> impl Stream<Item = Result<Bytes, ServiceError>> {
     TryStreamExt::map_err(body.into_data_stream(), |error| {
         let detail = match cause::<Expands>(&error) {
-            Some(expands) => return ServiceError::TooLarge(Fault::new("", expands.to_string())),
+            Some(expands) => return ServiceError::TooLarge(Fault::new("", expands.to_string()).into()),
             None => format!("the stream ended early or its encoding is invalid: {error}"),
         };
         ServiceError::Malformed(vec![Fault::new("", detail)])

@@ -376,7 +376,7 @@ fn sentence(error: &ServiceError) -> String {
     let fault = match error {
         ServiceError::Invalid(faults) => faults.listed().first(),
         ServiceError::Malformed(faults) | ServiceError::Parameters(faults) => faults.first(),
-        ServiceError::TooLarge(fault) | ServiceError::ExternalIdConflict(fault) => Some(fault),
+        ServiceError::TooLarge(fault) | ServiceError::ExternalIdConflict(fault) => Some(&**fault),
         _ => None,
     };
     let Some(fault) = fault else { return error.to_string() };

@@ -47,7 +47,7 @@ pub enum ServiceError {
     },
     /// Nothing has the name or id at a place in the body.
     #[error("{}: {}", .0.pointer, .0.detail)]
-    NamesNothing(Fault),
+    NamesNothing(Box<Fault>),
     /// An object was deleted while the request was at work on it.
     #[error("the {kind} was deleted in the meantime")]
     Deleted {
@@ -62,10 +62,10 @@ pub enum ServiceError {
     },
     /// Another shape has this external id.
     #[error("{}: {}", .0.pointer, .0.detail)]
-    ExternalIdConflict(Fault),
+    ExternalIdConflict(Box<Fault>),
     /// A line or body exceeds its maximum length.
     #[error("{}", .0.detail)]
-    TooLarge(Fault),
+    TooLarge(Box<Fault>),
     /// The body ended early or stalled.
     #[error("{0}")]
     Interrupted(String),
@@ -169,7 +169,7 @@ impl ServiceError {
     /// This error, where the name or id that nothing has stands in the body at `pointer`.
     pub fn named_at(self, pointer: &str) -> Self {
         match self {
-            Self::NotFound { .. } => Self::NamesNothing(Fault::new(pointer, self.to_string())),
+            Self::NotFound { .. } => Self::NamesNothing(Fault::new(pointer, self.to_string()).into()),
             other => other,
         }
     }
@@ -271,7 +271,7 @@ impl From<FileError> for ServiceError {
     fn from(error: FileError) -> Self {
         let fault = Fault::of_file(&error);
         match error.kind {
-            FaultKind::TooLarge => Self::TooLarge(fault),
+            FaultKind::TooLarge => Self::TooLarge(fault.into()),
             FaultKind::Option => {
                 let name = error.place.tag.unwrap_or_else(|| "format".into());
                 Self::parameter(name, error.detail)

@@ -259,7 +259,7 @@ async fn pass(
         if sender.is_closed() && arrived_after(&mut after, bytes.len()) > limits.held {
             let detail =
                 format!("expected the end of the body after the file, got more than {} bytes", limits.held);
-            return Err(ServiceError::TooLarge(Fault::new("", detail)));
+            return Err(ServiceError::TooLarge(Fault::new("", detail).into()));
         }
         let begun = Instant::now();
         // The reader may have ended before the body.

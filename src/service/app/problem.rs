@@ -203,15 +203,15 @@ impl From<ServiceError> for Problem {
             ServiceError::NameTaken { .. } => {
                 Self::with(ProblemKind::NameTaken, vec![Fault::new("/name", detail)])
             }
-            ServiceError::NamesNothing(fault) => Self::with(ProblemKind::NotFound, vec![fault]),
+            ServiceError::NamesNothing(fault) => Self::with(ProblemKind::NotFound, vec![*fault]),
             ServiceError::ExternalIdConflict(fault) => {
-                Self::with(ProblemKind::ExternalIdConflict, vec![fault])
+                Self::with(ProblemKind::ExternalIdConflict, vec![*fault])
             }
             ServiceError::JobFinished { .. } => Self::new(ProblemKind::JobFinished, detail),
             ServiceError::VersionInUse { .. } => Self::new(ProblemKind::VersionInUse, detail),
             ServiceError::Unauthenticated => Self::new(ProblemKind::Unauthenticated, detail),
             ServiceError::Forbidden(_) => Self::new(ProblemKind::Forbidden, detail),
-            ServiceError::TooLarge(fault) => Self::with(ProblemKind::PayloadTooLarge, vec![fault]),
+            ServiceError::TooLarge(fault) => Self::with(ProblemKind::PayloadTooLarge, vec![*fault]),
             ServiceError::Query(_) => Self::new(ProblemKind::InvalidQuery, detail),
             ServiceError::Parameters(faults) => Self::with(ProblemKind::InvalidQuery, faults),
             ServiceError::Interrupted(_) => Self::new(ProblemKind::InterruptedBody, detail),

@@ -267,7 +267,7 @@ async fn take_stream(
 }
 
 fn too_long(error: LineTooLong) -> ServiceError {
-    ServiceError::TooLarge(Fault { line: Some(error.number), ..Fault::new("", error.to_string()) })
+    ServiceError::TooLarge(Fault { line: Some(error.number), ..Fault::new("", error.to_string()) }.into())
 }
 
 /// What was written of an upload.
@@ -752,12 +752,12 @@ async fn write(
 fn located(error: StoreError, first: usize, origins: &[Origin], prefix: &str) -> ServiceError {
     let StoreError::ExternalIdConflict { position, external_id } = error else { return error.into() };
     let offset = usize::try_from(position).ok().and_then(|position| position.checked_sub(first));
-    ServiceError::ExternalIdConflict(match offset.and_then(|offset| origins.get(offset)) {
+    ServiceError::ExternalIdConflict(Box::new(match offset.and_then(|offset| origins.get(offset)) {
         Some(origin) => origin.conflict(&external_id, prefix),
         None => {
             Fault::new("/external_id", format!("the external id '{external_id}' belongs to another shape"))
         }
-    })
+    }))
 }
 
 #[cfg(test)]

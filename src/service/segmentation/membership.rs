@@ -328,7 +328,7 @@ fn in_request(error: ServiceError, list: &str, places: &[usize]) -> ServiceError
     let ServiceError::ExternalIdConflict(fault) = error else { return error };
     let index = fault.index.and_then(|index| places.get(index).copied());
     let pointer = index.map_or_else(|| format!("/{list}"), |index| format!("/{list}/{index}/external_id"));
-    ServiceError::ExternalIdConflict(Fault { index, ..Fault::new(pointer, fault.detail) })
+    ServiceError::ExternalIdConflict(Fault { index, ..Fault::new(pointer, fault.detail) }.into())
 }
 
 #[cfg(test)]

@@ -335,7 +335,7 @@ pub(crate) async fn of_cohort(app: &App, cohort: &Cohort) -> Result<Arc<CohortCo
 
 fn too_large(cohort: &Cohort) -> ServiceError {
     let detail = format!("expected a cohort whose attributes fit in memory, got {} shapes", cohort.shapes);
-    ServiceError::TooLarge(Fault::new("", detail))
+    ServiceError::TooLarge(Fault::new("", detail).into())
 }
 
 /// The columns that were `known` at an earlier revision, without the shapes deleted since, and with the new ones. They are built in
