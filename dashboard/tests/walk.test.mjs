@@ -257,7 +257,7 @@ test("files of other programs: what is in them, what would be left out, and then
   const features = [feature("whole", { type: "Polygon", coordinates: [ring(0, 1)] }, "Tumor"), feature("holed", { type: "Polygon", coordinates: [ring(10, 10), ring(12, 1)] }, "Stroma"), feature("nowhere", null, "Stroma")];
   let card = await drop(page, textFile("slide.geojson", JSON.stringify({ type: "FeatureCollection", features })));
   await card.getByText("Not stored yet").waitFor();
-  for (const text of ["GeoJSON", "2 · in the plane", "whole, holed", "x 0 – 50, y 0 – 30", "not said", "Stroma (1), Tumor (1)", "1 holes"]) await card.getByText(text).first().waitFor();
+  for (const text of ["GeoJSON", "2 · in the plane", "whole, holed", "x 0 – 50, y 0 – 30", "pixel", "Stroma (1), Tumor (1)", "1 holes"]) await card.getByText(text).first().waitFor();
   assert.equal((await service.call("GET", "/v1/cohorts/files")).shape_count, 0, "nothing is stored yet");
   await accessible(page, "file");
   await screen(page, "upload-inspected", { fullPage: true });
@@ -269,7 +269,7 @@ test("files of other programs: what is in them, what would be left out, and then
   await card.getByText("1 bound holes").waitFor();
   await card.getByRole("button", { name: "Store", exact: true }).click();
   await card.getByText("3 added").waitFor();
-  assert.equal((await service.call("GET", "/v1/cohorts/files/shapes/whole")).label, "Tumor");
+  assert.equal((await service.call("GET", "/v1/cohorts/files/shapes/slide/whole")).label, "Tumor");
   // Faults have their place: the line of a TPS, the feature of a GeoJSON. What cannot be read is not stored.
   card = await drop(page, textFile("broken.tps", "LM=3\n0 0\n4 x\n1 1\nID=a\n"));
   await card.getByText("Cannot be read").waitFor();
@@ -313,7 +313,7 @@ test("landmarks with a scale, and a mesh that becomes a surface, are stored and 
   await screen(page, "upload-german");
   await card.getByRole("button", { name: "Speichern", exact: true }).click();
   await card.getByText("1 hinzugefügt").waitFor();
-  assert.deepEqual((await service.call("GET", "/v1/cohorts/landmarks/shapes/wing")).control_points[1], [4, 0.2]);
+  assert.deepEqual((await service.call("GET", "/v1/cohorts/landmarks/shapes/wing/wing")).control_points[1], [4, 0.2]);
   await page.goto(`${service.address}/app/cohorts/ellipsoids/upload`);
   await settled(page);
   const obj = await (await fetch(`${service.address}/v1/cohorts/ellipsoids/shapes/ellipsoid3?format=obj`)).text();
