@@ -13,13 +13,13 @@ pub fn unit_of(text: &str) -> Result<Unit, String> {
     Unit::find(text).ok_or_else(|| format!("expected one of {}, got '{}'", Unit::words(), brief(text.into())))
 }
 
-/// Units of a file and of the cohort that takes its shapes.
+/// Units of a file and of the cohort or dictionary that takes its shapes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct FileUnits {
     /// Unit that the file states, or that the request gives it.
     #[schema(example = "mm")]
     file: String,
-    /// Unit of the shapes as they are stored.
+    /// Unit of the shapes as they are stored, or asked about.
     #[schema(example = "cm")]
     stored: String,
     /// Number by which coordinates were multiplied. Powers of ten are divisions where it is below 1, so that 1 mm is 0.1 cm.

@@ -21,7 +21,7 @@ pub struct FileSummary {
     pub records: u64,
     /// Facts of the file: unit, frame of reference, size of the image.
     pub properties: BTreeMap<String, serde_json::Value>,
-    /// Units of the file and of the cohort that takes its shapes; absent where there is no cohort, or no unit of the file.
+    /// Units of the file and of the cohort or dictionary that takes its shapes; absent where there is none, or no unit of the file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(required = false)]
     pub units: Option<FileUnits>,

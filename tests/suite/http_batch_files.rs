@@ -75,6 +75,39 @@ fn files_are_answered_as_their_translation_is() {
     assert_eq!((results(&kept).len(), results(&found).len()), (3, 2));
 }
 
+/// An answer about a file names its shapes as an upload of it does.
+#[test]
+fn shapes_of_files_have_the_names_of_an_upload() {
+    let server = Server::fresh();
+    let representation =
+        json!({"kind": "closed_curve", "dimension": 2, "control_points": 8, "generator": {"name": "cubic"}});
+    server
+        .post(
+            "/v1/cohorts",
+            &json!({"name": "c", "correspondence": "arc_length", "representation": representation}),
+        )
+        .expect(201);
+    let measure = format!("/v1/measure?representation={representation}&correspondence=arc_length");
+    let files = [
+        ("map.geojson", map().into_bytes()),
+        ("cells.png", label_picture()),
+        ("set.tps", b"LM=4\n0 0\n1 0\n1 1\n0 1\nLM=4\n0 0\n1 0\n2 1\n0 1\n".to_vec()),
+        ("one.tps", b"LM=4\n0 0\n1 0\n1 1\n0 1\n".to_vec()),
+    ];
+    let names = |answer: &Value| -> Vec<Value> {
+        answer["results"].as_array().unwrap().iter().map(|one| one["external_id"].clone()).collect()
+    };
+    for (name, file) in &files {
+        for more in ["", "&prefix=monday-"] {
+            let stored =
+                post(&server, &format!("/v1/cohorts/c/shapes?name={name}{more}"), ANY, file).expect(201);
+            let asked = post(&server, &format!("{measure}&name={name}{more}"), ANY, file).expect(200);
+            assert_eq!(names(&asked), names(&stored), "{name} {more}");
+            assert!(names(&asked).iter().all(Value::is_string), "{name} {more}");
+        }
+    }
+}
+
 #[test]
 fn faults_of_files_name_the_shape() {
     let server = shared();

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use reqwest::Method;
 use serde_json::{Value, json};
 use shapelex_formats::dicom::{SeriesImage, Study};
 use shapelex_formats::image::write::{nifti_u8, png_u8};
@@ -233,6 +234,73 @@ fn lengths_of_files_are_those_of_the_cohort() {
             assert!((stored / (plain * factor) - 1.0).abs() < 1e-12, "{what} in {unit}: {stored} {plain}");
             assert_eq!(unit_of(&server, &other), unit);
         }
+    }
+}
+
+/// Requests about the shapes of a file: every route of a dictionary, and measures, convert as an upload does.
+#[test]
+fn lengths_of_files_are_those_of_the_dictionary() {
+    let server = Server::fresh();
+    let contour = |k: u32| {
+        let corners =
+            CORNERS.map(|[x, y]| [x * (1.0 + 0.01 * f64::from(k)), y * (1.0 - 0.02 * f64::from(k % 3))]);
+        json!({"points": corners})
+    };
+    let shapes: Vec<_> = (0..6).map(contour).collect();
+    for (name, unit) in [("cm", json!("cm")), ("pixel", json!("pixel")), ("silent", Value::Null)] {
+        let path = cohort(&server, name, unit);
+        server.post(&format!("{path}/shapes"), &json!({"shapes": shapes})).expect(201);
+        let learn = json!({"name": name, "cohort": name, "transformation": "rigid",
+            "method": {"kind": "functional_pca", "components": 2}});
+        let learn = server.request(Method::POST, "/v1/dictionaries").header("prefer", "wait=60").json(&learn);
+        server.send(learn).expect(201);
+    }
+    let ask = |dictionary: &str, file: &File, more: &str| {
+        let path = format!("/v1/dictionaries/{dictionary}/{more}");
+        server.post_bytes(&path, "application/octet-stream", file.bytes.clone())
+    };
+    let plain = |unit| {
+        written(
+            "geojson",
+            unit,
+            &record(2, Some(true)),
+            WriteOptions { unit: Some(unit.into()), ..WriteOptions::default() },
+        )
+    };
+    let (metres, centimetres) = (plain("m"), plain("cm"));
+    for route in ["encode", "reconstruct", "score", "assess?samples=0"] {
+        let and = if route.contains('?') { '&' } else { '?' };
+        let own = ask("cm", &centimetres, route).expect(200);
+        let asked = ask("cm", &metres, route).expect(200);
+        let units = json!({"file": "m", "stored": "cm", "factor": 100.0, "adopted": false});
+        assert_eq!(asked["file"]["units"], units, "{route}");
+        assert_ne!(asked["results"], own["results"], "{route}");
+        // The request says that the numbers are centimetres: the same answer, whatever the file states.
+        let said = ask("cm", &metres, &format!("{route}{and}unit=cm")).expect(200);
+        assert_eq!(said["results"], own["results"], "{route}");
+        let refused = ask("pixel", &metres, route).expect_problem(422, "invalid-input", &[""]);
+        let detail = refused["errors"][0]["detail"].as_str().unwrap();
+        let begin = "expected coordinates in pixel, the length unit of the dictionary, got m";
+        assert!(detail.starts_with(begin), "{route}: {detail}");
+        let silent = ask("silent", &metres, route).expect(200);
+        assert!(
+            silent["file"]["warnings"].to_string().contains("the dictionary has no length unit"),
+            "{route}"
+        );
+        assert_eq!(ask("cm", &metres, &format!("{route}{and}unit=Mm")).status, 400, "{route}");
+    }
+    let measured = |more: &str| {
+        let path = format!(
+            "/v1/measure?correspondence=arc_length&representation={{\"kind\":\"closed_curve\",\"dimension\":2,\"control_points\":16,\"generator\":{{\"name\":\"cubic\"}}}}{more}"
+        );
+        server.post_bytes(&path, "application/octet-stream", metres.bytes.clone()).expect(200)
+    };
+    let length = |answer: &Value| answer["results"][0]["length"].as_f64().unwrap();
+    let plain = length(&measured(""));
+    for unit in ["cm", "%22cm%22"] {
+        let converted = measured(&format!("&length_unit={unit}"));
+        assert_eq!(converted["length_unit"], "cm");
+        assert!((length(&converted) / plain / 100.0 - 1.0).abs() < 1e-12, "{unit}");
     }
 }
 

@@ -1,14 +1,15 @@
 //! Requests about many shapes, and their answers: one entry for each shape, in order.
 //!
 //! A request is a JSON document, or NDJSON with one shape per line. The other fields of the document are then parameters of the
-//! query, whose values are JSON or plain text. A file of another program is read as the lines that `POST /v1/convert` makes of it. An answer is a JSON document with a list `results`, or NDJSON with one entry
+//! query, whose values are JSON or plain text. A file of another program is read as the lines that `POST /v1/convert` makes of it, in the
+//! unit of the dictionary and under the names of an upload. An answer is a JSON document with a list `results`, or NDJSON with one entry
 //! per line, beside which stand the other fields of the document.
 
 use std::convert::Infallible;
 use std::sync::Arc;
 
 use axum::body::{Body, Bytes};
-use axum::extract::{FromRequest, FromRequestParts, Request};
+use axum::extract::{FromRequest, FromRequestParts, RawPathParams, Request};
 use axum::http::request::Parts;
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -19,7 +20,7 @@ use serde::de::{DeserializeOwned, IgnoredAny};
 use super::file_parameters::FileParameters;
 use crate::api::body::{self, is_file, is_stream};
 use crate::api::extract::{
-    BesideFormat, Format, PrefersLines, Query, TWICE, is_json, media_type, unknown_parameter,
+    BesideFormat, Caller, Format, PrefersLines, Query, TWICE, is_json, media_type, unknown_parameter,
 };
 use crate::api::problem::{Problem, ProblemKind};
 use crate::api::respond::{compute_planned, json, planned};
@@ -31,7 +32,9 @@ use crate::formats::shape::ShapeInput;
 use crate::formats::summary::FileSummary;
 use crate::service::app::outgoing::BodyWriter;
 use crate::service::app::{App, Limits, ServiceError, Work};
-use crate::service::files::translate::{FileReading, shape_lines};
+use crate::service::cohorts::lengths::Lengths;
+use crate::service::dictionaries::ready;
+use crate::service::files::translate::{Asking, FileReading, shape_lines};
 use crate::service::shapes::names::InputNames;
 use crate::service::shapes::outcome::{OnError, Outcomes, ShapeError};
 use crate::service::shapes::read;
@@ -76,7 +79,7 @@ impl FromRequest<App> for Batch {
         let (mut parts, body) = request.into_parts();
         let PrefersLines(answers_lines) = PrefersLines::from_request_parts(&mut parts, app).await?;
         let Query(parameters) = Query::<Vec<(String, String)>>::from_request_parts(&mut parts, app).await?;
-        Self::read(app, &parts, parameters, body, answers_lines).await
+        Self::read(app, &mut parts, parameters, body, answers_lines).await
     }
 }
 
@@ -105,7 +108,7 @@ impl FromRequest<App> for DrawnBatch {
         };
         let BesideFormat(parameters) =
             BesideFormat::<Vec<(String, String)>>::from_request_parts(&mut parts, app).await?;
-        let batch = Batch::read(app, &parts, parameters, body, answers_lines).await?;
+        let batch = Batch::read(app, &mut parts, parameters, body, answers_lines).await?;
         if picture.is_some() && batch.form.on_error == OnError::Skip {
             return Err(Problem::of_parameter(
                 "on_error",
@@ -119,7 +122,7 @@ impl FromRequest<App> for DrawnBatch {
 impl Batch {
     async fn read(
         app: &App,
-        parts: &Parts,
+        parts: &mut Parts,
         mut parameters: Vec<(String, String)>,
         body: Body,
         answers_lines: bool,
@@ -132,9 +135,12 @@ impl Batch {
                 None
             }
             other if is_file(other) => {
-                let reading = FileParameters::take_reading(&mut parameters).reading(other)?;
+                let lengths = lengths_of(app, parts, &parameters).await?;
+                let mut file = FileParameters::take_asking(&mut parameters);
+                let asking = file.asking(on_error, lengths)?;
+                let reading = file.reading(other)?;
                 let settings = Some(settings(&parameters)?);
-                let (file, body) = lines_of(app, body, reading).await?;
+                let (file, body) = lines_of(app, body, reading, asking).await?;
                 return Ok(Self { body, form: Form { settings, on_error, answers_lines, file: Some(file) } });
             }
             other => return Err(unsupported(other)),
@@ -144,11 +150,36 @@ impl Batch {
     }
 }
 
+/// Unit in which a request asks about shapes: that of its dictionary, else the one that it gives for the answer.
+async fn lengths_of(
+    app: &App,
+    parts: &mut Parts,
+    parameters: &[(String, String)],
+) -> Result<Lengths, Problem> {
+    let path = RawPathParams::from_request_parts(parts, app).await.ok();
+    let key = path.iter().flatten().find(|(name, _)| *name == "dictionary").map(|(_, key)| key.to_owned());
+    let Some(key) = key else {
+        let given = parameters.iter().find(|(name, _)| name == "length_unit");
+        // A value is JSON or plain text.
+        let text = |unit: &String| serde_json::from_str(unit).unwrap_or_else(|_| unit.clone());
+        return Ok(Lengths::of_answer(given.map(|(_, unit)| text(unit))));
+    };
+    let Caller(app) = Caller::from_request_parts(parts, app).await?;
+    let ready = ready::find(&app, &key).await?;
+    Ok(Lengths::of_dictionary(ready.dictionary.content.length_unit.clone()))
+}
+
 /// The shapes of a file as lines, within the memory for bodies, and what its reader says of it.
-async fn lines_of(app: &App, body: Body, reading: FileReading) -> Result<(FileSummary, Bytes), Problem> {
+async fn lines_of(
+    app: &App,
+    body: Body,
+    reading: FileReading,
+    asking: Asking,
+) -> Result<(FileSummary, Bytes), Problem> {
     let (output, pieces) = BodyWriter::new();
-    let work =
-        async move { shape_lines(app, body::pieces(body), reading, output).await.map_err(Problem::from) };
+    let work = async move {
+        shape_lines(app, body::pieces(body), reading, asking, output).await.map_err(Problem::from)
+    };
     let pieces = stream::unfold(pieces, |mut pieces| async move {
         pieces.recv().await.map(|piece| (Ok::<_, Infallible>(piece), pieces))
     });

@@ -14,11 +14,13 @@ use crate::formats::files::{self, ReadOptions, WriteOptions};
 use crate::formats::json;
 use crate::formats::lengths::unit_of;
 use crate::formats::record::{Facts, MAX_SAMPLES, Placing, Plane};
+use crate::formats::unit::Unit;
 use crate::formats::words::plain_sentence;
 use crate::service::app::{Limits, ServiceError};
+use crate::service::cohorts::lengths::Lengths;
 use crate::service::cohorts::pseudonyms::SubjectFrom;
 use crate::service::cohorts::upload_file::FileToAdd;
-use crate::service::files::translate::{FileReading, to_add};
+use crate::service::files::translate::{Asking, FileReading, to_add};
 use crate::service::files::{FileFormat, unknown_format};
 use crate::service::shapes::outcome::OnError;
 use crate::service::shapes::read::attributes;
@@ -144,10 +146,11 @@ impl FileParameters {
         Self(taken)
     }
 
-    /// Takes the name of a file and the options of reading it from `pairs`, and leaves the others.
-    pub(super) fn take_reading(pairs: &mut Vec<(String, String)>) -> Self {
+    /// Takes from `pairs` the parameters of a file about whose shapes a request asks, and leaves the others.
+    pub(super) fn take_asking(pairs: &mut Vec<(String, String)>) -> Self {
         let known = names_of(&ReadOptions::default());
-        let is_own = |name: &str| name == "name" || known.iter().any(|known| known == name);
+        let own = ["name", "prefix", "unit"];
+        let is_own = |name: &str| own.contains(&name) || known.iter().any(|known| known == name);
         let (taken, rest) = std::mem::take(pairs).into_iter().partition(|(name, _)| is_own(name));
         *pairs = rest;
         Self(taken)
@@ -188,6 +191,20 @@ impl FileParameters {
             }
             ServiceError::from(error).into()
         })
+    }
+
+    /// What the coordinates of the file are in, whatever it states.
+    fn unit(&mut self) -> Result<Option<Unit>, Problem> {
+        let unit = self.value("unit")?.map(|word| unit_of(&word)).transpose();
+        unit.map_err(|detail| Problem::of_parameter("unit", detail))
+    }
+
+    /// How the shapes of the file become those of a request.
+    ///
+    /// # Errors
+    /// Parameters with values that they cannot have.
+    pub(super) fn asking(&mut self, on_error: OnError, lengths: Lengths) -> Result<Asking, Problem> {
+        Ok(Asking { unit: self.unit()?, prefix: self.value("prefix")?, on_error, lengths })
     }
 
     /// How a file is read whose request has a media type.
@@ -234,8 +251,7 @@ impl FileParameters {
         let samples =
             self.value("samples")?.map(|text| count_of("samples", &text, MAX_SAMPLES)).transpose()?;
         let prefix = self.value("prefix")?;
-        let unit = self.value("unit")?.map(|word| unit_of(&word)).transpose();
-        let unit = unit.map_err(|detail| Problem::of_parameter("unit", detail))?;
+        let unit = self.unit()?;
         let subject_from =
             self.value("subject_from")?.map(|word| word_of("subject_from", &word)).transpose()?;
         let facts = self.facts()?;

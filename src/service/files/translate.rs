@@ -7,14 +7,16 @@ use super::format::{FileFormat, file_limits};
 use super::proposal::FirstShapes;
 use super::writing::write;
 use crate::formats::files::{
-    FaultKind, FileError, Format, Inspection, Place, ReadOptions, Record, Sink, Source, Storing, Summary,
-    WriteOptions, find,
+    FaultKind, FileError, Filed, Format, Inspection, Place, ReadOptions, Record, Sink, Source, Storing,
+    Summary, WriteOptions, find,
 };
 use crate::formats::record::{Placing, count_unstored};
 use crate::formats::summary::FileSummary;
+use crate::formats::unit::Unit;
 use crate::service::app::incoming::{Stop, read_incoming};
 use crate::service::app::outgoing::BodyWriter;
 use crate::service::app::{App, Limits, ServiceError};
+use crate::service::cohorts::lengths::Lengths;
 use crate::service::cohorts::pseudonyms::SubjectFrom;
 use crate::service::cohorts::upload_file::{FileToAdd, ReadFile, without_shapes};
 use crate::service::shapes::outcome::OnError;
@@ -105,40 +107,64 @@ pub async fn translate(
     options: WriteOptions,
     output: BodyWriter,
 ) -> Result<FileSummary, ServiceError> {
-    translate_each(app, stream, reading, (to, options), output, |record| record).await
+    translate_through(app, stream, reading, (to, options), output, None).await
+}
+
+/// How the shapes of a file become those of a request: under the names and in the unit that they would be stored with.
+#[derive(Debug)]
+pub struct Asking {
+    /// Unit of the coordinates, whatever the file states.
+    pub unit: Option<Unit>,
+    /// Text before the names. Default: that of an upload.
+    pub prefix: Option<String>,
+    /// Treatment of broken shapes.
+    pub on_error: OnError,
+    /// Units of the file and of the dictionary that is asked.
+    pub lengths: Lengths,
 }
 
 /// Translates a file to lines of shapes as requests take them, which do not know objects of several rings.
 ///
 /// # Errors
-/// As [`translate`].
+/// As [`translate`]; lengths where the dictionary has none, and the other way round.
 pub async fn shape_lines(
     app: &App,
     stream: impl Stream<Item = Result<Bytes, ServiceError>>,
-    reading: FileReading,
+    mut reading: FileReading,
+    asking: Asking,
     output: BodyWriter,
 ) -> Result<FileSummary, ServiceError> {
     let to = find("ndjson").ok_or_else(|| ServiceError::Internal("no format of lines".into()))?;
-    let alone = |record| Record { ring: None, ..record };
-    translate_each(app, stream, reading, (to, WriteOptions::default()), output, alone).await
+    reading.options.storing =
+        Some(Storing { skips_broken: asking.on_error == OnError::Skip, persons: false });
+    let filed = Filed::new(reading.name.as_deref(), asking.prefix.as_deref());
+    let way = Some((filed, asking));
+    translate_through(app, stream, reading, (to, WriteOptions::default()), output, way).await
 }
 
-async fn translate_each(
+async fn translate_through(
     app: &App,
     stream: impl Stream<Item = Result<Bytes, ServiceError>>,
     reading: FileReading,
     (to, options): (&'static Format, WriteOptions),
     output: BodyWriter,
-    each: fn(Record) -> Record,
+    mut way: Option<(Filed, Asking)>,
 ) -> Result<FileSummary, ServiceError> {
     let (limits, memory) = (app.limits, app.memory.clone());
     read_incoming(app, stream, file_limits(&limits), &mut None, move |source, stop| {
         let fill = |push: &mut dyn FnMut(&Record) -> Result<(), FileError>| {
             let mut count = 0_u64;
-            let summary = read(source, &stop, &reading, &limits, &mut |record| {
+            let mut summary = read(source, &stop, &reading, &limits, &mut |record| {
                 count += 1;
-                push(&each(record))
+                let Some((filed, asking)) = &mut way else { return push(&record) };
+                let record = asking.lengths.convert(Record { ring: None, ..record }, asking.unit)?;
+                filed.push(record, &mut |record| push(&record))
             })?;
+            if let Some((filed, asking)) = &mut way {
+                filed.finish(&mut |record| push(&record))?;
+                summary.units = asking.lengths.told();
+                summary.warnings.extend(asking.lengths.warning());
+            }
             if count > 0 { Ok(summary) } else { Err(without_shapes(&summary)) }
         };
         let (summary, unwritten) = write(&memory, to, output, &options, fill)?;

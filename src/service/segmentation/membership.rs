@@ -172,7 +172,7 @@ impl Membership {
     pub fn meet(&mut self, stated: Option<Unit>) -> Result<(), ServiceError> {
         self.unit = self.unit.or(stated);
         self.lengths = Lengths::of(&self.cohort);
-        self.unit.map_or(Ok(()), |unit| self.lengths.meet(unit).map(drop))
+        self.unit.map_or(Ok(()), |unit| Ok(self.lengths.meet(unit).map(drop)?))
     }
 
     /// Shapes of the objects that are to be stored, with their origin.

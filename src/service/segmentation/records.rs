@@ -65,8 +65,14 @@ pub fn read_label_image(
             rank => format!("{}.{rank}", of.label),
         };
         if selects(of.label) {
-            let identity =
-                Identity { name: &name, number: object + 1, rank, instance: instance.as_ref(), options };
+            let identity = Identity {
+                name: &name,
+                label: of.label,
+                number: object + 1,
+                rank,
+                instance: instance.as_ref(),
+                options,
+            };
             let title = title(of.label).map(str::to_owned);
             let mut titled = |record: Record| {
                 let record = identity.named(Record { label: title.clone(), unit, ..record });
@@ -173,6 +179,7 @@ fn instance_of(
 /// What a component is called.
 struct Identity<'a> {
     name: &'a str,
+    label: u32,
     /// Its position in the file, from 1.
     number: u64,
     /// Its rank among the components of its label, from 0.
@@ -184,14 +191,13 @@ struct Identity<'a> {
 impl Identity<'_> {
     /// A record of the component with its name: of DICOM the unique one, of a surface that of its segment, of others that of the contour.
     fn named(&self, mut record: Record) -> Record {
-        let Self { name, number, rank, .. } = self;
+        let Self { name, label, number, rank, .. } = self;
         let rest =
             record.name.as_deref().and_then(|own| own.strip_prefix(name)).unwrap_or_default().to_owned();
         let uid = self.instance.and_then(|instance| instance.uid.as_deref());
         match (self.options.names, uid) {
             (Some(Names::Number), _) => record.name = Some(format!("{number}{rest}")),
             (None | Some(Names::Id), Some(uid)) => {
-                let label = name.split('.').next().unwrap_or(name);
                 let part = match (rank, &record.geometry) {
                     (0, Geometry::Mesh(_)) => String::new(),
                     (rank, _) => format!("/{}", rank + 1),

@@ -4,7 +4,7 @@
 //! |---|---|
 //! | of one shape a file, such as meshes and regions of ImageJ | `slide` |
 //! | of several objects | `slide/cell`, the next one of this name `slide/cell~2` |
-//! | in which whoever made the file gives identities: tables, NDJSON | as it stands there |
+//! | with identities that the maker of the file gives: tables, NDJSON | as it stands there |
 //! | DICOM | by unique identifiers, which no other file has |
 //!
 //! What has no name is numbered by its place in the file.
@@ -79,7 +79,7 @@ pub(super) struct Naming {
     stores: bool,
     /// Digests of the names so far, each with the last number that stands behind it.
     seen: HashMap<u128, u64>,
-    /// Keys of the digests: nobody who does not know them finds two names with one digest.
+    /// Random keys of the digests, so that a client cannot choose two names with one digest.
     keys: [RandomState; 2],
     /// Number of names for which there is memory.
     room: usize,
