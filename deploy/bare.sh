@@ -17,8 +17,9 @@ ROOT=${ROOT:-$PLACE/root}
 LOG=$PLACE/log
 READY_SECONDS=5400
 ADDRESS=http://127.0.0.1:8080
-# Where the checkout lies in the new system.
-CHECKOUT=/home/reader/shapelex
+# Home of the user in the new system, and the checkout in it.
+HOUSE=/srv/reader
+CHECKOUT=$HOUSE/shapelex
 
 skip() {
     echo "SKIPPED: the bare machine, $1"
@@ -78,16 +79,16 @@ take_over() {
 # The user, with cargo's settings of this machine, its certificates, and a clean clone.
 furnish() {
     local cargo=${CARGO_HOME:-$HOME/.cargo} found
-    inside root useradd --create-home --shell /bin/bash reader
-    mkdir -p "$ROOT/home/reader/.cargo"
+    inside root useradd --create-home --home-dir "$HOUSE" --shell /bin/bash reader
+    mkdir -p "$ROOT$HOUSE/.cargo"
     # Where crates come from and how they are fetched; nothing of how they are compiled.
     for found in config.toml credentials.toml; do
         [ ! -e "$cargo/$found" ] \
-            || awk '/^\[/ { on = /^\[+ *(source|registry|registries|http|net)/ } on' "$cargo/$found" >"$ROOT/home/reader/.cargo/$found"
+            || awk '/^\[/ { on = /^\[+ *(source|registry|registries|http|net)/ } on' "$cargo/$found" >"$ROOT$HOUSE/.cargo/$found"
     done
     [ ! -e "$ROOT/etc/machine.crt" ] || mv "$ROOT/etc/machine.crt" "$ROOT/etc/ssl/certs/ca-certificates.crt"
     git clone --quiet --no-hardlinks "$PWD" "$ROOT$CHECKOUT"
-    inside root chown -R reader: /home/reader
+    inside root chown -R reader: "$HOUSE"
 }
 
 # Variables of proxies, of certificates and of cargo's network.
@@ -100,7 +101,7 @@ inside() {
     local user=$1 home=/root folder=/ variables
     shift
     if [ "$user" != root ]; then
-        home=/home/$user
+        home=$HOUSE
         folder=$CHECKOUT
     fi
     mapfile -t variables < <(carried)

@@ -79,8 +79,8 @@ def order(seeds):
     yield lie("gifti", "a.gii", gifti(order="BigEndian"))
     yield lie("rtstruct", "a.dcm", structure_set(syntax="1.2.840.10008.1.2.2"))
     yield lie("rtstruct, swapped", "a.dcm", structure_set(order=">"))
-    yield lie("tiff", "a.tif", tiff(4, 4, LABELS, "<", mark=b"MM"), place=None)
-    backwards = bytearray(nifti((4, 4, 2), LABELS + bytes(16)))
+    yield lie("tiff", "a.tif", tiff(5, 4, LABELS, "<", mark=b"MM"), place=None)
+    backwards = bytearray(nifti((5, 4, 2), LABELS + bytes(20)))
     backwards[:4] = backwards[3::-1]
     yield lie("nifti", "a.nii", bytes(backwards), place=None)
     roi = seeds["imagej-roi"].data
@@ -133,7 +133,7 @@ def npy(shape, data, kind="<f8"):
 
 def cycles(seeds):
     """What refers to itself, or to what is elsewhere."""
-    yield lie("tiff whose next page is its first one", "a.tif", tiff(4, 4, LABELS, next_at=8 + len(LABELS)), place=None)
+    yield lie("tiff whose next page is its first one", "a.tif", tiff(5, 4, LABELS, next_at=8 + len(LABELS)), place=None)
     entities = '<!DOCTYPE a [<!ENTITY a "&b;&b;"><!ENTITY b "&a;&a;">]>'
     inside = '<DataArray type="Float32" NumberOfComponents="3" format="ascii">&a;</DataArray>'
     yield lie("vtp with entities of each other", "a.vtp", vtp(data=inside).replace(b"<VTKFile", entities.encode() + b"<VTKFile"))

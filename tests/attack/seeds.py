@@ -70,14 +70,15 @@ def all_seeds(service):
     found["rtstruct"] = File("a.dcm", structure_set())
     found["zip"] = File("a.zip", archive([("one.tps", found["tps"].data)]))
     found["gzip"] = File("a.geojson.gz", gzip.compress(found["geojson"].data, mtime=0))
-    found["png"] = File("a.png", png(4, 4, LABELS), False)
-    found["tiff"] = File("a.tif", tiff(4, 4, LABELS), False)
-    found["nifti"] = File("a.nii", nifti((4, 4, 2), LABELS + bytes(16)), False)
-    found["nrrd"] = File("a.nrrd", nrrd("4 4", LABELS), False)
+    found["png"] = File("a.png", png(5, 4, LABELS), False)
+    found["tiff"] = File("a.tif", tiff(5, 4, LABELS), False)
+    found["nifti"] = File("a.nii", nifti((5, 4, 2), LABELS + bytes(20)), False)
+    found["nrrd"] = File("a.nrrd", nrrd("5 4", LABELS), False)
     return found
 
 
-LABELS = bytes([0, 0, 0, 0, 0, 1, 1, 0, 0, 1, 1, 0, 0, 0, 0, 0])
+# Rows of five cells: one label of six, as smaller ones are left out by default.
+LABELS = bytes([0, 0, 0, 0, 0, 0, 1, 1, 1, 0, 0, 1, 1, 1, 0, 0, 0, 0, 0, 0])
 
 
 def archive(entries, method=zipfile.ZIP_DEFLATED):

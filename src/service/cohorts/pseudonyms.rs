@@ -1,4 +1,4 @@
-//! Subjects of persons whom files identify: keyed digests, which tell nothing to whoever does not have the key.
+//! Subjects of persons whom files identify: keyed digests, which tell a reader without the key nothing.
 //!
 //! ```text
 //! subject = sub_ + base32(HMAC-SHA256(secret of the tenant, Issuer of Patient ID + U+001F + Patient ID))[..26]

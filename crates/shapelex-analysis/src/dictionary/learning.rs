@@ -117,7 +117,7 @@ const ON_BORDER: f64 = 1e-14;
 /// Fewest passes after which the end of learning is estimated.
 const FEWEST_PASSES: usize = 4;
 
-/// What is left to gain, divided by what the second half of the passes gained: one if the distance from the end falls like the reciprocal
+/// Ratio of the gain to come to the gain of the second half of the passes: one if the distance from the end falls like the reciprocal
 /// of their number, less if it falls faster. Measured on outlines with 8 to 24 atoms: 0.4 to 0.9.
 const LEFT: f64 = 1.5;
 

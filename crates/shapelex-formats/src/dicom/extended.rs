@@ -8,7 +8,7 @@ use dicom_encoding::text::{SpecificCharacterSet, TextCodec};
 /// Starts an escape sequence.
 pub(super) const ESCAPE: u8 = 0x1b;
 
-/// What an escape sequence selects.
+/// Character set that an escape sequence selects.
 #[derive(Clone, Copy)]
 enum Selected {
     /// ASCII, and letters of JIS X 0201, as G0.
@@ -42,7 +42,7 @@ const SEQUENCES: [(&[u8], Selected); 16] = [
 /// The text, if G1 is `usual` at first.
 ///
 /// # Errors
-/// What was expected and what was found, of a sequence or a byte that has no meaning.
+/// A sequence or a byte without a meaning: the message says the expected and the found one.
 pub(super) fn decode(bytes: &[u8], usual: Option<&SpecificCharacterSet>) -> Result<String, String> {
     let (mut low, mut high, mut text) = (None, usual.cloned(), String::new());
     let mut rest = bytes;

@@ -27,7 +27,7 @@ use dicom_dictionary_std::{StandardSopClassDictionary, tags};
 pub use crate::series::{Patient, SeriesImage, Study};
 use crate::shape::{FileError, Place};
 
-/// What tells an instance of DICOM from all others, and who it is of.
+/// Identity of an instance of DICOM, and of its patient.
 #[derive(Clone, PartialEq, Eq)]
 pub struct Instance {
     /// SOP Instance UID (0008,0018).
