@@ -680,7 +680,8 @@ test("surfaces are made to correspond; the rule of matching of a cohort is chang
   await page.getByLabel("Name of the new cohort").fill("ellipsoids-matched");
   await page.getByRole("button", { name: "Begin" }).click();
   await page.waitForURL("**/app/cohorts/ellipsoids-matched");
-  await page.getByText("All 12 shapes").waitFor();
+  const { shape_count } = await service.call("GET", "/v1/cohorts/ellipsoids");
+  await page.getByText(`All ${shape_count} shapes`).waitFor();
   const contour = Array.from({ length: 24 }, (_, i) => [2 * Math.cos(i / 3.82), Math.sin(i / 3.82)]);
   await service.call("POST", "/v1/cohorts", { name: "given", correspondence: "cyclic", direction: "given", representation: { kind: "closed_curve", dimension: 2, control_points: 12, generator: { name: "trigonometric" } } });
   await service.call("POST", "/v1/cohorts/given/shapes", { shapes: [{ points: contour }] });

@@ -108,7 +108,7 @@ def counts(seeds):
                   f"[individuals]\n{number}\n[landmarks]\n2\n[dimensions]\n2\n[rawpoints]\n1 2\n3 4\n")
         yield lie(f"npy of {number} shapes", "a.npy", npy((number, 3, 2), bytes(48)))
         yield lie(f"rtstruct of {number} points", "a.dcm", structure_set(count=number), place="tag")
-        yield lie(f"nrrd of {number} columns", "a.nrrd", nrrd(f"{number} 4", LABELS), place=None)
+        yield lie(f"nrrd of {number} columns", "a.nrrd", nrrd(f"{number} 5", LABELS), place=None)
     yield lie("npy of negative shapes", "a.npy", npy((-3, 3, 2), bytes(48)))
     yield lie("npy of a product that overflows", "a.npy", npy((1 << 31, 1 << 31, 4), bytes(48)))
     yield lie("png of 2³¹ columns", "a.png", png((1 << 31) - 1, (1 << 31) - 1, LABELS), place=None)

@@ -530,3 +530,55 @@ fn segmented_objects_are_stored_in_the_unit_of_the_cohort() {
     segment(&cells, &in_millimetres, &volume).expect_problem(422, "invalid-input", &[""]);
     segment(&cells, &pixels, &picture).expect(201);
 }
+
+/// A prior of the store, whose class keeps sizes, in an image of another unit.
+#[test]
+fn priors_of_the_store_are_converted_to_the_unit_of_the_image() {
+    let server = Server::fresh();
+    let disc = |at: usize| {
+        let (x, y) = ((at % 40) as f64 - 20.0, (at / 40) as f64 - 20.0);
+        if x.hypot(y) < 9.0 { 200_u8 } else { 10 }
+    };
+    let values: Vec<u8> = (0..1600).map(disc).collect();
+    let grid = Grid::along_axes([40, 40, 1], [0.5; 3], [LengthUnit::Millimetre; 3]).unwrap();
+    let (volume, picture) = (nifti_u8(&grid, &values).unwrap(), png_u8(&grid, &values).unwrap());
+    let representation =
+        json!({"kind": "closed_curve", "dimension": 2, "control_points": 16, "generator": {"name": "cubic"}});
+    // Ellipses of some 6 mm, in the unit of each cohort.
+    for (name, unit, scale) in
+        [("mm", json!("mm"), 1.0), ("cm", json!("cm"), 0.1), ("unset", Value::Null, 1.0)]
+    {
+        let ellipse = |longer: f64| -> Vec<[f64; 2]> {
+            let angle = |k: usize| std::f64::consts::TAU * k as f64 / 64.0;
+            (0..64).map(|k| [scale * longer * angle(k).cos(), scale * 5.0 * angle(k).sin()]).collect()
+        };
+        let cohort = json!({"name": name, "length_unit": unit, "correspondence": "cyclic", "representation": representation});
+        server.post("/v1/cohorts", &cohort).expect(201);
+        let shapes: Vec<Value> = [6.0, 6.5, 7.0].map(|longer| json!({"points": ellipse(longer)})).into();
+        server.post(&format!("/v1/cohorts/{name}/shapes"), &json!({"shapes": shapes})).expect(201);
+        let learn = json!({"name": name, "cohort": name, "transformation": "rigid", "method": {"kind": "functional_pca", "components": 1}});
+        let learn = server.request(Method::POST, "/v1/dictionaries").header("prefer", "wait=50").json(&learn);
+        server.send(learn).expect(201);
+    }
+    let segment = |image: &[u8], of: &str, name: &str, class: &str| {
+        let body = json!({"representation": representation, "terms": [{"name": "contour"}], "coordinates": "world",
+            "boxes": [{"lower": [5, 5], "upper": [15, 15]}], "stages": [{"sigma": 1, "iterations": 0}],
+            "prior": {of: name, "transformation": class}});
+        post_image(&server, "/v1/segment", &body, image)
+    };
+    for of in ["cohort", "dictionary"] {
+        let energy = |name: &str, class: &str| {
+            let found = segment(&volume, of, name, class).expect(200);
+            found["results"][0]["energies"]["prior"]["value"].as_f64().unwrap()
+        };
+        let plain = energy("mm", "rigid");
+        assert!(plain > 0.0);
+        assert!((energy("cm", "rigid") / plain - 1.0).abs() < 1e-9, "{of}");
+        assert_eq!(energy("unset", "rigid"), plain);
+        assert!((energy("cm", "similarity") / energy("mm", "similarity") - 1.0).abs() < 1e-9, "{of}");
+        // Lengths against cells: refused where sizes matter.
+        segment(&picture, of, "cm", "rigid").expect_problem(422, "invalid-input", &["/prior"]);
+        segment(&picture, of, "cm", "similarity").expect(200);
+        segment(&picture, of, "unset", "rigid").expect(200);
+    }
+}

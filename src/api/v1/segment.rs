@@ -268,7 +268,7 @@ pub(super) async fn segment_into_cohort(
     let lengths = Lengths::default();
     let membership =
         Membership { cohort, expected, objects, store_failed, digests, job: None, unit, lengths };
-    let look = |prepared: &mut Prepared| Ok(membership.attributes(&prepared.wanted.starts)?);
+    let look = |prepared: &mut Prepared| Ok(membership.look(prepared)?);
     let (posted, attributes) = Posted::new(&app, parts, asked, look).await?;
     added(&app, posted, (membership, attributes), prefer, dry_run).await
 }

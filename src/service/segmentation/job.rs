@@ -190,8 +190,8 @@ impl Plan {
             unit,
             lengths: Lengths::default(),
         };
-        let prepared = parts.prepared_here(app, asked, attracting)?;
-        let attributes = membership.attributes(&prepared.wanted.starts)?;
+        let mut prepared = parts.prepared_here(app, asked, attracting)?;
+        let attributes = membership.look(&mut prepared)?;
         let ready = prepared.ready(app)?;
         membership.meet(ready.unit())?;
         let found = ready.segment_in_job(app)?;

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 
 use super::answer::{SegmentAnswer, SegmentedOutput};
 use super::image::{Coordinates, ImageOutput};
-use super::parts::Parts;
+use super::parts::{Parts, Prepared};
 use super::starts::Starts;
 use crate::domain::cohort::Cohort;
 use crate::domain::job::Job;
@@ -137,7 +137,7 @@ impl Membership {
     ///
     /// # Errors
     /// [`ServiceError::Changed`]; faults at `/objects`.
-    pub fn attributes(&self, starts: &Starts) -> Result<Vec<ShapeInput>, ServiceError> {
+    fn attributes(&self, starts: &Starts) -> Result<Vec<ShapeInput>, ServiceError> {
         if let Some(expected) = &self.expected {
             expected.check(&revision_tag(&self.cohort))?;
         }
@@ -165,12 +165,21 @@ impl Membership {
         }
     }
 
-    /// Notes what the coordinates of an image are in, as far as it says.
+    /// Attributes of the objects, whose unit becomes that of what is prepared.
+    ///
+    /// # Errors
+    /// Those of [`Self::attributes`].
+    pub fn look(&self, prepared: &mut Prepared) -> Result<Vec<ShapeInput>, ServiceError> {
+        prepared.wanted.unit = self.unit;
+        self.attributes(&prepared.wanted.starts)
+    }
+
+    /// Notes what the coordinates of an image are in, as far as it or the request says.
     ///
     /// # Errors
     /// A length where the shapes of the cohort have none, and the other way round.
-    pub fn meet(&mut self, stated: Option<Unit>) -> Result<(), ServiceError> {
-        self.unit = self.unit.or(stated);
+    pub fn meet(&mut self, unit: Option<Unit>) -> Result<(), ServiceError> {
+        self.unit = unit;
         self.lengths = Lengths::of(&self.cohort);
         self.unit.map_or(Ok(()), |unit| Ok(self.lengths.meet(unit).map(drop)?))
     }

@@ -294,6 +294,7 @@ impl SegmentRequest {
                     energy: EnergyInput { terms, stages, method },
                     prior: reference.zip(prior.and_then(|prior| prior.weight)),
                     coordinates,
+                    unit: None,
                     keeping,
                     truth_labels,
                     answered,

@@ -60,10 +60,7 @@ pub fn read_label_image(
     let instance = instance_of(format, bytes, options, &limits)?;
     for ((object, boundary), rank) in (0..).zip(found.boundaries).zip(ranks) {
         let of = *boundary.component();
-        let name = match rank {
-            0 => of.label.to_string(),
-            rank => format!("{}.{rank}", of.label),
-        };
+        let name = name_of(of.label, rank);
         if selects(of.label) {
             let identity = Identity {
                 name: &name,
@@ -86,6 +83,11 @@ pub fn read_label_image(
         }
     }
     Ok(summary)
+}
+
+/// Name of an object: its label, and behind the first one of a label its rank.
+fn name_of(label: u32, rank: usize) -> String {
+    if rank == 0 { label.to_string() } else { format!("{label}.{rank}") }
 }
 
 /// What should be known of a volume whose file gives no sizes of its voxels.

@@ -8,6 +8,7 @@ use crate::analysis::frame::Frame;
 use crate::analysis::rows::columns_of;
 use crate::analysis::transformation::Transformation;
 use crate::domain::filter::ShapeFilter;
+use crate::formats::unit::Unit;
 use crate::geometry::representation::Representation;
 use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::catalogue;
@@ -60,6 +61,23 @@ pub struct Structure {
     /// Id of their dictionary.
     #[serde(default)]
     pub dictionary: Option<String>,
+    /// Unit of their coordinates, where their cohort or dictionary has one.
+    #[serde(default)]
+    pub length_unit: Option<String>,
+}
+
+impl Structure {
+    /// Converts the shapes to another unit; shapes without a unit stay as they are.
+    ///
+    /// # Errors
+    /// The unit of the shapes, if one of both is a length and the other one none.
+    pub(super) fn convert(&mut self, unit: Unit) -> Result<(), Unit> {
+        let Some(own) = self.length_unit.as_deref().and_then(Unit::find) else { return Ok(()) };
+        let ratio = own.to(unit).ok_or(own)?;
+        self.shapes.iter_mut().flatten().for_each(|x| *x = ratio.times(*x));
+        self.length_unit = Some(unit.word().into());
+        Ok(())
+    }
 }
 
 /// The mean of a cohort under a class of transformations; or the mean of a dictionary, or what its components or atoms span, which
@@ -98,7 +116,8 @@ pub async fn find(
             let live = live_mean::mean(app, cohort, query).await?;
             let representation = live.cohort.spec.representation.clone();
             let shapes = vec![live.mean.control_points.clone()];
-            let first = Structure { shapes, is_span: false, dictionary: None };
+            let length_unit = live.cohort.spec.length_unit.clone();
+            let first = Structure { shapes, is_span: false, dictionary: None, length_unit };
             Ok(Stored { representation, first, others: Vec::new() })
         }
         Source::Dictionaries(keys, part) => of_dictionaries(app, &keys, part).await,
@@ -129,10 +148,10 @@ async fn of_dictionaries(app: &App, keys: &[String], part: DictionaryPart) -> Re
 
 fn of_dictionary(ready: &Ready, part: DictionaryPart) -> Result<Structure, ServiceError> {
     let (dictionary, content) = (&ready.dictionary, &ready.dictionary.content);
-    let id = Some(ready.listed.id.clone());
+    let (id, length_unit) = (Some(ready.listed.id.clone()), content.length_unit.clone());
     if part == DictionaryPart::Mean {
         let shapes = vec![columns_of(&content.mean.control_points, content.representation.dimension())];
-        return Ok(Structure { shapes, is_span: false, dictionary: id });
+        return Ok(Structure { shapes, is_span: false, dictionary: id, length_unit });
     }
     if part == DictionaryPart::Components && content.method.is_sparse() {
         let detail = "expected mean or atoms of a sparse dictionary, got components";
@@ -143,5 +162,5 @@ fn of_dictionary(ready: &Ready, part: DictionaryPart) -> Result<Structure, Servi
         shape
     };
     let shapes = dictionary.span(Reference::Atoms).into_iter().map(unwhitened).collect();
-    Ok(Structure { shapes, is_span: true, dictionary: id })
+    Ok(Structure { shapes, is_span: true, dictionary: id, length_unit })
 }

@@ -67,7 +67,7 @@ impl Planned {
     ///
     /// # Errors
     /// Faults at `/image`, `/truth` and of the fields.
-    pub fn new(app: &App, files: Files<'_>, wanted: Wanted) -> Result<Self, ServiceError> {
+    pub fn new(app: &App, files: Files<'_>, mut wanted: Wanted) -> Result<Self, ServiceError> {
         let description = files.image.describe(&app.limits)?;
         let grid = description.grid;
         let truth = files.truth.map(|truth| truth.describe(&app.limits)).transpose()?;
@@ -80,6 +80,7 @@ impl Planned {
             faults.push(Fault::new("/truth", detail));
         }
         ServiceError::unless_empty(faults)?;
+        wanted.convert_prior(wanted.unit.or_else(|| unit_of(&grid, wanted.coordinates)))?;
         let stages = wanted.stages(&grid);
         let read = |found: &Description| usize::try_from(found.memory_bytes).unwrap_or(usize::MAX);
         let files = read(&description).saturating_add(truth.as_ref().map_or(0, read));
@@ -87,9 +88,9 @@ impl Planned {
         Ok(Self { wanted, stages, description, bytes })
     }
 
-    /// What the coordinates of the objects are in, where the image says so.
+    /// What the coordinates of the objects are in, where the request or the image says so.
     pub fn unit(&self) -> Option<Unit> {
-        unit_of(&self.description.grid, self.wanted.coordinates)
+        self.wanted.unit.or_else(|| unit_of(&self.description.grid, self.wanted.coordinates))
     }
 
     /// Predicted work.

@@ -10,7 +10,8 @@ use super::starts::Starts;
 use crate::formats::fault::Fault;
 use crate::formats::image::Grid;
 use crate::formats::shape::ShapeInput;
-use crate::service::app::App;
+use crate::formats::unit::Unit;
+use crate::service::app::{App, ServiceError};
 use crate::service::statistics::CheckedSettings;
 
 /// Factor between the areas of a result and its initial shape beyond which it is usually another object, and between their volumes:
@@ -35,6 +36,8 @@ pub struct Wanted {
     pub prior: Option<(Reference, f64)>,
     /// Coordinates of shapes, blurs and the answer.
     pub coordinates: Coordinates,
+    /// Unit of these coordinates, whatever the image states.
+    pub unit: Option<Unit>,
     /// What keeps results to where they begin.
     pub keeping: Keeping,
     /// Labels of the truth, one for each object; all but 0 without.
@@ -179,6 +182,29 @@ impl Wanted {
             ));
         }
         faults
+    }
+
+    /// Converts shapes of the store that attract to the unit of the coordinates, where the class keeps sizes.
+    ///
+    /// # Errors
+    /// Lengths where the others are none, and the other way round.
+    pub(super) fn convert_prior(&mut self, unit: Option<Unit>) -> Result<(), ServiceError> {
+        let keeps_size = !self.settings.transformation.removes_size();
+        let (Some(unit), Some((Reference::Stored(structures), _)), true) =
+            (unit, &mut self.prior, keeps_size)
+        else {
+            return Ok(());
+        };
+        for (index, structure) in structures.iter_mut().enumerate() {
+            structure.convert(unit).map_err(|own| {
+                let (own, unit) = (own.word(), unit.word());
+                let detail = format!(
+                    "expected coordinates in {own}, as those of reference {index} of the prior, whose class keeps sizes, got {unit}"
+                );
+                ServiceError::invalid("/prior", detail)
+            })?;
+        }
+        Ok(())
     }
 
     /// What is wanted of the detector of sheets, by the positions of terms.
