@@ -401,6 +401,7 @@ test("a contour is assessed; a shape that is no cell is unusual; the report is o
   const comb = [...Array.from({ length: 20 }, (_, k) => [k, k % 2 ? 8 : 0]), [20, -1], [-1, -1]];
   await page.locator("input[type=file]").setInputFiles({ name: "comb.json", mimeType: "application/json", buffer: Buffer.from(JSON.stringify({ points: comb })) });
   await page.locator(".tag", { hasText: "unusual" }).waitFor();
+  await page.locator(".verdict", { hasText: "An unusual shape; the nearest class is" }).waitFor();
   await settled(page);
   await screen(page, "assess-unusual", { fullPage: true });
   const pdf = (await page.pdf({ preferCSSPageSize: true })).toString("latin1");

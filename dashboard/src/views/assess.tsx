@@ -218,7 +218,7 @@ function Report({ about, dictionary, body, name, cohort }: { about: Schemas["Dic
     <article class="report">
       <header class="card">
         <p class="quiet">{name}</p>
-        <p class="verdict">{found ? t.assess.verdict(found.ranking[0]?.label ?? t.assess.noClass, percent(found.ranking[0]?.confidence, 0), found.accepted) : novelty.is_outlier ? t.assess.unusual : t.assess.usual}</p>
+        <p class="verdict">{t.assess.verdict(first.verdict, found ? found.ranking[0]?.label ?? t.assess.noClass : null, percent(found?.ranking[0]?.confidence, 0))}</p>
         <div class="row">
           <span class={`tag ${novelty.is_outlier ? "bad" : "good"}`}>{novelty.is_outlier ? t.assess.outlier : t.assess.inlier}</span>
           <span class="small quiet">{t.assess.against(`${about.name}@${about.version}`, about.statistics.shapes, time(about.provenance.created_at))}</span>
@@ -242,7 +242,7 @@ function Report({ about, dictionary, body, name, cohort }: { about: Schemas["Dic
               <div class="bars">
                 {found.ranking.map((one) => <div class="bar" style={{ gridTemplateColumns: "minmax(5em, auto) minmax(0, 1fr) 4em" }} key={one.label}><span>{one.label}</span><span class="track"><i style={{ width: `${100 * (one.confidence ?? 0)}%` }} /></span><span class="number">{percent(one.confidence, 0)}</span></div>)}
               </div>
-              {found.accepted === false && <p class="note warn">{t.assess.rejected}</p>}
+              {first.verdict !== "accepted" && <p class="note warn">{t.assess.rejected(first.verdict)}</p>}
               {about.classifier?.validation && <p class="small quiet">{t.assess.accuracy(percent(about.classifier.validation.accuracy.value), percent(about.classifier.validation.majority))}</p>}
             </section>
           )}

@@ -63,20 +63,21 @@ fn usual(is_outlier: bool) -> &'static str {
     if is_outlier { "unusual" } else { "usual" }
 }
 
-/// Number of a shape, its class and whether it is unusual.
+/// Number of a shape, its class and whether it is unusual: of an unusual one that comes first, as no class is certain then.
 fn verdict(ready: &Ready, index: usize, assessment: &Assessment) -> String {
     let record = ready.dictionary.content.classifier.as_ref();
-    let class = assessment.classified.as_ref().and_then(|classified| {
+    let (number, novelty) = (index + 1, usual(assessment.score.outlier));
+    let text = assessment.classified.as_ref().and_then(|classified| {
         let (first, record) = (classified.ranking.first()?, record?);
         let label = &record.classes.get(first.class)?.label;
-        let text = format!("{label} ({:.0} %)", 100.0 * first.confidence);
-        Some(if classified.accepted { text } else { format!("of no class, nearest {label}") })
+        let percent = 100.0 * first.confidence;
+        Some(match (assessment.score.outlier, classified.accepted) {
+            (true, _) => format!("{number}: {novelty}\nnearest {label}"),
+            (false, true) => format!("{number}: {label} ({percent:.0} %)\n{novelty}"),
+            (false, false) => format!("{number}: of no class, nearest {label}\n{novelty}"),
+        })
     });
-    let novelty = usual(assessment.score.outlier);
-    match class {
-        Some(class) => format!("{}: {class}\n{novelty}", index + 1),
-        None => format!("{}: {novelty}", index + 1),
-    }
+    text.unwrap_or_else(|| format!("{number}: {novelty}"))
 }
 
 /// Shapes with their reconstructions, coloured by the distance between them.
