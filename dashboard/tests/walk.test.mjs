@@ -548,6 +548,33 @@ const drawn = (page, outside, within) => page.evaluate(([outside, within]) => {
   return canvas.convertToBlob().then((blob) => blob.arrayBuffer()).then((buffer) => [...new Uint8Array(buffer)]);
 }, [outside, within]).then((bytes) => Buffer.from(bytes));
 
+test("a shape from a file is assessed in the unit of the dictionary", async () => {
+  const { call } = service;
+  const representation = { kind: "closed_curve", dimension: 2, control_points: 12, generator: { name: "cubic" } };
+  const ellipse = (k) => Array.from({ length: 40 }, (_, i) => [(1 + 0.03 * k) * Math.cos(i / 6.37), (1.4 - 0.05 * Math.sin(k)) * Math.sin(i / 6.37)]);
+  await call("POST", "/v1/cohorts", { name: "centimetres", length_unit: "cm", correspondence: "cyclic", representation });
+  await call("POST", "/v1/cohorts/centimetres/shapes", { shapes: Array.from({ length: 8 }, (_, k) => ({ points: ellipse(k) })) });
+  await call("POST", "/v1/dictionaries", { name: "centimetres", cohort: "centimetres", transformation: "rigid", method: { kind: "functional_pca", components: 2, centre: true } }, WAITED);
+  const page = await open(browser, service.address);
+  await page.goto(`${service.address}/app/assess?dictionary=centimetres@1`);
+  await settled(page);
+  const extent = async (file) => {
+    const [request] = await Promise.all([page.waitForRequest((one) => one.method() === "POST" && /\/assess$/.test(new URL(one.url()).pathname)), page.locator("input[type=file]").setInputFiles(file)]);
+    const xs = request.postDataJSON().shapes[0].points.map(([x]) => x);
+    return Math.max(...xs) - Math.min(...xs);
+  };
+  // A disc of 20 mm, 40 cells across.
+  const disc = (i, j) => (Math.hypot(i - 30, j - 30) < 20 ? 1 : 0);
+  const across = await extent({ name: "disc.nii", mimeType: "application/octet-stream", buffer: nifti([60, 60, 1], [0.5, 0.5, 1], disc) });
+  assert.ok(Math.abs(across - 2) < 0.1, `${across} cm`);
+  await page.locator(".verdict").waitFor();
+  assert.equal(await page.getByText("their sizes cannot be compared").count(), 0);
+  await extent({ name: "mask.png", mimeType: "image/png", buffer: await drawn(page, 0, [1, 2]) });
+  await page.getByText("The shape is in pixel and the dictionary in cm").waitFor();
+  assert.deepEqual(page.faults, []);
+  await page.context().close();
+});
+
 test("a mask is assessed object by object, a picture after its largest object was found, a volume is chosen from", async () => {
   const page = await open(browser, service.address, {}, ["422"]);
   await page.goto(`${service.address}/app/assess?dictionary=treatment@1`);

@@ -2,13 +2,18 @@
 import type { Input } from "../formats/file";
 
 const NAME = "shapelex.shape";
-export function handOver(shapes: Input[]): void {
-  sessionStorage.setItem(NAME, JSON.stringify(shapes));
+interface Handed {
+  shapes: Input[];
+  /** Unit of their coordinates, where it is known. */
+  unit?: string;
 }
-export function handedOver(): Input[] {
+export function handOver(handed: Handed): void {
+  sessionStorage.setItem(NAME, JSON.stringify(handed));
+}
+export function handedOver(): Handed {
   const text = sessionStorage.getItem(NAME);
   sessionStorage.removeItem(NAME);
-  return text ? (JSON.parse(text) as Input[]) : [];
+  return text ? (JSON.parse(text) as Handed) : { shapes: [] };
 }
 
 let image: File | undefined;

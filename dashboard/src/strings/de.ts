@@ -175,7 +175,7 @@ export const de: Strings = {
     quantile: "Grenze des Üblichen", fresh: "Neue Formen", outliers: "Ungewöhnlich", angle: "Winkel zwischen den Mitteln", expected: "Zufällig erwartet", classes: "Klassen", training: "Training",
   },
   assess: {
-    title: "Form beurteilen", lead: "Vergleichen Sie eine Form mit dem, was ein Wörterbuch gelernt hat: Lage, Klasse, Neuheit und wo sie abweicht.", print: "Drucken oder als PDF sichern", nothing: "Die Datei enthält keine Form.", posted: "Übergebene Form", withClasses: "mit Klassen",
+    title: "Form beurteilen", lead: "Vergleichen Sie eine Form mit dem, was ein Wörterbuch gelernt hat: Lage, Klasse, Neuheit und wo sie abweicht.", print: "Drucken oder als PDF sichern", nothing: "Die Datei enthält keine Form.", otherUnit: (shape, dictionary) => `Die Form ist in ${shape} angegeben, das Wörterbuch in ${dictionary}: Ihre Größen sind nicht vergleichbar.`, posted: "Übergebene Form", withClasses: "mit Klassen",
     stored: (cohort) => `Oder eine Form aus ${cohort}, nach Kennung`, drop: "Form, Maske oder Bild ablegen", formats: (pictures) => `Konturen, Landmarken, Netze; Masken und Bilder (${pictures})`, noClass: "keine Klasse",
     verdict: (verdict, label, confidence) => (verdict === "outlier" ? (label ? `Eine ungewöhnliche Form; die nächste Klasse ist ${label}.` : "Eine ungewöhnliche Form") : verdict === "no_class" ? `Aus keiner der bekannten Klassen; die nächste ist ${label}.` : label ? `Am ehesten ${label} (${confidence}).` : "Eine übliche Form"),
     outlier: "ungewöhnlich: jenseits der Grenze von 99 % der Formen", inlier: "im Rahmen des Üblichen", against: (name, shapes, time) => `verglichen mit ${name}, gelernt aus ${shapes} Formen, ${time}`,

@@ -174,7 +174,7 @@ export const en = {
     quantile: "Limit of usual shapes", fresh: "New shapes", outliers: "Unusual", angle: "Angle between the means", expected: "Expected by chance", classes: "Classes", training: "Training",
   },
   assess: {
-    title: "Assess a shape", lead: "Compare one shape with what a dictionary has learnt: pose, class, novelty, and where it deviates.", print: "Print or save as PDF", nothing: "The file contains no shape.", posted: "Posted shape", withClasses: "with classes",
+    title: "Assess a shape", lead: "Compare one shape with what a dictionary has learnt: pose, class, novelty, and where it deviates.", print: "Print or save as PDF", nothing: "The file contains no shape.", otherUnit: (shape: string, dictionary: string) => `The shape is in ${shape} and the dictionary in ${dictionary}: their sizes cannot be compared.`, posted: "Posted shape", withClasses: "with classes",
     stored: (cohort: string) => `Or a shape of ${cohort}, by id`, drop: "Drop a shape, a mask or a picture", formats: (pictures: string) => `Contours, landmarks, meshes; masks and pictures (${pictures})`, noClass: "no class",
     verdict: (verdict: Schemas["Verdict"], label: string | null, confidence: string) => (verdict === "outlier" ? (label ? `An unusual shape; the nearest class is ${label}.` : "An unusual shape") : verdict === "no_class" ? `Of none of the known classes; nearest is ${label}.` : label ? `Most likely ${label} (${confidence}).` : "A usual shape"),
     outlier: "unusual: beyond the limit of 99 % of the shapes", inlier: "within what is usual", against: (name: string, shapes: number, time: string) => `against ${name}, learnt from ${shapes} shapes, ${time}`,

@@ -16,13 +16,16 @@ import { isMask, largestObject } from "../shape/object";
 import { segmented, USUAL } from "../shape/snake";
 import { number, percent, t, time } from "../strings";
 import { handedOver, handOverImage } from "../shape/handover";
+import { factor, scaled, unitOf } from "../shape/units";
 
 export function Assess(_: object) {
   const list = useLoaded("dictionaries", (signal) => pages((cursor) => get("/v1/dictionaries", { query: { cursor, limit: 1000 }, signal })));
   const [chosen, setChosen] = useSetting("dictionary", "");
   const [cohort] = useSetting("cohort", "");
   const [stored, setStored] = useSetting("shape", "");
-  const [shapes, setShapes] = useState<(Input | Line)[]>(() => handedOver());
+  const [handed] = useState(handedOver);
+  const [shapes, setShapes] = useState<(Input | Line)[]>(handed.shapes);
+  const [unit, setUnit] = useState(handed.unit);
   const [round, setRound] = useState(0);
   const [found, setFound] = useState<Found>();
   const [index, setIndex] = useState(0);
@@ -34,15 +37,17 @@ export function Assess(_: object) {
   const [image, setImage] = useState<Image>();
   const [busy, setBusy] = useState(false);
   const known = useLoaded("formats", formats);
-  const set = (all: (Input | Line)[]) => {
+  const set = (all: (Input | Line)[], unit?: string) => {
     if (!all.length) throw new Said(t.assess.nothing);
     setShapes(all);
+    setUnit(unit);
     setRound(round + 1);
     if (stored) setStored("");
   };
   /** A picture as labels, or as greys among which an object is found. */
   const read = async (file: File, volume: Volume, as: Image["as"]) => {
-    const found = as === "image" ? [] : volume.size[2] > 1 ? await linesOf(file) : await contoursOf(file, volume.name);
+    const solid = as === "mask" && volume.size[2] > 1;
+    const found = as === "image" ? [] : solid ? await linesOf(file) : await contoursOf(file, volume.name);
     let outline: Points | undefined;
     if (as === "image") {
       if (volume.size[2] > 1) { setImage({ file, volume, as }); setShapes([]); return; }
@@ -52,7 +57,7 @@ export function Assess(_: object) {
       found.push({ external_id: volume.name, points: outline });
     }
     setImage({ file, volume, as, outline });
-    set(found);
+    set(found, solid ? unitOfFile(await inspected(file, {})) : unitOf(volume));
   };
   const take = async ([file]: File[]) => {
     setBusy(true);
@@ -65,8 +70,9 @@ export function Assess(_: object) {
         await read(file!, volume, isMask(volume) ? "mask" : "image");
       } else {
         const kept = await keptLines(file!);
-        if (!kept) setFound(await inspected(file!, {}));
-        set(kept ?? (await linesOf(file!)));
+        const inside = kept ? undefined : await inspected(file!, {});
+        setFound(inside);
+        set(kept ?? (await linesOf(file!)), inside && unitOfFile(inside));
       }
     } catch (fault) {
       setError(fault instanceof SyntaxError ? new Said(t.upload.syntax(fault.message)) : (fault as Error));
@@ -81,8 +87,9 @@ export function Assess(_: object) {
   };
   const source = about.data?.cohort_name ?? cohort;
   const shape = shapes[index];
+  const by = factor(unit, about.data?.length_unit);
   const key = shape && about.data ? `${about.data.name}@${about.data.version} ${round} ${index}` : null;
-  const taken = useLoaded(stored ? null : key, async (signal) => ({ key, input: await assessable(shape!, about.data!.representation, signal) }));
+  const taken = useLoaded(stored ? null : key, async (signal) => ({ key, input: await assessable(shape!, about.data!.representation, by ?? 1, signal) }));
   const body: Schemas["AssessRequest"] | null = stored ? { cohort: cohort || source, ids: [stored] } : taken.data && taken.data.key === key ? { shapes: [taken.data.input] } : null;
   const name = stored || shape?.external_id || t.assess.posted;
   return (
@@ -101,6 +108,7 @@ export function Assess(_: object) {
           <Loading on={busy || taken.loading} />
           {found && !stored && <section class="card no-print"><Contents found={found} formats={known.data} /></section>}
           <Fault error={taken.error} />
+          {by === null && !stored && shape && <p class="note warn">{t.assess.otherUnit(unit!, about.data!.length_unit!)}</p>}
           {image && !stored && <Source image={image} shapes={shapes} index={index} onRead={(as) => void reread(as)} />}
           <p class="small quiet no-print">{t.assess.picture} <a href="/app/segment">{t.menu.segment}</a></p>
           <Fault error={about.error} />
@@ -111,14 +119,17 @@ export function Assess(_: object) {
   );
 }
 
-/** A shape as the dictionary takes it. A mesh becomes its vertices, or the surface that is fitted to it, as in an upload to a cohort. */
-async function assessable(shape: Input | Line, representation: Representation, signal: AbortSignal): Promise<Input> {
+/** Unit that a file states. */
+const unitOfFile = ({ properties }: Found): string | undefined => (typeof properties.unit === "string" ? properties.unit : undefined);
+
+/** A shape as the dictionary takes it, multiplied by the factor to its unit. A mesh becomes its vertices, or the surface that is fitted to it, as in an upload to a cohort. */
+async function assessable(shape: Input | Line, representation: Representation, by: number, signal: AbortSignal): Promise<Input> {
   if (!("vertices" in shape) || !shape.vertices) {
     const { points, control_points } = shape as Input;
     if (!points && !control_points) throw new Said(t.assess.unfit);
-    return { points, control_points };
+    return { points: scaled(points as Points | undefined, by), control_points: scaled(control_points as Points | undefined, by) } as Input;
   }
-  const { vertices, faces = [] } = shape;
+  const { faces = [] } = shape, vertices = scaled(shape.vertices, by);
   if (isDots(representation)) return { points: vertices };
   if (representation.kind === "subdivision") return { control_points: vertices };
   if (representation.kind !== "surface") throw new Said(t.assess.unfit);

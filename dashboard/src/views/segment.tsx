@@ -11,6 +11,7 @@ import { evaluated, path } from "../shape/points";
 import { handedOverImage, handOver } from "../shape/handover";
 import { largestObject } from "../shape/object";
 import { asksPolarity, curve, segmented, type Box, type Contour } from "../shape/snake";
+import { unitOf } from "../shape/units";
 import { count, number, t } from "../strings";
 
 export function Segment() {
@@ -171,7 +172,7 @@ export function Segment() {
               <figcaption>{found ? t.segment.correct : t.segment.box} {t.segment.size(count(slice.size[0]), count(slice.size[1]))}{volume.hasLengths && ` ${t.segment.spacing(number(sx, 3), number(sy, 3))}`}</figcaption>
               <div class="row">
                 <button class="main" disabled={run.busy || (!box && !found)} onClick={() => run.run(Boolean(found && moved))}>{found && moved ? t.segment.resume : t.segment.run}</button>
-                {found && <><button onClick={() => { handOver(shape()); navigate("/app/assess"); }}>{t.segment.assess}</button><button onClick={() => save(new Blob([JSON.stringify(shape()[0], null, 1)], { type: "application/json" }), `${shape()[0]!.external_id}.json`)}>↓ JSON</button></>}
+                {found && <><button onClick={() => { handOver({ shapes: shape(), unit: unitOf(volume) }); navigate("/app/assess"); }}>{t.segment.assess}</button><button onClick={() => save(new Blob([JSON.stringify(shape()[0], null, 1)], { type: "application/json" }), `${shape()[0]!.external_id}.json`)}>↓ JSON</button></>}
                 {found && <button onClick={() => setFound(undefined)}>{t.segment.again}</button>}
                 <button onClick={() => { setVolume(undefined); setFound(undefined); setUrl(""); }}>{t.segment.other}</button>
               </div>
