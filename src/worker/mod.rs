@@ -1,6 +1,5 @@
 //! Worker: runs queued jobs. Each slot takes the next job, computes it on its own threads, and sends heartbeats for its
-//! lease meanwhile. A slot without a job computes parts of running jobs, of this or other replicas. One slot more takes short
-//! jobs only, so that they do not wait for the end of long ones.
+//! lease meanwhile. One slot more takes short jobs only, so that they do not wait for the end of long ones.
 //!
 //! Requests compute on the pool of the [`App`], jobs on the threads of their slots, so neither delays the other.
 
@@ -20,16 +19,11 @@ use crate::domain::job::Job;
 use crate::service::app::pool::{JOB, Lane, thread_count};
 use crate::service::app::progress::JobContext;
 use crate::service::app::{App, ServiceError};
-use crate::service::dictionaries::distributed::{self, Help};
 use crate::service::jobs::attempt::Attempt;
 use crate::service::jobs::{Outcome, attempt};
 
 /// Polling interval of the queue, for retries and expired leases; new jobs wake a slot at once.
 const POLL: Duration = Duration::from_secs(1);
-/// Polling interval of a slot that recently computed a part of a job: the next parts often follow.
-const POLL_HELPING: Duration = Duration::from_millis(50);
-/// How long a computed part counts as recent.
-const LATELY: Duration = Duration::from_secs(5);
 /// A job is stopped after this multiple of the longest duration that may be predicted: predictions of jobs are accurate to a
 /// factor of three on other machines and in classes that were not measured.
 const OVERRUN: u32 = 3;
@@ -85,7 +79,6 @@ impl Worker {
                 longest,
                 run: Arc::clone(&run),
                 stop: stop.clone(),
-                helped: None,
             };
             tasks.spawn(place.serve());
         };
@@ -114,12 +107,10 @@ struct Place {
     longest: f64,
     run: Arc<Run>,
     stop: CancellationToken,
-    /// Time at which it last computed a part of a job.
-    helped: Option<Instant>,
 }
 
 impl Place {
-    async fn serve(mut self) {
+    async fn serve(self) {
         while !self.stop.is_cancelled() {
             match self.turn().await {
                 Ok(true) => {}
@@ -137,28 +128,18 @@ impl Place {
         self.longest.is_finite()
     }
 
-    /// Does the next piece of work; `false` if there is none.
-    async fn turn(&mut self) -> Result<bool, ServiceError> {
-        if let Some(attempt) = attempt::claim(&self.app, self.longest).await? {
-            self.work(attempt).await;
-            return Ok(true);
-        }
-        if self.is_short() {
-            return Ok(false);
-        }
-        let Some(help) = distributed::claim(&self.app).await? else { return Ok(false) };
-        self.help(help).await;
-        self.helped = Some(Instant::now());
+    /// Runs the next job; `false` if there is none.
+    async fn turn(&self) -> Result<bool, ServiceError> {
+        let Some(attempt) = attempt::claim(&self.app, self.longest).await? else { return Ok(false) };
+        self.work(attempt).await;
         Ok(true)
     }
 
     /// Waits until the queue should be polled again.
     async fn idle(&self, submitted: impl Future<Output = ()>) {
-        let lately = self.helped.is_some_and(|helped| helped.elapsed() < LATELY);
-        let pause = if lately { POLL_HELPING } else { POLL };
         tokio::select! {
             () = submitted => {}
-            () = tokio::time::sleep(pause) => {}
+            () = tokio::time::sleep(POLL) => {}
             () = self.stop.cancelled() => {}
         }
     }
@@ -196,30 +177,6 @@ impl Place {
                 }
             }
         }
-    }
-
-    /// Computes a part of a job on the pool, sending heartbeats until it is done.
-    async fn help(&self, help: Help) {
-        let app = self.app.of(Arc::new(Principal::system(help.tenant())));
-        let (task, handle) = (help.clone(), Handle::current());
-        let mut made = std::pin::pin!(self.lane.run(move || {
-            task.context().check()?;
-            task.run(&app, &handle)
-        }));
-        let mut ticks = tokio::time::interval(TICK);
-        ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
-        let outcome = loop {
-            tokio::select! {
-                outcome = &mut made => break outcome,
-                () = self.stop.cancelled(), if !help.context().is_cancelled() => help.context().interrupt(),
-                _ = ticks.tick() => {
-                    if let Err(error) = help.renew(&self.app).await {
-                        tracing::warn!(job = help.job(), error = error.cause(), "a heartbeat could not be written");
-                    }
-                }
-            }
-        };
-        help.settle(&self.app, outcome).await;
     }
 
     fn task(&self, attempt: &Attempt) -> impl FnOnce() -> Result<Outcome, ServiceError> + Send + 'static {

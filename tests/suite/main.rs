@@ -68,7 +68,6 @@ mod http_segment_nuclei;
 mod http_segment_shown;
 mod http_segment_starts;
 mod http_sheets;
-mod http_spreading;
 mod http_subdivision;
 mod http_surfaces;
 mod http_tables;

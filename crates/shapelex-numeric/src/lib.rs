@@ -13,7 +13,6 @@
 //! * [`lanes`] — long columns in pieces of a few vectors, and stacks of such columns;
 //! * [`dense`] — dense kernels and eigenproblems; the only module that depends on the linear algebra library;
 //! * [`parallel`] — loops over all threads;
-//! * [`fingerprint`] — a digest that tells whether two processes compute the same bits;
 //! * [`quadrature`] — Gauss–Legendre rules and an adaptive integral;
 //! * [`double_double`] — double and double-double arithmetic under one trait, and small systems over it.
 //!
@@ -39,7 +38,6 @@ pub mod dense;
 pub mod descent;
 pub mod double_double;
 pub mod fft;
-pub mod fingerprint;
 pub mod kernels;
 pub mod kronecker;
 pub mod lanes;

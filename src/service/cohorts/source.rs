@@ -3,13 +3,12 @@
 use crate::formats::fault::Fault;
 use std::collections::HashSet;
 
-use serde::{Deserialize, Serialize};
 use tokio::runtime::Handle;
 use tokio_util::task::AbortOnDropHandle;
 
 use crate::analysis::AnalysisError;
 use crate::analysis::accumulate::{
-    BLOCK, Mark, MergePart, PART, Reservation, ShapeSource, Shapes, ShapesInMemory, VisitMarked, prepare,
+    BLOCK, Mark, MergePart, Reservation, ShapeSource, Shapes, ShapesInMemory, VisitMarked, prepare,
 };
 use crate::analysis::dictionary::content::Content;
 use crate::analysis::matching::Placement;
@@ -25,7 +24,7 @@ use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::placements::{KnownPlacements, Which};
 use crate::service::shapes::outcome::Outcomes;
 use crate::service::statistics::Setup;
-use crate::store::{Cursor, Ids, Places, Revisions, ScanBatch, Start, Store, StoreError};
+use crate::store::{Cursor, Ids, Places, Revisions, ScanBatch, Store, StoreError};
 
 /// Number of shapes per batch: enough for all threads, small enough for memory.
 const BATCH_SHAPES: usize = 16 * BLOCK;
@@ -36,9 +35,8 @@ type VisitChunk<'a> = dyn FnMut(&[f64], &[f64]) -> Result<bool, ServiceError> + 
 /// Receives the ids and prepared shapes of a stored batch.
 type VisitStored<'a> = dyn FnMut(&ScanBatch) -> Result<(), AnalysisError> + 'a;
 
-/// Computation over the shapes of a part.
-#[derive(Debug, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
+/// Computation over shapes.
+#[derive(Debug)]
 pub(crate) enum Work {
     /// Sum them.
     Sum(Pass),
@@ -46,36 +44,22 @@ pub(crate) enum Work {
     Codes(Box<Content>),
 }
 
-/// Computes the result of one part.
-pub(crate) type MakePart<'a> = dyn Fn(&StoredShapes<'_>) -> Result<Vec<u8>, ServiceError> + 'a;
-
-/// Distributes the parts of a pass to other processes.
+/// Computes passes outside of this process.
 pub(crate) trait Distribute: Sync {
-    /// Distributes a pass over `shapes` to idle workers. `make` computes a part in this process, `work` describes the
-    /// same computation to the others, and `merge` receives the results in the order of the parts. Returns `false`,
-    /// doing nothing, if distribution does not pay.
+    /// Computes a pass over `shapes`; `work` describes the computation, and `merge` receives the results in the order of the parts.
+    /// Returns `false`, doing nothing, if this process is to compute the pass.
     ///
     /// # Errors
-    /// The error of the first part that fails; [`ServiceError::Cancelled`], also if another worker has taken over the
-    /// job.
+    /// The error of the first part that fails; [`ServiceError::Cancelled`].
     fn run(
         &self,
         shapes: &StoredShapes<'_>,
         work: &dyn Fn() -> Work,
-        make: &MakePart<'_>,
         merge: &mut MergePart<'_>,
     ) -> Result<bool, ServiceError>;
 
     /// Codes groups of `shapes` while a dictionary is learnt; `None` if this process is to code them.
-    fn coders<'a>(&'a self, shapes: &'a StoredShapes<'_>) -> Option<CodeGroup<'a>> {
-        let _ = shapes;
-        None
-    }
-
-    /// Whether a group could not be coded: learning must begin again, and this process codes from then on.
-    fn has_failed_to_code(&self) -> bool {
-        false
-    }
+    fn coders<'a>(&'a self, shapes: &'a StoredShapes<'_>) -> Option<CodeGroup<'a>>;
 }
 
 /// Shapes of a cohort with these ids or external ids, in the given order.
@@ -124,7 +108,7 @@ pub(crate) fn refuse_repeated(keys: &[String]) -> Result<(), ServiceError> {
 /// Marks of a batch of shapes, of their control points as stored and their weights.
 type MarksOf<'a> = &'a dyn Fn(&[f64], &[f64]) -> Vec<Mark>;
 
-/// Shapes of a cohort at its revision, or a part of them, read again in every pass.
+/// Shapes of a cohort at its revision, read again in every pass.
 #[derive(Clone, Copy)]
 pub(crate) struct StoredShapes<'a> {
     store: &'a Store,
@@ -136,27 +120,16 @@ pub(crate) struct StoredShapes<'a> {
     filter: &'a ShapeFilter,
     revisions: Revisions,
     setup: &'a Setup,
-    range: Range,
+    /// Number of shapes that pass the filter.
+    count: usize,
     /// Whether to stop; queried before every batch.
     stop: &'a (dyn Fn() -> bool + Sync),
-    /// The job that may distribute parts of a pass to other workers.
+    /// Where passes may be computed besides this process.
     distribute: Option<&'a dyn Distribute>,
     /// Placements with which a search begins.
     known: Option<(&'a KnownPlacements, Which)>,
     /// Counts the shapes that passes have worked through.
     counter: Option<&'a dyn Watch>,
-}
-
-/// Range of the shapes that pass the filter, in storage order.
-#[derive(Debug, Clone, Copy)]
-struct Range {
-    /// Position of the first shape among all of them.
-    first: usize,
-    /// Cursor at which reading starts, and number of shapes skipped there.
-    after: Option<Cursor>,
-    skip: usize,
-    /// Number of shapes in the range.
-    count: usize,
 }
 
 impl<'a> StoredShapes<'a> {
@@ -170,29 +143,12 @@ impl<'a> StoredShapes<'a> {
         setup: &'a Setup,
         stop: &'a (dyn Fn() -> bool + Sync),
     ) -> Result<Self, ServiceError> {
-        let mut shapes = Self::counted(app, handle, cohort, filter, since, setup, stop, 0);
-        let count = handle.block_on(app.store.count(&cohort.id, shapes.revisions, filter))?;
-        shapes.range.count = usize::try_from(count)
-            .map_err(|_| ServiceError::Internal("too many shapes for this machine".into()))?;
-        Ok(shapes)
-    }
-
-    /// The same, for a known number of shapes, `count`.
-    #[expect(clippy::too_many_arguments, reason = "those of `new`, and one more")]
-    pub(crate) fn counted(
-        app: &'a App,
-        handle: &'a Handle,
-        cohort: &'a Cohort,
-        filter: &'a ShapeFilter,
-        since: u64,
-        setup: &'a Setup,
-        stop: &'a (dyn Fn() -> bool + Sync),
-        count: usize,
-    ) -> Self {
         let revisions = Revisions { after: since, until: cohort.revision };
-        let range = Range { first: 0, after: None, skip: 0, count };
+        let count = handle.block_on(app.store.count(&cohort.id, revisions, filter))?;
+        let count = usize::try_from(count)
+            .map_err(|_| ServiceError::Internal("too many shapes for this machine".into()))?;
         let (store, cache) = (&app.store, &*app.cache);
-        Self {
+        Ok(Self {
             store,
             cache,
             handle,
@@ -200,12 +156,12 @@ impl<'a> StoredShapes<'a> {
             filter,
             revisions,
             setup,
-            range,
+            count,
             stop,
             distribute: None,
             known: None,
             counter: None,
-        }
+        })
     }
 
     /// The same shapes, whose passes `counter` counts.
@@ -227,7 +183,7 @@ impl<'a> StoredShapes<'a> {
     pub(crate) fn kept(self) -> Result<Option<KeptShapes<'a>>, ServiceError> {
         /// Memory of a search of start points, in that of the shapes: spectra in all directions and mirror images, and placed ones.
         const SEARCH: usize = 5;
-        let bytes = self.range.count.saturating_mul(8 * (self.width() + 1));
+        let bytes = self.count.saturating_mul(8 * (self.width() + 1));
         if self.cache.reserve(bytes.saturating_mul(1 + SEARCH)).is_none() {
             return Ok(None);
         }
@@ -241,39 +197,19 @@ impl<'a> StoredShapes<'a> {
         Ok(self.handle.block_on(read)?)
     }
 
-    /// The same shapes, with passes distributed by a job.
+    /// The same shapes, whose passes may be computed elsewhere.
     pub(crate) fn distributed_by(self, distribute: &'a dyn Distribute) -> Self {
         Self { distribute: Some(distribute), ..self }
     }
 
-    /// Shapes of one part of [`PART`] shapes, which begins at `start`.
-    pub(crate) fn part(&self, part: usize, start: Start) -> Self {
-        let first = (part * PART).min(self.range.count);
-        let range = Range {
-            first,
-            after: Some(start.before()),
-            skip: start.skip,
-            count: PART.min(self.range.count - first),
-        };
-        Self { range, distribute: None, known: None, counter: None, ..*self }
-    }
-
-    /// Runs a pass with the help of other workers, if that pays: see [`Distribute::run`].
+    /// Runs a pass elsewhere, if that pays: see [`Distribute::run`].
     pub(crate) fn spread_work(
         &self,
         work: &dyn Fn() -> Work,
-        make: &MakePart<'_>,
         merge: &mut MergePart<'_>,
     ) -> Result<bool, ServiceError> {
         let Some(others) = self.distribute else { return Ok(false) };
-        let mut left = self.range.count;
-        others.run(self, work, make, &mut |bytes| {
-            merge(bytes)?;
-            let part = left.min(PART);
-            left -= part;
-            self.worked(part);
-            Ok(())
-        })
+        others.run(self, work, merge)
     }
 
     /// Fails if the work must stop.
@@ -294,7 +230,7 @@ impl<'a> StoredShapes<'a> {
     /// Control points of the first `most` shapes.
     pub(crate) fn first(&self, most: usize) -> Result<Vec<f64>, ServiceError> {
         let mut control_points = Vec::new();
-        let wanted = most.min(self.range.count) * self.width();
+        let wanted = most.min(self.count) * self.width();
         self.scan(&mut |batch, _| {
             control_points.extend_from_slice(batch);
             Ok(control_points.len() < wanted)
@@ -305,16 +241,13 @@ impl<'a> StoredShapes<'a> {
 
     /// Calls `visit` with control points and weights of every stored chunk until it returns `false`.
     pub(crate) fn scan(&self, visit: &mut VisitChunk<'_>) -> Result<(), ServiceError> {
-        let Range { after, mut skip, count: mut left, .. } = self.range;
-        let width = self.width();
-        let mut batches = Batches::new(self, after, Ids::Skip);
+        let (mut left, width) = (self.count, self.width());
+        let mut batches = Batches::new(self, Ids::Skip);
         while left > 0 {
-            let Some(batch) = batches.next(skip + left)? else { return Ok(()) };
-            let from = skip.min(batch.weights.len());
-            let to = batch.weights.len().min(from + left);
-            (skip, left) = (skip - from, left - (to - from));
-            if from < to && !visit(&batch.control_points[from * width..to * width], &batch.weights[from..to])?
-            {
+            let Some(batch) = batches.next(left)? else { return Ok(()) };
+            let count = batch.weights.len().min(left);
+            left -= count;
+            if count > 0 && !visit(&batch.control_points[..count * width], &batch.weights[..count])? {
                 return Ok(());
             }
         }
@@ -323,12 +256,12 @@ impl<'a> StoredShapes<'a> {
 
     /// Number of shapes.
     pub(crate) fn len(&self) -> usize {
-        self.range.count
+        self.count
     }
 
     /// Whether there are no shapes.
     pub(crate) fn is_empty(&self) -> bool {
-        self.range.count == 0
+        self.count == 0
     }
 
     /// Calls `visit` with consecutive batches of prepared shapes and what `marks_of` says of them as they are stored.
@@ -340,7 +273,7 @@ impl<'a> StoredShapes<'a> {
         let (metric, centred) = (&self.setup.metric, self.setup.method.translates());
         let length = metric.len();
         let (mut rows, mut weights): (Vec<f64>, Vec<f64>) = (Vec::new(), Vec::new());
-        let mut first = self.range.first;
+        let mut first = 0;
         // Stored chunks have any length; batches are whole blocks, so that the result does not depend on how the cohort
         // was uploaded.
         let mut emit =
@@ -369,7 +302,7 @@ impl<'a> StoredShapes<'a> {
         if rest > 0 {
             emit(&mut rows, &mut weights, rest)?;
         }
-        if first != self.range.first + self.range.count {
+        if first != self.count {
             // Only an erasure changes a revision.
             return Err(ServiceError::Unavailable(
                 "shapes were erased while they were read: try again".into(),
@@ -381,7 +314,7 @@ impl<'a> StoredShapes<'a> {
 
     /// Calls `visit` with every stored batch, its shapes prepared; errors name the affected shapes.
     pub(crate) fn for_each_stored(&self, ids: Ids, visit: &mut VisitStored<'_>) -> Result<(), ServiceError> {
-        let (mut batches, mut first) = (Batches::new(self, None, ids), 0);
+        let (mut batches, mut first) = (Batches::new(self, ids), 0);
         loop {
             let Some(mut batch) = batches.next(usize::MAX)? else { return Ok(()) };
             let centred = self.setup.method.translates();
@@ -423,7 +356,7 @@ impl<'a> StoredShapes<'a> {
         &self,
         visit: &mut dyn FnMut(&ScanBatch) -> Result<(), ServiceError>,
     ) -> Result<(), ServiceError> {
-        let mut batches = Batches::new(self, None, Ids::Include);
+        let mut batches = Batches::new(self, Ids::Include);
         while let Some(batch) = batches.next(usize::MAX)? {
             visit(&batch)?;
         }
@@ -462,7 +395,7 @@ impl<'a> StoredShapes<'a> {
     }
 
     fn id_at(&self, index: usize) -> Result<Option<String>, ServiceError> {
-        let (mut batches, mut left) = (Batches::new(self, None, Ids::Include), index);
+        let (mut batches, mut left) = (Batches::new(self, Ids::Include), index);
         loop {
             let Some(mut batch) = batches.next(left + 1)? else { return Ok(None) };
             if left < batch.ids.len() {
@@ -484,9 +417,8 @@ struct Batches<'a> {
 type Reading = AbortOnDropHandle<Result<Option<ScanBatch>, StoreError>>;
 
 impl<'a> Batches<'a> {
-    /// The batches that follow `after`.
-    fn new(shapes: &'a StoredShapes<'a>, after: Option<Cursor>, ids: Ids) -> Self {
-        Self { shapes, ids, next: shapes.read(after, ids) }
+    fn new(shapes: &'a StoredShapes<'a>, ids: Ids) -> Self {
+        Self { shapes, ids, next: shapes.read(None, ids) }
     }
 
     /// The next batch; no further one is read if it has as many shapes as are `wanted`.
@@ -556,7 +488,7 @@ impl ShapeSource for KeptShapes<'_> {
 
 impl ShapeSource for StoredShapes<'_> {
     fn count(&self) -> usize {
-        self.range.count
+        self.count
     }
 
     fn for_each_batch(
@@ -592,8 +524,7 @@ impl ShapeSource for StoredShapes<'_> {
     }
 
     fn spread(&self, pass: &Pass, merge: &mut MergePart<'_>) -> Result<bool, AnalysisError> {
-        let make = |part: &StoredShapes<'_>| Ok(pass.make(part, self.setup.measured())?);
-        Ok(self.spread_work(&|| Work::Sum(pass.clone()), &make, merge)?)
+        Ok(self.spread_work(&|| Work::Sum(pass.clone()), merge)?)
     }
 
     fn coders(&self) -> Option<CodeGroup<'_>> {

@@ -271,7 +271,7 @@ impl Planned {
         let Self { plan, ready, cohort, .. } = self;
         let stop = || context.is_cancelled();
         let setup = &ready.setup;
-        let stored = StoredShapes::counted(app, handle, cohort, &plan.filter, 0, setup, &stop, self.shapes);
+        let stored = StoredShapes::new(app, handle, cohort, &plan.filter, 0, setup, &stop)?;
         let common = ByDictionary::with_warnings(ready);
         let (mut tally, mut piece) = (Tally::default(), Piece::default());
         stored.for_each_named(&mut |batch| {

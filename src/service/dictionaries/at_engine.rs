@@ -27,7 +27,7 @@ use crate::domain::cohort::Cohort;
 use crate::domain::filter::ShapeFilter;
 use crate::domain::job::Job;
 use crate::service::app::{App, ServiceError, memory};
-use crate::service::cohorts::source::{Distribute, MakePart, StoredShapes, Work};
+use crate::service::cohorts::source::{Distribute, StoredShapes, Work};
 
 /// Interval at which a running program is looked at.
 const LOOK: Duration = Duration::from_millis(100);
@@ -152,6 +152,11 @@ impl<'a> AtEngine<'a> {
         }
     }
 
+    /// Whether a group could not be coded: learning must begin again, and this process codes from then on.
+    pub(crate) fn has_failed_to_code(&self) -> bool {
+        self.has_failed_to_code.load(Ordering::Relaxed)
+    }
+
     fn failed(&self, reason: &str) {
         self.has_failed.store(true, Ordering::Relaxed);
         tracing::warn!(cohort = self.cohort.id, reason, "the engine failed; this process computes");
@@ -180,7 +185,6 @@ impl Distribute for AtEngine<'_> {
         &self,
         shapes: &StoredShapes<'_>,
         work: &dyn Fn() -> Work,
-        _: &MakePart<'_>,
         merge: &mut MergePart<'_>,
     ) -> Result<bool, ServiceError> {
         // A pass over new shapes alone is computed here.
@@ -194,8 +198,7 @@ impl Distribute for AtEngine<'_> {
         match self.compute(shapes, &work) {
             Ok(Answer { bytes: state, counted }) => {
                 merge(&state)?;
-                // The merge counts a part.
-                shapes.worked(shapes.len().saturating_sub(PART + counted));
+                shapes.worked(shapes.len().saturating_sub(counted));
                 tracing::info!(cohort = self.cohort.id, bytes = state.len(), "the engine computed a pass");
                 Ok(true)
             }
@@ -212,10 +215,6 @@ impl Distribute for AtEngine<'_> {
         // Each group is a program that is started: it must be worth one.
         let pays = schedule == Schedule::Batch || shapes.len() >= MAX_GROUPS * PART;
         (pays && self.has(shapes)).then(|| Box::new(|group: Group<'_>| Ok(self.code(shapes, group)?)) as _)
-    }
-
-    fn has_failed_to_code(&self) -> bool {
-        self.has_failed_to_code.load(Ordering::Relaxed)
     }
 }
 

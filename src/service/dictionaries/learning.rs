@@ -10,7 +10,6 @@ use tokio::runtime::Handle;
 
 use super::at_engine::AtEngine;
 use super::class_labels;
-use super::distributed::Spreading;
 use super::plan::{NO_STATE, Plan, program};
 use crate::analysis::AnalysisError;
 use crate::analysis::accumulate::ShapesInMemory;
@@ -35,7 +34,7 @@ use crate::service::app::progress::{JobContext, Meter, Part};
 use crate::service::app::{App, ServiceError, now_ms};
 use crate::service::cohorts::caveats;
 use crate::service::cohorts::placements::{KnownPlacements, SearchSettings, Which};
-use crate::service::cohorts::source::{Distribute, StoredShapes, Work};
+use crate::service::cohorts::source::{StoredShapes, Work};
 use crate::service::jobs::Outcome;
 use crate::service::shapes::directions::is_warning;
 use crate::service::statistics::Setup;
@@ -96,11 +95,8 @@ pub fn learn(
     let setup = Setup::of(app, plan.settings(&cohort))?;
     let shapes = count(app, handle, plan)?;
     let meter = meter(plan, &setup, shapes, context);
-    let others: Box<dyn Distribute + '_> = match AtEngine::of(app, job, plan, &cohort, shapes) {
-        Some(engine) => Box::new(engine),
-        None => Box::new(Spreading { app, handle, job, plan }),
-    };
-    let task = Task { app, handle, job, plan, cohort: &cohort, setup: &setup, context, meter, others };
+    let engine = AtEngine::of(app, job, plan, &cohort, shapes);
+    let task = Task { app, handle, job, plan, cohort: &cohort, setup: &setup, context, meter, engine };
     let Found { content, state, less_counted, disagreement } = task.content(previous)?;
     let text = serde_json::to_vec(&content)
         .map_err(|error| ServiceError::Internal(format!("a dictionary is not JSON: {error}")))?;
@@ -193,8 +189,8 @@ struct Task<'a> {
     setup: &'a Setup,
     context: &'a JobContext,
     meter: Meter,
-    /// Where passes can be computed: the engine, or the workers of all replicas.
-    others: Box<dyn Distribute + 'a>,
+    /// Where passes can be computed besides this process.
+    engine: Option<AtEngine<'a>>,
 }
 
 /// Place of a phase among the parts of [`estimate::stages`].
@@ -251,7 +247,7 @@ impl Task<'_> {
             }
         };
         let learnt = match learn() {
-            Err(_) if self.others.has_failed_to_code() => learn(),
+            Err(_) if self.engine.as_ref().is_some_and(AtEngine::has_failed_to_code) => learn(),
             learnt => learnt,
         };
         let Learnt { mut dictionary, state, less_counted, disagreement } = learnt?;
@@ -293,16 +289,15 @@ impl Task<'_> {
         Some((known, if is_same { Which::All } else { Which::Leading }))
     }
 
-    /// Encodes all shapes with the help of other workers, if that pays.
+    /// Encodes all shapes on the engine, if there is one.
     fn coded(
         &self,
         shapes: &StoredShapes<'_>,
         dictionary: &Dictionary,
     ) -> Result<Option<Coded>, ServiceError> {
-        let make = |part: &StoredShapes<'_>| Ok(dictionary.coded(part, self)?.to_bytes());
         let mut coded = Coded::default();
         let work = || Work::Codes(Box::new(dictionary.content.clone()));
-        let spread = shapes.spread_work(&work, &make, &mut |bytes| coded.append(bytes))?;
+        let spread = shapes.spread_work(&work, &mut |bytes| coded.append(bytes))?;
         Ok(spread.then_some(coded))
     }
 
@@ -330,7 +325,11 @@ impl Task<'_> {
     ) -> Result<StoredShapes<'a>, ServiceError> {
         let Self { app, handle, plan, cohort, setup, .. } = *self;
         let shapes = StoredShapes::new(app, handle, cohort, &plan.filter, since, setup, stop)?;
-        Ok(shapes.distributed_by(&*self.others).counted_by(self))
+        let shapes = match &self.engine {
+            Some(engine) => shapes.distributed_by(engine),
+            None => shapes,
+        };
+        Ok(shapes.counted_by(self))
     }
 
     /// BLAKE3 digest of control points and weights, in storage order.

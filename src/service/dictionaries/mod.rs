@@ -2,8 +2,7 @@
 //!
 //! * [`planning`] — checks a request to learn and makes a [`plan`] of it; list, find and delete;
 //! * [`aliases`] — names for versions, which can be moved;
-//! * [`learning`] — the job that learns; [`distributed`] — its passes, distributed to idle workers, or
-//!   [`at_engine`] — computed by a program of its own;
+//! * [`learning`] — the job that learns; [`at_engine`] — its passes, computed by a separate program;
 //! * [`class_labels`] — classes and subjects of the shapes of a cohort;
 //! * [`ready`] — stored dictionaries prepared for use, cached; [`file`](mod@file) — export and import;
 //! * [`coding`] — codes, reconstructions, scores; `part` — shapes of which a part is missing, [`posterior`] — their completion; [`classify`] — classes; [`answers`] — both as they are written;
@@ -21,7 +20,6 @@ pub mod class_labels;
 pub mod classify;
 pub mod coding;
 pub mod correspond;
-pub mod distributed;
 pub mod drift;
 pub mod file;
 pub mod learning;

@@ -120,9 +120,9 @@ pub trait ShapeSource: Sync {
         error
     }
 
-    /// Distributes the parts to idle workers and passes their sums to `merge` in order, as
-    /// [`Accumulator::to_bytes`](super::Accumulator::to_bytes) wrote them; or the one sum over all parts, if the workers have
-    /// merged them in groups of [`FAN_IN`](super::FAN_IN). Returns `false`, doing nothing, if the sum should be computed locally.
+    /// Computes the sums of the parts elsewhere and passes them to `merge` in order, as
+    /// [`Accumulator::to_bytes`](super::Accumulator::to_bytes) wrote them; or the one sum over all parts, merged in groups of
+    /// [`FAN_IN`](super::FAN_IN). Returns `false`, doing nothing, if the sum should be computed locally.
     ///
     /// # Errors
     /// The first error of the storage or of `merge`.

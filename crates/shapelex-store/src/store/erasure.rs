@@ -451,19 +451,12 @@ async fn overwrite_in_chunk(
 /// Removes jobs, and returns running ones to the queue: their claims no longer hold.
 async fn end_jobs(write: &mut Transaction, jobs: &[SubjectJob]) -> Result<(), StoreError> {
     const REMOVE: &str = "DELETE FROM job WHERE id IN ";
-    const FORGET: &str = "DELETE FROM pass WHERE job IN ";
     const UNWRITE: &str = "DELETE FROM job_output_part WHERE job IN ";
     const AGAIN: &str = "UPDATE job SET status = 'queued', lease_owner = NULL, lease_until_ms = NULL,
         attempt = attempt - 1, started_at_ms = NULL, progress = 0, phase = NULL, objective = NULL
         WHERE status = 'running' AND id IN ";
     let (removed, returned): (Vec<_>, Vec<_>) = jobs.iter().partition(|job| job.removed);
-    for (statement, concerned) in [
-        (FORGET, &removed),
-        (FORGET, &returned),
-        (UNWRITE, &returned),
-        (REMOVE, &removed),
-        (AGAIN, &returned),
-    ] {
+    for (statement, concerned) in [(UNWRITE, &returned), (REMOVE, &removed), (AGAIN, &returned)] {
         let mut query = sql(&mut *write, statement);
         query.push_texts(concerned.iter().map(|job| job.id.as_str()));
         query.execute().await?;

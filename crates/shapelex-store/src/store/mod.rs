@@ -5,7 +5,6 @@
 //!              └──< shape           attributes of each shape, and when it was deleted
 //! job ── job_output ─< job_output_part the queue, the history of finished jobs, and their outputs, large ones in parts
 //!  ├──< job_file                    files that a job works on, until it ends
-//!  └── pass ─< task                  the distributed passes of a job, and their parts
 //! dictionary ── dictionary_data     versions, each written once
 //!      ├──< dictionary_alias         names for versions, which can be moved
 //!      └──< assessment               what a version said of a stored shape
@@ -25,7 +24,7 @@
 //! * `subject_secrets` — secrets by which identifiers of persons become subjects;
 //! * `tally` — how many shapes run which way, or came as meshes;
 //! * [`scan`] — reading control points in bulk; `places` — where they are, and whose they are;
-//! * [`jobs`] — the queue; [`tasks`] — distributed parts of jobs; [`outputs`] — large results of jobs; [`files`] — what jobs work on;
+//! * [`jobs`] — the queue; [`outputs`] — large results of jobs; [`files`] — what jobs work on;
 //! * [`changes`] — the change feed; [`hooks`] — where it is delivered; `trash` — deleted objects; [`receipts`] — outcomes of idempotent requests;
 //! * [`audit`] — the audit trail; [`metrics`] — metric names;
 //! * [`maintenance`] — checks, backups and exports of the whole store; `copies` — what tells them apart;
@@ -71,7 +70,6 @@ mod sqlite;
 mod subject_secrets;
 mod subjects;
 mod tally;
-pub mod tasks;
 mod text;
 mod trash;
 pub mod upload;
@@ -96,7 +94,6 @@ pub use scan::{Ids, ScanBatch};
 pub use shapes::{Cursor, CursorError, ListCursor, Listing, Order, ShapePage, SortKey};
 pub use subjects::{HeldShape, Holding};
 pub use tally::Tally;
-pub use tasks::{PartClaim, PartEnd, PassOf, Start};
 pub use upload::{Added, ShapeRow, UnitOfShapes, Upload};
 
 #[cfg(test)]

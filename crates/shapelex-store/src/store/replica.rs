@@ -76,8 +76,7 @@ impl Store {
     pub(super) async fn tidy_behind_the_dead(&self) -> Result<(), StoreError> {
         const OWNED: &str = "SELECT DISTINCT upload AS id, 0 AS kind FROM chunk WHERE revision IS NULL
             UNION ALL SELECT lease_owner, 1 FROM job WHERE status = 'running' AND lease_owner IS NOT NULL
-            UNION ALL SELECT lease_owner, 2 FROM task WHERE lease_owner IS NOT NULL
-            UNION ALL SELECT lease_owner, 3 FROM hook WHERE lease_owner IS NOT NULL";
+            UNION ALL SELECT lease_owner, 2 FROM hook WHERE lease_owner IS NOT NULL";
         if !matches!(self.inner.pools, Pools::Postgres(_)) {
             return Ok(());
         }
@@ -88,8 +87,7 @@ impl Store {
             }
             match row.get::<i32>("kind")? {
                 1 => self.requeue_job_of(id).await?,
-                2 => self.release_part_of(id).await?,
-                3 => self.release_hook_of(id).await?,
+                2 => self.release_hook_of(id).await?,
                 _ => self.purge(PURGE_UPLOAD, Some(id)).await?,
             }
         }

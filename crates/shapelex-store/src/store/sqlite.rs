@@ -44,6 +44,7 @@ const MIGRATIONS: &[(i64, &str, &str)] = &[
     (17, "former rules", include_str!("migrations/sqlite/0017_former_rules.sql")),
     (18, "subject secrets", include_str!("migrations/sqlite/0018_subject_secrets.sql")),
     (20, "erasures", include_str!("migrations/sqlite/0020_erasures.sql")),
+    (21, "no passes", include_str!("migrations/sqlite/0021_no_passes.sql")),
 ];
 
 fn options(file: &Path) -> SqliteConnectOptions {

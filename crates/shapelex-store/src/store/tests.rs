@@ -27,7 +27,6 @@ mod jobs;
 mod keys;
 mod opening;
 mod sharing;
-mod tasks;
 mod units;
 
 /// Number of coordinates of a shape of [`cohort`].
