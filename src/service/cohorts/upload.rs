@@ -574,26 +574,13 @@ impl Writer {
     /// that a client that corrects its input and resends the same external ids at once does not conflict with its own
     /// first attempt.
     pub(super) async fn end(
-        self,
+        mut self,
         app: &App,
         taken: Result<(), ServiceError>,
     ) -> Result<Stored, ServiceError> {
-        let list = self.list();
-        let warnings = if taken.is_ok() { self.said(app).await } else { Ok(Vec::new()) };
-        let Self { chunks, task, position, treatment, skipped, left_out, results, occasion, .. } = self;
-        let Self { repeated_points, self_intersecting, retry, cohort, expected, names, lengths, .. } = self;
-        drop(chunks);
-        let written =
-            task.await.map_err(|error| ServiceError::Internal(format!("the writing task: {error}")))?;
-        // Errors of the task come first: after it has ended, the writer silently drops further shapes.
-        let Written { mut upload, new: added, unchanged, differing, ids, conflicts } = written?;
-        let mut warnings = match taken.and(warnings) {
-            Ok(warnings) => warnings,
-            Err(error) => {
-                upload.abort().await?;
-                return Err(error);
-            }
-        };
+        let (retry, job) = (self.retry.take(), self.occasion.job.take());
+        let expected = self.expected.as_ref().map(|_| self.cohort.revision);
+        let Settled { upload, mut stored, brought } = self.settle(app, taken).await?;
         if let Some(retry) = &retry
             && let Some(stored) = idempotency::done_before(app, retry).await?
         {
@@ -601,15 +588,38 @@ impl Writer {
             upload.abort().await?;
             return Ok(stored);
         }
-        if let Err(error) = describe(app, &cohort, &mut upload, (names, list), lengths).await {
-            upload.abort().await?;
-            return Err(error);
-        }
+        let upload = brought.describe(app, upload).await?;
+        let receipt = |revision| {
+            stored.revision = revision;
+            retry.as_ref().map(|retry| idempotency::receipt(retry, &stored))
+        };
+        stored.revision = upload.commit_once(now_ms(), expected, job.as_ref(), receipt).await?;
+        Ok(stored)
+    }
+
+    /// Waits for the task that writes, and tells what became of the shapes. After an error nothing of them remains.
+    async fn settle(self, app: &App, taken: Result<(), ServiceError>) -> Result<Settled, ServiceError> {
+        let list = self.list();
+        let warnings = if taken.is_ok() { self.said(app).await } else { Ok(Vec::new()) };
+        let Self { chunks, task, position, treatment, skipped, left_out, results, occasion, .. } = self;
+        let Self { repeated_points, self_intersecting, cohort, names, lengths, .. } = self;
+        drop(chunks);
+        let written =
+            task.await.map_err(|error| ServiceError::Internal(format!("the writing task: {error}")))?;
+        // Errors of the task come first: after it has ended, the writer silently drops further shapes.
+        let Written { upload, new: added, unchanged, differing, ids, conflicts } = written?;
+        let mut warnings = match taken.and(warnings) {
+            Ok(warnings) => warnings,
+            Err(error) => {
+                upload.abort().await?;
+                return Err(error);
+            }
+        };
         warnings.extend(stay(differing));
         let skipped = skipped + conflicts.len();
         let (results, left_out) = with_conflicts(results, conflicts, left_out);
         let (results, ids) = treatment.returned.of(results, ids, position);
-        let mut stored = Stored {
+        let stored = Stored {
             added,
             revision: 0,
             ids,
@@ -622,28 +632,42 @@ impl Writer {
             warnings,
             note: occasion.note,
         };
-        let receipt = |revision| {
-            stored.revision = revision;
-            retry.as_ref().map(|retry| idempotency::receipt(retry, &stored))
-        };
-        let expected = expected.map(|_| cohort.revision);
-        stored.revision = upload.commit_once(now_ms(), expected, occasion.job.as_ref(), receipt).await?;
-        Ok(stored)
+        Ok(Settled { upload, stored, brought: Brought { cohort, names, list, lengths } })
     }
 }
 
-/// Tells an upload the names of attributes that are new in the cohort, and the unit that the cohort takes.
-async fn describe(
-    app: &App,
-    cohort: &Cohort,
-    upload: &mut Upload,
-    (names, list): (BTreeSet<String>, &'static str),
+/// What became of the shapes of an upload that is not visible yet.
+struct Settled {
+    upload: Upload,
+    /// What is answered, but for the revision.
+    stored: Stored,
+    brought: Brought,
+}
+
+/// What shapes bring to their cohort beside themselves.
+struct Brought {
+    cohort: Cohort,
+    /// Names of further attributes.
+    names: BTreeSet<String>,
+    /// Pointer to the list of the shapes.
+    list: &'static str,
     lengths: Lengths,
-) -> Result<(), ServiceError> {
-    let names = attribute_names::admit(app, cohort, names, list).await?;
-    upload.name_attributes(names);
-    upload.keep_unit(lengths.at_commit());
-    Ok(())
+}
+
+impl Brought {
+    /// Tells an upload the names of attributes that are new in the cohort, and the unit that the cohort takes. A refused upload ends.
+    async fn describe(self, app: &App, mut upload: Upload) -> Result<Upload, ServiceError> {
+        let Self { cohort, names, list, lengths } = self;
+        match attribute_names::admit(app, &cohort, names, list).await {
+            Ok(names) => upload.name_attributes(names),
+            Err(error) => {
+                upload.abort().await?;
+                return Err(error);
+            }
+        }
+        upload.keep_unit(lengths.at_commit());
+        Ok(upload)
+    }
 }
 
 fn too_many_refused() -> ServiceError {
