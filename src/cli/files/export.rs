@@ -63,6 +63,7 @@ impl ExportArgs {
     /// # Errors
     /// An option that needs a cohort.
     pub(in crate::cli) fn check_store(&self) -> Result<(), String> {
+        self.target.check_without_cohort()?;
         match self.writing.is_usual() {
             true => Ok(()),
             false => Err("expected --cohort beside --write, --series and --formulas, got none".into()),
