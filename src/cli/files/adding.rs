@@ -13,7 +13,7 @@ use super::bar::Bar;
 use super::content::{Opened, is_standard};
 use super::target::{Target, TargetArgs};
 use super::{Reading, pairs};
-use crate::cli::maintenance::At;
+use crate::cli::at::At;
 use crate::formats::files::{self, FileError};
 use crate::formats::json;
 use crate::formats::lengths::unit_of;

@@ -20,7 +20,7 @@ use super::outlook::{Outlook, look};
 use super::places::{Place, expand};
 use super::target::{Service, Target, refusal};
 use super::{note, say};
-use crate::cli::maintenance::{At, Outcome};
+use crate::cli::at::{At, Outcome};
 use crate::formats::json;
 use crate::formats::lengths::FileUnits;
 use crate::formats::summary::FileSummary;

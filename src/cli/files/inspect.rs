@@ -11,7 +11,7 @@ use super::outlook::{Outlook, look};
 use super::places::{Place, expand};
 use super::target::Target;
 use super::{Reading, own_limits, say};
-use crate::cli::maintenance::{At, Outcome};
+use crate::cli::at::{At, Outcome};
 use crate::cli::runtime;
 use crate::formats::files::{FileError, Group, Inspected, Inspection, ReadOptions, Summary};
 use crate::formats::record::count_unstored;

@@ -19,7 +19,7 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand, ValueEnum};
 
-use super::maintenance::Outcome;
+use super::at::Outcome;
 use crate::formats::dicom;
 use crate::formats::files::{Format, Limits, ReadOptions, WriteOptions};
 use crate::service::files::{FileFormat, unknown_format};

@@ -6,7 +6,7 @@ use clap::Args;
 use reqwest::header::{AUTHORIZATION, CONTENT_TYPE, HeaderValue};
 use reqwest::{Client, RequestBuilder, Response, Url};
 
-use crate::cli::maintenance::At;
+use crate::cli::at::At;
 use crate::domain::access::{DEFAULT_TENANT, Principal, tenant_problem};
 use crate::service::app::{App, Limits};
 use crate::store_location::{self, StoreLocation};
