@@ -273,6 +273,8 @@ test("files of other programs: what is in them, what would be left out, and then
   // The same file again, and another one of a length unit: both are told before they are stored.
   card = await drop(page, textFile("slide.geojson", JSON.stringify({ type: "FeatureCollection", features })));
   await card.getByText("0 shapes would be added; 2 are there already.").waitFor();
+  await card.getByRole("button", { name: "Store", exact: true }).click();
+  await card.getByText("0 added").waitFor();
   card = await drop(page, textFile("metres.csv", `id,x,y,closed\n${ring(0, 1).slice(0, 4).map((point) => `m,${point.join(",")},true`).join("\n")}\n`));
   await card.getByText("1 shape would be added.").waitFor();
   await card.getByLabel("Unit").selectOption("m");
@@ -289,9 +291,17 @@ test("files of other programs: what is in them, what would be left out, and then
   await card.getByText("line 3").first().waitFor();
   features[1].geometry.coordinates[0][1] = [50, "far"];
   card = await drop(page, textFile("broken.geojson", JSON.stringify({ type: "FeatureCollection", features })));
+  await card.getByText("1 shape would be added").waitFor();
+  await card.getByText("1 broken shapes").waitFor();
+  await page.getByText("All or nothing").click();
+  await card.getByText("Cannot be read").waitFor();
   await card.getByText(/item 1 byte \d+/).first().waitFor();
   assert.equal(await card.getByRole("button", { name: "Store", exact: true }).count(), 0);
   await screen(page, "upload-broken", { fullPage: true });
+  await page.getByText("Leave bad shapes out").click();
+  await card.getByText("1 shape would be added").waitFor();
+  await card.getByRole("button", { name: "Store", exact: true }).click();
+  await card.getByText("1 added").waitFor();
   card = await drop(page, textFile("nothing.xyz", "????"));
   await card.getByText(/^expected a file of one of the formats/).waitFor();
   // Points in space enter a planar cohort by a plane; two files are stored by one button.

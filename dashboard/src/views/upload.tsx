@@ -76,7 +76,7 @@ export function Upload({ cohort }: { cohort: string }) {
   };
   const change = (on_error: string) => {
     setOnError(on_error);
-    files.forEach((one, index) => one.state === "ready" && one.found && void look(index, one, "ready", on_error));
+    files.forEach((one, index) => ["ready", "refused"].includes(one.state) && !one.kept && void look(index, one, one.state, on_error));
   };
   const take = async (chosen: File[]) => {
     const first = files.length;
