@@ -1,6 +1,7 @@
 //! Command line: the service, its OpenAPI document, a health check, API keys, files of shapes, maintenance of the store, and
 //! pages about all of it.
 
+mod at;
 mod environment;
 mod files;
 mod keys;
@@ -121,10 +122,10 @@ fn complain(message: &str) {
 }
 
 /// Exit code 0 if done, 1 if done with findings, 2 if it failed.
-fn code(outcome: Result<maintenance::Outcome, String>) -> ExitCode {
+fn code(outcome: Result<at::Outcome, String>) -> ExitCode {
     match outcome {
-        Ok(maintenance::Outcome::Done) => ExitCode::SUCCESS,
-        Ok(maintenance::Outcome::Findings) => ExitCode::from(1),
+        Ok(at::Outcome::Done) => ExitCode::SUCCESS,
+        Ok(at::Outcome::Findings) => ExitCode::from(1),
         Err(message) => {
             complain(&message);
             ExitCode::from(2)

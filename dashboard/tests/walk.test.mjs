@@ -257,7 +257,7 @@ test("files of other programs: what is in them, what would be left out, and then
   const features = [feature("whole", { type: "Polygon", coordinates: [ring(0, 1)] }, "Tumor"), feature("holed", { type: "Polygon", coordinates: [ring(10, 10), ring(12, 1)] }, "Stroma"), feature("nowhere", null, "Stroma")];
   let card = await drop(page, textFile("slide.geojson", JSON.stringify({ type: "FeatureCollection", features })));
   await card.getByText("Not stored yet").waitFor();
-  for (const text of ["GeoJSON", "2 · in the plane", "whole, holed", "x 0 – 50, y 0 – 30", "pixel", "Stroma (1), Tumor (1)", "1 holes"]) await card.getByText(text).first().waitFor();
+  for (const text of ["GeoJSON", "2 · in the plane", "slide/whole, slide/holed", "2 shapes would be added; the cohort takes the unit of the file, pixel.", "x 0 – 50, y 0 – 30", "pixel", "Stroma (1), Tumor (1)", "1 holes"]) await card.getByText(text).first().waitFor();
   assert.equal((await service.call("GET", "/v1/cohorts/files")).shape_count, 0, "nothing is stored yet");
   await accessible(page, "file");
   await screen(page, "upload-inspected", { fullPage: true });
@@ -270,21 +270,45 @@ test("files of other programs: what is in them, what would be left out, and then
   await card.getByRole("button", { name: "Store", exact: true }).click();
   await card.getByText("3 added").waitFor();
   assert.equal((await service.call("GET", "/v1/cohorts/files/shapes/slide/whole")).label, "Tumor");
+  // The same file again, and another one of a length unit: both are told before they are stored.
+  card = await drop(page, textFile("slide.geojson", JSON.stringify({ type: "FeatureCollection", features })));
+  await card.getByText("0 shapes would be added; 2 are there already.").waitFor();
+  await card.getByRole("button", { name: "Store", exact: true }).click();
+  await card.getByText("0 added").waitFor();
+  card = await drop(page, textFile("metres.csv", `id,x,y,closed\n${ring(0, 1).slice(0, 4).map((point) => `m,${point.join(",")},true`).join("\n")}\n`));
+  await card.getByText("1 shape would be added.").waitFor();
+  await card.getByLabel("Unit").selectOption("m");
+  await card.getByText("Would be refused").waitFor();
+  await card.getByText(/^expected coordinates in pixel, the length unit of the cohort, got m/).waitFor();
+  await card.getByLabel("Unit").selectOption("pixel");
+  await card.getByText("Not stored yet").waitFor();
+  await screen(page, "upload-ahead", { fullPage: true });
+  await card.getByRole("button", { name: "Store", exact: true }).click();
+  await card.getByText("1 added").waitFor();
   // Faults have their place: the line of a TPS, the feature of a GeoJSON. What cannot be read is not stored.
   card = await drop(page, textFile("broken.tps", "LM=3\n0 0\n4 x\n1 1\nID=a\n"));
   await card.getByText("Cannot be read").waitFor();
   await card.getByText("line 3").first().waitFor();
   features[1].geometry.coordinates[0][1] = [50, "far"];
   card = await drop(page, textFile("broken.geojson", JSON.stringify({ type: "FeatureCollection", features })));
+  await card.getByText("1 shape would be added").waitFor();
+  await card.getByText("1 broken shapes").waitFor();
+  await page.getByText("All or nothing").click();
+  await card.getByText("Cannot be read").waitFor();
   await card.getByText(/item 1 byte \d+/).first().waitFor();
   assert.equal(await card.getByRole("button", { name: "Store", exact: true }).count(), 0);
   await screen(page, "upload-broken", { fullPage: true });
+  await page.getByText("Leave bad shapes out").click();
+  await card.getByText("1 shape would be added").waitFor();
+  await card.getByRole("button", { name: "Store", exact: true }).click();
+  await card.getByText("1 added").waitFor();
   card = await drop(page, textFile("nothing.xyz", "????"));
   await card.getByText(/^expected a file of one of the formats/).waitFor();
   // Points in space enter a planar cohort by a plane; two files are stored by one button.
   const table = (id, height) => textFile(`${id}.csv`, `id,x,y,z,closed\n${ring(0, 1).slice(0, 4).map(([x, y]) => `${id},${x},${height},${y},true`).join("\n")}\n`);
   card = await drop(page, table("flat", 7));
   await card.getByText("1 · in space").waitFor();
+  await card.getByText("0 shapes would be added; 1 cannot be stored.").waitFor();
   await card.getByRole("button", { name: "Store", exact: true }).click();
   await card.getByText("1 left out").first().waitFor();
   await page.locator("input[type=file]").setInputFiles([table("first", 7), table("second", 8)]);

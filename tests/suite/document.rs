@@ -247,8 +247,12 @@ pub(crate) fn furnished_path(template: &str) -> String {
 }
 
 /// A query that is read after the body, and a parameter of another generator than that of [`furnished_path`].
-const ELSEWHERE: [&str; 3] =
-    ["POST /v1/pca", "POST /v1/cohorts/{cohort}/shapes weight", "GET /v1/generators/{name} support"];
+const ELSEWHERE: [&str; 4] = [
+    "POST /v1/pca",
+    "POST /v1/cohorts/{cohort}/shapes weight",
+    "POST /v1/inspect weight",
+    "GET /v1/generators/{name} support",
+];
 
 #[test]
 fn the_bounds_of_parameters_are_those_of_the_service() {
@@ -265,8 +269,9 @@ fn the_bounds_of_parameters_are_those_of_the_service() {
                     continue;
                 }
                 asked += 1;
-                // Settings of drawings and of files belong to one format.
+                // Settings of drawings and of files belong to one format, those of uploads to a cohort.
                 let format = match own {
+                    "samples" if path == "/v1/inspect" => "&cohort=example-cells",
                     "width" => "&format=svg",
                     "points" => "&format=ndjson",
                     _ => "",

@@ -162,6 +162,64 @@ fn files_go_into_a_store_and_out_of_it() {
     }
 }
 
+#[test]
+fn what_a_cohort_would_take_is_told_and_nothing_is_stored() {
+    let (server, folder) = (Setting::fresh().start(), files());
+    create(&server);
+    let file = folder.path().join("scans/a.ndjson");
+    let scans = folder.path().join("scans");
+    let service = ["--server", server.address()];
+    // Of the store, and of the service that runs beside.
+    for more in [&[][..], &service] {
+        let ask = |command: &str, what: &std::path::Path, options: &[&str]| {
+            run(server.command(command).arg(what).args(["--cohort", "c"]).args(more).args(options))
+        };
+        let (code, said, told) = ask("inspect", &file, &[]);
+        assert!(code == 0 && said.contains("a.ndjson: 2 shapes would be added"), "{said} {told}");
+        let (code, said, told) = ask("inspect", &scans, &["--json", "--prefix", "x/"]);
+        let lines: Vec<Value> = said.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+        assert_eq!((code, lines.len(), &lines[0]["added"]), (1, 3, &json!(2)), "{said} {told}");
+        assert!(lines[1]["error"].as_str().unwrap().starts_with("line 1: expected 2 coordinates"), "{said}");
+        assert!(lines[2]["error"].is_string() && lines[0]["summary"]["records"] == 2, "{said}");
+        let (code, said, told) = ask("import", &scans, &["--dry-run", "--json"]);
+        let status = |line: &str| serde_json::from_str::<Value>(line).unwrap()["status"].clone();
+        let statuses: Vec<Value> = said.lines().map(status).collect();
+        assert_eq!(
+            (code, statuses),
+            (1, ["previewed", "refused", "left_out"].map(Value::from).to_vec()),
+            "{told}"
+        );
+        let (code, _, told) = ask("inspect", &folder.path().join("scans/b.ndjson"), &[]);
+        assert!(code == 2 && told.contains("would take none of the files"), "{told}");
+        assert_eq!(server.get("/v1/cohorts/c").expect(200)["revision"], 0);
+    }
+    let import = run(server.command("import").arg(&file).args(["--cohort", "c"]));
+    assert_eq!(import.0, 0, "{import:?}");
+    std::fs::write(&file, LINES.replace("3.0,0.0", "3.5,0.0").replace("4.0,2.0", "0.0,0.0")).unwrap();
+    for more in [&[][..], &service] {
+        let looked = run(server.command("inspect").arg(&file).args(["--cohort", "c"]).args(more));
+        let (code, said, told) = looked;
+        assert!(code == 2 && told.contains("would take none"), "{said} {told}");
+        let words = [
+            "0 shapes would be added; 1 are there already; 1 cannot be stored, 1 of them under the names of others",
+            "nothing would be stored: ",
+            "the external id 'second' belongs to another shape",
+        ];
+        words.iter().for_each(|word| assert!(said.contains(word), "{word}: {said}"));
+        let skipping =
+            run(server.command("inspect").arg(&file).args(["--cohort", "c", "--skip-invalid"]).args(more));
+        assert!(skipping.0 == 1 && !skipping.1.contains("nothing would"), "{skipping:?}");
+    }
+    // What is said of a cohort needs one; a service that the environment names is not asked without.
+    let (code, _, told) = shapelex(&["inspect", "scans", "--skip-invalid"], folder.path());
+    assert!(code == 2 && told.contains("--cohort"), "{told}");
+    let alone = run(Command::new(env!("CARGO_BIN_EXE_shapelex"))
+        .args(["inspect", "scans/a.ndjson"])
+        .env("SHAPELEX_SERVER", "http://127.0.0.1:1")
+        .current_dir(folder.path()));
+    assert_eq!(alone.0, 0, "{alone:?}");
+}
+
 /// As `formulas` of HTTP: of a store, of a service, and of a file that is translated.
 #[test]
 fn formulas_in_csv_are_escaped_by_an_option() {

@@ -12,12 +12,12 @@ const MERIDIANS: usize = 20;
 const RINGS: usize = 13;
 
 /// Vertices and faces of a bean whose long half-axis grows with `t`, turned in space by `turn`.
-struct Mesh {
+pub(crate) struct Mesh {
     vertices: Vec<[f64; 3]>,
     faces: Vec<[usize; 3]>,
 }
 
-fn bean(t: f64, turn: f64) -> Mesh {
+pub(crate) fn bean(t: f64, turn: f64) -> Mesh {
     let (s, c) = turn.sin_cos();
     let at = |v: f64, u: f64| {
         let [x, y, z] = [v.sin() * u.cos(), v.sin() * u.sin(), v.cos()];
@@ -46,7 +46,7 @@ fn bean(t: f64, turn: f64) -> Mesh {
 }
 
 impl Mesh {
-    fn off(&self) -> String {
+    pub(crate) fn off(&self) -> String {
         let mut text = format!("OFF\n{} {} 0\n", self.vertices.len(), self.faces.len());
         self.vertices.iter().for_each(|[x, y, z]| text += &format!("{x} {y} {z}\n"));
         self.faces.iter().for_each(|[a, b, c]| text += &format!("3 {a} {b} {c}\n"));

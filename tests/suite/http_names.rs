@@ -190,7 +190,7 @@ fn facts_of_a_request_are_checked_before_the_file() {
 }
 
 /// A structure set with two contours of a region, of a patient.
-fn structure_set(server: &Server, patient: &str) -> Vec<u8> {
+pub(crate) fn structure_set(server: &Server, patient: &str) -> Vec<u8> {
     let line = |name: &str, z: u32| {
         format!(
             r#"{{"points":[[1.5,2,{z}],[9,2,{z}],[9,7.25,{z}]],"closed":true,"external_id":"{name}","label":"Heart"}}"#

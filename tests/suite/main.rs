@@ -52,6 +52,7 @@ mod http_numbers;
 mod http_operations;
 mod http_partial;
 mod http_pipeline;
+mod http_previews;
 mod http_prior;
 mod http_report;
 mod http_results;

@@ -1,4 +1,4 @@
-/** Shapes from files: what is in each of them, then its shapes into the cohort, with faults at their place in the file. */
+/** Shapes from files: what is in each of them and what the cohort would take of it, then its shapes into the cohort, with faults at their place in the file. */
 import { useRef, useState } from "preact/hooks";
 import { authorization, Refusal, Said, search, type Problem, type Schemas } from "../api/client";
 import { Choice, Fault, Field, Place, Select } from "../parts/basic";
@@ -57,22 +57,34 @@ export function Upload({ cohort }: { cohort: string }) {
   const [busy, setBusy] = useState(false);
   const stop = useRef<(() => void) | undefined>(undefined);
   const known = useLoaded("formats", formats);
+  /** Number of looks at each file: an answer to an earlier one says nothing of it any more. */
+  const looks = useRef<number[]>([]);
   const set = (index: number, change: Partial<Dropped>) => setFiles((before) => before.map((one, at) => (at === index ? { ...one, ...change } : one)));
-  const look = async (index: number, file: File, reading: Reading) => {
-    set(index, { state: "looking", reading, error: undefined });
+  const look = async (index: number, { file, reading, placing }: Pick<Dropped, "file" | "reading" | "placing">, state: Dropped["state"] = "looking", on_error = onError) => {
+    const own = (looks.current[index] = (looks.current[index] ?? 0) + 1);
+    const tell = (change: Partial<Dropped>) => looks.current[index] === own && set(index, change);
+    set(index, { state, reading, placing, error: undefined });
     try {
       const kept = Object.keys(reading).length ? null : await keptBody(file);
-      set(index, kept ? { state: "ready", kept } : { state: "ready", kept: undefined, found: await inspected(file, reading) });
+      tell(kept ? { state: "ready", kept } : { state: "ready", kept: undefined, found: await inspected(file, { cohort, on_error, ...reading, ...placing }) });
     } catch (error) {
-      set(index, { state: "refused", found: undefined, error: error instanceof SyntaxError ? new Said(t.upload.syntax(error.message)) : (error as Error) });
+      if (error instanceof SyntaxError) return tell({ state: "refused", found: undefined, error: new Said(t.upload.syntax(error.message)) });
+      // A file that this cohort refuses may be one of another unit: what is in it is told nevertheless.
+      const found = await inspected(file, reading).catch(() => undefined);
+      tell({ state: found ? "ready" : "refused", found, kept: undefined, error: error as Error });
     }
+  };
+  const change = (on_error: string) => {
+    setOnError(on_error);
+    files.forEach((one, index) => ["ready", "refused"].includes(one.state) && !one.kept && void look(index, one, one.state, on_error));
   };
   const take = async (chosen: File[]) => {
     const first = files.length;
     setFiles([...files, ...chosen.map((file): Dropped => ({ file, state: "looking", reading: {}, placing: {}, part: 0 }))]);
-    for (const [offset, file] of chosen.entries()) await look(first + offset, file, {});
+    for (const [offset, file] of chosen.entries()) await look(first + offset, { file, reading: {}, placing: {} });
   };
   const store = async (index: number, { file, kept, reading, placing }: Dropped) => {
+    looks.current[index]! += 1;
     set(index, { state: "sending", part: 0, error: undefined });
     try {
       const query = { return: "none", on_error: onError, ...(kept ? {} : { name: file.name, ...reading, ...placing }) };
@@ -91,14 +103,14 @@ export function Upload({ cohort }: { cohort: string }) {
     for (const index of which) await store(index, files[index]!);
     setBusy(false);
   };
-  const ready = files.flatMap((one, index) => (one.state === "ready" && one.found?.records !== 0 ? [index] : []));
+  const ready = files.flatMap((one, index) => (one.state === "ready" && !one.error && one.found?.records !== 0 ? [index] : []));
   return (
     <CohortPage cohort={cohort}>
       {({ representation }) => (
         <>
           <div class="row spread">
             <p class="quiet prose">{t.upload.lead}</p>
-            <Choice label={t.upload.onError} value={onError} options={[["skip", t.upload.skip], ["abort", t.upload.abort]]} onChange={setOnError} />
+            <Choice label={t.upload.onError} value={onError} options={[["skip", t.upload.skip], ["abort", t.upload.abort]]} onChange={change} />
           </div>
           <Drop title={t.upload.drop} hint={t.upload.formats} multiple onFiles={(chosen) => void take(chosen)} />
           <Fault error={known.error} retry={known.reload} />
@@ -107,7 +119,7 @@ export function Upload({ cohort }: { cohort: string }) {
           <div class="stack" aria-live="polite">
             {files.map((one, index) => (
               <Card key={index} one={one} formats={known.data ?? []} planar={"dimension" in representation && representation.dimension === 2} busy={busy} onStop={() => stop.current?.()} onStore={() => void storeAll([index])}
-                onRead={(reading) => void look(index, one.file, reading)} onPlace={(placing) => set(index, { placing, state: "ready", error: undefined })} />
+                onRead={(reading) => void look(index, { ...one, reading })} onPlace={(placing) => void look(index, { ...one, placing }, "ready")} />
             ))}
           </div>
           {files.some((file) => file.answer?.added) && <div class="row"><a class="button main" href={`/app/cohorts/${encodeURIComponent(cohort)}`}>{t.upload.look}</a></div>}
@@ -117,9 +129,9 @@ export function Upload({ cohort }: { cohort: string }) {
   );
 }
 
-function State({ state, part, answer }: Dropped) {
+function State({ state, part, answer, found, error }: Dropped) {
   if (answer) return <span class={`tag ${answer.skipped ? "warn" : "good"}`}>{t.upload.added(answer.added)}{answer.skipped ? `, ${t.upload.skipped(answer.skipped)}` : ""}</span>;
-  if (state === "ready") return <span class="tag">{t.upload.ready}</span>;
+  if (state === "ready") return error || found?.cohort?.accepted === false ? <span class="tag bad">{t.upload.unfit}</span> : <span class="tag">{t.upload.ready}</span>;
   if (state === "looking") return <span class="tag live">{t.upload.looking}</span>;
   return state === "sending" ? <span class="tag live">{percent(part, 0)}</span> : <span class="tag bad">{state === "refused" ? t.upload.refused : t.upload.failed}</span>;
 }
@@ -146,6 +158,7 @@ function Card({ one, formats, planar, busy, onStop, onStore, onRead, onPlace }: 
       {one.answer ? <Added answer={one.answer} /> : (
         <>
           {found && <Contents found={found} formats={formats} />}
+          {found?.cohort && waits && <Ahead cohort={found.cohort} units={found.units} />}
           {kept && <p class="quiet">{kept.shapes ? t.upload.document(count(kept.shapes.length)) : t.upload.lines}</p>}
           {found && waits && <Placing found={found} planar={planar} value={one.placing} onChange={onPlace} />}
           {!kept && (waits || state === "refused") && <HowRead key={state} one={one} formats={formats} onRead={onRead} />}
@@ -207,9 +220,37 @@ function causesOf(failed: Failed[]) {
   return [...causes.values()];
 }
 
+/** What was wrong with shapes, at most 50 causes. */
+function Causes({ failed }: { failed: Failed[] }) {
+  const causes = causesOf(failed);
+  return (
+    <>
+      <ul>
+        {causes.slice(0, 50).map(({ detail, fault, name, shapes }) => <li key={detail}><Place fault={fault} />{detail}{name && <> (<code>{name}</code>)</>}{shapes > 1 && <> {t.upload.alike(shapes - 1)}</>}</li>)}
+      </ul>
+      {causes.length > 50 && <p>{t.fault.more(causes.length - 50)}</p>}
+    </>
+  );
+}
+
+/** What the cohort would take of a file, before it is stored. */
+function Ahead({ cohort, units }: { cohort: Schemas["CohortPreview"]; units: Found["units"] }) {
+  const { added, unchanged, skipped, self_intersecting: crossing } = cohort;
+  const parts = [
+    t.upload.wouldAdd(added), unchanged > 0 && t.upload.there(unchanged), skipped > 0 && t.upload.unstored(skipped), crossing > 0 && t.upload.crossed(crossing),
+    units?.adopted ? t.upload.adopts(units.stored) : units && units.file !== units.stored && t.upload.converted(units.file, units.stored),
+  ].filter(Boolean);
+  return (
+    <div class={`note ${skipped || cohort.warnings.length ? "warn" : ""}`}>
+      <strong>{t.upload.ahead}</strong> {parts.join("; ")}.
+      {cohort.warnings.map((warning) => <p key={warning}>{warning}</p>)}
+      {cohort.results.length > 0 && <Causes failed={cohort.results} />}
+    </div>
+  );
+}
+
 function Added({ answer }: { answer: Schemas["AddAnswer"] }) {
   const failed = (answer.results ?? []).flatMap((one) => ("error" in one && one.error ? [one] : []));
-  const causes = causesOf(failed);
   return (
     <>
       {answer.warnings?.map((warning) => <p class="note warn" key={warning}>{warning}</p>)}
@@ -217,10 +258,7 @@ function Added({ answer }: { answer: Schemas["AddAnswer"] }) {
       {failed.length > 0 && (
         <div class="note warn">
           <strong>{t.upload.left(failed.length)}</strong>
-          <ul>
-            {causes.slice(0, 50).map(({ detail, fault, name, shapes }) => <li key={detail}><Place fault={fault} />{detail}{name && <> (<code>{name}</code>)</>}{shapes > 1 && <> {t.upload.alike(shapes - 1)}</>}</li>)}
-          </ul>
-          {causes.length > 50 && <p>{t.fault.more(causes.length - 50)}</p>}
+          <Causes failed={failed} />
         </div>
       )}
       {answer.file && <Remarks file={answer.file} title={t.upload.storedWithout} />}

@@ -21,8 +21,13 @@ use super::described::*;
 use super::file_parameters::written_formats;
 use super::file_parameters::{FileParameters, written};
 #[cfg(feature = "schema")]
+use super::previews::PreviewQuery;
+use super::previews::{CohortPreview, preview};
+#[cfg(feature = "schema")]
 use super::series::ConvertForm;
 use super::series::SeriesRequest;
+#[cfg(feature = "schema")]
+use super::shapes::AddQuery;
 use crate::api::body;
 use crate::api::extract::{Caller, Query, TWICE, media_type, unknown_parameter};
 use crate::api::form;
@@ -57,6 +62,10 @@ pub(super) struct InspectAnswer {
     #[serde(skip_serializing_if = "Vec::is_empty")]
     #[schema(required = false)]
     proposals: Vec<Proposal>,
+    /// What an upload to the cohort would do, if one is named.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(required = false)]
+    cohort: Option<CohortPreview>,
 }
 
 /// How numbers of control points are proposed.
@@ -111,42 +120,65 @@ impl From<Group> for FileGroup {
 ///
 /// The shapes that an upload would take by kind, with their names, boxes and labels, and what it would leave out; and numbers of
 /// control points that represent its curves and meshes within a tolerance, with the error that they leave. The file is the body of the request, with the media type of its format or as `application/octet-stream`.
+///
+/// With `cohort`, the file is looked at against that cohort: `cohort` of the answer says what `POST /v1/cohorts/{cohort}/shapes` with the
+/// same file and the same parameters would do at this revision, how many shapes it would add, which of them are there already, which it
+/// would refuse and why, and `units` to which unit their coordinates would be converted. All parameters of an upload are taken, and
+/// nothing is stored. A file that no upload can read, and one whose unit does not fit, is refused as the upload is. `on_error` and the
+/// parameters from `plane` on need `cohort`; `tolerance` is refused beside it, as the cohort has its representation.
 #[utoipa::path(post, path = "/v1/inspect", tag = "files",
-    params(FileQuery, ReadQuery, ProposalQuery),
+    params(PreviewQuery, FileQuery, ReadQuery, ProposalQuery, AddQuery, PlacingQuery),
     request_body(content((Binary = "application/octet-stream", example = json!("{\"points\": [[0, 0], [5, 1], [1, 3]], \"closed\": true}\n")))),
-    responses((status = 200, description = "What is in the file", body = InspectAnswer)))]
+    responses(
+        (status = 200, description = "What is in the file, and what an upload would do with it", body = InspectAnswer),
+        (status = 404, description = "No such cohort"),
+        (status = 409, description = "A file that cannot be read to its end, after an external id that belongs to another shape of the cohort"),
+        (status = 412, description = "The cohort has changed while the file was looked at")))]
 pub(super) async fn inspect_file(
     Caller(app): Caller,
     Query(mut pairs): Query<Vec<(String, String)>>,
     request: Request,
 ) -> Result<Response, Problem> {
     let mut parameters = FileParameters::take(&mut pairs);
-    let tolerance = take_tolerance(&mut pairs)?;
-    refuse_rest(&pairs)?;
-    let reading = parameters.reading(&media_type(request.headers()))?;
-    let (file, found, first) = translate::inspect(&app, body::pieces(request.into_body()), reading).await?;
-    let proposals = first.propose(&app, tolerance).await?;
+    let (file, found, proposals, cohort) = match take_once(&mut pairs, "cohort")? {
+        Some(key) => {
+            let (file, found, cohort) = preview(&app, &key, parameters, &pairs, request).await?;
+            (file, found, Vec::new(), Some(cohort))
+        }
+        None => {
+            let tolerance = take_tolerance(&mut pairs)?;
+            refuse_rest(&pairs)?;
+            let reading = parameters.reading(&media_type(request.headers()))?;
+            let stream = body::pieces(request.into_body());
+            let (file, found, first) = translate::inspect(&app, stream, reading).await?;
+            (file, found, first.propose(&app, tolerance).await?, None)
+        }
+    };
     let Inspection { groups, labels, attributes } = found;
     let groups = groups.into_iter().map(FileGroup::from).collect();
-    Ok(json(StatusCode::OK, &InspectAnswer { file, groups, labels, attributes, proposals })?)
+    let answer = InspectAnswer { file, groups, labels, attributes, proposals, cohort };
+    Ok(json(StatusCode::OK, &answer)?)
+}
+
+/// Takes the value of a parameter out of `pairs`.
+fn take_once(pairs: &mut Vec<(String, String)>, wanted: &str) -> Result<Option<String>, Problem> {
+    let (mut taken, rest): (Vec<_>, Vec<_>) =
+        std::mem::take(pairs).into_iter().partition(|(name, _)| name == wanted);
+    *pairs = rest;
+    match (taken.pop(), taken.is_empty()) {
+        (found, true) => Ok(found.map(|(_, value)| value)),
+        (_, false) => Err(Problem::of_parameter(wanted, TWICE)),
+    }
 }
 
 /// Takes the tolerance of proposals out of `pairs`.
 fn take_tolerance(pairs: &mut Vec<(String, String)>) -> Result<f64, Problem> {
-    let (taken, rest): (Vec<_>, Vec<_>) =
-        std::mem::take(pairs).into_iter().partition(|(name, _)| name == "tolerance");
-    *pairs = rest;
-    match taken.as_slice() {
-        [] => Ok(USUAL_TOLERANCE),
-        [(name, text)] => {
-            let number = text.parse::<f64>();
-            let number = number
-                .map_err(|_| Problem::of_parameter(name, format!("expected a number, got '{text}'")))?;
-            check_tolerance(number)?;
-            Ok(number)
-        }
-        [(name, _), ..] => Err(Problem::of_parameter(name, TWICE)),
-    }
+    let Some(text) = take_once(pairs, "tolerance")? else { return Ok(USUAL_TOLERANCE) };
+    let number = text.parse::<f64>();
+    let wrong = |_| Problem::of_parameter("tolerance", format!("expected a number, got '{text}'"));
+    let number = number.map_err(wrong)?;
+    check_tolerance(number)?;
+    Ok(number)
 }
 
 fn refuse_rest(pairs: &[(String, String)]) -> Result<(), Problem> {

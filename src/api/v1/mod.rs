@@ -37,6 +37,7 @@ mod morph;
 mod overlap;
 mod pictures;
 mod planned;
+mod previews;
 mod prior;
 mod regressions;
 mod report;

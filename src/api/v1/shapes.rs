@@ -30,6 +30,7 @@ use crate::api::respond::{compute, json, mesh, picture};
 use crate::domain::cohort::Cohort;
 use crate::domain::shape::{Shape, ShapeMeasures};
 use crate::formats::checked::{List, document};
+use crate::formats::fault::Fault;
 use crate::formats::json;
 use crate::formats::shape::{Points, ShapeInput};
 use crate::formats::summary::FileSummary;
@@ -125,12 +126,15 @@ impl From<UploadResult> for AddResult {
     fn from(UploadResult { index, external_id, id, faults, fit }: UploadResult) -> Self {
         match id {
             Some(id) => Self::Stored(AddedShape { index, id, external_id, fit }),
-            None => Self::Failed(FailedShape {
-                shape: InputShape { index, id, external_id },
-                error: ServiceError::Invalid(faults.into()).into(),
-            }),
+            None => Self::Failed(failed(index, external_id, faults)),
         }
     }
+}
+
+/// Entry of a shape that is not stored.
+pub(super) fn failed(index: usize, external_id: Option<String>, faults: Vec<Fault>) -> FailedShape {
+    let shape = InputShape { index, id: None, external_id };
+    FailedShape { shape, error: ServiceError::Invalid(faults.into()).into() }
 }
 
 impl From<Stored> for AddAnswer {
@@ -174,13 +178,13 @@ pub(super) struct AddQuery {
 }
 
 impl AddQuery {
-    fn treatment(self) -> Treatment {
+    pub(super) fn treatment(self) -> Treatment {
         let Self { on_error, repeated_points, returned } = self;
         Treatment { on_error, conflicts: on_error, repeated_points, returned }
     }
 
     /// Reads the parameters that do not concern files.
-    fn read(pairs: &[(String, String)]) -> Result<Self, Problem> {
+    pub(super) fn read(pairs: &[(String, String)]) -> Result<Self, Problem> {
         let mut query = Self::default();
         for (index, (name, word)) in pairs.iter().enumerate() {
             if pairs[..index].iter().any(|(before, _)| before == name) {

@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use super::content::{Opened, is_standard, shown};
 use super::{Complete, Reading, Writing, note, own_limits};
-use crate::cli::maintenance::Outcome;
+use crate::cli::at::Outcome;
 use crate::formats::files::{self, FileError, Format, Place, Summary};
 use crate::formats::formulas::Escaped;
 use crate::formats::summary::{FileSummary, left_out};

@@ -9,7 +9,7 @@ use futures_util::StreamExt;
 use super::content::is_standard;
 use super::target::{Target, TargetArgs, refusal};
 use super::{Complete, Writing, note};
-use crate::cli::maintenance::{At, Outcome};
+use crate::cli::at::{At, Outcome};
 use crate::domain::attribute::Attribute;
 use crate::domain::filter::ShapeFilter;
 use crate::formats::files::{self, FileError, Format, Limits, ReadOptions, Source, WriteOptions};
@@ -63,6 +63,7 @@ impl ExportArgs {
     /// # Errors
     /// An option that needs a cohort.
     pub(in crate::cli) fn check_store(&self) -> Result<(), String> {
+        self.target.check_without_cohort()?;
         match self.writing.is_usual() {
             true => Ok(()),
             false => Err("expected --cohort beside --write, --series and --formulas, got none".into()),

@@ -9,37 +9,27 @@ use std::fs::{File, OpenOptions};
 use std::io::{BufRead, BufReader, IsTerminal, Read, Write};
 use std::path::{Path, PathBuf};
 
-use bytes::Bytes;
 use clap::Args;
-use futures_util::{Stream, StreamExt, stream};
 use serde::Serialize;
 use serde_json::{Value, json};
-use tokio_util::io::ReaderStream;
 
+use super::adding::{Adding, AddingArgs, BLOCK, Content, sentence};
 use super::bar::Bar;
-use super::content::{Opened, is_standard, shown};
+use super::content::shown;
+use super::outlook::{Outlook, look};
 use super::places::{Place, expand};
-use super::target::{Service, Target, TargetArgs, refusal};
-use super::{Reading, note, say};
-use crate::cli::maintenance::{At, Outcome};
-use crate::formats::files;
+use super::target::{Service, Target, refusal};
+use super::{note, say};
+use crate::cli::at::{At, Outcome};
 use crate::formats::json;
-use crate::formats::lengths::{FileUnits, unit_of};
-use crate::formats::record::{Facts, Placing, Plane};
+use crate::formats::lengths::FileUnits;
 use crate::formats::summary::FileSummary;
-use crate::formats::unit::Unit;
+use crate::service::app::App;
 use crate::service::app::idempotency::Retry;
-use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::catalogue;
-use crate::service::cohorts::pseudonyms::SubjectFrom;
-use crate::service::cohorts::upload::{Returned, Stored, Treatment};
+use crate::service::cohorts::upload::Stored;
 use crate::service::cohorts::upload_file::add_file;
 use crate::service::files::FileFormat;
-use crate::service::files::translate::{FileReading, to_add};
-use crate::service::shapes::outcome::OnError;
-
-/// Number of bytes read at once.
-const BLOCK: usize = 256 << 10;
 
 /// How files of shapes are imported.
 #[derive(Debug, Clone, Args)]
@@ -48,53 +38,16 @@ pub(in crate::cli) struct ImportArgs {
     #[arg(long)]
     pub(in crate::cli) cohort: Option<String>,
     #[command(flatten)]
-    target: TargetArgs,
-    #[command(flatten)]
-    reading: Reading,
-    /// Store the other shapes of a file with shapes that are invalid, broken, or have the names of others
-    #[arg(long, requires = "cohort")]
-    skip_invalid: bool,
-    /// Plane onto which shapes in space are projected, for planar cohorts: xy, xz or yz
-    #[arg(long, requires = "cohort", value_parser = plane)]
-    plane: Option<Plane>,
-    /// Number of points of curves given by Fourier coefficients that the cohort does not contain
-    #[arg(long, requires = "cohort", value_name = "N", value_parser = clap::value_parser!(u16).range(3..=10_000))]
-    samples: Option<u16>,
-    /// Text before the names of shapes; `{file}` is the name of the file without its ending. Default: `{file}/`, but for names that
-    /// are identities: those of tables, of NDJSON, and unique identifiers of DICOM
-    #[arg(long, requires = "cohort", value_name = "TEXT")]
-    prefix: Option<String>,
-    /// What the coordinates of the files are in, whatever they state: m, cm, mm, um, nm, inch, pixel, voxel or none
-    #[arg(long, requires = "cohort", value_parser = unit_of)]
-    unit: Option<Unit>,
-    #[command(flatten)]
-    facts: FactsArgs,
+    adding: AddingArgs,
     /// File that lists what was imported: files in it are not sent again
     #[arg(long, requires = "cohort", value_name = "FILE")]
     journal: Option<PathBuf>,
+    /// Tell what would become of the files, and store nothing
+    #[arg(long, requires = "cohort")]
+    dry_run: bool,
     /// Print a line of JSON for each file
     #[arg(long, requires = "cohort")]
     json: bool,
-}
-
-/// Facts of all shapes of the files.
-#[derive(Debug, Clone, Args)]
-struct FactsArgs {
-    /// Subject of the shapes of which the file says none; `{file}` as in `--prefix`
-    #[arg(long, requires = "cohort", value_name = "TEXT")]
-    subject: Option<String>,
-    /// What of a file says whose its shapes are: `PatientID`. The subject is a keyed digest, the same for a patient in all files
-    #[arg(long, requires = "cohort", value_name = "WHAT", value_parser = subject_from)]
-    subject_from: Option<SubjectFrom>,
-    /// Class label of the shapes of which the file says none
-    #[arg(long, requires = "cohort", value_name = "TEXT")]
-    label: Option<String>,
-    /// Attribute of the shapes that the file does not give them, such as `site=zrh`; may be repeated
-    #[arg(long, requires = "cohort", value_name = "NAME=VALUE")]
-    labels: Vec<String>,
-    /// Weight of the shapes of which the file says none
-    #[arg(long, requires = "cohort", value_name = "NUMBER")]
-    weight: Option<f64>,
 }
 
 impl ImportArgs {
@@ -103,19 +56,8 @@ impl ImportArgs {
     /// # Errors
     /// An option that needs a cohort.
     pub(in crate::cli) fn check_store(&self) -> Result<(), String> {
-        match self.reading.is_usual() {
-            true => Ok(()),
-            false => Err("expected --cohort beside --from and --option, got none".into()),
-        }
+        self.adding.check_without_cohort()
     }
-}
-
-fn subject_from(word: &str) -> Result<SubjectFrom, String> {
-    json::from_value(&word.into()).map_err(|_| "expected PatientID".into())
-}
-
-fn plane(word: &str) -> Result<Plane, String> {
-    json::from_value(&word.into()).map_err(|_| "expected xy, xz or yz".into())
 }
 
 /// What became of a file.
@@ -131,6 +73,8 @@ struct Line {
 enum Fate {
     /// Its shapes are stored.
     Imported { added: u64, unchanged: u64, skipped: u64, revision: u64, summary: Box<FileSummary> },
+    /// They would be stored, or not.
+    Previewed(Box<Outlook>),
     /// It was imported before.
     Known,
     /// A file of a folder that has no known format.
@@ -146,14 +90,11 @@ enum Fate {
 pub(in crate::cli) async fn run(files: &[PathBuf], args: ImportArgs, at: At) -> Result<Outcome, String> {
     let places = expand(files)?;
     let cohort = args.cohort.clone().unwrap_or_default();
-    // Faults of options are found before anything is sent.
-    args.reading.options()?;
-    super::pairs(&args.facts.labels)?;
-    let stated = args.reading.format()?;
-    let target = args.target.clone().open(at).await?;
+    let mut adding = args.adding.open(cohort, at).await?;
     let mut journal = args.journal.as_deref().map(Journal::open).transpose()?;
     let progress = Progress::new(&places, args.json);
-    let import = Import { args: &args, cohort, stated, target, progress };
+    adding.bar.clone_from(&progress.bar);
+    let import = Import { adding, dry_run: args.dry_run, progress };
     let (mut stored, mut refused) = (0_u64, 0_u64);
     for place in &places {
         let fate = import.one(place, journal.as_mut()).await?;
@@ -163,17 +104,22 @@ pub(in crate::cli) async fn run(files: &[PathBuf], args: ImportArgs, at: At) -> 
                 stored += 1;
                 refused += u64::from(*skipped > 0);
             }
+            Fate::Previewed(outlook) => {
+                stored += u64::from(outlook.is_accepted());
+                refused += u64::from(outlook.has_findings());
+            }
             Fate::Known => stored += 1,
             Fate::LeftOut { .. } => {}
         }
         import.progress.tell(&Line { file: shown(&place.path), fate })?;
     }
     import.progress.end();
-    if let Target::Store(app) = &import.target {
+    if let Target::Store(app) = &import.adding.target {
         app.store.close().await;
     }
     match (stored, refused) {
         (_, 0) => Ok(Outcome::Done),
+        (0, _) if args.dry_run => Err("nothing would be imported".into()),
         (0, _) => Err("nothing is imported".into()),
         _ => Ok(Outcome::Findings),
     }
@@ -181,10 +127,8 @@ pub(in crate::cli) async fn run(files: &[PathBuf], args: ImportArgs, at: At) -> 
 
 /// An import of several files.
 struct Import<'a> {
-    args: &'a ImportArgs,
-    cohort: String,
-    stated: Option<FileFormat>,
-    target: Target,
+    adding: Adding<'a>,
+    dry_run: bool,
     progress: Progress,
 }
 
@@ -196,14 +140,14 @@ impl Import<'_> {
     async fn one(&self, place: &Place, journal: Option<&mut Journal>) -> Result<Fate, String> {
         let path = &place.path;
         let refused = |error: String| Ok(Fate::Refused { error });
-        let (format, content) = match Opened::new(path, self.stated, &self.args.reading.options()?) {
-            Ok(Opened { format, packed, .. }) => (format, Content { path, packed }),
+        let (format, content) = match self.adding.content(path) {
+            Ok(found) => found,
             Err(error) if place.in_folder => return Ok(Fate::LeftOut { error: error.to_string() }),
             Err(error) => return refused(error.to_string()),
         };
         self.progress.grow(path, &content);
-        let query = self.query(path, format);
-        let read = content.reader().and_then(|reader| digest(reader, &self.cohort, &query));
+        let query = self.adding.query(path, format);
+        let read = content.reader().and_then(|reader| digest(reader, &self.adding.cohort, &query));
         let digest = match read {
             Ok(digest) => digest,
             Err(error) => return refused(error.to_string()),
@@ -212,7 +156,13 @@ impl Import<'_> {
             self.progress.pass(&content);
             return Ok(Fate::Known);
         }
-        let fate = match &self.target {
+        if self.dry_run {
+            return Ok(match look(&self.adding, &content, format, &query).await? {
+                Ok(outlook) => Fate::Previewed(Box::new(outlook)),
+                Err(error) => Fate::Refused { error },
+            });
+        }
+        let fate = match &self.adding.target {
             Target::Service(service) => self.send(service, &content, &query, &digest).await?,
             Target::Store(app) => self.store(app, &content, format, &query, &digest).await?,
         };
@@ -220,39 +170,6 @@ impl Import<'_> {
             journal.add(&digest, path)?;
         }
         Ok(fate)
-    }
-
-    /// Parameters of the request.
-    fn query(&self, path: &Path, format: FileFormat) -> Vec<(String, String)> {
-        let args = self.args;
-        let mut query = vec![("format".to_owned(), format.id().to_owned())];
-        let pairs = super::pairs(&args.reading.options).unwrap_or_default();
-        query.extend(pairs.into_iter().map(|(name, value)| (name.to_owned(), value.to_owned())));
-        let mut add = |name: &str, value: Option<String>| {
-            query.extend(value.map(|value| (name.to_owned(), value)));
-        };
-        add("plane", args.plane.and_then(|plane| json::to_value(&plane).ok()?.as_str().map(str::to_owned)));
-        add("samples", args.samples.map(|count| count.to_string()));
-        let name = (!is_standard(path)).then(|| path.file_name().unwrap_or_default().to_string_lossy());
-        let stem = name.as_deref().map(files::stem).unwrap_or_default();
-        let filled = |text: &String| text.replace("{file}", stem);
-        add("name", name.as_deref().map(str::to_owned));
-        add("prefix", args.prefix.as_ref().map(filled));
-        let FactsArgs { subject, subject_from, label, labels, weight } = &args.facts;
-        add("subject", subject.as_ref().map(filled));
-        add(
-            "subject_from",
-            subject_from.and_then(|from| json::to_value(&from).ok()?.as_str().map(str::to_owned)),
-        );
-        add("label", label.clone());
-        add("weight", weight.map(|weight| weight.to_string()));
-        for (name, value) in super::pairs(labels).unwrap_or_default() {
-            add(&format!("labels.{name}"), Some(value.to_owned()));
-        }
-        add("unit", args.unit.map(|unit| unit.word().to_owned()));
-        add("on_error", args.skip_invalid.then(|| "skip".to_owned()));
-        add("return", Some("none".into()));
-        query
     }
 
     /// Sends a file to a service.
@@ -263,13 +180,13 @@ impl Import<'_> {
         query: &[(String, String)],
         digest: &str,
     ) -> Result<Fate, String> {
-        let request =
-            service.request(reqwest::Method::POST, &["v1", "cohorts", &self.cohort, "shapes"], query)?;
-        let stream = match self.stream(content).await {
-            Ok(stream) => stream,
+        let path = ["v1", "cohorts", &self.adding.cohort, "shapes"];
+        let request = service.request(reqwest::Method::POST, &path, query)?;
+        let body = match self.adding.body(content).await {
+            Ok(body) => body,
             Err(error) => return Ok(Fate::Refused { error: error.to_string() }),
         };
-        let request = Service::with_file(request, reqwest::Body::wrap_stream(stream));
+        let request = Service::with_file(request, body);
         let request = request.header("idempotency-key", format!("import-{digest}"));
         let response =
             request.send().await.map_err(|error| format!("the service does not answer: {error}"))?;
@@ -299,33 +216,14 @@ impl Import<'_> {
         digest: &str,
     ) -> Result<Fate, String> {
         let refused = |error: String| Ok(Fate::Refused { error });
-        let value =
-            |name: &str| query.iter().find(|(found, _)| found == name).map(|(_, value)| value.clone());
-        let placing = Placing {
-            plane: self.args.plane,
-            samples: self.args.samples.map(usize::from),
-            prefix: value("prefix"),
-            unit: self.args.unit,
-            name: value("name"),
-            facts: self.facts(value("subject"))?,
-            metadata_bytes: app.limits.metadata_bytes,
-            ..Placing::default()
-        };
-        let (name, options) = (value("name"), self.args.reading.options()?);
-        let reading = FileReading { format: Some(format), name, options };
-        let on_error = if self.args.skip_invalid { OnError::Skip } else { OnError::Abort };
-        let file = to_add(reading, placing, (on_error, self.args.facts.subject_from), &app.limits);
-        let treatment =
-            Treatment { on_error, conflicts: on_error, returned: Returned::None, ..Treatment::default() };
+        let (file, treatment) = self.adding.file(app, format, query)?;
         let retry =
             Retry::new(&format!("import-{digest}"), "shapelex import").map_err(|error| error.to_string())?;
         let app =
             app.clone().with_retry(Some(retry)).noting(crate::service::app::touched::Touched::default());
-        let cohort = catalogue::find(&app, &self.cohort).await.map_err(|error| error.to_string())?;
-        let stream = match self.stream(content).await {
-            Ok(stream) => {
-                stream.map(|bytes| bytes.map_err(|error| ServiceError::Interrupted(error.to_string())))
-            }
+        let cohort = catalogue::find(&app, &self.adding.cohort).await.map_err(|error| error.to_string())?;
+        let stream = match self.adding.pieces(content).await {
+            Ok(stream) => stream,
             Err(error) => return refused(error.to_string()),
         };
         match add_file(&app, cohort, stream, file, treatment, None).await {
@@ -338,73 +236,10 @@ impl Import<'_> {
             Err(error) => refused(sentence(&error)),
         }
     }
-
-    /// Facts of all shapes of a file.
-    fn facts(&self, subject: Option<String>) -> Result<Facts, String> {
-        let FactsArgs { label, labels, weight, .. } = &self.args.facts;
-        let mut facts = Facts { subject, label: label.clone(), weight: *weight, ..Facts::default() };
-        super::pairs(labels)?.into_iter().for_each(|(name, value)| facts.add(name, value));
-        Ok(facts)
-    }
-
-    /// The bytes of a file, counted by the progress bar.
-    async fn stream(
-        &self,
-        content: &Content<'_>,
-    ) -> std::io::Result<impl Stream<Item = std::io::Result<Bytes>> + Send + 'static> {
-        let bar = self.progress.bar.clone();
-        let stream = match &content.packed {
-            Some(bytes) => stream::once(std::future::ready(Ok(bytes.clone()))).left_stream(),
-            None => {
-                let file = tokio::fs::File::open(content.path).await?;
-                ReaderStream::with_capacity(file, BLOCK).right_stream()
-            }
-        };
-        Ok(stream.inspect(move |bytes| {
-            if let (Some(bar), Ok(bytes)) = (&bar, bytes) {
-                bar.pass(bytes.len() as u64);
-            }
-        }))
-    }
 }
 
 /// Header of the answer to a request that was executed before, and its former name, which older services write.
 pub(in crate::cli) const REPLAYED: [&str; 2] = ["idempotency-replayed", "idempotent-replayed"];
-
-/// A refusal with the place of its first fault.
-fn sentence(error: &ServiceError) -> String {
-    let fault = match error {
-        ServiceError::Invalid(faults) => faults.listed().first(),
-        ServiceError::Malformed(faults) | ServiceError::Parameters(faults) => faults.first(),
-        ServiceError::TooLarge(fault) | ServiceError::ExternalIdConflict(fault) => Some(&**fault),
-        _ => None,
-    };
-    let Some(fault) = fault else { return error.to_string() };
-    let place = fault.place.as_ref().map_or_else(String::new, |place| format!("{place}: "));
-    let pointer = if fault.pointer.is_empty() { String::new() } else { format!("{} ", fault.pointer) };
-    format!("{place}{pointer}{}", fault.detail)
-}
-
-/// The bytes of a file: of a project, those of its archive.
-struct Content<'p> {
-    path: &'p Path,
-    packed: Option<Bytes>,
-}
-
-impl Content<'_> {
-    /// Number of bytes.
-    fn len(&self) -> u64 {
-        let of_file = || std::fs::metadata(self.path).map_or(0, |metadata| metadata.len());
-        self.packed.as_ref().map_or_else(of_file, |bytes| bytes.len() as u64)
-    }
-
-    fn reader(&self) -> std::io::Result<Box<dyn Read>> {
-        Ok(match &self.packed {
-            Some(bytes) => Box::new(std::io::Cursor::new(bytes.clone())),
-            None => Box::new(File::open(self.path)?),
-        })
-    }
-}
 
 /// Digest of a file, its cohort and the options.
 fn digest(mut file: impl Read, cohort: &str, query: &[(String, String)]) -> std::io::Result<String> {
@@ -501,6 +336,7 @@ impl Progress {
 /// What became of a file in words.
 fn words(Line { file, fate }: &Line) -> String {
     match fate {
+        Fate::Previewed(outlook) => outlook.lines(file).join("\n"),
         Fate::Known => format!("{file}: imported before"),
         Fate::LeftOut { error } => format!("{file}: left out: {error}"),
         Fate::Refused { error } => format!("{file}: refused: {error}"),

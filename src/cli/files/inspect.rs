@@ -5,10 +5,14 @@ use std::path::PathBuf;
 use clap::Args;
 use serde::Serialize;
 
+use super::adding::AddingArgs;
 use super::content::{Opened, shown};
+use super::outlook::{Outlook, look};
 use super::places::{Place, expand};
+use super::target::Target;
 use super::{Reading, own_limits, say};
-use crate::cli::maintenance::Outcome;
+use crate::cli::at::{At, Outcome};
+use crate::cli::runtime;
 use crate::formats::files::{FileError, Group, Inspected, Inspection, ReadOptions, Summary};
 use crate::formats::record::count_unstored;
 use crate::formats::summary::left_out;
@@ -22,11 +26,16 @@ pub(in crate::cli) struct InspectArgs {
     /// Files, folders with all files in them, and patterns; `-` is standard input
     #[arg(required = true)]
     files: Vec<PathBuf>,
+    /// Cohort, by id or name, against which the files are looked at: what `import` would do with the same options. Nothing is stored
+    #[arg(long)]
+    cohort: Option<String>,
     #[command(flatten)]
-    reading: Reading,
+    adding: AddingArgs,
     /// Print a line of JSON for each file
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    at: At,
 }
 
 /// A line of the answer.
@@ -40,17 +49,81 @@ struct Line {
 }
 
 /// Describes the files.
-pub(super) fn run(args: &InspectArgs) -> Result<Outcome, String> {
-    let (options, stated) = (args.reading.options()?, args.reading.format()?);
+pub(super) fn run(args: InspectArgs) -> Result<Outcome, String> {
+    let InspectArgs { files, cohort, adding, json, at } = args;
+    match cohort {
+        None => describe(&files, &adding.reading, json),
+        Some(cohort) => runtime()?.block_on(look_at(&files, &adding, cohort, at, json)),
+    }
+}
+
+/// Tells what a cohort would take of the files.
+async fn look_at(
+    files: &[PathBuf],
+    args: &AddingArgs,
+    cohort: String,
+    at: At,
+    json: bool,
+) -> Result<Outcome, String> {
+    let adding = args.open(cohort, at).await?;
+    let (mut accepted, mut findings) = (0_u64, 0_u64);
+    for Place { path, in_folder } in expand(files)? {
+        let file = shown(&path);
+        let looked = match adding.content(&path) {
+            // A file of a folder that has no known format.
+            Err(error) if in_folder => Err(error.to_string()),
+            Err(error) => {
+                findings += 1;
+                Err(error.to_string())
+            }
+            Ok((format, content)) => {
+                let looked = look(&adding, &content, format, &adding.query(&path, format)).await?;
+                accepted += u64::from(looked.as_ref().is_ok_and(Outlook::is_accepted));
+                findings += u64::from(looked.as_ref().map_or(true, Outlook::has_findings));
+                looked
+            }
+        };
+        match (json, looked) {
+            (true, looked) => say(&line(&file, looked)?),
+            (false, Ok(outlook)) => outlook.lines(&file).iter().for_each(|line| say(line)),
+            (false, Err(error)) => say(&format!("{file}: {error}")),
+        }
+    }
+    if let Target::Store(app) = &adding.target {
+        app.store.close().await;
+    }
+    match (accepted, findings) {
+        (_, 0) => Ok(Outcome::Done),
+        (0, _) => Err("the cohort would take none of the files".into()),
+        _ => Ok(Outcome::Findings),
+    }
+}
+
+/// A line of JSON.
+fn line(file: &str, looked: Result<Outlook, String>) -> Result<String, String> {
+    let line = match looked {
+        Ok(outlook) => serde_json::to_value(outlook).map_err(|error| error.to_string())?,
+        Err(error) => serde_json::json!({"error": error}),
+    };
+    let mut named = serde_json::json!({"file": file});
+    if let (Some(named), serde_json::Value::Object(line)) = (named.as_object_mut(), line) {
+        named.extend(line);
+    }
+    Ok(named.to_string())
+}
+
+/// Describes files by themselves.
+fn describe(files: &[PathBuf], reading: &Reading, json: bool) -> Result<Outcome, String> {
+    let (options, stated) = (reading.options()?, reading.format()?);
     let (mut read, mut refused) = (0_u64, 0_u64);
-    for Place { path, .. } in expand(&args.files)? {
+    for Place { path, .. } in expand(files)? {
         let inspected = Opened::new(&path, stated, &options).and_then(|opened| inspect(opened, &options));
         match &inspected {
             Ok(_) => read += 1,
             Err(_) => refused += 1,
         }
         let file = shown(&path);
-        if args.json {
+        if json {
             let (inspected, error) = match inspected {
                 Ok(inspected) => (Some(inspected), None),
                 Err(error) => (None, Some(error.to_string())),

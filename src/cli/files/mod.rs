@@ -2,12 +2,14 @@
 //!
 //! Exit code 0 if all is done, 1 if some of it was refused, 2 if nothing could be done.
 
+mod adding;
 mod bar;
 mod content;
 mod convert;
 pub(super) mod export;
 pub(super) mod import;
 mod inspect;
+mod outlook;
 mod places;
 mod target;
 
@@ -17,7 +19,7 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand, ValueEnum};
 
-use super::maintenance::Outcome;
+use super::at::Outcome;
 use crate::formats::dicom;
 use crate::formats::files::{Format, Limits, ReadOptions, WriteOptions};
 use crate::service::files::{FileFormat, unknown_format};
@@ -27,8 +29,8 @@ use crate::service::files::{FileFormat, unknown_format};
 pub(super) enum FileCommand {
     /// Translate a file of shapes to another format
     Convert(convert::ConvertArgs),
-    /// Tell what is in files of shapes; exits with 1 if some cannot be read
-    Inspect(inspect::InspectArgs),
+    /// Tell what is in files of shapes, or what a cohort would take of them; exits with 1 if some cannot be read, or would be refused
+    Inspect(Box<inspect::InspectArgs>),
 }
 
 /// How files are read.
@@ -164,7 +166,7 @@ fn own_limits() -> crate::service::app::Limits {
 pub(super) fn run(command: FileCommand) -> Result<Outcome, String> {
     match command {
         FileCommand::Convert(args) => convert::run(&args),
-        FileCommand::Inspect(args) => inspect::run(&args),
+        FileCommand::Inspect(args) => inspect::run(*args),
     }
 }
 

@@ -6,7 +6,7 @@ use clap::Args;
 use reqwest::header::{AUTHORIZATION, CONTENT_TYPE, HeaderValue};
 use reqwest::{Client, RequestBuilder, Response, Url};
 
-use crate::cli::maintenance::At;
+use crate::cli::at::At;
 use crate::domain::access::{DEFAULT_TENANT, Principal, tenant_problem};
 use crate::service::app::{App, Limits};
 use crate::store_location::{self, StoreLocation};
@@ -20,10 +20,10 @@ const CONNECT: std::time::Duration = std::time::Duration::from_secs(10);
 #[derive(Debug, Clone, Args)]
 pub(in crate::cli) struct TargetArgs {
     /// Address of a service, such as http://127.0.0.1:8080. Default: the store itself, even while the service runs
-    #[arg(long, env = "SHAPELEX_SERVER", value_name = "URL", requires = "cohort")]
+    #[arg(long, env = "SHAPELEX_SERVER", value_name = "URL")]
     server: Option<String>,
     /// Key for the service
-    #[arg(long, env = "SHAPELEX_KEY", hide_env_values = true, value_name = "KEY", requires = "server")]
+    #[arg(long, env = "SHAPELEX_KEY", hide_env_values = true, value_name = "KEY")]
     key: Option<String>,
     /// Tenant of the cohort, in a store
     #[arg(long, default_value = DEFAULT_TENANT)]
@@ -44,9 +44,23 @@ pub(super) struct Service {
 }
 
 impl TargetArgs {
+    /// Refuses a service where no cohort is named.
+    ///
+    /// # Errors
+    /// A service, which has no whole stores.
+    pub(super) fn check_without_cohort(&self) -> Result<(), String> {
+        match self.server {
+            None => Ok(()),
+            Some(_) => Err("expected --cohort beside --server, got none".into()),
+        }
+    }
+
     /// Opens the store, or prepares requests.
     pub(super) async fn open(self, at: At) -> Result<Target, String> {
         let Some(server) = self.server else {
+            if self.key.is_some() {
+                return Err("expected --server beside --key, got none".into());
+            }
             return store(&self.tenant, at).await.map(|app| Target::Store(Box::new(app)));
         };
         let mut address: Url = server

@@ -25,16 +25,18 @@ impl From<FitResidual> for MeshResidual {
     }
 }
 
-/// The fits of an upload.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(super) struct Fits {
+/// The fits of an upload to meshes.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, utoipa::ToSchema)]
+pub struct MeshFits {
+    /// Number of surfaces that were fitted.
     count: usize,
+    /// Number of those whose mesh is farther away than a hundredth of their size in the mean.
     coarse: usize,
-    /// Largest mean distance in centroid sizes.
+    /// Largest mean distance of a mesh from its surface, as a part of the size of the surface.
     worst: f64,
 }
 
-impl Fits {
+impl MeshFits {
     /// Notes a shape, if it was fitted.
     pub(super) fn note(&mut self, measures: &ShapeMeasures) {
         let (Some(fit), Some(size)) = (measures.fit, measures.centroid_size) else { return };
@@ -42,6 +44,11 @@ impl Fits {
         self.count += 1;
         self.coarse += usize::from(relative > COARSE);
         self.worst = self.worst.max(relative);
+    }
+
+    /// The fits, if there are any.
+    pub(super) fn any(self) -> Option<Self> {
+        (self.count > 0).then_some(self)
     }
 
     /// A warning of surfaces that their control points represent coarsely.
@@ -65,7 +72,7 @@ mod tests {
 
     #[test]
     fn coarse_fits_are_counted_relative_to_the_size() {
-        let mut fits = Fits::default();
+        let mut fits = MeshFits::default();
         let measures = |mean, size| ShapeMeasures {
             fit: Some(FitResidual { mean, largest: 3.0 * mean, area: -0.01 }),
             centroid_size: Some(size),

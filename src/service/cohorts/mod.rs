@@ -7,7 +7,7 @@
 //! * [`bulk`] — attributes of many shapes changed at once;
 //! * [`subjects`] — holdings of a subject;
 //! * [`upload`] — streams of shapes into a cohort; [`upload_file`] — files of other programs; `placer` — their records as shapes;
-//!   `arriving` — shapes on their way; [`fits`] — what fits to meshes have left;
+//!   `arriving` — shapes on their way; [`fits`] — what fits to meshes have left; [`preview`] — what an upload would do;
 //! * [`lengths`] — the unit of a cohort, and that of a file;
 //! * [`pseudonyms`] — subjects of persons whom files identify;
 //! * [`example`] — the example cohort of an empty store;
@@ -36,6 +36,7 @@ pub mod matching;
 pub(crate) mod measures;
 pub(crate) mod placements;
 mod placer;
+pub mod preview;
 pub mod pseudonyms;
 mod rules;
 pub mod selection;

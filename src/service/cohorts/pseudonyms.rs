@@ -36,10 +36,19 @@ impl Pseudonyms {
     /// # Errors
     /// A failure of the store, or of the random numbers of the system.
     pub(super) async fn of(app: &App) -> Result<Self, ServiceError> {
-        let mut fresh = [0; SECRET_BYTES];
-        let failed = |error| ServiceError::Internal(format!("the system has no random numbers: {error}"));
-        SysRng.try_fill_bytes(&mut fresh).map_err(failed)?;
-        let secret = app.store.subject_secret(&fresh).await?;
+        let secret = app.store.subject_secret(&fresh()?).await?;
+        Ok(Self(hmac::Key::new(hmac::HMAC_SHA256, &secret)))
+    }
+
+    /// The same, without making a secret: where there is none, no stored subject is a digest.
+    ///
+    /// # Errors
+    /// A failure of the store, or of the random numbers of the system.
+    pub(super) async fn of_preview(app: &App) -> Result<Self, ServiceError> {
+        let secret = match app.store.find_subject_secret().await? {
+            Some(secret) => secret,
+            None => fresh()?.to_vec(),
+        };
         Ok(Self(hmac::Key::new(hmac::HMAC_SHA256, &secret)))
     }
 
@@ -53,6 +62,14 @@ impl Pseudonyms {
         };
         std::iter::once("sub_".to_owned()).chain((0..LETTERS).map(|k| letter(k).into())).collect()
     }
+}
+
+/// A new secret.
+fn fresh() -> Result<[u8; SECRET_BYTES], ServiceError> {
+    let mut secret = [0; SECRET_BYTES];
+    let failed = |error| ServiceError::Internal(format!("the system has no random numbers: {error}"));
+    SysRng.try_fill_bytes(&mut secret).map_err(failed)?;
+    Ok(secret)
 }
 
 #[cfg(test)]

@@ -17,15 +17,17 @@ use tokio::sync::mpsc;
 use super::arriving::{Arrived, BroughtNames, Incoming, Origin, Taken, read};
 use super::attribute_names;
 use super::catalogue::{Expected, revision_tag};
-use super::fits::{Fits, MeshResidual};
+use super::fits::{MeshFits, MeshResidual};
 use super::lengths::Lengths;
 use super::measures::Measuring;
 use super::placer::Placer;
+use super::preview::{Notes, Preview};
 use crate::analysis::conversion::Conversion;
 use crate::domain::cohort::{Cohort, CohortSpec};
 use crate::domain::filter::ShapeFilter;
 use crate::domain::job::Job;
 use crate::formats::bounds::Census;
+use crate::formats::json;
 use crate::formats::ndjson::{Line, LineTooLong, Lines};
 use crate::formats::record::Placing;
 use crate::formats::shape::ShapeInput;
@@ -34,7 +36,7 @@ use crate::geometry::representation::ShapeSpace;
 use crate::geometry::resample::RepeatedPoints;
 use crate::service::app::idempotency::Retry;
 use crate::service::app::incoming::stopped;
-use crate::service::app::memory::Purpose;
+use crate::service::app::memory::{Held, Purpose};
 use crate::service::app::{App, Limits, ServiceError, Work, idempotency, now_ms};
 use crate::service::cost::requests::{self, Counts, FitCounts};
 use crate::service::shapes::directions::{Rule, Ways};
@@ -306,7 +308,7 @@ pub(super) struct Writer {
     /// Directions of the curves.
     ways: Ways,
     /// Residuals of the fits to meshes.
-    fits: Fits,
+    fits: MeshFits,
     results: Vec<UploadResult>,
     pub(super) occasion: Occasion,
     pub(super) faults: Faults,
@@ -318,6 +320,8 @@ pub(super) struct Writer {
     names: BTreeSet<String>,
     /// Warnings of the shapes: their text with the number of shapes that have it.
     pub(super) warnings: BTreeMap<String, usize>,
+    /// What is noted where nothing is stored.
+    pub(super) preview: Option<Notes>,
 }
 
 impl Writer {
@@ -331,14 +335,34 @@ impl Writer {
         if let Some(expected) = &expected {
             expected.check(&revision_tag(cohort))?;
         }
-        let space = app.space_of(&cohort.spec.representation)?;
         let mut upload = app.store.begin_upload(cohort);
         if treatment.conflicts == OnError::Skip {
             upload.skip_conflicts();
         }
+        let writer = Self::onto(app, cohort, treatment, prefix, upload)?;
+        Ok(Self { expected, retry: app.retry.clone(), ..writer })
+    }
+
+    /// A writer that stores nothing, and notes what one that does would find.
+    pub(super) fn of_preview(app: &App, cohort: &Cohort, treatment: Treatment) -> Result<Self, ServiceError> {
+        let treatment = Treatment { returned: Returned::None, ..treatment };
+        let writer = Self::onto(app, cohort, treatment, "", app.store.preview_upload(cohort))?;
+        Ok(Self { preview: Some(Notes::new(treatment.on_error)), ..writer })
+    }
+
+    /// A writer to an upload of the store.
+    fn onto(
+        app: &App,
+        cohort: &Cohort,
+        treatment: Treatment,
+        prefix: &'static str,
+        upload: Upload,
+    ) -> Result<Self, ServiceError> {
+        let space = app.space_of(&cohort.spec.representation)?;
         let (chunks, received) = mpsc::channel(1);
         let ids = if treatment.returned == Returned::None { 0 } else { MAX_NAMED };
-        let task = tokio::spawn(write(upload, received, prefix, ids));
+        let room = app.memory.hold(Purpose::Bodies, 0)?;
+        let task = tokio::spawn(write(upload, room, received, prefix, ids));
         let cohort = cohort.clone();
         Ok(Self {
             measuring: Arc::new(Measuring::new(space.clone())),
@@ -348,8 +372,8 @@ impl Writer {
             treatment,
             prefix,
             position: 0,
-            expected,
-            retry: app.retry.clone(),
+            expected: None,
+            retry: None,
             chunks,
             task,
             skipped: 0,
@@ -357,7 +381,7 @@ impl Writer {
             repeated_points: 0,
             self_intersecting: 0,
             ways: Ways::default(),
-            fits: Fits::default(),
+            fits: MeshFits::default(),
             results: Vec::new(),
             occasion: Occasion::default(),
             faults: Faults::default(),
@@ -365,6 +389,7 @@ impl Writer {
             lengths: Lengths::default(),
             names: BTreeSet::new(),
             warnings: BTreeMap::new(),
+            preview: None,
         })
     }
 
@@ -389,6 +414,9 @@ impl Writer {
             let group = self.group.min(self.group_of_fits(&incoming, &app.limits));
             let rest = incoming.split_off(incoming.len().min(group));
             self.take_some(app, std::mem::replace(&mut incoming, rest)).await?;
+        }
+        if let Some(notes) = &mut self.preview {
+            notes.pass();
         }
         if self.refuses() {
             return Err(ServiceError::Invalid(std::mem::take(&mut self.faults)));
@@ -489,9 +517,9 @@ impl Writer {
         self.prefix.trim_end_matches('/')
     }
 
-    /// Whether nothing will be stored.
+    /// Whether the upload ends, and nothing of it is stored.
     fn refuses(&self) -> bool {
-        self.treatment.on_error == OnError::Abort && self.skipped > 0
+        self.preview.is_none() && self.treatment.on_error == OnError::Abort && self.skipped > 0
     }
 
     /// Reads shapes on the pool, and notes the names of their attributes.
@@ -548,6 +576,9 @@ impl Writer {
                 }
                 Err(faults) => {
                     self.skipped += 1;
+                    if let Some(notes) = &mut self.preview {
+                        notes.refuse(first, &faults);
+                    }
                     if self.refuses() {
                         self.faults.extend(faults);
                     } else {
@@ -574,26 +605,13 @@ impl Writer {
     /// that a client that corrects its input and resends the same external ids at once does not conflict with its own
     /// first attempt.
     pub(super) async fn end(
-        self,
+        mut self,
         app: &App,
         taken: Result<(), ServiceError>,
     ) -> Result<Stored, ServiceError> {
-        let list = self.list();
-        let warnings = if taken.is_ok() { self.said(app).await } else { Ok(Vec::new()) };
-        let Self { chunks, task, position, treatment, skipped, left_out, results, occasion, .. } = self;
-        let Self { repeated_points, self_intersecting, retry, cohort, expected, names, lengths, .. } = self;
-        drop(chunks);
-        let written =
-            task.await.map_err(|error| ServiceError::Internal(format!("the writing task: {error}")))?;
-        // Errors of the task come first: after it has ended, the writer silently drops further shapes.
-        let Written { mut upload, new: added, unchanged, differing, ids, conflicts } = written?;
-        let mut warnings = match taken.and(warnings) {
-            Ok(warnings) => warnings,
-            Err(error) => {
-                upload.abort().await?;
-                return Err(error);
-            }
-        };
+        let (retry, job) = (self.retry.take(), self.occasion.job.take());
+        let expected = self.expected.as_ref().map(|_| self.cohort.revision);
+        let Settled { upload, mut stored, brought, .. } = self.settle(app, taken).await?;
         if let Some(retry) = &retry
             && let Some(stored) = idempotency::done_before(app, retry).await?
         {
@@ -601,15 +619,65 @@ impl Writer {
             upload.abort().await?;
             return Ok(stored);
         }
-        if let Err(error) = describe(app, &cohort, &mut upload, (names, list), lengths).await {
-            upload.abort().await?;
-            return Err(error);
+        let upload = brought.describe(app, upload).await?;
+        let receipt = |revision| {
+            stored.revision = revision;
+            retry.as_ref().map(|retry| idempotency::receipt(retry, &stored))
+        };
+        stored.revision = upload.commit_once(now_ms(), expected, job.as_ref(), receipt).await?;
+        Ok(stored)
+    }
+
+    /// Tells what the upload would do. What refuses its shapes comes before what would refuse the rest of it.
+    ///
+    /// # Errors
+    /// What refuses the upload as a whole.
+    pub(super) async fn end_preview(
+        self,
+        app: &App,
+        taken: Result<(), ServiceError>,
+    ) -> Result<Preview, ServiceError> {
+        let (fits, revision) = (self.fits.any(), self.cohort.revision);
+        let Settled { upload, mut stored, brought, conflicts, refusal, notes } =
+            self.settle(app, taken).await?;
+        let checked = match brought.describe(app, upload).await {
+            Ok(upload) => upload.preview().await.map_err(ServiceError::from),
+            Err(error) => Err(error),
+        };
+        if let Err(error) = checked {
+            return Err(refusal.unwrap_or(error));
         }
+        stored.revision = revision;
+        let file = stored.note.take().and_then(|note| json::from_value(&note).ok()).unwrap_or_default();
+        let Notes { faults, found, .. } = notes.unwrap_or_else(|| Notes::new(OnError::Abort));
+        Ok(Preview { stored, file, found, conflicts, faults, fits, refusal })
+    }
+
+    /// Waits for the task that writes, and tells what became of the shapes. After an error nothing of them remains.
+    async fn settle(self, app: &App, taken: Result<(), ServiceError>) -> Result<Settled, ServiceError> {
+        let list = self.list();
+        let warnings = if taken.is_ok() { self.said(app).await } else { Ok(Vec::new()) };
+        let Self { chunks, task, position, treatment, skipped, left_out, results, occasion, .. } = self;
+        let Self { repeated_points, self_intersecting, cohort, names, lengths, preview: notes, .. } = self;
+        drop(chunks);
+        let written =
+            task.await.map_err(|error| ServiceError::Internal(format!("the writing task: {error}")))?;
+        // Errors of the task come first: after it has ended, the writer silently drops further shapes.
+        let Written { upload, new: added, unchanged, differing, ids, conflicts } = written?;
+        let refusal = notes.as_ref().and_then(|notes| notes.refusal(&conflicts));
+        let mut warnings = match taken.and(warnings) {
+            Ok(warnings) => warnings,
+            Err(error) => {
+                upload.abort().await?;
+                return Err(refusal.unwrap_or(error));
+            }
+        };
         warnings.extend(stay(differing));
-        let skipped = skipped + conflicts.len();
+        let conflicting = conflicts.len();
+        let skipped = skipped + conflicting;
         let (results, left_out) = with_conflicts(results, conflicts, left_out);
         let (results, ids) = treatment.returned.of(results, ids, position);
-        let mut stored = Stored {
+        let stored = Stored {
             added,
             revision: 0,
             ids,
@@ -622,28 +690,48 @@ impl Writer {
             warnings,
             note: occasion.note,
         };
-        let receipt = |revision| {
-            stored.revision = revision;
-            retry.as_ref().map(|retry| idempotency::receipt(retry, &stored))
-        };
-        let expected = expected.map(|_| cohort.revision);
-        stored.revision = upload.commit_once(now_ms(), expected, occasion.job.as_ref(), receipt).await?;
-        Ok(stored)
+        let brought = Brought { cohort, names, list, lengths };
+        Ok(Settled { upload, stored, brought, conflicts: conflicting, refusal, notes })
     }
 }
 
-/// Tells an upload the names of attributes that are new in the cohort, and the unit that the cohort takes.
-async fn describe(
-    app: &App,
-    cohort: &Cohort,
-    upload: &mut Upload,
-    (names, list): (BTreeSet<String>, &'static str),
+/// What became of the shapes of an upload that is not visible yet.
+struct Settled {
+    upload: Upload,
+    /// What is answered, but for the revision.
+    stored: Stored,
+    brought: Brought,
+    /// Number of shapes whose external id belongs to another one.
+    conflicts: usize,
+    /// What refuses an upload that is only looked at, and what was noted of it.
+    refusal: Option<ServiceError>,
+    notes: Option<Notes>,
+}
+
+/// What shapes bring to their cohort beside themselves.
+struct Brought {
+    cohort: Cohort,
+    /// Names of further attributes.
+    names: BTreeSet<String>,
+    /// Pointer to the list of the shapes.
+    list: &'static str,
     lengths: Lengths,
-) -> Result<(), ServiceError> {
-    let names = attribute_names::admit(app, cohort, names, list).await?;
-    upload.name_attributes(names);
-    upload.keep_unit(lengths.at_commit());
-    Ok(())
+}
+
+impl Brought {
+    /// Tells an upload the names of attributes that are new in the cohort, and the unit that the cohort takes. A refused upload ends.
+    async fn describe(self, app: &App, mut upload: Upload) -> Result<Upload, ServiceError> {
+        let Self { cohort, names, list, lengths } = self;
+        match attribute_names::admit(app, &cohort, names, list).await {
+            Ok(names) => upload.name_attributes(names),
+            Err(error) => {
+                upload.abort().await?;
+                return Err(error);
+            }
+        }
+        upload.keep_unit(lengths.at_commit());
+        Ok(upload)
+    }
 }
 
 fn too_many_refused() -> ServiceError {
@@ -699,9 +787,10 @@ fn with_conflicts(
     (results, left_out.saturating_sub(unlisted))
 }
 
-/// Writes shapes to the store; keeps the ids of the first `most`.
+/// Writes shapes to the store; keeps the ids of the first `most`. What a preview keeps of them takes `room`.
 async fn write(
     upload: Upload,
+    mut room: Held,
     mut chunks: mpsc::Receiver<Vec<Arrived>>,
     prefix: &'static str,
     most: usize,
@@ -719,6 +808,10 @@ async fn write(
                 return Err(located(error, first, &origins, prefix));
             }
         };
+        if let Err(error) = room.grow_to(written.upload.kept_bytes()) {
+            written.upload.abort().await?;
+            return Err(error);
+        }
         first += origins.len();
         for (added, origin) in added.into_iter().zip(&origins) {
             let id = match added {

@@ -12,12 +12,13 @@ use tokio::sync::mpsc;
 use super::arriving::Incoming;
 use super::catalogue::Expected;
 use super::lengths::Lengths;
+use super::preview::Preview;
 use super::pseudonyms::{Pseudonyms, SubjectFrom};
 use super::upload::{Stored, Treatment, Writer};
 use crate::domain::cohort::Cohort;
 use crate::formats::fault::Fault;
 use crate::formats::files::{
-    FaultKind, FileError, Filed, Limits as FileLimits, Record, Sink, Source, Summary,
+    FaultKind, FileError, Filed, Inspection, Limits as FileLimits, Record, Sink, Source, Summary,
 };
 use crate::formats::json;
 use crate::formats::record::{Placing, count_unstored};
@@ -73,6 +74,23 @@ pub async fn add_file(
     writer.end(app, taken).await
 }
 
+/// Tells what [`add_file`] would do with a file, and stores nothing. Memory: that of the upload, and two digests of each shape with a
+/// name.
+///
+/// # Errors
+/// What refuses the file as a whole, as for [`add_file`]. What would refuse it because of single shapes is told beside the others.
+pub async fn preview_file(
+    app: &App,
+    cohort: Cohort,
+    stream: impl Stream<Item = Result<Bytes, ServiceError>>,
+    file: FileToAdd,
+    treatment: Treatment,
+) -> Result<Preview, ServiceError> {
+    let mut writer = Writer::of_preview(app, &cohort, treatment)?;
+    let taken = take_file(app, &mut writer, &cohort, stream, file).await;
+    writer.end_preview(app, taken).await
+}
+
 async fn take_file(
     app: &App,
     writer: &mut Writer,
@@ -81,10 +99,8 @@ async fn take_file(
     file: FileToAdd,
 ) -> Result<(), ServiceError> {
     let FileToAdd { limits, placing, subject_from, read } = file;
-    let pseudonyms = match subject_from {
-        Some(SubjectFrom::PatientId) => Some(Pseudonyms::of(app).await?),
-        None => None,
-    };
+    let previews = writer.preview.is_some();
+    let pseudonyms = pseudonyms(app, subject_from, previews).await?;
     let mut filed = Filed::new(placing.name.as_deref(), placing.prefix.as_deref());
     writer.placing = Arc::new(placing);
     writer.lengths = Lengths::of(cohort);
@@ -93,12 +109,15 @@ async fn take_file(
     let (sender, mut batches) = mpsc::channel(1);
     let reading = read_incoming(app, stream, limits, &mut retry, move |mut source, stop| {
         let mut batch = Batch { sender, records: Vec::new(), bytes: 0 };
-        let (mut unstored, mut unknown) = (Summary::default(), 0);
+        let (mut unstored, mut unknown, mut found) = (Summary::default(), 0, Inspection::default());
         let mut give = |mut record: Record| {
             let person = record.person.take();
             if let Some(pseudonyms) = &pseudonyms {
                 record.subject = record.subject.or_else(|| person.map(|person| pseudonyms.subject(&person)));
                 unknown += usize::from(record.subject.is_none());
+            }
+            if previews {
+                found.add(&record);
             }
             batch.push(record)
         };
@@ -111,7 +130,7 @@ async fn take_file(
         if unknown > 0 {
             summary.warnings.push(format!("{unknown} shapes are of no patient whom the file identifies"));
         }
-        Ok(summary.without(unstored))
+        Ok((summary.without(unstored), found))
     });
     let taking = async {
         while let Some(batch) = batches.recv().await {
@@ -119,17 +138,38 @@ async fn take_file(
         }
         Ok(())
     };
-    let (mut summary, ()) = tokio::try_join!(reading, taking)?;
+    let ((summary, found), ()) = tokio::try_join!(reading, taking)?;
+    if let Some(notes) = &mut writer.preview {
+        notes.found = found;
+    }
     writer.retry = retry;
     if writer.position == 0 {
         return Err(without_shapes(&summary));
     }
+    tell(writer, summary);
+    Ok(())
+}
+
+/// The digest that makes subjects of persons, if they are asked for.
+async fn pseudonyms(
+    app: &App,
+    subject_from: Option<SubjectFrom>,
+    previews: bool,
+) -> Result<Option<Pseudonyms>, ServiceError> {
+    Ok(match subject_from {
+        Some(SubjectFrom::PatientId) if previews => Some(Pseudonyms::of_preview(app).await?),
+        Some(SubjectFrom::PatientId) => Some(Pseudonyms::of(app).await?),
+        None => None,
+    })
+}
+
+/// Has the answer say what the reader says of the file, and what its shapes have in common.
+fn tell(writer: &mut Writer, mut summary: FileSummary) {
     let counted = |(text, count): (&String, &usize)| format!("{count} shapes: {text}");
     summary.warnings.extend(writer.warnings.iter().map(counted));
     summary.warnings.extend(writer.lengths.warning());
     summary.units = writer.lengths.told();
     writer.occasion.note = json::to_value(&summary).ok();
-    Ok(())
 }
 
 /// The refusal of a file that holds no shape: with what its reader says, where it says something.

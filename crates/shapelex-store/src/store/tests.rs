@@ -26,6 +26,7 @@ mod hooks;
 mod jobs;
 mod keys;
 mod opening;
+mod previews;
 mod sharing;
 mod units;
 

@@ -22,6 +22,7 @@ use crate::domain::job::Job;
 use crate::domain::retry::Receipt;
 
 mod digest;
+mod preview;
 mod row;
 
 pub use row::ShapeRow;
@@ -69,6 +70,8 @@ pub struct Upload {
     rule: [String; 2],
     /// Unit of the shapes, where one is known.
     unit: Option<UnitOfShapes>,
+    /// Shapes of a preview, which writes none.
+    met: Option<preview::Met>,
 }
 
 /// The unit in which shapes are stored, and what the cohort said of its unit when they were converted to it.
@@ -98,6 +101,7 @@ impl Store {
             names: None,
             rule: [to_text(&cohort.spec.correspondence), to_text(&cohort.spec.direction)],
             unit: None,
+            met: None,
         }
     }
 }
@@ -239,8 +243,10 @@ impl Upload {
     pub fn abort(self) -> Answer<'static, ()> {
         Box::pin(async move {
             let mut upload = self;
-            upload.store.purge(PURGE_UPLOAD, Some(&upload.id)).await?;
-            upload.dirty = false;
+            if upload.dirty {
+                upload.store.purge(PURGE_UPLOAD, Some(&upload.id)).await?;
+                upload.dirty = false;
+            }
             Ok(())
         })
     }
@@ -302,7 +308,14 @@ impl Upload {
         let mut held = find_held(&mut read, cohort, &self.id, batch).await?;
         digest_points(&mut read, &mut held, batch).await?;
         read.commit().await?;
+        if let Some(met) = &self.met {
+            met.add_to(&mut held, batch);
+        }
         let (added, fresh) = batch.sort_out(&held, self.skips_conflicts)?;
+        if let Some(met) = &mut self.met {
+            met.note(batch, &fresh);
+            return Ok(added);
+        }
         if fresh.is_empty() {
             return Ok(added);
         }
