@@ -190,7 +190,7 @@ fn facts_of_a_request_are_checked_before_the_file() {
 }
 
 /// A structure set with two contours of a region, of a patient.
-fn structure_set(server: &Server, patient: &str) -> Vec<u8> {
+pub(crate) fn structure_set(server: &Server, patient: &str) -> Vec<u8> {
     let line = |name: &str, z: u32| {
         format!(
             r#"{{"points":[[1.5,2,{z}],[9,2,{z}],[9,7.25,{z}]],"closed":true,"external_id":"{name}","label":"Heart"}}"#
@@ -228,6 +228,14 @@ fn dicom_is_named_by_its_identifiers_and_a_patient_is_one_subject() {
     let subject = shape["subject"].as_str().unwrap().to_owned();
     assert!(subject.starts_with("sub_") && subject.len() == 30 && !subject.contains("P-17"), "{subject}");
     assert_eq!(shape["label"], "Heart");
+    // Where it comes from: the numbers that lead back to the archive.
+    let expected = json!({
+        "sop_instance": instance, "study": "1.2.5", "frame_of_reference": "1.2.4", "modality": "CT",
+        "image": "1.2.3.2", "image_series": "1.2.6", "region_number": 1, "contour_number": 2,
+    });
+    for (name, value) in expected.as_object().unwrap() {
+        assert_eq!(&shape["labels"][name], value, "{name}: {shape}");
+    }
     // Under another name it is the same; of another patient it is another subject.
     let again =
         post(&server, &format!("{shapes}?name=b.dcm&subject_from=PatientID"), file.clone()).expect(201);
