@@ -69,6 +69,7 @@ mod unzip;
 mod wkt;
 mod write;
 
+pub use archive::Images;
 pub use csv::{AttributeRow, attribute_rows};
 pub use error::{FaultKind, FileError, Place};
 pub use format::Format;
@@ -84,7 +85,7 @@ pub use options::{
 #[cfg(feature = "morphometrics")]
 pub use project::{named_files, pack_project};
 pub use record::{Domain, Faces, Field, Fourier, Geometry, Kind, Mesh, Points, Record, Ring, Sink, Value};
-pub use registry::{FORMATS, detect, detect_written, find, read};
+pub use registry::{FORMATS, detect, detect_written, find, read, read_beside};
 pub use source::{Asked, Source};
 pub use summary::{Dropped, Summary};
 #[cfg(feature = "tables")]
