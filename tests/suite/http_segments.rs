@@ -114,7 +114,7 @@ fn detail(problem: &Value) -> String {
 }
 
 #[test]
-fn photographs_are_no_masks_anywhere() {
+fn photographs_are_refused_as_masks_on_every_route() {
     let server = Server::fresh();
     let shapes = cohort(&server);
     let expected = "expected a label image, where each object is a region of one number";

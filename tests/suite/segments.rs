@@ -5,7 +5,7 @@ use crate::dicom::{EXPLICIT, file};
 /// Columns and rows.
 pub(crate) const SIZE: [i64; 2] = [40, 24];
 
-/// What is in a file.
+/// Content of a file.
 pub(crate) struct Segments<'a> {
     /// SOP Instance UID.
     pub(crate) instance: &'a str,

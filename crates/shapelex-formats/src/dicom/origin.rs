@@ -72,7 +72,7 @@ impl Origin {
         }
     }
 
-    /// What is known of all shapes of the instance.
+    /// Attributes of all shapes of the instance.
     pub fn common(&self) -> &BTreeMap<String, Value> {
         &self.common
     }

@@ -204,7 +204,7 @@ impl Files<'_> {
         let mut source = self.archive.inner(file, self.left())?;
         let format = match detect(source.head(), Some(file_name)) {
             _ if self.images.has(source.head(), file_name) => None,
-            // A workbook that is no project has no known format either.
+            // A workbook without a project has no known format either.
             Ok(format) if format.id != projects::FORMAT => Some(format),
             _ => {
                 self.summary.drop("files of no known format", Some(name), || place.clone());

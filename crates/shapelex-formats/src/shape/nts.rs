@@ -212,7 +212,7 @@ impl<'t> Matrix<'t> {
         Ok(record)
     }
 
-    /// The specimen of a row of `width` points. A value that is no number leaves the words after the row to the next one.
+    /// The specimen of a row of `width` points. Other text than a number leaves the words after the row to the next one.
     fn row(&mut self, item: u64, width: u64, label: Option<&'t str>) -> Result<Record, FileError> {
         let (mut points, mut name, mut broken) = (Points::new(self.dimension), label, None);
         if self.header.row_labels == Labels::Beginning {

@@ -134,7 +134,7 @@ fn the_next_specimen_of_tps_is_found_wherever_one_is_broken() {
     let (found, count, summary) = left("tps", &file, options);
     assert_eq!((found.join(" ").as_str(), count), ("a c", 1));
     assert_eq!(summary.properties["scale"], "applied");
-    // What ends too early, or does not begin as it should, is no file of specimens.
+    // What ends too early, or does not begin as it should, is refused.
     for file in [format!("{}LM=2\n0 0\n", good("a")), format!("x\n{}", good("a"))] {
         assert!(records("tps", file.as_bytes(), skipping()).is_err(), "{file}");
     }
