@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use super::fault::brief;
-use super::files::{Dropped, Summary};
+use super::files::{BROKEN, Dropped, Summary};
 use super::lengths::FileUnits;
 
 /// Maximum number of warnings, and of names of what was left out.
@@ -52,6 +52,11 @@ impl FileSummary {
         let left_out = dropped.into_iter().map(LeftOut::from).collect();
         let warnings = warnings.into_iter().take(MOST).map(brief).collect();
         Self { format: format.into(), records, properties, units: None, left_out, warnings }
+    }
+
+    /// Whether broken records were left out.
+    pub fn has_broken(&self) -> bool {
+        self.left_out.iter().any(|left_out| left_out.what == BROKEN)
     }
 
     /// Why the file may hold no shape, as far as its reader says.

@@ -491,7 +491,7 @@ fn arrays() -> Vec<Announced> {
 }
 
 /// An archive of stored files: the size of each by its headers, if it is another one, and further bytes of each entry.
-fn archive(files: &[(&str, &[u8])], size: Option<u32>, extra: &[u8]) -> Vec<u8> {
+pub(crate) fn archive(files: &[(&str, &[u8])], size: Option<u32>, extra: &[u8]) -> Vec<u8> {
     let (mut local, mut central) = (Vec::new(), Vec::new());
     for (name, content) in files {
         let mut sum = flate2::Crc::new();

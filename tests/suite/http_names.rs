@@ -228,6 +228,14 @@ fn dicom_is_named_by_its_identifiers_and_a_patient_is_one_subject() {
     let subject = shape["subject"].as_str().unwrap().to_owned();
     assert!(subject.starts_with("sub_") && subject.len() == 30 && !subject.contains("P-17"), "{subject}");
     assert_eq!(shape["label"], "Heart");
+    // Where it comes from: the numbers that lead back to the archive.
+    let expected = json!({
+        "sop_instance": instance, "study": "1.2.5", "frame_of_reference": "1.2.4", "modality": "CT",
+        "image": "1.2.3.2", "image_series": "1.2.6", "region_number": 1, "contour_number": 2,
+    });
+    for (name, value) in expected.as_object().unwrap() {
+        assert_eq!(&shape["labels"][name], value, "{name}: {shape}");
+    }
     // Under another name it is the same; of another patient it is another subject.
     let again =
         post(&server, &format!("{shapes}?name=b.dcm&subject_from=PatientID"), file.clone()).expect(201);

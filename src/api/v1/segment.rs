@@ -24,7 +24,7 @@ use crate::service::jobs;
 use crate::service::segmentation::answer::SegmentAnswer;
 use crate::service::segmentation::cost::SegmentEstimate;
 use crate::service::segmentation::job::{self, Submission};
-use crate::service::segmentation::membership::{self, Digests, MembersAnswer, Membership, Repeated};
+use crate::service::segmentation::membership::{self, Digests, MembersAnswer, Membership, Origin, Repeated};
 use crate::service::segmentation::parts::{self, Parts, Prepared, Ready};
 use crate::service::segmentation::posted::{CohortSegmentRequest, SegmentRequest, Storing};
 use crate::service::segmentation::reference::Stored;
@@ -265,9 +265,9 @@ pub(super) async fn segment_into_cohort(
     let asked = app.read::<CohortSegmentRequest>(parts.parameters.clone()).await?;
     let (mut asked, Storing { objects, store_failed, unit }) = asked.split(&cohort)?;
     let app = app.with_priority(priority_of(asked.priority.take())?);
-    let lengths = Lengths::default();
+    let (lengths, origin) = (Lengths::default(), Origin::of_parts(&app, &parts).await?);
     let membership =
-        Membership { cohort, expected, objects, store_failed, digests, job: None, unit, lengths };
+        Membership { cohort, expected, objects, store_failed, digests, job: None, unit, lengths, origin };
     let look = |prepared: &mut Prepared| Ok(membership.look(prepared)?);
     let (posted, attributes) = Posted::new(&app, parts, asked, look).await?;
     added(&app, posted, (membership, attributes), prefer, dry_run).await

@@ -125,7 +125,7 @@ async fn take_file(
             count_unstored(&record, Some(domain), &mut unstored);
             filed.push(record, &mut give)
         })?;
-        filed.finish(&mut give)?;
+        filed.finish(summary.has_broken(), &mut give)?;
         batch.pass()?;
         if unknown > 0 {
             summary.warnings.push(format!("{unknown} shapes are of no patient whom the file identifies"));

@@ -1,10 +1,12 @@
 //! The format of a file: one of the registry of shapes, or one of images whose labels become shapes.
 
-use crate::formats::files::{self, Kind, Limits as FileLimits, ReadOptions, Sink, Source, Summary};
+use std::cell::Cell;
+
+use crate::formats::files::{self, Images, Kind, Limits as FileLimits, ReadOptions, Sink, Source, Summary};
 use crate::formats::files::{FaultKind, FileError};
 use crate::formats::image::{self, LABEL_OPTIONS};
 use crate::service::app::Limits;
-use crate::service::segmentation::records::{label_image_bytes, read_label_image};
+use crate::service::segmentation::records::{label_image_bytes, label_image_cells, read_label_image};
 
 /// A format of files that hold shapes.
 #[derive(Debug, Clone, Copy)]
@@ -136,12 +138,15 @@ impl FileFormat {
         sink: Sink<'_>,
     ) -> Result<Summary, FileError> {
         match self {
-            Self::Shapes(format) => files::read(format, source, options, &mut |record| {
-                if stop() {
-                    return Err(FileError::new(FaultKind::Stopped, "the reading was stopped"));
-                }
-                sink(record)
-            }),
+            Self::Shapes(format) => {
+                let images = ImagesWithin::new(limits, stop);
+                files::read_beside(format, source, options, &images, &mut |record| {
+                    if stop() {
+                        return Err(FileError::new(FaultKind::Stopped, "the reading was stopped"));
+                    }
+                    sink(record)
+                })
+            }
             Self::Labels(format) => {
                 let bytes = source.bytes()?;
                 // A compressed image may have been decompressed on the way.
@@ -150,6 +155,57 @@ impl FileFormat {
                 read_label_image(format, &bytes, options, limits, stop, sink)
             }
         }
+    }
+}
+
+/// Cells of the label images of an archive for each byte of them, beside those that one image may have: a few bytes can be many cells.
+const CELLS_PER_BYTE: usize = 256;
+
+/// The label images of an archive, which are read one after the other.
+struct ImagesWithin<'a> {
+    limits: &'a Limits,
+    stop: &'a (dyn Fn() -> bool + Sync),
+    /// Cells and bytes of the images so far.
+    cells: Cell<usize>,
+    bytes: Cell<usize>,
+}
+
+impl<'a> ImagesWithin<'a> {
+    fn new(limits: &'a Limits, stop: &'a (dyn Fn() -> bool + Sync)) -> Self {
+        Self { limits, stop, cells: Cell::new(0), bytes: Cell::new(0) }
+    }
+
+    /// Counts an image.
+    fn count(&self, bytes: &[u8]) -> Result<(), FileError> {
+        self.bytes.set(self.bytes.get().saturating_add(bytes.len()));
+        self.cells.set(self.cells.get().saturating_add(label_image_cells(bytes, self.limits)?));
+        let read = self.bytes.get();
+        let most = self.limits.voxels.saturating_add(read.saturating_mul(CELLS_PER_BYTE));
+        if self.cells.get() <= most {
+            return Ok(());
+        }
+        let detail = format!("expected at most {most} cells of label images in {read} bytes, got more");
+        Err(FileError::new(FaultKind::TooLarge, detail))
+    }
+}
+
+impl Images for ImagesWithin<'_> {
+    fn has(&self, head: &[u8], name: &str) -> bool {
+        matches!(FileFormat::detect(head, Some(name)), Ok(FileFormat::Labels(_)))
+    }
+
+    fn read(
+        &self,
+        source: &mut Source<'_>,
+        options: &ReadOptions,
+        sink: Sink<'_>,
+    ) -> Result<Summary, FileError> {
+        let bytes = source.bytes()?;
+        self.count(&bytes)?;
+        let format =
+            image::detect(&bytes).map_err(|error| FileError::new(FaultKind::Malformed, error.to_string()))?;
+        source.reserve_beside(label_image_bytes(&bytes, options, self.limits)?)?;
+        read_label_image(format, &bytes, options, self.limits, self.stop, sink)
     }
 }
 

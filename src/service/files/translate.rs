@@ -161,7 +161,7 @@ async fn translate_through(
                 filed.push(record, &mut |record| push(&record))
             })?;
             if let Some((filed, asking)) = &mut way {
-                filed.finish(&mut |record| push(&record))?;
+                filed.finish(summary.has_broken(), &mut |record| push(&record))?;
                 summary.units = asking.lengths.told();
                 summary.warnings.extend(asking.lengths.warning());
             }

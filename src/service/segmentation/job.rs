@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use tokio::runtime::Handle;
 
-use super::membership::{self, Digests, Membership, Repeated};
+use super::membership::{self, Digests, Membership, Origin, Repeated};
 use super::parts::{FILES, PARAMETERS, Parts};
 use super::posted::{CohortSegmentRequest, SegmentRequest, Storing};
 use super::reference::Stored;
@@ -189,6 +189,7 @@ impl Plan {
             job: Some(job.clone()),
             unit,
             lengths: Lengths::default(),
+            origin: Origin::of(&parts.image, &app.limits),
         };
         let mut prepared = parts.prepared_here(app, asked, attracting)?;
         let attributes = membership.look(&mut prepared)?;

@@ -3,23 +3,27 @@
 //! A member says in its metadata where it comes from: the digests of the image and of the other parts of the request, never their
 //! contents.
 
+use std::collections::BTreeMap;
+
 use bytes::Bytes;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use super::answer::{SegmentAnswer, SegmentedOutput};
-use super::image::{Coordinates, ImageOutput};
+use super::image::{Coordinates, ImageOutput, file_limits};
 use super::parts::{Parts, Prepared};
 use super::starts::Starts;
 use crate::domain::cohort::Cohort;
 use crate::domain::job::Job;
-use crate::formats::checked::{Checked, Metadata};
+use crate::formats::checked::{Checked, Metadata, Raw};
+use crate::formats::dicom::Instance;
 use crate::formats::fault::Fault;
+use crate::formats::image::detect;
 use crate::formats::json;
 use crate::formats::lengths::FileUnits;
 use crate::formats::shape::{PointList, ShapeInput};
 use crate::formats::unit::Unit;
-use crate::service::app::{App, ServiceError, Work};
+use crate::service::app::{App, Limits, ServiceError, Work};
 use crate::service::cohorts::catalogue::{Expected, revision_tag};
 use crate::service::cohorts::lengths::Lengths;
 use crate::service::cohorts::upload::{self, Occasion, Stored, Treatment};
@@ -83,6 +87,45 @@ pub struct Membership {
     pub unit: Option<Unit>,
     /// Units of the shapes.
     pub lengths: Lengths,
+    /// Attributes that the image gives to its objects.
+    pub origin: Origin,
+}
+
+/// Attributes by which the scan of an image of DICOM is found again; none of other images.
+#[derive(Debug, Clone, Default)]
+pub struct Origin(BTreeMap<String, Value>);
+
+impl Origin {
+    /// Those of the image of a request. A fault is told where the image is read.
+    pub fn of(image: &[u8], limits: &Limits) -> Self {
+        let is_dicom = detect(image).is_ok_and(|format| format.media_types.contains(&"application/dicom"));
+        let read = is_dicom.then(|| Instance::read(image, file_limits(limits).bytes).ok()).flatten();
+        let common = read.iter().flat_map(|instance| instance.origin.common());
+        Self(common.map(|(name, value)| (name.clone(), json!(value))).collect())
+    }
+
+    /// Those of the image of a request, which is read on the pool.
+    ///
+    /// # Errors
+    /// Those of the pool.
+    pub async fn of_parts(app: &App, parts: &Parts) -> Result<Self, ServiceError> {
+        let (image, limits) = (parts.image.clone(), app.limits);
+        let work = Work::from_seconds(image.len() as f64 * DIGEST);
+        app.pool.weighing(work).run(move || Ok(Self::of(&image, &limits))).await
+    }
+
+    /// Attributes with those that a client gives, which come first.
+    fn beside(&self, given: Option<Raw>) -> Option<Raw> {
+        if self.0.is_empty() {
+            return given;
+        }
+        let mut all = self.0.clone();
+        let read = given.as_ref().filter(|given| !given.is_null());
+        let read: Option<BTreeMap<String, Value>> =
+            read.and_then(|given| given.read_large("", &mut Vec::new()));
+        all.extend(read.unwrap_or_default());
+        Raw::of(&all)
+    }
 }
 
 /// A segmented object, and what became of it.
@@ -221,6 +264,7 @@ impl Membership {
         ShapeInput {
             control_points: Some(Box::new(self.stored_points(object))),
             metadata: Some(Box::new(Metadata::of(&with_origin(given, origin)))),
+            labels: self.origin.beside(attributes.labels.clone()),
             ..ShapeInput { metadata: None, ..attributes }
         }
     }

@@ -57,19 +57,13 @@ pub fn read_label_image(
     let unit = found.grid.as_ref().and_then(Grid::unit);
     let told = found.grid.as_ref().and_then(told);
     let ranks = ranks(&found.boundaries);
-    let instance = instance_of(format, bytes, options, &limits)?;
+    let instance = instance_of(format, bytes, &limits, &mut summary)?;
     for ((object, boundary), rank) in (0..).zip(found.boundaries).zip(ranks) {
         let of = *boundary.component();
         let name = name_of(of.label, rank);
         if selects(of.label) {
-            let identity = Identity {
-                name: &name,
-                label: of.label,
-                number: object + 1,
-                rank,
-                instance: instance.as_ref(),
-                options,
-            };
+            let (number, instance) = (object + 1, instance.as_ref());
+            let identity = Identity { name: &name, label: of.label, number, rank, instance, options };
             let title = title(of.label).map(str::to_owned);
             let mut titled = |record: Record| {
                 let record = identity.named(Record { label: title.clone(), unit, ..record });
@@ -167,15 +161,19 @@ fn ranks(found: &[LabelBoundary]) -> Vec<usize> {
     ranks
 }
 
-/// What tells a DICOM segmentation that is stored from others.
+/// What tells a DICOM segmentation from others. What identifies a person in it is counted.
 fn instance_of(
     format: &Format,
     bytes: &[u8],
-    options: &ReadOptions,
     limits: &Limits,
+    summary: &mut Summary,
 ) -> Result<Option<Instance>, FileError> {
-    let is_wanted = options.storing.is_some() && format.media_types.contains(&"application/dicom");
-    is_wanted.then(|| Instance::read(bytes, file_limits(limits).bytes)).transpose()
+    if !format.media_types.contains(&"application/dicom") {
+        return Ok(None);
+    }
+    let mut instance = Instance::read(bytes, file_limits(limits).bytes)?;
+    summary.dropped.append(&mut instance.left_out.dropped);
+    Ok(Some(instance))
 }
 
 /// What a component is called.
@@ -196,7 +194,16 @@ impl Identity<'_> {
         let Self { name, label, number, rank, .. } = self;
         let rest =
             record.name.as_deref().and_then(|own| own.strip_prefix(name)).unwrap_or_default().to_owned();
-        let uid = self.instance.and_then(|instance| instance.uid.as_deref());
+        let Some(instance) = self.instance else {
+            if self.options.names == Some(Names::Number) {
+                record.name = Some(format!("{number}{rest}"));
+            }
+            return record;
+        };
+        let contour = matches!(record.geometry, Geometry::Curve { .. }).then_some(rank + 1);
+        instance.origin.tell(&mut record, i64::from(*label), contour, None);
+        let storing = self.options.storing;
+        let uid = storing.and(instance.uid.as_deref());
         match (self.options.names, uid) {
             (Some(Names::Number), _) => record.name = Some(format!("{number}{rest}")),
             (None | Some(Names::Id), Some(uid)) => {
@@ -209,8 +216,7 @@ impl Identity<'_> {
             }
             _ => {}
         }
-        let asked = self.options.storing.is_some_and(|storing| storing.persons);
-        record.person = self.instance.and_then(|instance| instance.person.clone()).filter(|_| asked);
+        record.person = instance.person.clone().filter(|_| storing.is_some_and(|storing| storing.persons));
         record
     }
 }
@@ -222,6 +228,15 @@ impl Identity<'_> {
 pub fn label_image_bytes(bytes: &[u8], options: &ReadOptions, limits: &Limits) -> Result<usize, FileError> {
     let description = describe(bytes, &file_limits(limits)).map_err(|error| placed(&error, bytes.len()))?;
     Ok(label_bytes(&description, options.fill == Some(true)))
+}
+
+/// Number of cells of a label image, by its header.
+///
+/// # Errors
+/// Faults of the header.
+pub fn label_image_cells(bytes: &[u8], limits: &Limits) -> Result<usize, FileError> {
+    let description = describe(bytes, &file_limits(limits)).map_err(|error| placed(&error, bytes.len()))?;
+    Ok(description.grid.cells())
 }
 
 /// A fault of an image of `length` bytes, as one of a file of shapes.

@@ -15,7 +15,7 @@ const PATIENT: u16 = 0x0010;
 
 /// Elements that identify by themselves, beside those of the patient, names of persons, dates, times and unique identifiers. From
 /// the basic profile of confidentiality, PS3.15, table E.1-1.
-const TEXTS: [Tag; 20] = [
+const TEXTS: [Tag; 27] = [
     tags::ACCESSION_NUMBER,
     tags::INSTITUTION_NAME,
     tags::INSTITUTION_ADDRESS,
@@ -36,10 +36,23 @@ const TEXTS: [Tag; 20] = [
     tags::ROI_DESCRIPTION,
     tags::ROI_GENERATION_DESCRIPTION,
     tags::APPROVAL_STATUS,
+    tags::CONTRIBUTION_DESCRIPTION,
+    // ROI Observation Label and Description, retired.
+    Tag(0x3006, 0x0085),
+    Tag(0x3006, 0x0088),
+    // Not in the table, and yet typed by people.
+    tags::SEGMENT_DESCRIPTION,
+    tags::TRACKING_ID,
+    tags::CONTENT_LABEL,
+    tags::CONTENT_DESCRIPTION,
 ];
 
-/// Unique identifiers of things that many files share, or that relate coordinates.
-const COMMON: [Tag; 6] = [
+/// Unique identifiers of things that many files share, or that relate coordinates, and those by which shapes are found again.
+const COMMON: [Tag; 10] = [
+    tags::SOP_INSTANCE_UID,
+    tags::SERIES_INSTANCE_UID,
+    tags::STUDY_INSTANCE_UID,
+    tags::REFERENCED_SOP_INSTANCE_UID,
     tags::SOP_CLASS_UID,
     tags::REFERENCED_SOP_CLASS_UID,
     tags::FRAME_OF_REFERENCE_UID,

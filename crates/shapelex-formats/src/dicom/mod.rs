@@ -10,6 +10,7 @@ mod data_set;
 mod extended;
 mod identity;
 mod number;
+mod origin;
 pub(crate) mod run_lengths;
 mod series;
 mod values;
@@ -17,6 +18,8 @@ mod values;
 pub(crate) use content::{Content, is_dicom};
 pub(crate) use identity::list_identifying;
 pub(crate) use number::decimal;
+pub use origin::Origin;
+pub(crate) use origin::image_of;
 pub(crate) use series::check_orientation;
 pub use series::series;
 pub(crate) use values::{File, Node};
@@ -25,16 +28,20 @@ use dicom_core::dictionary::UidDictionary;
 use dicom_dictionary_std::{StandardSopClassDictionary, tags};
 
 pub use crate::series::{Patient, SeriesImage, Study};
-use crate::shape::{FileError, Place};
+use crate::shape::{FileError, Place, Summary};
 
 /// Identity of an instance of DICOM, and of its patient.
-#[derive(Clone, PartialEq, Eq)]
+#[derive(Clone, PartialEq)]
 pub struct Instance {
     /// SOP Instance UID (0008,0018).
     pub uid: Option<String>,
     /// Issuer of Patient ID (0010,0021) and Patient ID (0010,0020) with the separator of units between them; `None` without an ID.
     /// It identifies a person: only a keyed digest of it may be kept.
     pub person: Option<String>,
+    /// Attributes of its shapes.
+    pub origin: Origin,
+    /// What identifies, and is left out.
+    pub left_out: Summary,
 }
 
 /// Says nothing of the person.
@@ -49,7 +56,8 @@ impl Instance {
         let issuer = root.short_text(tags::ISSUER_OF_PATIENT_ID)?.unwrap_or_default();
         let id = root.short_text(tags::PATIENT_ID)?.filter(|id| !id.is_empty());
         let person = id.map(|id| format!("{issuer}\u{1f}{id}"));
-        Ok(Self { uid: root.short_text(tags::SOP_INSTANCE_UID)?, person })
+        let (uid, origin) = (root.short_text(tags::SOP_INSTANCE_UID)?, Origin::of(root)?);
+        Ok(Self { uid, person, origin, left_out: Summary::default() })
     }
 
     /// That of a whole file, of which at most `held` bytes are unpacked.
@@ -61,7 +69,9 @@ impl Instance {
         const DEPTH: usize = 64;
         let content = Content::new(bytes, held, |_| Ok(()))?;
         let file = content.parse(DEPTH)?;
-        Self::of(&file.root())
+        let mut instance = Self::of(&file.root())?;
+        list_identifying(&file, &mut instance.left_out);
+        Ok(instance)
     }
 }
 

@@ -50,13 +50,53 @@ pub(super) fn is_archive(head: &[u8]) -> bool {
     head.starts_with(b"PK\x03\x04") || head.starts_with(b"PK\x05\x06")
 }
 
+/// Reader of the label images within archives. Their boundaries become shapes by means that no format has, so it is the caller's.
+pub trait Images {
+    /// Whether a file that begins with `head` is one.
+    fn has(&self, head: &[u8], name: &str) -> bool;
+
+    /// Reads all records of one.
+    ///
+    /// # Errors
+    /// Faults of the image; errors of `sink`.
+    fn read(
+        &self,
+        source: &mut Source<'_>,
+        options: &ReadOptions,
+        sink: Sink<'_>,
+    ) -> Result<Summary, FileError>;
+}
+
+/// Without a reader, images are files of no known format.
+pub(super) struct NoImages;
+
+impl Images for NoImages {
+    fn has(&self, _: &[u8], _: &str) -> bool {
+        false
+    }
+
+    fn read(&self, _: &mut Source<'_>, _: &ReadOptions, _: Sink<'_>) -> Result<Summary, FileError> {
+        Err(FileError::new(FaultKind::Unsupported, "expected a file of shapes, got an image"))
+    }
+}
+
 fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Result<Summary, FileError> {
+    read_beside(source, options, &NoImages, sink)
+}
+
+/// Reads an archive, and the label images within it by `images`.
+pub(super) fn read_beside(
+    source: &mut Source<'_>,
+    options: &ReadOptions,
+    images: &dyn Images,
+    sink: Sink<'_>,
+) -> Result<Summary, FileError> {
     let mut archive = opened(source.bytes()?)?;
     check_names(&archive)?;
     let first: Rc<Cell<u64>> = Rc::default();
     let again = Budget::new(AGAIN, Rc::clone(&first));
     let mut files =
-        Files { archive: source, content: 0, first, again, summary: Summary::default(), facts: None };
+        Files { archive: source, images, content: 0, first, again, summary: Summary::default(), facts: None };
     let count = match projects::read(&mut archive, &mut files, options, sink)? {
         None => files.read_all(&mut archive, options, sink)?,
         Some(count) => count,
@@ -99,6 +139,7 @@ const AGAIN: Bound = Bound { what: "bytes of files that are read again", free: 6
 /// What is known after some of the files.
 struct Files<'a> {
     archive: &'a Source<'a>,
+    images: &'a dyn Images,
     /// Number of bytes of the files so far.
     content: u64,
     /// Number of bytes of the files that a project names, when they are read first.
@@ -161,21 +202,22 @@ impl Files<'_> {
             return Ok(false);
         }
         let mut source = self.archive.inner(file, self.left())?;
-        let Ok(format) = detect(source.head(), Some(file_name)) else {
-            self.summary.drop("files of no known format", Some(name), || place.clone());
-            return Ok(false);
+        let format = match detect(source.head(), Some(file_name)) {
+            _ if self.images.has(source.head(), file_name) => None,
+            // A workbook without a project has no known format either.
+            Ok(format) if format.id != projects::FORMAT => Some(format),
+            _ => {
+                self.summary.drop("files of no known format", Some(name), || place.clone());
+                return Ok(false);
+            }
         };
-        if format.id == projects::FORMAT {
-            // A workbook that is no project.
-            self.summary.drop("files of no known format", Some(name), || place.clone());
-            return Ok(false);
-        }
-        if format.id == FORMAT.id {
+        let id = format.map_or("", |format| format.id);
+        if id == FORMAT.id {
             let detail = "expected files of shapes, got an archive within the archive";
             return Err(FileError::new(FaultKind::Unsupported, detail));
         }
         // Regions of ImageJ have names beside those of their files.
-        let prefix = (format.id == "imagej-roi").then_some("");
+        let prefix = (id == "imagej-roi").then_some("");
         let mut filed = Filed::within(file_name, prefix, options.storing.is_some());
         let mut give = |mut record: Record| {
             if record.scope == Scope::Whole {
@@ -183,18 +225,22 @@ impl Files<'_> {
             }
             sink(record)
         };
-        let read = read_file(format, &mut source, options, &mut |mut record| {
+        let mut push = |mut record: Record| {
             record.place = record.place.within(place);
             if record.scope == Scope::File {
-                record.scope = Scope::of(format.id);
+                record.scope = Scope::of(id);
             }
             filed.push(record, &mut give)
-        });
+        };
+        let read = match format {
+            Some(format) => read_file(format, &mut source, options, &mut push),
+            None => self.images.read(&mut source, options, &mut push),
+        };
         // What follows the shapes is checked too.
         let rest = std::io::copy(&mut source, &mut std::io::sink());
         self.content += source.offset();
         let summary = read?;
-        filed.finish(&mut give)?;
+        filed.finish(summary.has_broken(), &mut give)?;
         rest?;
         self.add(summary, place);
         Ok(true)

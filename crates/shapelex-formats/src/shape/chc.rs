@@ -15,6 +15,7 @@ use std::io::Write;
 
 use super::error::{FileError, Place};
 use super::format::Format;
+use super::limits::Limits;
 use super::options::{ReadOptions, WriteOptions};
 use super::record::Sink;
 use super::record::{Geometry, Kind, Points, Record};
@@ -52,44 +53,22 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
     let (mut item, mut open) = (0, 0_u64);
     while let Some(name) = words.next() {
         let place = Place { item: Some(item), ..words.place() };
-        let mut head = [0.0; 4];
-        for (number, what) in head.iter_mut().zip(["x", "y", "the area of a pixel", "the area in pixels"]) {
-            let word = take(&mut words, what, &place)?;
-            *number = text::number(word).map_err(|detail| FileError::malformed(place.clone(), detail))?;
-        }
-        let [x, y, area, pixels] = head;
-        let scale = if area > 0.0 { area.sqrt() } else { 1.0 };
-        let mut points = Points::new(2);
-        let mut at = [0_i64; 2];
-        points.push(&[x, y]);
-        loop {
-            let word = take(&mut words, "a chain code or -1", &place)?;
-            let step = match word.parse::<i8>() {
-                Ok(-1) => break,
-                Ok(code) => usize::try_from(code).ok().and_then(|code| STEPS.get(code)),
-                Err(_) => None,
-            };
-            let Some(step) = step else {
-                let detail = format!("expected a chain code of 0 to 7 or -1, got {}", shown(word));
-                return Err(FileError::malformed(Place { item: Some(item), ..words.place() }, detail));
-            };
-            at = [at[0] + step[0], at[1] + step[1]];
-            limits.points(points.len() as u64 + 1, || place.clone())?;
-            points.push(&[x + scale * at[0] as f64, y + scale * at[1] as f64]);
-        }
-        let returns = points.len() > 1 && at == [0, 0];
-        if returns {
-            points.pop();
-        } else {
-            open += 1;
-        }
+        item += 1;
+        let found = chain(&mut words, &place, &limits);
+        let (points, area, pixels, returns) = match found {
+            Ok(chain) => chain,
+            Err(error) => {
+                options.leave_out(error, &mut summary)?;
+                continue;
+            }
+        };
+        open += u64::from(!returns);
         let geometry = Geometry::Curve { points, closed: returns || options.closed.unwrap_or(false) };
         let mut record = Record::new(geometry, place.clone());
         record.name = Some(name.into());
         record.metadata.insert("area_per_pixel".into(), area.into());
         record.metadata.insert("area_in_pixels".into(), pixels.into());
         sink(record)?;
-        item += 1;
     }
     summary.set("axes", "y down");
     if open > 0 {
@@ -98,6 +77,60 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
         ));
     }
     Ok(summary)
+}
+
+/// The chain after its name: its points without the first one again, area of a pixel, area in pixels, and whether it returns to its
+/// start. A fault leaves the words after the end of the chain.
+fn chain(
+    words: &mut Words<'_>,
+    place: &Place,
+    limits: &Limits,
+) -> Result<(Points, f64, f64, bool), FileError> {
+    let mut broken = None;
+    let mut head = [0.0; 4];
+    for (number, what) in head.iter_mut().zip(["x", "y", "the area of a pixel", "the area in pixels"]) {
+        match text::number(take(words, what, place)?) {
+            Ok(value) => *number = value,
+            Err(detail) => drop(broken.get_or_insert(FileError::malformed(place.clone(), detail))),
+        }
+    }
+    let [x, y, area, pixels] = head;
+    let scale = if area > 0.0 { area.sqrt() } else { 1.0 };
+    let mut points = Points::new(2);
+    let mut at = [0_i64; 2];
+    points.push(&[x, y]);
+    loop {
+        let word = take(words, "a chain code or -1", place).map_err(|end| match broken.take() {
+            Some(first) => FileError { kind: end.kind, ..first },
+            None => end,
+        })?;
+        let step = match word.parse::<i8>() {
+            Ok(-1) => break,
+            Ok(code) => usize::try_from(code).ok().and_then(|code| STEPS.get(code)),
+            Err(_) => None,
+        };
+        match step {
+            Some(step) if broken.is_none() => {
+                at = [at[0] + step[0], at[1] + step[1]];
+                limits.points(points.len() as u64 + 1, || place.clone())?;
+                points.push(&[x + scale * at[0] as f64, y + scale * at[1] as f64]);
+            }
+            Some(_) => {}
+            None => {
+                let detail = format!("expected a chain code of 0 to 7 or -1, got {}", shown(word));
+                let place = Place { item: place.item, ..words.place() };
+                broken.get_or_insert_with(|| FileError::malformed(place, detail));
+            }
+        }
+    }
+    if let Some(error) = broken {
+        return Err(error);
+    }
+    let returns = points.len() > 1 && at == [0, 0];
+    if returns {
+        points.pop();
+    }
+    Ok((points, area, pixels, returns))
 }
 
 /// The next word of a chain.

@@ -69,6 +69,7 @@ mod unzip;
 mod wkt;
 mod write;
 
+pub use archive::Images;
 pub use csv::{AttributeRow, attribute_rows};
 pub use error::{FaultKind, FileError, Place};
 pub use format::Format;
@@ -78,13 +79,13 @@ pub use limits::{Limits, MAX_COORDINATE};
 pub use mesh::{NORMALS, TEXTURE_OF_CORNERS};
 pub use naming::{FILE, Filed, Scope, stem};
 pub use options::{
-    Columns, Contours, Curves, Decimal, EVERY, Encoding, Holes, Layout, MAX_HARMONICS, Names, Nuclei,
+    BROKEN, Columns, Contours, Curves, Decimal, EVERY, Encoding, Holes, Layout, MAX_HARMONICS, Names, Nuclei,
     Photograph, ProjectFiles, ReadOptions, Scale, Storing, WriteOptions,
 };
 #[cfg(feature = "morphometrics")]
 pub use project::{named_files, pack_project};
 pub use record::{Domain, Faces, Field, Fourier, Geometry, Kind, Mesh, Points, Record, Ring, Sink, Value};
-pub use registry::{FORMATS, detect, detect_written, find, read};
+pub use registry::{FORMATS, detect, detect_written, find, read, read_beside};
 pub use source::{Asked, Source};
 pub use summary::{Dropped, Summary};
 #[cfg(feature = "tables")]

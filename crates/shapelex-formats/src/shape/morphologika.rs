@@ -38,7 +38,7 @@ use super::format::Format;
 use super::limits::Limits;
 use super::options::{ReadOptions, WriteOptions};
 use super::record::Sink;
-use super::record::{Geometry, Kind, Points, Record};
+use super::record::{Geometry, Kind, Points, Record, Value};
 use super::source::Source;
 use super::summary::Summary;
 use super::text::{self, Lines, Missing, Uniform, Words, coordinate, shown};
@@ -161,10 +161,18 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
         }
     }
     let mut specimens = Specimens::new(&sections, &limits, options)?;
+    let mut has_lists = false;
     for item in 0..sections.number("individuals")? {
-        let mut record = specimens.next(item)?;
+        let mut record = match specimens.next(item)? {
+            Ok(record) => record,
+            Err(error) => {
+                options.leave_out(error, &mut summary)?;
+                continue;
+            }
+        };
         // In the first record only: a list is as long as the file allows, and there may be many records.
-        for name in LISTS.iter().filter(|_| item == 0) {
+        let is_first = !std::mem::replace(&mut has_lists, true);
+        for name in LISTS.iter().filter(|_| is_first) {
             if let Some(list) = summary.properties.get(*name) {
                 record.metadata.insert((*name).into(), list.clone());
             }
@@ -241,36 +249,57 @@ impl<'t> Specimens<'t> {
         })
     }
 
-    fn next(&mut self, item: u64) -> Result<Record, FileError> {
+    /// The next specimen, or its fault, after which the next one can be read.
+    fn next(&mut self, item: u64) -> Result<Result<Record, FileError>, FileError> {
+        let points = self.points(item)?;
+        let name = match &mut self.names {
+            Some(names) => Some(next(names, "names")?.to_owned()),
+            None => None,
+        };
+        let labels = self.attributes()?;
+        let label = self.group()?.map(str::to_owned);
+        let described = |(points, place): (Points, Place)| {
+            let record = Record::new(Geometry::Landmarks(points), place);
+            labels.map(|labels| Record { name, label, labels, ..record })
+        };
+        Ok(points.and_then(described))
+    }
+
+    /// The points of a specimen and their place.
+    fn points(&mut self, item: u64) -> Result<Result<(Points, Place), FileError>, FileError> {
         while self.points.peek().is_some_and(|line| line.starts_with('\'')) {
             self.points.next();
         }
         let mut points = Points::new(self.dimension);
-        let mut place = None;
+        let (mut place, mut broken) = (None, None);
         for _ in 0..self.landmarks {
+            // A comment stands before the next specimen.
+            if broken.is_some() && self.points.peek().is_some_and(|line| line.starts_with('\'')) {
+                break;
+            }
             let line = next(&mut self.points, "rawpoints")?;
             place.get_or_insert_with(|| Place { item: Some(item), ..self.points.place() });
-            self.point(line, &mut points)
-                .map_err(|detail| FileError::malformed(self.points.place(), detail))?;
+            if broken.is_none() {
+                let found = self.point(line, &mut points);
+                broken = found.err().map(|detail| FileError::malformed(self.points.place(), detail));
+            }
         }
         let place = place.unwrap_or_else(|| Place::item(item));
-        let mut record = Record::new(Geometry::Landmarks(points), place);
-        if let Some(names) = &mut self.names {
-            record.name = Some(next(names, "names")?.into());
+        Ok(broken.map_or(Ok((points, place)), Err))
+    }
+
+    /// The attributes of a specimen.
+    fn attributes(&mut self) -> Result<Result<BTreeMap<String, Value>, FileError>, FileError> {
+        let Some(values) = &mut self.values else { return Ok(Ok(BTreeMap::new())) };
+        let line = next(values, "labelvalues")?;
+        let count = line.split_whitespace().count();
+        if count != self.labels.len() {
+            let detail = format!("expected {} values, one a label, got {count}", self.labels.len());
+            return Ok(Err(FileError::malformed(values.place(), detail)));
         }
-        if let Some(values) = &mut self.values {
-            let line = next(values, "labelvalues")?;
-            let count = line.split_whitespace().count();
-            if count != self.labels.len() {
-                let detail = format!("expected {} values, one a label, got {count}", self.labels.len());
-                return Err(FileError::malformed(values.place(), detail));
-            }
-            let values =
-                self.labels.iter().zip(line.split_whitespace()).filter(|(_, value)| !text::is_missing(value));
-            record.labels = values.map(|(label, value)| ((*label).into(), text::value(value))).collect();
-        }
-        record.label = self.group()?.map(str::to_owned);
-        Ok(record)
+        let values =
+            self.labels.iter().zip(line.split_whitespace()).filter(|(_, value)| !text::is_missing(value));
+        Ok(Ok(values.map(|(label, value)| ((*label).into(), text::value(value))).collect()))
     }
 
     fn point(&self, line: &str, points: &mut Points) -> Result<(), String> {

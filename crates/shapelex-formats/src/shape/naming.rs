@@ -7,7 +7,8 @@
 //! | with identities that the maker of the file gives: tables, NDJSON | as it stands there |
 //! | DICOM | by unique identifiers, which no other file has |
 //!
-//! What has no name is numbered by its place in the file.
+//! What has no name is numbered by its place in the file. Records that are left out have their numbers, so that the others keep theirs
+//! when the file is mended.
 
 use std::collections::HashMap;
 use std::hash::{BuildHasher, RandomState};
@@ -131,7 +132,7 @@ impl Naming {
         let ring = record.ring.as_ref().map(|ring| ring.object);
         let goes_on = ring.is_some() && self.object.as_ref().map(|object| object.number) == ring;
         if !goes_on {
-            self.count += 1;
+            self.count = number_after(self.count, record);
             self.object = None;
         }
         if self.names == Some(Names::Number) {
@@ -206,8 +207,9 @@ pub struct Filed {
     prefix: Option<String>,
     /// Whether the attribute [`FILE`] says the name of the file.
     notes: bool,
-    /// A record of which it is not known yet whether it is the only one.
+    /// The first record, of which it is not known yet whether it is the only one.
     waiting: Option<Record>,
+    /// Number of the last record.
     count: u64,
 }
 
@@ -232,7 +234,7 @@ impl Filed {
         if let Some(first) = self.waiting.take() {
             self.give(first, 1, sink)?;
         }
-        self.count += 1;
+        self.count = number_after(self.count, &record);
         if self.count == 1 && self.stem.is_some() && may_be_whole(&record) {
             self.waiting = Some(record);
             return Ok(());
@@ -240,12 +242,15 @@ impl Filed {
         self.give(record, self.count, sink)
     }
 
-    /// Gives the last record on.
+    /// Gives the last record on. One of several is named as such, also if the others are broken.
     ///
     /// # Errors
     /// Those of `sink`.
-    pub fn finish(&mut self, sink: Sink<'_>) -> Result<(), FileError> {
+    pub fn finish(&mut self, has_broken: bool, sink: Sink<'_>) -> Result<(), FileError> {
         let Some(mut only) = self.waiting.take() else { return Ok(()) };
+        if has_broken {
+            return self.give(only, 1, sink);
+        }
         let stem = self.stem.as_deref().unwrap_or_default();
         // Where the name of the file stands before names, it is the whole name of its only shape.
         let named = |prefix: &&str| prefix.strip_suffix('/') != Some(stem);
@@ -276,6 +281,12 @@ impl Filed {
             record.labels.entry(FILE.into()).or_insert_with(|| Value::from(stem.as_str()));
         }
     }
+}
+
+/// Number of a record after one with the number `last`: that of its place in the file, unless it is one of several of that place.
+fn number_after(last: u64, record: &Record) -> u64 {
+    let place = record.place.item.map_or(0, |item| item.saturating_add(1));
+    place.max(last.saturating_add(1))
 }
 
 /// Whether a record is named as its file if it is the only one: it has no name, or is of a format that holds one shape.
@@ -377,8 +388,32 @@ mod tests {
         for record in records {
             filed.push(record, &mut sink).unwrap();
         }
-        filed.finish(&mut sink).unwrap();
+        filed.finish(false, &mut sink).unwrap();
         found
+    }
+
+    #[test]
+    fn a_broken_record_leaves_the_others_their_numbers() {
+        let at = |item| Record { place: Place::item(item), ..named(None) };
+        let given = |items: &[u64], has_broken: bool| {
+            let (mut filed, mut found) = (Filed::new(Some("a.tps"), None), Vec::new());
+            let mut sink = |record: Record| {
+                found.push(record.name.unwrap_or_default());
+                Ok(())
+            };
+            items.iter().for_each(|item| filed.push(at(*item), &mut sink).unwrap());
+            filed.finish(has_broken, &mut sink).unwrap();
+            found
+        };
+        assert_eq!(given(&[0, 1, 2], false), ["a/1", "a/2", "a/3"]);
+        assert_eq!(given(&[1, 2], true), ["a/2", "a/3"]);
+        assert_eq!(given(&[1], true), ["a/2"]);
+        assert_eq!(given(&[0], true), ["a/1"]);
+        assert_eq!(given(&[0], false), ["a"]);
+        // Several records of one place.
+        assert_eq!(given(&[0, 0, 1, 5], false), ["a/1", "a/2", "a/3", "a/6"]);
+        let numbers = numbered([0, 2].map(at).into(), Some(Names::Number));
+        assert_eq!(numbers, [Some("1".to_owned()), Some("3".to_owned())]);
     }
 
     #[test]

@@ -116,7 +116,7 @@ struct FourierLine {
 
 fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Result<Summary, FileError> {
     let (mut text, mut summary) = (String::new(), Summary::default());
-    while source.next_line(&mut text)? {
+    while options.next_line(source, &mut text, &mut summary)? {
         if text.trim().is_empty() {
             continue;
         }

@@ -12,6 +12,7 @@ use std::io::Write;
 
 use super::error::{FileError, Place};
 use super::format::Format;
+use super::limits::Limits;
 use super::options::{ReadOptions, WriteOptions};
 use super::record::Sink;
 use super::record::{Fourier, Geometry, Kind, Record};
@@ -39,7 +40,7 @@ pub(super) static FORMAT: Format = Format {
 /// Maximum number of rows of a file that is written: shapes with few harmonics get the zeros of that with most of them.
 const MAX_ROWS: usize = 1 << 26;
 
-fn read(source: &mut Source<'_>, _: &ReadOptions, sink: Sink<'_>) -> Result<Summary, FileError> {
+fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Result<Summary, FileError> {
     let limits = *source.limits();
     let text = source.text()?;
     let mut lines = Lines::new(&text, 0);
@@ -64,39 +65,67 @@ fn read(source: &mut Source<'_>, _: &ReadOptions, sink: Sink<'_>) -> Result<Summ
     let mut item = 0;
     while let Some(name) = lines.next() {
         let place = Place { item: Some(item), ..lines.place() };
-        let mut fourier = Fourier { constant: vec![0.0; 2], cosine: Vec::new(), sine: Vec::new() };
-        let mut found = 0;
-        loop {
-            if harmonics.is_some_and(|harmonics| found == harmonics) {
-                break;
-            }
-            // Without a number of harmonics, a line of anything but four numbers is the next name.
-            let Some(line) = lines.peek().filter(|line| harmonics.is_some() || four(line).is_ok()) else {
-                break;
-            };
-            lines.next();
-            let [a, b, c, d] = four(line).map_err(|detail| FileError::malformed(lines.place(), detail))?;
-            fourier.cosine.extend([a, c]);
-            fourier.sine.extend([b, d]);
-            found += 1;
-            limits.points(found, || place.clone())?;
-        }
-        match harmonics {
-            Some(harmonics) if found < harmonics => {
-                let detail = format!("expected {harmonics} harmonics, got the end of the file after {found}");
-                return Err(FileError::truncated(place, detail));
-            }
-            None if found == 0 => {
-                let detail = format!("expected lines of four coefficients after {}, got none", shown(name));
-                return Err(FileError::malformed(place, detail));
-            }
-            _ => {}
-        }
-        sink(Record { name: Some(name.into()), ..Record::new(fourier, place) })?;
         item += 1;
+        match shape(&mut lines, name, &place, harmonics, &limits) {
+            Ok(fourier) => sink(Record { name: Some(name.into()), ..Record::new(fourier, place) })?,
+            Err(error) => {
+                options.leave_out(error, &mut summary)?;
+                skip(&mut lines, harmonics);
+            }
+        }
     }
     summary.set("centre", "not in files of this format: 0");
     Ok(summary)
+}
+
+/// The coefficients that follow a name. The line of a fault stays.
+fn shape(
+    lines: &mut Lines<'_>,
+    name: &str,
+    place: &Place,
+    harmonics: Option<u64>,
+    limits: &Limits,
+) -> Result<Fourier, FileError> {
+    let mut fourier = Fourier { constant: vec![0.0; 2], cosine: Vec::new(), sine: Vec::new() };
+    let mut found = 0;
+    while harmonics.is_none_or(|harmonics| found < harmonics) {
+        // Without a number of harmonics, a line of anything but four numbers is the next name.
+        let Some(line) = lines.peek().filter(|line| harmonics.is_some() || four(line).is_ok()) else {
+            break;
+        };
+        let [a, b, c, d] = four(line).map_err(|detail| FileError::malformed(lines.place_ahead(), detail))?;
+        lines.next();
+        fourier.cosine.extend([a, c]);
+        fourier.sine.extend([b, d]);
+        found += 1;
+        limits.points(found, || place.clone())?;
+    }
+    match harmonics {
+        Some(harmonics) if found < harmonics => {
+            let detail = format!("expected {harmonics} harmonics, got the end of the file after {found}");
+            Err(FileError::truncated(place.clone(), detail))
+        }
+        None if found == 0 => {
+            let detail = format!("expected lines of four coefficients after {}, got none", shown(name));
+            Err(FileError::malformed(place.clone(), detail))
+        }
+        _ => Ok(fourier),
+    }
+}
+
+/// Passes over the rest of a broken shape: its next name is the line before as many lines of coefficients as there are harmonics.
+fn skip(lines: &mut Lines<'_>, harmonics: Option<u64>) {
+    let Some(harmonics) = harmonics else { return };
+    loop {
+        while lines.peek().is_some_and(|line| four(line).is_ok()) {
+            lines.next();
+        }
+        let mut ahead = lines.clone();
+        if ahead.next().is_none() || ahead.take_while(|line| four(line).is_ok()).count() as u64 == harmonics {
+            return;
+        }
+        lines.next();
+    }
 }
 
 /// The four coefficients of a harmonic.

@@ -12,7 +12,7 @@
 
 use std::fmt::Write as _;
 
-use super::error::{FileError, Place};
+use super::error::{FaultKind, FileError, Place};
 use super::format::Format;
 use super::limits::Limits;
 use super::options::{ReadOptions, WriteOptions};
@@ -122,96 +122,148 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
         let detail = format!("expected a multiple of {dimension} columns, got {}", header.columns);
         return Err(at_header(detail));
     }
-    let mut matrix =
-        Matrix { words: Words::new(lines), limits, missing: Missing::Words, code: header.missing };
-    matrix.missing = Missing::new(options, Missing::Words)?;
+    let missing = Missing::new(options, Missing::Words)?;
+    let mut matrix = Matrix { words: Words::new(lines), is_line: false, header, dimension, missing };
     let mut summary = Summary::default();
     summary.set("dimension", dimension);
-    matrix.read(&header, dimension, &mut summary, sink)?;
+    matrix.read(&limits, options, &mut summary, sink)?;
     Ok(summary)
 }
 
 struct Matrix<'t> {
     words: Words<'t>,
-    limits: Limits,
+    /// Whether the words are those of one row.
+    is_line: bool,
+    header: Header,
+    dimension: usize,
     missing: Missing,
-    /// Code of the header, which each coordinate may have.
-    code: Option<f64>,
 }
 
 impl<'t> Matrix<'t> {
     fn read(
-        mut self,
-        header: &Header,
-        dimension: usize,
+        &mut self,
+        limits: &Limits,
+        options: &ReadOptions,
         summary: &mut Summary,
         sink: Sink<'_>,
     ) -> Result<(), FileError> {
         // A matrix of one landmark a row is one specimen.
-        let is_one = header.columns == dimension as u64 && header.rows > 1;
-        let count = if is_one { header.rows } else { header.columns / dimension as u64 };
-        self.limits.points(count, || self.words.place())?;
+        let is_one = self.header.columns == self.dimension as u64 && self.header.rows > 1;
+        let width = self.header.columns / self.dimension as u64;
+        let count = if is_one { self.header.rows } else { width };
+        limits.points(count, || self.words.place())?;
+        let labels = self.labels(summary)?;
+        if is_one {
+            let record = self.one(labels)?;
+            return sink(record);
+        }
+        let (rows, mut labels) = (self.header.rows, labels.into_iter());
+        // Where rows are lines, one of too few or too many values leaves the others readable.
+        let mut lines = self.words.lines().filter(|_| options.skips_broken());
+        lines = lines.filter(|lines| lines.clone().count() as u64 == rows);
+        for item in 0..rows {
+            if let Some(line) = lines.as_mut().and_then(Lines::one) {
+                (self.words, self.is_line) = (Words::new(line), true);
+            }
+            match self.row(item, width, labels.next()) {
+                Ok(record) => sink(record)?,
+                Err(error) => options.leave_out(error, summary)?,
+            }
+        }
+        self.end()
+    }
+
+    /// Labels of the rows that stand before the matrix.
+    fn labels(&mut self, summary: &mut Summary) -> Result<Vec<&'t str>, FileError> {
         let mut labels = Vec::new();
-        if header.row_labels == Labels::Before {
-            for _ in 0..header.rows {
+        if self.header.row_labels == Labels::Before {
+            for _ in 0..self.header.rows {
                 labels.push(self.word("labels of the rows")?);
             }
         }
-        if header.column_labels == Labels::Before {
-            for _ in 0..header.columns {
+        if self.header.column_labels == Labels::Before {
+            for _ in 0..self.header.columns {
                 let label = self.word("labels of the columns")?;
                 summary.drop("labels of columns", Some(label), || self.words.place());
             }
         }
-        let mut labels = labels.into_iter();
-        let (mut one, mut names, mut place) = (Points::new(dimension), Vec::new(), self.words.place());
-        for item in 0..header.rows {
-            let mut points = Points::new(dimension);
-            let mut name = labels.next();
-            if header.row_labels == Labels::Beginning {
-                name = Some(self.word("a label")?);
+        Ok(labels)
+    }
+
+    /// The specimen of a matrix of one landmark a row. Labels of the rows name the landmarks.
+    fn one(&mut self, labels: Vec<&'t str>) -> Result<Record, FileError> {
+        let mut names = labels;
+        let (mut points, mut place) = (Points::new(self.dimension), self.words.place());
+        for _ in 0..self.header.rows {
+            if self.header.row_labels == Labels::Beginning {
+                names.push(self.word("a label")?);
             }
-            for _ in 0..header.columns / dimension as u64 {
-                self.point(if is_one { &mut one } else { &mut points })?;
-            }
-            place = Place { item: Some(item), ..self.words.place() };
-            if header.row_labels == Labels::End {
-                name = Some(self.word("a label")?);
-            }
-            if is_one {
-                names.extend(name);
-            } else {
-                let record = Record::new(Geometry::Landmarks(points), place.clone());
-                sink(Record { name: name.map(str::to_owned), ..record })?;
+            self.point(&mut points)?;
+            place = self.words.place();
+            if self.header.row_labels == Labels::End {
+                names.push(self.word("a label")?);
             }
         }
-        if let Some(word) = self.words.next() {
+        self.end()?;
+        let mut record = Record::new(Geometry::Landmarks(points), Place { item: Some(0), ..place });
+        if !names.is_empty() {
+            record.metadata.insert("landmark_names".into(), names.into());
+        }
+        Ok(record)
+    }
+
+    /// The specimen of a row of `width` points. Other text than a number leaves the words after the row to the next one.
+    fn row(&mut self, item: u64, width: u64, label: Option<&'t str>) -> Result<Record, FileError> {
+        let (mut points, mut name, mut broken) = (Points::new(self.dimension), label, None);
+        if self.header.row_labels == Labels::Beginning {
+            name = Some(self.word("a label")?);
+        }
+        for _ in 0..width {
+            match self.point(&mut points) {
+                Err(error) if error.kind == FaultKind::Malformed && !self.is_line => {
+                    broken.get_or_insert(error);
+                }
+                found => found?,
+            }
+        }
+        let place = Place { item: Some(item), ..self.words.place() };
+        if self.header.row_labels == Labels::End {
+            name = Some(self.word("a label")?);
+        }
+        if let Some(word) = self.is_line.then(|| self.words.next()).flatten() {
             let detail =
-                format!("expected the end of the file after {} rows, got {}", header.rows, shown(word));
+                format!("expected {} values of a row, got {} more", self.header.columns, shown(word));
             return Err(FileError::malformed(self.words.place(), detail));
         }
-        if is_one {
-            let mut record = Record::new(Geometry::Landmarks(one), Place { item: Some(0), ..place });
-            if !names.is_empty() {
-                record.metadata.insert("landmark_names".into(), names.into());
-            }
-            sink(record)?;
-        }
-        Ok(())
+        let record = Record::new(Geometry::Landmarks(points), place);
+        broken.map_or_else(|| Ok(Record { name: name.map(str::to_owned), ..record }), Err)
+    }
+
+    /// Refuses words after the last row.
+    fn end(&mut self) -> Result<(), FileError> {
+        let Some(word) = self.words.next() else { return Ok(()) };
+        let detail =
+            format!("expected the end of the file after {} rows, got {}", self.header.rows, shown(word));
+        Err(FileError::malformed(self.words.place(), detail))
     }
 
     fn word(&mut self, what: &str) -> Result<&'t str, FileError> {
+        let (kind, end) =
+            if self.is_line { (FaultKind::Malformed, "line") } else { (FaultKind::Truncated, "file") };
         self.words.next().ok_or_else(|| {
-            FileError::truncated(self.words.place(), format!("expected {what}, got the end of the file"))
+            FileError::of(kind, self.words.place(), format!("expected {what}, got the end of the {end}"))
         })
     }
 
     fn point(&mut self, points: &mut Points) -> Result<(), FileError> {
-        let mut row = Vec::with_capacity(points.dimension());
-        for _ in 0..points.dimension() {
-            let word = self.word("a number")?;
-            let x = coordinate(word).map_err(|detail| FileError::malformed(self.words.place(), detail))?;
-            row.push(x.filter(|x| Some(*x) != self.code));
+        let mut words = Vec::with_capacity(self.dimension);
+        for _ in 0..self.dimension {
+            words.push((self.word("a number")?, self.words.place()));
+        }
+        let mut row = Vec::with_capacity(self.dimension);
+        for (word, place) in words {
+            let x = coordinate(word).map_err(|detail| FileError::malformed(place, detail))?;
+            row.push(x.filter(|x| Some(*x) != self.header.missing));
         }
         self.missing.apply(&mut row);
         text::push(points, &row).map_err(|detail| FileError::malformed(self.words.place(), detail))

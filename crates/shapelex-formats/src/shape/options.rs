@@ -7,6 +7,7 @@ use serde_json::{Map, Value};
 use super::error::{FaultKind, FileError, Place};
 use super::format::Format;
 use super::record::Record;
+use super::source::Source;
 use super::summary::Summary;
 use crate::series::SeriesImage;
 
@@ -204,8 +205,8 @@ pub enum ProjectFiles {
 /// Options that every format obeys.
 pub const EVERY: [&str; 1] = ["names"];
 
-/// What broken records are called that are left out.
-const BROKEN: &str = "broken shapes";
+/// Name, in summaries, of broken records that are left out.
+pub const BROKEN: &str = "broken shapes";
 
 impl ReadOptions {
     /// Counts a broken record that is left out, if it is.
@@ -213,13 +214,38 @@ impl ReadOptions {
     /// # Errors
     /// The fault itself, if the file is refused for it.
     pub(super) fn leave_out(&self, error: FileError, summary: &mut Summary) -> Result<(), FileError> {
-        let is_broken = matches!(error.kind, FaultKind::Malformed | FaultKind::Unsupported);
-        if !(is_broken && self.storing.is_some_and(|storing| storing.skips_broken)) {
+        if !self.leaves_out(&error) {
             return Err(error);
         }
         let FileError { place, detail, .. } = error;
         summary.drop(BROKEN, Some(&detail), || *place);
         Ok(())
+    }
+
+    /// The next line, as [`Source::next_line`] reads it. One of other bytes than text is a broken record.
+    pub(super) fn next_line(
+        &self,
+        source: &mut Source<'_>,
+        line: &mut String,
+        summary: &mut Summary,
+    ) -> Result<bool, FileError> {
+        loop {
+            match source.next_line(line) {
+                // Faults of the stream have no line.
+                Err(error) if error.place.line.is_some() => self.leave_out(error, summary)?,
+                found => return found,
+            }
+        }
+    }
+
+    /// Whether a record with this fault is left out, and those after it are read.
+    pub(super) fn leaves_out(&self, error: &FileError) -> bool {
+        matches!(error.kind, FaultKind::Malformed | FaultKind::Unsupported) && self.skips_broken()
+    }
+
+    /// Whether broken records are left out.
+    pub(super) fn skips_broken(&self) -> bool {
+        self.storing.is_some_and(|storing| storing.skips_broken)
     }
 
     /// Options by name, as texts of a query or of a command line.

@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 
 use super::account::Account;
+use super::archive::{Images, NoImages};
 use super::error::{FaultKind, FileError, Place};
 use super::format::Format;
 use super::naming::Naming;
@@ -84,6 +85,20 @@ pub fn read(
     options: &ReadOptions,
     sink: Sink<'_>,
 ) -> Result<Summary, FileError> {
+    read_beside(format, source, options, &NoImages, sink)
+}
+
+/// Reads as [`read`] does, and the label images of an archive by `images`.
+///
+/// # Errors
+/// As [`read`], and those of `images`.
+pub fn read_beside(
+    format: &Format,
+    source: &mut Source<'_>,
+    options: &ReadOptions,
+    images: &dyn Images,
+    sink: Sink<'_>,
+) -> Result<Summary, FileError> {
     let Some(read) = format.read else {
         let detail =
             format!("expected a format that can be read, got {}, which is only written", format.name);
@@ -117,7 +132,12 @@ pub fn read(
         naming.name(&mut record, &ask)?;
         sink(record)
     };
-    let read = read(source, options, &mut counted).and_then(|summary| source.finish().map(|()| summary));
+    let read = if format.id == archive::FORMAT.id {
+        archive::read_beside(source, options, images, &mut counted)
+    } else {
+        read(source, options, &mut counted)
+    };
+    let read = read.and_then(|summary| source.finish().map(|()| summary));
     let mut summary = read.map_err(|error| match error.kind {
         FaultKind::Truncated if *error.place == Place::default() => error.at(Place::byte(source.offset())),
         _ => error,

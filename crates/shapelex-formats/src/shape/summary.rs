@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 
 use super::error::Place;
+use super::options::BROKEN;
 use crate::words::MAX_NAME;
 
 /// What a reader or writer says of a whole file.
@@ -43,6 +44,11 @@ pub(super) fn shortened(name: &str) -> String {
 }
 
 impl Summary {
+    /// Whether broken records were left out.
+    pub fn has_broken(&self) -> bool {
+        self.dropped.iter().any(|dropped| dropped.what == BROKEN)
+    }
+
     /// Counts something that is not given on.
     pub fn drop(&mut self, what: &str, name: Option<&str>, place: impl FnOnce() -> Place) {
         self.drop_many(what, 1, name, place);

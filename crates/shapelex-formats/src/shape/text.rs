@@ -11,6 +11,7 @@ use super::summary::Summary;
 use crate::words::MAX_NAME;
 
 /// Lines of a text that are not blank, without spaces at their ends.
+#[derive(Clone)]
 pub(super) struct Lines<'t> {
     lines: std::iter::Peekable<std::iter::Enumerate<std::str::Lines<'t>>>,
     /// Number of lines before the text.
@@ -35,6 +36,20 @@ impl<'t> Lines<'t> {
     pub(super) fn place(&self) -> Place {
         Place::line(self.line)
     }
+
+    /// The next line alone.
+    pub(super) fn one(&mut self) -> Option<Self> {
+        let line = self.next()?;
+        let before = self.line - 1;
+        Some(Self { lines: line.lines().enumerate().peekable(), before, line: before })
+    }
+
+    /// The place of the next line, or of the last one.
+    pub(super) fn place_ahead(&mut self) -> Place {
+        self.peek();
+        let ahead = self.lines.peek().map(|(at, _)| self.before + *at as u64 + 1);
+        Place::line(ahead.unwrap_or(self.line))
+    }
 }
 
 impl<'t> Iterator for Lines<'t> {
@@ -49,6 +64,7 @@ impl<'t> Iterator for Lines<'t> {
 }
 
 /// Words of a text, separated by any white space.
+#[derive(Clone)]
 pub(super) struct Words<'t> {
     lines: Lines<'t>,
     words: std::str::SplitWhitespace<'t>,
@@ -63,6 +79,11 @@ impl<'t> Words<'t> {
     /// The place of the word given last.
     pub(super) fn place(&self) -> Place {
         self.lines.place()
+    }
+
+    /// The lines after the last word, if it ended one.
+    pub(super) fn lines(&self) -> Option<Lines<'t>> {
+        self.words.clone().next().is_none().then(|| self.lines.clone())
     }
 }
 

@@ -5,6 +5,14 @@
     allow(dead_code, reason = "what tests of families share")
 )]
 
+#[cfg(all(
+    feature = "dicom",
+    feature = "meshes",
+    feature = "microscopy",
+    feature = "morphometrics",
+    feature = "tables"
+))]
+mod broken;
 mod cost;
 mod data;
 #[cfg(feature = "dicom")]

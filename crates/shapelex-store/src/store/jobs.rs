@@ -508,14 +508,12 @@ async fn abandon(
     Ok(failed.into_iter().map(|(_, id, _)| id.to_owned()).collect())
 }
 
-/// Removes the oldest finished jobs beyond the limit, files of finished ones, and passes without an active job.
+/// Removes the oldest finished jobs beyond the limit, and files of finished ones.
 async fn prune(connection: &mut Transaction, tenant: &str) -> Result<(), StoreError> {
     const PRUNE: &str = "DELETE FROM job WHERE id IN (SELECT id FROM job WHERE finished_at_ms IS NOT NULL
         AND tenant = $1 ORDER BY finished_at_ms DESC, id DESC LIMIT $2 OFFSET $3)";
-    const FORGET: &str = "DELETE FROM pass WHERE job IN (SELECT id FROM job WHERE status <> 'running')";
     let query = sql(&mut *connection, PRUNE).bind(tenant).bind(i64::MAX).bind(i64::from(MAX_FINISHED));
     query.execute().await?;
-    sql(&mut *connection, FORGET).execute().await?;
     files::forget(connection).await
 }
 

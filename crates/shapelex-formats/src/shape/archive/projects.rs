@@ -78,14 +78,16 @@ impl Files<'_> {
                 let detail = format!("expected the file '{}' in the archive, got none", named.path);
                 FileError::malformed(named.place().within(&at), detail)
             };
-            let path = project::within(folder, &named.path).ok_or_else(missing)?;
-            let file = archive.by_name(&path).map_err(|error| match error {
-                ZipError::FileNotFound => missing(),
-                other => fault(other).at(named.place().within(&at)),
-            })?;
-            let again = !known.insert(path.clone());
-            let place = Place { entry: Some(path), ..Place::default() };
-            self.read_named(file, named, again, &place, &own, sink).map_err(|error| error.at(place))?;
+            let found = project::within(folder, &named.path).ok_or_else(missing).and_then(|path| {
+                let file = archive.by_name(&path).map_err(|error| match error {
+                    ZipError::FileNotFound => missing(),
+                    other => fault(other).at(named.place().within(&at)),
+                })?;
+                let again = !known.insert(path.clone());
+                let place = Place { entry: Some(path), ..Place::default() };
+                self.read_named(file, named, again, &place, &own, sink).map_err(|error| error.at(place))
+            });
+            found.or_else(|error| options.leave_out(error, &mut self.summary))?;
         }
         for name in archive.file_names() {
             let name = name.map_err(fault)?;

@@ -205,7 +205,8 @@ fn a_file_that_is_read_again_is_counted_and_warns_once() {
     let summary = Summary::default();
     let first: Rc<Cell<u64>> = Rc::default();
     let again = Budget::new(AGAIN, Rc::clone(&first));
-    let mut files = Files { archive: &source, content: 0, first, again, summary, facts: None };
+    let mut files =
+        Files { archive: &source, images: &NoImages, content: 0, first, again, summary, facts: None };
     let options = ReadOptions::from_pairs([("files", "shape")]).unwrap();
     let count = projects::read(&mut archive, &mut files, &options, &mut |_| Ok(())).unwrap();
     assert_eq!(count, Some(3));
@@ -213,4 +214,50 @@ fn a_file_that_is_read_again_is_counted_and_warns_once() {
     assert_eq!((files.first.get(), files.again.taken()), (32, 16));
     let warning = "points without faces are read as landmarks";
     assert_eq!(files.summary.warnings, ["a", "b"].map(|name| format!("file '{name}.obj': {warning}")));
+}
+
+/// Takes every file of the name `….img` for an image with a label.
+struct OneLabel;
+
+impl Images for OneLabel {
+    fn has(&self, _: &[u8], name: &str) -> bool {
+        name.ends_with(".img")
+    }
+
+    fn read(
+        &self,
+        source: &mut Source<'_>,
+        options: &ReadOptions,
+        sink: Sink<'_>,
+    ) -> Result<Summary, FileError> {
+        assert!(options.select.is_some(), "options are those of the archive");
+        if source.bytes()?.is_empty() {
+            return Err(FileError::new(FaultKind::Unsupported, "expected labels, got none"));
+        }
+        let points = crate::shape::Points::from_rows(2, vec![0.0, 0.0, 1.0, 0.0, 0.0, 1.0]);
+        let geometry = crate::shape::Geometry::Curve { points, closed: true };
+        sink(Record { name: Some("7".into()), ..Record::new(geometry, Place::item(0)) })?;
+        Ok(Summary::default())
+    }
+}
+
+#[test]
+fn images_are_read_by_the_reader_of_the_caller() {
+    let given = |files: &[(&str, &[u8])]| {
+        let bytes = archive(files);
+        let options = ReadOptions { select: Some("*".into()), ..ReadOptions::default() };
+        let mut source = Source::new(&bytes[..], Limits::default())?;
+        let mut names = Vec::new();
+        let summary =
+            super::super::registry::read_beside(&FORMAT, &mut source, &options, &OneLabel, &mut |record| {
+                names.push(record.name.unwrap_or_default());
+                Ok(())
+            })?;
+        Ok::<_, FileError>((names, summary))
+    };
+    let (names, summary) = given(&[("day/a.img", b"x"), ("b.img", b"x"), ("read.me", b"hello")]).unwrap();
+    assert_eq!((names.join(" ").as_str(), summary.records), ("a/7 b/7", 2));
+    assert_eq!(summary.dropped[0].names, ["read.me"]);
+    let refused = given(&[("a.img", b"x"), ("day/b.img", b"")]).unwrap_err();
+    assert_eq!(refused.to_string(), "file 'day/b.img': expected labels, got none");
 }

@@ -21,6 +21,9 @@ use super::columns::{Coordinates, Roles, recognised};
 /// A row may have a sixteenth of the bytes that may be held: its fields take several times the memory of their text.
 const ROWS: usize = 16;
 
+/// Fault of a row, after which the next one can be read.
+const NO_TEXT: &str = "expected UTF-8 text, got other bytes";
+
 /// Bytes of the table, of which one row has a limited number.
 struct Bounded<'s, 'a> {
     source: &'s mut Source<'a>,
@@ -61,14 +64,15 @@ impl<'s, 'a> Rows<'s, 'a> {
     /// Reads the next row. Returns its line.
     pub(super) fn next(&mut self) -> Result<Option<u64>, FileError> {
         let line = self.reader.position().line();
-        let found = self.reader.read_record(&mut self.record).map_err(|error| {
+        let found = self.reader.read_record(&mut self.record);
+        self.reader.get_mut().count = 0;
+        let found = found.map_err(|error| {
             let at = Place::line(error.position().map_or(line, csv::Position::line));
             match error.into_kind() {
                 csv::ErrorKind::Io(error) => FileError::from(error).at(at),
-                _ => FileError::malformed(at, "expected UTF-8 text, got other bytes"),
+                _ => FileError::malformed(at, NO_TEXT),
             }
         })?;
-        self.reader.get_mut().count = 0;
         Ok(found.then(|| self.record.position().map_or(line, csv::Position::line)))
     }
 }
@@ -159,7 +163,7 @@ pub(super) fn read(
     let mut table = Table { roles, missing, closed: options.closed, comma, limits, summary };
     match &table.roles.coordinates {
         Coordinates::Wide { .. } => table.wide(&mut rows, options, sink)?,
-        Coordinates::Long(_) => table.long(&mut rows, sink)?,
+        Coordinates::Long(_) => table.long(&mut rows, options, sink)?,
     }
     Ok(table.summary)
 }
@@ -176,6 +180,13 @@ struct Table {
 
 /// The rows of one shape, in a table of one point a row.
 struct Group {
+    name: Option<String>,
+    /// The shape so far, or the first fault of its rows.
+    shape: Result<Draft, FileError>,
+}
+
+/// A shape of which more rows may follow.
+struct Draft {
     record: Record,
     points: Points,
     closed: Option<bool>,
@@ -192,15 +203,22 @@ impl Table {
         sink: Sink<'_>,
     ) -> Result<(), FileError> {
         let mut item = 0;
-        while let Some(line) = rows.next()? {
-            let place = Place { item: Some(item), ..Place::line(line) };
-            match self.row(&rows.record, place) {
+        loop {
+            let found = match rows.next() {
+                Ok(None) => return Ok(()),
+                Ok(Some(line)) => {
+                    let place = Place { item: Some(item), ..Place::line(line) };
+                    self.row(&rows.record, place)
+                }
+                Err(error) if error.detail == NO_TEXT => Err(error),
+                Err(error) => return Err(error),
+            };
+            match found {
                 Ok(record) => sink(record)?,
                 Err(error) => options.leave_out(error, &mut self.summary)?,
             }
             item += 1;
         }
-        Ok(())
     }
 
     /// The shape of a row, in a table of one shape a row.
@@ -222,64 +240,85 @@ impl Table {
         self.record(row, geometry(points, closed), place)
     }
 
-    fn long(&mut self, rows: &mut Rows<'_, '_>, sink: Sink<'_>) -> Result<(), FileError> {
+    fn long(
+        &mut self,
+        rows: &mut Rows<'_, '_>,
+        options: &ReadOptions,
+        sink: Sink<'_>,
+    ) -> Result<(), FileError> {
         let (mut seen, mut held) = (BTreeSet::new(), 0);
         let (mut group, mut item) = (None::<Group>, 0);
         while let Some(line) = rows.next()? {
             let place = Place { item: Some(item), ..Place::line(line) };
-            self.check_width(&rows.record, &place)?;
-            let id = self.text(&rows.record, self.roles.id);
-            if let Some(done) = group.take_if(|group| group.record.name.as_deref() != id) {
+            let id = self.identity(&rows.record, &place)?;
+            if let Some(done) = group.take_if(|group| group.name.as_deref() != id) {
                 item += 1;
-                held += done.record.name.as_ref().map_or(0, String::len) + size_of::<String>();
+                held += done.name.as_ref().map_or(0, String::len) + size_of::<String>();
                 if held > self.limits.held {
                     let detail =
                         format!("expected names of at most {} bytes in all, got more", self.limits.held);
                     return Err(FileError::too_large(place, detail));
                 }
-                seen.insert(done.record.name.clone());
-                sink(done.finish()?)?;
+                seen.insert(done.name.clone());
+                self.give(done, options, sink)?;
             }
             let place = Place { item: Some(item), ..place };
             let mut open = match group.take() {
                 Some(group) => group,
-                None if seen.contains(&id.map(str::to_owned)) => {
-                    let name = id
-                        .map_or_else(|| "a shape without a name".into(), |id| format!("shape {}", shown(id)));
-                    let detail = format!("expected the rows of {name} side by side, got more after others");
-                    return Err(FileError::malformed(place, detail));
-                }
-                None => self.begin(&rows.record, place.clone())?,
+                None if seen.contains(&id.map(str::to_owned)) => return Err(apart(id, place)),
+                None => Group { name: id.map(str::to_owned), shape: self.begin(&rows.record, &place) },
             };
-            self.limits.points(open.points.len() as u64 + 1, || place.clone())?;
-            self.add(&rows.record, &mut open, &place)?;
-            group = Some(open);
+            if let Ok(draft) = &mut open.shape {
+                self.limits.points(draft.points.len() as u64 + 1, || place.clone())?;
+                if let Err(error) = self.add(&rows.record, draft, &place) {
+                    open.shape = Err(error);
+                }
+            }
+            match open.shape {
+                Err(error) if !options.leaves_out(&error) => return Err(error),
+                _ => group = Some(open),
+            }
         }
-        match group {
-            Some(group) => sink(group.finish()?),
-            None => Ok(()),
+        group.map_or(Ok(()), |group| self.give(group, options, sink))
+    }
+
+    /// Gives a shape on whose rows have ended, or counts it as broken.
+    fn give(&mut self, group: Group, options: &ReadOptions, sink: Sink<'_>) -> Result<(), FileError> {
+        match group.shape.and_then(Draft::finish) {
+            Ok(record) => sink(record),
+            Err(error) => options.leave_out(error, &mut self.summary),
         }
     }
 
-    fn begin(&self, row: &StringRecord, place: Place) -> Result<Group, FileError> {
+    /// The name of the shape that a row belongs to, which a row of another width may have as well.
+    fn identity<'r>(&self, row: &'r StringRecord, place: &Place) -> Result<Option<&'r str>, FileError> {
+        match self.roles.id {
+            Some(column) if column >= row.len() => self.check_width(row, place).map(|()| None),
+            column => Ok(self.text(row, column)),
+        }
+    }
+
+    fn begin(&self, row: &StringRecord, place: &Place) -> Result<Draft, FileError> {
+        self.check_width(row, place)?;
         let Coordinates::Long(columns) = &self.roles.coordinates else {
-            return Err(FileError::malformed(place, "expected one point a row, got one shape a row"));
+            return Err(FileError::malformed(place.clone(), "expected one point a row, got one shape a row"));
         };
         let points = Points::new(columns.len());
-        let closed = self.closed(row, &place)?;
-        let record = self.record(row, Geometry::Landmarks(points.clone()), place)?;
+        let closed = self.closed(row, place)?;
+        let record = self.record(row, Geometry::Landmarks(points.clone()), place.clone())?;
         let attributes = self.roles.attributes.iter().map(|column| row[*column].to_owned()).collect();
-        Ok(Group { record, points, closed, names: Vec::new(), attributes })
+        Ok(Draft { record, points, closed, names: Vec::new(), attributes })
     }
 
-    fn add(&mut self, row: &StringRecord, group: &mut Group, place: &Place) -> Result<(), FileError> {
+    fn add(&mut self, row: &StringRecord, draft: &mut Draft, place: &Place) -> Result<(), FileError> {
+        self.check_width(row, place)?;
         if let Coordinates::Long(columns) = &self.roles.coordinates {
-            self.point(row, columns, &mut group.points, place)?;
+            self.point(row, columns, &mut draft.points, place)?;
         }
         if let Some(point) = self.roles.point {
-            group.names.push(row[point].trim().to_owned());
+            draft.names.push(row[point].trim().to_owned());
         }
-        for (column, first) in self.roles.attributes.iter().zip(&group.attributes) {
+        for (column, first) in self.roles.attributes.iter().zip(&draft.attributes) {
             if row[*column] != **first {
                 let name = &self.roles.names[*column];
                 self.summary.drop("values that differ within a shape", Some(name), || place.clone());
@@ -402,6 +441,12 @@ impl Table {
     }
 }
 
+/// The fault of rows of a shape that stand after those of others. It is one of the whole table: the shape has been given on without them.
+fn apart(id: Option<&str>, place: Place) -> FileError {
+    let name = id.map_or_else(|| "a shape without a name".into(), |id| format!("shape {}", shown(id)));
+    FileError::malformed(place, format!("expected the rows of {name} side by side, got more after others"))
+}
+
 fn geometry(points: Points, closed: Option<bool>) -> Geometry {
     match closed {
         Some(closed) => Geometry::Curve { points, closed },
@@ -409,7 +454,7 @@ fn geometry(points: Points, closed: Option<bool>) -> Geometry {
     }
 }
 
-impl Group {
+impl Draft {
     fn finish(self) -> Result<Record, FileError> {
         let Self { mut record, points, closed, names, .. } = self;
         let numbers: Option<Vec<u64>> = names.iter().map(|name| count(name).ok()).collect();

@@ -109,10 +109,7 @@ impl Reading<'_, '_, '_> {
             self.scanner.kept.clear();
             let start = self.scanner.offset();
             self.scanner.value()?;
-            if let Err(error) = self.feature(start) {
-                self.mapping.options.leave_out(error, &mut self.mapping.summary)?;
-                self.item += 1;
-            }
+            self.next_feature(start)?;
             self.scanner.kept.clear();
             match self.scanner.peek_more("the next feature")? {
                 b',' => self.scanner.expect(b',', "a comma")?,
@@ -154,7 +151,16 @@ impl Reading<'_, '_, '_> {
             }
         }
         self.scanner.expect(b'}', "the end of the object")?;
-        if is_collection { self.collection(start) } else { self.feature(start) }
+        if is_collection { self.collection(start) } else { self.next_feature(start) }
+    }
+
+    /// The feature that the scanner keeps, or its fault, which is counted where broken ones are left out.
+    fn next_feature(&mut self, start: u64) -> Result<(), FileError> {
+        if let Err(error) = self.feature(start) {
+            self.mapping.options.leave_out(error, &mut self.mapping.summary)?;
+            self.item += 1;
+        }
+        Ok(())
     }
 
     /// What stands beside the features of a collection.

@@ -208,7 +208,8 @@ impl Project {
             groups: columns.iter().filter_map(group_of).collect(),
         };
         for (item, row) in table.rows.iter().enumerate() {
-            project.add(item as u64, row, &columns)?;
+            let added = project.add(item as u64, row, &columns);
+            added.or_else(|error| options.leave_out(error, &mut project.summary))?;
         }
         project.summary.set("project_files", serde_json::to_value(wanted).unwrap_or_default());
         Ok(project)

@@ -417,3 +417,33 @@ fn long_texts_of_styles_are_refused() {
     let short = format!("<styleSheet note=\"{long}\"><numFmt formatCode=\"0.0\"/></styleSheet>");
     assert!(!read("xl/styles.xml", &short).contains("style of"));
 }
+
+#[test]
+fn a_broken_file_costs_its_subject() {
+    let project = |second: &str| {
+        let of = |name: &str, file: &str| format!(r#"{{"name": "{name}", "local_particles_1": "{file}"}}"#);
+        let subjects = [of("a", "a.particles"), of("b", second), of("c", "c.particles")].join(",");
+        format!(r#"{{"data": [{subjects}]}}"#)
+    };
+    for second in ["b.particles", "missing.particles", "../../b.particles", "/b.particles"] {
+        let file = archive(&[
+            ("a.particles", b"1 2 3\n"),
+            ("b.particles", b"1 2 x\n"),
+            ("c.particles", b"4 5 6\n"),
+            ("p.swproj", project(second).as_bytes()),
+        ]);
+        assert!(records(&file, &[]).is_err(), "{second}");
+        let storing = crate::shape::Storing { skips_broken: true, persons: false };
+        let options = ReadOptions { storing: Some(storing), ..ReadOptions::default() };
+        let mut source = Source::new(&file[..], Limits::default()).unwrap();
+        let mut names = Vec::new();
+        let format = detect(source.head(), Some("study.zip")).unwrap();
+        let summary = read_file(format, &mut source, &options, &mut |record| {
+            names.extend(record.name);
+            Ok(())
+        });
+        let dropped = summary.unwrap().dropped;
+        let broken = dropped.iter().find(|dropped| dropped.what == "broken shapes").expect(second);
+        assert_eq!((names.join(" ").as_str(), broken.count), ("a c", 1), "{second}");
+    }
+}

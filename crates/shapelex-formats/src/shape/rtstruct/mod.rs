@@ -57,7 +57,7 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
     dicom::list_identifying(&file, &mut summary);
     summary.set("axes", AXES);
     let regions = Regions::new(&root, &mut summary)?;
-    let instance = options.storing.map(|_| Instance::of(&root)).transpose()?;
+    let instance = Instance::of(&root)?;
     let mut reading = Reading { options, limits, summary, instance, sink, objects: 0 };
     let mut lines = Vec::new();
     for (index, unique) in regions.unique_names().iter().enumerate() {
@@ -85,8 +85,8 @@ struct Reading<'a, 'b> {
     options: &'a ReadOptions,
     limits: Limits,
     summary: Summary,
-    /// What names records that are stored.
-    instance: Option<Instance>,
+    /// Where records come from, and what names those that are stored.
+    instance: Instance,
     sink: Sink<'b>,
     /// Number of slices so far.
     objects: u64,
@@ -329,13 +329,17 @@ impl Reading<'_, '_> {
 impl Reading<'_, '_> {
     /// Says which region, or which contour of it, a record is in all files of the world, and who it is of.
     fn identify(&self, record: &mut Record, region: &Region, contour: Option<&Contour>) {
-        let Some(instance) = &self.instance else { return };
+        let instance = &self.instance;
+        let number = contour.map(|contour| contour.number);
+        let image = contour.and_then(|contour| contour.image.as_deref());
+        instance.origin.tell(record, region.number, number, image);
+        record.labels.insert("frame_of_reference".into(), region.frame_of_reference.as_str().into());
+        let Some(storing) = self.options.storing else { return };
         record.id = instance.uid.as_ref().map(|uid| match contour {
             Some(contour) => format!("{uid}/{}/{}", region.number, contour.number),
             None => format!("{uid}/{}", region.number),
         });
-        let asked = self.options.storing.is_some_and(|storing| storing.persons);
-        record.person = instance.person.clone().filter(|_| asked);
+        record.person = instance.person.clone().filter(|_| storing.persons);
     }
 }
 

@@ -137,7 +137,7 @@ mod tests {
 
     fn contour(coordinates: &[f64]) -> Contour {
         let points = Points::from_rows(3, coordinates.to_vec());
-        Contour { kind: ContourKind::ClosedPlanar, points, number: 1, place: Place::default() }
+        Contour { kind: ContourKind::ClosedPlanar, points, number: 1, image: None, place: Place::default() }
     }
 
     #[test]

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use dicom_dictionary_std::tags;
 use serde_json::{Map, Value, json};
 
-use crate::dicom::Node;
+use crate::dicom::{Node, image_of};
 use crate::shape::error::{FileError, Place};
 use crate::shape::limits::Limits;
 use crate::shape::options::ReadOptions;
@@ -35,6 +35,8 @@ pub(super) struct Contour {
     pub(super) points: Points,
     /// Its position among the contours of its region, from 1.
     pub(super) number: usize,
+    /// The instance that it was drawn on.
+    pub(super) image: Option<String>,
     pub(super) place: Place,
 }
 
@@ -314,6 +316,6 @@ fn contour(node: &Node<'_>, number: usize, limits: &Limits) -> Result<Contour, F
         let detail = format!("expected {count} points, as many as there are, got {claimed}");
         return Err(node.malformed(tags::NUMBER_OF_CONTOUR_POINTS, detail));
     }
-    let place = node.place(tag);
-    Ok(Contour { kind, points: Points::from_rows(3, coordinates), number, place })
+    let (image, place) = (image_of(node)?, node.place(tag));
+    Ok(Contour { kind, points: Points::from_rows(3, coordinates), number, image, place })
 }

@@ -168,7 +168,7 @@ mod tests {
     fn flat(points: &[[f64; 2]]) -> Contour {
         let coordinates = points.iter().flat_map(|[x, y]| [*x, *y, 5.0]).collect();
         let points = Points::from_rows(3, coordinates);
-        Contour { kind: ContourKind::ClosedPlanar, points, number: 1, place: Place::default() }
+        Contour { kind: ContourKind::ClosedPlanar, points, number: 1, image: None, place: Place::default() }
     }
 
     fn square(x: f64, y: f64, half: f64) -> Contour {

@@ -189,7 +189,7 @@ mod tests {
 
     fn contour(z: f64, points: &[[f64; 2]]) -> Contour {
         let points = Points::from_rows(3, points.iter().flat_map(|[x, y]| [*x, *y, z]).collect());
-        Contour { kind: ContourKind::ClosedPlanar, points, number: 1, place: Place::default() }
+        Contour { kind: ContourKind::ClosedPlanar, points, number: 1, image: None, place: Place::default() }
     }
 
     fn stack(contours: &[Contour]) -> Result<Stack, FileError> {

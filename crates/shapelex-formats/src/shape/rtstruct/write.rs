@@ -277,6 +277,7 @@ fn kind(points: &Points, closed: bool, record: &Record) -> Result<(ContourKind, 
         ));
     }
     let contour = regions::Contour {
+        image: None,
         kind: ContourKind::ClosedPlanar,
         points: points.clone(),
         number: 1,

@@ -46,9 +46,8 @@ pub(in super::super) static FORMAT: Format = Format {
 const SCHEMA: &str = "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/Resources/Schema/markups-schema-v1.0.3.json#";
 
 #[derive(Deserialize)]
-struct File<'a> {
-    #[serde(borrow)]
-    markups: Vec<Markup<'a>>,
+struct File<M> {
+    markups: Vec<M>,
 }
 
 /// Memory of markups and their points.
@@ -88,15 +87,16 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
     let limits = *source.limits();
     let text = source.text()?;
     MARKUPS.check(&text, limits.made(text.len()), Place::default)?;
-    let file: File<'_> = serde_json::from_str(&text).map_err(|error| {
-        let at =
-            Place { tag: Some(format!("column {}", error.column())), ..Place::line(error.line() as u64) };
-        let kind = if error.is_eof() { FaultKind::Truncated } else { FaultKind::Malformed };
-        FileError::of(kind, at, plain(&error))
-    })?;
     let mut summary = Summary::default();
-    for (item, markup) in file.markups.into_iter().enumerate() {
+    for (item, markup) in markups(&text, options)?.into_iter().enumerate() {
         let place = Place::item(item as u64);
+        let markup = match markup {
+            Ok(markup) => markup,
+            Err(error) => {
+                options.leave_out(error.at(place), &mut summary)?;
+                continue;
+            }
+        };
         if !options.selects(&markup.name) {
             summary.drop("markups that are not selected", Some(&markup.name), || place);
             continue;
@@ -104,13 +104,38 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
         if !markup.measurements.is_empty() {
             summary.drop("measurements of markups", Some(&markup.name), || place.clone());
         }
-        if let Some(record) =
-            markup.record(&place, &limits, &mut summary).map_err(|error| error.at(place.clone()))?
-        {
-            sink(record)?;
+        match markup.record(&place, &limits, &mut summary).map_err(|error| error.at(place.clone())) {
+            Ok(record) => record.map_or(Ok(()), &mut *sink)?,
+            Err(error) => options.leave_out(error, &mut summary)?,
         }
     }
     Ok(summary)
+}
+
+/// The markups of a file, each alone where one is of another form and those are left out.
+fn markups<'t>(
+    text: &'t str,
+    options: &ReadOptions,
+) -> Result<Vec<Result<Markup<'t>, FileError>>, FileError> {
+    let fault = |error: serde_json::Error| {
+        let at =
+            Place { tag: Some(format!("column {}", error.column())), ..Place::line(error.line() as u64) };
+        let kind = if error.is_eof() { FaultKind::Truncated } else { FaultKind::Malformed };
+        FileError::of(kind, at, plain(&error))
+    };
+    match serde_json::from_str::<File<Markup<'_>>>(text) {
+        Ok(file) => Ok(file.markups.into_iter().map(Ok).collect()),
+        Err(error) if options.skips_broken() => {
+            let parts = serde_json::from_str::<File<&'t RawValue>>(text).map_err(|_| fault(error))?;
+            // Lines and columns are those of the markup.
+            let part = |text: &'t RawValue| {
+                serde_json::from_str(text.get())
+                    .map_err(|error| FileError::malformed(Place::default(), plain(&error)))
+            };
+            Ok(parts.markups.into_iter().map(part).collect())
+        }
+        Err(error) => Err(fault(error)),
+    }
 }
 
 impl Markup<'_> {

@@ -22,6 +22,18 @@ struct Specimen {
     metadata: Map<String, Value>,
 }
 
+const NO_SCALE: &str = "expected SCALE= in every specimen, got one without";
+
+impl Specimen {
+    /// Refuses a specimen without the scale that is to be applied.
+    fn scaled(self, option: Option<Scale>) -> Result<Self, FileError> {
+        if option == Some(Scale::Apply) && self.scale.is_none() {
+            return Err(FileError::malformed(self.place, NO_SCALE));
+        }
+        Ok(self)
+    }
+}
+
 /// Signs of the coordinates of a file, by which negative codes of missing points are noticed.
 #[derive(Default)]
 struct Signs {
@@ -37,16 +49,21 @@ pub(super) fn read(
     let limits = *source.limits();
     let text = source.text()?;
     let mut summary = Summary::default();
-    let apply = is_scaled(&text, options.scale, &mut summary)?;
+    let apply = is_scaled(&text, options, &mut summary)?;
     let missing = Missing::new(options, Missing::Words)?;
     let mut reader = Reader { lines: Lines::new(&text, 0), limits, missing, signs: Signs::default() };
     let mut item = 0;
-    while let Some(mut specimen) =
-        reader.specimen(&mut summary).map_err(|error| error.at(Place::default()))?
-    {
-        specimen.place.item = Some(item);
+    while let Some(start) = reader.start()? {
+        let place = Place { item: Some(item), ..reader.lines.place() };
         item += 1;
-        give(specimen, apply, options, &mut summary, sink)?;
+        let found = reader.specimen(start, place, &mut summary);
+        match found.and_then(|specimen| specimen.scaled(options.scale)) {
+            Ok(specimen) => give(specimen, apply, options, &mut summary, sink)?,
+            Err(error) => {
+                options.leave_out(error, &mut summary)?;
+                reader.skip();
+            }
+        }
     }
     if reader.signs.negative_points > 0 && !reader.signs.other_negative {
         summary.warnings.push(format!(
@@ -59,7 +76,7 @@ pub(super) fn read(
 }
 
 /// Whether coordinates are multiplied by their scales: if every specimen has one, as readers of R do, unless the caller decides.
-fn is_scaled(text: &str, option: Option<Scale>, summary: &mut Summary) -> Result<bool, FileError> {
+fn is_scaled(text: &str, options: &ReadOptions, summary: &mut Summary) -> Result<bool, FileError> {
     let (mut specimens, mut scaled, mut start, mut has_scale, mut without) = (0_u64, 0_u64, 0, true, None);
     let mut lines = Lines::new(text, 0);
     let mut close = |has_scale: bool, start: u64| {
@@ -84,11 +101,11 @@ fn is_scaled(text: &str, option: Option<Scale>, summary: &mut Summary) -> Result
     if specimens > 0 {
         close(has_scale, start);
     }
-    let apply = match (option, without) {
-        (Some(Scale::Apply), Some(line)) => {
-            let detail = "expected SCALE= in every specimen, got one without";
-            return Err(FileError::malformed(Place::line(line), detail));
+    let apply = match (options.scale, without) {
+        (Some(Scale::Apply), Some(line)) if !options.skips_broken() => {
+            return Err(FileError::malformed(Place::line(line), NO_SCALE));
         }
+        (Some(Scale::Apply), _) => specimens > 0,
         (Some(Scale::Leave), _) => false,
         (None, Some(line)) if scaled > 0 => {
             summary.warnings.push(format!(
@@ -133,13 +150,29 @@ impl<'t> Reader<'t> {
         FileError::malformed(self.lines.place(), detail)
     }
 
-    fn specimen(&mut self, summary: &mut Summary) -> Result<Option<Specimen>, FileError> {
+    /// The line that begins a specimen: its key and the number of landmarks.
+    fn start(&mut self) -> Result<Option<(String, &'t str)>, FileError> {
         let Some(line) = self.lines.next() else { return Ok(None) };
-        let Some((start, size)) = key(line).filter(|(key, _)| is_start(key)) else {
-            let detail = format!("expected LM= or LM3= at the start of a specimen, got {}", shown(line));
-            return Err(self.fault(detail));
-        };
-        let place = self.lines.place();
+        let start = key(line).filter(|(key, _)| is_start(key));
+        start.map(Some).ok_or_else(|| {
+            self.fault(format!("expected LM= or LM3= at the start of a specimen, got {}", shown(line)))
+        })
+    }
+
+    /// Passes over the rest of a broken specimen.
+    fn skip(&mut self) {
+        let begins = |line: &str| key(line).is_some_and(|(key, _)| is_start(&key));
+        while self.lines.peek().is_some_and(|line| !begins(line)) {
+            self.lines.next();
+        }
+    }
+
+    fn specimen(
+        &mut self,
+        (start, size): (String, &str),
+        place: Place,
+        summary: &mut Summary,
+    ) -> Result<Specimen, FileError> {
         // Some programs write points in space below LM= as well.
         let first = self
             .lines
@@ -162,7 +195,7 @@ impl<'t> Reader<'t> {
             };
             self.entry(&key, value, dimension, &mut specimen, &mut held, summary)?;
         }
-        Ok(Some(specimen))
+        Ok(specimen)
     }
 
     fn entry(
@@ -227,15 +260,22 @@ impl<'t> Reader<'t> {
     }
 
     fn points_key(&mut self) -> Result<&'t str, FileError> {
-        let Some(line) = self.lines.next() else {
+        let Some(line) = self.lines.peek() else {
             return Err(FileError::truncated(
                 self.lines.place(),
                 "expected POINTS=, got the end of the file",
             ));
         };
         match key(line) {
-            Some((key, value)) if matches!(key.as_str(), "POINTS" | "POINTS3") => Ok(value),
-            _ => Err(self.fault(format!("expected POINTS=, got {}", shown(line)))),
+            Some((key, value)) if matches!(key.as_str(), "POINTS" | "POINTS3") => {
+                self.lines.next();
+                Ok(value)
+            }
+            // The line stays, as it may begin the next specimen.
+            _ => {
+                let detail = format!("expected POINTS=, got {}", shown(line));
+                Err(FileError::malformed(self.lines.place_ahead(), detail))
+            }
         }
     }
 
@@ -246,13 +286,16 @@ impl<'t> Reader<'t> {
         self.limits.points(*held, || self.lines.place())?;
         let mut points = Points::new(dimension);
         for found in 0..size {
-            let Some(line) = self.lines.next() else {
+            let Some(line) = self.lines.peek() else {
                 let detail = format!("expected {size} points, got the end of the file after {found}");
                 return Err(FileError::truncated(self.lines.place(), detail));
             };
+            // A key stays, as it may begin the next specimen.
             if line.contains('=') {
-                return Err(self.fault(format!("expected {size} points, got {} after {found}", shown(line))));
+                let detail = format!("expected {size} points, got {} after {found}", shown(line));
+                return Err(FileError::malformed(self.lines.place_ahead(), detail));
             }
+            self.lines.next();
             self.point(line, &mut points).map_err(|detail| self.fault(detail))?;
         }
         Ok(points)

@@ -9,7 +9,7 @@ mod parse;
 mod tests;
 mod write;
 
-use super::error::{FileError, Place};
+use super::error::{FaultKind, FileError, Place};
 use super::format::Format;
 use super::objects::Giving;
 use super::options::ReadOptions;
@@ -43,7 +43,7 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
     let giving = Giving { holes: options.holes.unwrap_or_default(), limits: &limits };
     let (mut line, mut item, mut summary) = (String::new(), 0, Summary::default());
     let mut first = true;
-    while source.next_line(&mut line)? {
+    while options.next_line(source, &mut line, &mut summary)? {
         let text = line.trim();
         if text.is_empty() || text.starts_with('#') {
             continue;
@@ -58,7 +58,9 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
         let parts = match parsed.line().map_err(|error| error.at(place.clone())) {
             Ok(parts) => parts,
             Err(error) => {
-                options.leave_out(error, &mut summary)?;
+                // The end of a line is not that of the file.
+                let kind = if error.kind == FaultKind::Truncated { FaultKind::Malformed } else { error.kind };
+                options.leave_out(FileError { kind, ..error }, &mut summary)?;
                 item += 1;
                 continue;
             }

@@ -93,7 +93,7 @@ fn faults_name_line_and_column() {
         ),
         (
             "POINT (1 2",
-            FaultKind::Truncated,
+            FaultKind::Malformed,
             "item 0, column 11, line 1: expected ')', got the end of the line",
         ),
         (
@@ -118,7 +118,7 @@ fn faults_name_line_and_column() {
         ),
         (
             "hello",
-            FaultKind::Truncated,
+            FaultKind::Malformed,
             "item 0, column 6, line 1: expected a geometry, such as POLYGON ((0 0, 1 0, 0 1, 0 0)), got the end of the line",
         ),
         ("POINT (1 1-2)", FaultKind::Malformed, "item 0, column 10, line 1: expected a number, got '1'"),
