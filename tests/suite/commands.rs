@@ -312,6 +312,8 @@ fn a_store_that_cannot_grow_answers_and_stays_whole() {
     server.get("/v1/cohorts/c/mean?transformation=similarity").expect(200);
     server.get("/v1/cohorts/c/shapes?limit=1000").expect(200);
     assert_clean(&mut server.command("check"));
+    // Where the last page was taken decides whether entries of the audit trail find room.
+    server.set_aside_errors("the audit trail cannot be written");
     // With room, everything that was answered is there, and writing goes on.
     let server = server.kill().start();
     assert_eq!(server.get("/v1/cohorts/c").expect(200)["shape_count"], 2000 * stored);
