@@ -18,6 +18,15 @@ mod data;
 #[cfg(feature = "dicom")]
 mod dicom;
 mod files;
+// The table is of all families.
+#[cfg(all(
+    feature = "dicom",
+    feature = "meshes",
+    feature = "microscopy",
+    feature = "morphometrics",
+    feature = "tables"
+))]
+mod kept;
 #[cfg(feature = "morphometrics")]
 mod landmarks;
 #[cfg(feature = "meshes")]
