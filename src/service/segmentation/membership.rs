@@ -211,7 +211,7 @@ impl Membership {
     /// Attributes of the objects, whose unit becomes that of what is prepared.
     ///
     /// # Errors
-    /// Those of [`Self::attributes`].
+    /// Faults of the attributes; a number of them that is not that of the initial shapes.
     pub fn look(&self, prepared: &mut Prepared) -> Result<Vec<ShapeInput>, ServiceError> {
         prepared.wanted.unit = self.unit;
         self.attributes(&prepared.wanted.starts)
