@@ -91,8 +91,9 @@ def check_real(convert, path):
     wrong = difference(records, dataset)
     yield path.name, wrong is None, wrong or f"{len(records)} contours as by pydicom"
     text = json.dumps([records, summary])
-    # Regions may have the names of other things: values of persons and places only.
-    for name in ["PatientName", "PatientID", "InstitutionName", "StudyInstanceUID", "SOPInstanceUID", "OperatorsName"]:
+    # Regions may have the names of other things: values of persons and places only. Unique identifiers lead back to the archive, and are
+    # attributes of the shapes.
+    for name in ["PatientName", "PatientID", "InstitutionName", "OperatorsName"]:
         value = str(dataset.get(name, ""))
         yield f"{path.name} {name}", not value or f'"{value}"' not in text, "is not given on"
     plane, _ = convert(path, options={"contours": "plane", "holes": "keep"})

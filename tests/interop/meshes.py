@@ -248,7 +248,7 @@ def archives(convert, folder):
             archive.write(folder / name, f"b/{name}")
     records, summary = convert(path)
     names = [record["external_id"] for record in records]
-    ok = names == ["trimesh-text", "trimesh-a", "trimesh-a"] and summary["properties"]["files"] == 3
+    ok = names == ["trimesh-text", "trimesh-a", "trimesh-a~2"] and summary["properties"]["files"] == 3
     yield "an archive", ok, ", ".join(names)
     points = numpy.random.default_rng(3).normal(size=(40, 3))
     path = folder / "a.particles"

@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections import Counter
 
 import numpy
 import roifile
@@ -63,6 +64,15 @@ def shapes():
     }
 
 
+def numbered(features):
+    """Names of features: equal ones get numbers, in the order of the file."""
+    seen = Counter()
+    for feature in features:
+        name = feature["properties"].get("name", feature["id"])
+        seen[name] += 1
+        yield name if seen[name] == 1 else f"{name}~{seen[name]}"
+
+
 def check_qupath(convert, data, folder):
     """Real files: every feature has the area, length and properties that shapely and json find."""
     for path in sorted((data / "formats-qupath-geojson").glob("*.geojson")):
@@ -73,14 +83,13 @@ def check_qupath(convert, data, folder):
             key = record["metadata"].get("id", record["external_id"].split("/")[0])
             by_name.setdefault(key, []).append(record)
         wrong = []
-        for feature in features:
+        for feature, name in zip(features, numbered(features)):
             geometry, own = shapely.geometry.shape(feature["geometry"]), by_name.get(feature["id"], [])
             properties = feature["properties"]
             label = (properties.get("classification") or {}).get("name")
             good = near(area(own), geometry.area) and near(length(own), geometry.length)
             good = good and len(own) == len(getattr(geometry, "geoms", [geometry]))
             good = good and all(record.get("label") == label for record in own)
-            name = properties.get("name", feature["id"])
             names = [name, *(f"{name}/{k}" for k in range(2, len(own) + 1))]
             good = good and [record["external_id"] for record in own] == names
             if not good:
@@ -90,6 +99,9 @@ def check_qupath(convert, data, folder):
         written = folder / f"again-{path.name}"
         convert(path, "geojson", KEEP, written)
         again = json.loads(written.read_text())["features"]
+        for feature, name in zip(features, numbered(features)):
+            if "name" in feature["properties"]:
+                feature["properties"]["name"] = name
         same = [
             a["geometry"] == b["geometry"] and a["id"] == b["id"] and a["properties"] == b["properties"]
             for a, b in zip(features, again)
