@@ -61,8 +61,7 @@ impl FileSummary {
 
     /// Why the file may hold no shape, as far as its reader says.
     pub fn without_shapes(&self) -> Vec<String> {
-        let left_out = self.left_out.iter().map(|left_out| format!("{} {}", left_out.count, left_out.what));
-        self.warnings.iter().cloned().chain(left_out).collect()
+        self.warnings.iter().cloned().chain(self.left_out.iter().map(LeftOut::reason)).collect()
     }
 
     /// The same, with what is left out of the records afterwards.
@@ -70,6 +69,17 @@ impl FileSummary {
     pub fn without(mut self, unstored: Summary) -> Self {
         self.left_out.extend(unstored.dropped.into_iter().map(LeftOut::from));
         self
+    }
+}
+
+impl LeftOut {
+    /// Number and kind; of broken shapes also the place and the fault of the first one.
+    fn reason(&self) -> String {
+        let Self { what, count, names, first } = self;
+        match names.first().filter(|_| what == BROKEN) {
+            Some(fault) => format!("{count} {what}, the first at {first}: {fault}"),
+            None => format!("{count} {what}"),
+        }
     }
 }
 
