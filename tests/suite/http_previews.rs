@@ -285,7 +285,7 @@ fn the_answer_counts_by_kind_what_would_be_stored_and_what_not() {
         &[],
     );
     ask(&server, "/v1/inspect?name=a.geojson&", "plane=xy", &bytes).expect_problem(400, "invalid-query", &[]);
-    ask(&server, "/v1/inspect?cohort=nobody&", "name=a.geojson", &bytes).expect_problem(
+    ask(&server, "/v1/inspect?cohort=missing&", "name=a.geojson", &bytes).expect_problem(
         404,
         "not-found",
         &[],

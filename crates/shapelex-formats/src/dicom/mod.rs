@@ -40,7 +40,7 @@ pub struct Instance {
     pub person: Option<String>,
     /// Attributes of its shapes.
     pub origin: Origin,
-    /// What identifies, and is left out.
+    /// Identifying elements, which are left out.
     pub left_out: Summary,
 }
 

@@ -1,6 +1,6 @@
 //! Where the shapes of an instance come from: attributes by which a hospital finds the scan, the study and the segment again.
 //!
-//! Only unique identifiers, codes and numbers: they lead back to the archive, and say nothing of the person to anybody without it.
+//! Only unique identifiers, codes and numbers: they lead back to the archive, and tell a reader without access to it nothing about the person.
 
 use std::collections::BTreeMap;
 
@@ -15,9 +15,9 @@ type Labels = BTreeMap<String, Value>;
 /// Attributes of the shapes of an instance.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Origin {
-    /// Those of all shapes.
+    /// Attributes that all shapes share.
     common: Labels,
-    /// Those of a region or segment, by its number.
+    /// Further attributes of a region or segment, by its number.
     parts: BTreeMap<i64, Labels>,
     /// Series of the images that the file refers to, by the instances of these.
     series: BTreeMap<String, String>,
@@ -94,7 +94,7 @@ impl Origin {
 }
 
 impl Images {
-    /// Those of a structure set, by its frames of reference, and those of a segmentation, by its series.
+    /// Images of a structure set, listed by frames of reference, and of a segmentation, listed by series.
     fn of(root: &Node<'_>) -> Result<Self, FileError> {
         let mut images = Self::default();
         for frame in root.items(tags::REFERENCED_FRAME_OF_REFERENCE_SEQUENCE)? {

@@ -1,10 +1,11 @@
 //! Names, units, subjects and classes come back from every format that has a place for them; what has none is counted.
 
 use shapelex_formats::shape::{
-    FORMATS, Format, Geometry, Kind, Limits, Mesh, Place, Points, ReadOptions, Record, Source, Summary,
-    WriteOptions, read,
+    FORMATS, Format, Kind, Limits, ReadOptions, Record, Source, Summary, WriteOptions, read,
 };
 use shapelex_formats::unit::Unit;
+
+use crate::whole::record;
 
 /// Page with the table of what comes back.
 const PAGE: &str = include_str!("../../../../docs/formats/README.md");
@@ -15,29 +16,11 @@ const UNITS: [Unit; 2] = [Unit::Millimetre, Unit::Pixel];
 
 /// Two shapes that differ in all of these.
 fn records(kind: Kind, dimension: usize, unit: Unit) -> Vec<Record> {
-    let record = |k: usize| {
-        let x = k as f64;
-        let rows = match dimension {
-            2 => vec![0.0, 0.0, 4.0 + x, 0.5, 3.0, 5.0, 1.0, 6.0 - x],
-            _ => vec![0.0, 0.0, 0.0, 4.0 + x, 0.5, 0.25, 3.0, 5.0, 1.0, 1.0, 6.0 - x, 2.0],
-        };
-        let points = Points::from_rows(dimension, rows);
-        let geometry = match kind {
-            Kind::Landmarks => Geometry::Landmarks(points),
-            Kind::Curve => Geometry::Curve { points, closed: true },
-            _ => {
-                let mut mesh = Mesh { vertices: points, ..Mesh::default() };
-                [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]].iter().for_each(|face| mesh.faces.push(*face));
-                Geometry::Mesh(mesh)
-            }
-        };
-        Record {
-            name: Some(format!("shape{k}")),
-            unit: Some(unit),
-            subject: Some(format!("subject{k}")),
-            label: Some(["left", "right"][k].into()),
-            ..Record::new(geometry, Place::default())
-        }
+    let record = |k: usize| Record {
+        unit: Some(unit),
+        subject: Some(format!("subject{k}")),
+        label: Some(["left", "right"][k].into()),
+        ..record(kind, dimension, k)
     };
     (0..2).map(record).collect()
 }

@@ -5,13 +5,7 @@
     allow(dead_code, reason = "what tests of families share")
 )]
 
-#[cfg(all(
-    feature = "dicom",
-    feature = "meshes",
-    feature = "microscopy",
-    feature = "morphometrics",
-    feature = "tables"
-))]
+#[cfg(feature = "default")]
 mod broken;
 mod cost;
 mod data;
@@ -19,13 +13,7 @@ mod data;
 mod dicom;
 mod files;
 // The table is of all families.
-#[cfg(all(
-    feature = "dicom",
-    feature = "meshes",
-    feature = "microscopy",
-    feature = "morphometrics",
-    feature = "tables"
-))]
+#[cfg(feature = "default")]
 mod kept;
 #[cfg(feature = "morphometrics")]
 mod landmarks;
@@ -37,13 +25,7 @@ mod nifti;
 mod nrrd;
 mod png;
 // The pages are of all families.
-#[cfg(all(
-    feature = "dicom",
-    feature = "meshes",
-    feature = "microscopy",
-    feature = "morphometrics",
-    feature = "tables"
-))]
+#[cfg(feature = "default")]
 mod registry;
 #[cfg(feature = "dicom")]
 mod rtstruct;
@@ -52,12 +34,6 @@ mod segmentation;
 #[cfg(feature = "microscopy")]
 mod tiff;
 // As `registry`.
-#[cfg(all(
-    feature = "dicom",
-    feature = "meshes",
-    feature = "microscopy",
-    feature = "morphometrics",
-    feature = "tables"
-))]
+#[cfg(feature = "default")]
 mod whole;
 mod written;

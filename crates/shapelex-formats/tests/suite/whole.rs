@@ -9,7 +9,8 @@ use shapelex_formats::shape::{
     read,
 };
 
-fn record(kind: Kind, dimension: usize, number: usize) -> Record {
+/// A shape of a kind, with another one for each number.
+pub(crate) fn record(kind: Kind, dimension: usize, number: usize) -> Record {
     let k = number as f64;
     let rows: Vec<f64> = match dimension {
         2 => [0.0, 0.0, 4.0 + k, 0.5, 3.0, 5.0, 1.0, 6.0 - k].to_vec(),
