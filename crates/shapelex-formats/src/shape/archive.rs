@@ -95,8 +95,17 @@ pub(super) fn read_beside(
     check_names(&archive)?;
     let first: Rc<Cell<u64>> = Rc::default();
     let again = Budget::new(AGAIN, Rc::clone(&first));
-    let mut files =
-        Files { archive: source, images, content: 0, first, again, summary: Summary::default(), facts: None };
+    let mut files = Files {
+        archive: source,
+        images,
+        content: 0,
+        first,
+        again,
+        summary: Summary::default(),
+        facts: None,
+        has_shapes: false,
+        picture: None,
+    };
     let count = match projects::read(&mut archive, &mut files, options, sink)? {
         None => files.read_all(&mut archive, options, sink)?,
         Some(count) => count,
@@ -148,6 +157,10 @@ struct Files<'a> {
     summary: Summary,
     /// Facts that all files so far agree on.
     facts: Option<BTreeMap<String, serde_json::Value>>,
+    /// Whether some of the files are of a format of shapes.
+    has_shapes: bool,
+    /// The fault of the first picture without labels, such as the texture of a mesh. It refuses an archive without shapes.
+    picture: Option<FileError>,
 }
 
 impl Files<'_> {
@@ -173,6 +186,9 @@ impl Files<'_> {
                     count += 1;
                 }
             }
+        }
+        if let Some(error) = self.picture.take().filter(|_| !self.has_shapes) {
+            return Err(error);
         }
         if count == 0 {
             let detail = format!("expected an archive with files of a known format, got {}", archive.len());
@@ -225,7 +241,9 @@ impl Files<'_> {
             }
             sink(record)
         };
+        let is_given = Cell::new(false);
         let mut push = |mut record: Record| {
+            is_given.set(true);
             record.place = record.place.within(place);
             if record.scope == Scope::File {
                 record.scope = Scope::of(id);
@@ -239,7 +257,21 @@ impl Files<'_> {
         // What follows the shapes is checked too.
         let rest = std::io::copy(&mut source, &mut std::io::sink());
         self.content += source.offset();
-        let summary = read?;
+        self.has_shapes |= format.is_some();
+        let summary = match read {
+            Err(error)
+                if error.kind == FaultKind::Unsupported
+                    && format.is_none()
+                    && !is_given.get()
+                    && !options.skips_broken() =>
+            {
+                rest?;
+                self.summary.drop("pictures without labels", Some(name), || place.clone());
+                self.picture.get_or_insert_with(|| error.at(place.clone()));
+                return Ok(false);
+            }
+            read => read?,
+        };
         filed.finish(summary.has_broken(), &mut give)?;
         rest?;
         self.add(summary, place);

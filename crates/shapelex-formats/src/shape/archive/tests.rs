@@ -205,8 +205,17 @@ fn a_file_that_is_read_again_is_counted_and_warns_once() {
     let summary = Summary::default();
     let first: Rc<Cell<u64>> = Rc::default();
     let again = Budget::new(AGAIN, Rc::clone(&first));
-    let mut files =
-        Files { archive: &source, images: &NoImages, content: 0, first, again, summary, facts: None };
+    let mut files = Files {
+        archive: &source,
+        images: &NoImages,
+        content: 0,
+        first,
+        again,
+        summary,
+        facts: None,
+        has_shapes: false,
+        picture: None,
+    };
     let options = ReadOptions::from_pairs([("files", "shape")]).unwrap();
     let count = projects::read(&mut archive, &mut files, &options, &mut |_| Ok(())).unwrap();
     assert_eq!(count, Some(3));
@@ -217,7 +226,7 @@ fn a_file_that_is_read_again_is_counted_and_warns_once() {
 }
 
 /// Takes every file of the name `….img` for an image with a label.
-struct OneLabel;
+struct OneLabel(Option<&'static str>);
 
 impl Images for OneLabel {
     fn has(&self, _: &[u8], name: &str) -> bool {
@@ -230,7 +239,7 @@ impl Images for OneLabel {
         options: &ReadOptions,
         sink: Sink<'_>,
     ) -> Result<Summary, FileError> {
-        assert!(options.select.is_some(), "options are those of the archive");
+        assert_eq!(options.select.as_deref(), self.0, "options are those of the archive");
         if source.bytes()?.is_empty() {
             return Err(FileError::new(FaultKind::Unsupported, "expected labels, got none"));
         }
@@ -248,11 +257,16 @@ fn images_are_read_by_the_reader_of_the_caller() {
         let options = ReadOptions { select: Some("*".into()), ..ReadOptions::default() };
         let mut source = Source::new(&bytes[..], Limits::default())?;
         let mut names = Vec::new();
-        let summary =
-            super::super::registry::read_beside(&FORMAT, &mut source, &options, &OneLabel, &mut |record| {
+        let summary = super::super::registry::read_beside(
+            &FORMAT,
+            &mut source,
+            &options,
+            &OneLabel(Some("*")),
+            &mut |record| {
                 names.push(record.name.unwrap_or_default());
                 Ok(())
-            })?;
+            },
+        )?;
         Ok::<_, FileError>((names, summary))
     };
     let (names, summary) = given(&[("day/a.img", b"x"), ("b.img", b"x"), ("read.me", b"hello")]).unwrap();
@@ -260,4 +274,31 @@ fn images_are_read_by_the_reader_of_the_caller() {
     assert_eq!(summary.dropped[0].names, ["read.me"]);
     let refused = given(&[("a.img", b"x"), ("day/b.img", b"")]).unwrap_err();
     assert_eq!(refused.to_string(), "file 'day/b.img': expected labels, got none");
+}
+
+#[test]
+fn a_picture_beside_shapes_is_counted() {
+    let given = |files: &[(&str, &[u8])]| {
+        let bytes = archive(files);
+        let options = ReadOptions::default();
+        let mut source = Source::new(&bytes[..], Limits::default())?;
+        super::super::registry::read_beside(&FORMAT, &mut source, &options, &OneLabel(None), &mut |_| Ok(()))
+    };
+    let line = b"{\"points\":[[0,0],[1,0],[0,1]]}\n".as_slice();
+    for files in [[("a.ndjson", line), ("texture.img", b"")], [("a.img", b""), ("b.ndjson", line)]] {
+        let summary = given(&files).unwrap();
+        assert_eq!((summary.records, summary.dropped[0].what.as_str()), (1, "pictures without labels"));
+    }
+    for files in [vec![("a.img", b"".as_slice())], vec![("a.img", b""), ("b.img", b"x")]] {
+        let error = given(&files).unwrap_err();
+        assert_eq!((error.kind, error.place.entry.as_deref()), (FaultKind::Unsupported, Some("a.img")));
+    }
+    // A fault of the caller is no fault of the picture.
+    let bytes = archive(&[("a.img", b"x"), ("b.ndjson", line)]);
+    let options = ReadOptions::default();
+    let mut source = Source::new(&bytes[..], Limits::default()).unwrap();
+    let refuse = &mut |_| Err(FileError::new(FaultKind::Unsupported, "another unit"));
+    let error = super::super::registry::read_beside(&FORMAT, &mut source, &options, &OneLabel(None), refuse)
+        .unwrap_err();
+    assert!(error.to_string().contains("another unit"), "{error}");
 }
