@@ -145,6 +145,11 @@ fn check_names(archive: &Archive) -> Result<(), FileError> {
 /// files that have been read first.
 const AGAIN: Bound = Bound { what: "bytes of files that are read again", free: 64 << 20, per_byte: 16 };
 
+/// Whether a fault is that of a picture without labels, which has given no record on.
+fn has_no_labels(error: &FileError, is_given: bool, options: &ReadOptions) -> bool {
+    error.kind == FaultKind::Unsupported && !is_given && !options.skips_broken()
+}
+
 /// What is known after some of the files.
 struct Files<'a> {
     archive: &'a Source<'a>,
@@ -203,6 +208,20 @@ impl Files<'_> {
         Limits { content: limits.content.saturating_sub(self.content), ..limits }
     }
 
+    /// The format of a file that begins with `head`: one of shapes, or the inner `None` for a label image; `None` if it is not known.
+    fn format_of(&self, head: &[u8], name: &str) -> Result<Option<Option<&'static Format>>, FileError> {
+        match detect(head, Some(name)) {
+            _ if self.images.has(head, name) => Ok(Some(None)),
+            Ok(format) if format.id == FORMAT.id => {
+                let detail = "expected files of shapes, got an archive within the archive";
+                Err(FileError::new(FaultKind::Unsupported, detail))
+            }
+            // A workbook without a project has no known format either.
+            Ok(format) if format.id != projects::FORMAT => Ok(Some(Some(format))),
+            _ => Ok(None),
+        }
+    }
+
     /// Reads a file. Returns whether it is one of a known format.
     fn read(
         &mut self,
@@ -218,20 +237,11 @@ impl Files<'_> {
             return Ok(false);
         }
         let mut source = self.archive.inner(file, self.left())?;
-        let format = match detect(source.head(), Some(file_name)) {
-            _ if self.images.has(source.head(), file_name) => None,
-            // A workbook without a project has no known format either.
-            Ok(format) if format.id != projects::FORMAT => Some(format),
-            _ => {
-                self.summary.drop("files of no known format", Some(name), || place.clone());
-                return Ok(false);
-            }
+        let Some(format) = self.format_of(source.head(), file_name)? else {
+            self.summary.drop("files of no known format", Some(name), || place.clone());
+            return Ok(false);
         };
         let id = format.map_or("", |format| format.id);
-        if id == FORMAT.id {
-            let detail = "expected files of shapes, got an archive within the archive";
-            return Err(FileError::new(FaultKind::Unsupported, detail));
-        }
         // Regions of ImageJ have names beside those of their files.
         let prefix = (id == "imagej-roi").then_some("");
         let mut filed = Filed::within(file_name, prefix, options.storing.is_some());
@@ -259,12 +269,7 @@ impl Files<'_> {
         self.content += source.offset();
         self.has_shapes |= format.is_some();
         let summary = match read {
-            Err(error)
-                if error.kind == FaultKind::Unsupported
-                    && format.is_none()
-                    && !is_given.get()
-                    && !options.skips_broken() =>
-            {
+            Err(error) if format.is_none() && has_no_labels(&error, is_given.get(), options) => {
                 rest?;
                 self.summary.drop("pictures without labels", Some(name), || place.clone());
                 self.picture.get_or_insert_with(|| error.at(place.clone()));
