@@ -6,7 +6,7 @@ use crate::columns::Columns;
 use crate::intersection::crosses_itself;
 use crate::representation::ShapeSpace;
 use crate::subdivision::measures::measure;
-use crate::surface::measures::SurfaceMeasures;
+use crate::surface::measures::sizes::SheetSizes;
 use shapelex_numeric::bounded::Stop;
 use shapelex_numeric::dense::Matrix;
 
@@ -90,13 +90,18 @@ impl Sizes {
         let representation = space.representation();
         let matrix =
             || Matrix::from_column_slice(representation.size(), representation.dimension(), control_points);
-        let measures = match (space.surface(), space.subdivision()) {
-            (Some(basis), _) => SurfaceMeasures::of(&basis.surface(&matrix())),
-            (_, Some(basis)) => measure(&basis.mesh(&matrix()), basis.level() > 0),
+        let (signed_volume, area) = match (space.surface(), space.subdivision()) {
+            (Some(basis), _) => {
+                let sizes = SheetSizes::of(&basis.surface(&matrix()));
+                (sizes.signed_volume, sizes.area)
+            }
+            (_, Some(basis)) => {
+                let measures = measure(&basis.mesh(&matrix()), basis.level() > 0);
+                (measures.enclosed.map(|enclosed| enclosed.signed_volume), measures.area)
+            }
             _ => return Self::default(),
         };
-        let volume = measures.enclosed.map(|enclosed| enclosed.signed_volume.abs());
-        Self { volume, area: Some(measures.area), length: None }
+        Self { volume: signed_volume.map(f64::abs), area: Some(area), length: None }
     }
 
     /// The size by `measure`; `None` if the shape does not have it here, as for the centroid size, which needs a metric.

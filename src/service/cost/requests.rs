@@ -231,11 +231,15 @@ fn measure_lines(counts: Counts, reference: bool) -> Work {
 fn measure_sheets(extent: Extent, counts: Counts) -> Work {
     /// Quadrature over a cell between knots.
     const CELL: f64 = 3.5e-5;
-    let cells = match extent.intervals.map(|count| count as f64) {
+    Work(REQUEST + counts.shapes * cells(extent, counts) * CELL)
+}
+
+/// Cells of a surface between knots.
+fn cells(extent: Extent, counts: Counts) -> f64 {
+    match extent.intervals.map(|count| count as f64) {
         [u, v] if counts.points > 0.0 => u * v,
         _ => counts.points,
-    };
-    Work(REQUEST + counts.shapes * cells * CELL)
+    }
 }
 
 /// Flux of a field through surfaces.
@@ -497,9 +501,12 @@ pub fn store(counts: Counts, correspondence: Correspondence) -> Work {
 pub fn measure_stored(representation: &Representation, counts: Counts, limits: &Limits) -> Work {
     /// Per coordinate of a curve: length, area, self-intersection and centroid size.
     const COORDINATE: f64 = 2e-7;
+    /// Per cell of a surface between knots: area and volume; rough surfaces take up to ten times as much.
+    const CELL: f64 = 2e-6;
     match representation.domain() {
         Domain::Line { .. } | Domain::Points => Work(counts.values() * COORDINATE),
-        Domain::Sheet { .. } | Domain::Vertices => measure(representation, counts, false, limits),
+        Domain::Sheet { extent, .. } => Work(counts.shapes * cells(extent, counts) * CELL),
+        Domain::Vertices => measure(representation, counts, false, limits),
     }
 }
 

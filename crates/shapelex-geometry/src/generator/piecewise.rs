@@ -6,6 +6,10 @@ use shapelex_numeric::double_double::Real;
 /// Half the length of a piece; pieces are half-integer intervals.
 pub const HALF_PIECE: f64 = 0.25;
 
+/// Difference of two pieces, relative to the largest coefficient, below which they are one function: more than their rounding where
+/// one is continued over the other.
+const SAME_FUNCTION: f64 = 1e-6;
+
 /// Contribution to the second derivative, relative to the function, below which powers are not stored.
 const NEGLIGIBLE: f64 = 1e-19;
 
@@ -165,6 +169,42 @@ impl Generator {
     /// Length of the Taylor vectors.
     pub fn terms(&self) -> usize {
         self.terms
+    }
+
+    /// Whether the function is one analytic function on every interval between knots, so that all breaks are knots.
+    pub fn breaks_at_knots_only(&self) -> bool {
+        let scale = self.scale();
+        let continues = |p: usize| {
+            let (one, next) = (self.piece(p), self.piece(p + 1));
+            (0..=self.terms).all(|k| {
+                let s = 2.0 * k as f64 / self.terms as f64 - 1.0;
+                let difference = evaluate_taylor(one, s + 2.0, 0) - evaluate_taylor(next, s, 0);
+                difference.abs() <= SAME_FUNCTION * scale
+            })
+        };
+        // Of an odd support, the ends are no knots.
+        self.support.is_multiple_of(2) && (0..2 * self.support).step_by(2).all(continues)
+    }
+
+    /// Largest coefficient of each power in a Taylor vector, relative to the largest of all: of pieces, or of the intervals between
+    /// knots if `by_intervals`, where [breaks](Self::breaks_at_knots_only) are knots.
+    pub fn majorant(&self, by_intervals: bool) -> Vec<f64> {
+        let mut majorant = vec![0.0_f64; self.terms];
+        let mut join = |c: &[f64]| majorant.iter_mut().zip(c).for_each(|(most, c)| *most = most.max(c.abs()));
+        for p in 0..2 * self.support {
+            match by_intervals {
+                true if p % 2 == 0 => join(&recentre(self.piece(p), 1.0, 2.0)),
+                true => (),
+                false => join(self.piece(p)),
+            }
+        }
+        let largest = majorant.iter().fold(f64::MIN_POSITIVE, |most, c| most.max(*c));
+        majorant.iter().map(|c| c / largest).collect()
+    }
+
+    /// Largest coefficient.
+    fn scale(&self) -> f64 {
+        self.coefficients.iter().fold(f64::MIN_POSITIVE, |most, c| most.max(c.abs()))
     }
 
     /// Taylor vector of piece `p`, `0 ≤ p < 2N`.

@@ -11,6 +11,8 @@
 //! Source: Schmitter, *Spline Shape Processing*, (7.19)–(7.21), (7.38), (7.48), with signs corrected, and with quadrature in
 //! place of precomputed triple products, which is equally exact and takes fewer operations.
 
+pub mod sizes;
+
 use super::field::VectorField;
 use super::{Surface, Topology, combine};
 use crate::vector::{cross, dot, minus, plus};
