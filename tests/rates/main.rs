@@ -7,7 +7,7 @@
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 
-use bounds::{Posted, echo, lines, parse_only, points, store_only};
+use bounds::{Posted, echo, lines, parse_only, points, store_only, tori};
 use client::{load, request};
 use serde_json::{Value, json};
 use service::Service;
@@ -55,6 +55,7 @@ fn rates_are_at_least_half_of_the_usual() {
     for row in [
         landmarks(&service, &runtime),
         curves(&service, &runtime),
+        surfaces(&service, &runtime),
         measuring(),
         storing(&runtime),
         project(&service, &runtime),
@@ -129,6 +130,22 @@ fn landmarks(service: &Service, runtime: &Runtime) -> Row {
     };
     let name = "NDJSON into SQLite, beside the slower of parsing and storing";
     Row { name, usual: 0.3, ..upload(service, runtime, "landmarks", landmarks) }
+}
+
+/// Tori of 16 × 16 control points, whose area and volume are computed, beside landmarks of the same numbers.
+fn surfaces(service: &Service, runtime: &Runtime) -> Row {
+    const SHAPES: usize = 500;
+    const SIDE: usize = 16;
+    let [grids, landmarks] = tori(SIDE, SHAPES);
+    let cohort = |representation: Value, name: String| json!({"name": name, "representation": representation, "correspondence": "landmarks"});
+    let torus = json!({"kind": "surface", "topology": "torus", "control_points": [SIDE, SIDE]});
+    let points = json!({"kind": "landmarks", "dimension": 3, "points": SIDE * SIDE});
+    let rate = |representation: &Value, name: String, text: &str| {
+        SHAPES as f64 / posted(service, runtime, &cohort(representation.clone(), name), text, SHAPES)
+    };
+    let run = |k| (rate(&torus, format!("tori{k}"), &grids), rate(&points, format!("beside{k}"), &landmarks));
+    let (work, limit) = fastest((0..RUNS).map(run));
+    Row { name: "NDJSON of tori into SQLite, beside landmarks of the same numbers", usual: 0.8, work, limit }
 }
 
 /// Lines of shapes into the store, beside the slower of parsing them and of storing them by plain statements.

@@ -43,8 +43,7 @@ fn main() {
 
 fn row(case: &Case, sets: usize) {
     let Case { kind, sizes: [wide, narrow], ratio, alignment } = case;
-    // Areas of surfaces take a second a set.
-    let found = alarms(case, if *kind == Kind::Surfaces { sets / 10 } else { sets });
+    let found = alarms(case, sets);
     let alignment = alignment.map_or("default".into(), |alignment| format!("{alignment:?}"));
     println!(
         "| {kind:?} | {wide}, {narrow} | {ratio} | {alignment} | {:.3} | {:.3} | {:.3} | {:.3} |",
