@@ -18,7 +18,7 @@ use crate::domain::cohort::Cohort;
 use crate::domain::shape::Shape;
 use crate::formats::fault::Fault;
 use crate::formats::shape::ShapeInput;
-use crate::geometry::capability::FieldFault;
+use crate::geometry::field_fault::FieldFault;
 use crate::geometry::resample::RepeatedPoints;
 use crate::geometry::size::runs_clockwise;
 use crate::numeric::MAX_NUMBER;
