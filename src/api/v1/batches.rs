@@ -166,7 +166,7 @@ async fn lengths_of(
     };
     let Caller(app) = Caller::from_request_parts(parts, app).await?;
     let ready = ready::find(&app, &key).await?;
-    Ok(Lengths::of_dictionary(ready.dictionary.content.length_unit.clone()))
+    Ok(Lengths::of_dictionary(ready.dictionary().content.length_unit.clone()))
 }
 
 /// The shapes of a file as lines, within the memory for bodies, and what its reader says of it.

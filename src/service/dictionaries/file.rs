@@ -128,7 +128,7 @@ pub struct DictionaryFile {
 impl DictionaryFile {
     /// File of a stored version.
     pub fn new(ready: &Ready) -> Self {
-        let (listed, content) = (&ready.listed, &ready.dictionary.content);
+        let (listed, content) = (&ready.listed, &ready.dictionary().content);
         Self {
             format: FORMAT.into(),
             format_version: format_version(&listed.provenance, content),

@@ -1,7 +1,7 @@
 //! Consistency of a recorded classifier with its dictionary.
 
 use super::ensemble::ROUNDS;
-use super::record::{ClassifierRecord, Trained, TrainedMember};
+use crate::classifier_record::{ClassifierRecord, Trained, TrainedMember};
 use crate::dictionary::content::Content;
 use crate::rows::Row;
 use shapelex_geometry::field_fault::FieldFault;

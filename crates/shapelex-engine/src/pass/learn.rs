@@ -11,7 +11,7 @@ use shapelex_analysis::AnalysisError;
 use shapelex_analysis::accumulate::{FAN_IN, PART};
 use shapelex_analysis::dictionary::learning::Learning;
 use shapelex_analysis::dictionary::method::Method;
-use shapelex_analysis::dictionary::preparation::{Posed, Preparation};
+use shapelex_analysis::preparation::{Posed, Preparation};
 use shapelex_analysis::pass::Group;
 use shapelex_analysis::sparse::SparseCode;
 use shapelex_analysis::watch::Unwatched;

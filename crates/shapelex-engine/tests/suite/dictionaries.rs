@@ -16,7 +16,7 @@ use shapelex_analysis::alignment::Alignment;
 use shapelex_analysis::dictionary::learn::learn;
 use shapelex_analysis::dictionary::learning::Schedule;
 use shapelex_analysis::dictionary::method::{self, Method};
-use shapelex_analysis::dictionary::preparation::Posed;
+use shapelex_analysis::preparation::Posed;
 use shapelex_analysis::dictionary::recipe::Recipe;
 use shapelex_analysis::transformation::{ClassName, Transformation};
 use shapelex_analysis::watch::{Unwatched, Watch};
