@@ -4,9 +4,10 @@
 use std::error::Error;
 use std::f64::consts::TAU;
 
+use shapelex_analysis::assessment::Assessor;
 use shapelex_analysis::classification::labels::ClassLabels;
-use shapelex_analysis::classification::record::{ClassifierKind, ClassifierSettings};
 use shapelex_analysis::classification::study::train_classifier;
+use shapelex_analysis::classifier_record::{ClassifierKind, ClassifierSettings};
 use shapelex_analysis::dictionary::learn::learn;
 use shapelex_analysis::dictionary::method::Method;
 use shapelex_analysis::dictionary::recipe::Recipe;
@@ -48,9 +49,10 @@ fn main() -> Result<(), Box<dyn Error>> {
         100.0 * accuracy.high
     );
 
-    let dictionary = dictionary.with_classifier(record);
+    let assessor = Assessor::trained(dictionary, record);
     let new: Vec<f64> = outline(61).collect();
-    for class in dictionary.classify(&dictionary.encode(&new, &Unwatched)?, 0.99)?.unwrap_or_default() {
+    for class in assessor.classify(&assessor.dictionary.encode(&new, &Unwatched)?, 0.99)?.unwrap_or_default()
+    {
         let best = &class.ranking[0];
         println!("a new outline is {} with confidence {:.2}", labels.labels[best.class], best.confidence);
     }

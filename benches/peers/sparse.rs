@@ -10,7 +10,7 @@ use std::time::Instant;
 
 use serde_json::{Value, json};
 use shapelex::analysis::accumulate::{ShapeSource, ShapesInMemory};
-use shapelex::analysis::dictionary::algebra::Algebra;
+use shapelex::analysis::algebra::Algebra;
 use shapelex::analysis::dictionary::learning::{Learning, Schedule};
 use shapelex::analysis::dictionary::model::Certificate;
 use shapelex::analysis::sparse::{Atoms, Coder, Encode, GroupLasso, Lasso, Pursuit, SparseCode};

@@ -9,8 +9,7 @@ use futures_util::{Stream, TryStreamExt};
 use http_body_util::{BodyExt, LengthLimitError, Limited};
 
 use super::coding::Expands;
-use super::extract::media_type;
-use super::form;
+use super::media_type::{is_form, media_type};
 use super::overload::Edge;
 use super::problem::{Problem, ProblemKind};
 use crate::formats::bounds::Census;
@@ -41,7 +40,7 @@ pub async fn bound(request: Request, next: Next) -> Response {
     if is_stream(&found) || is_file(&found) {
         return next.run(request).await;
     }
-    let limit = if form::is_form(&found) { edge.form_bytes } else { edge.body_bytes };
+    let limit = if is_form(&found) { edge.form_bytes } else { edge.body_bytes };
     if length(request.headers()).is_some_and(|length| length > limit as u64) {
         return too_long(limit).into_response();
     }

@@ -10,7 +10,7 @@ use axum::routing::get;
 use axum::{Json, Router};
 use serde::Serialize;
 
-use super::headers::NO_STORE;
+use super::caching::NO_STORE;
 use super::problem::{Problem, ProblemKind};
 use crate::service::access::login::Login;
 use crate::service::app::App;

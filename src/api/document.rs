@@ -9,12 +9,10 @@ mod variants;
 
 use std::collections::BTreeSet;
 
-use utoipa::openapi::path::{Operation, Parameter, ParameterBuilder, ParameterIn, PathItem};
-use utoipa::openapi::{
-    Content, ContentBuilder, HeaderBuilder, ObjectBuilder, OpenApi, Ref, RefOr, Required, Response,
-    ResponseBuilder, Type,
-};
+use utoipa::openapi::path::Operation;
+use utoipa::openapi::{ContentBuilder, HeaderBuilder, ObjectBuilder, OpenApi, Ref, RefOr, Response, Type};
 
+use super::describe::{PROBLEM, operations_of, problem, refusal};
 use super::operation::{self, Needs};
 use super::problem;
 use super::v1::Paths;
@@ -58,32 +56,9 @@ pub(super) fn openapi() -> OpenApi {
     document
 }
 
-/// Media type of problem documents.
-const PROBLEM: &str = "application/problem+json";
-
 /// Status codes of limits that apply to every resource except the probes, added where an operation does not describe them itself.
 const LIMITS: [(&str, &str); 2] =
     [("429", "Rate limit exceeded"), ("503", "Overloaded, stopping, or over the time limit")];
-
-/// A response with a problem document.
-fn refusal(description: impl Into<String>) -> ResponseBuilder {
-    ResponseBuilder::new().description(description).content(PROBLEM, problem())
-}
-
-/// A query parameter that is a text and may be absent.
-pub(super) fn text_parameter(name: &str, description: impl Into<String>) -> Parameter {
-    ParameterBuilder::new()
-        .name(name)
-        .parameter_in(ParameterIn::Query)
-        .required(Required::False)
-        .description(Some(description))
-        .schema(Some(ObjectBuilder::new().schema_type(Type::String)))
-        .build()
-}
-
-fn problem() -> Content {
-    ContentBuilder::new().schema(Some(Ref::from_schema_name("ProblemDocument"))).build()
-}
 
 /// Adds the common parts to all operations: problem documents to all refusals, the limits to all but the probes, and to
 /// those under `/v1` the refusals that every operation has. Names the variants of tagged enums. Offers drawings as PNG,
@@ -114,18 +89,6 @@ fn complete(document: &mut OpenApi) {
             describe_refusals(operation);
         }
     }
-}
-
-/// Operations of a path, with their methods.
-fn operations_of(item: &mut PathItem) -> impl Iterator<Item = (&'static str, &mut Operation)> {
-    let methods = [
-        ("GET", item.get.as_mut()),
-        ("POST", item.post.as_mut()),
-        ("PUT", item.put.as_mut()),
-        ("PATCH", item.patch.as_mut()),
-        ("DELETE", item.delete.as_mut()),
-    ];
-    methods.into_iter().filter_map(|(method, operation)| Some((method, operation?)))
 }
 
 /// Media types of the successful answers of an operation.

@@ -11,6 +11,7 @@ use axum::http::request::Parts;
 use axum::http::{HeaderMap, HeaderValue, Method, header};
 use serde::de::DeserializeOwned;
 
+use super::media_type::{is_json, media_type};
 use super::observe::Asker;
 use super::overload::Deadline;
 use super::problem::{Problem, ProblemKind};
@@ -77,17 +78,6 @@ impl<S: Send + Sync> FromRequestParts<S> for IfMatch {
 /// A JSON body within the size limit.
 #[derive(Debug)]
 pub struct JsonBody(pub Bytes);
-
-/// Media type of a body in lower case, without parameters.
-pub fn media_type(headers: &HeaderMap) -> String {
-    let value = headers.get(header::CONTENT_TYPE).and_then(|value| value.to_str().ok()).unwrap_or_default();
-    value.split(';').next().unwrap_or_default().trim().to_ascii_lowercase()
-}
-
-/// Whether `media_type` is that of a JSON body. Types such as `application/geo+json` are JSON of another structure.
-pub fn is_json(media_type: &str) -> bool {
-    media_type == "application/json"
-}
 
 /// Whether `media_type` is that of the changes of a resource: JSON, or a merge patch (RFC 7396).
 fn is_change(method: &Method, media_type: &str) -> bool {

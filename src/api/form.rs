@@ -10,19 +10,16 @@ use futures_util::{Stream, StreamExt, stream};
 use multer::{Constraints, Field, Multipart, SizeLimit};
 
 use super::body::{HeldBody, LONG, too_many_values, unreadable};
-use super::extract::{TWICE, is_json, media_type};
+use super::extract::TWICE;
+use super::media_type::{is_form, is_json, media_type};
+use super::overload::most_form_bytes;
 use super::problem::{Problem, ProblemKind};
 use crate::formats::bounds::Census;
 use crate::service::app::memory::Purpose;
-use crate::service::app::{App, Limits, ServiceError};
+use crate::service::app::{App, ServiceError};
 
 /// Name of the JSON document.
 const PARAMETERS: &str = "parameters";
-/// Maximum number of files of a form.
-const MOST_FILES: usize = 3;
-/// Bytes of boundaries and headers, all together.
-const HEADERS: usize = 64 << 10;
-
 /// A form with its files.
 #[derive(Debug)]
 pub struct Form {
@@ -52,16 +49,6 @@ impl Form {
             ServiceError::invalid(format!("/{name}"), "expected a file in this part, got no part")
         })
     }
-}
-
-/// Whether a body is a form.
-pub fn is_form(media_type: &str) -> bool {
-    media_type == "multipart/form-data"
-}
-
-/// Maximum number of bytes of a form.
-pub fn most_bytes(limits: &Limits) -> usize {
-    limits.body_bytes.saturating_add(MOST_FILES.saturating_mul(limits.image_bytes)).saturating_add(HEADERS)
 }
 
 /// Reads a form with files of the given names, each at most once.
@@ -115,7 +102,7 @@ struct Reading {
 
 impl Reading {
     async fn read(mut self, body: Body, boundary: String) -> Result<Form, Problem> {
-        let most = most_bytes(&self.app.limits) as u64;
+        let most = most_form_bytes(&self.app.limits) as u64;
         let bounds = Constraints::new().size_limit(SizeLimit::new().whole_stream(most));
         let mut parts = Multipart::with_constraints(piecewise(body), boundary, bounds);
         let mut is_first = true;
@@ -209,7 +196,7 @@ impl Reading {
 
     /// Problem of a form that is cut off or no form.
     fn broken(&self, error: multer::Error) -> Problem {
-        let most = most_bytes(&self.app.limits);
+        let most = most_form_bytes(&self.app.limits);
         match error {
             multer::Error::StreamReadFailed(error) => unreadable(axum::Error::new(error), most),
             multer::Error::StreamSizeExceeded { .. } => {

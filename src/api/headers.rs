@@ -5,6 +5,7 @@ use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::Response;
 
+use super::caching::{IMMUTABLE, NO_STORE};
 use super::dashboard;
 use crate::service::app::App;
 
@@ -102,13 +103,6 @@ fn data_policy(headers: &HeaderMap) -> &'static str {
         headers.get(header::CONTENT_TYPE).and_then(|value| value.to_str().ok()).unwrap_or_default();
     if media_type.starts_with(SVG) { SVG_POLICY } else { DATA_POLICY }
 }
-
-/// `Cache-Control` of what must not be stored.
-pub(super) const NO_STORE: &str = "no-store";
-
-/// `Cache-Control` of what never changes at its address. Private, because it belongs to who holds a key; for a day, because a
-/// version may be deleted, and a new release of the program may draw it differently.
-pub(super) const IMMUTABLE: &str = "private, max-age=86400, immutable";
 
 /// Responses with an entity tag may be cached privately. They must be revalidated, unless a handler says that they never change,
 /// or forbids to store them; others must not be stored.

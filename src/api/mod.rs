@@ -20,9 +20,12 @@ pub mod access;
 pub mod answers;
 pub mod audit;
 pub mod body;
+mod caching;
 mod coding;
 mod cross_origin;
 mod dashboard;
+#[cfg(feature = "schema")]
+mod describe;
 #[cfg(feature = "schema")]
 mod document;
 pub mod drain;
@@ -34,6 +37,7 @@ pub mod headers;
 pub mod health;
 pub mod inspected_body;
 pub mod interface;
+pub mod media_type;
 pub mod metrics;
 mod negotiation;
 pub mod observe;

@@ -11,7 +11,6 @@ use axum::http::{HeaderValue, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
-use super::form;
 use super::observe::{self, Asker};
 use super::problem::{Problem, ProblemKind};
 use crate::domain::access::{self, Principal};
@@ -20,6 +19,11 @@ use crate::service::app::{App, Limits, ServiceError};
 
 /// Number of requests after which inactive callers are removed.
 const SWEEP: u32 = 1024;
+
+/// Maximum number of files of a form.
+const MOST_FORM_FILES: usize = 3;
+/// Bytes of boundaries and headers of a form, all together.
+const FORM_HEADERS: usize = 64 << 10;
 
 /// Limits enforced by middleware, attached to every request.
 #[derive(Debug)]
@@ -39,12 +43,20 @@ pub struct Edge {
     caller_requests: usize,
 }
 
+/// Maximum number of bytes of a form.
+pub(super) fn most_form_bytes(limits: &Limits) -> usize {
+    limits
+        .body_bytes
+        .saturating_add(MOST_FORM_FILES.saturating_mul(limits.image_bytes))
+        .saturating_add(FORM_HEADERS)
+}
+
 impl Edge {
     /// Limits of the service.
     pub fn new(limits: &Limits) -> Arc<Self> {
         Arc::new(Self {
             body_bytes: limits.body_bytes,
-            form_bytes: form::most_bytes(limits),
+            form_bytes: most_form_bytes(limits),
             compression_ratio: limits.compression_ratio as u64,
             light: limits.light_time,
             compute: limits.compute_time,

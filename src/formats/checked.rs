@@ -8,7 +8,6 @@
 //! Reading such a document fails only for text that is not JSON.
 
 use crate::formats::fault::{Fault, pointer_of};
-use std::borrow::Cow;
 use std::fmt;
 
 use serde::de::{DeserializeOwned, Deserializer, Error, IgnoredAny, MapAccess, SeqAccess, Visitor};
@@ -16,6 +15,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::value::RawValue;
 
 use super::bounds;
+use super::key::Key;
 use super::trail::{self, next_entry, value_of};
 use super::tree::{Reader, Tree, TreeError};
 use super::words::plain;
@@ -607,38 +607,6 @@ impl<'de, T: Deserialize<'de>> Deserialize<'de> for List<T> {
     }
 }
 
-/// Field name, borrowed from the text unless it contains escapes.
-pub struct Key<'de>(pub(super) Cow<'de, str>);
-
-impl Key<'_> {
-    /// Text of the name.
-    pub fn text(&self) -> &str {
-        &self.0
-    }
-}
-
-impl<'de> Deserialize<'de> for Key<'de> {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct KeyVisitor;
-        impl<'de> Visitor<'de> for KeyVisitor {
-            type Value = Key<'de>;
-
-            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str("the name of a field")
-            }
-
-            fn visit_borrowed_str<E>(self, text: &'de str) -> Result<Key<'de>, E> {
-                Ok(Key(Cow::Borrowed(text)))
-            }
-
-            fn visit_str<E>(self, text: &str) -> Result<Key<'de>, E> {
-                Ok(Key(Cow::Owned(text.to_owned())))
-            }
-        }
-        deserializer.deserialize_str(KeyVisitor)
-    }
-}
-
 /// Reads the value of a field; for optional fields `null` counts as absent.
 macro_rules! field_value {
     ($map:ident, $key:ident, required) => {
@@ -688,7 +656,7 @@ macro_rules! document {
 
                     fn visit_map<A: serde::de::MapAccess<'de>>(self, mut map: A) -> Result<$name, A::Error> {
                         let mut document = $name::default();
-                        while let Some(key) = map.next_key::<$crate::formats::checked::Key<'_>>()? {
+                        while let Some(key) = map.next_key::<$crate::formats::key::Key<'_>>()? {
                             match key.text() {
                                 $(stringify!($field) => {
                                     if document.$field.is_some() {

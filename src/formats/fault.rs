@@ -4,7 +4,7 @@ use serde::ser::SerializeMap;
 use serde::{Deserialize, Serialize, Serializer};
 
 use super::files::{FileError, Place};
-use crate::geometry::capability::FieldFault;
+use crate::geometry::field_fault::FieldFault;
 
 /// A single fault of an input.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]

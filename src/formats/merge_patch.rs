@@ -3,8 +3,9 @@
 use serde::de::{Deserializer, MapAccess, Visitor};
 use serde_json::{Map, Value};
 
-use super::checked::{Key, keep_fault, visit_others};
+use super::checked::{keep_fault, visit_others};
 use super::fault::Fault;
+use super::key::Key;
 use super::trail::value_of;
 use super::tree::Tree;
 

@@ -26,6 +26,7 @@ pub mod fault;
 pub mod formulas;
 pub mod gltf;
 pub mod json;
+pub mod key;
 pub mod lengths;
 pub mod matrix;
 pub mod merge_patch;

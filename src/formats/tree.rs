@@ -166,7 +166,7 @@ impl<'de> Visitor<'de> for TreeVisitor {
 
     fn visit_map<A: MapAccess<'de>>(self, mut entries: A) -> Result<Tree<'de>, A::Error> {
         let mut members: Vec<(Cow<'de, str>, Tree<'de>)> = Vec::new();
-        while let Some(super::checked::Key(name)) = entries.next_key()? {
+        while let Some(super::key::Key(name)) = entries.next_key()? {
             let value = trail::value_of(&mut entries, &name)?;
             members.push((name, value));
         }

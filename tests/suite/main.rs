@@ -76,6 +76,7 @@ mod http_tables;
 mod http_tokens;
 mod http_units;
 mod http_whole;
+mod imports;
 mod kill;
 mod kill_dictionaries;
 mod memory;

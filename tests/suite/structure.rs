@@ -1,7 +1,10 @@
 //! What must stay true of the structure: the arrows of the layers, no knots, a bound for every loop.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
+
+use crate::imports::{Graph, circles};
 
 /// The layers from top to bottom: a file uses its own layer and those below. The lowest are crates, `shapelex-…`.
 const LAYERS: [&[&str]; 9] = [
@@ -21,6 +24,9 @@ const FILES: &str = "files";
 
 /// The layers of arithmetic, each a crate of its own: Cargo keeps their arrows.
 const CRATES: [&str; 4] = ["segmentation", "analysis", "geometry", "numeric"];
+
+/// The crate `shapelex-engine`, a workspace and program.
+const ENGINE: &str = "engine";
 
 /// The modules through which work comes in: none uses another one.
 const DOORS: &[&str] = &["api", "worker"];
@@ -131,6 +137,15 @@ fn sources(folder: &Path) -> Vec<PathBuf> {
         .collect()
 }
 
+/// The sources below a folder, by their paths behind `prefix`.
+fn files_below(prefix: &str, folder: &Path) -> Vec<(String, String)> {
+    let named = |file: PathBuf| {
+        let path = file.strip_prefix(folder).unwrap().to_str().unwrap().replace('\\', "/");
+        (format!("{prefix}{path}"), std::fs::read_to_string(&file).unwrap())
+    };
+    sources(folder).into_iter().map(named).collect()
+}
+
 /// The sources of the program, by their paths below `src`; those of a crate are in the folder of its layer.
 pub(crate) fn program() -> Vec<(String, String)> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
@@ -139,14 +154,7 @@ pub(crate) fn program() -> Vec<(String, String)> {
     // Its folders are the layers `store` and `domain`.
     let stored = (String::new(), root.join("crates/shapelex-store/src"));
     let folders = [(String::new(), root.join("src")), stored, files].into_iter().chain(crates);
-    folders
-        .flat_map(|(prefix, folder)| {
-            sources(&folder).into_iter().map(move |file| {
-                let path = file.strip_prefix(&folder).unwrap().to_str().unwrap().replace('\\', "/");
-                (format!("{prefix}{path}"), std::fs::read_to_string(&file).unwrap())
-            })
-        })
-        .collect()
+    folders.flat_map(|(prefix, folder)| files_below(&prefix, &folder)).collect()
 }
 
 #[test]
@@ -243,104 +251,6 @@ fn every_open_loop_of_the_arithmetic_has_its_bound_in_the_table() {
     );
 }
 
-/// The files that a file names in its imports and paths, tests left out, as positions in `files`.
-fn imports(files: &BTreeMap<String, usize>, path: &str, text: &str) -> BTreeSet<usize> {
-    let own: Vec<String> = modules(path);
-    let code = text.split("\n#[cfg(test)]\nmod tests").next().unwrap();
-    let code: Vec<&str> = code.lines().map(|line| line.split("//").next().unwrap()).collect();
-    let code = code.join("\n");
-    let used =
-        code.split("use ").skip(1).filter_map(|rest| rest.split_once(';')).flat_map(|(tree, _)| leaves(tree));
-    let written = paths_of(&code);
-    used.chain(written)
-        .filter_map(|leaf| absolute(&own, &leaf))
-        .filter_map(|segments| {
-            (1..=segments.len()).rev().find_map(|count| files.get(&segments[..count].join("/")).copied())
-        })
-        .collect()
-}
-
-/// `a/b` of `a/b.rs` and `a/b/mod.rs`; those of a crate begin with its layer.
-fn modules(path: &str) -> Vec<String> {
-    let path = path.trim_end_matches(".rs");
-    let path = path.strip_suffix("/mod").or_else(|| path.strip_suffix("/lib")).unwrap_or(path);
-    path.split('/').map(str::to_owned).collect()
-}
-
-/// The paths of `a::{b, c::{d, e as f}}`.
-fn leaves(tree: &str) -> Vec<String> {
-    let tree = tree.trim();
-    let Some((head, rest)) = tree.split_once('{') else {
-        return vec![tree.split(" as ").next().unwrap().trim().to_owned()];
-    };
-    let (mut depth, mut entry, mut entries) = (0, String::new(), Vec::new());
-    for c in rest.chars() {
-        match c {
-            '}' if depth == 0 => break,
-            ',' if depth == 0 => entries.push(std::mem::take(&mut entry)),
-            c => {
-                depth += i32::from(c == '{') - i32::from(c == '}');
-                entry.push(c);
-            }
-        }
-    }
-    entries.push(entry);
-    let entries = entries.iter().filter(|entry| !entry.trim().is_empty());
-    entries.flat_map(|entry| leaves(&format!("{head}{}", entry.trim()))).collect()
-}
-
-/// `crate::a::b` and `super::a` in the middle of code, but not in `pub(in …)`.
-fn paths_of(code: &str) -> Vec<String> {
-    let is_part = |c: char| c.is_alphanumeric() || c == '_' || c == ':';
-    let begins = |word: &'static str| {
-        code.match_indices(word).filter(|(start, _)| {
-            let before = &code[..*start];
-            !before.ends_with(is_part) && !before.ends_with("in ")
-        })
-    };
-    let path = |start: usize| {
-        let rest = &code[start..];
-        rest[..rest.find(|c| !is_part(c)).unwrap_or(rest.len())].trim_end_matches(':').to_owned()
-    };
-    ["crate::", "super::"]
-        .into_iter()
-        .flat_map(begins)
-        .map(|(start, _)| path(start))
-        .filter(|path| path.contains("::") && !path.ends_with("super"))
-        .collect()
-}
-
-/// The path from the root of the program of what a file of the module `own` calls `leaf`.
-fn absolute(own: &[String], leaf: &str) -> Option<Vec<String>> {
-    let segments: Vec<&str> = leaf.split("::").map(str::trim).collect();
-    let crate_root = own.first().filter(|layer| CRATES.contains(&layer.as_str()));
-    let (base, rest) = match segments[0] {
-        "crate" => (crate_root.into_iter().cloned().collect(), &segments[1..]),
-        "self" => (own.to_vec(), &segments[1..]),
-        "super" => {
-            let ups = segments.iter().take_while(|segment| **segment == "super").count();
-            (own[..own.len().checked_sub(ups)?].to_vec(), &segments[ups..])
-        }
-        other => match other.strip_prefix("shapelex_").filter(|layer| CRATES.contains(layer)) {
-            Some(layer) => (vec![layer.to_owned()], &segments[1..]),
-            None => (own.to_vec(), &segments[..]),
-        },
-    };
-    Some(base.into_iter().chain(rest.iter().map(|segment| (*segment).to_owned())).collect())
-}
-
-/// For every file the files it reaches by imports.
-fn reached(imports: &[BTreeSet<usize>]) -> Vec<BTreeSet<usize>> {
-    let from = |start: usize| {
-        let (mut seen, mut waiting) = (BTreeSet::new(), vec![start]);
-        while let Some(file) = waiting.pop() {
-            waiting.extend(imports[file].iter().filter(|other| seen.insert(**other)));
-        }
-        seen
-    };
-    (0..imports.len()).map(from).collect()
-}
-
 /// Files and tests that a page names as `G/mesh.rs` or `GT/subdivision.rs::name` and that are not there. The short names are explained
 /// on the page.
 fn missing_from(page: &str) -> Vec<String> {
@@ -384,93 +294,91 @@ fn the_page_of_sources_names_files_and_tests_that_exist() {
     );
 }
 
-/// Paths of the files, and what each imports.
-fn import_graph() -> (Vec<String>, Vec<BTreeSet<usize>>) {
-    let files: Vec<(String, String)> =
-        program().into_iter().filter(|(path, _)| path != "lib.rs" && path != "main.rs").collect();
-    let places = files.iter().enumerate().map(|(k, (path, _))| (modules(path).join("/"), k)).collect();
-    let edges = files.iter().enumerate().map(|(k, (path, text))| {
-        let mut found = imports(&places, path, text);
-        found.remove(&k);
-        found
-    });
-    let edges = edges.collect();
-    (files.into_iter().map(|(path, _)| path).collect(), edges)
-}
+/// The graph of all crates: those of the program, and the engine, which is a workspace.
+static IMPORTS: LazyLock<Graph> = LazyLock::new(|| {
+    let engine = Path::new(env!("CARGO_MANIFEST_DIR")).join("crates/shapelex-engine/src");
+    let all = program().into_iter().chain(files_below(&format!("{ENGINE}/"), &engine));
+    // They name everything, and nothing names them.
+    let roots = ["lib.rs", "main.rs", "engine/main.rs"];
+    let files: Vec<(String, String)> = all.filter(|(path, _)| !roots.contains(&path.as_str())).collect();
+    Graph::new(&files, &[CRATES.as_slice(), &[FILES, ENGINE]].concat())
+});
 
 /// Most files that import one another in a loop.
 const MAX_KNOT: usize = 6;
 
 #[test]
 fn no_knot_is_large() {
-    let (paths, imports) = import_graph();
-    assert!(imports.iter().map(BTreeSet::len).sum::<usize>() > 1000, "imports are not found");
-    let reached = reached(&imports);
-    for (file, path) in paths.iter().enumerate() {
-        let knot: Vec<&str> = reached[file]
-            .iter()
-            .filter(|other| reached[**other].contains(&file))
-            .map(|&k| &*paths[k])
-            .collect();
-        assert!(knot.len() <= MAX_KNOT, "{path} is in a knot of {} files: {knot:?}", knot.len());
+    let Graph { paths, arrows } = &*IMPORTS;
+    assert!(arrows.iter().map(BTreeSet::len).sum::<usize>() > 6000, "imports are not found");
+    for knot in circles(arrows) {
+        let knot: Vec<&str> = knot.iter().map(|&file| &*paths[file]).collect();
+        assert!(knot.len() <= MAX_KNOT, "{} files import one another: {knot:#?}", knot.len());
     }
 }
 
-#[test]
-fn no_circle_runs_through_folders_of_the_service() {
-    let (paths, imports) = import_graph();
-    let folder = |path: &str| {
-        let inside = path.strip_prefix("service/").filter(|rest| *rest != "mod.rs")?;
-        Some(inside.split('/').next().unwrap().trim_end_matches(".rs").to_owned())
+/// The folders whose rooms form no circle: all of the sources together, each crate, and each folder of the program.
+fn houses(paths: &[String]) -> BTreeSet<&str> {
+    paths.iter().filter_map(|path| Some(path.split_once('/')?.0)).chain([""]).collect()
+}
+
+/// The room of a file in a house: the file itself, or the folder in the house that holds it.
+fn room<'a>(house: &str, path: &'a str) -> Option<&'a str> {
+    let inside = if house.is_empty() { path } else { path.strip_prefix(house)?.strip_prefix('/')? };
+    Some(inside.split('/').next()?.trim_end_matches(".rs"))
+}
+
+/// Circles of the rooms of a house, as the imports that tie them.
+fn circles_of_rooms(house: &str, Graph { paths, arrows }: &Graph) -> Vec<String> {
+    let names: BTreeSet<&str> = paths.iter().filter_map(|path| room(house, path)).collect();
+    let names: Vec<&str> = names.into_iter().collect();
+    let number = |file: usize| names.binary_search(&room(house, &paths[file])?).ok();
+    let arrows =
+        arrows.iter().enumerate().flat_map(|(file, others)| others.iter().map(move |&other| (file, other)));
+    let between = arrows.filter_map(|(from, to)| {
+        let rooms = [number(from)?, number(to)?];
+        (rooms[0] != rooms[1]).then(|| (rooms, format!("{} → {}", paths[from], paths[to])))
+    });
+    let between: Vec<([usize; 2], String)> = between.collect();
+    let mut reaches = vec![BTreeSet::new(); names.len()];
+    for ([from, to], _) in &between {
+        reaches[*from].insert(*to);
+    }
+    let ties = |circle: Vec<usize>| {
+        let within = between.iter().filter(|(rooms, _)| rooms.iter().all(|room| circle.contains(room)));
+        within.map(|(_, tie)| tie.as_str()).collect::<Vec<_>>().join("\n")
     };
-    let mut names: Vec<String> = paths.iter().filter_map(|path| folder(path)).collect();
-    names.sort();
-    names.dedup();
-    let number = |path: &str| folder(path).and_then(|name| names.binary_search(&name).ok());
-    let mut between = vec![BTreeSet::new(); names.len()];
-    for (file, others) in imports.iter().enumerate() {
-        let Some(from) = number(&paths[file]) else { continue };
-        between[from]
-            .extend(others.iter().filter_map(|&other| number(&paths[other])).filter(|to| *to != from));
+    circles(&reaches).into_iter().map(ties).collect()
+}
+
+/// There is no exception: what two rooms want of each other is in a room below both, or what ties them is in one above.
+#[test]
+fn no_circle_runs_through_folders() {
+    let houses = houses(&IMPORTS.paths);
+    for house in
+        ["", "analysis", "engine", "files", "geometry", "numeric", "segmentation", "store", "service", "api"]
+    {
+        assert!(houses.contains(house), "{house} was not read");
     }
-    let reached = reached(&between);
-    for (folder, name) in names.iter().enumerate() {
-        let circle: Vec<&String> = reached[folder]
-            .iter()
-            .filter(|other| reached[**other].contains(&folder))
-            .map(|&k| &names[k])
-            .collect();
-        assert!(circle.is_empty(), "{name} is in a circle of folders: {circle:?}");
+    for house in houses {
+        let found = circles_of_rooms(house, &IMPORTS);
+        assert!(found.is_empty(), "circles of folders in '{house}':\n{}", found.join("\n\n"));
     }
 }
 
 #[test]
-fn imports_are_read() {
+fn circles_of_folders_are_found() {
     let files = [
-        "service/app/mod.rs",
-        "service/app/error.rs",
-        "service/jobs/mod.rs",
-        "analysis/lib.rs",
-        "analysis/pca.rs",
-        "analysis/mean.rs",
+        ("service/mod.rs", "pub mod app;\npub mod jobs;"),
+        ("service/app/mod.rs", "pub use self::error::Fault;\nmod error;"),
+        ("service/app/error.rs", "use crate::service::jobs;\npub struct Fault(jobs::Job);"),
+        ("service/jobs.rs", "use crate::service::app::Fault;\npub struct Job(Option<Box<Fault>>);"),
+        ("service/audit.rs", "use crate::service::app::Fault;"),
     ];
-    let places: BTreeMap<String, usize> =
-        files.iter().enumerate().map(|(k, path)| (modules(path).join("/"), k)).collect();
-    let cases: [(&str, &str, &[usize]); 6] = [
-        ("service/jobs/mod.rs", "use crate::service::app::{App, error::{Fault, self}};", &[0, 1]),
-        ("service/app/error.rs", "use super::{App};\nfn f() -> super::super::jobs::Job {}", &[0, 2]),
-        ("service/app/error.rs", "pub(in crate::service) fn f() {} // crate::service::jobs", &[]),
-        ("analysis/pca.rs", "use crate::mean::MeanSpace;\nuse super::AnalysisError;", &[3, 5]),
-        ("service/jobs/mod.rs", "use shapelex_analysis::pca::Pca as Components;", &[4]),
-        (
-            "service/app/mod.rs",
-            "pub use self::error::Fault;\n#[cfg(test)]\nmod tests { use crate::service::jobs; }",
-            &[1],
-        ),
-    ];
-    for (path, text, wanted) in cases {
-        assert_eq!(imports(&places, path, text), wanted.iter().copied().collect(), "{path}: {text}");
-    }
+    let graph = Graph::new(&files.map(|(path, text)| (path.into(), text.into())), &CRATES);
+    let circle = "service/app/error.rs → service/jobs.rs\nservice/jobs.rs → service/app/error.rs";
+    assert_eq!(circles_of_rooms("service", &graph), [circle]);
+    assert_eq!(circles_of_rooms("", &graph), [""; 0]);
 }
 
 /// Names, lengths in lines, and whether they are handlers, of the functions of a file; not those of tests.

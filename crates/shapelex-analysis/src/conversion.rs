@@ -5,8 +5,9 @@
 //! the list.
 
 use super::correspondence::{Correspondence, Direction};
-use shapelex_geometry::capability::{FieldFault, fit};
+use shapelex_geometry::capability::fit;
 use shapelex_geometry::curve::Curve;
+use shapelex_geometry::field_fault::FieldFault;
 use shapelex_geometry::representation::ShapeSpace;
 use shapelex_geometry::resample::{
     Contour, RepeatedPoints, canonical_shift, polygon_area, rotate_start, without_closing_point,

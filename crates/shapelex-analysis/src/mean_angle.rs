@@ -16,12 +16,11 @@ use rand::rngs::ChaCha12Rng;
 use rand::seq::SliceRandom;
 
 use super::AnalysisError;
-use super::accumulate::{ShapeSource, ShapesInMemory, map_shapes};
+use super::accumulate::{ShapeSource, ShapesInMemory, map_shapes, subset};
 use super::alignment::mean_shape;
-use super::classification::subset;
-use super::dictionary::preparation::{Pose, Posed, Preparation};
 use super::frame::Frame;
 use super::metric::{dot, norm};
+use super::preparation::{Pose, Posed, Preparation};
 
 /// Minimum number of shapes for comparing the means of halves.
 pub const MIN_TO_HALVE: usize = 8;

@@ -3,13 +3,13 @@
 use crate::AnalysisError;
 use crate::accumulate::{Accumulator, ScatterSum, ShapeSource, merge_serialised};
 use crate::alignment::Method;
-use crate::dictionary::preparation::{Pose, Posed, Preparation};
 use crate::frame::{self, FrameSum};
 use crate::matching::Matching;
 use crate::mean::ProjectorSum;
 use crate::metric::Metric;
 use crate::pass::{Aligned, Pass, Sum};
 use crate::pca::FunctionalPca;
+use crate::preparation::{Pose, Posed, Preparation};
 use crate::procrustes::{self, FittedSum};
 use shapelex_numeric::dense::Matrix;
 

@@ -11,8 +11,8 @@ use serde::Serialize;
 use shapelex_analysis::accumulate::{FAN_IN, PART};
 use shapelex_analysis::alignment::Method;
 
+use crate::cohort::revision::{Revision, Setting};
 use crate::pass::division::{Division, MIN_GROUPS};
-use crate::pass::revision::{Revision, Setting};
 
 /// Seconds in which a number is read from the cache of the system, compared with its digest, decoded and prepared: `a`.
 const NUMBER_S: f64 = 1.4e-9;

@@ -12,6 +12,7 @@
 //! * [`ingest`] — shapes as lines of JSON, as the service lists them;
 //! * [`pass`] — a revision as a source of shapes, whose sums run on DataFusion;
 //! * [`dictionary`] — dictionaries learnt from a revision, and used in passes over it;
+//! * [`named`] — dictionaries in use, by the digests of their contents;
 //! * [`regression`] — regression of a revision on an attribute;
 //! * [`statistics`] — mean and principal components of a revision;
 //! * [`estimate`] — predicted cost;
@@ -27,6 +28,7 @@ pub mod error;
 pub mod estimate;
 pub mod ingest;
 pub mod location;
+pub mod named;
 #[cfg(feature = "approximate")]
 pub mod nearest;
 pub mod objects;

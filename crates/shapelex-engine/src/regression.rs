@@ -15,8 +15,8 @@ use shapelex_analysis::inference::regression::Collinear;
 use shapelex_analysis::inference::regression_sums::{RegressionSums, Scale, Solved};
 
 use crate::EngineError;
+use crate::cohort::revision::Setting;
 use crate::pass::regress::{Design, Regress, Step, read_numbers};
-use crate::pass::revision::Setting;
 use crate::pass::source::AtRest;
 use crate::pass::variables::{Columns, Known, Summary, Variable};
 use crate::pass::work::Work;
@@ -79,7 +79,8 @@ pub fn regress(
     let columns = steps.columns(&summary)?;
     let Setting { metric, method, matching, transformation, .. } = &**setting;
     let mean = mean_shape(source, metric, method, frame_for(transformation), matching)?;
-    let solved = steps.solve(&summary, Design { mean: mean.whitened.clone(), tangent: request.tangent, columns })?;
+    let solved =
+        steps.solve(&summary, Design { mean: mean.whitened.clone(), tangent: request.tangent, columns })?;
     steps.result(summary, &mean, solved)
 }
 

@@ -4,11 +4,11 @@ use serde::Serialize;
 use shapelex_analysis::AnalysisError;
 use shapelex_analysis::accumulate::ShapeSource;
 use shapelex_analysis::alignment::{MeanShape, mean_shape};
-use shapelex_analysis::dictionary::preparation::Posed;
 use shapelex_analysis::frame::Frame;
 use shapelex_analysis::pca::FunctionalPca;
+use shapelex_analysis::preparation::Posed;
 
-use crate::pass::revision::Setting;
+use crate::cohort::revision::Setting;
 
 /// What is computed.
 #[derive(Debug, Clone, Copy)]

@@ -27,10 +27,13 @@
 
 #[cfg(feature = "dicom")]
 pub mod dicom;
+mod error;
 pub mod image;
 #[cfg(any(feature = "dicom", feature = "meshes"))]
 mod inflate;
 mod series;
 pub mod shape;
+mod summary;
 pub mod unit;
+mod value;
 pub mod words;

@@ -8,7 +8,7 @@
 //! The change is the smallest one in `L₂`; it decays away from the handles as `Φ⁻¹` does.
 
 use super::GeometryError;
-use super::capability::FieldFault;
+use super::field_fault::FieldFault;
 use super::knot_line::Line;
 use super::representation::{Representation, ShapeSpace};
 use super::vector::norm;

@@ -6,7 +6,6 @@
 //! ```
 
 use super::curve::Curve;
-use super::measures::cross;
 
 /// Frame of a curve at one point.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -24,6 +23,15 @@ const NOTHING: f64 = 1e-12;
 
 /// Relative rounding error of a position; a speed below it counts as zero as well: the control points coincide.
 pub(super) const ROUNDING: f64 = 64.0 * f64::EPSILON;
+
+/// `v × a`: signed in the plane; in space, the length of the vector product.
+pub fn cross(v: &[f64], a: &[f64]) -> f64 {
+    let minor = |i: usize, j: usize| v[i] * a[j] - v[j] * a[i];
+    match v.len() {
+        2 => minor(0, 1),
+        _ => f64::hypot(f64::hypot(minor(1, 2), minor(2, 0)), minor(0, 1)),
+    }
+}
 
 impl Frame {
     /// The frame of `curve` at `u`; right limits where derivatives jump.

@@ -10,13 +10,15 @@ use std::sync::Arc;
 use super::GeometryError;
 use super::generator::{Generator, GeneratorKind, Poles, evaluate_taylor};
 use super::open::{OpenInterpolation, covering, open_gram};
-use super::surface::basis::SHIFTED_CLOSED;
 use shapelex_numeric::NumericError;
 use shapelex_numeric::banded::Banded;
 use shapelex_numeric::circulant::Circulant;
 use shapelex_numeric::dense::Matrix;
 use shapelex_numeric::operator::SymmetricOperator;
 use shapelex_numeric::sparse::SparseRows;
+
+/// Why closed directions have no shifted generators.
+pub const SHIFTED_CLOSED: &str = "expected an open direction for \"shifted_exponential\", got a closed one, which begins anywhere: use \"exponential\"";
 
 /// A prepared line of `M` intervals: generator, Gram operator and interpolation at the knots.
 #[derive(Debug, Clone)]

@@ -56,6 +56,8 @@ pub mod curve;
 pub mod deformation;
 pub mod distance;
 pub mod drawing;
+pub mod edge_fault;
+pub mod field_fault;
 pub mod fit;
 pub mod frame;
 pub mod generator;
@@ -285,7 +287,7 @@ pub enum GeometryError {
         /// The ends of the edge.
         edge: [u32; 2],
         /// The reason.
-        fault: subdivision::normal_based::EdgeFault,
+        fault: edge_fault::EdgeFault,
     },
     /// A refined mesh has more vertices than the limit.
     #[error("level {level} has {} vertices, expected at most {most}", count(*vertices))]

@@ -193,15 +193,6 @@ fn energy(curve: &Curve, derivative: usize) -> f64 {
     HALF_PIECE * sum * segments(curve).powi(2 * derivative as i32 - 1)
 }
 
-/// `v × a`: signed in the plane; in space, the length of the vector product.
-pub fn cross(v: &[f64], a: &[f64]) -> f64 {
-    let minor = |i: usize, j: usize| v[i] * a[j] - v[j] * a[i];
-    match v.len() {
-        2 => minor(0, 1),
-        _ => f64::hypot(f64::hypot(minor(1, 2), minor(2, 0)), minor(0, 1)),
-    }
-}
-
 fn segments(curve: &Curve) -> f64 {
     curve.halves() as f64 / 2.0
 }

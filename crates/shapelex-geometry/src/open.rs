@@ -9,16 +9,11 @@
 //! The `2K` phantoms lie outside `[0, M]`. If they are not given, they follow from the annihilation rule
 //! `Σ_i d_i c[k − i] = 0`, which is exact for every function that the generator reproduces.
 
-use super::generator::{Generator, Poles};
+use super::generator::{Generator, Poles, phantoms};
 use shapelex_numeric::NumericError;
 use shapelex_numeric::banded::{Band, Banded};
 use shapelex_numeric::dense::Matrix;
 use shapelex_numeric::operator::SymmetricOperator;
-
-/// Number of phantom control points beyond each end, `K`, for a support of `support`.
-pub fn phantoms(support: usize) -> usize {
-    support.saturating_sub(1) / 2
-}
 
 /// `∫₀¹ φ_k^(d) φ_l^(d) du = M^{2d−1} ∫₀^M φ^(d)(t − k) φ^(d)(t − l) dt` for `k, l = −K … M + K`.
 ///

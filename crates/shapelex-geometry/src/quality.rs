@@ -12,8 +12,7 @@
 
 use super::mesh::TriangleMesh;
 use super::mesh_tree::NearestTriangles;
-use super::raster::bounds;
-use super::vector::{cross, dot, minus, norm};
+use super::vector::{bounds, cross, dot, minus, norm};
 use shapelex_numeric::bounded::{Allowance, Stop};
 
 /// Defects of a mesh.

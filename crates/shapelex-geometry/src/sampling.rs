@@ -1,6 +1,5 @@
 //! Corresponding points along the shapes of a space, for comparing shapes point by point.
 
-use super::capability::domain::Domain;
 use super::curve::Curve;
 use super::representation::ShapeSpace;
 use shapelex_numeric::dense::Matrix;
@@ -50,11 +49,11 @@ impl Places {
 
     /// Why the number of places is not a choice; `None` for curves, where it is one.
     pub fn rule(space: &ShapeSpace) -> Option<&'static str> {
-        match space.domain() {
-            Domain::Line { .. } => None,
-            Domain::Sheet { .. } => Some("surfaces are compared at their knots"),
-            Domain::Vertices => Some("subdivision surfaces are compared at their control vertices"),
-            Domain::Points => Some("landmarks are compared as they are"),
+        match (space.surface(), space.subdivision()) {
+            (Some(_), _) => Some("surfaces are compared at their knots"),
+            (_, Some(_)) => Some("subdivision surfaces are compared at their control vertices"),
+            _ if space.generator().is_some() => None,
+            _ => Some("landmarks are compared as they are"),
         }
     }
 

@@ -10,9 +10,8 @@
 //! curvature.
 
 use super::curve::Curve;
-use super::frame::ROUNDING;
+use super::frame::{ROUNDING, cross};
 use super::generator::recentre;
-use super::measures::cross;
 use shapelex_numeric::bounded::{Allowance, Stop};
 use shapelex_numeric::quadrature::{GaussLegendre, Panels};
 

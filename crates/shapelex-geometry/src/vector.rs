@@ -41,3 +41,13 @@ pub fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
 pub fn norm(a: [f64; 3]) -> f64 {
     a[0].hypot(a[1]).hypot(a[2])
 }
+
+/// Bounding box of points, lower and upper corner; `None` without points.
+pub fn bounds<const D: usize>(points: impl IntoIterator<Item = [f64; D]>) -> Option<[[f64; D]; 2]> {
+    points.into_iter().map(|point| [point; 2]).reduce(|[lower, upper], [point, _]| {
+        [
+            std::array::from_fn(|axis| lower[axis].min(point[axis])),
+            std::array::from_fn(|axis| upper[axis].max(point[axis])),
+        ]
+    })
+}

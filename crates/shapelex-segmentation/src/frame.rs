@@ -5,6 +5,7 @@
 //! ```
 
 use crate::SegmentationError;
+use crate::blur::Blur;
 
 /// Determinants below this, relative to the product of the lengths of the columns, are taken for zero: the inverse would have
 /// lost all digits that matter for positions.
@@ -99,6 +100,14 @@ impl<const D: usize> Frame<D> {
     }
 }
 
+impl Blur {
+    /// In cells along x, y, z; 0 along missing axes.
+    pub fn in_cells<const D: usize>(self, frame: &Frame<D>) -> [f64; 3] {
+        let spacing = frame.spacing();
+        std::array::from_fn(|axis| spacing.get(axis).map_or(0.0, |spacing| self.0[axis] / spacing))
+    }
+}
+
 fn length<const D: usize>(vector: [f64; D]) -> f64 {
     vector.iter().map(|x| x * x).sum::<f64>().sqrt()
 }
@@ -141,6 +150,18 @@ fn invert<const D: usize>(mut matrix: [[f64; D]; D]) -> ([[f64; D]; D], f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn blurs_count_in_cells_of_each_axis() {
+        let frame = Frame::new([[0.5, 0.0, 0.0], [0.0, 0.5, 0.0], [0.0, 0.0, 4.0]], [0.0; 3]).unwrap();
+        assert_eq!(Blur::from(2.0).in_cells(&frame), [4.0, 4.0, 0.5]);
+        assert_eq!(Blur::along([1.0, 1.0, 2.0]).in_cells(&frame), [2.0, 2.0, 0.5]);
+        assert_eq!(Blur::from(2.0).in_cells(&Frame::<2>::identity()), [2.0, 2.0, 0.0]);
+        assert_eq!(
+            (Blur::from(1.5).to_string(), Blur::along([1.0, 1.0, 2.0]).mean(3)),
+            ("1.5".into(), 4.0 / 3.0)
+        );
+    }
 
     #[test]
     fn positions_go_there_and_back() {

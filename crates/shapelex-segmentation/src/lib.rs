@@ -1,5 +1,6 @@
 //! Segmentation of images and volumes by parametric snakes: shapes that minimise an energy of the image inside them.
 //!
+//! * [`blur`] — widths of Gaussian blurs; [`texture`] — textures of label images;
 //! * [`field`] — images, Gaussian derivatives, and fields integrated in advance along x;
 //! * [`contours`] — labelled images and volumes as closed curves and surfaces;
 //! * [`frame`] — positions of cells in the world;
@@ -12,6 +13,7 @@
 //! # Coordinates
 //! Centres of pixels and voxels are whole numbers, `x` is the fastest axis. Outside of an image every field is zero.
 
+pub mod blur;
 pub mod boundary;
 pub mod contours;
 pub mod detector;
@@ -20,6 +22,7 @@ pub mod field;
 pub mod frame;
 pub mod run;
 pub mod snake;
+pub mod texture;
 
 /// Errors of the segmentation layer.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -80,11 +83,11 @@ pub enum SegmentationError {
     #[error(
         "expected a label image, where each object is a region of one number, got {} pieces with {} different values, {} of them of \
          1 to {} cells, as in a photograph",
-        texture.components, texture.labels, texture.crumbs, contours::Texture::CRUMB
+        texture.components, texture.labels, texture.crumbs, texture::Texture::CRUMB
     )]
     Photograph {
         /// How finely the labels are divided.
-        texture: contours::Texture,
+        texture: texture::Texture,
     },
     /// The boundaries of components would have too many vertices.
     #[error("expected at most {most} vertices of boundaries, got {found}")]
@@ -131,7 +134,7 @@ pub enum SegmentationError {
     #[error("expected stages with blurs of the scene, got {}", blur_of(*sigma))]
     Stages {
         /// The unknown blur.
-        sigma: Option<field::Blur>,
+        sigma: Option<blur::Blur>,
     },
     /// The model has no curvature for Newton's method.
     #[error("expected a planar curve for Newton's method, got a surface")]
@@ -146,6 +149,6 @@ pub enum SegmentationError {
     },
 }
 
-fn blur_of(sigma: Option<field::Blur>) -> String {
+fn blur_of(sigma: Option<blur::Blur>) -> String {
     sigma.map_or_else(|| "none".into(), |sigma| format!("one with a blur of {sigma}"))
 }

@@ -6,8 +6,8 @@ use utoipa::openapi::header::Header;
 use utoipa::openapi::path::Operation;
 use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme};
 
-use super::{operations_of, refusal};
 use crate::api::access::needed;
+use crate::api::describe::{operations_of, refusal};
 use crate::api::operation::Needs;
 
 /// Name of the security scheme.

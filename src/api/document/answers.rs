@@ -3,7 +3,7 @@
 use utoipa::openapi::path::{Operation, ParameterBuilder};
 use utoipa::openapi::{ContentBuilder, ObjectBuilder, Ref, RefOr, Type};
 
-use super::text_parameter;
+use crate::api::describe::text_parameter;
 use crate::api::formulas::{FORMULAS, VALUES};
 use crate::api::operation::ANY_FILE;
 use crate::api::v1::files::written_media_types;

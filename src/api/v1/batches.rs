@@ -19,9 +19,8 @@ use serde::de::{DeserializeOwned, IgnoredAny};
 
 use super::file_parameters::FileParameters;
 use crate::api::body::{self, is_file, is_stream};
-use crate::api::extract::{
-    BesideFormat, Caller, Format, PrefersLines, Query, TWICE, is_json, media_type, unknown_parameter,
-};
+use crate::api::extract::{BesideFormat, Caller, Format, PrefersLines, Query, TWICE, unknown_parameter};
+use crate::api::media_type::{is_json, media_type};
 use crate::api::problem::{Problem, ProblemKind};
 use crate::api::respond::{compute_planned, json, planned};
 use crate::formats::checked::List;
@@ -166,7 +165,7 @@ async fn lengths_of(
     };
     let Caller(app) = Caller::from_request_parts(parts, app).await?;
     let ready = ready::find(&app, &key).await?;
-    Ok(Lengths::of_dictionary(ready.dictionary.content.length_unit.clone()))
+    Ok(Lengths::of_dictionary(ready.dictionary().content.length_unit.clone()))
 }
 
 /// The shapes of a file as lines, within the memory for bodies, and what its reader says of it.

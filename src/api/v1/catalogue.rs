@@ -15,7 +15,7 @@ use crate::api::extract::{BesideFormat, Caller, Format, NoQuery, Path, TWICE};
 use crate::api::problem::Problem;
 use crate::api::respond::{compute, json, picture};
 use crate::formats::representation::read_generator;
-use crate::geometry::generator::details::GeneratorDetails;
+use crate::geometry::capability::generator::GeneratorDetails;
 use crate::geometry::generator::{GeneratorKind, GeneratorProperties};
 use crate::service::app::{ServiceError, Work};
 use crate::service::shapes::generators;

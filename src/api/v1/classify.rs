@@ -10,10 +10,10 @@ use serde::Serialize;
 use super::batches::{Batch, DrawnBatch, results};
 use super::coding::{Shapes, ask_dictionary, asking_request, quantile_of, receive, samples_of};
 use super::pictures::draw_dictionary;
-use crate::analysis::classification::record::{
+use crate::analysis::assessment::assess::Classified;
+use crate::analysis::classifier_record::{
     ClassRecord, ClassifierKind, ClassifierRecord, ClassifierSettings, Validation,
 };
-use crate::analysis::dictionary::assess::Classified;
 use crate::api::extract::{Caller, Path};
 use crate::api::problem::Problem;
 use crate::formats::checked::{Checked, List, Many, document, take_given, take_many};

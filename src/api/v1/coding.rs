@@ -225,7 +225,7 @@ pub(super) async fn encode(
     let settings = |_, _: &Ready, _: &mut Vec<Fault>| Some(((), 0));
     ask_dictionary::<_, _, EncodeAnswer>(app, received, settings, |app, ready, asked, ()| {
         let codes = coding::encode(app, ready, asked)?.map(|index, coded| {
-            CodeOutput::new(&ready.dictionary, &coded).map_err(|error| of_shape(index, error))
+            CodeOutput::new(ready.dictionary(), &coded).map_err(|error| of_shape(index, error))
         });
         Ok((codes, ByDictionary::new(ready)))
     })

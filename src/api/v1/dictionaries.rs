@@ -15,14 +15,15 @@ use super::jobs::accepted;
 use super::request_macros::{PageQuery, ShapeOutput, page, priority_of};
 use super::shape_query::take_filter;
 use crate::analysis::alignment::Alignment;
-use crate::analysis::classification::record::{ClassifierKind, ClassifierSettings};
+use crate::analysis::classifier_record::{ClassifierKind, ClassifierSettings};
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
-use crate::analysis::dictionary::content::{Atom, MeanRecord, Statistics};
+use crate::analysis::dictionary::content::{Atom, Statistics};
 use crate::analysis::dictionary::method::Method;
 use crate::analysis::dictionary::modes::Mode;
 use crate::analysis::estimate::Estimate;
 use crate::analysis::factors::{Minority, RobustSummary};
 use crate::analysis::frame::Frame;
+use crate::analysis::mean_record::MeanRecord;
 use crate::analysis::transformation::Transformation;
 use crate::api::extract::{
     BesideFormat, Caller, Format, JsonBody, NoQuery, OnlyFormat, Path, Prefer, Query, ShapeFormat,
@@ -324,7 +325,7 @@ impl<'a> RobustDictionary<'a> {
 impl<'a> DictionaryOutput<'a> {
     fn new(ready: &'a Ready) -> Self {
         let (listed, content, provenance) =
-            (&ready.listed, &ready.dictionary.content, &ready.listed.provenance);
+            (&ready.listed, &ready.dictionary().content, &ready.listed.provenance);
         Self {
             id: &listed.id,
             name: &listed.name,
@@ -588,7 +589,7 @@ pub(super) async fn dictionary_atoms(
         Format::Picture(file) => picture(&modes::draw_atoms(&ready), &file),
         Format::Json => {
             let (dictionary, atoms) =
-                (UsedDictionary::new(&ready), ready.dictionary.content.atoms.as_slice());
+                (UsedDictionary::new(&ready), ready.dictionary().content.atoms.as_slice());
             json(StatusCode::OK, &AtomsAnswer { dictionary, atoms })
         }
     });
@@ -649,7 +650,7 @@ impl ModeAnswer {
 fn mode_work(ready: &Ready, format: ShapeFormat) -> Work {
     let meshes = match format {
         ShapeFormat::Plain(_) => 0,
-        ShapeFormat::Mesh(MeshFormat::Gltf, _) => 1 + ready.dictionary.model.len().min(modes::MAX_TARGETS),
+        ShapeFormat::Mesh(MeshFormat::Gltf, _) => 1 + ready.dictionary().model.len().min(modes::MAX_TARGETS),
         ShapeFormat::Mesh(..) => 1,
     };
     let grid = match format {
@@ -723,7 +724,7 @@ pub(super) async fn export_dictionary(
     let ready = ready::find(&app, &key).await?;
     let (id, name) =
         (ready.listed.id.clone(), format!("{}-{}.json", ready.listed.name, ready.listed.version));
-    let work = Work::numbers((ready.dictionary.model.len() * ready.setup.metric.len()) as f64);
+    let work = Work::numbers((ready.dictionary().model.len() * ready.setup.metric.len()) as f64);
     let answer =
         compute(app.weighing(work), move |_| json(StatusCode::OK, &DictionaryFile::new(&ready).text()?));
     let response = asked.unless_known(&id, "file", answer).await?;

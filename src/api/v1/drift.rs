@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 #[cfg(feature = "schema")]
 use super::described::*;
 use super::entity_tags::Asked;
-use crate::analysis::dictionary::drift::{ClassDrift, Drift, MeanDrift, MeasureDrift, ScoreDrift};
+use crate::analysis::assessment::drift::{ClassDrift, Drift, MeanDrift, MeasureDrift, ScoreDrift};
 use crate::api::extract::{BesideFormat, Caller, Format, Path};
 use crate::api::problem::Problem;
 use crate::api::respond::{compute, json, picture};

@@ -9,7 +9,7 @@ use axum::http::request::Parts;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
 
-use crate::api::headers::{IMMUTABLE, NO_STORE};
+use crate::api::caching::{IMMUTABLE, NO_STORE};
 use crate::api::problem::Problem;
 use crate::domain::dictionary::Listed;
 

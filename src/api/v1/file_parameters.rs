@@ -6,7 +6,7 @@ use serde::Serialize;
 use utoipa::IntoParams;
 
 use crate::api::extract::TWICE;
-use crate::api::form;
+use crate::api::media_type::is_form;
 use crate::api::operation::ANY_FILE;
 use crate::api::problem::{Problem, ProblemKind};
 use crate::formats::fault::Fault;
@@ -81,7 +81,7 @@ mod described {
     use utoipa::openapi::path::{Parameter, ParameterIn};
 
     use super::{FileFormat, ReadOptions, WRITE, WriteOptions, names_of};
-    use crate::api::document::text_parameter;
+    use crate::api::describe::text_parameter;
     use crate::formats::files::EVERY;
 
     /// Options of reading by name, with the formats that have them.
@@ -227,7 +227,7 @@ impl FileParameters {
                     // Several formats: the first bytes tell.
                     (Some(_), Some(_)) => None,
                     // Programs send a type of their own where they know none of the file: curl that of a web form.
-                    (None, _) if name.is_some() && !form::is_form(media_type) => None,
+                    (None, _) if name.is_some() && !is_form(media_type) => None,
                     (None, _) => return Err(unsupported(media_type)),
                 }
             }

@@ -29,8 +29,9 @@ use super::series::SeriesRequest;
 #[cfg(feature = "schema")]
 use super::shapes::AddQuery;
 use crate::api::body;
-use crate::api::extract::{Caller, Query, TWICE, media_type, unknown_parameter};
+use crate::api::extract::{Caller, Query, TWICE, unknown_parameter};
 use crate::api::form;
+use crate::api::media_type::{is_form, media_type};
 use crate::api::operation::ANY_FILE;
 use crate::api::problem::Problem;
 use crate::api::respond::{json, streamed};
@@ -216,7 +217,7 @@ pub(super) async fn convert_file(
 ) -> Result<Response, Problem> {
     let mut parameters = FileParameters::take(&mut pairs);
     let media_type = media_type(request.headers());
-    let is_form = form::is_form(&media_type);
+    let is_form = is_form(&media_type);
     let format = take_target(&mut pairs, is_form)?;
     refuse_rest(&pairs)?;
     let mut options = parameters.writing()?;

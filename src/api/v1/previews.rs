@@ -8,7 +8,7 @@ use super::batches::FailedShape;
 use super::file_parameters::FileParameters;
 use super::shapes::{AddQuery, failed};
 use crate::api::body;
-use crate::api::extract::media_type;
+use crate::api::media_type::media_type;
 use crate::api::problem::Problem;
 use crate::formats::fault::Fault;
 use crate::formats::files::Inspection;

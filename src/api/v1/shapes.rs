@@ -22,9 +22,9 @@ use super::request_macros::{PageQuery, checked};
 use super::shape_query::Parameters;
 use crate::api::body::{self, is_stream};
 use crate::api::extract::{
-    Caller, Format, IfMatch, NoQuery, OnlyShapeFormat, Path, Query, ShapeFormat, TWICE, is_json, media_type,
-    unknown_parameter,
+    Caller, Format, IfMatch, NoQuery, OnlyShapeFormat, Path, Query, ShapeFormat, TWICE, unknown_parameter,
 };
+use crate::api::media_type::{is_json, media_type};
 use crate::api::problem::Problem;
 use crate::api::respond::{compute, json, mesh, picture};
 use crate::domain::cohort::Cohort;

@@ -12,7 +12,7 @@ use super::places::{Place, expand};
 use super::target::Target;
 use super::{Reading, own_limits, say};
 use crate::cli::at::{At, Outcome};
-use crate::cli::runtime;
+use crate::cli::runtime::runtime;
 use crate::formats::files::{FileError, Group, Inspected, Inspection, ReadOptions, Summary};
 use crate::formats::record::count_unstored;
 use crate::formats::summary::left_out;

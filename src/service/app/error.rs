@@ -5,7 +5,7 @@ use crate::analysis::dictionary::procedure::ParameterFault;
 use crate::analysis::{AnalysisError, SourceError};
 use crate::formats::fault::Fault;
 use crate::formats::files::{FaultKind, FileError};
-use crate::geometry::capability::FieldFault;
+use crate::geometry::field_fault::FieldFault;
 use crate::store::StoreError;
 
 /// A page of entries and the cursor of the next page.

@@ -7,7 +7,7 @@ use super::coding;
 use super::posterior::Prepared;
 use super::ready::Ready;
 use crate::analysis::AnalysisError;
-use crate::analysis::dictionary::assess::{Assessment, Classified};
+use crate::analysis::assessment::assess::{Assessment, Classified};
 use crate::analysis::dictionary::coding::CodedShape;
 use crate::analysis::dictionary::in_use::Dictionary;
 use crate::analysis::dictionary::posterior::assessed::{PartAssessment, PartScore};
@@ -209,7 +209,7 @@ pub struct ClassOutput {
 impl ClassOutput {
     /// Class of a shape.
     pub fn new(ready: &Ready, classified: &Classified) -> Self {
-        let record = ready.dictionary.content.classifier.as_ref();
+        let record = ready.dictionary().content.classifier.as_ref();
         let label = |class: usize| {
             record
                 .and_then(|record| record.classes.get(class))
@@ -354,7 +354,7 @@ impl AssessmentOutput {
         let novelty = NoveltyOutput::new(&score);
         Ok(Self {
             verdict: Verdict::of(class.as_ref(), &novelty),
-            code: CodeOutput::new(&ready.dictionary, &coded)?,
+            code: CodeOutput::new(ready.dictionary(), &coded)?,
             class,
             novelty,
             relative_error,

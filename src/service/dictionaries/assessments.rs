@@ -221,7 +221,7 @@ async fn count(app: &App, cohort: &Cohort, filter: &ShapeFilter) -> Result<usize
 impl Planned {
     /// Whether it is answered at once.
     pub fn is_quick(&self) -> bool {
-        let numbers = self.plan.samples + self.ready.dictionary.model.len();
+        let numbers = self.plan.samples + self.ready.dictionary().model.len();
         let bytes = self.shapes.saturating_mul(LINE_BYTES + NUMBER_BYTES * numbers);
         self.work.seconds() <= AT_ONCE_SECONDS && bytes <= AT_ONCE_BYTES
     }

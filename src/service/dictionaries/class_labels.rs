@@ -4,7 +4,7 @@
 //! are sufficient for the requested classifier ([`ClassLabels::faults`]) is checked before a job is stored.
 
 use crate::analysis::classification::labels::ClassLabels;
-use crate::analysis::classification::record::ClassifierSettings;
+use crate::analysis::classifier_record::ClassifierSettings;
 use crate::analysis::dictionary::method::Method;
 use crate::domain::attribute::Attribute;
 use crate::domain::cohort::Cohort;

@@ -4,7 +4,7 @@ use super::coding::{self, Asked, Given};
 use super::posterior::{self, Prepared};
 use super::ready::Ready;
 use crate::analysis::AnalysisError;
-use crate::analysis::dictionary::assess::{Assessment, Classified};
+use crate::analysis::assessment::assess::{Assessment, Classified};
 use crate::analysis::dictionary::coding::CodedShape;
 use crate::analysis::dictionary::posterior::assessed::{PartAssessment, PartScore};
 use crate::service::app::progress::JobContext;
@@ -24,13 +24,13 @@ pub fn classify(
     asked: Asked,
     quantile: f64,
 ) -> Result<Outcomes<Classified>, ServiceError> {
-    if ready.dictionary.classifier.is_none() {
+    if ready.dictionary().content.classifier.is_none() {
         let detail = "the dictionary has no classifier: learn one with \"classifier\" from a labelled cohort";
         return Err(ServiceError::invalid("", detail));
     }
     coding::check_quantile(quantile)?;
     let on_error = asked.on_error;
-    let classify = |coded: &[CodedShape]| Ok(ready.dictionary.classify(coded, quantile)?.unwrap_or_default());
+    let classify = |coded: &[CodedShape]| Ok(ready.assessor.classify(coded, quantile)?.unwrap_or_default());
     let classified = coding::encode(app, ready, asked)?.together(on_error, classify)?;
     Ok(classified.map(|_, (_, classified)| Ok(classified)))
 }
@@ -66,8 +66,7 @@ pub fn assess(
     let code = |given: &[Given]| coded(ready, given, quantile, &context);
     given.together(on_error, code)?.each(&context, |index, assessed| match assessed {
         (Given::Whole(_), Some((coded, classified))) => {
-            let (dictionary, space) = (&ready.dictionary, &ready.setup.space);
-            let assessed = dictionary.assess(space, coded, classified, quantile, samples);
+            let assessed = ready.assessor.assess(&ready.setup.space, coded, classified, quantile, samples);
             Ok(Assessed::Whole(Box::new(assessed.map_err(|error| of_shape(index, error))?)))
         }
         (Given::Part(part), _) => {
@@ -100,9 +99,8 @@ fn coded(
     if shapes.is_empty() {
         return Ok(found);
     }
-    let dictionary = &ready.dictionary;
-    let coded = dictionary.encode(&shapes.concat(), context).map_err(located)?;
-    let classes = dictionary.classify(&coded, quantile).map_err(located)?;
+    let coded = ready.dictionary().encode(&shapes.concat(), context).map_err(located)?;
+    let classes = ready.assessor.classify(&coded, quantile).map_err(located)?;
     let classes =
         classes.map_or_else(|| vec![None; coded.len()], |found| found.into_iter().map(Some).collect());
     for ((place, coded), class) in places.iter().zip(coded).zip(classes) {

@@ -18,7 +18,7 @@ use crate::domain::cohort::Cohort;
 use crate::domain::shape::Shape;
 use crate::formats::fault::Fault;
 use crate::formats::shape::ShapeInput;
-use crate::geometry::capability::FieldFault;
+use crate::geometry::field_fault::FieldFault;
 use crate::geometry::resample::RepeatedPoints;
 use crate::geometry::size::runs_clockwise;
 use crate::numeric::MAX_NUMBER;
@@ -111,7 +111,7 @@ impl Asked {
             return None;
         }
         let mean =
-            columns_of(&ready.dictionary.content.mean.control_points, space.representation().dimension());
+            columns_of(&ready.dictionary().content.mean.control_points, space.representation().dimension());
         let mut ways = Ways::default();
         match &self.shapes {
             AskedShapes::Posted(shapes) => shapes.iter().for_each(|shape| ways.note(drawn_clockwise(shape))),
@@ -127,7 +127,7 @@ impl Asked {
         let given = match self.shapes {
             AskedShapes::Stored(control_points) => control_points.map(|_, shape| Ok(Given::Whole(shape))),
             AskedShapes::Posted(shapes) => {
-                let reading = reading(app, ready, ready.dictionary.content.correspondence);
+                let reading = reading(app, ready, ready.dictionary().content.correspondence);
                 let read = read::read_each_by(&reading, shapes, |shape| part::read_given(&reading, shape));
                 read?.checked(self.on_error)?
             }
@@ -162,14 +162,14 @@ impl Asked {
 
 /// Reader of posted shapes under `correspondence`.
 fn reading<'a>(app: &'a App, ready: &'a Ready, correspondence: Correspondence) -> Reading<'a> {
-    let (space, direction) = (&ready.setup.space, ready.dictionary.content.direction);
+    let (space, direction) = (&ready.setup.space, ready.dictionary().content.direction);
     let conversion = Conversion { space, correspondence, direction, repeated_points: RepeatedPoints::Drop };
     Reading { conversion, limits: &app.limits }
 }
 
 /// Why the dictionary cannot be applied to shapes of the cohort, if so.
 pub(crate) fn misfit(ready: &Ready, cohort: &Cohort) -> Option<String> {
-    let (content, spec) = (&ready.dictionary.content, &cohort.spec);
+    let (content, spec) = (&ready.dictionary().content, &cohort.spec);
     let fits = spec.representation == content.representation && spec.correspondence == content.correspondence;
     (!fits).then(|| {
         format!(
@@ -183,7 +183,7 @@ pub(crate) fn misfit(ready: &Ready, cohort: &Cohort) -> Option<String> {
 impl Ready {
     /// Predicted work of encoding `shapes` shapes, and of answering `numbers` numbers for each in addition to its code.
     pub fn work(&self, shapes: usize, numbers: usize, limits: &Limits) -> Work {
-        let (length, model) = (self.setup.metric.len(), &self.dictionary.model);
+        let (length, model) = (self.setup.metric.len(), &self.dictionary().model);
         let counts = Counts::for_space(&self.setup.space, shapes, limits);
         let numbers = numbers.min(limits.samples) as f64 + length as f64 + model.len() as f64;
         requests::encode(counts, model.work(length), numbers, self.setup.matching.searches())
@@ -196,8 +196,8 @@ impl Ready {
 /// [`ServiceError::Cancelled`]; under [`OnError::Abort`] faults of the shapes, degenerate shapes.
 pub fn encode(app: &App, ready: &Ready, asked: Asked) -> Result<Outcomes<CodedShape>, ServiceError> {
     let (on_error, context) = (asked.on_error, app.pool.context());
-    let shapes = asked.control_points(app, ready, ready.dictionary.content.correspondence)?;
-    let encode = |shapes: &[Vec<f64>]| ready.dictionary.encode(&shapes.concat(), &context);
+    let shapes = asked.control_points(app, ready, ready.dictionary().content.correspondence)?;
+    let encode = |shapes: &[Vec<f64>]| ready.dictionary().encode(&shapes.concat(), &context);
     Ok(shapes.together(on_error, encode)?.map(|_, (_, coded)| Ok(coded)))
 }
 
@@ -214,7 +214,7 @@ pub fn reconstruct_shapes(
 ) -> Result<Outcomes<Reconstruction>, ServiceError> {
     let coded = encode(app, ready, asked)?;
     check_samples(app, samples, coded.len())?;
-    let (dictionary, space) = (&ready.dictionary, &ready.setup.space);
+    let (dictionary, space) = (ready.dictionary(), &ready.setup.space);
     coded.each(&app.pool.context(), |index, coded| {
         dictionary.reconstruct(space, &coded, pose, samples).map_err(|error| of_shape(index, error))
     })
@@ -245,7 +245,7 @@ pub fn reconstruct_codes(
         return Err(ServiceError::invalid("/codes", detail));
     }
     let fitting = |code| {
-        let found = ready.dictionary.fitting(code);
+        let found = ready.dictionary().fitting(code);
         found.map_err(|faults: Vec<FieldFault>| faults.into_iter().map(Fault::from).collect())
     };
     let fitting = Outcomes::of_list("codes", codes.iter().map(fitting).collect()).checked(on_error)?;
@@ -259,7 +259,7 @@ pub fn reconstruct_codes(
 pub fn score(app: &App, ready: &Ready, asked: Asked, quantile: f64) -> Result<Outcomes<Score>, ServiceError> {
     check_quantile(quantile)?;
     let coded = encode(app, ready, asked)?;
-    Ok(coded.map(|_, coded| Ok(ready.dictionary.score(&coded, quantile))))
+    Ok(coded.map(|_, coded| Ok(ready.dictionary().score(&coded, quantile))))
 }
 
 /// Checks the range of a training quantile.
@@ -275,7 +275,7 @@ pub(crate) fn check_quantile(quantile: f64) -> Result<(), ServiceError> {
 
 /// Caveats about the outliers that a dictionary reports.
 fn outlier_warnings(ready: &Ready) -> Vec<String> {
-    match ready.dictionary.content.statistics.held_out {
+    match ready.dictionary().content.statistics.held_out {
         Some(_) => Vec::new(),
         None => vec![IN_SAMPLE.into()],
     }
@@ -307,7 +307,7 @@ pub fn prior(
             format!("expected a positive number up to 1e100, got {gamma}"),
         ));
     }
-    let prior = ready.dictionary.prior(reference, gamma)?;
+    let prior = ready.dictionary().prior(reference, gamma)?;
     let shapes = asked.control_points(app, ready, Correspondence::Landmarks)?;
     shapes.each(&app.pool.context(), |_, shape| Ok(prior.energy(&shape)))
 }
@@ -324,7 +324,7 @@ pub fn sample(
     seed: u64,
     sigma: f64,
 ) -> Result<Vec<Sample>, ServiceError> {
-    let Some(mut sampler) = ready.dictionary.sampler(seed, sigma) else {
+    let Some(mut sampler) = ready.dictionary().sampler(seed, sigma) else {
         let detail = "is sparse: only functional_pca describes how shapes spread";
         return Err(ServiceError::invalid("", format!("the dictionary {detail}")));
     };

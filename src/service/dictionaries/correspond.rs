@@ -31,7 +31,7 @@ pub fn correspond(
         let detail = "expected a dictionary of surfaces with the topology sphere";
         return Err(ServiceError::parameter("dictionary", detail));
     };
-    if ready.dictionary.content.method.is_sparse() {
+    if ready.dictionary().content.method.is_sparse() {
         let detail = "expected a dictionary of components: a sparse one has no variances of modes";
         return Err(ServiceError::parameter("dictionary", detail));
     }
@@ -46,7 +46,7 @@ pub fn correspond(
 
 /// The mean of a dictionary with its modes, each displaced by its standard deviation.
 fn reference_of(ready: &Ready, spherical: &Spherical) -> Result<Reference, ServiceError> {
-    let dictionary = &ready.dictionary;
+    let dictionary = ready.dictionary();
     let matrix = |x: Vec<f64>| Matrix::from_vec(spherical.size(), 3, x);
     let mean = match dictionary.mode(0, 1.0) {
         Some(mode) => mode.shapes[1].clone(),

@@ -4,7 +4,7 @@ use tokio::runtime::Handle;
 
 use super::ready::Ready;
 use crate::analysis::accumulate::ShapesInMemory;
-use crate::analysis::dictionary::drift::Drift;
+use crate::analysis::assessment::drift::Drift;
 use crate::domain::cohort::Cohort;
 use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::source::StoredShapes;
@@ -109,5 +109,5 @@ fn compared(
         let shapes = StoredShapes::new(app, handle, &cohort, &provenance.filter, 0, &ready.setup, &stop)?;
         ShapesInMemory::sample(&shapes, HALVED_SEED, most)
     };
-    Ok(ready.dictionary.drift(&source, &training, quantile, &context)?)
+    Ok(ready.assessor.drift(&source, &training, quantile, &context)?)
 }

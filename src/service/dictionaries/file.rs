@@ -18,8 +18,8 @@ use crate::analysis::dictionary::learn::MOST_LISTED;
 use crate::domain::cohort::name_problem;
 use crate::domain::dictionary::{NewDictionary, Provenance, Summary};
 use crate::domain::id;
-use crate::geometry::capability::FieldFault;
 use crate::geometry::capability::domain::Admitted;
+use crate::geometry::field_fault::FieldFault;
 use crate::service::app::{App, Limits, ServiceError, now_ms};
 use crate::service::shapes::read::admit_linear;
 
@@ -128,7 +128,7 @@ pub struct DictionaryFile {
 impl DictionaryFile {
     /// File of a stored version.
     pub fn new(ready: &Ready) -> Self {
-        let (listed, content) = (&ready.listed, &ready.dictionary.content);
+        let (listed, content) = (&ready.listed, &ready.dictionary().content);
         Self {
             format: FORMAT.into(),
             format_version: format_version(&listed.provenance, content),

@@ -14,14 +14,14 @@ use crate::service::shapes::mesh::mesh_of;
 impl Ready {
     /// Shapes in the pose of the dictionary as they are drawn.
     pub fn view(&self) -> View<'_> {
-        drawing::view_of(&self.setup.space, &self.dictionary)
+        drawing::view_of(&self.setup.space, self.dictionary())
     }
 }
 
 /// Drawing of the atoms, each in its own frame on a common scale.
 pub fn draw_atoms(ready: &Ready) -> Drawing {
     let name = format!("{} version {}", ready.listed.name, ready.listed.version);
-    drawing::draw_atoms(&ready.view(), &name, &ready.dictionary)
+    drawing::draw_atoms(&ready.view(), &name, ready.dictionary())
 }
 
 /// The mode of `component` (from 1): `ȳ ± sigma·√C_ii ξ_i`.
@@ -29,11 +29,11 @@ pub fn draw_atoms(ready: &Ready) -> Drawing {
 /// # Errors
 /// A component that does not exist, a sparse dictionary, a sigma out of bounds.
 pub fn mode(ready: &Ready, component: usize, sigma: f64) -> Result<Mode, ServiceError> {
-    if ready.dictionary.content.method.is_sparse() {
+    if ready.dictionary().content.method.is_sparse() {
         let detail = "expected a dictionary of components: a sparse one has atoms, see …/atoms";
         return Err(ServiceError::parameter("dictionary", detail));
     }
-    let found = ready.dictionary.model.len();
+    let found = ready.dictionary().model.len();
     let absent = || {
         let detail = format!("expected a number between 1 and {found}, got {component}");
         ServiceError::parameter("component", detail)
@@ -43,7 +43,7 @@ pub fn mode(ready: &Ready, component: usize, sigma: f64) -> Result<Mode, Service
         let detail = format!("expected a number within ±{MAX_SIGMA}, got {sigma}");
         return Err(ServiceError::parameter("sigma", detail));
     }
-    ready.dictionary.mode(position, sigma).ok_or_else(absent)
+    ready.dictionary().mode(position, sigma).ok_or_else(absent)
 }
 
 /// Maximum number of modes of a file.
@@ -64,7 +64,7 @@ pub fn displacements(
     let space = &ready.setup.space;
     let components = match component {
         Some(component) => component..=component,
-        None => 1..=ready.dictionary.model.len().clamp(1, MAX_TARGETS),
+        None => 1..=ready.dictionary().model.len().clamp(1, MAX_TARGETS),
     };
     let mean = mesh_of(space, &mode(ready, *components.start(), sigma)?.shapes[1], grid)?;
     let vertices = mean.mesh.vertices.len() * (components.end() - components.start() + 2);
@@ -89,7 +89,7 @@ const MAX_SIGMA: f64 = 1e6;
 
 /// Drawing of a mode.
 pub fn draw_mode(ready: &Ready, component: usize, sigma: f64, mode: &Mode) -> Drawing {
-    let title = drawing::mode_title(component, mode.explained, ready.dictionary.is_centred());
+    let title = drawing::mode_title(component, mode.explained, ready.dictionary().is_centred());
     let drawing = drawing::draw_mode(&ready.view(), &title, sigma, &mode.shapes);
-    ready.setup.in_scale(drawing, ready.dictionary.content.length_unit.as_deref())
+    ready.setup.in_scale(drawing, ready.dictionary().content.length_unit.as_deref())
 }

@@ -3,7 +3,7 @@
 use super::coding::{self, Asked};
 use super::drift::CohortDrift;
 use super::ready::Ready;
-use crate::analysis::dictionary::assess::Assessment;
+use crate::analysis::assessment::assess::Assessment;
 use crate::analysis::dictionary::coding::{AnswerPose, CodedShape};
 use crate::analysis::dictionary::posted_code::PostedCode;
 use crate::analysis::drawing::View;
@@ -44,7 +44,7 @@ pub fn assessed(
     let count = assessed.len();
     let pair = |(index, assessed): (usize, Assessed)| match assessed {
         Assessed::Whole(assessment) => {
-            let shapes = ready.dictionary.pair(&assessment.coded, AnswerPose::Input);
+            let shapes = ready.dictionary().pair(&assessment.coded, AnswerPose::Input);
             let shapes = shapes.map_err(|error| error.at(index))?;
             Ok(Pair { caption: verdict(ready, index, &assessment), shapes })
         }
@@ -65,7 +65,7 @@ fn usual(is_outlier: bool) -> &'static str {
 
 /// Number of a shape, its class and whether it is unusual: of an unusual one that comes first, as no class is certain then.
 fn verdict(ready: &Ready, index: usize, assessment: &Assessment) -> String {
-    let record = ready.dictionary.content.classifier.as_ref();
+    let record = ready.dictionary().content.classifier.as_ref();
     let (number, novelty) = (index + 1, usual(assessment.score.outlier));
     let text = assessment.classified.as_ref().and_then(|classified| {
         let (first, record) = (classified.ranking.first()?, record?);
@@ -107,7 +107,7 @@ fn drawn_pairs(
 ) -> Result<Drawing, ServiceError> {
     let count = coded.len();
     let pair = |(index, (coded, caption)): (usize, (&CodedShape, String))| {
-        let shapes = ready.dictionary.pair(coded, pose).map_err(|error| error.at(index))?;
+        let shapes = ready.dictionary().pair(coded, pose).map_err(|error| error.at(index))?;
         Ok(Pair { caption, shapes })
     };
     let pairs: Vec<Pair> =
@@ -116,14 +116,14 @@ fn drawn_pairs(
         AnswerPose::Input => Ok(drawn_as_given(ready, what, count, &pairs)),
         AnswerPose::Model => {
             let drawing = draw_pairs(&ready.view(), &title(what, count, ready), &pairs, None);
-            Ok(ready.setup.in_scale(drawing, ready.dictionary.content.length_unit.as_deref()))
+            Ok(ready.setup.in_scale(drawing, ready.dictionary().content.length_unit.as_deref()))
         }
     }
 }
 
 /// The first of `count` shapes with what a dictionary makes of them, in the poses in which they were given.
 fn drawn_as_given(ready: &Ready, what: &str, count: usize, pairs: &[Pair]) -> Drawing {
-    let unit = ready.dictionary.content.length_unit.as_deref();
+    let unit = ready.dictionary().content.length_unit.as_deref();
     draw_pairs(&View::as_given(&ready.setup.space), &title(what, count, ready), pairs, unit).to_scale(unit)
 }
 

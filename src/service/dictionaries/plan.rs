@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use tokio::runtime::Handle;
 
 use crate::analysis::alignment::Alignment;
-use crate::analysis::classification::record::ClassifierSettings;
+use crate::analysis::classifier_record::ClassifierSettings;
 use crate::analysis::correspondence::Mirror;
 use crate::analysis::dictionary::held_out;
 use crate::analysis::dictionary::method::Method;

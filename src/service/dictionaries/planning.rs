@@ -12,8 +12,8 @@ use super::plan::{NO_STATE, Plan};
 use super::ready::{self, Ready};
 use crate::analysis::accumulate::KEPT_BYTES;
 use crate::analysis::alignment::{Alignment, MIN_SHAPES};
-use crate::analysis::classification::record::ClassifierSettings;
 use crate::analysis::classification::study::WITHIN;
+use crate::analysis::classifier_record::ClassifierSettings;
 use crate::analysis::correspondence::Mirror;
 use crate::analysis::dictionary::method::Method;
 use crate::analysis::dictionary::procedure::ParameterFault;
@@ -152,7 +152,7 @@ pub async fn decide(app: &App, learn: Learn) -> Result<Decision, ServiceError> {
 async fn unchanged(app: &App, cohort: &Cohort, plan: &Plan) -> Result<Option<Arc<Ready>>, ServiceError> {
     let Some(id) = app.store.find_dictionary_id(&plan.name).await? else { return Ok(None) };
     let ready = ready::find(app, &id).await?;
-    let (content, provenance) = (&ready.dictionary.content, &ready.listed.provenance);
+    let (content, provenance) = (&ready.dictionary().content, &ready.listed.provenance);
     let settings = content.classifier.as_ref().map(|record| &record.settings);
     let is_alike = provenance.cohort == plan.cohort
         && provenance.filter == plan.filter
@@ -281,7 +281,7 @@ async fn check_classifier(
 async fn continued(app: &App, name: String, cohort: &Cohort, key: &str) -> Result<(Plan, u64), ServiceError> {
     let at = |detail: String| ServiceError::invalid("/continue_from", detail);
     let ready = ready::find(app, key).await.map_err(|error| error.named_at("/continue_from"))?;
-    let (content, provenance) = (&ready.dictionary.content, &ready.listed.provenance);
+    let (content, provenance) = (&ready.dictionary().content, &ready.listed.provenance);
     if provenance.cohort != cohort.id {
         let from = &provenance.cohort_name;
         return Err(at(format!(

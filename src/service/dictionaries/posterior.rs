@@ -109,12 +109,12 @@ pub async fn prepare(app: &App, ready: &Arc<Ready>, calibrated: bool) -> Result<
     let model = match app.cache.find::<PosteriorModel>(&id, &()) {
         Some(model) => model,
         None => {
-            let (length, modes) = (ready.setup.metric.len() as f64, ready.dictionary.model.len() as f64);
+            let (length, modes) = (ready.setup.metric.len() as f64, ready.dictionary().model.len() as f64);
             let work = Work::from_multiply_adds(length * length + 100.0 * length * modes);
             let ready = Arc::clone(ready);
             let pool = app.pool.weighing(work);
             let found = pool.run(move || {
-                let model = ready.dictionary.posterior_model(&ready.setup.space);
+                let model = ready.dictionary().posterior_model(&ready.setup.space);
                 Ok(Arc::new(model.map_err(of_dictionary)?))
             });
             let model = found.await?;
@@ -166,7 +166,7 @@ async fn calibrate(
         let context = task_app.pool.context();
         let stop = || context.is_cancelled();
         let shapes = training.read(&task_app, &handle, &task_ready, &stop)?;
-        let (dictionary, space) = (&task_ready.dictionary, &task_ready.setup.space);
+        let (dictionary, space) = (task_ready.dictionary(), &task_ready.setup.space);
         match dictionary.calibrate(space, &task_model, shapes, SEED, &context) {
             Ok(calibration) => Ok(Ok(Arc::new(calibration))),
             Err(AnalysisError::Interrupted) => Err(ServiceError::Cancelled),
@@ -197,7 +197,7 @@ impl Prepared {
     pub fn score(&self, ready: &Ready, posterior: &Posterior, hidden: f64, quantile: f64) -> PartScore {
         match &self.calibration {
             Ok(calibration) => calibration.score(posterior.measures(), hidden, quantile),
-            Err(_) => ready.dictionary.score_part(posterior.measures(), self.model.score_count(), quantile),
+            Err(_) => ready.dictionary().score_part(posterior.measures(), self.model.score_count(), quantile),
         }
     }
 
@@ -243,7 +243,7 @@ impl Ready {
         const STEP: f64 = 12.0;
         /// Unknowns of a pose in space.
         const POSE: usize = 12;
-        let unknowns = (self.dictionary.model.len() + POSE) as f64;
+        let unknowns = (self.dictionary().model.len() + POSE) as f64;
         let steps = STEP * (self.setup.metric.dimension() * places) as f64 * unknowns * unknowns;
         Work::from_multiply_adds(steps) + shapes as f64 * Work::from_seconds(1e-4)
     }
@@ -357,6 +357,6 @@ pub fn draw(ready: &Ready, shapes: &[Completion], factors: Factors) -> Drawing {
     let drawn: Vec<Drawn> = shapes.iter().take(MAX_DRAWN).enumerate().map(drawn).collect();
     let (name, version) = (&ready.listed.name, ready.listed.version);
     let title = format!("shapes completed by {name} version {version}");
-    let unit = ready.dictionary.content.length_unit.as_deref();
+    let unit = ready.dictionary().content.length_unit.as_deref();
     draw_completed(&View::as_given(&ready.setup.space), &title, &drawn, unit).to_scale(unit)
 }

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use crate::analysis::assessment::Assessor;
 use crate::analysis::dictionary::content::Content;
 use crate::analysis::dictionary::in_use::Dictionary;
 use crate::analysis::factors::Estimator;
@@ -19,7 +20,14 @@ pub struct Ready {
     /// Space, metric and class.
     pub setup: Setup,
     /// Content, model and classifier.
-    pub dictionary: Dictionary,
+    pub assessor: Assessor,
+}
+
+impl Ready {
+    /// Content and model.
+    pub fn dictionary(&self) -> &Dictionary {
+        &self.assessor.dictionary
+    }
 }
 
 impl Cached for Ready {
@@ -28,7 +36,7 @@ impl Cached for Ready {
     fn bytes(&self) -> usize {
         // Atoms as stored, whitened and in the model, and their products; the shapes of a classifier need no more than
         // that.
-        let (length, atoms) = (self.setup.metric.len(), self.dictionary.content.atoms.len());
+        let (length, atoms) = (self.setup.metric.len(), self.dictionary().content.atoms.len());
         8 * (6 * length * (atoms + 2) + atoms * atoms) + self.setup.space.bytes()
     }
 }
@@ -54,7 +62,7 @@ pub async fn find(app: &App, key: &str) -> Result<Arc<Ready>, ServiceError> {
         .run(move || {
             let settings = settings(&content).checked(&task_app.limits)?;
             let (setup, dictionary) = prepare(&task_app, settings, content)?;
-            Ok(Arc::new(Ready { listed, setup, dictionary }))
+            Ok(Arc::new(Ready { listed, setup, assessor: Assessor::new(dictionary) }))
         })
         .await?;
     app.cache.keep(&id, &(), &ready);

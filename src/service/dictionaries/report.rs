@@ -15,7 +15,7 @@ use crate::analysis::dictionary::report::measurement::quantity_faults;
 use crate::analysis::dictionary::report::{MAX_MODES, ReportCard, ReportOptions, TrainingShapes};
 use crate::analysis::drawing::report::draw_report;
 use crate::analysis::estimate::Estimate;
-use crate::analysis::inference::groups;
+use crate::analysis::strata::strata;
 use crate::domain::cohort::Cohort;
 use crate::domain::job::JobKind;
 use crate::domain::shape::ShapeDescription;
@@ -90,13 +90,13 @@ impl PlannedReport {
     }
 
     async fn of(app: &App, ready: Arc<Ready>, options: ReportOptions) -> Result<Self, ServiceError> {
-        if ready.dictionary.content.method.is_sparse() {
+        if ready.dictionary().content.method.is_sparse() {
             let detail = "expected a dictionary of components: a sparse one has no modes";
             return Err(ServiceError::parameter("dictionary", detail));
         }
         ServiceError::unless_empty(measurement_faults(&ready, &options))?;
         let Training { cohort, shapes, subjects } = Training::of(app, &ready).await?;
-        let content = &ready.dictionary.content;
+        let content = &ready.dictionary().content;
         let plan = Plan { dictionary: ready.listed.id.clone(), cohort: cohort.id.clone(), options };
         let count = subjects.iter().max().map_or(0, |last| last + 1);
         let measured = ready.setup.measured();
@@ -136,7 +136,7 @@ impl Training {
         let gone = || ServiceError::NotFound { kind: "cohort", key: provenance.cohort_name.clone() };
         let cohort = cohort.ok_or_else(gone)?.at(provenance.cohort_revision);
         app.touched.note("cohort_id", &cohort.id);
-        let content = &ready.dictionary.content;
+        let content = &ready.dictionary().content;
         let learnt_from = content.statistics.shapes + content.robust.map_or(0, |robust| robust.rejected);
         let most = app.limits.shapes;
         if learnt_from > most {
@@ -174,7 +174,7 @@ impl Training {
 /// Subject of each shape as a number; a shape without one is its own.
 fn numbered(shapes: &[ShapeDescription]) -> Vec<usize> {
     let keys = shapes.iter().enumerate();
-    groups::strata(keys.map(|(k, shape)| shape.subject.as_deref().ok_or(k)))
+    strata(keys.map(|(k, shape)| shape.subject.as_deref().ok_or(k)))
 }
 
 fn changed(what: &str) -> ServiceError {
@@ -257,7 +257,7 @@ impl PlannedTest for PlannedReport {
         let length = ready.setup.metric.len();
         let (control_points, weights) = selection.read(app, handle, cohort, length, &stop)?;
         let training = TrainingShapes { control_points, weights, subjects: subjects.clone() };
-        let found = ready.dictionary.report(&ready.setup.space, training, &plan.options, &meter);
+        let found = ready.dictionary().report(&ready.setup.space, training, &plan.options, &meter);
         let mut found = found.map_err(|error| match error {
             AnalysisError::Parameter { field: "shapes", .. } => changed("their statistics differ"),
             AnalysisError::Parameter { field: "dictionary", detail } => {
@@ -270,7 +270,7 @@ impl PlannedTest for PlannedReport {
             dictionary: UsedDictionary::new(ready),
             cohort: cohort.id.clone(),
             cohort_revision: cohort.revision,
-            length_unit: ready.dictionary.content.length_unit.clone(),
+            length_unit: ready.dictionary().content.length_unit.clone(),
             draws: plan.options.draws,
             resamples: plan.options.resamples,
             seed: plan.options.seed,

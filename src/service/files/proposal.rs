@@ -228,7 +228,7 @@ fn fit(app: &App, representation: &Representation, record: Record, tolerance: f6
     Ok(Found { fitted: fitted.map_err(first)?, size })
 }
 
-fn detail_of(fault: crate::geometry::capability::FieldFault) -> String {
+fn detail_of(fault: crate::geometry::field_fault::FieldFault) -> String {
     fault.detail
 }
 

@@ -2,7 +2,7 @@
 
 use tokio::runtime::Handle;
 
-use crate::analysis::inference::groups;
+use crate::analysis::{inference::groups, strata};
 use crate::domain::attribute::Attribute;
 use crate::domain::cohort::Cohort;
 use crate::domain::shape::ShapeDescription;
@@ -33,7 +33,7 @@ pub(super) fn strata(names: &[String], shapes: &[ShapeDescription]) -> Result<Ve
         }
     }
     ServiceError::unless_empty(faults)?;
-    Ok(groups::strata(keys))
+    Ok(strata::strata(keys))
 }
 
 /// The subject of every shape.

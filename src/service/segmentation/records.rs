@@ -201,7 +201,7 @@ impl Identity<'_> {
             return record;
         };
         let contour = matches!(record.geometry, Geometry::Curve { .. }).then_some(rank + 1);
-        instance.origin.tell(&mut record, i64::from(*label), contour, None);
+        instance.origin.tell(&mut record.labels, i64::from(*label), contour, None);
         let storing = self.options.storing;
         let uid = storing.and(instance.uid.as_deref());
         match (self.options.names, uid) {

@@ -128,7 +128,7 @@ async fn of_dictionaries(app: &App, keys: &[String], part: DictionaryPart) -> Re
     let mut found: Option<Stored> = None;
     for (index, key) in keys.iter().enumerate() {
         let ready = ready::find(app, key).await?;
-        let representation = &ready.dictionary.content.representation;
+        let representation = &ready.dictionary().content.representation;
         let structure = of_dictionary(&ready, part)?;
         match &mut found {
             None => {
@@ -147,7 +147,7 @@ async fn of_dictionaries(app: &App, keys: &[String], part: DictionaryPart) -> Re
 }
 
 fn of_dictionary(ready: &Ready, part: DictionaryPart) -> Result<Structure, ServiceError> {
-    let (dictionary, content) = (&ready.dictionary, &ready.dictionary.content);
+    let (dictionary, content) = (ready.dictionary(), &ready.dictionary().content);
     let (id, length_unit) = (Some(ready.listed.id.clone()), content.length_unit.clone());
     if part == DictionaryPart::Mean {
         let shapes = vec![columns_of(&content.mean.control_points, content.representation.dimension())];

@@ -4,9 +4,9 @@ use super::read_oriented::OrientedReader;
 use super::request::Posted;
 use crate::formats::fault::Fault;
 use crate::formats::shape::ShapeInput;
+use crate::geometry::capability::deform::MovedOriented;
 use crate::geometry::deformation::{ControlPointMove, Deformation, Edit, Handle};
 use crate::geometry::representation::Representation;
-use crate::geometry::subdivision::oriented::MovedOriented;
 use crate::service::app::faults::Faults;
 use crate::service::app::{App, ServiceError};
 

@@ -1,9 +1,9 @@
 //! Properties of a generator asked for in a query.
 
 use crate::formats::fault::Fault;
-use crate::geometry::capability::FieldFault;
+use crate::geometry::capability::generator::GeneratorDetails;
+use crate::geometry::field_fault::FieldFault;
 use crate::geometry::generator::GeneratorKind;
-use crate::geometry::generator::details::GeneratorDetails;
 use crate::service::app::ServiceError;
 
 /// The fault of a parameter at a place such as `poles/0`; a fault of the whole generator belongs to its name.

@@ -7,7 +7,7 @@ use super::read_points::take_points;
 use crate::formats::checked::{Checked, LARGE, document, take_given};
 use crate::formats::fault::Fault;
 use crate::formats::shape::PointList;
-use crate::geometry::capability::FieldFault;
+use crate::geometry::field_fault::FieldFault;
 use crate::geometry::mesh::TriangleMesh;
 use crate::geometry::overlap::{Bodies, Body, GridInput, MaskInput};
 use crate::service::app::{App, Limits, ServiceError};

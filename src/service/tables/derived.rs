@@ -129,7 +129,7 @@ pub(crate) async fn of_cohort(
 }
 
 fn components_kept(ready: &Ready, wanted: &BTreeSet<Derived>) -> Vec<usize> {
-    let all = ready.dictionary.content.atoms.len();
+    let all = ready.dictionary().content.atoms.len();
     if all <= KEPT_COMPONENTS {
         return (0..all).collect();
     }
@@ -175,7 +175,7 @@ fn add_batch(
     batch: &ScanBatch,
 ) -> Result<DerivedColumns, ServiceError> {
     let context = app.pool.context();
-    let dictionary = &ready.dictionary;
+    let dictionary = ready.dictionary();
     match dictionary.encode(&batch.control_points, &context) {
         Ok(coded) => columns.push(ready, &coded.iter().map(Some).collect::<Vec<_>>())?,
         Err(AnalysisError::Interrupted) => return Err(AnalysisError::Interrupted.into()),
@@ -194,7 +194,7 @@ fn add_batch(
 
 impl DerivedColumns {
     fn push(&mut self, ready: &Ready, coded: &[Option<&CodedShape>]) -> Result<(), ServiceError> {
-        let dictionary = &ready.dictionary;
+        let dictionary = ready.dictionary();
         for &coded in coded {
             let score = coded.map(|coded| dictionary.score(coded, QUANTILE));
             let value = |component: &usize| {
@@ -214,8 +214,8 @@ impl DerivedColumns {
 
     fn push_classes(&mut self, ready: &Ready, coded: &[Option<&CodedShape>]) -> Result<(), ServiceError> {
         let present: Vec<CodedShape> = coded.iter().flatten().map(|coded| (*coded).clone()).collect();
-        let mut classified = match ready.dictionary.classifier {
-            Some(_) => ready.dictionary.classify(&present, QUANTILE)?.unwrap_or_default().into_iter(),
+        let mut classified = match ready.dictionary().content.classifier {
+            Some(_) => ready.assessor.classify(&present, QUANTILE)?.unwrap_or_default().into_iter(),
             None => Vec::new().into_iter(),
         };
         for coded in coded {
@@ -277,7 +277,7 @@ impl DerivedColumns {
                 Values::Flag(found.iter().map(|shape| shape.and_then(|shape| self.outlier[shape])).collect())
             }
             Derived::Class => {
-                let classes = ready.dictionary.content.classifier.iter().flat_map(|record| &record.classes);
+                let classes = ready.dictionary().content.classifier.iter().flat_map(|record| &record.classes);
                 Values::Text {
                     rows: found
                         .iter()

@@ -207,7 +207,7 @@ impl Sources {
 
 /// Refuses a value that a dictionary does not give.
 fn check_value(ready: &Ready, value: Derived) -> Result<(), String> {
-    let (content, name) = (&ready.dictionary.content, &ready.listed.name);
+    let (content, name) = (&ready.dictionary().content, &ready.listed.name);
     let components = content.atoms.len();
     match value {
         Derived::Score(component) if component >= components => {

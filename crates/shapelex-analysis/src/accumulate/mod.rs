@@ -19,7 +19,7 @@ pub use self::mark::{Mark, ranked};
 pub use self::scatter::{OuterProductSum, ScatterSum};
 pub use self::source::{
     BLOCK, KEPT_BYTES, MergePart, PART, Reservation, Reserved, ShapeSource, Shapes, ShapesInMemory,
-    VisitMarked, Watched, map_shapes, prepare, smallest_eligible,
+    VisitMarked, Watched, map_shapes, prepare, smallest_eligible, subset,
 };
 pub use self::sum::{Accumulator, FAN_IN, accumulate};
 

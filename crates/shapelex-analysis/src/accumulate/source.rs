@@ -4,9 +4,9 @@ use shapelex_numeric::parallel;
 
 use super::mark::Mark;
 use crate::AnalysisError;
-use crate::matching::placement::Placement;
 use crate::metric::{Metric, norm};
 use crate::pass::{CodeGroup, Pass};
+use crate::placement::Placement;
 use crate::subspace::{check_extent, flatten};
 use crate::watch::Watch;
 
@@ -487,4 +487,12 @@ pub fn smallest_eligible(
         Ok(())
     })?;
     chosen.ok_or(AnalysisError::TooFewShapes { found: 0, needed: 1 })
+}
+
+/// The whitened shapes at the positions `chosen`, in their order.
+pub fn subset(shapes: &ShapesInMemory, chosen: &[usize]) -> ShapesInMemory {
+    let all = shapes.all();
+    let length = all.whitened.len() / all.weights.len().max(1);
+    let whitened = chosen.iter().flat_map(|&k| &all.whitened[k * length..(k + 1) * length]).copied();
+    ShapesInMemory::prepared(whitened.collect(), chosen.iter().map(|&k| all.weights[k]).collect())
 }

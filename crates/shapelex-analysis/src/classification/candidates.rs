@@ -6,7 +6,7 @@ use super::ensemble::{self, ROUNDS};
 use super::labels::ClassLabels;
 use super::observations::Evidence;
 use super::quality::{Held, confidences, sharpness};
-use super::record::{Candidate, ClassifierKind, ClassifierSettings};
+use crate::classifier_record::{Candidate, ClassifierKind, ClassifierSettings};
 use crate::dictionary::model::Model;
 
 /// Maximum count of numbers recorded of a trained classifier: some tens of megabytes in a file.

@@ -10,15 +10,15 @@
 
 use shapelex_numeric::parallel;
 
-use super::observations::{Evidence, Labelled, Observations, subset};
+use super::observations::{Evidence, Labelled, Observations};
 use crate::AnalysisError;
-use crate::accumulate::ShapesInMemory;
+use crate::accumulate::{ShapesInMemory, subset};
 use crate::alignment::{MIN_SHAPES, Method, mean_shape};
-use crate::dictionary::preparation::Preparation;
 use crate::frame::Frame;
 use crate::matching::{Placement, Target};
 use crate::mean::MeanSpace;
 use crate::metric::norm;
+use crate::preparation::Preparation;
 
 /// The mean shapes of the classes, whitened.
 #[derive(Debug, Clone, PartialEq)]

@@ -1,10 +1,10 @@
 //! Consistency of a recorded classifier with its dictionary.
 
 use super::ensemble::ROUNDS;
-use super::record::{ClassifierRecord, Trained, TrainedMember};
+use crate::classifier_record::{ClassifierRecord, Trained, TrainedMember};
 use crate::dictionary::content::Content;
 use crate::rows::Row;
-use shapelex_geometry::capability::FieldFault;
+use shapelex_geometry::field_fault::FieldFault;
 use shapelex_numeric::MAX_NUMBER;
 
 /// Inconsistencies in the classifier of a content that is consistent otherwise, at fields of `classifier`: wrong sizes, and

@@ -29,11 +29,10 @@ pub mod labels;
 pub mod neighbours;
 mod observations;
 pub mod quality;
-pub mod record;
 mod report;
 mod requirements;
 mod stored;
 pub mod study;
 
 pub use classifier::{Classifier, Kind};
-pub use observations::{Description, Evidence, Labelled, Observations, described, subset};
+pub use observations::{Description, Evidence, Labelled, Observations};

@@ -1,10 +1,8 @@
 //! What classifiers look at, and what they answer.
 
-use crate::AnalysisError;
-use crate::accumulate::{ShapesInMemory, map_shapes};
 use crate::dictionary::model::Model;
-use crate::dictionary::preparation::{Posed, Preparation};
 use crate::metric::norm;
+use crate::preparation::Preparation;
 use crate::sparse::SparseCode;
 use shapelex_numeric::dense::Matrix;
 
@@ -126,27 +124,4 @@ impl Evidence {
         };
         (1..self.scores.len()).fold(0, |best, c| if better(best, c) { c } else { best })
     }
-}
-
-/// The whitened shapes at the positions `chosen`, in their order.
-pub fn subset(shapes: &ShapesInMemory, chosen: &[usize]) -> ShapesInMemory {
-    let all = shapes.all();
-    let length = all.whitened.len() / all.weights.len().max(1);
-    let whitened = chosen.iter().flat_map(|&k| &all.whitened[k * length..(k + 1) * length]).copied();
-    ShapesInMemory::prepared(whitened.collect(), chosen.iter().map(|&k| all.weights[k]).collect())
-}
-
-/// Shapes in the form that is coded, one after the other, and their codes.
-///
-/// # Errors
-/// [`AnalysisError::Degenerate`] with the position of the shape; errors of the codes.
-pub fn described(
-    preparation: &Preparation,
-    model: &Model,
-    shapes: &ShapesInMemory,
-) -> Result<(Vec<f64>, Vec<SparseCode>), AnalysisError> {
-    let posed = Posed { source: shapes, preparation };
-    let prepared = map_shapes(&posed, |_, y, _| Ok(y.to_vec()))?.concat();
-    let codes = model.codes(&prepared, preparation.metric.len())?;
-    Ok((prepared, codes))
 }

@@ -2,7 +2,7 @@
 
 use super::labels::ClassLabels;
 use super::quality::{BINS, Bin, Held, Part, Quality};
-use super::record::{
+use crate::classifier_record::{
     Candidate, ChosenQuality, ClassQuality, ClassRecord, ClassifierSettings, PartRecord, ReliabilityBin,
     Validation,
 };

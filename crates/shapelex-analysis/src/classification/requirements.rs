@@ -2,7 +2,7 @@
 
 use super::candidates::MAX_STORED;
 use super::labels::ClassLabels;
-use super::record::{ClassifierKind, ClassifierSettings, Feature};
+use crate::classifier_record::{ClassifierKind, ClassifierSettings, Feature};
 use crate::dictionary::method::Method;
 use crate::dictionary::procedure::ParameterFault;
 

@@ -6,7 +6,7 @@ use super::classifier::{Classifier, Kind};
 use super::discriminant::{Discriminant, Regularisation};
 use super::ensemble::{Ensemble, Member};
 use super::neighbours::NearestNeighbours;
-use super::record::{ClassifierRecord, Trained, TrainedMember};
+use crate::classifier_record::{ClassifierRecord, Trained, TrainedMember};
 use crate::metric::Metric;
 use shapelex_numeric::dense::Matrix;
 

@@ -4,9 +4,9 @@
 
 use super::in_use::Dictionary;
 use super::model::{Model, error_of};
-use super::preparation::Prepared;
 use crate::AnalysisError;
 use crate::metric::Metric;
+use crate::preparation::Prepared;
 use crate::sparse::SparseCode;
 use crate::watch::Watch;
 use shapelex_geometry::representation::ShapeSpace;

@@ -3,7 +3,6 @@
 use super::content::{Atom, Content};
 use super::downdate::Downdate;
 use super::model::{Model, Spread};
-use super::preparation::{Pose, Preparation};
 use super::procedure::{Inconsistency, ParameterFault, Previous, Procedure};
 use super::work::{Cost, EIGENPROBLEM, PRODUCT, Size};
 use crate::AnalysisError;
@@ -11,6 +10,7 @@ use crate::accumulate::{Accumulator, ScatterSum, ShapeSource};
 use crate::alignment::Method as Alignment;
 use crate::partial_sums::Measured;
 use crate::pca::FunctionalPca;
+use crate::preparation::{Pose, Preparation};
 use crate::watch::{Phase, Watch};
 use shapelex_numeric::dense::Matrix;
 

@@ -5,7 +5,7 @@ use super::in_use::Dictionary;
 use crate::factors::RobustSummary;
 use crate::metric::norm;
 use crate::rows::Row;
-use shapelex_geometry::capability::FieldFault;
+use shapelex_geometry::field_fault::FieldFault;
 use shapelex_numeric::MAX_NUMBER;
 
 /// Tolerance for products of atoms in a file; for learnt atoms the deviation is about 1e-15.

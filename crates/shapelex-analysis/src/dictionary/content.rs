@@ -4,12 +4,12 @@
 //! form. Names, times and the origin of the shapes are no part of it.
 
 use super::method::Method;
-use crate::alignment::{Alignment, MeanShape};
-use crate::classification::record::ClassifierRecord;
+use crate::alignment::Alignment;
+use crate::classifier_record::ClassifierRecord;
 use crate::correspondence::{Correspondence, Direction, Mirror};
 use crate::factors::RobustSummary;
 use crate::frame::Frame;
-use crate::rows::rows_of;
+use crate::mean_record::MeanRecord;
 use crate::transformation::Transformation;
 use shapelex_geometry::representation::Representation;
 
@@ -64,37 +64,6 @@ impl Content {
             _ if self.robust.is_some() => 3,
             Some(_) => 2,
             None => 1,
-        }
-    }
-}
-
-/// Mean shape with its certificate.
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
-pub struct MeanRecord {
-    /// Control points, of unit `L₂` norm except under `rigid` and `translation`.
-    pub control_points: Vec<Vec<f64>>,
-    /// Leading eigenvalues of the sum of projectors; empty for Procrustes alignment.
-    pub eigenvalues: Vec<f64>,
-    /// Gap between the eigenvalues of the mean space and the next one; null for Procrustes alignment.
-    pub gap: Option<f64>,
-    /// Whether the mean is unique; null for Procrustes alignment.
-    pub unique: Option<bool>,
-    /// Whether the search for start points, or the Procrustes alignment, converged.
-    pub converged: bool,
-}
-
-impl MeanRecord {
-    /// The record of a mean shape in `dimension` coordinates.
-    pub fn of(mean: &MeanShape, dimension: usize) -> Self {
-        Self {
-            control_points: rows_of(&mean.control_points, dimension),
-            eigenvalues: mean.eigenvalues.clone(),
-            gap: mean.gap,
-            unique: mean.unique,
-            converged: mean.converged,
         }
     }
 }

@@ -14,13 +14,12 @@ use super::gross_errors::{Held, Typical};
 use super::in_use::Dictionary;
 use super::learn::{bytes, learn_part};
 use super::method::Method;
-use super::model::squared_distance;
+use super::model::{described, squared_distance};
 use super::novelty::{Logarithms, Novelty};
-use super::preparation::Posed;
 use super::recipe::Recipe;
 use crate::AnalysisError;
-use crate::accumulate::{KEPT_BYTES, ShapeSource, ShapesInMemory};
-use crate::classification::{described, subset};
+use crate::accumulate::{KEPT_BYTES, ShapeSource, ShapesInMemory, subset};
+use crate::preparation::Posed;
 use crate::watch::{Phase, Watch};
 
 /// Maximum number of held-out shapes: with 400, the limit at 0.99 has a standard error of a quarter of a percentage

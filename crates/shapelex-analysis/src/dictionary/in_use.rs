@@ -2,13 +2,11 @@
 
 use super::content::{Content, HeldOutStatistics};
 use super::model::{Coded, Model, Spread};
-use super::preparation::{Pose, Posed, Preparation};
 use crate::AnalysisError;
 use crate::accumulate::ShapeSource;
-use crate::classification::Classifier;
-use crate::classification::record::ClassifierRecord;
 use crate::metric::Metric;
 use crate::partial_sums::Measured;
+use crate::preparation::{Pose, Posed, Preparation};
 use crate::rows::columns_of;
 use crate::watch::Watch;
 use shapelex_numeric::dense::Matrix;
@@ -22,8 +20,6 @@ pub struct Dictionary {
     pub preparation: Preparation,
     /// Atoms or components.
     pub model: Model,
-    /// Classifier, if there is one.
-    pub classifier: Option<Classifier>,
     /// Scores of the held-out shapes without gross errors; `None` if there were none.
     typical: Option<Spread>,
 }
@@ -37,10 +33,8 @@ impl Dictionary {
     pub fn new(content: Content, measured: Measured<'_>) -> Result<Self, AnalysisError> {
         let model = content.method.model(&content, measured)?;
         let preparation = content.preparation(measured)?;
-        let classifier =
-            content.classifier.as_ref().map(|record| Classifier::from_record(record, measured.metric));
         let held_out = content.statistics.held_out.clone();
-        Ok(Self { content, preparation, model, classifier, typical: None }.holding_out(held_out))
+        Ok(Self { content, preparation, model, typical: None }.holding_out(held_out))
     }
 
     /// The dictionary with these measures of held-out shapes.
@@ -58,13 +52,6 @@ impl Dictionary {
     /// Distance of scores by which outliers are found, if it is not `T²`.
     pub(super) fn typical_distance(&self, scores: &[f64]) -> Option<f64> {
         self.typical.as_ref().map(|typical| typical.distance(scores))
-    }
-
-    /// The dictionary with a trained classifier.
-    pub fn with_classifier(mut self, record: ClassifierRecord) -> Self {
-        self.classifier = Some(Classifier::from_record(&record, self.metric()));
-        self.content.classifier = Some(record);
-        self
     }
 
     /// Metric of the shapes.

@@ -3,18 +3,19 @@
 //! The result depends on the shapes and the recipe alone, bit by bit, for any number of threads and any process that
 //! computes a part of a pass.
 
-use super::content::{Content, MeanRecord, ScoreStatistics};
+use super::content::{Content, ScoreStatistics};
 use super::held_out;
 use super::in_use::Dictionary;
 use super::model::{Certificate, Coded, Model};
-use super::preparation::{Pose, Posed, Preparation};
 use super::procedure::Previous;
 use super::recipe::Recipe;
 use crate::AnalysisError;
 use crate::accumulate::{KEPT_BYTES, ShapeSource, ShapesInMemory, Watched};
 use crate::factors::{Estimator, Factors, RobustSummary};
 use crate::matching::Disagreement;
+use crate::mean_record::MeanRecord;
 use crate::partial_sums::Measured;
+use crate::preparation::{Pose, Posed, Preparation};
 use crate::robust::{LessCounted, Listed, Retained, mean_by};
 use crate::watch::{Phase, Quiet, Watch};
 

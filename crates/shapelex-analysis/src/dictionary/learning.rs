@@ -20,10 +20,10 @@
 use rand::rngs::ChaCha12Rng;
 use rand::{RngExt, SeedableRng};
 
-use super::algebra::Algebra;
 use super::statistics::Statistics;
 use crate::AnalysisError;
 use crate::accumulate::{BLOCK, PART, PartTree, ShapeSource, Shapes, read_numbers, write_numbers};
+use crate::algebra::Algebra;
 use crate::metric::dot;
 use crate::pass::{CodeGroup, Group};
 use crate::sparse::{Atoms, Coder, Encode, SparseCode};

@@ -18,7 +18,6 @@
 //!
 //! * [`in_use`] — a dictionary prepared for use; [`coding`] — codes and reconstructions, [`posted_code`] — of
 //!   given codes; [`score`] — outliers;
-//! * [`assess`] — classes, and complete assessments; [`drift`] — new shapes compared with the training shapes;
 //! * [`report`] — how well modes describe shapes: generalisation, specificity, stability, named measurements;
 //! * [`posterior`] — shapes of which a part is known: completion, calibrated bands, conditions;
 //! * [`modes`] — modes, random shapes; [`prior`] — the energy of a shape outside of a span.
@@ -26,8 +25,6 @@
 //! Parts:
 //!
 //! * [`procedure`] — what a method must do, with its implementations `components` and `sparse_atoms`;
-//! * [`algebra`] — the transformations that may act on atoms;
-//! * [`preparation`] — the form of shapes for coding;
 //! * [`learning`] — online and batch learning of sparse atoms; [`statistics`] — sufficient statistics of codes;
 //! * [`model`] — learnt atoms in use; [`work`] — predicted work;
 //! * [`downdate`] — leave-one-out statistics of principal components;
@@ -35,14 +32,11 @@
 //!
 //! Source: Schmitter 2017, (4.27); Mairal, Bach, Ponce, Sapiro 2009 for the statistics.
 
-pub mod algebra;
-pub mod assess;
 pub mod coding;
 mod components;
 mod consistency;
 pub mod content;
 pub mod downdate;
-pub mod drift;
 mod gross_errors;
 pub mod held_out;
 pub mod in_use;
@@ -54,7 +48,6 @@ pub mod modes;
 pub mod novelty;
 pub mod posted_code;
 pub mod posterior;
-pub mod preparation;
 pub mod prior;
 pub mod procedure;
 pub mod recipe;

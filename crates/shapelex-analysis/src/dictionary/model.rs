@@ -5,14 +5,15 @@
 //! sparse       ŷ = Σ_j D_j B_jᵀ
 //! ```
 //!
-//! `y` is a prepared shape ([`preparation`](super::preparation)).
+//! `y` is a prepared shape ([`preparation`](crate::preparation)).
 
-use super::algebra::Algebra;
 use super::learning::Learning;
 use crate::AnalysisError;
-use crate::accumulate::{ShapeSource, read_numbers, write_numbers};
+use crate::accumulate::{ShapeSource, ShapesInMemory, map_shapes, read_numbers, write_numbers};
+use crate::algebra::Algebra;
 use crate::metric::{dot, norm};
 use crate::pca::{FunctionalPca, reconstruction_error};
+use crate::preparation::{Posed, Preparation};
 use crate::sparse::{Atoms, Coder, Encode, SparseCode};
 use crate::watch::Watch;
 use shapelex_numeric::dense::{Matrix, symmetric_eigen};
@@ -342,4 +343,19 @@ impl Learning {
     pub fn model(&self, atoms: &Matrix) -> Model {
         Model::Sparse { algebra: self.algebra.clone(), coder: self.coder, atoms: self.atoms_of(atoms) }
     }
+}
+
+/// Shapes in the form that is coded, one after the other, and their codes.
+///
+/// # Errors
+/// [`AnalysisError::Degenerate`] with the position of the shape; errors of the codes.
+pub fn described(
+    preparation: &Preparation,
+    model: &Model,
+    shapes: &ShapesInMemory,
+) -> Result<(Vec<f64>, Vec<SparseCode>), AnalysisError> {
+    let posed = Posed { source: shapes, preparation };
+    let prepared = map_shapes(&posed, |_, y, _| Ok(y.to_vec()))?.concat();
+    let codes = model.codes(&prepared, preparation.metric.len())?;
+    Ok((prepared, codes))
 }

@@ -2,7 +2,7 @@
 
 use super::coding::Reconstruction;
 use super::in_use::Dictionary;
-use shapelex_geometry::capability::FieldFault;
+use shapelex_geometry::field_fault::FieldFault;
 use shapelex_numeric::MAX_NUMBER;
 use shapelex_numeric::dense::Matrix;
 

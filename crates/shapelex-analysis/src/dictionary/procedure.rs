@@ -6,13 +6,13 @@ use super::downdate::Downdate;
 use super::learning::Learning;
 use super::method::Method;
 use super::model::Model;
-use super::preparation::{Pose, Preparation};
 use super::sparse_atoms::SparseAtoms;
 use super::work::{Cost, Size};
 use crate::AnalysisError;
 use crate::accumulate::ShapeSource;
 use crate::alignment::Method as Alignment;
 use crate::partial_sums::Measured;
+use crate::preparation::{Pose, Preparation};
 use crate::watch::Watch;
 
 /// An earlier version of a dictionary, from which learning continues.

@@ -1,8 +1,7 @@
 //! Recipes: everything besides the shapes that a dictionary depends on.
 
-use super::content::{Content, MeanRecord, Statistics};
+use super::content::{Content, Statistics};
 use super::method::Method;
-use super::preparation::Preparation;
 use crate::AnalysisError;
 use crate::accumulate::ShapesInMemory;
 use crate::alignment::{Alignment, Method as AlignmentMethod};
@@ -10,8 +9,10 @@ use crate::correspondence::{Correspondence, Direction, Mirror};
 use crate::factors::Estimator;
 use crate::frame::Frame;
 use crate::matching::Matching;
+use crate::mean_record::MeanRecord;
 use crate::metric::Metric;
 use crate::partial_sums::Measured;
+use crate::preparation::Preparation;
 use crate::transformation::Transformation;
 use shapelex_geometry::representation::{Representation, ShapeSpace};
 

@@ -32,7 +32,7 @@ impl Dictionary {
     }
 
     /// Score of the prepared shape `y` with this code.
-    pub(super) fn score_of(&self, y: &[f64], code: &SparseCode, quantile: f64) -> Score {
+    pub(crate) fn score_of(&self, y: &[f64], code: &SparseCode, quantile: f64) -> Score {
         let residual = squared_distance(y, &self.model.reconstruct(code));
         let scores = matches!(self.model, Model::Components { .. }).then(|| code.values.clone());
         let compared = self.compared(self.model.distance(code), scores.as_deref(), residual, quantile);
@@ -80,15 +80,15 @@ impl Dictionary {
 
 /// Reference values of both measures, ascending: of held-out training shapes if available, otherwise of the training
 /// shapes themselves.
-pub(super) struct Known<'a> {
+pub(crate) struct Known<'a> {
     /// Distances `T²`; empty for sparse dictionaries.
-    pub(super) t_squared: &'a [f64],
+    pub(crate) t_squared: &'a [f64],
     /// Squared prediction errors `‖y − ŷ‖²`.
-    pub(super) residuals: &'a [f64],
+    pub(crate) residuals: &'a [f64],
 }
 
 impl<'a> Known<'a> {
-    pub(super) fn of(statistics: &'a Statistics) -> Self {
+    pub(crate) fn of(statistics: &'a Statistics) -> Self {
         if let Some(held_out) = &statistics.held_out {
             let t_squared = held_out.t_squared.as_ref().map_or(&[][..], |measure| &measure.values);
             return Self { t_squared, residuals: &held_out.residuals.values };
@@ -114,12 +114,12 @@ fn logarithms_of_typical(held_out: &HeldOutStatistics) -> Option<Logarithms> {
 }
 
 /// Fraction of the ascending `values` that are at most `value`.
-pub(super) fn rank(values: &[f64], value: f64) -> f64 {
+pub(crate) fn rank(values: &[f64], value: f64) -> f64 {
     values.partition_point(|known| *known <= value) as f64 / values.len().max(1) as f64
 }
 
 /// Quantile of ascending values, with linear interpolation; infinite if there are none.
-pub(super) fn value_at(values: &[f64], quantile: f64) -> f64 {
+pub(crate) fn value_at(values: &[f64], quantile: f64) -> f64 {
     let Some(last) = values.len().checked_sub(1) else { return f64::INFINITY };
     let place = quantile * last as f64;
     let below = place.floor() as usize;

@@ -1,20 +1,20 @@
 //! Dictionaries of sparse atoms.
 
-use super::algebra::Algebra;
 use super::content::{Atom, Content};
 use super::downdate::Downdate;
 use super::learning::{Learning, Schedule, Start};
 use super::method::Codes;
 use super::model::Model;
-use super::preparation::{Pose, Preparation};
 use super::procedure::{Inconsistency, ParameterFault, Previous, Procedure};
 use super::statistics::Statistics;
 use super::work::{CODING, Cost, Size, USED, code_operations};
 use crate::AnalysisError;
 use crate::accumulate::ShapeSource;
+use crate::algebra::Algebra;
 use crate::alignment::Method as Alignment;
 use crate::metric::Metric;
 use crate::partial_sums::Measured;
+use crate::preparation::{Pose, Preparation};
 use crate::sparse::{Coder, GroupLasso, Lasso, Pursuit};
 use crate::watch::{Phase, Watch};
 use shapelex_numeric::dense::Matrix;

@@ -8,9 +8,9 @@
 //! `X_k` is `m × c`, `D = [D_1 … D_J]` is `m × cJ`, `A` is `cJ × cJ`, `F` is `m × cJ`; for plain coefficients (`c = 1`)
 //! these are the `A = Σ ααᵀ` and `B = Σ xαᵀ` of Mairal et al. 2009. Sums merge by addition.
 
-use super::algebra::Algebra;
 use crate::AnalysisError;
 use crate::accumulate::{Shapes, read_numbers, write_numbers};
+use crate::algebra::Algebra;
 use crate::metric::dot;
 use crate::sparse::SparseCode;
 use shapelex_numeric::dense::{Matrix, add_product, multiply, symmetric_eigen};

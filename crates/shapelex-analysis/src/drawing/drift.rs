@@ -1,6 +1,6 @@
 //! Drawings of drift: the scores of new shapes against those of the training, and what else changed, in sentences.
 
-use crate::dictionary::drift::{ClassDrift, Drift, ScoreDrift};
+use crate::assessment::drift::{ClassDrift, Drift, ScoreDrift};
 use shapelex_geometry::drawing::legend::Entry;
 use shapelex_geometry::drawing::scene::{Drawing, short};
 use shapelex_geometry::drawing::strips::{Strip, strips};

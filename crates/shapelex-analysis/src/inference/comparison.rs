@@ -443,8 +443,8 @@ fn difference(sample: &Sample, labels: &[usize]) -> Vec<f64> {
 mod tests {
     use rand::RngExt;
 
-    use super::super::permutation::stream;
     use super::*;
+    use crate::random::stream;
     use crate::watch::{StopWhen, Unwatched};
 
     fn noise(i: usize, k: usize) -> f64 {

@@ -46,17 +46,6 @@ impl Groups {
     }
 }
 
-/// Strata of shapes with these keys, numbered by first appearance: equal keys share a stratum.
-pub fn strata<K: Ord>(keys: impl IntoIterator<Item = K>) -> Vec<usize> {
-    let mut numbers = BTreeMap::new();
-    keys.into_iter()
-        .map(|key| {
-            let next = numbers.len();
-            *numbers.entry(key).or_insert(next)
-        })
-        .collect()
-}
-
 /// Number of subjects with shapes in several groups, given the subject and the group of each shape.
 pub fn subjects_in_several_groups(subjects: &[Option<&str>], labels: &[usize]) -> usize {
     let mut sides: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
@@ -95,8 +84,7 @@ mod tests {
     }
 
     #[test]
-    fn strata_are_numbered_as_they_appear_and_subjects_are_counted() {
-        assert_eq!(strata(["b", "a", "b", "c"]), [0, 1, 0, 2]);
+    fn subjects_are_counted() {
         let subjects = [Some("x"), None, Some("x"), Some("y"), None];
         assert_eq!(subjects_in_several_groups(&subjects, &[0, 0, 1, 1, 1]), 1);
         assert!(

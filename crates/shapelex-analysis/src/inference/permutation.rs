@@ -4,8 +4,7 @@
 //! there are no more relabellings than requested, all of them are enumerated and the p value is exact. Otherwise they are
 //! drawn, each from a random stream of its own, so that they do not depend on the number of threads.
 
-use rand::rngs::ChaCha12Rng;
-use rand::{RngExt, SeedableRng};
+use crate::random::{shuffle, stream};
 
 /// Parameters of the permutation draws.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -161,20 +160,6 @@ fn strata_of(observed: &[usize], groups: usize, strata: &[usize]) -> Vec<Stratum
         found[stratum].counts[group] += 1;
     }
     found
-}
-
-/// The random stream of draw `index`.
-pub(crate) fn stream(seed: u64, index: usize) -> ChaCha12Rng {
-    let mut random = ChaCha12Rng::seed_from_u64(seed);
-    random.set_stream(index as u64);
-    random
-}
-
-/// Shuffles the values at the positions `members`; all orders are equally likely.
-pub(super) fn shuffle(random: &mut ChaCha12Rng, members: &[usize], values: &mut [usize]) {
-    for i in (1..members.len()).rev() {
-        values.swap(members[i], members[random.random_range(0..=i)]);
-    }
 }
 
 /// Number of relabellings; `None` if there are more than `most`.

@@ -3,7 +3,7 @@
 use super::comparison::Tested;
 use super::histogram::ExplainedHistogram;
 use super::permutation::Tally;
-use crate::dictionary::content::MeanRecord;
+use crate::mean_record::MeanRecord;
 use shapelex_geometry::size::SizeMeasure;
 
 /// Comparison of groups of shapes: means, tests, effects along the shape, sizes.

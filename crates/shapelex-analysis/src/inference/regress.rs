@@ -8,8 +8,9 @@ use super::records::{AttributeSummary, CovariateRecord, Prediction, RegressionRe
 use super::regression::Regression;
 use super::variables::Variables;
 use crate::alignment::MeanShape;
-use crate::dictionary::content::MeanRecord;
+use crate::mean_record::MeanRecord;
 use crate::metric::{Metric, dot, norm};
+use crate::quantile::quantile;
 use crate::watch::{Counted, Watch};
 
 /// Quantiles of the attribute at which shapes are predicted.
@@ -162,25 +163,4 @@ fn score(shapes: &AlignedShapes<'_>, k: usize, average: &[f64], slope: &[f64]) -
     let centred: Vec<f64> = shapes.aligned.column(k).iter().zip(average).map(|(y, a)| y - a).collect();
     let length = norm(slope);
     if length > 0.0 { dot(&centred, slope) / length } else { 0.0 }
-}
-
-/// Quantile of ascending values, with linear interpolation.
-pub(crate) fn quantile(sorted: &[f64], q: f64) -> f64 {
-    let position = q * (sorted.len() - 1) as f64;
-    let below = position.floor() as usize;
-    let above = (below + 1).min(sorted.len() - 1);
-    sorted[below] + (position - below as f64) * (sorted[above] - sorted[below])
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn quantiles_interpolate_between_neighbours() {
-        let sorted = [1.0, 2.0, 4.0];
-        let found = [0.0, 0.25, 0.5, 0.75, 1.0].map(|q| quantile(&sorted, q));
-        assert_eq!(found, [1.0, 1.5, 2.0, 3.0, 4.0]);
-        assert_eq!(quantile(&[7.0], 0.95), 7.0);
-    }
 }

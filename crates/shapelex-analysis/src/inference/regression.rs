@@ -20,9 +20,10 @@
 //! Sources: Freedman and Lane 1983; Anderson and Robinson 2001; the score of a shape: Drake and Klingenberg 2008.
 
 use super::super::AnalysisError;
-use super::permutation::{Draws, Tally, shuffle, stream};
+use super::permutation::{Draws, Tally};
 use super::reaches;
 use super::span::Span;
+use crate::random::{shuffle, stream};
 use crate::watch::Watch;
 use shapelex_numeric::dense::{self, Matrix};
 use shapelex_numeric::parallel;

@@ -13,14 +13,15 @@
 //! [`regression`](super::regression), draw by draw.
 
 use super::limits::MIN_DEVIATION;
-use super::permutation::{Tally, shuffle, stream};
+use super::permutation::Tally;
 use super::reaches;
 use super::records::AttributeSummary;
 use super::regression::{COLLINEAR, COLUMNS, Collinear, Regression, part};
 use crate::AnalysisError;
 use crate::accumulate::{ShapeSource, read_numbers, write_numbers};
-use crate::dictionary::preparation::{Posed, Preparation};
 use crate::metric::dot;
+use crate::preparation::{Posed, Preparation};
+use crate::random::{shuffle, stream};
 use crate::tangent::to_tangent;
 use nalgebra::Cholesky;
 use shapelex_numeric::dense::{self, Matrix};

@@ -14,8 +14,9 @@
 
 use super::super::AnalysisError;
 use super::comparison::{Sample, Tested};
-use super::permutation::{Tally, stream};
+use super::permutation::Tally;
 use super::reaches;
+use crate::random::stream;
 use crate::watch::Watch;
 use rand::RngExt;
 use shapelex_numeric::dense::{self, Matrix};

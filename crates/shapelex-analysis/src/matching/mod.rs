@@ -12,13 +12,12 @@
 //! placement wins, then the smallest shift, so rounding decides nothing.
 
 mod moving;
-pub mod placement;
 
 use std::borrow::Cow;
 
+pub use crate::placement::Placement;
 pub use moving::Disagreement;
 use moving::MovedSurfaces;
-pub use placement::Placement;
 
 use super::AnalysisError;
 use super::accumulate::{MergePart, PART, ShapeSource, Shapes, VisitMarked, for_each_changed, map_shapes};

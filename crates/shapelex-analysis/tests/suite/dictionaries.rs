@@ -5,7 +5,7 @@ use std::sync::Mutex;
 
 use rayon::ThreadPoolBuilder;
 use shapelex_analysis::accumulate::{PART, ShapeSource, Shapes, ShapesInMemory};
-use shapelex_analysis::dictionary::algebra::Algebra;
+use shapelex_analysis::algebra::Algebra;
 use shapelex_analysis::dictionary::learning::{Learning, Learnt, Schedule, Start};
 use shapelex_analysis::dictionary::model::{Certificate, Model};
 use shapelex_analysis::pass::{CodeGroup, Group};

@@ -8,13 +8,13 @@ use shapelex_analysis::accumulate::{
 use shapelex_analysis::alignment::{Alignment, Method, mean_shape};
 use shapelex_analysis::correspondence::{Correspondence, Direction, Mirror};
 use shapelex_analysis::dictionary::model::{Certificate, Coded, Model, Spread};
-use shapelex_analysis::dictionary::preparation::{Pose, Posed, Preparation};
 use shapelex_analysis::frame::Frame;
 use shapelex_analysis::matching::Matching;
 use shapelex_analysis::metric::Metric;
 use shapelex_analysis::partial_sums::Measured;
 use shapelex_analysis::pass::{Aligned, Pass, Sum};
 use shapelex_analysis::pca::FunctionalPca;
+use shapelex_analysis::preparation::{Pose, Posed, Preparation};
 use shapelex_analysis::transformation::{ClassName, Transformation};
 use shapelex_analysis::watch::Unwatched;
 use shapelex_geometry::representation::{Representation, ShapeSpace};

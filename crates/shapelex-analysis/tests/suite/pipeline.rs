@@ -5,9 +5,10 @@ use std::sync::Mutex;
 
 use shapelex_analysis::AnalysisError;
 use shapelex_analysis::accumulate::ShapesInMemory;
+use shapelex_analysis::assessment::Assessor;
 use shapelex_analysis::classification::labels::ClassLabels;
-use shapelex_analysis::classification::record::{ClassifierKind, ClassifierSettings};
 use shapelex_analysis::classification::study::train_classifier;
+use shapelex_analysis::classifier_record::{ClassifierKind, ClassifierSettings};
 use shapelex_analysis::dictionary::content::HoldOut;
 use shapelex_analysis::dictionary::in_use::Dictionary;
 use shapelex_analysis::dictionary::learn::{Learner, Learnt, learn};
@@ -161,9 +162,9 @@ fn a_classifier_is_trained_validated_and_applied() {
     let settings = ClassifierSettings::new(ClassifierKind::Discriminant);
     let record = train_classifier(&dictionary, &shapes, &labels, &settings, &Unwatched).unwrap();
     assert!(record.validation.accuracy.value > 0.9, "{:?}", record.validation);
-    let dictionary = dictionary.with_classifier(record);
-    let coded = dictionary.encode(&outlines(2), &Unwatched).unwrap();
-    let found = dictionary.classify(&coded, 0.99).unwrap().unwrap();
+    let assessor = Assessor::trained(dictionary, record);
+    let coded = assessor.dictionary.encode(&outlines(2), &Unwatched).unwrap();
+    let found = assessor.classify(&coded, 0.99).unwrap().unwrap();
     let label = |k: usize| labels.labels[found[k].ranking[0].class].as_str();
     assert_eq!([label(0), label(1)], ["round", "cornered"]);
 }
@@ -184,13 +185,14 @@ fn a_class_that_no_fold_leaves_is_named() {
 #[test]
 fn drift_is_none_for_the_training_shapes() {
     let (shapes, Learnt { dictionary, .. }) = learnt(Method::components(2, true), 40);
-    let drift = dictionary.drift(&shapes, &|_| unreachable!("nothing is searched"), 0.99, &Unwatched);
+    let assessor = Assessor::new(dictionary);
+    let drift = assessor.drift(&shapes, &|_| unreachable!("nothing is searched"), 0.99, &Unwatched);
     let drift = drift.unwrap();
     assert_eq!(drift.shapes, 40);
     assert!(drift.outliers <= 2 && drift.mean.unwrap().angle_deg < 1e-6, "{}", drift.outliers);
     assert!(drift.scores.unwrap().iter().all(|score| score.shift.abs() < 1e-9));
     let none = ShapesInMemory::prepared(Vec::new(), Vec::new());
-    let drift = dictionary.drift(&none, &|_| unreachable!("nothing is new"), 0.99, &Unwatched).unwrap();
+    let drift = assessor.drift(&none, &|_| unreachable!("nothing is new"), 0.99, &Unwatched).unwrap();
     assert_eq!(drift, Default::default());
 }
 

@@ -4,11 +4,11 @@ use bytes::Bytes;
 use object_store::PutMode;
 use serde::{Deserialize, Serialize};
 
+use super::files::{CodedPart, read_files};
+use super::revision::Revision;
 use super::{codes_manifest_path, codes_path};
 use crate::EngineError;
 use crate::objects::{Length, Objects};
-use crate::pass::revision::Revision;
-use crate::pass::work::{CodedPart, read_files};
 
 /// Maximum size of a manifest of codes or of an index, as of a revision.
 pub(super) const MAX_BYTES: u64 = 512 << 20;

@@ -6,11 +6,11 @@ use serde::{Deserialize, Serialize};
 use shapelex_analysis::accumulate::{FAN_IN, PART};
 
 use super::codes::MAX_BYTES;
+use super::files::{IndexedGroup, read_files};
+use super::revision::Revision;
 use super::{graph_path, index_manifest_path};
 use crate::EngineError;
 use crate::objects::{Length, Objects};
-use crate::pass::revision::Revision;
-use crate::pass::work::{IndexedGroup, read_files};
 
 /// Number of shapes of a group of parts.
 pub(crate) const GROUP: usize = FAN_IN * PART;

@@ -19,11 +19,14 @@
 //! [`collect`](maintenance::collect) removes.
 
 pub mod codes;
+pub mod files;
 #[cfg(feature = "approximate")]
 pub mod index;
 pub mod maintenance;
 pub mod manifest;
 pub mod part;
+pub mod record;
+pub mod revision;
 pub mod writer;
 
 use object_store::path::Path;

@@ -32,7 +32,7 @@ use shapelex_analysis::accumulate::PART;
 
 use super::manifest::FORMAT;
 use crate::EngineError;
-use crate::ingest::{Measures, Record};
+use crate::cohort::record::{Measures, Record};
 
 /// Maximum length of all texts of a part in bytes: a list of strings holds less than 2 GiB.
 const MAX_TEXT_BYTES: usize = 1 << 30;

@@ -9,7 +9,7 @@ use super::manifest::{FORMAT, MAX_PART_BYTES, Manifest, Part, revisions};
 use super::part::Rows;
 use super::{Description, part_path};
 use crate::EngineError;
-use crate::ingest::Record;
+use crate::cohort::record::Record;
 use crate::objects::Objects;
 
 /// Writes the shapes of a revision in their order.

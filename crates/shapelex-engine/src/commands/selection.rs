@@ -5,8 +5,8 @@ use std::sync::Arc;
 use clap::Args;
 use shapelex_engine::EngineError;
 use shapelex_engine::cohort::manifest::revisions;
+use shapelex_engine::cohort::revision::Revision;
 use shapelex_engine::objects::Objects;
-use shapelex_engine::pass::revision::Revision;
 
 #[derive(Debug, Args)]
 pub(crate) struct Selection {

@@ -22,7 +22,7 @@ use parquet::file::properties::{EnabledStatistics, WriterProperties};
 use shapelex_analysis::accumulate::{ShapeSource, ShapesInMemory};
 use shapelex_analysis::dictionary::in_use::Dictionary;
 use shapelex_analysis::dictionary::model::Model;
-use shapelex_analysis::dictionary::preparation::Posed;
+use shapelex_analysis::preparation::Posed;
 use shapelex_analysis::sparse::SparseCode;
 
 use crate::EngineError;

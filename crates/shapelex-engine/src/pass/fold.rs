@@ -176,10 +176,11 @@ mod tests {
     use shapelex_analysis::transformation::{ClassName, Transformation};
 
     use super::*;
+    use crate::cohort::record::Record;
+    use crate::cohort::revision::{Revision, Setting};
     use crate::cohort::writer::Writer;
-    use crate::ingest::{Record, read_description};
+    use crate::ingest::read_description;
     use crate::objects::{Objects, Patience};
-    use crate::pass::revision::{Revision, Setting};
     use crate::pass::source::Subject;
     use crate::pass::work::Work;
 

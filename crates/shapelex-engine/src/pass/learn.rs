@@ -11,14 +11,14 @@ use shapelex_analysis::AnalysisError;
 use shapelex_analysis::accumulate::{FAN_IN, PART};
 use shapelex_analysis::dictionary::learning::Learning;
 use shapelex_analysis::dictionary::method::Method;
-use shapelex_analysis::dictionary::preparation::{Posed, Preparation};
 use shapelex_analysis::pass::Group;
+use shapelex_analysis::preparation::{Posed, Preparation};
 use shapelex_analysis::sparse::SparseCode;
 use shapelex_analysis::watch::Unwatched;
 
-use super::revision::Setting;
 use crate::EngineError;
 use crate::cohort::part::Numbers;
+use crate::cohort::revision::Setting;
 use crate::objects::Objects;
 
 /// Number of bytes of a digest.

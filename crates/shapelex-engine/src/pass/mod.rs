@@ -27,7 +27,6 @@ pub mod fold;
 pub(crate) mod graph;
 pub mod learn;
 pub mod regress;
-pub mod revision;
 pub mod rows;
 pub mod search;
 pub mod source;

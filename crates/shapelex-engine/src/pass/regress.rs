@@ -5,10 +5,10 @@ use shapelex_analysis::AnalysisError;
 use shapelex_analysis::accumulate::{FAN_IN, PART};
 use shapelex_analysis::inference::regression_sums::{Observed, Reduced, RegressionSums};
 
-use super::revision::Setting;
 use super::variables::{Columns, Summary, Variable, entries, read};
 use crate::EngineError;
 use crate::cohort::part::Numbers;
+use crate::cohort::revision::Setting;
 
 /// A pass of a regression.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

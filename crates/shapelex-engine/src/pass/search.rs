@@ -5,9 +5,9 @@ use shapelex_analysis::accumulate::{PART, prepare};
 use shapelex_analysis::distance::{DistanceSpace, PreparedShapes};
 use shapelex_analysis::neighbours::NeighbourSearch;
 
-use super::revision::Setting;
 use crate::EngineError;
 use crate::cohort::part::Numbers;
+use crate::cohort::revision::Setting;
 
 /// A search for the nearest shapes to each of several queries.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -10,12 +10,12 @@ use shapelex_analysis::pass::Pass;
 use tokio::runtime::Handle;
 
 use super::engine::Took;
-use super::revision::{Revision, Setting};
 use super::task::Task;
 use super::work::Work;
 use crate::EngineError;
 use crate::cohort::part::Numbers;
-use crate::dictionary::Named;
+use crate::cohort::revision::{Revision, Setting};
+use crate::named::Named;
 
 /// What a pass is over.
 #[derive(Debug, Clone)]

@@ -18,14 +18,15 @@ use tokio::sync::OnceCell;
 
 use super::codes;
 use super::learn::Coded;
-use super::revision::{Revision, Setting};
 use super::source::Subject;
-use super::work::{CodedPart, IndexedGroup, Work, write_files};
+use super::work::Work;
 use crate::EngineError;
 use crate::cohort::codes::Codes;
+use crate::cohort::files::{CodedPart, IndexedGroup, write_files};
 use crate::cohort::part::Numbers;
+use crate::cohort::revision::{Revision, Setting};
 use crate::cohort::{codes_path, graph_path, learning_folder};
-use crate::dictionary::Named;
+use crate::named::Named;
 use crate::objects::{Length, Objects};
 
 /// Maximum size of a file of codes: all of the shapes of a part with as many atoms as a dictionary may have.

@@ -1,6 +1,5 @@
 //! What is computed of each part, and how the results of parts become one.
 
-use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use shapelex_analysis::accumulate::{FAN_IN, PART};
 use shapelex_analysis::dictionary::model::Coded;
@@ -8,10 +7,11 @@ use shapelex_analysis::pass::Pass;
 
 use super::learn::Learn;
 use super::regress::Regress;
-use super::revision::Setting;
 use super::search::Search;
 use crate::EngineError;
+use crate::cohort::files::{CodedPart, IndexedGroup, join};
 use crate::cohort::part::IDS;
+use crate::cohort::revision::Setting;
 
 /// What is computed of each part. The results of consecutive parts are merged in their order into that of all: sums are added,
 /// lists joined.
@@ -37,32 +37,6 @@ pub enum Work {
 
 /// Bytes of how well a shape is described.
 const CERTIFIED_BYTES: usize = 48;
-
-/// The codes of a part, as a file.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct CodedPart {
-    /// Digest of the part.
-    pub part: String,
-    /// Number of shapes.
-    pub shapes: u64,
-    /// blake3 digest of the file, hexadecimal.
-    pub digest: String,
-    /// Its size in bytes.
-    pub size_bytes: u64,
-}
-
-/// The graph of a group of parts, as a file.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct IndexedGroup {
-    /// Number of shapes.
-    pub shapes: u64,
-    /// blake3 digest of the file, hexadecimal.
-    pub digest: String,
-    /// Its size in bytes.
-    pub size_bytes: u64,
-}
 
 impl Work {
     /// Number of units of the work in a revision of `parts` parts: what is computed at once is a part, or for graphs a group of
@@ -123,19 +97,4 @@ impl Work {
             Self::Index(_) => join::<IndexedGroup>(states),
         }
     }
-}
-
-/// A list of files as bytes.
-pub(crate) fn write_files<T: Serialize>(files: &[T]) -> Result<Vec<u8>, EngineError> {
-    serde_json::to_vec(files).map_err(|error| EngineError::refused("files", error.to_string()))
-}
-
-/// The list of files that [`write_files`] wrote.
-pub(crate) fn read_files<T: DeserializeOwned>(bytes: &[u8]) -> Result<Vec<T>, EngineError> {
-    serde_json::from_slice(bytes).map_err(|error| EngineError::refused("files", error.to_string()))
-}
-
-fn join<T: Serialize + DeserializeOwned>(lists: &[&[u8]]) -> Result<Vec<u8>, EngineError> {
-    let lists: Vec<Vec<T>> = lists.iter().map(|list| read_files(list)).collect::<Result<_, _>>()?;
-    write_files(&lists.into_iter().flatten().collect::<Vec<T>>())
 }

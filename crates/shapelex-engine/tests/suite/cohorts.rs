@@ -8,8 +8,8 @@ use object_store::{ObjectStore, ObjectStoreExt};
 use shapelex_analysis::accumulate::PART;
 use shapelex_engine::cohort::maintenance::{check, collect, forget, list};
 use shapelex_engine::cohort::manifest::{Manifest, revisions};
+use shapelex_engine::cohort::revision::Revision;
 use shapelex_engine::cohort::writer::Writer;
-use shapelex_engine::pass::revision::Revision;
 
 use crate::support::{WIDTH, description, in_memory, triangle, write};
 

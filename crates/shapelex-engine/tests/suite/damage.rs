@@ -12,10 +12,10 @@ use shapelex_engine::EngineError;
 use shapelex_engine::cohort::maintenance::check;
 use shapelex_engine::cohort::manifest::Manifest;
 use shapelex_engine::cohort::part_path;
+use shapelex_engine::cohort::revision::Revision;
 use shapelex_engine::cohort::writer::Writer;
 use shapelex_engine::objects::Objects;
 use shapelex_engine::pass::engine::Engine;
-use shapelex_engine::pass::revision::Revision;
 use shapelex_engine::pass::source::AtRest;
 use shapelex_engine::statistics::Statistics;
 

@@ -16,16 +16,16 @@ use shapelex_analysis::alignment::Alignment;
 use shapelex_analysis::dictionary::learn::learn;
 use shapelex_analysis::dictionary::learning::Schedule;
 use shapelex_analysis::dictionary::method::{self, Method};
-use shapelex_analysis::dictionary::preparation::Posed;
 use shapelex_analysis::dictionary::recipe::Recipe;
+use shapelex_analysis::preparation::Posed;
 use shapelex_analysis::transformation::{ClassName, Transformation};
 use shapelex_analysis::watch::{Unwatched, Watch};
 use shapelex_engine::EngineError;
 use shapelex_engine::cohort::codes::Codes;
 use shapelex_engine::cohort::maintenance::{collect, forget};
+use shapelex_engine::cohort::revision::{Revision, Setting};
 use shapelex_engine::dictionary::{self, Named};
 use shapelex_engine::objects::Objects;
-use shapelex_engine::pass::revision::{Revision, Setting};
 use shapelex_engine::pass::source::{AtRest, Runner};
 use shapelex_engine::pass::work::Work;
 

@@ -1,8 +1,8 @@
 //! Shapes as lines of JSON.
 
+use shapelex_engine::cohort::revision::Revision;
 use shapelex_engine::cohort::writer::Writer;
 use shapelex_engine::ingest::{ingest, read_description};
-use shapelex_engine::pass::revision::Revision;
 
 use crate::support::in_memory;
 

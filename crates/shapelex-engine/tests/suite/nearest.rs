@@ -7,7 +7,7 @@ use shapelex_analysis::alignment::Alignment;
 use shapelex_analysis::distance::DistanceSpace;
 use shapelex_analysis::neighbours::NeighbourSearch;
 use shapelex_analysis::transformation::{ClassName, Transformation};
-use shapelex_engine::pass::revision::{Revision, Setting};
+use shapelex_engine::cohort::revision::{Revision, Setting};
 use shapelex_engine::pass::search::{Search, read};
 use shapelex_engine::pass::source::{Runner, Subject};
 use shapelex_engine::pass::work::Work;

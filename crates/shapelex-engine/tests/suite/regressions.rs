@@ -12,10 +12,10 @@ use shapelex_analysis::inference::variables::{Values, Variable as Given, Variabl
 use shapelex_analysis::transformation::{ClassName, Transformation};
 use shapelex_analysis::watch::Unwatched;
 use shapelex_engine::EngineError;
+use shapelex_engine::cohort::record::Record;
+use shapelex_engine::cohort::revision::{Revision, Setting};
 use shapelex_engine::cohort::writer::Writer;
-use shapelex_engine::ingest::Record;
 use shapelex_engine::objects::Objects;
-use shapelex_engine::pass::revision::{Revision, Setting};
 use shapelex_engine::pass::source::{AtRest, Runner};
 use shapelex_engine::pass::variables::Variable;
 pub(crate) use shapelex_engine::regression::Request;

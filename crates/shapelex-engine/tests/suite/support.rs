@@ -9,10 +9,10 @@ use shapelex_analysis::accumulate::ShapesInMemory;
 use shapelex_analysis::correspondence::{Correspondence, Direction, Mirror};
 use shapelex_engine::EngineError;
 use shapelex_engine::cohort::Description;
+use shapelex_engine::cohort::record::{Measures, Record};
+use shapelex_engine::cohort::revision::Setting;
 use shapelex_engine::cohort::writer::{Writer, Written};
-use shapelex_engine::ingest::{Measures, Record};
 use shapelex_engine::objects::{Objects, Patience};
-use shapelex_engine::pass::revision::Setting;
 use shapelex_geometry::representation::Representation;
 
 /// Coordinates of a triangle.

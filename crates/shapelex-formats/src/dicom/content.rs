@@ -11,8 +11,8 @@ use dicom_transfer_syntax_registry::{TransferSyntaxRegistry, entries};
 
 use super::data_set::{self, Reader};
 use super::values::File;
+use crate::error::{FaultKind, FileError, Place};
 use crate::inflate::{Fault, inflate};
-use crate::shape::{FaultKind, FileError, Place};
 
 /// Where `DICM` is in a file with a preamble.
 const PREAMBLE: usize = 128;

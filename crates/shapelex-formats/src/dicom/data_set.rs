@@ -10,7 +10,7 @@ use dicom_parser::dataset::lazy_read::LazyDataSetReader;
 use dicom_parser::stateful::decode::DynStatefulDecoder;
 
 use super::values::shown;
-use crate::shape::{FaultKind, FileError, Place};
+use crate::error::{FaultKind, FileError, Place};
 
 /// Group of items and delimiters, which are no elements.
 const DELIMITERS: u16 = 0xfffe;

@@ -8,7 +8,8 @@ use dicom_dictionary_std::{StandardDataDictionary, tags};
 
 use super::data_set::{DataSet, Element, Value};
 use super::values::{File, shown};
-use crate::shape::{Place, Summary};
+use crate::error::Place;
+use crate::summary::Summary;
 
 /// Group of what concerns the patient.
 const PATIENT: u16 = 0x0010;

@@ -27,8 +27,9 @@ pub(crate) use values::{File, Node};
 use dicom_core::dictionary::UidDictionary;
 use dicom_dictionary_std::{StandardSopClassDictionary, tags};
 
+use crate::error::{FileError, Place};
 pub use crate::series::{Patient, SeriesImage, Study};
-use crate::shape::{FileError, Place, Summary};
+use crate::summary::Summary;
 
 /// Identity of an instance of DICOM, and of its patient.
 #[derive(Clone, PartialEq)]

@@ -7,7 +7,8 @@ use std::collections::BTreeMap;
 use dicom_dictionary_std::{tags, uids};
 
 use super::values::Node;
-use crate::shape::{FileError, Record, Value};
+use crate::error::FileError;
+use crate::value::Value;
 
 /// Attributes of shapes by their names.
 type Labels = BTreeMap<String, Value>;
@@ -77,18 +78,18 @@ impl Origin {
         &self.common
     }
 
-    /// Says where a shape comes from: the region or segment with a number, its contour, and the image that this was drawn on.
-    pub fn tell(&self, record: &mut Record, number: i64, contour: Option<usize>, image: Option<&str>) {
+    /// Says in its attributes where a shape comes from: the region or segment with a number, its contour, and the image that this was drawn on.
+    pub fn tell(&self, labels: &mut Labels, number: i64, contour: Option<usize>, image: Option<&str>) {
         let part = self.parts.get(&number).into_iter().flatten();
         let known = self.common.iter().chain(part).map(|(name, value)| (name.clone(), value.clone()));
-        record.labels.extend(known);
-        record.labels.insert("region_number".into(), Value::whole(number.into()));
+        labels.extend(known);
+        labels.insert("region_number".into(), Value::whole(number.into()));
         if let Some(contour) = contour {
-            record.labels.insert("contour_number".into(), Value::whole(contour as i128));
+            labels.insert("contour_number".into(), Value::whole(contour as i128));
         }
         if let Some(image) = image {
-            record.labels.insert("image".into(), image.into());
-            put(&mut record.labels, "image_series", self.series.get(image).cloned());
+            labels.insert("image".into(), image.into());
+            put(labels, "image_series", self.series.get(image).cloned());
         }
     }
 }

@@ -4,8 +4,8 @@ use dicom_dictionary_std::tags;
 
 use super::content::Content;
 use super::values::Node;
+use crate::error::FileError;
 use crate::series::{Patient, SeriesImage, Study};
-use crate::shape::FileError;
 
 /// Deepest nesting of sequences in the header of an image.
 const DEPTH: usize = 64;

@@ -10,7 +10,7 @@ use dicom_encoding::transfer_syntax::TransferSyntax;
 use super::data_set::{DataSet, Element, Value};
 use super::extended::{self, ESCAPE};
 use super::number;
-use crate::shape::{FileError, Place};
+use crate::error::{FileError, Place};
 use crate::words::MAX_NAME;
 
 /// Most characters of a value that a message shows.

@@ -3,9 +3,9 @@
 use std::cell::Cell;
 use std::rc::Rc;
 
-use super::error::{FaultKind, FileError};
 use super::limits::{Bound, Budget, Limits, MAX_ATTRIBUTES};
 use super::record::Record;
+use crate::error::{FaultKind, FileError};
 
 /// Bytes that the records of a file take in memory for each byte of its content: a coordinate of two characters takes eight.
 const EXPANSION: u64 = 4;
@@ -71,12 +71,12 @@ fn too_large(detail: String) -> FileError {
 mod tests {
     use std::io::Write;
 
-    use super::super::error::Place;
     use super::super::find;
     use super::super::options::ReadOptions;
     use super::super::source::Source;
     use super::super::testing::records_within;
     use super::*;
+    use crate::error::Place;
 
     fn read(format: &str, file: &[u8], limits: Limits) -> Result<usize, FileError> {
         let format = find(format).unwrap();

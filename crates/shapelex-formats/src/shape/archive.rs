@@ -18,7 +18,6 @@ use std::collections::BTreeMap;
 use std::io::Read;
 use std::rc::Rc;
 
-use super::error::{FaultKind, FileError, Place};
 use super::format::Format;
 use super::limits::{Bound, Budget, Limits};
 use super::naming::{Filed, Scope};
@@ -27,9 +26,10 @@ use super::record::Sink;
 use super::record::{Kind, Record};
 use super::registry::{detect, read as read_file};
 use super::source::Source;
-use super::summary::Summary;
 use super::text::name_fits;
 use super::unzip::{Archive, fault, opened};
+use crate::error::{FaultKind, FileError, Place};
+use crate::summary::Summary;
 
 /// Archives of several files.
 pub(super) static FORMAT: Format = Format {

@@ -13,16 +13,16 @@
 use std::fmt::Write as _;
 use std::io::Write;
 
-use super::error::{FileError, Place};
 use super::format::Format;
 use super::limits::Limits;
 use super::options::{ReadOptions, WriteOptions};
 use super::record::Sink;
 use super::record::{Geometry, Kind, Points, Record};
 use super::source::Source;
-use super::summary::Summary;
 use super::text::{self, Lines, Words, shown};
 use super::write::{Opened, Output, Writer};
+use crate::error::{FileError, Place};
+use crate::summary::Summary;
 
 /// Chain codes.
 pub(super) static FORMAT: Format = Format {

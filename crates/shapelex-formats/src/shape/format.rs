@@ -2,12 +2,12 @@
 
 use std::io::Write;
 
-use super::error::{FaultKind, FileError};
 use super::options::{ReadOptions, WriteOptions};
 use super::record::{Kind, Sink};
 use super::source::Source;
-use super::summary::Summary;
 use super::write::{InUnit, Opened, Output, Writer};
+use crate::error::{FaultKind, FileError};
+use crate::summary::Summary;
 use crate::unit::Unit;
 
 /// Reads all records of a file.

@@ -1,6 +1,6 @@
 //! Calls of libraries that may panic.
 
-use super::error::{FileError, Place};
+use crate::error::{FileError, Place};
 
 /// Runs a step of a library of containers. Should it panic at a file that contradicts itself in a way that the checks before
 /// it do not see, that is for the caller a malformed file, as any other contradiction. Tests are told: a check is missing.

@@ -4,8 +4,9 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::record::{Geometry, Kind, Record, Value};
-use super::summary::{Summary, shortened};
+use super::record::{Geometry, Kind, Record};
+use crate::summary::{Summary, shortened};
+use crate::value::Value;
 
 /// Number of names kept of a group, and of labels of a file.
 const NAMES: usize = 20;

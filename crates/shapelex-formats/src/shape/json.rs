@@ -6,8 +6,8 @@ use serde::de::{DeserializeSeed, Deserializer, Error, MapAccess, SeqAccess, Visi
 use serde_json::value::RawValue;
 use serde_json::{Map, Value as Json};
 
-use super::error::{FileError, Place};
 use super::limits::MAX_ATTRIBUTES;
+use crate::error::{FileError, Place};
 
 /// Length of texts that are parsed as they are: `{},`, which has most weight for its length, is less than [`MAX_ATTRIBUTES`].
 const SHORT: usize = MAX_ATTRIBUTES / 256;

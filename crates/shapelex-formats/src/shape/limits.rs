@@ -4,7 +4,7 @@ use std::cell::{Cell, RefCell};
 use std::collections::BTreeMap;
 use std::rc::Rc;
 
-use super::error::{FileError, Place};
+use crate::error::{FileError, Place};
 
 /// Largest magnitude of a coordinate, that of the service.
 pub const MAX_COORDINATE: f64 = 1e100;

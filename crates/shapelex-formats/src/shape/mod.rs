@@ -23,7 +23,6 @@ mod chc;
 #[cfg(feature = "microscopy")]
 mod coco;
 mod csv;
-mod error;
 mod format;
 mod geojson;
 #[cfg(any(feature = "morphometrics", feature = "tables"))]
@@ -56,7 +55,6 @@ mod scalismo;
 #[cfg(feature = "morphometrics")]
 mod slicer;
 mod source;
-mod summary;
 #[cfg(feature = "tables")]
 mod table;
 #[cfg(test)]
@@ -69,9 +67,11 @@ mod unzip;
 mod wkt;
 mod write;
 
+pub use crate::error::{FaultKind, FileError, Place};
+pub use crate::summary::{BROKEN, Dropped, Summary};
+pub use crate::value::Value;
 pub use archive::Images;
 pub use csv::{AttributeRow, attribute_rows};
-pub use error::{FaultKind, FileError, Place};
 pub use format::Format;
 pub use inspection::{Group, Inspected, Inspection};
 pub use limits::{Limits, MAX_COORDINATE};
@@ -79,15 +79,14 @@ pub use limits::{Limits, MAX_COORDINATE};
 pub use mesh::{NORMALS, TEXTURE_OF_CORNERS};
 pub use naming::{FILE, Filed, Scope, stem};
 pub use options::{
-    BROKEN, Columns, Contours, Curves, Decimal, EVERY, Encoding, Holes, Layout, MAX_HARMONICS, Names, Nuclei,
+    Columns, Contours, Curves, Decimal, EVERY, Encoding, Holes, Layout, MAX_HARMONICS, Names, Nuclei,
     Photograph, ProjectFiles, ReadOptions, Scale, Storing, WriteOptions,
 };
 #[cfg(feature = "morphometrics")]
 pub use project::{named_files, pack_project};
-pub use record::{Domain, Faces, Field, Fourier, Geometry, Kind, Mesh, Points, Record, Ring, Sink, Value};
+pub use record::{Domain, Faces, Field, Fourier, Geometry, Kind, Mesh, Points, Record, Ring, Sink};
 pub use registry::{FORMATS, detect, detect_written, find, read, read_beside};
 pub use source::{Asked, Source};
-pub use summary::{Dropped, Summary};
 #[cfg(feature = "tables")]
 pub use table::{ArrayZip, npy_header};
 pub use write::Writer;

@@ -33,16 +33,17 @@ use std::fmt::Write as _;
 
 use serde_json::Value as Json;
 
-use super::error::{FileError, Place};
 use super::format::Format;
 use super::limits::Limits;
 use super::options::{ReadOptions, WriteOptions};
 use super::record::Sink;
-use super::record::{Geometry, Kind, Points, Record, Value};
+use super::record::{Geometry, Kind, Points, Record};
 use super::source::Source;
-use super::summary::Summary;
 use super::text::{self, Lines, Missing, Uniform, Words, coordinate, shown};
 use super::write::{Opened, Output, Writer};
+use crate::error::{FileError, Place};
+use crate::summary::Summary;
+use crate::value::Value;
 
 /// Morphologika.
 pub(super) static FORMAT: Format = Format {

@@ -13,9 +13,10 @@
 use std::collections::HashMap;
 use std::hash::{BuildHasher, RandomState};
 
-use super::error::FileError;
 use super::options::{Names, ReadOptions};
-use super::record::{Record, Sink, Value};
+use super::record::{Record, Sink};
+use crate::error::FileError;
+use crate::value::Value;
 
 /// Attribute that says which file a shape came from.
 pub const FILE: &str = "file";
@@ -296,9 +297,9 @@ fn may_be_whole(record: &Record) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::super::error::Place;
     use super::super::record::{Geometry, Mesh, Points, Ring};
     use super::*;
+    use crate::error::Place;
 
     #[test]
     fn endings_of_several_parts_are_one() {

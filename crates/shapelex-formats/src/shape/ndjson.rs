@@ -19,7 +19,6 @@ use serde::de::{DeserializeOwned, DeserializeSeed, Deserializer, SeqAccess, Visi
 use serde::{Deserialize, Serialize, Serializer};
 use serde_json::value::RawValue;
 
-use super::error::{FileError, Place};
 use super::format::Format;
 use super::json::check_attributes;
 use super::limits::MAX_DIMENSION;
@@ -27,9 +26,10 @@ use super::options::{ReadOptions, WriteOptions};
 use super::record::Sink;
 use super::record::{Domain, Faces, Field, Fourier, Geometry, Kind, Mesh, Points, Record, Ring};
 use super::source::Source;
-use super::summary::Summary;
 use super::text::shown;
 use super::write::{Opened, Output, Writer};
+use crate::error::{FileError, Place};
+use crate::summary::Summary;
 use crate::words::plain;
 
 /// NDJSON.

@@ -10,16 +10,16 @@
 
 use std::io::Write;
 
-use super::error::{FileError, Place};
 use super::format::Format;
 use super::limits::Limits;
 use super::options::{ReadOptions, WriteOptions};
 use super::record::Sink;
 use super::record::{Fourier, Geometry, Kind, Record};
 use super::source::Source;
-use super::summary::Summary;
 use super::text::{self, Lines, shown};
 use super::write::{Opened, Output, Writer};
+use crate::error::{FileError, Place};
+use crate::summary::Summary;
 
 /// Elliptic Fourier coefficients.
 pub(super) static FORMAT: Format = Format {
@@ -250,9 +250,9 @@ impl Writer for Nef<'_> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::error::FaultKind;
     use super::super::testing::{check_truncations, converted, fault, records, written};
     use super::*;
+    use crate::error::FaultKind;
 
     const TWO: &str = concat!(
         "#CONST 1 1 1 0\n#HARMO 2\nleaf 1\n  1e0  0e0  0e0  -5e-1\n  1.25e-2  2e-1  0e0  1e-300\n",

@@ -12,16 +12,16 @@
 
 use std::fmt::Write as _;
 
-use super::error::{FaultKind, FileError, Place};
 use super::format::Format;
 use super::limits::Limits;
 use super::options::{ReadOptions, WriteOptions};
 use super::record::Sink;
 use super::record::{Geometry, Kind, Points, Record};
 use super::source::Source;
-use super::summary::Summary;
 use super::text::{self, Lines, Missing, Uniform, Words, coordinate, shown};
 use super::write::{Opened, Output, Writer};
+use crate::error::{FaultKind, FileError, Place};
+use crate::summary::Summary;
 
 /// NTS.
 pub(super) static FORMAT: Format = Format {

@@ -6,12 +6,12 @@ use std::io::Write;
 
 use serde_json::{Map, Value as Json};
 
-use super::error::{FileError, Place};
 use super::limits::Limits;
 use super::options::Holes;
 use super::record::Sink;
 use super::record::{Geometry, Points, Record, Ring};
-use super::summary::Summary;
+use crate::error::{FileError, Place};
+use crate::summary::Summary;
 
 /// A part of an object.
 #[derive(Debug, Clone, PartialEq)]

@@ -4,12 +4,12 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use super::error::{FaultKind, FileError, Place};
 use super::format::Format;
 use super::record::Record;
 use super::source::Source;
-use super::summary::Summary;
+use crate::error::{FaultKind, FileError, Place};
 use crate::series::SeriesImage;
+use crate::summary::{BROKEN, Summary};
 
 /// Options of reading. A format refuses those that it does not name in [`Format::options`].
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -204,9 +204,6 @@ pub enum ProjectFiles {
 
 /// Options that every format obeys.
 pub const EVERY: [&str; 1] = ["names"];
-
-/// Name, in summaries, of broken records that are left out.
-pub const BROKEN: &str = "broken shapes";
 
 impl ReadOptions {
     /// Counts a broken record that is left out, if it is.

@@ -4,14 +4,14 @@ use std::collections::BTreeSet;
 
 use super::account::Account;
 use super::archive::{Images, NoImages};
-use super::error::{FaultKind, FileError, Place};
 use super::format::Format;
 use super::naming::Naming;
 use super::options::ReadOptions;
 use super::record::{Record, Sink};
 use super::source::Source;
-use super::summary::Summary;
 use super::{archive, csv, geojson, ndjson};
+use crate::error::{FaultKind, FileError, Place};
+use crate::summary::Summary;
 
 /// All formats of the families that are compiled.
 pub static FORMATS: &[&Format] = &[

@@ -12,14 +12,14 @@
 use serde::Deserialize;
 use serde_json::value::RawValue;
 
-use super::error::{FaultKind, FileError, Place};
 use super::format::Format;
 use super::json::Weights;
 use super::options::ReadOptions;
 use super::record::{Geometry, Kind, Points, Record, Sink};
 use super::source::Source;
-use super::summary::Summary;
 use super::text::{number, shown};
+use crate::error::{FaultKind, FileError, Place};
+use crate::summary::Summary;
 use crate::words::plain;
 
 /// Landmarks of Scalismo.

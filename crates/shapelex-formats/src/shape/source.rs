@@ -6,8 +6,8 @@ use std::rc::Rc;
 
 use flate2::read::MultiGzDecoder;
 
-use super::error::{FileError, Place};
 use super::limits::{Bound, Budget, Budgets, Limits};
+use crate::error::{FileError, Place};
 
 /// Number of bytes by which a format is recognised.
 const HEAD: usize = 4096;

@@ -4,10 +4,11 @@ use std::borrow::Cow;
 use std::fmt::Write as _;
 use std::io::Write;
 
-use super::error::{FaultKind, FileError, Place};
 use super::options::ReadOptions;
-use super::record::{Geometry, Points, Record, Value};
-use super::summary::Summary;
+use super::record::{Geometry, Points, Record};
+use crate::error::{FaultKind, FileError, Place};
+use crate::summary::Summary;
+use crate::value::Value;
 use crate::words::MAX_NAME;
 
 /// Lines of a text that are not blank, without spaces at their ends.

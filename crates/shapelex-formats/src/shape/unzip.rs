@@ -6,7 +6,7 @@ use zip::ZipArchive;
 use zip::read::{ArchiveOffset, Config};
 use zip::result::ZipError;
 
-use super::error::{FaultKind, FileError, Place};
+use crate::error::{FaultKind, FileError, Place};
 
 /// An archive whose bytes are held.
 pub(super) type Archive = ZipArchive<Cursor<Vec<u8>>>;

@@ -2,9 +2,9 @@
 
 use std::io::Write;
 
-use super::error::FileError;
 use super::record::Record;
-use super::summary::Summary;
+use crate::error::FileError;
+use crate::summary::Summary;
 use crate::unit::Unit;
 
 /// Where the bytes of a file go.

@@ -1,8 +1,9 @@
 //! Domains: how places on a shape are named; and what follows from a representation before its space is prepared.
 
-use super::FieldFault;
 use crate::GeometryError;
+use crate::field_fault::FieldFault;
 use crate::generator::GeneratorKind;
+use crate::knot_line::SHIFTED_CLOSED;
 use crate::mesh::MeshError;
 use crate::representation::{Knots, Representation, ShapeSpace};
 use crate::subdivision::basis::SubdivisionBasis;
@@ -10,7 +11,7 @@ use crate::subdivision::oriented::OrientedMeshes;
 use crate::subdivision::stencil::check_valences;
 use crate::subdivision::{Scheme, Subdivision};
 use crate::surface::Topology;
-use crate::surface::basis::{self, Extent, SHIFTED_CLOSED};
+use crate::surface::basis::{self, Extent};
 use crate::surface::seam::Seam;
 
 /// Domain of a shape: what names its places.

@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
-use super::FieldFault;
+use crate::field_fault::FieldFault;
 use crate::knot_line::Line;
 use crate::representation::{Representation, ShapeSpace};
 use crate::subdivision::basis::SubdivisionBasis;

@@ -4,10 +4,10 @@
 //! closed mesh without handles, computed; refined meshes at the places nearest to the points, in alternating rounds. A fit
 //! that folds, or that runs away from its points, is refused.
 
-use super::FieldFault;
 use super::domain::Domain;
 use super::measure::mesh_warnings;
 use crate::GeometryError;
+use crate::field_fault::FieldFault;
 use crate::fit::{Fit, Samples};
 use crate::mesh::{MeshError, TriangleMesh};
 use crate::representation::{Representation, ShapeSpace};

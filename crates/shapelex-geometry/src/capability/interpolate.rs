@@ -1,7 +1,7 @@
 //! Interpolation: grids of points that determine a surface.
 
-use super::FieldFault;
 use super::domain::Domain;
+use crate::field_fault::FieldFault;
 use crate::representation::ShapeSpace;
 use shapelex_numeric::dense::Matrix;
 

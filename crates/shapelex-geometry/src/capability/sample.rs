@@ -1,8 +1,8 @@
 //! Values of shapes at places: points, derivatives, frames.
 
-use super::FieldFault;
 use super::domain::Domain;
 use crate::curve::{Curve, MAX_DERIVATIVE};
+use crate::field_fault::FieldFault;
 use crate::frame::Frame;
 use crate::mesh::TriangleMesh;
 use crate::representation::ShapeSpace;

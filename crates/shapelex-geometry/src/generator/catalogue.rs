@@ -7,10 +7,9 @@ use hashlink::LruCache;
 
 use super::bspline::normalised_bspline;
 use super::interpolator::{self, Interpolator, MIN_POLES, free_weights};
-use super::piecewise::Generator;
+use super::piecewise::{Generator, phantoms};
 use super::poles::{MAX_POLES, MAX_REAL_PART, Poles};
 use crate::GeometryError;
-use crate::open::phantoms;
 
 /// A number that is compared and hashed by its bits, so that it can be part of a key.
 #[derive(Debug, Clone, Copy)]

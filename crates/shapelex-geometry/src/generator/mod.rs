@@ -13,16 +13,17 @@
 //! * [`interpolator`] — two families of interpolators built from them;
 //! * [`refinement`] — the two-scale relations between grids;
 //! * [`Generator`] — the piecewise form: evaluation, exact inner products;
-//! * [`GeneratorKind`] — the catalogue of generators; [`details`] — one of them, described.
+//! * [`GeneratorKind`] — the catalogue of generators.
 
 pub mod bspline;
 mod catalogue;
-pub mod details;
 pub mod interpolator;
 mod piecewise;
 mod poles;
 pub mod refinement;
 
 pub use catalogue::{Built, Exact, Family, GeneratorKind, GeneratorProperties, PoleList, Recipe};
-pub use piecewise::{Generator, HALF_PIECE, differentiate, evaluate_taylor, integrate_product, recentre};
+pub use piecewise::{
+    Generator, HALF_PIECE, differentiate, evaluate_taylor, integrate_product, phantoms, recentre,
+};
 pub use poles::{MAX_POLES, MAX_REAL_PART, Poles};

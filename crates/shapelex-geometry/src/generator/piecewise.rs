@@ -1,6 +1,5 @@
 //! The piecewise Taylor form of a generator.
 
-use crate::open::phantoms;
 use shapelex_numeric::double_double::Real;
 
 /// Half the length of a piece; pieces are half-integer intervals.
@@ -9,6 +8,11 @@ pub const HALF_PIECE: f64 = 0.25;
 /// Difference of two pieces, relative to the largest coefficient, below which they are one function: more than their rounding where
 /// one is continued over the other.
 const SAME_FUNCTION: f64 = 1e-6;
+
+/// Number of phantom control points beyond each end, `K`, for a support of `support`.
+pub fn phantoms(support: usize) -> usize {
+    support.saturating_sub(1) / 2
+}
 
 /// Contribution to the second derivative, relative to the function, below which powers are not stored.
 const NEGLIGIBLE: f64 = 1e-19;

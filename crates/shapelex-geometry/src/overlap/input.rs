@@ -2,7 +2,7 @@
 
 use shapelex_numeric::MAX_NUMBER;
 
-use crate::capability::FieldFault;
+use crate::field_fault::FieldFault;
 use crate::raster::{Grid, Mask};
 
 /// Mask on a regular grid whose cells lie inside or outside of the body.

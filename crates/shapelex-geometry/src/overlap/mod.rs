@@ -2,15 +2,14 @@
 //!
 //! Bodies without a grid of their own get one around both, fine enough for the smaller one.
 
-use crate::capability::FieldFault;
 use crate::capability::measure::mesh_warnings;
 use crate::curve::Curve;
+use crate::field_fault::FieldFault;
 use crate::intersection::{polygon_self_intersects, self_intersects};
 use crate::mesh::{MeshError, TriangleMesh};
 use crate::quality::{coarse_rounding, rounding_warning};
-use crate::raster::{
-    Grid, Mask, Overlap, bounds, from_contours, from_curves, from_mesh, overlap_unless_stopped,
-};
+use crate::raster::{Grid, Mask, Overlap, from_contours, from_curves, from_mesh, overlap_unless_stopped};
+use crate::vector::bounds;
 use shapelex_numeric::MAX_NUMBER;
 use shapelex_numeric::bounded::Stop;
 

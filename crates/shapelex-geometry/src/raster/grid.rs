@@ -27,16 +27,6 @@ pub struct Mask {
     pub inside: Vec<bool>,
 }
 
-/// Bounding box of points, lower and upper corner; `None` without points.
-pub fn bounds<const D: usize>(points: impl IntoIterator<Item = [f64; D]>) -> Option<[[f64; D]; 2]> {
-    points.into_iter().map(|point| [point; 2]).reduce(|[lower, upper], [point, _]| {
-        [
-            std::array::from_fn(|axis| lower[axis].min(point[axis])),
-            std::array::from_fn(|axis| upper[axis].max(point[axis])),
-        ]
-    })
-}
-
 impl Grid {
     /// The grid of a given spacing that covers a box and one more cell on every side. Its centre is that of the box, so it
     /// depends on the box and the spacing alone. `D` is 2 or 3.

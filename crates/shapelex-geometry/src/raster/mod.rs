@@ -29,4 +29,4 @@ mod tests;
 pub use compare::{Overlap, overlap, overlap_unless_stopped};
 pub use curves::from_curves;
 pub use fill::{from_contours, from_mesh};
-pub use grid::{Grid, Mask, bounds};
+pub use grid::{Grid, Mask};

@@ -10,9 +10,8 @@
 //! has no curvature at the boundary.
 
 use crate::mesh::TriangleMesh;
-use crate::raster::bounds;
 use crate::surface::measures::{EnclosedVolume, SurfaceMeasures};
-use crate::vector::{cross, dot, minus, norm};
+use crate::vector::{bounds, cross, dot, minus, norm};
 
 /// Ratio of the volume to that of the bounding box below which the volume is rounding.
 const NO_VOLUME: f64 = 1e-12;

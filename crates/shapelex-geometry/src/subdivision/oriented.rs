@@ -6,12 +6,9 @@ use super::Subdivision;
 use super::normal_based::{Oriented, corners, sphere_normals};
 use super::refinement::{Depth, refine_mesh};
 use crate::GeometryError;
-use crate::capability::FieldFault;
-use crate::deformation::{ControlPointMove, Handle, edit_faults};
+use crate::field_fault::FieldFault;
 use crate::mesh::{Connectivity, MeshError, TriangleMesh};
-use crate::representation::Representation;
 use crate::vector::{minus, norm};
-use shapelex_numeric::MAX_NUMBER;
 
 /// The shapes of one control mesh.
 #[derive(Debug)]
@@ -66,78 +63,6 @@ pub fn corner_warning(shape: &Oriented, edges: &[[usize; 2]], balance: f64) -> O
         "corners: {count} edges have a normal orthogonal to them at one end only, so that the limit has a corner at the other end, \
          first at point {vertex} with {degrees:.1} degrees; a balance above 0 rounds it off"
     ))
-}
-
-/// A shape whose points and normals were moved.
-#[derive(Debug, Clone, PartialEq)]
-pub struct MovedOriented {
-    /// Its points and normals.
-    pub shape: Oriented,
-    /// Largest displacement of a vertex at the level.
-    pub largest_change: f64,
-}
-
-impl OrientedMeshes<'_> {
-    /// Moves points, gives them new normals, then puts the points of handles in their positions. The scheme interpolates, so that every
-    /// point is on the surface; handles on other vertices have no unique solution and are refused. Cost: two refinements.
-    ///
-    /// # Errors
-    /// All moves and handles that do not fit, at `moves…` and `handles…`; edges that cannot be split afterwards, at `moves`.
-    pub fn moved(
-        &self,
-        representation: &Representation,
-        before: &Oriented,
-        moves: &[ControlPointMove],
-        handles: &[Handle],
-    ) -> Result<MovedOriented, Vec<FieldFault>> {
-        let mut faults = edit_faults(representation, moves, handles);
-        let (count, mut held) = (self.count(), vec![None; self.count()]);
-        for (i, Handle { parameters, .. }) in handles.iter().enumerate() {
-            let [vertex] = parameters[..] else { continue };
-            let pointer = format!("handles/{i}/parameters/0");
-            if vertex >= count as f64 {
-                let detail = format!(
-                    "expected a control point, from 0 to {}, got {vertex}: the scheme normal_based is not linear, and \
-                     several changes would move another vertex there",
-                    count - 1
-                );
-                faults.push(FieldFault::new(pointer, detail));
-            } else if vertex >= 0.0
-                && let Some(other) = held[vertex as usize].replace(i)
-            {
-                let detail =
-                    format!("expected another control point than that of handle {other}, got {vertex}");
-                faults.push(FieldFault::new(pointer, detail));
-            }
-        }
-        if !faults.is_empty() {
-            return Err(faults);
-        }
-        let mut shape = before.clone();
-        for ControlPointMove { control_point, by, normal } in moves {
-            let point = &mut shape.points[*control_point];
-            by.iter().zip(point).for_each(|(by, x)| *x += by);
-            if let Some(normal) = normal {
-                let length = norm(*normal);
-                shape.normals[*control_point] = normal.map(|x| x / length);
-            }
-        }
-        for Handle { parameters, position } in handles {
-            let point = &mut shape.points[parameters[0] as usize];
-            position.iter().zip(point).for_each(|(to, x)| *x = *to);
-        }
-        if shape.points.as_flattened().iter().any(|x| !(x.abs() <= MAX_NUMBER)) {
-            let detail = format!("expected displacements that keep the shape within ±{MAX_NUMBER:e}");
-            return Err(vec![FieldFault::new("moves", detail)]);
-        }
-        let refined = |shape: &Oriented, field: &str| {
-            let mesh = self.refine(shape, None);
-            mesh.map_err(|error| vec![FieldFault::new(field, error.to_string())])
-        };
-        let (old, new) = (refined(before, "shape")?, refined(&shape, "moves")?);
-        let apart = old.vertices.iter().zip(&new.vertices).map(|(a, b)| norm(minus(*a, *b)));
-        Ok(MovedOriented { largest_change: apart.fold(0.0, f64::max), shape })
-    }
 }
 
 /// Distance in radians from opposite directions below which two unit normals define no great circle.

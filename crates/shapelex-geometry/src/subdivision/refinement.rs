@@ -4,10 +4,11 @@
 //! distance falls by a factor of four per level, so the remaining distance is about a third of it.
 
 use super::limit::{Limit, limit};
-use super::normal_based::{EdgeFault, Oriented, refine_edges, refine_polyline};
+use super::normal_based::{Oriented, refine_edges, refine_polyline};
 use super::stencil::{check_valences, refined as placed};
 use super::{MeshSize, Scheme};
 use crate::GeometryError;
+use crate::edge_fault::EdgeFault;
 use crate::mesh::{Connectivity, TriangleMesh};
 use crate::vector::{cross, minus, norm};
 use shapelex_numeric::bounded::{Stop, never};

@@ -7,9 +7,9 @@ use super::sharp::SharpGram;
 use super::sphere::{POLAR_ROWS, SphereBasis, SphereGram, handle_length, sharp_polar_rows};
 use super::{Surface, Topology};
 use crate::GeometryError;
-use crate::generator::GeneratorKind;
-use crate::knot_line::{Line, gram_eigenvalues};
-use crate::open::{open_gram, phantoms};
+use crate::generator::{GeneratorKind, phantoms};
+use crate::knot_line::{Line, SHIFTED_CLOSED, gram_eigenvalues};
+use crate::open::open_gram;
 use shapelex_numeric::dense::Matrix;
 use shapelex_numeric::kronecker::{Kronecker, transpose};
 use shapelex_numeric::operator::SymmetricOperator;
@@ -53,9 +53,6 @@ impl Extent {
         [0, 1].map(|i| if closed[i] { grid[i] } else { grid[i].saturating_add(beyond[i].iter().sum()) })
     }
 }
-
-/// Why closed directions have no shifted generators.
-pub const SHIFTED_CLOSED: &str = "expected an open direction for \"shifted_exponential\", got a closed one, which begins anywhere: use \"exponential\"";
 
 /// Inconsistencies of a surface with admissible generators: fields and details.
 pub fn faults(extent: Extent, seam: Seam, kinds: &[GeneratorKind; 2]) -> Vec<(&'static str, String)> {

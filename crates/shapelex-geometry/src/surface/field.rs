@@ -6,7 +6,7 @@
 //!
 //! Through a closed surface the flux is the integral of `div F` over the body.
 
-use crate::capability::FieldFault;
+use crate::field_fault::FieldFault;
 use crate::vector::dot;
 
 /// Affine vector field `F(r) = A r + b`.

@@ -6,9 +6,10 @@ use proptest::prelude::*;
 use shapelex_geometry::GeometryError;
 use shapelex_geometry::curve::Curve;
 use shapelex_geometry::fit::{Fit, Samples};
+use shapelex_geometry::generator::phantoms;
 use shapelex_geometry::generator::{Family, GeneratorKind, PoleList};
 use shapelex_geometry::ideal::{IdealCurve, Position};
-use shapelex_geometry::open::{open_gram, phantoms};
+use shapelex_geometry::open::open_gram;
 use shapelex_geometry::representation::{Representation, ShapeSpace};
 use shapelex_numeric::dense::Matrix;
 

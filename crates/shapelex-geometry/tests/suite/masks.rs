@@ -2,8 +2,8 @@
 
 use std::f64::consts::TAU;
 
-use shapelex_geometry::capability::FieldFault;
 use shapelex_geometry::curve::Curve;
+use shapelex_geometry::field_fault::FieldFault;
 use shapelex_geometry::generator::GeneratorKind;
 use shapelex_geometry::mesh::TriangleMesh;
 use shapelex_geometry::overlap::{Bodies, Body, GridInput, MaskInput};

@@ -196,7 +196,7 @@ fn fine_turning(curve: &Curve, steps: usize) -> [f64; 2] {
     for i in 1..=steps {
         let after = tangent(i);
         let dot: f64 = before.iter().zip(&after).map(|(a, b)| a * b).sum();
-        let angle = shapelex_geometry::measures::cross(&before, &after).atan2(dot);
+        let angle = shapelex_geometry::frame::cross(&before, &after).atan2(dot);
         sums[0] += angle.abs();
         sums[1] += angle;
         before = after;

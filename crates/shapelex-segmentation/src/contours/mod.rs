@@ -41,7 +41,7 @@ pub mod rings;
 mod sets;
 pub mod surfaces;
 
-pub use components::{Component, Components, Dropped, Labels, Selection, Texture};
+pub use components::{Component, Components, Dropped, Labels, Selection};
 pub use rings::Region;
 pub use surfaces::{Solid, Surface, SurfaceCounts};
 

@@ -4,9 +4,10 @@ use std::collections::BTreeMap;
 
 use shapelex_numeric::bounded::Stop;
 
-use super::components::{Component, Dropped, Labels, NONE, Selection, Texture};
+use super::components::{Component, Dropped, Labels, NONE, Selection};
 use super::sets::Sets;
 use crate::SegmentationError;
+use crate::texture::Texture;
 
 /// The labels that are wanted, in increasing order; all but 0 if `None`.
 pub(super) struct Wanted(Option<Vec<u32>>);

@@ -23,9 +23,9 @@ use shapelex_numeric::newton::Curved;
 use shapelex_numeric::{coordinates, lbfgs, newton};
 
 use crate::SegmentationError;
+use crate::blur::Blur;
 use crate::boundary::Boundary;
 use crate::energy::{BoundaryCost, Energy, Hold, Prior, Shape, Spacing, Term, TermValue, Wall};
-use crate::field::Blur;
 use crate::snake::Model;
 use crate::snake::reparametrisation::{Free, Reparametrisation};
 use check::{Fault, check};

@@ -4,10 +4,11 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use crate::SegmentationError;
+use crate::blur::Blur;
 use crate::energy::{Contour, LocalContrast, Polarity, Shape, Term, Threshold, TwoClass};
 use crate::field::filter::{blur, gradient_length, laplacian};
 use crate::field::image::percentile;
-use crate::field::{Blur, Image, Integrated, Value};
+use crate::field::{Image, Integrated, Value};
 use crate::frame::Frame;
 use crate::snake::{Model, Outline};
 

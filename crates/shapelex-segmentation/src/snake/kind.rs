@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use shapelex_geometry::GeometryError;
-use shapelex_geometry::capability::FieldFault;
 use shapelex_geometry::capability::enclose::Enclosure;
+use shapelex_geometry::field_fault::FieldFault;
 use shapelex_geometry::representation::ShapeSpace;
 use shapelex_geometry::surface::Topology;
 

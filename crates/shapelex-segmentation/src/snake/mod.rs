@@ -102,9 +102,9 @@ impl Outline {
     pub fn bounds(&self) -> Option<[[f64; 3]; 2]> {
         match self {
             Self::Polygon(points) => {
-                shapelex_geometry::raster::bounds(points.iter().map(|[x, y]| [*x, *y, 0.0]))
+                shapelex_geometry::vector::bounds(points.iter().map(|[x, y]| [*x, *y, 0.0]))
             }
-            Self::Mesh(mesh) => shapelex_geometry::raster::bounds(mesh.vertices.iter().copied()),
+            Self::Mesh(mesh) => shapelex_geometry::vector::bounds(mesh.vertices.iter().copied()),
         }
     }
 }

@@ -5,7 +5,7 @@
 //! content, the cohort in its [`Provenance`].
 
 use serde::{Deserialize, Serialize};
-use shapelex_analysis::classification::record::ClassifierKind;
+use shapelex_analysis::classifier_record::ClassifierKind;
 use shapelex_analysis::dictionary::content::Content;
 use shapelex_analysis::dictionary::method::Method;
 use shapelex_analysis::transformation::Transformation;

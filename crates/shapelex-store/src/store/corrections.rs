@@ -11,7 +11,7 @@ use super::engine::{from_sql, to_sql};
 use super::error::StoreError;
 use super::filter::{Revisions, Selection};
 use super::handle::{Store, blocking};
-use super::shapes::Cursor;
+use super::order::Cursor;
 use super::upload::{ShapeRow, WholeCohort, insert_alone};
 use crate::domain::change::{ChangeKind, NewChange};
 use crate::domain::cohort::Cohort;

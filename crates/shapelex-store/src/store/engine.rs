@@ -7,7 +7,7 @@
 use std::borrow::Cow;
 use std::time::Instant;
 
-use sqlx::postgres::{PgArguments, PgDatabaseError, PgRow};
+use sqlx::postgres::{PgArguments, PgRow};
 use sqlx::sqlite::{SqliteArguments, SqliteRow};
 use sqlx::{
     Arguments as _, AssertSqlSafe, Decode, Encode, PgConnection, PgPool, Postgres, Row as _, Sqlite,
@@ -15,7 +15,8 @@ use sqlx::{
 };
 
 use super::error::StoreError;
-use super::{metrics, postgres, sqlite};
+use super::failure::{self, Failure};
+use super::metrics;
 
 /// Connections of a store.
 #[derive(Debug, Clone)]
@@ -478,35 +479,6 @@ impl Row {
     }
 }
 
-/// Meaning of a database error that is not a bug.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Failure {
-    /// The database is unavailable, restarting, or rolled back one of two transactions: a retry may succeed.
-    Passing,
-    Damaged,
-    Full,
-    ReadOnly,
-    /// A text that cannot be stored.
-    Text,
-}
-
-/// Meaning of the error.
-pub(super) fn failure(error: &sqlx::Error) -> Option<Failure> {
-    let error = match error {
-        sqlx::Error::PoolTimedOut
-        | sqlx::Error::PoolClosed
-        | sqlx::Error::WorkerCrashed
-        | sqlx::Error::Io(_) => return Some(Failure::Passing),
-        sqlx::Error::Database(error) => error,
-        _ => return None,
-    };
-    let code = error.code()?;
-    if error.try_downcast_ref::<PgDatabaseError>().is_some() {
-        return postgres::failure(&code);
-    }
-    sqlite::failure(&code)
-}
-
 /// Whether the error is a violated unique constraint on the column of the table.
 pub(super) fn is_duplicate(error: &sqlx::Error, table: &str, column: &str) -> bool {
     error.as_database_error().is_some_and(|error| {
@@ -529,7 +501,7 @@ pub(super) fn is_missing_reference(error: &sqlx::Error) -> bool {
 
 impl From<sqlx::Error> for StoreError {
     fn from(error: sqlx::Error) -> Self {
-        let failure = failure(&error);
+        let failure = failure::of(&error);
         metrics::failed(failure);
         match failure {
             Some(Failure::Passing) => Self::Busy,

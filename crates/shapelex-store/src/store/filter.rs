@@ -2,7 +2,7 @@
 
 use super::engine::to_sql;
 use super::engine::{Bindable, Query, Transaction, sql};
-use super::shapes::{ListCursor, Order, SortKey};
+use super::order::{ListCursor, Order, SortKey};
 use crate::domain::attribute::{Attribute, Measure};
 use crate::domain::filter::{Condition, ShapeFilter, number_of};
 

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::engine::Failure;
+use super::failure::Failure;
 
 /// Time spent waiting for the turn to write.
 pub const WRITE_WAIT: &str = "shapelex_store_write_wait_seconds";

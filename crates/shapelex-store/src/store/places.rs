@@ -6,7 +6,8 @@ use super::answer::Answer;
 use super::blob::ROWS_PER_CHUNK;
 use super::engine::sql;
 use super::handle::Store;
-use super::shapes::{Cursor, read_attributes};
+use super::order::Cursor;
+use super::shapes::read_attributes;
 use crate::domain::shape::ShapeAttributes;
 
 /// Places of consecutive shapes of a scan, as runs of neighbouring rows.

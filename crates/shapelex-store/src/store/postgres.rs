@@ -6,7 +6,6 @@ use std::time::Duration;
 use sqlx::postgres::{PgConnectOptions, PgPoolOptions};
 use sqlx::{ConnectOptions, PgPool};
 
-use super::engine::Failure;
 use super::error::StoreError;
 use super::sqlite::{NEWEST, migrator};
 
@@ -73,23 +72,6 @@ pub(super) async fn migrate(pool: &PgPool) -> Result<(), StoreError> {
     let Err(error) = migrator(MIGRATIONS).run(pool).await else { return Ok(()) };
     let found = sqlx::query_scalar(NEWEST).fetch_one(pool).await.unwrap_or_default();
     Err(StoreError::schema(error, found, latest()))
-}
-
-/// Meaning of an SQLSTATE.
-pub(super) fn failure(code: &str) -> Option<Failure> {
-    /// Transient classes: connection errors, rollback of one of two transactions, operator intervention.
-    const PASSING: [&str; 3] = ["08", "40", "57"];
-    match code {
-        "53100" => Some(Failure::Full),
-        "25006" => Some(Failure::ReadOnly),
-        // A byte or an escape sequence that text cannot contain.
-        "22021" | "22P05" => Some(Failure::Text),
-        // Damaged data, damaged index.
-        "XX001" | "XX002" => Some(Failure::Damaged),
-        // Too many connections.
-        "53300" => Some(Failure::Passing),
-        code => PASSING.iter().any(|class| code.starts_with(class)).then_some(Failure::Passing),
-    }
 }
 
 #[cfg(test)]

@@ -7,8 +7,8 @@ use super::engine::{Row, Transaction, sql};
 use super::error::StoreError;
 use super::filter::{Revisions, Selection};
 use super::handle::{Store, blocking};
+use super::order::Cursor;
 use super::places::Places;
-use super::shapes::Cursor;
 use crate::domain::filter::ShapeFilter;
 
 /// Maximum size of the control points in a batch, and of the chunks in memory at once, unless a single one is larger.

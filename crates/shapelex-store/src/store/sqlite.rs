@@ -9,7 +9,7 @@ use sqlx::sqlite::{
 };
 use sqlx::{ConnectOptions, Connection, SqlSafeStr, SqlitePool};
 
-use super::engine::{Failure, Pools};
+use super::engine::Pools;
 use super::error::StoreError;
 
 /// First version whose write-ahead log does not lose pages with several connections.
@@ -219,51 +219,9 @@ pub(super) fn migrator(steps: &[(i64, &'static str, &'static str)]) -> Migrator 
     Migrator::with_migrations(migrations.collect())
 }
 
-/// Meaning of an error code, extended or plain.
-pub(super) fn failure(code: &str) -> Option<Failure> {
-    /// Writing, syncing or truncating the file or its folder failed, because of a limit, a quota or a failing disk.
-    const WRITING_FAILS: [i32; 4] = [778, 1034, 1290, 1546];
-    /// No room for the index of the write-ahead log.
-    const NO_ROOM_FOR_INDEX: i32 = 4874;
-    let code = code.parse::<i32>().ok()?;
-    if WRITING_FAILS.contains(&code) {
-        return Some(Failure::ReadOnly);
-    }
-    if code == NO_ROOM_FOR_INDEX {
-        return Some(Failure::Full);
-    }
-    // The low byte of an extended code is the plain code.
-    match code & 0xff {
-        // SQLITE_CORRUPT and SQLITE_NOTADB
-        11 | 26 => Some(Failure::Damaged),
-        13 => Some(Failure::Full),
-        8 => Some(Failure::ReadOnly),
-        // SQLITE_BUSY: another process holds the lock for longer than the timeout.
-        5 => Some(Failure::Passing),
-        _ => None,
-    }
-}
-
 #[cfg(test)]
 mod tests {
-    use super::{failure, is_recent};
-    use crate::store::engine::Failure;
-
-    #[test]
-    fn a_disk_that_takes_no_more_is_no_fault_of_the_program() {
-        for (code, expected) in [
-            ("13", Some(Failure::Full)),
-            ("4874", Some(Failure::Full)),
-            ("778", Some(Failure::ReadOnly)),
-            ("1034", Some(Failure::ReadOnly)),
-            ("776", Some(Failure::ReadOnly)),
-            ("266", None),
-            ("11", Some(Failure::Damaged)),
-            ("1", None),
-        ] {
-            assert_eq!(failure(code), expected, "{code}");
-        }
-    }
+    use super::is_recent;
 
     #[test]
     fn versions_are_compared_as_numbers() {

@@ -6,7 +6,7 @@ use super::engine::{Row, from_sql, sql};
 use super::error::StoreError;
 use super::filter::{Revisions, Selection};
 use super::handle::Store;
-use super::shapes::Cursor;
+use super::order::Cursor;
 use crate::domain::filter::ShapeFilter;
 
 /// Number of shapes whose direction is found at once.

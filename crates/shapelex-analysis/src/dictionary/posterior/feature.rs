@@ -10,8 +10,8 @@ use super::model::PosteriorModel;
 use super::places::AtPlaces;
 use crate::dictionary::report::measurement::{Quantity, quantity_faults};
 use crate::metric::norm;
-use shapelex_geometry::capability::FieldFault;
 use shapelex_geometry::capability::place::Place;
+use shapelex_geometry::field_fault::FieldFault;
 use shapelex_geometry::representation::ShapeSpace;
 
 /// A function of a shape, in the unit of the shape or in degrees.

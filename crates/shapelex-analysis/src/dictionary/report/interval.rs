@@ -1,6 +1,6 @@
 //! Estimates with intervals.
 
-use crate::inference::regress::quantile;
+use crate::quantile::quantile;
 
 /// Half of the width of a normal interval that covers 95 %, in standard errors.
 const NORMAL: f64 = 1.96;

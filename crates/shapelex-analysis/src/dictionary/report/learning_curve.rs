@@ -6,7 +6,7 @@ use super::Scale;
 use super::interval::Interval;
 use super::sample::Sample;
 use crate::AnalysisError;
-use crate::inference::permutation::stream;
+use crate::random::stream;
 use crate::watch::Watch;
 use rand::seq::SliceRandom;
 

@@ -12,8 +12,8 @@
 //! `z ← g (v − m(z) + gᵀz)/|g|²` along the gradient `g`.
 
 use crate::metric::{dot, norm};
-use shapelex_geometry::capability::FieldFault;
 use shapelex_geometry::capability::place::Place;
+use shapelex_geometry::field_fault::FieldFault;
 use shapelex_geometry::representation::ShapeSpace;
 use shapelex_numeric::dense::Matrix;
 

@@ -3,8 +3,8 @@
 use super::interval::Interval;
 use super::sample::Sample;
 use crate::AnalysisError;
-use crate::inference::permutation::stream;
-use crate::inference::regress::quantile;
+use crate::quantile::quantile;
+use crate::random::stream;
 use crate::watch::Watch;
 use shapelex_numeric::dense::Matrix;
 use shapelex_numeric::parallel;

@@ -1,10 +1,10 @@
 //! Without the family `morphometrics` no file of an archive is a project.
 
-use super::super::error::FileError;
 use super::super::options::ReadOptions;
 use super::super::record::Sink;
 use super::super::unzip::Archive;
 use super::Files;
+use crate::error::FileError;
 
 /// No format has this id.
 pub(super) const FORMAT: &str = "";

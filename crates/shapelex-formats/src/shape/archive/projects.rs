@@ -6,13 +6,13 @@ use std::io::{Cursor, Read};
 use zip::read::ZipFile;
 use zip::result::ZipError;
 
-use super::super::error::{FaultKind, FileError, Place};
 use super::super::options::ReadOptions;
 use super::super::project::{self, Project, ProjectFile, Table};
 use super::super::record::Sink;
 use super::super::registry::detect;
 use super::super::unzip::{Archive, fault};
 use super::{Files, is_foreign};
+use crate::error::{FaultKind, FileError, Place};
 
 /// Id of the format of projects.
 pub(super) const FORMAT: &str = project::FORMAT.id;

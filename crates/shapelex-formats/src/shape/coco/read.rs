@@ -9,16 +9,17 @@ use serde::de::{Deserializer, IgnoredAny, MapAccess, SeqAccess, Visitor};
 use serde_json::value::RawValue;
 use serde_json::{Map, Value as Json};
 
-use super::super::error::{FaultKind, FileError, Place};
 use super::super::json::{Beside, Weights, check_attributes};
 use super::super::limits::Limits;
 use super::super::objects::{Giving, Part};
 use super::super::options::{Holes, ReadOptions};
 use super::super::record::Sink;
-use super::super::record::{Geometry, Points, Record, Value};
+use super::super::record::{Geometry, Points, Record};
 use super::super::source::Source;
-use super::super::summary::Summary;
 use super::super::text::name_fits;
+use crate::error::{FaultKind, FileError, Place};
+use crate::summary::Summary;
+use crate::value::Value;
 use crate::words::plain;
 
 /// A file, whose annotations are read one by one. Members such as `info` and `licenses` say nothing of shapes.

@@ -6,14 +6,15 @@ use std::io::Write;
 
 use serde_json::{Map, Value as Json, json};
 
-use super::super::error::FileError;
 use super::super::json::map_bytes;
 use super::super::objects::{Grouping, PartRef, add_metadata, area, parts, refusal};
 use super::super::options::WriteOptions;
-use super::super::record::{Geometry, Points, Record, Value};
-use super::super::summary::Summary;
+use super::super::record::{Geometry, Points, Record};
 use super::super::text::parts_left_out;
 use super::super::write::{Opened, Output, Writer};
+use crate::error::FileError;
+use crate::summary::Summary;
+use crate::value::Value;
 
 /// Category of records without label: every annotation must have one.
 const UNLABELLED: &str = "object";

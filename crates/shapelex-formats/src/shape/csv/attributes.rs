@@ -2,12 +2,12 @@
 
 use std::collections::BTreeMap;
 
-use super::super::error::{FileError, Place};
 use super::super::limits::Limits;
-use super::super::record::Value;
 use super::super::source::Source;
 use super::super::text::{name_fits, number, shown, value};
 use super::read::{Rows, separator};
+use crate::error::{FileError, Place};
+use crate::value::Value;
 
 /// Names of the column that names shapes.
 const NAMES: [&str; 2] = ["external_id", "id"];

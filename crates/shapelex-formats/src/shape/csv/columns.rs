@@ -2,11 +2,11 @@
 
 use std::collections::BTreeMap;
 
-use super::super::error::{FaultKind, FileError, Place};
 use super::super::limits::Limits;
 use super::super::options::{Columns, ReadOptions, matches_pattern};
 use super::super::text::{name_fits, shown};
 use super::AXES;
+use crate::error::{FaultKind, FileError, Place};
 
 /// Columns by position.
 pub(super) struct Roles {

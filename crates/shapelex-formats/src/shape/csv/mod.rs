@@ -39,10 +39,11 @@ const AXES: [&str; 3] = ["x", "y", "z"];
 
 #[cfg(test)]
 mod tests {
-    use super::super::record::{Geometry, Value};
+    use super::super::record::Geometry;
     use super::super::testing::{check_truncations, fault, records, records_within, written};
     use super::super::{Columns, Layout, Limits, ReadOptions, Record, WriteOptions};
     use super::*;
+    use crate::value::Value;
 
     const WIDE: &str =
         "id,label,age,left,x1,y1,x2,y2\na,f,12.5,true,0,0.1,1.5,-2\n\"b, c\",,,false,NA,NA,1,1\n";

@@ -7,16 +7,17 @@ use std::io::{self, Read};
 
 use csv::StringRecord;
 
-use super::super::error::{FileError, Place};
 use super::super::limits::Limits;
 use super::super::options::{Decimal, ReadOptions};
-use super::super::record::{Geometry, Points, Record, Sink, Value};
+use super::super::record::{Geometry, Points, Record, Sink};
 #[cfg(feature = "morphometrics")]
 use super::super::scalismo;
 use super::super::source::Source;
-use super::super::summary::Summary;
 use super::super::text::{Missing, count, is_missing, number, push, shown, value};
 use super::columns::{Coordinates, Roles, recognised};
+use crate::error::{FileError, Place};
+use crate::summary::Summary;
+use crate::value::Value;
 
 /// A row may have a sixteenth of the bytes that may be held: its fields take several times the memory of their text.
 const ROWS: usize = 16;

@@ -2,14 +2,14 @@
 
 use std::io::Write;
 
-use super::super::error::{FileError, Place};
 use super::super::options::{Layout, WriteOptions};
 use super::super::record::{Geometry, Points, Record};
-use super::super::summary::Summary;
 use super::super::text::{self, Uniform, left_out, name_fits, refused, unfit};
 use super::super::write::{Opened, Output, Writer};
 use super::AXES;
 use super::columns::numbered;
+use crate::error::{FileError, Place};
+use crate::summary::Summary;
 
 /// Columns of the table, those of the first shape.
 struct Header {

@@ -10,8 +10,8 @@ use serde_json::value::RawValue;
 use serde_json::{Map, Value as Json};
 
 use super::super::json::Beside;
-use super::super::record::Value;
 use super::coordinates::Coordinates;
+use crate::value::Value;
 
 /// What becomes attributes and metadata of a feature.
 pub(super) static MEMBERS: Beside = Beside {

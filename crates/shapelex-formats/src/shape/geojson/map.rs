@@ -2,15 +2,15 @@
 
 use serde_json::Value as Json;
 
-use super::super::error::{FileError, Place};
 use super::super::limits::Limits;
 use super::super::objects::{Giving, Part};
 use super::super::options::{Names, Nuclei, ReadOptions};
 use super::super::record::Sink;
 use super::super::record::{Geometry, Points, Record};
-use super::super::summary::Summary;
 use super::coordinates::Coordinates;
 use super::feature::{Node, Own, Properties};
+use crate::error::{FileError, Place};
+use crate::summary::Summary;
 use crate::unit::Unit;
 
 /// Makes records of features, and counts what becomes none.

@@ -13,7 +13,6 @@ mod write;
 
 use serde_json::Value as Json;
 
-use super::error::{FileError, Place};
 use super::format::Format;
 use super::json::VALUES;
 use super::limits::MAX_ATTRIBUTES;
@@ -21,7 +20,8 @@ use super::options::ReadOptions;
 use super::record::Kind;
 use super::record::Sink;
 use super::source::Source;
-use super::summary::Summary;
+use crate::error::{FileError, Place};
+use crate::summary::Summary;
 use crate::words::plain;
 use feature::{MEMBERS, Node};
 use map::Mapping;

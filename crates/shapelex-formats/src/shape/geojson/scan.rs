@@ -2,8 +2,8 @@
 
 use std::io::BufRead;
 
-use super::super::error::{FileError, Place};
 use super::super::source::Source;
+use crate::error::{FileError, Place};
 
 /// What a byte means outside of strings.
 #[derive(Clone, Copy, PartialEq, Eq)]

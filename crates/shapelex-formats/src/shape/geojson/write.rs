@@ -5,14 +5,15 @@ use std::io::Write;
 
 use serde_json::{Map, Value as Json, json};
 
-use super::super::error::FileError;
 use super::super::objects::{Grouping, PartRef, add_metadata, number, parts};
 use super::super::options::WriteOptions;
-use super::super::record::{Points, Record, Value};
-use super::super::summary::Summary;
+use super::super::record::{Points, Record};
 use super::super::write::{Opened, Output, Writer};
 use super::feature::{KNOWN, Own};
+use crate::error::FileError;
+use crate::summary::Summary;
 use crate::unit::Unit;
+use crate::value::Value;
 
 /// A collection that is being written, a feature a line.
 struct Features<'a> {

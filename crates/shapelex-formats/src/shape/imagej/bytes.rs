@@ -1,6 +1,6 @@
 //! Big-endian numbers of a file at their offsets.
 
-use super::super::error::{FileError, Place};
+use crate::error::{FileError, Place};
 
 /// Bytes of a whole file.
 #[derive(Clone, Copy)]

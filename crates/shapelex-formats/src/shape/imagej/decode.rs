@@ -2,18 +2,18 @@
 
 use serde_json::{Map, Value as Json, json};
 
-use super::super::error::{FileError, Place};
 use super::super::limits::{Budget, Limits};
 use super::super::objects::{Giving, Part};
 use super::super::options::ReadOptions;
 use super::super::record::Sink;
 use super::super::record::{Geometry, Points, Record};
 use super::super::source::Source;
-use super::super::summary::Summary;
 use super::bytes::Bytes;
 use super::nesting::{COMPARISONS, areas};
 use super::outline::{bezier, ellipse, rounded};
 use super::{CLOSE, HEADER, LINE_TO, MOVE, RECTANGLE, SUB_PIXEL, TYPES};
+use crate::error::{FileError, Place};
+use crate::summary::Summary;
 
 /// Subtypes that are drawings, no shapes.
 const TEXT: u16 = 1;

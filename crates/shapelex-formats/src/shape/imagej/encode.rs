@@ -4,14 +4,14 @@ use std::io::Write;
 
 use serde_json::{Map, Value as Json};
 
-use super::super::error::{FaultKind, FileError};
 use super::super::objects::{Grouping, PartRef, parts, refusal};
 use super::super::options::WriteOptions;
 use super::super::record::{Points, Record};
-use super::super::summary::Summary;
 use super::super::text::parts_left_out;
 use super::super::write::{Opened, Output, Writer};
 use super::{CLOSE, HEADER, LINE, LINE_TO, MOVE, POINT, POLYLINE, RECTANGLE, SUB_PIXEL, type_number};
+use crate::error::{FaultKind, FileError};
+use crate::summary::Summary;
 
 /// Version of the files: the first one with properties of points and groups.
 const VERSION: u16 = 228;

@@ -2,10 +2,10 @@
 
 use std::cell::OnceCell;
 
-use super::super::error::FileError;
 use super::super::limits::{Bound, Budget};
 use super::super::objects::{Part, area};
 use super::super::record::Points;
+use crate::error::FileError;
 
 /// A comparison is one of the boxes of two rings, or a look at an edge.
 pub(super) const COMPARISONS: Bound = Bound {

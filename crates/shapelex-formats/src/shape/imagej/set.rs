@@ -5,13 +5,13 @@ use std::io::Write;
 
 use flate2::Crc;
 
-use super::super::error::{FaultKind, FileError};
 use super::super::objects::Grouping;
 use super::super::options::WriteOptions;
 use super::super::record::Record;
-use super::super::summary::Summary;
 use super::super::write::{Opened, Output, Writer};
 use super::encode::{file, warn};
+use crate::error::{FaultKind, FileError};
+use crate::summary::Summary;
 
 /// Version of the zip format that is needed, and the flag of names in UTF-8.
 const VERSION: u16 = 20;

@@ -1,10 +1,10 @@
 //! Cells of VTK by their numbers. Polygons are kept, as are lines, which count if there are no polygons.
 
-use super::super::error::{FileError, Place};
 use super::super::limits::Room;
 use super::super::record::{Domain, Faces};
-use super::super::summary::Summary;
 use super::draft::Draft;
+use crate::error::{FileError, Place};
+use crate::summary::Summary;
 
 /// Number of a cell of points.
 pub(super) const POINTS: u32 = 2;

@@ -2,10 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use super::super::error::{FileError, Place};
 use super::super::record::Sink;
 use super::super::record::{Domain, Faces, Field, Geometry, Mesh, Points, Record};
-use super::super::summary::Summary;
+use crate::error::{FileError, Place};
+use crate::summary::Summary;
 
 /// Most fields of a shape: a name that is taken is looked for among all of them.
 const MAX_FIELDS: usize = 1000;

@@ -3,7 +3,7 @@
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 
-use super::super::error::{FileError, Place};
+use crate::error::{FileError, Place};
 use crate::inflate::{self, Fault};
 
 /// Bytes that follow one another, raw or as base64 in one or more parts.

@@ -3,20 +3,20 @@
 //! Each array of points is a shape. Matrices of coordinate systems are not applied: they are in the metadata, as far as they
 //! change something. Names of persons and paths of files are left out.
 
-use super::super::error::{FileError, Place};
 use super::super::format::Format;
 use super::super::limits::{Limits, Room};
 use super::super::options::ReadOptions;
 use super::super::record::Sink;
 use super::super::record::{Domain, Kind};
 use super::super::source::Source;
-use super::super::summary::Summary;
 use super::NORMALS;
 use super::draft::Draft;
 use super::encoded::{Bytes, inflate};
 use super::scalar::{Scalar, index};
 use super::scan::{count, number, shown, words};
 use super::xml::{Element, parse};
+use crate::error::{FileError, Place};
+use crate::summary::Summary;
 
 /// GIfTI surfaces.
 pub(in super::super) static FORMAT: Format = Format {

@@ -6,14 +6,14 @@ use std::io::Write;
 
 use serde_json::{Value, json};
 
-use super::super::error::FileError;
 use super::super::format::Format;
 use super::super::options::WriteOptions;
 use super::super::record::{Kind, Record};
-use super::super::summary::Summary;
 use super::super::write::{Opened, Output, Writer};
 use super::part::{Part, count_lost, refused, singles};
 use super::{COLOURS, NORMALS, TEXTURE};
+use crate::error::FileError;
+use crate::summary::Summary;
 
 /// Binary glTF.
 pub(in super::super) static FORMAT: Format = Format {

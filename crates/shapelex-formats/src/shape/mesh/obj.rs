@@ -10,8 +10,10 @@ mod write;
 
 use super::super::format::Format;
 use super::super::record::Kind;
-use super::super::{error::FileError, options::ReadOptions, record::Sink, source::Source, summary::Summary};
+use super::super::{options::ReadOptions, record::Sink, source::Source};
 use super::scan::Scan;
+use crate::error::FileError;
+use crate::summary::Summary;
 
 /// Wavefront OBJ.
 pub(in super::super) static FORMAT: Format = Format {

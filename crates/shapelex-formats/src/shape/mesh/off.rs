@@ -2,17 +2,17 @@
 //!
 //! Numbers after the corners of a face are its colour.
 
-use super::super::error::{FileError, Place};
 use super::super::format::Format;
 use super::super::options::ReadOptions;
 use super::super::record::Sink;
 use super::super::record::{Domain, Kind};
 use super::super::source::Source;
-use super::super::summary::Summary;
 use super::draft::Draft;
 use super::scan::{Scan, count, number, words, wrong};
 use super::{COLOURS, NORMALS, TEXTURE};
+use crate::error::{FileError, Place};
 use crate::shape::limits::Limits;
+use crate::summary::Summary;
 
 /// OFF.
 pub(in super::super) static FORMAT: Format = Format {

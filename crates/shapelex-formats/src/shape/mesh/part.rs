@@ -1,10 +1,10 @@
 //! What writers take of a record.
 
-use super::super::error::{FaultKind, FileError};
 use super::super::record::{Domain, Field, Geometry, Mesh, Points, Record};
-use super::super::summary::Summary;
 use super::super::text::left_out;
 use super::scalar::single;
+use crate::error::{FaultKind, FileError};
+use crate::summary::Summary;
 
 /// A geometry in space without missing points.
 #[derive(Clone, Copy)]

@@ -2,16 +2,16 @@
 
 use std::io::Write;
 
-use super::super::error::{FileError, Place};
 use super::super::format::Format;
 use super::super::options::{ReadOptions, WriteOptions};
 use super::super::record::Sink;
 use super::super::record::{Geometry, Kind, Points, Record};
 use super::super::source::Source;
-use super::super::summary::Summary;
 use super::super::write::{Opened, Output, Writer};
 use super::part::{Part, count_lost, drop_name, one_only, refused};
 use super::scan::{number, words};
+use crate::error::{FileError, Place};
+use crate::summary::Summary;
 
 /// Particles of ShapeWorks.
 pub(in super::super) static FORMAT: Format = Format {

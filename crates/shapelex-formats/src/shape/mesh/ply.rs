@@ -6,18 +6,18 @@
 mod header;
 mod write;
 
-use super::super::error::{FileError, Place};
 use super::super::format::Format;
 use super::super::limits::{Limits, Room};
 use super::super::options::ReadOptions;
 use super::super::record::Sink;
 use super::super::record::{Domain, Kind};
 use super::super::source::Source;
-use super::super::summary::Summary;
 use super::draft::Draft;
 use super::scalar::{Scalar, index};
 use super::scan::Scan;
 use super::{COLOURS, NORMALS, TEXTURE};
+use crate::error::{FileError, Place};
+use crate::summary::Summary;
 use header::{Element, Encoding, Header, Type};
 
 /// Stanford PLY.

@@ -1,6 +1,6 @@
 //! Lines, words and blocks of a file in memory.
 
-use super::super::error::{FileError, Place};
+use crate::error::{FileError, Place};
 
 /// A position in a file of text, or of text and binary blocks.
 pub(super) struct Scan<'a> {

@@ -7,18 +7,18 @@ mod write;
 
 use std::collections::HashMap;
 
-use super::super::error::{FileError, Place};
 use super::super::format::Format;
 use super::super::limits::Limits;
 use super::super::options::ReadOptions;
 use super::super::record::Sink;
 use super::super::record::{Domain, Kind};
 use super::super::source::Source;
-use super::super::summary::Summary;
 use super::NORMALS;
 use super::draft::Draft;
 use super::scalar::Scalar;
 use super::scan::{Scan, number, text, words, wrong};
+use crate::error::{FileError, Place};
+use crate::summary::Summary;
 
 /// STL.
 pub(in super::super) static FORMAT: Format = Format {

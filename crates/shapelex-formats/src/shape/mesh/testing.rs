@@ -1,12 +1,12 @@
 //! Reading and writing small files in tests.
 
-use super::super::error::FileError;
 use super::super::format::Format;
 use super::super::limits::Limits;
 use super::super::options::{ReadOptions, WriteOptions};
 use super::super::record::{Geometry, Mesh, Record};
 use super::super::source::Source;
-use super::super::summary::Summary;
+use crate::error::FileError;
+use crate::summary::Summary;
 
 /// All records of a file.
 pub(super) fn read(format: &Format, bytes: &[u8]) -> Result<(Vec<Record>, Summary), FileError> {

@@ -1,14 +1,12 @@
 //! VTK XML files: `PolyData` (.vtp) and the polygons of `UnstructuredGrid` (.vtu), as text, base64 or appended raw, compressed by
 //! zlib or not. Each piece is a shape of its own.
 
-use super::super::error::{FileError, Place};
 use super::super::format::Format;
 use super::super::limits::{Bound, Budget, Limits, Room};
 use super::super::options::ReadOptions;
 use super::super::record::Sink;
 use super::super::record::{Domain, Faces, Kind};
 use super::super::source::Source;
-use super::super::summary::Summary;
 use super::cells::{self, Cells, by_ends};
 use super::draft::Draft;
 use super::encoded::{Bytes, inflate};
@@ -16,6 +14,8 @@ use super::scalar::{Scalar, index};
 use super::scan::{count, number, shown, words};
 use super::xml::{Element, parse};
 use super::{NORMALS, TEXTURE};
+use crate::error::{FileError, Place};
+use crate::summary::Summary;
 
 /// VTK XML files.
 pub(in super::super) static FORMAT: Format = Format {

@@ -6,9 +6,9 @@ use quick_xml::escape::resolve_xml_entity;
 use quick_xml::events::{BytesRef, BytesStart, Event};
 use quick_xml::{Reader, XmlVersion};
 
-use super::super::error::{FaultKind, FileError, Place};
 use super::super::limits::Limits;
 use super::super::text::cut;
+use crate::error::{FaultKind, FileError, Place};
 
 /// Most elements of a file: an array is one.
 const MAX_ELEMENTS: usize = 1 << 20;

@@ -21,13 +21,14 @@ mod workbook;
 use std::collections::BTreeMap;
 use std::rc::Rc;
 
-use super::error::{FaultKind, FileError, Place};
 use super::format::Format;
 use super::options::{ProjectFiles, ReadOptions};
-use super::record::{Kind, Record, Sink, Value};
+use super::record::{Kind, Record, Sink};
 use super::source::Source;
-use super::summary::Summary;
 use super::text::{self, shown};
+use crate::error::{FaultKind, FileError, Place};
+use crate::summary::Summary;
+use crate::value::Value;
 use sheet::Row;
 
 pub use pack::{named_files, pack_project};

@@ -6,11 +6,11 @@ use std::io::{Cursor, Read, Write};
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
 
-use super::super::error::{FaultKind, FileError, Place};
 use super::super::limits::Limits;
 use super::super::options::ReadOptions;
 use super::super::source::Source;
 use super::{Column, FORMAT, Project, Table, relative};
+use crate::error::{FaultKind, FileError, Place};
 
 /// Most folders that a path may be above that of the project: the names of all files grow with them.
 const MAX_ABOVE: usize = 32;

@@ -6,12 +6,12 @@ use std::rc::Rc;
 use serde::Deserialize;
 use serde_json::Value;
 
-use super::super::error::{FaultKind, FileError, Place};
 use super::super::json::Weights;
 use super::super::limits::Limits;
 use super::super::source::Source;
 use super::super::text::shown;
 use super::workbook;
+use crate::error::{FaultKind, FileError, Place};
 use crate::words::plain;
 
 /// The values of a subject by their columns. All rows of a workbook have the same names of these, which may be long.

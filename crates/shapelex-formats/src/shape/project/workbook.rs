@@ -9,12 +9,12 @@ use quick_xml::events::{BytesStart, Event};
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
 
-use super::super::error::{FaultKind, FileError, Place};
 use super::super::guarded::guarded;
 use super::super::limits::Limits;
 use super::super::source::{Source, read_step};
 use super::super::unzip::opened;
 use super::sheet::{ROWS, Row, Table};
+use crate::error::{FaultKind, FileError, Place};
 
 /// Sheet with the subjects; without it, the first one.
 const SHEET: &str = "data";

@@ -15,14 +15,14 @@ mod write;
 use dicom_dictionary_std::uids;
 use serde_json::json;
 
-use super::error::{FaultKind, FileError, Place};
 use super::format::Format;
 use super::options::{Contours, Holes, ReadOptions};
 use super::record::{Geometry, Kind, Record, Ring};
 use super::source::Source;
-use super::summary::Summary;
 use super::{limits::Limits, record::Sink};
 use crate::dicom::{self, Content, Instance};
+use crate::error::{FaultKind, FileError, Place};
+use crate::summary::Summary;
 use plane::{Basis, FLAT_MM};
 use regions::{Contour, ContourKind, Region, Regions};
 use slices::{Contact, Slice};
@@ -332,7 +332,7 @@ impl Reading<'_, '_> {
         let instance = &self.instance;
         let number = contour.map(|contour| contour.number);
         let image = contour.and_then(|contour| contour.image.as_deref());
-        instance.origin.tell(record, region.number, number, image);
+        instance.origin.tell(&mut record.labels, region.number, number, image);
         record.labels.insert("frame_of_reference".into(), region.frame_of_reference.as_str().into());
         let Some(storing) = self.options.storing else { return };
         record.id = instance.uid.as_ref().map(|uid| match contour {

@@ -6,11 +6,11 @@ use dicom_dictionary_std::tags;
 use serde_json::{Map, Value, json};
 
 use crate::dicom::{Node, image_of};
-use crate::shape::error::{FileError, Place};
+use crate::error::{FileError, Place};
 use crate::shape::limits::Limits;
 use crate::shape::options::ReadOptions;
 use crate::shape::record::Points;
-use crate::shape::summary::Summary;
+use crate::summary::Summary;
 
 /// A region of interest.
 pub(super) struct Region {

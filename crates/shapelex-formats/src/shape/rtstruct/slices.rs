@@ -4,7 +4,7 @@ use std::collections::{HashMap, HashSet};
 
 use super::plane::{Basis, FLAT_MM};
 use super::regions::{Contour, Region};
-use crate::shape::error::FileError;
+use crate::error::FileError;
 use crate::shape::record::Points;
 
 /// Most closed contours in one slice of a region: each pair of them is compared.

@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use super::ear;
 use super::plane::{Basis, FLAT_MM};
 use super::regions::Contour;
-use crate::shape::error::{FileError, Place};
+use crate::error::{FileError, Place};
 use crate::shape::limits::Limits;
 use crate::shape::record::{Mesh, Points};
 

@@ -7,7 +7,7 @@ use dicom_object::{FileMetaTableBuilder, InMemDicomObject};
 
 use super::regions::ContourKind;
 use crate::dicom::{SeriesImage, decimal};
-use crate::shape::error::{FaultKind, FileError, Place};
+use crate::error::{FaultKind, FileError, Place};
 
 /// Class of the study that a structure set refers to (Detached Study Management).
 const STUDY_CLASS: &str = "1.2.840.10008.3.1.2.3.1";

@@ -10,12 +10,12 @@ use super::plane::{Basis, FLAT_MM};
 use super::regions::{self, ContourKind};
 use super::structure::{self, Contour, Moment, Region};
 use crate::dicom::SeriesImage;
-use crate::shape::error::{FaultKind, FileError, Place};
+use crate::error::{FaultKind, FileError, Place};
 use crate::shape::options::WriteOptions;
 use crate::shape::record::{Geometry, Points, Record};
-use crate::shape::summary::Summary;
 use crate::shape::text::left_out;
 use crate::shape::write::{Opened, Output, Writer};
+use crate::summary::Summary;
 
 /// Most characters of the name of a region (type LO) and of its type (CS).
 const LONGEST_NAME: usize = 64;
@@ -303,7 +303,8 @@ mod tests {
     use serde_json::json;
 
     use super::*;
-    use crate::shape::record::{Ring, Value as Attribute};
+    use crate::shape::record::Ring;
+    use crate::value::Value as Attribute;
 
     fn point(name: &str, label: Option<&str>, roi: &Value) -> Record {
         let mut record = Record::new(Geometry::Landmarks(Points::from_rows(3, vec![1.0; 3])), Place::item(0));

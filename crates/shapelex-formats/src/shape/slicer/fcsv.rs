@@ -9,16 +9,16 @@
 
 use std::io::Write;
 
-use super::super::error::{FileError, Place};
 use super::super::format::Format;
 use super::super::options::{ReadOptions, WriteOptions};
 use super::super::record::Sink;
 use super::super::record::{Geometry, Kind, Points, Record};
 use super::super::source::Source;
-use super::super::summary::Summary;
 use super::super::text::{coordinate, left_out, push, shown, unfit};
 use super::super::write::{Opened, Output, Writer};
 use super::{KEPT, keep, points, system, text_of};
+use crate::error::{FileError, Place};
+use crate::summary::Summary;
 
 /// Points of 3D Slicer.
 pub(in super::super) static FORMAT: Format = Format {

@@ -15,7 +15,6 @@ use serde::Deserialize;
 use serde_json::value::RawValue;
 use serde_json::{Value, json};
 
-use super::super::error::{FaultKind, FileError, Place};
 use super::super::format::Format;
 use super::super::json::Weights;
 use super::super::limits::Limits;
@@ -23,10 +22,11 @@ use super::super::options::{ReadOptions, WriteOptions};
 use super::super::record::Sink;
 use super::super::record::{Geometry, Kind, Points, Record};
 use super::super::source::Source;
-use super::super::summary::Summary;
 use super::super::text::{end, left_out, shown};
 use super::super::write::{Opened, Output, Writer};
 use super::{KEPT, keep, points, system, text_of};
+use crate::error::{FaultKind, FileError, Place};
+use crate::summary::Summary;
 use crate::unit::Unit;
 use crate::words::plain;
 

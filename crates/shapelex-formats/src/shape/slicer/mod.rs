@@ -8,10 +8,10 @@ pub(super) mod markups;
 
 use serde_json::Value;
 
-use super::error::FileError;
 use super::record::{Geometry, Points, Record};
-use super::summary::Summary;
 use super::text::{refused, unfit};
+use crate::error::FileError;
+use crate::summary::Summary;
 
 /// Keys of the metadata that both formats write.
 const KEPT: [&str; 3] = ["coordinate_system", "landmark_names", "descriptions"];

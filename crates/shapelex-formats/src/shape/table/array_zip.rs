@@ -5,10 +5,10 @@ use std::io::Write;
 use zip::write::{SimpleFileOptions, StreamWriter};
 use zip::{CompressionMethod, ZipWriter};
 
-use super::super::error::FileError;
+use super::columns::unwritten;
 use super::npy::header_bytes;
 use super::npy_file::write_numbers;
-use super::unwritten;
+use crate::error::FileError;
 
 /// A zip of arrays that is being written.
 pub struct ArrayZip<W: Write> {

@@ -11,21 +11,22 @@ use arrow_buffer::Buffer;
 use arrow_ipc::reader::StreamDecoder;
 use arrow_ipc::writer::StreamWriter;
 
-use super::super::error::{FileError, Place};
 use super::super::format::Format;
+use super::super::guarded::guarded;
 use super::super::limits::{Budget, Limits};
 use super::super::options::{ReadOptions, WriteOptions};
 use super::super::record::Sink;
 use super::super::record::{Kind, Record};
 use super::super::source::Source;
-use super::super::summary::Summary;
 use super::super::write::{Opened, Output, Writer};
 use super::checks::{check_buffers, check_message};
+use super::columns::{CELLS, unwritten};
 use super::dictionaries::{COPIED, Dictionaries};
 use super::layout::Layout;
 use super::read_rows::Reading;
 use super::rows::Rows;
-use super::{CELLS, guarded, unwritten};
+use crate::error::{FileError, Place};
+use crate::summary::Summary;
 
 /// Arrow IPC.
 pub(in super::super) static FORMAT: Format = Format {

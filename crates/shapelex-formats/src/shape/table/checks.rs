@@ -6,11 +6,11 @@ use arrow_ipc::{
 };
 use lz4_flex::frame::FrameDecoder;
 
-use super::super::error::{FileError, Place};
 use super::super::limits::Limits;
+use super::columns::{check_name, gives};
 use super::dictionaries::Dictionary;
 use super::layout::{Layout, check_dictionary, check_rows};
-use super::{check_name, gives};
+use crate::error::{FileError, Place};
 
 /// Depth of nested columns: a list of points of a struct is three deep.
 const MAX_DEPTH: usize = 8;

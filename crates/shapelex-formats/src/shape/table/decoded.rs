@@ -11,11 +11,12 @@ use parquet::column::page::Page;
 use parquet::file::metadata::ParquetMetaData;
 use parquet::file::serialized_reader::SerializedPageReader;
 
-use super::super::error::{FaultKind, FileError, Place};
+use super::super::guarded::guarded;
 use super::super::limits::Limits;
 use super::pages::{Pages, place_of};
+use super::parquet::malformed;
 use super::thrift::varint;
-use super::{guarded, parquet::malformed};
+use crate::error::{FaultKind, FileError, Place};
 
 /// Most values that are decoded at once on average.
 const VALUES: u64 = 1 << 21;

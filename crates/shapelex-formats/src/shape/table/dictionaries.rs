@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use super::super::error::FileError;
 use super::super::limits::{Bound, Budget};
+use crate::error::FileError;
 
 /// Values of a dictionary, or more of them.
 #[derive(Debug, Clone, Copy)]

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use arrow_ipc::{FieldNode, RecordBatch};
 use arrow_schema::{DataType, FieldRef, SchemaRef};
 
-use super::super::error::{FileError, Place};
+use crate::error::{FileError, Place};
 
 /// Largest width of the items of a fixed size, in bytes or elements.
 const MAX_WIDTH: u64 = 1 << 31;

@@ -27,6 +27,7 @@ mod array_zip;
 mod arrays;
 pub(super) mod arrow;
 mod checks;
+mod columns;
 #[cfg(test)]
 mod cost_tests;
 mod decoded;
@@ -52,46 +53,3 @@ pub(super) use arrow::FORMAT as ARROW;
 pub(super) use npy_file::FORMAT as NPY;
 pub(super) use npz::FORMAT as NPZ;
 pub(super) use parquet::FORMAT as PARQUET;
-
-use super::error::{FaultKind, FileError, Place};
-use super::guarded::guarded;
-use super::limits::Bound;
-use super::text::name_fits;
-
-/// Cells of a file: the values of all its columns, those within lists too. Columns of nulls, flags and constants take next to no
-/// bytes for them, but as much work as others.
-const CELLS: Bound = Bound { what: "cells (with those within lists)", free: 1 << 23, per_byte: 64 };
-
-/// Version of the columns, in the metadata of a file.
-const SCHEMA: &str = "shapes/1";
-/// What the metadata of a file begin with that say something of the shapes.
-const PREFIX: &str = "shapelex.";
-/// Prefix of the columns of attributes.
-const LABELS: &str = "labels.";
-/// Prefix of the columns of values at vertices or faces.
-const FIELDS: &str = "fields.";
-
-/// A field of meshes, in the metadata of a file.
-#[derive(serde::Serialize, serde::Deserialize, Clone, PartialEq)]
-struct FieldNote {
-    /// `vertices` or `faces`.
-    on: String,
-    /// Number of components of a value.
-    width: usize,
-}
-
-/// An error of the output or of the library that writes.
-fn unwritten(error: impl std::fmt::Display) -> FileError {
-    FileError::of(FaultKind::Io, Place::default(), error)
-}
-
-/// Refuses a long name of a column, which every batch and every record repeat.
-fn check_name(name: &str) -> Result<(), FileError> {
-    name_fits(name).map_err(|detail| FileError::malformed(Place::tag("names of columns"), detail))
-}
-
-/// Whether a decoder gives just so many bytes: those of libraries give all that there are.
-fn gives(content: impl std::io::Read, expected: u64) -> bool {
-    let mut content = content.take(expected.saturating_add(1));
-    std::io::copy(&mut content, &mut std::io::sink()).is_ok_and(|found| found == expected)
-}

@@ -2,10 +2,10 @@
 
 use std::io::Read;
 
-use super::super::error::{FileError, Place};
 use super::super::limits::Limits;
 use super::super::options::ReadOptions;
 use super::super::record::Points;
+use crate::error::{FileError, Place};
 
 /// First bytes of a file.
 pub(super) const MAGIC: &[u8] = b"\x93NUMPY";

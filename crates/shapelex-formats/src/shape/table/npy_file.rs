@@ -2,15 +2,15 @@
 
 use std::io::{Read, Write};
 
-use super::super::error::{FaultKind, FileError, Place};
 use super::super::format::Format;
 use super::super::options::{ReadOptions, WriteOptions};
 use super::super::record::Sink;
 use super::super::record::{Geometry, Kind, Points, Record};
 use super::super::source::Source;
-use super::super::summary::Summary;
 use super::super::write::{Opened, Output, Writer};
 use super::npy::{Header, Layout, MAGIC, exactly, header_bytes};
+use crate::error::{FaultKind, FileError, Place};
+use crate::summary::Summary;
 
 /// NPY.
 pub(in super::super) static FORMAT: Format = Format {

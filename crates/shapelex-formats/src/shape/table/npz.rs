@@ -17,7 +17,6 @@ use std::io::{Read, Write};
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value as Json};
 
-use super::super::error::{FileError, Place};
 use super::super::format::Format;
 use super::super::json::check_attributes;
 use super::super::limits::Limits;
@@ -25,13 +24,14 @@ use super::super::options::{ReadOptions, WriteOptions};
 use super::super::record::Sink;
 use super::super::record::{Geometry, Kind, Points, Record};
 use super::super::source::Source;
-use super::super::summary::Summary;
 use super::super::unzip::opened;
 use super::super::write::{Opened, Output, Writer};
 use super::array_zip::ArrayZip;
+use super::columns::unwritten;
 use super::npy::{Header, Items, Layout, exactly};
 use super::npy_file::{geometry, points_of};
-use super::unwritten;
+use crate::error::{FileError, Place};
+use crate::summary::Summary;
 
 /// NPZ.
 pub(in super::super) static FORMAT: Format = Format {

@@ -5,10 +5,10 @@ use lz4_flex::frame::FrameDecoder;
 use parquet::basic::{Compression, Encoding};
 use parquet::file::metadata::{ColumnChunkMetaData, ParquetMetaData};
 
-use super::super::error::{FaultKind, FileError, Place};
-use super::gives;
+use super::columns::gives;
 use super::structures::{CHILDREN, METADATA, PAGE, SCHEMA};
 use super::thrift::{Broken, FALSE, Fields, check, list, skip, zigzag};
+use crate::error::{FaultKind, FileError, Place};
 
 /// Number of values of a column of lists that need no bytes: runs of nulls, or of one value.
 const FREE_VALUES: u64 = 1 << 22;

@@ -26,20 +26,21 @@ use parquet::file::writer::SerializedFileWriter;
 use parquet::schema::types::ColumnDescPtr;
 use rayon::prelude::*;
 
-use super::super::error::{FaultKind, FileError, Place};
 use super::super::format::Format;
+use super::super::guarded::guarded;
 use super::super::options::{ReadOptions, WriteOptions};
 use super::super::record::Sink;
 use super::super::record::{Kind, Record};
 use super::super::source::Source;
-use super::super::summary::Summary;
 use super::super::write::{Opened, Output, Writer};
+use super::columns::{CELLS, unwritten};
 use super::decoded::rows_at_once;
 use super::list_pages::ListColumn;
 use super::pages::{Pages, check_column, check_metadata};
 use super::read_rows::Reading;
 use super::rows::Rows;
-use super::{CELLS, guarded, unwritten};
+use crate::error::{FaultKind, FileError, Place};
+use crate::summary::Summary;
 
 /// Parquet.
 pub(in super::super) static FORMAT: Format = Format {

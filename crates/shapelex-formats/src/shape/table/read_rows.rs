@@ -6,16 +6,17 @@ use arrow_array::cast::AsArray;
 use arrow_array::{Array, ArrayRef, BooleanArray, Float64Array, RecordBatch};
 use arrow_schema::{DataType, Schema};
 
-use super::super::error::{FaultKind, FileError, Place};
 use super::super::json::check_attributes;
 use super::super::limits::Limits;
 use super::super::options::ReadOptions;
 use super::super::record::Sink;
-use super::super::record::{Domain, Field, Geometry, Mesh, Points, Record, Ring, Value};
-use super::super::summary::Summary;
+use super::super::record::{Domain, Field, Geometry, Mesh, Points, Record, Ring};
 use super::arrays::{Lists, Texts, is_flag, is_list_of_numbers, is_number, is_text, numbers, wholes};
-use super::{FIELDS, FieldNote, LABELS, PREFIX, check_name};
+use super::columns::{FIELDS, FieldNote, LABELS, PREFIX, check_name};
+use crate::error::{FaultKind, FileError, Place};
+use crate::summary::Summary;
 use crate::unit::Unit;
+use crate::value::Value;
 
 /// Column of the points, unless an option names another one.
 const POINTS: &str = "points";

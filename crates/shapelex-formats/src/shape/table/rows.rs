@@ -10,13 +10,14 @@ use arrow_array::{Array, ArrayRef, Float64Array, Int32Array, ListArray, RecordBa
 use arrow_buffer::{BooleanBuffer, NullBuffer, OffsetBuffer, ScalarBuffer};
 use arrow_schema::{DataType, Field, Schema, SchemaRef};
 
-use super::super::error::{FileError, Place};
 use super::super::options::WriteOptions;
-use super::super::record::{Domain, Field as MeshField, Geometry, Mesh, Points, Record, Value};
-use super::super::summary::Summary;
+use super::super::record::{Domain, Field as MeshField, Geometry, Mesh, Points, Record};
 use super::super::text::name_fits;
-use super::{FIELDS, FieldNote, LABELS, PREFIX, SCHEMA, unwritten};
+use super::columns::{FIELDS, FieldNote, LABELS, PREFIX, SCHEMA, unwritten};
+use crate::error::{FileError, Place};
+use crate::summary::Summary;
 use crate::unit::Unit;
+use crate::value::Value;
 
 /// Largest number of rows of a batch.
 pub(super) const ROWS: usize = 8192;

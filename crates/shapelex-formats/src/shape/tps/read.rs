@@ -2,14 +2,14 @@
 
 use serde_json::{Map, Value, json};
 
-use super::super::error::{FileError, Place};
 use super::super::limits::Limits;
 use super::super::options::{Curves, ReadOptions, Scale};
 use super::super::record::Sink;
 use super::super::record::{Geometry, Points, Record};
 use super::super::source::Source;
-use super::super::summary::Summary;
 use super::super::text::{Lines, Missing, coordinate, count, name_fits, number, push, shown};
+use crate::error::{FileError, Place};
+use crate::summary::Summary;
 
 /// A specimen: everything from one `LM=` to the next.
 struct Specimen {

@@ -5,12 +5,12 @@ use std::io::Write;
 
 use serde_json::Value;
 
-use super::super::error::FileError;
 use super::super::options::WriteOptions;
 use super::super::record::{Geometry, Points, Record};
-use super::super::summary::Summary;
 use super::super::text::{left_out, name_fits, refused, shown, unfit, write_row};
 use super::super::write::{Opened, Output, Writer};
+use crate::error::FileError;
+use crate::summary::Summary;
 
 /// Keys of the metadata that are written.
 const KEPT: [&str; 7] = ["image", "comment", "variables", "scale", "scale_applied", "curve", "specimen"];

@@ -9,14 +9,14 @@ mod parse;
 mod tests;
 mod write;
 
-use super::error::{FaultKind, FileError, Place};
 use super::format::Format;
 use super::objects::Giving;
 use super::options::ReadOptions;
 use super::record::Sink;
 use super::record::{Geometry, Kind, Points, Record};
 use super::source::Source;
-use super::summary::Summary;
+use crate::error::{FaultKind, FileError, Place};
+use crate::summary::Summary;
 use parse::{Text, begins_geometry};
 
 /// Well-known text.

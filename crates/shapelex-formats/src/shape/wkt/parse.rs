@@ -1,9 +1,9 @@
 //! A line to the parts of its geometry.
 
-use super::super::error::{FileError, Place};
 use super::super::limits::Limits;
 use super::super::objects::Part;
 use super::super::record::Points;
+use crate::error::{FileError, Place};
 
 /// Types of geometry.
 const TYPES: [&str; 8] = [

@@ -2,14 +2,14 @@
 
 use std::io::Write;
 
-use super::super::error::FileError;
 use super::super::objects::{Grouping, PartRef, number, parts, refusal};
 use super::super::options::WriteOptions;
 use super::super::record::{Points, Record};
-use super::super::summary::Summary;
 use super::super::text::left_out;
 use super::super::write::{Opened, Output, Writer};
 use super::parse::begins_geometry;
+use crate::error::FileError;
+use crate::summary::Summary;
 
 /// Lines that are being written: the name of the object, a tabulator and its geometry.
 struct Lines<'a> {

@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use super::*;
 use crate::mesh::TriangleMesh;
-use crate::vector::{cross, dot, minus, norm};
+use crate::vector::{bounds, cross, dot, minus, norm};
 
 mod contours;
 mod distances;

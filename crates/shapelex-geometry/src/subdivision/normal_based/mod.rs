@@ -28,7 +28,7 @@ pub mod normals;
 mod samples;
 pub mod steps;
 
-pub use self::edge::{EdgeFault, corner, split};
+pub use self::edge::{corner, split};
 pub use self::normals::{circle_normals, inconsistent, sphere_normals};
 pub use self::steps::{corners, refine_edges, refine_polyline};
 
@@ -77,6 +77,7 @@ fn direction(v: [f64; 3], least: f64) -> Option<[f64; 3]> {
 mod tests {
     use super::samples::{EX, EY, EZ};
     use super::*;
+    use crate::edge_fault::EdgeFault;
     use crate::vector::scaled;
 
     #[test]

@@ -113,8 +113,9 @@ mod tests {
     use super::super::samples::{
         EX, EY, Random, at_angle, close, irregular, negated, octahedron, off_sphere, unit,
     };
-    use super::super::{EdgeFault, Oriented, refine_polyline};
+    use super::super::{Oriented, refine_polyline};
     use super::*;
+    use crate::edge_fault::EdgeFault;
 
     #[test]
     fn circle_normals_are_radial_on_circles() {

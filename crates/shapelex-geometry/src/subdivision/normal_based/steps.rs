@@ -1,7 +1,8 @@
 //! Steps of the scheme on polylines and on the edges of meshes.
 
 use super::Oriented;
-use super::edge::{EdgeFault, corner, middle};
+use super::edge::{corner, middle};
+use crate::edge_fault::EdgeFault;
 use crate::vector::cross;
 
 /// One step on a polyline: point `2i` is the old point `i`, and `2i + 1` is the new one between `i` and `i + 1`. The last edge

@@ -8,7 +8,7 @@ use std::collections::hash_map::Entry;
 
 use super::super::answer::Answer;
 use super::super::handle::Store;
-use super::super::shapes::Cursor;
+use super::super::order::Cursor;
 use super::{Batch, Held, Upload};
 use crate::domain::cohort::Cohort;
 

@@ -1,15 +1,15 @@
 //! Statements of an OBJ file, and the shapes they make.
 
-use super::super::super::error::{FileError, Place};
 use super::super::super::limits::Limits;
 use super::super::super::record::Sink;
 use super::super::super::record::{Domain, Faces, Points};
-use super::super::super::summary::Summary;
 use super::super::super::text::name_fits;
 use super::super::draft::Draft;
 use super::super::scan::{count, number, shown, text, words, wrong};
 use super::super::{COLOURS, NORMALS, TEXTURE, TEXTURE_OF_CORNERS};
 use super::NORMALS_OF_CORNERS;
+use crate::error::{FileError, Place};
+use crate::summary::Summary;
 
 /// No index.
 const NONE: u32 = u32::MAX;

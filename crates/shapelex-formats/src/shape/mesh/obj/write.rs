@@ -3,16 +3,16 @@
 use std::collections::HashMap;
 use std::io::Write;
 
-use super::super::super::error::FileError;
 use super::super::super::options::WriteOptions;
 use super::super::super::record::{Domain, Field, Mesh, Record};
-use super::super::super::summary::Summary;
 use super::super::super::text::{name_fits, unfit};
 use super::super::super::write::{Opened, Output, Writer};
 use super::super::part::{Part, count_lost};
 use super::super::scalar::index;
 use super::super::{COLOURS, NORMALS, TEXTURE, TEXTURE_OF_CORNERS};
 use super::NORMALS_OF_CORNERS;
+use crate::error::FileError;
+use crate::summary::Summary;
 
 /// Names of the field of vertices and of that of corners, and the number of components of a value.
 const TEXTURES: ([&str; 2], usize) = ([TEXTURE, TEXTURE_OF_CORNERS], 2);

@@ -1,8 +1,8 @@
 //! The header of a PLY file.
 
-use super::super::super::error::FileError;
 use super::super::scalar::Scalar;
 use super::super::scan::{Scan, count, shown, text, words, wrong};
+use crate::error::FileError;
 
 /// How values are written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -3,13 +3,13 @@
 use std::collections::BTreeSet;
 use std::io::Write;
 
-use super::super::super::error::FileError;
 use super::super::super::options::WriteOptions;
 use super::super::super::record::{Domain, Field, Record};
-use super::super::super::summary::Summary;
 use super::super::super::write::{Opened, Output, Writer};
 use super::super::part::{Part, count_lost, drop_name, one_only, refused};
 use super::super::{COLOURS, NORMALS, TEXTURE};
+use crate::error::FileError;
+use crate::summary::Summary;
 
 struct File<'a> {
     output: Output<'a>,

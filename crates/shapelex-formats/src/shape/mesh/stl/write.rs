@@ -2,13 +2,13 @@
 
 use std::io::Write;
 
-use super::super::super::error::FileError;
 use super::super::super::options::WriteOptions;
 use super::super::super::record::{Domain, Mesh, Record};
-use super::super::super::summary::Summary;
 use super::super::super::write::{Opened, Output, Writer};
 use super::super::NORMALS;
 use super::super::part::{Part, count_lost, drop_name, one_only, refused, singles};
+use crate::error::FileError;
+use crate::summary::Summary;
 
 struct File<'a> {
     output: Output<'a>,

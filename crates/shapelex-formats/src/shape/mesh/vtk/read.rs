@@ -1,17 +1,17 @@
 //! Reading of VTK legacy files.
 
-use super::super::super::error::{FileError, Place};
 use super::super::super::limits::{Limits, Room};
 use super::super::super::options::ReadOptions;
 use super::super::super::record::Sink;
 use super::super::super::record::{Domain, Faces};
 use super::super::super::source::Source;
-use super::super::super::summary::Summary;
 use super::super::cells::{self, Cells, by_ends};
 use super::super::draft::Draft;
 use super::super::scalar::{Scalar, index};
 use super::super::scan::{Scan, count, shown, text, words, wrong};
 use super::super::{NORMALS, TEXTURE};
+use crate::error::{FileError, Place};
+use crate::summary::Summary;
 
 /// What attributes belong to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -2,13 +2,13 @@ use super::super::super::FaultKind;
 use super::super::super::limits::Room;
 use super::super::super::options::{Encoding, WriteOptions};
 use super::super::super::record::{Domain, Faces, Geometry, Points, Record};
-use super::super::super::summary::Summary;
 use super::super::cells::{Cells, STRIP};
 use super::super::draft::Draft;
 use super::super::testing::{changed, cut_off, mesh, read, read_within, refusal, write};
 use super::super::{NORMALS, TEXTURE};
 use super::*;
 use crate::shape::{Limits, Place};
+use crate::summary::Summary;
 
 const HEAD: &str = "# vtk DataFile Version 3.0\nby hand\nASCII\n";
 const TEXT: &str = "DATASET POLYDATA

@@ -2,12 +2,12 @@
 
 use std::io::Write;
 
-use super::super::super::error::FileError;
 use super::super::super::options::WriteOptions;
 use super::super::super::record::{Domain, Faces, Field, Record};
-use super::super::super::summary::Summary;
 use super::super::super::write::{Opened, Output, Writer};
 use super::super::part::{Part, count_lost, one_only, refused};
+use crate::error::FileError;
+use crate::summary::Summary;
 
 struct File<'a> {
     output: Output<'a>,

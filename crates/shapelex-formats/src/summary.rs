@@ -4,8 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::error::Place;
-use super::options::BROKEN;
+use crate::error::Place;
 use crate::words::MAX_NAME;
 
 /// What a reader or writer says of a whole file.
@@ -35,11 +34,14 @@ pub struct Dropped {
     pub first: Place,
 }
 
+/// Name, in summaries, of broken records that are left out.
+pub const BROKEN: &str = "broken shapes";
+
 /// Number of names kept.
 const NAMES: usize = 100;
 
 /// A name as it is kept: the first bytes of one that is longer than names that shapes repeat.
-pub(super) fn shortened(name: &str) -> String {
+pub(crate) fn shortened(name: &str) -> String {
     name[..name.floor_char_boundary(MAX_NAME)].into()
 }
 

@@ -2,17 +2,17 @@
 //!
 //! Compared are the distributions of both distance measures, the scores, the mean shape and the frequencies of classes.
 
-use super::in_use::Dictionary;
-use super::model::Model;
-use super::preparation::Preparation;
-use super::score::{Known, rank, value_at};
+use super::Assessor;
 use crate::AnalysisError;
 use crate::accumulate::{ShapeSource, Shapes, ShapesInMemory};
 use crate::alignment::{MIN_SHAPES, mean_shape};
-use crate::classification::record::ClassRecord;
-use crate::classification::{Observations, described};
+use crate::classification::Observations;
+use crate::classifier_record::ClassRecord;
+use crate::dictionary::model::{Model, described};
+use crate::dictionary::score::{Known, rank, value_at};
 use crate::mean_angle::{self, MIN_TO_HALVE};
 use crate::metric::norm;
+use crate::preparation::Preparation;
 use crate::watch::Watch;
 
 /// Distribution of a measure over the new shapes, compared with the training shapes.
@@ -105,7 +105,7 @@ struct Sums {
     classes: Vec<usize>,
 }
 
-impl Dictionary {
+impl Assessor {
     /// Compares the training shapes with the shapes of `source`; those beyond the training quantile `quantile` (from
     /// 0.5 to below 1) are outliers. `training` is called if the expected angle between means depends on a search.
     ///
@@ -128,7 +128,7 @@ impl Dictionary {
             return Ok(Drift::default());
         }
         let mean = (shapes >= MIN_SHAPES).then(|| self.mean_drift(source, training, watch)).transpose()?;
-        let known = Known::of(&self.content.statistics);
+        let known = Known::of(&self.dictionary.content.statistics);
         let t_squared = Some(known.t_squared).filter(|_| !sums.distances.is_empty());
         Ok(Drift {
             shapes,
@@ -142,12 +142,12 @@ impl Dictionary {
     }
 
     fn add(&self, sums: &mut Sums, batch: Shapes<'_>, quantile: f64) -> Result<(), AnalysisError> {
-        let (preparation, model) = (&self.preparation, &self.model);
+        let (preparation, model) = (&self.dictionary.preparation, &self.dictionary.model);
         let shapes = ShapesInMemory::prepared(batch.whitened.to_vec(), batch.weights.to_vec());
         let described = described(preparation, model, &shapes).map_err(|error| error.after(batch.first))?;
         let (prepared, codes) = described;
         for (y, code) in prepared.chunks_exact(preparation.metric.len()).zip(&codes) {
-            let score = self.score_of(y, code, quantile);
+            let score = self.dictionary.score_of(y, code, quantile);
             sums.outliers += usize::from(score.outlier);
             sums.residuals.push(score.residual);
             sums.distances.extend(score.t_squared);
@@ -160,7 +160,7 @@ impl Dictionary {
                 }
             }
         }
-        if let (Some(classifier), Some(record)) = (&self.classifier, &self.content.classifier) {
+        if let Some((classifier, record)) = self.classifier() {
             let observations = Observations { shapes: batch.whitened, prepared: &prepared, codes: &codes };
             let evidence = classifier.evidence(self.description(record), observations);
             sums.classes.resize(record.classes.len(), 0);
@@ -172,7 +172,7 @@ impl Dictionary {
     }
 
     fn score_drift(&self, sums: &Sums) -> Option<Vec<ScoreDrift>> {
-        let Model::Components { spread, .. } = &self.model else { return None };
+        let Model::Components { spread, .. } = &self.dictionary.model else { return None };
         let n = sums.residuals.len() as f64;
         let of_component = |i: usize| {
             let deviation = spread.covariance[(i, i)].sqrt();
@@ -192,11 +192,11 @@ impl Dictionary {
         training: &ReadTraining<'_>,
         watch: &dyn Watch,
     ) -> Result<MeanDrift, AnalysisError> {
-        let Preparation { metric, method, matching, .. } = &self.preparation;
-        let mean = mean_shape(source, metric, method, self.content.frame, matching);
+        let Preparation { metric, method, matching, .. } = &self.dictionary.preparation;
+        let mean = mean_shape(source, metric, method, self.dictionary.content.frame, matching);
         let mean = mean.map_err(|error| source.located(error))?;
-        let angle_deg = mean_angle::angle(&self.preparation, &mean.whitened)?.to_degrees();
-        let counts = [source.count(), self.content.statistics.shapes];
+        let angle_deg = mean_angle::angle(&self.dictionary.preparation, &mean.whitened)?.to_degrees();
+        let counts = [source.count(), self.dictionary.content.statistics.shapes];
         let by_search = match matching.searches() {
             true => self.expected_by_halves(&training(MAX_HALVED)?, counts, watch)?,
             false => None,
@@ -216,7 +216,13 @@ impl Dictionary {
             return Ok(None);
         }
         let stop = || watch.stop();
-        match mean_angle::expected(&self.preparation, self.content.frame, some, counts, &stop) {
+        match mean_angle::expected(
+            &self.dictionary.preparation,
+            self.dictionary.content.frame,
+            some,
+            counts,
+            &stop,
+        ) {
             Err(AnalysisError::Interrupted) => Err(AnalysisError::Interrupted),
             // A half can be degenerate although the whole is not: no angle is reported then.
             other => Ok(other.ok().map(f64::to_degrees)),
@@ -225,8 +231,8 @@ impl Dictionary {
 
     /// Expected angle from the spread of the training shapes about their mean; valid if nothing is searched.
     fn expected_by_spread(&self, counts: [usize; 2]) -> Option<f64> {
-        let statistics = &self.content.statistics;
-        let Model::Components { pca, .. } = &self.model else { return None };
+        let statistics = &self.dictionary.content.statistics;
+        let Model::Components { pca, .. } = &self.dictionary.model else { return None };
         let size = norm(&pca.mean).powi(2);
         let about_mean = if pca.centred { 0.0 } else { size };
         let variance = (statistics.total? / statistics.weight - about_mean).max(0.0) / size;
@@ -235,7 +241,7 @@ impl Dictionary {
     }
 
     fn class_drift(&self, sums: &Sums) -> Option<Vec<ClassDrift>> {
-        let record = self.content.classifier.as_ref()?;
+        let record = self.dictionary.content.classifier.as_ref()?;
         let all: usize = record.classes.iter().map(|class| class.shapes).sum();
         let new: usize = sums.classes.iter().sum();
         let part = |count: usize, all: usize| count as f64 / all.max(1) as f64;

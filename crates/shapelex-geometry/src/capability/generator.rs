@@ -2,11 +2,11 @@
 
 use std::sync::Arc;
 
-use super::{Built, GeneratorKind, evaluate_taylor};
-use crate::capability::FieldFault;
 use crate::drawing::colour;
 use crate::drawing::plot::{Graph, plot};
 use crate::drawing::scene::Drawing;
+use crate::field_fault::FieldFault;
+use crate::generator::{Built, GeneratorKind, evaluate_taylor};
 
 /// A generator built for a number of control points.
 #[derive(Debug, Clone)]

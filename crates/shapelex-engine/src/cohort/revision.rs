@@ -2,10 +2,10 @@
 
 use shapelex_analysis::accumulate::ShapesInMemory;
 use shapelex_analysis::alignment::{Alignment, Method};
-use shapelex_analysis::dictionary::preparation::{Pose, Preparation};
 use shapelex_analysis::matching::Matching;
 use shapelex_analysis::metric::Metric;
 use shapelex_analysis::partial_sums::Measured;
+use shapelex_analysis::preparation::{Pose, Preparation};
 use shapelex_analysis::transformation::Transformation;
 use shapelex_geometry::representation::ShapeSpace;
 

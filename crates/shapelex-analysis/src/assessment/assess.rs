@@ -3,14 +3,14 @@
 //! Classes are ranked by likelihood, with calibrated confidences. A shape beyond the training quantile of its most
 //! likely class is not accepted.
 
-use super::coding::{AnswerPose, CodedShape};
-use super::in_use::Dictionary;
-use super::score::{Score, value_at};
+use super::Assessor;
 use crate::AnalysisError;
 use crate::accumulate::prepare;
 use crate::classification::quality::confidences;
-use crate::classification::record::ClassifierRecord;
-use crate::classification::{Description, Evidence, Observations};
+use crate::classification::{Evidence, Observations};
+use crate::classifier_record::ClassifierRecord;
+use crate::dictionary::coding::{AnswerPose, CodedShape};
+use crate::dictionary::score::{Score, value_at};
 use crate::sparse::SparseCode;
 use shapelex_geometry::representation::ShapeSpace;
 
@@ -54,7 +54,7 @@ pub struct Assessment {
     pub residual: Vec<f64>,
 }
 
-impl Dictionary {
+impl Assessor {
     /// Classes of encoded shapes; `None` without a classifier. Shapes beyond the training quantile `quantile` (from 0.5
     /// to below 1) of their class are not accepted.
     ///
@@ -65,12 +65,11 @@ impl Dictionary {
         coded: &[CodedShape],
         quantile: f64,
     ) -> Result<Option<Vec<Classified>>, AnalysisError> {
-        let (Some(classifier), Some(record)) = (&self.classifier, &self.content.classifier) else {
-            return Ok(None);
-        };
+        let Some((classifier, record)) = self.classifier() else { return Ok(None) };
+        let dictionary = &self.dictionary;
         let mut shapes: Vec<f64> =
             coded.iter().flat_map(|coded| coded.control_points.iter().copied()).collect();
-        prepare(self.metric(), self.preparation.method.translates(), 0, &mut shapes)?;
+        prepare(dictionary.metric(), dictionary.preparation.method.translates(), 0, &mut shapes)?;
         let prepared: Vec<f64> =
             coded.iter().flat_map(|coded| coded.prepared.whitened.iter().copied()).collect();
         let codes: Vec<SparseCode> = coded.iter().map(|coded| coded.code.clone()).collect();
@@ -78,12 +77,6 @@ impl Dictionary {
         let evidence = classifier.evidence(self.description(record), observations)?;
         let pairs = evidence.iter().zip(coded);
         Ok(Some(pairs.map(|(evidence, coded)| self.classified(record, evidence, coded, quantile)).collect()))
-    }
-
-    /// How shapes are described to the classifier of the record.
-    pub(super) fn description(&self, record: &ClassifierRecord) -> Description<'_> {
-        let size = record.settings.sees_size();
-        Description { preparation: &self.preparation, model: &self.model, size }
     }
 
     fn classified(
@@ -105,7 +98,7 @@ impl Dictionary {
         Classified {
             margin: ranking[0].confidence - second,
             accepted: ranking[0].distance <= bound,
-            outlier: self.score(coded, quantile),
+            outlier: self.dictionary.score(coded, quantile),
             ranking,
         }
     }
@@ -122,10 +115,10 @@ impl Dictionary {
         quantile: f64,
         samples: usize,
     ) -> Result<Assessment, AnalysisError> {
-        let reconstruction = self.reconstruct(space, &coded, AnswerPose::Input, samples)?;
+        let reconstruction = self.dictionary.reconstruct(space, &coded, AnswerPose::Input, samples)?;
         let score = match &classified {
             Some(classified) => classified.outlier.clone(),
-            None => self.score(&coded, quantile),
+            None => self.dictionary.score(&coded, quantile),
         };
         Ok(Assessment {
             coded,

@@ -8,8 +8,8 @@
 //! Start point, direction and mirror image are those that match the mean best. The same function prepares the shapes for
 //! learning and for later queries, so that a training shape gets its training code again.
 
-use super::algebra::Algebra;
 use crate::accumulate::{MergePart, Reservation, ShapeSource, Shapes, for_each_changed, prepare};
+use crate::algebra::Algebra;
 use crate::alignment::{Method, align};
 use crate::matching::{Matching, Placement, Target};
 use crate::mean::MeanSpace;
