@@ -58,7 +58,7 @@ fn the_result_of_every_kind_of_job_is_described() {
     let forgotten: Vec<&&str> = kinds.iter().filter(|kind| !described(kind)).collect();
     assert!(
         forgotten.is_empty(),
-        "JobResult in src/api/v1/jobs.rs does not know the results of {forgotten:?}"
+        "JobResult in src/api/v1/administration/jobs.rs does not know the results of {forgotten:?}"
     );
 }
 

@@ -177,7 +177,7 @@ fn the_guard_of_the_layers_sees_a_bad_line() {
         ("formats/svg.rs", "use http::StatusCode;"),
         ("numeric/dense.rs", "    tokio::spawn(work);"),
         ("worker/mod.rs", "use crate::api::problem::Problem;"),
-        ("api/v1/jobs.rs", "use crate::worker::Worker;"),
+        ("api/v1/administration/jobs.rs", "use crate::worker::Worker;"),
         ("jobs/mod.rs", ""),
         ("api/mod.rs", "use crate::jobs;"),
     ];
@@ -186,7 +186,7 @@ fn the_guard_of_the_layers_sees_a_bad_line() {
     }
     let good = [
         ("cli.rs", "use crate::{api, server};"),
-        ("api/v1/jobs.rs", "use crate::api::extract::Prefer;"),
+        ("api/v1/administration/jobs.rs", "use crate::api::extract::Prefer;"),
         ("service/compute.rs", "use super::App;\nuse crate::numeric::dense::Matrix;"),
         ("formats/svg.rs", "// once a tokio task\nlet instantaneous = \"http://www.w3.org\";"),
         ("analysis/mean.rs", "use super::{metric, subspace};"),

@@ -1,60 +1,14 @@
-//! Version 1 of the HTTP interface: one file per resource.
+//! Version 1 of the HTTP interface: a folder for each kind of resource.
 
-mod aliases;
-mod assessments;
-mod audit;
-mod batches;
-mod bulk;
-mod catalogue;
-mod changes;
-mod classify;
-mod coding;
-mod cohorts;
-mod comparisons;
-mod complete;
-mod contours;
-mod corrections;
-mod correspond;
-mod curves;
-mod deform;
-#[cfg(feature = "schema")]
-mod described;
-mod dictionaries;
-mod drift;
-mod entity_tags;
-mod events;
-mod exports;
-mod file_parameters;
+pub mod administration;
+pub(super) mod cohorts;
+pub(super) mod dictionaries;
 pub(super) mod files;
-mod fitting;
-mod formats;
-mod hooks;
-mod incomplete;
-pub mod jobs;
-mod keys;
-mod matching;
-mod morph;
-mod overlap;
-mod pictures;
-mod planned;
-mod previews;
-mod prior;
-mod regressions;
-mod report;
-mod request_macros;
-mod retrieval;
-mod segment;
-mod series;
-mod settings;
-mod shape_query;
-mod shapes;
-mod sheet;
-mod sheets;
-mod statistics;
-mod subdivision;
-mod subjects;
-mod tables;
-mod version;
+pub(super) mod geometry;
+pub(super) mod inference;
+pub(super) mod requests;
+pub(super) mod segmentation;
+pub(super) mod statistics;
 
 use axum::Router;
 use axum::routing::{MethodFilter, on};
@@ -62,6 +16,16 @@ use axum::routing::{MethodFilter, on};
 use super::operation::{every_operation, pattern};
 use super::{health, metrics};
 use crate::service::app::App;
+use administration::{audit, events, hooks, jobs, keys, settings, version};
+use cohorts::{
+    bulk, changes, corrections, correspond, exports, incomplete, matching, shapes, sheet, subjects, tables,
+};
+use dictionaries::{aliases, assessments, classify, coding, complete, drift, report};
+use files::formats;
+use geometry::{catalogue, curves, deform, fitting, morph, overlap, subdivision};
+use inference::{comparisons, regressions};
+use segmentation::{contours, prior, segment, sheets};
+use statistics::retrieval;
 
 /// Makes the routes of each group, and what describes them all.
 macro_rules! routes {

@@ -1,0 +1,58 @@
+//! Version of the program and its database.
+
+use axum::extract::State;
+use axum::http::StatusCode;
+use axum::response::Response;
+use serde::Serialize;
+
+use crate::api::extract::NoQuery;
+use crate::api::problem::Problem;
+use crate::api::respond::json;
+use crate::service::app::{App, ServiceError, build};
+
+/// Versions of the program and its database.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(in crate::api::v1) struct VersionOutput {
+    /// Version of the program.
+    #[schema(example = "0.1.0")]
+    version: &'static str,
+    /// Commit it was built from; null if unknown at build time.
+    commit: Option<&'static str>,
+    /// Compiler version.
+    rustc: &'static str,
+    /// Optional features compiled in.
+    features: &'static [&'static str],
+    /// Database behind the program.
+    database: DatabaseOutput,
+}
+
+/// Database behind the program.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(in crate::api::v1) struct DatabaseOutput {
+    /// Database engine: `sqlite` or `postgres`.
+    #[schema(example = "sqlite")]
+    engine: &'static str,
+    /// Version of the schema: number of its last migration.
+    schema_version: i64,
+}
+
+/// Returns the versions of the program and its database.
+#[utoipa::path(get, path = "/v1/version", tag = "operation", responses(
+    (status = 200, description = "Versions of the program and the database", body = VersionOutput),
+    (status = 400, description = "An unknown parameter"),
+    (status = 503, description = "The store cannot be read")
+))]
+pub(in crate::api::v1) async fn find_version(
+    State(app): State<App>,
+    _: NoQuery,
+) -> Result<Response, Problem> {
+    let schema_version = app.store.schema_version().await.map_err(ServiceError::from)?;
+    let version = VersionOutput {
+        version: build::VERSION,
+        commit: build::COMMIT,
+        rustc: build::RUSTC,
+        features: build::FEATURES,
+        database: DatabaseOutput { engine: app.store.engine(), schema_version },
+    };
+    Ok(json(StatusCode::OK, &version)?)
+}
