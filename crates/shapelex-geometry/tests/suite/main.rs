@@ -10,6 +10,7 @@ mod masks;
 mod measures;
 mod open_meshes;
 mod refinement;
+mod resolution;
 mod sizes;
 mod spaces;
 mod subdivision;
