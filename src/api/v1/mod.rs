@@ -39,6 +39,7 @@ mod pictures;
 mod planned;
 mod previews;
 mod prior;
+mod refine;
 mod regressions;
 mod report;
 mod request_macros;
