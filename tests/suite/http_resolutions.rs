@@ -202,7 +202,11 @@ fn regions_that_do_not_fit_are_refused() {
     );
     refused(json!({"region": {"u": [0.5, 0.6]}}), &["/region/u"], "at least 0.1875");
     refused(json!({"region": {"u": [0.5, 1.0]}, "factor": 3}), &["/factor"], "interpolator by 3");
-    refused(json!({"region": {"u": [0.5, 1.0]}, "factor": 1024}), &["/factor"], "got 8192");
+    refused(
+        json!({"region": {"u": [0.5, 1.0]}, "factor": 1024}),
+        &["/factor"],
+        "got 8192 on the finest grid",
+    );
     refused(json!({"region": {"u": [0.5, 1.0]}, "factor": 1}), &["/factor"], "got 1");
     let cubic =
         json!({"kind": "closed_curve", "dimension": 2, "control_points": 8, "generator": {"name": "cubic"}});
@@ -224,7 +228,11 @@ fn blocks_that_do_not_fit_are_refused() {
         shape
     };
     let cases = [
-        (block(json!([2, 2]), json!([1]), json!([[0, 1]])), "/factors", "expected 1 numbers"),
+        (
+            block(json!([2, 2]), json!([1]), json!([[0, 1]])),
+            "/factors",
+            "one number per direction, 1 in all, got 2",
+        ),
         (block(json!([0]), json!([1]), json!([[0, 1]])), "/factors/0", "got 0"),
         (block(json!([1]), json!([1]), json!([[0, 1]])), "/factors", "at least 2, got 1"),
         (block(json!([3]), json!([1]), json!([[0, 1]])), "/factors", "interpolator by 3"),

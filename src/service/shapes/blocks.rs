@@ -174,7 +174,11 @@ fn admit_finest(
     };
     app.admit(coarse.with_factors(factors)).map_err(|error| match error {
         ServiceError::Invalid(faults) => {
-            ServiceError::Invalid(faults.map(|fault| Fault { pointer: largest.pointer.clone(), ..fault }))
+            let placed = |fault: Fault| {
+                let detail = format!("{} on the finest grid", fault.detail);
+                Fault { pointer: largest.pointer.clone(), detail, ..fault }
+            };
+            ServiceError::Invalid(faults.map(placed))
         }
         other => other,
     })
@@ -183,7 +187,7 @@ fn admit_finest(
 /// What is wrong with the factors of a grid, with pointers relative to the list.
 fn factor_faults(factors: &[usize], directions: usize) -> Vec<Fault> {
     if factors.len() != directions {
-        let detail = format!("expected {directions} numbers, one per direction, got {}", factors.len());
+        let detail = format!("expected one number per direction, {directions} in all, got {}", factors.len());
         return vec![Fault::new("", detail)];
     }
     let wild = factors.iter().enumerate().filter(|(_, factor)| !(1..=MAX_FACTOR).contains(*factor));
