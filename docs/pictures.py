@@ -3,7 +3,8 @@
     python docs/pictures.py http://127.0.0.1:8080 docs/pictures
 
 Writes `cells.svg`: thin cells with their mean, mode 1 at five steps, and cells that were treated against those that were not,
-side by side; and `resolutions.svg`: a surface that is edited at three resolutions, from a sphere of 24 points on. Needs only Python. The atoms of `docs/inhomogeneous.md` are drawn by `docs/inhomogeneous.py`.
+side by side; and `resolutions.svg`: a surface that is edited at three resolutions, from a sphere of 24 points on; `regions.svg`: the same, where
+the finer resolutions are those of its face and of its eyes only. Needs only Python. The atoms of `docs/inhomogeneous.md` are drawn by `docs/inhomogeneous.py`.
 """
 
 import json
@@ -49,14 +50,55 @@ def edited(base, representation, rows, edits):
     return json.loads(ask(f"{base}/deform", body))["control_points"]
 
 
-def resolutions(base, look):
-    """A head: stretched by its coarse control points, then with nose, ears and brows, then with eyes. Each step is the same surface on a
-    grid that is twice as fine, exactly, and moves a few control points of it."""
+def head():
+    """Spheres of 24 points, with the smallest of them that is round."""
     shifts = {"name": "interpolator", "family": "half_integer_shifts"}
     poles = [[[0, 0], [0, w], [0, -w]] for w in (2 * math.pi, math.pi)]
     representation = {"kind": "surface", "topology": "sphere", "control_points": [6, 4],
                       "generators": [{**shifts, "domain_poles": list_} for list_ in poles]}
     sphere = {"representation": representation, "surfaces": [{"surface": {"name": "sphere", "radius": 1}}]}
+    return representation, sphere
+
+
+def drawn(base, look, representation, shape):
+    body = {"representation": representation, "shapes": [shape], "grid": [36, 24]}
+    return ask(f"{base}/evaluate?{look}&width=300&title=false&legend=false", body)
+
+
+def regions(base, look):
+    """A head: coarse control points, then a block of its face, then one around its eyes. Edits move what is in the region only."""
+    representation, sphere = head()
+    shape = json.loads(ask(f"{base}/idealised", sphere))["shapes"][0]
+    stages = [
+        (None, [((0, 0, 1), (0, 0, 0.5)), ((0, 0, -1), (0, 0, -0.5)), ((-0.7, 0, 0.7), (-0.35, 0, 0.2)), ((0.7, 0, -0.7), (0.3, 0, 0))]),
+        ({"factor": 4, "region": {"u": [0.75, 1.25], "v": [0.1, 0.9]}}, [((1.2, 0, -0.1), (0.8, 0, -0.1)), ((1.2, 0, 0.25), (0.4, 0, 0)), ((1.2, 0.25, -0.1), (0.3, 0.1, 0)),
+          ((1.2, -0.25, -0.1), (0.3, -0.1, 0))]),
+        ({"factor": 8, "region": {"u": [0.8, 1.2], "v": [0.2, 0.6]}},
+         [((1, side * y, z), (0.25, 0, 0)) for side in (-1, 1) for y, z in ((0.3, 0.5), (0.4, 0.5), (0.35, 0.6))]),
+    ]
+    pictures = []
+    for index, (finer, edits) in enumerate(stages):
+        if finer:
+            body = {"representation": representation, "shapes": [shape], **finer}
+            shape = json.loads(ask(f"{base}/refine", body))["shapes"][0]
+        block = shape["blocks"][index - 1] if finer else None
+        places = block["control_points"] if block else shape["control_points"]
+        moves = {}
+        for place, by in edits:
+            nearest = min(range(len(places)), key=lambda k: math.dist(places[k], place))
+            named = {"control_point": block["indices"][nearest], "block": index - 1} if block else {"control_point": nearest}
+            moves[nearest] = {**named, "by": by}
+        body = {"representation": representation, "shape": shape, "moves": list(moves.values())}
+        edited_ = json.loads(ask(f"{base}/deform", body))
+        shape = {key: edited_[key] for key in ("control_points", "blocks") if key in edited_}
+        pictures.append(drawn(base, look, representation, shape))
+    return beside(pictures)
+
+
+def resolutions(base, look):
+    """A head: stretched by its coarse control points, then with nose, ears and brows, then with eyes. Each step is the same surface on a
+    grid that is twice as fine, exactly, and moves a few control points of it."""
+    representation, sphere = head()
     rows = json.loads(ask(f"{base}/idealised", sphere))["shapes"][0]["control_points"]
     stages = [
         [((0, 0, 1), (0, 0, 0.5)), ((0, 0, -1), (0, 0, -0.5)), ((-0.7, 0, 0.7), (-0.35, 0, 0.2)), ((0.7, 0, -0.7), (0.3, 0, 0))],
@@ -71,8 +113,7 @@ def resolutions(base, look):
             assert finer["exact"], finer
             representation, rows = finer["representation"], finer["shapes"][0]["control_points"]
         rows = edited(base, representation, rows, edits)
-        body = {"representation": representation, "shapes": [{"control_points": rows}], "grid": [36, 24]}
-        pictures.append(ask(f"{base}/evaluate?{look}&width=300&title=false&legend=false", body))
+        pictures.append(drawn(base, look, representation, {"control_points": rows}))
     return beside(pictures)
 
 
@@ -93,6 +134,7 @@ def main():
     ]
     (folder / "cells.svg").write_text(beside(pictures))
     (folder / "resolutions.svg").write_text(resolutions(base, look))
+    (folder / "regions.svg").write_text(regions(base, look))
 
 
 if __name__ == "__main__":

@@ -355,6 +355,7 @@ def table():
     yield "fit loop mesh 60x60", "fit", {"representation": blob_mesh(2, 1), "turns": 20, "meshes": [mesh(60, 60)]}
     for count, n, factor in [(1, 6, 2), (100, 64, 4), (10, 1024, 2)]:
         yield f"refine {count}x{n} by {factor}", "refine", {"representation": curve(n, 2, "bspline") | {"generator": {"name": "bspline", "degree": 3}}, "factor": factor, "shapes": shapes(count, n)}
+    yield "refine 100x64 by 16 in a region", "refine", {"representation": curve(64, 2, "bspline") | {"generator": {"name": "bspline", "degree": 3}}, "factor": 16, "region": {"u": [0.2, 0.8]}, "shapes": shapes(100, 64)}
     yield "refine torus 2x(16,12) by 3", "refine", {"representation": torus(16, 12), "factor": 3, "shapes": torus_shapes(2, 16, 12)}
     yield "idealised ellipse", "idealised", {"representation": curve(5, 2, "trigonometric"), "curves": [{"curve": {"name": "ellipse", "semi_axes": [2, 1]}, "centre": [3, 1], "angle": 0.5}]}
     for n, steps in [(6, 11), (64, 1000), (2048, 900)]:

@@ -145,7 +145,7 @@ macro_rules! every_operation {
                 POST "/v1/measure" curves::measure (READER, LINES, "results");
                 POST "/v1/resample" curves::resample (READER, PLAIN, "shapes");
                 POST "/v1/fit" fitting::fit (READER, LINES, "results");
-                POST "/v1/refine" fitting::refine (READER, PLAIN, "shapes");
+                POST "/v1/refine" refine::refine (READER, PLAIN, "shapes");
                 GET "/v1/idealised" fitting::list_idealised (READER, PLAIN);
                 POST "/v1/idealised" fitting::idealise (READER, PLAIN, "shapes");
                 POST "/v1/morph" morph::morph (READER, MODEL, "frames");

@@ -533,6 +533,24 @@ pub struct PoleInput {
     pub tangents: [[f64; 3]; 2],
 }
 
+/// Control points of a finer grid that are moved from where the coarse control points of a shape have them.
+#[derive(Debug, Clone, Deserialize, utoipa::ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct BlockInput {
+    /// Numbers of parts of an interval between knots: one for curves, those along `u` and `v` for surfaces.
+    #[schema(min_items = 1, max_items = 2)]
+    pub factors: Vec<usize>,
+    /// Indices of the control points on the finer grid, in ascending order.
+    pub indices: Vec<usize>,
+    /// Their offsets, in the unit of the points.
+    #[schema(value_type = Vec<Vec<f64>>)]
+    pub offsets: PointList,
+    /// Set by the service. Ignored in a request, so that a shape can be posted as it was answered.
+    #[serde(default)]
+    #[schema(value_type = Option<Vec<Vec<f64>>>)]
+    pub control_points: Option<Ignored>,
+}
+
 document! {
     /// A shape with its attributes.
     pub struct ShapeInput {
@@ -552,6 +570,10 @@ document! {
         /// Tangents at the poles of a sphere given by `points`. Default: estimated.
         #[schema(value_type = Option<PolesInput>)]
         poles: Box<Checked<PolesInput>>;
+        /// Control points of finer grids with their offsets, where `evaluate`, `measure`, `refine` and `deform` take shapes of several
+        /// resolutions.
+        #[schema(value_type = Option<Vec<BlockInput>>)]
+        blocks: Box<Checked<Option<Vec<BlockInput>>, LARGE>>;
         /// Identifier assigned by the client, unique in a cohort.
         #[schema(value_type = Option<String>)]
         external_id: Checked<Option<String>>;
@@ -597,6 +619,17 @@ impl ShapeInput {
         let lists = [self.points.as_deref(), self.control_points.as_deref()];
         let says = self.observed.as_ref().is_some_and(|observed| observed.get() != Some(&None));
         says || lists.into_iter().flatten().any(PointList::has_gaps)
+    }
+
+    /// The blocks of a shape of several resolutions that were read; none if it has no such.
+    pub fn blocks(&self) -> &[BlockInput] {
+        let blocks = self.blocks.as_ref().and_then(|blocks| blocks.get());
+        blocks.and_then(Option::as_deref).unwrap_or_default()
+    }
+
+    /// Whether the shape has a list of blocks, or something in its place.
+    pub fn has_blocks(&self) -> bool {
+        self.blocks.as_ref().is_some_and(|blocks| !matches!(blocks.get(), Some(None)))
     }
 
     /// The same attributes without geometry, and without landmarks of it.

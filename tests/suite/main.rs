@@ -55,6 +55,7 @@ mod http_pipeline;
 mod http_previews;
 mod http_prior;
 mod http_report;
+mod http_resolutions;
 mod http_results;
 mod http_retries;
 mod http_retrieval;

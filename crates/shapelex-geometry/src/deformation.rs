@@ -5,12 +5,14 @@
 //! ```
 //!
 //! The rows of `B` are the weights of the control points at the parameters of the handles, and `p` are the target positions.
+//! Shapes of several resolutions are moved by control points of their blocks as well; handles move their coarse control points.
 //! The change is the smallest one in `L₂`; it decays away from the handles as `Φ⁻¹` does.
 
 use super::GeometryError;
 use super::field_fault::FieldFault;
 use super::knot_line::Line;
 use super::representation::{Representation, ShapeSpace};
+use super::resolution::{Block, Detailed, Resolutions};
 use super::vector::norm;
 use shapelex_numeric::MAX_NUMBER;
 use shapelex_numeric::dense::{Definite, Matrix};
@@ -25,6 +27,11 @@ pub struct ControlPointMove {
     pub control_point: usize,
     /// Displacement vector, in the unit of the points.
     pub by: Vec<f64>,
+    /// Index of the block, from 0, of a shape of several resolutions whose control point it is: `control_point` is then one of its
+    /// `indices`. Default: a control point of the coarse grid.
+    #[cfg_attr(feature = "serde", serde(default))]
+    #[cfg_attr(feature = "schema", schema(nullable = false))]
+    pub block: Option<usize>,
     /// New normal at the control point, of any length. For the subdivision scheme `normal_based` only. Default: the normal stays.
     #[cfg_attr(feature = "serde", serde(default))]
     #[cfg_attr(feature = "schema", schema(nullable = false))]
@@ -46,8 +53,8 @@ pub struct Handle {
 /// Result of a deformation.
 #[derive(Debug)]
 pub struct Deformation {
-    /// Control points of the deformed shape.
-    pub control_points: Matrix,
+    /// The deformed shape.
+    pub shape: Detailed,
     /// Support of each moved control point.
     pub supports: Vec<Support>,
     /// `L₂` norm of the change.
@@ -68,66 +75,90 @@ pub struct Support {
     pub parameters: Vec<[f64; 2]>,
 }
 
-/// Moves and handles that fit the shapes of a space.
+/// Moves and handles that fit shapes with some blocks.
 #[derive(Debug)]
 pub struct Edit<'a> {
-    space: &'a ShapeSpace,
+    grids: &'a Resolutions,
     moves: &'a [ControlPointMove],
     handles: &'a [Handle],
 }
 
 impl<'a> Edit<'a> {
-    /// Checks moves and handles.
+    /// Checks moves and handles of a shape with these `blocks`, whose grids are `grids`.
     ///
     /// # Errors
     /// All that do not fit; neither moves nor handles.
     pub fn new(
-        space: &'a ShapeSpace,
+        grids: &'a Resolutions,
+        blocks: &[Block],
         moves: &'a [ControlPointMove],
         handles: &'a [Handle],
     ) -> Result<Self, Vec<FieldFault>> {
-        let faults = edit_faults(space.representation(), moves, handles);
-        if faults.is_empty() { Ok(Self { space, moves, handles }) } else { Err(faults) }
+        let faults = edit_faults(grids.coarse().representation(), blocks, moves, handles);
+        if faults.is_empty() { Ok(Self { grids, moves, handles }) } else { Err(faults) }
     }
 
-    /// Moves control points of a shape, then applies the smallest change in `L₂` with which it meets the handles.
+    /// Moves control points of a shape, then applies the smallest change in `L₂` of the coarse control points with which it meets the
+    /// handles.
     ///
     /// # Errors
     /// Handles that contradict one another, or that take the shape out of range.
-    pub fn apply(&self, before: &Matrix) -> Result<Matrix, FieldFault> {
+    pub fn apply(&self, before: &Detailed) -> Result<Detailed, FieldFault> {
         let mut after = before.clone();
-        for ControlPointMove { control_point, by, .. } in self.moves {
-            by.iter().enumerate().for_each(|(c, by)| after[(*control_point, c)] += by);
+        for ControlPointMove { control_point, by, block, .. } in self.moves {
+            let (rows, row) = match block.and_then(|block| after.blocks.get_mut(block)) {
+                Some(Block { indices, offsets, .. }) => (offsets, indices.binary_search(control_point).ok()),
+                None => (&mut after.control_points, Some(*control_point)),
+            };
+            let Some(row) = row else { continue };
+            by.iter().enumerate().for_each(|(c, by)| rows[(row, c)] += by);
         }
         if !self.handles.is_empty() {
-            after += meet(self.space, &after, self.handles)
+            let handles = self.below_details(&after.blocks);
+            after.control_points += meet(self.grids.coarse(), &after.control_points, &handles)
                 .map_err(|error| FieldFault::new("handles", error.to_string()))?;
         }
-        if !after.iter().all(|value| value.abs() <= MAX_NUMBER) {
+        let offsets = after.blocks.iter().flat_map(|block| block.offsets.iter());
+        if !after.control_points.iter().chain(offsets).all(|value| value.abs() <= MAX_NUMBER) {
             let detail = format!("expected positions that keep the shape within ±{MAX_NUMBER:e}");
             return Err(FieldFault::new("handles", detail));
         }
         Ok(after)
     }
 
+    /// The handles with the positions that the coarse shape has to meet, to which blocks add their details.
+    fn below_details(&self, blocks: &[Block]) -> Vec<Handle> {
+        let below = |handle: &Handle| {
+            let details = self.grids.detail_at(blocks, &handle.parameters);
+            let position = handle.position.iter().zip(details).map(|(position, detail)| position - detail);
+            Handle { position: position.collect(), parameters: handle.parameters.clone() }
+        };
+        self.handles.iter().map(below).collect()
+    }
+
     /// What the edit has changed: `after` is the result of [`Self::apply`].
-    pub fn described(&self, before: &Matrix, after: Matrix) -> Deformation {
-        let change = &after - before;
+    pub fn described(&self, before: &Detailed, after: Detailed) -> Deformation {
+        let space = self.grids.finest().space();
+        let change = self.grids.flatten(&after) - self.grids.flatten(before);
         let support = |moved: &ControlPointMove| Support {
             control_point: moved.control_point,
-            parameters: support(self.space, moved.control_point),
+            parameters: match moved.block.and_then(|block| before.blocks.get(block)) {
+                Some(block) => self.grids.grid_of(block).support(moved.control_point),
+                None => support(self.grids.coarse(), moved.control_point),
+            },
         };
         Deformation {
             supports: self.moves.iter().map(support).collect(),
-            l2_change: self.space.norm(&change),
-            largest_change: self.space.largest_change(&change),
-            control_points: after,
+            l2_change: space.norm(&change),
+            largest_change: space.largest_change(&change),
+            shape: after,
         }
     }
 }
 
 pub(crate) fn edit_faults(
     representation: &Representation,
+    blocks: &[Block],
     moves: &[ControlPointMove],
     handles: &[Handle],
 ) -> Vec<FieldFault> {
@@ -141,13 +172,12 @@ pub(crate) fn edit_faults(
         let detail = format!("expected {dimension} coordinates within ±{MAX_NUMBER:e}");
         wrong.then(|| FieldFault::new(field, detail))
     };
-    for (i, ControlPointMove { control_point, by, normal }) in moves.iter().enumerate() {
-        faults.extend(position(by, format!("moves/{i}/by")));
-        faults.extend(normal_fault(representation, *normal).map(|fault| fault.below(&format!("moves/{i}"))));
-        if *control_point >= size {
-            let detail = format!("expected a control point from 0 and below {size}, got {control_point}");
-            faults.push(FieldFault::new(format!("moves/{i}/control_point"), detail));
-        }
+    for (i, moved) in moves.iter().enumerate() {
+        faults.extend(position(&moved.by, format!("moves/{i}/by")));
+        faults.extend(
+            normal_fault(representation, moved.normal).map(|fault| fault.below(&format!("moves/{i}"))),
+        );
+        faults.extend(place_fault(size, blocks, moved).map(|fault| fault.below(&format!("moves/{i}"))));
     }
     for (i, Handle { parameters, position: to }) in handles.iter().enumerate() {
         faults.extend(position(to, format!("handles/{i}/position")));
@@ -155,6 +185,24 @@ pub(crate) fn edit_faults(
         faults.extend(found.map(|fault| fault.below(&format!("handles/{i}/parameters"))));
     }
     faults
+}
+
+/// Fault of the place of a move: a control point of the coarse grid of `size`, or of a block.
+fn place_fault(size: usize, blocks: &[Block], moved: &ControlPointMove) -> Option<FieldFault> {
+    let point = moved.control_point;
+    let Some(index) = moved.block else {
+        let detail = format!("expected a control point from 0 and below {size}, got {point}");
+        return (point >= size).then(|| FieldFault::new("control_point", detail));
+    };
+    let Some(block) = blocks.get(index) else {
+        let detail = match blocks.len() {
+            0 => format!("expected none, because the shape has no blocks, got {index}"),
+            count => format!("expected a block from 0 and below {count}, got {index}"),
+        };
+        return Some(FieldFault::new("block", detail));
+    };
+    let detail = format!("expected one of the indices of block {index}, got {point}");
+    block.indices.binary_search(&point).is_err().then(|| FieldFault::new("control_point", detail))
 }
 
 /// Fault of a new normal of a control point.
@@ -327,17 +375,20 @@ mod tests {
     fn moves_come_before_handles_and_faults_name_their_fields() {
         let space = closed(9);
         let shape = Matrix::from_fn(9, 2, |k, c| ((k * (c + 2)) as f64).sin());
-        let moves = [ControlPointMove { control_point: 4, by: vec![0.5, 0.0], normal: None }];
+        let moves = [ControlPointMove { control_point: 4, by: vec![0.5, 0.0], block: None, normal: None }];
         let handles = [Handle { parameters: vec![0.5], position: vec![1.0, 2.0] }];
-        let edit = Edit::new(&space, &moves, &handles).unwrap();
+        let grids = Resolutions::uniform(&space);
+        let edit = Edit::new(&grids, &[], &moves, &handles).unwrap();
+        let shape = Detailed { control_points: shape, blocks: Vec::new() };
         let after = edit.apply(&shape).unwrap();
-        let met: f64 = weights(&space, &[0.5]).iter().map(|(i, weight)| weight * after[(*i, 1)]).sum();
+        let met: f64 =
+            weights(&space, &[0.5]).iter().map(|(i, weight)| weight * after.control_points[(*i, 1)]).sum();
         assert!((met - 2.0).abs() < 1e-13, "{met}");
         let found = edit.described(&shape, after);
         assert!(found.l2_change > 0.0 && found.supports[0].control_point == 4, "{found:?}");
-        let moves = [ControlPointMove { control_point: 9, by: vec![1.0], normal: None }];
+        let moves = [ControlPointMove { control_point: 9, by: vec![1.0], block: None, normal: None }];
         let handles = [Handle { parameters: vec![0.5, 0.5], position: vec![1.0, f64::NAN] }];
-        let faults = Edit::new(&space, &moves, &handles).unwrap_err();
+        let faults = Edit::new(&grids, &[], &moves, &handles).unwrap_err();
         let fields: Vec<&str> = faults.iter().map(|fault| &*fault.field).collect();
         let wanted = ["moves/0/by", "moves/0/control_point", "handles/0/position", "handles/0/parameters"];
         assert_eq!(fields, wanted);

@@ -14,7 +14,7 @@
 //! * [`sampling`] — points along shapes for comparisons;
 //! * [`total_curvature`] — total curvature of a curve;
 //! * [`fit`] — least-squares fits of raw contours;
-//! * [`refine`] — the same curve on a finer grid;
+//! * [`refine`] — the same curve on a finer grid; [`resolution`] — shapes with blocks of finer control points;
 //! * [`deformation`] — edits by moved control points or handles;
 //! * [`surface`] — tensor-product surfaces;
 //! * [`subdivision`] — subdivision surfaces;
@@ -75,6 +75,7 @@ pub mod refine;
 pub mod reparametrisation;
 pub mod representation;
 pub mod resample;
+pub mod resolution;
 pub mod rotation;
 pub mod sampling;
 pub mod size;
@@ -222,6 +223,24 @@ pub enum GeometryError {
         field: &'static str,
         /// The reason.
         detail: String,
+    },
+    /// A generator is no combination of B-splines on the finer grid.
+    #[error(
+        "expected generators that are refined exactly: bspline, exponential, and half_integer_shifts by even factors, got {generator} by {factor}"
+    )]
+    NotRefined {
+        /// Name of the generator.
+        generator: &'static str,
+        /// Factor along its direction.
+        factor: usize,
+    },
+    /// A surface is another one on the finer grid, although its generators have two-scale relations.
+    #[error("{expected}, got the factors {factors:?}")]
+    NoRelation {
+        /// What the relation needs.
+        expected: &'static str,
+        /// Factors, one per direction.
+        factors: Vec<usize>,
     },
     /// The handles contradict each other.
     #[error(

@@ -21,6 +21,8 @@ pub struct Refinement {
     fine: ShapeSpace,
     factor: usize,
     filter: Option<FineFilter>,
+    /// Fine intervals by which the refined closed curve starts later.
+    turn: isize,
 }
 
 impl Refinement {
@@ -42,7 +44,12 @@ impl Refinement {
             None => (None, kind.refined(factor)),
         };
         let fine = ShapeSpace::new(&representation.with_count(factor * count).with_generator(kind))?;
-        Ok(Self { coarse: coarse.clone(), fine, factor, filter })
+        Ok(Self { coarse: coarse.clone(), fine, factor, filter, turn: 0 })
+    }
+
+    /// The same refinement of closed curves, whose result starts `turn` fine intervals later.
+    pub(crate) fn turned(self, turn: isize) -> Self {
+        Self { turn: self.turn + turn, ..self }
     }
 
     /// The finer representation.
@@ -63,7 +70,7 @@ impl Refinement {
     /// The shift `δ` with `r(u) = r_fine(u + δ)`.
     pub fn parameter_shift(&self) -> f64 {
         let half_step = self.filter.as_ref().is_some_and(|filter| filter.half_step);
-        if half_step { 0.5 / self.fine.representation().count() as f64 } else { 0.0 }
+        (if half_step { 0.5 } else { 0.0 } - self.turn as f64) / self.fine.representation().count() as f64
     }
 
     /// Control points on the finer grid.
@@ -90,7 +97,8 @@ impl Refinement {
         for row in 0..coarse.nrows() {
             let k = if closed { row as isize } else { row as isize - lead };
             for (i, tap) in filter.taps.iter().enumerate() {
-                let Some(target) = row_of(self.factor as isize * k + filter.first + i as isize) else {
+                let Some(target) = row_of(self.factor as isize * k + filter.first - self.turn + i as isize)
+                else {
                     continue;
                 };
                 for c in 0..coarse.ncols() {

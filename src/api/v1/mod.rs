@@ -22,7 +22,7 @@ use cohorts::{
 };
 use dictionaries::{aliases, assessments, classify, coding, complete, drift, report};
 use files::formats;
-use geometry::{catalogue, curves, deform, fitting, morph, overlap, subdivision};
+use geometry::{catalogue, curves, deform, fitting, morph, overlap, refine, subdivision};
 use inference::{comparisons, regressions};
 use segmentation::{contours, prior, segment, sheets};
 use statistics::retrieval;

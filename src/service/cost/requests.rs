@@ -426,6 +426,23 @@ pub fn refine(counts: Counts, size: usize, limits: &Limits) -> Work {
     Work::numbers(counts.shapes * counts.dimension * (finer + counts.points))
 }
 
+/// Spaces of `grids` grids of blocks, and shapes brought to the finest of them, whose counts are `finest`; nothing for none.
+pub fn grids(finest: Counts, grids: usize) -> Work {
+    /// Per control point: the operators of a space, most of it the factors of a surface with poles.
+    const PREPARED: f64 = 2e-6;
+    /// Per coordinate of a shape and grid: the taps of the filters.
+    const FILTERED: f64 = 1e-7;
+    let grids = grids as f64;
+    Work(grids * (finest.points * PREPARED + finest.values() * FILTERED))
+}
+
+/// The control points of a region of a finer grid, whose counts are `finest`: their weights at every half-interval.
+pub fn region(finest: Counts) -> Work {
+    /// Per control point: the weights at four places.
+    const WEIGHTS: f64 = 4e-6;
+    Work(finest.points * WEIGHTS)
+}
+
 /// Surfaces of `from` intervals on a grid of `to`, and the distances to the originals.
 pub fn resize(counts: Counts, from: [usize; 2], to: [usize; 2], limits: &Limits) -> Work {
     /// Per node of the quadrature: a point of either surface.

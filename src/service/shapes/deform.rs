@@ -7,6 +7,7 @@ use crate::formats::shape::ShapeInput;
 use crate::geometry::capability::deform::MovedOriented;
 use crate::geometry::deformation::{ControlPointMove, Deformation, Edit, Handle};
 use crate::geometry::representation::Representation;
+use crate::geometry::resolution::{Block, Resolutions};
 use crate::service::app::faults::Faults;
 use crate::service::app::{App, ServiceError};
 
@@ -25,14 +26,27 @@ pub fn deform(
     handles: &[Handle],
 ) -> Result<Deformation, ServiceError> {
     let mut faults = Faults::default();
-    let before = faults.keep(posted.read_one(app, shape, "/shape"))?;
-    let edit = faults.keep_below("", edit(posted, moves, handles));
-    let (Some(before), Some(edit)) = (before, edit) else { return Err(ServiceError::Invalid(faults)) };
+    let before = faults.keep_below("/shape", posted.detailed(app, shape));
+    let uniform;
+    let grids = match posted.grids() {
+        Some(grids) => grids,
+        None => {
+            uniform = Resolutions::uniform(&posted.space);
+            &uniform
+        }
+    };
+    let blocks = before.as_ref().map_or(&[][..], |before| &before.blocks);
+    // Faults of the blocks come first: moves name their indices.
+    let edit = match &before {
+        None if posted.grids().is_some() => None,
+        _ => faults.keep_below("", edit(grids, blocks, moves, handles)),
+    };
+    let (Some(before), Some(edit)) = (&before, edit) else { return Err(ServiceError::Invalid(faults)) };
     let context = app.pool.context();
     context.check()?;
-    let after = edit.apply(&before)?;
+    let after = edit.apply(before)?;
     context.check()?;
-    Ok(edit.described(&before, after))
+    Ok(edit.described(before, after))
 }
 
 /// Moves points and normals of a shape of the normal-based scheme.
@@ -69,11 +83,12 @@ fn check_count(moves: &[ControlPointMove], handles: &[Handle]) -> Result<(), Vec
 }
 
 fn edit<'a>(
-    posted: &'a Posted,
+    grids: &'a Resolutions,
+    blocks: &[Block],
     moves: &'a [ControlPointMove],
     handles: &'a [Handle],
 ) -> Result<Edit<'a>, Vec<Fault>> {
     check_count(moves, handles)?;
-    let edit = Edit::new(&posted.space, moves, handles);
+    let edit = Edit::new(grids, blocks, moves, handles);
     edit.map_err(|faults| faults.into_iter().map(Fault::from).collect())
 }

@@ -2,6 +2,7 @@
 //!
 //! The functions are synchronous and run on the pool.
 
+use super::blocks::Layers;
 use super::draw::draw_shapes;
 use super::each::each;
 use super::mesh::{self, mesh_of};
@@ -9,7 +10,6 @@ use super::request::Posted;
 use crate::analysis::correspondence::Correspondence;
 use crate::formats::fault::Fault;
 use crate::formats::shape::ShapeInput;
-use crate::geometry::capability::domain::Admitted;
 use crate::geometry::capability::sample::{Evaluation, Parameters};
 use crate::geometry::capability::tessellate::{Detail, with_normals};
 use crate::geometry::curve::MAX_DERIVATIVE;
@@ -24,8 +24,8 @@ use crate::service::app::{App, ServiceError};
 /// What to evaluate.
 #[derive(Debug, Clone)]
 pub struct EvaluateTask {
-    /// Representation of the shapes.
-    pub representation: Admitted,
+    /// Representation of the shapes, with the grids of their blocks.
+    pub layers: Layers,
     /// Conversion of posted points to control points.
     pub correspondence: Correspondence,
     /// Places on shapes with parameters; `None` for the vertices of refined meshes.
@@ -62,7 +62,7 @@ impl EvaluateTask {
         // Reserved before the computation, so that no work is done for a response that does not fit in memory.
         let _room = app.memory.foresee(total)?;
         let evaluations = each(&app.pool.context(), &shapes, |shape| {
-            posted.space.evaluate(shape, parameters, self.order, self.frames)
+            posted.space.evaluate_shifted(shape, parameters, posted.shifts(), self.order, self.frames)
         })?;
         let evaluations = evaluations.into_iter().collect::<Option<_>>();
         let missing = || ServiceError::Internal("parameters of another kind of shape".into());
@@ -126,7 +126,7 @@ impl EvaluateTask {
     }
 
     fn read(&self, app: &App, shapes: Vec<ShapeInput>) -> Result<(Posted, Vec<Matrix>), ServiceError> {
-        let posted = Posted::new(app, &self.representation, self.correspondence)?;
+        let posted = Posted::of_layers(app, &self.layers, self.correspondence)?;
         let shapes = posted.read(app, shapes)?;
         Ok((posted, shapes))
     }
@@ -143,7 +143,7 @@ impl EvaluateTask {
                 format!("expected 0, got {order}: the mesh of a level has frames, but no derivatives");
             return Err(ServiceError::invalid("/derivatives", detail));
         }
-        mesh::refined(app, &self.representation, self.correspondence, shapes, detail)
+        mesh::refined(app, self.layers.coarse(), self.correspondence, shapes, detail)
     }
 
     /// Number of numbers of the values of `shapes` shapes.
@@ -159,13 +159,13 @@ impl EvaluateTask {
             Parameters::Grid(_) => "/grid",
             Parameters::At(_) | Parameters::Pairs(_) => "/parameters",
         };
-        let values = parameters.numbers(self.representation.dimension(), order, self.frames);
+        let values = parameters.numbers(self.layers.coarse().dimension(), order, self.frames);
         let total = parameters.count().saturating_mul(shapes).saturating_mul(values);
         if parameters.count() == 0 || total > most {
             let detail = format!("expected a request for between 1 and {most} numbers, got {total}");
             faults.push(Fault::new(pointer, detail));
         }
-        let outside = parameters.faults(self.representation.domain()).into_iter();
+        let outside = parameters.faults(self.layers.coarse().domain()).into_iter();
         faults.extend(outside.map(|fault| Fault::from(fault).below("/parameters")));
         ServiceError::unless_empty(faults)?;
         Ok(total)

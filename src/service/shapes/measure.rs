@@ -2,13 +2,14 @@
 //!
 //! The function is synchronous and runs on the pool.
 
+use super::blocks::Layers;
 use super::mesh;
 use super::outcome::{OnError, Outcomes};
 use super::request::Posted;
 use crate::analysis::correspondence::Correspondence;
 use crate::formats::shape::ShapeInput;
 use crate::geometry::GeometryError;
-use crate::geometry::capability::domain::{Admitted, Domain};
+use crate::geometry::capability::domain::Domain;
 use crate::geometry::capability::measure::{Measures, Measuring};
 use crate::geometry::capability::tessellate::Detail;
 use crate::geometry::mesh::TriangleMesh;
@@ -20,8 +21,8 @@ use crate::service::app::{App, ServiceError};
 /// What to measure.
 #[derive(Debug)]
 pub struct MeasureTask {
-    /// Representation of the shapes.
-    pub representation: Admitted,
+    /// Representation of the shapes, with the grids of their blocks.
+    pub layers: Layers,
     /// Conversion of posted points to control points.
     pub correspondence: Correspondence,
     /// Shape to which distances are measured.
@@ -45,16 +46,16 @@ impl MeasureTask {
     /// Faults of the shapes, and of the reference at `/reference…`; a reference for shapes without `L₂` distance; too much
     /// work. Under [`OnError::Skip`] faults of the shapes are among the outcomes.
     pub fn measure(self, app: &App, shapes: Vec<ShapeInput>) -> Result<Outcomes<Measures>, ServiceError> {
-        let representation = &self.representation;
+        let representation = self.layers.coarse();
         if !representation.is_linear() {
             return self.measure_oriented(app, shapes);
         }
         if representation.domain().is_mesh() {
             mesh::check_vertices(app, representation, shapes.len())?;
         }
-        let posted = Posted::new(app, representation, self.correspondence)?;
+        let posted = Posted::of_layers(app, &self.layers, self.correspondence)?;
         let (shapes, reference) = posted.read_with_reference(app, shapes, self.reference, self.on_error)?;
-        check_work(representation, shapes.len(), reference.is_some())?;
+        check_work(self.layers.finest(), shapes.len(), reference.is_some())?;
         let measuring = Measuring::new(&posted.space, reference, self.field, shapes.len());
         let context = app.pool.context();
         let stop = || context.is_cancelled();
@@ -69,7 +70,7 @@ impl MeasureTask {
         app: &App,
         shapes: Vec<ShapeInput>,
     ) -> Result<Outcomes<Measures>, ServiceError> {
-        let representation = &self.representation;
+        let representation = self.layers.coarse();
         if self.reference.is_some() {
             let detail = format!(
                 "expected no reference, because these shapes have no distance: {}",

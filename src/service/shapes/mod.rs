@@ -2,7 +2,8 @@
 //! crate only.
 //!
 //! * [`read`] — control points of posted shapes; [`read_points`], [`read_mesh`], [`read_oriented`] — points, meshes, and
-//!   points with normals as posted; [`request`] — shapes of a request in their space; [`spaces`] — prepared spaces;
+//!   points with normals as posted; [`request`] — shapes of a request in their space; [`blocks`] — those of several resolutions;
+//!   [`spaces`] — prepared spaces;
 //!   [`each`] — parallel work on a list; [`names`], [`outcome`] — names of the
 //!   shapes of a request, and values for them or their errors; `directions` — which way closed curves run;
 //! * [`evaluate`], [`measure`], [`mesh`], [`draw`] — values, measures, triangle meshes, drawings;
@@ -11,6 +12,7 @@
 //! * [`morph`], [`deform`] — paths between two shapes; deformation by handles; [`overlap`] — overlap of two bodies;
 //! * [`generators`] — generators asked for in a query.
 
+pub mod blocks;
 pub mod deform;
 pub(crate) mod directions;
 pub mod draw;

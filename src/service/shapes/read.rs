@@ -43,6 +43,9 @@ const NORMALS: &str = "expected no normals: they belong to the subdivision schem
 /// Why parts of shapes are refused.
 const PART: &str =
     "expected a whole shape, got one of which a part is seen: assess and complete of a dictionary take these";
+/// Why blocks are refused.
+const BLOCKS: &str =
+    "expected a shape of one resolution, got blocks: refine brings it to the finest of them, the same shape";
 /// Most attributes of a shape: programs of microscopy measure some hundred numbers of a cell.
 const MAX_LABELS: usize = 1000;
 
@@ -338,6 +341,9 @@ pub fn attributes(shape: ShapeInput) -> Result<ShapeAttributes, Vec<Fault>> {
     if take_given(shape.observed.map(|observed| *observed), "/observed", &mut errors).flatten().is_some() {
         errors.push(Fault::new("/observed", PART));
     }
+    if take_given(shape.blocks.map(|blocks| *blocks), "/blocks", &mut errors).flatten().is_some() {
+        errors.push(Fault::new("/blocks", BLOCKS));
+    }
     take_given(shape.poles.map(|poles| *poles), "/poles", &mut errors);
     let mut value = |field: Option<Box<Metadata>>, pointer: &str| {
         field.and_then(|field| field.take(pointer, &mut errors)).filter(|value| !value.is_null())
@@ -402,7 +408,9 @@ impl App {
 }
 
 /// Faults of a shape that do not depend on its representation, with pointers relative to it.
-pub fn own_faults(shape: ShapeInput) -> Vec<Fault> {
+pub fn own_faults(mut shape: ShapeInput) -> Vec<Fault> {
+    // Those of blocks depend on the grids.
+    shape.blocks = None;
     let lists = [
         ("/points", shape.points.as_deref()),
         ("/control_points", shape.control_points.as_deref()),

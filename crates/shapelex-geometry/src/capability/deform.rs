@@ -76,7 +76,7 @@ impl OrientedMeshes<'_> {
         moves: &[ControlPointMove],
         handles: &[Handle],
     ) -> Result<MovedOriented, Vec<FieldFault>> {
-        let mut faults = edit_faults(representation, moves, handles);
+        let mut faults = edit_faults(representation, &[], moves, handles);
         let (count, mut held) = (self.count(), vec![None; self.count()]);
         for (i, Handle { parameters, .. }) in handles.iter().enumerate() {
             let [vertex] = parameters[..] else { continue };
@@ -100,7 +100,7 @@ impl OrientedMeshes<'_> {
             return Err(faults);
         }
         let mut shape = before.clone();
-        for ControlPointMove { control_point, by, normal } in moves {
+        for ControlPointMove { control_point, by, normal, .. } in moves {
             let point = &mut shape.points[*control_point];
             by.iter().zip(point).for_each(|(by, x)| *x += by);
             if let Some(normal) = normal {

@@ -192,6 +192,15 @@ impl Representation {
         other
     }
 
+    /// The same surface with other generators; other shapes are unchanged.
+    pub(crate) fn with_generators(&self, kinds: [GeneratorKind; 2]) -> Self {
+        let mut other = self.clone();
+        if let Self::Surface { generators, .. } = &mut other {
+            *generators = kinds;
+        }
+        other
+    }
+
     /// The same surface with `width` intervals between knots along both directions, or the fewest that are valid, and an even number
     /// behind a half turn; other shapes are unchanged.
     pub fn of_width(&self, width: usize) -> Self {

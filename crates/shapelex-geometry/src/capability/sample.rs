@@ -173,16 +173,15 @@ impl Evaluation {
         }
     }
 
-    fn from_grid(surface: &Surface, count: [usize; 2], wanted: &[Derivative], frames: bool) -> Self {
-        let [u, v] = [0, 1].map(|i| surface.parameters(i, count[i]));
+    fn from_grid(surface: &Surface, [u, v]: &[Vec<f64>; 2], wanted: &[Derivative], frames: bool) -> Self {
         if wanted.len() > 1 || frames {
-            let (jets, at) = (surface.jets(&u, &v), |i: usize| v[i % v.len()]);
-            return Self { columns: Some(count[1]), ..Self::from_jets(surface, &jets, at, wanted, frames) };
+            let (jets, at) = (surface.jets(u, v), |i: usize| v[i % v.len()]);
+            return Self { columns: Some(v.len()), ..Self::from_jets(surface, &jets, at, wanted, frames) };
         }
-        let points = columns(&surface.points(&u, &v), |point| *point);
+        let points = columns(&surface.points(u, v), |point| *point);
         Self {
             dimension: 3,
-            columns: Some(count[1]),
+            columns: Some(v.len()),
             derivatives: vec![(Derivative::Value, points)],
             frames: None,
         }
@@ -223,19 +222,41 @@ impl ShapeSpace {
         order: usize,
         frames: bool,
     ) -> Option<Evaluation> {
+        self.evaluate_shifted(control_points, parameters, [0.0; 2], order, frames)
+    }
+
+    /// As [`Self::evaluate`], at the parameters plus `shifts` along `u` and `v`; only closed directions have such.
+    pub fn evaluate_shifted(
+        &self,
+        control_points: &Matrix,
+        parameters: &Parameters,
+        shifts: [f64; 2],
+        order: usize,
+        frames: bool,
+    ) -> Option<Evaluation> {
         let wanted = parameters.derivatives(order);
         let curve = || Curve::of(self, control_points);
         let surface = || self.surface().map(|basis: &SurfaceBasis| basis.surface(control_points));
+        let moved =
+            |list: &[f64], shift: f64| list.iter().map(|parameter| parameter + shift).collect::<Vec<_>>();
         Some(match parameters {
             Parameters::Equidistant(count) => {
                 let curve = curve()?;
-                Evaluation::from_curve(&curve, &curve.parameters(*count), wanted, frames)
+                let list = moved(&curve.parameters(*count), shifts[0]);
+                Evaluation::from_curve(&curve, &list, wanted, frames)
             }
-            Parameters::At(list) => Evaluation::from_curve(&curve()?, list, wanted, frames),
-            Parameters::Grid(count) => Evaluation::from_grid(&surface()?, *count, wanted, frames),
+            Parameters::At(list) => {
+                Evaluation::from_curve(&curve()?, &moved(list, shifts[0]), wanted, frames)
+            }
+            Parameters::Grid(count) => {
+                let surface = surface()?;
+                let lists = [0, 1].map(|i| moved(&surface.parameters(i, count[i]), shifts[i]));
+                Evaluation::from_grid(&surface, &lists, wanted, frames)
+            }
             Parameters::Pairs(list) => {
                 let surface = surface()?;
-                let jets: Vec<Jet> = list.iter().map(|[u, v]| surface.jet(*u, *v)).collect();
+                let jets: Vec<Jet> =
+                    list.iter().map(|[u, v]| surface.jet(u + shifts[0], v + shifts[1])).collect();
                 Evaluation::from_jets(&surface, &jets, |i| list[i][1], wanted, frames)
             }
         })

@@ -387,6 +387,16 @@ impl GeneratorKind {
         matches!(self, Self::Interpolator { family: Family::HalfIntegerShifts, .. })
     }
 
+    /// Whether it is a combination of B-splines on a grid `factor` times as fine.
+    pub(crate) fn has_two_scale(&self, factor: usize) -> bool {
+        match self {
+            Self::Bspline { .. } | Self::Exponential { .. } | Self::ShiftedExponential { .. } => true,
+            Self::Trigonometric {} | Self::Cubic {} | Self::Interpolator { .. } => {
+                self.needs_even_factors() && factor.is_multiple_of(2)
+            }
+        }
+    }
+
     /// The generator on a grid `factor` times as fine of whose shifts this one is a combination, where it has a two-scale relation:
     /// a B-spline.
     pub(crate) fn two_scale(&self, factor: usize) -> Self {

@@ -21,7 +21,7 @@ use shapelex_numeric::dense::Matrix;
 use shapelex_numeric::kronecker::transpose;
 
 /// Maximum factor of a refinement: the work of its filter grows with the square.
-const MAX_FACTOR: usize = 1024;
+pub const MAX_FACTOR: usize = 1024;
 
 /// Refinement along one direction.
 #[derive(Debug, Clone)]
@@ -31,21 +31,23 @@ struct Direction {
     filter: Option<FineFilter>,
     /// The generator on the finer grid.
     kind: GeneratorKind,
+    /// Fine intervals by which the refined closed direction starts later.
+    turn: isize,
 }
 
 impl Direction {
     /// Prepares a direction whose generator belongs to `intervals` intervals; `None` without a two-scale relation.
     fn new(kind: &GeneratorKind, intervals: usize, factor: usize, closed: bool) -> Option<Self> {
         if factor == 1 {
-            return Some(Self { factor, filter: None, kind: kind.clone() });
+            return Some(Self { factor, filter: None, kind: kind.clone(), turn: 0 });
         }
         let (recipe, built) = (kind.recipe(intervals).ok()?, kind.build(intervals).ok()?);
         let filter = FineFilter::new(&recipe, &built, factor)?;
         if filter.half_step && !closed {
             let kind = kind.two_scale_shifted(factor);
-            return Some(Self { factor, filter: Some(filter.for_shifted()), kind });
+            return Some(Self { factor, filter: Some(filter.for_shifted()), kind, turn: 0 });
         }
-        Some(Self { factor, filter: Some(filter), kind: kind.two_scale(factor) })
+        Some(Self { factor, filter: Some(filter), kind: kind.two_scale(factor), turn: 0 })
     }
 
     fn is_shifted(&self) -> bool {
@@ -64,7 +66,7 @@ impl Direction {
             if closed { factor * coarse } else { factor * (coarse - 1 - lead - trail) + 1 + own + after };
         let mut refined = vec![0.0; fine as usize * columns];
         for (row, values) in x.chunks_exact(columns).enumerate() {
-            let first = factor * (row as isize - lead) + filter.first + own;
+            let first = factor * (row as isize - lead) + filter.first - self.turn + own;
             for (i, tap) in filter.taps.iter().enumerate() {
                 let target = first + i as isize;
                 let target = if closed { target.rem_euclid(fine) } else { target };
@@ -125,8 +127,14 @@ impl SurfaceRefinement {
         [0, 1].map(|i| {
             let Direction { factor, .. } = self.directions[i];
             let fine = (factor * self.extent.intervals[i]) as f64;
-            if self.directions[i].is_shifted() { 0.5 / fine } else { 0.0 }
+            (if self.directions[i].is_shifted() { 0.5 } else { 0.0 } - self.directions[i].turn as f64) / fine
         })
+    }
+
+    /// The same refinement, whose result starts so many fine intervals later along directions that are closed and refined.
+    pub(crate) fn turned(mut self, turns: [isize; 2]) -> Self {
+        self.directions.iter_mut().zip(turns).for_each(|(direction, turn)| direction.turn += turn);
+        self
     }
 
     /// Rows on the finer grid, of the surface with these `rows` of the basis `from`; `to` is the basis of the finer grid. Cost:

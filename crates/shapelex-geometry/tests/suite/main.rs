@@ -10,6 +10,7 @@ mod masks;
 mod measures;
 mod open_meshes;
 mod refinement;
+mod resolution;
 mod sheet_sizes;
 mod sizes;
 mod spaces;

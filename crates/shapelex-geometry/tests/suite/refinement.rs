@@ -17,7 +17,7 @@ use shapelex_numeric::dense::Matrix;
 use crate::spaces::{closed, interpolator, open, random_curve};
 use crate::vectors::{self, assert_close, load, matrix, number, numbers, text};
 
-fn half_integer_shifts(poles: PoleList) -> GeneratorKind {
+pub(crate) fn half_integer_shifts(poles: PoleList) -> GeneratorKind {
     interpolator(Family::HalfIntegerShifts, poles)
 }
 
@@ -135,7 +135,7 @@ fn finite_sequences_equal_the_vectors() {
 }
 
 /// Generators with a two-scale relation; the last has no pole 0.
-fn refinable() -> Vec<GeneratorKind> {
+pub(crate) fn refinable() -> Vec<GeneratorKind> {
     let pair = |a: f64, b: f64| vec![[a, b], [-a, -b]];
     let list = |zeros: usize, pairs: &[[f64; 2]]| {
         let pairs = pairs.iter().flat_map(|&[a, b]| pair(a, b));
@@ -158,7 +158,7 @@ fn refinable() -> Vec<GeneratorKind> {
 }
 
 /// Whether a curve is refined as the same function: half-integer shifts by even factors.
-fn is_exact(kind: &GeneratorKind, factor: usize) -> bool {
+pub(crate) fn is_exact(kind: &GeneratorKind, factor: usize) -> bool {
     refinable().contains(kind) && (factor.is_multiple_of(2) || !kind.needs_even_factors())
 }
 
@@ -282,7 +282,7 @@ fn other_generators_are_sampled() {
 }
 
 /// Surfaces of a topology.
-fn surfaces(
+pub(crate) fn surfaces(
     topology: Topology,
     seam: Seam,
     control_points: [usize; 2],

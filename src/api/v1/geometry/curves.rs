@@ -27,6 +27,7 @@ use crate::geometry::surface::measures::SurfaceMeasures;
 use crate::service::app::{App, Limits, ServiceError, Work};
 use crate::service::cohorts::catalogue::{text_faults, word_of_unit};
 use crate::service::cost::requests::{self, Counts};
+use crate::service::shapes::blocks::{Layers, pointed};
 use crate::service::shapes::draw::MAX_DRAWN;
 use crate::service::shapes::evaluate::{EvaluateTask, Evaluated};
 use crate::service::shapes::measure::MeasureTask;
@@ -193,7 +194,8 @@ impl EvaluateRequest {
         let ((((representation, correspondence), parameters), (order, frames)), shapes) =
             checked(wanted, errors, shapes)?;
         let representation = app.admit(representation)?;
-        let task = EvaluateTask { representation, correspondence, parameters, order, frames };
+        let layers = Layers::of_shapes(app, representation, &shapes)?;
+        let task = EvaluateTask { layers, correspondence, parameters, order, frames };
         let work = evaluate_work(&task, shapes.len(), format, &app.limits) + format.work();
         planned(work, move |app| match format {
             ShapeFormat::Plain(Format::Picture(file)) => picture(&task.drawing(app, shapes)?, &file),
@@ -209,13 +211,15 @@ impl EvaluateRequest {
 
 /// Predicted work of evaluating `shapes` shapes.
 fn evaluate_work(task: &EvaluateTask, shapes: usize, format: ShapeFormat, limits: &Limits) -> Work {
-    let EvaluateTask { representation, parameters, order, frames, .. } = task;
-    let counts = Counts::new(representation, shapes, limits);
-    match (parameters, format) {
+    let EvaluateTask { layers, parameters, order, frames, .. } = task;
+    let (representation, counts) = (layers.coarse(), Counts::new(layers.finest(), shapes, limits));
+    let prepared = requests::grids(counts, layers.count());
+    let values = match (parameters, format) {
         (Some(_), ShapeFormat::Plain(Format::Picture(_))) => requests::draw(counts, shapes.min(MAX_DRAWN)),
         (Some(_), ShapeFormat::Mesh(_, grid)) => requests::mesh(grid.unwrap_or([500, 500])),
         _ => requests::values(representation, counts, parameters.as_ref(), (*order, *frames), limits),
-    }
+    };
+    prepared + values
 }
 
 /// Default number of places on a curve.
@@ -614,10 +618,13 @@ impl MeasureRequest {
         }
         let ((representation, correspondence), shapes) = checked(settings, errors, shapes)?;
         let representation = app.admit(representation)?;
-        let counts = Counts::new(&representation, shapes.len(), &app.limits);
-        let task = MeasureTask { representation, correspondence, reference: self.reference, field, on_error };
-        let work = requests::measure(&task.representation, counts, task.reference.is_some(), &app.limits)
-            + requests::flux(&task.representation, counts, task.field.as_ref(), &app.limits);
+        let reference = self.reference.iter().map(|shape| ("/reference".to_owned(), shape));
+        let layers = Layers::new(app, representation, pointed(&shapes).chain(reference), None)?;
+        let (finest, counts) = (layers.finest(), Counts::new(layers.finest(), shapes.len(), &app.limits));
+        let work = requests::measure(finest, counts, self.reference.is_some(), &app.limits)
+            + requests::flux(finest, counts, field.as_ref(), &app.limits)
+            + requests::grids(counts, layers.count());
+        let task = MeasureTask { layers, correspondence, reference: self.reference, field, on_error };
         let names = InputNames::of_posted(&shapes);
         let find = move |app: &App| {
             let points = || ServiceError::Internal("measures of points".into());

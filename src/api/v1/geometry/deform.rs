@@ -8,18 +8,21 @@ use crate::analysis::correspondence::Correspondence;
 use crate::api::extract::{Caller, JsonBody, NoQuery};
 use crate::api::problem::Problem;
 use crate::api::respond::{Planned, compute_planned, json, planned};
-use crate::api::v1::requests::request_macros::{ShapeOutput, checked};
+use crate::api::v1::requests::request_macros::{LayeredOutput, checked};
 use crate::formats::checked::{Checked, LARGE, document, take_or_default};
 use crate::formats::representation::Read;
-use crate::formats::shape::{Points, ShapeInput};
+use crate::formats::shape::ShapeInput;
 use crate::geometry::capability::deform::MovedOriented;
 use crate::geometry::deformation::{ControlPointMove, Deformation, Handle, Support};
 use crate::geometry::representation::Representation;
 use crate::geometry::subdivision::normal_based::Oriented;
+use crate::numeric::dense::Matrix;
 use crate::service::app::{App, ServiceError};
 use crate::service::cost::requests::{self, Counts};
+use crate::service::shapes::blocks::Layers;
 use crate::service::shapes::deform;
 use crate::service::shapes::read::own_faults;
+use crate::service::shapes::refine::Layered;
 use crate::service::shapes::request::Posted;
 
 document! {
@@ -50,7 +53,7 @@ document! {
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(in crate::api::v1) struct DeformAnswer {
     #[serde(flatten)]
-    shape: ShapeOutput,
+    shape: LayeredOutput,
     /// Unit normals; only for the subdivision scheme `normal_based`.
     #[serde(skip_serializing_if = "Option::is_none")]
     normals: Option<Vec<[f64; 3]>>,
@@ -90,7 +93,6 @@ impl DeformRequest {
         let ((representation, (moves, handles)), _) =
             checked(representation.zip(moves.zip(handles)), errors, Vec::new())?;
         let representation = app.admit(representation)?;
-        let counts = Counts::new(&representation, 1, &app.limits);
         if !representation.is_linear() {
             let work = requests::deform_oriented(&representation, &app.limits);
             return planned(work, move |app| {
@@ -98,36 +100,35 @@ impl DeformRequest {
                 json(StatusCode::OK, &DeformAnswer::of_oriented(moved, &moves))
             });
         }
-        planned(requests::deform(counts, handles.len()), move |app| {
-            let posted = Posted::new(app, &representation, Correspondence::Landmarks)?;
+        let layers = Layers::new(app, representation, [("/shape".to_owned(), &shape)], None)?;
+        let counts = Counts::new(layers.finest(), 1, &app.limits);
+        let work = requests::deform(counts, handles.len()) + requests::grids(counts, layers.count());
+        planned(work, move |app| {
+            let posted = Posted::of_layers(app, &layers, Correspondence::Landmarks)?;
             let deformed = deform::deform(app, &posted, shape, &moves, &handles)?;
-            json(StatusCode::OK, &DeformAnswer::from(deformed))
+            json(StatusCode::OK, &DeformAnswer::new(&posted, deformed)?)
         })
     }
 }
 
-impl From<Deformation> for DeformAnswer {
-    fn from(deformed: Deformation) -> Self {
-        let (columns, dimension) =
-            (deformed.control_points.as_slice().to_vec(), deformed.control_points.ncols());
-        Self {
-            shape: ShapeOutput { control_points: Points::from_columns(columns, dimension) },
+impl DeformAnswer {
+    fn new(posted: &Posted, deformed: Deformation) -> Result<Self, ServiceError> {
+        Ok(Self {
+            shape: Layered::new(posted, deformed.shape)?.into(),
             normals: None,
             supports: deformed.supports,
             l2_change: Some(deformed.l2_change),
             largest_change: deformed.largest_change,
-        }
+        })
     }
-}
 
-impl DeformAnswer {
     fn of_oriented(moved: MovedOriented, moves: &[ControlPointMove]) -> Self {
         let MovedOriented { shape: Oriented { points, normals }, largest_change } = moved;
-        let columns = (0..3).flat_map(|c| points.iter().map(move |point| point[c])).collect();
+        let control_points = Matrix::from_fn(points.len(), 3, |k, c| points[k][c]);
         let support =
             |moved: &ControlPointMove| Support { control_point: moved.control_point, parameters: Vec::new() };
         Self {
-            shape: ShapeOutput { control_points: Points::from_columns(columns, 3) },
+            shape: Layered { control_points, blocks: Vec::new() }.into(),
             normals: Some(normals),
             supports: moves.iter().map(support).collect(),
             l2_change: None,

@@ -1,5 +1,4 @@
-//! Least-squares fits of curves and surfaces to raw contours, grids and meshes; refinement to another grid of knots; exact
-//! control points of idealised shapes.
+//! Least-squares fits of curves and surfaces to raw contours, grids and meshes; exact control points of idealised shapes.
 
 #[cfg(feature = "schema")]
 use crate::api::v1::requests::described::*;
@@ -15,11 +14,11 @@ use crate::api::respond::{Planned, compute, compute_planned, json, planned};
 #[cfg(feature = "schema")]
 use crate::api::v1::geometry::curves::ParameterList;
 use crate::api::v1::requests::batches::{Batch, ManyShapes, PlannedResults, answer_batch, results};
-use crate::api::v1::requests::request_macros::{ShapeOutput, checked, shapes_request};
+use crate::api::v1::requests::request_macros::{ShapeOutput, checked};
 use crate::formats::checked::{Checked, List, Raw, document, take_given, take_or_default};
 use crate::formats::representation::{FitTarget, Read};
-use crate::formats::shape::{Points, ShapeInput};
-use crate::geometry::capability::domain::{Admitted, Domain};
+use crate::formats::shape::ShapeInput;
+use crate::geometry::capability::domain::Domain;
 use crate::geometry::capability::fit::{Fitted, PointPlaces};
 use crate::geometry::capability::idealise::{Placed, PlacedCurve, PlacedSurface};
 use crate::geometry::generator::GeneratorKind;
@@ -28,7 +27,6 @@ use crate::geometry::representation::Representation;
 use crate::geometry::surface::Topology;
 use crate::geometry::surface::ideal::IdealSurface;
 use crate::geometry::surface::seam::Seam;
-use crate::numeric::dense::Matrix;
 use crate::service::app::{App, Limits, ServiceError, Work};
 use crate::service::cost::requests::{self, Counts, FitCounts};
 use crate::service::shapes::fit::{FitInputs, FitTask, MAX_TURNS, USUAL_TURNS};
@@ -36,14 +34,7 @@ use crate::service::shapes::idealise;
 use crate::service::shapes::names::InputNames;
 use crate::service::shapes::outcome::OnError;
 use crate::service::shapes::read_mesh::MeshInput;
-use crate::service::shapes::refine::{self, Refined};
 use crate::service::shapes::request::Posted;
-use crate::service::shapes::resize::resize;
-
-fn output(control_points: &Matrix) -> ShapeOutput {
-    let dimension = control_points.ncols();
-    ShapeOutput { control_points: Points::from_columns(control_points.as_slice().to_vec(), dimension) }
-}
 
 document! {
     /// Contours, points of surfaces or meshes to fit.
@@ -285,7 +276,7 @@ impl FitRequest {
 impl From<Fitted> for FitOutput {
     fn from(fitted: Fitted) -> Self {
         Self {
-            shape: output(&fitted.control_points),
+            shape: ShapeOutput::of(&fitted.control_points),
             representation: fitted.representation,
             residual: fitted.residual,
             largest_residual: fitted.largest,
@@ -305,131 +296,6 @@ fn fit_work(task: &FitTask, inputs: &FitInputs, limits: &Limits) -> Work {
     let counts = Counts::new(&task.representation, count, limits);
     let fit = FitCounts { points, meshes, tolerance: task.tolerance.is_some(), turns: task.turns };
     requests::fit(&task.representation, counts, fit, limits)
-}
-
-shapes_request! {
-    /// Curves or surfaces to refine.
-    #[schema(example = json!({
-        "representation": {"kind": "closed_curve", "dimension": 2, "control_points": 3, "generator": {
-            "name": "interpolator", "family": "half_integer_shifts",
-            "domain_poles": [[0, 0], [0, std::f64::consts::TAU], [0, -std::f64::consts::TAU]]}},
-        "shapes": [{"points": [[1, 0], [-0.5, 0.8660254037844386], [-0.5, -0.8660254037844386]]}], "factor": 2
-    }))]
-    RefineRequest {
-        /// Factor by which the number of knots grows, along both directions of surfaces. Default: 2.
-        #[schema(value_type = Option<usize>, minimum = 2)]
-        factor: Checked<usize>;
-        /// Numbers of control points `[M_u, M_v]` of surfaces in place of `factor`; they may grow or shrink.
-        #[schema(value_type = Option<[usize; 2]>, min_items = 2, max_items = 2)]
-        control_points: Checked<[usize; 2]>;
-    }
-}
-
-/// A shape on the refined grid of knots.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
-pub(in crate::api::v1) struct RefinedOutput {
-    #[serde(flatten)]
-    shape: ShapeOutput,
-    /// `L₂` distance to the original shape; absent if the two are the same function.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    l2_change: Option<f64>,
-}
-
-/// Refined shapes, in request order.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
-pub(in crate::api::v1) struct RefineAnswer {
-    /// Refined representation.
-    representation: Representation,
-    /// Whether the refined shapes are the same functions as the originals. True for B-splines and interpolators of
-    /// half-integer shifts, on surfaces if both directions are such; others are sampled at the finer knots, and the same if all
-    /// changes are rounding errors.
-    exact: bool,
-    /// `δ`: the original curve at `u` equals the refined curve at `u + δ`. Half a fine interval if knots of an odd order are
-    /// split by an even factor, else 0. Of surfaces along `u`.
-    parameter_shift: f64,
-    /// `[δ_u, δ_v]` of surfaces: the original surface at `(u, v)` equals the refined one at `(u + δ_u, v + δ_v)`.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    parameter_shifts: Option<[f64; 2]>,
-    /// One entry per shape.
-    shapes: Vec<RefinedOutput>,
-}
-
-/// Refines curves and surfaces to a grid with more knots, exactly where their generators allow it; else samples them at its knots.
-#[utoipa::path(post, path = "/v1/refine", tag = "curves", request_body = RefineRequest,
-    responses(
-        (status = 200, description = "The finer representation and control points", body = RefineAnswer)
-    ))]
-pub(in crate::api::v1) async fn refine(
-    Caller(app): Caller,
-    _: NoQuery,
-    JsonBody(body): JsonBody,
-) -> Result<Response, Problem> {
-    compute_planned(app, body, |app, body| app.parse::<RefineRequest>(body)?.plan(app)).await
-}
-
-impl RefineRequest {
-    fn plan(mut self, app: &App) -> Result<Planned, ServiceError> {
-        let mut errors = Vec::new();
-        let (settings, shapes) = self.take_shapes(&mut errors);
-        let given = self.factor.is_some();
-        let factor = self.factor.map_or(Some(2), |field| field.take("/factor", &mut errors));
-        let counts = take_given(self.control_points, "/control_points", &mut errors);
-        let domain = settings.as_ref().map(|(representation, _)| representation.domain());
-        if counts.is_some() && (given || domain.is_some_and(|domain| !domain.is_sheet())) {
-            let detail = "this field belongs to surfaces, instead of a factor";
-            errors.push(Fault::new("/control_points", detail));
-        }
-        let (((representation, correspondence), factor), shapes) =
-            checked(settings.zip(factor), errors, shapes)?;
-        let representation = app.admit(representation)?;
-        let work = refine_work(&representation, shapes.len(), factor, counts, &app.limits);
-        planned(work, move |app| {
-            let posted = Posted::from_splines(app, &representation, correspondence)?;
-            let shapes = posted.read(app, shapes)?;
-            let refined = match representation.domain() {
-                Domain::Sheet { extent, .. } => {
-                    let finer = extent.intervals.map(|count| count.saturating_mul(factor));
-                    let (wanted, pointer) =
-                        counts.map_or((finer, "/factor"), |counts| (counts, "/control_points"));
-                    resize(app, &posted, wanted, pointer, &shapes)?
-                }
-                _ => refine::refine(app, &posted, factor, &shapes)?,
-            };
-            json(StatusCode::OK, &RefineAnswer::from(refined))
-        })
-    }
-}
-
-/// Predicted work of refining `shapes` shapes.
-fn refine_work(
-    representation: &Admitted,
-    shapes: usize,
-    factor: usize,
-    control_points: Option<[usize; 2]>,
-    limits: &Limits,
-) -> Work {
-    let counts = Counts::new(representation, shapes, limits);
-    match representation.domain() {
-        Domain::Sheet { extent, .. } => {
-            let finer = extent.intervals.map(|count| count.saturating_mul(factor));
-            requests::resize(counts, extent.intervals, control_points.unwrap_or(finer), limits)
-        }
-        _ => requests::refine(counts, counts.points().saturating_mul(factor), limits),
-    }
-}
-
-impl From<Refined> for RefineAnswer {
-    fn from(Refined { representation, exact, parameter_shifts, shapes }: Refined) -> Self {
-        let shape =
-            |(shape, l2_change): (Matrix, Option<f64>)| RefinedOutput { shape: output(&shape), l2_change };
-        Self {
-            representation,
-            exact,
-            parameter_shift: parameter_shifts.first().copied().unwrap_or_default(),
-            parameter_shifts: parameter_shifts.try_into().ok(),
-            shapes: shapes.into_iter().map(shape).collect(),
-        }
-    }
 }
 
 /// Idealised curve of the catalogue.
@@ -485,7 +351,7 @@ fn surface_entry(surface: IdealSurface) -> Result<IdealSurfaceEntry, ServiceErro
     let basis = surface
         .basis(surface.fewest_intervals())
         .map_err(|error| ServiceError::Internal(error.to_string()))?;
-    let shape = output(&surface.rows(&basis));
+    let shape = ShapeOutput::of(&surface.rows(&basis));
     Ok(IdealSurfaceEntry { representation: surface.representation(), surface, shape })
 }
 
@@ -574,7 +440,7 @@ impl IdealRequest {
         let counts = Counts::new(&representation, wanted.len(), &app.limits);
         planned(requests::fit_lines(counts, 0.0, false), move |app| {
             let posted = Posted::from_splines(app, &representation, Correspondence::Landmarks)?;
-            let shapes = idealise::idealise(app, &posted, &wanted)?.iter().map(output).collect();
+            let shapes = idealise::idealise(app, &posted, &wanted)?.iter().map(ShapeOutput::of).collect();
             json(StatusCode::OK, &IdealAnswer { shapes })
         })
     }

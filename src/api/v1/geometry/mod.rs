@@ -6,4 +6,5 @@ pub(in crate::api) mod deform;
 pub(in crate::api) mod fitting;
 pub(in crate::api) mod morph;
 pub(in crate::api) mod overlap;
+pub(in crate::api) mod refine;
 pub(in crate::api) mod subdivision;

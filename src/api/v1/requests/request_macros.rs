@@ -16,6 +16,7 @@ use crate::service::app::ServiceError;
 use crate::service::cohorts::caveats;
 use crate::service::cohorts::live_mean::LeftOut;
 use crate::service::shapes::read;
+use crate::service::shapes::refine::{Layered, Placed};
 
 /// Declares a request with a representation, a correspondence, shapes and further fields.
 macro_rules! shapes_request {
@@ -177,6 +178,55 @@ pub(in crate::api::v1) fn rows(matrix: &Matrix) -> Vec<Vec<f64>> {
 pub(in crate::api::v1) struct ShapeOutput {
     /// Control points in the representation.
     pub(in crate::api::v1) control_points: Points,
+}
+
+impl ShapeOutput {
+    /// The shape with these control points, one per row.
+    pub(in crate::api::v1) fn of(control_points: &Matrix) -> Self {
+        Self { control_points: points(control_points) }
+    }
+}
+
+/// Points of the rows of a matrix.
+fn points(rows: &Matrix) -> Points {
+    Points::from_columns(rows.as_slice().to_vec(), rows.ncols())
+}
+
+/// Control points of a finer grid that are moved from where the coarse control points of a shape have them.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(in crate::api::v1) struct BlockOutput {
+    /// Numbers of parts of an interval between knots: one for curves, those along `u` and `v` for surfaces.
+    factors: Vec<usize>,
+    /// Indices of the control points on the finer grid, in ascending order.
+    indices: Vec<usize>,
+    /// Their offsets, in the unit of the points.
+    offsets: Points,
+    /// The control points themselves: those of the coarse shape on the finer grid, with the offsets of this block and of all blocks
+    /// whose grids it refines.
+    control_points: Points,
+}
+
+/// A shape of several resolutions.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(in crate::api::v1) struct LayeredOutput {
+    #[serde(flatten)]
+    shape: ShapeOutput,
+    /// Control points of finer grids; absent if the shape has none.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    #[schema(required = false)]
+    blocks: Vec<BlockOutput>,
+}
+
+impl From<Layered> for LayeredOutput {
+    fn from(Layered { control_points, blocks }: Layered) -> Self {
+        let block = |Placed { block, control_points }: Placed| BlockOutput {
+            offsets: points(&block.offsets),
+            control_points: points(&control_points),
+            factors: block.factors,
+            indices: block.indices,
+        };
+        Self { shape: ShapeOutput::of(&control_points), blocks: blocks.into_iter().map(block).collect() }
+    }
 }
 
 /// What is common to all entries of an answer about posted shapes.
