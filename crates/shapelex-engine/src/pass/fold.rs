@@ -180,7 +180,7 @@ mod tests {
     use crate::ingest::{Record, read_description};
     use crate::objects::{Objects, Patience};
     use crate::pass::revision::{Revision, Setting};
-    use crate::pass::source::Subject;
+    use crate::pass::subject::Subject;
     use crate::pass::work::Work;
 
     /// Numbers of a shape: three landmarks in the plane.
