@@ -1,4 +1,4 @@
-//! Jobs with an engine that fails: this process computes. That the engine has the same bits is tested beside it, in
+//! Jobs and means with an engine that fails: this process computes. That the engine has the same bits is tested beside it, in
 //! `crates/shapelex-engine/tests/service.py`.
 
 use std::os::unix::fs::PermissionsExt;
@@ -59,4 +59,29 @@ fn cohorts_below_the_minimum_have_no_engine() {
     let flags = ["--engine", &program, "--engine-store", "somewhere"];
     learn(&Setting::fresh().with_example().flags(&flags).start());
     assert!(!mark.exists());
+}
+
+#[test]
+fn a_stored_mean_of_a_whole_cohort_goes_to_the_engine_first() {
+    let folder = tempfile::tempdir().unwrap();
+    let of = |server: &Server, filter: &str| {
+        let query = format!("/v1/cohorts/example-cells/mean?transformation=similarity{filter}");
+        server.get(&query).expect(200)["mean"].clone()
+    };
+    let alone = Setting::fresh().with_example().start();
+    let (whole, part) = (of(&alone, ""), of(&alone, "&labels.cell_line=dunn"));
+    let mark = folder.path().join("started");
+    let program = program(folder.path(), "engine", &format!("echo $* >> {}; exit 1", mark.display()));
+    let store = folder.path().join("store");
+    let flags =
+        ["--engine", &program, "--engine-store", store.to_str().unwrap(), "--engine-min-shapes", "100"];
+    let server = Setting::fresh().with_example().flags(&flags).start();
+    assert_eq!(of(&server, "&labels.cell_line=dunn"), part);
+    assert!(!mark.exists(), "there are no files of a selection");
+    assert_eq!(of(&server, ""), whole);
+    let started = std::fs::read_to_string(&mark).unwrap();
+    // Once it has failed, it is asked to clear what it has begun, and nothing else.
+    let commands: Vec<&str> = started.lines().filter_map(|line| line.split(' ').nth(2)).collect();
+    assert_eq!(commands, ["ingest", "collect"], "{started}");
+    assert!(server.log().contains("the engine failed; this process computes"));
 }
