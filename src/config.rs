@@ -16,7 +16,7 @@ use crate::service::access::AccessSettings;
 use crate::service::access::login::LoginSettings;
 use crate::service::access::tokens::{self, TokenSettings};
 use crate::service::app::{Limits, memory};
-use crate::service::dictionaries::at_engine::EngineSettings;
+use crate::service::cohorts::at_engine::EngineSettings;
 use crate::service::hooks::{HookSettings, Network};
 use crate::store_location::{self, StoreLocation};
 use crate::worker::Places;
@@ -254,7 +254,7 @@ serve_settings! {
     engine_store: String = "SHAPELEX_ENGINE_STORE", String::new();
     /// Scheduler of a cluster of the engine, as `host:port`; empty if the engine computes on this machine
     engine_scheduler: String = "SHAPELEX_ENGINE_SCHEDULER", String::new();
-    /// Number of shapes from which on a job uses the engine
+    /// Number of shapes from which on a job that learns, or a stored mean, uses the engine
     engine_min_shapes: NonZeroUsize = "SHAPELEX_ENGINE_MIN_SHAPES", most(1_000_000);
     /// Serve /metrics without authentication
     metrics_open: bool = "SHAPELEX_METRICS_OPEN", false;
@@ -441,7 +441,7 @@ impl ServeConfig {
         HookSettings { allow_private: self.allow_private_hooks, networks, days: self.hook_days }
     }
 
-    /// The engine that jobs may use.
+    /// The engine that jobs and means may use.
     pub fn engine(&self) -> EngineSettings {
         EngineSettings {
             program: self.engine.clone(),

@@ -1,4 +1,4 @@
-//! Jobs with an engine that fails: this process computes. That the engine has the same bits is tested beside it, in
+//! Jobs and means with an engine that fails: this process computes. That the engine has the same bits is tested beside it, in
 //! `crates/shapelex-engine/tests/service.py`.
 
 use std::os::unix::fs::PermissionsExt;
@@ -59,4 +59,42 @@ fn cohorts_below_the_minimum_have_no_engine() {
     let flags = ["--engine", &program, "--engine-store", "somewhere"];
     learn(&Setting::fresh().with_example().flags(&flags).start());
     assert!(!mark.exists());
+}
+
+/// Triangles, of which every other one is labelled `a`.
+fn with_triangles(server: Server) -> Server {
+    let representation = json!({"kind": "landmarks", "dimension": 2, "points": 3});
+    server.post("/v1/cohorts", &json!({"name": "triangles", "representation": representation})).expect(201);
+    let triangle = |k: u32| {
+        let (x, y) = ((f64::from(k) * 0.7).sin(), (f64::from(k) * 0.3).cos());
+        json!({"label": if k % 2 == 0 { "a" } else { "b" }, "points": [[x, 0.0], [20.0, y], [5.0, 15.0 + x]]})
+    };
+    let triangles: Vec<Value> = (0..120).map(triangle).collect();
+    server.post_lines("/v1/cohorts/triangles/shapes", &triangles).expect(201);
+    server
+}
+
+#[test]
+fn a_stored_mean_of_a_whole_cohort_goes_to_the_engine_first() {
+    let folder = tempfile::tempdir().unwrap();
+    let of = |server: &Server, filter: &str| {
+        let query = format!("/v1/cohorts/triangles/mean?transformation=similarity{filter}");
+        server.get(&query).expect(200)["mean"].clone()
+    };
+    let alone = with_triangles(Setting::fresh().start());
+    let (whole, part) = (of(&alone, ""), of(&alone, "&label=a"));
+    let mark = folder.path().join("started");
+    let program = program(folder.path(), "engine", &format!("echo $* >> {}; exit 1", mark.display()));
+    let store = folder.path().join("store");
+    let flags =
+        ["--engine", &program, "--engine-store", store.to_str().unwrap(), "--engine-min-shapes", "20"];
+    let server = with_triangles(Setting::fresh().flags(&flags).start());
+    assert_eq!(of(&server, "&label=a"), part);
+    assert!(!mark.exists(), "there are no files of a selection");
+    assert_eq!(of(&server, ""), whole);
+    let started = std::fs::read_to_string(&mark).unwrap();
+    // Once it has failed, it is asked to clear what it has begun, and nothing else.
+    let commands: Vec<&str> = started.lines().filter_map(|line| line.split(' ').nth(2)).collect();
+    assert_eq!(commands, ["ingest", "collect"], "{started}");
+    assert!(server.log().contains("the engine failed; this process computes"));
 }

@@ -1,14 +1,16 @@
 """Measures what docs/scale.md says of clusters: executors as processes on this machine.
 
-    python3 crates/shapelex-engine/benches/cluster.py PROGRAM STORE COHORT [--executors 1,2,4] [--kills N] [--codes DICTIONARY]
+    python3 crates/shapelex-engine/benches/cluster.py PROGRAM STORE COHORT REVISION [--executors 1,2,4] [--kills N] [--codes DICTIONARY]
 
-STORE and COHORT are what the example `scale` writes. One line of JSON for each run: time, digest, processor time and peak memory
+STORE holds the revision of COHORT, as `ingest` writes it; DICTIONARY is a file that the service has exported. A run is a pass: the scatter of
+all shapes, or with --codes their codes. One line of JSON for each run: time, digest of its answer, processor time and peak memory
 of the client and of the executors. With --kills, N runs on two executors, in each of which both executors and the scheduler are
 killed at moments drawn at random (seed: number of the run), and started again: `lost_s` is the processor time spent twice, by executor, and
 `waited_s` what the run took longer than that.
 """
 
 import argparse
+import hashlib
 import json
 import pathlib
 import random
@@ -68,23 +70,33 @@ class Cluster:
         self.folder.cleanup()
 
 
-def run(program, store, *arguments):
-    """Answer of a command, with its time, processor time and peak memory."""
+def request(store, cohort, revision, codes):
+    """The pass: codes in a dictionary if there is one, else the scatter of the shapes."""
+    about = {"cohort": cohort, "revision": revision, "transformation": "similarity", "alignment": "projection"}
+    if codes:
+        return {**about, "work": {"code": json.loads(pathlib.Path(codes).read_text())["content"]}}
+    manifest = json.loads((pathlib.Path(store, cohort, "revisions") / f"{revision:020}.json").read_text())
+    representation = manifest["manifest"]["cohort"]["representation"]
+    width = representation["dimension"] * (representation.get("points") or representation["control_points"])
+    return {**about, "work": {"sum": {"aligned": None, "sum": {"kind": "scatter", "origin": [0.0] * width}}}}
+
+
+def run(program, store, asked, *arguments):
+    """Digest of the answer to a pass, with its time, processor time and reports."""
     began, before = time.monotonic(), resource.getrusage(resource.RUSAGE_CHILDREN)
-    command = subprocess.Popen([program, "--store", store, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    out, said = command.communicate()
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    if command.returncode != 0:
+    command = [program, "--store", store, "pass", *arguments]
+    done = subprocess.run(command, input=json.dumps(asked).encode(), stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    after, said = resource.getrusage(resource.RUSAGE_CHILDREN), done.stderr.decode()
+    if done.returncode != 0:
         raise SystemExit(said)
     client = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return json.loads(out), time.monotonic() - began, client, said
+    return hashlib.sha256(done.stdout).hexdigest(), time.monotonic() - began, client, said
 
 
-def report(name, answer, seconds, client, executors, **more):
-    line = {"run": name, "seconds": round(seconds, 2), "digest": answer["digest"][:12], "client_cpu_s": round(client, 2),
+def report(name, digest, seconds, client, said, executors, **more):
+    line = {"run": name, "seconds": round(seconds, 2), "digest": digest[:12], "client_cpu_s": round(client, 2),
             "executors_cpu_s": [round(cpu, 2) for cpu, _ in executors], "executors_peak_mib": [peak for _, peak in executors],
-            "jobs": sum(taken["jobs"] for taken in answer["passes"]),
-            "resubmitted": sum(taken["resubmitted"] for taken in answer["passes"]), **more}
+            "jobs": said.count('{"job":'), "resubmitted": said.count("is submitted again"), **more}
     print(json.dumps(line), flush=True)
 
 
@@ -93,22 +105,21 @@ def main():
     parser.add_argument("program")
     parser.add_argument("store")
     parser.add_argument("cohort")
+    parser.add_argument("revision", type=int)
     parser.add_argument("--executors", default="1,2,4")
     parser.add_argument("--kills", type=int, default=0)
     parser.add_argument("--codes")
     options = parser.parse_args()
     program, store = options.program, options.store
-    statistics = ["run", "--cohort", options.cohort, "--components", "20"]
-    command = ["code", "--cohort", options.cohort, "--dictionary", options.codes] if options.codes else statistics
+    asked = request(store, options.cohort, options.revision, options.codes)
 
-    answer, seconds, client, _ = run(program, store, *command, "--threads", "2")
-    report("one process, two threads", answer, seconds, client, [])
-    alone = answer["digest"]
+    alone, seconds, client, said = run(program, store, asked, "--threads", "2")
+    report("one process, two threads", alone, seconds, client, said, [])
     for count in map(int, filter(None, options.executors.split(","))):
         with Cluster(program, store, count) as cluster:
-            answer, seconds, client, _ = run(program, store, *command, "--scheduler", f"127.0.0.1:{cluster.port}")
-            report(f"{count} executors", answer, seconds, client, [used(process) for process in cluster.executors])
-            assert answer["digest"] == alone, "the digest of a cluster is another one"
+            digest, seconds, client, said = run(program, store, asked, "--scheduler", f"127.0.0.1:{cluster.port}")
+            report(f"{count} executors", digest, seconds, client, said, [used(process) for process in cluster.executors])
+            assert digest == alone, "the digest of a cluster is another one"
             undisturbed, work = seconds, sum(used(process)[0] for process in cluster.executors)
     for number in range(options.kills):
         draw = random.Random(number)
@@ -130,13 +141,13 @@ def main():
 
             disturbing = threading.Thread(target=disturb)
             disturbing.start()
-            answer, seconds, client, said = run(program, store, *command, "--scheduler", f"127.0.0.1:{cluster.port}")
+            digest, seconds, client, said = run(program, store, asked, "--scheduler", f"127.0.0.1:{cluster.port}")
             disturbing.join()
             # Work that was done twice, on two executors; what is longer still is waiting.
             lost = (sum(killed) + sum(used(process)[0] for process in cluster.executors) - work) / 2
-            report(f"killed, run {number}", answer, seconds, client, [used(process) for process in cluster.executors],
+            report(f"killed, run {number}", digest, seconds, client, said, [used(process) for process in cluster.executors],
                    lost_s=round(lost, 1), waited_s=round(seconds - undisturbed - lost, 1), moments=[(round(moment, 1), victim) for moment, victim in moments], said=said.splitlines()[:6])
-            assert answer["digest"] == alone, "the digest of a disturbed cluster is another one"
+            assert digest == alone, "the digest of a disturbed cluster is another one"
 
 
 if __name__ == "__main__":

@@ -109,26 +109,6 @@ pub async fn ingest(lines: impl BufRead, mut writer: Writer) -> Result<Written, 
     writer.finish().await
 }
 
-/// Reads at most `most` shapes of `[points, dimension]` into memory, one JSON object per line.
-///
-/// # Errors
-/// As [`ingest`]; no shape, or more than `most`.
-pub fn read_shapes(lines: impl BufRead, size: [usize; 2], most: usize) -> Result<Vec<Record>, EngineError> {
-    let mut lines = Lines { lines, number: 0, text: Vec::new(), size };
-    let mut shapes = Vec::new();
-    while let Some(record) = lines.next()? {
-        shapes.push(record);
-        if shapes.len() > most {
-            return Err(EngineError::refused("shapes", format!("expected at most {most}, got more")));
-        }
-    }
-    if shapes.is_empty() {
-        Err(EngineError::refused("shapes", "expected a shape, got none"))
-    } else {
-        Ok(shapes)
-    }
-}
-
 /// Shapes of a size, one JSON object per line; empty lines are skipped.
 struct Lines<L> {
     lines: L,

@@ -5,19 +5,14 @@
 //! ```
 //!
 //! Every result has the bits that `shapelex-analysis` computes directly from the same shapes, on any number of threads and with
-//! any division of the work: see [`pass`].
+//! any division of the work: see [`pass`]. What passes are needed for a mean or a dictionary, the caller knows.
 //!
 //! * [`objects`] — reading and writing objects, with checks of length and content;
 //! * [`cohort`] — a revision as content-addressed parts and a manifest; its checks and the collection of garbage;
 //! * [`ingest`] — shapes as lines of JSON, as the service lists them;
-//! * [`pass`] — a revision as a source of shapes, whose sums run on DataFusion;
-//! * [`dictionary`] — dictionaries learnt from a revision, and used in passes over it;
-//! * [`named`] — dictionaries in use, by the digests of their contents;
-//! * [`regression`] — regression of a revision on an attribute;
-//! * [`statistics`] — mean and principal components of a revision;
-//! * [`estimate`] — predicted cost;
+//! * [`pass`] — sums, codes and certificates of a revision, which run on DataFusion;
+//! * [`dictionary`] — dictionaries that passes use;
 //! * [`location`] — where objects are;
-//! * `nearest` — approximate search by an index, with the feature `approximate`;
 //! * `cluster` — passes on many machines, with the feature of this name.
 
 #[cfg(feature = "cluster")]
@@ -25,15 +20,9 @@ pub mod cluster;
 pub mod cohort;
 pub mod dictionary;
 pub mod error;
-pub mod estimate;
 pub mod ingest;
 pub mod location;
-pub mod named;
-#[cfg(feature = "approximate")]
-pub mod nearest;
 pub mod objects;
 pub mod pass;
-pub mod regression;
-pub mod statistics;
 
 pub use error::EngineError;

@@ -11,9 +11,9 @@ use shapelex_engine::EngineError;
 use shapelex_engine::objects::{Objects, Patience};
 
 use commands::maintenance::{Maintenance, maintain};
-use commands::{dictionary, pass, print, regression, search, statistics};
+use commands::pass;
 
-/// Cohorts at rest, and statistics of cohorts larger than memory.
+/// Cohorts at rest, and passes over cohorts that are larger than memory.
 #[derive(Debug, Parser)]
 #[command(version)]
 struct Cli {
@@ -28,19 +28,6 @@ struct Cli {
 enum Command {
     #[command(flatten)]
     Maintenance(Maintenance),
-    /// Mean and principal components of a revision.
-    Run(statistics::Run),
-    /// Regression of all shapes of a revision on an attribute.
-    Regress(regression::RegressCommand),
-    /// Learns a dictionary from a revision: a file that the service imports.
-    Learn(dictionary::Learn),
-    /// Writes the codes of all shapes of a revision in a dictionary, as Parquet.
-    Code(dictionary::Code),
-    /// The nearest shapes of a revision to some queries.
-    Search(search::Search),
-    /// Makes an index of a revision, by which `search` compares fewer shapes, and measures what it misses.
-    #[cfg(feature = "approximate")]
-    Index(commands::index::Index),
     /// One pass over a revision: a request on standard input, its result on standard output. Used by the service.
     Pass(pass::Pass),
     /// Hands out the tasks of a cluster.
@@ -66,13 +53,6 @@ impl Command {
     /// Number of threads that was asked for.
     fn threads(&self) -> Option<NonZeroUsize> {
         match self {
-            Self::Run(run) => run.machines.threads(),
-            Self::Regress(regress) => regress.machines.threads(),
-            Self::Learn(learn) => learn.machines.threads(),
-            Self::Code(code) => code.machines.threads(),
-            Self::Search(search) => search.machines.threads(),
-            #[cfg(feature = "approximate")]
-            Self::Index(index) => index.machines.threads(),
             Self::Pass(pass) => pass.machines.threads(),
             #[cfg(feature = "cluster")]
             Self::Executor(executor) => NonZeroUsize::new(executor.tasks.into()),
@@ -98,21 +78,13 @@ fn run(Cli { store, command }: Cli) -> Result<ExitCode, EngineError> {
     pool.map_err(|error| EngineError::Refused { place: "threads".into(), detail: error.to_string() })?;
     let runtime =
         tokio::runtime::Builder::new_multi_thread().worker_threads(threads.get()).enable_all().build()?;
-    let (handle, store) = (runtime.handle(), store.as_deref());
+    let store = store.as_deref();
     match command {
-        Command::Maintenance(command) => return runtime.block_on(maintain(objects(store)?, command)),
+        Command::Maintenance(command) => runtime.block_on(maintain(objects(store)?, command)),
+        Command::Pass(command) => runtime.block_on(command.run(objects(store)?, threads)),
         #[cfg(feature = "cluster")]
-        Command::Scheduler(command) => return runtime.block_on(command.run()),
+        Command::Scheduler(command) => runtime.block_on(command.run()),
         #[cfg(feature = "cluster")]
-        Command::Executor(command) => return runtime.block_on(command.run(objects(store)?)),
-        Command::Run(command) => print(&command.answer(objects(store)?, handle, threads)?)?,
-        Command::Regress(command) => print(&command.answer(objects(store)?, handle, threads)?)?,
-        Command::Learn(command) => print(&command.answer(objects(store)?, handle, threads)?)?,
-        Command::Search(command) => print(&command.answer(objects(store)?, handle, threads)?)?,
-        #[cfg(feature = "approximate")]
-        Command::Index(command) => print(&command.answer(objects(store)?, handle, threads)?)?,
-        Command::Pass(command) => command.run(objects(store)?, handle, threads)?,
-        Command::Code(command) => print(&command.answer(objects(store)?, handle, threads)?)?,
+        Command::Executor(command) => runtime.block_on(command.run(objects(store)?)),
     }
-    Ok(ExitCode::SUCCESS)
 }

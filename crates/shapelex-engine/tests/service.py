@@ -1,8 +1,9 @@
-"""The mean that the service computes from its store has the bits of that of the engine.
+"""A service with an engine finds the numbers of one without, bit by bit.
 
     python3 tests/service.py SHAPELEX SHAPELEX_ENGINE
 
-Starts the service on a new store, uploads a cohort, fetches it, writes it at rest, and compares the numbers of both.
+Starts the service on a new store, uploads a cohort, and compares means and dictionaries with those whose passes the engine has computed:
+on this machine, on a cluster, and where it fails.
 """
 
 import contextlib
@@ -51,52 +52,52 @@ def points(k):
 
 
 def compare(address, shapelex_engine, folder):
+    """What a service without an engine finds: means by their queries, and digests of dictionaries by their methods. The engine alone codes
+    the shapes in a dictionary that the service has exported."""
     closed = {"kind": "closed_curve", "dimension": 2, "control_points": 8, "generator": {"name": "cubic"}}
     send(f"{address}/v1/cohorts", json.dumps({"name": "leaves", "representation": closed}), "application/json")
     lines = "\n".join(json.dumps({"external_id": str(k), "label": "ab"[k % 2], "labels": {"k": k}, "weight": 1 + k % 3,
                                   "points": points(k)}) for k in range(SHAPES))
     send(f"{address}/v1/cohorts/leaves/shapes?return=none", lines, "application/x-ndjson")
+    components = json.dumps({"kind": "functional_pca", "components": 5, "centre": True})
+    found = means(address), {method: learn(address, f"by-{number}", json.loads(method))
+                             for number, method in enumerate([components, json.dumps(ATOMS)])}
+    with urllib.request.urlopen(f"{address}/v1/dictionaries/by-0/export", timeout=60) as answer:
+        exported = json.load(answer)
     subprocess.run([sys.executable, FETCH, address, "leaves", folder], check=True)
+    coded(shapelex_engine, folder, exported)
+    return found
 
-    def engine(*arguments):
-        command = [shapelex_engine, f"--store={folder}/store", *arguments]
-        return json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)
 
-    engine("ingest", f"--cohort={folder}/cohort.json", f"--shapes={folder}/shapes.ndjson")
-    cohort = json.loads((folder / "cohort.json").read_text())["id"]
+def means(address):
+    """Stored means, with their eigenvalues."""
+    found = {}
     for transformation, alignment in [("similarity", "projection"), ("affine", "projection"), ("rigid", "procrustes")]:
         query = f"transformation={transformation}&alignment={alignment}"
         with urllib.request.urlopen(f"{address}/v1/cohorts/leaves/mean?{query}", timeout=300) as answer:
-            service = json.load(answer)
-        for threads in [1, 2]:
-            here = engine("run", f"--cohort={cohort}", f"--transformation={transformation}", f"--alignment={alignment}",
-                          "--components=0", f"--threads={threads}")
-            if here["mean"] != service["mean"]["control_points"]:
-                sys.exit(f"{transformation}: the mean of the service is {service['control_points']}, of the engine {here['mean']}")
-            if here["eigenvalues"] != (service["eigenvalues"] or []):
-                sys.exit(f"{transformation}: eigenvalues {service['eigenvalues']} and {here['eigenvalues']}")
-    print(f"{SHAPES} shapes: the means of the service and of the engine have the same bits")
-    regressions(address, engine, cohort)
+            mean = json.load(answer)
+        found[query] = mean["mean"]["control_points"], mean["eigenvalues"]
+    return found
 
-    method = {"kind": "functional_pca", "components": 5, "centre": True}
-    job = send(f"{address}/v1/dictionaries", json.dumps({"name": "leaves", "cohort": "leaves", "method": method,
-               "transformation": "similarity"}), "application/json")
-    finished(address, job)
-    here = engine("learn", f"--cohort={cohort}", "--name=leaves", "--transformation=similarity", f"--method={json.dumps(method)}")
-    with urllib.request.urlopen(f"{address}/v1/dictionaries/leaves/export", timeout=60) as answer:
-        exported = json.load(answer)
-    for field in ["digest", "content"]:
-        if here[field] != exported[field]:
-            sys.exit(f"the {field} of the dictionary of the service and of the engine differ")
-    if here["provenance"]["shapes_digest"] != exported["provenance"]["shapes_digest"]:
-        sys.exit("the service and the engine note other digests of the shapes")
-    send(f"{address}/v1/dictionaries/import?name=imported", json.dumps(here), "application/json")
-    with urllib.request.urlopen(f"{address}/v1/dictionaries/imported/export", timeout=60) as answer:
-        imported = json.load(answer)
-    if imported["digest"] != here["digest"]:
-        sys.exit("the service imports another dictionary")
-    print(f"{SHAPES} shapes: the dictionaries of the service and of the engine have the same bits")
-    return {json.dumps(method): here["digest"], json.dumps(ATOMS): learn(address, "atoms", ATOMS)}
+
+def coded(shapelex_engine, folder, exported):
+    """Passes over a cohort that was fetched: the digest of the dictionary is that of the service, and threads do not matter."""
+    def engine(*arguments, request=None):
+        command = [shapelex_engine, f"--store={folder}/store", *arguments]
+        return subprocess.run(command, check=True, stdout=subprocess.PIPE, input=request and json.dumps(request).encode()).stdout
+
+    engine("ingest", f"--cohort={folder}/cohort.json", f"--shapes={folder}/shapes.ndjson")
+    cohort = json.loads((folder / "cohort.json").read_text())
+    about = {"cohort": cohort["id"], "revision": cohort["revision"], "transformation": "similarity", "alignment": "projection"}
+    scatter = {"sum": {"aligned": None, "sum": {"kind": "scatter", "origin": [0.0] * 16}}}
+    for work in [scatter, {"code": exported["content"]}]:
+        one, two = (engine("pass", f"--threads={threads}", request={**about, "work": work}) for threads in (1, 2))
+        if one != two:
+            sys.exit(f"the engine answers {one} on one thread, {two} on two")
+    answer = json.loads(two)
+    if answer["dictionary"] != exported["digest"] or sum(file["shapes"] for file in answer["files"]) != SHAPES:
+        sys.exit(f"the engine codes in {exported['digest']}: {answer}")
+    print(f"{SHAPES} shapes: the engine codes them in a dictionary of the service")
 
 
 def learn(address, name, method):
@@ -107,44 +108,30 @@ def learn(address, name, method):
         return json.load(answer)["digest"]
 
 
-def regressions(address, engine, cohort):
-    """The service permutes over all shapes, the engine within parts: everything but the draws agrees."""
-    study = {"cohort": "leaves", "attribute": "labels.k", "covariates": ["label", "log_centroid_size"], "permutations": 20}
-    service = send(f"{address}/v1/regressions", json.dumps(study), "application/json")
-    if "status" in service:
-        with urllib.request.urlopen(f"{address}/v1/jobs/{finished(address, service)['id']}/output", timeout=60) as answer:
-            service = json.load(answer)
-    here = engine("regress", f"--cohort={cohort}", "--attribute=labels.k", "--covariate=label",
-                  "--covariate=log_centroid_size", "--permutations=20")
-    for field in ["r_squared", "partial_r_squared", "model_r_squared", "pseudo_f"]:
-        if not math.isclose(here[field], service[field], rel_tol=1e-9):
-            sys.exit(f"{field}: the service finds {service[field]}, the engine {here[field]}")
-    for field in ["degrees", "covariates", "shape_count"]:
-        if here[field] != service[field]:
-            sys.exit(f"{field}: the service has {service[field]}, the engine {here[field]}")
-    rows = zip(here["change_per_deviation"], service["change_per_deviation"])
-    if not all(math.isclose(a, b, abs_tol=1e-9) for own, other in rows for a, b in zip(own, other)):
-        sys.exit("the change of the shape differs")
-    print(f"{SHAPES} shapes: the regressions of the service and of the engine agree to 1e-9")
-
-
-def learn_through(address, digests, folder):
-    """A service whose jobs use the engine learns the same dictionaries, and leaves no files of shapes behind."""
+def compute_through(address, found, folder):
+    """A service with an engine finds the same means and dictionaries, and leaves no files of shapes behind."""
+    expected, digests = found
+    again = means(address)
+    # Two passes of each projection, and the iterations of a Procrustes mean.
+    passes = (folder / "log").read_text().count("the engine computed a pass")
+    if again != expected or passes < 6:
+        sys.exit(f"the service with an engine has the means {again}, without {expected}, by {passes} passes")
     for number, (method, digest) in enumerate(digests.items()):
         again = learn(address, f"again-{number}", json.loads(method))
         log = (folder / "log").read_text()
         # The mean, its frame, the certificate; components are a pass as well.
-        if again != digest or log.count("the engine computed a pass") < (4, 7)[number]:
+        if again != digest or log.count("the engine computed a pass") - passes < (4, 7)[number]:
             sys.exit(f"the service with an engine learns {again} for {digest}: {log}")
     # A group for each epoch.
     if log.count("the engine coded a group") != ATOMS["max_epochs"] or "the engine failed" in log:
         sys.exit(f"the engine codes other groups: {log}")
     nothing_is_kept(folder)
-    print(f"{SHAPES} shapes: jobs of the service on the engine have the same bits")
+    print(f"{SHAPES} shapes: means and jobs of the service on the engine have the same bits")
 
 
-def learn_in_spite_of(address, digests, folder):
+def learn_in_spite_of(address, found, folder):
     """An engine that fails to code in the second epoch: learning begins again in the service."""
+    digests = found[1]
     again, log = learn(address, "in-spite", ATOMS), (folder / "log").read_text()
     if again != digests[json.dumps(ATOMS)] or log.count("the engine coded a group") != 1 or log.count("the engine failed") != 1:
         sys.exit(f"the service learns {again} for {digests} with an engine that fails to code: {log}")
@@ -152,8 +139,9 @@ def learn_in_spite_of(address, digests, folder):
     print(f"{SHAPES} shapes: a job whose engine fails to code has the same bits")
 
 
-def learn_on_a_cluster(address, digests, folder):
+def learn_on_a_cluster(address, found, folder):
     """A job whose passes run on executors; the log names its jobs at the scheduler."""
+    digests = found[1]
     again, log = learn(address, "on-a-cluster", ATOMS), (folder / "log").read_text()
     if again != digests[json.dumps(ATOMS)] or log.count("the engine coded a group") != ATOMS["max_epochs"]:
         sys.exit(f"the service learns {again} for {digests} on a cluster: {log}")
@@ -231,14 +219,14 @@ def main(shapelex, shapelex_engine):
             return
     with tempfile.TemporaryDirectory() as folder:
         folder = pathlib.Path(folder)
-        digests = serve(shapelex, folder, lambda address: compare(address, shapelex_engine, folder))
+        found = serve(shapelex, folder, lambda address: compare(address, shapelex_engine, folder))
         (folder / "fails").write_text(FAILS.format(engine=pathlib.Path(shapelex_engine).absolute()))
         (folder / "fails").chmod(0o755)
         flags = [f"--engine-store={folder}/jobs", "--engine-min-shapes=1000", "--log=info,shapelex=debug"]
-        for use, program in [(learn_through, shapelex_engine), (learn_in_spite_of, folder / "fails")]:
-            serve(shapelex, folder, lambda address: use(address, digests, folder), f"--engine={program}", *flags)
+        for use, program in [(compute_through, shapelex_engine), (learn_in_spite_of, folder / "fails")]:
+            serve(shapelex, folder, lambda address: use(address, found, folder), f"--engine={program}", *flags)
         with cluster(shapelex_engine, folder) as scheduler:
-            serve(shapelex, folder, lambda address: learn_on_a_cluster(address, digests, folder),
+            serve(shapelex, folder, lambda address: learn_on_a_cluster(address, found, folder),
                   f"--engine={shapelex_engine}", f"--engine-scheduler={scheduler}", *flags)
 
 

@@ -11,6 +11,7 @@ use std::time::Instant;
 use serde::Serialize;
 use tokio::runtime::Handle;
 
+use super::at_engine::{AtEngine, Passes, Purpose};
 use super::attributes::{FilterPlace, refuse_unknown};
 use super::caveats;
 use super::measures;
@@ -267,40 +268,48 @@ fn compute(
     query: MeanQuery,
 ) -> Result<LiveMean, ServiceError> {
     let setup = Setup::new(app, settings)?;
+    let Found { mean, drawn, started_from, robust } = find(app, handle, &cohort, &setup, &query)?;
+    Ok(LiveMean { setup, mean, drawn, cohort, started_from, robust, mixed: None })
+}
+
+/// A mean, and what was found beside it.
+struct Found {
+    mean: MeanShape,
+    drawn: Vec<AlignedShape>,
+    started_from: Option<u64>,
+    robust: Option<LeftOut>,
+}
+
+fn find(
+    app: &App,
+    handle: &Handle,
+    cohort: &Cohort,
+    setup: &Setup,
+    query: &MeanQuery,
+) -> Result<Found, ServiceError> {
     let context = app.pool.context();
     let stop = || context.is_cancelled();
-    let search = setup.matching.searches().then(|| query.search(&cohort));
+    let search = setup.matching.searches().then(|| query.search(cohort));
     let known = search.as_ref().and_then(|search| KnownPlacements::find(app, &cohort.id, search));
     let which = match query.start {
         SearchStart::Given => Which::Leading,
         SearchStart::Last => Which::All,
     };
-    let source = StoredShapes::new(app, handle, &cohort, &query.filter, 0, &setup, &stop)?;
+    let source = StoredShapes::new(app, handle, cohort, &query.filter, 0, setup, &stop)?;
     if source.is_empty() {
-        handle.block_on(refuse_unknown(app, &cohort, &query.filter, FilterPlace::Query))?;
+        handle.block_on(refuse_unknown(app, cohort, &query.filter, FilterPlace::Query))?;
     }
     let source = source.starting_from(known.as_deref().map(|known| (known, which)));
-    let Setup { metric, method, frame, matching, estimator, .. } = &setup;
-    // Searches and robust means take several passes; others take two, each as fast as the store.
-    let kept = if matching.searches() || query.robust { source.kept()? } else { None };
-    let mean = match &kept {
-        Some(shapes) => mean_by(*estimator, shapes, metric, method, *frame, matching),
-        None => mean_by(*estimator, &source, metric, method, *frame, matching),
+    let (filter, transformation) = (&query.filter, &Transformation::Named(query.transformation));
+    let (alignment, purpose) = (setup.alignment(), Purpose::Mean);
+    let passes = Passes { cohort, filter, transformation, alignment, purpose };
+    let engine = AtEngine::of(app, passes, source.len());
+    let source = match &engine {
+        Some(engine) => source.distributed_by(engine),
+        None => source,
     };
-    let mut mean = mean.map_err(|error| source.named(error))?;
-    let robust = match &kept {
-        Some(shapes) => LeftOut::new(&setup, &mean, shapes, &source)?,
-        None => LeftOut::new(&setup, &mean, &source, &source)?,
-    };
-    mean.robust = None;
-    drop(kept);
-    let mut drawn = Vec::new();
-    let first = source.first(MAX_DRAWN)?;
-    for (k, shape) in first.chunks_exact(metric.len()).enumerate() {
-        let (mut x, centroid) = (shape.to_vec(), metric.centroid(shape));
-        prepare(metric, method.translates(), k, &mut x)?;
-        drawn.push(align(method, matching, &mean.whitened, &x, &centroid, mean.placements[k])?);
-    }
+    let (mut mean, robust) = mean_of(setup, &source, query.robust)?;
+    let drawn = drawn(&source, setup, &mean)?;
     let started_from = known.as_ref().filter(|_| which == Which::All).map(|known| known.revision);
     if let Some(search) = search {
         let (revision, places) = (cohort.revision, source.places()?);
@@ -311,5 +320,41 @@ fn compute(
         let found = KnownPlacements { revision, started_from, places, placements, leading };
         found.keep(app, &cohort.id, &search);
     }
-    Ok(LiveMean { setup, mean, drawn, cohort, started_from, robust, mixed: None })
+    Ok(Found { mean, drawn, started_from, robust })
+}
+
+/// The mean of shapes, and what a robust one leaves out.
+fn mean_of(
+    setup: &Setup,
+    source: &StoredShapes<'_>,
+    robust: bool,
+) -> Result<(MeanShape, Option<LeftOut>), ServiceError> {
+    let Setup { metric, method, frame, matching, estimator, .. } = setup;
+    // Searches and robust means take several passes; others take two, each as fast as the store.
+    let kept = if matching.searches() || robust { source.kept()? } else { None };
+    let shapes: &dyn ShapeSource = match &kept {
+        Some(kept) => kept,
+        None => source,
+    };
+    let mean = mean_by(*estimator, shapes, metric, method, *frame, matching);
+    let mut mean = mean.map_err(|error| source.named(error))?;
+    let robust = LeftOut::new(setup, &mean, shapes, source)?;
+    mean.robust = None;
+    Ok((mean, robust))
+}
+
+/// The first shapes, aligned to their mean.
+fn drawn(
+    source: &StoredShapes<'_>,
+    Setup { metric, method, matching, .. }: &Setup,
+    mean: &MeanShape,
+) -> Result<Vec<AlignedShape>, ServiceError> {
+    let mut drawn = Vec::new();
+    let first = source.first(MAX_DRAWN)?;
+    for (k, shape) in first.chunks_exact(metric.len()).enumerate() {
+        let (mut x, centroid) = (shape.to_vec(), metric.centroid(shape));
+        prepare(metric, method.translates(), k, &mut x)?;
+        drawn.push(align(method, matching, &mean.whitened, &x, &centroid, mean.placements[k])?);
+    }
+    Ok(drawn)
 }

@@ -11,7 +11,8 @@
 //! * [`lengths`] — the unit of a cohort, and that of a file;
 //! * [`pseudonyms`] — subjects of persons whom files identify;
 //! * [`example`] — the example cohort of an empty store;
-//! * [`source`] — shapes of a cohort at one revision, as a source for statistics;
+//! * [`source`] — shapes of a cohort at one revision, as a source for statistics; [`at_engine`] — passes over them, computed by a separate
+//!   program;
 //! * [`selection`] — control points of selected shapes, in the order of their descriptions;
 //! * `measures` — measures of shapes that arrive; `directed` — which way stored curves run; `caveats` — what everything that is computed
 //!   of a selection should say;
@@ -20,6 +21,7 @@
 //! * [`live_mean`] — mean of a cohort at its current revision; `placements` — where its search begins.
 
 mod arriving;
+pub mod at_engine;
 mod attribute_names;
 pub mod attributes;
 pub mod bulk;

@@ -8,7 +8,6 @@ use std::sync::Arc;
 use serde::Serialize;
 use tokio::runtime::Handle;
 
-use super::at_engine::AtEngine;
 use super::class_labels;
 use super::plan::{NO_STATE, Plan, program};
 use crate::analysis::AnalysisError;
@@ -32,6 +31,7 @@ use crate::domain::job::Job;
 use crate::formats::json;
 use crate::service::app::progress::{JobContext, Meter, Part};
 use crate::service::app::{App, ServiceError, now_ms};
+use crate::service::cohorts::at_engine::{AtEngine, Passes, Purpose};
 use crate::service::cohorts::caveats;
 use crate::service::cohorts::placements::{KnownPlacements, SearchSettings, Which};
 use crate::service::cohorts::source::{StoredShapes, Work};
@@ -95,7 +95,14 @@ pub fn learn(
     let setup = Setup::of(app, plan.settings(&cohort))?;
     let shapes = count(app, handle, plan)?;
     let meter = meter(plan, &setup, shapes, context);
-    let engine = AtEngine::of(app, job, plan, &cohort, shapes);
+    let passes = Passes {
+        cohort: &cohort,
+        filter: &plan.filter,
+        transformation: &plan.transformation,
+        alignment: plan.alignment,
+        purpose: Purpose::Learning { job: &job.id, attempt: job.attempt, method: &plan.method },
+    };
+    let engine = AtEngine::of(app, passes, shapes);
     let task = Task { app, handle, job, plan, cohort: &cohort, setup: &setup, context, meter, engine };
     let Found { content, state, less_counted, disagreement } = task.content(previous)?;
     let text = serde_json::to_vec(&content)

@@ -2,7 +2,7 @@
 //!
 //! * [`planning`] — checks a request to learn and makes a [`plan`] of it; list, find and delete;
 //! * [`aliases`] — names for versions, which can be moved;
-//! * [`learning`] — the job that learns; [`at_engine`] — its passes, computed by a separate program;
+//! * [`learning`] — the job that learns;
 //! * [`class_labels`] — classes and subjects of the shapes of a cohort;
 //! * [`ready`] — stored dictionaries prepared for use, cached; [`file`](mod@file) — export and import;
 //! * [`coding`] — codes, reconstructions, scores; `part` — shapes of which a part is missing, [`posterior`] — their completion; [`classify`] — classes; [`answers`] — both as they are written;
@@ -15,7 +15,6 @@
 pub mod aliases;
 pub mod answers;
 pub mod assessments;
-pub mod at_engine;
 pub mod class_labels;
 pub mod classify;
 pub mod coding;

@@ -278,6 +278,12 @@ pub struct Reduced {
 }
 
 impl Reduced {
+    /// Whether these are numbers for shapes of `length` numbers and `columns` columns beside the intercept.
+    pub fn suits(&self, length: usize, columns: usize) -> bool {
+        let size = columns + 1;
+        self.inverse.len() == size * size && self.coordinates.len() == length * columns
+    }
+
     /// For each draw the sums `R π[q_j]` over the shapes of the part with number `number`, for intercept, covariates and attribute:
     /// `m` numbers each. The sums of parts are added.
     ///

@@ -34,7 +34,7 @@ use crate::pass::division::{Division, Unit};
 use crate::pass::engine::Took;
 use crate::pass::fold::FoldExec;
 use crate::pass::rows;
-use crate::pass::source::{Runner, Subject};
+use crate::pass::subject::{Runner, Subject};
 use crate::pass::sum::{Parts, SumExec};
 use crate::pass::task::{Task, own_error};
 use crate::pass::work::Work;

@@ -10,7 +10,7 @@
 //! order. So no task waits for another, nothing is exchanged between executors, and the bits are those of one process. What a client
 //! has received is never computed again: when a scheduler or an executor dies, the client submits the jobs that are not done.
 //!
-//! * [`client`] — a [`Runner`](crate::pass::source::Runner) that submits jobs and merges what comes back;
+//! * [`client`] — a [`Runner`](crate::pass::subject::Runner) that submits jobs and merges what comes back;
 //! * [`scheduler`], [`executor`] — the two processes;
 //! * [`codec`] — our operators as bytes; `metrics` — what the two processes did, in the format of Prometheus;
 //! * [`network`] — certificates, addresses, and the check that all processes are of one build.

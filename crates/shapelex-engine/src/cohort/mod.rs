@@ -5,10 +5,7 @@
 //! {cohort id}/revisions/{revision}.json    the manifest: cohort, and its parts in order
 //! {cohort id}/dictionaries/{digest}.json   the content of a dictionary, for passes that use it
 //! {cohort id}/codes/{dictionary}/{part}.parquet       codes of the shapes of a part
-//! {cohort id}/codes/{dictionary}/{revision}.json      the manifest of the codes of a revision
 //! {cohort id}/learning/{revision}/{run}/{epoch}/{first}.codes   codes of two epochs, while a sparse dictionary is learnt
-//! {cohort id}/indexes/{dictionary}/{digest}.hnsw      graph of near neighbours of a group of 64 parts
-//! {cohort id}/indexes/{dictionary}/{revision}.json    the manifest of the index of a revision
 //! ```
 //!
 //! A part is named by the blake3 digest of its bytes. Revisions share the parts they have in common: a revision that only appends
@@ -18,10 +15,6 @@
 //! Parts are written before the manifest that names them. A writer that dies leaves parts that no manifest names, which
 //! [`collect`](maintenance::collect) removes.
 
-pub mod codes;
-pub mod files;
-#[cfg(feature = "approximate")]
-pub mod index;
 pub mod maintenance;
 pub mod manifest;
 pub mod part;
@@ -150,34 +143,10 @@ pub fn codes_path(id: &str, dictionary: &str, part: &str) -> Result<Path, Engine
     Ok(folder(id)?.join("codes").join(dictionary).join(format!("{part}.parquet")))
 }
 
-/// Path of the manifest of the codes of a revision.
-///
-/// # Errors
-/// As [`folder`].
-pub fn codes_manifest_path(id: &str, dictionary: &str, revision: u64) -> Result<Path, EngineError> {
-    Ok(folder(id)?.join("codes").join(dictionary).join(format!("{revision:020}.json")))
-}
-
 /// Folder of the codes of all dictionaries that are being learnt from a revision.
 ///
 /// # Errors
 /// As [`folder`].
 pub fn learning_folder(id: &str, revision: u64) -> Result<Path, EngineError> {
     Ok(folder(id)?.join("learning").join(format!("{revision:020}")))
-}
-
-/// Path of the graph of a group of parts.
-///
-/// # Errors
-/// As [`folder`].
-pub fn graph_path(id: &str, dictionary: &str, digest: &str) -> Result<Path, EngineError> {
-    Ok(folder(id)?.join("indexes").join(dictionary).join(format!("{digest}.hnsw")))
-}
-
-/// Path of the manifest of the index of a revision.
-///
-/// # Errors
-/// As [`folder`].
-pub fn index_manifest_path(id: &str, dictionary: &str, revision: u64) -> Result<Path, EngineError> {
-    Ok(folder(id)?.join("indexes").join(dictionary).join(format!("{revision:020}.json")))
 }

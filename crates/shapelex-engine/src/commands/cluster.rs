@@ -39,10 +39,10 @@ impl Certificates {
     }
 }
 
-/// The cluster that computes the sums of a run.
+/// The cluster that computes a pass.
 #[derive(Debug, Args)]
 pub(crate) struct ClusterOptions {
-    /// Scheduler of a cluster, as host:port. Default: this process computes, as with --direct.
+    /// Scheduler of a cluster, as host:port. Default: this process computes.
     #[arg(long, env = "SHAPELEX_ENGINE_SCHEDULER")]
     scheduler: Option<Address>,
     /// Seconds after which a job of the cluster is cancelled and submitted again.

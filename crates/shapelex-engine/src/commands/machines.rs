@@ -1,4 +1,4 @@
-//! Where a command computes.
+//! The machines that compute a pass.
 
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use clap::Args;
 use shapelex_engine::EngineError;
 use shapelex_engine::pass::engine::Engine;
-use shapelex_engine::pass::source::Runner;
+use shapelex_engine::pass::subject::Runner;
 
 #[derive(Debug, Args)]
 pub(crate) struct Machines {
@@ -19,17 +19,13 @@ pub(crate) struct Machines {
     /// Folder of temporary files. Default: that of the system.
     #[arg(long)]
     spill: Option<PathBuf>,
-    /// Computes without the engine, part after part: the same digest.
-    #[arg(long)]
-    direct: bool,
     #[cfg(feature = "cluster")]
     #[command(flatten)]
     cluster: super::cluster::ClusterOptions,
 }
 
-/// The runners of a command.
+/// The runners of a pass.
 pub(crate) struct Runners {
-    direct: bool,
     engine: Engine,
     #[cfg(feature = "cluster")]
     client: Option<shapelex_engine::cluster::client::Client>,
@@ -43,7 +39,6 @@ impl Machines {
 
     pub(crate) fn runners(&self, threads: NonZeroUsize) -> Result<Runners, EngineError> {
         Ok(Runners {
-            direct: self.direct,
             engine: Engine {
                 threads,
                 memory_bytes: (self.memory_mib as usize) << 20,
@@ -69,13 +64,8 @@ impl Runners {
         self
     }
 
-    /// The cluster if there is one, else the engine of this process; `None` for this thread alone.
-    pub(crate) fn chosen(&self) -> Option<&dyn Runner> {
-        (!self.direct).then(|| self.or_threads())
-    }
-
     /// The cluster if there is one, else the engine of this process.
-    pub(crate) fn or_threads(&self) -> &dyn Runner {
+    pub(crate) fn chosen(&self) -> &dyn Runner {
         #[cfg(feature = "cluster")]
         if let Some(client) = &self.client {
             return client;

@@ -1,18 +1,17 @@
 //! Commands that write, list, check and remove revisions.
 
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
 use clap::Subcommand;
+use serde::Serialize;
 use shapelex_engine::EngineError;
 use shapelex_engine::cohort::maintenance;
 use shapelex_engine::cohort::writer::Writer;
 use shapelex_engine::ingest;
 use shapelex_engine::objects::Objects;
-
-use super::print;
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum Maintenance {
@@ -91,4 +90,12 @@ pub(crate) async fn maintain(objects: Objects, command: Maintenance) -> Result<E
         }
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// Writes an answer to standard output.
+fn print(value: &impl Serialize) -> Result<(), EngineError> {
+    let mut out = std::io::stdout().lock();
+    serde_json::to_writer_pretty(&mut out, value).map_err(std::io::Error::from)?;
+    writeln!(out)?;
+    Ok(())
 }

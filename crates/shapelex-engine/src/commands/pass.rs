@@ -2,6 +2,7 @@
 
 use std::io::Write;
 use std::num::NonZeroUsize;
+use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
@@ -19,9 +20,9 @@ use shapelex_engine::cohort::revision::{Revision, Setting};
 use shapelex_engine::dictionary::Named;
 use shapelex_engine::objects::Objects;
 use shapelex_engine::pass::learn::Learn;
-use shapelex_engine::pass::source::Subject;
-use shapelex_engine::pass::work::Work;
-use tokio::runtime::Handle;
+use shapelex_engine::pass::regress::Regress;
+use shapelex_engine::pass::subject::Subject;
+use shapelex_engine::pass::work::{Work, read_files};
 
 use super::machines::Machines;
 
@@ -34,7 +35,7 @@ pub(crate) struct Pass {
     pub(crate) machines: Machines,
 }
 
-/// What standard input says.
+/// The content of standard input.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Request {
@@ -50,53 +51,67 @@ struct Request {
 enum Asked {
     Sum(Box<Sum>),
     Certify(Box<Content>),
+    Code(Box<Content>),
     Learn(Box<Learn>),
+    Regress(Box<Regress>),
+}
+
+fn refused(place: &str, detail: impl ToString) -> EngineError {
+    EngineError::Refused { place: place.into(), detail: detail.to_string() }
 }
 
 impl Pass {
     /// Reads a request from standard input, and writes the result, serialised, to standard output. Standard error has a line of JSON
     /// for each report of progress, and with the id of each job of a cluster.
-    pub(crate) fn run(
-        self,
-        objects: Objects,
-        runtime: &Handle,
-        threads: NonZeroUsize,
-    ) -> Result<(), EngineError> {
-        let refused = |error: serde_json::Error| EngineError::Refused {
-            place: "request".into(),
-            detail: format!("expected a request for a pass, got {error}"),
-        };
-        let Request { cohort, revision: number, transformation, alignment, work } =
-            serde_json::from_reader(std::io::stdin().lock()).map_err(refused)?;
+    pub(crate) async fn run(self, objects: Objects, threads: NonZeroUsize) -> Result<ExitCode, EngineError> {
+        let request: Request = serde_json::from_reader(std::io::stdin().lock())
+            .map_err(|error| refused("request", format!("expected a request for a pass, got {error}")))?;
         let runners = self.machines.runners(threads)?.telling(|job| say(&json!({"job": job})));
-        let state = runtime.block_on(async {
-            let revision = Arc::new(Revision::open(objects.clone(), &cohort, number).await?);
-            let (dictionary, setting, work) = match work {
-                Asked::Sum(sum) => {
-                    let setting = Setting::new(revision.manifest(), &transformation, Some(alignment))?;
-                    (None, setting, Work::Sum(*sum))
+        let (subject, work) = request.open(&objects).await?;
+        let reports = tokio::spawn(report(subject.done.clone(), work.units(subject.revision.parts())));
+        let outcome = runners.chosen().run(subject, &work).await;
+        reports.abort();
+        std::io::stdout().write_all(&answer(&work, outcome?.0)?)?;
+        Ok(ExitCode::SUCCESS)
+    }
+}
+
+impl Request {
+    /// The shapes of the pass, and its work. A dictionary is kept beside the revision, where other machines find it.
+    async fn open(self, objects: &Objects) -> Result<(Subject, Work), EngineError> {
+        let Self { cohort, revision: number, transformation, alignment, work } = self;
+        let revision = Revision::open(objects.clone(), &cohort, number).await?;
+        let setting = || Setting::new(revision.manifest(), &transformation, Some(alignment));
+        let named = |content: Box<Content>| Named::new(&revision, *content);
+        let (dictionary, setting, work) = match work {
+            Asked::Certify(content) => {
+                let (named, setting) = named(content)?;
+                let work = Work::Certify(named.digest.clone());
+                (Some(named), setting, work)
+            }
+            Asked::Code(content) => {
+                if let Some(fault) = content.faults().first() {
+                    return Err(refused("dictionary", format!("{}: {}", fault.field, fault.detail)));
                 }
-                Asked::Certify(content) => {
-                    let (named, setting) = Named::new(&revision, *content)?;
-                    named.keep(&objects, &cohort).await?;
-                    let work = Work::Certify(named.digest.clone());
-                    (Some(Arc::new(named)), setting, work)
-                }
-                Asked::Learn(learn) => {
-                    let setting = Setting::new(revision.manifest(), &transformation, Some(alignment))?;
-                    learn.remove_old(&objects, &learning_folder(&cohort, number)?).await?;
-                    (None, setting, Work::Learn(learn))
-                }
-            };
-            let units = work.units(revision.parts());
-            let done = Arc::new(AtomicUsize::new(0));
-            let reports = tokio::spawn(report(done.clone(), units));
-            let subject = Subject { revision, setting: Arc::new(setting), dictionary, done };
-            let outcome = runners.or_threads().run(subject, &work).await;
-            reports.abort();
-            outcome.map(|(state, _)| state)
-        })?;
-        Ok(std::io::stdout().write_all(&state)?)
+                let (named, setting) = named(content)?;
+                let work = Work::Code(named.digest.clone());
+                (Some(named), setting, work)
+            }
+            Asked::Sum(sum) => (None, setting()?, Work::Sum(*sum)),
+            Asked::Learn(learn) => (None, setting()?, Work::Learn(learn)),
+            Asked::Regress(regress) => {
+                let setting = setting()?;
+                regress.check(setting.metric.len())?;
+                (None, setting, Work::Regress(regress))
+            }
+        };
+        if let Some(named) = &dictionary {
+            named.keep(objects, &cohort).await?;
+        }
+        if let Work::Learn(learn) = &work {
+            learn.remove_old(objects, &learning_folder(&cohort, number)?).await?;
+        }
+        Ok((Subject::new(Arc::new(revision), Arc::new(setting), dictionary.map(Arc::new)), work))
     }
 }
 
@@ -105,6 +120,14 @@ async fn report(done: Arc<AtomicUsize>, parts: usize) {
         tokio::time::sleep(REPORT).await;
         say(&json!({"parts_done": done.load(Ordering::Relaxed), "parts": parts}));
     }
+}
+
+/// The result of a pass as it is written: of codes a document with the list of the files, else the bytes.
+fn answer(work: &Work, state: Vec<u8>) -> Result<Vec<u8>, EngineError> {
+    let Work::Code(dictionary) = work else { return Ok(state) };
+    let digest = blake3::hash(&state).to_hex().to_string();
+    let answer = json!({"dictionary": dictionary, "files": read_files(&state)?, "digest": digest});
+    Ok(answer.to_string().into_bytes())
 }
 
 fn say(line: &serde_json::Value) {

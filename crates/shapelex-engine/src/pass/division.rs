@@ -1,6 +1,5 @@
 //! How the parts of a revision are divided among the tasks of a cluster.
 
-#[cfg(feature = "cluster")]
 use std::ops::Range;
 
 use shapelex_analysis::accumulate::FAN_IN;
@@ -10,7 +9,6 @@ use shapelex_analysis::accumulate::FAN_IN;
 pub const MIN_GROUPS: usize = 16;
 
 /// What one task computes: a part, or a group of parts.
-#[cfg(feature = "cluster")]
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Unit {
     /// Its number among the units.
@@ -34,21 +32,15 @@ impl Division {
         Self { parts, size: if groups >= min_groups.max(2) { FAN_IN } else { 1 } }
     }
 
-    /// Number of tasks.
-    pub(crate) fn tasks(self) -> usize {
-        self.parts.div_ceil(self.size)
-    }
-
     /// The tasks.
-    #[cfg(feature = "cluster")]
     pub(crate) fn units(self) -> Vec<Unit> {
         let Self { parts, size } = self;
         let unit = |number: usize| Unit { number, parts: number * size..((number + 1) * size).min(parts) };
-        (0..self.tasks()).map(unit).collect()
+        (0..parts.div_ceil(size)).map(unit).collect()
     }
 }
 
-#[cfg(all(test, feature = "cluster"))]
+#[cfg(test)]
 mod tests {
     use super::*;
 

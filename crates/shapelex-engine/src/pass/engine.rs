@@ -21,7 +21,7 @@ use shapelex_analysis::accumulate::FAN_IN;
 
 use super::fold::FoldExec;
 use super::rows;
-use super::source::{Runner, Subject};
+use super::subject::{Runner, Subject};
 use super::sum::{Parts, SumExec};
 use super::task::Task;
 use super::work::Work;
@@ -43,7 +43,7 @@ pub struct Engine {
 }
 
 /// What a pass took.
-#[derive(Debug, Clone, PartialEq, Eq, Default, serde::Serialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Took {
     /// Number of files that were spilled.
     pub spills: usize,

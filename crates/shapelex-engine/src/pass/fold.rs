@@ -176,13 +176,12 @@ mod tests {
     use shapelex_analysis::transformation::{ClassName, Transformation};
 
     use super::*;
-    use crate::cohort::record::Record;
     use crate::cohort::revision::{Revision, Setting};
     use crate::cohort::writer::Writer;
-    use crate::ingest::read_description;
     use crate::objects::{Objects, Patience};
-    use crate::pass::source::Subject;
+    use crate::pass::subject::Subject;
     use crate::pass::work::Work;
+    use crate::{cohort::record::Record, ingest::read_description};
 
     /// Numbers of a shape: three landmarks in the plane.
     const WIDTH: usize = 6;

@@ -11,7 +11,6 @@ use shapelex_analysis::AnalysisError;
 use shapelex_analysis::accumulate::{FAN_IN, PART};
 use shapelex_analysis::dictionary::learning::Learning;
 use shapelex_analysis::dictionary::method::Method;
-use shapelex_analysis::pass::Group;
 use shapelex_analysis::preparation::{Posed, Preparation};
 use shapelex_analysis::sparse::SparseCode;
 use shapelex_analysis::watch::Unwatched;
@@ -29,19 +28,19 @@ const DIGEST: usize = 32;
 #[serde(deny_unknown_fields)]
 pub struct Learn {
     /// The method, which says how shapes are prepared and coded.
-    method: Method,
+    pub method: Method,
     /// Whitened mean by which shapes are prepared.
-    mean: Vec<f64>,
+    pub mean: Vec<f64>,
     /// Atoms, whitened.
-    atoms: Vec<f64>,
+    pub atoms: Vec<f64>,
     /// Position of the first shape.
-    first: usize,
+    pub first: usize,
     /// Position after the last one.
-    end: usize,
+    pub end: usize,
     /// Number of the epoch.
-    epoch: usize,
+    pub epoch: usize,
     /// Name of what is learnt, which no other process uses.
-    run: String,
+    pub run: String,
 }
 
 /// What was made of the shapes of a part: their sums, and their codes as a file unless the next epoch starts afresh.
@@ -51,19 +50,6 @@ pub(crate) struct Coded {
 }
 
 impl Learn {
-    /// A group, coded by `method`.
-    pub(crate) fn new(method: &Method, group: Group<'_>, run: &str) -> Self {
-        Self {
-            method: method.clone(),
-            mean: group.mean.to_vec(),
-            atoms: group.atoms.to_vec(),
-            first: group.first,
-            end: group.end,
-            epoch: group.epoch,
-            run: run.into(),
-        }
-    }
-
     /// Number of parts that the group touches.
     pub(crate) fn units(&self) -> usize {
         self.end.div_ceil(PART) - self.first / PART
@@ -207,8 +193,8 @@ mod tests {
     #[test]
     fn units_are_the_pieces_of_parts_in_a_group() {
         let group = |first, end| {
-            let group = Group { epoch: 0, first, end, atoms: &[], mean: &[] };
-            let learn = Learn::new(&Method::sparse(2, 0.1), group, "run");
+            let (mean, atoms, run) = (Vec::new(), Vec::new(), "run".into());
+            let learn = Learn { method: Method::sparse(2, 0.1), mean, atoms, first, end, epoch: 0, run };
             (0..learn.units()).map(|k| learn.part(k)).collect::<Vec<_>>()
         };
         assert_eq!(group(0, 100), [(0, 0..100)]);

@@ -10,6 +10,12 @@ use crate::EngineError;
 use crate::cohort::part::Numbers;
 use crate::cohort::revision::Setting;
 
+/// Maximum size of the sums of permuted residuals of a part.
+const MAX_PERMUTED_BYTES: usize = 16 << 20;
+
+/// Maximum number of columns of a design.
+const MAX_COLUMNS: usize = 256;
+
 /// A pass of a regression.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -59,6 +65,23 @@ impl Design {
         self.columns.iter().map(|columns| columns.scales().len()).sum()
     }
 
+    /// Refuses columns of another number of variables, and a mean of another length.
+    fn check(&self, variables: usize, length: usize) -> Result<(), EngineError> {
+        let empty = self.columns.iter().any(|columns| columns.scales().is_empty());
+        if empty || self.columns.len() != variables || self.width() > MAX_COLUMNS {
+            let detail =
+                format!("expected columns of {variables} variables, at most {MAX_COLUMNS}, got others");
+            return Err(EngineError::refused("columns", detail));
+        }
+        if self.mean.len() != length {
+            return Err(EngineError::refused(
+                "mean",
+                format!("expected {length} numbers, got {}", self.mean.len()),
+            ));
+        }
+        Ok(())
+    }
+
     fn observe(
         &self,
         setting: &Setting,
@@ -73,6 +96,34 @@ impl Design {
 }
 
 impl Regress {
+    /// Refuses what does not suit shapes of `length` numbers, such as columns of other variables.
+    ///
+    /// # Errors
+    /// [`EngineError::Refused`].
+    pub fn check(&self, length: usize) -> Result<(), EngineError> {
+        if self.variables.is_empty() {
+            return Err(EngineError::refused("variables", "expected an attribute, got none"));
+        }
+        match &self.step {
+            Step::Summarise => Ok(()),
+            Step::Sum(design) => design.check(self.variables.len(), length),
+            Step::Permute { design, reduced, draws, .. } => {
+                design.check(self.variables.len(), length)?;
+                if !reduced.suits(length, design.width()) {
+                    let detail = format!("expected numbers for {} columns, got others", design.width());
+                    return Err(EngineError::refused("reduced", detail));
+                }
+                let most = MAX_PERMUTED_BYTES / (8 * length * (design.width() + 1));
+                if (1..=most).contains(draws) {
+                    return Ok(());
+                }
+                let detail =
+                    format!("expected 1 to {most} for shapes of this size and so many columns, got {draws}");
+                Err(EngineError::refused("draws", detail))
+            }
+        }
+    }
+
     /// Names of the lists that hold the values.
     pub(crate) fn lists(&self) -> Vec<&'static str> {
         let mut lists: Vec<&'static str> = self.variables.iter().map(Variable::list).collect();
@@ -157,7 +208,7 @@ fn write_numbers(numbers: &[f64]) -> Vec<u8> {
 }
 
 /// Reads the sums of permuted residuals.
-pub(crate) fn read_numbers(bytes: &[u8]) -> Result<Vec<f64>, EngineError> {
+fn read_numbers(bytes: &[u8]) -> Result<Vec<f64>, EngineError> {
     match bytes.as_chunks::<8>() {
         (numbers, []) => Ok(numbers.iter().map(|number| f64::from_le_bytes(*number)).collect()),
         _ => Err(AnalysisError::NotAnAccumulator.into()),

@@ -9,7 +9,9 @@ use datafusion_common::DataFusionError;
 use object_store::PutMode;
 use object_store::path::Path;
 use serde::{Deserialize, Serialize};
-use shapelex_analysis::accumulate::{FAN_IN, PART};
+#[cfg(feature = "cluster")]
+use shapelex_analysis::accumulate::FAN_IN;
+use shapelex_analysis::accumulate::PART;
 use shapelex_analysis::alignment::Alignment;
 use shapelex_analysis::dictionary::in_use::Dictionary;
 use shapelex_analysis::transformation::Transformation;
@@ -18,15 +20,13 @@ use tokio::sync::OnceCell;
 
 use super::codes;
 use super::learn::Coded;
-use super::source::Subject;
-use super::work::Work;
+use super::subject::Subject;
+use super::work::{CodedPart, Work, write_files};
 use crate::EngineError;
-use crate::cohort::codes::Codes;
-use crate::cohort::files::{CodedPart, IndexedGroup, write_files};
 use crate::cohort::part::Numbers;
 use crate::cohort::revision::{Revision, Setting};
-use crate::cohort::{codes_path, graph_path, learning_folder};
-use crate::named::Named;
+use crate::cohort::{codes_path, learning_folder};
+use crate::dictionary::Named;
 use crate::objects::{Length, Objects};
 
 /// Maximum size of a file of codes: all of the shapes of a part with as many atoms as a dictionary may have.
@@ -56,8 +56,6 @@ pub(crate) struct Description {
 pub(crate) enum Input {
     /// The numbers of a part.
     Part(Numbers),
-    /// Files with the codes of the parts of a group.
-    Codes(Vec<Bytes>),
     /// The numbers of a part, and the codes from which those of its shapes start.
     Learning(Numbers, Option<Bytes>),
 }
@@ -84,8 +82,6 @@ pub(crate) struct Task {
     /// Where the revision is; `None` on a machine that reads no parts.
     objects: Option<Objects>,
     opened: OnceCell<Subject>,
-    /// The codes that graphs are made from.
-    codes: OnceCell<Codes>,
     /// The error of the part with the lowest number, among those that were found before the plan ended.
     failure: Mutex<Option<(usize, EngineError)>>,
 }
@@ -104,14 +100,13 @@ impl Task {
             work,
         };
         let opened = OnceCell::new_with(Some(subject));
-        Self { description, objects: None, opened, codes: OnceCell::new(), failure: Mutex::default() }
+        Self { description, objects: None, opened, failure: Mutex::default() }
     }
 
     /// A pass that another process described.
     #[cfg(feature = "cluster")]
     pub(crate) fn described(description: Description, objects: Option<Objects>) -> Self {
-        let (opened, codes) = (OnceCell::new(), OnceCell::new());
-        Self { description, objects, opened, codes, failure: Mutex::default() }
+        Self { description, objects, opened: OnceCell::new(), failure: Mutex::default() }
     }
 
     /// The revision and what is needed beside it, opened.
@@ -151,27 +146,15 @@ impl Task {
     /// Reads what the unit `k` is made from.
     pub(crate) async fn read(&self, k: usize) -> Result<Input, EngineError> {
         let Subject { revision, setting, .. } = self.opened().await?;
-        let dictionary = match &self.description.work {
-            Work::Index(dictionary) => dictionary,
-            Work::Learn(learn) => {
-                let numbers = revision.read(learn.part(k).0, &[]).await?;
-                let known = match learn.path_before(setting, &self.learning()?, k)? {
-                    Some(path) => Some(revision.objects().read(&path, Length::UpTo(MAX_CODES)).await?),
-                    None => None,
-                };
-                return Ok(Input::Learning(numbers, known));
-            }
-            work => return revision.read(k, &work.lists()).await.map(Input::Part),
+        let Work::Learn(learn) = &self.description.work else {
+            return revision.read(k, &self.description.work.lists()).await.map(Input::Part);
         };
-        let none =
-            || EngineError::refused("codes", "expected those of this revision in the dictionary, got none");
-        let find = || async { Codes::find(revision, dictionary).await?.ok_or_else(none) };
-        let codes = self.codes.get_or_try_init(find).await?;
-        let mut files = Vec::new();
-        for part in k * FAN_IN..((k + 1) * FAN_IN).min(revision.parts()) {
-            files.push(codes.read(revision.objects(), part).await?);
-        }
-        Ok(Input::Codes(files))
+        let numbers = revision.read(learn.part(k).0, &[]).await?;
+        let known = match learn.path_before(setting, &self.learning()?, k)? {
+            Some(path) => Some(revision.objects().read(&path, Length::UpTo(MAX_CODES)).await?),
+            None => None,
+        };
+        Ok(Input::Learning(numbers, known))
     }
 
     /// What the work makes of the unit `k`.
@@ -182,7 +165,6 @@ impl Task {
         let setting = &*self.subject()?.setting;
         let numbers = match input {
             Input::Part(numbers) => numbers,
-            Input::Codes(files) => return self.graph(files),
             Input::Learning(numbers, known) => return self.learn(k, numbers, known),
         };
         let located = |error| after(error, k * PART);
@@ -205,11 +187,8 @@ impl Task {
                 let bytes = bytes.and_then(|shapes| codes::encode(dictionary, digest, &shapes, ids));
                 Ok(Made::File { bytes: bytes.map_err(located)?.into(), shapes })
             }
-            Work::Search(search) => search.of(setting, k, numbers).map(Made::State),
             Work::Regress(regress) => regress.of(setting, k, numbers).map(Made::State).map_err(located),
-            Work::Index(_) | Work::Learn(_) => {
-                Err(EngineError::refused("pass", "expected codes, got a part alone"))
-            }
+            Work::Learn(_) => Err(EngineError::refused("pass", "expected codes, got a part alone")),
         }
     }
 
@@ -220,17 +199,6 @@ impl Task {
         let (part, shapes) = learn.part(k);
         let coded = learn.of(&self.subject()?.setting, k, numbers, known.as_deref());
         coded.map(Made::Learnt).map_err(|error| after(error, part * PART + shapes.start))
-    }
-
-    fn graph(&self, files: Vec<Bytes>) -> Result<Made, EngineError> {
-        #[cfg(feature = "approximate")]
-        return super::graph::encode(self.dictionary()?, files)
-            .map(|(bytes, shapes)| Made::File { bytes, shapes });
-        #[cfg(not(feature = "approximate"))]
-        Err(EngineError::refused(
-            "index",
-            format!("expected a build with the feature approximate, to read {} files", files.len()),
-        ))
     }
 
     /// The result of the unit `k`; a file is written first.
@@ -254,14 +222,9 @@ impl Task {
         let Description { cohort, work, .. } = &self.description;
         let dictionary = work.dictionary().unwrap_or_default();
         let (digest, size_bytes) = (blake3::hash(&bytes).to_hex().to_string(), bytes.len() as u64);
-        let (path, state) = if let Work::Index(_) = work {
-            let path = graph_path(cohort, dictionary, &digest)?;
-            (path, write_files(&[IndexedGroup { shapes, digest, size_bytes }])?)
-        } else {
-            let part = revision.manifest().parts[k].digest.clone();
-            let path = codes_path(cohort, dictionary, &part)?;
-            (path, write_files(&[CodedPart { part, shapes, digest, size_bytes }])?)
-        };
+        let part = revision.manifest().parts[k].digest.clone();
+        let path = codes_path(cohort, dictionary, &part)?;
+        let state = write_files(&[CodedPart { part, shapes, digest, size_bytes }])?;
         revision.objects().write(&path, bytes, PutMode::Overwrite).await?;
         Ok(state)
     }
@@ -274,17 +237,6 @@ impl Task {
         }
     }
 
-    /// The result of the whole revision, computed by this thread, unit after unit.
-    pub(crate) async fn alone(self) -> Result<Vec<u8>, EngineError> {
-        let mut states = Vec::new();
-        let parts = self.opened().await?.revision.parts();
-        for k in 0..self.description.work.units(parts) {
-            let made = self.make(k, self.read(k).await?)?;
-            states.push(self.keep(k, made).await?);
-        }
-        self.fold(states)?.ok_or_else(|| EngineError::refused("revision", "expected a part, got none"))
-    }
-
     /// The result of consecutive parts from their results, in this order.
     ///
     /// # Errors
@@ -295,6 +247,7 @@ impl Task {
 
     /// The result of all parts from those of consecutive parts or groups, by the tree of all passes: 64 become one until one is
     /// left.
+    #[cfg(feature = "cluster")]
     pub(crate) fn fold(&self, mut states: Vec<Vec<u8>>) -> Result<Option<Vec<u8>>, EngineError> {
         while states.len() > 1 {
             let group = |group: &[Vec<u8>]| self.merge(&group.iter().map(Vec::as_slice).collect::<Vec<_>>());

@@ -7,9 +7,7 @@ use arrow_array::types::{Float64Type, Int64Type};
 use arrow_array::{Array, ArrayRef};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json};
-use shapelex_analysis::inference::error::StudyError;
-use shapelex_analysis::inference::limits::{MAX_LEVELS, MAX_VALUE};
-use shapelex_analysis::inference::records::CovariateRecord;
+use shapelex_analysis::inference::limits::MAX_LEVELS;
 use shapelex_analysis::inference::regression_sums::Scale;
 
 use crate::EngineError;
@@ -217,30 +215,6 @@ impl Known {
             other.levels.into_iter().filter(|level| !self.levels.contains(level)).take(room).collect();
         self.levels.extend(new);
     }
-
-    /// Smallest and largest number.
-    pub(crate) fn range(&self) -> [f64; 2] {
-        self.range
-    }
-
-    /// How these values become columns of a design.
-    ///
-    /// # Errors
-    /// Values that are too large, categories of too many values; `None` for a variable of one value.
-    pub(crate) fn columns(&self) -> Result<Option<Columns>, StudyError> {
-        let [smallest, largest] = self.range;
-        if self.numeric {
-            return match smallest.abs().max(largest.abs()) > MAX_VALUE {
-                true => Err(StudyError::LargeValues),
-                false => Ok(Scale::of(smallest, largest).map(Columns::Number)),
-            };
-        }
-        match self.levels.len() {
-            found if found > MAX_LEVELS => Err(StudyError::ManyLevels { found }),
-            0 | 1 => Ok(None),
-            _ => Ok(Some(Columns::Levels(self.levels.iter().cloned().collect()))),
-        }
-    }
 }
 
 impl Value {
@@ -267,7 +241,9 @@ impl Columns {
     pub(crate) fn scales(&self) -> Vec<Scale> {
         match self {
             Self::Number(scale) => vec![*scale],
-            Self::Levels(levels) => Scale::of(0.0, 1.0).into_iter().cycle().take(levels.len() - 1).collect(),
+            Self::Levels(levels) => {
+                Scale::of(0.0, 1.0).into_iter().cycle().take(levels.len().saturating_sub(1)).collect()
+            }
         }
     }
 
@@ -278,18 +254,9 @@ impl Columns {
             (Self::Number(_), Value::Text(_)) => None,
             (Self::Levels(levels), value) => {
                 let own = value.to_text();
-                Some(levels[1..].iter().map(|level| f64::from(u8::from(*level == own))).collect())
+                Some(levels.iter().skip(1).map(|level| f64::from(u8::from(*level == own))).collect())
             }
         }
-    }
-
-    /// The record of a covariate.
-    pub(crate) fn record(&self, variable: Variable) -> CovariateRecord {
-        let levels = match self {
-            Self::Number(_) => None,
-            Self::Levels(levels) => Some(levels.clone()),
-        };
-        CovariateRecord { name: variable.into(), levels }
     }
 }
 

@@ -7,9 +7,7 @@ use shapelex_analysis::pass::Pass;
 
 use super::learn::Learn;
 use super::regress::Regress;
-use super::search::Search;
 use crate::EngineError;
-use crate::cohort::files::{CodedPart, IndexedGroup, join};
 use crate::cohort::part::IDS;
 use crate::cohort::revision::Setting;
 
@@ -24,11 +22,6 @@ pub enum Work {
     Certify(String),
     /// The codes of the shapes in a dictionary, written to the store as a file for each part.
     Code(String),
-    /// Graphs of near neighbours over the codes of the shapes in a dictionary of components, which exist, written to the store as a
-    /// file for each group of parts.
-    Index(String),
-    /// The nearest shapes to some queries.
-    Search(Search),
     /// A pass of a regression.
     Regress(Box<Regress>),
     /// The codes of a group of shapes in atoms that are being learnt: their sums. The codes are kept in the store.
@@ -38,12 +31,24 @@ pub enum Work {
 /// Bytes of how well a shape is described.
 const CERTIFIED_BYTES: usize = 48;
 
+/// The codes of a part, as a file.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CodedPart {
+    /// Digest of the part.
+    pub part: String,
+    /// Number of shapes.
+    pub shapes: u64,
+    /// blake3 digest of the file, hexadecimal.
+    pub digest: String,
+    /// Its size in bytes.
+    pub size_bytes: u64,
+}
+
 impl Work {
-    /// Number of units of the work in a revision of `parts` parts: what is computed at once is a part, or for graphs a group of
-    /// them.
+    /// Number of units of the work in a revision of `parts` parts: the parts that it touches.
     pub fn units(&self, parts: usize) -> usize {
         match self {
-            Self::Index(_) => parts.div_ceil(FAN_IN),
             Self::Learn(learn) => learn.units(),
             _ => parts,
         }
@@ -54,7 +59,7 @@ impl Work {
     pub(crate) fn state_bytes(&self, setting: &Setting) -> usize {
         let length = setting.metric.len();
         match self {
-            Self::Sum(_) | Self::Code(_) | Self::Index(_) | Self::Search(_) => 8 * length * length,
+            Self::Sum(_) | Self::Code(_) => 8 * length * length,
             Self::Certify(_) => FAN_IN * PART * CERTIFIED_BYTES,
             Self::Regress(regress) => regress.state_bytes(length),
             Self::Learn(learn) => learn.state_bytes(setting),
@@ -64,8 +69,8 @@ impl Work {
     /// The lists of a part that are read beside its numbers.
     pub(crate) fn lists(&self) -> Vec<&'static str> {
         match self {
-            Self::Sum(_) | Self::Certify(_) | Self::Index(_) | Self::Learn(_) => Vec::new(),
-            Self::Code(_) | Self::Search(_) => vec![IDS],
+            Self::Sum(_) | Self::Certify(_) | Self::Learn(_) => Vec::new(),
+            Self::Code(_) => vec![IDS],
             Self::Regress(regress) => regress.lists(),
         }
     }
@@ -73,8 +78,8 @@ impl Work {
     /// The digest of the dictionary that is used.
     pub fn dictionary(&self) -> Option<&str> {
         match self {
-            Self::Sum(_) | Self::Search(_) | Self::Regress(_) | Self::Learn(_) => None,
-            Self::Certify(digest) | Self::Code(digest) | Self::Index(digest) => Some(digest),
+            Self::Sum(_) | Self::Regress(_) | Self::Learn(_) => None,
+            Self::Certify(digest) | Self::Code(digest) => Some(digest),
         }
     }
 
@@ -90,11 +95,27 @@ impl Work {
                 states.iter().try_for_each(|state| joined.append(state))?;
                 Ok(joined.to_bytes())
             }
-            Self::Search(search) => search.merge(states),
             Self::Regress(regress) => regress.merge(states, setting.metric.len()),
             Self::Learn(learn) => learn.merge(states, setting),
-            Self::Code(_) => join::<CodedPart>(states),
-            Self::Index(_) => join::<IndexedGroup>(states),
+            Self::Code(_) => join(states),
         }
     }
+}
+
+/// A list of files of codes as bytes.
+pub(crate) fn write_files(files: &[CodedPart]) -> Result<Vec<u8>, EngineError> {
+    serde_json::to_vec(files).map_err(|error| EngineError::refused("files", error.to_string()))
+}
+
+/// The files of codes of a pass, from its result.
+///
+/// # Errors
+/// Bytes that are no such result.
+pub fn read_files(bytes: &[u8]) -> Result<Vec<CodedPart>, EngineError> {
+    serde_json::from_slice(bytes).map_err(|error| EngineError::refused("files", error.to_string()))
+}
+
+fn join(lists: &[&[u8]]) -> Result<Vec<u8>, EngineError> {
+    let lists: Vec<Vec<CodedPart>> = lists.iter().map(|list| read_files(list)).collect::<Result<_, _>>()?;
+    write_files(&lists.concat())
 }

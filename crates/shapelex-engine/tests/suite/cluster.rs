@@ -11,28 +11,21 @@ use ballista_core::serde::protobuf::GetJobStatusParams;
 use ballista_core::serde::protobuf::scheduler_grpc_client::SchedulerGrpcClient;
 use rcgen::{BasicConstraints, CertificateParams, IsCa, Issuer, KeyPair};
 use shapelex_analysis::accumulate::{FAN_IN, PART};
-use shapelex_analysis::alignment::Alignment;
 use shapelex_analysis::dictionary::method::Method;
-use shapelex_analysis::transformation::ClassName;
-use shapelex_engine::EngineError;
 use shapelex_engine::cluster::client::Client;
 use shapelex_engine::cluster::network::{Address, Network};
 use shapelex_engine::cohort::maintenance::forget;
-use shapelex_engine::cohort::revision::{Revision, Setting};
+use shapelex_engine::cohort::revision::Revision;
 use shapelex_engine::objects::Objects;
 use shapelex_engine::pass::division::MIN_GROUPS;
-use shapelex_engine::pass::engine::Took;
-use shapelex_engine::pass::search::Search;
-use shapelex_engine::pass::source::{AtRest, Runner, Subject};
-use shapelex_engine::pass::work::Work;
-use shapelex_engine::statistics::Statistics;
+use shapelex_engine::pass::subject::Runner;
 use tonic::Code;
 use tonic::transport::Endpoint;
 
 use crate::dictionaries::{code, learnt, sparse_methods};
-use crate::passes::{REQUEST, engine, runtime, similarity};
+use crate::passes::{by, engine, runtime};
 use crate::regressions;
-use crate::support::{WIDTH, objects, triangle, write, write_with_degenerate};
+use crate::support::{WIDTH, objects, write, write_with_degenerate};
 
 /// Two groups of parts, the second of three parts, the last of which is not whole.
 const SHAPES: usize = (FAN_IN + 2) * PART + 77;
@@ -140,14 +133,6 @@ fn revision(folder: &Path) -> Arc<Revision> {
     Arc::new(runtime().block_on(Revision::open(stored(folder), "coh_triangles", 1)).unwrap())
 }
 
-/// Digest by a runner, and what its passes took.
-fn by(runner: &dyn Runner, revision: &Arc<Revision>) -> Result<(String, Vec<Took>), EngineError> {
-    let setting: Arc<Setting> = Arc::new(similarity(revision.manifest()));
-    let source = AtRest::new(revision.clone(), setting.clone(), runtime().handle(), Some(runner));
-    let statistics = Statistics::of(&source, &setting, REQUEST)?;
-    Ok((statistics.digest(), source.took()))
-}
-
 /// Digest of the cohort of triangles by one process.
 fn expected() -> &'static str {
     static DIGEST: OnceLock<String> = OnceLock::new();
@@ -172,40 +157,21 @@ fn dictionaries_and_codes_are_those_of_one_process() {
     let cluster = Cluster::start(store(), 2, &[]);
     let (client, one) = (cluster.client(2), engine(2, 256 << 20));
     let (revision, objects) = (revision(store()), stored(store()));
-    let file = learnt(Some(&client), &revision, Method::components(3, true)).unwrap();
-    assert_eq!(file.digest, learnt(Some(&one), &revision, Method::components(3, true)).unwrap().digest);
-    let codes = code(Some(&client), &objects, &revision, &file).unwrap();
-    assert_eq!(codes, code(Some(&one), &objects, &revision, &file).unwrap());
-    // In batches: two groups of parts, and as many jobs as epochs.
-    let sparse = sparse_methods().swap_remove(0);
-    let file = learnt(Some(&client), &revision, sparse.clone()).unwrap();
-    assert_eq!(file.digest, learnt(None, &revision, sparse).unwrap().digest);
-}
-
-#[test]
-fn neighbours_are_those_of_one_process() {
-    let cluster = Cluster::start(store(), 2, &[]);
-    let revision = revision(store());
-    let queries = [5, PART + 9].map(|k| triangle(k).control_points).to_vec();
-    let work = Work::Search(Search { queries, neighbours: 4 });
-    let subject = || Subject::new(revision.clone(), Arc::new(similarity(revision.manifest())), None);
-    let (found, _) = runtime().block_on(cluster.client(2).run(subject(), &work)).unwrap();
-    assert_eq!(found, runtime().block_on(engine(2, 64 << 20).run(subject(), &work)).unwrap().0);
+    // Sparse ones in batches: two groups of parts, and as many jobs as epochs.
+    for method in [Method::components(3, true), sparse_methods().swap_remove(0)] {
+        let content = learnt(&client, &objects, &revision, method.clone()).unwrap();
+        assert_eq!(content, learnt(&one, &objects, &revision, method).unwrap());
+        let codes = code(&client, &objects, &revision, &content).unwrap();
+        assert_eq!(codes, code(&one, &objects, &revision, &content).unwrap());
+    }
 }
 
 #[test]
 fn regressions_are_those_of_one_process() {
     let cluster = Cluster::start(store(), 2, &[]);
     let revision = revision(store());
-    let of = |runner: &dyn Runner| {
-        let request = regressions::request("measures.area", &["label"]);
-        let request = regressions::Request { skip_missing: true, ..request };
-        let (class, alignment) = (ClassName::Similarity, Alignment::Projection);
-        regressions::by(Some(runner), &revision, class, alignment, request).unwrap()
-    };
-    let found = of(&cluster.client(2));
-    assert_eq!(found, of(&engine(2, 64 << 20)));
-    assert_eq!(found.shape_count + found.left_out as usize, SHAPES);
+    let of = |runner: &dyn Runner| regressions::on_area(runner, &revision).unwrap();
+    assert_eq!(of(&cluster.client(2)), of(&engine(2, 64 << 20)));
 }
 
 #[test]
@@ -216,12 +182,6 @@ fn a_cohort_of_one_part_is_a_cohort_too() {
     let revision = revision(folder.path());
     let (digest, _) = by(&cluster.client(MIN_GROUPS), &revision).unwrap();
     assert_eq!(digest, by(&engine(1, 64 << 20), &revision).unwrap().0);
-    #[cfg(feature = "approximate")]
-    {
-        let coded = crate::indexes::Coded::new(&stored(folder.path()), Method::components(2, true));
-        let index = coded.index(Some(&cluster.client(MIN_GROUPS))).unwrap();
-        assert_eq!(index, coded.index(None).unwrap());
-    }
 }
 
 /// The answer to a request without certificates, its head included.

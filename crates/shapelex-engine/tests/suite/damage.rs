@@ -1,6 +1,5 @@
 //! Damaged parts and stores that misbehave: refused, never a result.
 
-use std::num::NonZeroUsize;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
@@ -15,30 +14,23 @@ use shapelex_engine::cohort::part_path;
 use shapelex_engine::cohort::revision::Revision;
 use shapelex_engine::cohort::writer::Writer;
 use shapelex_engine::objects::Objects;
-use shapelex_engine::pass::engine::Engine;
-use shapelex_engine::pass::source::AtRest;
-use shapelex_engine::statistics::Statistics;
 
-use crate::passes::{REQUEST, similarity};
+use crate::passes::{by, engine, runtime};
 use crate::stores::{Fault, Misbehaving};
 use crate::support::{description, in_memory, objects, triangle, write};
 
 const SHAPES: usize = 2 * PART + 30;
 
-/// Digest of the statistics by the engine.
+/// Digest of three sums by the engine.
 fn digest(objects: &Objects) -> Result<String, EngineError> {
-    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build()?;
-    let revision = Arc::new(runtime.block_on(Revision::open(objects.clone(), "coh_triangles", 2))?);
-    let setting = Arc::new(similarity(revision.manifest()));
-    let engine = Engine { threads: NonZeroUsize::new(2).unwrap(), memory_bytes: 64 << 20, spill: None };
-    let source = AtRest::new(revision, setting.clone(), runtime.handle(), Some(&engine));
-    Ok(Statistics::of(&source, &setting, REQUEST)?.digest())
+    let revision = Arc::new(runtime().block_on(Revision::open(objects.clone(), "coh_triangles", 2))?);
+    Ok(by(&engine(2, 64 << 20), &revision)?.0)
 }
 
 /// Two revisions, and the digest of the second one.
 fn written() -> (Arc<InMemory>, Objects, String) {
     let (store, objects) = in_memory();
-    let runtime = tokio::runtime::Runtime::new().unwrap();
+    let runtime = runtime();
     runtime.block_on(async {
         write(&objects, 1, 1..SHAPES + 1).await.unwrap();
         write(&objects, 2, 0..SHAPES).await.unwrap();
@@ -56,7 +48,7 @@ async fn paths(objects: &Objects, revision: u64) -> Vec<Path> {
 #[test]
 fn a_part_that_is_truncated_swapped_changed_or_of_another_revision_is_refused() {
     let (store, objects, whole) = written();
-    let runtime = tokio::runtime::Runtime::new().unwrap();
+    let runtime = runtime();
     let (mine, other) = runtime.block_on(async { (paths(&objects, 2).await, paths(&objects, 1).await) });
     let read =
         |path: &Path| runtime.block_on(async { store.get(path).await.unwrap().bytes().await.unwrap() });
@@ -93,7 +85,7 @@ fn a_part_that_is_truncated_swapped_changed_or_of_another_revision_is_refused() 
 #[test]
 fn damage_of_the_same_length_is_repaired_by_writing_all_again() {
     let (store, objects, whole) = written();
-    let runtime = tokio::runtime::Runtime::new().unwrap();
+    let runtime = runtime();
     runtime.block_on(async {
         let path = &paths(&objects, 2).await[0];
         let mut bytes = store.get(path).await.unwrap().bytes().await.unwrap().to_vec();
@@ -115,7 +107,7 @@ fn damage_of_the_same_length_is_repaired_by_writing_all_again() {
 #[test]
 fn a_manifest_that_is_changed_or_of_another_revision_is_refused() {
     let (store, objects, _) = written();
-    let runtime = tokio::runtime::Runtime::new().unwrap();
+    let runtime = runtime();
     let path = |revision: u64| Path::from(format!("coh_triangles/revisions/{revision:020}.json"));
     let text = |revision| {
         runtime.block_on(async { store.get(&path(revision)).await.unwrap().bytes().await.unwrap() })

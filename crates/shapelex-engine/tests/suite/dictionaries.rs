@@ -1,36 +1,43 @@
 //! Dictionaries learnt and used on the engine are those of the analysis.
 
+use std::collections::BTreeSet;
+use std::path::Path as Folder;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 use arrow_array::cast::AsArray;
 use arrow_array::types::{Float64Type, UInt32Type};
-use futures_util::StreamExt;
+use futures_util::TryStreamExt;
 use object_store::path::Path;
 use object_store::{ObjectStore, ObjectStoreExt};
 use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
+use serde_json::{Value, json};
 use shapelex_analysis::AnalysisError;
 use shapelex_analysis::accumulate::{PART, ShapeSource};
 use shapelex_analysis::alignment::Alignment;
-use shapelex_analysis::dictionary::learn::learn;
+use shapelex_analysis::dictionary::content::Content;
+use shapelex_analysis::dictionary::in_use::Dictionary;
+use shapelex_analysis::dictionary::learn::{Learner, learn};
 use shapelex_analysis::dictionary::learning::Schedule;
 use shapelex_analysis::dictionary::method::{self, Method};
+use shapelex_analysis::dictionary::model::Coded;
 use shapelex_analysis::dictionary::recipe::Recipe;
 use shapelex_analysis::preparation::Posed;
 use shapelex_analysis::transformation::{ClassName, Transformation};
-use shapelex_analysis::watch::{Unwatched, Watch};
+use shapelex_analysis::watch::Unwatched;
 use shapelex_engine::EngineError;
-use shapelex_engine::cohort::codes::Codes;
 use shapelex_engine::cohort::maintenance::{collect, forget};
-use shapelex_engine::cohort::revision::{Revision, Setting};
-use shapelex_engine::dictionary::{self, Named};
+use shapelex_engine::cohort::revision::Revision;
+use shapelex_engine::dictionary::Named;
+use shapelex_engine::location::open;
 use shapelex_engine::objects::Objects;
-use shapelex_engine::pass::source::{AtRest, Runner};
-use shapelex_engine::pass::work::Work;
+use shapelex_engine::pass::subject::{Runner, Subject};
+use shapelex_engine::pass::work::{CodedPart, Work, read_files};
 
 use crate::passes::{engine, runtime, similarity};
-use crate::support::{in_memory, shapes, triangle, write};
+use crate::program::pass;
+use crate::source::Spread;
+use crate::support::{in_memory, objects, shapes, triangle, write};
 
 const SHAPES: usize = 2 * PART + 77;
 
@@ -43,34 +50,57 @@ fn recipe(revision: &Revision, method: Method) -> Recipe {
     }
 }
 
-/// Codes of the whole cohort by a runner: the manifest and its digest.
-pub(crate) fn code(
-    runner: Option<&dyn Runner>,
+/// The result of a pass that uses a dictionary, which is kept beside the revision.
+fn with_dictionary(
+    runner: &dyn Runner,
     objects: &Objects,
     revision: &Arc<Revision>,
-    file: &dictionary::File,
-) -> Result<(Codes, String), EngineError> {
-    let content = dictionary::read(&serde_json::to_vec(file).unwrap())?;
-    let (named, setting) = Named::new(revision, content)?;
+    content: &Content,
+    work: fn(String) -> Work,
+) -> Result<Vec<u8>, EngineError> {
+    let (named, setting) = Named::new(revision, content.clone())?;
     runtime().block_on(named.keep(objects, "coh_triangles"))?;
-    let (named, setting) = (Arc::new(named), Arc::new(setting));
-    let source = AtRest::new(revision.clone(), setting.clone(), runtime().handle(), runner);
-    let state = source.run(Some(named.clone()), setting, &Work::Code(named.digest.clone()))?;
-    let codes = Codes::new(revision, &named.digest, &state)?;
-    let digest = runtime().block_on(codes.write(objects))?;
-    Ok((codes, digest))
+    let work = work(named.digest.clone());
+    let subject = Subject::new(revision.clone(), Arc::new(setting), Some(Arc::new(named)));
+    Ok(runtime().block_on(runner.run(subject, &work))?.0)
 }
 
-/// A dictionary learnt by a runner.
+/// Codes of the whole cohort by a runner, as files.
+pub(crate) fn code(
+    runner: &dyn Runner,
+    objects: &Objects,
+    revision: &Arc<Revision>,
+    content: &Content,
+) -> Result<Vec<CodedPart>, EngineError> {
+    read_files(&with_dictionary(runner, objects, revision, content, Work::Code)?)
+}
+
+/// A dictionary learnt by a runner: its sums, its certificate, and the codes of its epochs.
 pub(crate) fn learnt(
-    runner: Option<&dyn Runner>,
+    runner: &dyn Runner,
+    objects: &Objects,
     revision: &Arc<Revision>,
     method: Method,
-) -> Result<dictionary::File, EngineError> {
-    let setting: Arc<Setting> = Arc::new(similarity(revision.manifest()));
-    let source = AtRest::new(revision.clone(), setting, runtime().handle(), runner);
-    // Whatever is larger than nothing is coded where sums are.
-    dictionary::learn(&source, &recipe(revision, method), &Unwatched, "triangles".into(), 0)
+) -> Result<Content, AnalysisError> {
+    let (setting, recipe) = (Arc::new(similarity(revision.manifest())), recipe(revision, method));
+    let shapes = shapes(&setting, revision.shapes());
+    let source = Spread::new(&shapes, revision, &setting, runner).coding(objects, &recipe.method);
+    let help = |dictionary: &Dictionary| {
+        let certified = with_dictionary(runner, objects, revision, &dictionary.content, Work::Certify)?;
+        let mut coded = Coded::default();
+        coded.append(&certified)?;
+        Ok(Some(coded))
+    };
+    let learner = Learner { recipe: &recipe, measured: setting.measured(), watch: &Unwatched, help: &help };
+    Ok(learner.learn(&source)?.dictionary.content)
+}
+
+/// Writes triangles into a store.
+fn triangles(objects: &Objects, count: usize) -> Arc<Revision> {
+    runtime().block_on(async {
+        write(objects, 1, 0..count).await.unwrap();
+        Arc::new(Revision::open(objects.clone(), "coh_triangles", 1).await.unwrap())
+    })
 }
 
 /// Methods of sparse dictionaries: penalised, whose codes start from those of the epoch before, in batches and online, and a pursuit.
@@ -96,56 +126,35 @@ pub(crate) fn sparse_methods() -> Vec<Method> {
 }
 
 #[test]
-fn sparse_dictionaries_are_those_of_the_analysis_and_leave_no_codes_behind() {
+fn sparse_dictionaries_are_those_of_the_analysis_and_two_epochs_of_codes_are_kept() {
     let (store, objects) = in_memory();
-    let revision = runtime().block_on(async {
-        write(&objects, 1, 0..SHAPES).await.unwrap();
-        Arc::new(Revision::open(objects.clone(), "coh_triangles", 1).await.unwrap())
-    });
+    let revision = triangles(&objects, SHAPES);
     for method in sparse_methods() {
         let setting = similarity(revision.manifest());
         let alone = shapes(&setting, SHAPES);
         let expected = learn(&alone, &recipe(&revision, method.clone()), &Unwatched).unwrap().dictionary;
-        let file = learnt(Some(&engine(2, 64 << 20)), &revision, method.clone()).unwrap();
-        let content = dictionary::read(&serde_json::to_vec(&file).unwrap()).unwrap();
+        let content = learnt(&engine(2, 64 << 20), &objects, &revision, method.clone()).unwrap();
         assert_eq!(content, expected.content, "{method:?}");
         assert!(content.statistics.history.len() > 1);
-        assert_eq!(learnt(None, &revision, method).unwrap().digest, file.digest);
     }
-    let folder = Path::from("coh_triangles/learning");
-    let left = runtime().block_on(async { store.list(Some(&folder)).collect::<Vec<_>>().await });
-    assert!(left.is_empty(), "{left:?}");
-}
-
-/// Ends learning after two epochs, as a client that cancels does.
-struct Ended(AtomicUsize);
-
-impl Watch for Ended {
-    fn stop(&self) -> bool {
-        self.0.load(Ordering::Relaxed) >= 2
+    let listed = |folder: &str| {
+        let folder = Path::from(folder);
+        runtime().block_on(async { store.list(Some(&folder)).try_collect::<Vec<_>>().await.unwrap() })
+    };
+    let codes = listed("coh_triangles/learning");
+    let folder = |location: &Path, levels: usize| {
+        location.parts().take(levels).map(|part| part.as_ref().to_string()).collect::<Vec<_>>()
+    };
+    let folders = |levels: usize| -> BTreeSet<Vec<String>> {
+        codes.iter().map(|object| folder(&object.location, levels)).collect()
+    };
+    let (runs, epochs) = (folders(4), folders(5));
+    for run in &runs {
+        let kept = epochs.iter().filter(|epoch| epoch.starts_with(run)).count();
+        assert!((1..=2).contains(&kept), "{kept} epochs of {run:?}");
     }
-
-    fn epoch(&self, _: usize, _: f64) {
-        self.0.fetch_add(1, Ordering::Relaxed);
-    }
-}
-
-#[test]
-fn learning_that_fails_leaves_no_codes_behind() {
-    let (store, objects) = in_memory();
-    let revision = runtime().block_on(async {
-        write(&objects, 1, 0..500).await.unwrap();
-        Arc::new(Revision::open(objects.clone(), "coh_triangles", 1).await.unwrap())
-    });
-    let (setting, engine) = (Arc::new(similarity(revision.manifest())), engine(1, 64 << 20));
-    let source = AtRest::new(revision.clone(), setting, runtime().handle(), Some(&engine));
-    let recipe = recipe(&revision, sparse_methods().swap_remove(0));
-    let ended = Ended(AtomicUsize::new(0));
-    let error = dictionary::learn(&source, &recipe, &ended, "triangles".into(), 0).unwrap_err();
-    assert!(matches!(error, EngineError::Analysis(AnalysisError::Interrupted)), "{error}");
-    let folder = Path::from("coh_triangles/learning");
-    let left = runtime().block_on(async { store.list(Some(&folder)).collect::<Vec<_>>().await });
-    assert!(left.is_empty(), "{left:?}");
+    runtime().block_on(forget(&objects, "coh_triangles", 1, true)).unwrap();
+    assert_eq!(listed("coh_triangles"), []);
 }
 
 #[test]
@@ -174,11 +183,7 @@ fn codes_that_learning_left_behind_are_collected_or_go_with_their_revision() {
 #[test]
 fn dictionaries_and_codes_are_those_of_the_analysis() {
     let (store, objects) = in_memory();
-    let revision = runtime().block_on(async {
-        write(&objects, 1, 0..SHAPES).await.unwrap();
-        Arc::new(Revision::open(objects.clone(), "coh_triangles", 1).await.unwrap())
-    });
-    let two = engine(2, 64 << 20);
+    let (revision, two) = (triangles(&objects, SHAPES), engine(2, 64 << 20));
     for method in [
         Method::components(3, true),
         Method::Sparse {
@@ -197,17 +202,16 @@ fn dictionaries_and_codes_are_those_of_the_analysis() {
         let setting = similarity(revision.manifest());
         let alone = shapes(&setting, SHAPES);
         let expected = learn(&alone, &recipe(&revision, method.clone()), &Unwatched).unwrap().dictionary;
-        let file = learnt(Some(&two), &revision, method.clone()).unwrap();
-        let content = dictionary::read(&serde_json::to_vec(&file).unwrap()).unwrap();
+        let content = learnt(&two, &objects, &revision, method).unwrap();
         assert_eq!(content, expected.content);
-        assert_eq!(learnt(None, &revision, method).unwrap().digest, file.digest);
 
-        let (codes, digest) = code(Some(&two), &objects, &revision, &file).unwrap();
-        assert_eq!((codes.shapes(), codes.parts.len()), (SHAPES as u64, 3));
-        assert_eq!(code(None, &objects, &revision, &file).unwrap(), (codes.clone(), digest));
+        let codes = code(&two, &objects, &revision, &content).unwrap();
+        assert_eq!(codes.iter().map(|part| part.shapes).collect::<Vec<_>>(), [PART as u64, PART as u64, 77]);
+        assert_eq!(code(&engine(1, 64 << 20), &objects, &revision, &content).unwrap(), codes);
 
-        let last = &codes.parts[2];
-        let path = Path::from(format!("coh_triangles/codes/{}/{}.parquet", file.digest, last.part));
+        let last = &codes[2];
+        let digest = Named::new(&revision, content).unwrap().0.digest;
+        let path = Path::from(format!("coh_triangles/codes/{digest}/{}.parquet", last.part));
         let bytes = runtime().block_on(async { store.get(&path).await.unwrap().bytes().await.unwrap() });
         assert_eq!(blake3::hash(&bytes).to_hex().as_str(), last.digest);
         let mut reader = ParquetRecordBatchReaderBuilder::try_new(bytes).unwrap().build().unwrap();
@@ -239,25 +243,41 @@ fn dictionaries_and_codes_are_those_of_the_analysis() {
     }
 }
 
+/// A request for the codes of the triangles, by the program.
+fn coded_by_the_program(folder: &Folder, content: &Value) -> Result<Vec<u8>, String> {
+    let request = json!({"cohort": "coh_triangles", "revision": 1, "transformation": "similarity",
+        "alignment": "projection", "work": {"code": content}});
+    pass(folder, &["--threads", "2"], &request)
+}
+
 #[test]
-fn dictionaries_that_do_not_suit_are_refused() {
+fn the_program_names_the_files_of_codes() {
+    let folder = tempfile::tempdir().unwrap();
+    let objects = objects(open(folder.path().to_str().unwrap()).unwrap());
+    let (revision, one) = (triangles(&objects, PART + 9), engine(1, 64 << 20));
+    let content = learnt(&one, &objects, &revision, Method::components(2, true)).unwrap();
+    let answer = coded_by_the_program(folder.path(), &serde_json::to_value(&content).unwrap()).unwrap();
+    let answer: Value = serde_json::from_slice(&answer).unwrap();
+    let files = code(&one, &objects, &revision, &content).unwrap();
+    assert_eq!(answer["files"], serde_json::to_value(&files).unwrap());
+    assert_eq!(answer["dictionary"], Named::new(&revision, content.clone()).unwrap().0.digest);
+    let digest = blake3::hash(&serde_json::to_vec(&files).unwrap());
+    assert_eq!(answer["digest"], digest.to_hex().as_str());
+
+    let mut changed = serde_json::to_value(&content).unwrap();
+    changed["atoms"].as_array_mut().unwrap().pop();
+    let error = coded_by_the_program(folder.path(), &changed).unwrap_err();
+    assert!(error.starts_with("shapelex-engine: dictionary: "), "{error}");
+}
+
+#[test]
+fn dictionaries_of_other_shapes_are_refused() {
     let (_, objects) = in_memory();
-    let revision = runtime().block_on(async {
-        write(&objects, 1, 0..50).await.unwrap();
-        Arc::new(Revision::open(objects.clone(), "coh_triangles", 1).await.unwrap())
-    });
-    let file = learnt(None, &revision, Method::components(2, false)).unwrap();
-    let mut content = dictionary::read(&serde_json::to_vec(&file).unwrap()).unwrap();
+    let revision = triangles(&objects, 50);
+    let mut content =
+        learnt(&engine(1, 64 << 20), &objects, &revision, Method::components(2, false)).unwrap();
     content.representation =
         shapelex_geometry::representation::Representation::Landmarks { dimension: 3, points: 2 };
     let error = Named::new(&revision, content).map(drop).unwrap_err().to_string();
     assert!(error.starts_with("dictionary: expected one for shapes of 'coh_triangles'"), "{error}");
-    for text in ["", "{}", r#"{"content": {}}"#, "[1]"] {
-        let error = dictionary::read(text.as_bytes()).unwrap_err().to_string();
-        assert!(error.starts_with("dictionary: expected a dictionary file, got "), "{error}");
-    }
-    let mut changed = serde_json::to_value(&file).unwrap();
-    changed["content"]["atoms"].as_array_mut().unwrap().pop();
-    let error = dictionary::read(changed.to_string().as_bytes()).unwrap_err().to_string();
-    assert!(error.starts_with("dictionary: "), "{error}");
 }

@@ -8,13 +8,11 @@ mod cluster;
 mod cohorts;
 mod damage;
 mod dictionaries;
-#[cfg(feature = "approximate")]
-mod indexes;
 mod lines;
-mod nearest;
 mod passes;
 mod program;
 mod readers;
 mod regressions;
+mod source;
 mod stores;
 mod support;

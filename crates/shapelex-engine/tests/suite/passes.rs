@@ -3,9 +3,13 @@
 use std::num::NonZeroUsize;
 use std::sync::{Arc, OnceLock};
 
-use shapelex_analysis::accumulate::{FAN_IN, PART};
-use shapelex_analysis::alignment::Alignment;
+use shapelex_analysis::AnalysisError;
+use shapelex_analysis::accumulate::{FAN_IN, PART, ShapeSource};
+use shapelex_analysis::alignment::{Alignment, mean_shape};
 use shapelex_analysis::frame::Frame;
+use shapelex_analysis::pass::{Aligned, Pass, Sum};
+use shapelex_analysis::pca::FunctionalPca;
+use shapelex_analysis::preparation::Posed;
 use shapelex_analysis::transformation::{ClassName, Transformation};
 use shapelex_engine::EngineError;
 use shapelex_engine::cohort::manifest::Manifest;
@@ -13,14 +17,12 @@ use shapelex_engine::cohort::revision::{Revision, Setting};
 use shapelex_engine::cohort::writer::Writer;
 use shapelex_engine::objects::Objects;
 use shapelex_engine::pass::engine::{Engine, Took};
-use shapelex_engine::pass::source::{AtRest, Runner};
-use shapelex_engine::statistics::{Request, Statistics};
+use shapelex_engine::pass::subject::{Runner, Subject};
+use shapelex_engine::pass::work::Work;
 use tokio::runtime::Runtime;
 
+use crate::source::Spread;
 use crate::support::{description, in_memory, shapes, triangle, write, write_with_degenerate};
-
-pub(crate) const REQUEST: Request =
-    Request { frame: Frame::Training, components: 3, centred: true, normalise: false };
 
 /// More than one group of parts, and a part that is not whole.
 const SHAPES: usize = (FAN_IN + 2) * PART + 77;
@@ -49,20 +51,43 @@ pub(crate) fn engine(threads: usize, memory_bytes: usize) -> Engine {
     Engine { threads: NonZeroUsize::new(threads).unwrap(), memory_bytes, spill: None }
 }
 
-/// Digest by the engine, and what its passes took.
-fn by(
-    engine: Option<&Engine>,
-    revision: &Arc<Revision>,
-    setting: &Arc<Setting>,
-) -> Result<(String, Vec<Took>), EngineError> {
-    let source = AtRest::new(
-        revision.clone(),
-        setting.clone(),
-        runtime().handle(),
-        engine.map(|engine| engine as &dyn Runner),
-    );
-    let statistics = Statistics::of(&source, setting, REQUEST)?;
-    Ok((statistics.digest(), source.took()))
+/// Digest of the mean and three components of shapes: equal for equal bits.
+fn statistics(source: &dyn ShapeSource, setting: &Setting) -> Result<String, AnalysisError> {
+    let Setting { metric, method, matching, .. } = setting;
+    let mean = mean_shape(source, metric, method, Frame::Training, matching)?;
+    let preparation = setting.aligned_to(&mean.whitened, false);
+    let posed = Posed { source, preparation: &preparation };
+    let pca = FunctionalPca::new(&posed, metric, &preparation.mean, true, 3)?;
+    let numbers = [&mean.whitened, &mean.eigenvalues, &pca.mean, &pca.eigenvalues];
+    let numbers = numbers.into_iter().flatten().chain(pca.eigenshapes.as_slice());
+    let bytes: Vec<u8> = numbers.flat_map(|number| number.to_le_bytes()).collect();
+    Ok(blake3::hash(&bytes).to_hex().to_string())
+}
+
+/// Three sums over shapes of so many numbers in the plane: as a mean takes them, as components do, and of shapes aligned to a circle.
+fn sums(width: usize) -> [Pass; 3] {
+    let angle = |i: usize| 2.0 * std::f64::consts::TAU * i as f64 / width as f64;
+    let circle = (0..width / 2).map(|i| angle(i).cos()).chain((0..width / 2).map(|i| angle(i).sin()));
+    let aligned = Aligned { mean: circle.collect(), normalise: false };
+    let scatter = || Sum::Scatter { origin: vec![0.0; width] };
+    [
+        Pass { aligned: None, sum: Sum::Projectors },
+        Pass { aligned: None, sum: scatter() },
+        Pass { aligned: Some(aligned), sum: scatter() },
+    ]
+}
+
+/// Digest of three sums by a runner, and what the passes took.
+pub(crate) fn by(runner: &dyn Runner, revision: &Arc<Revision>) -> Result<(String, Vec<Took>), EngineError> {
+    let setting = Arc::new(similarity(revision.manifest()));
+    let (mut hasher, mut took) = (blake3::Hasher::new(), Vec::new());
+    for pass in sums(revision.width()) {
+        let subject = Subject::new(revision.clone(), setting.clone(), None);
+        let (state, of_pass) = runtime().block_on(runner.run(subject, &Work::Sum(pass)))?;
+        hasher.update(&state);
+        took.push(of_pass);
+    }
+    Ok((hasher.finalize().to_hex().to_string(), took))
 }
 
 #[test]
@@ -76,13 +101,14 @@ fn digests_are_those_of_the_analysis_on_any_number_of_threads() {
     ] {
         let transformation = Transformation::Named(class);
         let setting = Arc::new(Setting::new(revision.manifest(), &transformation, Some(alignment)).unwrap());
-        let alone = Statistics::of(&shapes(&setting, SHAPES), &setting, REQUEST).unwrap().digest();
-        let (direct, took) = by(None, &revision, &setting).unwrap();
-        assert_eq!((direct, took), (alone.clone(), vec![]), "{class:?}, part after part");
+        let shapes = shapes(&setting, SHAPES);
+        let alone = statistics(&shapes, &setting).unwrap();
         for threads in [1, 2, 3, 8] {
-            let (digest, took) = by(Some(&engine(threads, 256 << 20)), &revision, &setting).unwrap();
-            assert_eq!(digest, alone, "{class:?}, {threads} threads");
-            assert!(took.len() >= passes, "{class:?}: {} passes ran on the engine", took.len());
+            let engine = engine(threads, 256 << 20);
+            let source = Spread::new(&shapes, &revision, &setting, &engine);
+            assert_eq!(statistics(&source, &setting).unwrap(), alone, "{class:?}, {threads} threads");
+            let took = source.took().len();
+            assert!(took >= passes, "{class:?}: {took} passes ran on the engine");
         }
     }
 }
@@ -107,22 +133,17 @@ fn sums_that_are_spilled_come_back_with_the_same_bits() {
         writer.finish().await.unwrap();
         Arc::new(Revision::open(objects, "coh_triangles", 1).await.unwrap())
     });
-    let setting = Arc::new(similarity(revision.manifest()));
-    let (alone, _) = by(None, &revision, &setting).unwrap();
-    let (ample, took) = by(Some(&engine(2, 256 << 20)), &revision, &setting).unwrap();
-    assert_eq!(ample, alone);
+    let (ample, took) = by(&engine(2, 256 << 20), &revision).unwrap();
     assert!(took.iter().all(|took| *took == Took::default()), "{took:?}");
-    let (tight, took) = by(Some(&engine(2, 2 << 20)), &revision, &setting).unwrap();
-    assert_eq!(tight, alone);
+    let (tight, took) = by(&engine(2, 2 << 20), &revision).unwrap();
+    assert_eq!(tight, ample);
     let spilled: usize = took.iter().map(|took| took.spilled_bytes).sum();
     assert!(spilled > 1 << 20, "{took:?}");
 }
 
 #[test]
 fn memory_that_does_not_suffice_is_an_error_and_no_result() {
-    let revision = cohort();
-    let setting = Arc::new(similarity(revision.manifest()));
-    let error = by(Some(&engine(2, 1000)), &revision, &setting).unwrap_err();
+    let error = by(&engine(2, 1000), &cohort()).unwrap_err();
     assert!(matches!(error, EngineError::DataFusion(_)), "{error:?}");
     assert!(error.to_string().contains("Resources exhausted"), "{error}");
 }
@@ -135,9 +156,8 @@ fn a_degenerate_shape_is_named_by_its_position() {
         write_with_degenerate(&objects, count, bad).await.unwrap();
         Arc::new(Revision::open(objects, "coh_triangles", 1).await.unwrap())
     });
-    let setting = Arc::new(similarity(revision.manifest()));
-    for engine in [None, Some(&engine(1, 64 << 20)), Some(&engine(3, 64 << 20))] {
-        let error = by(engine, &revision, &setting).unwrap_err().to_string();
+    for threads in [1, 3] {
+        let error = by(&engine(threads, 64 << 20), &revision).unwrap_err().to_string();
         assert!(error.starts_with(&format!("shape {bad} has no extent")), "{error}");
     }
 }
@@ -151,9 +171,10 @@ fn small_cohorts_are_one_part_or_none() {
             Arc::new(Revision::open(objects, "coh_triangles", 1).await.unwrap())
         });
         let setting = Arc::new(similarity(revision.manifest()));
-        let found = by(Some(&engine(2, 64 << 20)), &revision, &setting).map(|(digest, _)| digest);
-        match Statistics::of(&shapes(&setting, count), &setting, REQUEST) {
-            Ok(alone) => assert_eq!(found.unwrap(), alone.digest(), "{count} shapes"),
+        let (shapes, engine) = (shapes(&setting, count), engine(2, 64 << 20));
+        let found = statistics(&Spread::new(&shapes, &revision, &setting, &engine), &setting);
+        match statistics(&shapes, &setting) {
+            Ok(alone) => assert_eq!(found.unwrap(), alone, "{count} shapes"),
             Err(error) => assert_eq!(found.unwrap_err().to_string(), error.to_string(), "{count} shapes"),
         }
     }

@@ -99,8 +99,12 @@ pub(crate) async fn write_with_degenerate(
 
 /// The same triangles in memory, for the analysis alone.
 pub(crate) fn shapes(setting: &Setting, count: usize) -> ShapesInMemory {
-    let triangles: Vec<Record> = (0..count).map(triangle).collect();
-    let points = triangles.iter().flat_map(|triangle| triangle.control_points.iter().copied()).collect();
-    let weights = triangles.iter().map(|triangle| triangle.weight).collect();
+    prepared(setting, &(0..count).map(triangle).collect::<Vec<_>>())
+}
+
+/// Shapes in memory, prepared for a setting.
+pub(crate) fn prepared(setting: &Setting, shapes: &[Record]) -> ShapesInMemory {
+    let points = shapes.iter().flat_map(|shape| shape.control_points.iter().copied()).collect();
+    let weights = shapes.iter().map(|shape| shape.weight).collect();
     ShapesInMemory::new(&setting.metric, setting.method.translates(), points, weights).unwrap()
 }

@@ -1,7 +1,7 @@
-//! Passes of a job on the engine: a program of its own that keeps revisions of cohorts as files and computes on one machine or on a
-//! cluster, with the bits of this process. `docs/scale.md` describes the program.
+//! Passes over whole cohorts on the engine: a separate program that keeps revisions of cohorts as files and computes on one machine or on
+//! a cluster, with the bits of this process. `docs/scale.md` describes the program. Jobs that learn and stored means use it.
 //!
-//! The revision is written as files before the first pass, and forgotten when the job ends: shapes that are erased here must not live on
+//! The revision is written as files before the first pass, and forgotten at the end: shapes that are erased here must not live on
 //! there. If the program fails, this process computes the pass, and names what is wrong with the shapes. Codes of an epoch start from those
 //! of the epoch before, which the engine keeps; so if it fails to code, learning begins again in this process.
 
@@ -17,17 +17,17 @@ use arrow_ipc::writer::StreamWriter;
 use arrow_schema::{ArrowError, DataType, Field, Schema};
 use serde_json::{Value, json};
 
-use super::plan::Plan;
+use super::source::{Distribute, StoredShapes, Work};
 use crate::analysis::accumulate::{MergePart, PART, ShapeSource};
+use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::Mirror;
 use crate::analysis::dictionary::learning::{MAX_GROUPS, Schedule};
 use crate::analysis::dictionary::method::Method;
 use crate::analysis::pass::{CodeGroup, Group};
+use crate::analysis::transformation::Transformation;
 use crate::domain::cohort::Cohort;
 use crate::domain::filter::ShapeFilter;
-use crate::domain::job::Job;
 use crate::service::app::{App, ServiceError, memory};
-use crate::service::cohorts::source::{Distribute, StoredShapes, Work};
 
 /// Interval at which a running program is looked at.
 const LOOK: Duration = Duration::from_millis(100);
@@ -41,7 +41,7 @@ const MAX_NUMBERS: usize = 32_767;
 /// Prefixes of the variables that the program gets: nothing else of this process is its business.
 const VARIABLES: [&str; 5] = ["PATH", "HOME", "TMPDIR", "AWS_", "SHAPELEX_ENGINE_"];
 
-/// The engine that jobs may use.
+/// The engine that this process may start.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct EngineSettings {
     /// Path of the program; empty for none.
@@ -50,7 +50,7 @@ pub struct EngineSettings {
     pub store: String,
     /// Scheduler of a cluster, host:port; empty if the program computes itself.
     pub scheduler: String,
-    /// Number of shapes from which on a job uses it.
+    /// Number of shapes from which on it computes.
     pub min_shapes: usize,
 }
 
@@ -62,12 +62,56 @@ impl App {
     }
 }
 
-/// The engine, for one job.
+/// The passes that the engine may compute.
+pub(crate) struct Passes<'a> {
+    /// The cohort at the revision of its shapes, with mirror images as they are treated.
+    pub(crate) cohort: &'a Cohort,
+    /// Filter of the shapes: there are files of whole cohorts alone.
+    pub(crate) filter: &'a ShapeFilter,
+    /// Class of transformations that is removed.
+    pub(crate) transformation: &'a Transformation,
+    /// Alignment of the shapes.
+    pub(crate) alignment: Alignment,
+    /// What they are for.
+    pub(crate) purpose: Purpose<'a>,
+}
+
+/// The computation that wants passes.
+pub(crate) enum Purpose<'a> {
+    /// A stored mean.
+    Mean,
+    /// A job that learns a dictionary.
+    Learning {
+        /// Id of the job.
+        job: &'a str,
+        /// Number of the attempt.
+        attempt: u32,
+        /// The method, which says how shapes are coded.
+        method: &'a Method,
+    },
+}
+
+impl Passes<'_> {
+    /// Id of the cohort at rest. Means and jobs have copies that the others do not remove.
+    fn id(&self) -> String {
+        let mirrored = if self.cohort.spec.mirror == Mirror::Allow { "-mirrored" } else { "" };
+        let mean = if matches!(self.purpose, Purpose::Mean) { "-mean" } else { "" };
+        format!("{}{mirrored}{mean}", self.cohort.id)
+    }
+
+    /// The name in the log: the id of the job.
+    fn name(&self) -> &str {
+        match self.purpose {
+            Purpose::Mean => "mean",
+            Purpose::Learning { job, .. } => job,
+        }
+    }
+}
+
+/// The engine, for one computation.
 pub(crate) struct AtEngine<'a> {
     settings: Arc<EngineSettings>,
-    job: &'a Job,
-    plan: &'a Plan,
-    cohort: &'a Cohort,
+    passes: Passes<'a>,
     /// Id of the cohort at rest.
     id: String,
     has_begun: AtomicBool,
@@ -77,36 +121,17 @@ pub(crate) struct AtEngine<'a> {
 }
 
 impl<'a> AtEngine<'a> {
-    /// The engine for a plan, if there is one and the plan is over all shapes of a large cohort.
-    pub(crate) fn of(
-        app: &App,
-        job: &'a Job,
-        plan: &'a Plan,
-        cohort: &'a Cohort,
-        shapes: usize,
-    ) -> Option<Self> {
+    /// The engine for passes, if there is one and they are over all shapes of a large cohort, which are so many.
+    pub(crate) fn of(app: &App, passes: Passes<'a>, shapes: usize) -> Option<Self> {
         let settings = app.state::<EngineSettings>();
+        let representation = &passes.cohort.spec.representation;
         let suits = !settings.program.as_os_str().is_empty()
             && shapes >= settings.min_shapes
-            && plan.filter == ShapeFilter::default()
-            && cohort.spec.representation.size() * cohort.spec.representation.dimension() <= MAX_NUMBERS;
-        let id = match plan.mirror {
-            Mirror::Forbid => cohort.id.clone(),
-            Mirror::Allow => format!("{}-mirrored", cohort.id),
-        };
-        let none = || AtomicBool::new(false);
+            && *passes.filter == ShapeFilter::default()
+            && representation.size() * representation.dimension() <= MAX_NUMBERS;
+        let (id, none) = (passes.id(), || AtomicBool::new(false));
         let (has_begun, is_written, has_failed, has_failed_to_code) = (none(), none(), none(), none());
-        suits.then_some(Self {
-            settings,
-            job,
-            plan,
-            cohort,
-            id,
-            has_begun,
-            is_written,
-            has_failed,
-            has_failed_to_code,
-        })
+        suits.then_some(Self { settings, passes, id, has_begun, is_written, has_failed, has_failed_to_code })
     }
 
     /// The result of a pass over the revision, which is written before the first one.
@@ -116,14 +141,14 @@ impl<'a> AtEngine<'a> {
             self.write(shapes)?;
             self.is_written.store(true, Ordering::Relaxed);
         }
-        let Plan { transformation, alignment, .. } = self.plan;
-        let request = json!({"cohort": self.id, "revision": self.cohort.revision,
+        let Passes { cohort, transformation, alignment, .. } = &self.passes;
+        let request = json!({"cohort": self.id, "revision": cohort.revision,
             "transformation": transformation, "alignment": alignment, "work": work});
         let mut arguments = vec!["pass"];
         if !self.settings.scheduler.is_empty() {
             arguments.extend(["--scheduler", &self.settings.scheduler]);
         }
-        let program = Program::start(&self.settings, &arguments, &self.job.id)?;
+        let program = Program::start(&self.settings, &arguments, self.passes.name())?;
         program.run(shapes, |mut input| Ok(input.write_all(request.to_string().as_bytes())?))
     }
 
@@ -132,15 +157,19 @@ impl<'a> AtEngine<'a> {
         shapes.revisions().after == 0 && !shapes.is_empty() && !self.has_failed.load(Ordering::Relaxed)
     }
 
-    /// The sums of a group of shapes that is coded with the same atoms.
-    fn code(&self, shapes: &StoredShapes<'_>, group: Group<'_>) -> Result<Vec<u8>, ServiceError> {
+    /// The sums of a group of shapes that is coded with the same atoms; `run` names what is learnt.
+    fn code(
+        &self,
+        shapes: &StoredShapes<'_>,
+        (method, run): (&Method, &str),
+        group: Group<'_>,
+    ) -> Result<Vec<u8>, ServiceError> {
         let Group { epoch, first, end, atoms, mean } = group;
-        let run = format!("{}-{}", self.job.id, self.job.attempt);
-        let work = json!({"learn": {"method": self.plan.method, "mean": mean, "atoms": atoms, "first": first,
+        let work = json!({"learn": {"method": method, "mean": mean, "atoms": atoms, "first": first,
             "end": end, "epoch": epoch, "run": run}});
         match self.compute(&shapes.uncounted(), &work) {
             Ok(Answer { bytes, .. }) => {
-                tracing::debug!(cohort = self.cohort.id, epoch, first, "the engine coded a group");
+                tracing::debug!(cohort = self.passes.cohort.id, epoch, first, "the engine coded a group");
                 Ok(bytes)
             }
             Err(Failure::Service(error)) => Err(error),
@@ -159,7 +188,7 @@ impl<'a> AtEngine<'a> {
 
     fn failed(&self, reason: &str) {
         self.has_failed.store(true, Ordering::Relaxed);
-        tracing::warn!(cohort = self.cohort.id, reason, "the engine failed; this process computes");
+        tracing::warn!(cohort = self.passes.cohort.id, reason, "the engine failed; this process computes");
     }
 
     /// Writes the revision as files.
@@ -168,15 +197,15 @@ impl<'a> AtEngine<'a> {
         let folder = description_file(&description)?;
         let path = folder.path.to_string_lossy().into_owned();
         let arguments = ["ingest", "--arrow", "--cohort", &path, "--shapes", "-"];
-        let program = Program::start(&self.settings, &arguments, &self.job.id)?;
+        let program = Program::start(&self.settings, &arguments, self.passes.name())?;
         program.run(shapes, |input| send(shapes, input)).map(drop)
     }
 
     fn description(&self, shapes: usize) -> Value {
-        let spec = &self.cohort.spec;
+        let Cohort { spec, revision, .. } = self.passes.cohort;
         json!({"id": self.id, "name": spec.name, "representation": spec.representation,
             "correspondence": spec.correspondence, "direction": spec.direction, "mirror": spec.mirror,
-            "length_unit": spec.shown_unit(), "revision": self.cohort.revision, "shape_count": shapes})
+            "length_unit": spec.shown_unit(), "revision": revision, "shape_count": shapes})
     }
 }
 
@@ -199,7 +228,11 @@ impl Distribute for AtEngine<'_> {
             Ok(Answer { bytes: state, counted }) => {
                 merge(&state)?;
                 shapes.worked(shapes.len().saturating_sub(counted));
-                tracing::info!(cohort = self.cohort.id, bytes = state.len(), "the engine computed a pass");
+                tracing::info!(
+                    cohort = self.passes.cohort.id,
+                    bytes = state.len(),
+                    "the engine computed a pass"
+                );
                 Ok(true)
             }
             Err(Failure::Service(error)) => Err(error),
@@ -211,10 +244,13 @@ impl Distribute for AtEngine<'_> {
     }
 
     fn coders<'s>(&'s self, shapes: &'s StoredShapes<'_>) -> Option<CodeGroup<'s>> {
-        let Method::Sparse { schedule, .. } = self.plan.method else { return None };
+        let Purpose::Learning { job, attempt, method } = self.passes.purpose else { return None };
+        let Method::Sparse { schedule, .. } = *method else { return None };
         // Each group is a program that is started: it must be worth one.
         let pays = schedule == Schedule::Batch || shapes.len() >= MAX_GROUPS * PART;
-        (pays && self.has(shapes)).then(|| Box::new(|group: Group<'_>| Ok(self.code(shapes, group)?)) as _)
+        let run = format!("{job}-{attempt}");
+        let code = move |group: Group<'_>| Ok(self.code(shapes, (method, &run), group)?);
+        (pays && self.has(shapes)).then(|| Box::new(code) as _)
     }
 }
 
@@ -225,7 +261,7 @@ impl Drop for AtEngine<'_> {
         if !self.has_begun.load(Ordering::Relaxed) {
             return;
         }
-        let revision = self.cohort.revision.to_string();
+        let revision = self.passes.cohort.revision.to_string();
         let forget = ["forget", "--cohort", &self.id, "--revision", &revision, "--with-parts"];
         let is_written = self.is_written.load(Ordering::Relaxed);
         let arguments = if is_written { &forget[..] } else { &["collect", "--min-age-hours", "0"] };
@@ -300,7 +336,7 @@ struct Answer {
 /// A running program, killed if it is not waited for.
 struct Program {
     child: Child,
-    /// Id of the job that it computes for.
+    /// Name of the computation that it is for: the id of a job.
     job: String,
 }
 
