@@ -224,7 +224,7 @@ pub enum GeometryError {
         /// The reason.
         detail: String,
     },
-    /// A generator is no combination of B-splines on the finer grid.
+    /// A generator has no two-scale relation to the finer grid.
     #[error(
         "expected generators that are refined exactly: bspline, exponential, and half_integer_shifts by even factors, got {generator} by {factor}"
     )]
