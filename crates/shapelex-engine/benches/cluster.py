@@ -146,7 +146,7 @@ def main():
             # Work that was done twice, on two executors; what is longer still is waiting.
             lost = (sum(killed) + sum(used(process)[0] for process in cluster.executors) - work) / 2
             report(f"killed, run {number}", digest, seconds, client, said, [used(process) for process in cluster.executors],
-                   lost_s=round(lost, 1), waited_s=round(seconds - undisturbed - lost, 1), moments=[(round(moment, 1), victim) for moment, victim in moments], said=said.splitlines()[:6])
+                   lost_s=round(lost, 1), waited_s=round(seconds - undisturbed - lost, 1), moments=[(round(moment, 1), victim) for moment, victim in moments], notices=said.splitlines()[:6])
             assert digest == alone, "the digest of a disturbed cluster is another one"
 
 
