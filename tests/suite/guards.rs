@@ -398,6 +398,7 @@ fn schema_names(text: &str) -> Vec<String> {
     for line in text.lines().map(str::trim_start) {
         wanted |= line.contains("derive(") && line.contains("ToSchema");
         let line = line.trim_start_matches("pub(super) ").trim_start_matches("pub(crate) ");
+        let line = line.trim_start_matches("pub(in crate::api::v1) ");
         let line = line.trim_start_matches("pub ");
         let declared = ["struct ", "enum "].iter().find_map(|word| line.strip_prefix(word));
         if let Some(rest) = declared.filter(|_| wanted) {

@@ -15,7 +15,7 @@
 //! * [`total_curvature`] — total curvature of a curve;
 //! * [`fit`] — least-squares fits of raw contours;
 //! * [`refine`] — the same curve on a finer grid; [`resolution`] — shapes with blocks of finer control points;
-//! * [`deformation`] — edits by moved control points or handles;
+//! * [`deformation`] — edits by moved control points or handles; [`influence`] — where a control point moves a shape;
 //! * [`surface`] — tensor-product surfaces;
 //! * [`subdivision`] — subdivision surfaces;
 //! * [`mesh`] — triangle meshes; [`quality`] — defects of meshes; [`mesh_tree`] — nearest points on a mesh;
@@ -62,6 +62,7 @@ pub mod fit;
 pub mod frame;
 pub mod generator;
 pub mod ideal;
+pub mod influence;
 pub mod intersection;
 pub mod knot_line;
 pub mod measures;

@@ -1,8 +1,8 @@
 //! Places of shapes by name: a parameter of a curve, a pair of parameters of a surface, a landmark.
 
 use super::domain::Domain;
-use crate::deformation::weights;
 use crate::field_fault::FieldFault;
+use crate::influence::weights;
 use crate::representation::ShapeSpace;
 use shapelex_numeric::dense::Matrix;
 use shapelex_numeric::sparse::SparseRows;

@@ -1,8 +1,8 @@
 //! Shapes of a space on a finer grid of knots: the same functions.
 
 use crate::GeometryError;
-use crate::deformation::support;
 use crate::generator::GeneratorKind;
+use crate::influence::support;
 use crate::refine::Refinement;
 use crate::representation::{Representation, ShapeSpace};
 use crate::surface::refinement::SurfaceRefinement;

@@ -25,7 +25,7 @@ pub use finer::{Finer, MAX_FACTOR};
 pub use region::ParameterRegion;
 
 use crate::GeometryError;
-use crate::deformation::weights;
+use crate::influence::weights;
 use crate::representation::ShapeSpace;
 use shapelex_numeric::dense::Matrix;
 

@@ -1,9 +1,8 @@
 //! Regions of the domain of a shape, and the control points of a finer grid that move it there only.
 
 use super::Finer;
-use crate::capability::domain::Domain;
-use crate::deformation::weights;
 use crate::field_fault::FieldFault;
+use crate::influence::weights;
 use crate::knot_line::Line;
 use crate::representation::ShapeSpace;
 
@@ -29,13 +28,8 @@ pub struct ParameterRegion {
 const SAME_END: f64 = 1e-6;
 
 impl ParameterRegion {
-    /// What is wrong with the intervals for shapes of a domain, at the field of the direction.
-    pub fn faults(&self, domain: Domain) -> Vec<FieldFault> {
-        let closed = match domain {
-            Domain::Line { closed } => vec![closed],
-            Domain::Sheet { extent, .. } => extent.topology.closed().to_vec(),
-            Domain::Points | Domain::Vertices => Vec::new(),
-        };
+    /// Faults of the intervals for shapes whose directions are `closed` or not, at the field of the direction.
+    pub fn faults(&self, closed: &[bool]) -> Vec<FieldFault> {
         let mut faults = Vec::new();
         if self.u.is_none() && self.v.is_none() {
             faults.push(FieldFault::new("", "expected an interval of u or v, got neither"));

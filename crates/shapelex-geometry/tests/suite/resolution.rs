@@ -4,8 +4,9 @@ use std::f64::consts::TAU;
 
 use proptest::prelude::*;
 use shapelex_geometry::GeometryError;
-use shapelex_geometry::deformation::{ControlPointMove, Edit, Handle, weights};
+use shapelex_geometry::deformation::{ControlPointMove, Edit, Handle};
 use shapelex_geometry::generator::{GeneratorKind, PoleList};
+use shapelex_geometry::influence::weights;
 use shapelex_geometry::representation::ShapeSpace;
 use shapelex_geometry::resolution::{Block, Detailed, Finer, ParameterRegion, Resolutions};
 use shapelex_geometry::surface::Topology;

@@ -105,7 +105,9 @@ impl RefineRequest {
         }
         let region = take_given(self.region, "/region", &mut errors);
         if let (Some(region), Some(domain)) = (&region, domain) {
-            errors.extend(region.faults(domain).into_iter().map(|fault| Fault::from(fault).below("/region")));
+            errors.extend(
+                region.faults(&domain.closed()).into_iter().map(|fault| Fault::from(fault).below("/region")),
+            );
         }
         let (((representation, correspondence), factor), shapes) =
             checked(settings.zip(factor), errors, shapes)?;
