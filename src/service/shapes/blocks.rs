@@ -50,11 +50,11 @@ impl Layers {
         let directions = coarse.knots().len();
         let has_parameters = coarse.domain().is_line() || coarse.domain().is_sheet();
         let (mut grids, mut has_blocks): (Vec<Named>, _) = (Vec::new(), false);
-        let mut add =
-            |factors: &[usize], pointer: String| match grids.iter().any(|grid| grid.factors == factors) {
-                false => grids.push(Named { factors: factors.to_vec(), pointer }),
-                true => {}
-            };
+        let mut add = |factors: &[usize], pointer: String| {
+            if grids.iter().all(|grid| grid.factors != factors) {
+                grids.push(Named { factors: factors.to_vec(), pointer });
+            }
+        };
         if let Some((factors, pointer)) = wanted {
             add(factors, pointer.to_owned());
         }
