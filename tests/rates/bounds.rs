@@ -36,25 +36,6 @@ pub(crate) fn points(n: usize, seed: usize) -> Vec<[f64; 2]> {
         .collect()
 }
 
-/// Tori of `side × side` points as NDJSON: as grids, and as landmarks.
-pub(crate) fn tori(side: usize, count: usize) -> [String; 2] {
-    let angle = |k: usize| std::f64::consts::TAU * k as f64 / side as f64;
-    let point = |seed: usize, k: usize, l: usize| {
-        let noise = |c: usize| 0.02 * ((seed * 31 + k * 17 + l * 13 + c * 7) as f64 * 0.618_033_988_7).sin();
-        let ((su, cu), (sv, cv)) = (angle(k).sin_cos(), angle(l).sin_cos());
-        let ring = 2.0 + 0.7 * cv;
-        [ring * cu + noise(0), ring * su + noise(1), 0.7 * sv + noise(2)]
-    };
-    let [mut grids, mut landmarks] = [String::new(), String::new()];
-    for seed in 0..count {
-        let row = |k: usize| (0..side).map(|l| point(seed, k, l)).collect::<Vec<_>>();
-        let rows: Vec<_> = (0..side).map(row).collect();
-        writeln!(grids, "{}", serde_json::json!({"points": rows})).unwrap();
-        writeln!(landmarks, "{}", serde_json::json!({"points": rows.concat()})).unwrap();
-    }
-    [grids, landmarks]
-}
-
 /// A line of [`lines`].
 #[derive(Debug, serde::Deserialize)]
 pub(crate) struct Posted {

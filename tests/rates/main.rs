@@ -4,10 +4,11 @@
 //! on the machine disturbs it. `benches/peers` uses the same bounds in the release profile.
 #![allow(clippy::unwrap_used, clippy::print_stdout, missing_docs)]
 
+use std::fmt::Write;
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 
-use bounds::{Posted, echo, lines, parse_only, points, store_only, tori};
+use bounds::{Posted, echo, lines, parse_only, points, store_only};
 use client::{load, request};
 use serde_json::{Value, json};
 use service::Service;
@@ -146,6 +147,25 @@ fn surfaces(service: &Service, runtime: &Runtime) -> Row {
     let run = |k| (rate(&torus, format!("tori{k}"), &grids), rate(&points, format!("beside{k}"), &landmarks));
     let (work, limit) = fastest((0..RUNS).map(run));
     Row { name: "NDJSON of tori into SQLite, beside landmarks of the same numbers", usual: 0.8, work, limit }
+}
+
+/// Tori of `side × side` points as NDJSON: as grids, and as landmarks.
+fn tori(side: usize, count: usize) -> [String; 2] {
+    let angle = |k: usize| std::f64::consts::TAU * k as f64 / side as f64;
+    let point = |seed: usize, k: usize, l: usize| {
+        let noise = |c: usize| 0.02 * ((seed * 31 + k * 17 + l * 13 + c * 7) as f64 * 0.618_033_988_7).sin();
+        let ((su, cu), (sv, cv)) = (angle(k).sin_cos(), angle(l).sin_cos());
+        let ring = 2.0 + 0.7 * cv;
+        [ring * cu + noise(0), ring * su + noise(1), 0.7 * sv + noise(2)]
+    };
+    let [mut grids, mut landmarks] = [String::new(), String::new()];
+    for seed in 0..count {
+        let row = |k: usize| (0..side).map(|l| point(seed, k, l)).collect::<Vec<_>>();
+        let rows: Vec<_> = (0..side).map(row).collect();
+        writeln!(grids, "{}", serde_json::json!({"points": rows})).unwrap();
+        writeln!(landmarks, "{}", serde_json::json!({"points": rows.concat()})).unwrap();
+    }
+    [grids, landmarks]
 }
 
 /// Lines of shapes into the store, beside the slower of parsing them and of storing them by plain statements.

@@ -67,7 +67,7 @@ fn with_triangles(server: Server) -> Server {
     server.post("/v1/cohorts", &json!({"name": "triangles", "representation": representation})).expect(201);
     let triangle = |k: u32| {
         let (x, y) = ((f64::from(k) * 0.7).sin(), (f64::from(k) * 0.3).cos());
-        json!({"label": if k % 2 == 0 { "a" } else { "b" }, "points": [[x, 0.0], [20.0, y], [5.0, 15.0 + x]]})
+        json!({"label": if k.is_multiple_of(2) { "a" } else { "b" }, "points": [[x, 0.0], [20.0, y], [5.0, 15.0 + x]]})
     };
     let triangles: Vec<Value> = (0..120).map(triangle).collect();
     server.post_lines("/v1/cohorts/triangles/shapes", &triangles).expect(201);
