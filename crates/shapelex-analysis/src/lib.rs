@@ -76,6 +76,7 @@ pub mod classification;
 pub mod classifier_record;
 pub mod conversion;
 pub mod correspondence;
+pub mod defaults;
 pub mod dictionary;
 pub mod distance;
 pub mod drawing;

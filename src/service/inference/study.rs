@@ -37,9 +37,6 @@ use crate::service::statistics::{Settings, Setup};
 /// Maximum number of permutations of a test.
 const MAX_PERMUTATIONS: usize = 100_000;
 
-/// Default number of permutations.
-pub const DEFAULT_PERMUTATIONS: usize = 1000;
-
 /// Request for a study with options `O`.
 #[derive(Debug, Clone)]
 pub struct StudyRequest<O> {

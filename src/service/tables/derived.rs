@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use crate::analysis::AnalysisError;
+use crate::analysis::defaults::OUTLIER_QUANTILE;
 use crate::analysis::dictionary::coding::CodedShape;
 use crate::domain::cohort::Cohort;
 use crate::domain::filter::ShapeFilter;
@@ -87,9 +88,6 @@ fn bytes_of(shapes: usize, components: usize) -> usize {
 
 /// Dictionaries with at most this many components keep the scores of all, so that another pair costs nothing.
 const KEPT_COMPONENTS: usize = 32;
-
-/// Level beyond which a shape is an outlier.
-pub(crate) const QUANTILE: f64 = 0.99;
 
 /// Values of a dictionary for the shapes of a cohort at its revision, those that pass the filter at least. Cost: the shapes that
 /// are new since the last call are encoded.
@@ -196,7 +194,7 @@ impl DerivedColumns {
     fn push(&mut self, ready: &Ready, coded: &[Option<&CodedShape>]) -> Result<(), ServiceError> {
         let dictionary = ready.dictionary();
         for &coded in coded {
-            let score = coded.map(|coded| dictionary.score(coded, QUANTILE));
+            let score = coded.map(|coded| dictionary.score(coded, OUTLIER_QUANTILE));
             let value = |component: &usize| {
                 let code = &coded?.code;
                 let at = code.indices.binary_search(component).ok();
@@ -215,7 +213,7 @@ impl DerivedColumns {
     fn push_classes(&mut self, ready: &Ready, coded: &[Option<&CodedShape>]) -> Result<(), ServiceError> {
         let present: Vec<CodedShape> = coded.iter().flatten().map(|coded| (*coded).clone()).collect();
         let mut classified = match ready.dictionary().content.classifier {
-            Some(_) => ready.assessor.classify(&present, QUANTILE)?.unwrap_or_default().into_iter(),
+            Some(_) => ready.assessor.classify(&present, OUTLIER_QUANTILE)?.unwrap_or_default().into_iter(),
             None => Vec::new().into_iter(),
         };
         for coded in coded {

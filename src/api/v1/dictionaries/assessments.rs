@@ -6,10 +6,10 @@ use axum::http::{HeaderName, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use futures_util::stream;
 
+use crate::analysis::defaults::OUTLIER_QUANTILE;
 use crate::api::extract::{Caller, JsonBody, NoQuery, Path, Prefer, PrefersLines, Query};
 use crate::api::problem::Problem;
 use crate::api::respond::{json, streamed};
-use crate::api::v1::dictionaries::coding::QUANTILE;
 #[cfg(feature = "schema")]
 use crate::api::v1::requests::described::*;
 use crate::api::v1::requests::entity_tags::not_stored;
@@ -107,7 +107,8 @@ fn asked_of(request: AssessCohortRequest) -> Result<AssessCohort, ServiceError> 
     let mut errors = request.faults;
     let cohort = take_given(request.cohort, "/cohort", &mut errors);
     let filter = take_filter(request.filter, "/filter", &mut errors);
-    let quantile = request.quantile.map_or(Some(QUANTILE), |field| field.take("/quantile", &mut errors));
+    let quantile =
+        request.quantile.map_or(Some(OUTLIER_QUANTILE), |field| field.take("/quantile", &mut errors));
     let samples = take_or_default(request.samples, "/samples", &mut errors);
     let store = take_or_default(request.store, "/store", &mut errors);
     ServiceError::unless_empty(errors)?;

@@ -2,6 +2,7 @@
 //! samples.
 
 #[cfg(feature = "schema")]
+use crate::analysis::defaults::OUTLIER_QUANTILE;
 use crate::api::v1::requests::described::*;
 use crate::formats::fault::Fault;
 use std::sync::Arc;
@@ -140,15 +141,12 @@ pub(in crate::api::v1) async fn ask_dictionary<
     .await
 }
 
-/// Default training quantile beyond which a shape is an outlier or of no class.
-pub(in crate::api::v1) const QUANTILE: f64 = 0.99;
-
 /// A training quantile as the only setting.
 pub(in crate::api::v1) fn quantile_of(
     quantile: Option<Checked<f64>>,
     errors: &mut Vec<Fault>,
 ) -> Option<(f64, usize)> {
-    let quantile = quantile.map_or(Some(QUANTILE), |quantile| quantile.take("/quantile", errors))?;
+    let quantile = quantile.map_or(Some(OUTLIER_QUANTILE), |quantile| quantile.take("/quantile", errors))?;
     Some((quantile, 0))
 }
 

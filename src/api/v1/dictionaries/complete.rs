@@ -6,11 +6,11 @@ use axum::http::StatusCode;
 use axum::response::Response;
 use serde::Serialize;
 
+use crate::analysis::defaults::{BAND_LEVEL, OUTLIER_QUANTILE};
 use crate::analysis::dictionary::posterior::missing::PartialShape;
 use crate::api::extract::{Caller, Format, JsonBody, OnlyFormat, Path};
 use crate::api::problem::Problem;
 use crate::api::respond::{compute, json, picture};
-use crate::api::v1::dictionaries::coding::QUANTILE;
 #[cfg(feature = "schema")]
 use crate::api::v1::requests::described::*;
 use crate::api::v1::requests::request_macros::rows;
@@ -25,9 +25,6 @@ use crate::service::dictionaries::answers::UsedDictionary;
 use crate::service::dictionaries::posterior::{self, Asking, Completion, Factors, MAX_DRAWN, Prepared};
 use crate::service::dictionaries::ready::{self, Ready};
 use crate::service::shapes::outcome::Outcomes;
-
-/// Default fraction of shapes that a band covers.
-const LEVEL: f64 = 0.95;
 
 /// Pose of the shapes of a request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, utoipa::ToSchema)]
@@ -252,10 +249,10 @@ impl CompleteRequest {
         let mut errors = self.faults;
         let shapes = take_many(self.shapes, "/shapes", &mut errors);
         let pose = take_or_default(self.pose, "/pose", &mut errors);
-        let level = take_given(self.level, "/level", &mut errors).unwrap_or(LEVEL);
+        let level = take_given(self.level, "/level", &mut errors).unwrap_or(BAND_LEVEL);
         let samples = take_given(self.samples, "/samples", &mut errors).unwrap_or(ready.setup.metric.size());
         let calibrated = take_given(self.calibrated, "/calibrated", &mut errors).unwrap_or(true);
-        let quantile = take_given(self.quantile, "/quantile", &mut errors).unwrap_or(QUANTILE);
+        let quantile = take_given(self.quantile, "/quantile", &mut errors).unwrap_or(OUTLIER_QUANTILE);
         let count = shapes.as_ref().map_or(1, Vec::len);
         if count == 0 || count > app.limits.shapes {
             let detail = format!("expected between 1 and {} shapes, got {count}", app.limits.shapes);

@@ -5,6 +5,7 @@ use axum::response::Response;
 use serde::{Deserialize, Serialize};
 
 use crate::analysis::assessment::drift::{ClassDrift, Drift, MeanDrift, MeasureDrift, ScoreDrift};
+use crate::analysis::defaults::OUTLIER_QUANTILE;
 use crate::api::extract::{BesideFormat, Caller, Format, Path};
 use crate::api::problem::Problem;
 use crate::api::respond::{compute, json, picture};
@@ -99,7 +100,7 @@ pub(in crate::api::v1) async fn dictionary_drift(
         Some(text) => since_of(text)?,
     };
     let ready = ready::find(&app, &key).await?;
-    let quantile = query.quantile.unwrap_or(0.99);
+    let quantile = query.quantile.unwrap_or(OUTLIER_QUANTILE);
     let found = drift::drift(&app, ready.clone(), since, quantile).await?;
     let state = format!("{} {} {}", ready.listed.id, found.cohort, found.until);
     let answer = compute(app.weighing(Work::MOMENT + format.work()), move |_| match format {

@@ -9,6 +9,7 @@ use tokio::runtime::Handle;
 
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::Mirror;
+use crate::analysis::defaults::PERMUTATIONS;
 use crate::analysis::transformation::{ClassName, Transformation};
 use crate::api::extract::{Format, Prefer};
 use crate::api::problem::Problem;
@@ -20,7 +21,7 @@ use crate::formats::checked::Checked;
 use crate::formats::fault::Fault;
 use crate::formats::json;
 use crate::service::app::{App, ServiceError, Work};
-use crate::service::inference::study::{DEFAULT_PERMUTATIONS, Study, StudyKind, StudyRequest};
+use crate::service::inference::study::{Study, StudyKind, StudyRequest};
 use crate::service::jobs;
 use crate::service::jobs::inline_or_job::{PlannedTest, submit};
 
@@ -203,7 +204,7 @@ impl Common {
             alignment: self.alignment,
             tangent: self.tangent,
             mirror: self.mirror,
-            permutations: self.permutations.unwrap_or(DEFAULT_PERMUTATIONS),
+            permutations: self.permutations.unwrap_or(PERMUTATIONS),
             seed: self.seed.ok_or_else(incomplete)?,
             strata: self.strata.ok_or_else(incomplete)?.0,
             options: options.ok_or_else(incomplete)?,

@@ -8,6 +8,7 @@ use axum::response::Response;
 use serde::{Deserialize, Serialize};
 
 use crate::analysis::alignment::{AlignedShape, Alignment, Onto, Projection, unwhitened};
+use crate::analysis::defaults::COMPONENTS;
 use crate::analysis::factors::Estimator;
 use crate::analysis::pca::{Components, UNCENTRED};
 use crate::api::extract::{BesideFormat, Caller, Format, JsonBody, OnlyFormat, OnlyShapeFormat, ShapeFormat};
@@ -501,7 +502,7 @@ impl PcaRequest {
         let by_name = self.alignment.is_some();
         let (settings, shapes) = self.take_settings(&mut errors);
         let tangent = take_given(self.tangent, "/tangent", &mut errors);
-        let components = take_given(self.components, "/components", &mut errors).unwrap_or(10);
+        let components = take_given(self.components, "/components", &mut errors).unwrap_or(COMPONENTS);
         let centre = take_given(self.centre, "/centre", &mut errors).unwrap_or(true);
         let aligned = take_given(self.aligned, "/aligned", &mut errors).unwrap_or(true);
         if components == 0 {

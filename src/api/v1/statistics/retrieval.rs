@@ -1,6 +1,7 @@
 //! Exact nearest-neighbour search in a cohort, and matrices of pairwise distances; jobs compute the large ones.
 
 #[cfg(feature = "schema")]
+use crate::analysis::defaults::NEIGHBOURS;
 use crate::api::v1::requests::described::*;
 use crate::formats::fault::Fault;
 use std::collections::BTreeMap;
@@ -40,9 +41,6 @@ use crate::service::search::distances::{Answer, Chosen, Comparison};
 use crate::service::search::neighbours::{FoundNeighbour, MAX_NEIGHBOURS, Queries, Search};
 use crate::service::search::{self, distances, neighbours};
 use crate::service::statistics::Settings;
-
-/// Default number of neighbours of a shape.
-const NEIGHBOURS: usize = 10;
 
 document! {
     /// Shapes whose nearest neighbours in a cohort are wanted.
