@@ -16,11 +16,11 @@ use shapelex::analysis::distance::DistanceSpace;
 use shapelex::analysis::matching::Matching;
 use shapelex::analysis::metric::Metric;
 use shapelex::analysis::transformation::{ClassName, Transformation};
-use shapelex::formats::shape::ShapeInput;
 use shapelex::geometry::generator::GeneratorKind;
 use shapelex::geometry::representation::{Representation, ShapeSpace};
 use shapelex::geometry::resample::Contour;
 use shapelex::numeric::dense::Matrix;
+use shapelex::wire::shape::ShapeInput;
 
 /// Repetitions of a measurement of the matrix.
 const RUNS: usize = 7;

@@ -17,7 +17,6 @@ use shapelex::analysis::metric::Metric;
 use shapelex::analysis::pca::FunctionalPca;
 use shapelex::analysis::sparse::{Atoms, Encode, Lasso, Pursuit};
 use shapelex::analysis::transformation::{ClassName, Transformation};
-use shapelex::formats::shape::ShapeInput;
 use shapelex::geometry::curve::Curve;
 use shapelex::geometry::generator::GeneratorKind;
 use shapelex::geometry::intersection::self_intersects;
@@ -25,6 +24,7 @@ use shapelex::geometry::measures::CurveMeasures;
 use shapelex::geometry::representation::{Representation, ShapeSpace};
 use shapelex::geometry::resample::Contour;
 use shapelex::numeric::dense::Matrix;
+use shapelex::wire::shape::ShapeInput;
 
 const OUTLINES: usize = 650;
 const POINTS: usize = 200;

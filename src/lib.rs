@@ -9,7 +9,7 @@
 //! | use cases | [`service`] |
 //! | storage | [`store`], of the crate `shapelex-store` |
 //! | domain values | [`domain`], of the same crate |
-//! | conversion between bytes, images and shapes; images to shapes | [`formats`], [`segmentation`], a crate |
+//! | conversion between bytes, images and shapes; images to shapes | [`wire`], [`segmentation`], a crate |
 //! | statistics | [`analysis`], a crate |
 //! | shapes | [`geometry`], a crate |
 //! | arithmetic | [`numeric`], a crate |
@@ -23,12 +23,12 @@ extern crate shapelex_schemaless as utoipa;
 pub mod api;
 pub mod cli;
 pub mod config;
-pub mod formats;
 mod health;
 mod server;
 pub mod service;
 mod store_location;
 pub mod telemetry;
+pub mod wire;
 pub mod worker;
 
 pub use shapelex_analysis as analysis;

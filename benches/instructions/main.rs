@@ -21,7 +21,6 @@ use shapelex::analysis::neighbours::NeighbourSearch;
 use shapelex::analysis::pca::FunctionalPca;
 use shapelex::analysis::sparse::{Atoms, Encode, Lasso, Pursuit};
 use shapelex::analysis::transformation::{ClassName, Transformation, TransformationClass};
-use shapelex::formats::shape::ShapeInput;
 use shapelex::geometry::curve::Curve;
 use shapelex::geometry::generator::GeneratorKind;
 use shapelex::geometry::intersection::self_intersects;
@@ -32,6 +31,7 @@ use shapelex::geometry::subdivision::control::StartMesh;
 use shapelex::geometry::subdivision::refinement::{Depth, refine_mesh};
 use shapelex::geometry::subdivision::{LoopWeights, Scheme};
 use shapelex::numeric::dense::Matrix;
+use shapelex::wire::shape::ShapeInput;
 
 type Kernel = Box<dyn Fn() + Sync>;
 

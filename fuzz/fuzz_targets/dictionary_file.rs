@@ -7,7 +7,7 @@
 use axum::body::Body;
 use axum::http::{Request, StatusCode};
 use libfuzzer_sys::fuzz_target;
-use shapelex::formats::checked::Checked;
+use shapelex::wire::checked::Checked;
 use shapelex::service::app::ServiceError;
 use shapelex::service::dictionaries::file::{DictionaryFile, import};
 use shapelex::service::dictionaries::planning;

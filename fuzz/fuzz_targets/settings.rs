@@ -7,8 +7,8 @@
 use libfuzzer_sys::fuzz_target;
 use serde_json::Value;
 use shapelex::analysis::transformation::{Transformation, TransformationClass};
-use shapelex::formats::checked::Checked;
-use shapelex::formats::representation::{FitTarget, Readable, read_generator};
+use shapelex::wire::checked::Checked;
+use shapelex::wire::representation::{FitTarget, Readable, read_generator};
 use shapelex::geometry::representation::{Representation, ShapeSpace};
 use shapelex::numeric::dense::Matrix;
 use shapelex::service::shapes::read::{admit_linear, parse};

@@ -12,11 +12,11 @@ use super::coding::Expands;
 use super::media_type::{is_form, media_type};
 use super::overload::Edge;
 use super::problem::{Problem, ProblemKind};
-use crate::formats::bounds::Census;
-use crate::formats::fault::Fault;
 use crate::service::app::memory::{Held, Purpose};
 use crate::service::app::{App, Limits, ServiceError};
 use crate::service::files::FileFormat;
+use crate::wire::bounds::Census;
+use crate::wire::fault::Fault;
 
 /// Whether a body is a stream of lines, which is never held in memory as a whole.
 pub fn is_stream(media_type: &str) -> bool {

@@ -16,7 +16,7 @@ use super::describe::{PROBLEM, operations_of, problem, refusal};
 use super::operation::{self, Needs};
 use super::problem;
 use super::v1::Paths;
-use crate::formats::picture::PictureFormat;
+use crate::wire::picture::PictureFormat;
 
 #[derive(utoipa::OpenApi)]
 #[openapi(
@@ -154,7 +154,7 @@ mod tests {
     use crate::api::interface;
     use crate::api::operation::{ANY_FILE, OPERATIONS};
     use crate::api::v1::files::written_media_types;
-    use crate::formats::columns::ColumnsFormat;
+    use crate::wire::columns::ColumnsFormat;
 
     #[test]
     fn the_committed_document_is_the_present_one() {

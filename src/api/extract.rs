@@ -16,15 +16,15 @@ use super::observe::Asker;
 use super::overload::Deadline;
 use super::problem::{Problem, ProblemKind};
 use crate::domain::access::Principal;
-use crate::formats::matrix::MatrixFormat;
-use crate::formats::mesh::MeshFormat;
-use crate::formats::picture::{PictureFile, PictureFormat};
-use crate::formats::words::plain_sentence;
 use crate::geometry::drawing::svg::{Background, Style, Theme};
 use crate::service::app::idempotency::Retry;
 use crate::service::app::{App, Work};
 use crate::service::cohorts::catalogue::Expected;
 use crate::service::cost::requests;
+use crate::wire::matrix::MatrixFormat;
+use crate::wire::mesh::MeshFormat;
+use crate::wire::picture::{PictureFile, PictureFormat};
+use crate::wire::words::plain_sentence;
 
 /// The service restricted to the caller's tenant and to the cohorts of the caller's key.
 #[derive(Debug)]

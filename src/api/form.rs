@@ -14,9 +14,9 @@ use super::extract::TWICE;
 use super::media_type::{is_form, is_json, media_type};
 use super::overload::most_form_bytes;
 use super::problem::{Problem, ProblemKind};
-use crate::formats::bounds::Census;
 use crate::service::app::memory::Purpose;
 use crate::service::app::{App, ServiceError};
+use crate::wire::bounds::Census;
 
 /// Name of the JSON document.
 const PARAMETERS: &str = "parameters";

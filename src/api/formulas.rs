@@ -10,7 +10,7 @@ use futures_util::{StreamExt, stream};
 use super::extract::TWICE;
 use super::problem::Problem;
 use super::{observe, operation};
-use crate::formats::formulas::Escaping;
+use crate::wire::formulas::Escaping;
 
 /// The parameter.
 pub(super) const FORMULAS: &str = "formulas";

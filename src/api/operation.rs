@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use std::sync::LazyLock;
 
 use crate::domain::access::Role;
-use crate::formats::columns::ANSWER;
+use crate::wire::columns::ANSWER;
 
 /// Access that an operation requires.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

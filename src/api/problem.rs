@@ -11,8 +11,8 @@ use serde::Serialize;
 use tower_http::request_id::RequestId;
 
 use crate::domain::job::Job;
-use crate::formats::fault::Fault;
 pub use crate::service::app::problem::{Problem, ProblemKind};
+use crate::wire::fault::Fault;
 
 /// Status code of the response to a refused request.
 fn status(kind: ProblemKind) -> StatusCode {

@@ -8,15 +8,15 @@ use futures_util::stream::{self, Stream, StreamExt};
 use serde::Serialize;
 
 use super::problem::Problem;
-use crate::formats::matrix::{MatrixFormat, NamedMatrix};
-use crate::formats::mesh::MeshFormat;
-use crate::formats::picture::{PictureError, PictureFile};
 use crate::geometry::drawing::scene::Drawing;
 use crate::geometry::representation::ShapeSpace;
 use crate::geometry::texture::TexturedMesh;
 use crate::service::app::memory::Purpose;
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::shapes::mesh::mesh_of;
+use crate::wire::matrix::{MatrixFormat, NamedMatrix};
+use crate::wire::mesh::MeshFormat;
+use crate::wire::picture::{PictureError, PictureFile};
 
 /// The bytes of a file.
 #[derive(Debug, utoipa::ToSchema)]

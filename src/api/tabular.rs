@@ -1,7 +1,7 @@
 //! Answers with numbers as tables: CSV, Arrow, Parquet, NPY and NPZ instead of JSON.
 //!
 //! A handler gives its answer once, as JSON. Where `?format=` or the `Accept` header asks for a table, this layer asks the
-//! handler for JSON and makes the table of it (`formats::columns`): which list of the answer is the table is a column of
+//! handler for JSON and makes the table of it (`wire::columns`): which list of the answer is the table is a column of
 //! [`operation::OPERATIONS`], and `?table=` names another one. Refusals and jobs stay what they are.
 
 use axum::body::{Body, to_bytes};
@@ -16,9 +16,9 @@ use super::observe;
 use super::operation;
 use super::problem::{Problem, ProblemKind};
 
-use crate::formats::columns::{Columns, ColumnsError, ColumnsFormat};
 use crate::service::app::memory::Purpose;
 use crate::service::app::{App, ServiceError, Work};
+use crate::wire::columns::{Columns, ColumnsError, ColumnsFormat};
 
 /// Parameters that this layer reads.
 const PARAMETERS: [&str; 3] = ["format", "table", "column"];

@@ -7,10 +7,10 @@ use clap::{Args, Subcommand};
 
 use crate::domain::access::{DEFAULT_TENANT, Principal, Role, tenant_problem};
 use crate::domain::key::Key;
-use crate::formats::time::rfc3339;
 use crate::service::access::keys::{self, NewKey};
 use crate::service::app::{App, Limits, ServiceError, now_ms};
 use crate::store_location::{self, StoreLocation};
+use crate::wire::time::rfc3339;
 
 /// Number of database connections of a command.
 const CONNECTIONS: u32 = 2;

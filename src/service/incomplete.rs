@@ -1,11 +1,11 @@
 //! Components of posted shapes that miss control points. The functions are synchronous and run on the pool.
 
 use crate::analysis::incomplete::{IncompletePca, IncompleteShapes, MAX_LENGTH, incomplete_work};
-use crate::formats::fault::Fault;
-use crate::formats::partial::PartialInput;
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::shapes::outcome::Outcomes;
 use crate::service::statistics::Setup;
+use crate::wire::fault::Fault;
+use crate::wire::partial::PartialInput;
 
 /// What was found.
 #[derive(Debug)]

@@ -20,9 +20,6 @@ use crate::analysis::region::Region;
 use crate::analysis::robust::{align_all_by, point_weights};
 use crate::analysis::tangent::{LinearAlignment, to_tangent};
 use crate::analysis::transformation::{Transformation, TransformationClass};
-use crate::formats::fault::Fault;
-use crate::formats::observed::Observed;
-use crate::formats::shape::ShapeInput;
 use crate::geometry::capability::domain::Admitted;
 use crate::geometry::drawing::scene::Drawing;
 use crate::geometry::representation::{Representation, ShapeSpace};
@@ -33,6 +30,9 @@ use crate::service::shapes::directions::{Rule, Ways};
 use crate::service::shapes::draw::MAX_DRAWN;
 use crate::service::shapes::outcome::{OnError, Outcomes, of_shape};
 use crate::service::shapes::read::{self, Batch, Reading};
+use crate::wire::fault::Fault;
+use crate::wire::observed::Observed;
+use crate::wire::shape::ShapeInput;
 
 /// Settings for reading and aligning shapes.
 #[derive(Debug, Clone)]

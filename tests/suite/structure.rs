@@ -13,13 +13,13 @@ const LAYERS: [&[&str]; 9] = [
     &["service"],
     &["store"],
     &["domain"],
-    &["formats", FILES, CRATES[0]],
+    &["wire", FILES, CRATES[0]],
     &[CRATES[1]],
     &[CRATES[2]],
     &[CRATES[3]],
 ];
 
-/// The crate `shapelex-formats`, whose name is also that of a module.
+/// The layer of the crate `shapelex-formats`.
 const FILES: &str = "files";
 
 /// The layers of arithmetic, each a crate of its own: Cargo keeps their arrows.
@@ -32,7 +32,7 @@ const ENGINE: &str = "engine";
 const DOORS: &[&str] = &["api", "worker"];
 
 /// The first layer that knows nothing of the outer world.
-const FIRST_PURE: &str = "formats";
+const FIRST_PURE: &str = "wire";
 
 /// Words of the outer world: network, storage, async, clocks, files.
 const OUTER_WORDS: [&str; 10] = [
@@ -169,12 +169,12 @@ fn the_layers_use_only_what_is_below_them() {
 #[test]
 fn the_guard_of_the_layers_sees_a_bad_line() {
     let bad = [
-        ("formats/svg.rs", "use crate::domain::id;"),
+        ("wire/svg.rs", "use crate::domain::id;"),
         ("store/mod.rs", "use crate::{domain::id, api::problem::{Problem, self}};"),
         ("service/pool.rs", "use super::super::api;"),
         ("api/v1/mod.rs", "use super::super::config::ServeConfig;"),
-        ("formats/svg.rs", "let now = std::time::Instant::now();"),
-        ("formats/svg.rs", "use http::StatusCode;"),
+        ("wire/svg.rs", "let now = std::time::Instant::now();"),
+        ("wire/svg.rs", "use http::StatusCode;"),
         ("numeric/dense.rs", "    tokio::spawn(work);"),
         ("worker/mod.rs", "use crate::api::problem::Problem;"),
         ("api/v1/administration/jobs.rs", "use crate::worker::Worker;"),
@@ -188,7 +188,7 @@ fn the_guard_of_the_layers_sees_a_bad_line() {
         ("cli.rs", "use crate::{api, server};"),
         ("api/v1/administration/jobs.rs", "use crate::api::extract::Prefer;"),
         ("service/compute.rs", "use super::App;\nuse crate::numeric::dense::Matrix;"),
-        ("formats/svg.rs", "// once a tokio task\nlet instantaneous = \"http://www.w3.org\";"),
+        ("wire/svg.rs", "// once a tokio task\nlet instantaneous = \"http://www.w3.org\";"),
         ("analysis/mean.rs", "use super::{metric, subspace};"),
     ];
     for (path, line) in good {
@@ -202,7 +202,7 @@ const KIND_WORDS: [&str; 5] = ["Representation::", ".surface()", ".subdivision()
 /// Lines of a file above the geometry that tell kinds of shapes apart; not those of tests and comments.
 fn kind_questions<'a>(path: &str, text: &'a str) -> Vec<&'a str> {
     let asks_freely =
-        ["geometry/", "numeric/", "formats/", "files/"].iter().any(|layer| path.starts_with(layer));
+        ["geometry/", "numeric/", "wire/", "files/"].iter().any(|layer| path.starts_with(layer));
     if asks_freely || path.ends_with("/tests.rs") {
         return Vec::new();
     }
@@ -211,7 +211,7 @@ fn kind_questions<'a>(path: &str, text: &'a str) -> Vec<&'a str> {
     lines.filter(|line| KIND_WORDS.iter().any(|word| line.contains(word))).collect()
 }
 
-/// A new kind of shape has its code in the geometry, and its JSON in the formats.
+/// A new kind of shape has its code in the geometry, and its JSON in `wire`.
 #[test]
 fn kinds_of_shapes_are_told_apart_in_the_geometry_only() {
     for (path, text) in program() {

@@ -7,7 +7,7 @@ use crate::api::describe::text_parameter;
 use crate::api::formulas::{FORMULAS, VALUES};
 use crate::api::operation::ANY_FILE;
 use crate::api::v1::files::written_media_types;
-use crate::formats::columns::ColumnsFormat;
+use crate::wire::columns::ColumnsFormat;
 
 /// Describes the tables of an operation.
 pub(super) fn describe_tables(operation: &mut Operation, table: &str) {

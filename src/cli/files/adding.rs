@@ -14,11 +14,6 @@ use super::content::{Opened, is_standard};
 use super::target::{Target, TargetArgs};
 use super::{Reading, pairs};
 use crate::cli::at::At;
-use crate::formats::files::{self, FileError};
-use crate::formats::json;
-use crate::formats::lengths::unit_of;
-use crate::formats::record::{Facts, Placing, Plane};
-use crate::formats::unit::Unit;
 use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::pseudonyms::SubjectFrom;
 use crate::service::cohorts::upload::{Returned, Treatment};
@@ -26,6 +21,11 @@ use crate::service::cohorts::upload_file::FileToAdd;
 use crate::service::files::FileFormat;
 use crate::service::files::translate::{FileReading, to_add};
 use crate::service::shapes::outcome::OnError;
+use crate::wire::files::{self, FileError};
+use crate::wire::json;
+use crate::wire::lengths::unit_of;
+use crate::wire::record::{Facts, Placing, Plane};
+use crate::wire::unit::Unit;
 
 /// Number of bytes read at once.
 pub(super) const BLOCK: usize = 256 << 10;

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 
 use bytes::Bytes;
 
-use crate::formats::files::{self, FileError, Limits, ReadOptions, Source};
 use crate::service::files::FileFormat;
+use crate::wire::files::{self, FileError, Limits, ReadOptions, Source};
 
 /// Id of the format of projects, which only name the files of their shapes.
 pub(super) const PROJECT: &str = "swproj";

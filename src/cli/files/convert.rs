@@ -9,10 +9,10 @@ use serde::Serialize;
 use super::content::{Opened, is_standard, shown};
 use super::{Complete, Reading, Writing, note, own_limits};
 use crate::cli::at::Outcome;
-use crate::formats::files::{self, FileError, Format, Place, Summary};
-use crate::formats::formulas::Escaped;
-use crate::formats::summary::{FileSummary, left_out};
 use crate::service::files::unknown_format;
+use crate::wire::files::{self, FileError, Format, Place, Summary};
+use crate::wire::formulas::Escaped;
+use crate::wire::summary::{FileSummary, left_out};
 
 /// Number of bytes written at once.
 const BUFFER: usize = 1 << 20;

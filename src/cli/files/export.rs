@@ -12,14 +12,14 @@ use super::{Complete, Writing, note};
 use crate::cli::at::{At, Outcome};
 use crate::domain::attribute::Attribute;
 use crate::domain::filter::ShapeFilter;
-use crate::formats::files::{self, FileError, Format, Limits, ReadOptions, Source, WriteOptions};
-use crate::formats::formulas::Escaped;
-use crate::formats::summary::left_out;
 use crate::service::app::App;
 use crate::service::app::outgoing::BodyWriter;
 use crate::service::cohorts::catalogue;
 use crate::service::files::export::{ExportContent, ShapeFile, USUAL_POINTS, export};
 use crate::service::files::unknown_format;
+use crate::wire::files::{self, FileError, Format, Limits, ReadOptions, Source, WriteOptions};
+use crate::wire::formulas::Escaped;
+use crate::wire::summary::left_out;
 
 /// How a cohort is written.
 #[derive(Debug, Clone, Args)]

@@ -21,15 +21,15 @@ use super::places::{Place, expand};
 use super::target::{Service, Target, refusal};
 use super::{note, say};
 use crate::cli::at::{At, Outcome};
-use crate::formats::json;
-use crate::formats::lengths::FileUnits;
-use crate::formats::summary::FileSummary;
 use crate::service::app::App;
 use crate::service::app::idempotency::Retry;
 use crate::service::cohorts::catalogue;
 use crate::service::cohorts::upload::Stored;
 use crate::service::cohorts::upload_file::add_file;
 use crate::service::files::FileFormat;
+use crate::wire::json;
+use crate::wire::lengths::FileUnits;
+use crate::wire::summary::FileSummary;
 
 /// How files of shapes are imported.
 #[derive(Debug, Clone, Args)]

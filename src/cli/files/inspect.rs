@@ -13,10 +13,10 @@ use super::target::Target;
 use super::{Reading, own_limits, say};
 use crate::cli::at::{At, Outcome};
 use crate::cli::runtime::runtime;
-use crate::formats::files::{FileError, Group, Inspected, Inspection, ReadOptions, Summary};
-use crate::formats::record::count_unstored;
-use crate::formats::summary::left_out;
 use crate::service::files::FileFormat;
+use crate::wire::files::{FileError, Group, Inspected, Inspection, ReadOptions, Summary};
+use crate::wire::record::count_unstored;
+use crate::wire::summary::left_out;
 
 /// Number of names in a line for people.
 const NAMED: usize = 5;

@@ -20,9 +20,9 @@ use std::path::{Path, PathBuf};
 use clap::{Args, Subcommand, ValueEnum};
 
 use super::at::Outcome;
-use crate::formats::dicom;
-use crate::formats::files::{Format, Limits, ReadOptions, WriteOptions};
 use crate::service::files::{FileFormat, unknown_format};
+use crate::wire::dicom;
+use crate::wire::files::{Format, Limits, ReadOptions, WriteOptions};
 
 /// Commands for files that need no service and no store.
 #[derive(Debug, Subcommand)]

@@ -5,15 +5,15 @@ use serde_json::Value;
 
 use super::adding::{Adding, Content, sentence};
 use super::target::{Service, Target, refusal};
-use crate::formats::fault::Fault;
-use crate::formats::json;
-use crate::formats::lengths::FileUnits;
-use crate::formats::summary::FileSummary;
 use crate::service::app::App;
 use crate::service::cohorts::catalogue;
 use crate::service::cohorts::preview::Preview;
 use crate::service::cohorts::upload_file::preview_file;
 use crate::service::files::FileFormat;
+use crate::wire::fault::Fault;
+use crate::wire::json;
+use crate::wire::lengths::FileUnits;
+use crate::wire::summary::FileSummary;
 
 /// Number of kinds of faults in lines for people.
 const FAULTS: usize = 20;

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use super::content::{PROJECT, is_standard, named_files};
-use crate::formats::files;
+use crate::wire::files;
 
 /// A file, and how it was named.
 #[derive(Debug, Clone, PartialEq, Eq)]

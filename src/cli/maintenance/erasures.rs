@@ -10,11 +10,11 @@ use serde::{Deserialize, Serialize};
 use super::{Outcome, is_standard, open, say};
 use crate::domain::access::Principal;
 use crate::domain::erasure::{Erasure, ErasureState, subject_digest};
-use crate::formats::json;
-use crate::formats::time::rfc3339;
 use crate::service::app::now_ms;
 use crate::store::maintenance::{MaintenanceError, Site};
 use crate::store::{Store, StoreError};
+use crate::wire::json;
+use crate::wire::time::rfc3339;
 
 /// A line of the list.
 #[derive(Debug, Serialize, Deserialize)]

@@ -3,7 +3,7 @@
 //! A looked-up key is cached for `FRESH` and then read again, so that a revocation reaches every replica. On the
 //! replica that revokes a key, the revocation takes effect at once.
 
-use crate::formats::fault::Fault;
+use crate::wire::fault::Fault;
 use std::sync::{Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 

@@ -17,8 +17,8 @@ use std::time::{Duration, Instant};
 use super::context::App;
 use super::error::ServiceError;
 use super::metrics;
-use crate::formats::time::rfc3339;
 use crate::store::{ClockNotes, Store, StoreError};
+use crate::wire::time::rfc3339;
 
 const DAY_MS: i64 = 24 * 3600 * 1000;
 /// Largest trusted step: a night or a day off, or a time zone change stored as local time.

@@ -3,10 +3,10 @@
 use super::faults::Faults;
 use crate::analysis::dictionary::procedure::ParameterFault;
 use crate::analysis::{AnalysisError, SourceError};
-use crate::formats::fault::Fault;
-use crate::formats::files::{FaultKind, FileError};
 use crate::geometry::field_fault::FieldFault;
 use crate::store::StoreError;
+use crate::wire::fault::Fault;
+use crate::wire::files::{FaultKind, FileError};
 
 /// A page of entries and the cursor of the next page.
 pub type Page<T> = (Vec<T>, Option<String>);

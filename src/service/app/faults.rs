@@ -1,7 +1,7 @@
 //! Faults of a request, collected over several checks.
 
 use super::error::ServiceError;
-use crate::formats::fault::Fault;
+use crate::wire::fault::Fault;
 
 /// Maximum number of faults in a response: a broken export of a million shapes has a fault in each of them.
 pub const MAX_FAULTS: usize = 100;
@@ -115,7 +115,7 @@ impl From<Vec<Fault>> for Faults {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::formats::files::Place;
+    use crate::wire::files::Place;
 
     #[test]
     fn all_faults_are_counted_and_the_first_are_listed() {

@@ -11,7 +11,7 @@ use serde_json::Value;
 use super::context::App;
 use super::error::ServiceError;
 use crate::domain::retry::{MAX_KEY_CHARS, Receipt, RetryKey, is_key, job_key};
-use crate::formats::json;
+use crate::wire::json;
 
 /// An idempotent request, as far as it has been read.
 #[derive(Debug, Clone)]

@@ -21,8 +21,8 @@ use super::context::App;
 use super::error::ServiceError;
 use super::idempotency::Retry;
 use super::memory::{Held, Memory, Purpose};
-use crate::formats::fault::Fault;
-use crate::formats::files::{Asked, FaultKind, FileError, Limits, Source};
+use crate::wire::fault::Fault;
+use crate::wire::files::{Asked, FaultKind, FileError, Limits, Source};
 
 /// Time within which the next [`LEAST`] bytes of a body must arrive.
 const PAUSE: Duration = Duration::from_secs(30);

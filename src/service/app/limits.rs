@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use super::memory::Quota;
-use crate::formats::bounds::Bounds;
+use crate::wire::bounds::Bounds;
 
 /// Limits on sizes, rates and times.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 
 use super::error::ServiceError;
 use crate::domain::job::Job;
-use crate::formats::fault::{Fault, brief};
+use crate::wire::fault::{Fault, brief};
 
 /// Defines the problem types with their codes and titles: one table, documented in `docs/problems.md`.
 macro_rules! problem_kinds {

@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 
 use crate::domain::access::network_text;
 use crate::domain::audit::Entry;
-use crate::formats::time::rfc3339;
+use crate::wire::time::rfc3339;
 
 /// Time covered by one summary entry.
 const WINDOW: Duration = Duration::from_secs(60);

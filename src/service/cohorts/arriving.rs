@@ -10,17 +10,17 @@ use crate::analysis::conversion::{Beginning, Conversion};
 use crate::analysis::correspondence::Correspondence;
 use crate::domain::id;
 use crate::domain::shape::{MAX_NAMES, NewShape, ShapeMeasures};
-use crate::formats::fault::Fault;
-use crate::formats::files::{Geometry, Place, Record};
-use crate::formats::ndjson::Line;
-use crate::formats::record::Placing;
-use crate::formats::shape::ShapeInput;
-use crate::formats::unit::Unit;
 use crate::geometry::resample::check_extent;
 use crate::service::app::ServiceError;
 use crate::service::shapes::names::external_id;
 use crate::service::shapes::read::{ReadShape, Reading, parse, read_shape};
 use crate::store::ShapeRow;
+use crate::wire::fault::Fault;
+use crate::wire::files::{Geometry, Place, Record};
+use crate::wire::ndjson::Line;
+use crate::wire::record::Placing;
+use crate::wire::shape::ShapeInput;
+use crate::wire::unit::Unit;
 
 /// A shape as received.
 pub(super) enum Incoming {

@@ -7,9 +7,9 @@ use crate::domain::attribute::Attribute;
 use crate::domain::cohort::Cohort;
 use crate::domain::filter::ShapeFilter;
 use crate::domain::shape::{MAX_NAMES, ShapeDescription};
-use crate::formats::fault::Fault;
 use crate::service::app::{App, ServiceError};
 use crate::store::Revisions;
+use crate::wire::fault::Fault;
 
 /// Maximum number of ids named in a fault.
 const NAMED_IDS: usize = 5;

@@ -14,12 +14,12 @@ use super::measures;
 use crate::domain::cohort::Cohort;
 use crate::domain::filter::ShapeFilter;
 use crate::domain::shape::{Shape, ShapeAttributes};
-use crate::formats::fault::Fault;
-use crate::formats::merge_patch::MergePatch;
 use crate::service::app::memory::{Held, Purpose};
 use crate::service::app::{App, Limits, ServiceError, Work, now_ms};
 use crate::service::shapes::outcome::OnError;
 use crate::store::{Listing, Revisions};
+use crate::wire::fault::Fault;
+use crate::wire::merge_patch::MergePatch;
 
 /// Number of shapes that are read at once.
 const PAGE: usize = 1000;

@@ -10,13 +10,13 @@ use crate::domain::cohort::{Cohort, CohortSpec, name_problem};
 use crate::domain::filter::ShapeFilter;
 use crate::domain::id;
 use crate::domain::shape::Shape;
-use crate::formats::fault::Fault;
-use crate::formats::lengths::unit_of;
-use crate::formats::unit::Unit;
 use crate::service::app::faults::Faults;
 use crate::service::app::{App, Page, ServiceError, now_ms};
 use crate::service::shapes::read;
 use crate::store::{ListCursor, Listing, Order, Revisions};
+use crate::wire::fault::Fault;
+use crate::wire::lengths::unit_of;
+use crate::wire::unit::Unit;
 
 /// Maximum length of a description.
 const MAX_DESCRIPTION_CHARS: usize = 10_000;

@@ -3,8 +3,8 @@
 use serde::Serialize;
 
 use crate::domain::change::{Change, ChangeKind};
-use crate::formats::time::rfc3339;
 use crate::service::app::{App, ServiceError};
+use crate::wire::time::rfc3339;
 
 /// Entry of the change feed, which the event stream and hooks send too.
 #[derive(Debug, Serialize, utoipa::ToSchema)]

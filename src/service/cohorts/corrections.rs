@@ -12,13 +12,13 @@ use crate::domain::cohort::Cohort;
 use crate::domain::erasure::ErasureState;
 use crate::domain::filter::ShapeFilter;
 use crate::domain::shape::{Shape, ShapeAttributes};
-use crate::formats::fault::Fault;
-use crate::formats::merge_patch::{MergePatch, merge};
-use crate::formats::shape::ShapeInput;
 use crate::service::app::{App, Limits, ServiceError, now_ms};
 use crate::service::jobs;
 use crate::service::shapes::read;
 use crate::store::{Deleted, Revisions, SubjectCohort};
+use crate::wire::fault::Fault;
+use crate::wire::merge_patch::{MergePatch, merge};
+use crate::wire::shape::ShapeInput;
 
 /// Fields of a shape that can be changed.
 const FIELDS: [&str; 5] = ["label", "labels", "metadata", "subject", "weight"];

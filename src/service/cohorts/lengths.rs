@@ -10,10 +10,10 @@
 //! A dictionary is as a cohort with shapes.
 
 use crate::domain::cohort::Cohort;
-use crate::formats::files::{FaultKind, FileError, Record};
-use crate::formats::lengths::FileUnits;
-use crate::formats::unit::{Ratio, Unit};
 use crate::store::UnitOfShapes;
+use crate::wire::files::{FaultKind, FileError, Record};
+use crate::wire::lengths::FileUnits;
+use crate::wire::unit::{Ratio, Unit};
 
 /// Taker of the shapes of a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

@@ -2,16 +2,16 @@
 
 use crate::analysis::conversion::Beginning;
 use crate::domain::shape::FitResidual;
-use crate::formats::fault::Fault;
-use crate::formats::files::{Fourier, Record};
-use crate::formats::record::{MAX_SAMPLES, Placed, Placing};
-use crate::formats::shape::{PointList, ShapeInput};
 use crate::geometry::capability::fit::{FitSettings, FitTarget, Fitted, Fitter, ParameterSource};
 use crate::geometry::capability::fourier::FourierCurve;
 use crate::geometry::mesh::TriangleMesh;
 use crate::numeric::bounded::never;
 use crate::numeric::dense::Matrix;
 use crate::service::shapes::read::{ReadShape, Reading, attributes, read_shape};
+use crate::wire::fault::Fault;
+use crate::wire::files::{Fourier, Record};
+use crate::wire::record::{MAX_SAMPLES, Placed, Placing};
+use crate::wire::shape::{PointList, ShapeInput};
 
 /// Reads records into the space of a cohort. Prepared once for many.
 pub(super) struct Placer<'a> {

@@ -5,12 +5,12 @@
 
 use super::fits::MeshFits;
 use super::upload::{Stored, UploadResult};
-use crate::formats::fault::Fault;
-use crate::formats::files::Inspection;
-use crate::formats::summary::FileSummary;
 use crate::service::app::ServiceError;
 use crate::service::app::faults::Faults;
 use crate::service::shapes::outcome::OnError;
+use crate::wire::fault::Fault;
+use crate::wire::files::Inspection;
+use crate::wire::summary::FileSummary;
 
 /// What an upload of a file would do.
 #[derive(Debug)]

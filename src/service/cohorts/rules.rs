@@ -11,7 +11,6 @@ use crate::analysis::correspondence::{Correspondence, Direction};
 use crate::domain::cohort::{Cohort, CohortSpec, FormerRule};
 use crate::domain::filter::ShapeFilter;
 use crate::domain::shape::{NewShape, Shape, ShapeMeasures};
-use crate::formats::fault::Fault;
 use crate::geometry::representation::ShapeSpace;
 use crate::geometry::resample::{RepeatedPoints, polygon_area};
 use crate::numeric::dense::Matrix;
@@ -21,6 +20,7 @@ use crate::service::app::{App, ServiceError, now_ms};
 use crate::service::cost::requests::{self, Counts};
 use crate::service::shapes::directions::have_direction;
 use crate::store::{Listing, Revisions, ShapeRow};
+use crate::wire::fault::Fault;
 
 /// Number of shapes that are converted at once.
 const AT_ONCE: usize = 1000;

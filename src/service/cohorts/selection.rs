@@ -8,9 +8,9 @@ use super::attributes::name_of;
 use crate::domain::cohort::Cohort;
 use crate::domain::filter::ShapeFilter;
 use crate::domain::shape::ShapeDescription;
-use crate::formats::fault::Fault;
 use crate::service::app::{App, ServiceError};
 use crate::store::{Ids, Revisions};
+use crate::wire::fault::Fault;
 
 /// Shapes with descriptions, and the filters that together select all of them.
 #[derive(Debug, Clone, Copy)]

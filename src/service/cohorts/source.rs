@@ -1,6 +1,6 @@
 //! Shapes of a stored cohort as a source for statistics: they are streamed in bounded batches, at one revision.
 
-use crate::formats::fault::Fault;
+use crate::wire::fault::Fault;
 use std::collections::HashSet;
 
 use tokio::runtime::Handle;

@@ -3,9 +3,9 @@
 //! The pool parses shapes and makes rows of them, each in one step, while a task writes the previous ones to the store. All
 //! shapes of an upload become visible together.
 
-use crate::formats::fault::Fault;
 use crate::service::app::faults::Faults;
 use crate::service::app::parallel;
+use crate::wire::fault::Fault;
 use bytes::Bytes;
 use futures_util::{Stream, StreamExt};
 use serde::{Deserialize, Serialize};
@@ -26,11 +26,6 @@ use crate::analysis::conversion::Conversion;
 use crate::domain::cohort::{Cohort, CohortSpec};
 use crate::domain::filter::ShapeFilter;
 use crate::domain::job::Job;
-use crate::formats::bounds::Census;
-use crate::formats::json;
-use crate::formats::ndjson::{Line, LineTooLong, Lines};
-use crate::formats::record::Placing;
-use crate::formats::shape::ShapeInput;
 use crate::geometry::capability::domain::Domain;
 use crate::geometry::representation::ShapeSpace;
 use crate::geometry::resample::RepeatedPoints;
@@ -43,6 +38,11 @@ use crate::service::shapes::directions::{Rule, Ways};
 use crate::service::shapes::outcome::OnError;
 use crate::service::shapes::read::Reading;
 use crate::store::{Added, Listing, Revisions, ShapeRow, StoreError, Upload};
+use crate::wire::bounds::Census;
+use crate::wire::json;
+use crate::wire::ndjson::{Line, LineTooLong, Lines};
+use crate::wire::record::Placing;
+use crate::wire::shape::ShapeInput;
 
 /// Number of shapes written to the store at once.
 const CHUNK_SHAPES: usize = 4096;

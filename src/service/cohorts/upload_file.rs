@@ -16,16 +16,16 @@ use super::preview::Preview;
 use super::pseudonyms::{Pseudonyms, SubjectFrom};
 use super::upload::{Stored, Treatment, Writer};
 use crate::domain::cohort::Cohort;
-use crate::formats::fault::Fault;
-use crate::formats::files::{
-    FaultKind, FileError, Filed, Inspection, Limits as FileLimits, Record, Sink, Source, Summary,
-};
-use crate::formats::json;
-use crate::formats::record::{Placing, count_unstored};
-use crate::formats::summary::FileSummary;
 use crate::service::app::faults::Faults;
 use crate::service::app::incoming::read_incoming;
 use crate::service::app::{App, ServiceError};
+use crate::wire::fault::Fault;
+use crate::wire::files::{
+    FaultKind, FileError, Filed, Inspection, Limits as FileLimits, Record, Sink, Source, Summary,
+};
+use crate::wire::json;
+use crate::wire::record::{Placing, count_unstored};
+use crate::wire::summary::FileSummary;
 
 /// Number of records passed on at once.
 const BATCH: usize = 2048;

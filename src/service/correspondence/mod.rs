@@ -19,10 +19,6 @@ use crate::domain::cohort::{Cohort, CohortSpec};
 use crate::domain::filter::ShapeFilter;
 use crate::domain::job::{Job, JobKind};
 use crate::domain::shape::ShapeDescription;
-use crate::formats::fault::Fault;
-use crate::formats::json;
-use crate::formats::shape::ShapeInput;
-use crate::formats::unit::Unit;
 use crate::geometry::reparametrisation::Spherical;
 use crate::numeric::dense::Matrix;
 use crate::service::app::progress::{JobContext, Meter, Part};
@@ -31,6 +27,10 @@ use crate::service::cohorts::selection::Selection;
 use crate::service::cohorts::upload::{self, Occasion, Stored, Treatment};
 use crate::service::cohorts::{attributes, catalogue};
 use crate::service::jobs::{self, Outcome};
+use crate::wire::fault::Fault;
+use crate::wire::json;
+use crate::wire::shape::ShapeInput;
+use crate::wire::unit::Unit;
 
 /// Name of the origin of a shape in its metadata.
 const ORIGIN: &str = "correspondence";

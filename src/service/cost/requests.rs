@@ -11,8 +11,6 @@ use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::Correspondence;
 use crate::analysis::transformation::{ClassName, Transformation};
 use crate::domain::cohort::Cohort;
-use crate::formats::picture::{MAX_PIXELS, PictureFile, PictureFormat};
-use crate::formats::shape::ShapeInput;
 use crate::geometry::capability::domain::{Admitted, Domain};
 use crate::geometry::capability::sample::Parameters;
 use crate::geometry::quality::MAX_FACES;
@@ -27,6 +25,8 @@ use crate::service::shapes::fit::{SIZES_TRIED, most_within_tolerance};
 use crate::service::shapes::read_mesh::MeshInput;
 use crate::service::shapes::read_points::given;
 use crate::service::statistics::CheckedSettings;
+use crate::wire::picture::{MAX_PIXELS, PictureFile, PictureFormat};
+use crate::wire::shape::ShapeInput;
 
 /// Sizes of the shapes of a request: their number, control points and dimension.
 #[derive(Debug, Clone, Copy, PartialEq)]

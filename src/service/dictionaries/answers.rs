@@ -13,8 +13,8 @@ use crate::analysis::dictionary::in_use::Dictionary;
 use crate::analysis::dictionary::posterior::assessed::{PartAssessment, PartScore};
 use crate::analysis::dictionary::score::Score;
 use crate::domain::dictionary::Listed;
-use crate::formats::shape::Points;
 use crate::numeric::dense::Matrix;
+use crate::wire::shape::Points;
 
 /// The version of a dictionary that an answer was computed with.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]

@@ -16,8 +16,6 @@ use super::ready::{self, Ready};
 use crate::domain::cohort::Cohort;
 use crate::domain::filter::ShapeFilter;
 use crate::domain::job::{Job, JobKind, JobOutput, OutputParts};
-use crate::formats::fault::Fault;
-use crate::formats::json;
 use crate::service::app::progress::JobContext;
 use crate::service::app::{App, ServiceError, Work, now_ms};
 use crate::service::cohorts::attributes::{FilterPlace, refuse_unknown};
@@ -28,6 +26,8 @@ use crate::service::jobs::{self, Outcome};
 use crate::service::shapes::names::InputNames;
 use crate::service::shapes::outcome::{ShapeError, of_shape};
 use crate::store::{AssessmentRun, NewAssessment, Revisions, ScanBatch};
+use crate::wire::fault::Fault;
+use crate::wire::json;
 
 /// Shapes assessed between two looks at cancellation.
 const BLOCK_SHAPES: usize = 256;

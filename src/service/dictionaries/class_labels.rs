@@ -9,10 +9,10 @@ use crate::analysis::dictionary::method::Method;
 use crate::domain::attribute::Attribute;
 use crate::domain::cohort::Cohort;
 use crate::domain::filter::ShapeFilter;
-use crate::formats::fault::Fault;
 use crate::service::app::error::parameter_fault;
 use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::attributes::{KnownAttributes, describe, first_names};
+use crate::wire::fault::Fault;
 
 /// Reads the classes of the shapes that pass the filter, at the revision of the cohort.
 ///

@@ -16,8 +16,6 @@ use crate::analysis::dictionary::score::Score;
 use crate::analysis::rows::columns_of;
 use crate::domain::cohort::Cohort;
 use crate::domain::shape::Shape;
-use crate::formats::fault::Fault;
-use crate::formats::shape::ShapeInput;
 use crate::geometry::field_fault::FieldFault;
 use crate::geometry::resample::RepeatedPoints;
 use crate::geometry::size::runs_clockwise;
@@ -29,6 +27,8 @@ use crate::service::shapes::directions::{Ways, drawn_clockwise, have_direction};
 use crate::service::shapes::names::InputNames;
 use crate::service::shapes::outcome::{OnError, Outcomes, of_shape};
 use crate::service::shapes::read::{self, Reading};
+use crate::wire::fault::Fault;
+use crate::wire::shape::ShapeInput;
 
 /// A shape to which a dictionary is applied.
 #[derive(Debug)]

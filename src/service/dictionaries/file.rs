@@ -3,7 +3,7 @@
 //! A file is a JSON document with a digest of its content. An import checks the digest and the consistency of all parts
 //! before it stores a new version.
 
-use crate::formats::fault::Fault;
+use crate::wire::fault::Fault;
 use std::ops::RangeInclusive;
 use std::sync::Arc;
 

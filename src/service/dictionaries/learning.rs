@@ -28,7 +28,6 @@ use crate::domain::cohort::{Cohort, CohortSpec};
 use crate::domain::dictionary::{LessCountedShape, NewDictionary, Provenance, Summary};
 use crate::domain::id;
 use crate::domain::job::Job;
-use crate::formats::json;
 use crate::service::app::progress::{JobContext, Meter, Part};
 use crate::service::app::{App, ServiceError, now_ms};
 use crate::service::cohorts::at_engine::{AtEngine, Passes, Purpose};
@@ -39,6 +38,7 @@ use crate::service::jobs::Outcome;
 use crate::service::shapes::directions::is_warning;
 use crate::service::statistics::Setup;
 use crate::store::Revisions;
+use crate::wire::json;
 
 /// Maximum size of stored sums from which learning can continue.
 const STATE_BYTES: usize = 64 << 20;

@@ -5,11 +5,11 @@ use serde_json::json;
 use super::ready::Ready;
 use crate::analysis::dictionary::modes::Mode;
 use crate::analysis::drawing::{self, View};
-use crate::formats::gltf::Displacement;
 use crate::geometry::drawing::scene::Drawing;
 use crate::geometry::texture::TexturedMesh;
 use crate::service::app::ServiceError;
 use crate::service::shapes::mesh::mesh_of;
+use crate::wire::gltf::Displacement;
 
 impl Ready {
     /// Shapes in the pose of the dictionary as they are drawn.

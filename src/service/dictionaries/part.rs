@@ -2,14 +2,14 @@
 
 use super::coding::Given;
 use crate::analysis::dictionary::posterior::missing::PartialShape;
-use crate::formats::checked::take_given;
-use crate::formats::fault::Fault;
-use crate::formats::observed::Observed;
-use crate::formats::partial::PartialInput;
-use crate::formats::shape::{PointList, ShapeInput};
 use crate::geometry::capability::domain::Domain;
 use crate::service::shapes::read::{self, Reading};
 use crate::service::shapes::read_points::given;
+use crate::wire::checked::take_given;
+use crate::wire::fault::Fault;
+use crate::wire::observed::Observed;
+use crate::wire::partial::PartialInput;
+use crate::wire::shape::{PointList, ShapeInput};
 
 /// Control points, `None` where one is missing.
 type Rows = Vec<Option<Vec<f64>>>;

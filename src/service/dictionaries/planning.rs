@@ -3,8 +3,8 @@
 //! A request is checked and its cost predicted before a job is stored. Learning starts from scratch, or continues from
 //! the sums of an earlier version.
 
-use crate::formats::fault::Fault;
-use crate::formats::json;
+use crate::wire::fault::Fault;
+use crate::wire::json;
 use std::sync::Arc;
 
 use super::class_labels::{self, settings_faults};

@@ -20,12 +20,12 @@ use crate::analysis::dictionary::posterior::predicted::Predicted;
 use crate::analysis::drawing::View;
 use crate::analysis::drawing::completed::{Completed as Drawn, draw_completed};
 use crate::analysis::estimate::Estimate;
-use crate::formats::fault::Fault;
 use crate::geometry::drawing::scene::Drawing;
 use crate::geometry::sampling::Places;
 use crate::numeric::MAX_NUMBER;
 use crate::service::app::cache::Cached;
 use crate::service::app::{App, ServiceError, Work};
+use crate::wire::fault::Fault;
 
 /// Seed of the hidden parts of training shapes.
 const SEED: u64 = 0;

@@ -19,13 +19,13 @@ use crate::analysis::strata::strata;
 use crate::domain::cohort::Cohort;
 use crate::domain::job::JobKind;
 use crate::domain::shape::ShapeDescription;
-use crate::formats::fault::Fault;
 use crate::geometry::drawing::scene::Drawing;
 use crate::service::app::progress::{JobContext, Meter, Part};
 use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::attributes;
 use crate::service::cohorts::selection::Selection;
 use crate::service::jobs::inline_or_job::PlannedTest;
+use crate::wire::fault::Fault;
 
 /// Maximum number of random shapes, and of resamples.
 const MAX_DRAWS: usize = 10_000;

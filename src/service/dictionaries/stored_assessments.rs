@@ -5,11 +5,11 @@ use serde_json::{Map, Value};
 #[cfg(feature = "schema")]
 use super::assessments::AssessedStored;
 use crate::domain::filter::ShapeFilter;
-use crate::formats::time::rfc3339;
 use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::attributes::{FilterPlace, refuse_unknown};
 use crate::service::cohorts::{catalogue, measures};
 use crate::store::{AssessmentListing, StoredAssessment};
+use crate::wire::time::rfc3339;
 
 /// Size of a page at which it ends.
 const PAGE_BYTES: usize = 8 << 20;

@@ -12,10 +12,6 @@ use tokio::sync::mpsc;
 use crate::domain::cohort::Cohort;
 use crate::domain::filter::ShapeFilter;
 use crate::domain::shape::Shape;
-use crate::formats::files::{
-    FileError, Format, Fourier, Geometry, Kind, MAX_HARMONICS, Mesh, Place, Points, Record, Summary, Value,
-    WriteOptions,
-};
 use crate::geometry::capability::domain::Domain;
 use crate::geometry::capability::fourier::{FourierExpansion, FourierSeries};
 use crate::geometry::capability::sample::Parameters;
@@ -29,6 +25,10 @@ use crate::service::app::{App, ServiceError, Work};
 use crate::service::cohorts::catalogue::{self, ShapeListing};
 use crate::service::cost::requests::{self, Counts};
 use crate::store::Revisions;
+use crate::wire::files::{
+    FileError, Format, Fourier, Geometry, Kind, MAX_HARMONICS, Mesh, Place, Points, Record, Summary, Value,
+    WriteOptions,
+};
 
 use super::writing::write;
 
@@ -373,7 +373,7 @@ fn rows(points: &Matrix) -> Points {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::formats::files::find;
+    use crate::wire::files::find;
 
     #[test]
     fn a_batch_holds_a_million_points_whatever_is_asked_for() {

@@ -2,11 +2,11 @@
 
 use std::cell::Cell;
 
-use crate::formats::files::{self, Images, Kind, Limits as FileLimits, ReadOptions, Sink, Source, Summary};
-use crate::formats::files::{FaultKind, FileError};
-use crate::formats::image::{self, LABEL_OPTIONS};
 use crate::service::app::Limits;
 use crate::service::segmentation::records::{label_image_bytes, label_image_cells, read_label_image};
+use crate::wire::files::{self, Images, Kind, Limits as FileLimits, ReadOptions, Sink, Source, Summary};
+use crate::wire::files::{FaultKind, FileError};
+use crate::wire::image::{self, LABEL_OPTIONS};
 
 /// A format of files that hold shapes.
 #[derive(Debug, Clone, Copy)]

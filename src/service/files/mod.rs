@@ -1,6 +1,6 @@
 //! Files of other programs: which format they have, what is in them, and the same in other formats.
 //!
-//! Shapes are read by the registry of [`files`](crate::formats::files), label images by their contours: both give records.
+//! Shapes are read by the registry of [`files`](crate::wire::files), label images by their contours: both give records.
 //!
 //! * [`translate`](mod@translate) — files described and translated; [`export`](mod@export) — cohorts as files;
 //! * [`proposal`](mod@proposal) — numbers of control points for the shapes of a file;

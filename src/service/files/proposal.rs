@@ -6,8 +6,6 @@
 
 use serde::Serialize;
 
-use crate::formats::files::{Geometry, Record};
-use crate::formats::record::{Placed, Placing};
 use crate::geometry::capability::fit::{
     FitSettings, FitTarget, Fitted, Fitter, ParameterSource, PointPlaces,
 };
@@ -15,6 +13,8 @@ use crate::geometry::representation::{Representation, ShapeSpace};
 use crate::numeric::dense::Matrix;
 use crate::service::app::{App, Limits, ServiceError, Work};
 use crate::service::cost::requests::{self, Counts, FitCounts};
+use crate::wire::files::{Geometry, Record};
+use crate::wire::record::{Placed, Placing};
 
 /// Default part of the size of a shape that a representation may leave.
 pub const USUAL_TOLERANCE: f64 = 0.01;

@@ -6,13 +6,6 @@ use futures_util::Stream;
 use super::format::{FileFormat, file_limits};
 use super::proposal::FirstShapes;
 use super::writing::write;
-use crate::formats::files::{
-    FaultKind, FileError, Filed, Format, Inspection, Place, ReadOptions, Record, Sink, Source, Storing,
-    Summary, WriteOptions, find,
-};
-use crate::formats::record::{Placing, count_unstored};
-use crate::formats::summary::FileSummary;
-use crate::formats::unit::Unit;
 use crate::service::app::incoming::{Stop, read_incoming};
 use crate::service::app::outgoing::BodyWriter;
 use crate::service::app::{App, Limits, ServiceError};
@@ -20,6 +13,13 @@ use crate::service::cohorts::lengths::Lengths;
 use crate::service::cohorts::pseudonyms::SubjectFrom;
 use crate::service::cohorts::upload_file::{FileToAdd, ReadFile, without_shapes};
 use crate::service::shapes::outcome::OnError;
+use crate::wire::files::{
+    FaultKind, FileError, Filed, Format, Inspection, Place, ReadOptions, Record, Sink, Source, Storing,
+    Summary, WriteOptions, find,
+};
+use crate::wire::record::{Placing, count_unstored};
+use crate::wire::summary::FileSummary;
+use crate::wire::unit::Unit;
 
 /// How a file is read.
 #[derive(Debug, Clone, Default)]
@@ -37,7 +37,7 @@ impl FileReading {
     ///
     /// # Errors
     /// An unknown file.
-    pub fn format_of(&self, head: &[u8]) -> Result<FileFormat, crate::formats::files::FileError> {
+    pub fn format_of(&self, head: &[u8]) -> Result<FileFormat, crate::wire::files::FileError> {
         self.format.map_or_else(|| FileFormat::detect(head, self.name.as_deref()), Ok)
     }
 }

@@ -2,9 +2,9 @@
 
 use std::io::Write;
 
-use crate::formats::files::{FileError, Format, Place, Record, Summary, WriteOptions};
 use crate::service::app::ServiceError;
 use crate::service::app::memory::{Memory, Purpose};
+use crate::wire::files::{FileError, Format, Place, Record, Summary, WriteOptions};
 
 /// Memory for each byte that a writer holds: the byte, the room of its list to grow, and its text.
 const PER_BYTE: usize = 3;
@@ -46,8 +46,8 @@ pub(super) fn write<T>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::formats::files::{Geometry, Points, find};
     use crate::service::app::memory::Quota;
+    use crate::wire::files::{Geometry, Points, find};
 
     /// Writes shapes of 1 MB; how many were passed on, how much was held at the end, and the outcome.
     fn written(format: &str, shapes: usize) -> (usize, usize, Result<Summary, ServiceError>) {

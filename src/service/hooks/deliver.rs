@@ -22,10 +22,10 @@ use super::{HookSettings, address};
 use crate::domain::access::Principal;
 use crate::domain::change::{Change, ChangeKind};
 use crate::domain::hook::{Hook, HookFailure};
-use crate::formats::time::rfc3339;
 use crate::service::app::{App, ServiceError, metrics, now_ms};
 use crate::service::cohorts::changes::{self, ChangeOutput};
 use crate::store::HookClaim;
+use crate::wire::time::rfc3339;
 
 /// Hooks that one process delivers to at a time.
 const AT_ONCE: usize = 8;

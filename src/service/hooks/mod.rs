@@ -17,10 +17,10 @@ use crate::domain::change::ChangeFilter;
 use crate::domain::hook::{Hook, HookFailure, HookStatus, SECRET_BYTES, SigningSecret};
 use crate::domain::id;
 use crate::domain::key::is_deceptive;
-use crate::formats::fault::Fault;
 use crate::service::app::{App, Page, ServiceError, now_ms};
 use crate::service::cohorts::{catalogue, changes};
 use crate::store::hooks::{MAX_FAILURES, MAX_HOOKS};
+use crate::wire::fault::Fault;
 
 /// Maximum length of a description.
 const MAX_DESCRIPTION_CHARS: usize = 200;

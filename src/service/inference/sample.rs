@@ -6,9 +6,9 @@ use crate::analysis::{inference::groups, strata};
 use crate::domain::attribute::Attribute;
 use crate::domain::cohort::Cohort;
 use crate::domain::shape::ShapeDescription;
-use crate::formats::fault::Fault;
 use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::attributes::first_names;
+use crate::wire::fault::Fault;
 
 /// The stratum of every shape: shapes with equal values of all attributes share one.
 ///

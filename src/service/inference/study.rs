@@ -22,7 +22,6 @@ use crate::domain::attribute::Attribute;
 use crate::domain::cohort::Cohort;
 use crate::domain::job::JobKind;
 use crate::domain::study::StudyHeader;
-use crate::formats::fault::Fault;
 use crate::geometry::drawing::scene::Drawing;
 use crate::service::app::progress::{JobContext, Meter, Part};
 use crate::service::app::{App, ServiceError};
@@ -33,6 +32,7 @@ use crate::service::cohorts::selection::Selection;
 use crate::service::cost::requests;
 use crate::service::jobs::inline_or_job::PlannedTest;
 use crate::service::statistics::{Settings, Setup};
+use crate::wire::fault::Fault;
 
 /// Maximum number of permutations of a test.
 const MAX_PERMUTATIONS: usize = 100_000;

@@ -6,11 +6,11 @@ use tokio::runtime::Handle;
 
 use super::Outcome;
 use crate::domain::job::{Job, JobKind};
-use crate::formats::json;
 use crate::geometry::drawing::scene::Drawing;
 use crate::service::app::progress::JobContext;
 use crate::service::app::{App, ServiceError};
 use crate::service::jobs;
+use crate::wire::json;
 
 /// Maximum predicted time of what is answered at once; what takes longer becomes a job.
 pub(crate) const AT_ONCE_SECONDS: f64 = 3.0;

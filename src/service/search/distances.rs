@@ -14,9 +14,6 @@ use crate::domain::cohort::Cohort;
 use crate::domain::filter::ShapeFilter;
 use crate::domain::job::{Job, JobKind, JobOutput};
 use crate::domain::shape::Shape;
-use crate::formats::json;
-use crate::formats::matrix::NamedMatrix;
-use crate::formats::shape::ShapeInput;
 use crate::service::app::progress::JobContext;
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::cohorts::attributes::{FilterPlace, refuse_unknown};
@@ -31,6 +28,9 @@ use crate::service::shapes::directions::Ways;
 use crate::service::shapes::read;
 use crate::service::statistics::{CheckedSettings, Settings, Setup};
 use crate::store::{Ids, Revisions};
+use crate::wire::json;
+use crate::wire::matrix::NamedMatrix;
+use crate::wire::shape::ShapeInput;
 
 /// Settings for comparing shapes of a cohort.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -1,7 +1,7 @@
 //! Search for the nearest shapes of a stored cohort: its shapes are streamed, and only the nearest are kept. Cohorts that fit
 //! in the cache are kept in prepared form for repeated searches.
 
-use crate::formats::fault::Fault;
+use crate::wire::fault::Fault;
 use std::collections::BTreeMap;
 
 use serde_json::Value;
@@ -18,7 +18,6 @@ use crate::analysis::neighbours::{Neighbour, NeighbourSearch};
 use crate::domain::cohort::Cohort;
 use crate::domain::filter::ShapeFilter;
 use crate::domain::shape::ShapeAttributes;
-use crate::formats::shape::ShapeInput;
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::cohorts::attributes::{FilterPlace, refuse_unknown};
 use crate::service::cohorts::caveats;
@@ -29,6 +28,7 @@ use crate::service::cost::requests::{self, Counts};
 use crate::service::shapes::read;
 use crate::service::statistics::Setup;
 use crate::store::{Cursor, Ids, NamedShape, Places};
+use crate::wire::shape::ShapeInput;
 
 /// Maximum number of neighbours per query.
 pub const MAX_NEIGHBOURS: usize = 1000;

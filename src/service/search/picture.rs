@@ -5,13 +5,13 @@ use crate::analysis::accumulate::prepare;
 use crate::analysis::alignment::{align, unwhitened};
 use crate::analysis::drawing::nearest::{Row, draw_nearest};
 use crate::domain::cohort::Cohort;
-use crate::formats::shape::ShapeInput;
 use crate::geometry::drawing::scene::{Drawing, short};
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::cohorts::{catalogue, source};
 use crate::service::cost::requests::{self, Counts};
 use crate::service::shapes::read;
 use crate::service::statistics::{Settings, Setup};
+use crate::wire::shape::ShapeInput;
 
 /// Maximum number of queries in a drawing.
 const MAX_ROWS: usize = 10;

@@ -7,10 +7,10 @@ use serde::Serialize;
 use super::contours::ComponentOutput;
 use super::image::{Coordinates, ImageOutput};
 use super::place::{self, MovedOutput, SharedOutput};
-use crate::formats::shape::Points;
 use crate::geometry::raster::{Mask, Overlap};
 use crate::segmentation::energy::TermValue;
 use crate::segmentation::run::{Outcome, Segmentation};
+use crate::wire::shape::Points;
 
 /// Value of a term of the energy; null for a shape on which it is not defined, such as two classes without an outside.
 #[derive(Debug, Clone, Copy, Serialize, utoipa::ToSchema)]

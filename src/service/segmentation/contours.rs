@@ -3,14 +3,14 @@
 use serde::Serialize;
 
 use super::image::{Coordinates, ImageOutput, Part, plane_frame, volume_frame};
-use crate::formats::files::Photograph;
-use crate::formats::image::{Description, Grid, ImageFile};
 use crate::segmentation::SegmentationError;
 use crate::segmentation::contours::{
     Component, Components, Dropped, Labels, Region, Selection, Solid, Surface,
 };
 use crate::service::app::memory::{Held, Purpose};
 use crate::service::app::{App, Limits, ServiceError, Work};
+use crate::wire::files::Photograph;
+use crate::wire::image::{Description, Grid, ImageFile};
 
 /// Predicted seconds per cell: reading, and finding components.
 const CELL: f64 = 6e-8;

@@ -11,10 +11,10 @@ use serde::Serialize;
 use super::request::{Minimiser, SigmaInput, StageInput, TermInput};
 use super::sheets;
 use super::wanted::Wanted;
-use crate::formats::image::Grid;
 use crate::geometry::capability::domain::Admitted;
 use crate::service::app::Work;
 use crate::service::app::progress::Part;
+use crate::wire::image::Grid;
 
 /// Predicted bytes per cell beside the file: the image, and fields while they are prepared.
 const CELL_BYTES: usize = 52;

@@ -2,14 +2,14 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::formats::image::{
-    Description, Grid, ImageError, ImageFile, LabelPart, Limits as FileLimits, describe, detect, read,
-    read_labels,
-};
-use crate::formats::unit::Unit;
 use crate::segmentation::SegmentationError;
 use crate::segmentation::frame::Frame;
 use crate::service::app::{Limits, ServiceError};
+use crate::wire::image::{
+    Description, Grid, ImageError, ImageFile, LabelPart, Limits as FileLimits, describe, detect, read,
+    read_labels,
+};
+use crate::wire::unit::Unit;
 
 /// Coordinates of shapes in an image: positions in the `world`, in millimetres, or positions of cells (`index`), whose centres
 /// are whole numbers from 0.

@@ -18,7 +18,6 @@ use super::shown::Shown;
 use crate::domain::access::Role;
 use crate::domain::cohort::Cohort;
 use crate::domain::job::{Job, JobKind, JobOutput};
-use crate::formats::json;
 use crate::service::app::progress::JobContext;
 use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::catalogue::{self, Expected, revision_tag};
@@ -26,6 +25,7 @@ use crate::service::cohorts::lengths::Lengths;
 use crate::service::cohorts::upload::Stored as Uploaded;
 use crate::service::jobs::inline_or_job::AT_ONCE_SECONDS;
 use crate::service::jobs::{self, Outcome};
+use crate::wire::json;
 
 /// Name of what attracts among the files of a job.
 const ATTRACTING: &str = "attracting";

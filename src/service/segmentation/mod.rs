@@ -8,7 +8,7 @@
 //!   objects that go into a cohort; [`job`] — segmentations that take long;
 //! * [`reference`](mod@reference) — means and spans of the store that attract shapes; [`prior`] — the same without an image.
 //!
-//! The arithmetic is in [`segmentation`](crate::segmentation), the files are read by [`formats::image`](crate::formats::image):
+//! The arithmetic is in [`segmentation`](crate::segmentation), the files are read by [`formats::image`](crate::wire::image):
 //! this folder limits, predicts and names what is answered.
 
 pub mod answer;

@@ -11,9 +11,9 @@ use super::segment::{Files, Planned};
 use super::shown::Segmented;
 use super::starts;
 use super::wanted::Wanted;
-use crate::formats::unit::Unit;
 use crate::service::app::memory::Purpose;
 use crate::service::app::{App, ServiceError, Work};
+use crate::wire::unit::Unit;
 
 /// Name of the JSON document.
 pub const PARAMETERS: &str = "parameters";

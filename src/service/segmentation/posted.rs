@@ -13,17 +13,17 @@ use crate::analysis::frame::Frame;
 use crate::analysis::transformation::{ClassName, Transformation};
 use crate::domain::cohort::Cohort;
 use crate::domain::job::Priority;
-use crate::formats::checked::{
-    Checked, List, Many, Raw, SMALL, document, take_given, take_many, take_or_default,
-};
-use crate::formats::fault::Fault;
-use crate::formats::lengths::unit_of;
-use crate::formats::representation::Read;
-use crate::formats::shape::{ObjectInput, ShapeInput};
-use crate::formats::unit::Unit;
 use crate::geometry::representation::Representation;
 use crate::service::app::{App, ServiceError};
 use crate::service::statistics::{CheckedSettings, Settings};
+use crate::wire::checked::{
+    Checked, List, Many, Raw, SMALL, document, take_given, take_many, take_or_default,
+};
+use crate::wire::fault::Fault;
+use crate::wire::lengths::unit_of;
+use crate::wire::representation::Read;
+use crate::wire::shape::{ObjectInput, ShapeInput};
+use crate::wire::unit::Unit;
 
 /// Declares two requests with the same fields, of which the second one has further ones.
 macro_rules! requests {

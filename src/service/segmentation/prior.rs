@@ -7,8 +7,6 @@ use crate::analysis::alignment::Method;
 use crate::analysis::matching::{Placement, Target};
 use crate::analysis::mean::MeanSpace;
 use crate::analysis::metric::Metric;
-use crate::formats::fault::Fault;
-use crate::formats::shape::{Points, ShapeInput};
 use crate::segmentation::boundary::Differential;
 use crate::segmentation::energy::Prior;
 use crate::segmentation::frame::Frame;
@@ -19,6 +17,8 @@ use crate::service::shapes::directions::Ways;
 use crate::service::shapes::outcome::{OnError, Outcomes, of_shape};
 use crate::service::shapes::read;
 use crate::service::statistics::{CheckedSettings, Setup};
+use crate::wire::fault::Fault;
+use crate::wire::shape::{Points, ShapeInput};
 
 /// Range of weights.
 const WEIGHTS: Range<f64> = 0.0..1e9;

@@ -4,17 +4,17 @@ use std::collections::BTreeMap;
 
 use super::contours::{ComponentOutput, Found, LabelBoundary, SurfaceOutput, Wanted, label_bytes};
 use super::image::file_limits;
-use crate::formats::dicom::Instance;
-use crate::formats::files::{
+use crate::service::app::{Limits, ServiceError};
+use crate::wire::dicom::Instance;
+use crate::wire::files::{
     EVERY, FaultKind, FileError, Geometry, Holes, Mesh, Names, Place, Points, ReadOptions, Record, Ring,
     Scope, Sink, Summary, Value,
 };
-use crate::formats::image::{
+use crate::wire::image::{
     Format, Grid, ImageError, LABEL_OPTIONS, LabelNames, LabelPart, LengthUnit, describe,
 };
-use crate::formats::json;
-use crate::formats::unit::{Ratio, Unit};
-use crate::service::app::{Limits, ServiceError};
+use crate::wire::json;
+use crate::wire::unit::{Ratio, Unit};
 
 /// Number of cells below which a component is left out unless the options say another: as few enclose no cell.
 const LEAST_CELLS: usize = 5;
@@ -358,8 +358,8 @@ fn refused(error: ServiceError) -> FileError {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::formats::image::detect;
-    use crate::formats::image::write::png_u8;
+    use crate::wire::image::detect;
+    use crate::wire::image::write::png_u8;
 
     /// An image of 6 × 5 cells: a ring of label 7 around a hole, and two cells of label 3 apart.
     fn image() -> Vec<u8> {

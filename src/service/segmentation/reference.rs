@@ -8,13 +8,13 @@ use crate::analysis::frame::Frame;
 use crate::analysis::rows::columns_of;
 use crate::analysis::transformation::Transformation;
 use crate::domain::filter::ShapeFilter;
-use crate::formats::unit::Unit;
 use crate::geometry::representation::Representation;
 use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::catalogue;
 use crate::service::cohorts::caveats;
 use crate::service::cohorts::live_mean::{self, MeanQuery, SearchStart};
 use crate::service::dictionaries::ready::{self, Ready};
+use crate::wire::unit::Unit;
 
 /// What has a mean.
 #[derive(Debug, Clone, PartialEq, Eq)]

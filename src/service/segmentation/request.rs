@@ -4,12 +4,12 @@ use serde::{Deserialize, Serialize};
 
 use super::image::Coordinates;
 use super::sheets::{self, SheetField};
-use crate::formats::fault::Fault;
 use crate::segmentation::blur::Blur;
 use crate::segmentation::energy::Polarity;
 use crate::segmentation::run::scene::{EdgeScale, ImageTerm};
 use crate::segmentation::run::{Method, Settings, Stage};
 use crate::segmentation::snake::reparametrisation::Free;
+use crate::wire::fault::Fault;
 
 /// Maximum number of terms, and of stages.
 pub const MAX_TERMS: usize = 8;

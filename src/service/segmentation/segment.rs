@@ -15,10 +15,6 @@ use super::request::{FieldInput, StageInput};
 use super::shown::Segmented;
 use super::starts::{Starts, usual_radius};
 use super::wanted::{Reference, Wanted, size};
-use crate::formats::fault::Fault;
-use crate::formats::image::{Description, Grid as FileGrid};
-use crate::formats::shape::{Points, ShapeInput};
-use crate::formats::unit::Unit;
 use crate::geometry::raster::{Grid, Mask, overlap_unless_stopped};
 use crate::numeric::bounded::Stop;
 use crate::numeric::dense::Matrix;
@@ -36,6 +32,10 @@ use crate::service::app::progress::{JobContext, Meter, Part as ProgressPart};
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::shapes::read::read_shape;
 use crate::service::statistics::Setup;
+use crate::wire::fault::Fault;
+use crate::wire::image::{Description, Grid as FileGrid};
+use crate::wire::shape::{Points, ShapeInput};
+use crate::wire::unit::Unit;
 
 /// Unit of the work of which progress is counted.
 const MICROSECONDS: f64 = 1e6;

@@ -5,15 +5,15 @@ use serde::{Deserialize, Serialize};
 use super::image::{Coordinates, Part, volume_frame};
 use super::request::ObjectPolarity;
 use super::shown::LabelFormat;
-use crate::formats::fault::Fault;
-use crate::formats::image::write::{nifti_f32, nifti_u8, png_u8};
-use crate::formats::image::{Description, Grid, ImageError};
 use crate::numeric::bounded::Stop;
 use crate::segmentation::SegmentationError;
 use crate::segmentation::detector::{Innermost, Sheets, edge_map, innermost, largest_component};
 use crate::segmentation::field::Image;
 use crate::service::app::memory::Purpose;
 use crate::service::app::{App, ServiceError, Work};
+use crate::wire::fault::Fault;
+use crate::wire::image::write::{nifti_f32, nifti_u8, png_u8};
+use crate::wire::image::{Description, Grid, ImageError};
 
 /// Predicted bytes per cell beside the file: the image, the response and three parts of the normal in single precision, and cells on
 /// crests.

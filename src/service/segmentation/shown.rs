@@ -3,9 +3,6 @@
 use serde::{Deserialize, Serialize};
 
 use super::answer::SegmentAnswer;
-use crate::formats::image::write::{nifti_u8, nifti_u16, png_u8, png_u16};
-use crate::formats::image::{Grid, ImageError};
-use crate::formats::picture::{GreyCells, PictureError, PictureFile};
 use crate::geometry::drawing::colour::{self, Colour};
 use crate::geometry::drawing::layer::{Layer, Mark};
 use crate::geometry::drawing::picture;
@@ -15,6 +12,9 @@ use crate::geometry::raster::Grid as Cells;
 use crate::segmentation::field::Image;
 use crate::segmentation::snake::Outline;
 use crate::service::app::ServiceError;
+use crate::wire::image::write::{nifti_u8, nifti_u16, png_u8, png_u16};
+use crate::wire::image::{Grid, ImageError};
+use crate::wire::picture::{GreyCells, PictureError, PictureFile};
 
 /// Greatest number of cells along a side of a drawn picture; those of larger images are means of blocks.
 const MOST_CELLS: usize = 1024;

@@ -9,14 +9,14 @@ use super::request::BoxInput;
 use super::wanted::size;
 use crate::analysis::conversion::Conversion;
 use crate::analysis::correspondence::{Correspondence, Direction};
-use crate::formats::fault::Fault;
-use crate::formats::image::Grid;
-use crate::formats::shape::ShapeInput;
 use crate::geometry::resample::RepeatedPoints;
 use crate::numeric::dense::Matrix;
 use crate::service::app::{App, Limits, ServiceError, Work};
 use crate::service::shapes::read::read_shape;
 use crate::service::statistics::Setup;
+use crate::wire::fault::Fault;
+use crate::wire::image::Grid;
+use crate::wire::shape::ShapeInput;
 
 /// Usual radius around a seed point, as a part of the shortest side of the image.
 const USUAL_RADIUS: f64 = 0.1;

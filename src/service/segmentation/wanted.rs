@@ -7,12 +7,12 @@ use super::reference::Structure;
 use super::request::{EnergyInput, FieldInput, StageInput};
 use super::sheets;
 use super::starts::Starts;
-use crate::formats::fault::Fault;
-use crate::formats::image::Grid;
-use crate::formats::shape::ShapeInput;
-use crate::formats::unit::Unit;
 use crate::service::app::{App, ServiceError};
 use crate::service::statistics::CheckedSettings;
+use crate::wire::fault::Fault;
+use crate::wire::image::Grid;
+use crate::wire::shape::ShapeInput;
+use crate::wire::unit::Unit;
 
 /// Factor between the areas of a result and its initial shape beyond which it is usually another object, and between their volumes:
 /// `√2` along each side. A box whose sides are a quarter too short or too long has 0.56 or 1.56 times the area, 0.42 or 1.95 times the

@@ -4,14 +4,14 @@
 //! shapes of a request; each is then read, and brought to the finest grid where values are asked for
 //! ([`Posted`](super::request::Posted)).
 
-use crate::formats::checked::{Checked, LARGE};
-use crate::formats::fault::Fault;
-use crate::formats::shape::{BlockInput, ShapeInput};
 use crate::geometry::capability::domain::Admitted;
 use crate::geometry::representation::ShapeSpace;
 use crate::geometry::resolution::{Block, GridFault, MAX_FACTOR, Resolutions};
 use crate::numeric::dense::Matrix;
 use crate::service::app::{App, ServiceError};
+use crate::wire::checked::{Checked, LARGE};
+use crate::wire::fault::Fault;
+use crate::wire::shape::{BlockInput, ShapeInput};
 
 /// Maximum number of different resolutions in a request: each is a space.
 const MAX_GRIDS: usize = 16;

@@ -2,14 +2,14 @@
 
 use super::read_oriented::OrientedReader;
 use super::request::Posted;
-use crate::formats::fault::Fault;
-use crate::formats::shape::ShapeInput;
 use crate::geometry::capability::deform::MovedOriented;
 use crate::geometry::deformation::{ControlPointMove, Deformation, Edit, Handle};
 use crate::geometry::representation::Representation;
 use crate::geometry::resolution::{Block, Resolutions};
 use crate::service::app::faults::Faults;
 use crate::service::app::{App, ServiceError};
+use crate::wire::fault::Fault;
+use crate::wire::shape::ShapeInput;
 
 /// Maximum number of handles, and of displacements.
 const MOST: usize = 500;

@@ -6,13 +6,13 @@
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::domain::cohort::CohortSpec;
 use crate::domain::shape::ShapeMeasures;
-use crate::formats::shape::ShapeInput;
 use crate::geometry::capability::domain::Domain;
 use crate::geometry::representation::{Representation, ShapeSpace};
 use crate::geometry::size::runs_clockwise;
 use crate::service::shapes::outcome::Outcomes;
 use crate::service::shapes::read::Weighted;
 use crate::service::shapes::read_points::given;
+use crate::wire::shape::ShapeInput;
 
 /// How many closed planar curves run which way.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

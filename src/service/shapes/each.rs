@@ -1,10 +1,10 @@
 //! Work on every entry of a list in parallel, until the request is cancelled.
 
 use super::outcome::Outcomes;
-use crate::formats::fault::Fault;
-use crate::formats::shape::ShapeInput;
 use crate::service::app::progress::JobContext;
 use crate::service::app::{ServiceError, parallel};
+use crate::wire::fault::Fault;
+use crate::wire::shape::ShapeInput;
 
 /// Applies `work` to every item in parallel, until the request is cancelled.
 pub(crate) fn each<I: Sync, T: Send>(

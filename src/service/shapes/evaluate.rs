@@ -8,8 +8,6 @@ use super::each::each;
 use super::mesh::{self, mesh_of};
 use super::request::Posted;
 use crate::analysis::correspondence::Correspondence;
-use crate::formats::fault::Fault;
-use crate::formats::shape::ShapeInput;
 use crate::geometry::capability::sample::{Evaluation, Parameters};
 use crate::geometry::capability::tessellate::{Detail, with_normals};
 use crate::geometry::curve::MAX_DERIVATIVE;
@@ -20,6 +18,8 @@ use crate::geometry::mesh::TriangleMesh;
 use crate::geometry::texture::TexturedMesh;
 use crate::numeric::dense::Matrix;
 use crate::service::app::{App, ServiceError};
+use crate::wire::fault::Fault;
+use crate::wire::shape::ShapeInput;
 
 /// What to evaluate.
 #[derive(Debug, Clone)]

@@ -6,14 +6,14 @@ use super::read_mesh::{MeshInput, PostedMesh};
 use super::read_points::{below_points, posted_list, raw_points};
 use super::request::{Posted, check_curves};
 use crate::analysis::correspondence::Correspondence;
-use crate::formats::fault::Fault;
-use crate::formats::shape::ShapeInput;
 use crate::geometry::capability::domain::{Admitted, Domain};
 use crate::geometry::capability::fit::{FitSettings, FitTarget, Fitted, Fitter, PointPlaces};
 use crate::geometry::field_fault::FieldFault;
 use crate::geometry::representation::Representation;
 use crate::numeric::dense::Matrix;
 use crate::service::app::{App, Limits, ServiceError};
+use crate::wire::fault::Fault;
+use crate::wire::shape::ShapeInput;
 
 /// A representation to fit, and how.
 #[derive(Debug)]

@@ -1,10 +1,10 @@
 //! Properties of a generator asked for in a query.
 
-use crate::formats::fault::Fault;
 use crate::geometry::capability::generator::GeneratorDetails;
 use crate::geometry::field_fault::FieldFault;
 use crate::geometry::generator::GeneratorKind;
 use crate::service::app::ServiceError;
+use crate::wire::fault::Fault;
 
 /// The fault of a parameter at a place such as `poles/0`; a fault of the whole generator belongs to its name.
 pub fn parameter_fault(place: &str, detail: String) -> Fault {

@@ -1,11 +1,11 @@
 //! Exact control points of idealised shapes. The function is synchronous and runs on the pool.
 
 use super::request::Posted;
-use crate::formats::fault::Fault;
-use crate::formats::shape::MAX_COORDINATE;
 use crate::geometry::capability::idealise::{IdealFault, Placed, PlacedSurface};
 use crate::numeric::dense::Matrix;
 use crate::service::app::{App, ServiceError};
+use crate::wire::fault::Fault;
+use crate::wire::shape::MAX_COORDINATE;
 
 /// Exact control points of idealised curves or surfaces.
 ///

@@ -7,7 +7,6 @@ use super::mesh;
 use super::outcome::{OnError, Outcomes};
 use super::request::Posted;
 use crate::analysis::correspondence::Correspondence;
-use crate::formats::shape::ShapeInput;
 use crate::geometry::GeometryError;
 use crate::geometry::capability::domain::Domain;
 use crate::geometry::capability::measure::{Measures, Measuring};
@@ -17,6 +16,7 @@ use crate::geometry::representation::Representation;
 use crate::geometry::surface::field::VectorField;
 use crate::numeric::dense::Matrix;
 use crate::service::app::{App, ServiceError};
+use crate::wire::shape::ShapeInput;
 
 /// What to measure.
 #[derive(Debug)]

@@ -5,8 +5,6 @@ use super::read::check_correspondence;
 use super::read_oriented::OrientedReader;
 use super::request::Posted;
 use crate::analysis::correspondence::Correspondence;
-use crate::formats::fault::Fault;
-use crate::formats::shape::ShapeInput;
 use crate::geometry::GeometryError;
 use crate::geometry::capability::domain::{Admitted, Domain};
 use crate::geometry::capability::tessellate::Detail;
@@ -16,6 +14,8 @@ use crate::geometry::representation::ShapeSpace;
 use crate::geometry::texture::TexturedMesh;
 use crate::numeric::dense::Matrix;
 use crate::service::app::{App, ServiceError};
+use crate::wire::fault::Fault;
+use crate::wire::shape::ShapeInput;
 
 /// Maximum number of vertices of a mesh over a grid: a tenth of a second.
 const MAX_VERTICES: usize = 250_000;

@@ -11,10 +11,6 @@ use super::read_oriented::OrientedReader;
 use super::request::Posted;
 use crate::analysis::correspondence::Correspondence;
 use crate::analysis::path::{PathKind, Positions, Route, on_piece};
-use crate::formats::fault::Fault;
-use crate::formats::gltf::{self, Displacement, Play};
-use crate::formats::mesh::{MeshFormat, objects};
-use crate::formats::shape::ShapeInput;
 use crate::geometry::GeometryError;
 use crate::geometry::capability::domain::Admitted;
 use crate::geometry::drawing::layer::{Layer, MAX_FACES};
@@ -28,6 +24,10 @@ use crate::geometry::texture::{Texture, TexturedMesh};
 use crate::numeric::dense::Matrix;
 use crate::service::app::faults::Faults;
 use crate::service::app::{App, Limits, ServiceError};
+use crate::wire::fault::Fault;
+use crate::wire::gltf::{self, Displacement, Play};
+use crate::wire::mesh::{MeshFormat, objects};
+use crate::wire::shape::ShapeInput;
 
 /// Shapes of a request that a route leads through.
 #[derive(Debug)]

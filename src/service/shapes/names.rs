@@ -2,8 +2,8 @@
 
 use super::read::is_text;
 use crate::domain::shape::Shape;
-use crate::formats::checked::Checked;
-use crate::formats::shape::ShapeInput;
+use crate::wire::checked::Checked;
+use crate::wire::shape::ShapeInput;
 
 /// Names of an input shape.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]

@@ -1,12 +1,12 @@
 //! Outcomes of a request about many shapes: a value for each of them, or the reason why it has none.
 
 use crate::analysis::AnalysisError;
-use crate::formats::fault::Fault;
 use crate::service::app::ServiceError;
 use crate::service::app::faults::Faults;
 use crate::service::app::parallel;
 use crate::service::app::problem::Problem;
 use crate::service::app::progress::JobContext;
+use crate::wire::fault::Fault;
 
 /// Treatment of shapes that have no answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, utoipa::ToSchema)]

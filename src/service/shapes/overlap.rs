@@ -4,13 +4,13 @@
 
 use super::read_mesh::face_pointer;
 use super::read_points::take_points;
-use crate::formats::checked::{Checked, LARGE, document, take_given};
-use crate::formats::fault::Fault;
-use crate::formats::shape::PointList;
 use crate::geometry::field_fault::FieldFault;
 use crate::geometry::mesh::TriangleMesh;
 use crate::geometry::overlap::{Bodies, Body, GridInput, MaskInput};
 use crate::service::app::{App, Limits, ServiceError};
+use crate::wire::checked::{Checked, LARGE, document, take_given};
+use crate::wire::fault::Fault;
+use crate::wire::shape::PointList;
 
 document! {
     /// A body, given by exactly one of `contour`, `vertices` with `faces`, and `mask`.

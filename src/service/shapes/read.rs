@@ -14,10 +14,6 @@ use crate::analysis::correspondence::{Correspondence, Mirror};
 use crate::domain::attribute::{LARGEST_WHOLE, is_beyond};
 use crate::domain::key::is_deceptive;
 use crate::domain::shape::ShapeAttributes;
-use crate::formats::checked::{Checked, LARGE, Metadata, Raw, SMALL, take_given};
-use crate::formats::fault::Fault;
-use crate::formats::json;
-use crate::formats::shape::{MAX_COORDINATE, PointList, PoleInput, PolesInput, ShapeInput};
 use crate::geometry::capability::domain::{Admitted, Domain, SizeBounds};
 use crate::geometry::field_fault::FieldFault;
 use crate::geometry::representation::Representation;
@@ -26,6 +22,10 @@ use crate::numeric::dense::Matrix;
 use crate::service::app::faults::{Faults, MAX_FAULTS};
 use crate::service::app::parallel;
 use crate::service::app::{App, Limits, ServiceError};
+use crate::wire::checked::{Checked, LARGE, Metadata, Raw, SMALL, take_given};
+use crate::wire::fault::Fault;
+use crate::wire::json;
+use crate::wire::shape::{MAX_COORDINATE, PointList, PoleInput, PolesInput, ShapeInput};
 
 /// Reader of posted shapes.
 #[derive(Debug, Clone, Copy)]

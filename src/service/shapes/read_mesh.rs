@@ -1,13 +1,13 @@
 //! Triangle meshes as posted, to which surfaces are fitted.
 
 use super::read_points::take_points;
-use crate::formats::checked::{Checked, LARGE, document, take_given};
-use crate::formats::fault::Fault;
-use crate::formats::shape::PointList;
 use crate::geometry::capability::fit::{ParameterSource, mesh_field};
 use crate::geometry::mesh::{MeshError, TriangleMesh};
 use crate::geometry::vector::norm;
 use crate::service::app::Limits;
+use crate::wire::checked::{Checked, LARGE, document, take_given};
+use crate::wire::fault::Fault;
+use crate::wire::shape::PointList;
 
 document! {
     /// A triangle mesh to which a surface is fitted.

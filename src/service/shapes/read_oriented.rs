@@ -4,13 +4,13 @@ use super::each::each_of;
 use super::outcome::Outcomes;
 use super::read;
 use super::read_points::take_points;
-use crate::formats::fault::Fault;
-use crate::formats::shape::ShapeInput;
 use crate::geometry::representation::Representation;
 use crate::geometry::subdivision::normal_based::Oriented;
 use crate::geometry::subdivision::oriented::OrientedMeshes;
 use crate::service::app::ServiceError;
 use crate::service::app::progress::JobContext;
+use crate::wire::fault::Fault;
+use crate::wire::shape::ShapeInput;
 
 /// Reader of shapes with points and normals on one control mesh.
 pub(crate) struct OrientedReader<'a> {

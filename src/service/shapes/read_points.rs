@@ -3,12 +3,12 @@
 use std::borrow::Borrow;
 
 use super::read;
-use crate::formats::fault::Fault;
-use crate::formats::shape::{PointList, ShapeInput};
 use crate::geometry::capability::fit;
 use crate::geometry::resample::{Contour, RepeatedPoints};
 use crate::numeric::dense::Matrix;
 use crate::service::app::Limits;
+use crate::wire::fault::Fault;
+use crate::wire::shape::{PointList, ShapeInput};
 
 /// The list, if present; `null` counts as absent.
 pub(crate) fn given<L: Borrow<PointList>>(list: &Option<L>) -> Option<&PointList> {

@@ -6,13 +6,13 @@
 use super::blocks::Layers;
 use super::each::each;
 use super::request::Posted;
-use crate::formats::fault::Fault;
-use crate::formats::shape::ShapeInput;
 use crate::geometry::refine::Refinement;
 use crate::geometry::representation::Representation;
 use crate::geometry::resolution::{Block, Detailed, ParameterRegion};
 use crate::numeric::dense::Matrix;
 use crate::service::app::{App, ServiceError};
+use crate::wire::fault::Fault;
+use crate::wire::shape::ShapeInput;
 
 /// Maximum factor of a refinement.
 const MAX_FACTOR: usize = 1024;

@@ -6,8 +6,6 @@ use super::read::{self, Reading};
 use crate::analysis::conversion::Conversion;
 use crate::analysis::correspondence::{Correspondence, Direction};
 use crate::analysis::metric::Metric;
-use crate::formats::fault::Fault;
-use crate::formats::shape::ShapeInput;
 use crate::geometry::capability::domain::{Admitted, Domain};
 use crate::geometry::representation::{Representation, ShapeSpace};
 use crate::geometry::resample::RepeatedPoints;
@@ -15,6 +13,8 @@ use crate::geometry::resolution::{Detailed, Resolutions};
 use crate::numeric::dense::Matrix;
 use crate::service::app::faults::Faults;
 use crate::service::app::{App, Limits, ServiceError};
+use crate::wire::fault::Fault;
+use crate::wire::shape::ShapeInput;
 
 /// Checks that shapes of the representation are curves or surfaces.
 ///

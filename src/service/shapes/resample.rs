@@ -2,9 +2,9 @@
 
 use super::each::each_shape;
 use super::read_points::{below_points, contour, raw_points};
-use crate::formats::fault::Fault;
-use crate::formats::shape::ShapeInput;
 use crate::service::app::{App, ServiceError};
+use crate::wire::fault::Fault;
+use crate::wire::shape::ShapeInput;
 
 /// Start of resampling.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, utoipa::ToSchema)]

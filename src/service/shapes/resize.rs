@@ -5,10 +5,10 @@
 use super::each::each;
 use super::refine::Refined;
 use super::request::Posted;
-use crate::formats::fault::Fault;
 use crate::geometry::capability::refine::Resizing;
 use crate::numeric::dense::Matrix;
 use crate::service::app::{App, ServiceError};
+use crate::wire::fault::Fault;
 
 /// Refines `shapes` exactly where their generators allow it, else interpolates them at the knots of another grid, keeping their tangents
 /// at the poles.

@@ -2,9 +2,6 @@
 
 use super::read_mesh::face_pointer;
 use super::read_points::{given, take_points};
-use crate::formats::checked::{Checked, LARGE, document, take_given};
-use crate::formats::fault::Fault;
-use crate::formats::shape::PointList;
 use crate::geometry::GeometryError;
 use crate::geometry::capability::refine::RefinedMesh;
 use crate::geometry::mesh::TriangleMesh;
@@ -14,6 +11,9 @@ use crate::geometry::subdivision::normal_based::{Oriented, circle_normals, incon
 use crate::geometry::subdivision::oriented::corner_warning;
 use crate::geometry::subdivision::refinement::{Depth, Polyline, Refined, refine_curve};
 use crate::service::app::{App, Limits, ServiceError};
+use crate::wire::checked::{Checked, LARGE, document, take_given};
+use crate::wire::fault::Fault;
+use crate::wire::shape::PointList;
 
 document! {
     /// A triangle mesh to be refined; closed, or for the schemes `loop` and `normal_based` with a boundary.

@@ -11,11 +11,11 @@ use crate::domain::attribute::{Attribute, AttributeValue, Measure};
 use crate::domain::cohort::Cohort;
 use crate::domain::filter::ShapeFilter;
 use crate::domain::shape::{MAX_NAMES, ShapeDescription};
-use crate::formats::fault::Fault;
 use crate::service::app::cache::{Cached, Reserved};
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::cohorts::measures;
 use crate::store::{Cursor, Places, Revisions};
+use crate::wire::fault::Fault;
 
 /// Fewest and most shapes read at once.
 const PAGE: (usize, usize) = (64, 8192);

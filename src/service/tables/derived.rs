@@ -8,11 +8,11 @@ use crate::analysis::defaults::OUTLIER_QUANTILE;
 use crate::analysis::dictionary::coding::CodedShape;
 use crate::domain::cohort::Cohort;
 use crate::domain::filter::ShapeFilter;
-use crate::formats::table::{NO_TEXT, Values};
 use crate::service::app::cache::Cached;
 use crate::service::app::{App, ServiceError};
 use crate::service::dictionaries::ready::Ready;
 use crate::store::{Cursor, Ids, Revisions, ScanBatch};
+use crate::wire::table::{NO_TEXT, Values};
 
 /// Value that a dictionary gives a shape.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize)]

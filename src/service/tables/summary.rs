@@ -9,12 +9,12 @@ use super::columns::{self, Cell, CohortColumns, Column};
 use crate::domain::attribute::Attribute;
 use crate::domain::cohort::Cohort;
 use crate::domain::filter::ShapeFilter;
-use crate::formats::time::rfc3339;
 use crate::service::app::cache::Cached;
 use crate::service::app::parallel;
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::cohorts::attributes::refuse_misspelt;
 use crate::service::cohorts::catalogue;
+use crate::wire::time::rfc3339;
 
 /// Type of the values of an attribute.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, utoipa::ToSchema)]

@@ -9,8 +9,6 @@ use super::summary::{ValueType, number_text, value_type};
 use crate::domain::attribute::Attribute;
 use crate::domain::cohort::Cohort;
 use crate::domain::filter::ShapeFilter;
-use crate::formats::fault::Fault;
-use crate::formats::table::{NO_TEXT, Table, Values};
 use crate::service::app::memory::{Held, Purpose};
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::cohorts::attributes::{FilterPlace, KnownAttributes, refuse_misspelt, refuse_unknown};
@@ -18,6 +16,8 @@ use crate::service::cohorts::catalogue;
 use crate::service::dictionaries::coding;
 use crate::service::dictionaries::ready::{self, Ready};
 use crate::store::Cursor;
+use crate::wire::fault::Fault;
+use crate::wire::table::{NO_TEXT, Table, Values};
 
 /// What a table holds.
 #[derive(Debug)]

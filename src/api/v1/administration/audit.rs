@@ -13,9 +13,9 @@ use crate::api::problem::Problem;
 use crate::api::respond::{json, streamed};
 use crate::api::v1::requests::request_macros::{PageQuery, milliseconds, page};
 use crate::domain::audit::{AuditFilter, Recorded};
-use crate::formats::time::rfc3339;
 use crate::service::app::{App, ServiceError};
 use crate::service::audit::trail;
+use crate::wire::time::rfc3339;
 
 /// Number of entries that an export reads at a time.
 const PIECE: usize = 1000;

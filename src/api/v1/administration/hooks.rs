@@ -10,10 +10,10 @@ use crate::api::respond::json;
 use crate::api::v1::requests::request_macros::{PageQuery, page};
 use crate::domain::change::{ChangeFilter, ChangeKind};
 use crate::domain::hook::{Hook, HookFailure, HookStatus};
-use crate::formats::checked::{Checked, document, take_given};
-use crate::formats::time::rfc3339;
 use crate::service::app::ServiceError;
 use crate::service::hooks::{self, NewHook};
+use crate::wire::checked::{Checked, document, take_given};
+use crate::wire::time::rfc3339;
 
 document! {
     /// A hook to create.

@@ -16,7 +16,6 @@ use crate::api::respond::json;
 use crate::api::v1::requests::request_macros::{PageQuery, milliseconds, page};
 use crate::domain::job::{Job, JobFilter, JobKind, JobStatus};
 use crate::domain::study::{Comparison, ShapeRegression};
-use crate::formats::time::rfc3339;
 use crate::service::app::{ServiceError, now_ms};
 use crate::service::cohorts::catalogue;
 use crate::service::correspondence::CohortCorrespondence;
@@ -29,6 +28,7 @@ use crate::service::jobs::watch::Watch;
 use crate::service::search::distances::StoredMatrix;
 use crate::service::segmentation::answer::SegmentAnswer;
 use crate::service::segmentation::membership::MembersAnswer;
+use crate::wire::time::rfc3339;
 
 /// Longest silence on an event stream: proxies close connections that look dead.
 const KEEP_ALIVE: Duration = Duration::from_secs(15);

@@ -10,10 +10,10 @@ use crate::api::respond::json;
 use crate::api::v1::requests::request_macros::{PageQuery, page};
 use crate::domain::access::Role;
 use crate::domain::key::Key;
-use crate::formats::checked::{Checked, document, take_given};
-use crate::formats::time::rfc3339;
 use crate::service::access::keys::{self, NewKey, faults};
 use crate::service::app::ServiceError;
+use crate::wire::checked::{Checked, document, take_given};
+use crate::wire::time::rfc3339;
 
 document! {
     /// A key to create.

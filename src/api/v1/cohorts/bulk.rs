@@ -18,15 +18,15 @@ use crate::api::v1::requests::batches::{FailedShape, InputShape};
 use crate::api::v1::requests::described::*;
 use crate::api::v1::requests::shape_query::take_filter;
 use crate::domain::filter::ShapeFilter;
-use crate::formats::checked::{Checked, List, document, take_or_default};
-use crate::formats::fault::Fault;
-use crate::formats::files::{AttributeRow, attribute_rows};
-use crate::formats::json as values;
-use crate::formats::merge_patch::MergePatch;
 use crate::service::app::memory::Purpose;
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::cohorts::bulk::{self, Bulk, Corrected, Edit, Edits, Failed};
 use crate::service::shapes::outcome::OnError;
+use crate::wire::checked::{Checked, List, document, take_or_default};
+use crate::wire::fault::Fault;
+use crate::wire::files::{AttributeRow, attribute_rows};
+use crate::wire::json as values;
+use crate::wire::merge_patch::MergePatch;
 
 /// Bytes of memory for a field of a table of attributes.
 const FIELD_BYTES: usize = 192;

@@ -9,9 +9,9 @@ use crate::api::problem::Problem;
 use crate::api::respond::json;
 use crate::api::v1::requests::request_macros::{PageQuery, page};
 use crate::domain::trash::{Trashed, TrashedKind};
-use crate::formats::time::rfc3339;
 use crate::service::cohorts::changes::{self, ChangeOutput};
 use crate::service::cohorts::trash;
+use crate::wire::time::rfc3339;
 
 /// Position in the change feed.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]

@@ -19,9 +19,6 @@ use crate::api::v1::requests::request_macros::priority_of;
 use crate::api::v1::requests::shape_query::take_filter;
 use crate::domain::filter::ShapeFilter;
 use crate::domain::job::Priority;
-use crate::formats::checked::{Checked, List, Many, document, take_given, take_many};
-use crate::formats::fault::Fault;
-use crate::formats::shape::{Points, ShapeInput};
 use crate::service::app::ServiceError;
 #[cfg(feature = "schema")]
 use crate::service::correspondence::CohortCorrespondence;
@@ -29,6 +26,9 @@ use crate::service::correspondence::{self, CorrespondRequest};
 use crate::service::dictionaries::answers::ByDictionary;
 use crate::service::dictionaries::correspond;
 use crate::service::dictionaries::ready::Ready;
+use crate::wire::checked::{Checked, List, Many, document, take_given, take_many};
+use crate::wire::fault::Fault;
+use crate::wire::shape::{Points, ShapeInput};
 
 document! {
     /// How the surfaces of a cohort are brought into correspondence.

@@ -17,12 +17,12 @@ use crate::api::v1::requests::shape_query::Parameters;
 use crate::domain::cohort::Cohort;
 use crate::domain::filter::ShapeFilter;
 use crate::domain::shape::Shape;
-use crate::formats::files::Format;
-use crate::formats::record::MAX_SAMPLES;
 use crate::service::app::App;
 use crate::service::app::outgoing::BodyWriter;
 use crate::service::cohorts::catalogue;
 use crate::service::files::export::{self, ExportContent, ShapeFile, USUAL_POINTS};
+use crate::wire::files::Format;
+use crate::wire::record::MAX_SAMPLES;
 
 /// Answers that are no files.
 const JSON: OtherFormat = OtherFormat { id: "json", media_type: "application/json" };

@@ -14,15 +14,15 @@ use crate::api::extract::{Caller, JsonBody, NoQuery};
 use crate::api::problem::Problem;
 use crate::api::respond::{Planned, compute_planned, json, planned};
 use crate::api::v1::requests::request_macros::{MeanOutput, ShapeOutput};
-use crate::formats::checked::{Checked, LARGE, Many, document, take_given, take_many, take_or_default};
-use crate::formats::fault::Fault;
-use crate::formats::partial::PartialInput;
-use crate::formats::representation::Read;
-use crate::formats::shape::Points;
 use crate::geometry::representation::Representation;
 use crate::service::app::{App, ServiceError};
 use crate::service::incomplete;
 use crate::service::statistics::{Settings, Setup};
+use crate::wire::checked::{Checked, LARGE, Many, document, take_given, take_many, take_or_default};
+use crate::wire::fault::Fault;
+use crate::wire::partial::PartialInput;
+use crate::wire::representation::Read;
+use crate::wire::shape::Points;
 
 /// Default number of components.
 const COMPONENTS: usize = 10;

@@ -10,11 +10,11 @@ use crate::api::problem::Problem;
 use crate::api::respond::json;
 use crate::api::v1::requests::shape_query::take_filter;
 use crate::domain::filter::ShapeFilter;
-use crate::formats::checked::{Checked, document, take_given, take_or_default};
 use crate::service::app::ServiceError;
 #[cfg(feature = "schema")]
 use crate::service::cohorts::matching::MatchingAnswer;
 use crate::service::cohorts::matching::{self, MatchingRequest, USUAL_SAMPLE};
+use crate::wire::checked::{Checked, document, take_given, take_or_default};
 
 document! {
     /// How the correspondences of a cohort are tried.

@@ -33,9 +33,6 @@ use crate::api::v1::requests::entity_tags::{tag_of, tagged, unless_known};
 use crate::api::v1::requests::request_macros::{MeanOutput, PageQuery, page};
 use crate::api::v1::requests::shape_query::Parameters;
 use crate::domain::cohort::{Cohort, CohortSpec};
-use crate::formats::checked::{Checked, document, take_given, take_or_default};
-use crate::formats::representation::Read;
-use crate::formats::time::rfc3339;
 use crate::geometry::representation::Representation;
 use crate::service::app::{ServiceError, Work};
 use crate::service::cohorts::catalogue::{CohortChanges, revision_tag, text_faults};
@@ -44,6 +41,9 @@ use crate::service::cohorts::live_mean::SearchStart;
 use crate::service::cohorts::live_mean::{LiveMean, MeanQuery};
 use crate::service::cohorts::{catalogue, live_mean};
 use crate::service::statistics::draw_mean;
+use crate::wire::checked::{Checked, document, take_given, take_or_default};
+use crate::wire::representation::Read;
+use crate::wire::time::rfc3339;
 
 document! {
     /// A cohort to create.

@@ -29,12 +29,6 @@ use crate::api::v1::requests::request_macros::{PageQuery, checked};
 use crate::api::v1::requests::shape_query::Parameters;
 use crate::domain::cohort::Cohort;
 use crate::domain::shape::{Shape, ShapeMeasures};
-use crate::formats::checked::{List, document};
-use crate::formats::fault::Fault;
-use crate::formats::json;
-use crate::formats::shape::{Points, ShapeInput};
-use crate::formats::summary::FileSummary;
-use crate::formats::time::rfc3339;
 use crate::geometry::resample::RepeatedPoints;
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::cohorts::catalogue::{Expected, ShapeListing, revision_tag};
@@ -44,6 +38,12 @@ use crate::service::cohorts::{catalogue, upload, upload_file};
 use crate::service::files::export::ShapeFile;
 use crate::service::shapes::draw::draw_shapes;
 use crate::service::shapes::outcome::OnError;
+use crate::wire::checked::{List, document};
+use crate::wire::fault::Fault;
+use crate::wire::json;
+use crate::wire::shape::{Points, ShapeInput};
+use crate::wire::summary::FileSummary;
+use crate::wire::time::rfc3339;
 
 document! {
     /// Shapes to add.

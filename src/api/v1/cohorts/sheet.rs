@@ -12,7 +12,6 @@ use crate::api::v1::requests::request_macros::PageQuery;
 use crate::api::v1::requests::shape_query::Parameters;
 use crate::domain::cohort::Cohort;
 use crate::domain::shape::Shape;
-use crate::formats::picture::{MAX_PIXELS, PictureFile, PictureFormat};
 use crate::geometry::drawing::scene::Drawing;
 use crate::geometry::drawing::svg::Style;
 #[cfg(feature = "schema")]
@@ -21,6 +20,7 @@ use crate::service::app::{App, ServiceError, Work};
 use crate::service::cohorts::catalogue::{self, ShapeListing, ShapesFound, revision_tag};
 use crate::service::cost::requests::{self, Counts};
 use crate::service::shapes::draw::{draw_sheet, most_of_a_sheet};
+use crate::wire::picture::{MAX_PIXELS, PictureFile, PictureFormat};
 
 /// Query parameters of a contact sheet beside filter and page, for the OpenAPI document.
 #[cfg(feature = "schema")]

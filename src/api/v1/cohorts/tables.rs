@@ -16,10 +16,6 @@ use crate::api::v1::requests::described::*;
 use crate::api::v1::requests::entity_tags::{tag_of, unless_known};
 use crate::api::v1::requests::shape_query::{Parameters, take_filter};
 use crate::domain::filter::ShapeFilter;
-use crate::formats::checked::{Checked, Many, document, take_many};
-use crate::formats::json;
-use crate::formats::table::TableFormat;
-use crate::formats::time::rfc3339;
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::cohorts::catalogue::revision_tag;
 use crate::service::dictionaries::answers::UsedDictionary;
@@ -27,6 +23,10 @@ use crate::service::tables::summary::{
     self, AttributeSummary, Distribution, PROBABILITIES, SummaryQuery, ValueType,
 };
 use crate::service::tables::table::{self, CohortTable, TableQuery};
+use crate::wire::checked::{Checked, Many, document, take_many};
+use crate::wire::json;
+use crate::wire::table::TableFormat;
+use crate::wire::time::rfc3339;
 
 /// Default and maximum number of values of an attribute.
 const VALUES: (usize, usize) = (100, 10_000);

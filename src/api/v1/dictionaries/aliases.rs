@@ -11,11 +11,11 @@ use crate::api::respond::json;
 use crate::api::v1::requests::described::*;
 use crate::api::v1::requests::entity_tags::{tagged, unless_known};
 use crate::domain::dictionary::Alias;
-use crate::formats::checked::{Checked, document, take_given};
-use crate::formats::time::rfc3339;
 use crate::service::app::ServiceError;
 use crate::service::dictionaries::aliases::{self, alias_tag};
 use crate::service::dictionaries::answers::UsedDictionary;
+use crate::wire::checked::{Checked, document, take_given};
+use crate::wire::time::rfc3339;
 
 document! {
     /// The version that an alias is to name.

@@ -18,11 +18,11 @@ use crate::api::v1::requests::request_macros::{PageQuery, page, priority_of};
 use crate::api::v1::requests::shape_query::{Parameters, take_filter};
 use crate::domain::filter::ShapeFilter;
 use crate::domain::job::{OutputParts, Priority};
-use crate::formats::checked::{Checked, document, take_given, take_or_default};
 use crate::service::app::{App, ServiceError};
 use crate::service::dictionaries::assessments::{self, AssessCohort};
 use crate::service::dictionaries::stored_assessments::{self, StoredAssessmentOutput, StoredListing};
 use crate::service::jobs;
+use crate::wire::checked::{Checked, document, take_given, take_or_default};
 
 /// Revision of the cohort that lines were made from.
 const REVISION: HeaderName = HeaderName::from_static("shapelex-revision");

@@ -2,8 +2,8 @@
 
 #[cfg(feature = "schema")]
 use crate::api::v1::requests::described::*;
-use crate::formats::fault::Fault;
-use crate::formats::shape::ShapeInput;
+use crate::wire::fault::Fault;
+use crate::wire::shape::ShapeInput;
 use axum::response::Response;
 use serde::Serialize;
 
@@ -18,7 +18,6 @@ use crate::api::v1::dictionaries::coding::{
 };
 use crate::api::v1::dictionaries::pictures::draw_dictionary;
 use crate::api::v1::requests::batches::{Batch, DrawnBatch, results};
-use crate::formats::checked::{Checked, List, Many, document, take_given, take_many};
 use crate::service::app::App;
 use crate::service::dictionaries::answers::{
     AssessmentOutput, ByDictionary, ClassOutput, NoveltyOutput, Verdict,
@@ -28,6 +27,7 @@ use crate::service::dictionaries::pictures::assessed;
 use crate::service::dictionaries::posterior;
 use crate::service::dictionaries::ready::Ready;
 use crate::service::shapes::outcome::of_shape;
+use crate::wire::checked::{Checked, List, Many, document, take_given, take_many};
 
 /// Classifier of a dictionary; its trained numbers are in the exported file.
 #[derive(Debug, Serialize, utoipa::ToSchema)]

@@ -4,7 +4,7 @@
 #[cfg(feature = "schema")]
 use crate::analysis::defaults::OUTLIER_QUANTILE;
 use crate::api::v1::requests::described::*;
-use crate::formats::fault::Fault;
+use crate::wire::fault::Fault;
 use std::sync::Arc;
 
 use axum::http::StatusCode;
@@ -22,9 +22,6 @@ use crate::api::respond::{compute, json, picture};
 use crate::api::v1::dictionaries::pictures::draw_dictionary;
 use crate::api::v1::requests::batches::{Batch, DrawnBatch, Form, ManyShapes, Places, ResultList, results};
 use crate::api::v1::requests::request_macros::{ShapeOutput, checked};
-use crate::formats::checked::{Checked, List, Many, document, take_given, take_many, take_or_default};
-use crate::formats::picture::PictureFile;
-use crate::formats::shape::{Points, ShapeInput};
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::cost::requests;
 use crate::service::dictionaries::answers::{ByDictionary, CodeOutput, NoveltyOutput, UsedDictionary};
@@ -33,6 +30,9 @@ use crate::service::dictionaries::ready::Ready;
 use crate::service::dictionaries::{coding, pictures, ready};
 use crate::service::shapes::names::InputNames;
 use crate::service::shapes::outcome::{OnError, Outcomes, of_shape};
+use crate::wire::checked::{Checked, List, Many, document, take_given, take_many, take_or_default};
+use crate::wire::picture::PictureFile;
+use crate::wire::shape::{Points, ShapeInput};
 
 /// Declares a request with shapes, posted or stored, and further fields.
 macro_rules! asking_request {

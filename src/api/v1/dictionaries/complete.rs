@@ -14,10 +14,6 @@ use crate::api::respond::{compute, json, picture};
 #[cfg(feature = "schema")]
 use crate::api::v1::requests::described::*;
 use crate::api::v1::requests::request_macros::rows;
-use crate::formats::checked::{Checked, LARGE, Many, document, take_given, take_many, take_or_default};
-use crate::formats::fault::Fault;
-use crate::formats::partial::PartialInput;
-use crate::formats::shape::Points;
 use crate::geometry::sampling::Places;
 use crate::service::app::{App, ServiceError};
 use crate::service::cost::requests::{self, Counts};
@@ -25,6 +21,10 @@ use crate::service::dictionaries::answers::UsedDictionary;
 use crate::service::dictionaries::posterior::{self, Asking, Completion, Factors, MAX_DRAWN, Prepared};
 use crate::service::dictionaries::ready::{self, Ready};
 use crate::service::shapes::outcome::Outcomes;
+use crate::wire::checked::{Checked, LARGE, Many, document, take_given, take_many, take_or_default};
+use crate::wire::fault::Fault;
+use crate::wire::partial::PartialInput;
+use crate::wire::shape::Points;
 
 /// Pose of the shapes of a request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, utoipa::ToSchema)]

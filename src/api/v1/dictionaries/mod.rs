@@ -11,7 +11,7 @@ pub(in crate::api) mod report;
 
 #[cfg(feature = "schema")]
 use crate::api::v1::requests::described::*;
-use crate::formats::fault::Fault;
+use crate::wire::fault::Fault;
 use std::sync::Arc;
 
 use axum::http::{HeaderMap, StatusCode, header};
@@ -42,11 +42,6 @@ use crate::api::v1::requests::shape_query::take_filter;
 use crate::domain::dictionary::{LessCountedShape, Listed};
 use crate::domain::filter::ShapeFilter;
 use crate::domain::job::{Job, JobStatus, Priority};
-use crate::formats::checked::{Checked, document, take_given, take_or_default};
-use crate::formats::gltf::{self, Play};
-use crate::formats::mesh::MeshFormat;
-use crate::formats::shape::Points;
-use crate::formats::time::rfc3339;
 use crate::geometry::representation::Representation;
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::cost::requests;
@@ -56,6 +51,11 @@ use crate::service::dictionaries::planning::{Decision, From as LearnFrom, Learn,
 use crate::service::dictionaries::ready::Ready;
 use crate::service::dictionaries::{file, modes, planning, ready};
 use crate::service::jobs;
+use crate::wire::checked::{Checked, document, take_given, take_or_default};
+use crate::wire::gltf::{self, Play};
+use crate::wire::mesh::MeshFormat;
+use crate::wire::shape::Points;
+use crate::wire::time::rfc3339;
 
 document! {
     /// A dictionary to learn.

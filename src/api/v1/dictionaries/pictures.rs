@@ -5,14 +5,14 @@ use axum::response::Response;
 use crate::api::problem::Problem;
 use crate::api::respond::{compute, picture};
 use crate::api::v1::dictionaries::coding::Received;
-use crate::formats::fault::Fault;
-use crate::formats::picture::PictureFile;
 use crate::geometry::drawing::scene::Drawing;
 use crate::service::app::{App, ServiceError};
 use crate::service::cost::requests::{self, Counts};
 use crate::service::dictionaries::coding::Asked;
 use crate::service::dictionaries::pictures::MAX_SHAPES;
 use crate::service::dictionaries::ready::Ready;
+use crate::wire::fault::Fault;
+use crate::wire::picture::PictureFile;
 
 /// Answers a request about shapes with a picture: checks its settings, resolves its shapes, predicts the work and draws.
 /// `settings` as for answers in JSON; the number of numbers has no meaning here.

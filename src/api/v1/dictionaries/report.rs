@@ -10,11 +10,11 @@ use crate::api::v1::requests::described::*;
 use crate::api::v1::requests::planned::answered;
 use crate::api::v1::requests::request_macros::priority_of;
 use crate::domain::job::Priority;
-use crate::formats::checked::{Checked, document, take_given, take_or_default};
 use crate::service::app::ServiceError;
 #[cfg(feature = "schema")]
 use crate::service::dictionaries::report::DictionaryReport;
 use crate::service::dictionaries::report::PlannedReport;
+use crate::wire::checked::{Checked, document, take_given, take_or_default};
 
 /// Defaults.
 const MODES: usize = 20;

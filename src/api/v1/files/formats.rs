@@ -5,8 +5,8 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use crate::api::extract::NoQuery;
-use crate::formats::files::EVERY;
 use crate::service::files::FileFormat;
+use crate::wire::files::EVERY;
 
 /// A format of files.
 #[derive(Debug, Serialize, ToSchema)]

@@ -39,12 +39,12 @@ use crate::api::v1::requests::described::*;
 #[cfg(feature = "schema")]
 use crate::api::v1::requests::file_parameters::written_formats;
 use crate::api::v1::requests::file_parameters::{FileParameters, written};
-use crate::formats::files::{self, Group, Inspection, WriteOptions};
-use crate::formats::summary::FileSummary;
 use crate::service::app::outgoing::{Arriving, BodyWriter};
 use crate::service::app::{App, ServiceError};
 use crate::service::files::proposal::{Proposal, USUAL_TOLERANCE, check_tolerance};
 use crate::service::files::translate::{self, FileReading};
+use crate::wire::files::{self, Group, Inspection, WriteOptions};
+use crate::wire::summary::FileSummary;
 
 /// Format of files that refer to a series of images.
 const STRUCTURES: &str = "rtstruct";
@@ -115,7 +115,7 @@ impl From<Group> for FileGroup {
     fn from(group: Group) -> Self {
         let Group { kind, dimension, records, points, faces, closed, holes, incomplete, names, lower, upper } =
             group;
-        let names = names.into_iter().map(crate::formats::fault::brief).collect();
+        let names = names.into_iter().map(crate::wire::fault::brief).collect();
         let kind = kind.name();
         Self { kind, dimension, records, points, faces, closed, holes, incomplete, names, lower, upper }
     }

@@ -10,9 +10,6 @@ use crate::api::problem::Problem;
 use crate::api::v1::cohorts::shapes::{AddQuery, failed};
 use crate::api::v1::requests::batches::FailedShape;
 use crate::api::v1::requests::file_parameters::FileParameters;
-use crate::formats::fault::Fault;
-use crate::formats::files::Inspection;
-use crate::formats::summary::FileSummary;
 use crate::service::app::App;
 use crate::service::cohorts::catalogue::{self, revision_tag};
 use crate::service::cohorts::fits::MeshFits;
@@ -20,6 +17,9 @@ use crate::service::cohorts::preview::Preview;
 use crate::service::cohorts::upload::Stored;
 use crate::service::cohorts::upload_file::preview_file;
 use crate::service::shapes::outcome::ShapeError;
+use crate::wire::fault::Fault;
+use crate::wire::files::Inspection;
+use crate::wire::summary::FileSummary;
 
 /// Cohort against which a file is looked at.
 #[derive(IntoParams)]

@@ -3,9 +3,9 @@
 use utoipa::ToSchema;
 
 use crate::api::respond::Binary;
-use crate::formats::checked::{Many, document, take_many};
-use crate::formats::dicom::SeriesImage;
 use crate::service::app::ServiceError;
+use crate::wire::checked::{Many, document, take_many};
+use crate::wire::dicom::SeriesImage;
 
 document! {
     /// What a file that is written refers to.

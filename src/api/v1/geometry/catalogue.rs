@@ -2,7 +2,7 @@
 
 #[cfg(feature = "schema")]
 use crate::api::v1::requests::described::*;
-use crate::formats::fault::Fault;
+use crate::wire::fault::Fault;
 use axum::Json;
 use axum::http::StatusCode;
 use axum::response::Response;
@@ -14,11 +14,11 @@ use crate::api::extract::{BesideFormat, Caller, Format, NoQuery, Path, TWICE};
 use crate::api::problem::Problem;
 use crate::api::respond::{compute, json, picture};
 use crate::api::v1::requests::request_macros::{class_names, rows};
-use crate::formats::representation::read_generator;
 use crate::geometry::capability::generator::GeneratorDetails;
 use crate::geometry::generator::{GeneratorKind, GeneratorProperties};
 use crate::service::app::{ServiceError, Work};
 use crate::service::shapes::generators;
+use crate::wire::representation::read_generator;
 
 /// Generator of the catalogue.
 #[derive(Debug, Serialize, utoipa::ToSchema)]

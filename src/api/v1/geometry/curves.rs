@@ -4,7 +4,7 @@
 
 #[cfg(feature = "schema")]
 use crate::api::v1::requests::described::*;
-use crate::formats::fault::Fault;
+use crate::wire::fault::Fault;
 use axum::http::StatusCode;
 use axum::response::Response;
 use serde::{Deserialize, Serialize};
@@ -16,8 +16,6 @@ use crate::api::v1::requests::batches::{
     Batch, Entry, FailedShape, InputShape, PlannedResults, answer_batch, result_list,
 };
 use crate::api::v1::requests::request_macros::{checked, shapes_request};
-use crate::formats::checked::{Checked, List, Raw, document, take_given, take_or_default};
-use crate::formats::shape::{Points, ShapeInput};
 use crate::geometry::capability::domain::Domain;
 use crate::geometry::capability::measure::{Measures, ReferenceDistances, SetDistances};
 use crate::geometry::capability::sample::{Derivative, Evaluation, Frames, Parameters};
@@ -34,6 +32,8 @@ use crate::service::shapes::measure::MeasureTask;
 use crate::service::shapes::names::InputNames;
 use crate::service::shapes::outcome::OnError;
 use crate::service::shapes::resample::{self, Resampled, Start};
+use crate::wire::checked::{Checked, List, Raw, document, take_given, take_or_default};
+use crate::wire::shape::{Points, ShapeInput};
 
 shapes_request! {
     /// Curves or surfaces to evaluate.

@@ -9,9 +9,6 @@ use crate::api::extract::{Caller, JsonBody, NoQuery};
 use crate::api::problem::Problem;
 use crate::api::respond::{Planned, compute_planned, json, planned};
 use crate::api::v1::requests::request_macros::{LayeredOutput, checked};
-use crate::formats::checked::{Checked, LARGE, document, take_or_default};
-use crate::formats::representation::Read;
-use crate::formats::shape::ShapeInput;
 use crate::geometry::capability::deform::MovedOriented;
 use crate::geometry::deformation::{ControlPointMove, Deformation, Handle, Support};
 use crate::geometry::representation::Representation;
@@ -24,6 +21,9 @@ use crate::service::shapes::deform;
 use crate::service::shapes::read::own_faults;
 use crate::service::shapes::refine::Layered;
 use crate::service::shapes::request::Posted;
+use crate::wire::checked::{Checked, LARGE, document, take_or_default};
+use crate::wire::representation::Read;
+use crate::wire::shape::ShapeInput;
 
 document! {
     /// A shape with moves and handles that deform it.

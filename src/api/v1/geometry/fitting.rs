@@ -2,7 +2,7 @@
 
 #[cfg(feature = "schema")]
 use crate::api::v1::requests::described::*;
-use crate::formats::fault::Fault;
+use crate::wire::fault::Fault;
 use axum::http::StatusCode;
 use axum::response::Response;
 use serde::Serialize;
@@ -15,9 +15,6 @@ use crate::api::respond::{Planned, compute, compute_planned, json, planned};
 use crate::api::v1::geometry::curves::ParameterList;
 use crate::api::v1::requests::batches::{Batch, ManyShapes, PlannedResults, answer_batch, results};
 use crate::api::v1::requests::request_macros::{ShapeOutput, checked};
-use crate::formats::checked::{Checked, List, Raw, document, take_given, take_or_default};
-use crate::formats::representation::{FitTarget, Read};
-use crate::formats::shape::ShapeInput;
 use crate::geometry::capability::domain::Domain;
 use crate::geometry::capability::fit::{Fitted, PointPlaces};
 use crate::geometry::capability::idealise::{Placed, PlacedCurve, PlacedSurface};
@@ -35,6 +32,9 @@ use crate::service::shapes::names::InputNames;
 use crate::service::shapes::outcome::OnError;
 use crate::service::shapes::read_mesh::MeshInput;
 use crate::service::shapes::request::Posted;
+use crate::wire::checked::{Checked, List, Raw, document, take_given, take_or_default};
+use crate::wire::representation::{FitTarget, Read};
+use crate::wire::shape::ShapeInput;
 
 document! {
     /// Contours, points of surfaces or meshes to fit.

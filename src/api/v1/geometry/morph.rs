@@ -2,7 +2,7 @@
 
 #[cfg(feature = "schema")]
 use crate::api::v1::requests::described::*;
-use crate::formats::fault::Fault;
+use crate::wire::fault::Fault;
 use axum::http::StatusCode;
 use axum::response::Response;
 use serde::{Deserialize, Serialize};
@@ -13,10 +13,6 @@ use crate::api::extract::{BesideFormat, Caller, Format, JsonBody, ShapeFormat};
 use crate::api::problem::Problem;
 use crate::api::respond::{Planned, compute_planned, file_of, json, picture, planned};
 use crate::api::v1::requests::request_macros::{ShapeOutput, checked};
-use crate::formats::checked::{Checked, LARGE, List, document, take_given, take_or_default};
-use crate::formats::picture::{PictureFile, PictureFormat};
-use crate::formats::representation::Read;
-use crate::formats::shape::{Points, ShapeInput};
 use crate::geometry::capability::domain::Domain;
 use crate::geometry::representation::Representation;
 use crate::service::app::work::Work;
@@ -24,6 +20,10 @@ use crate::service::app::{App, ServiceError};
 use crate::service::cost::requests::{self, Counts};
 use crate::service::shapes::morph::{Morph, MorphTask, PathShape, Stops};
 use crate::service::shapes::read::{own_faults, shape_faults};
+use crate::wire::checked::{Checked, LARGE, List, document, take_given, take_or_default};
+use crate::wire::picture::{PictureFile, PictureFormat};
+use crate::wire::representation::Read;
+use crate::wire::shape::{Points, ShapeInput};
 
 document! {
     /// Two shapes or more, and the kind of path between them: `from` and `to`, or `shapes`.

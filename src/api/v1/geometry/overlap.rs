@@ -8,12 +8,12 @@ use crate::api::extract::{Caller, JsonBody, NoQuery};
 use crate::api::problem::Problem;
 use crate::api::respond::{Planned, compute_planned, json, planned};
 use crate::api::v1::requests::request_macros::checked;
-use crate::formats::checked::{Checked, document, take_given};
-use crate::formats::fault::Fault;
 use crate::geometry::overlap::{GridInput, Overlapping};
 use crate::service::app::{App, ServiceError};
 use crate::service::cost::requests;
 use crate::service::shapes::overlap::{self, BodyInput, Cells};
+use crate::wire::checked::{Checked, document, take_given};
+use crate::wire::fault::Fault;
 
 document! {
     /// Two bodies, both in the plane or both in space.

@@ -10,9 +10,6 @@ use crate::api::extract::{Caller, JsonBody, NoQuery};
 use crate::api::problem::Problem;
 use crate::api::respond::{Planned, compute_planned, json, planned};
 use crate::api::v1::requests::request_macros::{LayeredOutput, checked, shapes_request};
-use crate::formats::checked::{Checked, take_given};
-use crate::formats::fault::Fault;
-use crate::formats::shape::ShapeInput;
 use crate::geometry::capability::domain::{Admitted, Domain};
 use crate::geometry::representation::Representation;
 use crate::geometry::resolution::{MAX_FACTOR, ParameterRegion};
@@ -23,6 +20,9 @@ use crate::service::shapes::blocks::{Layers, pointed};
 use crate::service::shapes::refine::{self, Layered, Refined};
 use crate::service::shapes::request::Posted;
 use crate::service::shapes::resize::resize;
+use crate::wire::checked::{Checked, take_given};
+use crate::wire::fault::Fault;
+use crate::wire::shape::ShapeInput;
 
 shapes_request! {
     /// Curves or surfaces to refine.

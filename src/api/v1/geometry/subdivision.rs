@@ -2,7 +2,7 @@
 
 #[cfg(feature = "schema")]
 use crate::api::v1::requests::described::*;
-use crate::formats::fault::Fault;
+use crate::wire::fault::Fault;
 use axum::http::StatusCode;
 use axum::response::Response;
 use serde::Serialize;
@@ -11,8 +11,6 @@ use crate::api::extract::{Caller, Format, JsonBody, OnlyShapeFormat, ShapeFormat
 use crate::api::problem::Problem;
 use crate::api::respond::{Planned, compute_planned, json, mesh_file, picture, planned};
 use crate::api::v1::requests::request_macros::checked;
-use crate::formats::checked::{Checked, document, take_given};
-use crate::formats::shape::Points;
 use crate::geometry::capability::refine::RefinedMesh;
 use crate::geometry::capability::tessellate::with_normals;
 use crate::geometry::drawing::layer::{Layer, MAX_FACES};
@@ -27,6 +25,8 @@ use crate::service::cost::requests;
 use crate::service::shapes::subdivide::{
     ControlMeshInput, PolylineInput, RefinedCurve, subdivide as refine, subdivide_named, subdivide_polyline,
 };
+use crate::wire::checked::{Checked, document, take_given};
+use crate::wire::shape::Points;
 
 document! {
     /// A mesh or a polyline to refine.

@@ -12,11 +12,11 @@ use crate::domain::filter::ShapeFilter;
 use crate::domain::job::Priority;
 #[cfg(feature = "schema")]
 use crate::domain::study::Comparison;
-use crate::formats::checked::{Checked, take_given};
-use crate::formats::fault::Fault;
 use crate::service::app::ServiceError;
 use crate::service::inference::comparisons::{ComparedShapes, Grouping, NamedGroup, Options};
 use crate::service::inference::study::StudyRequest;
+use crate::wire::checked::{Checked, take_given};
+use crate::wire::fault::Fault;
 
 study_request! {
     /// Groups to compare, given as `groups` or by an attribute.

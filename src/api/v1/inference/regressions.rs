@@ -12,10 +12,10 @@ use crate::domain::filter::ShapeFilter;
 use crate::domain::job::Priority;
 #[cfg(feature = "schema")]
 use crate::domain::study::ShapeRegression;
-use crate::formats::checked::{Checked, take_given, take_or_default};
 use crate::service::app::ServiceError;
 use crate::service::inference::regressions::{Missing, Options, RegressedShapes};
 use crate::service::inference::study::StudyRequest;
+use crate::wire::checked::{Checked, take_given, take_or_default};
 
 study_request! {
     /// Shapes to regress on an attribute.

@@ -23,12 +23,6 @@ use crate::api::media_type::{is_json, media_type};
 use crate::api::problem::{Problem, ProblemKind};
 use crate::api::respond::{compute_planned, json, planned};
 use crate::api::v1::requests::file_parameters::FileParameters;
-use crate::formats::checked::List;
-use crate::formats::fault::Fault;
-use crate::formats::json;
-use crate::formats::picture::PictureFile;
-use crate::formats::shape::ShapeInput;
-use crate::formats::summary::FileSummary;
 use crate::service::app::outgoing::BodyWriter;
 use crate::service::app::{App, Limits, ServiceError, Work};
 use crate::service::cohorts::lengths::Lengths;
@@ -37,6 +31,12 @@ use crate::service::files::translate::{Asking, FileReading, shape_lines};
 use crate::service::shapes::names::InputNames;
 use crate::service::shapes::outcome::{OnError, Outcomes, ShapeError};
 use crate::service::shapes::read;
+use crate::wire::checked::List;
+use crate::wire::fault::Fault;
+use crate::wire::json;
+use crate::wire::picture::PictureFile;
+use crate::wire::shape::ShapeInput;
+use crate::wire::summary::FileSummary;
 
 /// Parameter of requests about many shapes.
 #[derive(Debug, utoipa::IntoParams)]
@@ -465,7 +465,7 @@ macro_rules! result_list {
             /// What the file of the request held besides; absent where the body was no file.
             #[serde(skip_serializing_if = "Option::is_none")]
             #[schema(required = false)]
-            file: Option<crate::formats::summary::FileSummary>,
+            file: Option<crate::wire::summary::FileSummary>,
         }
 
         impl crate::api::v1::requests::batches::ResultList for $list {
@@ -476,7 +476,7 @@ macro_rules! result_list {
             fn new(
                 common: $common,
                 results: Vec<$entry>,
-                file: Option<crate::formats::summary::FileSummary>,
+                file: Option<crate::wire::summary::FileSummary>,
             ) -> Self {
                 Self { common, results, file }
             }
@@ -495,7 +495,7 @@ macro_rules! result_list {
             /// What the file of the request held besides; absent where the body was no file.
             #[serde(skip_serializing_if = "Option::is_none")]
             #[schema(required = false)]
-            file: Option<crate::formats::summary::FileSummary>,
+            file: Option<crate::wire::summary::FileSummary>,
         }
 
         impl crate::api::v1::requests::batches::ResultList for $list {
@@ -503,7 +503,7 @@ macro_rules! result_list {
             type Answer = $answer;
             type Entry = $entry;
 
-            fn new((): (), results: Vec<$entry>, file: Option<crate::formats::summary::FileSummary>) -> Self {
+            fn new((): (), results: Vec<$entry>, file: Option<crate::wire::summary::FileSummary>) -> Self {
                 Self { results, file }
             }
 

@@ -11,4 +11,4 @@ pub(in crate::api::v1) use crate::api::v1::requests::request_macros::{
     IfMatchHeader, PreferHeader, RetryHeader,
 };
 pub(in crate::api::v1) use crate::api::v1::requests::shape_query::FilterQuery;
-pub(in crate::api::v1) use crate::formats::shape::{Attributes, PointsOrGrid};
+pub(in crate::api::v1) use crate::wire::shape::{Attributes, PointsOrGrid};

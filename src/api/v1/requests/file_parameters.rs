@@ -9,13 +9,6 @@ use crate::api::extract::TWICE;
 use crate::api::media_type::is_form;
 use crate::api::operation::ANY_FILE;
 use crate::api::problem::{Problem, ProblemKind};
-use crate::formats::fault::Fault;
-use crate::formats::files::{self, ReadOptions, WriteOptions};
-use crate::formats::json;
-use crate::formats::lengths::unit_of;
-use crate::formats::record::{Facts, MAX_SAMPLES, Placing, Plane};
-use crate::formats::unit::Unit;
-use crate::formats::words::plain_sentence;
 use crate::service::app::{Limits, ServiceError};
 use crate::service::cohorts::lengths::Lengths;
 use crate::service::cohorts::pseudonyms::SubjectFrom;
@@ -24,6 +17,13 @@ use crate::service::files::translate::{Asking, FileReading, to_add};
 use crate::service::files::{FileFormat, unknown_format};
 use crate::service::shapes::outcome::OnError;
 use crate::service::shapes::read::attributes;
+use crate::wire::fault::Fault;
+use crate::wire::files::{self, ReadOptions, WriteOptions};
+use crate::wire::json;
+use crate::wire::lengths::unit_of;
+use crate::wire::record::{Facts, MAX_SAMPLES, Placing, Plane};
+use crate::wire::unit::Unit;
+use crate::wire::words::plain_sentence;
 
 /// Parameters of files.
 #[derive(IntoParams)]
@@ -82,7 +82,7 @@ mod described {
 
     use super::{FileFormat, ReadOptions, WRITE, WriteOptions, names_of};
     use crate::api::describe::text_parameter;
-    use crate::formats::files::EVERY;
+    use crate::wire::files::EVERY;
 
     /// Options of reading by name, with the formats that have them.
     pub(in crate::api) struct ReadQuery;

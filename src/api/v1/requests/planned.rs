@@ -17,13 +17,13 @@ use crate::api::respond::{compute, json, picture};
 use crate::api::v1::administration::jobs::accepted;
 use crate::api::v1::requests::request_macros::priority_of;
 use crate::domain::job::{Job, JobStatus, Priority};
-use crate::formats::checked::Checked;
-use crate::formats::fault::Fault;
-use crate::formats::json;
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::inference::study::{Study, StudyKind, StudyRequest};
 use crate::service::jobs;
 use crate::service::jobs::inline_or_job::{PlannedTest, submit};
+use crate::wire::checked::Checked;
+use crate::wire::fault::Fault;
+use crate::wire::json;
 
 /// Request for a study of kind [`Self::Kind`].
 pub(in crate::api::v1) trait StudyBody: DeserializeOwned {
@@ -115,40 +115,40 @@ macro_rules! study_request {
         $(#[$seed:meta])* seed
         $(#[$strata:meta])* strata
     } { $($further:tt)* }) => {
-        crate::formats::checked::document! {
+        crate::wire::checked::document! {
             $(#[$meta])*
             pub(in crate::api::v1) struct $name {
                 /// Id or name of the cohort.
                 #[schema(value_type = String, required = true)]
-                cohort: crate::formats::checked::Checked<String>, required;
+                cohort: crate::wire::checked::Checked<String>, required;
                 $($own)*
                 /// Transformation class to remove. Default: `similarity`.
                 #[schema(value_type = Option<crate::analysis::transformation::Transformation>)]
-                transformation: crate::formats::checked::Checked<crate::analysis::transformation::Transformation>;
+                transformation: crate::wire::checked::Checked<crate::analysis::transformation::Transformation>;
                 /// Alignment method. Default: `projection`, or where the class is no linear space `partial_procrustes` (`similarity` in
                 /// three dimensions) or `procrustes` (`rigid`).
                 #[schema(value_type = Option<crate::analysis::alignment::Alignment>)]
-                alignment: crate::formats::checked::Checked<crate::analysis::alignment::Alignment>;
+                alignment: crate::wire::checked::Checked<crate::analysis::alignment::Alignment>;
                 /// Whether aligned shapes are moved, at unit size, into the tangent space at their mean, so that shapes do not shrink with
                 /// their own roughness. Default: true where the class removes size, unless `alignment` is `projection` or `procrustes`.
                 #[schema(value_type = Option<bool>)]
-                tangent: crate::formats::checked::Checked<bool>;
+                tangent: crate::wire::checked::Checked<bool>;
                 /// Whether shapes may be matched to mirror images. Default: the cohort's setting.
                 #[schema(value_type = Option<crate::analysis::correspondence::Mirror>)]
-                mirror: crate::formats::checked::Checked<crate::analysis::correspondence::Mirror>;
+                mirror: crate::wire::checked::Checked<crate::analysis::correspondence::Mirror>;
                 $(#[$permutations])*
                 #[schema(value_type = Option<usize>, maximum = 100000)]
-                permutations: crate::formats::checked::Checked<usize>;
+                permutations: crate::wire::checked::Checked<usize>;
                 $(#[$seed])*
                 #[schema(value_type = Option<u64>)]
-                seed: crate::formats::checked::Checked<u64>;
+                seed: crate::wire::checked::Checked<u64>;
                 $(#[$strata])*
                 #[schema(value_type = Option<Vec<String>>)]
-                strata: crate::formats::checked::Checked<crate::api::v1::requests::planned::Names>;
+                strata: crate::wire::checked::Checked<crate::api::v1::requests::planned::Names>;
                 $($further)*
                 /// Priority among the tenant's queued jobs if the request becomes a job. Default: `normal`.
                 #[schema(value_type = Option<crate::domain::job::Priority>)]
-                priority: crate::formats::checked::Checked<crate::domain::job::Priority>;
+                priority: crate::wire::checked::Checked<crate::domain::job::Priority>;
             }
         }
 
@@ -156,9 +156,9 @@ macro_rules! study_request {
             /// Takes the common fields but the cohort; faults go to `errors`.
             fn take_common(
                 &mut self,
-                errors: &mut Vec<crate::formats::fault::Fault>,
+                errors: &mut Vec<crate::wire::fault::Fault>,
             ) -> crate::api::v1::requests::planned::Common {
-                use crate::formats::checked::{take_given, take_or_default};
+                use crate::wire::checked::{take_given, take_or_default};
                 crate::api::v1::requests::planned::Common {
                     transformation: take_given(self.transformation.take(), "/transformation", errors),
                     alignment: take_given(self.alignment.take(), "/alignment", errors),

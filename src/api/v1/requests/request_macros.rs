@@ -1,6 +1,6 @@
 //! Request fields shared by the statistics endpoints, and small response types used by several resources.
 
-use crate::formats::fault::Fault;
+use crate::wire::fault::Fault;
 use serde::{Deserialize, Serialize};
 
 use crate::analysis::alignment::MeanShape;
@@ -9,30 +9,30 @@ use crate::analysis::transformation::ClassName;
 use crate::api::problem::Problem;
 use crate::domain::dictionary::LessCountedShape;
 use crate::domain::job::Priority;
-use crate::formats::checked::{Checked, take_or_default};
-use crate::formats::shape::{Points, ShapeInput};
 use crate::numeric::dense::Matrix;
 use crate::service::app::ServiceError;
 use crate::service::cohorts::caveats;
 use crate::service::cohorts::live_mean::LeftOut;
 use crate::service::shapes::read;
 use crate::service::shapes::refine::{Layered, Placed};
+use crate::wire::checked::{Checked, take_or_default};
+use crate::wire::shape::{Points, ShapeInput};
 
 /// Declares a request with a representation, a correspondence, shapes and further fields.
 macro_rules! shapes_request {
     ($(#[$meta:meta])* $name:ident { $($further:tt)* }) => {
-        crate::formats::checked::document! {
+        crate::wire::checked::document! {
             $(#[$meta])*
             pub(in crate::api::v1) struct $name {
                 /// Representation of the shapes.
                 #[schema(value_type = crate::geometry::representation::Representation, required = true)]
-                representation: crate::formats::representation::Read<crate::geometry::representation::Representation>, required;
+                representation: crate::wire::representation::Read<crate::geometry::representation::Representation>, required;
                 /// Conversion of posted points to control points. Default: `landmarks`.
                 #[schema(value_type = Option<crate::analysis::correspondence::Correspondence>)]
-                correspondence: crate::formats::checked::Checked<crate::analysis::correspondence::Correspondence>;
+                correspondence: crate::wire::checked::Checked<crate::analysis::correspondence::Correspondence>;
                 /// Shapes in the given representation.
-                #[schema(value_type = Vec<crate::formats::shape::ShapeInput>, required = true)]
-                shapes: crate::formats::checked::List<crate::formats::shape::ShapeInput>, required;
+                #[schema(value_type = Vec<crate::wire::shape::ShapeInput>, required = true)]
+                shapes: crate::wire::checked::List<crate::wire::shape::ShapeInput>, required;
                 $($further)*
             }
         }
@@ -40,7 +40,7 @@ macro_rules! shapes_request {
         impl crate::api::v1::requests::batches::ManyShapes for $name {
             fn put_shapes(
                 &mut self,
-                shapes: crate::formats::checked::List<crate::formats::shape::ShapeInput>,
+                shapes: crate::wire::checked::List<crate::wire::shape::ShapeInput>,
             ) {
                 self.shapes = Some(shapes);
             }
@@ -50,15 +50,15 @@ macro_rules! shapes_request {
             /// Takes the fields that all such requests share; faults go to `errors`.
             fn take_shapes(
                 &mut self,
-                errors: &mut Vec<crate::formats::fault::Fault>,
+                errors: &mut Vec<crate::wire::fault::Fault>,
             ) -> (
                 Option<(
                     crate::geometry::representation::Representation,
                     crate::analysis::correspondence::Correspondence,
                 )>,
-                Vec<crate::formats::shape::ShapeInput>,
+                Vec<crate::wire::shape::ShapeInput>,
             ) {
-                use crate::formats::checked::take_or_default;
+                use crate::wire::checked::take_or_default;
                 errors.append(&mut self.faults);
                 let representation =
                     self.representation.take().and_then(|field| field.take("/representation", errors));
@@ -80,20 +80,20 @@ macro_rules! settings_request {
                 /// How to treat contour direction. Default: `either` for closed planar curves under `cyclic`, else `given` (keep the
                 /// direction as posted).
                 #[schema(value_type = Option<crate::analysis::correspondence::Direction>)]
-                direction: crate::formats::checked::Checked<crate::analysis::correspondence::Direction>;
+                direction: crate::wire::checked::Checked<crate::analysis::correspondence::Direction>;
                 /// Whether shapes may be matched to mirror images. Default: `forbid`.
                 #[schema(value_type = Option<crate::analysis::correspondence::Mirror>)]
-                mirror: crate::formats::checked::Checked<crate::analysis::correspondence::Mirror>;
+                mirror: crate::wire::checked::Checked<crate::analysis::correspondence::Mirror>;
                 /// Transformation class removed before shapes are compared.
                 #[schema(value_type = crate::analysis::transformation::Transformation, required = true)]
-                transformation: crate::formats::checked::Checked<crate::analysis::transformation::Transformation>, required;
+                transformation: crate::wire::checked::Checked<crate::analysis::transformation::Transformation>, required;
                 /// Alignment method. Default: `projection`, or `procrustes` where the class is no linear space: `rigid`, and `similarity`
                 /// in three dimensions.
                 #[schema(value_type = Option<crate::analysis::alignment::Alignment>)]
-                alignment: crate::formats::checked::Checked<crate::analysis::alignment::Alignment>;
+                alignment: crate::wire::checked::Checked<crate::analysis::alignment::Alignment>;
                 /// Representative of the mean space to return. Default: `training`.
                 #[schema(value_type = Option<crate::analysis::frame::Frame>)]
-                frame: crate::formats::checked::Checked<crate::analysis::frame::Frame>;
+                frame: crate::wire::checked::Checked<crate::analysis::frame::Frame>;
                 $($further)*
             }
         }
@@ -102,11 +102,11 @@ macro_rules! settings_request {
             /// Takes the settings and the shapes; faults go to `errors`.
             fn take_settings(
                 &mut self,
-                errors: &mut Vec<crate::formats::fault::Fault>,
-            ) -> (Option<crate::service::statistics::Settings>, Vec<crate::formats::shape::ShapeInput>) {
+                errors: &mut Vec<crate::wire::fault::Fault>,
+            ) -> (Option<crate::service::statistics::Settings>, Vec<crate::wire::shape::ShapeInput>) {
                 use crate::analysis::alignment::Alignment;
                 use crate::analysis::correspondence::Direction;
-                use crate::formats::checked::{take_given, take_or_default};
+                use crate::wire::checked::{take_given, take_or_default};
                 let (common, shapes) = self.take_shapes(errors);
                 let direction = take_given(self.direction.take(), "/direction", errors);
                 let mirror = take_or_default(self.mirror.take(), "/mirror", errors);

@@ -13,13 +13,13 @@ use crate::api::extract::{TWICE, unknown_parameter};
 use crate::api::problem::Problem;
 use crate::domain::attribute::Attribute;
 use crate::domain::filter::{OPERATORS, ShapeFilter};
-use crate::formats::checked::{Checked, take_or_default};
-use crate::formats::fault::Fault;
-use crate::formats::json;
-use crate::formats::words::plain_sentence;
 use crate::service::app::ServiceError;
 use crate::service::cohorts::attributes::filter_faults;
 use crate::store::Order;
+use crate::wire::checked::{Checked, take_or_default};
+use crate::wire::fault::Fault;
+use crate::wire::json;
+use crate::wire::words::plain_sentence;
 
 /// Query parameters of a shape filter, for the OpenAPI document.
 #[derive(utoipa::IntoParams)]

@@ -9,13 +9,13 @@ use crate::api::extract::{Caller, NoQuery};
 use crate::api::form;
 use crate::api::problem::Problem;
 use crate::api::respond::{Binary, Planned, compute_planned, json, planned};
-use crate::formats::checked::{Checked, Many, document, take_given, take_many, take_or_default};
-use crate::formats::files::Photograph;
 use crate::service::app::{App, ServiceError};
 #[cfg(feature = "schema")]
 use crate::service::segmentation::contours::ContoursAnswer;
 use crate::service::segmentation::contours::{self, Wanted};
 use crate::service::segmentation::image::{Coordinates, Part};
+use crate::wire::checked::{Checked, Many, document, take_given, take_many, take_or_default};
+use crate::wire::files::Photograph;
 
 document! {
     /// What is wanted of a label image.

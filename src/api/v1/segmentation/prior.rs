@@ -9,14 +9,14 @@ use crate::api::v1::requests::batches::{Batch, PlannedResults, answer_batch, res
 #[cfg(feature = "schema")]
 use crate::api::v1::requests::described::*;
 use crate::api::v1::requests::request_macros::{Caveats, checked, settings_request};
-use crate::formats::checked::{Checked, take_given};
-use crate::formats::shape::{Points, ShapeInput};
 use crate::service::app::{App, ServiceError};
 use crate::service::cost::requests::{self, Counts};
 use crate::service::segmentation::cost;
 use crate::service::segmentation::prior::{self, PriorEnergy};
 use crate::service::shapes::names::InputNames;
 use crate::service::shapes::outcome::OnError;
+use crate::wire::checked::{Checked, take_given};
+use crate::wire::shape::{Points, ShapeInput};
 
 settings_request! {
     /// Shapes at which the prior of a reference is evaluated.

@@ -15,8 +15,6 @@ use crate::api::v1::requests::described::*;
 use crate::api::v1::requests::planned::{Waited, waited};
 use crate::api::v1::requests::request_macros::priority_of;
 use crate::domain::job::Job;
-use crate::formats::picture::PictureFormat;
-use crate::formats::shape::ShapeInput;
 use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::catalogue;
 use crate::service::cohorts::lengths::Lengths;
@@ -29,6 +27,8 @@ use crate::service::segmentation::parts::{self, Parts, Prepared, Ready};
 use crate::service::segmentation::posted::{CohortSegmentRequest, SegmentRequest, Storing};
 use crate::service::segmentation::reference::Stored;
 use crate::service::segmentation::shown::{LabelFormat, Segmented, Shown, ShownFile};
+use crate::wire::picture::PictureFormat;
+use crate::wire::shape::ShapeInput;
 
 /// Form with an image, and labels of the truth.
 #[derive(Debug, utoipa::ToSchema)]

@@ -10,12 +10,12 @@ use crate::api::extract::{Caller, Query};
 use crate::api::form;
 use crate::api::problem::Problem;
 use crate::api::respond::{Binary, compute_planned, planned};
-use crate::formats::checked::{Checked, Many, document, take_given, take_many, take_or_default};
 use crate::service::app::{App, ServiceError};
 use crate::service::segmentation::image::{Coordinates, Part};
 use crate::service::segmentation::request::ObjectPolarity;
 use crate::service::segmentation::sheets::{self, SheetField, Wanted};
 use crate::service::segmentation::shown::LabelFormat;
+use crate::wire::checked::{Checked, Many, document, take_given, take_many, take_or_default};
 
 document! {
     /// What is wanted of the sheets of a volume.

@@ -20,13 +20,6 @@ use crate::api::v1::requests::described::*;
 use crate::api::v1::requests::request_macros::{
     Caveats, MeanOutput, ShapeOutput, checked, rows, settings_request,
 };
-use crate::formats::checked::{Checked, LARGE, take_given, take_or_default};
-use crate::formats::fault::Fault;
-use crate::formats::observed::Observed;
-#[cfg(feature = "schema")]
-use crate::formats::observed::ObservedEntry;
-use crate::formats::picture::PictureFile;
-use crate::formats::shape::{Points, ShapeInput};
 use crate::numeric::dense::Matrix;
 use crate::service::app::{App, Limits, ServiceError};
 use crate::service::cost::requests::{self, Counts};
@@ -34,6 +27,13 @@ use crate::service::shapes::draw::MAX_DRAWN;
 use crate::service::shapes::names::InputNames;
 use crate::service::shapes::outcome::OnError;
 use crate::service::statistics::{self, CheckedSettings, Projected, Settings, Setup, Statistics};
+use crate::wire::checked::{Checked, LARGE, take_given, take_or_default};
+use crate::wire::fault::Fault;
+use crate::wire::observed::Observed;
+#[cfg(feature = "schema")]
+use crate::wire::observed::ObservedEntry;
+use crate::wire::picture::PictureFile;
+use crate::wire::shape::{Points, ShapeInput};
 
 settings_request! {
     /// Shapes to project.

@@ -3,7 +3,7 @@
 #[cfg(feature = "schema")]
 use crate::analysis::defaults::NEIGHBOURS;
 use crate::api::v1::requests::described::*;
-use crate::formats::fault::Fault;
+use crate::wire::fault::Fault;
 use std::collections::BTreeMap;
 
 use axum::http::StatusCode;
@@ -28,10 +28,6 @@ use crate::api::v1::requests::shape_query::take_filter;
 use crate::api::v1::segmentation::segment;
 use crate::domain::filter::ShapeFilter;
 use crate::domain::job::Priority;
-use crate::formats::checked::{Checked, List, Many, document, take_given, take_many, take_or_default};
-use crate::formats::matrix::{MatrixFormat, NamedMatrix};
-use crate::formats::representation::Read;
-use crate::formats::shape::ShapeInput;
 use crate::geometry::representation::Representation;
 use crate::service::app::{App, ServiceError, Work};
 #[cfg(feature = "schema")]
@@ -41,6 +37,10 @@ use crate::service::search::distances::{Answer, Chosen, Comparison};
 use crate::service::search::neighbours::{FoundNeighbour, MAX_NEIGHBOURS, Queries, Search};
 use crate::service::search::{self, distances, neighbours};
 use crate::service::statistics::Settings;
+use crate::wire::checked::{Checked, List, Many, document, take_given, take_many, take_or_default};
+use crate::wire::matrix::{MatrixFormat, NamedMatrix};
+use crate::wire::representation::Read;
+use crate::wire::shape::ShapeInput;
 
 document! {
     /// Shapes whose nearest neighbours in a cohort are wanted.

@@ -10,9 +10,9 @@ use crate::domain::attribute::Attribute;
 use crate::domain::cohort::Cohort;
 use crate::domain::filter::ShapeFilter;
 use crate::domain::shape::ShapeDescription;
-use crate::formats::fault::Fault;
 use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::attributes::{self, KnownAttributes};
+use crate::wire::fault::Fault;
 
 /// Maximum number of groups of a comparison.
 const MAX_GROUPS: usize = 50;

@@ -19,12 +19,12 @@ use crate::analysis::watch::Watch;
 use crate::domain::cohort::Cohort;
 use crate::domain::job::JobKind;
 use crate::domain::study::Comparison;
-use crate::formats::fault::Fault;
 use crate::geometry::drawing::scene::Drawing;
 use crate::geometry::sampling::Places;
 use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::selection::Selection;
 use crate::service::statistics::Setup;
+use crate::wire::fault::Fault;
 
 /// Maximum number of points along the shape in an answer, over all pairs.
 const MAX_EFFECT_POINTS: usize = 100_000;

@@ -23,12 +23,12 @@ use crate::domain::filter::ShapeFilter;
 use crate::domain::job::JobKind;
 use crate::domain::shape::ShapeDescription;
 use crate::domain::study::{RegressionScore, ShapeRegression};
-use crate::formats::fault::Fault;
 use crate::geometry::drawing::scene::Drawing;
 use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::attributes::{self, KnownAttributes};
 use crate::service::cohorts::selection::Selection;
 use crate::service::statistics::Setup;
+use crate::wire::fault::Fault;
 
 /// Maximum number of covariates.
 const MAX_COVARIATES: usize = 20;

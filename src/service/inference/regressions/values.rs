@@ -7,10 +7,10 @@ use crate::analysis::inference::variables::{Values, Variable, Variables};
 use crate::domain::attribute::Attribute;
 use crate::domain::cohort::Cohort;
 use crate::domain::shape::ShapeDescription;
-use crate::formats::fault::Fault;
 use crate::service::app::faults::MAX_FAULTS;
 use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::attributes::{self, KnownAttributes};
+use crate::wire::fault::Fault;
 
 /// Name of the natural logarithm of the centroid size as an attribute; a regression on it measures allometry.
 pub(super) const LOG_CENTROID_SIZE: &str = "log_centroid_size";

@@ -611,7 +611,7 @@ mod tests {
     use serde::de::DeserializeOwned;
 
     use super::*;
-    use crate::formats::fault::json_pointer;
+    use crate::wire::fault::json_pointer;
 
     #[derive(Debug, Deserialize, PartialEq)]
     #[serde(deny_unknown_fields)]

@@ -7,7 +7,7 @@
 //!
 //! Reading such a document fails only for text that is not JSON.
 
-use crate::formats::fault::{Fault, pointer_of};
+use crate::wire::fault::{Fault, pointer_of};
 use std::fmt;
 
 use serde::de::{DeserializeOwned, Deserializer, Error, IgnoredAny, MapAccess, SeqAccess, Visitor};
@@ -512,25 +512,25 @@ macro_rules! visit_others {
     };
     (@seq $keep:path, $value:ty) => {
         fn visit_seq<A: serde::de::SeqAccess<'de>>(self, mut list: A) -> Result<$value, A::Error> {
-            $crate::formats::checked::skip_list(&mut list)?;
+            $crate::wire::checked::skip_list(&mut list)?;
             Ok($keep(self, "a list"))
         }
     };
     (@map $keep:path, $value:ty) => {
         fn visit_map<A: serde::de::MapAccess<'de>>(self, mut map: A) -> Result<$value, A::Error> {
-            $crate::formats::checked::skip_object(&mut map)?;
+            $crate::wire::checked::skip_object(&mut map)?;
             Ok($keep(self, "an object"))
         }
     };
     (@text $keep:path, $value:ty) => {
-        $crate::formats::checked::visit_others!(@visit $keep, $value,
+        $crate::wire::checked::visit_others!(@visit $keep, $value,
             visit_bool: bool, "a boolean"; visit_str: &str, "a string";);
     };
     (@null $keep:path, $value:ty) => {
         fn visit_unit<E>(self) -> Result<$value, E> { Ok($keep(self, "null")) }
     };
     (@number $keep:path, $value:ty) => {
-        $crate::formats::checked::visit_others!(@visit $keep, $value,
+        $crate::wire::checked::visit_others!(@visit $keep, $value,
             visit_i64: i64, "a number"; visit_u64: u64, "a number"; visit_f64: f64, "a number";);
     };
 }
@@ -610,10 +610,10 @@ impl<'de, T: Deserialize<'de>> Deserialize<'de> for List<T> {
 /// Reads the value of a field; for optional fields `null` counts as absent.
 macro_rules! field_value {
     ($map:ident, $key:ident, required) => {
-        Some($crate::formats::trail::value_of(&mut $map, $key.text())?)
+        Some($crate::wire::trail::value_of(&mut $map, $key.text())?)
     };
     ($map:ident, $key:ident, ) => {
-        $crate::formats::trail::value_of::<Option<_>, _>(&mut $map, $key.text())?
+        $crate::wire::trail::value_of::<Option<_>, _>(&mut $map, $key.text())?
     };
 }
 pub(crate) use field_value;
@@ -632,7 +632,7 @@ macro_rules! document {
             $($(#[$field_meta])* $vis $field: Option<$type>,)*
             /// Faults of the object itself.
             #[schema(ignore)]
-            $vis faults: Vec<$crate::formats::fault::Fault>,
+            $vis faults: Vec<$crate::wire::fault::Fault>,
         }
 
         impl<'de> serde::Deserialize<'de> for $name {
@@ -641,8 +641,8 @@ macro_rules! document {
 
                 fn other(_: DocumentVisitor, what: &'static str) -> $name {
                     let mut document = $name::default();
-                    $crate::formats::checked::keep_fault(&mut document.faults, || {
-                        $crate::formats::fault::Fault::new("", format!("expected an object, got {what}"))
+                    $crate::wire::checked::keep_fault(&mut document.faults, || {
+                        $crate::wire::fault::Fault::new("", format!("expected an object, got {what}"))
                     });
                     document
                 }
@@ -656,20 +656,20 @@ macro_rules! document {
 
                     fn visit_map<A: serde::de::MapAccess<'de>>(self, mut map: A) -> Result<$name, A::Error> {
                         let mut document = $name::default();
-                        while let Some(key) = map.next_key::<$crate::formats::key::Key<'_>>()? {
+                        while let Some(key) = map.next_key::<$crate::wire::key::Key<'_>>()? {
                             match key.text() {
                                 $(stringify!($field) => {
                                     if document.$field.is_some() {
                                         document.fault(key.text(), "the field is given twice");
                                     }
                                     document.$field =
-                                        $crate::formats::checked::field_value!(map, key, $($required)?);
+                                        $crate::wire::checked::field_value!(map, key, $($required)?);
                                 })*
                                 unknown => {
                                     let known = [$(stringify!($field)),*].join(", ");
                                     let detail = format!("expected one of the fields {known}, got \"{unknown}\"");
                                     document.fault(unknown, &detail);
-                                    $crate::formats::trail::value_of::<serde::de::IgnoredAny, _>(&mut map, unknown)?;
+                                    $crate::wire::trail::value_of::<serde::de::IgnoredAny, _>(&mut map, unknown)?;
                                 }
                             }
                         }
@@ -682,10 +682,10 @@ macro_rules! document {
                         Ok(document)
                     }
 
-                    $crate::formats::checked::visit_others!(@text other, $name);
-                    $crate::formats::checked::visit_others!(@null other, $name);
-                    $crate::formats::checked::visit_others!(@number other, $name);
-                    $crate::formats::checked::visit_others!(@seq other, $name);
+                    $crate::wire::checked::visit_others!(@text other, $name);
+                    $crate::wire::checked::visit_others!(@null other, $name);
+                    $crate::wire::checked::visit_others!(@number other, $name);
+                    $crate::wire::checked::visit_others!(@seq other, $name);
                 }
 
                 deserializer.deserialize_any(DocumentVisitor)
@@ -694,9 +694,9 @@ macro_rules! document {
 
         impl $name {
             fn fault(&mut self, key: &str, detail: &str) {
-                $crate::formats::checked::keep_fault(&mut self.faults, || {
+                $crate::wire::checked::keep_fault(&mut self.faults, || {
                     let pointer = format!("/{}", key.replace('~', "~0").replace('/', "~1"));
-                    $crate::formats::fault::Fault::new(pointer, detail)
+                    $crate::wire::fault::Fault::new(pointer, detail)
                 });
             }
         }

@@ -189,7 +189,7 @@ mod tests {
     use serde::de::DeserializeOwned;
 
     use super::*;
-    use crate::formats::fault::json_pointer;
+    use crate::wire::fault::json_pointer;
 
     #[derive(Debug, Deserialize)]
     #[serde(deny_unknown_fields)]

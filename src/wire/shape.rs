@@ -7,7 +7,7 @@
 //! Lists of points are read into one flat array. All faults in them are collected, not only the first one, and only
 //! finite numbers are accepted.
 
-use crate::formats::fault::Fault;
+use crate::wire::fault::Fault;
 use std::fmt;
 
 use serde::de::{Deserializer, SeqAccess, Visitor};

@@ -100,10 +100,10 @@ fn sentence(error: &serde_json::Error) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::formats::checked::{List, document};
-    use crate::formats::fault::json_pointer;
-    use crate::formats::merge_patch::MergePatch;
-    use crate::formats::shape::{PointList, ShapeInput};
+    use crate::wire::checked::{List, document};
+    use crate::wire::fault::json_pointer;
+    use crate::wire::merge_patch::MergePatch;
+    use crate::wire::shape::{PointList, ShapeInput};
 
     #[test]
     fn every_sentence_of_the_parser_is_translated() {
@@ -155,7 +155,7 @@ mod tests {
     fn steps_of_an_earlier_error_are_not_those_of_the_next() {
         let leave_steps = || {
             let text = br#"{"shapes": [{"points": [1, x]}]}"#;
-            serde_json::from_slice::<crate::formats::tree::Tree<'_>>(text).unwrap_err();
+            serde_json::from_slice::<crate::wire::tree::Tree<'_>>(text).unwrap_err();
         };
         leave_steps();
         let fault = parse::<MergePatch>(Bounds::default(), b"{\"a\": nope}").unwrap_err();

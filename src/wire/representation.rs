@@ -1,6 +1,6 @@
 //! Representations as JSON, with a pointer to every faulty field.
 
-use crate::formats::fault::Fault;
+use crate::wire::fault::Fault;
 use serde::de::Error;
 use serde::{Deserialize, Deserializer};
 use serde_json::value::RawValue;
