@@ -3,8 +3,8 @@
     python docs/pictures.py http://127.0.0.1:8080 docs/pictures
 
 Writes `cells.svg`: thin cells with their mean, mode 1 at five steps, and cells that were treated against those that were not,
-side by side; and `resolutions.svg`: a surface that is edited at three resolutions, from a sphere of 24 points on; `regions.svg`: the same, where
-the finer resolutions are those of its face and of its eyes only. Needs only Python. The atoms of `docs/inhomogeneous.md` are drawn by `docs/inhomogeneous.py`.
+side by side; and `resolutions.svg`: a surface that is edited at three resolutions, from a sphere of 24 points on; `regions-1.png` to
+`regions-3.png`: the same, where the finer resolutions are those of its face and of its eyes only. Needs only Python. The atoms of `docs/inhomogeneous.md` are drawn by `docs/inhomogeneous.py`.
 """
 
 import json
@@ -23,7 +23,8 @@ def ask(url, body=None, **headers):
     request = urllib.request.Request(url, data, {"content-type": "application/json", **headers})
     try:
         with urllib.request.urlopen(request) as answer:
-            return answer.read().decode()
+            content = answer.read()
+            return content if answer.headers.get_content_type() == "image/png" else content.decode()
     except urllib.error.HTTPError as error:
         sys.exit(f"{url}: {error.read().decode()}")
 
@@ -91,8 +92,8 @@ def regions(base, look):
         body = {"representation": representation, "shape": shape, "moves": list(moves.values())}
         edited_ = json.loads(ask(f"{base}/deform", body))
         shape = {key: edited_[key] for key in ("control_points", "blocks") if key in edited_}
-        pictures.append(drawn(base, look, representation, shape))
-    return beside(pictures)
+        pictures.append(drawn(base, look.replace("format=svg", "format=png"), representation, shape))
+    return pictures
 
 
 def resolutions(base, look):
@@ -134,7 +135,8 @@ def main():
     ]
     (folder / "cells.svg").write_text(beside(pictures))
     (folder / "resolutions.svg").write_text(resolutions(base, look))
-    (folder / "regions.svg").write_text(regions(base, look))
+    for index, picture in enumerate(regions(base, look), 1):
+        (folder / f"regions-{index}.png").write_bytes(picture)
 
 
 if __name__ == "__main__":
