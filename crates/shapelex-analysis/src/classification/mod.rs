@@ -8,7 +8,7 @@
 //! * [`folds`] — folds for cross-validation;
 //! * [`quality`] — figures of a validation, and calibrated confidences;
 //! * [`labels`] — classes and subjects of shapes; [`study`] — training and validation of a classifier;
-//! * [`record`] — settings, trained numbers and validation as records; `requirements` — what settings and labels must
+//! * [`classifier_record`](crate::classifier_record) — settings, trained numbers and validation as records; `requirements` — what settings and labels must
 //!   fulfil; [`consistency`] — what a record must.
 //!
 //! Every classifier gives an [`Evidence`] for each shape: a distance to every class, for interpretation, and a score, which

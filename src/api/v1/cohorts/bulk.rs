@@ -12,6 +12,7 @@ use crate::api::extract::{Caller, IfMatch, JsonBody, Path, Query};
 use crate::api::media_type::{is_json, media_type};
 use crate::api::problem::{Problem, ProblemKind};
 use crate::api::respond::json;
+#[cfg(feature = "schema")]
 use crate::api::v1::cohorts::corrections::ShapePatch;
 use crate::api::v1::requests::batches::{FailedShape, InputShape};
 #[cfg(feature = "schema")]

@@ -2,7 +2,6 @@
 //! samples.
 
 #[cfg(feature = "schema")]
-use crate::analysis::defaults::OUTLIER_QUANTILE;
 use crate::api::v1::requests::described::*;
 use crate::wire::fault::Fault;
 use std::sync::Arc;
@@ -11,6 +10,7 @@ use axum::http::StatusCode;
 use axum::response::Response;
 use serde::Serialize;
 
+use crate::analysis::defaults::OUTLIER_QUANTILE;
 use crate::analysis::dictionary::coding::{AnswerPose, Reconstruction};
 use crate::analysis::dictionary::modes::Sample;
 use crate::analysis::dictionary::posted_code::PostedCode;

@@ -1,7 +1,6 @@
 //! Exact nearest-neighbour search in a cohort, and matrices of pairwise distances; jobs compute the large ones.
 
 #[cfg(feature = "schema")]
-use crate::analysis::defaults::NEIGHBOURS;
 use crate::api::v1::requests::described::*;
 use crate::wire::fault::Fault;
 use std::collections::BTreeMap;
@@ -13,6 +12,7 @@ use serde_json::Value;
 
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
+use crate::analysis::defaults::NEIGHBOURS;
 use crate::analysis::factors::Estimator;
 use crate::analysis::frame::Frame;
 use crate::analysis::transformation::{ClassName, Transformation};
