@@ -6,7 +6,6 @@ use crate::columns::Columns;
 use crate::intersection::crosses_itself;
 use crate::representation::ShapeSpace;
 use crate::subdivision::measures::measure;
-use crate::surface::measures::sizes::SheetSizes;
 use shapelex_numeric::bounded::Stop;
 use shapelex_numeric::dense::Matrix;
 
@@ -92,7 +91,7 @@ impl Sizes {
             || Matrix::from_column_slice(representation.size(), representation.dimension(), control_points);
         let (signed_volume, area) = match (space.surface(), space.subdivision()) {
             (Some(basis), _) => {
-                let sizes = SheetSizes::of(&basis.surface(&matrix()));
+                let sizes = basis.sizes(&matrix());
                 (sizes.signed_volume, sizes.area)
             }
             (_, Some(basis)) => {

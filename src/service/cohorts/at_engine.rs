@@ -72,7 +72,7 @@ pub(crate) struct Passes<'a> {
     pub(crate) transformation: &'a Transformation,
     /// Alignment of the shapes.
     pub(crate) alignment: Alignment,
-    /// What they are for.
+    /// Result that the passes are part of.
     pub(crate) purpose: Purpose<'a>,
 }
 

@@ -184,7 +184,7 @@ fn admit_finest(
     })
 }
 
-/// What is wrong with the factors of a grid, with pointers relative to the list.
+/// Faults of the factors of a grid, with pointers relative to the list.
 fn factor_faults(factors: &[usize], directions: usize) -> Vec<Fault> {
     if factors.len() != directions {
         let detail = format!("expected one number per direction, {directions} in all, got {}", factors.len());

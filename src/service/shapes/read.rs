@@ -43,7 +43,7 @@ const NORMALS: &str = "expected no normals: they belong to the subdivision schem
 /// Why parts of shapes are refused.
 const PART: &str =
     "expected a whole shape, got one of which a part is seen: assess and complete of a dictionary take these";
-/// Why blocks are refused.
+/// Refusal of blocks, with the requests that take them.
 const BLOCKS: &str =
     "expected a shape of one resolution, got blocks: refine brings it to the finest of them, the same shape";
 /// Most attributes of a shape: programs of microscopy measure some hundred numbers of a cell.

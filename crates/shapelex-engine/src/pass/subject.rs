@@ -1,4 +1,4 @@
-//! What a pass is over, and where it is computed.
+//! The shapes of a pass, and the runner that computes it.
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicUsize;
@@ -11,12 +11,12 @@ use crate::EngineError;
 use crate::cohort::revision::{Revision, Setting};
 use crate::dictionary::Named;
 
-/// What a pass is over.
+/// The shapes of a pass, with the metric and the dictionary that it needs.
 #[derive(Debug, Clone)]
 pub struct Subject {
     /// The shapes.
     pub revision: Arc<Revision>,
-    /// What they are measured by.
+    /// Their metric and alignment.
     pub setting: Arc<Setting>,
     /// The dictionary that the pass uses, if it uses one.
     pub dictionary: Option<Arc<Named>>,

@@ -36,15 +36,6 @@ pub enum Domain {
 }
 
 impl Domain {
-    /// Whether each direction is closed; empty for domains without parameters.
-    pub fn closed(self) -> Vec<bool> {
-        match self {
-            Self::Line { closed } => vec![closed],
-            Self::Sheet { extent, .. } => extent.topology.closed().to_vec(),
-            Self::Points | Self::Vertices => Vec::new(),
-        }
-    }
-
     /// Whether places are named by one parameter.
     pub fn is_line(self) -> bool {
         matches!(self, Self::Line { .. })

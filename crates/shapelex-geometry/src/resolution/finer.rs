@@ -174,7 +174,7 @@ impl Finer {
     }
 }
 
-/// Why shapes of `representation` are other functions on the grid with these factors.
+/// Error for shapes of `representation` that are other functions on the grid with these factors.
 fn missing_relation(representation: &Representation, factors: &[usize]) -> GeometryError {
     let knots = representation.knots();
     let generators =

@@ -162,7 +162,7 @@ impl Resolutions {
         Ok(flat.select_rows(&block.indices))
     }
 
-    /// What the blocks of a shape add at a place of it.
+    /// Displacement by the blocks of a shape at a place of it, `d` numbers.
     pub fn detail_at(&self, blocks: &[Block], parameters: &[f64]) -> Vec<f64> {
         let mut sum = vec![0.0; self.coarse.representation().dimension()];
         for block in blocks {

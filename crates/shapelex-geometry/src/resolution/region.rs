@@ -92,7 +92,7 @@ impl ParameterRegion {
             .map(|((line, given), shift)| (line, given, shift))
     }
 
-    /// Why the region holds no control point of the finer grid.
+    /// Fault of a region that holds no control point of the finer grid.
     fn too_small(&self, finer: &Finer) -> FieldFault {
         let space = finer.space();
         let needed = |line: &Line| {
@@ -126,7 +126,7 @@ struct Touched {
     outside: bool,
 }
 
-/// What is wrong with an interval of a closed or open direction; of none, if shapes have no such direction.
+/// Fault of an interval of a closed or open direction, or of a direction that the shapes do not have.
 fn interval_fault([from, to]: [f64; 2], closed: Option<bool>) -> Option<String> {
     let expected = match closed {
         Some(true) if (0.0..1.0).contains(&from) && from < to && to <= from + 1.0 => return None,

@@ -55,8 +55,8 @@ fn sizes_of_sheets_are_those_of_their_measures() {
                 let extent = Extent { topology, intervals };
                 let Ok(basis) = SurfaceBasis::new(extent, Seam::Straight, &kinds) else { continue };
                 for noise in [0.0, 0.02, 0.1] {
-                    let surface = basis.surface(&rows(&basis, noise));
-                    let (measures, sizes) = (SurfaceMeasures::of(&surface), SheetSizes::of(&surface));
+                    let rows = rows(&basis, noise);
+                    let (measures, sizes) = (SurfaceMeasures::of(&basis.surface(&rows)), basis.sizes(&rows));
                     let what = format!("{topology:?}, {kind:?}, {intervals:?}, noise {noise}");
                     let error = (sizes.area / measures.area - 1.0).abs();
                     assert!(error <= WORST_AREA, "{what}: area by {error:e}");
@@ -85,16 +85,16 @@ fn sizes_of_sheets_do_not_depend_on_the_unit_or_the_place() {
     )
     .unwrap();
     let rows = rows(&basis, 0.02);
-    let here = SheetSizes::of(&basis.surface(&rows));
+    let here = basis.sizes(&rows);
     for unit in [-200, -30, 40, 250].map(|exponent| 2.0_f64.powi(exponent)) {
-        let there = SheetSizes::of(&basis.surface(&(&rows * unit)));
+        let there = basis.sizes(&(&rows * unit));
         assert_eq!(there.area, here.area * unit * unit);
         assert_eq!(there.signed_volume, here.signed_volume.map(|volume| volume * unit * unit * unit));
     }
-    let moved = SheetSizes::of(&basis.surface(&rows.add_scalar(1e6)));
+    let moved = basis.sizes(&rows.add_scalar(1e6));
     assert!((moved.area / here.area - 1.0).abs() < 1e-8, "{moved:?}");
     let volumes = [moved, here].map(|sizes| sizes.signed_volume.unwrap());
     assert!((volumes[0] / volumes[1] - 1.0).abs() < 1e-8, "{volumes:?}");
-    let nothing = SheetSizes::of(&basis.surface(&(&rows * 0.0)));
+    let nothing = basis.sizes(&(&rows * 0.0));
     assert_eq!(nothing, SheetSizes { area: 0.0, signed_volume: Some(0.0) });
 }

@@ -96,7 +96,7 @@ impl RefineRequest {
         let mut errors = Vec::new();
         let (settings, shapes) = self.take_shapes(&mut errors);
         let given = self.factor.is_some();
-        let factor = self.factor.map_or(Some(2), |field| field.take("/factor", &mut errors));
+        let factor = self.factor.map_or(Some(USUAL_FACTOR), |field| field.take("/factor", &mut errors));
         let counts = take_given(self.control_points, "/control_points", &mut errors);
         let domain = settings.as_ref().map(|(representation, _)| representation.domain());
         if counts.is_some() && (given || domain.is_some_and(|domain| !domain.is_sheet())) {
@@ -104,10 +104,10 @@ impl RefineRequest {
             errors.push(Fault::new("/control_points", detail));
         }
         let region = take_given(self.region, "/region", &mut errors);
-        if let (Some(region), Some(domain)) = (&region, domain) {
-            errors.extend(
-                region.faults(&domain.closed()).into_iter().map(|fault| Fault::from(fault).below("/region")),
-            );
+        if let (Some(region), Some((representation, _))) = (&region, &settings) {
+            let closed: Vec<bool> = representation.knots().iter().map(|knots| knots.closed).collect();
+            errors
+                .extend(region.faults(&closed).into_iter().map(|fault| Fault::from(fault).below("/region")));
         }
         let (((representation, correspondence), factor), shapes) =
             checked(settings.zip(factor), errors, shapes)?;
@@ -168,7 +168,7 @@ impl From<Refined> for RefineAnswer {
     }
 }
 
-/// What shapes of several resolutions are refined to: a region gets a block, otherwise all shapes one grid.
+/// Target of shapes of several resolutions: a block for a region, otherwise one grid for all shapes.
 #[derive(Debug)]
 struct Wanted {
     factor: Option<usize>,
@@ -176,7 +176,7 @@ struct Wanted {
     region: Option<ParameterRegion>,
 }
 
-/// Default factor of a region.
+/// Default factor of a refinement.
 const USUAL_FACTOR: usize = 2;
 
 impl Wanted {

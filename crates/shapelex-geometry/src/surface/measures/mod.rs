@@ -15,6 +15,7 @@ pub mod sizes;
 
 use super::field::VectorField;
 use super::{Surface, Topology, combine};
+use crate::knot_line::Line;
 use crate::vector::{cross, dot, minus, plus};
 use shapelex_numeric::quadrature::GaussLegendre;
 
@@ -327,9 +328,7 @@ impl Surface {
     }
 
     fn node(&self, direction: usize, half: usize, s: f64, weight: f64) -> Node {
-        let line = &self.lines[direction];
-        let (first, values) = line.weights(half, s, 0);
-        Node { weight, first, values: values.collect(), slopes: line.weights(half, s, 1).1.collect() }
+        Node::new(&self.lines[direction], half, s, weight)
     }
 
     /// Weight, point and tangent along the edge `v = 0` or `v = 1`.
@@ -348,11 +347,19 @@ impl Surface {
 }
 
 /// The basis functions of a direction at one parameter.
+#[derive(Debug)]
 struct Node {
     weight: f64,
     first: usize,
     values: Vec<f64>,
     slopes: Vec<f64>,
+}
+
+impl Node {
+    fn new(line: &Line, half: usize, s: f64, weight: f64) -> Self {
+        let (first, values) = line.weights(half, s, 0);
+        Self { weight, first, values: values.collect(), slopes: line.weights(half, s, 1).1.collect() }
+    }
 }
 
 /// A rectangle within one pair of half-intervals, in local coordinates `s ∈ [−1, 1]`.

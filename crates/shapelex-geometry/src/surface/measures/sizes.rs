@@ -16,6 +16,7 @@ use std::ops::Range;
 use super::super::{Surface, Topology};
 use super::{MAX_HALVINGS, MAX_PIECES, Node, Sums};
 use crate::generator::Generator;
+use crate::knot_line::Line;
 use shapelex_numeric::lanes::{LANES, Lanes, vectorised};
 use shapelex_numeric::quadrature::GaussLegendre;
 
@@ -41,24 +42,23 @@ const FEWEST_NODES: usize = 4;
 const MOST_NODES: usize = 12;
 
 impl SheetSizes {
-    /// Sizes of `surface`. Cost: sixteen to twenty-five jets for each piece, several times as many where the normal almost vanishes.
-    pub fn of(surface: &Surface) -> Self {
+    /// Sizes of a surface of the basis of `rules`.
+    pub(in crate::surface) fn of(surface: &Surface, rules: &Rules) -> Self {
         let near = surface.far_origin().map(|origin| surface.about(origin));
         let surface = near.as_ref().unwrap_or(surface);
         // Third powers of coordinates overflow long before volumes do.
         let unit = surface.power_of_two();
-        let Self { area, signed_volume } = Self::in_range(&surface.scaled(unit.recip()));
+        let Self { area, signed_volume } = Self::in_range(&surface.scaled(unit.recip()), rules);
         Self {
             area: area * unit * unit,
             signed_volume: signed_volume.map(|volume| volume * unit * unit * unit),
         }
     }
 
-    fn in_range(surface: &Surface) -> Self {
-        let rules = [0, 1].map(|direction| Rule::of(surface, direction));
+    fn in_range(surface: &Surface, rules: &Rules) -> Self {
         let mut sums = Sums::new(surface.points(&[0.5], &[0.5])[0]);
-        let pieces = pieces(surface, &rules, &mut sums);
-        let area = refined(surface, &rules, pieces);
+        let pieces = pieces(surface, &rules.0, &mut sums);
+        let area = refined(surface, &rules.0, pieces);
         let signed_volume = surface.encloses().then(|| {
             if surface.topology == Topology::Cylinder {
                 sums.close(surface, &GaussLegendre::new(super::NODES));
@@ -69,18 +69,32 @@ impl SheetSizes {
     }
 }
 
+/// Rules along both directions of the surfaces of a basis.
+#[derive(Debug)]
+pub(in crate::surface) struct Rules([Rule; 2]);
+
+impl Rules {
+    /// Prepares the rules for lines of so many intervals.
+    pub(in crate::surface) fn new(lines: &[Line; 2], intervals: [usize; 2]) -> Self {
+        Self([0, 1].map(|direction| Rule::new(&lines[direction], intervals[direction])))
+    }
+}
+
 /// The rule along a direction.
+#[derive(Debug)]
 struct Rule {
     /// Half-intervals in a piece: 2 if the generator has no break in the middle of intervals.
     halves: usize,
     gauss: GaussLegendre,
     /// `(k + ½) w P_k(x)` of each node, for the two highest degrees that the nodes tell apart.
     highest: [Vec<f64>; 2],
+    /// Nodes of all pieces.
+    nodes: Vec<Node>,
 }
 
 impl Rule {
-    fn of(surface: &Surface, direction: usize) -> Self {
-        let generator = surface.lines[direction].generator();
+    fn new(line: &Line, intervals: usize) -> Self {
+        let generator = line.generator();
         let by_intervals = generator.breaks_at_knots_only();
         let halves = if by_intervals { 2 } else { 1 };
         let gauss = GaussLegendre::new(nodes(generator, by_intervals));
@@ -89,19 +103,14 @@ impl Rule {
             let factor = degree as f64 + 0.5;
             gauss.points().map(|(x, weight)| factor * weight * legendre(degree, x)).collect()
         });
-        Self { halves, gauss, highest }
+        let pieces = (0..2 * intervals / halves).map(|k| places(k, halves));
+        let nodes = pieces.flat_map(|places| nodes_between(&gauss, line, intervals, places)).collect();
+        Self { halves, gauss, highest, nodes }
     }
 
-    /// Nodes between two places, which are counted in half-intervals.
-    fn nodes(&self, surface: &Surface, direction: usize, [low, high]: [f64; 2]) -> Vec<Node> {
-        let halves = 2 * surface.intervals(direction);
-        let node = |(x, weight)| {
-            let place = 0.5 * (low + high) + 0.5 * (high - low) * x;
-            let half = (place as usize).min(halves - 1);
-            let share = 0.5 * (high - low) * weight / halves as f64;
-            surface.node(direction, half, 2.0 * (place - half as f64) - 1.0, share)
-        };
-        self.gauss.points().map(node).collect()
+    /// Places between which each piece lies.
+    fn places(&self) -> impl Iterator<Item = [f64; 2]> {
+        (0..self.nodes.len() / self.len()).map(|k| places(k, self.halves))
     }
 
     /// Number of nodes.
@@ -146,6 +155,23 @@ impl Rule {
         }
         [mean, error]
     }
+}
+
+/// Places between which the piece `k` of so many half-intervals lies, counted in half-intervals.
+fn places(k: usize, halves: usize) -> [f64; 2] {
+    [k, k + 1].map(|k| (k * halves) as f64)
+}
+
+/// Nodes of the rule between two places.
+fn nodes_between(gauss: &GaussLegendre, line: &Line, intervals: usize, [low, high]: [f64; 2]) -> Vec<Node> {
+    let halves = 2 * intervals;
+    let node = |(x, weight)| {
+        let place = 0.5 * (low + high) + 0.5 * (high - low) * x;
+        let half = (place as usize).min(halves - 1);
+        let share = 0.5 * (high - low) * weight / halves as f64;
+        Node::new(line, half, 2.0 * (place - half as f64) - 1.0, share)
+    };
+    gauss.points().map(node).collect()
 }
 
 /// Legendre polynomial `P_k(x)`.
@@ -255,21 +281,16 @@ impl Rows {
 
 /// All pieces of the surface; the volume is added to `sums`.
 fn pieces(surface: &Surface, rules: &[Rule; 2], sums: &mut Sums) -> Vec<Piece> {
-    let places = [0, 1].map(|direction| {
-        let halves = rules[direction].halves;
-        let count = 2 * surface.intervals(direction) / halves;
-        (0..count).map(|k| [k, k + 1].map(|k| (k * halves) as f64)).collect::<Vec<_>>()
-    });
-    let nodes_u: Vec<Node> = places[0].iter().flat_map(|u| rules[0].nodes(surface, 0, *u)).collect();
-    let rows = Rows::new(surface, &nodes_u, 0..surface.size[1]);
-    let mut pieces = Vec::with_capacity(places[0].len() * places[1].len());
+    let [along_u, along_v] = rules;
+    let rows = Rows::new(surface, &along_u.nodes, 0..surface.size[1]);
+    let mut pieces = Vec::new();
     let mut elements = Elements::default();
     let mut volume = 0.0;
-    for v in &places[1] {
-        volume += elements.fill(&rows, &rules[1], &rules[1].nodes(surface, 1, *v), sums.origin);
-        for (k, u) in places[0].iter().enumerate() {
-            let [area, error] = elements.area(rules, k, [*u, *v], surface);
-            pieces.push(Piece { places: [*u, *v], area, error, depth: 0 });
+    for (v, nodes) in along_v.places().zip(along_v.nodes.chunks_exact(along_v.len())) {
+        volume += elements.fill(&rows, along_v, nodes, sums.origin);
+        for (k, u) in along_u.places().enumerate() {
+            let [area, error] = elements.area(rules, k, [u, v], surface);
+            pieces.push(Piece { places: [u, v], area, error, depth: 0 });
         }
     }
     sums.volume = surface.topology.orientation() * volume / 3.0;
@@ -390,7 +411,8 @@ impl Piece {
         });
         [[0, 0], [0, 1], [1, 0], [1, 1]].map(|[a, b]| {
             let places = [halves[0][a], halves[1][b]];
-            let [nodes_u, nodes_v] = [0, 1].map(|i| rules[i].nodes(surface, i, places[i]));
+            let [nodes_u, nodes_v] = [0, 1]
+                .map(|i| nodes_between(&rules[i].gauss, &surface.lines[i], surface.intervals(i), places[i]));
             let first = nodes_v.iter().map(|node| node.first).min().unwrap_or(0);
             let end = nodes_v.iter().map(|node| node.first + node.values.len()).max().unwrap_or(0);
             let rows = Rows::new(surface, &nodes_u, first..end);
