@@ -3,6 +3,7 @@
 #
 #   dashboard/run.sh build   from `dashboard/src` to `dashboard/dist`, which is committed and becomes part of the program
 #   dashboard/run.sh check   whether the committed files are those of a fresh build
+#   dashboard/run.sh lint    format and lints of its sources and tests; `tidy` mends what can be mended
 #   dashboard/run.sh test    the page in Chromium on target/debug/shapelex, or SHAPELEX_BINARY; SCREENS=folder keeps pictures,
 #                            GOALS=1 compares times with the goals, on an idle machine and a release build, DIST=1 takes the page
 #                            from dashboard/dist instead of the program, which is built anew for each change of it otherwise
@@ -36,6 +37,12 @@ check)
   diff -r dist "$fresh" >/dev/null || { echo "dashboard/dist is not what dashboard/src makes: run make dashboard" >&2; exit 1; }
   echo "dashboard/dist is what dashboard/src makes"
   ;;
+lint)
+  npx biome check --error-on-warnings .
+  ;;
+tidy)
+  npx biome check --write --error-on-warnings .
+  ;;
 test)
   if ! command -v chromium >/dev/null; then
     [ "$(id -u)" = 0 ] || skip test "there is no chromium, and only root may install it"
@@ -45,7 +52,7 @@ test)
   node --test --test-concurrency=1 --test-reporter=spec tests/*.test.mjs
   ;;
 *)
-  sed -n '2,8s/^# \{0,1\}//p' "$0"
+  sed -n '2,9s/^# \{0,1\}//p' "$0"
   exit 2
   ;;
 esac

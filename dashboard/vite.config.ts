@@ -2,8 +2,12 @@ import { readFileSync } from "node:fs";
 import { defineConfig, type Plugin } from "vite";
 
 /** What is shipped in the built assets, and whose licences therefore go with them: all packages but those of the development. */
-const lock = JSON.parse(readFileSync(new URL("package-lock.json", import.meta.url), "utf8")) as { packages: Record<string, { dev?: boolean }> };
-const SHIPPED = Object.entries(lock.packages).flatMap(([path, { dev }]) => (path && !dev ? [path.replace("node_modules/", "")] : []));
+const lock = JSON.parse(readFileSync(new URL("package-lock.json", import.meta.url), "utf8")) as {
+  packages: Record<string, { dev?: boolean }>;
+};
+const SHIPPED = Object.entries(lock.packages).flatMap(([path, { dev }]) =>
+  path && !dev ? [path.replace("node_modules/", "")] : [],
+);
 
 function licences(): Plugin {
   const text = (name: string) =>

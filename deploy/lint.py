@@ -1,11 +1,12 @@
-"""Checks everything that installs the service: container, compose, Kubernetes, systemd, shell, and what it is built from.
+"""Checks everything that installs the service: container, compose, Kubernetes, systemd, shell, and what it is built
+from.
 
     python3 deploy/lint.py [CHECK ...]
 
-Prints one line a check: ok, FAILED with the reasons, or skipped with the reason; ends with 1 when one failed. The tools are
-those of deploy/requirements.txt, installed into target/lint; a tool that cannot be had skips its checks, visibly. Beside the
-rules of the tools this looks for what a schema does not know: that the settings, routes and commands that the files name
-exist in the program, and that no container has rights that it does not need.
+Prints one line a check: ok, FAILED with the reasons, or skipped with the reason; ends with 1 when one failed. The tools
+are those of deploy/requirements.txt, installed into target/lint; a tool that cannot be had skips its checks, visibly.
+Beside the rules of the tools this looks for what a schema does not know: that the settings, routes and commands that
+the files name exist in the program, and that no container has rights that it does not need.
 """
 
 import json
@@ -37,8 +38,8 @@ EXPOSURE = 15
 # The oldest Kubernetes that the manifests are meant for, and the newest that the tool knows.
 KUBERNETES = ("1.30.0", "1.37.0")
 SYSTEM_PATH = "/usr/sbin:/usr/bin:/sbin:/bin"
-YAML_RULES = """{extends: default, rules: {line-length: {max: 130}, document-start: disable, braces: {max-spaces-inside: 1},
-  comments: {min-spaces-from-content: 1}}}"""
+YAML_RULES = """{extends: default, rules: {line-length: {max: 130}, document-start: disable,
+  braces: {max-spaces-inside: 1}, comments: {min-spaces-from-content: 1}}}"""
 
 
 class Skipped(Exception):
@@ -119,7 +120,8 @@ def check_shell():
 def check_image():
     """The root folder of the image, read-only and without rights: the program starts, is healthy, and stops in order.
 
-    Without an engine for containers this is as near to running the image as it gets: the same files, user and variables.
+    Without an engine for containers this is as near to running the image as it gets: the same files, user and
+    variables.
     """
     programs = [ROOT / "target" / profile / "shapelex" for profile in ("release", "debug")]
     programs = sorted((path for path in programs if path.exists()), key=lambda path: path.stat().st_mtime)
@@ -134,26 +136,36 @@ def check_image():
         port = listener.getsockname()[1]
     # On a loopback address no key is needed.
     settings |= {"SHAPELEX_LISTEN": f"127.0.0.1:{port}", "PATH": SYSTEM_PATH}
-    health = [word.replace(":8080", f":{port}") for word in json.loads(re.search(r"HEALTHCHECK.*?CMD (\[.*?\])", text, re.S).group(1))]
+    health = [
+        word.replace(":8080", f":{port}")
+        for word in json.loads(re.search(r"HEALTHCHECK.*?CMD (\[.*?\])", text, re.S).group(1))
+    ]
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder) / "root"
         run("sh", "docker/image_root.sh", programs[-1], root)
         inside = f"chroot --userspec=65532:65532 {root}"
         start = f"""mount --bind {root} {root}; mount -o remount,bind,ro {root}
-            mount -t tmpfs -o mode=0700,uid=65532,gid=65532 data {root}/data; mount -t tmpfs -o mode=1777 scratch {root}/tmp
+            mount -t tmpfs -o mode=0700,uid=65532,gid=65532 data {root}/data
+            mount -t tmpfs -o mode=1777 scratch {root}/tmp
             exec {inside} /usr/local/bin/shapelex serve"""
         log = Path(folder) / "log"
         with log.open("w") as file:
-            service = subprocess.Popen(["unshare", "--mount", "sh", "-ec", start], env=settings, stdout=file, stderr=file)
+            service = subprocess.Popen(
+                ["unshare", "--mount", "sh", "-ec", start], env=settings, stdout=file, stderr=file
+            )
         end, outcome = time.monotonic() + 30, None
         try:
             while service.poll() is None and time.monotonic() < end and (outcome is None or outcome.returncode != 0):
                 time.sleep(0.2)
-                outcome = subprocess.run([*inside.split(), *health], env={"PATH": SYSTEM_PATH}, capture_output=True, text=True)
+                outcome = subprocess.run(
+                    [*inside.split(), *health], env={"PATH": SYSTEM_PATH}, capture_output=True, text=True
+                )
         finally:
             service.terminate()
         if service.wait(30) != 0 or outcome is None or outcome.returncode != 0:
-            raise Failed(f"it ended with {service.returncode}; its health: {outcome}; its log: {log.read_text()[-1000:]}")
+            raise Failed(
+                f"it ended with {service.returncode}; its health: {outcome}; its log: {log.read_text()[-1000:]}"
+            )
 
 
 def check_compose():
@@ -222,7 +234,9 @@ def pod_rights(pod):
     for container in pod["containers"]:
         context = container["securityContext"]
         wanted = {"allowPrivilegeEscalation": False, "readOnlyRootFilesystem": True, "capabilities": {"drop": ["ALL"]}}
-        found += [f"{container['name']}: {key} is not {value}" for key, value in wanted.items() if context.get(key) != value]
+        found += [
+            f"{container['name']}: {key} is not {value}" for key, value in wanted.items() if context.get(key) != value
+        ]
         lacks = [r for r in ("requests", "limits") if not {"cpu", "memory"} <= container["resources"][r].keys()]
         if pod.get("restartPolicy") != "Never":
             lacks += [p for p in ("startupProbe", "livenessProbe", "readinessProbe") if p not in container]
@@ -256,7 +270,8 @@ def check_calls():
 
 
 def check_context():
-    """What the program is made of, by its build script, is in the context of the image, the settings of the allocator included."""
+    """What the program is made of, by its build script, is in the context of the image, the settings of the allocator
+    included."""
     build = (ROOT / "build.rs").read_text()
     listed = re.search(r"const SOURCES: \[&str; \d+\] =\s*\[(.*?)\];", build, re.S).group(1)
     sources = re.findall(r'"([^"]+)"', listed)
@@ -270,7 +285,10 @@ def check_names():
         import tomllib
     except ImportError:
         raise Skipped("needs Python 3.11") from None
-    sources = [*sorted((ROOT / "src").rglob("*.rs")), *sorted((ROOT / "crates" / "shapelex-engine" / "src").rglob("*.rs"))]
+    sources = [
+        *sorted((ROOT / "src").rglob("*.rs")),
+        *sorted((ROOT / "crates" / "shapelex-engine" / "src").rglob("*.rs")),
+    ]
     program = "".join(path.read_text() for path in [*sources, *ROOT.glob("build.rs")])
     settings = set(re.findall(r'"(SHAPELEX_[A-Z_]+|DATABASE_URL)"', program))
     fields = set(re.findall(r'(?m)^    (\w+): .* = "(?:SHAPELEX_\w+|DATABASE_URL)"', program)) | {"no_example"}
@@ -291,7 +309,11 @@ def check_names():
         if path.suffix == ".toml":
             found += [f"{name}: no setting {key}" for key in sorted(tomllib.loads(text).keys() - fields)]
     tests = set(re.findall(r"`((?:http|kill)\w*)`", (ROOT / "SECURITY.md").read_text()))
-    found += [f"SECURITY.md: no test {test}" for test in sorted(tests) if not (ROOT / "tests" / "suite" / f"{test}.rs").exists()]
+    found += [
+        f"SECURITY.md: no test {test}"
+        for test in sorted(tests)
+        if not (ROOT / "tests" / "suite" / f"{test}.rs").exists()
+    ]
     refuse(found)
 
 
@@ -316,17 +338,37 @@ def check_sbom():
         files = [Path(folder) / name for name in ("metadata.json", "first.json", "second.json")]
         files[0].write_text(metadata)
         for out in files[1:]:
-            run(sys.executable, "deploy/sbom.py", files[0], "--lock", "Cargo.lock",
-                "--page-lock", "dashboard/package-lock.json", "--out", out)
+            run(
+                sys.executable,
+                "deploy/sbom.py",
+                files[0],
+                "--lock",
+                "Cargo.lock",
+                "--page-lock",
+                "dashboard/package-lock.json",
+                "--out",
+                out,
+            )
         first, second = (out.read_text() for out in files[1:])
     found = json.loads(first)
     names = {part["name"] for part in found["components"] if part["scope"] == "required"}
     refs = {part["bom-ref"] for part in [*found["components"], found["metadata"]["component"]]}
-    refuse([*([] if first == second else ["it is another one each time"]),
-            *(f"{name} is missing" for name in ("sqlx", "axum", "rustls", "libsqlite3-sys", "preact", "three", "uplot") if name not in names),
+    refuse(
+        [
+            *([] if first == second else ["it is another one each time"]),
+            *(
+                f"{name} is missing"
+                for name in ("sqlx", "axum", "rustls", "libsqlite3-sys", "preact", "three", "uplot")
+                if name not in names
+            ),
             *(f"{name} is of the tests" for name in ("proptest", "criterion", "vite", "axe-core") if name in names),
-            *(f"{one['ref']} or what it needs is not listed" for one in found["dependencies"]
-              if not refs.issuperset({one["ref"], *one["dependsOn"]}))])
+            *(
+                f"{one['ref']} or what it needs is not listed"
+                for one in found["dependencies"]
+                if not refs.issuperset({one["ref"], *one["dependsOn"]})
+            ),
+        ]
+    )
 
 
 def check_advisories():

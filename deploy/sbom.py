@@ -1,12 +1,13 @@
-"""Lists what the program is made of: an SBOM in CycloneDX 1.6 (JSON), from the metadata of cargo and the lock file of the page.
+"""Lists what the program is made of: an SBOM in CycloneDX 1.6 (JSON), from the metadata of cargo and the lock file of
+the page.
 
     cargo metadata --locked --format-version 1 > metadata.json
     python3 deploy/sbom.py metadata.json --lock Cargo.lock --page-lock dashboard/package-lock.json --out sbom.cdx.json
 
-The crates that the program is linked with or built by, for the features that are on by default, and the npm packages that are in the
-page; those of tests, benchmarks and the build of the page are left out. The same inputs give the same bytes: there is no time and no
-random number in it. It ends with 1 when a crate or package has no checksum, no licence, or is missing in the lock file. Needs Python
-3.11 and nothing beyond its library.
+The crates that the program is linked with or built by, for the features that are on by default, and the npm packages
+that are in the page; those of tests, benchmarks and the build of the page are left out. The same inputs give the same
+bytes: there is no time and no random number in it. It ends with 1 when a crate or package has no checksum, no licence,
+or is missing in the lock file. Needs Python 3.11 and nothing beyond its library.
 """
 
 import argparse
@@ -69,9 +70,13 @@ def npm_purl(name, version):
 
 
 def page_packages(lock):
-    """The packages that are in the page, as components; what each depends on; what the page itself needs; what is wrong."""
-    packages = {path.removeprefix("node_modules/"): found for path, found in lock["packages"].items()
-                if path and not found.get("dev")}
+    """The packages that are in the page, as components; what each depends on; what the page itself needs; what is
+    wrong."""
+    packages = {
+        path.removeprefix("node_modules/"): found
+        for path, found in lock["packages"].items()
+        if path and not found.get("dev")
+    }
     components, edges, wrong = [], [], []
     for name, found in sorted(packages.items()):
         ref = npm_purl(name, found["version"])
@@ -79,14 +84,23 @@ def page_packages(lock):
         if algorithm != "sha512" or not found.get("license"):
             wrong.append(f"{ref} has no checksum (sha512) or no licence")
             continue
-        components.append({
-            "type": "library", "bom-ref": ref, "name": name, "version": found["version"], "scope": "required", "purl": ref,
-            "licenses": [{"expression": found["license"]}],
-            "hashes": [{"alg": "SHA-512", "content": base64.b64decode(digest).hex()}],
-        })
+        components.append(
+            {
+                "type": "library",
+                "bom-ref": ref,
+                "name": name,
+                "version": found["version"],
+                "scope": "required",
+                "purl": ref,
+                "licenses": [{"expression": found["license"]}],
+                "hashes": [{"alg": "SHA-512", "content": base64.b64decode(digest).hex()}],
+            }
+        )
         needed = [npm_purl(other, packages[other]["version"]) for other in sorted(found.get("dependencies", {}))]
         edges.append({"ref": ref, "dependsOn": needed})
-    direct = [npm_purl(name, packages[name]["version"]) for name in sorted(lock["packages"][""].get("dependencies", {}))]
+    direct = [
+        npm_purl(name, packages[name]["version"]) for name in sorted(lock["packages"][""].get("dependencies", {}))
+    ]
     return components, edges, direct, wrong
 
 
@@ -108,10 +122,18 @@ def document(metadata, lock, page_lock):
         else:
             components.append(component(package, scopes[crate], checksum))
     program = packages[root]
-    own = {"type": "application", "bom-ref": purl(program), "name": program["name"], "version": program["version"],
-           "purl": purl(program), "licenses": [{"expression": program["license"]}]}
-    dependencies = [{"ref": purl(packages[crate]), "dependsOn": sorted(purl(packages[other]) for other in edges[crate])}
-                    for crate in sorted(edges, key=lambda crate: purl(packages[crate]))]
+    own = {
+        "type": "application",
+        "bom-ref": purl(program),
+        "name": program["name"],
+        "version": program["version"],
+        "purl": purl(program),
+        "licenses": [{"expression": program["license"]}],
+    }
+    dependencies = [
+        {"ref": purl(packages[crate]), "dependsOn": sorted(purl(packages[other]) for other in edges[crate])}
+        for crate in sorted(edges, key=lambda crate: purl(packages[crate]))
+    ]
     shipped, edges_of_page, direct, faults = page_packages(page_lock) if page_lock else ([], [], [], [])
     wrong += faults
     components += shipped
@@ -119,8 +141,14 @@ def document(metadata, lock, page_lock):
         if one["ref"] == own["bom-ref"]:
             one["dependsOn"] += direct
     dependencies += edges_of_page
-    found = {"bomFormat": "CycloneDX", "specVersion": "1.6", "version": 1, "metadata": {"component": own},
-             "components": components, "dependencies": dependencies}
+    found = {
+        "bomFormat": "CycloneDX",
+        "specVersion": "1.6",
+        "version": 1,
+        "metadata": {"component": own},
+        "components": components,
+        "dependencies": dependencies,
+    }
     found["serialNumber"] = f"urn:uuid:{uuid.uuid5(NAMESPACE, json.dumps(found, sort_keys=True))}"
     return found, wrong
 
@@ -132,8 +160,11 @@ def main():
     parser.add_argument("--page-lock", type=Path, help="of a program with a page")
     parser.add_argument("--out", type=Path, required=True)
     arguments = parser.parse_args()
-    found, wrong = document(json.loads(arguments.metadata.read_text()), tomllib.loads(arguments.lock.read_text()),
-                            json.loads(arguments.page_lock.read_text()) if arguments.page_lock else None)
+    found, wrong = document(
+        json.loads(arguments.metadata.read_text()),
+        tomllib.loads(arguments.lock.read_text()),
+        json.loads(arguments.page_lock.read_text()) if arguments.page_lock else None,
+    )
     if wrong or not found["components"]:
         print("\n".join(wrong or ["no crates"]), file=sys.stderr)
         raise SystemExit(1)

@@ -2,11 +2,10 @@
 
     python docs/inhomogeneous.py http://127.0.0.1:8080 curves.ndjson FOLDER
 
-`curves.ndjson`: the MPEG-7 contours, one JSON object per line with `label` and `points`. Prints the tables and writes the
-pictures of the atoms into FOLDER. Needs only Python.
+`curves.ndjson`: the MPEG-7 contours, one JSON object per line with `label` and `points`. Prints the tables and writes
+the pictures of the atoms into FOLDER. Needs only Python.
 """
 
-import cmath
 import json
 import math
 import statistics
@@ -16,7 +15,8 @@ from pathlib import Path
 
 CLASSES = ["bone", "bottle", "fork", "heart", "key"]
 TRAINED, TESTED = 10, 4
-# With an odd number of control points the trigonometric generator is orthonormal: products of curves are those of points.
+# With an odd number of control points the trigonometric generator is orthonormal: products of curves are those of
+# points.
 REPRESENTATION = {"kind": "closed_curve", "dimension": 2, "control_points": 101, "generator": {"name": "trigonometric"}}
 METHODS = {
     "D5": {"kind": "sparse", "atoms": 5, "lambda": 0.01},
@@ -81,30 +81,44 @@ def main():
             contours[contour["label"]].append(contour["points"])
     parts = {"training": slice(0, TRAINED), "testing": slice(TRAINED, TRAINED + TESTED)}
     for name, part in parts.items():
-        post(f"{base}/cohorts", {"name": name, "correspondence": "cyclic", "direction": "either",
-                                 "representation": REPRESENTATION})
-        shapes = [{"external_id": f"{label}-{i}", "label": label, "points": points}
-                  for label in CLASSES for i, points in enumerate(contours[label][part])]
+        post(
+            f"{base}/cohorts",
+            {"name": name, "correspondence": "cyclic", "direction": "either", "representation": REPRESENTATION},
+        )
+        shapes = [
+            {"external_id": f"{label}-{i}", "label": label, "points": points}
+            for label in CLASSES
+            for i, points in enumerate(contours[label][part])
+        ]
         post(f"{base}/cohorts/{name}/shapes", {"shapes": shapes})
     ids = [f"{label}-{i}" for label in CLASSES for i in range(TESTED)]
     asked = {"cohort": "testing", "ids": ids}
     correlations, errors, numbers = [], [], []
     for name, method in METHODS.items():
         key = name.replace(",", "").replace(" ", "-")
-        dictionary = post(f"{base}/dictionaries", {"name": key, "cohort": "training", "transformation": "similarity",
-                                                   "method": method}, prefer="wait=60")
+        dictionary = post(
+            f"{base}/dictionaries",
+            {"name": key, "cohort": "training", "transformation": "similarity", "method": method},
+            prefer="wait=60",
+        )
         atoms = [complex_points(atom["control_points"]) for atom in dictionary["atoms"]]
         stored = [json.loads(call("GET", f"{base}/cohorts/testing/shapes/{urllib.request.quote(i)}")) for i in ids]
         shapes = [complex_points(shape["control_points"]) for shape in stored]
         correlations.append([max(correlation(shape, atom) for atom in atoms) for shape in shapes])
         url = f"{base}/dictionaries/{key}"
-        errors.append([shape["relative_error"] for shape in post(f"{url}/reconstruct", {**asked, "pose": "model"})["results"]])
+        errors.append(
+            [shape["relative_error"] for shape in post(f"{url}/reconstruct", {**asked, "pose": "model"})["results"]]
+        )
         codes = post(f"{url}/encode", asked)["results"]
         numbers.append(statistics.mean(code["parameters"] for code in codes))
         (folder / f"{key}.svg").write_bytes(call("GET", f"{url}/atoms?format=svg"))
     labels = [label for label in CLASSES for _ in range(TESTED)]
-    table("Correlation of the best atom with each test shape (as Table 4.3)", list(METHODS),
-          list(zip(labels, zip(*correlations))), 3)
+    table(
+        "Correlation of the best atom with each test shape (as Table 4.3)",
+        list(METHODS),
+        list(zip(labels, zip(*correlations))),
+        3,
+    )
     table("Reconstruction error of each test shape (as Table 4.4)", list(METHODS), list(zip(labels, zip(*errors))), 4)
     print("\nReal numbers in a code, mean: " + ", ".join(f"{n} {v:.1f}" for n, v in zip(METHODS, numbers)))
 

@@ -2,8 +2,8 @@
 
     python docs/segmentation.py http://127.0.0.1:8080 docs/pictures
 
-Writes `segmentation-starts.svg`, `segmentation-prior.svg` and `segmentation-sheets.svg`. Needs only Python; the figures that the page
-names are printed.
+Writes `segmentation-starts.svg`, `segmentation-prior.svg` and `segmentation-sheets.svg`. Needs only Python; the figures
+that the page names are printed.
 """
 
 import json
@@ -50,7 +50,7 @@ def nifti(side, value, noise=10, seed=1):
 
 def post(url, parameters, **files):
     """Sends a form; returns the body of the answer."""
-    parts = [("parameters", json.dumps(parameters).encode())] + [(name, file) for name, file in files.items()]
+    parts = [("parameters", json.dumps(parameters).encode()), *files.items()]
     head = '--%s\r\ncontent-disposition: form-data; name="%s"; filename="%s"\r\n\r\n'
     body = b"".join((head % (BOUNDARY, name, name)).encode() + part + b"\r\n" for name, part in parts)
     body += f"--{BOUNDARY}--\r\n".encode()
@@ -74,11 +74,17 @@ def told(name, answer):
 
 def starts(base):
     """One object from a box, at one blur and from coarse to fine."""
+
     def cell(x, y):
         angle = 1 + 0.28 * cos(3 * (0.4 + atan2(y - 62, x - 66)))
         return 180 if hypot(x - 66, y - 62) < 34 * angle else 50
+
     image, truth = png(128, 120, cell), png(128, 120, lambda x, y: float(cell(x, y) > 100), noise=0)
-    body = {"representation": curve(12), "boxes": [{"lower": [42, 40], "upper": [84, 76]}], "terms": [{"name": "contour"}]}
+    body = {
+        "representation": curve(12),
+        "boxes": [{"lower": [42, 40], "upper": [84, 76]}],
+        "terms": [{"name": "contour"}],
+    }
     fine = body | {"stages": [{"sigma": 1}]}
     for name, parameters in [("starts, one blur of a cell", fine), ("starts, the usual stages", body)]:
         told(name, post(f"{base}/segment", parameters, image=image, truth=truth))
@@ -87,10 +93,12 @@ def starts(base):
 
 def prior(base):
     """A rod that touches another one, without and with the attraction to rods."""
+
     def rod(x, y, centre, angle):
         u, v = x - centre[0], y - centre[1]
         along, across = u * cos(angle) + v * sin(angle), -u * sin(angle) + v * cos(angle)
         return hypot(max(0, abs(along) - 26), across) < 13
+
     ours = lambda x, y: rod(x, y, (56, 52), 0.35)
     image = png(128, 112, lambda x, y: 180 if ours(x, y) or rod(x, y, (92, 78), -0.9) else 50)
     truth = png(128, 112, lambda x, y: float(ours(x, y)), noise=0)
@@ -98,9 +106,18 @@ def prior(base):
     for k in range(12):
         t = 2 * pi * k / 12
         reference.append([39 * cos(t) * (0.96 + 0.04 * cos(2 * t)), 14.5 * sin(t)])
-    turned = [[56 + 0.85 * (x * cos(0.35) - y * sin(0.35)), 52 + 0.85 * (x * sin(0.35) + y * cos(0.35))] for x, y in reference]
-    body = {"representation": curve(12), "shapes": [{"control_points": turned}], "terms": [{"name": "contour"}], "stages": [{"sigma": 4}, {"sigma": 2}]}
-    attracted = body | {"prior": {"reference": {"control_points": reference}, "transformation": "similarity", "weight": 30}}
+    turned = [
+        [56 + 0.85 * (x * cos(0.35) - y * sin(0.35)), 52 + 0.85 * (x * sin(0.35) + y * cos(0.35))] for x, y in reference
+    ]
+    body = {
+        "representation": curve(12),
+        "shapes": [{"control_points": turned}],
+        "terms": [{"name": "contour"}],
+        "stages": [{"sigma": 4}, {"sigma": 2}],
+    }
+    attracted = body | {
+        "prior": {"reference": {"control_points": reference}, "transformation": "similarity", "weight": 30}
+    }
     for name, parameters in [("prior, none", body), ("prior, similarity", attracted)]:
         told(name, post(f"{base}/segment", parameters, image=image, truth=truth))
     return [post(f"{base}/segment?{LOOK}", parameters, image=image).decode() for parameters in (body, attracted)]
@@ -109,12 +126,19 @@ def prior(base):
 def sheets(base):
     """What a dark shell encloses: in the image, and in the edge map of the shell."""
     side, centre = 64, (32, 31, 30)
+
     def head(x, y, z):
         d = sqrt(sum(((p - c) / s) ** 2 for p, c, s in zip((x, y, z), centre, (1.0, 0.85, 0.9))))
         return 150 if d < 19 else 40 if d < 22 else 190 if d < 26 else 15
+
     image = nifti(side, head)
     truth = nifti(side, lambda x, y, z: float(head(x, y, z) == 150), noise=0)
-    surface = {"kind": "surface", "topology": "sphere", "control_points": [6, 6], "generators": [{"name": "trigonometric"}] * 2}
+    surface = {
+        "kind": "surface",
+        "topology": "sphere",
+        "control_points": [6, 6],
+        "generators": [{"name": "trigonometric"}] * 2,
+    }
     box = {"lower": [20, 20, 20], "upper": [42, 42, 40]}
     stages = [{"free": "affine", "sigma": 6}, {"sigma": 6}, {"sigma": 3}, {"sigma": 1.5}]
     body = {"representation": surface, "boxes": [box], "stages": stages}

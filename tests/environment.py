@@ -3,7 +3,8 @@
 
     tests/environment.py FOLDER PACKAGE...      or `-r FILE`, as pip takes them
 
-`created` makes one; `Unavailable` says why it cannot be had. As a program it ends with 1 then, with a line on standard error.
+`created` makes one; `Unavailable` says why it cannot be had. As a program it ends with 1 then, with a line on standard
+error.
 """
 
 import importlib.util
@@ -30,7 +31,13 @@ def run(command):
     """Runs a program that must succeed."""
     try:
         done = subprocess.run(
-            command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace", timeout=PATIENCE
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            errors="replace",
+            timeout=PATIENCE,
         )
     except (OSError, subprocess.SubprocessError) as error:
         raise Unavailable(f"{command[0]}: {error}") from error

@@ -1,6 +1,8 @@
-"""Requests that grow out of each other: the schemas of the interface document say what may be where, and chance says what is.
+"""Requests that grow out of each other: the schemas of the interface document say what may be where, and chance says
+what is.
 
-A request is a recipe (tests/attack/recipe.py) with method, path, query and body, so that what is large stays small to save.
+A request is a recipe (tests/attack/recipe.py) with method, path, query and body, so that what is large stays small to
+save.
 """
 
 import copy
@@ -14,10 +16,15 @@ PLACES = [0, 0, 0, 1, 1000, 1e6, 1e15]
 KINDS = ["circle", "round", "random", "walk", "zigzag", "line", "collapsed", "spike", "sphere"]
 TINY = [[], {}, 0, None, "", [[]], {"a": 1}, [0, 0], [0, 1, 2]]
 # What addresses take, where the document has no list of it.
-WORDS = {"format": ["json", "svg", "csv", "npy", "obj", "ply", "stl", "gltf"], "grid": ["2,2", "64,64", "500,500", "1,100000"],
-         "limit": [1, 100, 1000], "transformation": ["similarity", "affine", "rigid"], "alignment": ["projection", "procrustes"],
-         "poles": ["[[0,0],[0,0.5],[0,-0.5]]"]}
-TEXTS = ["a", "\u202e", "\u0000", "é", "[", "\""]
+WORDS = {
+    "format": ["json", "svg", "csv", "npy", "obj", "ply", "stl", "gltf"],
+    "grid": ["2,2", "64,64", "500,500", "1,100000"],
+    "limit": [1, 100, 1000],
+    "transformation": ["similarity", "affine", "rigid"],
+    "alignment": ["projection", "procrustes"],
+    "poles": ["[[0,0],[0,0.5],[0,-0.5]]"],
+}
+TEXTS = ["a", "\u202e", "\u0000", "é", "[", '"']
 
 Node = namedtuple("Node", "parent key value schemas")
 
@@ -45,8 +52,15 @@ class Schemas:
         """Every choice of one alternative of each part, as one schema."""
         found = [{"type": "object", "properties": {}, "required": []}]
         for part in parts:
-            found = [{"type": "object", "properties": {**a["properties"], **b.get("properties", {})},
-                      "required": a["required"] + b.get("required", [])} for a in found for b in part or [{}]]
+            found = [
+                {
+                    "type": "object",
+                    "properties": {**a["properties"], **b.get("properties", {})},
+                    "required": a["required"] + b.get("required", []),
+                }
+                for a in found
+                for b in part or [{}]
+            ]
         return found[:24]
 
     def child(self, schemas, key):
@@ -67,8 +81,11 @@ class Schemas:
         kind = next((k for k in kind if k != "null"), None) if isinstance(kind, list) else kind
         if kind == "object":
             wanted = set(chosen.get("required", []))
-            return {key: self.instance(value, random, depth + 1) for key, value in chosen.get("properties", {}).items()
-                    if key in wanted or random.random() < 0.15}
+            return {
+                key: self.instance(value, random, depth + 1)
+                for key, value in chosen.get("properties", {}).items()
+                if key in wanted or random.random() < 0.15
+            }
         if kind == "array":
             return [self.instance(chosen.get("items", {}), random, depth + 1) for _ in range(random.randint(0, 3))]
         if kind == "integer":
@@ -77,7 +94,11 @@ class Schemas:
             return random.choice([0.5, 1.0, 2.0, *NUMBERS])
         if kind == "boolean":
             return random.random() < 0.5
-        return random.choice(["a", "attacked", "curves", "label", "octahedron/2", "icosahedron"]) if kind == "string" else {}
+        return (
+            random.choice(["a", "attacked", "curves", "label", "octahedron/2", "icosahedron"])
+            if kind == "string"
+            else {}
+        )
 
 
 def is_directive(value):
@@ -87,6 +108,7 @@ def is_directive(value):
 
 def nodes(body, schemas, found):
     """All nodes of a body with the schemas of their places."""
+
     def walk(parent, key, value, options):
         yield Node(parent, key, value, options)
         if is_directive(value):
@@ -96,6 +118,7 @@ def nodes(body, schemas, found):
         pairs = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
         for name, inner in list(pairs)[:40]:
             yield from walk(value, name, inner, schemas.child(options, name))
+
     holder = {"": body}
     return holder, list(walk(holder, "", body, found))
 
@@ -143,8 +166,25 @@ class Mutator:
         """One change, of a kind that fits."""
         if "body" not in request or self.random.random() < 0.1:
             return self.change_query(request)
-        changes = [self.number, self.number, self.word, self.add, self.remove, self.renew, self.grow, self.grow, self.tiny,
-                   self.shape, self.shape, self.kit, self.kit, self.kit, self.many, self.many, self.large]
+        changes = [
+            self.number,
+            self.number,
+            self.word,
+            self.add,
+            self.remove,
+            self.renew,
+            self.grow,
+            self.grow,
+            self.tiny,
+            self.shape,
+            self.shape,
+            self.kit,
+            self.kit,
+            self.kit,
+            self.many,
+            self.many,
+            self.large,
+        ]
         if self.random.random() < 0.1:
             return self.wrap(request)
         change = self.random.choice(changes)
@@ -179,10 +219,17 @@ class Mutator:
 
     def add(self, found, _):
         """A field that may be here and is not."""
+
         def missing(node):
             if not isinstance(node.value, dict) or is_directive(node.value):
                 return []
-            return [(key, value) for schema in node.schemas for key, value in schema.get("properties", {}).items() if key not in node.value]
+            return [
+                (key, value)
+                for schema in node.schemas
+                for key, value in schema.get("properties", {}).items()
+                if key not in node.value
+            ]
+
         holders = [node for node in found if missing(node)]
         if holders:
             node = self.random.choice(holders)
@@ -203,14 +250,22 @@ class Mutator:
 
     def grow(self, found, _):
         """What is repeated more often, or an item of a list many times."""
-        grows = lambda value: "times" in value or "$points" in value if is_directive(value) else isinstance(value, list) and value
+        grows = lambda value: (
+            "times" in value or "$points" in value if is_directive(value) else isinstance(value, list) and value
+        )
         node = self.pick(found, lambda n: grows(n.value))
         if node is None:
             return
         if isinstance(node.value, list):
             item = self.random.choice(node.value)
             if not (is_directive(item) and "$repeat" in item):
-                node.value.append({"$repeat": copy.deepcopy(item), "times": self.random.choice(COUNTS), "vary": self.random.random() < 0.5})
+                node.value.append(
+                    {
+                        "$repeat": copy.deepcopy(item),
+                        "times": self.random.choice(COUNTS),
+                        "vary": self.random.random() < 0.5,
+                    }
+                )
         elif "$points" in node.value:
             node.value["$points"]["count"] = self.random.choice(COUNTS)
         else:
@@ -230,7 +285,12 @@ class Mutator:
 
     def points(self, count, dimension):
         """Points of any kind and place."""
-        settings = {"kind": self.random.choice(KINDS), "count": count, "dimension": dimension, "seed": self.random.randrange(1000)}
+        settings = {
+            "kind": self.random.choice(KINDS),
+            "count": count,
+            "dimension": dimension,
+            "seed": self.random.randrange(1000),
+        }
         settings |= {"scale": self.random.choice(SCALES), "at": self.random.choice(PLACES)}
         if settings["kind"] == "spike":
             settings["by"] = self.random.choice([1, -1, 1000, -1000, 1e-9])
@@ -238,7 +298,9 @@ class Mutator:
 
     def shape(self, found, _):
         """One list of points becomes another one of its size."""
-        is_list = lambda v: isinstance(v, list) and v and isinstance(v[0], list) and v[0] and isinstance(v[0][0], int | float)
+        is_list = lambda v: (
+            isinstance(v, list) and v and isinstance(v[0], list) and v[0] and isinstance(v[0][0], int | float)
+        )
         node = self.pick(found, lambda n: is_list(n.value) or is_directive(n.value) and "$points" in n.value)
         if node is None:
             return
@@ -252,7 +314,11 @@ class Mutator:
         """The shapes of the request, many."""
         node = self.pick(found, lambda n: n.key == "shapes" and isinstance(n.value, list) and n.value)
         if node:
-            item = node.value[0]["$repeat"] if is_directive(node.value[0]) and "$repeat" in node.value[0] else node.value[0]
+            item = (
+                node.value[0]["$repeat"]
+                if is_directive(node.value[0]) and "$repeat" in node.value[0]
+                else node.value[0]
+            )
             node.value[:] = [{"$repeat": item, "times": self.random.choice(COUNTS[:13]), "vary": True}]
 
     def kit(self, found, request):
@@ -291,34 +357,63 @@ class Mutator:
         query[name] = str(value)[:2000]
 
 
-GENERATORS = [{"name": "cubic"}, {"name": "trigonometric"}, *({"name": "bspline", "degree": k} for k in range(1, 6)),
-              {"name": "exponential", "domain_poles": [[0, 0], [0, 6.283185307179586], [0, -6.283185307179586]]},
-              {"name": "interpolator", "family": "integer_shifts", "domain_poles": [[0, 0], [0, 6.283185307179586], [0, -6.283185307179586]]},
-              {"name": "interpolator", "family": "half_integer_shifts", "poles": [[0, 0], [0, 0], [0, 0], [0, 0]]}]
+GENERATORS = [
+    {"name": "cubic"},
+    {"name": "trigonometric"},
+    *({"name": "bspline", "degree": k} for k in range(1, 6)),
+    {"name": "exponential", "domain_poles": [[0, 0], [0, 6.283185307179586], [0, -6.283185307179586]]},
+    {
+        "name": "interpolator",
+        "family": "integer_shifts",
+        "domain_poles": [[0, 0], [0, 6.283185307179586], [0, -6.283185307179586]],
+    },
+    {"name": "interpolator", "family": "half_integer_shifts", "poles": [[0, 0], [0, 0], [0, 0], [0, 0]]},
+]
 
 
 def kit(mutator, known=None):
     """A representation, and a function that makes shapes of it."""
     random = mutator.random
     if known:
-        return known, lambda: {"points": mutator.points(known.get("control_points") or known.get("points"), known["dimension"])}
+        return known, lambda: {
+            "points": mutator.points(known.get("control_points") or known.get("points"), known["dimension"])
+        }
     choice, dimension, count = random.randrange(8), random.choice([2, 2, 3]), random.choice(COUNTS[2:13])
     if choice < 3:
-        made = {"kind": "closed_curve", "dimension": dimension, "control_points": count, "generator": random.choice(GENERATORS)}
+        made = {
+            "kind": "closed_curve",
+            "dimension": dimension,
+            "control_points": count,
+            "generator": random.choice(GENERATORS),
+        }
         return made, lambda: {"points": mutator.points(count, dimension)}
     if choice == 3:
-        made = {"kind": "open_curve", "dimension": dimension, "intervals": count, "generator": random.choice(GENERATORS)}
+        made = {
+            "kind": "open_curve",
+            "dimension": dimension,
+            "intervals": count,
+            "generator": random.choice(GENERATORS),
+        }
         return made, lambda: {"points": mutator.points(count + 1, dimension)}
     if choice == 4:
-        return {"kind": "landmarks", "dimension": dimension, "points": count}, lambda: {"points": mutator.points(count, dimension)}
+        return {"kind": "landmarks", "dimension": dimension, "points": count}, lambda: {
+            "points": mutator.points(count, dimension)
+        }
     if choice < 7:
         u, v = random.choice([4, 8, 16, 32, 45]), random.choice([4, 8, 16, 32, 45])
         topology = random.choice(["torus", "sphere"])
         rows = u * v if topology == "torus" else u * (v - 1) + 6
-        return {"kind": "surface", "topology": topology, "control_points": [u, v]}, lambda: {"control_points": mutator.points(rows, 3)}
+        return {"kind": "surface", "topology": topology, "control_points": [u, v]}, lambda: {
+            "control_points": mutator.points(rows, 3)
+        }
     splits = random.choice([0, 1, 2, 3, 4])
     scheme = {"scheme": random.choice(["loop", "blob", "butterfly", "normal_based"]), "lambda": 1.5}
     if scheme["scheme"] != "blob":
         del scheme["lambda"]
-    made = {"kind": "subdivision", **scheme, "level": random.choice([0, 1, 2, 3, 5, 8]), "connectivity": f"octahedron/{splits}"}
+    made = {
+        "kind": "subdivision",
+        **scheme,
+        "level": random.choice([0, 1, 2, 3, 5, 8]),
+        "connectivity": f"octahedron/{splits}",
+    }
     return made, lambda: {"control_points": mutator.points(4 ** (splits + 1) + 2, 3)}

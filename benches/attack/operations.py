@@ -60,15 +60,33 @@ def furnish(service, key):
     for name, representation in COHORTS.items():
         service.post("/v1/cohorts", {"name": name, "representation": representation}, key)
         count = representation.get("control_points") or representation["points"]
-        shapes = [{"external_id": f"s{k}", "label": "ab"[k % 2], "subject": f"p{k // 2}", "labels": {"age": k},
-                   "points": outline(count, k)} for k in range(60)]
+        shapes = [
+            {
+                "external_id": f"s{k}",
+                "label": "ab"[k % 2],
+                "subject": f"p{k // 2}",
+                "labels": {"age": k},
+                "points": outline(count, k),
+            }
+            for k in range(60)
+        ]
         service.post(f"/v1/cohorts/{name}/shapes", {"shapes": shapes}, key)
     classifier = {"kind": "discriminant", "attribute": "label", "repeats": 1}
     pca = {"kind": "functional_pca", "components": 3, "centre": True}
     sparse = {"kind": "sparse", "atoms": 6, "lambda": 0.05, "max_epochs": 20}
     for name, cohort in DICTIONARIES.items():
-        body = {"name": name, "cohort": cohort, "transformation": "similarity", "method": sparse if name == "atoms" else pca}
-        service.post("/v1/dictionaries", body if name == "atoms" else {**body, "classifier": classifier}, {**key, **WAIT}, timeout=90)
+        body = {
+            "name": name,
+            "cohort": cohort,
+            "transformation": "similarity",
+            "method": sparse if name == "atoms" else pca,
+        }
+        service.post(
+            "/v1/dictionaries",
+            body if name == "atoms" else {**body, "classifier": classifier},
+            {**key, **WAIT},
+            timeout=90,
+        )
 
 
 def warm(service, key):
@@ -91,8 +109,17 @@ class Things:
 
     def made_for(self, name):
         """What an operation needs that it uses up."""
-        makers = {"delete_cohort": self.cohort, "update_cohort": self.cohort, "delete_shape": self.shape, "delete_dictionary": self.dictionary, "revoke_key": self.a_key,
-                  "find_key": self.a_key, "remove_trashed": self.trashed, "restore_trashed": self.trashed, "cancel_job": self.running}
+        makers = {
+            "delete_cohort": self.cohort,
+            "update_cohort": self.cohort,
+            "delete_shape": self.shape,
+            "delete_dictionary": self.dictionary,
+            "revoke_key": self.a_key,
+            "find_key": self.a_key,
+            "remove_trashed": self.trashed,
+            "restore_trashed": self.trashed,
+            "cancel_job": self.running,
+        }
         self.count += 1
         try:
             return makers[name]() if name in makers else {"job": self.job} if "job" in name else {}
@@ -105,12 +132,16 @@ class Things:
         return {"cohort": self.service.post("/v1/cohorts", {"name": name, "representation": LANDMARKS}, self.key)["id"]}
 
     def shape(self):
-        added = self.service.post("/v1/cohorts/attacked/shapes", {"shapes": [{"points": outline(3, self.count)}]}, self.key)
+        added = self.service.post(
+            "/v1/cohorts/attacked/shapes", {"shapes": [{"points": outline(3, self.count)}]}, self.key
+        )
         return {"cohort": "attacked", "shape": added["results"][0]["id"]}
 
     def dictionary(self):
         headers = {"content-type": "application/json", **self.key}
-        found = self.service.send("POST", f"/v1/dictionaries/import?name=doomed-{self.count}", self.exported, headers).json()
+        found = self.service.send(
+            "POST", f"/v1/dictionaries/import?name=doomed-{self.count}", self.exported, headers
+        ).json()
         return {"dictionary": found["id"]}
 
     def a_key(self):
@@ -122,8 +153,19 @@ class Things:
         return {"id": cohort}
 
     def running(self):
-        body = {"name": "long", "cohort": "curves", "transformation": "similarity",
-                "method": {"kind": "sparse", "atoms": 16, "lambda": 0.001, "max_epochs": 10000, "tolerance": 0, "seed": self.count}}
+        body = {
+            "name": "long",
+            "cohort": "curves",
+            "transformation": "similarity",
+            "method": {
+                "kind": "sparse",
+                "atoms": 16,
+                "lambda": 0.001,
+                "max_epochs": 10000,
+                "tolerance": 0,
+                "seed": self.count,
+            },
+        }
         return {"job": self.service.post("/v1/dictionaries", body, self.key)["id"]}
 
 

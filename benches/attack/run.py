@@ -1,21 +1,24 @@
 #!/usr/bin/env python3
-"""Looks for requests that cost the service most time or memory for their bytes, and ends with a failure when one breaks a promise.
+"""Looks for requests that cost the service most time or memory for their bytes, and ends with a failure when one breaks
+a promise.
 
     benches/attack/run.py --binary target/release/shapelex --minutes 60 --report attack.json
     benches/attack/run.py --binary … --minutes 5 --operations 'measure|evaluate' --seed 2 --keep-going
     benches/attack/run.py --table attack.json …
     tests/attack/run.py replay attack.json --binary …
 
-For each operation of the interface document a search by mutation: it begins with the examples of the document and with seeds.json,
-changes one of the worst requests so far (sizes, numbers at the edge, shapes that are collapsed, tiny or far off, lists of tiny things,
-nesting, compression, fields that the schema allows), and keeps what costs more. Costs are seconds of processor time, seconds of wall time,
-bytes of memory, and the first and the last of these by the bytes on the wire: ten of each are kept. Between the rounds many clients
-of one tenant send the worst of all operations at once; a process of its own asks for little as another tenant every 50 ms.
+For each operation of the interface document a search by mutation: it begins with the examples of the document and with
+seeds.json, changes one of the worst requests so far (sizes, numbers at the edge, shapes that are collapsed, tiny or far
+off, lists of tiny things, nesting, compression, fields that the schema allows), and keeps what costs more. Costs are
+seconds of processor time, seconds of wall time, bytes of memory, and the first and the last of these by the bytes on
+the wire: ten of each are kept. Between the rounds many clients of one tenant send the worst of all operations at once;
+a process of its own asks for little as another tenant every 50 ms.
 
-The run fails when a request is not answered within --compute-seconds and one second, the log has a panic, an answer is a 5xx other than 503 (and
-507, a full disk), memory passes the quota, /readyz fails, or work goes on after its answer. With --keep-going that is noted and a new process
-started. The seed fixes what is tried as far as costs decide alike; what was found is in the report, and can be sent again.
-Loopback only, memory and sizes bounded. Needs Python 3.11 and nothing beyond its library.
+The run fails when a request is not answered within --compute-seconds and one second, the log has a panic, an answer is
+a 5xx other than 503 (and 507, a full disk), memory passes the quota, /readyz fails, or work goes on after its answer.
+With --keep-going that is noted and a new process started. The seed fixes what is tried as far as costs decide alike;
+what was found is in the report, and can be sent again. Loopback only, memory and sizes bounded. Needs Python 3.11 and
+nothing beyond its library.
 """
 
 import argparse
@@ -38,6 +41,7 @@ sys.dont_write_bytecode = True
 from mutate import Mutator, Schemas, estimate, toil  # noqa: E402
 from operations import Things, beginnings, furnish, operations, warm  # noqa: E402
 from recipe import Recipe  # noqa: E402
+
 from service import Service, percentile  # noqa: E402
 
 COSTS = ["cpu", "seconds", "mb", "cpu per kB", "mb per kB"]
@@ -78,7 +82,12 @@ class Target:
         self.arguments = arguments
         self.template = Path(tempfile.mkdtemp(prefix="shapelex-attack-"))
         seconds, quota = arguments.compute_seconds, int(arguments.quota_mb * 1e6)
-        self.flags = ["--no-example", f"--compute-seconds={seconds}", f"--light-seconds={seconds}", f"--max-memory={quota}"]
+        self.flags = [
+            "--no-example",
+            f"--compute-seconds={seconds}",
+            f"--light-seconds={seconds}",
+            f"--max-memory={quota}",
+        ]
         service = Service(arguments.binary, self.flags, folder=self.template)
         self.key, self.other = service.key("attacker", "admin", "a"), service.key("other", "writer", "b")
         service.start()
@@ -129,7 +138,11 @@ class Search:
         if self.waiting:
             return self.waiting.pop(0)
         kept = self.worst[self.random.choice(COSTS)][:PARENTS]
-        return self.mutator.mutated(self.random.choice(kept)["request"]) if kept else self.mutator.mutated(beginnings(self.operation, self.target.document)[0])
+        return (
+            self.mutator.mutated(self.random.choice(kept)["request"])
+            if kept
+            else self.mutator.mutated(beginnings(self.operation, self.target.document)[0])
+        )
 
     def note(self, request, figures):
         """Keeps a request where it is among the worst."""
@@ -173,8 +186,17 @@ def attempt(search, request):
     with service.watched(kill_beyond=1.5e6 * arguments.quota_mb) as watch:
         answer = service.send(operation.method, path, body, headers, timeout=patience + 30, first=patience)
     on_wire = len(body or b"") + len(path) + HEAD_BYTES
-    figures = {"cpu": round(watch.cpu, 3), "seconds": round(answer.seconds, 3), "mb": round(max(0, watch.peak - rest) / 1e6, 2), "bytes": on_wire,
-               "plain": plain, "answer": answer.size, "status": answer.status, "method": operation.method, "path": path}
+    figures = {
+        "cpu": round(watch.cpu, 3),
+        "seconds": round(answer.seconds, 3),
+        "mb": round(max(0, watch.peak - rest) / 1e6, 2),
+        "bytes": on_wire,
+        "plain": plain,
+        "answer": answer.size,
+        "status": answer.status,
+        "method": operation.method,
+        "path": path,
+    }
     figures["cpu per kB"], figures["mb per kB"] = (round(1e3 * figures[name] / on_wire, 4) for name in ("cpu", "mb"))
     cancel(target, answer, made)
     check(target, watch, answer, patience)
@@ -190,7 +212,9 @@ def check_promise(figures):
         raise Broken(f"memory: {figures['mb']} MB for one request, promised are {PROMISED_MB}")
     most = PROMISED_TIMES * figures["plain"] / 1e6 + SLACK_MB
     if 400 <= figures["status"] < 500 and figures["plain"] > LARGE_BODY and figures["mb"] > most:
-        raise Broken(f"memory: {figures['mb']} MB for a body of {figures['plain']} B that was refused, promised are {most:.0f}")
+        raise Broken(
+            f"memory: {figures['mb']} MB for a body of {figures['plain']} B that was refused, promised are {most:.0f}"
+        )
 
 
 def check(target, watch, answer, patience):
@@ -249,7 +273,10 @@ class Run:
                     self.breaks("flood", error)
             rounds += 1
             evaluated = sum(search.evaluated for search in self.searches)
-            print(f"round {rounds}: {evaluated} requests, {len(self.broken)} broken promises, peak {self.peak_mb:.0f} MB", flush=True)
+            print(
+                f"round {rounds}: {evaluated} requests, {len(self.broken)} broken promises, peak {self.peak_mb:.0f} MB",
+                flush=True,
+            )
 
     def turn(self, search):
         """One operation for a moment."""
@@ -269,29 +296,46 @@ class Run:
         kind = f"{error}".split(":")[0]
         same = [entry for entry in self.broken if (entry["operation"], entry["kind"]) == (name, kind)]
         if len(same) < KEPT:
-            self.broken.append({"operation": name, "kind": kind, "what": f"{error}", "request": request and saved(request, name, self.searches)})
+            self.broken.append(
+                {
+                    "operation": name,
+                    "kind": kind,
+                    "what": f"{error}",
+                    "request": request and saved(request, name, self.searches),
+                }
+            )
         print(f"BROKEN {name}: {error}\n       {json.dumps(request)[:600]}", flush=True)
         if kind != "memory":
             self.target.drop()
 
     def flood(self):
         """Many clients with the worst requests of all, and somebody who asks for little."""
-        pool = [(search, entry["request"]) for search in self.searches for entry in search.requests()
-                if entry["bytes"] + entry["plain"] < FLOOD_BYTES and not search.operation.name.startswith(("delete", "revoke", "remove", "restore"))]
+        pool = [
+            (search, entry["request"])
+            for search in self.searches
+            for entry in search.requests()
+            if entry["bytes"] + entry["plain"] < FLOOD_BYTES
+            and not search.operation.name.startswith(("delete", "revoke", "remove", "restore"))
+        ]
         if not pool:
             return
         self.target.fresh()
         service, over, statuses = self.target.service, threading.Event(), Counter()
         chosen = self.random.sample(pool, min(60, len(pool)))
         made_for = self.target.things.made_for
-        requests = [(search.operation.method, *wired(request, search.operation, self.target, made_for(search.operation.name)))
-                    for search, request in chosen]
+        requests = [
+            (search.operation.method, *wired(request, search.operation, self.target, made_for(search.operation.name)))
+            for search, request in chosen
+        ]
 
         def client(number):
             random = Random(f"{self.arguments.seed}:{number}")
             while not over.is_set():
                 method, path, headers, body, _ = random.choice(requests)
-                statuses[str(service.send(method, path, body, headers, timeout=self.arguments.compute_seconds + 20).status)] += 1
+                statuses[
+                    str(service.send(method, path, body, headers, timeout=self.arguments.compute_seconds + 20).status)
+                ] += 1
+
         with service.watched(kill_beyond=1.5e6 * self.arguments.quota_mb) as watch:
             clients = [threading.Thread(target=client, args=(k,), daemon=True) for k in range(FLOOD_CLIENTS)]
             for thread in clients:
@@ -304,15 +348,24 @@ class Run:
 
     def probe(self, service):
         """A tiny request every 50 ms, by a process of its own."""
-        command = [sys.executable, ROOT / "tests" / "attack" / "probe.py", *map(str, service.address), str(self.arguments.flood_seconds), "0.05",
-                   self.target.other["authorization"]]
+        command = [
+            sys.executable,
+            ROOT / "tests" / "attack" / "probe.py",
+            *map(str, service.address),
+            str(self.arguments.flood_seconds),
+            "0.05",
+            self.target.other["authorization"],
+        ]
         done = subprocess.run(command, capture_output=True, text=True, timeout=self.arguments.flood_seconds + 120)
         self.probes.append(json.loads(done.stdout))
 
     def cancel_jobs(self, service):
         """Ends the jobs of the attacking tenant."""
         for status in ("queued", "running"):
-            page = service.send("GET", f"/v1/jobs?status={status}&limit=1000", headers=self.target.key, timeout=20).json() or {}
+            page = (
+                service.send("GET", f"/v1/jobs?status={status}&limit=1000", headers=self.target.key, timeout=20).json()
+                or {}
+            )
             for job in page.get("items", []):
                 service.send("POST", f"/v1/jobs/{job['id']}/cancel", headers=self.target.key, timeout=20)
 
@@ -351,39 +404,75 @@ class Run:
             answers.update(probe["statuses"])
             heavy.update(probe["heavy"])
         version = subprocess.run([self.arguments.binary, "--version"], capture_output=True, text=True).stdout.strip()
-        keys = {"ms p50": percentile(latencies, 50), "ms p99": percentile(latencies, 99), "ms max": max(latencies, default=None)}
+        keys = {
+            "ms p50": percentile(latencies, 50),
+            "ms p99": percentile(latencies, 99),
+            "ms max": max(latencies, default=None),
+        }
         operations = {search.operation.name: self.of_operation(search) for search in self.searches}
         requests = [entry for search in self.searches for entry in flat(search)]
-        over = [f"{r['method']} {r['path'][:80]}: {r['figures']['seconds']} s, {r['figures']['mb']} MB" for r in requests
-                if r["figures"]["mb"] > PROMISED_MB or r["figures"]["seconds"] > PROMISED_SECONDS]
-        return {"program": version, "seed": self.arguments.seed, "minutes": self.arguments.minutes, "compute seconds": self.arguments.compute_seconds,
-                "quota MB": self.arguments.quota_mb, "evaluated": sum(search.evaluated for search in self.searches), "peak MB": round(self.peak_mb),
-                "broken": self.broken, f"beyond {PROMISED_SECONDS} s or {PROMISED_MB} MB": over,
-                "tiny requests of another tenant": {"requests": len(latencies), "statuses": dict(answers), **keys, "heavy": dict(heavy)},
-                "operations": operations, "requests": requests}
+        over = [
+            f"{r['method']} {r['path'][:80]}: {r['figures']['seconds']} s, {r['figures']['mb']} MB"
+            for r in requests
+            if r["figures"]["mb"] > PROMISED_MB or r["figures"]["seconds"] > PROMISED_SECONDS
+        ]
+        return {
+            "program": version,
+            "seed": self.arguments.seed,
+            "minutes": self.arguments.minutes,
+            "compute seconds": self.arguments.compute_seconds,
+            "quota MB": self.arguments.quota_mb,
+            "evaluated": sum(search.evaluated for search in self.searches),
+            "peak MB": round(self.peak_mb),
+            "broken": self.broken,
+            f"beyond {PROMISED_SECONDS} s or {PROMISED_MB} MB": over,
+            "tiny requests of another tenant": {
+                "requests": len(latencies),
+                "statuses": dict(answers),
+                **keys,
+                "heavy": dict(heavy),
+            },
+            "operations": operations,
+            "requests": requests,
+        }
 
     def of_operation(self, search):
         """The figures of one operation: how often it was tried, and the worst of each cost."""
-        worst = {cost: {name: kept[0][name] for name in ("status", "bytes", "cpu", "seconds", "mb")} for cost, kept in search.worst.items() if kept}
+        worst = {
+            cost: {name: kept[0][name] for name in ("status", "bytes", "cpu", "seconds", "mb")}
+            for cost, kept in search.worst.items()
+            if kept
+        }
         return {"evaluated": search.evaluated, "statuses": dict(search.statuses), "worst": worst}
 
 
 def flat(search):
     """The worst requests of an operation in the form that tests/attack/run.py replays."""
-    return [{**replayable(entry), "figures": {name: entry[name] for name in ("status", "bytes", "plain", "cpu", "seconds", "mb", "answer")}}
-            for entry in search.requests()]
+    return [
+        {
+            **replayable(entry),
+            "figures": {name: entry[name] for name in ("status", "bytes", "plain", "cpu", "seconds", "mb", "answer")},
+        }
+        for entry in search.requests()
+    ]
 
 
 def replayable(entry):
     """A request with its address."""
-    kept = {name: entry["request"][name] for name in ("body", "raw", "gzip", "pad", "headers") if name in entry["request"]}
+    kept = {
+        name: entry["request"][name] for name in ("body", "raw", "gzip", "pad", "headers") if name in entry["request"]
+    }
     return {"method": entry["method"], "path": entry["path"], **kept}
 
 
 def saved(request, name, searches):
     """A request that broke a promise, with the address it was sent to."""
     operation = next(search.operation for search in searches if search.operation.name == name)
-    return {"method": operation.method, "path": operation.path(request, {}), **{k: v for k, v in request.items() if k not in ("method", "about", "query")}}
+    return {
+        "method": operation.method,
+        "path": operation.path(request, {}),
+        **{k: v for k, v in request.items() if k not in ("method", "about", "query")},
+    }
 
 
 def summary(report):
@@ -392,8 +481,14 @@ def summary(report):
     for name, found in report["operations"].items():
         worst = found["worst"]
         if worst:
-            lines.append((worst["cpu"]["cpu"], f"{name:22} {found['evaluated']:6} requests, worst {worst['cpu']['cpu']:7.2f} CPU s ({worst['cpu']['bytes']} B), "
-                          f"{worst['seconds']['seconds']:6.2f} s, {worst['mb']['mb']:7.1f} MB ({worst['mb']['bytes']} B)"))
+            lines.append(
+                (
+                    worst["cpu"]["cpu"],
+                    f"{name:22} {found['evaluated']:6} requests, worst {worst['cpu']['cpu']:7.2f} CPU s "
+                    f"({worst['cpu']['bytes']} B), "
+                    f"{worst['seconds']['seconds']:6.2f} s, {worst['mb']['mb']:7.1f} MB ({worst['mb']['bytes']} B)",
+                )
+            )
     return "\n".join(line for _, line in sorted(lines, reverse=True))
 
 
@@ -404,22 +499,48 @@ def row(cells):
 
 def table(paths):
     """The runs of docs/reliability.md, and below them the worst of each operation of the last one."""
-    heads = ["program", "minutes", "seed", "requests", "broken promises", "peak memory, MB", "small requests meanwhile", "p50, p99, max, ms"]
+    heads = [
+        "program",
+        "minutes",
+        "seed",
+        "requests",
+        "broken promises",
+        "peak memory, MB",
+        "small requests meanwhile",
+        "p50, p99, max, ms",
+    ]
     rows = [row(heads), row(["---"] * len(heads))]
     reports = [json.loads(Path(path).read_text()) for path in paths]
     for found in reports:
         tiny = found["tiny requests of another tenant"]
         times = ", ".join("–" if tiny[name] is None else f"{tiny[name]:.1f}" for name in ("ms p50", "ms p99", "ms max"))
         meanwhile = f"{tiny['requests']}, of these not answered {tiny['requests'] - tiny['statuses'].get('200', 0)}"
-        cells = [found["program"], found["minutes"], found["seed"], found["evaluated"], len(found["broken"]), found["peak MB"], meanwhile, times]
+        cells = [
+            found["program"],
+            found["minutes"],
+            found["seed"],
+            found["evaluated"],
+            len(found["broken"]),
+            found["peak MB"],
+            meanwhile,
+            times,
+        ]
         rows.append(row(cells))
     rows += ["", row(["operation", "requests", "worst processor time", "worst time", "worst memory"]), row(["---"] * 5)]
     for name, found in sorted(reports[-1]["operations"].items()):
         if worst := found["worst"]:
             cpu, wall, memory = worst["cpu"], worst["seconds"], worst["mb"]
-            rows.append(row([name, found["evaluated"], f"{cpu['cpu']:.2f} s of {cpu['bytes']} B: {cpu['status']}",
-                             f"{wall['seconds']:.2f} s of {wall['bytes']} B: {wall['status']}",
-                             f"{memory['mb']:.0f} MB of {memory['bytes']} B: {memory['status']}"]))
+            rows.append(
+                row(
+                    [
+                        name,
+                        found["evaluated"],
+                        f"{cpu['cpu']:.2f} s of {cpu['bytes']} B: {cpu['status']}",
+                        f"{wall['seconds']:.2f} s of {wall['bytes']} B: {wall['status']}",
+                        f"{memory['mb']:.0f} MB of {memory['bytes']} B: {memory['status']}",
+                    ]
+                )
+            )
     return "\n".join(rows)
 
 
@@ -430,7 +551,12 @@ def main():
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--operations", default="", help="operation ids that match this")
     parser.add_argument("--compute-seconds", type=int, default=10, help="given to the service, for light requests too")
-    parser.add_argument("--quota-mb", type=float, default=1024, help="memory of the process, given to the service where it knows --max-memory")
+    parser.add_argument(
+        "--quota-mb",
+        type=float,
+        default=1024,
+        help="memory of the process, given to the service where it knows --max-memory",
+    )
     parser.add_argument("--most-bytes", type=int, default=32_000_000, help="longest body, decompressed")
     parser.add_argument("--flood-seconds", type=float, default=10, help="of many clients after each round; 0 for none")
     parser.add_argument("--keep-going", action="store_true", help="note what is broken and go on")
@@ -449,7 +575,11 @@ def main():
         if arguments.report:
             arguments.report.write_text(json.dumps(report, indent=1) + "\n")
     print(summary(report))
-    print(json.dumps({name: report[name] for name in report if name not in ("operations", "requests", "broken")}, indent=1))
+    print(
+        json.dumps(
+            {name: report[name] for name in report if name not in ("operations", "requests", "broken")}, indent=1
+        )
+    )
     print(f"{report['evaluated']} requests, {len(report['broken'])} broken promises")
     raise SystemExit(1 if report["broken"] else 0)
 

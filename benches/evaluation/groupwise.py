@@ -1,11 +1,13 @@
 """Groupwise correspondence of surfaces without a template: 60 hippocampi, and two synthetic families.
 
-    target/peers/bin/python benches/evaluation/groupwise.py --data FOLDER --program PROGRAM [--shapes 60] [--many 1024] [--out FOLDER]
+    target/peers/bin/python benches/evaluation/groupwise.py --data FOLDER --program PROGRAM [--shapes 60] [--many 1024]
+    [--out FOLDER]
 
-Every mesh is fitted by the service with parameters of its own (14 × 14 control points), and with these turned at random. Each set is
-stored in a cohort and brought into correspondence by `POST /v1/cohorts/{cohort}/correspond`; then means and modes are those of a rigid
-Procrustes alignment where points correspond as given. Distances are those from the points of one surface to another surface, in
-millimetres, weighted by area; shapes are left out one at a time. Prints the tables of docs/evaluation.md.
+Every mesh is fitted by the service with parameters of its own (14 × 14 control points), and with these turned at
+random. Each set is stored in a cohort and brought into correspondence by `POST /v1/cohorts/{cohort}/correspond`; then
+means and modes are those of a rigid Procrustes alignment where points correspond as given. Distances are those from the
+points of one surface to another surface, in millimetres, weighted by area; shapes are left out one at a time. Prints
+the tables of docs/evaluation.md.
 """
 
 import argparse
@@ -48,7 +50,8 @@ def spent(service):
 
 
 def correspond(service, cohort, name, **options):
-    """The result of the job, its seconds by the clock and of the processor, and the control points of the new cohort."""
+    """The result of the job, its seconds by the clock and of the processor, and the control points of the new
+    cohort."""
     start, before = time.perf_counter(), spent(service)
     job = service.post(f"/v1/cohorts/{cohort}/correspond", {"name": name, **options})
     while job["status"] in ("queued", "running"):
@@ -72,23 +75,40 @@ def aligned(service, shapes):
     points = np.array([one["control_points"] for one in answer["aligned"]])
     centred = (points - points.mean(axis=0)).reshape(len(shapes), -1)
     _, singular, modes = np.linalg.svd(centred, full_matrices=False)
-    return {"points": points, "volume": volume, "explained": singular**2 / (singular**2).sum(), "modes": modes, "singular": singular}
+    return {
+        "points": points,
+        "volume": volume,
+        "explained": singular**2 / (singular**2).sum(),
+        "modes": modes,
+        "singular": singular,
+    }
 
 
 def bending(service, found):
-    """What the variance of each mode takes from the volume of the mean, over the mean of volumes. The volume is a cubic form of the control
-    points, so that its mean over the shapes is V(mean) + Σ_k ½ λ_k d²V[ξ_k, ξ_k] and a sixth of the mean of d³V; each summand is the
-    even part of V along a mode, exactly."""
+    """What the variance of each mode takes from the volume of the mean, over the mean of volumes. The volume is a cubic
+    form of the control points, so that its mean over the shapes is V(mean) + Σ_k ½ λ_k d²V[ξ_k, ξ_k] and a sixth of the
+    mean of d³V; each summand is the even part of V along a mode, exactly."""
     points, mean = found["points"], found["points"].mean(axis=0)
     count = len(points)
     steps = found["singular"][: count - 1, None] / np.sqrt(count) * found["modes"][: count - 1]
     shapes = [mean + sign * step.reshape(-1, 3) for step in steps for sign in (1, -1)]
-    volumes = lambda shapes: np.array([one["volume"] for one in surfaces.measures(
-        service, REPRESENTATION, [{"control_points": shape.tolist()} for shape in shapes])])
+    volumes = lambda shapes: np.array(
+        [
+            one["volume"]
+            for one in surfaces.measures(
+                service, REPRESENTATION, [{"control_points": shape.tolist()} for shape in shapes]
+            )
+        ]
+    )
     own, (middle,) = volumes(points).mean(), volumes([mean])
     even = volumes(shapes).reshape(-1, 2).mean(axis=1) - middle
     sizes = np.cbrt(volumes(points))
-    return {"deficit": 1 - middle / own, "modes": even / own, "rest": 1 - (middle + even.sum()) / own, "size": 1 - sizes.mean() ** 3 / own}
+    return {
+        "deficit": 1 - middle / own,
+        "modes": even / own,
+        "rest": 1 - (middle + even.sum()) / own,
+        "size": 1 - sizes.mean() ** 3 / own,
+    }
 
 
 def evaluation(service):
@@ -166,14 +186,27 @@ def real(service, given):
     start = time.perf_counter()
     alone = surfaces.fit(service, REPRESENTATION, given)
     fitting = time.perf_counter() - start
-    again = [{**one, "parameters": hippocampi.turned(fit["parameters"], hippocampi.rotation(random))} for one, fit in zip(given, alone)]
+    again = [
+        {**one, "parameters": hippocampi.turned(fit["parameters"], hippocampi.rotation(random))}
+        for one, fit in zip(given, alone)
+    ]
     turned = surfaces.fit(service, REPRESENTATION, again)
     volumes = np.mean([one["volume"] for one in surfaces.measures(service, REPRESENTATION, alone)])
     only = lambda fits: [{"control_points": fit["control_points"]} for fit in fits]
     sets = {"alone": only(alone), "turned": only(turned), "backwards": only(turned)[::-1]}
     matrix, reference, results = evaluation(service), None, {}
-    surfaces.table("parameters", "degree", "volume of the mean − mean of the volumes", "modes 1, 2, 3", "angles to the modes of `alone`",
-                   "largest residual", "largest fold", "least Jacobian", "entropy", "seconds, of the processor")
+    surfaces.table(
+        "parameters",
+        "degree",
+        "volume of the mean − mean of the volumes",
+        "modes 1, 2, 3",
+        "angles to the modes of `alone`",
+        "largest residual",
+        "largest fold",
+        "least Jacobian",
+        "entropy",
+        "seconds, of the processor",
+    )
     for degree in (0, 2, 4, 6):
         reference = None
         for name, shapes in sets.items():
@@ -184,25 +217,48 @@ def real(service, given):
             reference = reference or found
             results[name, degree] = found
             each = answer["shapes"]
-            surfaces.row(name, degree, f"{100 * (found['volume'] / volumes - 1):+.2f} %",
-                         ", ".join(f"{100 * part:.0f} %" for part in found["explained"][:3]),
-                         ", ".join(f"{a:.1f}°" for a in angles(found, reference)),
-                         f"{100 * max(one['relative_residual'] for one in each):.2f} %",
-                         f"{100 * max(one['folded'] for one in each):.2f} %", f"{min(one['least_jacobian'] for one in each):.2f}",
-                         f"{answer['entropy'][0]:.1f} → {answer['entropy'][1]:.1f}", f"{seconds[0]:.1f}, {seconds[1]:.1f}")
+            surfaces.row(
+                name,
+                degree,
+                f"{100 * (found['volume'] / volumes - 1):+.2f} %",
+                ", ".join(f"{100 * part:.0f} %" for part in found["explained"][:3]),
+                ", ".join(f"{a:.1f}°" for a in angles(found, reference)),
+                f"{100 * max(one['relative_residual'] for one in each):.2f} %",
+                f"{100 * max(one['folded'] for one in each):.2f} %",
+                f"{min(one['least_jacobian'] for one in each):.2f}",
+                f"{answer['entropy'][0]:.1f} → {answer['entropy'][1]:.1f}",
+                f"{seconds[0]:.1f}, {seconds[1]:.1f}",
+            )
     print()
-    surfaces.table("degree", "mean of the own volumes − volume of the mean", "modes 1, 2, 3, 4, 5", "6 to 20", "all further", "third order",
-                   "of which size")
+    surfaces.table(
+        "degree",
+        "mean of the own volumes − volume of the mean",
+        "modes 1, 2, 3, 4, 5",
+        "6 to 20",
+        "all further",
+        "third order",
+        "of which size",
+    )
     for degree in (0, 2, 4, 6):
         parts = bending(service, results["alone", degree])
         percent = lambda part: f"{100 * part:.2f} %"
         modes = parts["modes"]
-        surfaces.row(degree, percent(parts["deficit"]), ", ".join(percent(part) for part in modes[:5]), percent(modes[5:20].sum()),
-                     percent(modes[20:].sum()), percent(parts["rest"]), percent(parts["size"]))
+        surfaces.row(
+            degree,
+            percent(parts["deficit"]),
+            ", ".join(percent(part) for part in modes[:5]),
+            percent(modes[5:20].sum()),
+            percent(modes[20:].sum()),
+            percent(parts["rest"]),
+            percent(parts["size"]),
+        )
     print(f"\n{len(given)} meshes fitted in {fitting:.1f} s\n")
     surfaces.table("shapes", "measure, mm", *(f"{m} modes" for m in MODES if m < len(given) - 1))
-    cases = {"alone": aligned(service, sets["alone"])["points"], "rotated (degree 0)": results["alone", 0]["points"],
-             "corresponding (degree 4)": results["alone", 4]["points"]}
+    cases = {
+        "alone": aligned(service, sets["alone"])["points"],
+        "rotated (degree 0)": results["alone", 0]["points"],
+        "corresponding (degree 4)": results["alone", 4]["points"],
+    }
     for name, points in cases.items():
         _, general, specific = quality(points, matrix, np.random.default_rng(3))
         surfaces.row(name, "generalisation", *(f"{value:.3f}" for value in general))
@@ -212,7 +268,11 @@ def real(service, given):
         method = {"kind": "functional_pca", "components": 20, "centre": True}
         service.learn(f"modes-{cohort}", cohort, {"transformation": "rigid", "alignment": "procrustes"}, method)
         for component in (1, 2):
-            service.picture(f"{cohort}-mode-{component}", "GET", f"/v1/dictionaries/modes-{cohort}/modes?component={component}&sigma=2")
+            service.picture(
+                f"{cohort}-mode-{component}",
+                "GET",
+                f"/v1/dictionaries/modes-{cohort}/modes?component={component}&sigma=2",
+            )
     new = sets["turned"][:10]
     times, before = [], spent(service)
     for shape in new:
@@ -222,13 +282,18 @@ def real(service, given):
     before = 1000 * (spent(service) - before) / len(new)
     start = time.perf_counter()
     surfaces.fit(service, REPRESENTATION, given[:1])
-    print(f"\na new surface against a dictionary: {1000 * np.median(times):.0f} ms (largest {1000 * max(times):.0f} ms), {before:.0f} ms of the processor; "
-          f"fit of its mesh {1000 * (time.perf_counter() - start):.0f} ms")
+    print(
+        f"\na new surface against a dictionary: {1000 * np.median(times):.0f} ms (largest {1000 * max(times):.0f} "
+        f"ms), {before:.0f} ms of the processor; "
+        f"fit of its mesh {1000 * (time.perf_counter() - start):.0f} ms"
+    )
     return sets["alone"]
 
 
 def directions():
-    u, v = np.meshgrid(2 * np.pi * np.arange(SIZE[0]) / SIZE[0], np.pi * np.arange(SIZE[1] + 1) / SIZE[1], indexing="ij")
+    u, v = np.meshgrid(
+        2 * np.pi * np.arange(SIZE[0]) / SIZE[0], np.pi * np.arange(SIZE[1] + 1) / SIZE[1], indexing="ij"
+    )
     return np.stack([np.sin(v) * np.cos(u), np.sin(v) * np.sin(u), np.cos(v)], axis=-1)
 
 
@@ -249,7 +314,17 @@ def box_bump(t, x):
 
 def families(service, count):
     random = np.random.default_rng(11)
-    surfaces.table("family", "parameters", "mode 1 before", "rotated", "degree 4", "degree 6, 8 rounds", "largest residual", "largest fold", "seconds, of the processor")
+    surfaces.table(
+        "family",
+        "parameters",
+        "mode 1 before",
+        "rotated",
+        "degree 4",
+        "degree 6, 8 rounds",
+        "largest residual",
+        "largest fold",
+        "seconds, of the processor",
+    )
     for name, shape in (("ellipsoids", ellipsoid), ("box-bump", box_bump)):
         for turned in (False, True):
             shapes = []
@@ -259,16 +334,28 @@ def families(service, count):
             label = f"{name}-{'turned' if turned else 'given'}"
             store(service, label, shapes)
             body = {"representation": REPRESENTATION, "shapes": shapes}
-            fitted = [{"control_points": one["control_points"]} for one in service.post("/v1/align", {**body, **RIGID, "correspondence": "landmarks"})["aligned"]]
+            fitted = [
+                {"control_points": one["control_points"]}
+                for one in service.post("/v1/align", {**body, **RIGID, "correspondence": "landmarks"})["aligned"]
+            ]
             before = aligned(service, fitted)["explained"][0]
             _, _, rotated = correspond(service, label, f"{label}-0", degree=0)
-            found = [correspond(service, label, f"{label}-{degree}", degree=degree, rounds=rounds) for degree, rounds in ((4, 4), (6, 8))]
+            found = [
+                correspond(service, label, f"{label}-{degree}", degree=degree, rounds=rounds)
+                for degree, rounds in ((4, 4), (6, 8))
+            ]
             explained = [f"{100 * aligned(service, stored)['explained'][0]:.1f} %" for _, _, stored in found]
             answer, seconds, _ = found[1]
-            surfaces.row(name, "turned" if turned else "given", f"{100 * before:.1f} %",
-                         f"{100 * aligned(service, rotated)['explained'][0]:.1f} %", *explained,
-                         f"{100 * max(one['relative_residual'] for one in answer['shapes']):.1f} %",
-                         f"{100 * max(one['folded'] for one in answer['shapes']):.2f} %", f"{seconds[0]:.1f}, {seconds[1]:.1f}")
+            surfaces.row(
+                name,
+                "turned" if turned else "given",
+                f"{100 * before:.1f} %",
+                f"{100 * aligned(service, rotated)['explained'][0]:.1f} %",
+                *explained,
+                f"{100 * max(one['relative_residual'] for one in answer['shapes']):.1f} %",
+                f"{100 * max(one['folded'] for one in answer['shapes']):.2f} %",
+                f"{seconds[0]:.1f}, {seconds[1]:.1f}",
+            )
 
 
 def many(service, shapes, count):
@@ -282,7 +369,10 @@ def many(service, shapes, count):
         drawn.append({"control_points": (share * points[i] + (1 - share) * points[j]).tolist()})
     store(service, "many", drawn)
     _, seconds, _ = correspond(service, "many", "many-corresponding", degree=4)
-    print(f"\n{count} surfaces: {seconds[0]:.1f} s, {seconds[1]:.1f} s of the processor, {1000 * seconds[1] / count:.0f} ms each")
+    print(
+        f"\n{count} surfaces: {seconds[0]:.1f} s, {seconds[1]:.1f} s of the processor, "
+        f"{1000 * seconds[1] / count:.0f} ms each"
+    )
 
 
 def main():

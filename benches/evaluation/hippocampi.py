@@ -2,10 +2,10 @@
 
     target/peers/bin/python benches/evaluation/hippocampi.py --data FOLDER --program PROGRAM [--shapes 24]
 
-Every mesh is fitted by the service with parameters of its own (14 × 14 control points), and with the same parameters turned at random
-about the centre of the parameter sphere. For both: mean and modes where points correspond as given (`landmarks`) and where the
-rotations of the parameter sphere are searched (`cyclic`). Prints the table of docs/evaluation.md. Angles of modes are those between
-displacements of control points, in the frame of the mean.
+Every mesh is fitted by the service with parameters of its own (14 × 14 control points), and with the same parameters
+turned at random about the centre of the parameter sphere. For both: mean and modes where points correspond as given
+(`landmarks`) and where the rotations of the parameter sphere are searched (`cyclic`). Prints the table of
+docs/evaluation.md. Angles of modes are those between displacements of control points, in the frame of the mean.
 """
 
 import argparse
@@ -36,14 +36,20 @@ def rotation(random):
 def turned(parameters, by):
     """Longitudes and colatitudes after a rotation of the parameter sphere."""
     u, v = np.asarray(parameters).T
-    directions = np.stack([np.sin(np.pi * v) * np.cos(2 * np.pi * u), np.sin(np.pi * v) * np.sin(2 * np.pi * u), np.cos(np.pi * v)])
+    directions = np.stack(
+        [np.sin(np.pi * v) * np.cos(2 * np.pi * u), np.sin(np.pi * v) * np.sin(2 * np.pi * u), np.cos(np.pi * v)]
+    )
     x, y, z = by @ directions
     return np.stack([np.arctan2(y, x) / (2 * np.pi) % 1, np.arctan2(np.hypot(x, y), z) / np.pi], axis=1).tolist()
 
 
 def statistics(service, fits, correspondence, volumes):
-    body = {"representation": REPRESENTATION, **RIGID, "correspondence": correspondence,
-            "shapes": [{"control_points": fit["control_points"]} for fit in fits]}
+    body = {
+        "representation": REPRESENTATION,
+        **RIGID,
+        "correspondence": correspondence,
+        "shapes": [{"control_points": fit["control_points"]} for fit in fits],
+    }
     start = time.perf_counter()
     answer = service.post("/v1/align", body)
     seconds = time.perf_counter() - start
@@ -53,9 +59,17 @@ def statistics(service, fits, correspondence, volumes):
     _, singular, modes = np.linalg.svd(centred, full_matrices=False)
     explained = singular**2 / (singular**2).sum()
     changes = [one["motion"]["change"] for one in answer["aligned"] if "motion" in one]
-    return {"volume": measured["volume"] / np.mean(volumes) - 1, "explained": explained[:3], "modes": modes[:3], "seconds": seconds,
-            "residual": float(np.sqrt(np.mean([one["residual"] ** 2 for one in answer["aligned"]]))), "mean": answer["mean"],
-            "change": max(changes, default=None), "rounds": answer["rounds"], "warnings": len(answer["warnings"])}
+    return {
+        "volume": measured["volume"] / np.mean(volumes) - 1,
+        "explained": explained[:3],
+        "modes": modes[:3],
+        "seconds": seconds,
+        "residual": float(np.sqrt(np.mean([one["residual"] ** 2 for one in answer["aligned"]]))),
+        "mean": answer["mean"],
+        "change": max(changes, default=None),
+        "rounds": answer["rounds"],
+        "warnings": len(answer["warnings"]),
+    }
 
 
 def angle(a, b):
@@ -74,14 +88,27 @@ def main():
         service = surfaces.Service(arguments.program, folder, None)
         try:
             alone = surfaces.fit(service, REPRESENTATION, given)
-            again = [{**one, "parameters": turned(fit["parameters"], rotation(random))} for one, fit in zip(given, alone)]
+            again = [
+                {**one, "parameters": turned(fit["parameters"], rotation(random))} for one, fit in zip(given, alone)
+            ]
             turned_fits = surfaces.fit(service, REPRESENTATION, again)
             volumes = [measure["volume"] for measure in surfaces.measures(service, REPRESENTATION, alone)]
             cases = [("alone", alone), ("turned at random", turned_fits), ("the same, backwards", turned_fits[::-1])]
-            print(f"{len(given)} meshes; volumes of the turned fits / of those alone: "
-                  f"{np.mean([m['volume'] for m in surfaces.measures(service, REPRESENTATION, turned_fits)]) / np.mean(volumes):.4f}\n")
-            surfaces.table("parameters", "correspondence", "volume of the mean − mean of the volumes", "root mean square residual, mm·L₂",
-                           "modes 1, 2, 3", "angles to the modes of `alone`", "largest change by a motion", "rounds", "warned", "seconds")
+            turned = [measure["volume"] for measure in surfaces.measures(service, REPRESENTATION, turned_fits)]
+            ratio = np.mean(turned) / np.mean(volumes)
+            print(f"{len(given)} meshes; volumes of the turned fits / of those alone: {ratio:.4f}\n")
+            surfaces.table(
+                "parameters",
+                "correspondence",
+                "volume of the mean − mean of the volumes",
+                "root mean square residual, mm·L₂",
+                "modes 1, 2, 3",
+                "angles to the modes of `alone`",
+                "largest change by a motion",
+                "rounds",
+                "warned",
+                "seconds",
+            )
             for correspondence in ("landmarks", "cyclic"):
                 reference = None
                 for name, fits in cases:
@@ -90,8 +117,18 @@ def main():
                     angles = ", ".join(f"{angle(a, b):.1f}°" for a, b in zip(found["modes"], reference["modes"]))
                     explained = ", ".join(f"{100 * part:.0f} %" for part in found["explained"])
                     change = "–" if found["change"] is None else f"{100 * found['change']:.1f} %"
-                    surfaces.row(name, f"`{correspondence}`", f"{100 * found['volume']:+.1f} %", f"{found['residual']:.3f}", explained, angles,
-                                 change, found["rounds"], "yes" if found["warnings"] else "no", f"{found['seconds']:.1f}")
+                    surfaces.row(
+                        name,
+                        f"`{correspondence}`",
+                        f"{100 * found['volume']:+.1f} %",
+                        f"{found['residual']:.3f}",
+                        explained,
+                        angles,
+                        change,
+                        found["rounds"],
+                        "yes" if found["warnings"] else "no",
+                        f"{found['seconds']:.1f}",
+                    )
         finally:
             service.process.terminate()
 

@@ -1,15 +1,16 @@
-"""Tables 4.1 and 4.2 of Schmitter's thesis: the mean of subspaces, functional PCA and the point distribution model on one set,
-through the running service; prints the section of docs/evaluation.md.
+"""Tables 4.1 and 4.2 of Schmitter's thesis: the mean of subspaces, functional PCA and the point distribution model on
+one set, through the running service; prints the section of docs/evaluation.md.
 
     python benches/evaluation/models.py --data FOLDER [--binary PROGRAM] [NAME ...]
 
-FOLDER holds the data sets (`curves-mosquito-wings/curves.ndjson` and so on); NAME chooses some of them. Nothing beyond the standard
-library. The chromosomes of the thesis are not available: each set gives 20 shapes, evenly spaced in its file, with 12 landmarks at equal
-arc lengths from the first point of the contour. The continuous models have these 12 control points (`cubic`), the point
-distribution model has the 12 landmarks (LR) or 50 points for each of them on the same curve (HR, 600 points).
+FOLDER holds the data sets (`curves-mosquito-wings/curves.ndjson` and so on); NAME chooses some of them. Nothing beyond
+the standard library. The chromosomes of the thesis are not available: each set gives 20 shapes, evenly spaced in its
+file, with 12 landmarks at equal arc lengths from the first point of the contour. The continuous models have these 12
+control points (`cubic`), the point distribution model has the 12 landmarks (LR) or 50 points for each of them on the
+same curve (HR, 600 points).
 
-Table 4.1  normalised correlation of a representative shape with the shapes, each turned to fit best: mean of the subspaces, first
-           uncentred component, Procrustes mean of 600 and of 12 points, the last one a polygon.
+Table 4.1  normalised correlation of a representative shape with the shapes, each turned to fit best: mean of the
+           subspaces, first uncentred component, Procrustes mean of 600 and of 12 points, the last one a polygon.
 Table 4.2  squared relative error of the shapes from 4 components; and from the mean and 4 components.
 """
 
@@ -60,9 +61,19 @@ def correlation(model, shape):
 
 
 def pca(service, representation, shapes, centre, transformation="similarity", alignment="projection"):
-    return service.call("POST", "/v1/pca", {
-        "representation": representation, "transformation": transformation, "alignment": alignment, "components": 4, "centre": centre,
-        "aligned": False, "shapes": [{"points": shape} for shape in shapes]})
+    return service.call(
+        "POST",
+        "/v1/pca",
+        {
+            "representation": representation,
+            "transformation": transformation,
+            "alignment": alignment,
+            "components": 4,
+            "centre": centre,
+            "aligned": False,
+            "shapes": [{"points": shape} for shape in shapes],
+        },
+    )
 
 
 def points(count):
@@ -92,22 +103,35 @@ def main():
                 affine_plain = pca(service, CURVE, shapes, False, "affine")
                 fine = pca(service, points(LANDMARKS * FINE), curves, True, alignment="procrustes")
                 coarse = pca(service, points(LANDMARKS), shapes, True, alignment="procrustes")
-                control_points = [uncentred["mean"]["control_points"], uncentred["pca"]["eigenshapes"][0]["control_points"]]
-                models = [*samples(service, control_points), fine["mean"]["control_points"], polygon(coarse["mean"]["control_points"])]
+                control_points = [
+                    uncentred["mean"]["control_points"],
+                    uncentred["pca"]["eigenshapes"][0]["control_points"],
+                ]
+                models = [
+                    *samples(service, control_points),
+                    fine["mean"]["control_points"],
+                    polygon(coarse["mean"]["control_points"]),
+                ]
                 found = [[correlation(model, curve) for curve in curves] for model in models]
                 correlations.append((name, found, uncentred["pca"]["explained"][0]))
                 models = [uncentred, centred, affine_plain, affine, fine, coarse]
                 errors.append((name, [[1000 * e for e in model["pca"]["reconstruction_errors"]] for model in models]))
         finally:
             service.process.terminate()
-    print("| set (20 shapes) | mean of the subspaces | first component | PDM, 600 points | PDM, 12 points | share of the first component |")
+    print(
+        "| set (20 shapes) | mean of the subspaces | first component | PDM, 600 points | PDM, 12 points | share "
+        "of the first component |"
+    )
     print("|---|---|---|---|---|---|")
     print("| *thesis: chromosomes* | " + " | ".join(f"*{m:.3f} ± {s:.3f}*" for m, s in PRINT.values()) + " | *0.96* |")
     for name, found, share in correlations:
         print(f"| {name} | {' | '.join(spread(values, 4) for values in found)} | {share:.3f} |")
     print()
-    print("| set, errors in thousandths | 4 components | mean and 4 components | 4 components, affine | mean and 4, affine "
-          "| PDM (mean and 4), 600 points | PDM, 12 points |")
+    print(
+        "| set, errors in thousandths | 4 components | mean and 4 components | 4 components, affine | mean and 4, "
+        "affine "
+        "| PDM (mean and 4), 600 points | PDM, 12 points |"
+    )
     print("|---|---|---|---|---|---|---|")
     print("| *thesis: chromosomes* | *8* | – | – | – | *50* | – |")
     for name, found in errors:

@@ -2,9 +2,10 @@
 
     python benches/evaluation/nuclei.py --data FOLDER --binary PROGRAM [--write FILE]
 
-FOLDER holds images-nuclei with images and labels. Nothing beyond the standard library is needed: images, labels and shapes are read
-by the service. Initial shapes are ellipses in the bounding boxes of the labels, moved and stretched at random with fixed seeds, as a
-detector would give them; nothing else of the labels is used before the overlap is counted.
+FOLDER holds images-nuclei with images and labels. Nothing beyond the standard library is needed: images, labels and
+shapes are read by the service. Initial shapes are ellipses in the bounding boxes of the labels, moved and stretched at
+random with fixed seeds, as a detector would give them; nothing else of the labels is used before the overlap is
+counted.
 """
 
 import argparse
@@ -56,8 +57,13 @@ class Service:
         body = b""
         for name, content in {"parameters": json.dumps(parameters).encode(), **files}.items():
             kind = "application/json" if name == "parameters" else "image/png"
-            body += (f'--{BOUNDARY}\r\ncontent-disposition: form-data; name="{name}"\r\n'
-                     f"content-type: {kind}\r\n\r\n").encode() + content + b"\r\n"
+            body += (
+                (
+                    f'--{BOUNDARY}\r\ncontent-disposition: form-data; name="{name}"\r\ncontent-type: {kind}\r\n\r\n'
+                ).encode()
+                + content
+                + b"\r\n"
+            )
         body += f"--{BOUNDARY}--\r\n".encode()
         return self.send("POST", path, body, f"multipart/form-data; boundary={BOUNDARY}")
 
@@ -88,9 +94,13 @@ def components(service, labels):
 def segment(service, image, labels, found, part, seed, polarity, terms=("contour",), **further):
     draw = Random(seed)
     parameters = {
-        "representation": CURVE, "coordinates": "index", "terms": [{"name": name, "polarity": polarity} for name in terms],
+        "representation": CURVE,
+        "coordinates": "index",
+        "terms": [{"name": name, "polarity": polarity} for name in terms],
         "boxes": [disturbed(box_of(entry["points"]), part, draw) for entry in found],
-        "truth_labels": [entry["label"] for entry in found], **further}
+        "truth_labels": [entry["label"] for entry in found],
+        **further,
+    }
     begun = time.perf_counter()
     results = service.form("/v1/segment", parameters, image=image, truth=labels)["results"]
     return results, time.perf_counter() - begun
@@ -123,8 +133,17 @@ def rows_of(service, data, images, part, energy):
         results = [result for found, _ in runs for result in found]
         overlaps = [result["overlap"]["jaccard"] for result in results]
         failed, silent = sum(map(is_failed, results)), sum(map(is_silent, results))
-        yield [energy, kind, len(runs), len(results), f"{mean(overlaps):.3f}", f"{median(overlaps):.3f}", failed, silent,
-               f"{1000 * sum(seconds for _, seconds in runs) / len(results):.0f} ms"]
+        yield [
+            energy,
+            kind,
+            len(runs),
+            len(results),
+            f"{mean(overlaps):.3f}",
+            f"{median(overlaps):.3f}",
+            failed,
+            silent,
+            f"{1000 * sum(seconds for _, seconds in runs) / len(results):.0f} ms",
+        ]
 
 
 def chain(service, data, images):
@@ -141,20 +160,33 @@ def chain(service, data, images):
             break
     posted = posted[:LEARNT]
     service.call("POST", "/v1/cohorts/nuclei/shapes", {"shapes": posted})
-    learn = {"name": "nuclei", "cohort": "nuclei", "transformation": "similarity", "method": {"kind": "functional_pca", "components": 5}}
+    learn = {
+        "name": "nuclei",
+        "cohort": "nuclei",
+        "transformation": "similarity",
+        "method": {"kind": "functional_pca", "components": 5},
+    }
     connection = http.client.HTTPConnection(service.address, timeout=600)
-    connection.request("POST", "/v1/dictionaries", json.dumps(learn), {"content-type": "application/json", "prefer": "wait=60"})
+    connection.request(
+        "POST", "/v1/dictionaries", json.dumps(learn), {"content-type": "application/json", "prefer": "wait=60"}
+    )
     answer = connection.getresponse()
     learnt = json.loads(answer.read())
     if answer.status != 201:
         raise RuntimeError(f"POST /v1/dictionaries: {answer.status} {json.dumps(learnt)[:400]}")
-    reference = {"control_points": service.call("GET", "/v1/cohorts/nuclei/mean?transformation=similarity")["mean"]["control_points"]}
+    reference = {
+        "control_points": service.call("GET", "/v1/cohorts/nuclei/mean?transformation=similarity")["mean"][
+            "control_points"
+        ]
+    }
     outcome = {}
-    for row in fluorescent[used:used + 6]:
+    for row in fluorescent[used : used + 6]:
         image, labels = files(row)
         found = components(service, labels)
         for weight in (0, 1, 10):
-            prior = {"prior": {"reference": reference, "transformation": "similarity", "weight": weight}} if weight else {}
+            prior = (
+                {"prior": {"reference": reference, "transformation": "similarity", "weight": weight}} if weight else {}
+            )
             results, _ = segment(service, image, labels, found, 0.15, 11, "bright", **prior)
             outcome.setdefault(weight, []).extend(results)
     rows = []
@@ -163,7 +195,16 @@ def chain(service, data, images):
         assessed = service.call("POST", "/v1/dictionaries/nuclei/assess", {"shapes": shapes})["results"]
         outliers = sum(entry["novelty"]["is_outlier"] for entry in assessed)
         overlaps = [result["overlap"]["jaccard"] for result in results]
-        rows.append([weight, len(results), f"{mean(overlaps):.3f}", f"{min(overlaps):.3f}", sum(map(is_failed, results)), outliers])
+        rows.append(
+            [
+                weight,
+                len(results),
+                f"{mean(overlaps):.3f}",
+                f"{min(overlaps):.3f}",
+                sum(map(is_failed, results)),
+                outliers,
+            ]
+        )
     return len(posted), rows
 
 
@@ -190,7 +231,9 @@ def main():
                     found += [[f"± {part:.0%}", *row] for row in rows_of(service, data, images, part, energy)]
             tables = {"nuclei": table(["initial boxes", *head], found)}
             learnt, rows = chain(service, data, images)
-            tables["chain"] = table(["weight of the prior", "nuclei", "mean Jaccard", "least", "failed", "called outliers"], rows)
+            tables["chain"] = table(
+                ["weight of the prior", "nuclei", "mean Jaccard", "least", "failed", "called outliers"], rows
+            )
         finally:
             service.process.kill()
     for name, text in tables.items():

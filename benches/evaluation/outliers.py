@@ -1,12 +1,14 @@
 """Planted gross errors: how many a dictionary calls outliers, and how many other shapes.
 
-    python benches/evaluation/outliers.py [--binary target/release/shapelex] [--cohorts 20] [--shapes 400] [--points 64] [--components 20]
+    python benches/evaluation/outliers.py [--binary target/release/shapelex] [--cohorts 20] [--shapes 400] [--points 64]
+    [--components 20]
 
-Needs numpy. Contours about one outline, with smooth waves and measurement noise; some have a gross error of their own: a lobe (a half wave
-on a seventh of the contour, half a radius high or more), two points in each other's place (an eighth of the contour apart or more), or
-noise of ten deviations of a radius. They stand first, last, spread at equal distances, or at random places. Percentages at `quantile` 0.99:
-of the planted ones that are found, least of all cohorts too; of 2000 new contours without errors that are called outliers, with least and
-most of the cohorts; cohorts without errors are the first row. The last column compares the flags of the same cohort in four orders.
+Needs numpy. Contours about one outline, with smooth waves and measurement noise; some have a gross error of their own:
+a lobe (a half wave on a seventh of the contour, half a radius high or more), two points in each other's place (an
+eighth of the contour apart or more), or noise of ten deviations of a radius. They stand first, last, spread at equal
+distances, or at random places. Percentages at `quantile` 0.99: of the planted ones that are found, least of all cohorts
+too; of 2000 new contours without errors that are called outliers, with least and most of the cohorts; cohorts without
+errors are the first row. The last column compares the flags of the same cohort in four orders.
 """
 
 import argparse
@@ -14,7 +16,6 @@ import math
 import tempfile
 
 import numpy
-
 from run import ROOT, Service
 
 RATES = [0.005, 0.02, 0.05, 0.1]
@@ -29,7 +30,7 @@ def contours(random, count, points):
     radius = 1 + 0.2 * numpy.cos(2 * t) + 0.15 * numpy.cos(3 * t + 0.4)
     radius = radius + waves[0] @ numpy.cos(numpy.outer(k, t)) + waves[1] @ numpy.sin(numpy.outer(k, t))
     noise = random.standard_normal((2, count, points)) * 0.004
-    deviation = math.sqrt((size ** 2).sum())
+    deviation = math.sqrt((size**2).sum())
     return radius * numpy.exp(1j * t) + noise[0] + 1j * noise[1], deviation
 
 
@@ -81,7 +82,7 @@ class Study:
     def scored(self, name, shapes):
         flags = []
         for first in range(0, len(shapes), 1000):
-            body = {"shapes": posted(shapes[first:first + 1000]), "quantile": 0.99}
+            body = {"shapes": posted(shapes[first : first + 1000]), "quantile": 0.99}
             answer = self.service.call("POST", f"/v1/dictionaries/{name}/score", body)
             flags += [result["novelty"]["is_outlier"] for result in answer["results"]]
         return numpy.array(flags)
@@ -104,7 +105,11 @@ class Study:
             alarms.append(100 * others.mean())
             found.append(100 * flags[at].mean() if len(at) else math.nan)
         told = f"{numpy.mean(found):.1f} | {min(found):.1f}" if rate else "– | –"
-        print(f"| {kind if rate else 'none'} | {100 * rate:g} % | {told} | {numpy.mean(alarms):.2f} | {min(alarms):.2f}–{max(alarms):.2f} |", flush=True)
+        print(
+            f"| {kind if rate else 'none'} | {100 * rate:g} % | {told} | {numpy.mean(alarms):.2f} | "
+            f"{min(alarms):.2f}–{max(alarms):.2f} |",
+            flush=True,
+        )
 
     def orders(self):
         """The flags of a cohort with 1 % of errors in four orders."""
@@ -121,7 +126,10 @@ class Study:
             flags[order] = self.flags(shapes[order])[0]
             told.append(flags)
         same = all((flags == told[0]).all() for flags in told)
-        print(f"\nFour orders of {count} contours, {len(at)} with noise: {told[0][at].sum()} found, flags {'the same' if same else 'differ'}.")
+        print(
+            f"\nFour orders of {count} contours, {len(at)} with noise: {told[0][at].sum()} found, flags "
+            f"{'the same' if same else 'differ'}."
+        )
 
 
 def main():
@@ -136,7 +144,10 @@ def main():
         service = Service(arguments.binary, folder)
         try:
             study = Study(service, arguments)
-            print(f"{arguments.shapes} contours of {arguments.points} points, {arguments.components} components, {arguments.cohorts} cohorts\n")
+            print(
+                f"{arguments.shapes} contours of {arguments.points} points, {arguments.components} components, "
+                f"{arguments.cohorts} cohorts\n"
+            )
             print("| gross error | planted | found, % | least | false alarms, % | least–most |")
             print("|---|---|---|---|---|---|")
             study.row("lobe", 0)

@@ -1,20 +1,24 @@
-"""Completion of shapes and the coverage of its bands on real shapes, through the running service; prints the section of docs/evaluation.md.
+"""Completion of shapes and the coverage of its bands on real shapes, through the running service; prints the section of
+docs/evaluation.md.
 
-    python benches/evaluation/partial.py --data FOLDER [--binary PROGRAM] [--folds 5] [--only complete|modes|speed] [NAME ...]
+    python benches/evaluation/partial.py --data FOLDER [--binary PROGRAM] [--folds 5] [--only complete|modes|speed]
+    [NAME ...]
 
-FOLDER holds the data sets (`curves-mosquito-wings/curves.ndjson` and so on); NAME chooses some of them. `modes` needs numpy, the other
-parts nothing beyond the standard library. Closed contours are resampled to 63 points by arc length from their first point (`trigonometric` generator), olive stones to 63
-points of an open polyline; hands keep their 56 points, which correspond. Landmarks are as they are. At most 240 shapes of a set, evenly
-spread. Seeds are fixed.
+FOLDER holds the data sets (`curves-mosquito-wings/curves.ndjson` and so on); NAME chooses some of them. `modes` needs
+numpy, the other parts nothing beyond the standard library. Closed contours are resampled to 63 points by arc length
+from their first point (`trigonometric` generator), olive stones to 63 points of an open polyline; hands keep their 56
+points, which correspond. Landmarks are as they are. At most 240 shapes of a set, evenly spread. Seeds are fixed.
 
-complete  five folds of shapes, or of subjects where a set has them. Dictionaries of 20 components (fewer where there are fewer) are
-          learnt from the others. Of each held-out shape, turned, moved and scaled at random, 20 % are hidden twice: an arc of curves,
-          any of the landmarks. Root mean square error of the hidden part over the centroid size, times the root of the number of points;
-          the same of the mean, posed by what is seen; coverage of the bands at 95 % before and after calibration; how many of these
-          parts `assess` calls outliers. Pose and shape are found together; the start point is that of the source. Sets of fewer than
-          60 shapes, and olive stones, are divided into folds five times. Intervals cover 95 %, a subject is one case.
-modes     a random 30 % of the shapes miss 20 % of their points, twice for each set: angles of the first three modes to those of the
-          complete shapes; the same (medians of nine draws) where as many coordinates are left out as whole shapes, 6 % of them.
+complete  five folds of shapes, or of subjects where a set has them. Dictionaries of 20 components (fewer where there
+          are fewer) are learnt from the others. Of each held-out shape, turned, moved and scaled at random, 20 % are
+          hidden twice: an arc of curves, any of the landmarks. Root mean square error of the hidden part over the
+          centroid size, times the root of the number of points; the same of the mean, posed by what is seen; coverage
+          of the bands at 95 % before and after calibration; how many of these parts `assess` calls outliers. Pose and
+          shape are found together; the start point is that of the source. Sets of fewer than 60 shapes, and olive
+          stones, are divided into folds five times. Intervals cover 95 %, a subject is one case.
+modes     a random 30 % of the shapes miss 20 % of their points, twice for each set: angles of the first three modes to
+          those of the complete shapes; the same (medians of nine draws) where as many coordinates are left out as whole
+          shapes, 6 % of them.
 speed     requests of one shape of 100 control points and 20 modes, a fifth of it hidden elsewhere each time.
 """
 
@@ -41,14 +45,50 @@ FEW, DIVISIONS, SCATTERED = 60, 5, ["olive-stones"]
 INCOMPLETE, DRAWS, LEFT_OUT = 0.3, 2, 9
 # Samples between two control points by which inner products of closed curves are summed.
 FINE = 64
-MODES = ["mosquito-wings", "hearts", "hands", "molars", "trilobite-heads", "mouse-molars", "landmarks-pupfish", "landmarks-plethodon",
-         "landmarks-oak-leaves", "landmarks-brains-3d"]
-CLOSED = ["mosquito-wings", "hearts", "molars", "otoliths", "apodemus-mandibles", "trilobite-heads", "mouse-molars", "mouse-vertebrae",
-          "north-sea-fish", "charred-grains", "osteosarcoma-cells", "mpeg7"]
+MODES = [
+    "mosquito-wings",
+    "hearts",
+    "hands",
+    "molars",
+    "trilobite-heads",
+    "mouse-molars",
+    "landmarks-pupfish",
+    "landmarks-plethodon",
+    "landmarks-oak-leaves",
+    "landmarks-brains-3d",
+]
+CLOSED = [
+    "mosquito-wings",
+    "hearts",
+    "molars",
+    "otoliths",
+    "apodemus-mandibles",
+    "trilobite-heads",
+    "mouse-molars",
+    "mouse-vertebrae",
+    "north-sea-fish",
+    "charred-grains",
+    "osteosarcoma-cells",
+    "mpeg7",
+]
 OPEN = ["hands", "olive-stones"]
 CORRESPONDING = ["hands"]
-LANDMARKS = ["ape-skulls", "digit3", "mosquito-wings", "oak-leaves", "passiflora-leaves", "plethodon", "pupfish", "pupfish-species",
-             "rat-growth", "brains-3d", "macaque-skulls-3d", "nasal-bone-3d", "optic-nerve-3d", "primate-crania-3d"]
+LANDMARKS = [
+    "ape-skulls",
+    "digit3",
+    "mosquito-wings",
+    "oak-leaves",
+    "passiflora-leaves",
+    "plethodon",
+    "pupfish",
+    "pupfish-species",
+    "rat-growth",
+    "brains-3d",
+    "macaque-skulls-3d",
+    "nasal-bone-3d",
+    "optic-nerve-3d",
+    "primate-crania-3d",
+]
 TPS = {"dragonfly-wings": "forewing.tps", "trilobite-cephala": "cephala.tps"}
 SUBJECTS = {"molars": "ind", "charred-grains": "grain", "optic-nerve-3d": "monkey"}
 
@@ -127,7 +167,10 @@ def moved(points, random):
         for b in range(a + 1, d):
             t = random.uniform(0, 2 * math.pi)
             s, c = math.sin(t), math.cos(t)
-            points = [[c * p[a] - s * p[b] if k == a else s * p[a] + c * p[b] if k == b else p[k] for k in range(d)] for p in points]
+            points = [
+                [c * p[a] - s * p[b] if k == a else s * p[a] + c * p[b] if k == b else p[k] for k in range(d)]
+                for p in points
+            ]
     size, shift = random.uniform(0.5, 20), [random.uniform(-50, 50) for _ in range(d)]
     return [[size * x + t for x, t in zip(p, shift)] for p in points], size
 
@@ -191,10 +234,22 @@ class Errors:
 
 def complete_fold(service, own, shapes, test, representation, is_arc, closed, random, errors):
     train = [shape for k, shape in enumerate(shapes) if k not in set(test)]
-    service.cohort(own, representation, "landmarks", [{"points": points, "subject": subject} for points, subject in train])
-    service.finished(service.call("POST", "/v1/dictionaries", {
-        "name": own, "cohort": own, "transformation": "similarity", "alignment": "procrustes",
-        "method": {"kind": "functional_pca", "components": COMPONENTS, "centre": True}}))
+    service.cohort(
+        own, representation, "landmarks", [{"points": points, "subject": subject} for points, subject in train]
+    )
+    service.finished(
+        service.call(
+            "POST",
+            "/v1/dictionaries",
+            {
+                "name": own,
+                "cohort": own,
+                "transformation": "similarity",
+                "alignment": "procrustes",
+                "method": {"kind": "functional_pca", "components": COMPONENTS, "centre": True},
+            },
+        )
+    )
     truths, partial = [], []
     for k in test:
         for _ in range(TIMES):
@@ -205,13 +260,21 @@ def complete_fold(service, own, shapes, test, representation, is_arc, closed, ra
     path, parts = f"/v1/dictionaries/{own}/complete", [{"control_points": part} for part in partial]
     answer = service.call("POST", path, {"shapes": parts})
     # A measurement that says nothing leaves the mean, posed by the seen points.
-    posed = service.call("POST", path, {"calibrated": False, "shapes": [
-        {**part, "deviation": 1e4 * size} for part, (_, _, size, _) in zip(parts, truths)]})
+    posed = service.call(
+        "POST",
+        path,
+        {
+            "calibrated": False,
+            "shapes": [{**part, "deviation": 1e4 * size} for part, (_, _, size, _) in zip(parts, truths)],
+        },
+    )
     errors.normal = service.call("POST", path, {"calibrated": False, "shapes": parts[:1]})["pointwise_factor"]
     for truth, completed, by_mean in zip(truths, answer["results"], posed["results"]):
         errors.add(*truth, completed, by_mean, answer)
     for quantile in (0.95, 0.99):
-        found = service.call("POST", f"/v1/dictionaries/{own}/assess", {"quantile": quantile, "shapes": parts})["results"]
+        found = service.call("POST", f"/v1/dictionaries/{own}/assess", {"quantile": quantile, "shapes": parts})[
+            "results"
+        ]
         alarms = [(subject, one["novelty"]["is_outlier"]) for (subject, *_), one in zip(truths, found)]
         errors.alarms.setdefault(quantile, []).extend(alarms)
 
@@ -221,21 +284,39 @@ def complete_set(service, name, shapes, representation, is_arc, closed, count_of
     divisions = DIVISIONS if len(shapes) < FEW or name in SCATTERED else 1
     for division in range(divisions):
         for f, test in enumerate(folds_of(shapes, count_of_folds, random)):
-            complete_fold(service, f"{name}-{division}-{f}", shapes, test, representation, is_arc, closed, random, errors)
+            complete_fold(
+                service, f"{name}-{division}-{f}", shapes, test, representation, is_arc, closed, random, errors
+            )
     ratio = mean(errors.mean) / mean(errors.found)
     covered = [100 * mean(x) for x in (errors.raw, errors.points)]
-    print(f"| {name} | {len(shapes)} | {mean(errors.mean):.4f} | {mean(errors.found):.4f} | {ratio:.2f} | {covered[0]:.1f} % | {covered[1]:.1f} % "
-          f"| {by_subject(errors.whole)} | {by_subject(errors.alarms[0.95])}, {100 * mean(x for _, x in errors.alarms[0.99]):.1f} % |", flush=True)
+    print(
+        f"| {name} | {len(shapes)} | {mean(errors.mean):.4f} | {mean(errors.found):.4f} | {ratio:.2f} | "
+        f"{covered[0]:.1f} % | {covered[1]:.1f} % "
+        f"| {by_subject(errors.whole)} | {by_subject(errors.alarms[0.95])}, "
+        f"{100 * mean(x for _, x in errors.alarms[0.99]):.1f} % |",
+        flush=True,
+    )
 
 
 def sets(folder, names):
-    """Every set that is wanted: its name, shapes and representation, whether arcs are hidden, and whether its curves are closed."""
+    """Every set that is wanted: its name, shapes and representation, whether arcs are hidden, and whether its curves
+    are closed."""
     for name in filter(lambda name: name in names, CLOSED):
-        curve = {"kind": "closed_curve", "dimension": 2, "control_points": POINTS, "generator": {"name": "trigonometric"}}
+        curve = {
+            "kind": "closed_curve",
+            "dimension": 2,
+            "control_points": POINTS,
+            "generator": {"name": "trigonometric"},
+        }
         yield name, contours(folder, name), curve, True, True
     for name in filter(lambda name: name in names, OPEN):
         shapes = contours(folder, name)
-        line = {"kind": "open_curve", "dimension": 2, "intervals": len(shapes[0][0]) - 1, "generator": {"name": "bspline", "degree": 1}}
+        line = {
+            "kind": "open_curve",
+            "dimension": 2,
+            "intervals": len(shapes[0][0]) - 1,
+            "generator": {"name": "bspline", "degree": 1},
+        }
         yield name, shapes, line, True, False
     for name in filter(lambda name: f"landmarks-{name}" in names, [*LANDMARKS, *TPS]):
         shapes = tps(folder, name) if name in TPS else configurations(folder, name)
@@ -245,8 +326,11 @@ def sets(folder, names):
 
 
 def complete(service, folder, names, folds):
-    print("| set | shapes | hidden part, posed mean | completed | ratio | normal bands cover | pointwise | simultaneous, interval "
-          "| false alarms of `assess` at 5 %, 1 % |")
+    print(
+        "| set | shapes | hidden part, posed mean | completed | ratio | normal bands cover | pointwise | "
+        "simultaneous, interval "
+        "| false alarms of `assess` at 5 %, 1 % |"
+    )
     print("|---|---|---|---|---|---|---|---|---|")
     for one in sets(folder, names or [*CLOSED, *OPEN, *(f"landmarks-{name}" for name in [*LANDMARKS, *TPS])]):
         complete_set(service, *one, folds)
@@ -265,8 +349,11 @@ def gram(service, representation):
     if representation["kind"] == "landmarks":
         return numpy.eye(count)
     impulse = [[float(k == 0), 0.0] for k in range(count)]
-    answer = service.call("POST", "/v1/evaluate", {
-        "representation": representation, "shapes": [{"control_points": impulse}], "samples": FINE * count})
+    answer = service.call(
+        "POST",
+        "/v1/evaluate",
+        {"representation": representation, "shapes": [{"control_points": impulse}], "samples": FINE * count},
+    )
     values = numpy.array(answer["evaluations"][0]["points"])[:, 0]
     products = [values @ numpy.roll(values, FINE * k) for k in range(count)]
     return numpy.array([numpy.roll(products, k) for k in range(count)])
@@ -279,8 +366,13 @@ def components(service, representation, shapes):
     # A pose is 4 numbers in the plane and 7 in space.
     numbers = len(shapes[0]) * representation["dimension"]
     most = numbers - (5 if representation["dimension"] == 2 else 8)
-    body = {"representation": representation, "transformation": "similarity", "alignment": "procrustes",
-            "components": min(COMPONENTS, len(shapes) - 2, most), "shapes": [{"control_points": shape} for shape in shapes]}
+    body = {
+        "representation": representation,
+        "transformation": "similarity",
+        "alignment": "procrustes",
+        "components": min(COMPONENTS, len(shapes) - 2, most),
+        "shapes": [{"control_points": shape} for shape in shapes],
+    }
     answer = service.call("POST", "/v1/pca/incomplete", body)
     modes = numpy.array([one["control_points"] for one in answer["pca"]["eigenshapes"]])
     metric = gram(service, representation)
@@ -289,7 +381,12 @@ def components(service, representation, shapes):
     modes /= numpy.linalg.norm(modes[0])
     product = numpy.einsum("mic,nic->mn", modes, modes)
     assert abs(product - numpy.eye(len(modes))).max() < 1e-6, "modes are orthonormal in this metric"
-    return modes, root @ numpy.array(answer["pca"]["mean"]["control_points"]), answer["completion_rounds"], answer["completion_converged"]
+    return (
+        modes,
+        root @ numpy.array(answer["pca"]["mean"]["control_points"]),
+        answer["completion_rounds"],
+        answer["completion_converged"],
+    )
 
 
 def mode_angles(found, wanted):
@@ -300,7 +397,10 @@ def mode_angles(found, wanted):
     u, _, vt = numpy.linalg.svd(middle.T @ goal)
     u[:, -1] *= numpy.sign(numpy.linalg.det(u @ vt))
     turn = u @ vt
-    return [math.degrees(math.acos(min(1.0, abs(float(((mode @ turn) * other).sum()))))) for mode, other in zip(modes[:3], goals[:3])]
+    return [
+        math.degrees(math.acos(min(1.0, abs(float(((mode @ turn) * other).sum())))))
+        for mode, other in zip(modes[:3], goals[:3])
+    ]
 
 
 def modes(service, folder, names, folds):
@@ -322,8 +422,12 @@ def modes(service, folder, names, folds):
                 partial.append([None if i in hidden else p for i, p in enumerate(points)])
             found = components(service, representation, partial)
             angles = ", ".join(f"{angle:.1f}" for angle in mode_angles(found, wanted))
-            print(f"| {name if draw == 0 else ''} | {len(shapes)}, {count} | {found[2]}{'' if found[3] else chr(92) + '*'} | {angles}° "
-                  f"| {without if draw == 0 else ''} |", flush=True)
+            print(
+                f"| {name if draw == 0 else ''} | {len(shapes)}, {count} | "
+                f"{found[2]}{'' if found[3] else chr(92) + '*'} | {angles}° "
+                f"| {without if draw == 0 else ''} |",
+                flush=True,
+            )
 
 
 def speed(service, folder, names, folds):
@@ -332,9 +436,18 @@ def speed(service, folder, names, folds):
         shapes.append({"points": normal(resampled(json.loads(text)["points"], True, 100))})
     curve = {"kind": "closed_curve", "dimension": 2, "control_points": 100, "generator": {"name": "cubic"}}
     service.cohort("speed", curve, "landmarks", shapes)
-    service.finished(service.call("POST", "/v1/dictionaries", {
-        "name": "speed", "cohort": "speed", "transformation": "similarity",
-        "method": {"kind": "functional_pca", "components": 20, "centre": True}}))
+    service.finished(
+        service.call(
+            "POST",
+            "/v1/dictionaries",
+            {
+                "name": "speed",
+                "cohort": "speed",
+                "transformation": "similarity",
+                "method": {"kind": "functional_pca", "components": 20, "centre": True},
+            },
+        )
+    )
     host = service.address.split("//")[1]
     connection, times = http.client.HTTPConnection(host), []
     for k in range(401):
@@ -347,7 +460,10 @@ def speed(service, folder, names, folds):
         answer.read()
         assert answer.status == 200, answer.status
         times.append(1000 * (time.perf_counter() - begin))
-    print(f"first request, with calibration: {times[0]:.0f} ms; then p50 {median(times[1:]):.2f} ms, p95 {quantiles(times[1:], n=20)[18]:.2f} ms")
+    print(
+        f"first request, with calibration: {times[0]:.0f} ms; then p50 {median(times[1:]):.2f} ms, p95 "
+        f"{quantiles(times[1:], n=20)[18]:.2f} ms"
+    )
 
 
 def main():

@@ -1,7 +1,8 @@
-"""Plain peers for classes of outlines: Procrustes coordinates or elliptic Fourier coefficients, with LDA and neighbours.
+"""Plain peers for classes of outlines: Procrustes coordinates or elliptic Fourier coefficients, with LDA and
+neighbours.
 
-Needs numpy and scikit-learn. Everything is learnt from the training outlines alone; the peers are reported with the best of
-their sizes, by the shapes they are judged by, which flatters them.
+Needs numpy and scikit-learn. Everything is learnt from the training outlines alone; the peers are reported with the
+best of their sizes, by the shapes they are judged by, which flatters them.
 """
 
 import numpy

@@ -1,18 +1,22 @@
-"""Robust means, components and weights on real shapes, through the running service; writes the section of docs/evaluation.md.
+"""Robust means, components and weights on real shapes, through the running service; writes the section of
+docs/evaluation.md.
 
-    python benches/evaluation/robust.py --data FOLDER [--binary PROGRAM] [--part gross|clean|damage|cost|picture] [--seed SEED] [NAME ...]
+    python benches/evaluation/robust.py --data FOLDER [--binary PROGRAM] [--part gross|clean|damage|cost|picture]
+    [--seed SEED] [NAME ...]
 
-FOLDER holds the data sets (`curves-mosquito-wings/curves.ndjson` and so on); NAME chooses some of them. Nothing beyond the standard
-library. Contours are resampled to 63 points by arc length and posted with the `trigonometric` generator, whose Gram matrix is
-that of points (`I/N` for odd `N`), so that angles between modes are those of their control points. Seeds are fixed.
+FOLDER holds the data sets (`curves-mosquito-wings/curves.ndjson` and so on); NAME chooses some of them. Nothing beyond
+the standard library. Contours are resampled to 63 points by arc length and posted with the `trigonometric` generator,
+whose Gram matrix is that of points (`I/N` for odd `N`), so that angles between modes are those of their control points.
+Seeds are fixed.
 
-gross   30 % of the shapes are wrong: another organ, mirrored, leaked, or a third of each. How far the mean moves (distance of means of
-        unit norm, after the best rotation), and the angles of the first three modes, to those of the right shapes alone. The wrong
-        shapes are drawn by SEED, 1 by default.
-clean   no shape is wrong: what robustness costs. Shapes drawn from the normal distribution with the components of the set, 40
-        times: mean squared error of the mean and of the first mode, plain over robust. And the real set: by how much its weights are
-        worth fewer shapes.
-damage  10 % of the contour of every fifth shape is displaced: area under the curve of `1 - point_weights` for the damaged points.
+gross   30 % of the shapes are wrong: another organ, mirrored, leaked, or a third of each. How far the mean moves
+        (distance of means of unit norm, after the best rotation), and the angles of the first three modes, to those of
+        the right shapes alone. The wrong shapes are drawn by SEED, 1 by default.
+clean   no shape is wrong: what robustness costs. Shapes drawn from the normal distribution with the components of the
+        set, 40 times: mean squared error of the mean and of the first mode, plain over robust. And the real set: by how
+        much its weights are worth fewer shapes.
+damage  10 % of the contour of every fifth shape is displaced: area under the curve of `1 - point_weights` for the
+        damaged points.
 cost    time of robust over plain requests.
 picture damaged shapes with their weights, as SVG.
 """
@@ -30,11 +34,17 @@ from run import ROOT, Service
 POINTS = 63
 SETS = ["mosquito-wings", "molars", "apodemus-mandibles", "trilobite-heads", "hearts", "north-sea-fish"]
 KINDS = ["organ", "mirrored", "leaked", "mixed"]
-REPRESENTATION = {"kind": "closed_curve", "dimension": 2, "control_points": POINTS, "generator": {"name": "trigonometric"}}
+REPRESENTATION = {
+    "kind": "closed_curve",
+    "dimension": 2,
+    "control_points": POINTS,
+    "generator": {"name": "trigonometric"},
+}
 
 
 def resampled(points, count=POINTS):
-    """The contour at `count` points, equally spaced by arc length from its first point, counter-clockwise, as complex numbers."""
+    """The contour at `count` points, equally spaced by arc length from its first point, counter-clockwise, as complex
+    numbers."""
     ring = [complex(*p) for p in points]
     ring = [p for k, p in enumerate(ring) if p != ring[k - 1]]
     if sum((p.conjugate() * q).imag for p, q in zip(ring, ring[1:] + ring[:1])) < 0:
@@ -70,7 +80,8 @@ def mirrored(shape):
 
 
 def bump(shape, random, part, low, high, inwards):
-    """A stretch of the contour displaced along its normals: a half wave, as high as `low` to `high` mean radii. Also where."""
+    """A stretch of the contour displaced along its normals: a half wave, as high as `low` to `high` mean radii. Also
+    where."""
     n = len(shape)
     count, start = round(part * n), random.randrange(n)
     height = random.uniform(low, high) * sum(abs(p) for p in shape) / n
@@ -115,7 +126,9 @@ def flat(rows):
 
 
 def pca(service, shapes, robust, correspondence):
-    answer = service.call("POST", "/v1/pca", body(shapes, robust, correspondence, components=4, centre=True, aligned=False))
+    answer = service.call(
+        "POST", "/v1/pca", body(shapes, robust, correspondence, components=4, centre=True, aligned=False)
+    )
     modes = [flat(shape["control_points"]) for shape in answer["pca"]["eigenshapes"]]
     return flat(answer["mean"]["control_points"]), modes, answer
 
@@ -130,7 +143,8 @@ def unit(a):
 
 
 def compared(found, wanted):
-    """Distance of the means, and angles between the modes in degrees, after the shift and rotation that match the means best."""
+    """Distance of the means, and angles between the modes in degrees, after the shift and rotation that match the means
+    best."""
     mean, modes, _ = found
     goal, goals, _ = wanted
     goal, n = unit(goal), len(goal)
@@ -148,7 +162,10 @@ def compared(found, wanted):
 
 def gross(service, data, names, others, seed=1):
     rows = met_mean = met_modes = 0
-    print("| data | shapes | wrong | mean moves, plain | robust | modes 1–3, plain | robust | wrong ones kept | right ones rejected |")
+    print(
+        "| data | shapes | wrong | mean moves, plain | robust | modes 1–3, plain | robust | wrong ones kept | "
+        "right ones rejected |"
+    )
     print("|---|---|---|---|---|---|---|---|---|")
     for correspondence in ["landmarks", "cyclic"]:
         for name in names:
@@ -159,14 +176,20 @@ def gross(service, data, names, others, seed=1):
                 plain = compared(pca(service, all_shapes, False, correspondence), wanted)
                 found = pca(service, all_shapes, True, correspondence)
                 robust, weights = compared(found, wanted), found[2]["robust"]["weights"]
-                kept = sum(weights[len(shapes):])
+                kept = sum(weights[len(shapes) :])
                 rejected = sum(weight == 0 for weight in weights[: len(shapes)])
                 angles = [" ".join(f"{a:.1f}°" for a in result[1]) for result in (plain, robust)]
                 print(
-                    f"| {name}, {correspondence} | {len(all_shapes)} | {kind} | {plain[0]:.3f} | {robust[0]:.4f} | {angles[0]} | "
-                    f"{angles[1]} | {kept:.1f} of {len(all_shapes) - len(shapes)} | {rejected} |", flush=True)
+                    f"| {name}, {correspondence} | {len(all_shapes)} | {kind} | {plain[0]:.3f} | {robust[0]:.4f} "
+                    f"| {angles[0]} | "
+                    f"{angles[1]} | {kept:.1f} of {len(all_shapes) - len(shapes)} | {rejected} |",
+                    flush=True,
+                )
                 rows, met_mean, met_modes = rows + 1, met_mean + (robust[0] < 0.05), met_modes + (max(robust[1]) < 5)
-    print(f"\nSeed {seed}: the mean moves less than 0.05 in {met_mean} of {rows} rows, the modes less than 5° in {met_modes}.")
+    print(
+        f"\nSeed {seed}: the mean moves less than 0.05 in {met_mean} of {rows} rows, the modes less than 5° in "
+        f"{met_modes}."
+    )
 
 
 def drawn(answer, random, count):
@@ -186,7 +209,10 @@ def drawn(answer, random, count):
 
 
 def clean(service, data, names, _, draws=40):
-    print("| data | shapes | error of the mean, plain/robust | of mode 1 | least weight of the real set | worth of its weights | cyclic |")
+    print(
+        "| data | shapes | error of the mean, plain/robust | of mode 1 | least weight of the real set | worth of "
+        "its weights | cyclic |"
+    )
     print("|---|---|---|---|---|---|---|")
     for name in names:
         shapes = data[name]
@@ -198,12 +224,15 @@ def clean(service, data, names, _, draws=40):
             sample = drawn(answer, Random(100 + draw), len(shapes))
             for robust in errors:
                 distance, angles = compared(pca(service, sample, robust, "landmarks"), truth)
-                errors[robust][0] += distance ** 2
+                errors[robust][0] += distance**2
                 errors[robust][1] += math.sin(math.radians(angles[0])) ** 2
         real, cyclic = (pca(service, shapes, True, kind)[2]["robust"] for kind in ("landmarks", "cyclic"))
         ratios = [errors[False][i] / errors[True][i] for i in range(2)]
-        print(f"| {name} | {len(shapes)} | {ratios[0]:.3f} | {ratios[1]:.3f} | {min(real['weights']):.2f} | "
-              f"{real['effective_count'] / len(shapes):.3f} | {cyclic['effective_count'] / len(shapes):.3f} |", flush=True)
+        print(
+            f"| {name} | {len(shapes)} | {ratios[0]:.3f} | {ratios[1]:.3f} | {min(real['weights']):.2f} | "
+            f"{real['effective_count'] / len(shapes):.3f} | {cyclic['effective_count'] / len(shapes):.3f} |",
+            flush=True,
+        )
 
 
 def area_under_curve(positive, negative):
@@ -221,7 +250,10 @@ def area_under_curve(positive, negative):
 
 
 def damage(service, data, names, _):
-    print("| data | shapes | damaged | height of the damage, mean radii | area under the curve, within damaged shapes | all shapes |")
+    print(
+        "| data | shapes | damaged | height of the damage, mean radii | area under the curve, within damaged "
+        "shapes | all shapes |"
+    )
     print("|---|---|---|---|---|---|")
     for name in names:
         for low, high in [(0.1, 0.2), (0.2, 0.4)]:
@@ -248,7 +280,8 @@ def colour(weight):
 
 
 def picture(service, data, names, _):
-    """Damaged shapes, rows of eight: the undamaged contour in grey behind, control points from black to red as their weights fall."""
+    """Damaged shapes, rows of eight: the undamaged contour in grey behind, control points from black to red as their
+    weights fall."""
     cells, side = [], 150
     for name in names:
         random = Random(5)
@@ -258,7 +291,9 @@ def picture(service, data, names, _):
             shapes.append(shape)
             places.append(where)
         aligned = service.call("POST", "/v1/align", body(shapes, True, "landmarks"))["aligned"]
-        chosen = [k for k, where in enumerate(places) if where][:7] + [next(k for k, where in enumerate(places) if not where)]
+        chosen = [k for k, where in enumerate(places) if where][:7] + [
+            next(k for k, where in enumerate(places) if not where)
+        ]
         scale = 0.45 * side / max(abs(p) for p in shapes[0])
         for k in chosen:
             column, row = len(cells) % 8, len(cells) // 8
@@ -267,12 +302,19 @@ def picture(service, data, names, _):
             dots = ""
             for p, weight in zip(shapes[k], aligned[k]["point_weights"]):
                 x, y = at(p)
-                dots += f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{2.5 if weight > 0.5 else 3.5}" fill="{colour(weight)}"/>'
-            text = f'<text x="{side * column + 4}" y="{side * row + 12}" font-size="11">{name[:8]} {aligned[k]["weight"]:.2f}</text>'
+                dots += (
+                    f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{2.5 if weight > 0.5 else 3.5}" fill="{colour(weight)}"/>'
+                )
+            text = (
+                f'<text x="{side * column + 4}" y="{side * row + 12}" font-size="11">{name[:8]} '
+                f"{aligned[k]['weight']:.2f}</text>"
+            )
             cells.append(f'<polygon points="{ring}" fill="none" stroke="#bbb" stroke-width="3"/>{dots}{text}')
     rows = (len(cells) + 7) // 8
-    print(f'<svg xmlns="http://www.w3.org/2000/svg" width="{8 * side}" height="{rows * side}" font-family="sans-serif">'
-          f'<rect width="100%" height="100%" fill="white"/>{"".join(cells)}</svg>')
+    print(
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{8 * side}" height="{rows * side}" font-family="sans-serif">'
+        f'<rect width="100%" height="100%" fill="white"/>{"".join(cells)}</svg>'
+    )
 
 
 def timed(action, repeats=5):
@@ -288,9 +330,16 @@ def cost(service, data, _, __):
     print("| request | plain | robust | ratio |")
     print("|---|---|---|---|")
     random = Random(3)
-    answer = service.call("POST", "/v1/pca", body(data["mosquito-wings"], False, "landmarks", components=30, centre=True, aligned=False))
+    answer = service.call(
+        "POST", "/v1/pca", body(data["mosquito-wings"], False, "landmarks", components=30, centre=True, aligned=False)
+    )
     shapes = drawn(answer, random, 1000)
-    for path, correspondence in [("mean", "landmarks"), ("mean", "cyclic"), ("align", "landmarks"), ("pca", "landmarks")]:
+    for path, correspondence in [
+        ("mean", "landmarks"),
+        ("mean", "cyclic"),
+        ("align", "landmarks"),
+        ("pca", "landmarks"),
+    ]:
         bodies = [json.dumps(body(shapes, robust, correspondence)).encode() for robust in (False, True)]
         times = [timed(lambda b=b: service.call("POST", f"/v1/{path}", b, raw=True)) for b in bodies]
         row = f"`POST /v1/{path}`, 1 000 shapes of {POINTS} points, {correspondence}"

@@ -2,9 +2,10 @@
 
     python benches/evaluation/run.py --data FOLDER [--binary PROGRAM] [--table TABLE] [NAME ...]
 
-FOLDER holds the data sets (`curves-molars/curves.ndjson` and so on); NAME chooses some of them, TABLE one of the tables. The
-table of peers needs numpy and scikit-learn, the others nothing beyond the standard library. Every figure is made by requests that a client can repeat: a cohort is posted, a dictionary with a
-classifier is learnt from it, and what its validation says is written down. Seeds are fixed.
+FOLDER holds the data sets (`curves-molars/curves.ndjson` and so on); NAME chooses some of them, TABLE one of the
+tables. The table of peers needs numpy and scikit-learn, the others nothing beyond the standard library. Every figure is
+made by requests that a client can repeat: a cohort is posted, a dictionary with a classifier is learnt from it, and
+what its validation says is written down. Seeds are fixed.
 """
 
 import argparse
@@ -148,7 +149,8 @@ def row(name, correspondence, kind, dictionary, seconds):
 
 
 HEAD = (
-    "| data | shapes | classes | correspondence | classifier | majority | accuracy | 95 % | balanced | Brier | seconds |\n"
+    "| data | shapes | classes | correspondence | classifier | majority | accuracy | 95 % | balanced | Brier | "
+    "seconds |\n"
     "|---|---|---|---|---|---|---|---|---|---|---|"
 )
 
@@ -187,7 +189,12 @@ def silhouettes(service, folder):
                 nearest = order[: 2 * sizes[labels[i]]]
                 found += sum(labels[j] == labels[i] for j in nearest) / sizes[labels[i]]
             mirrored = ", mirror images" if mirror == "allow" else ""
-            cells = [f"{points} points{mirrored}", f"{right / len(labels):.3f}", f"{found / len(labels):.3f}", f"{seconds:.2f}"]
+            cells = [
+                f"{points} points{mirrored}",
+                f"{right / len(labels):.3f}",
+                f"{found / len(labels):.3f}",
+                f"{seconds:.2f}",
+            ]
             print("| " + " | ".join(cells) + " |", flush=True)
 
 
@@ -419,7 +426,8 @@ def split(shapes, seed):
 def beside_peers(service, folder, names):
     """`best` beside plain peers, on shapes neither learnt nor chosen from; random splits by subject.
 
-    A peer is chosen as `best` is, within the training shapes; the best by the test shapes, which flatters it, stands beside.
+    A peer is chosen as `best` is, within the training shapes; the best by the test shapes, which flatters it, stands
+    beside.
     """
     import peers
 
@@ -432,7 +440,10 @@ def beside_peers(service, folder, names):
         return max(sums, key=sums.get)
 
     print(f"\n{SPLITS} splits, {HELD:.0%} held out, seeds 0 to {SPLITS - 1}\n")
-    print("| data | shapes | `best` | Brier | peer chosen within | Procrustes, best of 8 | Fourier, best of 8 | kinds |\n|---|---|---|---|---|---|---|---|")
+    print(
+        "| data | shapes | `best` | Brier | peer chosen within | Procrustes, best of 8 | Fourier, best of 8 | "
+        "kinds |\n|---|---|---|---|---|---|---|---|"
+    )
     for number, name in enumerate(PEERS):
         if names and not any(part in name for part in names):
             continue

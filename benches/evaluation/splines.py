@@ -1,5 +1,5 @@
-"""Spline surfaces through the running service: refinement, sharp poles, poles along a meridian, fluxes, sizes for a tolerance; prints the
-section of docs/evaluation.md.
+"""Spline surfaces through the running service: refinement, sharp poles, poles along a meridian, fluxes, sizes for a
+tolerance; prints the section of docs/evaluation.md.
 
     python benches/evaluation/splines.py [--binary PROGRAM]
 
@@ -45,7 +45,9 @@ def refinement(service, random):
         ("sphere, half-integer shifts along the meridian", "sphere", [EXPONENTIAL, HALF], [6, 5], 6 * 4 + 6, 2),
         ("torus, trigonometric", "torus", None, [4, 4], 16, 2),
     ]
-    print("| random control points in ±1, refined | factor | `exact` | largest distance of 2 000 points | `l2_change` |")
+    print(
+        "| random control points in ±1, refined | factor | `exact` | largest distance of 2 000 points | `l2_change` |"
+    )
     print("|---|---|---|---|---|")
     for text, topology, generators, size, rows, factor in cases:
         coarse = surface(topology, size, generators)
@@ -54,8 +56,10 @@ def refinement(service, random):
         shifts, fine = answer["parameter_shifts"], answer["shapes"][0]
         places = [[random.random(), random.random()] for _ in range(2000)]
         moved = [[u + shifts[0], v + shifts[1]] for u, v in places]
-        found = apart(points(service, coarse, shape, places),
-                      points(service, answer["representation"], {"control_points": fine["control_points"]}, moved))
+        found = apart(
+            points(service, coarse, shape, places),
+            points(service, answer["representation"], {"control_points": fine["control_points"]}, moved),
+        )
         change = fine.get("l2_change")
         told = "–" if change is None else f"{change:.3f}"
         print(f"| {text} | {factor} | {str(answer['exact']).lower()} | {found:.1e} | {told} |", flush=True)
@@ -77,7 +81,10 @@ def ball(u, v):
 
 
 def poles(service, random):
-    print("| lemon with cones at its poles, `trigonometric` and `cubic` | largest distance of 2 000 points, 6 × 4 | 12 × 8 | 24 × 16 |")
+    print(
+        "| lemon with cones at its poles, `trigonometric` and `cubic` | largest distance of 2 000 points, 6 × 4 | "
+        "12 × 8 | 24 × 16 |"
+    )
     print("|---|---|---|---|")
     places = [[random.random(), random.random()] for _ in range(2000)]
     wanted = [lemon(u, v) for u, v in places]
@@ -109,9 +116,13 @@ def meridian(service):
     representation = surface("sphere", [9, 9], [EXPONENTIAL, along])
     body = {"representation": representation, "surfaces": [{"surface": {"name": "sphere", "radius": 1}}]}
     shape = service.call("POST", "/v1/idealised", body)["shapes"][0]
-    volume = service.call("POST", "/v1/measure", {"representation": representation, "shapes": [shape]})["results"][0]["volume"]
+    volume = service.call("POST", "/v1/measure", {"representation": representation, "shapes": [shape]})["results"][0][
+        "volume"
+    ]
     error = volume - 4 * math.pi / 3
-    print(f"Unit sphere of exponential B-splines, 9 × 9, domain poles 0, ±2πj and 0, ±πj: volume − 4π/3 = {error:.1e}.\n")
+    print(
+        f"Unit sphere of exponential B-splines, 9 × 9, domain poles 0, ±2πj and 0, ±πj: volume − 4π/3 = {error:.1e}.\n"
+    )
 
 
 def bean(u, v):

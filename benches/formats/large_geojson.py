@@ -1,7 +1,8 @@
 """A GeoJSON file of cells of a wanted size, as QuPath writes it: `large_geojson.py BYTES FILE`.
 
-The same size gives the same file. Every cell is a polygon of 24 to 48 points with an id, a class, twelve measurements and, every
-second one, a nucleus. Coordinates have two decimals. All but the id repeats after 4000 cells, which makes writing fast.
+The same size gives the same file. Every cell is a polygon of 24 to 48 points with an id, a class, twelve measurements
+and, every second one, a nucleus. Coordinates have two decimals. All but the id repeats after 4000 cells, which makes
+writing fast.
 """
 
 import json

@@ -2,10 +2,11 @@
 
     python3 benches/instructions/run.py [--write] [--only TEXT]
 
-Each computation runs under callgrind once and twice: the difference is one run, without what prepares it. Valgrind shows the
-program a processor with AVX2 and without AVX-512, so counts of machines with AVX2 agree. `counts.json` holds the counts with the
-versions of compiler and valgrind; another compiler makes other code, and then differences are printed and nothing fails.
-Exits with 1 where a count is more than `TOLERANCE` above the committed one. `--write` replaces the counts.
+Each computation runs under callgrind once and twice: the difference is one run, without what prepares it. Valgrind
+shows the program a processor with AVX2 and without AVX-512, so counts of machines with AVX2 agree. `counts.json` holds
+the counts with the versions of compiler and valgrind; another compiler makes other code, and then differences are
+printed and nothing fails. Exits with 1 where a count is more than `TOLERANCE` above the committed one. `--write`
+replaces the counts.
 """
 
 import argparse
@@ -20,8 +21,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from build import ROOT, benches  # noqa: E402
 
 COUNTS = Path(__file__).with_name("counts.json")
-# Two runs of one program agree to the last instruction. Other code of a crate may change what is inlined; what is worth a gate
-# changes more than this.
+# Two runs of one program agree to the last instruction. Other code of a crate may change what is inlined; what is worth
+# a gate changes more than this.
 TOLERANCE = 0.03
 
 
@@ -55,11 +56,16 @@ def main():
     for name, found in sorted(counts.items()):
         before = known["counts"].get(name)
         change = found / before - 1 if before else None
-        print(f"| {name} | {found:,} | {f'{before:,}' if before else '–'} | {'–' if change is None else f'{100 * change:+.1f} %'} |")
+        print(
+            f"| {name} | {found:,} | {f'{before:,}' if before else '–'} | "
+            f"{'–' if change is None else f'{100 * change:+.1f} %'} |"
+        )
         if change is not None and change > TOLERANCE:
             worse.append(name)
     if arguments.write:
-        COUNTS.write_text(json.dumps({"tools": tools, "counts": known["counts"] | counts}, indent=1, sort_keys=True) + "\n")
+        COUNTS.write_text(
+            json.dumps({"tools": tools, "counts": known["counts"] | counts}, indent=1, sort_keys=True) + "\n"
+        )
     elif tools != known["tools"]:
         print(f"counted with {tools}, committed with {known['tools']}: differences are no defects")
     elif worse:

@@ -2,9 +2,9 @@
 
     python benches/load/dashboard.py --binary target/release/shapelex [--shapes 100000]
 
-The cohort has 64 control points and six attributes a shape, start points are searched; a second one, whose points correspond, takes
-the mean only. Every row is one request unless the row says "warm", which is the median of nine. Prints the table of
-docs/performance.md. Needs nothing beyond Python's library.
+The cohort has 64 control points and six attributes a shape, start points are searched; a second one, whose points
+correspond, takes the mean only. Every row is one request unless the row says "warm", which is the median of nine.
+Prints the table of docs/performance.md. Needs nothing beyond Python's library.
 """
 
 import argparse
@@ -34,13 +34,26 @@ def contour(random):
     """48 points on a contour with bumps of its own."""
     phase, bump = random.uniform(0, 6), random.uniform(0.1, 0.3)
     angles = [2 * pi * k / 48 for k in range(48)]
-    return [[round((1 + bump * cos(3 * t + phase)) * cos(t), 4), round((1.3 + bump * sin(2 * t + phase)) * sin(t), 4)] for t in angles]
+    return [
+        [round((1 + bump * cos(3 * t + phase)) * cos(t), 4), round((1.3 + bump * sin(2 * t + phase)) * sin(t), 4)]
+        for t in angles
+    ]
 
 
 def shape(random, number):
-    labels = {"site": f"s{number % 7}", "plate": f"P{number % 1000:03}", "dose": random.uniform(0, 5), "control": number % 2 == 0}
-    return {"external_id": f"b{number}", "label": random.choice("abc"), "subject": f"u{number // 4}", "labels": labels,
-            "points": contour(random)}
+    labels = {
+        "site": f"s{number % 7}",
+        "plate": f"P{number % 1000:03}",
+        "dose": random.uniform(0, 5),
+        "control": number % 2 == 0,
+    }
+    return {
+        "external_id": f"b{number}",
+        "label": random.choice("abc"),
+        "subject": f"u{number // 4}",
+        "labels": labels,
+        "points": contour(random),
+    }
 
 
 class Table:
@@ -51,7 +64,9 @@ class Table:
         self.connection = http.client.HTTPConnection("127.0.0.1", service.port, timeout=900)
 
     def ask(self, method, path, body=None, **headers):
-        headers = {name.replace("_", "-"): value for name, value in headers.items()} | {"content-type": "application/json"}
+        headers = {name.replace("_", "-"): value for name, value in headers.items()} | {
+            "content-type": "application/json"
+        }
         cpu, begin = self.cpu(), time.perf_counter()
         self.connection.request(method, path, None if body is None else json.dumps(body), headers)
         answer = self.connection.getresponse()
@@ -85,9 +100,14 @@ def fill(service, folder, shapes):
     with lines.open("w") as file:
         file.writelines(json.dumps(shape(random, number)) + "\n" for number in range(shapes))
     for name, correspondence in [("big", "cyclic"), ("fixed", "arc_length")]:
-        service.call("POST", "/v1/cohorts", {"name": name, "correspondence": correspondence, "representation": REPRESENTATION})
+        service.call(
+            "POST", "/v1/cohorts", {"name": name, "correspondence": correspondence, "representation": REPRESENTATION}
+        )
         seconds, status, _ = upload(service.port, name, lines)
-        print(f"| {shapes} shapes taken in ({correspondence}), {status} | {seconds:.3g} s | – | {lines.stat().st_size / 1e6:.3g} MB sent |")
+        print(
+            f"| {shapes} shapes taken in ({correspondence}), {status} | {seconds:.3g} s | – | "
+            f"{lines.stat().st_size / 1e6:.3g} MB sent |"
+        )
 
 
 def one_more(service, cohort, number):
@@ -100,19 +120,32 @@ def studies(service, table):
         service.call("DELETE", f"/v1/cohorts/big/shapes/b{10_000_000 + number}")
     study = {"cohort": "big", "permutations": 99}
     memory = [service.megabytes()]
-    table.row("compare three groups, 99 permutations", "POST", "/v1/comparisons", study | {"by": "label"}, prefer="wait=300")
+    table.row(
+        "compare three groups, 99 permutations", "POST", "/v1/comparisons", study | {"by": "label"}, prefer="wait=300"
+    )
     time.sleep(REST)
     memory.append(service.megabytes())
-    table.row("allometry, 99 permutations", "POST", "/v1/regressions", study | {"attribute": "log_centroid_size"}, prefer="wait=300")
+    table.row(
+        "allometry, 99 permutations",
+        "POST",
+        "/v1/regressions",
+        study | {"attribute": "log_centroid_size"},
+        prefer="wait=300",
+    )
     time.sleep(REST)
     memory.append(service.megabytes())
-    print(f"| memory before, after the comparison and after both | – | – | {', '.join(f'{one:.0f}' for one in memory)} MB |")
+    print(
+        f"| memory before, after the comparison and after both | – | – | "
+        f"{', '.join(f'{one:.0f}' for one in memory)} MB |"
+    )
 
 
 def measure(service, table):
     table.row("list of cohorts, warm", "GET", "/v1/cohorts", times=9)
     rows = "/v1/cohorts/big/shapes?limit="
-    table.row("first 100 rows without control points, warm", "GET", f"{rows}100&fields=external_id,label,labels", times=9)
+    table.row(
+        "first 100 rows without control points, warm", "GET", f"{rows}100&fields=external_id,label,labels", times=9
+    )
     table.row("first 100 rows, warm", "GET", f"{rows}100", times=9)
     table.row("1000 rows, warm", "GET", f"{rows}1000", times=9)
     table.row("rare attribute, warm", "GET", f"{rows}100&labels.plate=P099", times=9)
@@ -126,13 +159,23 @@ def measure(service, table):
         one_more(service, name, 2)
         table.row("the same, one shape later, `stale=true`", "GET", f"{mean}&stale=true")
         table.ask("GET", mean)  # The renewal in the background ends before the next row.
-    table.row("the mean of the searched start points from the last placements", "GET", "/v1/cohorts/big/mean?transformation=similarity&start=last")
+    table.row(
+        "the mean of the searched start points from the last placements",
+        "GET",
+        "/v1/cohorts/big/mean?transformation=similarity&start=last",
+    )
     one_more(service, "big", 3)
     table.row("the same, one shape later", "GET", "/v1/cohorts/big/mean?transformation=similarity&start=last")
     table.row("mean as picture", "GET", "/v1/cohorts/big/mean?transformation=similarity&format=svg")
     table.row("the same, the mean cached", "GET", "/v1/cohorts/big/mean?transformation=similarity&format=svg", times=9)
     method = {"kind": "functional_pca", "components": 12, "centre": True}
-    table.row("learn 12 components", "POST", "/v1/dictionaries", {"name": "d", "cohort": "big", "transformation": "similarity", "method": method}, prefer="wait=300")
+    table.row(
+        "learn 12 components",
+        "POST",
+        "/v1/dictionaries",
+        {"name": "d", "cohort": "big", "transformation": "similarity", "method": method},
+        prefer="wait=300",
+    )
     attributes = "/v1/cohorts/big/attributes?values=100&bins=32"
     table.row("values and counts, histograms: attributes, first", "GET", attributes)
     table.row("the same, warm", "GET", attributes, times=9)
@@ -143,7 +186,9 @@ def measure(service, table):
     table.row("scores for a scatter: table of eight columns, Arrow, first", "GET", cells, accept=ARROW)
     table.row("the same, warm", "GET", cells, accept=ARROW, times=3)
     table.row("slider: one mode, warm", "GET", "/v1/dictionaries/d/modes?component=2&sigma=1", times=9)
-    table.row("100 thumbnails: one sheet", "GET", "/v1/cohorts/big/sheet?columns=10&size=96&limit=100&format=svg", times=3)
+    table.row(
+        "100 thumbnails: one sheet", "GET", "/v1/cohorts/big/sheet?columns=10&size=96&limit=100&format=svg", times=3
+    )
     table.row("12 nearest, first", "POST", "/v1/cohorts/big/search", {"ids": ["b17"], "neighbours": 12})
     table.row("12 nearest, warm", "POST", "/v1/cohorts/big/search", {"ids": ["b18"], "neighbours": 12}, times=9)
     table.row("assess one, warm", "POST", "/v1/dictionaries/d/assess", {"cohort": "big", "ids": ["b19"]}, times=9)
@@ -156,7 +201,11 @@ def main():
     parser.add_argument("--binary", required=True)
     parser.add_argument("--shapes", type=int, default=100_000)
     arguments = parser.parse_args()
-    print("load before:", Path("/proc/loadavg").read_text().strip(), "\n\n| what | wall | CPU | bytes |\n|---|---|---|---|")
+    print(
+        "load before:",
+        Path("/proc/loadavg").read_text().strip(),
+        "\n\n| what | wall | CPU | bytes |\n|---|---|---|---|",
+    )
     with tempfile.TemporaryDirectory() as folder:
         service = Service(arguments.binary, Path(folder))
         service.start()

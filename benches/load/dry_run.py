@@ -2,9 +2,9 @@
 
     python benches/load/dry_run.py --binary target/release/shapelex [--most 30000]
 
-Cohorts of 64 control points, whose points correspond or whose start points are searched, learnt under three classes. Every row is learnt
-until it has taken a second of processor time. Exits with 1 when a prediction is off by more than `FACTOR`. Needs nothing beyond
-Python's library.
+Cohorts of 64 control points, whose points correspond or whose start points are searched, learnt under three classes.
+Every row is learnt until it has taken a second of processor time. Exits with 1 when a prediction is off by more than
+`FACTOR`. Needs nothing beyond Python's library.
 """
 
 import argparse
@@ -26,14 +26,19 @@ COUNTS = [100, 1_000, 10_000, 30_000, 100_000]
 COMPONENTS = {"kind": "functional_pca", "components": 12, "centre": True}
 METHODS = [
     ("12 components", COMPONENTS),
-    ("16 atoms, 3 nonzeros, 20 passes", {"kind": "sparse", "atoms": 16, "nonzeros": 3, "max_epochs": 20, "tolerance": 0}),
+    (
+        "16 atoms, 3 nonzeros, 20 passes",
+        {"kind": "sparse", "atoms": 16, "nonzeros": 3, "max_epochs": 20, "tolerance": 0},
+    ),
 ]
 
 
 def learn(table, body, number):
     """Predicted and measured processor seconds."""
     service = table.service
-    predicted = service.call("POST", "/v1/dictionaries", body | {"name": f"d{number}", "dry_run": True})["estimate"]["seconds"]
+    predicted = service.call("POST", "/v1/dictionaries", body | {"name": f"d{number}", "dry_run": True})["estimate"][
+        "seconds"
+    ]
     spent, times, random = 0.0, 0, Random(number)
     while spent < ENOUGH and times < 20:
         # Another weight, so that the mean of the last time is not taken.
@@ -47,9 +52,14 @@ def rows(table, cohort, shapes, number):
     for transformation in ["rigid", "similarity", "affine"]:
         for what, method in METHODS[: 2 if transformation == "similarity" and shapes <= 10_000 else 1]:
             number += 1
-            predicted, measured = learn(table, {"cohort": cohort, "transformation": transformation, "method": method}, f"{cohort}-{number}")
+            predicted, measured = learn(
+                table, {"cohort": cohort, "transformation": transformation, "method": method}, f"{cohort}-{number}"
+            )
             ratio = predicted / measured
-            print(f"| {cohort} | {shapes} | {transformation} | {what} | {predicted:.3f} | {measured:.3f} | {ratio:.2f} |", flush=True)
+            print(
+                f"| {cohort} | {shapes} | {transformation} | {what} | {predicted:.3f} | {measured:.3f} | {ratio:.2f} |",
+                flush=True,
+            )
             yield max(predicted, measured) < LEAST or 1 / FACTOR <= ratio <= FACTOR
 
 
@@ -58,7 +68,10 @@ def main():
     parser.add_argument("--binary", required=True)
     parser.add_argument("--most", type=int, default=30_000)
     arguments = parser.parse_args()
-    print("| cohort | shapes | class | method | predicted s | measured s | predicted / measured |\n|---|---|---|---|---|---|---|")
+    print(
+        "| cohort | shapes | class | method | predicted s | measured s | predicted / measured |\n"
+        "|---|---|---|---|---|---|---|"
+    )
     good = []
     with tempfile.TemporaryDirectory() as folder:
         service = Service(arguments.binary, Path(folder))
@@ -70,7 +83,11 @@ def main():
                     file.writelines(json.dumps(shape(random, number)) + "\n" for number in range(shapes))
                 for correspondence in ["arc_length", "cyclic"]:
                     name = f"{correspondence}-{shapes}".replace("_", "-")
-                    service.call("POST", "/v1/cohorts", {"name": name, "correspondence": correspondence, "representation": REPRESENTATION})
+                    service.call(
+                        "POST",
+                        "/v1/cohorts",
+                        {"name": name, "correspondence": correspondence, "representation": REPRESENTATION},
+                    )
                     upload(service.port, name, lines)
                     good += rows(Table(service), name, shapes, 0)
         finally:

@@ -1,12 +1,14 @@
-"""How long a contour waits for its assessment while the machine is busy; what an idle service takes; how soon it is there.
+"""How long a contour waits for its assessment while the machine is busy; what an idle service takes; how soon it is
+there.
 
     python benches/load/run.py --binary target/release/shapelex [--shapes 1000000] [--report load.json]
 
-`POST /v1/dictionaries/{dictionary}/assess` of one contour, 200 times a second on connections that are kept, first alone, then
-while a dictionary is learnt, then while also a cohort of a million shapes is streamed in. The moments of the requests are fixed
-beforehand and latency counts from them, so a request that had to wait for the one before shows it (no coordinated omission).
-Clients are processes of their own; the one that measures has priority (as far as the system lets it), because it stands for
-another machine. Needs nothing beyond Python's library. On SQLite, or with `--database-url` on PostgreSQL.
+`POST /v1/dictionaries/{dictionary}/assess` of one contour, 200 times a second on connections that are kept, first
+alone, then while a dictionary is learnt, then while also a cohort of a million shapes is streamed in. The moments of
+the requests are fixed beforehand and latency counts from them, so a request that had to wait for the one before shows
+it (no coordinated omission). Clients are processes of their own; the one that measures has priority (as far as the
+system lets it), because it stands for another machine. Needs nothing beyond Python's library. On SQLite, or with
+`--database-url` on PostgreSQL.
 """
 
 import argparse
@@ -56,9 +58,13 @@ def prepare(service):
     shapes = [{"external_id": str(k), "label": "ab"[k % 2], "points": contour(random)} for k in range(1000)]
     service.call("POST", "/v1/cohorts", {"name": "known", "representation": representation()})
     service.call("POST", "/v1/cohorts/known/shapes", {"shapes": shapes})
-    body = {"name": "classes", "cohort": "known", "transformation": "similarity",
-            "method": {"kind": "functional_pca", "components": 10, "centre": True},
-            "classifier": {"kind": "discriminant", "attribute": "label", "repeats": 1}}
+    body = {
+        "name": "classes",
+        "cohort": "known",
+        "transformation": "similarity",
+        "method": {"kind": "functional_pca", "components": 10, "centre": True},
+        "classifier": {"kind": "discriminant", "attribute": "label", "repeats": 1},
+    }
     finished(service, service.call("POST", "/v1/dictionaries", body)["id"])
     return json.dumps({"shapes": [{"points": contour(random)}]}).encode()
 
@@ -75,8 +81,19 @@ def learn(service, stop, learnt):
     prioritise(0)
     while not stop.is_set():
         learnt.value += 1
-        body = {"name": f"long-{learnt.value}", "cohort": "known", "transformation": "similarity",
-                "method": {"kind": "sparse", "atoms": 80, "lambda": 0.01, "max_epochs": 10000, "tolerance": 0.0, "seed": learnt.value}}
+        body = {
+            "name": f"long-{learnt.value}",
+            "cohort": "known",
+            "transformation": "similarity",
+            "method": {
+                "kind": "sparse",
+                "atoms": 80,
+                "lambda": 0.01,
+                "max_epochs": 10000,
+                "tolerance": 0.0,
+                "seed": learnt.value,
+            },
+        }
         job = service.call("POST", "/v1/dictionaries", body)["id"]
         while (status := service.call("GET", f"/v1/jobs/{job}")["status"]) in ("queued", "running"):
             if stop.wait(0.2):
@@ -114,8 +131,10 @@ async def ask(reader, writer, request):
 
 async def measure(port, body, until):
     """Latencies in ms from the intended moments, and the answers that were not 200."""
-    request = (f"POST /v1/dictionaries/classes/assess HTTP/1.1\r\nhost: 127.0.0.1:{port}\r\n"
-               f"content-type: application/json\r\ncontent-length: {len(body)}\r\n\r\n").encode() + body
+    request = (
+        f"POST /v1/dictionaries/classes/assess HTTP/1.1\r\nhost: 127.0.0.1:{port}\r\n"
+        f"content-type: application/json\r\ncontent-length: {len(body)}\r\n\r\n"
+    ).encode() + body
     free = asyncio.Queue()
     for _ in range(CONNECTIONS):
         free.put_nowait(await asyncio.open_connection("127.0.0.1", port))
@@ -172,16 +191,22 @@ def attack(service, folder, shapes):
     learner.join()
     if (status, added, still, learnt.value > 0) != (201, shapes, True, True):
         raise SystemExit(f"the load was not what it should be: {status} {added} {detail}, learning: {still}")
-    sent = {"shapes": shapes, "MB of NDJSON": path.stat().st_size / 1e6, "seconds": seconds,
-            "dictionaries begun meanwhile": learnt.value}
+    sent = {
+        "shapes": shapes,
+        "MB of NDJSON": path.stat().st_size / 1e6,
+        "seconds": seconds,
+        "dictionaries begun meanwhile": learnt.value,
+    }
     return phases, sent
 
 
 def run(arguments, folder):
     service = Service(str(Path(arguments.binary).resolve()), folder, arguments.database_url)
-    report = {"program": subprocess.run([service.command[0], "--version"], capture_output=True, text=True).stdout.strip(),
-              "machine": f"{os.cpu_count()} cores, {platform.system()} {platform.machine()}",
-              "start to ready of a new store, ms": service.start()}
+    report = {
+        "program": subprocess.run([service.command[0], "--version"], capture_output=True, text=True).stdout.strip(),
+        "machine": f"{os.cpu_count()} cores, {platform.system()} {platform.machine()}",
+        "start to ready of a new store, ms": service.start(),
+    }
     time.sleep(5)
     report["idle memory, MB"] = service.megabytes()
     # What is started has the priority of who starts it: the service has been, or will be, without.

@@ -20,7 +20,9 @@ class Service:
             listener.bind(("127.0.0.1", 0))
             self.port = listener.getsockname()[1]
         self.command = [binary, "serve", "--listen", f"127.0.0.1:{self.port}", "--no-example", "--log", "warn", *flags]
-        self.environment = {k: v for k, v in os.environ.items() if not k.startswith("SHAPELEX_") and k != "DATABASE_URL"}
+        self.environment = {
+            k: v for k, v in os.environ.items() if not k.startswith("SHAPELEX_") and k != "DATABASE_URL"
+        }
         self.environment |= {"DATABASE_URL": url} if url else {"SHAPELEX_DATA_DIR": str(folder / "data")}
         self.process = None
 
@@ -54,7 +56,9 @@ class Service:
 
     def call(self, method, path, body=None):
         connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=600)
-        connection.request(method, path, None if body is None else json.dumps(body), {"content-type": "application/json"})
+        connection.request(
+            method, path, None if body is None else json.dumps(body), {"content-type": "application/json"}
+        )
         answer = connection.getresponse()
         text = answer.read()
         if answer.status >= 400:
@@ -66,8 +70,10 @@ def upload(port, cohort, path):
     """Sends a file of lines to a cohort as one request; seconds, and status and body of the answer."""
     begin, size = time.perf_counter(), path.stat().st_size
     with socket.create_connection(("127.0.0.1", port)) as connection, path.open("rb") as file:
-        head = (f"POST /v1/cohorts/{cohort}/shapes HTTP/1.1\r\nhost: 127.0.0.1:{port}\r\nconnection: close\r\n"
-                f"content-type: application/x-ndjson\r\ncontent-length: {size}\r\n\r\n")
+        head = (
+            f"POST /v1/cohorts/{cohort}/shapes HTTP/1.1\r\nhost: 127.0.0.1:{port}\r\nconnection: close\r\n"
+            f"content-type: application/x-ndjson\r\ncontent-length: {size}\r\n\r\n"
+        )
         connection.sendall(head.encode())
         connection.sendfile(file)
         response = http.client.HTTPResponse(connection)

@@ -2,10 +2,11 @@
 
     python benches/load/tenants.py --binary target/release/shapelex [--heavy 64] [--seconds 20] [--report tenants.json]
 
-Tenant A keeps `--heavy` requests in flight: measures with a reference, Procrustes alignments and fits, each some seconds of CPU;
-what is answered 503 is sent again after half a second. Meanwhile tenant B projects a contour of six points 100 times a second.
-The moments of these requests are fixed beforehand and latency counts from them (no coordinated omission). Exits with 1 when
-B has a p99 of more than `GOAL` ms, or any answer that is not 200. Needs nothing beyond Python's library.
+Tenant A keeps `--heavy` requests in flight: measures with a reference, Procrustes alignments and fits, each some
+seconds of CPU; what is answered 503 is sent again after half a second. Meanwhile tenant B projects a contour of six
+points 100 times a second. The moments of these requests are fixed beforehand and latency counts from them (no
+coordinated omission). Exits with 1 when B has a p99 of more than `GOAL` ms, or any answer that is not 200. Needs
+nothing beyond Python's library.
 """
 
 import argparse
@@ -19,6 +20,7 @@ from pathlib import Path
 from random import Random
 
 from costs import blob_mesh, curve, marked, measure, project, sphere
+
 from service import ROOT, Service, prioritise
 
 GOAL = 20
@@ -29,15 +31,19 @@ PAUSE = 0.5
 
 def heavy():
     """The requests of tenant A."""
-    return [("measure", measure(1, 1000, 2, True)),
-            ("align", marked(100, 1024, 3, alignment="procrustes")),
-            ("fit", {"representation": blob_mesh(2), "turns": 150, "shapes": [{"points": sphere(Random(1), 160, 100)}]})]
+    return [
+        ("measure", measure(1, 1000, 2, True)),
+        ("align", marked(100, 1024, 3, alignment="procrustes")),
+        ("fit", {"representation": blob_mesh(2), "turns": 150, "shapes": [{"points": sphere(Random(1), 160, 100)}]}),
+    ]
 
 
 def request(port, route, body, key):
     text = json.dumps(body).encode()
-    head = (f"POST /v1/{route} HTTP/1.1\r\nhost: 127.0.0.1:{port}\r\nauthorization: Bearer {key}\r\n"
-            f"content-type: application/json\r\ncontent-length: {len(text)}\r\n\r\n")
+    head = (
+        f"POST /v1/{route} HTTP/1.1\r\nhost: 127.0.0.1:{port}\r\nauthorization: Bearer {key}\r\n"
+        f"content-type: application/json\r\ncontent-length: {len(text)}\r\n\r\n"
+    )
     return head.encode() + text
 
 
@@ -112,11 +118,29 @@ def measured(port, key, seconds):
     latencies, statuses = asyncio.run(project_on(port, key, seconds))
     latencies.sort()
     at = lambda q: round(latencies[min(len(latencies) - 1, int(q * len(latencies)))], 2)
-    return {"requests": len(latencies), "statuses": statuses, "p50": at(0.5), "p99": at(0.99), "max": round(latencies[-1], 2)}
+    return {
+        "requests": len(latencies),
+        "statuses": statuses,
+        "p50": at(0.5),
+        "p99": at(0.99),
+        "max": round(latencies[-1], 2),
+    }
 
 
 def key_of(binary, tenant, folder):
-    command = [binary, "key", "create", "--name", tenant, "--role", "reader", "--tenant", tenant, "--data-dir", str(folder)]
+    command = [
+        binary,
+        "key",
+        "create",
+        "--name",
+        tenant,
+        "--role",
+        "reader",
+        "--tenant",
+        tenant,
+        "--data-dir",
+        str(folder),
+    ]
     text = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     return next(word for word in text.split() if word.startswith("shk_"))
 

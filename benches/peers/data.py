@@ -1,10 +1,10 @@
-"""Shapes that both sides get. Without a folder of data: the example cells of the repository, and smooth random contours."""
+"""Shapes that both sides get. Without a folder of data: the example cells of the repository, and smooth random
+contours."""
 
 import json
 
 import numpy as np
-
-from measure import ROOT
+from build import ROOT
 
 
 def contours(folder):
@@ -60,8 +60,14 @@ def real(z):
 
 def deformed(z, copy):
     """A smooth deformation of a contour that is no similarity."""
-    bend = 0.02 * copy * (np.sin(3 * (z.real + 0.7 * z.imag) / np.ptp(z.real) + copy)
-                          + 1j * np.sin(4 * (z.real + 0.7 * z.imag) / np.ptp(z.real) + copy))
+    bend = (
+        0.02
+        * copy
+        * (
+            np.sin(3 * (z.real + 0.7 * z.imag) / np.ptp(z.real) + copy)
+            + 1j * np.sin(4 * (z.real + 0.7 * z.imag) / np.ptp(z.real) + copy)
+        )
+    )
     return z + np.ptp(z.real) * bend
 
 
@@ -74,7 +80,11 @@ def filled(contours, count):
 
 def cells(folder, count, points=200):
     """Contours of cells that begin anywhere."""
-    path = folder / "curves-osteosarcoma-cells" / "curves.ndjson" if folder else ROOT / "examples" / "cells" / "cells.ndjson"
+    path = (
+        folder / "curves-osteosarcoma-cells" / "curves.ndjson"
+        if folder
+        else ROOT / "examples" / "cells" / "cells.ndjson"
+    )
     with open(path) as lines:
         outlines = [np.array(json.loads(line)["points"], float) for line in lines]
     return filled([counter_clockwise(resampled(outline, points, True)) for outline in outlines], count)
@@ -84,7 +94,9 @@ def silhouettes(folder, count, points=100):
     """MPEG-7 silhouettes, or random contours."""
     if not folder:
         return random_contours(count, points)
-    return filled([counter_clockwise(resampled(outline, points, True)) for outline in contours(folder / "curves-mpeg7")], count)
+    return filled(
+        [counter_clockwise(resampled(outline, points, True)) for outline in contours(folder / "curves-mpeg7")], count
+    )
 
 
 def random_contours(count, points, seed=1):

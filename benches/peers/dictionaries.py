@@ -2,8 +2,8 @@
 
     target/peers/bin/python benches/peers/dictionaries.py --data FOLDER [learn] [encode] [moved]
 
-FOLDER holds `curves-osteosarcoma-cells`, `curves-mpeg7` and `curves-hands`, each with a `curves.ndjson` of contours. All
-programs get the same matrices and two threads; every objective is evaluated by the same code (`evaluate`).
+FOLDER holds `curves-osteosarcoma-cells`, `curves-mpeg7` and `curves-hands`, each with a `curves.ndjson` of contours.
+All programs get the same matrices and two threads; every objective is evaluated by the same code (`evaluate`).
 """
 
 import argparse
@@ -38,13 +38,29 @@ def shuffled(x, seed):
 
 def spams_learn(x, atoms, lam, iterations, seed=0):
     y = shuffled(x, seed)
-    return timed(lambda: spams.trainDL(y, K=atoms, lambda1=lam, iter=iterations, numThreads=THREADS, verbose=False,
-                                       posAlpha=False, batchsize=min(512, x.shape[1])))
+    return timed(
+        lambda: spams.trainDL(
+            y,
+            K=atoms,
+            lambda1=lam,
+            iter=iterations,
+            numThreads=THREADS,
+            verbose=False,
+            posAlpha=False,
+            batchsize=min(512, x.shape[1]),
+        )
+    )
 
 
 def sklearn_learn(x, atoms, lam, estimator, **settings):
-    learner = estimator(n_components=atoms, alpha=lam, fit_algorithm="lars" if x.shape[1] < 1000 else "cd",
-                        random_state=0, n_jobs=THREADS, **settings)
+    learner = estimator(
+        n_components=atoms,
+        alpha=lam,
+        fit_algorithm="lars" if x.shape[1] < 1000 else "cd",
+        random_state=0,
+        n_jobs=THREADS,
+        **settings,
+    )
     fitted, seconds = timed(lambda: learner.fit(x.T))
     return fitted.components_.T, seconds
 
@@ -108,9 +124,12 @@ def compare_encoding(ours, name, x, atoms, lam, nonzeros):
     _, sk_omp = timed(lambda: sparse_encode(x.T, d.T, algorithm="omp", n_nonzero_coefs=nonzeros, n_jobs=THREADS))
     micro = {key: 1e6 * np.median(values) / x.shape[1] for key, values in times.items()}
     agree = abs(lasso["objective"] - evaluate(x, d, lam))
-    print(f"| {name} | {atoms} | {micro['ours']:.1f} | {micro['spams']:.1f} | {1e6 * sk / x.shape[1]:.0f} | "
-          f"{micro['spams'] / micro['ours']:.2f} | {micro['ours omp']:.1f} | {micro['spams omp']:.1f} | "
-          f"{1e6 * sk_omp / x.shape[1]:.0f} | {micro['spams omp'] / micro['ours omp']:.2f} | {agree:.0e} |", flush=True)
+    print(
+        f"| {name} | {atoms} | {micro['ours']:.1f} | {micro['spams']:.1f} | {1e6 * sk / x.shape[1]:.0f} | "
+        f"{micro['spams'] / micro['ours']:.2f} | {micro['ours omp']:.1f} | {micro['spams omp']:.1f} | "
+        f"{1e6 * sk_omp / x.shape[1]:.0f} | {micro['spams omp'] / micro['ours omp']:.2f} | {agree:.0e} |",
+        flush=True,
+    )
 
 
 def compare_moved(ours, name, z, atoms):
@@ -124,8 +143,18 @@ def compare_moved(ours, name, z, atoms):
     def spams_loss(nonzeros):
         losses = []
         for seed in range(DRAWS):
-            d = np.asfortranarray(spams.trainDL(shuffled(y, seed), K=atoms, mode=3, lambda1=nonzeros, iter=300,
-                                                numThreads=THREADS, verbose=False, batchsize=min(512, y.shape[1])))
+            d = np.asfortranarray(
+                spams.trainDL(
+                    shuffled(y, seed),
+                    K=atoms,
+                    mode=3,
+                    lambda1=nonzeros,
+                    iter=300,
+                    numThreads=THREADS,
+                    verbose=False,
+                    batchsize=min(512, y.shape[1]),
+                )
+            )
             losses.append(np.sum((y - d @ spams.omp(y, D=d, L=nonzeros, numThreads=THREADS).toarray()) ** 2))
         return np.median(losses)
 
@@ -133,8 +162,11 @@ def compare_moved(ours, name, z, atoms):
         invariant = loss(x, "similarity", moved)
         same, peer = loss(y, "uniform_scaling", 2 * moved - 2), spams_loss(2 * moved - 2)
         sparse = loss(y, "uniform_scaling", moved)
-        print(f"| {name} | {atoms} | {2 * moved} | {moved} | {invariant:.4f} | {same:.4f} | {peer:.4f} | "
-              f"{min(same, peer) / invariant:.2f} | {sparse:.4f} | {sparse / invariant:.2f} |", flush=True)
+        print(
+            f"| {name} | {atoms} | {2 * moved} | {moved} | {invariant:.4f} | {same:.4f} | {peer:.4f} | "
+            f"{min(same, peer) / invariant:.2f} | {sparse:.4f} | {sparse / invariant:.2f} |",
+            flush=True,
+        )
 
 
 def main():
@@ -152,16 +184,23 @@ def main():
             compare_learning(ours, f"cells {cells.shape[1]} × {cells.shape[0]}", cells, atoms, 0.05, atoms < 50)
         compare_learning(ours, "synthetic 10000 × 128", random, 64, 0.05, False)
     if "encode" in parts:
-        print("\n| set | atoms | lasso µs | SPAMS | scikit-learn | ratio | pursuit µs | SPAMS | scikit-learn | ratio | "
-              "objectives differ |\n|---|---|---|---|---|---|---|---|---|---|---|")
+        print(
+            "\n| set | atoms | lasso µs | SPAMS | scikit-learn | ratio | pursuit µs | SPAMS | scikit-learn | ratio | "
+            "objectives differ |\n|---|---|---|---|---|---|---|---|---|---|---|"
+        )
         for atoms in (10, 25, 50):
             compare_encoding(ours, "cells", cells, atoms, 0.05, 5)
         compare_encoding(ours, "synthetic", random, 64, 0.05, 5)
     if "moved" in parts:
-        print("\n| set | atoms | real numbers | moved atoms | invariant | aligned | aligned, SPAMS | ratio | "
-              "aligned, as many atoms | ratio |\n|---|---|---|---|---|---|---|---|---|---|")
-        sets = [("hands", shapes(arguments.data / "curves-hands", 56, False), 10), ("cells", cells_z, 25),
-                ("MPEG-7", shapes(arguments.data / "curves-mpeg7", 100, True), 50)]
+        print(
+            "\n| set | atoms | real numbers | moved atoms | invariant | aligned | aligned, SPAMS | ratio | "
+            "aligned, as many atoms | ratio |\n|---|---|---|---|---|---|---|---|---|---|"
+        )
+        sets = [
+            ("hands", shapes(arguments.data / "curves-hands", 56, False), 10),
+            ("cells", cells_z, 25),
+            ("MPEG-7", shapes(arguments.data / "curves-mpeg7", 100, True), 50),
+        ]
         for name, z, atoms in sets:
             compare_moved(ours, name, z, atoms)
 

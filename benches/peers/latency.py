@@ -19,7 +19,9 @@ POINTS = 12
 def contour(seed):
     rng = np.random.default_rng(seed)
     t = 2 * np.pi * np.arange(POINTS) / POINTS
-    bumps = sum((rng.standard_normal() + 1j * rng.standard_normal()) * np.exp(1j * k * t) / 8 for k in (-3, -2, -1, 2, 3))
+    bumps = sum(
+        (rng.standard_normal() + 1j * rng.standard_normal()) * np.exp(1j * k * t) / 8 for k in (-3, -2, -1, 2, 3)
+    )
     return 2 * np.exp(1j * t) + bumps + complex(*rng.standard_normal(2))
 
 
@@ -30,12 +32,22 @@ def body():
     """
     x, reference = contour(1), contour(2)
     points = lambda z: {"points": np.stack([z.real, z.imag], axis=1).tolist()}
-    curve = {"kind": "closed_curve", "dimension": 2, "control_points": POINTS, "generator": {"name": "bspline", "degree": 1}}
+    curve = {
+        "kind": "closed_curve",
+        "dimension": 2,
+        "control_points": POINTS,
+        "generator": {"name": "bspline", "degree": 1},
+    }
     gram = lambda z: (np.roll(z, 1) + 4 * z + np.roll(z, -1)) / 6 / POINTS
     a, b = x - x.mean(), reference - reference.mean()
     inner = lambda p, q: np.vdot(p, gram(q))
     distance = (inner(a, a) - abs(inner(a, b)) ** 2 / inner(b, b)).real
-    request = {"representation": curve, "transformation": "similarity", "reference": points(reference), "shapes": [points(x)]}
+    request = {
+        "representation": curve,
+        "transformation": "similarity",
+        "reference": points(reference),
+        "shapes": [points(x)],
+    }
     return json.dumps(request), distance
 
 
@@ -58,7 +70,9 @@ def growth(ours, setting):
                     runs = {side: [] for side in addresses}
                     for _ in range(setting.rounds):
                         for side, address in addresses.items():
-                            runs[side].append(ours.run("load", address, method, path, files[name], connections, seconds))
+                            runs[side].append(
+                                ours.run("load", address, method, path, files[name], connections, seconds)
+                            )
                     for side in addresses:
                         best = max(runs[side], key=lambda run: run["rate"])
                         best["refused"] = sum(run["refused"] for run in runs[side])
@@ -82,10 +96,17 @@ def rows_of(clients):
             continue
         for name, route in (("project", "`POST /v1/project`, 12 points"), ("livez", "`GET /livez`")):
             own, echo = at[f"service {name}"], at[f"echo {name}"]
-            latencies = (f"p50 {1e6 * own['p50']:.0f}, p99 {1e6 * own['p99']:.0f} µs; echo {1e6 * echo['p50']:.0f}, "
-                         f"{1e6 * echo['p99']:.0f} µs; {own['refused']} refused")
+            latencies = (
+                f"p50 {1e6 * own['p50']:.0f}, p99 {1e6 * own['p99']:.0f} µs; echo {1e6 * echo['p50']:.0f}, "
+                f"{1e6 * echo['p99']:.0f} µs; {own['refused']} refused"
+            )
             apart = own.get("apart", 0)
-            yield Row(f"{name}, {at['connections']} connections", f"{route}, {at['connections']} connections: time a request",
-                      {"2": 1 / own["rate"]}, bound="axum that echoes the JSON", bounds={"2": 1 / echo["rate"]},
-                      compared=latencies + (f"; distance {apart:.0e} apart" if name == "project" else ""),
-                      agrees=own["refused"] == 0 and apart < 1e-9)
+            yield Row(
+                f"{name}, {at['connections']} connections",
+                f"{route}, {at['connections']} connections: time a request",
+                {"2": 1 / own["rate"]},
+                bound="axum that echoes the JSON",
+                bounds={"2": 1 / echo["rate"]},
+                compared=latencies + (f"; distance {apart:.0e} apart" if name == "project" else ""),
+                agrees=own["refused"] == 0 and apart < 1e-9,
+            )

@@ -23,13 +23,24 @@ def rows(ours, setting):
 
 # --- curves -----------------------------------------------------------------------------------------------------------
 
+
 def curves(ours, setting, key, z, search, rounds=None):
     """Mean, alignment, 20 modes and all scores, under similarities."""
     (points, count), z = z.shape, np.ascontiguousarray(z.T)
     shapes = ours.file("shapes", real(z.T))
     own, peer, found, reference = beside(
-        lambda t: ours.run("mean", shapes, points, search, ours.file("mean"), threads=t, repeats=setting.repeats if rounds is None else 1),
-        lambda t: modes(*aligned(z, search == "cyclic", t)), rounds or setting.rounds)
+        lambda t: ours.run(
+            "mean",
+            shapes,
+            points,
+            search,
+            ours.file("mean"),
+            threads=t,
+            repeats=setting.repeats if rounds is None else 1,
+        ),
+        lambda t: modes(*aligned(z, search == "cyclic", t)),
+        rounds or setting.rounds,
+    )
     if search == "cyclic":
         mean = ours.read("mean").reshape(2, points)
         compared, agrees, placed = same_optimum(z, mean[0] + 1j * mean[1], found, reference)
@@ -42,14 +53,24 @@ def curves(ours, setting, key, z, search, rounds=None):
         seconds = 2 * count * (2 * points) ** 2 / setting.dgemm["1"]
     other, same = close(found["eigenvalues"], reference[1], 1e-7, "eigenvalues")
     name = "start points searched" if search == "cyclic" else "points correspond"
-    return Row(key, f"{count} curves × {points}, {name}: mean, alignment, {MODES} modes", own, "numpy, scipy", peer, bound,
-               {"1": seconds}, f"{compared}; {other}", agrees and same)
+    return Row(
+        key,
+        f"{count} curves × {points}, {name}: mean, alignment, {MODES} modes",
+        own,
+        "numpy, scipy",
+        peer,
+        bound,
+        {"1": seconds},
+        f"{compared}; {other}",
+        agrees and same,
+    )
 
 
 def same_optimum(z, mean, found, reference):
     """Whether numpy, from our mean, moves no shape and finds our objective; also what it found there.
 
-    The alternation ends at one of many optima, and which one depends on last bits: that of numpy's own run is told, too.
+    The alternation ends at one of many optima, and which one depends on last bits: that of numpy's own run is told,
+    too.
     """
     placed = aligned(z, True, 2, mean / np.linalg.norm(mean))
     compared, agrees = close([found["objective"]], [placed[1]], 1e-9, "objective")
@@ -101,6 +122,7 @@ def modes(shapes, objective, rounds):
 
 # --- vectors ----------------------------------------------------------------------------------------------------------
 
+
 def principal(x):
     """The leading eigenvalues of the scatter of the rows, and the scores."""
     y = x - x.mean(axis=0)
@@ -114,15 +136,27 @@ def components(ours, setting, count, length):
     shapes = ours.file("shapes", x.T)
     own, peer, found, reference = beside(
         lambda t: ours.run("components", shapes, length, threads=t, repeats=setting.repeats),
-        lambda t: principal(x), setting.rounds)
+        lambda t: principal(x),
+        setting.rounds,
+    )
     compared, agrees = close(found["eigenvalues"], reference[0], 1e-10, "eigenvalues")
     operations = count * (length**2 + 2 * MODES * length)
     bounds = {t: operations / rate for t, rate in setting.dgemm.items()}
-    return Row("components", f"{MODES} components and scores, {count} × {length}", own, "numpy, scipy", peer,
-               "sum of outer products and scores at the rate of dgemm", bounds, compared, agrees)
+    return Row(
+        "components",
+        f"{MODES} components and scores, {count} × {length}",
+        own,
+        "numpy, scipy",
+        peer,
+        "sum of outer products and scores at the rate of dgemm",
+        bounds,
+        compared,
+        agrees,
+    )
 
 
 # --- landmarks --------------------------------------------------------------------------------------------------------
+
 
 def procrustes(ours, setting, count, points):
     rng = np.random.default_rng(4)
@@ -134,11 +168,20 @@ def procrustes(ours, setting, count, points):
     shapes = ours.file("shapes", x.transpose(0, 2, 1).reshape(count, -1).T)
     own, peer, found, reference = beside(
         lambda t: ours.run("procrustes", shapes, points, ours.file("mean"), threads=t, repeats=setting.repeats),
-        lambda t: generalised(x), setting.rounds)
+        lambda t: generalised(x),
+        setting.rounds,
+    )
     mine = residual(x, ours.read("mean").reshape(3, points).T)
     compared, agrees = close([mine], [residual(x, reference[0])], 1e-9, "residual")
-    return Row("procrustes", f"generalised Procrustes mean, {count} × {points} in space", own, "numpy, batched decompositions",
-               peer, compared=f"{compared}; rounds {found['rounds']} and {reference[1]}", agrees=agrees)
+    return Row(
+        "procrustes",
+        f"generalised Procrustes mean, {count} × {points} in space",
+        own,
+        "numpy, batched decompositions",
+        peer,
+        compared=f"{compared}; rounds {found['rounds']} and {reference[1]}",
+        agrees=agrees,
+    )
 
 
 def fits(x, mean):

@@ -17,7 +17,7 @@ import numpy as np  # noqa: E402
 from threadpoolctl import threadpool_limits  # noqa: E402
 
 sys.path[1:1] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / "load")]
-from build import ROOT, benches  # noqa: E402
+from build import benches  # noqa: E402
 
 THREADS = (1, 2)
 
@@ -67,7 +67,8 @@ def timed(work):
 
 
 def in_turn(sides, rounds):
-    """Least seconds of each side and its last answer. The sides take turns: a busy moment of the machine meets all of them.
+    """Least seconds of each side and its last answer. The sides take turns: a busy moment of the machine meets all of
+    them.
 
     `sides`: functions by name that give an answer and its seconds.
     """
@@ -86,6 +87,7 @@ def beside(ours, peer, rounds, threads=THREADS):
     """
     sides = {}
     for t in threads:
+
         def own(t=t):
             answer = ours(t)
             return answer, min(answer["seconds"])
@@ -123,8 +125,18 @@ class Ours:
         return json.loads(subprocess.run(words, check=True, stdout=subprocess.PIPE, text=True).stdout)
 
     def learn(self, x, atoms, lam, epochs, seed=0, tolerance=0.0, schedule="online"):
-        answer = self.run("learn", self.file("x", x), x.shape[0], atoms, seed, epochs, tolerance, schedule,
-                          self.file("atoms"), f"lambda={lam}")
+        answer = self.run(
+            "learn",
+            self.file("x", x),
+            x.shape[0],
+            atoms,
+            seed,
+            epochs,
+            tolerance,
+            schedule,
+            self.file("atoms"),
+            f"lambda={lam}",
+        )
         return self.read("atoms").reshape(x.shape[0], atoms, order="F"), answer["seconds"]
 
     def moved(self, x, cls, atoms, nonzeros, seed):

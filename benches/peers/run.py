@@ -3,10 +3,11 @@
     make bench                                        prepares target/peers and runs this
     target/peers/bin/python benches/peers/run.py [--data FOLDER] [--quick] [--only means,codes] [--write docs]
 
-FOLDER holds `curves-osteosarcoma-cells` and `curves-mpeg7`, each with a `curves.ndjson` of contours; without it, the example
-cells and random contours take their places. Answers are compared before a row counts: rows whose answers differ say so, and the
-exit status is 1. Figures go to target/peers/report.json; `--write docs` also makes the tables and plots of docs/performance.md
-from it, and needs a whole run. `--before BINARY` takes the rows of the service once more with another program.
+FOLDER holds `curves-osteosarcoma-cells` and `curves-mpeg7`, each with a `curves.ndjson` of contours; without it, the
+example cells and random contours take their places. Answers are compared before a row counts: rows whose answers differ
+say so, and the exit status is 1. Figures go to target/peers/report.json; `--write docs` also makes the tables and plots
+of docs/performance.md from it, and needs a whole run. `--before BINARY` takes the rows of the service once more with
+another program.
 """
 
 import argparse
@@ -18,22 +19,20 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-import measure
-from build import ROOT
-from measure import Ours, in_turn, timed
-
-import numpy as np
-from threadpoolctl import threadpool_limits
-
 import codes
 import distances
 import document
 import growth
 import latency
 import means
+import measure
+import numpy as np
 import stored
 import studies
 import subdivision
+from build import ROOT
+from measure import Ours, in_turn, timed
+from threadpoolctl import threadpool_limits
 
 KERNELS = {"means": means, "distances": distances, "studies": studies, "subdivision": subdivision, "codes": codes}
 AREAS = [*KERNELS, "stored", "latency", "growth"]
@@ -73,13 +72,24 @@ def copy_rate():
 
 
 def machine(setting, ours):
-    cpu = next(line.split(":")[1].strip() for line in Path("/proc/cpuinfo").read_text().splitlines() if "model name" in line)
-    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True).stdout.strip()
-    return {"cpu": cpu, "cores": os.cpu_count(), "memory, GiB": round(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 2**30),
-            "system": f"{platform.system()} {platform.machine()}", "commit": commit, "load before": os.getloadavg()[0],
-            "rustc": subprocess.run(["rustc", "--version"], cwd=ROOT, capture_output=True, text=True).stdout.split()[1],
-            "dgemm, GF/s": {t: rate / 1e9 for t, rate in setting.dgemm.items()}, "copy, GB/s": copy_rate() / 1e9,
-            "complex transforms, ns": {str(n): 1e9 * ours.transforms(n) for n in (32, 64, 100, 128, 200, 256)}}
+    cpu = next(
+        line.split(":")[1].strip() for line in Path("/proc/cpuinfo").read_text().splitlines() if "model name" in line
+    )
+    commit = subprocess.run(
+        ["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True
+    ).stdout.strip()
+    return {
+        "cpu": cpu,
+        "cores": os.cpu_count(),
+        "memory, GiB": round(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 2**30),
+        "system": f"{platform.system()} {platform.machine()}",
+        "commit": commit,
+        "load before": os.getloadavg()[0],
+        "rustc": subprocess.run(["rustc", "--version"], cwd=ROOT, capture_output=True, text=True).stdout.split()[1],
+        "dgemm, GF/s": {t: rate / 1e9 for t, rate in setting.dgemm.items()},
+        "copy, GB/s": copy_rate() / 1e9,
+        "complex transforms, ns": {str(n): 1e9 * ours.transforms(n) for n in (32, 64, 100, 128, 200, 256)},
+    }
 
 
 def measured(setting, ours, areas, save=lambda rows, plots: None):
@@ -117,7 +127,9 @@ def before(setting, ours, program):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path)
-    parser.add_argument("--quick", action="store_true", help="small inputs: whether everything works, no figures to quote")
+    parser.add_argument(
+        "--quick", action="store_true", help="small inputs: whether everything works, no figures to quote"
+    )
     parser.add_argument("--only", type=lambda text: text.split(","), default=AREAS)
     parser.add_argument("--rounds", type=int, default=3, help="how often the sides take turns")
     parser.add_argument("--decades", type=int, help="cohorts of up to 10 to this power of shapes; 6, with --quick 4")
@@ -132,7 +144,15 @@ def main():
         parser.error("--write: expected a whole run")
     ours = Ours()
     binary = arguments.binary or ours.service
-    setting = Setting(arguments.data, quick, arguments.rounds, 2 if quick else 5, arguments.decades or (4 if quick else 6), binary, dgemm())
+    setting = Setting(
+        arguments.data,
+        quick,
+        arguments.rounds,
+        2 if quick else 5,
+        arguments.decades or (4 if quick else 6),
+        binary,
+        dgemm(),
+    )
     report = {"machine": machine(setting, ours)}
 
     def save(rows, plots):

@@ -2,8 +2,9 @@
 
     python benches/peers/snakes.py
 
-writes `snakes.json` beside this file: Dice and seconds of CPU time by object and program. The phantoms, first shapes and truths
-are those of `crates/shapelex-segmentation/tests/suite/phantoms.rs`; the evaluation puts its own figures beside them.
+writes `snakes.json` beside this file: Dice and seconds of CPU time by object and program. The phantoms, first shapes
+and truths are those of `crates/shapelex-segmentation/tests/suite/phantoms.rs`; the evaluation puts its own figures
+beside them.
 """
 
 import json

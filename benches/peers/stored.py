@@ -21,10 +21,15 @@ from service import Service, upload
 
 POINTS = 32
 BLOCK = 100_000
-CURVES = {"kind": "closed_curve", "dimension": 2, "control_points": POINTS, "generator": {"name": "bspline", "degree": 1}}
+CURVES = {
+    "kind": "closed_curve",
+    "dimension": 2,
+    "control_points": POINTS,
+    "generator": {"name": "bspline", "degree": 1},
+}
 QUERIES = 20
-# Shapes up to which the mean with searched start points is asked for: it takes a hundred rounds or more, and a request of ten times
-# as many is stopped after two minutes.
+# Shapes up to which the mean with searched start points is asked for: it takes a hundred rounds or more, and a request
+# of ten times as many is stopped after two minutes.
 SEARCHED = 100_000
 # One request may compute for a long time here; the default refuses what is predicted to take more than 10 s.
 FLAGS = ["--max-request-seconds", "3600"]
@@ -32,13 +37,16 @@ FLAGS = ["--max-request-seconds", "3600"]
 
 # --- cohorts of curves ------------------------------------------------------------------------------------------------
 
+
 def growth(setting):
     """Measurements for every number of shapes."""
     found = []
     for exponent in range(2, setting.decades + 1):
         with tempfile.TemporaryDirectory(prefix="shapelex-peers-") as folder:
             found.append(measured(setting, 10**exponent, Path(folder)))
-        print({what: value for what, value in found[-1].items() if what != "cyclic answer"}, file=sys.stderr, flush=True)
+        print(
+            {what: value for what, value in found[-1].items() if what != "cyclic answer"}, file=sys.stderr, flush=True
+        )
     return found
 
 
@@ -80,12 +88,15 @@ def measured(setting, count, folder):
 
 def contours(count):
     """As many contours in blocks: block `b` has the seed `b + 1`."""
-    blocks = [random_contours(min(BLOCK, count - first), POINTS, 1 + first // BLOCK) for first in range(0, count, BLOCK)]
+    blocks = [
+        random_contours(min(BLOCK, count - first), POINTS, 1 + first // BLOCK) for first in range(0, count, BLOCK)
+    ]
     return np.concatenate(blocks, axis=1)
 
 
 def whitened(z):
-    """Rows whose sums of products are the integrals over the polygons: the Gram matrix is the circulant of (1, 4, 1)/6."""
+    """Rows whose sums of products are the integrals over the polygons: the Gram matrix is the circulant of (1, 4,
+    1)/6."""
     gram = (2 + np.cos(2 * np.pi * np.arange(len(z)) / len(z))) / 3
     z = np.ascontiguousarray(np.fft.ifft(np.fft.fft(z, axis=0) * np.sqrt(gram)[:, None], axis=0).T)
     return z / np.linalg.norm(z, axis=1)[:, None]
@@ -132,6 +143,7 @@ def direct_read(path):
 
 # --- rows of the table ------------------------------------------------------------------------------------------------
 
+
 def rows_of(ours, setting, sizes):
     """Rows of the largest cohorts."""
     yield ingest(ours, setting)
@@ -142,7 +154,8 @@ def rows_of(ours, setting, sizes):
 
 
 def ingest(ours, setting, points=50):
-    """Lines into the store, beside one thread that parses them and one that stores the same shapes by plain statements."""
+    """Lines into the store, beside one thread that parses them and one that stores the same shapes by plain
+    statements."""
     count = 10_000 if setting.quick else 100_000
     lines = Path(ours.file("lines"))
     ours.run("lines", lines, points, 0, count)
@@ -167,14 +180,21 @@ def ingest(ours, setting, points=50):
         with open(lines, "rb") as file:
             return timed(lambda: sum(len(orjson.loads(line)["points"]) for line in file))
 
-    least, answers = in_turn({"own": own, "parse": lambda: bound("parse"), "store": lambda: bound("store"), "orjson": peer},
-                             setting.rounds)
+    least, answers = in_turn(
+        {"own": own, "parse": lambda: bound("parse"), "store": lambda: bound("store"), "orjson": peer}, setting.rounds
+    )
     slower = max("parse", "store", key=least.get)
-    return Row("ingest", f"{count} lines of {points} points into SQLite ({lines.stat().st_size / 1e6:.0f} MB)", {"2": least["own"]},
-               bound=f"one thread that only {slower}s ({count / least['parse']:.0f} parsed, {count / least['store']:.0f} stored a "
-                     f"second; orjson parses {count / least['orjson']:.0f})",
-               bounds={"2": least[slower]}, compared=f"{answers['own'][1]} of {count} shapes stored",
-               agrees=answers["own"] == (count, count))
+    return Row(
+        "ingest",
+        f"{count} lines of {points} points into SQLite ({lines.stat().st_size / 1e6:.0f} MB)",
+        {"2": least["own"]},
+        bound=f"one thread that only {slower}s ({count / least['parse']:.0f} parsed, {count / least['store']:.0f} "
+        f"stored a "
+        f"second; orjson parses {count / least['orjson']:.0f})",
+        bounds={"2": least[slower]},
+        compared=f"{answers['own'][1]} of {count} shapes stored",
+        agrees=answers["own"] == (count, count),
+    )
 
 
 def stored_means(sizes):
@@ -183,16 +203,28 @@ def stored_means(sizes):
     for what in ("one pass", "two passes"):
         compared, agrees = close([last["objective"]], [objective], 1e-9, "objective")
         seconds = last["direct read"] * last["bytes"] / last["store"] * (2 if what == "two passes" else 1)
-        yield Row(f"stored mean, {what}", f"stored mean of {last['shapes']:.0e} curves × {POINTS}, {what}",
-                  {"2": last[f"mean, {what}"]}, bound="the points read past the cache, as often", bounds={"2": seconds},
-                  compared=compared, agrees=agrees)
+        yield Row(
+            f"stored mean, {what}",
+            f"stored mean of {last['shapes']:.0e} curves × {POINTS}, {what}",
+            {"2": last[f"mean, {what}"]},
+            bound="the points read past the cache, as often",
+            bounds={"2": seconds},
+            compared=compared,
+            agrees=agrees,
+        )
     large = [size for size in sizes if "cyclic mean" in size][-1]
     x = whitened(contours(large["shapes"]))
     reference, seconds = timed(lambda: aligned(x, True, 2))
     compared, agrees = answer_agrees(x, large["cyclic answer"], reference)
-    yield Row("stored cyclic mean", f"stored mean of {large['shapes']:.0e} curves × {POINTS}, start points searched",
-              {"2": large["cyclic mean"]}, "numpy, scipy, in memory", {"2": seconds},
-              compared=compared, agrees=agrees and large["converged"])
+    yield Row(
+        "stored cyclic mean",
+        f"stored mean of {large['shapes']:.0e} curves × {POINTS}, start points searched",
+        {"2": large["cyclic mean"]},
+        "numpy, scipy, in memory",
+        {"2": seconds},
+        compared=compared,
+        agrees=agrees and large["converged"],
+    )
 
 
 def answer_agrees(x, answer, reference):
@@ -208,10 +240,18 @@ def searches(ours, sizes):
         spectra = np.fft.fft(whitened(contours(size["shapes"])), axis=1)
         found = [timed(lambda: search(spectra, 2)) for _ in range(3)]
         compared, agrees = close(np.square(size["neighbours"]), np.square(found[0][0][1]), 1e-12, "squared distances")
-        yield Row(f"search of {size['shapes']:.0e}".replace("e+0", "e"),
-                  f"search over HTTP, {NEAREST} nearest of {size['shapes']:.0e} curves × {POINTS} (first {size['first search']:.2g} s)",
-                  {"2": size["search"]}, "numpy, transforms in memory", {"2": min(seconds for _, seconds in found)},
-                  "one complex transform for each curve", {"2": size["shapes"] * ours.transforms(POINTS)}, compared, agrees)
+        yield Row(
+            f"search of {size['shapes']:.0e}".replace("e+0", "e"),
+            f"search over HTTP, {NEAREST} nearest of {size['shapes']:.0e} curves × {POINTS} (first "
+            f"{size['first search']:.2g} s)",
+            {"2": size["search"]},
+            "numpy, transforms in memory",
+            {"2": min(seconds for _, seconds in found)},
+            "one complex transform for each curve",
+            {"2": size["shapes"] * ours.transforms(POINTS)},
+            compared,
+            agrees,
+        )
 
 
 def cells_stored(ours, setting, points=200):
@@ -235,17 +275,27 @@ def cells_stored(ours, setting, points=200):
     sides = {"own": own, "peer": lambda: timed(lambda: aligned(x, True, 2))}
     least, answers = in_turn(sides, setting.rounds)
     compared, agrees = answer_agrees(x, answers["own"], answers["peer"])
-    return Row("stored cells", f"stored mean of {count} cells × {points}, start points searched, first request", {"2": least["own"]},
-               "numpy, scipy, in memory", {"2": least["peer"]},
-               compared=compared, agrees=agrees)
+    return Row(
+        "stored cells",
+        f"stored mean of {count} cells × {points}, start points searched, first request",
+        {"2": least["own"]},
+        "numpy, scipy, in memory",
+        {"2": least["peer"]},
+        compared=compared,
+        agrees=agrees,
+    )
 
 
 def components_stored(setting, points=50):
     """Mean, pose, 20 components and all scores of a stored cohort, as a dictionary."""
     count = 10_000 if setting.quick else 100_000
     z = random_contours(count, points, 9)
-    body = {"name": "components", "cohort": "curves", "transformation": "similarity",
-            "method": {"kind": "functional_pca", "components": MODES, "centre": True}}
+    body = {
+        "name": "components",
+        "cohort": "curves",
+        "transformation": "similarity",
+        "method": {"kind": "functional_pca", "components": MODES, "centre": True},
+    }
     with tempfile.TemporaryDirectory(prefix="shapelex-peers-") as folder:
         path = Path(folder)
         write(path / "lines", z)
@@ -273,5 +323,12 @@ def components_stored(setting, points=50):
     z = whitened(z)
     explained, reference = min((timed(peer) for _ in range(setting.rounds)), key=lambda pair: pair[1])
     compared, agrees = close([atom["explained"] for atom in found["atoms"]], explained, 1e-7, "explained fractions")
-    return Row("stored components", f"dictionary of {MODES} components of {count} stored curves × {points}", {"2": seconds},
-               "numpy, in memory", {"2": reference}, compared=compared, agrees=agrees)
+    return Row(
+        "stored components",
+        f"dictionary of {MODES} components of {count} stored curves × {points}",
+        {"2": seconds},
+        "numpy, in memory",
+        {"2": reference},
+        compared=compared,
+        agrees=agrees,
+    )

@@ -16,11 +16,13 @@ def rows(ours, setting):
 def test(ours, setting, draws, what, count=200, length=200):
     rng = np.random.default_rng(5)
     y = rng.standard_normal((count, length)) / np.sqrt(np.arange(1, length + 1))
-    y[count // 2:] += 0.05
+    y[count // 2 :] += 0.05
     shapes = ours.file("shapes", y.T)
     own, peer, found, reference = beside(
         lambda t: ours.run("permutations", shapes, length, count, draws, what, threads=t, repeats=setting.repeats),
-        lambda t: statistics(y, draws, None if what == "F" else COMPONENTS), setting.rounds)
+        lambda t: statistics(y, draws, None if what == "F" else COMPONENTS),
+        setting.rounds,
+    )
     values = found["statistics"]
     if what == "F":
         compared, agrees = close(values, reference[:1], 1e-9, "F")
@@ -29,12 +31,22 @@ def test(ours, setting, draws, what, count=200, length=200):
         compared, agrees = close(values[:3], reference, 1e-9, "F, T², largest T² of a point")
         agrees &= values[3] == COMPONENTS
         operations, name = 2 * count * (2 * length + COMPONENTS) * draws, "F, Hotelling's T², largest T² of a point"
-    return Row(f"test, {what}", f"{draws} relabellings of {count} shapes × {length}: {name}", own, "numpy, one product", peer,
-               "the products at the rate of dgemm", {t: operations / rate for t, rate in setting.dgemm.items()}, compared, agrees)
+    return Row(
+        f"test, {what}",
+        f"{draws} relabellings of {count} shapes × {length}: {name}",
+        own,
+        "numpy, one product",
+        peer,
+        "the products at the rate of dgemm",
+        {t: operations / rate for t, rate in setting.dgemm.items()},
+        compared,
+        agrees,
+    )
 
 
 def statistics(y, draws, components):
-    """Statistics of the first and the second half; those of relabellings are formed from the sums of one group and counted."""
+    """Statistics of the first and the second half; those of relabellings are formed from the sums of one group and
+    counted."""
     count, half = len(y), len(y) // 2
     y = y - y.mean(axis=0)
     labels = np.zeros((count, draws + 1))

@@ -17,12 +17,24 @@ def rows(ours, setting):
 def refinement(ours, setting, level):
     own, peer, _, reference = beside(
         lambda t: ours.run("refine", level, ours.file("vertices"), threads=t, repeats=setting.repeats),
-        lambda t: refined(level)[0], setting.rounds, threads=(1,))
+        lambda t: refined(level)[0],
+        setting.rounds,
+        threads=(1,),
+    )
     # The order of vertices is a choice: sorted coordinates are compared.
     ordered = lambda v: np.sort(np.round(v, 12), axis=0)
-    compared, agrees = close(ordered(ours.read("vertices").reshape(-1, 3)), ordered(reference), 1e-11, "sorted coordinates")
-    return Row("subdivision", f"octahedron, Loop, level {level}: {len(reference)} vertices", own, "numpy", peer,
-               compared=compared, agrees=agrees)
+    compared, agrees = close(
+        ordered(ours.read("vertices").reshape(-1, 3)), ordered(reference), 1e-11, "sorted coordinates"
+    )
+    return Row(
+        "subdivision",
+        f"octahedron, Loop, level {level}: {len(reference)} vertices",
+        own,
+        "numpy",
+        peer,
+        compared=compared,
+        agrees=agrees,
+    )
 
 
 def refined(level):
@@ -72,9 +84,18 @@ def operator(ours, setting, level, split=3):
     shapes = ours.file("shapes", x.transpose(2, 1, 0))
     own, peer, _, reference = beside(
         lambda t: ours.run("operator", split, level, shapes, ours.file("points"), threads=t, repeats=setting.repeats),
-        lambda t: [matrix @ block for block in x][-1], setting.rounds)
+        lambda t: [matrix @ block for block in x][-1],
+        setting.rounds,
+    )
     # scipy multiplies on one thread.
     peer = {"1": min(peer.values())}
     compared, agrees = close(ours.read("points").reshape(-1, WIDTH), reference, 1e-13, "points")
-    return Row("operator", f"{matrix.shape[0]} × {columns} operator on {16 * blocks} shapes", own, "scipy, one thread", peer,
-               compared=compared, agrees=agrees)
+    return Row(
+        "operator",
+        f"{matrix.shape[0]} × {columns} operator on {16 * blocks} shapes",
+        own,
+        "scipy, one thread",
+        peer,
+        compared=compared,
+        agrees=agrees,
+    )

@@ -1,13 +1,14 @@
-"""Kills the service again and again while it delivers to hooks, and looks for deliveries that were lost or out of order.
+"""Kills the service again and again while it delivers to hooks, and looks for deliveries that were lost or out of
+order.
 
     python benches/reliability/hooks.py --binary target/release/shapelex --engine sqlite --kills 200
     python benches/reliability/hooks.py --binary target/release/shapelex --engine postgres --kills 200
 
-One replica on SQLite, or two on a PostgreSQL of their own. Uploads go on without pause; replicas get SIGKILL at random moments
-and are started again. Three hooks deliver to a receiver of this process, which refuses some deliveries, is silent now and then,
-and answers others late. In the end every change must have been confirmed at least once by every hook that wants it, first
-confirmations must be in order, every attempt must be signed and keep its id. Needs Python 3.11 and nothing beyond its library;
-the seed fixes the kills, not their interleaving.
+One replica on SQLite, or two on a PostgreSQL of their own. Uploads go on without pause; replicas get SIGKILL at random
+moments and are started again. Three hooks deliver to a receiver of this process, which refuses some deliveries, is
+silent now and then, and answers others late. In the end every change must have been confirmed at least once by every
+hook that wants it, first confirmations must be in order, every attempt must be signed and keep its id. Needs Python
+3.11 and nothing beyond its library; the seed fixes the kills, not their interleaving.
 """
 
 import argparse
@@ -162,7 +163,9 @@ def run(arguments, folder):
         replica.start()
         replica.wait()
     receiver = Receiver(Random(arguments.seed + 1))
-    cohorts = [ask(replicas, "POST", "/v1/cohorts", {"name": f"c{k}", "representation": REPRESENTATION})["id"] for k in (0, 1)]
+    cohorts = [
+        ask(replicas, "POST", "/v1/cohorts", {"name": f"c{k}", "representation": REPRESENTATION})["id"] for k in (0, 1)
+    ]
     filters = {"/all": {}, "/added": {"kinds": ["shapes_added"]}, "/one": {"cohort": "c1"}}
     base = f"http://127.0.0.1:{receiver.server.server_port}"
     hooks = {path: ask(replicas, "POST", "/v1/hooks", {"url": base + path, **only}) for path, only in filters.items()}
@@ -206,7 +209,8 @@ def run(arguments, folder):
     if database:
         database.stop()
     print(
-        f"{arguments.engine}: {arguments.kills} kills, {counts['uploads']} uploads, {due} deliveries due, {deliveries} attempts, "
+        f"{arguments.engine}: {arguments.kills} kills, {counts['uploads']} uploads, {due} deliveries due, "
+        f"{deliveries} attempts, "
         f"{confirmed - due} repetitions, {len(violations)} violations"
     )
     print(*violations, sep="\n")

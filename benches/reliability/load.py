@@ -1,7 +1,7 @@
 """Clients that write, and remember what was acknowledged to them.
 
-A client owns its cohorts: nobody else changes them, so it knows exactly what must be stored. What got no answer is sent again
-with the same `Idempotency-Key`, to any replica, until there is one; in the end nothing is uncertain.
+A client owns its cohorts: nobody else changes them, so it knows exactly what must be stored. What got no answer is sent
+again with the same `Idempotency-Key`, to any replica, until there is one; in the end nothing is uncertain.
 """
 
 import http.client
@@ -52,7 +52,8 @@ class Wire:
         return answer.status, json.loads(text) if text else None
 
     def insist(self, method, path, body=None, headers=None, good=(200,), good_again=()):
-        """Tries until the answer is final: status and content. `good_again` is good only after a try of unknown outcome."""
+        """Tries until the answer is final: status and content. `good_again` is good only after a try of unknown
+        outcome."""
         end, uncertain = time.monotonic() + PATIENCE, False
         while time.monotonic() < end:
             answer = self.once(method, path, body, headers)
@@ -109,8 +110,16 @@ class Client(threading.Thread):
         self.stopped = threading.Event()
 
     def run(self):
-        actions = {self.create: 4, self.add_named: 40, self.add_anonymous: 15, self.add_json: 15, self.delete_shape: 12,
-                   self.delete_cohort: 2, self.learn: 3, self.read_back: 25}
+        actions = {
+            self.create: 4,
+            self.add_named: 40,
+            self.add_anonymous: 15,
+            self.add_json: 15,
+            self.delete_shape: 12,
+            self.delete_cohort: 2,
+            self.learn: 3,
+            self.read_back: 25,
+        }
         while not self.stopped.is_set():
             action = self.random.choices(list(actions), list(actions.values()))[0]
             try:
@@ -222,8 +231,10 @@ def prepare(wire):
     """The cohorts that are learnt from, and the digest that each lesson has when nobody disturbs it."""
     for cohort in sorted({cohort for cohort, _ in lessons()}):
         random = Random(cohort)
-        shapes = [{"external_id": str(k), "points": [[random.gauss(3 * i, 1), random.gauss(i * i, 1)] for i in range(POINTS)]}
-                  for k in range(LESSON_SHAPES)]
+        shapes = [
+            {"external_id": str(k), "points": [[random.gauss(3 * i, 1), random.gauss(i * i, 1)] for i in range(POINTS)]}
+            for k in range(LESSON_SHAPES)
+        ]
         representation = {"kind": "landmarks", "dimension": 2, "points": POINTS}
         wire.post("/v1/cohorts", json.dumps({"name": cohort, "representation": representation}), (201,))
         wire.post(f"/v1/cohorts/{cohort}/shapes", json.dumps({"shapes": shapes}), (201,))

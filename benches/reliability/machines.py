@@ -36,7 +36,9 @@ class Replica:
         self.port = free_port()
         self.command = [binary, "serve", "--listen", f"127.0.0.1:{self.port}", "--no-example"]
         self.log = Path(folder) / f"replica-{number}.log"
-        self.environment = {k: v for k, v in os.environ.items() if not k.startswith("SHAPELEX_") and k != "DATABASE_URL"}
+        self.environment = {
+            k: v for k, v in os.environ.items() if not k.startswith("SHAPELEX_") and k != "DATABASE_URL"
+        }
         self.environment |= {"SHAPELEX_LOG": "info", "SHAPELEX_DATA_DIR": str(Path(folder) / "data"), **settings}
         self.process = None
 
@@ -56,10 +58,14 @@ class Replica:
 
     def wait(self):
         """Until it answers; it must not have ended by itself."""
+
         def answers():
             if self.process.poll() is not None:
-                raise SystemExit(f"a replica ended by itself with {self.process.returncode}: {self.log.read_text()[-2000:]}")
+                raise SystemExit(
+                    f"a replica ended by itself with {self.process.returncode}: {self.log.read_text()[-2000:]}"
+                )
             return self.is_ready()
+
         wait_until(answers, START, "a replica starts")
 
     def kill(self):
@@ -101,7 +107,9 @@ class Postgres:
     def call(self, program, *arguments):
         command = [self.programs / program, *arguments]
         # Its daemon would keep a pipe open.
-        subprocess.run(command, check=True, user=self.user, cwd="/", stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        subprocess.run(
+            command, check=True, user=self.user, cwd="/", stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
 
     def crash(self):
         """All its processes end at once, nothing is flushed; then it starts and recovers from its log."""

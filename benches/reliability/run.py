@@ -4,13 +4,14 @@
     python benches/reliability/run.py --binary target/release/shapelex --engine postgres --report postgres.json
     python benches/reliability/run.py --table sqlite.json postgres.json
 
-One replica on SQLite, or two on a PostgreSQL of their own, which is itself crashed now and then. At random moments, also while
-it starts, a replica gets SIGKILL and is started again. The load: cohorts created and deleted, shapes uploaded (as JSON and
-as NDJSON, with external ids and without) and deleted, dictionaries learnt. What got no answer is sent again with the same
-`Idempotency-Key`. In the end everything that was acknowledged must be there once, with the points that were sent; nothing else
-must be there; every job must have succeeded with the digest of the undisturbed run; `shapelex check` must be content. The last
-of these commands writes the table of docs/reliability.md. `--sabotage` changes the store behind the back of the last check: such a
-run must fail. Needs Python 3.11 and nothing beyond its library; the seed fixes the requests and the kills, not their interleaving.
+One replica on SQLite, or two on a PostgreSQL of their own, which is itself crashed now and then. At random moments,
+also while it starts, a replica gets SIGKILL and is started again. The load: cohorts created and deleted, shapes
+uploaded (as JSON and as NDJSON, with external ids and without) and deleted, dictionaries learnt. What got no answer is
+sent again with the same `Idempotency-Key`. In the end everything that was acknowledged must be there once, with the
+points that were sent; nothing else must be there; every job must have succeeded with the digest of the undisturbed run;
+`shapelex check` must be content. The last of these commands writes the table of docs/reliability.md. `--sabotage`
+changes the store behind the back of the last check: such a run must fail. Needs Python 3.11 and nothing beyond its
+library; the seed fixes the requests and the kills, not their interleaving.
 """
 
 import argparse
@@ -93,12 +94,21 @@ def compare_cohort(wire, cohort, counts):
     stored = Counter((shape["external_id"] or shape["subject"]) for shape in shapes)
     points = {(shape["external_id"] or shape["subject"]): shape["control_points"] for shape in shapes}
     wanted = cohort.named | cohort.anonymous
-    lost, doubled, foreign = wanted.keys() - stored, [name for name, n in stored.items() if n > 1], stored.keys() - wanted.keys()
+    lost, doubled, foreign = (
+        wanted.keys() - stored,
+        [name for name, n in stored.items() if n > 1],
+        stored.keys() - wanted.keys(),
+    )
     other = [name for name in wanted.keys() & stored.keys() if points[name] != wanted[name]]
     parts = {"lost": lost, "doubled": doubled, "never acknowledged": foreign, "with other points": other}
-    found = [f"{cohort.name}: {len(names)} shapes {what}, such as {min(names)}" for what, names in parts.items() if names]
+    found = [
+        f"{cohort.name}: {len(names)} shapes {what}, such as {min(names)}" for what, names in parts.items() if names
+    ]
     if (head["shape_count"], head["revision"]) != (len(wanted), cohort.changes):
-        found.append(f"{cohort.name}: says {head['shape_count']} shapes, {head['revision']} changes; {len(wanted)}, {cohort.changes}")
+        found.append(
+            f"{cohort.name}: says {head['shape_count']} shapes, {head['revision']} changes; {len(wanted)}, "
+            f"{cohort.changes}"
+        )
     counts["shapes compared"] += len(wanted)
     return found
 
@@ -127,7 +137,9 @@ def sabotage(wire, client):
 def check_store(binary, replica, data):
     """What the program itself says of its store, and SQLite of its file."""
     done = subprocess.run([binary, "check"], env=replica.environment, capture_output=True, text=True)
-    found = [] if done.returncode == 0 else [f"check ended with {done.returncode}: {(done.stdout + done.stderr)[-1000:]}"]
+    found = (
+        [] if done.returncode == 0 else [f"check ended with {done.returncode}: {(done.stdout + done.stderr)[-1000:]}"]
+    )
     for file in sorted(data.glob("*.db")):
         with sqlite3.connect(file) as database:
             said = [row[0] for row in database.execute("PRAGMA integrity_check")]
@@ -179,9 +191,16 @@ def attack(arguments, folder):
     counts = sum((client.counts + client.wire.counts for client in clients), Counter())
     version = subprocess.run([binary, "--version"], capture_output=True, text=True).stdout.strip()
     return {
-        "program": version, "engine": arguments.engine, "replicas": len(replicas), "seed": arguments.seed,
-        "machine": f"{os.cpu_count()} cores, {platform.system()} {platform.machine()}", "seconds": round(seconds),
-        "chaos": chaos.counts, "load": counts, "compared": compared, "check": said,
+        "program": version,
+        "engine": arguments.engine,
+        "replicas": len(replicas),
+        "seed": arguments.seed,
+        "machine": f"{os.cpu_count()} cores, {platform.system()} {platform.machine()}",
+        "seconds": round(seconds),
+        "chaos": chaos.counts,
+        "load": counts,
+        "compared": compared,
+        "check": said,
         "digests": {" of ".join(reversed(lesson)): digest for lesson, digest in digests.items()},
         "violations": violations,
     }
@@ -196,8 +215,9 @@ COLUMNS = {
     "acknowledged writes": lambda r: sum(r["load"].get(key, 0) for key in WRITES),
     "answers lost": lambda r: r["load"].get("answers lost", 0),
     "shapes compared": lambda r: r["compared"].get("shapes compared", 0),
-    "jobs (begun more than once)": lambda r: f"{r['compared'].get('jobs compared', 0)} "
-                                             f"({r['compared'].get('jobs begun more than once', 0)})",
+    "jobs (begun more than once)": lambda r: (
+        f"{r['compared'].get('jobs compared', 0)} ({r['compared'].get('jobs begun more than once', 0)})"
+    ),
     "seed": lambda r: r["seed"],
     "violations": lambda r: len(r["violations"]),
 }

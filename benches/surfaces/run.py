@@ -3,9 +3,9 @@
     python benches/surfaces/run.py --data FOLDER --program PROGRAM [--out FOLDER] [NAME ...]
 
 FOLDER of `--data` holds the data sets (`surfaces-femora` and so on); NAME chooses experiments (cortex, hippocampi,
-endocasts, femora, refined). Needs nothing beyond the standard library. Every figure is made by requests that a client can repeat;
-seeds are fixed. Pictures are made of the data and stay under their licences: they go to the folder of `--out` and nowhere
-else.
+endocasts, femora, refined). Needs nothing beyond the standard library. Every figure is made by requests that a client
+can repeat; seeds are fixed. Pictures are made of the data and stay under their licences: they go to the folder of
+`--out` and nowhere else.
 """
 
 import argparse
@@ -208,7 +208,8 @@ ALIGNMENTS = {
 
 
 def first_surface(service, representation, shapes, settings):
-    """Squared distances of aligned shapes from the first principal surface, all of unit norm, and its part of the whole."""
+    """Squared distances of aligned shapes from the first principal surface, all of unit norm, and its part of the
+    whole."""
     body = {"representation": representation, **settings, "shapes": shapes}
     normed = unit_norm(service, representation, service.post("/v1/align", body)["aligned"])
     body = {"representation": representation, "transformation": "translation", "shapes": normed}
@@ -309,16 +310,16 @@ def in_correspondence(service, given, size):
     representation = surface("sphere", size)
     with_poles = [{**one, "poles": ends(one["vertices"])} for one in given]
     first = fit(service, representation, with_poles)
-    again = [
-        {**one, "parameters": turned(one["vertices"], fitted["parameters"])} for one, fitted in zip(given, first)
-    ]
+    again = [{**one, "parameters": turned(one["vertices"], fitted["parameters"])} for one, fitted in zip(given, first)]
     return representation, fit(service, representation, again)
 
 
 def anterior(data):
     """Recorded voxels: the part of a hippocampus that is anterior."""
     with open(data / "volumes-hippocampus-mri" / "cases.csv", newline="") as file:
-        counts = {row["case"]: (int(row["voxels_anterior"]), int(row["voxels_posterior"])) for row in csv.DictReader(file)}
+        counts = {
+            row["case"]: (int(row["voxels_anterior"]), int(row["voxels_posterior"])) for row in csv.DictReader(file)
+        }
     return {case: front / (front + back) for case, (front, back) in counts.items()}
 
 
@@ -381,7 +382,9 @@ def fit_cells(service, representation, fits, volumes):
     """Residuals in parts of the size of the mesh, and the volume."""
     lengths = [v ** (1 / 3) for v in volumes]
     measured = measures(service, representation, fits)
-    cells = [spread(f[field] / length for f, length in zip(fits, lengths)) for field in ("residual", "largest_residual")]
+    cells = [
+        spread(f[field] / length for f, length in zip(fits, lengths)) for field in ("residual", "largest_residual")
+    ]
     cells.append(spread(f["folded"] for f in fits))
     return cells + [spread(m["volume"] / v for m, v in zip(measured, volumes))]
 
@@ -575,6 +578,7 @@ def tube(path):
 
 def tube_volume(points):
     """What the polygons enclose, by the trapezoidal rule along the shaft."""
+
     def section(l):
         ring = [column[l] for column in points]
         return sum(a[0] * b[1] - a[1] * b[0] for a, b in zip(ring, ring[1:] + ring[:1])) / 2
@@ -626,7 +630,16 @@ def refined(service, data):
     given = meshes(data / "surfaces-hippocampus" / "meshes")
     bodies = list(given.values())
     volumes = [volume(**one) for one in bodies]
-    table("control vertices", "scheme", "residual/∛volume", "volume fit/mesh", "Jaccard", "Dice", "Hausdorff 95 %, mm", "seconds")
+    table(
+        "control vertices",
+        "scheme",
+        "residual/∛volume",
+        "volume fit/mesh",
+        "Jaccard",
+        "Dice",
+        "Hausdorff 95 %, mm",
+        "seconds",
+    )
     for splits, level in ((2, 3), (3, 2)):
         for name, scheme in SCHEMES.items():
             representation = {"kind": "subdivision", **scheme, "level": level, "connectivity": f"octahedron/{splits}"}

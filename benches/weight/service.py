@@ -2,10 +2,10 @@
 
     python3 benches/weight/service.py --before BINARY --now BINARY [--rounds 5] [--shapes 20000]
 
-Each round starts both programs on empty folders, one after the other, and sends each the same requests: small computations, uploads,
-means, a search, a dictionary, files, pictures. A row has the medians of the processor seconds of the service, user and system, and the
-median of the ratios of the rounds. Answers of the two builds are compared by digest; the last row is the peak of the memory in MB. Needs
-nothing beyond Python's library.
+Each round starts both programs on empty folders, one after the other, and sends each the same requests: small
+computations, uploads, means, a search, a dictionary, files, pictures. A row has the medians of the processor seconds of
+the service, user and system, and the median of the ratios of the rounds. Answers of the two builds are compared by
+digest; the last row is the peak of the memory in MB. Needs nothing beyond Python's library.
 """
 
 import argparse
@@ -78,13 +78,19 @@ def tasks(shapes):
     """Names and functions of a service; each returns what must be the same of two builds."""
     stream = random.Random(1)
     contours = [contour(stream) for _ in range(shapes)]
-    lines = "\n".join(json.dumps({"external_id": f"s{i}", "label": "ab"[i % 2], "points": p}) for i, p in enumerate(contours)).encode()
+    lines = "\n".join(
+        json.dumps({"external_id": f"s{i}", "label": "ab"[i % 2], "points": p}) for i, p in enumerate(contours)
+    ).encode()
     few = [{"points": p} for p in contours[:100]]
     project = {"representation": CURVE, "transformation": "similarity", "reference": few[0], "shapes": few[1:2]}
     batch = project | {"shapes": few[1:]}
     cohort = {"name": "c", "correspondence": "landmarks", "representation": CURVE}
-    learn = {"name": "d", "cohort": "c", "transformation": "similarity",
-             "method": {"kind": "functional_pca", "components": 12, "centre": True}}
+    learn = {
+        "name": "d",
+        "cohort": "c",
+        "transformation": "similarity",
+        "method": {"kind": "functional_pca", "components": 12, "centre": True},
+    }
     search = {"transformation": "similarity", "neighbours": 10, "shapes": few[:5]}
     score = {"shapes": few}
 
@@ -95,7 +101,7 @@ def tasks(shapes):
     def posted(service):
         service.ask("POST", "/v1/cohorts", cohort | {"name": "p"})
         for start in range(0, min(shapes, 10000), 200):
-            part = [{"external_id": f"p{start + i}", "points": p} for i, p in enumerate(contours[start:start + 200])]
+            part = [{"external_id": f"p{start + i}", "points": p} for i, p in enumerate(contours[start : start + 200])]
             service.ask("POST", "/v1/cohorts/p/shapes", {"shapes": part})
 
     return {
@@ -105,14 +111,22 @@ def tasks(shapes):
         "upload of 10 000 contours in JSON, 200 each": posted,
         "10 means of a label, each computed": lambda s: [
             s.ask("GET", f"/v1/cohorts/c/mean?transformation={name}&label={label}")
-            for name in ("similarity", "affine", "linear", "translation", "scaled_rotation") for label in "ab"][-1],
+            for name in ("similarity", "affine", "linear", "translation", "scaled_rotation")
+            for label in "ab"
+        ][-1],
         "30 × search, 5 contours": lambda s: [s.ask("POST", "/v1/cohorts/c/search", search) for _ in range(30)][-1],
         "dictionary of 12 components": lambda s: s.ask("POST", "/v1/dictionaries", learn, prefer="wait=60") and b"",
-        "200 × score, 100 contours": lambda s: [s.ask("POST", "/v1/dictionaries/d/score", score) for _ in range(200)][-1],
+        "200 × score, 100 contours": lambda s: [s.ask("POST", "/v1/dictionaries/d/score", score) for _ in range(200)][
+            -1
+        ],
         "export as NDJSON": lambda s: s.ask("GET", "/v1/cohorts/c/export?format=ndjson") and b"",
         "export as Parquet": lambda s: s.ask("GET", "/v1/cohorts/c/export?format=parquet") and b"",
-        "50 × mean as SVG": lambda s: [s.ask("GET", "/v1/cohorts/c/mean?transformation=similarity&format=svg") for _ in range(50)][-1],
-        "20 × mean as PNG": lambda s: [s.ask("GET", "/v1/cohorts/c/mean?transformation=similarity&format=png") for _ in range(20)][-1],
+        "50 × mean as SVG": lambda s: [
+            s.ask("GET", "/v1/cohorts/c/mean?transformation=similarity&format=svg") for _ in range(50)
+        ][-1],
+        "20 × mean as PNG": lambda s: [
+            s.ask("GET", "/v1/cohorts/c/mean?transformation=similarity&format=png") for _ in range(20)
+        ][-1],
     }
 
 
@@ -154,10 +168,16 @@ def main():
         same = all(found["now"][name][1] == found["before"][name][1] for found in rounds)
         for side in total:
             total[side] += middle[side]
-        print(f"| {name} | {middle['before']:.2f} | {middle['now']:.2f} | {ratio:.2f} | {'the same' if same else 'DIFFERENT'} |")
+        print(
+            f"| {name} | {middle['before']:.2f} | {middle['now']:.2f} | {ratio:.2f} | "
+            f"{'the same' if same else 'DIFFERENT'} |"
+        )
     print(f"| all | {total['before']:.2f} | {total['now']:.2f} | {total['now'] / total['before']:.2f} | |")
     peaks = {side: statistics.median(found[side]["peak"] for found in rounds) for side in total}
-    print(f"| peak of the memory, MB | {peaks['before']:.0f} | {peaks['now']:.0f} | {peaks['now'] / peaks['before']:.2f} | |")
+    print(
+        f"| peak of the memory, MB | {peaks['before']:.0f} | {peaks['now']:.0f} | "
+        f"{peaks['now'] / peaks['before']:.2f} | |"
+    )
 
 
 if __name__ == "__main__":

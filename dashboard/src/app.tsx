@@ -5,13 +5,15 @@ import { hasKey, onUnauthenticated, setKey } from "./api/client";
 import { forget, hasSession, RETURN } from "./api/login";
 import icon from "./icon.svg";
 import { Announcements, Choice, Empty, Fault, Loading, Page } from "./parts/basic";
-import { chooseLanguage, useLanguage, type Language } from "./preferences";
+import { chooseLanguage, type Language, useLanguage } from "./preferences";
 import { match, usePlace } from "./router";
 import { t } from "./strings";
-import { chooseTheme, useTheme, type Theme } from "./theme";
+import { chooseTheme, type Theme, useTheme } from "./theme";
 import { Login } from "./views/login";
 import { Start } from "./views/start";
 
+// Views have the parameters of their paths, which the table of paths below knows.
+// biome-ignore lint/suspicious/noExplicitAny: one type for all views
 type View = ComponentType<any>;
 type Module = Record<string, unknown>;
 
@@ -32,10 +34,18 @@ function later(load: () => Promise<Module>, name: string): View {
     const [, update] = useState(0);
     const [error, setError] = useState<Error>();
     useEffect(() => {
-      if (!found) load().then((module) => { found = module[name] as View; update(1); }, setError);
+      if (!found)
+        load().then((module) => {
+          found = module[name] as View;
+          update(1);
+        }, setError);
     }, []);
     const Found = found;
-    return Found ? <Found {...props} /> : <div class="page">{error ? <Fault error={error} retry={() => location.reload()} /> : <Loading on />}</div>;
+    return Found ? (
+      <Found {...props} />
+    ) : (
+      <div class="page">{error ? <Fault error={error} retry={() => location.reload()} /> : <Loading on />}</div>
+    );
   };
 }
 
@@ -70,28 +80,69 @@ class Guard extends Component<{ place: string; children: ComponentChildren }, { 
     if (before.place !== this.props.place && this.state.error) this.setState({ error: undefined });
   }
   render() {
-    return this.state.error ? <div class="page"><Fault error={this.state.error} /></div> : this.props.children;
+    return this.state.error ? (
+      <div class="page">
+        <Fault error={this.state.error} />
+      </div>
+    ) : (
+      this.props.children
+    );
   }
 }
 
 function Menu({ onLeave }: { onLeave?: () => void }) {
   const { path } = usePlace();
   const items: [string, string][] = [
-    ["/", t.menu.start], ["/app/cohorts", t.menu.cohorts], ["/app/dictionaries", t.menu.dictionaries],
+    ["/", t.menu.start],
+    ["/app/cohorts", t.menu.cohorts],
+    ["/app/dictionaries", t.menu.dictionaries],
   ];
-  const work: [string, string][] = [["/app/assess", t.menu.assess], ["/app/segment", t.menu.segment]];
-  const run: [string, string][] = [["/app/jobs", t.menu.jobs], ["/app/console", t.menu.console], ["/app/administration", t.menu.administration]];
+  const work: [string, string][] = [
+    ["/app/assess", t.menu.assess],
+    ["/app/segment", t.menu.segment],
+  ];
+  const run: [string, string][] = [
+    ["/app/jobs", t.menu.jobs],
+    ["/app/console", t.menu.console],
+    ["/app/administration", t.menu.administration],
+  ];
   const entry = ([href, name]: [string, string]) => (
-    <li key={href}><a href={href} aria-current={(href === "/" ? path === "/" || path === "/app" : path.startsWith(href)) ? "page" : undefined}>{name}</a></li>
+    <li key={href}>
+      <a
+        href={href}
+        aria-current={(href === "/" ? path === "/" || path === "/app" : path.startsWith(href)) ? "page" : undefined}
+      >
+        {name}
+      </a>
+    </li>
   );
   return (
     <nav aria-label={t.frame.menu}>
       <ul class="menu">
         {items.map(entry)}
-        <li class="group">{t.menu.single}</li>{work.map(entry)}
-        <li class="group">{t.menu.service}</li>{run.map(entry)}
-        <li><a href="/docs" target="_blank" rel="noreferrer">{t.menu.reference} <span aria-hidden="true">↗</span></a></li>
-        {hasKey() && <li><button class="plain" onClick={() => { forget(); setKey(null); onLeave?.(); }}>{hasSession() ? t.login.out : t.login.leave}</button></li>}
+        <li class="group">{t.menu.single}</li>
+        {work.map(entry)}
+        <li class="group">{t.menu.service}</li>
+        {run.map(entry)}
+        <li>
+          <a href="/docs" target="_blank" rel="noreferrer">
+            {t.menu.reference} <span aria-hidden="true">↗</span>
+          </a>
+        </li>
+        {hasKey() && (
+          <li>
+            <button
+              class="plain"
+              onClick={() => {
+                forget();
+                setKey(null);
+                onLeave?.();
+              }}
+            >
+              {hasSession() ? t.login.out : t.login.leave}
+            </button>
+          </li>
+        )}
       </ul>
     </nav>
   );
@@ -105,31 +156,90 @@ export function App() {
   const [refused, setRefused] = useState(false);
   const [round, setRound] = useState(0);
   useEffect(() => void setTimeout(readAhead, 1500), []);
-  useEffect(() => onUnauthenticated(() => { setKey(null); setRefused(true); }), []);
+  useEffect(
+    () =>
+      onUnauthenticated(() => {
+        setKey(null);
+        setRefused(true);
+      }),
+    [],
+  );
   useEffect(() => setOpen(false), [path]);
   let view: ComponentChildren = path === "/" || path === "/app" ? <Start /> : null;
   for (const [pattern, Found] of VIEWS) {
     const values = view ? null : match(pattern, path);
     if (values) view = <Found key={pattern} {...values} />;
   }
-  view ??= <Page title={t.frame.missing}><Empty><p>{t.frame.missingHint}</p><a class="button" href="/">{t.menu.start}</a></Empty></Page>;
-  if (refused || path === RETURN) view = <Login onDone={() => { setRefused(false); setRound(round + 1); }} />;
+  view ??= (
+    <Page title={t.frame.missing}>
+      <Empty>
+        <p>{t.frame.missingHint}</p>
+        <a class="button" href="/">
+          {t.menu.start}
+        </a>
+      </Empty>
+    </Page>
+  );
+  if (refused || path === RETURN)
+    view = (
+      <Login
+        onDone={() => {
+          setRefused(false);
+          setRound(round + 1);
+        }}
+      />
+    );
   return (
     <div class="frame" key={`${language} ${shown} ${round}`}>
-      <a class="skip" href="#main" onClick={(event) => { event.preventDefault(); document.getElementById("main")?.focus(); }}>{t.frame.skip}</a>
+      <a
+        class="skip"
+        href="#main"
+        onClick={(event) => {
+          event.preventDefault();
+          document.getElementById("main")?.focus();
+        }}
+      >
+        {t.frame.skip}
+      </a>
       <header class={`side${open ? " open" : ""}`}>
         <div class="bar-top">
-          <a class="brand" href="/"><img src={icon} alt="" />Shapelex</a>
-          <button class="opener" aria-expanded={open} onClick={() => setOpen(!open)}>{t.frame.menu}</button>
+          <a class="brand" href="/">
+            <img src={icon} alt="" />
+            Shapelex
+          </a>
+          <button class="opener" aria-expanded={open} onClick={() => setOpen(!open)}>
+            {t.frame.menu}
+          </button>
         </div>
         <Menu onLeave={() => setRefused(true)} />
         <div class="foot">
-          <Choice label={t.frame.language} value={language} options={[["en", "English"], ["de", "Deutsch"]]} onChange={(value) => chooseLanguage(value as Language)} />
-          <Choice label={t.frame.theme} value={theme} options={[["auto", t.frame.auto], ["light", t.frame.light], ["dark", t.frame.dark]]} onChange={(value) => chooseTheme(value as Theme)} />
-          <a class="small quiet" href="/assets/licences.txt" target="_blank" rel="noreferrer">{t.frame.licences}</a>
+          <Choice
+            label={t.frame.language}
+            value={language}
+            options={[
+              ["en", "English"],
+              ["de", "Deutsch"],
+            ]}
+            onChange={(value) => chooseLanguage(value as Language)}
+          />
+          <Choice
+            label={t.frame.theme}
+            value={theme}
+            options={[
+              ["auto", t.frame.auto],
+              ["light", t.frame.light],
+              ["dark", t.frame.dark],
+            ]}
+            onChange={(value) => chooseTheme(value as Theme)}
+          />
+          <a class="small quiet" href="/assets/licences.txt" target="_blank" rel="noreferrer">
+            {t.frame.licences}
+          </a>
         </div>
       </header>
-      <main id="main" tabIndex={-1}><Guard place={path}>{view}</Guard></main>
+      <main id="main" tabIndex={-1}>
+        <Guard place={path}>{view}</Guard>
+      </main>
       <Announcements />
     </div>
   );

@@ -1,6 +1,6 @@
 /** What views ask of the service, and what they remember. */
 import { useCallback, useEffect, useRef, useState } from "preact/hooks";
-import { Refusal, authorization, type Schemas } from "./api/client";
+import { authorization, Refusal, type Schemas } from "./api/client";
 
 export interface Loaded<T> {
   data: T | undefined;
@@ -11,7 +11,10 @@ export interface Loaded<T> {
 
 /** Asks when `key` changes; the last answer stays until the next one has come. */
 export function useLoaded<T>(key: string | null, ask: (signal: AbortSignal) => Promise<T>): Loaded<T> {
-  const [state, setState] = useState<{ data?: T; error?: Error; loading: boolean; key: string | null }>({ loading: key !== null, key: null });
+  const [state, setState] = useState<{ data?: T; error?: Error; loading: boolean; key: string | null }>({
+    loading: key !== null,
+    key: null,
+  });
   const [round, setRound] = useState(0);
   const asked = useRef(ask);
   asked.current = ask;
@@ -24,7 +27,15 @@ export function useLoaded<T>(key: string | null, ask: (signal: AbortSignal) => P
     setState((before) => ({ ...before, loading: true }));
     asked.current(abort.signal).then(
       (data) => !abort.signal.aborted && setState({ data, loading: false, key }),
-      (error: Error) => !abort.signal.aborted && setState((before) => ({ ...before, error, data: error instanceof Refusal ? undefined : before.data, loading: false, key })),
+      (error: Error) =>
+        !abort.signal.aborted &&
+        setState((before) => ({
+          ...before,
+          error,
+          data: error instanceof Refusal ? undefined : before.data,
+          loading: false,
+          key,
+        })),
     );
     return () => abort.abort();
   }, [key, round]);
@@ -33,7 +44,9 @@ export function useLoaded<T>(key: string | null, ask: (signal: AbortSignal) => P
 }
 
 /** One action at a time, with its refusal. */
-export function useAction<A extends unknown[]>(act: (...values: A) => Promise<void>): { run: (...values: A) => void; busy: boolean; error: Error | undefined; clear: () => void } {
+export function useAction<A extends unknown[]>(
+  act: (...values: A) => Promise<void>,
+): { run: (...values: A) => void; busy: boolean; error: Error | undefined; clear: () => void } {
   const [state, setState] = useState<{ busy: boolean; error?: Error }>({ busy: false });
   const run = (...values: A) => {
     setState({ busy: true });
@@ -97,8 +110,13 @@ export function useEvents(kinds: string[], then: (kind: string, data: Record<str
   return live;
 }
 
-async function read(body: ReadableStream<Uint8Array>, then: (event: { name: string; id: string; data: string }) => void): Promise<void> {
-  const reader = body.pipeThrough(new TextDecoderStream() as unknown as ReadableWritablePair<string, Uint8Array>).getReader();
+async function read(
+  body: ReadableStream<Uint8Array>,
+  then: (event: { name: string; id: string; data: string }) => void,
+): Promise<void> {
+  const reader = body
+    .pipeThrough(new TextDecoderStream() as unknown as ReadableWritablePair<string, Uint8Array>)
+    .getReader();
   let rest = "";
   for (;;) {
     const { done, value } = await reader.read();

@@ -7,7 +7,8 @@ window.addEventListener("popstate", tell);
 
 /** Links within the page are followed without loading it anew. */
 document.addEventListener("click", (event) => {
-  if (event.defaultPrevented || event.button !== 0 || event.metaKey || event.ctrlKey || event.shiftKey || event.altKey) return;
+  if (event.defaultPrevented || event.button !== 0 || event.metaKey || event.ctrlKey || event.shiftKey || event.altKey)
+    return;
   const link = (event.target as Element | null)?.closest("a");
   if (!link || link.target || link.hasAttribute("download") || link.origin !== location.origin) return;
   if (link.pathname !== "/" && link.pathname !== "/app" && !link.pathname.startsWith("/app/")) return;
@@ -35,18 +36,22 @@ export function usePlace(): { path: string; query: URLSearchParams } {
 /** One setting of a view in its address; the default is left out. */
 export function useSetting(name: string, standard: string): [string, (value: string, replace?: boolean) => void] {
   const { query } = usePlace();
-  const set = useCallback((value: string, replace = true) => {
-    const next = new URLSearchParams(location.search);
-    if (value === standard) next.delete(name);
-    else next.set(name, value);
-    navigate(location.pathname + (next.size ? `?${next}` : ""), replace);
-  }, [name, standard]);
+  const set = useCallback(
+    (value: string, replace = true) => {
+      const next = new URLSearchParams(location.search);
+      if (value === standard) next.delete(name);
+      else next.set(name, value);
+      navigate(location.pathname + (next.size ? `?${next}` : ""), replace);
+    },
+    [name, standard],
+  );
   return [query.get(name) ?? standard, set];
 }
 
 /** The values of `{name}` in a pattern, or null if the path is another one. */
 export function match(pattern: string, path: string): Record<string, string> | null {
-  const wanted = pattern.split("/"), found = path.replace(/\/$/, "").split("/");
+  const wanted = pattern.split("/"),
+    found = path.replace(/\/$/, "").split("/");
   if (wanted.length !== found.length) return null;
   const values: Record<string, string> = {};
   for (const [index, part] of wanted.entries()) {

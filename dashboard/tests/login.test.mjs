@@ -1,8 +1,8 @@
 /** Login on the page by an identity provider. */
 import assert from "node:assert/strict";
 import { after, before, test } from "node:test";
-import { accessible, browse, open, screen, serve } from "./service.mjs";
 import { provide } from "./provider.mjs";
+import { accessible, browse, open, screen, serve } from "./service.mjs";
 
 let provider, service, browser;
 
@@ -45,7 +45,10 @@ test("there and back again: the same view, no code or token in an address, a ren
   await page.getByText("There are no cohorts yet.").waitFor();
   const kept = await page.evaluate(() => ({ local: JSON.stringify(localStorage), cookies: document.cookie }));
   assert.ok(!kept.local.includes("eyJ") && kept.cookies === "", JSON.stringify(kept));
-  assert.ok(places.every((place) => !place.includes("eyJ")), places.join(" "));
+  assert.ok(
+    places.every((place) => !place.includes("eyJ")),
+    places.join(" "),
+  );
   await page.getByRole("button", { name: "Log out" }).click();
   await button(page).waitFor();
   assert.equal(await page.evaluate(() => sessionStorage.length), 0);

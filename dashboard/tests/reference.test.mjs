@@ -28,7 +28,10 @@ const OPERATIONS = Object.entries(document.paths).flatMap(([route, methods]) =>
 
 /** Waits for the heading of an operation: the page draws it after its address has changed. */
 async function headed(page, text) {
-  await page.waitForFunction((text) => window.document.querySelector("h1")?.innerText.replace(/\s+/g, " ") === text, text);
+  await page.waitForFunction(
+    (text) => window.document.querySelector("h1")?.innerText.replace(/\s+/g, " ") === text,
+    text,
+  );
 }
 
 /** Goes to an operation, as a link of another page would. */
@@ -86,7 +89,10 @@ test("an operation is found by what it takes, and links of former versions lead 
   assert.equal(new URL(page.url()).hash, "#find_cohort");
   await page.keyboard.press("/");
   await page.keyboard.type("repeated_points shapes");
-  await page.locator(".search [role=status]").getByText(/^1 operation$/).waitFor();
+  await page
+    .locator(".search [role=status]")
+    .getByText(/^1 operation$/)
+    .waitFor();
   assert.equal(await page.locator(".operations a").count(), 1);
   await page.keyboard.press("Enter");
   await page.waitForURL("**/docs#add_shapes");
@@ -164,13 +170,11 @@ test("files go up, and events come until one stops", async () => {
   const page = await open(browser, service.address);
   await show(page, "#inspect_file");
   const form = trying(page);
-  await form
-    .getByLabel("or a file")
-    .setInputFiles({
-      name: "one.obj",
-      mimeType: "model/obj",
-      buffer: Buffer.from("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"),
-    });
+  await form.getByLabel("or a file").setInputFiles({
+    name: "one.obj",
+    mimeType: "model/obj",
+    buffer: Buffer.from("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"),
+  });
   await form.getByText("optional parameters").click();
   await form.getByLabel("format", { exact: true }).fill("obj");
   assert.match(await form.locator("pre.short").innerText(), /--data-binary '@one\.obj'/);

@@ -16,24 +16,116 @@ before(async () => {
   service = await serve();
   browser = await browse();
   const { call } = service;
-  await call("POST", "/v1/dictionaries", { name: "treatment", cohort: "example-cells", transformation: "similarity", method: { kind: "functional_pca", components: 10, centre: true }, classifier: { kind: "discriminant", attribute: "labels.treatment" } }, WAITED);
-  await call("POST", "/v1/dictionaries", { name: "cell-atoms", cohort: "example-cells", transformation: "similarity", method: { kind: "sparse", atoms: 12, nonzeros: 3, codes: "invariant" } }, WAITED);
+  await call(
+    "POST",
+    "/v1/dictionaries",
+    {
+      name: "treatment",
+      cohort: "example-cells",
+      transformation: "similarity",
+      method: { kind: "functional_pca", components: 10, centre: true },
+      classifier: { kind: "discriminant", attribute: "labels.treatment" },
+    },
+    WAITED,
+  );
+  await call(
+    "POST",
+    "/v1/dictionaries",
+    {
+      name: "cell-atoms",
+      cohort: "example-cells",
+      transformation: "similarity",
+      method: { kind: "sparse", atoms: 12, nonzeros: 3, codes: "invariant" },
+    },
+    WAITED,
+  );
   // Surfaces: ellipsoids with three different axes each.
   const representation = { kind: "surface", topology: "sphere", control_points: [8, 5] };
-  const surfaces = Array.from({ length: 12 }, (_, k) => ({ surface: { name: "ellipsoid", semi_axes: [3 + 0.5 * Math.sin(k), 2 + 0.4 * Math.cos(2 * k), 1 + 0.2 * Math.sin(3 * k)] } }));
+  const surfaces = Array.from({ length: 12 }, (_, k) => ({
+    surface: {
+      name: "ellipsoid",
+      semi_axes: [3 + 0.5 * Math.sin(k), 2 + 0.4 * Math.cos(2 * k), 1 + 0.2 * Math.sin(3 * k)],
+    },
+  }));
   const made = await call("POST", "/v1/idealised", { representation, surfaces });
-  await call("POST", "/v1/cohorts", { name: "ellipsoids", length_unit: "mm", correspondence: "landmarks", representation });
-  await call("POST", "/v1/cohorts/ellipsoids/shapes", { shapes: made.shapes.map((shape, k) => ({ external_id: `ellipsoid${k}`, label: k % 2 ? "odd" : "even", control_points: shape.control_points })) });
-  await call("POST", "/v1/dictionaries", { name: "ellipsoids", cohort: "ellipsoids", transformation: "rigid", method: { kind: "functional_pca", components: 3, centre: true } }, WAITED);
-  const landmarks = Array.from({ length: 16 }, (_, k) => ({ external_id: `l${k}`, label: k % 2 ? "a" : "b", points: [[0, 0], [4 + 0.3 * Math.sin(k), 0.2], [4, 3 + 0.4 * Math.cos(k)], [2, 4 + 0.2 * Math.sin(3 * k)], [0.3 * Math.cos(2 * k), 3]] }));
-  await call("POST", "/v1/cohorts", { name: "landmarks", length_unit: "mm", correspondence: "landmarks", representation: { kind: "landmarks", dimension: 2, points: 5 } });
+  await call("POST", "/v1/cohorts", {
+    name: "ellipsoids",
+    length_unit: "mm",
+    correspondence: "landmarks",
+    representation,
+  });
+  await call("POST", "/v1/cohorts/ellipsoids/shapes", {
+    shapes: made.shapes.map((shape, k) => ({
+      external_id: `ellipsoid${k}`,
+      label: k % 2 ? "odd" : "even",
+      control_points: shape.control_points,
+    })),
+  });
+  await call(
+    "POST",
+    "/v1/dictionaries",
+    {
+      name: "ellipsoids",
+      cohort: "ellipsoids",
+      transformation: "rigid",
+      method: { kind: "functional_pca", components: 3, centre: true },
+    },
+    WAITED,
+  );
+  const landmarks = Array.from({ length: 16 }, (_, k) => ({
+    external_id: `l${k}`,
+    label: k % 2 ? "a" : "b",
+    points: [
+      [0, 0],
+      [4 + 0.3 * Math.sin(k), 0.2],
+      [4, 3 + 0.4 * Math.cos(k)],
+      [2, 4 + 0.2 * Math.sin(3 * k)],
+      [0.3 * Math.cos(2 * k), 3],
+    ],
+  }));
+  await call("POST", "/v1/cohorts", {
+    name: "landmarks",
+    length_unit: "mm",
+    correspondence: "landmarks",
+    representation: { kind: "landmarks", dimension: 2, points: 5 },
+  });
   await call("POST", "/v1/cohorts/landmarks/shapes", { shapes: landmarks });
-  await call("POST", "/v1/dictionaries", { name: "landmarks", cohort: "landmarks", transformation: "similarity", method: { kind: "functional_pca", components: 3, centre: true } }, WAITED);
+  await call(
+    "POST",
+    "/v1/dictionaries",
+    {
+      name: "landmarks",
+      cohort: "landmarks",
+      transformation: "similarity",
+      method: { kind: "functional_pca", components: 3, centre: true },
+    },
+    WAITED,
+  );
   if (existsSync(HANDS)) {
-    await call("POST", "/v1/cohorts", { name: "hands", correspondence: "arc_length", representation: { kind: "open_curve", dimension: 2, intervals: 48, generator: { name: "bspline", degree: 3 } } });
-    const hands = readFileSync(HANDS, "utf8").trim().split("\n").map((line) => { const { id, label, labels, points } = JSON.parse(line); return JSON.stringify({ external_id: id, label, labels, points }); });
+    await call("POST", "/v1/cohorts", {
+      name: "hands",
+      correspondence: "arc_length",
+      representation: { kind: "open_curve", dimension: 2, intervals: 48, generator: { name: "bspline", degree: 3 } },
+    });
+    const hands = readFileSync(HANDS, "utf8")
+      .trim()
+      .split("\n")
+      .map((line) => {
+        const { id, label, labels, points } = JSON.parse(line);
+        return JSON.stringify({ external_id: id, label, labels, points });
+      });
     await call("POST", "/v1/cohorts/hands/shapes", hands.join("\n"), { "content-type": "application/x-ndjson" });
-    await call("POST", "/v1/dictionaries", { name: "hands", cohort: "hands", transformation: "similarity", method: { kind: "functional_pca", components: 6, centre: true } }, WAITED);
+    await call(
+      "POST",
+      "/v1/dictionaries",
+      {
+        name: "hands",
+        cohort: "hands",
+        transformation: "similarity",
+        method: { kind: "functional_pca", components: 6, centre: true },
+      },
+      WAITED,
+    );
     Object.assign(VIEWS, {
       hands: ["/app/cohorts/hands", "hands"],
       "hands-groups": ["/app/cohorts/hands/compare?by=label", "hands"],
@@ -88,7 +180,21 @@ const VIEWS = {
 
 /** Which views `docs/screens` shows, beside those of single tests. */
 const SHOWN = {
-  light: ["start", "cohort", "table", "mean", "groups", "regression", "report", "modes", "components", "console", "keys", "settings", "surfaces"],
+  light: [
+    "start",
+    "cohort",
+    "table",
+    "mean",
+    "groups",
+    "regression",
+    "report",
+    "modes",
+    "components",
+    "console",
+    "keys",
+    "settings",
+    "surfaces",
+  ],
   dark: ["cohort", "modes", "groups"],
   phone: ["start", "modes"],
 };
@@ -114,7 +220,11 @@ for (const scheme of ["light", "dark"]) {
 }
 
 test("on a telephone nothing is wider than the screen, in German", async () => {
-  const page = await open(browser, service.address, { viewport: { width: 390, height: 844 }, locale: "de-DE", hasTouch: true });
+  const page = await open(browser, service.address, {
+    viewport: { width: 390, height: 844 },
+    locale: "de-DE",
+    hasTouch: true,
+  });
   for (const name of Object.keys(VIEWS)) {
     await page.goto(service.address + VIEWS[name][0]);
     await settled(page);
@@ -216,8 +326,22 @@ test("an upload with bad shapes names them by their line; a repeated one stores 
   await page.getByLabel("Name").fill("dropped");
   await page.getByRole("button", { name: "Create" }).click();
   await page.waitForURL("**/app/cohorts/dropped/upload");
-  const good = (id, k) => JSON.stringify({ external_id: id, label: k % 2 ? "a" : "b", points: Array.from({ length: 24 }, (_, i) => [(2 + k / 9) * Math.cos(i / 3.82), Math.sin(i / 3.82) + 0.2 * Math.cos(k + i / 1.91)]) });
-  const lines = [good("one", 1), '{"external_id": "two", "points": [[0, 0], [1, 1]]}', "this is not JSON", good("three", 2), good("four", 3)].join("\n");
+  const good = (id, k) =>
+    JSON.stringify({
+      external_id: id,
+      label: k % 2 ? "a" : "b",
+      points: Array.from({ length: 24 }, (_, i) => [
+        (2 + k / 9) * Math.cos(i / 3.82),
+        Math.sin(i / 3.82) + 0.2 * Math.cos(k + i / 1.91),
+      ]),
+    });
+  const lines = [
+    good("one", 1),
+    '{"external_id": "two", "points": [[0, 0], [1, 1]]}',
+    "this is not JSON",
+    good("three", 2),
+    good("four", 3),
+  ].join("\n");
   const file = { name: "cells.ndjson", mimeType: "application/x-ndjson", buffer: Buffer.from(lines) };
   await store(page, file);
   await page.getByText("3 added, 2 left out").waitFor();
@@ -227,9 +351,29 @@ test("an upload with bad shapes names them by their line; a repeated one stores 
   await store(page, file);
   await page.getByText("0 added, 2 left out").waitFor();
   // Bodies of the API, and files that the service reads.
-  const square = [[0, 0], [4, 0], [4, 3], [0, 3]];
-  const geojson = { type: "FeatureCollection", features: [{ type: "Feature", id: "polygon", properties: { classification: { name: "tumour" } }, geometry: { type: "Polygon", coordinates: [[...square, square[0]]] } }] };
-  for (const [name, text] of [["map.geojson", JSON.stringify(geojson)], ["points.csv", `id,label,x,y\n${square.map((p) => `table,a,${p.join(",")}`).join("\n")}`], ["landmarks.tps", `LM=4\n${square.map((p) => p.join(" ")).join("\n")}\nID=tps\n`], ["single.json", JSON.stringify({ external_id: "single", points: square })]]) {
+  const square = [
+    [0, 0],
+    [4, 0],
+    [4, 3],
+    [0, 3],
+  ];
+  const geojson = {
+    type: "FeatureCollection",
+    features: [
+      {
+        type: "Feature",
+        id: "polygon",
+        properties: { classification: { name: "tumour" } },
+        geometry: { type: "Polygon", coordinates: [[...square, square[0]]] },
+      },
+    ],
+  };
+  for (const [name, text] of [
+    ["map.geojson", JSON.stringify(geojson)],
+    ["points.csv", `id,label,x,y\n${square.map((p) => `table,a,${p.join(",")}`).join("\n")}`],
+    ["landmarks.tps", `LM=4\n${square.map((p) => p.join(" ")).join("\n")}\nID=tps\n`],
+    ["single.json", JSON.stringify({ external_id: "single", points: square })],
+  ]) {
     const card = await store(page, textFile(name, text));
     await card.getByText("1 added").waitFor();
   }
@@ -243,21 +387,51 @@ test("an upload with bad shapes names them by their line; a repeated one stores 
 
 test("files of other programs: what is in them, what would be left out, and then their shapes", async () => {
   const page = await open(browser, service.address, {}, ["422"]);
-  await service.call("POST", "/v1/cohorts", { name: "files", correspondence: "arc_length", representation: { kind: "closed_curve", dimension: 2, control_points: 8, generator: { name: "cubic" } } });
+  await service.call("POST", "/v1/cohorts", {
+    name: "files",
+    correspondence: "arc_length",
+    representation: { kind: "closed_curve", dimension: 2, control_points: 8, generator: { name: "cubic" } },
+  });
   await page.goto(`${service.address}/app/cohorts/files/upload`);
   await settled(page);
   await page.getByText(/Which formats\? \d\d, by content and name/).click();
-  for (const name of ["GeoJSON .geojson", "TPS .tps", "DICOM RT Structure Set .dcm", "NIfTI-1 .nii"]) await page.locator(".formats li", { hasText: name }).waitFor();
+  for (const name of ["GeoJSON .geojson", "TPS .tps", "DICOM RT Structure Set .dcm", "NIfTI-1 .nii"])
+    await page.locator(".formats li", { hasText: name }).waitFor();
   const { items } = await service.call("GET", "/v1/formats");
   assert.equal(await page.locator(".formats li").count(), items.filter((one) => one.read).length);
   await page.getByText(/Which formats/).click();
   // A file of QuPath: a class, a hole, a point, and a place that is no shape.
-  const ring = (x, size) => [[x, 0], [x + 4 * size, 0], [x + 4 * size, 3 * size], [x, 2 * size], [x, 0]];
-  const feature = (id, geometry, name) => ({ type: "Feature", id, geometry, properties: { objectType: "annotation", classification: { name } } });
-  const features = [feature("whole", { type: "Polygon", coordinates: [ring(0, 1)] }, "Tumor"), feature("holed", { type: "Polygon", coordinates: [ring(10, 10), ring(12, 1)] }, "Stroma"), feature("nowhere", null, "Stroma")];
+  const ring = (x, size) => [
+    [x, 0],
+    [x + 4 * size, 0],
+    [x + 4 * size, 3 * size],
+    [x, 2 * size],
+    [x, 0],
+  ];
+  const feature = (id, geometry, name) => ({
+    type: "Feature",
+    id,
+    geometry,
+    properties: { objectType: "annotation", classification: { name } },
+  });
+  const features = [
+    feature("whole", { type: "Polygon", coordinates: [ring(0, 1)] }, "Tumor"),
+    feature("holed", { type: "Polygon", coordinates: [ring(10, 10), ring(12, 1)] }, "Stroma"),
+    feature("nowhere", null, "Stroma"),
+  ];
   let card = await drop(page, textFile("slide.geojson", JSON.stringify({ type: "FeatureCollection", features })));
   await card.getByText("Not stored yet").waitFor();
-  for (const text of ["GeoJSON", "2 · in the plane", "slide/whole, slide/holed", "2 shapes would be added; the cohort takes the unit of the file, pixel.", "x 0 – 50, y 0 – 30", "pixel", "Stroma (1), Tumor (1)", "1 holes"]) await card.getByText(text).first().waitFor();
+  for (const text of [
+    "GeoJSON",
+    "2 · in the plane",
+    "slide/whole, slide/holed",
+    "2 shapes would be added; the cohort takes the unit of the file, pixel.",
+    "x 0 – 50, y 0 – 30",
+    "pixel",
+    "Stroma (1), Tumor (1)",
+    "1 holes",
+  ])
+    await card.getByText(text).first().waitFor();
   assert.equal((await service.call("GET", "/v1/cohorts/files")).shape_count, 0, "nothing is stored yet");
   await accessible(page, "file");
   await screen(page, "upload-inspected", { fullPage: true });
@@ -275,7 +449,16 @@ test("files of other programs: what is in them, what would be left out, and then
   await card.getByText("0 shapes would be added; 2 are there already.").waitFor();
   await card.getByRole("button", { name: "Store", exact: true }).click();
   await card.getByText("0 added").waitFor();
-  card = await drop(page, textFile("metres.csv", `id,x,y,closed\n${ring(0, 1).slice(0, 4).map((point) => `m,${point.join(",")},true`).join("\n")}\n`));
+  card = await drop(
+    page,
+    textFile(
+      "metres.csv",
+      `id,x,y,closed\n${ring(0, 1)
+        .slice(0, 4)
+        .map((point) => `m,${point.join(",")},true`)
+        .join("\n")}\n`,
+    ),
+  );
   await card.getByText("1 shape would be added.").waitFor();
   await card.getByLabel("Unit").selectOption("m");
   await card.getByText("Would be refused").waitFor();
@@ -295,7 +478,10 @@ test("files of other programs: what is in them, what would be left out, and then
   await card.getByText("1 broken shapes").waitFor();
   await page.getByText("All or nothing").click();
   await card.getByText("Cannot be read").waitFor();
-  await card.getByText(/item 1 byte \d+/).first().waitFor();
+  await card
+    .getByText(/item 1 byte \d+/)
+    .first()
+    .waitFor();
   assert.equal(await card.getByRole("button", { name: "Store", exact: true }).count(), 0);
   await screen(page, "upload-broken", { fullPage: true });
   await page.getByText("Leave bad shapes out").click();
@@ -305,7 +491,14 @@ test("files of other programs: what is in them, what would be left out, and then
   card = await drop(page, textFile("nothing.xyz", "????"));
   await card.getByText(/^expected a file of one of the formats/).waitFor();
   // Points in space enter a planar cohort by a plane; two files are stored by one button.
-  const table = (id, height) => textFile(`${id}.csv`, `id,x,y,z,closed\n${ring(0, 1).slice(0, 4).map(([x, y]) => `${id},${x},${height},${y},true`).join("\n")}\n`);
+  const table = (id, height) =>
+    textFile(
+      `${id}.csv`,
+      `id,x,y,z,closed\n${ring(0, 1)
+        .slice(0, 4)
+        .map(([x, y]) => `${id},${x},${height},${y},true`)
+        .join("\n")}\n`,
+    );
   card = await drop(page, table("flat", 7));
   await card.getByText("1 · in space").waitFor();
   await card.getByText("0 shapes would be added; 1 cannot be stored.").waitFor();
@@ -313,9 +506,17 @@ test("files of other programs: what is in them, what would be left out, and then
   await card.getByText("1 left out").first().waitFor();
   await page.locator("input[type=file]").setInputFiles([table("first", 7), table("second", 8)]);
   await page.getByRole("button", { name: "Store all 2 files" }).waitFor();
-  for (const name of ["first", "second"]) await page.locator("section.card", { hasText: `${name}.csv` }).getByLabel(/^Plane/).selectOption("xz");
+  for (const name of ["first", "second"])
+    await page
+      .locator("section.card", { hasText: `${name}.csv` })
+      .getByLabel(/^Plane/)
+      .selectOption("xz");
   await page.getByRole("button", { name: "Store all 2 files" }).click();
-  for (const name of ["first", "second"]) await page.locator("section.card", { hasText: `${name}.csv` }).getByText("1 added").waitFor();
+  for (const name of ["first", "second"])
+    await page
+      .locator("section.card", { hasText: `${name}.csv` })
+      .getByText("1 added")
+      .waitFor();
   const { measures } = await service.call("GET", "/v1/cohorts/files/shapes/first");
   assert.ok(measures.area > 5, `the contour has an area: ${measures.area}`);
   assert.deepEqual(page.faults, []);
@@ -331,7 +532,9 @@ test("landmarks with a scale, and a mesh that becomes a surface, are stored and 
   };
   await page.goto(`${service.address}/app/cohorts/landmarks/upload`);
   await settled(page);
-  let card = await german(textFile("wing.tps", "LM=5\n0 0\n8 0.4\n8 6.5\n4 8\n0.2 6\nIMAGE=wing.jpg\nID=wing\nSCALE=0.5\n"));
+  let card = await german(
+    textFile("wing.tps", "LM=5\n0 0\n8 0.4\n8 6.5\n4 8\n0.2 6\nIMAGE=wing.jpg\nID=wing\nSCALE=0.5\n"),
+  );
   await card.getByText("1 · in der Ebene · 5 Punkte").waitFor();
   await card.getByText("x 0 – 4, y 0 – 4").waitFor();
   await screen(page, "upload-german");
@@ -351,7 +554,10 @@ test("landmarks with a scale, and a mesh that becomes a surface, are stored and 
   await page.locator("input[type=file]").setInputFiles(textFile("body.obj", obj));
   await page.getByRole("heading", { name: /^Wo .* abweicht$/ }).waitFor();
   await page.getByText("Netze", { exact: true }).waitFor();
-  await page.locator("section.card", { hasText: /^Ähnlichste/ }).getByRole("link", { name: "body" }).waitFor();
+  await page
+    .locator("section.card", { hasText: /^Ähnlichste/ })
+    .getByRole("link", { name: "body" })
+    .waitFor();
   await screen(page, "assess-mesh");
   // A dictionary of curves says what it cannot compare.
   await page.goto(`${service.address}/app/assess?dictionary=treatment@1`);
@@ -397,18 +603,46 @@ test("a mean is live: a shape that arrives changes it without a reload", async (
   await page.goto(`${service.address}/app/cohorts/dropped/mean`);
   await settled(page);
   await page.getByText("All 7 shapes").waitFor();
-  await service.call("POST", "/v1/cohorts/dropped/shapes", { shapes: [{ external_id: "late", points: [[0, 0], [5, 0], [5, 2], [1, 3]] }] });
+  await service.call("POST", "/v1/cohorts/dropped/shapes", {
+    shapes: [
+      {
+        external_id: "late",
+        points: [
+          [0, 0],
+          [5, 0],
+          [5, 2],
+          [1, 3],
+        ],
+      },
+    ],
+  });
   await page.getByText("All 8 shapes").waitFor();
   assert.deepEqual(page.faults, []);
   await page.context().close();
 });
 
 test("shapes that come after learning are compared with those learnt from", async () => {
-  await service.call("POST", "/v1/dictionaries", { name: "early", cohort: "dropped", transformation: "similarity", method: { kind: "functional_pca", components: 3, centre: true } }, WAITED);
+  await service.call(
+    "POST",
+    "/v1/dictionaries",
+    {
+      name: "early",
+      cohort: "dropped",
+      transformation: "similarity",
+      method: { kind: "functional_pca", components: 3, centre: true },
+    },
+    WAITED,
+  );
   const page = await open(browser, service.address);
   await page.goto(`${service.address}/app/dictionaries/early@1/drift`);
   await page.getByText("No shapes have been added").waitFor();
-  const shapes = [1, 2, 3].map((k) => ({ external_id: `drift${k}`, points: Array.from({ length: 30 }, (_, i) => [3 * Math.cos(i / 4.78) + 0.5 * k * Math.cos(i / 1.6), Math.sin(i / 4.78)]) }));
+  const shapes = [1, 2, 3].map((k) => ({
+    external_id: `drift${k}`,
+    points: Array.from({ length: 30 }, (_, i) => [
+      3 * Math.cos(i / 4.78) + 0.5 * k * Math.cos(i / 1.6),
+      Math.sin(i / 4.78),
+    ]),
+  }));
   await service.call("POST", "/v1/cohorts/dropped/shapes", { shapes });
   await page.getByText("Of 3 new shapes").waitFor();
   await settled(page);
@@ -423,7 +657,11 @@ test("a contour is assessed; a shape that is no cell is unusual; the report is o
   await page.goto(`${service.address}/app/assess?dictionary=treatment@1`);
   await settled(page);
   const comb = [...Array.from({ length: 20 }, (_, k) => [k, k % 2 ? 8 : 0]), [20, -1], [-1, -1]];
-  await page.locator("input[type=file]").setInputFiles({ name: "comb.json", mimeType: "application/json", buffer: Buffer.from(JSON.stringify({ points: comb })) });
+  await page.locator("input[type=file]").setInputFiles({
+    name: "comb.json",
+    mimeType: "application/json",
+    buffer: Buffer.from(JSON.stringify({ points: comb })),
+  });
   await page.locator(".tag", { hasText: "unusual" }).waitFor();
   await page.locator(".verdict", { hasText: "An unusual shape; the nearest class is" }).waitFor();
   await settled(page);
@@ -440,15 +678,35 @@ test("an object of a picture: box, contour, correction, report", async () => {
   const picture = await page.evaluate(() => {
     const canvas = new OffscreenCanvas(160, 120);
     const context = canvas.getContext("2d");
-    context.fillStyle = "#222"; context.fillRect(0, 0, 160, 120);
-    context.fillStyle = "#ddd"; context.beginPath(); context.ellipse(84, 58, 38, 24, 0.5, 0, 7); context.fill();
-    return canvas.convertToBlob().then((blob) => blob.arrayBuffer()).then((buffer) => [...new Uint8Array(buffer)]);
+    context.fillStyle = "#222";
+    context.fillRect(0, 0, 160, 120);
+    context.fillStyle = "#ddd";
+    context.beginPath();
+    context.ellipse(84, 58, 38, 24, 0.5, 0, 7);
+    context.fill();
+    return canvas
+      .convertToBlob()
+      .then((blob) => blob.arrayBuffer())
+      .then((buffer) => [...new Uint8Array(buffer)]);
   });
-  await page.locator("input[type=file]").setInputFiles({ name: "ellipse.png", mimeType: "image/png", buffer: Buffer.from(picture) });
-  for (const [name, value] of [["Left", 40], ["Top", 28], ["Width", 90], ["Height", 60]]) { await page.getByLabel(name, { exact: true }).fill(String(value)); await page.getByLabel(name, { exact: true }).press("Tab"); }
+  await page
+    .locator("input[type=file]")
+    .setInputFiles({ name: "ellipse.png", mimeType: "image/png", buffer: Buffer.from(picture) });
+  for (const [name, value] of [
+    ["Left", 40],
+    ["Top", 28],
+    ["Width", 90],
+    ["Height", 60],
+  ]) {
+    await page.getByLabel(name, { exact: true }).fill(String(value));
+    await page.getByLabel(name, { exact: true }).press("Tab");
+  }
   await page.getByRole("button", { name: "Find the contour" }).click();
   await page.getByText("The contour has come to rest").waitFor();
-  const area = await page.evaluate(() => { const box = document.querySelector("path.contour").getBBox(); return box.width * box.height; });
+  const area = await page.evaluate(() => {
+    const box = document.querySelector("path.contour").getBBox();
+    return box.width * box.height;
+  });
   assert.ok(area > 3000 && area < 5200, `box of the contour: ${area}`);
   const handle = await page.locator("figure svg circle").first().boundingBox();
   await page.mouse.move(handle.x + handle.width / 2, handle.y + handle.height / 2);
@@ -471,20 +729,43 @@ test("each way of seeing an object finds it", async () => {
   const picture = await page.evaluate(() => {
     const canvas = new OffscreenCanvas(160, 120);
     const context = canvas.getContext("2d");
-    context.fillStyle = "#222"; context.fillRect(0, 0, 160, 120);
-    context.fillStyle = "#ddd"; context.beginPath(); context.ellipse(84, 58, 38, 24, 0.5, 0, 7); context.fill();
-    return canvas.convertToBlob().then((blob) => blob.arrayBuffer()).then((buffer) => [...new Uint8Array(buffer)]);
+    context.fillStyle = "#222";
+    context.fillRect(0, 0, 160, 120);
+    context.fillStyle = "#ddd";
+    context.beginPath();
+    context.ellipse(84, 58, 38, 24, 0.5, 0, 7);
+    context.fill();
+    return canvas
+      .convertToBlob()
+      .then((blob) => blob.arrayBuffer())
+      .then((buffer) => [...new Uint8Array(buffer)]);
   });
-  await page.locator("input[type=file]").setInputFiles({ name: "ellipse.png", mimeType: "image/png", buffer: Buffer.from(picture) });
+  await page
+    .locator("input[type=file]")
+    .setInputFiles({ name: "ellipse.png", mimeType: "image/png", buffer: Buffer.from(picture) });
   await page.getByLabel("The object is seen by").waitFor();
-  const terms = await page.getByLabel("The object is seen by").locator("option").evaluateAll((options) => options.map((option) => option.value));
+  const terms = await page
+    .getByLabel("The object is seen by")
+    .locator("option")
+    .evaluateAll((options) => options.map((option) => option.value));
   assert.ok(terms.length >= 4, terms.join());
   for (const term of terms) {
     await page.getByLabel("The object is seen by").selectOption(term);
-    for (const [name, value] of [["Left", 40], ["Top", 28], ["Width", 90], ["Height", 60]]) { await page.getByLabel(name, { exact: true }).fill(String(value)); await page.getByLabel(name, { exact: true }).press("Tab"); }
+    for (const [name, value] of [
+      ["Left", 40],
+      ["Top", 28],
+      ["Width", 90],
+      ["Height", 60],
+    ]) {
+      await page.getByLabel(name, { exact: true }).fill(String(value));
+      await page.getByLabel(name, { exact: true }).press("Tab");
+    }
     await page.getByRole("button", { name: "Find the contour" }).click();
     await page.locator("path.contour").waitFor();
-    const area = await page.evaluate(() => { const box = document.querySelector("path.contour").getBBox(); return box.width * box.height; });
+    const area = await page.evaluate(() => {
+      const box = document.querySelector("path.contour").getBBox();
+      return box.width * box.height;
+    });
     assert.ok(area > 3000 && area < 5600, `${term}: box of the contour ${area}`);
     await page.getByRole("button", { name: "A new box" }).click();
   }
@@ -500,7 +781,9 @@ test("a volume: orientations, slices, a contour that goes on to the next slice, 
   await show(page, "segment");
   // Cells of 1 × 1 × 2 mm; brighter to the head.
   const volume = nifti([44, 40, 24], [1, 1, 2], (i, j, k) => (inside(i, j, k) ? 200 : 40) + k);
-  await page.locator("input[type=file]").setInputFiles({ name: "body.nii", mimeType: "application/octet-stream", buffer: volume });
+  await page
+    .locator("input[type=file]")
+    .setInputFiles({ name: "body.nii", mimeType: "application/octet-stream", buffer: volume });
   await page.getByText("13 of 24").waitFor();
   await settled(page);
   assert.deepEqual(await page.locator("text.side-letter").allTextContents(), ["R", "L", "A", "P"]);
@@ -511,11 +794,24 @@ test("a volume: orientations, slices, a contour that goes on to the next slice, 
   assert.equal(await page.locator("figure svg[role=group]").getAttribute("viewBox"), "-0.5 -1 44 48", "millimetres");
   await page.getByText("A pixel is 1 × 2 mm.").waitFor();
   // A box in millimetres: the patient's right is at the left, the head on top.
-  for (const [name, value] of [["Left", 5], ["Top", 8], ["Width", 30], ["Height", 30]]) { await page.getByLabel(name, { exact: true }).fill(String(value)); await page.getByLabel(name, { exact: true }).press("Tab"); }
+  for (const [name, value] of [
+    ["Left", 5],
+    ["Top", 8],
+    ["Width", 30],
+    ["Height", 30],
+  ]) {
+    await page.getByLabel(name, { exact: true }).fill(String(value));
+    await page.getByLabel(name, { exact: true }).press("Tab");
+  }
   await page.getByRole("button", { name: "Find the contour" }).click();
   await page.getByText("The contour has come to rest").waitFor();
-  const extent = () => page.evaluate(() => { const { x, y, width, height } = document.querySelector("path.contour").getBBox(); return [x + width / 2, y + height / 2, width, height]; });
-  const close = (found, wanted, tolerance) => found.forEach((value, at) => assert.ok(Math.abs(value - wanted[at]) < tolerance, `${found} for ${wanted}`));
+  const extent = () =>
+    page.evaluate(() => {
+      const { x, y, width, height } = document.querySelector("path.contour").getBBox();
+      return [x + width / 2, y + height / 2, width, height];
+    });
+  const close = (found, wanted, tolerance) =>
+    found.forEach((value, at) => assert.ok(Math.abs(value - wanted[at]) < tolerance, `${found} for ${wanted}`));
   // Mirrored: 43 − 22 = 21 across; 2 · (23 − 11) = 24 down; 24 × 24 mm, as the slice is through the middle.
   close(await extent(), [21, 24, 24, 24], 1.6);
   await screen(page, "segment-volume");
@@ -551,45 +847,87 @@ test("TIFF: 16 bits, several pages", async () => {
   const width = await page.evaluate(() => document.querySelector("path.contour").getBBox().width);
   assert.ok(Math.abs(width - 24) < 1.6, `${width}`);
   await page.getByRole("button", { name: "Another picture" }).click();
-  await page.locator("input[type=file]").setInputFiles({ name: "broken.tif", mimeType: "image/tiff", buffer: Buffer.from("not a picture") });
+  await page
+    .locator("input[type=file]")
+    .setInputFiles({ name: "broken.tif", mimeType: "image/tiff", buffer: Buffer.from("not a picture") });
   await page.getByText("broken.tif is not a picture or volume").waitFor();
   assert.deepEqual(page.faults, []);
   await page.context().close();
 });
 
 /** A picture or a mask of two ellipses as PNG, made by the browser. */
-const drawn = (page, outside, within) => page.evaluate(([outside, within]) => {
-  const canvas = new OffscreenCanvas(160, 120), context = canvas.getContext("2d");
-  const image = context.createImageData(160, 120);
-  for (let y = 0; y < 120; y++) for (let x = 0; x < 160; x++) {
-    const large = ((x - 60) / 38) ** 2 + ((y - 58) / 26) ** 2 < 1, small = ((x - 128) / 14) ** 2 + ((y - 60) / 20) ** 2 < 1;
-    const value = large ? within[0] : small ? within[1] : outside;
-    // Greys of a camera have noise.
-    const noise = outside ? ((x * 7 + y * 13) * 37) % 9 : 0;
-    image.data.set([value + noise, value + noise, value + noise, 255], 4 * (y * 160 + x));
-  }
-  context.putImageData(image, 0, 0);
-  return canvas.convertToBlob().then((blob) => blob.arrayBuffer()).then((buffer) => [...new Uint8Array(buffer)]);
-}, [outside, within]).then((bytes) => Buffer.from(bytes));
+const drawn = (page, outside, within) =>
+  page
+    .evaluate(
+      ([outside, within]) => {
+        const canvas = new OffscreenCanvas(160, 120),
+          context = canvas.getContext("2d");
+        const image = context.createImageData(160, 120);
+        for (let y = 0; y < 120; y++)
+          for (let x = 0; x < 160; x++) {
+            const large = ((x - 60) / 38) ** 2 + ((y - 58) / 26) ** 2 < 1,
+              small = ((x - 128) / 14) ** 2 + ((y - 60) / 20) ** 2 < 1;
+            const value = large ? within[0] : small ? within[1] : outside;
+            // Greys of a camera have noise.
+            const noise = outside ? ((x * 7 + y * 13) * 37) % 9 : 0;
+            image.data.set([value + noise, value + noise, value + noise, 255], 4 * (y * 160 + x));
+          }
+        context.putImageData(image, 0, 0);
+        return canvas
+          .convertToBlob()
+          .then((blob) => blob.arrayBuffer())
+          .then((buffer) => [...new Uint8Array(buffer)]);
+      },
+      [outside, within],
+    )
+    .then((bytes) => Buffer.from(bytes));
 
 test("a shape from a file is assessed in the unit of the dictionary", async () => {
   const { call } = service;
   const representation = { kind: "closed_curve", dimension: 2, control_points: 12, generator: { name: "cubic" } };
-  const ellipse = (k) => Array.from({ length: 40 }, (_, i) => [(1 + 0.03 * k) * Math.cos(i / 6.37), (1.4 - 0.05 * Math.sin(k)) * Math.sin(i / 6.37)]);
-  await call("POST", "/v1/cohorts", { name: "centimetres", length_unit: "cm", correspondence: "cyclic", representation });
-  await call("POST", "/v1/cohorts/centimetres/shapes", { shapes: Array.from({ length: 8 }, (_, k) => ({ points: ellipse(k) })) });
-  await call("POST", "/v1/dictionaries", { name: "centimetres", cohort: "centimetres", transformation: "rigid", method: { kind: "functional_pca", components: 2, centre: true } }, WAITED);
+  const ellipse = (k) =>
+    Array.from({ length: 40 }, (_, i) => [
+      (1 + 0.03 * k) * Math.cos(i / 6.37),
+      (1.4 - 0.05 * Math.sin(k)) * Math.sin(i / 6.37),
+    ]);
+  await call("POST", "/v1/cohorts", {
+    name: "centimetres",
+    length_unit: "cm",
+    correspondence: "cyclic",
+    representation,
+  });
+  await call("POST", "/v1/cohorts/centimetres/shapes", {
+    shapes: Array.from({ length: 8 }, (_, k) => ({ points: ellipse(k) })),
+  });
+  await call(
+    "POST",
+    "/v1/dictionaries",
+    {
+      name: "centimetres",
+      cohort: "centimetres",
+      transformation: "rigid",
+      method: { kind: "functional_pca", components: 2, centre: true },
+    },
+    WAITED,
+  );
   const page = await open(browser, service.address);
   await page.goto(`${service.address}/app/assess?dictionary=centimetres@1`);
   await settled(page);
   const extent = async (file) => {
-    const [request] = await Promise.all([page.waitForRequest((one) => one.method() === "POST" && /\/assess$/.test(new URL(one.url()).pathname)), page.locator("input[type=file]").setInputFiles(file)]);
+    const [request] = await Promise.all([
+      page.waitForRequest((one) => one.method() === "POST" && /\/assess$/.test(new URL(one.url()).pathname)),
+      page.locator("input[type=file]").setInputFiles(file),
+    ]);
     const xs = request.postDataJSON().shapes[0].points.map(([x]) => x);
     return Math.max(...xs) - Math.min(...xs);
   };
   // A disc of 20 mm, 40 cells across.
   const disc = (i, j) => (Math.hypot(i - 30, j - 30) < 20 ? 1 : 0);
-  const across = await extent({ name: "disc.nii", mimeType: "application/octet-stream", buffer: nifti([60, 60, 1], [0.5, 0.5, 1], disc) });
+  const across = await extent({
+    name: "disc.nii",
+    mimeType: "application/octet-stream",
+    buffer: nifti([60, 60, 1], [0.5, 0.5, 1], disc),
+  });
   assert.ok(Math.abs(across - 2) < 0.1, `${across} cm`);
   await page.locator(".verdict").waitFor();
   assert.equal(await page.getByText("their sizes cannot be compared").count(), 0);
@@ -607,14 +945,23 @@ test("a mask is assessed object by object, a picture after its largest object wa
   await input.setInputFiles({ name: "mask.png", mimeType: "image/png", buffer: await drawn(page, 0, [1, 2]) });
   await page.getByRole("heading", { name: "Where it deviates" }).waitFor();
   assert.ok(await page.getByRole("radio", { name: "mask: each label is an object" }).isChecked());
-  assert.deepEqual(await page.locator("label.field", { hasText: /^Shape/ }).locator("option").allTextContents(), ["mask-1", "mask-2"]);
+  assert.deepEqual(
+    await page
+      .locator("label.field", { hasText: /^Shape/ })
+      .locator("option")
+      .allTextContents(),
+    ["mask-1", "mask-2"],
+  );
   await settled(page);
   await accessible(page, "assess mask");
   await input.setInputFiles({ name: "picture.png", mimeType: "image/png", buffer: await drawn(page, 60, [190, 190]) });
   await page.getByRole("img", { name: "picture with the contour that was found" }).waitFor();
   await page.getByRole("heading", { name: "Where it deviates" }).waitFor();
   await settled(page);
-  const box = await page.evaluate(() => { const { x, y, width, height } = document.querySelector("svg[aria-label^=picture] path").getBBox(); return [x + width / 2, y + height / 2, width, height]; });
+  const box = await page.evaluate(() => {
+    const { x, y, width, height } = document.querySelector("svg[aria-label^=picture] path").getBBox();
+    return [x + width / 2, y + height / 2, width, height];
+  });
   [60, 58, 76, 52].forEach((wanted, at) => assert.ok(Math.abs(box[at] - wanted) < 3, `${box}`));
   await screen(page, "assess-picture", { fullPage: true });
   // Darker than its surroundings.
@@ -625,9 +972,32 @@ test("a mask is assessed object by object, a picture after its largest object wa
   await page.getByText("160 × 120 pixels.").waitFor();
   await page.goBack();
   await settled(page);
-  await input.setInputFiles({ name: "flat.png", mimeType: "image/png", buffer: await page.evaluate(() => { const canvas = new OffscreenCanvas(40, 40), context = canvas.getContext("2d"); context.fillStyle = "#888"; context.fillRect(0, 0, 40, 40); return canvas.convertToBlob().then((blob) => blob.arrayBuffer()).then((buffer) => [...new Uint8Array(buffer)]); }).then((bytes) => Buffer.from(bytes)) });
+  await input.setInputFiles({
+    name: "flat.png",
+    mimeType: "image/png",
+    buffer: await page
+      .evaluate(() => {
+        const canvas = new OffscreenCanvas(40, 40),
+          context = canvas.getContext("2d");
+        context.fillStyle = "#888";
+        context.fillRect(0, 0, 40, 40);
+        return canvas
+          .convertToBlob()
+          .then((blob) => blob.arrayBuffer())
+          .then((buffer) => [...new Uint8Array(buffer)]);
+      })
+      .then((bytes) => Buffer.from(bytes)),
+  });
   await page.getByText("No object stands out from this picture.").waitFor();
-  await input.setInputFiles({ name: "body.nii", mimeType: "application/octet-stream", buffer: nifti([44, 40, 24], [1, 1, 2], (i, j, k) => (inside(i, j, k) ? 150 : 40) + ((i * 7 + j * 13 + k * 5) * 37) % 90) });
+  await input.setInputFiles({
+    name: "body.nii",
+    mimeType: "application/octet-stream",
+    buffer: nifti(
+      [44, 40, 24],
+      [1, 1, 2],
+      (i, j, k) => (inside(i, j, k) ? 150 : 40) + (((i * 7 + j * 13 + k * 5) * 37) % 90),
+    ),
+  });
   await page.getByText("A volume of greys shows many things").waitFor();
   await page.locator("section.card", { hasText: "From the picture" }).getByRole("button", { name: "Segment" }).click();
   await page.getByText("13 of 24").waitFor();
@@ -639,12 +1009,21 @@ test("what chance alone would give stands beside what was found", async () => {
   const page = await open(browser, service.address);
   await show(page, "groups");
   await page.getByRole("heading", { name: "What chance alone would give: All groups" }).waitFor();
-  const answer = await service.call("POST", "/v1/comparisons", { cohort: "example-cells", by: "labels.treatment", transformation: "similarity", permutations: 1000 });
-  assert.equal(answer.overall.histogram.counts.reduce((sum, one) => sum + one, 0), 1000);
+  const answer = await service.call("POST", "/v1/comparisons", {
+    cohort: "example-cells",
+    by: "labels.treatment",
+    transformation: "similarity",
+    permutations: 1000,
+  });
+  assert.equal(
+    answer.overall.histogram.counts.reduce((sum, one) => sum + one, 0),
+    1000,
+  );
   const { exceeding } = answer.overall.pseudo_f.test;
   await page.getByText(`Of 1,000 random divisions of the same shapes, ${exceeding} explain as much or more.`).waitFor();
   // The words of drawings are those of the page.
-  for (const name of ["control", "cytd", "jasp"]) await page.locator(".keys li", { hasText: `${name} (n = 40)` }).waitFor();
+  for (const name of ["control", "cytd", "jasp"])
+    await page.locator(".keys li", { hasText: `${name} (n = 40)` }).waitFor();
   await page.locator("figure", { hasText: "What chance alone" }).scrollIntoViewIfNeeded();
   await screen(page, "groups-chance");
   assert.deepEqual(page.faults, []);
@@ -658,7 +1037,13 @@ test("the lasso chooses shapes, and the choice opens as a filter", async () => {
   const at = (x, y) => [plot.x + x * plot.width, plot.y + y * plot.height];
   await page.mouse.move(...at(0.45, 0.6));
   await page.mouse.down();
-  for (const corner of [[0.95, 0.6], [0.95, 0.95], [0.6, 0.95], [0.46, 0.62]]) await page.mouse.move(...at(...corner), { steps: 3 });
+  for (const corner of [
+    [0.95, 0.6],
+    [0.95, 0.95],
+    [0.6, 0.95],
+    [0.46, 0.62],
+  ])
+    await page.mouse.move(...at(...corner), { steps: 3 });
   await page.mouse.up();
   await page.getByRole("heading", { name: /\d+ chosen/ }).waitFor();
   await screen(page, "scores-lasso");
@@ -675,10 +1060,21 @@ test("a job is seen while it runs, and cancelled", async () => {
   // Learning from noise takes minutes: from shapes alike, it ends within a second.
   let state = 1;
   const random = () => (state = (state * 16807) % 2147483647) / 2147483647;
-  const shapes = Array.from({ length: 1000 }, () => ({ points: Array.from({ length: 40 }, () => [random(), random()]) }));
-  await service.call("POST", "/v1/cohorts", { name: "noise", correspondence: "landmarks", representation: { kind: "landmarks", dimension: 2, points: 40 } });
+  const shapes = Array.from({ length: 1000 }, () => ({
+    points: Array.from({ length: 40 }, () => [random(), random()]),
+  }));
+  await service.call("POST", "/v1/cohorts", {
+    name: "noise",
+    correspondence: "landmarks",
+    representation: { kind: "landmarks", dimension: 2, points: 40 },
+  });
   await service.call("POST", "/v1/cohorts/noise/shapes", { shapes });
-  await service.call("POST", "/v1/dictionaries", { name: "endless", cohort: "noise", transformation: "similarity", method: { kind: "sparse", atoms: 60, lambda: 0.01, max_epochs: 10000, tolerance: 0 } });
+  await service.call("POST", "/v1/dictionaries", {
+    name: "endless",
+    cohort: "noise",
+    transformation: "similarity",
+    method: { kind: "sparse", atoms: 60, lambda: 0.01, max_epochs: 10000, tolerance: 0 },
+  });
   const row = page.locator("tbody tr").first();
   await row.getByText("running").waitFor();
   await screen(page, "jobs-running");
@@ -699,7 +1095,11 @@ test("pictures, numbers, tables and meshes can be saved", async () => {
   assert.equal((await save("Download example-cells-groups PNG")).subarray(1, 4).toString(), "PNG");
   assert.equal(JSON.parse(await save("Download example-cells-groups JSON")).groups.length, 3);
   await show(page, "table");
-  assert.equal((await save("Download example-cells CSV")).toString().trim().split("\n").length, 41, "40 shapes pass the filter");
+  assert.equal(
+    (await save("Download example-cells CSV")).toString().trim().split("\n").length,
+    41,
+    "40 shapes pass the filter",
+  );
   assert.ok((await save("Download example-cells Arrow")).length > 1000);
   await show(page, "cohort");
   assert.match((await save("Download example-cells-sheet SVG")).toString(), /^<svg/);
@@ -735,7 +1135,12 @@ test("surfaces are made to correspond; the rule of matching of a cohort is chang
   const { shape_count } = await service.call("GET", "/v1/cohorts/ellipsoids");
   await page.getByText(`All ${shape_count} shapes`).waitFor();
   const contour = Array.from({ length: 24 }, (_, i) => [2 * Math.cos(i / 3.82), Math.sin(i / 3.82)]);
-  await service.call("POST", "/v1/cohorts", { name: "given", correspondence: "cyclic", direction: "given", representation: { kind: "closed_curve", dimension: 2, control_points: 12, generator: { name: "trigonometric" } } });
+  await service.call("POST", "/v1/cohorts", {
+    name: "given",
+    correspondence: "cyclic",
+    direction: "given",
+    representation: { kind: "closed_curve", dimension: 2, control_points: 12, generator: { name: "trigonometric" } },
+  });
   await service.call("POST", "/v1/cohorts/given/shapes", { shapes: [{ points: contour }] });
   await page.goto(`${service.address}/app/cohorts/given`);
   await page.getByRole("button", { name: "Edit" }).click();
@@ -745,7 +1150,9 @@ test("surfaces are made to correspond; the rule of matching of a cohort is chang
   const { direction, correspondence } = await service.call("GET", "/v1/cohorts/given");
   assert.deepEqual([direction, correspondence], ["either", "cyclic"]);
   // A file beside a zone leaves the page where it is.
-  const prevented = await page.evaluate(() => !document.querySelector("main").dispatchEvent(new Event("dragover", { bubbles: true, cancelable: true })));
+  const prevented = await page.evaluate(
+    () => !document.querySelector("main").dispatchEvent(new Event("dragover", { bubbles: true, cancelable: true })),
+  );
   assert.ok(prevented);
   assert.deepEqual(page.faults, []);
   await page.context().close();
@@ -848,10 +1255,17 @@ test("keys: login, a reader on a writer's button, two tenants, a revoked key", a
   await page.getByRole("link", { name: "example-cells" }).click();
   await settled(page);
   assert.ok(!page.url().includes("shk_"));
-  assert.equal(await page.evaluate(() => Object.keys(localStorage).some((name) => localStorage[name].includes("shk_"))), false);
+  assert.equal(
+    await page.evaluate(() => Object.keys(localStorage).some((name) => localStorage[name].includes("shk_"))),
+    false,
+  );
   await page.getByRole("button", { name: "Delete" }).click();
   await page.getByRole("dialog").getByRole("button", { name: "Delete" }).click();
-  await page.getByRole("dialog").getByText(/writer/).first().waitFor();
+  await page
+    .getByRole("dialog")
+    .getByText(/writer/)
+    .first()
+    .waitFor();
   await page.keyboard.press("Escape");
   await page.reload();
   await page.getByText("All 120 shapes").waitFor();
@@ -894,19 +1308,22 @@ test("the first view is light: at most 150 kB of compressed script", async () =>
 test("sliders move at 30 frames a second or more", async () => {
   const page = await open(browser, service.address);
   await show(page, "modes");
-  const rate = await page.evaluate(() => new Promise((resolve) => {
-    const slider = document.querySelector("input[type=range]");
-    const set = Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, "value").set;
-    let frames = 0;
-    const start = performance.now();
-    requestAnimationFrame(function step(now) {
-      frames++;
-      set.call(slider, String(2 * Math.sin(now / 200)));
-      slider.dispatchEvent(new Event("input", { bubbles: true }));
-      if (now - start < 2000) requestAnimationFrame(step);
-      else resolve((1000 * frames) / (now - start));
-    });
-  }));
+  const rate = await page.evaluate(
+    () =>
+      new Promise((resolve) => {
+        const slider = document.querySelector("input[type=range]");
+        const set = Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, "value").set;
+        let frames = 0;
+        const start = performance.now();
+        requestAnimationFrame(function step(now) {
+          frames++;
+          set.call(slider, String(2 * Math.sin(now / 200)));
+          slider.dispatchEvent(new Event("input", { bubbles: true }));
+          if (now - start < 2000) requestAnimationFrame(step);
+          else resolve((1000 * frames) / (now - start));
+        });
+      }),
+  );
   console.log(`sliders: ${rate.toFixed(0)} frames/s`);
   if (process.env.GOALS === "1") assert.ok(rate >= 30, `${rate} frames/s`);
   await page.context().close();

@@ -76,11 +76,7 @@ SHA256 = {
     "cell_lines.txt": "cfae6e57367ac429d969627ae3eb539b7e464b95e900360a194da779c5b43ffa",
     "treatments.txt": "3144c1415cc82f74844bfbb23bee70e1e9908ba49e754788c9c3f20b4e67b329",
 }
-GROUPS = [
-    (line, treatment)
-    for line in ("dlm8", "dunn")
-    for treatment in ("control", "cytd", "jasp")
-]
+GROUPS = [(line, treatment) for line in ("dlm8", "dunn") for treatment in ("control", "cytd", "jasp")]
 PER_GROUP = 20
 MIN_POINTS = 60
 REVISIT_ONE_IN = 50
@@ -102,11 +98,7 @@ def read_data_files(source):
         # The unpacked wheel, or the package folder inside it.
         for folder in (source / DATA, source / DATA.removeprefix("geomstats/")):
             if folder.is_dir():
-                raw = {
-                    name: (folder / name).read_bytes()
-                    for name in SHA256
-                    if (folder / name).is_file()
-                }
+                raw = {name: (folder / name).read_bytes() for name in SHA256 if (folder / name).is_file()}
                 break
         else:
             raise SourceError(f"{source} holds no folder {DATA}")
@@ -115,11 +107,7 @@ def read_data_files(source):
             raise SourceError(f"{source} is neither a wheel nor a folder")
         with zipfile.ZipFile(source) as wheel:
             members = set(wheel.namelist())
-            raw = {
-                name: wheel.read(f"{DATA}/{name}")
-                for name in SHA256
-                if f"{DATA}/{name}" in members
-            }
+            raw = {name: wheel.read(f"{DATA}/{name}") for name in SHA256 if f"{DATA}/{name}" in members}
     else:
         raise SourceError(f"{source} does not exist")
 
@@ -160,10 +148,7 @@ def clean(points):
 
 def doubled_area(points):
     """Twice the signed area of a polygon with integer coordinates."""
-    return sum(
-        ax * by - bx * ay
-        for (ax, ay), (bx, by) in zip(points, points[1:] + points[:1])
-    )
+    return sum(ax * by - bx * ay for (ax, ay), (bx, by) in zip(points, points[1:] + points[:1]))
 
 
 def orientation(a, b, c):
@@ -203,9 +188,7 @@ def is_simple(points):
                 return False
     # All other pairs must be apart.  Edges sorted by their left end: the scan
     # stops at the first edge that begins right of the current one's right end.
-    edges = sorted(
-        (min(points[i][0], points[(i + 1) % n][0]), i) for i in range(n)
-    )
+    edges = sorted((min(points[i][0], points[(i + 1) % n][0]), i) for i in range(n))
     for position, (_, i) in enumerate(edges):
         a, b = points[i], points[(i + 1) % n]
         right = max(a[0], b[0])
@@ -254,7 +237,7 @@ def in_thousandths(points):
 def derive(source):
     """Return (bytes of cells.ndjson, report lines)."""
     cells = parse(read_data_files(source))
-    in_group = {group: 0 for group in GROUPS}
+    in_group = dict.fromkeys(GROUPS, 0)
     usable = {group: [] for group in GROUPS}
     dropped = {"short": 0, "repeated": 0, "revisiting": 0, "not simple": 0}
     seen = set()
@@ -295,15 +278,9 @@ def derive(source):
         for k in range(PER_GROUP):
             index, sampled = usable[group][(2 * k + 1) * n // (2 * PER_GROUP)]
             chosen.append((index, line, treatment, sampled))
-        report.append(
-            f"{line}/{treatment}: {in_group[group]} in the source, "
-            f"{n} usable, {PER_GROUP} taken"
-        )
+        report.append(f"{line}/{treatment}: {in_group[group]} in the source, {n} usable, {PER_GROUP} taken")
     chosen.sort(key=lambda item: item[0])
-    report.append(
-        "left out: "
-        + ", ".join(f"{count} {reason}" for reason, count in dropped.items())
-    )
+    report.append("left out: " + ", ".join(f"{count} {reason}" for reason, count in dropped.items()))
 
     rows = []
     for index, line, treatment, sampled in chosen:
@@ -318,12 +295,8 @@ def derive(source):
 
 
 def main():
-    parser = argparse.ArgumentParser(
-        description="Derive cells.ndjson from the geomstats 2.8.0 package."
-    )
-    parser.add_argument(
-        "source", type=Path, help="the geomstats 2.8.0 wheel or its unpacked folder"
-    )
+    parser = argparse.ArgumentParser(description="Derive cells.ndjson from the geomstats 2.8.0 package.")
+    parser.add_argument("source", type=Path, help="the geomstats 2.8.0 wheel or its unpacked folder")
     parser.add_argument(
         "--check",
         action="store_true",

@@ -1,6 +1,7 @@
 """Files that are not what they say, each made from a small valid one: `GROUPS` has a function for each kind of lie.
 
-A function takes the valid files by their formats and the variables of the case, and yields `Lie`s. Python's library only.
+A function takes the valid files by their formats and the variables of the case, and yields `Lie`s. Python's library
+only.
 """
 
 import gzip
@@ -9,7 +10,6 @@ import json
 import struct
 import zipfile
 from dataclasses import dataclass, replace
-from random import Random
 
 from seeds import LABELS, SPACE, Dicom, File, archive, gifti, nifti, nrrd, png, structure_set, tiff, vtp
 
@@ -25,7 +25,8 @@ class Lie:
     what: str
     file: File
     expect: tuple = REFUSED
-    # Part of the place that a refusal must name: `line`, `byte`, `tag`, `item`, `entry`; `any` of them; nothing where there is none.
+    # Part of the place that a refusal must name: `line`, `byte`, `tag`, `item`, `entry`; `any` of them; nothing where
+    # there is none.
     place: str | None = "any"
     # Whether the fault may be met when the answer of a translation has begun, which then breaks off.
     breaks: bool = False
@@ -37,7 +38,8 @@ def lie(what, name, data, **settings):
 
 # Formats that may end at any element, or of which the last bytes say nothing.
 ENDLESS = {"off", "rtstruct", "png", "geojson", "coco", "mrk", "vtk", "vtp", "gifti"}
-# Formats of which a beginning is faulty as a whole: directories elsewhere, a mark at the end of a header, a header without points.
+# Formats of which a beginning is faulty as a whole: directories elsewhere, a mark at the end of a header, a header
+# without points.
 PLACELESS = {"tiff", "nifti", "vtk"}
 
 
@@ -47,15 +49,16 @@ def cut(seeds, offsets):
         size = len(file.data)
         for at in sorted({k * size // (offsets + 1) for k in range(1, offsets + 1)} | {1, size - 1}):
             part = replace(file, data=file.data[:at])
-            # Where a file ends at a line, or before bytes that only fill it up, nothing is missing: less text is another file, of other
-            # shapes or of none. Too few bytes to tell the format by have no place.
+            # Where a file ends at a line, or before bytes that only fill it up, nothing is missing: less text is
+            # another file, of other shapes or of none. Too few bytes to tell the format by have no place.
             expect = EITHER if kind in ENDLESS or file.text else REFUSED
             is_placed = at > 1 and kind not in PLACELESS and not file.text
             yield Lie(f"{kind} of {at} of {size} bytes", part, expect, "any" if is_placed else None)
 
 
 def changed(seeds, offsets):
-    """Every binary format with numbers that are as large as they can be, or have another sign, at offsets spread over the file."""
+    """Every binary format with numbers that are as large as they can be, or have another sign, at offsets spread over
+    the file."""
     for kind, file in seeds.items():
         if file.text:
             continue
@@ -67,14 +70,25 @@ def changed(seeds, offsets):
 
 
 def order(seeds):
-    """Numbers in the other order of bytes than the file says: what can be seen is refused, the rest is other numbers."""
-    swap = lambda kind, old, new, **settings: Lie(kind, replace(seeds[kind], data=seeds[kind].data.replace(old, new, 1)), **settings)
+    """Numbers in the other order of bytes than the file says: what can be seen is refused, the rest is other
+    numbers."""
+    swap = lambda kind, old, new, **settings: Lie(
+        kind, replace(seeds[kind], data=seeds[kind].data.replace(old, new, 1)), **settings
+    )
     # Doubles read backwards are other doubles: nearly zero, or too large.
     yield swap("ply", b"binary_little_endian", b"binary_big_endian")
     yield swap("npy", b"'<f8'", b"'>f8'", expect=EITHER)
-    yield lie("stl", "a.stl", bytes(80) + struct.pack(">I", 1) + struct.pack(">12f", *[0.0] * 3, *sum(SPACE, [])) + b"\0\0")
-    yield lie("vtk", "a.vtk", b"# vtk DataFile Version 3.0\na\nBINARY\nDATASET POLYDATA\nPOINTS 3 double\n" + struct.pack("<9d", *sum(SPACE, []))
-              + b"\nPOLYGONS 1 4\n" + struct.pack("<4i", 3, 0, 1, 2))
+    yield lie(
+        "stl", "a.stl", bytes(80) + struct.pack(">I", 1) + struct.pack(">12f", *[0.0] * 3, *sum(SPACE, [])) + b"\0\0"
+    )
+    yield lie(
+        "vtk",
+        "a.vtk",
+        b"# vtk DataFile Version 3.0\na\nBINARY\nDATASET POLYDATA\nPOINTS 3 double\n"
+        + struct.pack("<9d", *sum(SPACE, []))
+        + b"\nPOLYGONS 1 4\n"
+        + struct.pack("<4i", 3, 0, 1, 2),
+    )
     yield lie("vtp", "a.vtp", vtp(order="BigEndian"))
     yield lie("gifti", "a.gii", gifti(order="BigEndian"))
     yield lie("rtstruct", "a.dcm", structure_set(syntax="1.2.840.10008.1.2.2"))
@@ -92,20 +106,34 @@ def counts(seeds):
     many = 4_000_000_000
     for number in (5, many):
         yield lie(f"obj face of vertex {number}", "a.obj", f"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 {number}\n", place="line")
-        head = f"ply\nformat ascii 1.0\nelement vertex {number}\nproperty double x\nproperty double y\nproperty double z\nend_header\n0 0 0\n"
+        head = (
+            f"ply\nformat ascii 1.0\nelement vertex {number}\nproperty double x\nproperty double y\nproperty "
+            f"double z\nend_header\n0 0 0\n"
+        )
         yield lie(f"ply of {number} vertices", "a.ply", head)
         yield lie(f"binary ply of {number} vertices", "a.ply", head.replace("ascii", "binary_little_endian"))
-        yield lie(f"stl of {number} faces", "a.stl", seeds["stl"].data[:80] + struct.pack("<I", number) + seeds["stl"].data[84:])
+        yield lie(
+            f"stl of {number} faces",
+            "a.stl",
+            seeds["stl"].data[:80] + struct.pack("<I", number) + seeds["stl"].data[84:],
+        )
         yield lie(f"off of {number} vertices", "a.off", f"OFF\n{number} 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n")
         yield lie(f"off of {number} faces", "a.off", f"OFF\n3 {number} 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n")
-        yield lie(f"vtk of {number} points", "a.vtk", f"# vtk DataFile Version 3.0\na\nASCII\nDATASET POLYDATA\nPOINTS {number} double\n0 0 0\n")
+        yield lie(
+            f"vtk of {number} points",
+            "a.vtk",
+            f"# vtk DataFile Version 3.0\na\nASCII\nDATASET POLYDATA\nPOINTS {number} double\n0 0 0\n",
+        )
         yield lie(f"vtp of {number} points", "a.vtp", vtp(number))
         yield lie(f"gifti of {number} rows", "a.gii", gifti(number))
         yield lie(f"tps of {number} landmarks", "a.tps", f"LM={number}\n1 2\n3 4\nID=a\n")
         yield lie(f"tps of {number} curves", "a.tps", f"LM=1\n1 2\nCURVES={number}\nPOINTS=1\n1 2\n")
         yield lie(f"nts of {number} rows", "a.nts", f"1 {number} 4 0 DIM=2\n1 2 3 4\n")
-        yield lie(f"morphologika of {number} individuals", "a.morphologika",
-                  f"[individuals]\n{number}\n[landmarks]\n2\n[dimensions]\n2\n[rawpoints]\n1 2\n3 4\n")
+        yield lie(
+            f"morphologika of {number} individuals",
+            "a.morphologika",
+            f"[individuals]\n{number}\n[landmarks]\n2\n[dimensions]\n2\n[rawpoints]\n1 2\n3 4\n",
+        )
         yield lie(f"npy of {number} shapes", "a.npy", npy((number, 3, 2), bytes(48)))
         yield lie(f"rtstruct of {number} points", "a.dcm", structure_set(count=number), place="tag")
         yield lie(f"nrrd of {number} columns", "a.nrrd", nrrd(f"{number} 5", LABELS), place=None)
@@ -118,7 +146,7 @@ def counts(seeds):
     yield lie("rtstruct with a long element", "a.dcm", Dicom().file(contour))
     for tail in (12, 20):
         data = bytearray(seeds["zip"].data)
-        data[-tail:-tail + 2] = b"\xff\xff"
+        data[-tail : -tail + 2] = b"\xff\xff"
         yield lie(f"zip with another directory ({tail})", "a.zip", bytes(data), place=None)
     roi = bytearray(seeds["imagej-roi"].data)
     roi[16:18] = b"\xff\xff"
@@ -136,28 +164,79 @@ def cycles(seeds):
     yield lie("tiff whose next page is its first one", "a.tif", tiff(5, 4, LABELS, next_at=8 + len(LABELS)), place=None)
     entities = '<!DOCTYPE a [<!ENTITY a "&b;&b;"><!ENTITY b "&a;&a;">]>'
     inside = '<DataArray type="Float32" NumberOfComponents="3" format="ascii">&a;</DataArray>'
-    yield lie("vtp with entities of each other", "a.vtp", vtp(data=inside).replace(b"<VTKFile", entities.encode() + b"<VTKFile"))
+    yield lie(
+        "vtp with entities of each other",
+        "a.vtp",
+        vtp(data=inside).replace(b"<VTKFile", entities.encode() + b"<VTKFile"),
+    )
     laughs = "".join(f'<!ENTITY a{k} "{f"&a{k - 1};" * 10}">' for k in range(1, 12))
-    yield lie("gifti with entities of entities", "a.gii", gifti(further=f'<!DOCTYPE a [<!ENTITY a0 "1">{laughs}]>').replace(b"<Data>", b"<Data>&a11;"))
-    yield lie("gifti with a file as entity", "a.gii", gifti(further='<!DOCTYPE a [<!ENTITY f SYSTEM "file:///etc/passwd">]>').replace(b"<Data>", b"<Data>&f;"))
+    yield lie(
+        "gifti with entities of entities",
+        "a.gii",
+        gifti(further=f'<!DOCTYPE a [<!ENTITY a0 "1">{laughs}]>').replace(b"<Data>", b"<Data>&a11;"),
+    )
+    yield lie(
+        "gifti with a file as entity",
+        "a.gii",
+        gifti(further='<!DOCTYPE a [<!ENTITY f SYSTEM "file:///etc/passwd">]>').replace(b"<Data>", b"<Data>&f;"),
+    )
     yield lie("nrrd whose numbers are another file", "a.nhdr", nrrd("4 4", b"", "data file: /etc/passwd\n"), place=None)
-    yield lie("gifti whose numbers are another file", "a.gii", gifti().replace(b"Base64Binary", b"ExternalFileBinary\" ExternalFileName=\"/etc/passwd"))
-    yield lie("coco whose picture has itself as annotation", "a.coco.json", json.dumps({"images": [{"id": 1}], "categories": [], "annotations": [
-        {"id": 1, "image_id": 1, "category_id": 1, "segmentation": {"counts": "self", "size": [4, 4]}}]}))
-    yield lie("mrk whose points are those of another file", "a.mrk.json", json.dumps({"@schema": "markups-schema-v1.0.3.json#", "markups": [
-        {"type": "ClosedCurve", "coordinateSystem": "LPS", "controlPoints": {"$ref": "#/markups/0"}}]}))
+    yield lie(
+        "gifti whose numbers are another file",
+        "a.gii",
+        gifti().replace(b"Base64Binary", b'ExternalFileBinary" ExternalFileName="/etc/passwd'),
+    )
+    yield lie(
+        "coco whose picture has itself as annotation",
+        "a.coco.json",
+        json.dumps(
+            {
+                "images": [{"id": 1}],
+                "categories": [],
+                "annotations": [
+                    {"id": 1, "image_id": 1, "category_id": 1, "segmentation": {"counts": "self", "size": [4, 4]}}
+                ],
+            }
+        ),
+    )
+    yield lie(
+        "mrk whose points are those of another file",
+        "a.mrk.json",
+        json.dumps(
+            {
+                "@schema": "markups-schema-v1.0.3.json#",
+                "markups": [
+                    {"type": "ClosedCurve", "coordinateSystem": "LPS", "controlPoints": {"$ref": "#/markups/0"}}
+                ],
+            }
+        ),
+    )
 
 
 def nests(seeds, depth):
     """Lists, objects and elements inside of each other."""
     ring = lambda text: '{"type":"Feature","properties":{},"geometry":' + text + "}"
-    yield lie("geojson coordinates", "a.geojson", ring('{"type":"Polygon","coordinates":' + "[" * depth + "]" * depth + "}"))
+    yield lie(
+        "geojson coordinates", "a.geojson", ring('{"type":"Polygon","coordinates":' + "[" * depth + "]" * depth + "}")
+    )
     inner = '{"type":"GeometryCollection","geometries":['
     yield lie("geojson collections", "a.geojson", ring(inner * depth + "]}" * depth))
-    yield lie("geojson properties", "a.geojson", '{"type":"Feature","geometry":null,"properties":{"a":' + "[" * depth + "]" * depth + "}}", expect=EITHER)
-    yield lie("geojson before its features", "a.geojson", '{"a":' + "[" * depth + "]" * depth + ',"type":"FeatureCollection","features":[]}', expect=EITHER)
+    yield lie(
+        "geojson properties",
+        "a.geojson",
+        '{"type":"Feature","geometry":null,"properties":{"a":' + "[" * depth + "]" * depth + "}}",
+        expect=EITHER,
+    )
+    yield lie(
+        "geojson before its features",
+        "a.geojson",
+        '{"a":' + "[" * depth + "]" * depth + ',"type":"FeatureCollection","features":[]}',
+        expect=EITHER,
+    )
     yield lie("coco", "a.coco.json", '{"images":[],"annotations":' + "[" * depth + "]" * depth + "}")
-    yield lie("mrk", "a.mrk.json", '{"@schema":"markups-schema-v1.0.3.json#","markups":' + "[" * depth + "]" * depth + "}")
+    yield lie(
+        "mrk", "a.mrk.json", '{"@schema":"markups-schema-v1.0.3.json#","markups":' + "[" * depth + "]" * depth + "}"
+    )
     yield lie("ndjson", "a.ndjson", '{"points":' + "[" * depth + "]" * depth + "}\n", place="line")
     yield lie("wkt", "a.wkt", "GEOMETRYCOLLECTION(" * depth + ")" * depth)
     yield lie("vtp", "a.vtp", b"<VTKFile>" + b"<PolyData>" * depth + b"</PolyData>" * depth + b"</VTKFile>")
@@ -166,8 +245,14 @@ def nests(seeds, depth):
     for _ in range(min(depth, 2000)):
         data = e.sequence(0x30060020, [data])
     yield lie("rtstruct", "a.dcm", e.file(e.element(0x00080016, "UI", "1.2.840.10008.5.1.4.1.1.481.3") + data))
-    open_ended = struct.pack("<HH2sHI", 0x3006, 0x20, b"SQ", 0, 0xFFFFFFFF) + struct.pack("<HHI", 0xFFFE, 0xE000, 0xFFFFFFFF)
-    yield lie("rtstruct without lengths", "a.dcm", e.file(e.element(0x00080016, "UI", "1.2.840.10008.5.1.4.1.1.481.3") + open_ended * depth))
+    open_ended = struct.pack("<HH2sHI", 0x3006, 0x20, b"SQ", 0, 0xFFFFFFFF) + struct.pack(
+        "<HHI", 0xFFFE, 0xE000, 0xFFFFFFFF
+    )
+    yield lie(
+        "rtstruct without lengths",
+        "a.dcm",
+        e.file(e.element(0x00080016, "UI", "1.2.840.10008.5.1.4.1.1.481.3") + open_ended * depth),
+    )
 
 
 def encodings(seeds):
@@ -176,11 +261,21 @@ def encodings(seeds):
         if not file.text and kind not in ("geojson", "coco", "mrk", "vtp", "gifti", "off"):
             continue
         middle = len(file.data) // 2
-        for name, bad in [("a byte of Latin-1", b"\xe9"), ("half a character", b"\xe2\x82"), ("a long form of /", b"\xc0\xaf"), ("a surrogate", b"\xed\xa0\x80")]:
+        for name, bad in [
+            ("a byte of Latin-1", b"\xe9"),
+            ("half a character", b"\xe2\x82"),
+            ("a long form of /", b"\xc0\xaf"),
+            ("a surrogate", b"\xed\xa0\x80"),
+        ]:
             data = file.data[:middle] + bad + file.data[middle:]
             yield Lie(f"{kind} with {name}", replace(file, data=data))
         yield Lie(f"{kind} as UTF-16", replace(file, data=file.data.decode().encode("utf-16")))
-    yield lie("rtstruct in a character set of its own", "a.dcm", structure_set().replace(b"Heart ", b"H\xff\xfe\xc0t "), expect=EITHER)
+    yield lie(
+        "rtstruct in a character set of its own",
+        "a.dcm",
+        structure_set().replace(b"Heart ", b"H\xff\xfe\xc0t "),
+        expect=EITHER,
+    )
 
 
 def frames(seeds):
@@ -197,17 +292,42 @@ def overflows(seeds):
         json_x = {"inf": "Infinity", "nan": "NaN"}.get(x, x)
         number = float(x)
         yield lie(f"ndjson {x}", "a.ndjson", f'{{"points":[[0,0],[1,{json_x}],[2,1]]}}\n', place="line")
-        yield lie(f"geojson {x}", "a.geojson", f'{{"type":"Feature","properties":{{}},"geometry":{{"type":"Polygon","coordinates":[[[0,0],[1,{json_x}],[2,1],[0,0]]]}}}}')
-        yield lie(f"coco {x}", "a.coco.json", f'{{"images":[{{"id":1}}],"categories":[],"annotations":[{{"id":1,"image_id":1,"segmentation":[[0,0,1,{json_x},2,1]]}}]}}')
+        yield lie(
+            f"geojson {x}",
+            "a.geojson",
+            f'{{"type":"Feature","properties":{{}},"geometry":{{"type":"Polygon","coordinates":[[[0,0],[1,{json_x}],[2,1],[0,0]]]}}}}',
+        )
+        yield lie(
+            f"coco {x}",
+            "a.coco.json",
+            f'{{"images":[{{"id":1}}],"categories":[],"annotations":[{{"id":1,"image_id":1,"segmentation":[[0,0,1,{json_x},2,1]]}}]}}',
+        )
         yield lie(f"mrk {x}", "a.mrk.json", seeds["mrk"].data.replace(b"0.75", json_x.encode()))
         yield lie(f"wkt {x}", "a.wkt", f"POLYGON((0 0, 1 {x}, 2 1, 0 0))")
         yield lie(f"obj {x}", "a.obj", f"v 0 0 0\nv 1 {x} 0\nv 0 1 0\nf 1 2 3\n")
-        yield lie(f"ply {x}", "a.ply", "ply\nformat ascii 1.0\nelement vertex 1\nproperty double x\nproperty double y\nproperty double z\nend_header\n"
-                  f"0 {x} 0\n")
-        yield lie(f"binary ply {x}", "a.ply", seeds["ply"].data.replace(struct.pack("<d", 0.75), struct.pack("<d", number)))
+        yield lie(
+            f"ply {x}",
+            "a.ply",
+            "ply\nformat ascii 1.0\nelement vertex 1\nproperty double x\nproperty double y\nproperty double z\n"
+            "end_header\n"
+            f"0 {x} 0\n",
+        )
+        yield lie(
+            f"binary ply {x}", "a.ply", seeds["ply"].data.replace(struct.pack("<d", 0.75), struct.pack("<d", number))
+        )
         yield lie(f"off {x}", "a.off", f"OFF\n3 1 0\n0 {x} 0\n1 0 0\n0 1 0\n3 0 1 2\n")
-        yield lie(f"vtk {x}", "a.vtk", f"# vtk DataFile Version 3.0\na\nASCII\nDATASET POLYDATA\nPOINTS 1 double\n0 {x} 0\nVERTICES 1 2\n1 0\n")
-        yield lie(f"vtp {x}", "a.vtp", vtp(data=f'<DataArray type="Float64" NumberOfComponents="3" format="ascii">0 0 0 1 {x} 0 0 1 0</DataArray>'))
+        yield lie(
+            f"vtk {x}",
+            "a.vtk",
+            f"# vtk DataFile Version 3.0\na\nASCII\nDATASET POLYDATA\nPOINTS 1 double\n0 {x} 0\nVERTICES 1 2\n1 0\n",
+        )
+        yield lie(
+            f"vtp {x}",
+            "a.vtp",
+            vtp(
+                data=f'<DataArray type="Float64" NumberOfComponents="3" format="ascii">0 0 0 1 {x} 0 0 1 0</DataArray>'
+            ),
+        )
         yield lie(f"tps {x}", "a.tps", f"LM=3\n0 0\n1 {x}\n2 1\nID=a\n", place="line")
         yield lie(f"nts {x}", "a.nts", f"1 1 6 0 DIM=2\n0 0 1 {x} 2 1\n")
         yield lie(f"csv {x}", "a.csv", f"id,x1,y1,x2,y2,x3,y3\na,0,0,1,{x},2,1\n")
@@ -219,7 +339,14 @@ def overflows(seeds):
         if abs(number) < 1e308:
             continue
         yield lie(f"gifti {x}", "a.gii", gifti(points=[[0.0, float("inf"), 0.0]] + SPACE[1:]))
-        yield lie(f"stl {x}", "a.stl", bytes(80) + struct.pack("<I", 1) + struct.pack("<12f", 0, 0, 0, 0, float("inf"), 0, 1, 0, 0, 0, 1, 0) + b"\0\0")
+        yield lie(
+            f"stl {x}",
+            "a.stl",
+            bytes(80)
+            + struct.pack("<I", 1)
+            + struct.pack("<12f", 0, 0, 0, 0, float("inf"), 0, 1, 0, 0, 0, 1, 0)
+            + b"\0\0",
+        )
 
 
 def bombs(seeds, size):
@@ -230,14 +357,30 @@ def bombs(seeds, size):
     yield lie("zeros in gzip", "a.stl.gz", packed(b"\0", size), place=None)
     yield lie("gzip in gzip", "a.ndjson.gz", gzip.compress(packed(b"\0", size), mtime=0), place=None)
     yield lie("spaces in a zip", "a.zip", archive([("a.geojson", b" " * size)]), place="entry")
-    yield lie("zeros in an array", "a.npz", archive([("points.npy", npy((size // 48, 3, 2), bytes(size // 48 * 48)))]), expect=EITHER, place=None)
-    yield lie("one array many times", "a.npz", archive([(f"a{k}.npy", npy((1000, 3, 2), bytes(48_000))) for k in range(2000)]))
+    yield lie(
+        "zeros in an array",
+        "a.npz",
+        archive([("points.npy", npy((size // 48, 3, 2), bytes(size // 48 * 48)))]),
+        expect=EITHER,
+        place=None,
+    )
+    yield lie(
+        "one array many times", "a.npz", archive([(f"a{k}.npy", npy((1000, 3, 2), bytes(48_000))) for k in range(2000)])
+    )
     yield lie("two regions of one name", "a.roi.zip", twins("a.roi", seeds["imagej-roi"].data), place=None)
     yield lie("many empty files", "a.zip", archive([(f"{k}", b"") for k in range(60_000)]), place=None)
-    yield lie("many files of one place", "a.zip", overlapping(seeds["tps"].data + b"\n" * 60_000, 500), expect=EITHER, place=None)
+    yield lie(
+        "many files of one place",
+        "a.zip",
+        overlapping(seeds["tps"].data + b"\n" * 60_000, 500),
+        expect=EITHER,
+        place=None,
+    )
     yield lie("a picture of zeros", "a.png", png(30_000, 30_000, bytes(size // 4)[: 30_000 * 30]), place=None)
     yield lie("a wide picture of zeros", "a.png", png(1 << 20, 1 << 10, bytes(size)), place=None)
-    yield lie("a volume of zeros", "a.nii.gz", gzip.compress(nifti((2000, 2000, 2000), bytes(size)), mtime=0), place=None)
+    yield lie(
+        "a volume of zeros", "a.nii.gz", gzip.compress(nifti((2000, 2000, 2000), bytes(size)), mtime=0), place=None
+    )
 
 
 def masses(seeds, size):
@@ -247,29 +390,60 @@ def masses(seeds, size):
     feature = lambda properties, geometry: f'{{"type":"Feature","properties":{properties},"geometry":{geometry}}}'
     point = '{"type":"Point","coordinates":[0,0]}'
     yield lie("a property of small objects", "a.geojson", feature(f'{{"a":[{objects}]}}', point))
-    yield lie("a collection of nothing", "a.geojson", feature("{}", f'{{"type":"GeometryCollection","geometries":[{small("{},", "{}")}]}}'))
+    yield lie(
+        "a collection of nothing",
+        "a.geojson",
+        feature("{}", f'{{"type":"GeometryCollection","geometries":[{small("{},", "{}")}]}}'),
+    )
     rings = ",".join(["[[[0,0],[1,0],[1,1],[0,0]]]"] * 400)
-    yield lie("rings with long properties", "a.geojson", feature(json.dumps({"a": "x" * (size >> 5)}), f'{{"type":"MultiPolygon","coordinates":[{rings}]}}'), expect=EITHER, breaks=True)
+    yield lie(
+        "rings with long properties",
+        "a.geojson",
+        feature(json.dumps({"a": "x" * (size >> 5)}), f'{{"type":"MultiPolygon","coordinates":[{rings}]}}'),
+        expect=EITHER,
+        breaks=True,
+    )
     yield lie("an image of small objects", "a.coco.json", f'{{"images":[{{"id":1,"a":[{objects}]}}],"annotations":[]}}')
-    yield lie("empty points", "a.mrk.json", f'{{"markups":[{{"type":"Curve","controlPoints":[{small("{},", "{}")}]}}]}}', place=None)
+    yield lie(
+        "empty points",
+        "a.mrk.json",
+        f'{{"markups":[{{"type":"Curve","controlPoints":[{small("{},", "{}")}]}}]}}',
+        place=None,
+    )
     yield lie("subjects of one value", "a.swproj", f'{{"data":[{objects[:-1]}{{}}]}}', place=None)
     yield lie("rows of one cell", "a.xlsx", workbook(small("<row><c><v>1</v></c></row>", "")), place=None)
-    yield lie("shapes of two bytes", "a.npz", archive([("points.npy", npy((size // 2, 1, 2), bytes(size), "|u1"))]), expect=EITHER, place=None)
+    yield lie(
+        "shapes of two bytes",
+        "a.npz",
+        archive([("points.npy", npy((size // 2, 1, 2), bytes(size), "|u1"))]),
+        expect=EITHER,
+        place=None,
+    )
     yield lie("empty items", "a.dcm", Dicom().file(Dicom().sequence(0x30060039, [b""] * (size // 8))), expect=EITHER)
-    yield lie("points of a collection", "a.wkt", f"GEOMETRYCOLLECTION({small('POINT(0 0),', 'POINT(0 0)')})", expect=EITHER, place=None)
+    yield lie(
+        "points of a collection",
+        "a.wkt",
+        f"GEOMETRYCOLLECTION({small('POINT(0 0),', 'POINT(0 0)')})",
+        expect=EITHER,
+        place=None,
+    )
 
 
 def workbook(rows):
     """A workbook whose first sheet has these rows."""
     schema = "http://schemas.openxmlformats.org"
     document = f"{schema}/officeDocument/2006/relationships"
-    target = lambda kind, path: f'<Relationships xmlns="{schema}/package/2006/relationships"><Relationship Id="r" Type="{document}/{kind}" Target="{path}"/></Relationships>'
-    sheet = f'{schema}/spreadsheetml/2006/main'
+    target = lambda kind, path: (
+        f'<Relationships xmlns="{schema}/package/2006/relationships"><Relationship Id="r" '
+        f'Type="{document}/{kind}" Target="{path}"/></Relationships>'
+    )
+    sheet = f"{schema}/spreadsheetml/2006/main"
     parts = {
         "[Content_Types].xml": f'<Types xmlns="{schema}/package/2006/content-types"/>',
         "_rels/.rels": target("officeDocument", "xl/workbook.xml"),
         "xl/_rels/workbook.xml.rels": target("worksheet", "worksheets/sheet1.xml"),
-        "xl/workbook.xml": f'<workbook xmlns="{sheet}" xmlns:r="{document}"><sheets><sheet name="data" sheetId="1" r:id="r"/></sheets></workbook>',
+        "xl/workbook.xml": f'<workbook xmlns="{sheet}" xmlns:r="{document}"><sheets><sheet name="data" '
+        f'sheetId="1" r:id="r"/></sheets></workbook>',
         "xl/worksheets/sheet1.xml": f'<worksheet xmlns="{sheet}"><sheetData>{rows}</sheetData></worksheet>',
     }
     return archive([(name, content.encode()) for name, content in parts.items()])
@@ -305,10 +479,23 @@ def twins(name, content):
 def names(seeds):
     """Names that lead out of an archive, or that are those of others."""
     content = seeds["tps"].data
-    for name in ("../a.tps", "/etc/a.tps", "a/../../b.tps", "C:\\a.tps", "a\\..\\..\\b.tps", "//host/a.tps", "\\\\host\\a.tps"):
+    for name in (
+        "../a.tps",
+        "/etc/a.tps",
+        "a/../../b.tps",
+        "C:\\a.tps",
+        "a\\..\\..\\b.tps",
+        "//host/a.tps",
+        "\\\\host\\a.tps",
+    ):
         yield lie(f"zip of {name}", "a.zip", archive([("fine.tps", content), (name, content)]), place="entry")
     # The library ends names at a zero: it is put in afterwards.
-    yield lie("zip of a name with a zero", "a.zip", archive([("aX.tps", content)]).replace(b"aX.tps", b"a\0.tps"), place="entry")
+    yield lie(
+        "zip of a name with a zero",
+        "a.zip",
+        archive([("aX.tps", content)]).replace(b"aX.tps", b"a\0.tps"),
+        place="entry",
+    )
     link = zipfile.ZipInfo("link.tps")
     link.external_attr = 0o120777 << 16
     yield lie("zip of a link", "a.zip", archive([(link, b"/etc/passwd")]))
@@ -327,7 +514,7 @@ def archives(seeds, depth):
     for k in range(depth):
         deep = archive([(f"{k}.zip", deep)])
     yield lie(f"{depth} zips in each other", "a.zip", deep, place="entry")
-    for k in range(depth):
+    for _ in range(depth):
         deep = gzip.compress(deep, mtime=0)
     yield lie(f"{depth} gzips around it", "a.zip.gz", deep, place=None)
     yield lie("a wrong sum in zip", "a.zip", wrong_sum(seeds), place="entry")
@@ -341,4 +528,21 @@ def wrong_sum(seeds):
     return bytes(data)
 
 
-GROUPS = {function.__name__: function for function in (cut, changed, order, counts, cycles, nests, encodings, frames, overflows, bombs, masses, names, archives)}
+GROUPS = {
+    function.__name__: function
+    for function in (
+        cut,
+        changed,
+        order,
+        counts,
+        cycles,
+        nests,
+        encodings,
+        frames,
+        overflows,
+        bombs,
+        masses,
+        names,
+        archives,
+    )
+}

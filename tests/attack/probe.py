@@ -11,9 +11,12 @@ import json
 import sys
 import time
 
-TINY = {"representation": {"kind": "closed_curve", "dimension": 2, "control_points": 6, "generator": {"name": "cubic"}},
-        "transformation": "similarity", "reference": {"points": [[2, 0], [1, 1], [-1, 1], [-2, 0], [-1, -1], [1, -1]]},
-        "shapes": [{"points": [[5, 9], [3, 7], [3, 3], [5, 1], [7, 3], [7, 6]]}]}
+TINY = {
+    "representation": {"kind": "closed_curve", "dimension": 2, "control_points": 6, "generator": {"name": "cubic"}},
+    "transformation": "similarity",
+    "reference": {"points": [[2, 0], [1, 1], [-1, 1], [-2, 0], [-1, -1], [1, -1]]},
+    "shapes": [{"points": [[5, 9], [3, 7], [3, 3], [5, 1], [7, 3], [7, 6]]}],
+}
 
 
 def probe(host, port, seconds, interval, authorization):

@@ -1,6 +1,7 @@
 """Requests written as recipes: JSON in which a node with a `$` stands for something large.
 
-    {"$repeat": X, "times": n}            n copies of X in the list around it; with "vary", `$points` in X get seeds of their own
+    {"$repeat": X, "times": n}            n copies of X in the list around it; with "vary", `$points` in X get seeds of
+    their own
     {"$points": {"kind": "circle", ...}}  a list of points, see `points`
     {"$string": "a", "times": n}          a long string
     {"$nest": n}                          n lists inside of each other
@@ -22,8 +23,8 @@ from random import Random
 LEVEL = 6
 # Between the parts of a form.
 BOUNDARY = "boundary-of-parts"
-# Characters of one repetition: four times the longest body that the service reads. A search multiplies recipes inside of each
-# other, and must not fill the memory of its own machine.
+# Characters of one repetition: four times the longest body that the service reads. A search multiplies recipes inside
+# of each other, and must not fill the memory of its own machine.
 LONGEST = 256 << 20
 
 
@@ -59,8 +60,10 @@ class Recipe:
         return (one + ",") * (times - 1) + (one if times > 0 else "")
 
     def _points(self, node, turn):
-        settings = {key: self.number(value) if not isinstance(value, str) or value[:1] == "$" else value
-                    for key, value in node["$points"].items()}
+        settings = {
+            key: self.number(value) if not isinstance(value, str) or value[:1] == "$" else value
+            for key, value in node["$points"].items()
+        }
         settings["seed"] = settings.get("seed", 1) + turn
         return json.dumps(points(**settings), separators=(",", ":"))
 
@@ -100,7 +103,8 @@ class Recipe:
         return (gzip.compress(plain, LEVEL, mtime=0) if self.number(request.get("gzip")) else plain), len(plain)
 
     def _lines(self, request):
-        """Pieces of text one after the other, each so many times; compressed as they are made, for they may be gigabytes."""
+        """Pieces of text one after the other, each so many times; compressed as they are made, for they may be
+        gigabytes."""
         packer = zlib.compressobj(LEVEL, wbits=31) if self.number(request.get("gzip")) else None
         chunks, size = [], 0
         for piece in request["raw"]:
@@ -120,9 +124,9 @@ class Recipe:
 def points(kind="circle", count=8, dimension=2, scale=1.0, offset=0.0, seed=1, at=None, by=1.0, which=3):
     """Points of a shape.
 
-    `circle` (with three bumps of its own), `round` (without), `random` (in a box), `line`, `spike` (all equal but one, moved by `by` in the first
-    coordinate), `collapsed` (all equal), `walk` (steps at random), `zigzag`, `sphere` (spread over one). `scale` and then `offset`
-    act on all coordinates.
+    `circle` (with three bumps of its own), `round` (without), `random` (in a box), `line`, `spike` (all equal but one,
+    moved by `by` in the first coordinate), `collapsed` (all equal), `walk` (steps at random), `zigzag`, `sphere`
+    (spread over one). `scale` and then `offset` act on all coordinates.
     """
     random = Random(seed)
     centre = at if isinstance(at, list) else [0.0 if at is None else at] * dimension
@@ -162,10 +166,14 @@ def _sphere(count, dimension, random):
 
 _MAKERS = {
     "circle": _circle,
-    "round": lambda count, dimension, _: [[cos(2 * pi * k / count), sin(2 * pi * k / count), 0.0][:dimension] for k in range(count)],
+    "round": lambda count, dimension, _: [
+        [cos(2 * pi * k / count), sin(2 * pi * k / count), 0.0][:dimension] for k in range(count)
+    ],
     "walk": _walk,
     "sphere": _sphere,
-    "random": lambda count, dimension, random: [[random.uniform(-1, 1) for _ in range(dimension)] for _ in range(count)],
+    "random": lambda count, dimension, random: [
+        [random.uniform(-1, 1) for _ in range(dimension)] for _ in range(count)
+    ],
     "line": lambda count, dimension, _: [[float(k)] + [0.0] * (dimension - 1) for k in range(count)],
     "zigzag": lambda count, dimension, _: [[k / count, float(k % 2), 0.0][:dimension] for k in range(count)],
     "collapsed": lambda count, dimension, _: [[0.0] * dimension for _ in range(count)],

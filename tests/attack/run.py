@@ -1,15 +1,16 @@
 #!/usr/bin/env python3
 """Sends the requests of an attack to the program and checks that every one is answered, or refused, within its bounds.
 
-    tests/attack/run.py small [--binary target/debug/shapelex]     as `make test-all` does: small sizes, bounds on memory and status
+    tests/attack/run.py small [--binary target/debug/shapelex]     as `make test-all` does: small sizes, bounds on
+    memory and status
     tests/attack/run.py full --binary target/release/shapelex      the sizes that were found, bounds on time too
     tests/attack/run.py full --binary … --table                    the same as a Markdown table, for docs/reliability.md
     tests/attack/run.py small --open --only '^C1'                  also those that open.json says are not mended yet
     tests/attack/run.py replay FILE --binary …                     requests that benches/attack has saved
 
-Cases are data (cases/*.json): a request as a recipe (recipe.py), the statuses that are right, and the bounds; or a scenario of
-several requests (scenarios.py). Memory is the peak of a process that had done nothing else of weight. `before` is what commit
-695ea30 did. The last line is `N passed, N failed`.
+Cases are data (cases/*.json): a request as a recipe (recipe.py), the statuses that are right, and the bounds; or a
+scenario of several requests (scenarios.py). Memory is the peak of a process that had done nothing else of weight.
+`before` is what commit 695ea30 did. The last line is `N passed, N failed`.
 """
 
 import argparse
@@ -25,6 +26,7 @@ from itertools import product
 from pathlib import Path
 
 from recipe import BOUNDARY, Recipe
+
 from service import KILL_BEYOND, MIB, Service, Skipped
 
 HERE = Path(__file__).resolve().parent
@@ -32,27 +34,44 @@ ROOT = HERE.parent.parent
 
 # Bounds of the issue: a request that takes longer, or more, is a failure, whatever it answers.
 FULL = {"seconds": 10, "mb": 512}
-# A program built for tests is slow, and machines of CI are shared: what is meant to end must end, no more is asked of time.
+# A program built for tests is slow, and machines of CI are shared: what is meant to end must end, no more is asked of
+# time.
 SMALL = {"seconds": 30, "mb": 512}
 TIMELESS = {"seconds": SMALL["seconds"]}
 # Without an answer in this time a request hangs, however busy the machine is.
 HANG_SECONDS = 60
-# What any request may take beside its body, in bytes, however long that is: 100 000 shapes of a list (--max-shapes) that are kept before it
-# is refused, of 336 B each, and buffers of the connection, stacks of threads that wake up, pages of the allocator. What is sent is long
-# enough to pass it if it is not bounded.
+# What any request may take beside its body, in bytes, however long that is: 100 000 shapes of a list (--max-shapes)
+# that are kept before it is refused, of 336 B each, and buffers of the connection, stacks of threads that wake up,
+# pages of the allocator. What is sent is long enough to pass it if it is not bounded.
 SLACK = 64 * MIB
 # Memory that a service may keep between two cases: beyond it the next one gets a process of its own.
 AT_REST = 8 * MIB
 
-TRIANGLES = [[[0, 0], [4, 0], [4, 1]], [[0, 0], [3, 0], [4, 2]], [[0, 1], [3, 0], [5, 2]],
-             [[0, 0], [2, 0], [2, 2]], [[1, 0], [3, 1], [2, 5]], [[0, 2], [2, 0], [1, 4]]]
+TRIANGLES = [
+    [[0, 0], [4, 0], [4, 1]],
+    [[0, 0], [3, 0], [4, 2]],
+    [[0, 1], [3, 0], [5, 2]],
+    [[0, 0], [2, 0], [2, 2]],
+    [[1, 0], [3, 1], [2, 5]],
+    [[0, 2], [2, 0], [1, 4]],
+]
 
 
 def filled(text, variables):
     """`{name}` and `{name[key]}` of a text; other braces stay."""
+
     def value(match):
         found = variables.get(match[1], match[0])
-        return str(found[match[2]] if match[2] else found if isinstance(found, str) else json.dumps(found) if match[1] in variables else found)
+        return str(
+            found[match[2]]
+            if match[2]
+            else found
+            if isinstance(found, str)
+            else json.dumps(found)
+            if match[1] in variables
+            else found
+        )
+
     return re.sub(r"\{(\w+)(?:\[(\w+)\])?\}", value, text)
 
 
@@ -82,8 +101,14 @@ def load(bounds):
             for variant in found:
                 variables = {**case.get("vars", {}), **small, **variant}
                 # Time is bounded as the case says only where the program is built for speed.
-                limits = {**FULL, **case.get("bounds", {})} if bounds == "full" else {**SMALL, **case.get("bounds", {}), **TIMELESS}
-                cases.append({**case, "variables": variables, "bounds": limits, "name": filled(case["name"], variables)})
+                limits = (
+                    {**FULL, **case.get("bounds", {})}
+                    if bounds == "full"
+                    else {**SMALL, **case.get("bounds", {}), **TIMELESS}
+                )
+                cases.append(
+                    {**case, "variables": variables, "bounds": limits, "name": filled(case["name"], variables)}
+                )
     return cases
 
 
@@ -92,7 +117,9 @@ def still_open(case):
     if case["finding"] == "saved":
         return None
     known = json.loads((HERE / "open.json").read_text())["cases"]
-    return next((entry["why"] for entry in known if re.search(entry["match"], f"{case['finding']} {case['name']}")), None)
+    return next(
+        (entry["why"] for entry in known if re.search(entry["match"], f"{case['finding']} {case['name']}")), None
+    )
 
 
 class Attack:
@@ -107,13 +134,21 @@ class Attack:
     def furnish(self):
         """A store with a cohort and a dictionary, to be copied."""
         service = Service(self.binary, ["--no-example"], folder=self.folder).start()
-        service.post("/v1/cohorts", {"name": "attacked", "representation": {"kind": "landmarks", "dimension": 2, "points": 3}})
+        service.post(
+            "/v1/cohorts", {"name": "attacked", "representation": {"kind": "landmarks", "dimension": 2, "points": 3}}
+        )
         names = ["one", "two", "three", "four", "five", "six"]
-        shapes = [{"external_id": name, "label": "ab"[k % 2], "subject": f"s{k // 2}", "points": points}
-                  for k, (name, points) in enumerate(zip(names, TRIANGLES))]
+        shapes = [
+            {"external_id": name, "label": "ab"[k % 2], "subject": f"s{k // 2}", "points": points}
+            for k, (name, points) in enumerate(zip(names, TRIANGLES))
+        ]
         service.post("/v1/cohorts/attacked/shapes", {"shapes": shapes})
-        learn = {"name": "modes", "cohort": "attacked", "transformation": "similarity",
-                 "method": {"kind": "functional_pca", "components": 2, "centre": True}}
+        learn = {
+            "name": "modes",
+            "cohort": "attacked",
+            "transformation": "similarity",
+            "method": {"kind": "functional_pca", "components": 2, "centre": True},
+        }
         service.post("/v1/dictionaries", learn, {"prefer": "wait=50"})
         if service.stop() != 0:
             raise SystemExit("the service does not stop in order")
@@ -152,7 +187,9 @@ def request_of(case, service):
     body, plain = Recipe(variables).body(case)
     headers = {fill(name): fill(value) for name, value in case.get("headers", {}).items()}
     if body is not None:
-        headers.setdefault("content-type", f"multipart/form-data; boundary={BOUNDARY}" if "form" in case else "application/json")
+        headers.setdefault(
+            "content-type", f"multipart/form-data; boundary={BOUNDARY}" if "form" in case else "application/json"
+        )
         if Recipe(variables).number(case.get("gzip")):
             headers["content-encoding"] = "gzip"
     path = fill(case.get("path", ""))
@@ -178,8 +215,14 @@ def send(attack, case):
     limits = case["bounds"]
     with service.watched(KILL_BEYOND[attack.bounds]) as watch:
         answer = service.send(method, path, body, headers, timeout=HANG_SECONDS)
-    figures = {"bytes": len(body or b"") or len(path), "status": answer.status, "seconds": answer.seconds,
-               "cpu": watch.cpu, "mb": watch.above_idle / 1e6, "answer": answer.size}
+    figures = {
+        "bytes": len(body or b"") or len(path),
+        "status": answer.status,
+        "seconds": answer.seconds,
+        "cpu": watch.cpu,
+        "mb": watch.above_idle / 1e6,
+        "answer": answer.size,
+    }
     most = limits["mb"] * 1e6
     if "times" in limits:
         most = min(most, limits["times"] * plain + SLACK)
@@ -196,7 +239,9 @@ def faults(case, service, answer, watch, most):
     elif answer.status is None:
         yield f"no answer in {answer.seconds:.0f} s: {answer.error}"
     elif answer.status not in case["expect"]:
-        yield f"answered {answer.status}, expected one of {case['expect']}: {answer.body[:160].decode(errors='replace')}"
+        yield (
+            f"answered {answer.status}, expected one of {case['expect']}: {answer.body[:160].decode(errors='replace')}"
+        )
     if watch.above_idle > most:
         yield f"took {watch.above_idle / 1e6:.0f} MB, expected at most {most / 1e6:.0f}"
     # Where others have the processors, a request waits for them: then the work that it took is what is bounded.
@@ -284,7 +329,12 @@ def bytes_text(case, figures):
 
 def line_text(verdict, case, figures, wrong):
     """One line a case."""
-    parts = [f"{verdict:4} {case['finding']:5} {case['name']}", bytes_text(case, figures), f"before: {before_text(case)}", f"now: {now_text(figures)}"]
+    parts = [
+        f"{verdict:4} {case['finding']:5} {case['name']}",
+        bytes_text(case, figures),
+        f"before: {before_text(case)}",
+        f"now: {now_text(figures)}",
+    ]
     return " | ".join(parts) + "".join(f"\n       {what}" for what in wrong)
 
 
@@ -328,7 +378,9 @@ def main():
         for case in cases:
             verdict, figures, wrong = examine(attack, case)
             counts[verdict] += 1
-            report.append({"verdict": verdict, "finding": case["finding"], "name": case["name"], **figures, "wrong": wrong})
+            report.append(
+                {"verdict": verdict, "finding": case["finding"], "name": case["name"], **figures, "wrong": wrong}
+            )
             print((table_row if arguments.table else line_text)(verdict, case, figures, wrong), flush=True)
     finally:
         attack.remove()

@@ -1,7 +1,7 @@
 """Cases that take more than one request: several clients, a stop, a damaged file.
 
-Each function is a case of cases/*.json by its name, gets the variables of the case, and answers with its figures (`says` is what
-the report prints) and what is wrong. `attack` starts services on copies of a furnished store.
+Each function is a case of cases/*.json by its name, gets the variables of the case, and answers with its figures
+(`says` is what the report prints) and what is wrong. `attack` starts services on copies of a furnished store.
 """
 
 import json
@@ -21,6 +21,7 @@ from pathlib import Path
 import hostile
 from recipe import Recipe, points
 from seeds import all_seeds
+
 from service import KILL_BEYOND, MIB, Service, Skipped, exchange, head, known_flags, percentile, send_and_leave
 
 HERE = Path(__file__).resolve().parent
@@ -30,11 +31,18 @@ GZIP = {"content-encoding": "gzip"}
 PATIENCE = 150
 
 CURVE = {"kind": "closed_curve", "dimension": 2, "control_points": 8, "generator": {"name": "cubic"}}
-ENDLESS = {"representation": CURVE, "shapes": [{"points": {"$points": {"kind": "collapsed", "at": 1000}}}],
-           "reference": {"points": {"$points": {"kind": "spike", "at": 1000, "by": -1000}}}}
+ENDLESS = {
+    "representation": CURVE,
+    "shapes": [{"points": {"$points": {"kind": "collapsed", "at": 1000}}}],
+    "reference": {"points": {"$points": {"kind": "spike", "at": 1000, "by": -1000}}},
+}
 TINY_EVALUATE = {"representation": CURVE, "samples": 8, "shapes": [{"points": {"$points": {"kind": "circle"}}}]}
-TINY_PROJECT = {"representation": CURVE, "transformation": "similarity", "shapes": [{"points": {"$points": {"kind": "circle"}}}],
-                "reference": {"points": {"$points": {"kind": "circle", "seed": 2}}}}
+TINY_PROJECT = {
+    "representation": CURVE,
+    "transformation": "similarity",
+    "shapes": [{"points": {"$points": {"kind": "circle"}}}],
+    "reference": {"points": {"$points": {"kind": "circle", "seed": 2}}},
+}
 TRIANGLE = {"shapes": [{"points": [[0, 0], [4, 0], [4, 1]]}]}
 ANSWERED = (200, 201, 202)
 
@@ -51,7 +59,9 @@ def started(attack, flags=(), tenants=False, **settings):
     try:
         keys = {}
         if tenants:
-            keys = {name: service.key(name, "writer", name) for name in ("a", "b")} | {"admin": service.key("admin", "admin")}
+            keys = {name: service.key(name, "writer", name) for name in ("a", "b")} | {
+                "admin": service.key("admin", "admin")
+            }
         service.start()
         for name in ("a", "b") if tenants else ():
             landmarks = {"kind": "landmarks", "dimension": 2, "points": 3}
@@ -93,6 +103,7 @@ def together(tasks):
 
     def run(k):
         results[k] = tasks[k]()
+
     threads = [threading.Thread(target=run, args=(k,), daemon=True) for k in range(len(tasks))]
     for thread in threads:
         thread.start()
@@ -116,7 +127,9 @@ def measures_hold_no_lane(attack, count, leave, pad, seconds):
             answer = service.send("POST", path, recipe(node), {**JSON, **keys["b"]}, timeout=seconds)
             slowest = max(slowest, answer.seconds)
             if answer.status not in ANSWERED:
-                wrong.append(f"{path} of another tenant: {answer.status} after {answer.seconds:.1f} s {answer.error or ''}")
+                wrong.append(
+                    f"{path} of another tenant: {answer.status} after {answer.seconds:.1f} s {answer.error or ''}"
+                )
         if not service.quiet(1.0):
             wrong.append("the work goes on after the clients have gone")
         return {"bytes": len(body), "says": f"others answered, slowest {slowest:.2f} s"}, aftermath(service, wrong)
@@ -127,10 +140,14 @@ def stored_tiny_curves(attack, shapes, seconds):
     with started(attack) as (service, _):
         service.post("/v1/cohorts", {"name": "tiny", "representation": CURVE})
         rows = [{"label": "ab"[k % 2], "points": points("circle", 8, scale=1e-158, seed=k)} for k in range(shapes)]
-        stored = service.send("POST", "/v1/cohorts/tiny/shapes", json.dumps({"shapes": rows}).encode(), JSON, timeout=seconds)
+        stored = service.send(
+            "POST", "/v1/cohorts/tiny/shapes", json.dumps({"shapes": rows}).encode(), JSON, timeout=seconds
+        )
         wrong, says = [], [f"stored: {stored.status}"]
-        asked = {"/v1/comparisons": {"cohort": "tiny", "by": "label", "permutations": 19},
-                 "/v1/regressions": {"cohort": "tiny", "attribute": "log_centroid_size", "permutations": 19}}
+        asked = {
+            "/v1/comparisons": {"cohort": "tiny", "by": "label", "permutations": 19},
+            "/v1/regressions": {"cohort": "tiny", "attribute": "log_centroid_size", "permutations": 19},
+        }
         for path, body in asked.items():
             headers = {**JSON, "prefer": f"wait={seconds}"}
             answer = service.send("POST", path, json.dumps(body).encode(), headers, timeout=seconds + 5)
@@ -167,7 +184,9 @@ def bodies_at_once(attack, item, n, count, mb):
         wrong = [f"answered {status}" for status in set(statuses) - {400, 413, 422, 503}]
         if watch.above_idle > mb * 1e6:
             wrong.append(f"took {watch.above_idle / 1e6:.0f} MB, expected at most {mb}")
-        return {"bytes": len(body), "says": f"{watch.cpu:.1f} CPU s, {watch.above_idle / 1e6:.0f} MB"}, aftermath(service, wrong)
+        return {"bytes": len(body), "says": f"{watch.cpu:.1f} CPU s, {watch.above_idle / 1e6:.0f} MB"}, aftermath(
+            service, wrong
+        )
 
 
 def quota_flag(attack, megabytes):
@@ -180,8 +199,12 @@ def quota_flag(attack, megabytes):
 def memory_quota(attack, max_memory_mb, count, n):
     """Good bodies, more than fit: refused by the service, not by the kernel."""
     rows = {"$repeat": {"points": [[0, 0], [4, 0], [4, 1]]}, "times": n // 25}
-    node = {"representation": {"kind": "landmarks", "dimension": 2, "points": 3}, "transformation": "similarity",
-            "reference": {"points": [[0, 0], [3, 0], [4, 2]]}, "shapes": [rows]}
+    node = {
+        "representation": {"kind": "landmarks", "dimension": 2, "points": 3},
+        "transformation": "similarity",
+        "reference": {"points": [[0, 0], [3, 0], [4, 2]]},
+        "shapes": [rows],
+    }
     body = recipe(node, gzip=True)
     with started(attack, [quota_flag(attack, max_memory_mb)]) as (service, _):
         with service.watched(KILL_BEYOND[attack.bounds]) as watch:
@@ -269,8 +292,14 @@ def http2_frame(kind, flags, stream, payload):
 
 def http2_head(address, path, length):
     """The fields of a request as literals without an index and without Huffman codes."""
-    fields = [(":method", "POST"), (":scheme", "http"), (":authority", f"{address[0]}:{address[1]}"), (":path", path),
-              ("content-type", "application/json"), ("content-length", str(length))]
+    fields = [
+        (":method", "POST"),
+        (":scheme", "http"),
+        (":authority", f"{address[0]}:{address[1]}"),
+        (":path", path),
+        ("content-type", "application/json"),
+        ("content-length", str(length)),
+    ]
     return b"".join(b"\0" + bytes([len(n)]) + n.encode() + bytes([len(v)]) + v.encode() for n, v in fields)
 
 
@@ -293,8 +322,15 @@ def http2_frames(connection, seconds):
 
 def window_of_zero(attack, streams, samples, mb):
     """HTTP/2 with a window of zero: answers can never be sent."""
-    body = recipe({"representation": CURVE, "samples": samples, "derivatives": 2, "frames": True,
-                   "shapes": [{"$repeat": {"points": {"$points": {"kind": "circle"}}}, "times": 2}]})
+    body = recipe(
+        {
+            "representation": CURVE,
+            "samples": samples,
+            "derivatives": 2,
+            "frames": True,
+            "shapes": [{"$repeat": {"points": {"$points": {"kind": "circle"}}}, "times": 2}],
+        }
+    )
     if streams * len(body) > HTTP2_WINDOW:
         raise RuntimeError(f"{streams} bodies of {len(body)} bytes are more than a connection takes at once")
     with started(attack) as (service, _):
@@ -302,7 +338,9 @@ def window_of_zero(attack, streams, samples, mb):
             with socket.create_connection(service.address, timeout=30) as connection:
                 # SETTINGS_INITIAL_WINDOW_SIZE = 0, and as many streams as the service lets open.
                 settings = struct.pack(">HI", 4, 0)
-                connection.sendall(b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + http2_frame(4, 0, 0, settings) + http2_frame(4, 1, 0, b""))
+                connection.sendall(
+                    b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + http2_frame(4, 0, 0, settings) + http2_frame(4, 1, 0, b"")
+                )
                 for k in range(streams):
                     stream = 2 * k + 1
                     fields = http2_head(service.address, "/v1/evaluate", len(body))
@@ -316,7 +354,10 @@ def window_of_zero(attack, streams, samples, mb):
             wrong.append(f"{begun} of {streams} answers begin")
         if watch.above_idle > mb * 1e6:
             wrong.append(f"took {watch.above_idle / 1e6:.0f} MB, expected at most {mb}")
-        return {"bytes": streams * len(body), "says": f"{watch.above_idle / 1e6:.0f} MB, {begun} answers begin"}, aftermath(service, wrong)
+        return {
+            "bytes": streams * len(body),
+            "says": f"{watch.above_idle / 1e6:.0f} MB, {begun} answers begin",
+        }, aftermath(service, wrong)
 
 
 # H2
@@ -329,7 +370,9 @@ def heavy_request(kind, n):
     if kind in ("measure", "padded measure"):
         # Spaces made it heavy when weight was by bytes.
         pad = 0 if kind == "measure" else 600 << 10
-        return "/v1/measure", recipe({"representation": curve, "shapes": [walk(1)], "reference": walk(2)}, gzip=pad > 0, pad=pad)
+        return "/v1/measure", recipe(
+            {"representation": curve, "shapes": [walk(1)], "reference": walk(2)}, gzip=pad > 0, pad=pad
+        )
     if kind == "fit":
         cloud = {"points": {"$points": {"kind": "sphere", "count": 8 * n, "dimension": 3}}}
         blob = {"kind": "subdivision", "scheme": "loop", "level": 3, "connectivity": "octahedron/2"}
@@ -337,9 +380,16 @@ def heavy_request(kind, n):
     shapes = [{"$repeat": walk(1), "times": 150, "vary": True}]
     if kind == "align":
         landmarks = {"kind": "landmarks", "dimension": 3, "points": n}
-        body = {"representation": landmarks, "transformation": "similarity", "alignment": "procrustes", "shapes": shapes}
+        body = {
+            "representation": landmarks,
+            "transformation": "similarity",
+            "alignment": "procrustes",
+            "shapes": shapes,
+        }
         return "/v1/align", recipe(body, gzip=True)
-    return "/v1/pca", recipe({"representation": curve, "transformation": "affine", "components": 50, "shapes": shapes}, gzip=True)
+    return "/v1/pca", recipe(
+        {"representation": curve, "transformation": "affine", "components": 50, "shapes": shapes}, gzip=True
+    )
 
 
 def heavy_headers(kind, key):
@@ -359,6 +409,7 @@ def heavy_beside_tiny(attack, kind, heavy, n, seconds, p99_ms):
                 statuses.append(answer.status)
                 # Who was refused tries again when it was told to, or the attack is one of refusals.
                 over.wait(0.05 if answer.status == 503 else 0)
+
         for _ in range(heavy):
             threading.Thread(target=keep_going, daemon=True).start()
         time.sleep(1)
@@ -376,7 +427,14 @@ def heavy_beside_tiny(attack, kind, heavy, n, seconds, p99_ms):
 
 def run_probe(service, seconds, interval, key):
     """The probe as a process of its own."""
-    command = [sys.executable, HERE / "probe.py", *map(str, service.address), str(seconds), str(interval), key.get("authorization", "")]
+    command = [
+        sys.executable,
+        HERE / "probe.py",
+        *map(str, service.address),
+        str(seconds),
+        str(interval),
+        key.get("authorization", ""),
+    ]
     done = subprocess.run(command, capture_output=True, text=True, timeout=seconds + PATIENCE)
     return json.loads(done.stdout)
 
@@ -385,7 +443,10 @@ def light_measures_beside_tiny(attack, count, n, seconds):
     """Measures that were in the light lane by their bytes, left by their clients."""
     path, body = heavy_request("measure", n)
     with started(attack, tenants=True) as (service, keys):
-        together([lambda: send_and_leave(service.address, "POST", path, body, heavy_headers("measure", keys["a"]), 1)] * count)
+        together(
+            [lambda: send_and_leave(service.address, "POST", path, body, heavy_headers("measure", keys["a"]), 1)]
+            * count
+        )
         answer = service.send("POST", "/v1/evaluate", recipe(TINY_EVALUATE), {**JSON, **keys["b"]}, timeout=seconds)
         wrong = [] if answer.status == 200 else [f"evaluate: {answer.status} after {answer.seconds:.1f} s"]
         return {"bytes": len(body), "says": f"evaluate took {answer.seconds:.2f} s"}, aftermath(service, wrong)
@@ -411,8 +472,12 @@ def slow_files_beside_files(attack, count, seconds):
         finally:
             for connection in slow:
                 connection.close()
-        wrong = [f"{number} files of the other tenant: {status}" for status, number in statuses.items() if status != 200]
-        says = f"{len(took)} files beside {count} slow ones: p99 {1000 * percentile(took, 99):.0f} ms, statuses {statuses}"
+        wrong = [
+            f"{number} files of the other tenant: {status}" for status, number in statuses.items() if status != 200
+        ]
+        says = (
+            f"{len(took)} files beside {count} slow ones: p99 {1000 * percentile(took, 99):.0f} ms, statuses {statuses}"
+        )
         return {"bytes": count * 500 * len(line), "says": says}, aftermath(service, wrong)
 
 
@@ -474,7 +539,12 @@ def jobs_beside_a_job(attack, jobs, shapes, atoms, seconds):
             body = sparse_learning(f"heavy-{k}", atoms, 10000, k)
             status = service.send("POST", "/v1/dictionaries", body, {**JSON, **keys["a"]}).status
             statuses[status] = statuses.get(status, 0) + 1
-        small = {"name": "small", "cohort": "curves", "transformation": "similarity", "method": {"kind": "functional_pca", "components": 2}}
+        small = {
+            "name": "small",
+            "cohort": "curves",
+            "transformation": "similarity",
+            "method": {"kind": "functional_pca", "components": 2},
+        }
         begin = time.monotonic()
         answer = service.send("POST", "/v1/dictionaries", json.dumps(small).encode(), {**JSON, **keys["b"]})
         wrong = [f"a heavy job: {status}" for status in statuses if status not in (202, 422, 429, 503)]
@@ -514,9 +584,12 @@ def refusals_are_counted(attack, seconds, clients, most_entries, most_bytes, pat
                 answer.read()
                 count[answer.status] = count.get(answer.status, 0) + 1
             return count
+
         counts = together([refused] * clients)
         time.sleep(1)
-        total = {status: sum(count.get(status, 0) for count in counts) for status in {s for count in counts for s in count}}
+        total = {
+            status: sum(count.get(status, 0) for count in counts) for status in {s for count in counts for s in count}
+        }
         written = stored_bytes(service) - before
         entries = trail(service)
         # A route that does not exist may be said to be missing before anybody is asked for a key.
@@ -550,7 +623,8 @@ def trail(service):
 
 
 def emptied(database):
-    """Bytes of a database once its log is emptied into it: every transaction in the log ends with the number of pages then."""
+    """Bytes of a database once its log is emptied into it: every transaction in the log ends with the number of pages
+    then."""
     size, log = database.stat().st_size, Path(f"{database}-wal").read_bytes()
     for frame in range(32, len(log), 24 + PAGE):
         if log[frame + 8 : frame + 16] != log[16:24]:
@@ -561,7 +635,8 @@ def emptied(database):
 
 
 def reads_on_a_full_disk(attack, reads, room):
-    """No file can grow by more than `room`: reads go on, a write is refused, the process lives, and is ready when there is room."""
+    """No file can grow by more than `room`: reads go on, a write is refused, the process lives, and is ready when there
+    is room."""
     largest = max(path.stat().st_size for path in attack.open_store.iterdir())
     with started(attack, file_bytes=largest + room) as (service, _):
         statuses, slowest = {}, 0.0
@@ -572,7 +647,9 @@ def reads_on_a_full_disk(attack, reads, room):
             if answer.status != 200 or service.ended():
                 break
         shapes = [{"points": points("random", 3, seed=k)} for k in range(20000)]
-        write = service.send("POST", "/v1/cohorts/attacked/shapes", json.dumps({"shapes": shapes}).encode(), JSON, timeout=PATIENCE)
+        write = service.send(
+            "POST", "/v1/cohorts/attacked/shapes", json.dumps({"shapes": shapes}).encode(), JSON, timeout=PATIENCE
+        )
         after = service.send("GET", "/v1/cohorts", timeout=PATIENCE)
         wrong = [f"{count} reads: {status}" for status, count in statuses.items() if status != 200]
         if write.status not in (503, 507):
@@ -581,7 +658,8 @@ def reads_on_a_full_disk(attack, reads, room):
             wrong.append(f"a read after the refused write: {after.status} after {after.seconds:.1f} s")
         if slowest > 5:
             wrong.append(f"a read took {slowest:.1f} s")
-        # While the database can grow enough, its log can be emptied into it. The trail of the reads may have filled both.
+        # While the database can grow enough, its log can be emptied into it. The trail of the reads may have filled
+        # both.
         left = service.file_bytes - emptied(service.folder / "data" / "shapelex.db")
         if left >= PAGE and not service.ended() and not ready_within(service, RECOVERY):
             wrong.append(f"is not ready with {left} bytes left for the database")
@@ -599,11 +677,15 @@ def metadata_bound(attack, taken, refused):
         statuses = []
         for size in (taken, refused):
             shape = {"points": [[0, 0], [4, 0], [4, 1]], "metadata": {"text": "a" * size}}
-            statuses.append(service.send("POST", "/v1/cohorts/attacked/shapes", json.dumps({"shapes": [shape]}).encode(), JSON))
+            statuses.append(
+                service.send("POST", "/v1/cohorts/attacked/shapes", json.dumps({"shapes": [shape]}).encode(), JSON)
+            )
         wrong = [] if statuses[0].status == 201 else [f"{taken} bytes: {statuses[0].status}"]
         if statuses[1].status != 422 or b"/shapes/0/metadata" not in statuses[1].body:
             wrong.append(f"{refused} bytes: {statuses[1].status} {statuses[1].body[:120]}")
-        return {"says": f"{taken} B: {statuses[0].status}, {refused} B: {statuses[1].status}"}, aftermath(service, wrong)
+        return {"says": f"{taken} B: {statuses[0].status}, {refused} B: {statuses[1].status}"}, aftermath(
+            service, wrong
+        )
 
 
 def store_is_private(attack):
@@ -642,7 +724,11 @@ def clock_shim(folder):
     if not compiler:
         raise Skipped("no C compiler for the library that moves the clock")
     (folder / "clock.c").write_text(SHIM)
-    done = subprocess.run([compiler, "-shared", "-fPIC", "-O1", "-o", folder / "clock.so", folder / "clock.c", "-ldl"], capture_output=True, text=True)
+    done = subprocess.run(
+        [compiler, "-shared", "-fPIC", "-O1", "-o", folder / "clock.so", folder / "clock.c", "-ldl"],
+        capture_output=True,
+        text=True,
+    )
     if done.returncode:
         raise Skipped(f"the library that moves the clock does not build: {done.stderr[:100]}")
     return str(folder / "clock.so")
@@ -650,7 +736,9 @@ def clock_shim(folder):
 
 def kept(service):
     """What lies in the trash, and entries of the audit trail."""
-    return tuple(len(service.send("GET", path).json()["items"]) for path in ("/v1/trash?limit=1000", "/v1/audit?limit=1000"))
+    return tuple(
+        len(service.send("GET", path).json()["items"]) for path in ("/v1/trash?limit=1000", "/v1/audit?limit=1000")
+    )
 
 
 def clock_ahead(attack, days):
@@ -676,7 +764,9 @@ def clock_ahead(attack, days):
         service.start()
         after = kept(service)
         if after[0] < before[0] or after[1] < before[1]:
-            wrong.append(f"of {before[0]} in the trash and {before[1]} entries of the trail {after[0]} and {after[1]} are left")
+            wrong.append(
+                f"of {before[0]} in the trash and {before[1]} entries of the trail {after[0]} and {after[1]} are left"
+            )
         return {"says": f"{says}; {after[0]} of {before[0]} in the trash"}, aftermath(service, wrong)
 
 
@@ -703,7 +793,7 @@ def stop_checkpoints(attack):
     with started(attack) as (service, _):
         count = filled_store(service)
         service.stop()
-        wal = [path for path in (service.folder / "data").glob("*-wal")]
+        wal = list((service.folder / "data").glob("*-wal"))
         left = sum(path.stat().st_size for path in wal)
         wrong = [] if left == 0 else [f"{left} bytes are left in the WAL"]
         for path in wal:
@@ -711,7 +801,9 @@ def stop_checkpoints(attack):
         service.start()
         if shape_count(service) != count:
             wrong.append(f"{shape_count(service)} shapes after the start, {count} before the stop")
-        return {"says": f"{left} B in the WAL, {shape_count(service)} of {count} shapes without it"}, aftermath(service, wrong)
+        return {"says": f"{left} B in the WAL, {shape_count(service)} of {count} shapes without it"}, aftermath(
+            service, wrong
+        )
 
 
 def damaged_wal(attack, damage):
@@ -832,14 +924,20 @@ def hostile_files(attack, group, mb, **settings):
 def file_answers(service, file, prefix):
     """What everything that reads files answers to one."""
     for reader, path in READERS.items():
-        yield reader, service.send("POST", path.format(name=file.name, prefix=prefix), file.data, FILE, timeout=PATIENCE)
+        yield (
+            reader,
+            service.send("POST", path.format(name=file.name, prefix=prefix), file.data, FILE, timeout=PATIENCE),
+        )
 
 
 def valid_file_faults(service, kind, file):
     """A valid file is taken: else a refusal of what is made of it would say nothing."""
     for reader, answer in file_answers(service, file, f"valid-{kind}"):
         if answer.status not in ANSWERED and (file.fits or reader != "upload"):
-            yield f"{reader} of a valid {kind}: {answer.status} {answer.error or answer.body[:200].decode(errors='replace')}"
+            yield (
+                f"{reader} of a valid {kind}: {answer.status} "
+                f"{answer.error or answer.body[:200].decode(errors='replace')}"
+            )
 
 
 def hostile_file_faults(service, lie, prefix):

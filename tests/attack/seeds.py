@@ -1,4 +1,5 @@
-"""Small valid files of every format that the service reads: three points or a triangle each, so that a cohort of three landmarks takes them.
+"""Small valid files of every format that the service reads: three points or a triangle each, so that a cohort of three
+landmarks takes them.
 
 Formats that the service writes are written by itself (`POST /v1/convert`), the others here. Python's library only.
 """
@@ -54,7 +55,9 @@ def written(service):
     """Files that the service writes, by the ids of their formats."""
     for to, kind in WRITTEN.items():
         line = json.dumps(LINES[kind]).encode() + b"\n"
-        answer = service.send("POST", f"/v1/convert?name=a.ndjson&to={to}", line, {"content-type": "application/octet-stream"})
+        answer = service.send(
+            "POST", f"/v1/convert?name=a.ndjson&to={to}", line, {"content-type": "application/octet-stream"}
+        )
         if answer.status != 200:
             raise RuntimeError(f"no seed of {to}: {answer.status} {answer.body[:300]}")
         yield to, File(f"a.{ENDINGS.get(to, to)}", answer.body, to not in OTHER, to in TEXT)
@@ -100,7 +103,17 @@ def png(width, height, pixels, bits=8):
 
 def tiff(width, height, pixels, order="<", next_at=0, mark=None):
     """A grey picture of one page, behind which the next one is said to be at `next_at`."""
-    entries = [(256, width), (257, height), (258, 8), (259, 1), (262, 1), (273, 8), (277, 1), (278, height), (279, len(pixels))]
+    entries = [
+        (256, width),
+        (257, height),
+        (258, 8),
+        (259, 1),
+        (262, 1),
+        (273, 8),
+        (277, 1),
+        (278, height),
+        (279, len(pixels)),
+    ]
     head = (mark or {"<": b"II", ">": b"MM"}[order]) + struct.pack(order + "HI", 42, 8 + len(pixels))
     table = b"".join(struct.pack(order + "HHII", tag, 4, 1, value) for tag, value in entries)
     return head + pixels + struct.pack(order + "H", len(entries)) + table + struct.pack(order + "I", next_at)
@@ -124,7 +137,10 @@ def nifti(size, values, order="<"):
 
 def nrrd(sizes, values, further=""):
     """A header of text, and numbers."""
-    return f"NRRD0004\ntype: uchar\ndimension: {len(sizes.split())}\nsizes: {sizes}\nencoding: raw\n{further}\n".encode() + values
+    return (
+        f"NRRD0004\ntype: uchar\ndimension: {len(sizes.split())}\nsizes: {sizes}\nencoding: raw\n{further}\n".encode()
+        + values
+    )
 
 
 def numbers(values, kind="f"):
@@ -134,24 +150,41 @@ def numbers(values, kind="f"):
 
 def vtp(points=3, order="LittleEndian", data=None):
     """A triangle in XML of VTK."""
+
     def array(values, kind, word, name):
         raw = numbers(values, kind)
         text = base64.b64encode(struct.pack("<I", len(raw)) + raw).decode()
-        return f'<DataArray type="{word}" Name="{name}" NumberOfComponents="{3 if name == "p" else 1}" format="binary">{text}</DataArray>'
+        return (
+            f'<DataArray type="{word}" Name="{name}" NumberOfComponents="{3 if name == "p" else 1}" '
+            f'format="binary">{text}</DataArray>'
+        )
+
     cells = array([0, 1, 2], "q", "Int64", "connectivity") + array([3], "q", "Int64", "offsets")
-    return (f'<VTKFile type="PolyData" version="1.0" byte_order="{order}" header_type="UInt32"><PolyData>'
-            f'<Piece NumberOfPoints="{points}" NumberOfPolys="1"><Points>{data or array(sum(SPACE, []), "f", "Float32", "p")}</Points>'
-            f"<Polys>{cells}</Polys></Piece></PolyData></VTKFile>").encode()
+    return (
+        f'<VTKFile type="PolyData" version="1.0" byte_order="{order}" header_type="UInt32"><PolyData>'
+        f'<Piece NumberOfPoints="{points}" '
+        f'NumberOfPolys="1"><Points>{data or array(sum(SPACE, []), "f", "Float32", "p")}</Points>'
+        f"<Polys>{cells}</Polys></Piece></PolyData></VTKFile>"
+    ).encode()
 
 
 def gifti(rows=3, order="LittleEndian", further="", points=SPACE):
     """A triangle in GIfTI."""
+
     def array(intent, kind, count, raw):
-        return (f'<DataArray Intent="NIFTI_INTENT_{intent}" DataType="NIFTI_TYPE_{kind}" ArrayIndexingOrder="RowMajorOrder" Dimensionality="2" '
-                f'Dim0="{count}" Dim1="3" Encoding="Base64Binary" Endian="{order}"><Data>{base64.b64encode(raw).decode()}</Data></DataArray>')
-    return (f'<?xml version="1.0"?>{further}<GIFTI Version="1.0" NumberOfDataArrays="2">'
-            + array("POINTSET", "FLOAT32", rows, numbers(sum(points, []))) + array("TRIANGLE", "INT32", 1, numbers([0, 1, 2], "i"))
-            + "</GIFTI>").encode()
+        return (
+            f'<DataArray Intent="NIFTI_INTENT_{intent}" DataType="NIFTI_TYPE_{kind}" '
+            f'ArrayIndexingOrder="RowMajorOrder" Dimensionality="2" '
+            f'Dim0="{count}" Dim1="3" Encoding="Base64Binary" '
+            f'Endian="{order}"><Data>{base64.b64encode(raw).decode()}</Data></DataArray>'
+        )
+
+    return (
+        f'<?xml version="1.0"?>{further}<GIFTI Version="1.0" NumberOfDataArrays="2">'
+        + array("POINTSET", "FLOAT32", rows, numbers(sum(points, [])))
+        + array("TRIANGLE", "INT32", 1, numbers([0, 1, 2], "i"))
+        + "</GIFTI>"
+    ).encode()
 
 
 class Dicom:
@@ -168,7 +201,13 @@ class Dicom:
         raw += (b"\0" if kind in ("UI", "OB") else b" ") * (len(raw) % 2)
         head = struct.pack(self.order + "HH", tag >> 16, tag & 0xFFFF) + kind.encode()
         length = len(raw) if length is None else length
-        return head + struct.pack(self.order + ("HI" if kind in self.LONG else "H"), *([0, length] if kind in self.LONG else [length])) + raw
+        return (
+            head
+            + struct.pack(
+                self.order + ("HI" if kind in self.LONG else "H"), *([0, length] if kind in self.LONG else [length])
+            )
+            + raw
+        )
 
     def sequence(self, tag, items):
         """A sequence of data sets."""
@@ -178,19 +217,37 @@ class Dicom:
     def file(self, data, syntax="1.2.840.10008.1.2.1"):
         """A file with a preamble."""
         plain = Dicom()
-        meta = plain.element(0x00020002, "UI", STRUCTURES) + plain.element(0x00020003, "UI", "1.2.3") + plain.element(0x00020010, "UI", syntax)
+        meta = (
+            plain.element(0x00020002, "UI", STRUCTURES)
+            + plain.element(0x00020003, "UI", "1.2.3")
+            + plain.element(0x00020010, "UI", syntax)
+        )
         return bytes(128) + b"DICM" + plain.element(0x00020000, "UL", struct.pack("<I", len(meta))) + meta + data
 
 
 STRUCTURES = "1.2.840.10008.5.1.4.1.1.481.3"
 
 
-def structure_set(frame="1.2.3.4", points=SPACE, count=None, order="<", syntax="1.2.840.10008.1.2.1", kind="CLOSED_PLANAR"):
+def structure_set(
+    frame="1.2.3.4", points=SPACE, count=None, order="<", syntax="1.2.840.10008.1.2.1", kind="CLOSED_PLANAR"
+):
     """A region with one contour; `count` is the number of points that it claims."""
     e = Dicom(order)
     text = "\\".join(x if isinstance(x, str) else f"{x:g}" for row in points for x in row)
-    contour = e.element(0x30060042, "CS", kind) + e.element(0x30060046, "IS", str(len(points) if count is None else count)) + e.element(0x30060050, "DS", text)
-    region = e.element(0x30060022, "IS", "1") + (e.element(0x30060024, "UI", frame) if frame else b"") + e.element(0x30060026, "LO", "Heart")
-    data = e.element(0x00080016, "UI", STRUCTURES) + e.element(0x00080018, "UI", "1.2.3") + e.sequence(0x30060020, [region])
+    contour = (
+        e.element(0x30060042, "CS", kind)
+        + e.element(0x30060046, "IS", str(len(points) if count is None else count))
+        + e.element(0x30060050, "DS", text)
+    )
+    region = (
+        e.element(0x30060022, "IS", "1")
+        + (e.element(0x30060024, "UI", frame) if frame else b"")
+        + e.element(0x30060026, "LO", "Heart")
+    )
+    data = (
+        e.element(0x00080016, "UI", STRUCTURES)
+        + e.element(0x00080018, "UI", "1.2.3")
+        + e.sequence(0x30060020, [region])
+    )
     data += e.sequence(0x30060039, [e.sequence(0x30060040, [contour]) + e.element(0x30060084, "IS", "1")])
     return e.file(data, syntax)

@@ -94,10 +94,24 @@ class Service:
 
     def start(self):
         """Waits for the line with its address, then for readiness."""
-        command = [self.binary, "serve", "--listen=127.0.0.1:0", f"--data-dir={self.folder}/data", "--log=warn", *self.flags]
+        command = [
+            self.binary,
+            "serve",
+            "--listen=127.0.0.1:0",
+            f"--data-dir={self.folder}/data",
+            "--log=warn",
+            *self.flags,
+        ]
         log = open(self.log, "ab")
-        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, stdin=subprocess.DEVNULL,
-                                        env=self.environment, preexec_fn=self.limits, text=True)
+        self.process = subprocess.Popen(
+            command,
+            stdout=subprocess.PIPE,
+            stderr=log,
+            stdin=subprocess.DEVNULL,
+            env=self.environment,
+            preexec_fn=self.limits,
+            text=True,
+        )
         log.close()
         line = self.process.stdout.readline()
         if " on http" not in line:
@@ -199,7 +213,9 @@ class Service:
 
     def post(self, path, body, headers=None, timeout=60):
         """JSON, which must be taken."""
-        answer = self.send("POST", path, json.dumps(body).encode(), {"content-type": "application/json", **(headers or {})}, timeout)
+        answer = self.send(
+            "POST", path, json.dumps(body).encode(), {"content-type": "application/json", **(headers or {})}, timeout
+        )
         if answer.status is None or answer.status >= 300:
             raise RuntimeError(f"POST {path}: {answer.status} {answer.error or answer.body[:500]}")
         return answer.json()
@@ -272,8 +288,8 @@ class Watch(threading.Thread):
 
 
 def exchange(address, method, path, body=None, headers=None, timeout=60, first=None):
-    """One request and its whole answer, of which the first megabytes are kept; the time is for all of it, that to its first
-    bytes may be bounded on its own."""
+    """One request and its whole answer, of which the first megabytes are kept; the time is for all of it, that to its
+    first bytes may be bounded on its own."""
     begin = time.monotonic()
     connection = http.client.HTTPConnection(*address, timeout=first or timeout)
     spent = lambda: time.monotonic() - begin

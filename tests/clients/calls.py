@@ -1,6 +1,6 @@
 """Calls of the generated Python client: whatever is wrong with the types is found by mypy, the rest by the assertions.
 
-    calls.py ADDRESS KEY
+calls.py ADDRESS KEY
 """
 
 import math
@@ -156,9 +156,7 @@ assert isinstance(mode, ModeAnswer) and mode.component == 2 and mode.sigma == 1.
 
 # The generators of a surface are optional, and its points are a grid.
 surface = RepresentationSurface(kind="surface", topology=Topology.TORUS, control_points=[8, 6])
-measured = measure.sync(
-    client=client, body=MeasureRequest(representation=surface, shapes=[ShapeInput(points=torus())])
-)
+measured = measure.sync(client=client, body=MeasureRequest(representation=surface, shapes=[ShapeInput(points=torus())]))
 assert isinstance(measured, MeasureAnswer), measured
 body = measured.results[0]
 assert isinstance(body, MeasuredSurface) and isinstance(body.volume, float), body
@@ -169,7 +167,9 @@ assert missing.status_code == 404 and isinstance(missing.parsed, ProblemDocument
 assert missing.parsed.code == "not-found", missing.parsed
 
 refused = assess.sync_detailed(
-    "python-modes", client=client, body=AssessRequest(shapes=[ShapeInput(points=blob(1)), ShapeInput(points=[[0.0, 0.0]])])
+    "python-modes",
+    client=client,
+    body=AssessRequest(shapes=[ShapeInput(points=blob(1)), ShapeInput(points=[[0.0, 0.0]])]),
 )
 assert refused.status_code == 422 and isinstance(refused.parsed, ProblemDocument), refused
 assert str(refused.parsed.errors[0].pointer).startswith("/shapes/1"), refused.parsed

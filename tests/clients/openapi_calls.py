@@ -1,6 +1,6 @@
 """Calls of the Python client that openapi-generator writes: what a call sends and gives is found by the assertions.
 
-    openapi_calls.py ADDRESS KEY
+openapi_calls.py ADDRESS KEY
 """
 
 import math
@@ -34,7 +34,9 @@ def shape(k):
 generator = shapelex.GeneratorKind(shapelex.GeneratorKindTrigonometric(name="trigonometric"))
 curve = shapelex.RepresentationClosedCurve(kind="closed_curve", dimension=2, control_points=12, generator=generator)
 made = cohorts.create_cohort(
-    shapelex.CohortRequest(name="openapi-python", representation=shapelex.Representation(curve), correspondence="arc_length")
+    shapelex.CohortRequest(
+        name="openapi-python", representation=shapelex.Representation(curve), correspondence="arc_length"
+    )
 )
 assert made.representation.actual_instance.control_points == 12, made
 added = cohorts.add_shapes("openapi-python", shapelex.AddRequest(shapes=[shape(k) for k in range(12)]))

@@ -3,9 +3,9 @@
 
     tests/clients/run.py [--program target/debug/shapelex]
 
-Python by openapi-python-client, TypeScript by openapi-typescript, both by openapi-generator too, and Java by it, which is compiled. The
-document must be valid, and no operation may be missing from a client. Where Python packages, npm, Java or its libraries cannot be had,
-the part that needs them is skipped with a line that says so.
+Python by openapi-python-client, TypeScript by openapi-typescript, both by openapi-generator too, and Java by it, which
+is compiled. The document must be valid, and no operation may be missing from a client. Where Python packages, npm, Java
+or its libraries cannot be had, the part that needs them is skipped with a line that says so.
 """
 
 import argparse
@@ -29,7 +29,8 @@ import environment  # noqa: E402
 TARGET = pathlib.Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")).resolve()
 DOCUMENT = ROOT / "openapi" / "openapi.json"
 
-# What the generator for Python cannot do: it offers the other media type of the body. Lines count as text in its settings.
+# What the generator for Python cannot do: it offers the other media type of the body. Lines count as text in its
+# settings.
 LINES = "Unsupported content type text/plain"
 OF_DICTIONARIES = ["assess", "classify", "correspond", "encode", "prior", "reconstruct", "score"]
 KNOWN_WARNINGS = {
@@ -38,6 +39,7 @@ KNOWN_WARNINGS = {
     **{f"POST /v1/{name}": LINES for name in ["fit", "measure", "prior", "project"]},
     **{f"POST /v1/dictionaries/{{dictionary}}/{name}": LINES for name in OF_DICTIONARIES},
 }
+
 
 def contract():
     """The contract test as a module: it knows how to start a service and to make keys."""
@@ -152,7 +154,17 @@ def install_openapi(folder):
 def generated(folder, language, output, *settings):
     """The client of a language by openapi-generator."""
     shutil.rmtree(output, ignore_errors=True)
-    command = [folder / "bin" / "openapi-generator-cli", "generate", "-g", language, "-i", DOCUMENT, "-o", output, *settings]
+    command = [
+        folder / "bin" / "openapi-generator-cli",
+        "generate",
+        "-g",
+        language,
+        "-i",
+        DOCUMENT,
+        "-o",
+        output,
+        *settings,
+    ]
     told = run(command, timeout=600)
     faults = [line for line in told.splitlines() if " ERROR " in line]
     if faults:
@@ -185,7 +197,11 @@ def openapi_typescript(folder, npm):
     """The TypeScript client of openapi-generator, beside its calls in the folder of the packages, compiled."""
     client = npm / "openapi"
     generated(
-        folder, "typescript-axios", client, "--additional-properties", "useSingleRequestParameter=true,importFileExtension=.js"
+        folder,
+        "typescript-axios",
+        client,
+        "--additional-properties",
+        "useSingleRequestParameter=true,importFileExtension=.js",
     )
     missing_from((client / "api.ts").read_text(), camel)
     shutil.copy(HERE / "openapi_calls.ts", npm)
@@ -197,7 +213,10 @@ def openapi_typescript(folder, npm):
 def compile_java(folder):
     """Compiles the Java client of openapi-generator; returns how many clients that are."""
     if not (shutil.which("mvn") and shutil.which("javac")):
-        print("SKIPPED: the Java client of openapi-generator, there is no mvn or no javac (Debian: maven, default-jdk-headless)")
+        print(
+            "SKIPPED: the Java client of openapi-generator, there is no mvn or no javac (Debian: maven, "
+            "default-jdk-headless)"
+        )
         return 0
     client = folder / "java"
     generated(folder, "java", client, "--library", "native", "--additional-properties", "hideGenerationTimestamp=true")
@@ -206,7 +225,11 @@ def compile_java(folder):
     mvn = ["mvn", "--batch-mode", "--quiet", "-Dstyle.color=never", "-Dmaven.test.skip=true"]
     try:
         libraries = subprocess.run(
-            [*mvn, "dependency:resolve", "dependency:resolve-plugins"], cwd=client, capture_output=True, text=True, timeout=600
+            [*mvn, "dependency:resolve", "dependency:resolve-plugins"],
+            cwd=client,
+            capture_output=True,
+            text=True,
+            timeout=600,
         )
         told = re.findall(r"\[ERROR\] (.{1,150})", libraries.stdout + libraries.stderr)
         reason = (told or ["it says nothing"])[0] if libraries.returncode else None

@@ -1,4 +1,5 @@
-"""What schemathesis does not know by itself: how NDJSON is written, headers that change the answer, and a count of answers."""
+"""What schemathesis does not know by itself: how NDJSON is written, headers that change the answer, and a count of
+answers."""
 
 import collections
 import itertools

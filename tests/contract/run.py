@@ -5,7 +5,8 @@
     tests/contract/run.py long      some six minutes
 
 No answer may be a failure on the service's side, and each must have a status, media type, headers and a body that the
-document describes. Each role counts as one test. Where Python packages cannot be had, this is skipped with a line that says so.
+document describes. Each role counts as one test. Where Python packages cannot be had, this is skipped with a line that
+says so.
 """
 
 import argparse

@@ -5,13 +5,17 @@ import pathlib
 import shutil
 import subprocess
 
-import numpy as np
 import nrrd
+import numpy as np
 import pydicom
 from pydicom.dataset import Dataset, FileDataset, FileMetaDataset
 from pydicom.sequence import Sequence
-from pydicom.uid import (DeflatedExplicitVRLittleEndian, ExplicitVRBigEndian, ExplicitVRLittleEndian,
-                         ImplicitVRLittleEndian)
+from pydicom.uid import (
+    DeflatedExplicitVRLittleEndian,
+    ExplicitVRBigEndian,
+    ExplicitVRLittleEndian,
+    ImplicitVRLittleEndian,
+)
 from shapely.geometry import Polygon
 
 PACKAGES = ["pydicom==3.0.2", "shapely==2.2.0", "numpy==2.4.6", "pynrrd==1.1.3"]
@@ -39,12 +43,15 @@ def check(convert, data, folder):
 def regions(dataset):
     """Number, name, type, colour and contours (type and n × 3 points) of each region, by pydicom."""
     names = {roi.ROINumber: str(roi.ROIName) for roi in dataset.StructureSetROISequence}
-    kinds = {o.ReferencedROINumber: o.get("RTROIInterpretedType") or None
-             for o in dataset.get("RTROIObservationsSequence", [])}
+    kinds = {
+        o.ReferencedROINumber: o.get("RTROIInterpretedType") or None
+        for o in dataset.get("RTROIObservationsSequence", [])
+    }
     for roi in dataset.ROIContourSequence:
         number = roi.ReferencedROINumber
-        contours = [(c.ContourGeometricType, numbers(c.ContourData).reshape(-1, 3))
-                    for c in roi.get("ContourSequence", [])]
+        contours = [
+            (c.ContourGeometricType, numbers(c.ContourData).reshape(-1, 3)) for c in roi.get("ContourSequence", [])
+        ]
         colour = roi.get("ROIDisplayColor")
         yield int(number), names[number], kinds.get(number), colour and [float(x) for x in colour], contours
 
@@ -91,8 +98,8 @@ def check_real(convert, path):
     wrong = difference(records, dataset)
     yield path.name, wrong is None, wrong or f"{len(records)} contours as by pydicom"
     text = json.dumps([records, summary])
-    # Regions may have the names of other things: values of persons and places only. Unique identifiers lead back to the archive, and are
-    # attributes of the shapes.
+    # Regions may have the names of other things: values of persons and places only. Unique identifiers lead back to the
+    # archive, and are attributes of the shapes.
     for name in ["PatientName", "PatientID", "InstitutionName", "OperatorsName"]:
         value = str(dataset.get(name, ""))
         yield f"{path.name} {name}", not value or f'"{value}"' not in text, "is not given on"
@@ -113,15 +120,26 @@ def header(path):
     image = pydicom.dcmread(path, stop_before_pixels=True)
     text = lambda name: str(image.get(name) or "")
     return {
-        "class": text("SOPClassUID"), "instance": text("SOPInstanceUID"), "series": text("SeriesInstanceUID"),
+        "class": text("SOPClassUID"),
+        "instance": text("SOPInstanceUID"),
+        "series": text("SeriesInstanceUID"),
         "frame_of_reference": text("FrameOfReferenceUID"),
         "position": [float(x) for x in image.ImagePositionPatient],
         "orientation": [float(x) for x in image.ImageOrientationPatient],
-        "study": {"instance": text("StudyInstanceUID"), "id": text("StudyID"), "date": text("StudyDate"),
-                  "time": text("StudyTime"), "accession_number": text("AccessionNumber"),
-                  "referring_physician": text("ReferringPhysicianName")},
-        "patient": {"name": text("PatientName"), "id": text("PatientID"), "birth_date": text("PatientBirthDate"),
-                    "sex": text("PatientSex")},
+        "study": {
+            "instance": text("StudyInstanceUID"),
+            "id": text("StudyID"),
+            "date": text("StudyDate"),
+            "time": text("StudyTime"),
+            "accession_number": text("AccessionNumber"),
+            "referring_physician": text("ReferringPhysicianName"),
+        },
+        "patient": {
+            "name": text("PatientName"),
+            "id": text("PatientID"),
+            "birth_date": text("PatientBirthDate"),
+            "sex": text("PatientSex"),
+        },
     }
 
 
@@ -138,10 +156,12 @@ def check_written(convert, real, folder):
     original = pydicom.dcmread(source)
     images = {image["instance"] for image in series}
     referred = [c for roi in dataset.ROIContourSequence for c in roi.ContourSequence if "ContourImageSequence" in c]
-    right = (dataset.StudyInstanceUID == series[0]["study"]["instance"]
-             and dataset.FrameOfReferenceUID == series[0]["frame_of_reference"]
-             and all(c.ContourImageSequence[0].ReferencedSOPInstanceUID in images for c in referred)
-             and len(referred) == 8)
+    right = (
+        dataset.StudyInstanceUID == series[0]["study"]["instance"]
+        and dataset.FrameOfReferenceUID == series[0]["frame_of_reference"]
+        and all(c.ContourImageSequence[0].ReferencedSOPInstanceUID in images for c in referred)
+        and len(referred) == 8
+    )
     yield "references of what is written", right, f"{len(referred)} contours refer to images of the series"
     wanted, found = list(regions(original)), list(regions(dataset))
     right = [r[:4] for r in wanted] == [r[:4] for r in found]
@@ -336,8 +356,13 @@ def check_nrrd(folder):
         for kind in [np.uint8, np.int16, np.uint32, np.float32]:
             volume = random.integers(0, 120, size=(4, 3, 5)).astype(kind)
             directions = random.normal(size=(3, 3))
-            head = {"encoding": encoding, "space": "left-posterior-superior", "space directions": directions,
-                    "space origin": [1.5, -2, 3], "kinds": ["domain"] * 3}
+            head = {
+                "encoding": encoding,
+                "space": "left-posterior-superior",
+                "space directions": directions,
+                "space origin": [1.5, -2, 3],
+                "kinds": ["domain"] * 3,
+            }
             path = folder / f"{encoding}-{volume.dtype}.nrrd"
             nrrd.write(str(path), volume, head)
             affine = np.column_stack([directions.T, [1.5, -2, 3]])

@@ -1,4 +1,5 @@
-"""NDJSON, the format of the service itself, against json of the standard library: numbers come back with all their digits."""
+"""NDJSON, the format of the service itself, against json of the standard library: numbers come back with all their
+digits."""
 
 import json
 import random
@@ -18,7 +19,12 @@ def check(convert, data, folder):
                 return value
 
     lines = [
-        {"points": [[number(), number()] for _ in range(40)], "closed": bool(k % 2), "external_id": f"s{k}", "label": "ä\"\n"}
+        {
+            "points": [[number(), number()] for _ in range(40)],
+            "closed": bool(k % 2),
+            "external_id": f"s{k}",
+            "label": 'ä"\n',
+        }
         for k in range(50)
     ]
     path = folder / "lines.ndjson"

@@ -1,6 +1,7 @@
 """Meshes: read and written, compared with trimesh, meshio, VTK and nibabel.
 
-Areas, volumes and numbers of faces agree to 1e-6, coordinates and triangles exactly where both hold them in the same precision.
+Areas, volumes and numbers of faces agree to 1e-6, coordinates and triangles exactly where both hold them in the same
+precision.
 """
 
 import itertools
@@ -58,7 +59,11 @@ def compare_figures(name, records, points, triangles):
     ok = len(ours[1]) == len(triangles) and close(area, area_there)
     # A volume may be near 0: relative to the box.
     ok = ok and (close(volume, volume_there) or abs(volume - volume_there) <= TOLERANCE * scale)
-    return name, bool(ok), f"{len(triangles)} triangles, area {area:.9g} and {area_there:.9g}, volume {volume:.9g} and {volume_there:.9g}"
+    return (
+        name,
+        bool(ok),
+        f"{len(triangles)} triangles, area {area:.9g} and {area_there:.9g}, volume {volume:.9g} and {volume_there:.9g}",
+    )
 
 
 def compare_exactly(name, records, points, triangles, tolerance=0.0):
@@ -101,7 +106,9 @@ def by_vtk(path):
 
 def by_nibabel(path):
     image = nibabel.load(path)
-    points, triangles = (image.get_arrays_from_intent(f"NIFTI_INTENT_{name}")[0].data for name in ("POINTSET", "TRIANGLE"))
+    points, triangles = (
+        image.get_arrays_from_intent(f"NIFTI_INTENT_{name}")[0].data for name in ("POINTSET", "TRIANGLE")
+    )
     return points.astype(float), triangles.astype(int)
 
 
@@ -146,7 +153,12 @@ def made_files(convert, folder):
         mesh.export(str(path), **arguments)
         yield compare_figures(path.name, convert(path)[0], points, triangles)
     values = numpy.linspace(0, 1, len(points))
-    shape = meshio.Mesh(points, [("triangle", triangles)], point_data={"thickness": values}, cell_data={"part": [numpy.arange(len(triangles))]})
+    shape = meshio.Mesh(
+        points,
+        [("triangle", triangles)],
+        point_data={"thickness": values},
+        cell_data={"part": [numpy.arange(len(triangles))]},
+    )
     for name, arguments in [
         ("text.vtk", {"file_format": "vtk", "binary": False}),
         ("binary.vtk", {"file_format": "vtk", "binary": True}),
@@ -160,9 +172,13 @@ def made_files(convert, folder):
         path = folder / f"meshio-{name}"
         meshio.write(path, shape, **arguments)
         records, _ = convert(path)
-        label, ok, detail = compare_exactly(path.name, records, points, triangles, DIGITS if name == "text.vtu" else 0.0)
+        label, ok, detail = compare_exactly(
+            path.name, records, points, triangles, DIGITS if name == "text.vtu" else 0.0
+        )
         fields = records[0]["fields"]
-        ok = ok and numpy.abs(numpy.array(fields["thickness"]["values"]) - values).max() <= (DIGITS if name == "text.vtu" else 0.0)
+        ok = ok and numpy.abs(numpy.array(fields["thickness"]["values"]) - values).max() <= (
+            DIGITS if name == "text.vtu" else 0.0
+        )
         if not name.endswith(".ply"):
             ok = ok and fields["part"]["values"] == list(range(len(triangles)))
         yield label, bool(ok), f"{detail}, fields {', '.join(sorted(fields))}"
@@ -175,7 +191,9 @@ def made_files(convert, folder):
         for suffix in (".gii", ".gii.gz"):
             path = folder / f"nibabel-{encoding.lower()}{suffix}"
             nibabel.save(nibabel.gifti.GiftiImage(darrays=arrays), path)
-            yield compare_exactly(path.name, convert(path)[0], *by_nibabel(path), SINGLE if encoding.endswith("ASCII") else 0.0)
+            yield compare_exactly(
+                path.name, convert(path)[0], *by_nibabel(path), SINGLE if encoding.endswith("ASCII") else 0.0
+            )
 
 
 def vtk_files(convert, folder):
@@ -191,7 +209,10 @@ def vtk_files(convert, folder):
     for kind, data in (("polygons", source.GetOutput()), ("strips", stripper.GetOutput())):
         for mode, zlib, wide, big in itertools.product(("ascii", "binary", "raw", "base64"), (0, 1), (0, 1), (0, 1)):
             writer = vtk.vtkXMLPolyDataWriter()
-            getattr(writer, {"ascii": "SetDataModeToAscii", "binary": "SetDataModeToBinary"}.get(mode, "SetDataModeToAppended"))()
+            getattr(
+                writer,
+                {"ascii": "SetDataModeToAscii", "binary": "SetDataModeToBinary"}.get(mode, "SetDataModeToAppended"),
+            )()
             writer.SetEncodeAppendedData(mode == "base64")
             writer.SetCompressorTypeToZLib() if zlib else writer.SetCompressorTypeToNone()
             # Several blocks an array.
@@ -223,8 +244,23 @@ def own_files(convert, folder):
     mesh.export(str(source))
     before, _ = convert(source)
     points, triangles = of(before)
-    readers = {"obj": [by_trimesh], "ply": [by_trimesh, by_meshio], "stl": [by_trimesh], "vtk": [by_vtk], "gltf": [by_trimesh]}
-    for format, encoding in [("obj", None), ("ply", "binary"), ("ply", "text"), ("stl", "binary"), ("stl", "text"), ("vtk", "binary"), ("vtk", "text"), ("gltf", None)]:
+    readers = {
+        "obj": [by_trimesh],
+        "ply": [by_trimesh, by_meshio],
+        "stl": [by_trimesh],
+        "vtk": [by_vtk],
+        "gltf": [by_trimesh],
+    }
+    for format, encoding in [
+        ("obj", None),
+        ("ply", "binary"),
+        ("ply", "text"),
+        ("stl", "binary"),
+        ("stl", "text"),
+        ("vtk", "binary"),
+        ("vtk", "text"),
+        ("gltf", None),
+    ]:
         path = folder / f"own-{encoding}.{'glb' if format == 'gltf' else format}"
         convert(source, format, output=path, writing={"encoding": encoding} if encoding else None)
         for reader in readers[format]:
@@ -234,7 +270,13 @@ def own_files(convert, folder):
                 # One vertex a corner there.
                 yield compare_figures(label, before, *there)
             else:
-                yield compare_exactly(label, [{"vertices": there[0].tolist(), "faces": there[1].tolist()}], points, triangles, SINGLE if format == "gltf" else 0.0)
+                yield compare_exactly(
+                    label,
+                    [{"vertices": there[0].tolist(), "faces": there[1].tolist()}],
+                    points,
+                    triangles,
+                    SINGLE if format == "gltf" else 0.0,
+                )
         if format in ("obj", "ply", "vtk"):
             again, _ = convert(path)
             same = all(again[0][key] == before[0][key] for key in ("vertices", "faces"))

@@ -43,8 +43,6 @@ def length(records):
     return total
 
 
-
-
 def shapes():
     """Geometries of every kind, with holes, parts, large and small numbers."""
     box = [(0.25, 0), (9, 0), (9, 7), (0.25, 7)]
@@ -138,7 +136,8 @@ def check_wkt(convert, folder):
     wrong = [
         name
         for name, geometry in shapes().items()
-        if shapely.to_wkb(shapely.from_wkt(lines[name])) != shapely.to_wkb(shapely.from_wkt(shapely.to_wkt(geometry, -1)))
+        if shapely.to_wkb(shapely.from_wkt(lines[name]))
+        != shapely.to_wkb(shapely.from_wkt(shapely.to_wkt(geometry, -1)))
     ]
     yield "wkt: geometries of shapely come back bit by bit", not wrong, f"wrong: {wrong}"
 
@@ -203,7 +202,11 @@ def check_regions(convert, data, folder):
             # roifile begins at another corner and goes the other way round.
             corners = {(x, y) for x in (region.left, region.right) for y in (region.top, region.bottom)}
             ok = {tuple(point) for point in records[0]["points"]} == corners
-            yield f"{path.name}: corners", ok and near(area(records), shapely.geometry.Polygon(region.coordinates()).area), ""
+            yield (
+                f"{path.name}: corners",
+                ok and near(area(records), shapely.geometry.Polygon(region.coordinates()).area),
+                "",
+            )
             continue
         expected = region.coordinates(multi=True)
         expected = expected if isinstance(expected, list) else [expected]

@@ -1,7 +1,7 @@
 """Files of landmarks, tables, chain codes and Fourier coefficients, compared with ktch, pandas, numpy and json.
 
-Coordinates agree to 1e-12 relative where another library computes them (products and square roots may round otherwise), and exactly
-where numbers are only read.
+Coordinates agree to 1e-12 relative where another library computes them (products and square roots may round otherwise),
+and exactly where numbers are only read.
 """
 
 import json
@@ -13,7 +13,8 @@ from pathlib import Path
 PACKAGES = ["ktch==0.11.1", "pandas==3.1.1", "numpy==2.4.6"]
 
 TABLES = (
-    "ape-skulls brains-3d digit3 macaque-skulls-3d mosquito-wings nasal-bone-3d oak-leaves optic-nerve-3d passiflora-leaves plethodon "
+    "ape-skulls brains-3d digit3 macaque-skulls-3d mosquito-wings nasal-bone-3d oak-leaves optic-nerve-3d "
+    "passiflora-leaves plethodon "
     "primate-crania-3d pupfish pupfish-species rat-growth"
 ).split()
 
@@ -24,7 +25,9 @@ def rows(record):
 
     given = [row for row in record["points"] if row is not None]
     size = len(given[0]) if given else 2
-    return numpy.array([row if row is not None else [math.nan] * size for row in record["points"]], float).reshape(-1, size)
+    return numpy.array([row if row is not None else [math.nan] * size for row in record["points"]], float).reshape(
+        -1, size
+    )
 
 
 def same(a, b, tolerance=0.0):
@@ -33,7 +36,9 @@ def same(a, b, tolerance=0.0):
 
     a, b = numpy.asarray(a, float), numpy.asarray(b, float)
     scale = numpy.nanmax(numpy.abs(b), initial=1e-300)
-    return a.shape == b.shape and bool(numpy.all((numpy.abs(a - b) <= tolerance * scale) | (numpy.isnan(a) & numpy.isnan(b))))
+    return a.shape == b.shape and bool(
+        numpy.all((numpy.abs(a - b) <= tolerance * scale) | (numpy.isnan(a) & numpy.isnan(b)))
+    )
 
 
 def check(convert, data, folder):
@@ -77,7 +82,10 @@ def tps(convert, data, folder):
         return found if isinstance(found, list) else [found]
 
     leave = {"scale": "leave"}
-    files = "formats-tps/landmarks_triangle formats-tps/sample_curve_data landmarks-dragonfly-wings/forewing landmarks-trilobite-cephala/cephala"
+    files = (
+        "formats-tps/landmarks_triangle formats-tps/sample_curve_data landmarks-dragonfly-wings/forewing "
+        "landmarks-trilobite-cephala/cephala"
+    )
     for name in files.split() if data else []:
         path = data / f"{name}.tps"
         expected = of_ktch(path)
@@ -116,7 +124,9 @@ def chains(convert, folder):
     random = numpy.random.default_rng(2)
     codes = [numpy.array(random_chain(random, steps)) for steps in (3, 50, 1000)]
     path = folder / "theirs.chc"
-    write_chc(path, codes, sample_names=["a", "b", "c"], xs=[0, 1.5, -100], ys=[0, 2, 3], area_per_pixels=[1.0, 0.0123, -1.0])
+    write_chc(
+        path, codes, sample_names=["a", "b", "c"], xs=[0, 1.5, -100], ys=[0, 2, 3], area_per_pixels=[1.0, 0.0123, -1.0]
+    )
     found, summary = convert(path)
     expected = read_chc(path)
     # A closed curve does not repeat its first point.
@@ -132,7 +142,8 @@ def chains(convert, folder):
         warnings.simplefilter("error")
         again = read_chc(written)
     ok = all(
-        same(a.chain_code, b.chain_code) and (a.x, a.y, a.area_per_pixel, a.area_pixels) == (b.x, b.y, b.area_per_pixel, b.area_pixels)
+        same(a.chain_code, b.chain_code)
+        and (a.x, a.y, a.area_per_pixel, a.area_pixels) == (b.x, b.y, b.area_per_pixel, b.area_pixels)
         for a, b in zip(again, expected)
     )
     yield "chc out: read by ktch", ok and len(again) == 3, "codes, places and areas"
@@ -157,8 +168,13 @@ def fourier(convert, folder):
     write_nef(path, coefficients, sample_names=["a 1", "b", "c"], const_flags=(0, 0, 0, 0))
     expected = read_nef(path)
     found = convert(path)[0]
-    four = [numpy.stack([numpy.array(r["fourier"][part]) for part in ("cosine", "sine")], axis=2).reshape(-1, 4) for r in found]
-    ok = len(found) == 3 and all(a["external_id"] == b.specimen_name and same(c, b.coeffs) for a, b, c in zip(found, expected, four))
+    four = [
+        numpy.stack([numpy.array(r["fourier"][part]) for part in ("cosine", "sine")], axis=2).reshape(-1, 4)
+        for r in found
+    ]
+    ok = len(found) == 3 and all(
+        a["external_id"] == b.specimen_name and same(c, b.coeffs) for a, b, c in zip(found, expected, four)
+    )
     yield "nef in: of ktch", ok, f"3 shapes of {harmonics} harmonics"
     # The meaning of the coefficients: the curve of ktch is ours.
     zero = flat.copy()
@@ -166,7 +182,8 @@ def fourier(convert, folder):
     theirs = numpy.asarray(analysis.inverse_transform(zero, t_num=64))
     theta = 2 * math.pi * numpy.outer(numpy.arange(1, 65) / 64, numpy.arange(1, harmonics + 1))
     ours = [
-        numpy.cos(theta) @ numpy.array(r["fourier"]["cosine"]) + numpy.sin(theta) @ numpy.array(r["fourier"]["sine"]) for r in found
+        numpy.cos(theta) @ numpy.array(r["fourier"]["cosine"]) + numpy.sin(theta) @ numpy.array(r["fourier"]["sine"])
+        for r in found
     ]
     # Written with eight digits.
     ok = all(same(a, b, 1e-6) for a, b in zip(ours, theirs))
@@ -194,12 +211,14 @@ def tables(convert, data, folder):
         found = convert(path)[0]
         ok = same([rows(record) for record in found], points)
         ok &= [record["external_id"] for record in found] == [str(value) for value in frame["id"]]
-        yield f"csv in: {name}", ok, "%d shapes of %d points in %d dimensions" % points.shape
+        yield f"csv in: {name}", ok, "{} shapes of {} points in {} dimensions".format(*points.shape)
         written = folder / "ours.csv"
         written.write_bytes(convert(path, "csv")[0])
         other, again = wide(written)
         attributes = [c for c in frame.columns if c != "id" and not re.fullmatch(r"[xyz]\d+", c)]
-        ok = same(again, points) and all((frame[c].astype(str) == other[c].astype(str)).all() or same(frame[c], other[c]) for c in attributes)
+        ok = same(again, points) and all(
+            (frame[c].astype(str) == other[c].astype(str)).all() or same(frame[c], other[c]) for c in attributes
+        )
         yield f"csv out: {name}", ok, f"points and {len(attributes)} attributes, read by pandas"
     random = numpy.random.default_rng(4)
     points = random.normal(size=(4, 6, 3))
@@ -212,7 +231,9 @@ def tables(convert, data, folder):
     ok = same([rows(r) for r in found], points) and [r["external_id"] for r in found] == list("abcd")
     yield "csv in: of pandas, wide", ok, "a missing point"
     index = pandas.MultiIndex.from_product([list("abcd"), range(6)], names=["specimen_id", "coord_id"])
-    pandas.DataFrame(points.reshape(-1, 3), columns=list("xyz"), index=index).to_csv(folder / "long.tsv", sep="\t", na_rep="NA")
+    pandas.DataFrame(points.reshape(-1, 3), columns=list("xyz"), index=index).to_csv(
+        folder / "long.tsv", sep="\t", na_rep="NA"
+    )
     found = convert(folder / "long.tsv")[0]
     ok = same([rows(r) for r in found], points) and [r["external_id"] for r in found] == list("abcd")
     yield "csv in: of pandas, long with tabs", ok, "a missing point"
@@ -265,7 +286,10 @@ def markups(convert, folder):
                 "name": kind,
                 "coordinateSystem": "RAS",
                 "coordinateUnits": "mm",
-                "controlPoints": [{"id": str(k), "label": f"p{k}", "position": list(row), "positionStatus": "defined"} for k, row in enumerate(points)],
+                "controlPoints": [
+                    {"id": str(k), "label": f"p{k}", "position": list(row), "positionStatus": "defined"}
+                    for k, row in enumerate(points)
+                ],
             }
             for kind in kinds
         ],
@@ -296,8 +320,10 @@ def markups(convert, folder):
     path = folder / "theirs.json"
     path.write_text(json.dumps(landmarks))
     table = folder / "landmarks.csv"
-    table.write_text("# six points\n" + "".join(f"p{k},{x!r},{y!r},{z!r}\n" for k, (x, y, z) in enumerate(points.tolist())))
-    for name, path in [("json", path), ("csv", table)]:
-        found = convert(path)[0][0]
+    table.write_text(
+        "# six points\n" + "".join(f"p{k},{x!r},{y!r},{z!r}\n" for k, (x, y, z) in enumerate(points.tolist()))
+    )
+    for name, file in [("json", path), ("csv", table)]:
+        found = convert(file)[0][0]
         ok = same(rows(found), points) and found["metadata"]["landmark_names"] == [f"p{k}" for k in range(6)]
         yield f"scalismo in: of {name}", ok, "names and positions"

@@ -1,7 +1,8 @@
 """Tables of a running service, read by R without a package of ours: `read.csv` of an address.
 
-R is no package of Python: without `Rscript` (Debian: r-base-core) one line says that nothing was compared. R reads decimals in
-extended precision and rounds once more, so its doubles may differ in the last bit from those that were written.
+R is no package of Python: without `Rscript` (Debian: r-base-core) one line says that nothing was compared. R reads
+decimals in extended precision and rounds once more, so its doubles may differ in the last bit from those that were
+written.
 """
 
 import csv
@@ -48,7 +49,12 @@ def fetched(address):
 
 def learnt(base, cohort):
     """The name of a dictionary of the cohort."""
-    body = {"name": "modes", "cohort": cohort, "transformation": "similarity", "method": {"kind": "functional_pca", "components": 3}}
+    body = {
+        "name": "modes",
+        "cohort": cohort,
+        "transformation": "similarity",
+        "method": {"kind": "functional_pca", "components": 3},
+    }
     headers = {"content-type": "application/json", "prefer": "wait=50"}
     request = urllib.request.Request(f"{base}/v1/dictionaries", json.dumps(body).encode(), headers)
     with urllib.request.urlopen(request, timeout=120) as answer:
@@ -59,7 +65,9 @@ def learnt(base, cohort):
 
 def in_r(addresses):
     """What R makes of some tables: names and typed columns of each."""
-    done = subprocess.run(["Rscript", "--vanilla", "-e", SCRIPT, *addresses], capture_output=True, text=True, timeout=300)
+    done = subprocess.run(
+        ["Rscript", "--vanilla", "-e", SCRIPT, *addresses], capture_output=True, text=True, timeout=300
+    )
     if done.returncode != 0:
         raise RuntimeError(f"R ended with {done.returncode}: {done.stderr[-500:]}")
     lines = iter(done.stdout.splitlines())
@@ -100,7 +108,8 @@ def check(convert, data, folder):
         dictionary = learnt(base, cohort)
         paths = {
             "a table of attributes and measures": f"/v1/cohorts/{cohort}/table?format=csv",
-            "a table with scores": f"/v1/cohorts/{cohort}/table?columns=external_id,labels.treatment,measures.area,{dictionary}.score.1&format=csv",
+            "a table with scores": f"/v1/cohorts/{cohort}/table?format=csv"
+            f"&columns=external_id,labels.treatment,measures.area,{dictionary}.score.1",
             "shapes, a row each": f"/v1/cohorts/{cohort}/export?format=csv",
             "a mean": f"/v1/cohorts/{cohort}/mean?transformation=similarity&format=csv",
             "components": f"/v1/dictionaries/{dictionary}/atoms?format=csv",

@@ -4,9 +4,10 @@
     tests/interop/run.py [--program target/debug/shapelex] [AREA…]
 
 Each module beside this one is an area. It names its packages, pinned, in `PACKAGES`, and has a function
-`check(convert, data, folder)` that yields a name, whether it is right, and a detail for each comparison; a detail that begins with
-`SKIPPED: ` says why there was none. They run in an environment with these packages (in `target/interop`; the network is needed for it once). An area whose packages cannot be
-installed is skipped with a line that says so; a comparison that is wrong, or an area that breaks off, ends in the exit code 1.
+`check(convert, data, folder)` that yields a name, whether it is right, and a detail for each comparison; a detail that
+begins with `SKIPPED: ` says why there was none. They run in an environment with these packages (in `target/interop`;
+the network is needed for it once). An area whose packages cannot be installed is skipped with a line that says so; a
+comparison that is wrong, or an area that breaks off, ends in the exit code 1.
 """
 
 import argparse
@@ -39,10 +40,10 @@ class Refused(Exception):
 def converter(program):
     """The function by which modules convert files.
 
-    `convert(path, format="ndjson", options=None, output=None, writing=None)` returns the list of records, parsed, for NDJSON without
-    an output, else the bytes that were written; and what the program says of the file. `options` are those of reading, `writing`
-    those of writing, with `series` as paths of images. It raises `Refused` where the program refuses.
-    `convert.program` is its path.
+    `convert(path, format="ndjson", options=None, output=None, writing=None)` returns the list of records, parsed, for
+    NDJSON without an output, else the bytes that were written; and what the program says of the file. `options` are
+    those of reading, `writing` those of writing, with `series` as paths of images. It raises `Refused` where the
+    program refuses. `convert.program` is its path.
     """
 
     def convert(path, format="ndjson", options=None, output=None, writing=None):
@@ -92,7 +93,8 @@ def environment(folder, packages):
 
 
 def check_area(path, program):
-    """Runs the comparisons of a module, in the environment that this process is in. Returns the number of wrong ones."""
+    """Runs the comparisons of a module, in the environment that this process is in. Returns the number of wrong
+    ones."""
     specification = importlib.util.spec_from_file_location(path.stem, path)
     module = importlib.util.module_from_spec(specification)
     # A module may import its neighbours.

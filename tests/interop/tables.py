@@ -22,7 +22,13 @@ def shapes():
     records = []
     for k in range(40):
         points = random.standard_normal((20 + k % 3, 2)).tolist()
-        record = {"points": points, "closed": k % 4 != 0, "external_id": f"Größe {k}", "label": "ab"[k % 2], "weight": 0.5 + k}
+        record = {
+            "points": points,
+            "closed": k % 4 != 0,
+            "external_id": f"Größe {k}",
+            "label": "ab"[k % 2],
+            "weight": 0.5 + k,
+        }
         record["labels"] = {"age": k / 3, "left": k % 2 == 0, "site": "zrh"}
         records.append(record)
     records.append({"points": [[1e-300, 0.1, 2.0], None, [3.0, 4.0, 1e99]], "external_id": "missing"})
@@ -76,7 +82,11 @@ def written(convert, folder):
     convert(source, "arrow", output=stream)
     table = pyarrow.parquet.read_table(parquet)
     yield compare_rows("Parquet, read by pyarrow", records, table.to_pylist())
-    yield "metadata of Parquet", table.schema.metadata.get(b"shapelex.schema") == b"shapes/1", str(table.schema.metadata)
+    yield (
+        "metadata of Parquet",
+        table.schema.metadata.get(b"shapelex.schema") == b"shapes/1",
+        str(table.schema.metadata),
+    )
     frame = pandas.read_parquet(parquet)
     first = numpy.reshape(frame.points[0], (-1, frame.dimension[0]))
     yield "Parquet, read by pandas", first.tolist() == records[0]["points"], f"{frame.shape}"
@@ -105,11 +115,19 @@ def arrays(convert, folder):
         path = folder / f"{name}.npy"
         numpy.save(path, array)
         found = [record["points"] for record in convert(path)[0]]
-        yield f"NPY of NumPy, {name}", numpy.array_equal(numpy.array(found), array.astype(float)), f"{array.dtype} {array.shape}"
+        yield (
+            f"NPY of NumPy, {name}",
+            numpy.array_equal(numpy.array(found), array.astype(float)),
+            f"{array.dtype} {array.shape}",
+        )
     path = folder / "theirs.npz"
     numpy.savez_compressed(path, points=points, ids=numpy.array(list("abcdéf")), labels=numpy.array([1, 1, 1, 2, 2, 2]))
     found = convert(path)[0]
-    ok = numpy.array_equal([record["points"] for record in found], points) and found[4]["external_id"] == "é" and found[5]["label"] == "2"
+    ok = (
+        numpy.array_equal([record["points"] for record in found], points)
+        and found[4]["external_id"] == "é"
+        and found[5]["label"] == "2"
+    )
     yield "NPZ of NumPy", bool(ok), f"{len(found)} records"
     numpy.save(folder / "objects.npy", numpy.array([[{}]], dtype=object), allow_pickle=True)
     try:
@@ -125,7 +143,11 @@ def arrays(convert, folder):
     ours = numpy.load(folder / "ours.npz")
     split = numpy.split(ours["points"], ours["offsets"][1:-1])
     ok = all(numpy.array_equal(a, record["points"]) for a, record in zip(split, records)) and len(split) == len(records)
-    yield "our NPZ, read by NumPy", ok and ours["ids"].tolist() == [record["external_id"] for record in records], f"{ours.files}"
+    yield (
+        "our NPZ, read by NumPy",
+        ok and ours["ids"].tolist() == [record["external_id"] for record in records],
+        f"{ours.files}",
+    )
     yield compare_records("our NPZ comes back", records, convert(folder / "ours.npz")[0])
     equal = records[0:40:3]
     source.write_text("".join(json.dumps(record) + "\n" for record in equal))
@@ -139,7 +161,12 @@ def foreign(convert, folder):
     random = numpy.random.default_rng(11)
     rows = [random.standard_normal(2 * (5 + k % 2)) for k in range(9)]
     frame = pandas.DataFrame(
-        {"contour": rows, "external_id": [f"s{k}" for k in range(9)], "label": pandas.Categorical(list("xyzxyzxyz")), "area": range(9)}
+        {
+            "contour": rows,
+            "external_id": [f"s{k}" for k in range(9)],
+            "label": pandas.Categorical(list("xyzxyzxyz")),
+            "area": range(9),
+        }
     )
     table = pyarrow.Table.from_pandas(frame)
     options = {"columns": {"coordinates": ["contour"]}, "dimension": 2, "closed": True}
@@ -153,15 +180,21 @@ def foreign(convert, folder):
     files["Parquet of Polars"] = folder / "polars.parquet"
     polars.from_arrow(table).write_parquet(files["Parquet of Polars"], compression="snappy")
     files["Parquet of DuckDB"] = folder / "duckdb.parquet"
-    duckdb.execute(f"COPY (SELECT contour, external_id, label::VARCHAR AS label, area FROM frame) TO '{folder / 'duckdb.parquet'}' (FORMAT parquet)")
+    duckdb.execute(
+        f"COPY (SELECT contour, external_id, label::VARCHAR AS label, area FROM frame) TO "
+        f"'{folder / 'duckdb.parquet'}' (FORMAT parquet)"
+    )
     for codec in ["uncompressed", "lz4"]:
         files[f"Feather, {codec}"] = folder / f"{codec}.feather"
         pyarrow.feather.write_feather(nested, files[f"Feather, {codec}"], compression=codec)
     for name, path in files.items():
         found, _ = convert(path, options=options)
         ok = len(found) == 9 and all(
-            numpy.array_equal(record["points"], row.reshape(-1, 2)) and record["label"] == "xyz"[k % 3]
-            and record["external_id"] == f"s{k}" and record["labels"] == {"area": k} and record["closed"]
+            numpy.array_equal(record["points"], row.reshape(-1, 2))
+            and record["label"] == "xyz"[k % 3]
+            and record["external_id"] == f"s{k}"
+            and record["labels"] == {"area": k}
+            and record["closed"]
             for k, (record, row) in enumerate(zip(found, rows))
         )
         yield name, ok, f"{len(found)} records"
@@ -171,7 +204,11 @@ def foreign(convert, folder):
         convert(path, options=options)
         yield "Zstandard is refused by name", False, "it was read"
     except Exception as refused:
-        yield "Zstandard is refused by name", "write the file with compression='snappy'" in str(refused), str(refused).strip()
+        yield (
+            "Zstandard is refused by name",
+            "write the file with compression='snappy'" in str(refused),
+            str(refused).strip(),
+        )
 
 
 def check(convert, data, folder):

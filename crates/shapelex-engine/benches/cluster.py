@@ -1,12 +1,14 @@
 """Measures what docs/scale.md says of clusters: executors as processes on this machine.
 
-    python3 crates/shapelex-engine/benches/cluster.py PROGRAM STORE COHORT REVISION [--executors 1,2,4] [--kills N] [--codes DICTIONARY]
+    python3 crates/shapelex-engine/benches/cluster.py PROGRAM STORE COHORT REVISION [--executors 1,2,4] [--kills N]
+    [--codes DICTIONARY]
 
-STORE holds the revision of COHORT, as `ingest` writes it; DICTIONARY is a file that the service has exported. A run is a pass: the scatter of
-all shapes, or with --codes their codes. One line of JSON for each run: time, digest of its answer, processor time and peak memory
-of the client and of the executors. With --kills, N runs on two executors, in each of which both executors and the scheduler are
-killed at moments drawn at random (seed: number of the run), and started again: `lost_s` is the processor time spent twice, by executor, and
-`waited_s` what the run took longer than that.
+STORE holds the revision of COHORT, as `ingest` writes it; DICTIONARY is a file that the service has exported. A run is
+a pass: the scatter of all shapes, or with --codes their codes. One line of JSON for each run: time, digest of its
+answer, processor time and peak memory of the client and of the executors. With --kills, N runs on two executors, in
+each of which both executors and the scheduler are killed at moments drawn at random (seed: number of the run), and
+started again: `lost_s` is the processor time spent twice, by executor, and `waited_s` what the run took longer than
+that.
 """
 
 import argparse
@@ -54,8 +56,17 @@ class Cluster:
 
     def start_executor(self):
         port = free_port()
-        return self.start("--store", self.store, "executor", "--scheduler", f"127.0.0.1:{self.port}", "--listen",
-                          f"127.0.0.1:{port}", "--folder", f"{self.folder.name}/{port}")
+        return self.start(
+            "--store",
+            self.store,
+            "executor",
+            "--scheduler",
+            f"127.0.0.1:{self.port}",
+            "--listen",
+            f"127.0.0.1:{port}",
+            "--folder",
+            f"{self.folder.name}/{port}",
+        )
 
     def kill(self, process):
         process.send_signal(signal.SIGKILL)
@@ -85,7 +96,7 @@ def run(program, store, asked, *arguments):
     """Digest of the answer to a pass, with its time, processor time and reports."""
     began, before = time.monotonic(), resource.getrusage(resource.RUSAGE_CHILDREN)
     command = [program, "--store", store, "pass", *arguments]
-    done = subprocess.run(command, input=json.dumps(asked).encode(), stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    done = subprocess.run(command, input=json.dumps(asked).encode(), capture_output=True)
     after, said = resource.getrusage(resource.RUSAGE_CHILDREN), done.stderr.decode()
     if done.returncode != 0:
         raise SystemExit(said)
@@ -94,9 +105,17 @@ def run(program, store, asked, *arguments):
 
 
 def report(name, digest, seconds, client, said, executors, **more):
-    line = {"run": name, "seconds": round(seconds, 2), "digest": digest[:12], "client_cpu_s": round(client, 2),
-            "executors_cpu_s": [round(cpu, 2) for cpu, _ in executors], "executors_peak_mib": [peak for _, peak in executors],
-            "jobs": said.count('{"job":'), "resubmitted": said.count("is submitted again"), **more}
+    line = {
+        "run": name,
+        "seconds": round(seconds, 2),
+        "digest": digest[:12],
+        "client_cpu_s": round(client, 2),
+        "executors_cpu_s": [round(cpu, 2) for cpu, _ in executors],
+        "executors_peak_mib": [peak for _, peak in executors],
+        "jobs": said.count('{"job":'),
+        "resubmitted": said.count("is submitted again"),
+        **more,
+    }
     print(json.dumps(line), flush=True)
 
 
@@ -118,16 +137,20 @@ def main():
     for count in map(int, filter(None, options.executors.split(","))):
         with Cluster(program, store, count) as cluster:
             digest, seconds, client, said = run(program, store, asked, "--scheduler", f"127.0.0.1:{cluster.port}")
-            report(f"{count} executors", digest, seconds, client, said, [used(process) for process in cluster.executors])
+            report(
+                f"{count} executors", digest, seconds, client, said, [used(process) for process in cluster.executors]
+            )
             assert digest == alone, "the digest of a cluster is another one"
             undisturbed, work = seconds, sum(used(process)[0] for process in cluster.executors)
     for number in range(options.kills):
         draw = random.Random(number)
         with Cluster(program, store, 2) as cluster:
             killed = []
-            moments = sorted((draw.uniform(0, undisturbed), victim) for victim in ("executor 0", "executor 1", "scheduler"))
+            moments = sorted(
+                (draw.uniform(0, undisturbed), victim) for victim in ("executor 0", "executor 1", "scheduler")
+            )
 
-            def disturb(began=time.monotonic()):
+            def disturb(began):
                 for moment, victim in moments:
                     time.sleep(max(0, began + moment - time.monotonic()))
                     if victim == "scheduler":
@@ -139,14 +162,24 @@ def main():
                         cluster.kill(cluster.executors[index])
                         cluster.executors[index] = cluster.start_executor()
 
-            disturbing = threading.Thread(target=disturb)
+            disturbing = threading.Thread(target=disturb, args=[time.monotonic()])
             disturbing.start()
             digest, seconds, client, said = run(program, store, asked, "--scheduler", f"127.0.0.1:{cluster.port}")
             disturbing.join()
             # Work that was done twice, on two executors; what is longer still is waiting.
             lost = (sum(killed) + sum(used(process)[0] for process in cluster.executors) - work) / 2
-            report(f"killed, run {number}", digest, seconds, client, said, [used(process) for process in cluster.executors],
-                   lost_s=round(lost, 1), waited_s=round(seconds - undisturbed - lost, 1), moments=[(round(moment, 1), victim) for moment, victim in moments], notices=said.splitlines()[:6])
+            report(
+                f"killed, run {number}",
+                digest,
+                seconds,
+                client,
+                said,
+                [used(process) for process in cluster.executors],
+                lost_s=round(lost, 1),
+                waited_s=round(seconds - undisturbed - lost, 1),
+                moments=[(round(moment, 1), victim) for moment, victim in moments],
+                notices=said.splitlines()[:6],
+            )
             assert digest == alone, "the digest of a disturbed cluster is another one"
 
 

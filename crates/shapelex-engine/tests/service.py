@@ -2,8 +2,8 @@
 
     python3 tests/service.py SHAPELEX SHAPELEX_ENGINE
 
-Starts the service on a new store, uploads a cohort, and compares means and dictionaries with those whose passes the engine has computed:
-on this machine, on a cluster, and where it fails.
+Starts the service on a new store, uploads a cohort, and compares means and dictionaries with those whose passes the
+engine has computed: on this machine, on a cluster, and where it fails.
 """
 
 import contextlib
@@ -45,23 +45,36 @@ def send(address, body, media_type):
 def points(k):
     """A leaf: turned, scaled and moved."""
     turn, size = k * 0.61, 1 + 0.3 * math.sin(k)
-    leaf = [(math.cos(a) * 2 + 0.3 * math.sin(k * 0.3 + 2 * a), math.sin(a) + 0.2 * math.cos(k + 3 * a))
-            for a in (i * math.tau / 8 for i in range(8))]
-    return [[size * (x * math.cos(turn) - y * math.sin(turn)) + k % 7, size * (x * math.sin(turn) + y * math.cos(turn))]
-            for x, y in leaf]
+    leaf = [
+        (math.cos(a) * 2 + 0.3 * math.sin(k * 0.3 + 2 * a), math.sin(a) + 0.2 * math.cos(k + 3 * a))
+        for a in (i * math.tau / 8 for i in range(8))
+    ]
+    return [
+        [size * (x * math.cos(turn) - y * math.sin(turn)) + k % 7, size * (x * math.sin(turn) + y * math.cos(turn))]
+        for x, y in leaf
+    ]
 
 
 def compare(address, shapelex_engine, folder):
-    """What a service without an engine finds: means by their queries, and digests of dictionaries by their methods. The engine alone codes
-    the shapes in a dictionary that the service has exported."""
+    """What a service without an engine finds: means by their queries, and digests of dictionaries by their methods. The
+    engine alone codes the shapes in a dictionary that the service has exported."""
     closed = {"kind": "closed_curve", "dimension": 2, "control_points": 8, "generator": {"name": "cubic"}}
     send(f"{address}/v1/cohorts", json.dumps({"name": "leaves", "representation": closed}), "application/json")
-    lines = "\n".join(json.dumps({"external_id": str(k), "label": "ab"[k % 2], "labels": {"k": k}, "weight": 1 + k % 3,
-                                  "points": points(k)}) for k in range(SHAPES))
+    lines = "\n".join(
+        json.dumps(
+            {"external_id": str(k), "label": "ab"[k % 2], "labels": {"k": k}, "weight": 1 + k % 3, "points": points(k)}
+        )
+        for k in range(SHAPES)
+    )
     send(f"{address}/v1/cohorts/leaves/shapes?return=none", lines, "application/x-ndjson")
     components = json.dumps({"kind": "functional_pca", "components": 5, "centre": True})
-    found = means(address), {method: learn(address, f"by-{number}", json.loads(method))
-                             for number, method in enumerate([components, json.dumps(ATOMS)])}
+    found = (
+        means(address),
+        {
+            method: learn(address, f"by-{number}", json.loads(method))
+            for number, method in enumerate([components, json.dumps(ATOMS)])
+        },
+    )
     with urllib.request.urlopen(f"{address}/v1/dictionaries/by-0/export", timeout=60) as answer:
         exported = json.load(answer)
     subprocess.run([sys.executable, FETCH, address, "leaves", folder], check=True)
@@ -81,14 +94,23 @@ def means(address):
 
 
 def coded(shapelex_engine, folder, exported):
-    """Passes over a cohort that was fetched: the digest of the dictionary is that of the service, and threads do not matter."""
+    """Passes over a cohort that was fetched: the digest of the dictionary is that of the service, and threads do not
+    matter."""
+
     def engine(*arguments, request=None):
         command = [shapelex_engine, f"--store={folder}/store", *arguments]
-        return subprocess.run(command, check=True, stdout=subprocess.PIPE, input=request and json.dumps(request).encode()).stdout
+        return subprocess.run(
+            command, check=True, stdout=subprocess.PIPE, input=request and json.dumps(request).encode()
+        ).stdout
 
     engine("ingest", f"--cohort={folder}/cohort.json", f"--shapes={folder}/shapes.ndjson")
     cohort = json.loads((folder / "cohort.json").read_text())
-    about = {"cohort": cohort["id"], "revision": cohort["revision"], "transformation": "similarity", "alignment": "projection"}
+    about = {
+        "cohort": cohort["id"],
+        "revision": cohort["revision"],
+        "transformation": "similarity",
+        "alignment": "projection",
+    }
     scatter = {"sum": {"aligned": None, "sum": {"kind": "scatter", "origin": [0.0] * 16}}}
     for work in [scatter, {"code": exported["content"]}]:
         one, two = (engine("pass", f"--threads={threads}", request={**about, "work": work}) for threads in (1, 2))
@@ -133,7 +155,11 @@ def learn_in_spite_of(address, found, folder):
     """An engine that fails to code in the second epoch: learning begins again in the service."""
     digests = found[1]
     again, log = learn(address, "in-spite", ATOMS), (folder / "log").read_text()
-    if again != digests[json.dumps(ATOMS)] or log.count("the engine coded a group") != 1 or log.count("the engine failed") != 1:
+    if (
+        again != digests[json.dumps(ATOMS)]
+        or log.count("the engine coded a group") != 1
+        or log.count("the engine failed") != 1
+    ):
         sys.exit(f"the service learns {again} for {digests} with an engine that fails to code: {log}")
     nothing_is_kept(folder)
     print(f"{SHAPES} shapes: a job whose engine fails to code has the same bits")
@@ -157,8 +183,10 @@ def learn_on_a_cluster(address, found, folder):
 def cluster(shapelex_engine, folder):
     """A scheduler with an executor; its address."""
     scheduler, executor = (f"127.0.0.1:{free_port()}" for _ in range(2))
-    commands = {"scheduler": ["scheduler", f"--listen={scheduler}"],
-                "executor": ["executor", f"--scheduler={scheduler}", f"--listen={executor}"]}
+    commands = {
+        "scheduler": ["scheduler", f"--listen={scheduler}"],
+        "executor": ["executor", f"--scheduler={scheduler}", f"--listen={executor}"],
+    }
     processes, environment = [], {**os.environ, "SHAPELEX_ENGINE_LOG": "info"}
     try:
         for name, command in commands.items():
@@ -226,8 +254,14 @@ def main(shapelex, shapelex_engine):
         for use, program in [(compute_through, shapelex_engine), (learn_in_spite_of, folder / "fails")]:
             serve(shapelex, folder, lambda address: use(address, found, folder), f"--engine={program}", *flags)
         with cluster(shapelex_engine, folder) as scheduler:
-            serve(shapelex, folder, lambda address: learn_on_a_cluster(address, found, folder),
-                  f"--engine={shapelex_engine}", f"--engine-scheduler={scheduler}", *flags)
+            serve(
+                shapelex,
+                folder,
+                lambda address: learn_on_a_cluster(address, found, folder),
+                f"--engine={shapelex_engine}",
+                f"--engine-scheduler={scheduler}",
+                *flags,
+            )
 
 
 if __name__ == "__main__":

@@ -7,17 +7,39 @@ import { setKey, setRenewal } from "./client";
 export const RETURN = "/app/login";
 /** What went wrong, as the name of a sentence, and whom or what it is about. */
 export class LoginError extends Error {
-  constructor(readonly reason: "insecure" | "away" | "elsewhere" | "stale" | "refused", readonly about = "") {
+  constructor(
+    readonly reason: "insecure" | "away" | "elsewhere" | "stale" | "refused",
+    readonly about = "",
+  ) {
     super(reason);
   }
 }
 
-export interface Provider { issuer: string; client_id: string; scope: string }
-interface Addresses { authorization_endpoint: string; token_endpoint: string }
-interface Pending { state: string; verifier: string; token: string; client: string; back: string }
-interface Session { token: string; client: string; refresh?: string; until: number }
+export interface Provider {
+  issuer: string;
+  client_id: string;
+  scope: string;
+}
+interface Addresses {
+  authorization_endpoint: string;
+  token_endpoint: string;
+}
+interface Pending {
+  state: string;
+  verifier: string;
+  token: string;
+  client: string;
+  back: string;
+}
+interface Session {
+  token: string;
+  client: string;
+  refresh?: string;
+  until: number;
+}
 
-const PENDING = "shapelex.login", SESSION = "shapelex.session";
+const PENDING = "shapelex.login",
+  SESSION = "shapelex.session";
 /** Renewed after this part of the life of a token. */
 const PART = 0.8;
 
@@ -33,18 +55,25 @@ export async function findProvider(): Promise<Provider | null> {
 }
 
 async function addressesOf({ issuer }: Provider): Promise<Addresses> {
-  const answer = await fetch(`${issuer.replace(/\/$/, "")}/.well-known/openid-configuration`, { credentials: "omit" }).catch(() => null);
+  const answer = await fetch(`${issuer.replace(/\/$/, "")}/.well-known/openid-configuration`, {
+    credentials: "omit",
+  }).catch(() => null);
   if (!answer?.ok) throw new LoginError("away", hostOf(issuer));
   const found = (await answer.json()) as Addresses & { issuer: string };
   // The policy of the page allows the origin of the issuer only.
   const own = new URL(issuer).origin;
-  if (found.issuer !== issuer || new URL(found.token_endpoint).origin !== own) throw new LoginError("elsewhere", hostOf(issuer));
+  if (found.issuer !== issuer || new URL(found.token_endpoint).origin !== own)
+    throw new LoginError("elsewhere", hostOf(issuer));
   const start = new URL(found.authorization_endpoint);
   if (start.protocol !== "https:" && start.origin !== own) throw new LoginError("elsewhere", hostOf(issuer));
   return found;
 }
 
-const base64 = (bytes: Uint8Array): string => btoa(String.fromCharCode(...bytes)).replace(/\+/g, "-").replace(/\//g, "_").replace(/=/g, "");
+const base64 = (bytes: Uint8Array): string =>
+  btoa(String.fromCharCode(...bytes))
+    .replace(/\+/g, "-")
+    .replace(/\//g, "_")
+    .replace(/=/g, "");
 const secret = (): string => base64(crypto.getRandomValues(new Uint8Array(32)));
 
 /** Leaves for the provider, which sends people back to [`RETURN`]. */
@@ -52,13 +81,24 @@ export async function begin(provider: Provider): Promise<void> {
   if (!crypto.subtle) throw new LoginError("insecure");
   const addresses = await addressesOf(provider);
   const back = location.pathname === RETURN ? "/" : location.pathname + location.search;
-  const pending: Pending = { state: secret(), verifier: secret(), token: addresses.token_endpoint, client: provider.client_id, back };
+  const pending: Pending = {
+    state: secret(),
+    verifier: secret(),
+    token: addresses.token_endpoint,
+    client: provider.client_id,
+    back,
+  };
   sessionStorage.setItem(PENDING, JSON.stringify(pending));
   const digest = await crypto.subtle.digest("SHA-256", new TextEncoder().encode(pending.verifier));
   const target = new URL(addresses.authorization_endpoint);
   const query = {
-    response_type: "code", client_id: provider.client_id, redirect_uri: location.origin + RETURN, scope: provider.scope, state: pending.state,
-    code_challenge: base64(new Uint8Array(digest)), code_challenge_method: "S256",
+    response_type: "code",
+    client_id: provider.client_id,
+    redirect_uri: location.origin + RETURN,
+    scope: provider.scope,
+    state: pending.state,
+    code_challenge: base64(new Uint8Array(digest)),
+    code_challenge_method: "S256",
   };
   for (const [name, value] of Object.entries(query)) target.searchParams.set(name, value);
   location.assign(target);
@@ -69,22 +109,49 @@ export async function finish(): Promise<string> {
   const text = sessionStorage.getItem(PENDING);
   sessionStorage.removeItem(PENDING);
   const pending = text ? (JSON.parse(text) as Pending) : null;
-  const state = arrived.get("state"), code = arrived.get("code"), error = arrived.get("error_description") ?? arrived.get("error");
+  const state = arrived.get("state"),
+    code = arrived.get("code"),
+    error = arrived.get("error_description") ?? arrived.get("error");
   for (const name of [...arrived.keys()]) arrived.delete(name);
   if (!pending || state !== pending.state) throw new LoginError("stale");
   if (!code) throw new LoginError("refused", error ?? "");
-  await exchange(pending, { grant_type: "authorization_code", code, redirect_uri: location.origin + RETURN, code_verifier: pending.verifier });
+  await exchange(pending, {
+    grant_type: "authorization_code",
+    code,
+    redirect_uri: location.origin + RETURN,
+    code_verifier: pending.verifier,
+  });
   return pending.back;
 }
 
-async function exchange({ token, client }: { token: string; client: string }, fields: Record<string, string>, refresh?: string): Promise<void> {
+async function exchange(
+  { token, client }: { token: string; client: string },
+  fields: Record<string, string>,
+  refresh?: string,
+): Promise<void> {
   const body = new URLSearchParams({ ...fields, client_id: client });
-  const answer = await fetch(token, { method: "POST", body, credentials: "omit", headers: { accept: "application/json" } }).catch(() => null);
+  const answer = await fetch(token, {
+    method: "POST",
+    body,
+    credentials: "omit",
+    headers: { accept: "application/json" },
+  }).catch(() => null);
   if (!answer) throw new LoginError("away", new URL(token).host);
-  const found = (await answer.json().catch(() => ({}))) as { access_token?: string; refresh_token?: string; expires_in?: number; error?: string; error_description?: string };
+  const found = (await answer.json().catch(() => ({}))) as {
+    access_token?: string;
+    refresh_token?: string;
+    expires_in?: number;
+    error?: string;
+    error_description?: string;
+  };
   if (!answer.ok || !found.access_token) throw new LoginError("refused", found.error_description ?? found.error ?? "");
   setKey(found.access_token);
-  keep({ token, client, refresh: found.refresh_token ?? refresh, until: Date.now() + 1000 * PART * (found.expires_in ?? 300) });
+  keep({
+    token,
+    client,
+    refresh: found.refresh_token ?? refresh,
+    until: Date.now() + 1000 * PART * (found.expires_in ?? 300),
+  });
 }
 
 let timer: ReturnType<typeof setTimeout> | undefined;
@@ -93,7 +160,8 @@ let renewing: Promise<boolean> | undefined;
 function keep(session: Session): void {
   sessionStorage.setItem(SESSION, JSON.stringify(session));
   clearTimeout(timer);
-  if (session.refresh) timer = setTimeout(() => void renew(), Math.min(Math.max(session.until - Date.now(), 0), 2 ** 31 - 1));
+  if (session.refresh)
+    timer = setTimeout(() => void renew(), Math.min(Math.max(session.until - Date.now(), 0), 2 ** 31 - 1));
 }
 
 export const hasSession = (): boolean => sessionStorage.getItem(SESSION) !== null;
@@ -112,8 +180,16 @@ function renew(): Promise<boolean> {
   const { refresh } = session;
   renewing ??= exchange(session, { grant_type: "refresh_token", refresh_token: refresh }, refresh)
     // Without a connection the refresh token stays good.
-    .then(() => true, (error: LoginError) => { if (error.reason === "refused") forget(); return false; })
-    .finally(() => { renewing = undefined; });
+    .then(
+      () => true,
+      (error: LoginError) => {
+        if (error.reason === "refused") forget();
+        return false;
+      },
+    )
+    .finally(() => {
+      renewing = undefined;
+    });
   return renewing;
 }
 

@@ -5,8 +5,8 @@ import { render } from "preact";
 import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 import icon from "../icon.svg";
 import { Choice } from "../parts/fields";
-import { chooseTheme, useTheme, type Theme } from "../theme";
-import { operationsOf, type Document, type Operation } from "./document";
+import { chooseTheme, type Theme, useTheme } from "../theme";
+import { type Document, type Operation, operationsOf } from "./document";
 import { Details, Method } from "./operation";
 import { breakable, inline, Prose } from "./text";
 
@@ -139,7 +139,7 @@ function Overview({ source, groups }: { source: Document; groups: Group[] }) {
           <span class="tag">{info.version}</span>
         </div>
         <p class="lead">{inline(info.description ?? "")}</p>
-        <Prose text={components.securitySchemes?.["bearer"]?.description} />
+        <Prose text={components.securitySchemes?.bearer?.description} />
       </header>
       {groups.map(({ name, description, operations }) => (
         <section key={name} class="card" aria-label={name}>

@@ -2,14 +2,14 @@
 import { useState } from "preact/hooks";
 import { Choice } from "../parts/fields";
 import {
+  type Answer,
   boundsOf,
   exampleOf,
-  resolve,
-  typeOf,
-  type Answer,
   type Media,
   type Operation,
   type Parameter,
+  resolve,
+  typeOf,
 } from "./document";
 import { Required, SchemaTree, Values } from "./schema";
 import { breakable, inline, Prose, splitDefault } from "./text";

@@ -1,5 +1,5 @@
 /** A request as it was filled in: for the browser to send, and for a program to repeat. */
-import { flat, resolve, type Operation, type Parameter } from "./document";
+import { flat, type Operation, type Parameter, resolve } from "./document";
 
 export interface Filled {
   /** Values of parameters by place and name, as typed. */

@@ -1,7 +1,8 @@
 /** A schema as a tree. Parts are made when they are opened, so that a schema may contain itself. */
-import { useState } from "preact/hooks";
+
 import type { ComponentChildren } from "preact";
-import { boundsOf, flat, resolve, typeOf, valuesOf, variantName, variantsOf, type Schema } from "./document";
+import { useState } from "preact/hooks";
+import { boundsOf, flat, resolve, type Schema, typeOf, valuesOf, variantName, variantsOf } from "./document";
 import { inline } from "./text";
 
 /** What is open at first: small objects are seen at once, large ones by their fields. */

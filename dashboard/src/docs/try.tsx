@@ -2,8 +2,8 @@
 import { useEffect, useState } from "preact/hooks";
 import { Field } from "../parts/fields";
 import { save } from "../parts/save";
-import { exampleOf, pretty, resolve, sampleOf, typeOf, valuesOf, type Operation, type Parameter } from "./document";
-import { ask, curl, currentKey, isBinary, isForm, partsOf, setKey, slot, type Filled } from "./request";
+import { exampleOf, type Operation, type Parameter, pretty, resolve, sampleOf, typeOf, valuesOf } from "./document";
+import { ask, curl, currentKey, type Filled, isBinary, isForm, partsOf, setKey, slot } from "./request";
 
 /** How much of an answer is shown. */
 const SHOWN_BYTES = 200_000;
@@ -388,7 +388,7 @@ function Shown({ reply, id }: { reply: Reply; id: string }) {
           ))}
         </dl>
       </details>
-      {picture && <img src={picture} alt="The picture that was answered" />}
+      {picture && <img src={picture} alt="What was answered" />}
       {!picture && text && (
         <pre class="code" tabIndex={0}>
           {text}

@@ -2,7 +2,7 @@
  * Files of shapes. The service reads them, whatever program they are of: it says what is in one, stores its shapes, and answers them
  * as lines of JSON. What the page reads itself are the bodies of the API: they are requests, not files.
  */
-import { get, postImage, search, send, type Schemas } from "../api/client";
+import { get, postImage, type Schemas, search, send } from "../api/client";
 
 export type Input = Schemas["ShapeInput"];
 export type Format = Schemas["FormatEntry"];
@@ -22,21 +22,34 @@ const ANY_FILE = { "content-type": "application/octet-stream" };
 const bare = (name: string) => name.replace(/\.[^.]*$/, "");
 
 /** The formats that the service reads. */
-export const formats = async (signal: AbortSignal): Promise<Format[]> => (await get("/v1/formats", { signal })).items.filter((one) => one.read);
+export const formats = async (signal: AbortSignal): Promise<Format[]> =>
+  (await get("/v1/formats", { signal })).items.filter((one) => one.read);
 
 /** What is in a file, without storing it. */
 export async function inspected(file: File, reading: Reading, signal?: AbortSignal): Promise<Found> {
-  const response = await send("POST", `/v1/inspect${search({ name: file.name, ...reading })}`, { body: file, headers: ANY_FILE, signal });
+  const response = await send("POST", `/v1/inspect${search({ name: file.name, ...reading })}`, {
+    body: file,
+    headers: ANY_FILE,
+    signal,
+  });
   return response.json() as Promise<Found>;
 }
 
 /** The shapes of a file as lines. */
 export async function linesOf(file: File, signal?: AbortSignal): Promise<Line[]> {
-  const response = await send("POST", `/v1/convert${search({ name: file.name, to: "ndjson" })}`, { body: file, headers: { ...ANY_FILE, accept: "*/*" }, signal });
+  const response = await send("POST", `/v1/convert${search({ name: file.name, to: "ndjson" })}`, {
+    body: file,
+    headers: { ...ANY_FILE, accept: "*/*" },
+    signal,
+  });
   return parsedLines(await response.text());
 }
 
-const parsedLines = (text: string): Line[] => text.split("\n").filter((line) => line.trim()).map((line) => JSON.parse(line) as Line);
+const parsedLines = (text: string): Line[] =>
+  text
+    .split("\n")
+    .filter((line) => line.trim())
+    .map((line) => JSON.parse(line) as Line);
 
 /** A body of `POST /v1/cohorts/{cohort}/shapes` that someone keeps as a file. */
 export interface Kept {
@@ -66,13 +79,16 @@ export async function keptBody(file: File): Promise<Kept | null> {
   return shapes && { type: "application/json", body: new Blob([JSON.stringify({ shapes })]), shapes };
 }
 
-const isShape = (value: unknown): boolean => typeof value === "object" && value !== null && ("points" in value || "control_points" in value);
+const isShape = (value: unknown): boolean =>
+  typeof value === "object" && value !== null && ("points" in value || "control_points" in value);
 
 /** The shapes of `{"shapes": […]}`, of a list of shapes, of one shape, or of points alone; null of any other document. */
 function shapesOfDocument(value: unknown, name: string): Input[] | null {
   if (Array.isArray(value)) {
     if (value.length && value.every(isShape)) return value as Input[];
-    return Array.isArray(value[0]) && typeof value[0][0] === "number" ? [{ external_id: name, points: value } as Input] : null;
+    return Array.isArray(value[0]) && typeof value[0][0] === "number"
+      ? [{ external_id: name, points: value } as Input]
+      : null;
   }
   const shapes = (value as { shapes?: unknown } | null)?.shapes;
   if (Array.isArray(shapes)) return shapes as Input[];
@@ -91,5 +107,8 @@ const SPECK = 20;
 /** Contours of the labels of a mask in the plane, without specks, which a file of labels would have as shapes. */
 export async function contoursOf(file: File, name: string): Promise<Line[]> {
   const answer = await postImage<Schemas["ContoursAnswer"]>("/v1/contours", { least_cells: SPECK }, file);
-  return answer.results.map((one) => ({ external_id: `${name}-${one.label}${one.component ? `-${one.component}` : ""}`, points: (one as { points: number[][] }).points }));
+  return answer.results.map((one) => ({
+    external_id: `${name}-${one.label}${one.component ? `-${one.component}` : ""}`,
+    points: (one as { points: number[][] }).points,
+  }));
 }

@@ -1,15 +1,29 @@
 /** What every view is made of. */
 import type { ComponentChildren } from "preact";
 import { useEffect, useRef, useState } from "preact/hooks";
-import { Refusal, Said, search, send, type Query, type Schemas } from "../api/client";
+import { type Query, Refusal, Said, type Schemas, search, send } from "../api/client";
+import { useSetting } from "../router";
 import { count, t } from "../strings";
 import { shown } from "../theme";
-import { useSetting } from "../router";
 import { Choice, Field } from "./fields";
 import { save } from "./save";
 
 /** Head of a view; the heading takes the focus when one comes from another view, so that it is read out. */
-export function Page({ title, tag, crumbs, lead, actions, children }: { title: string; tag?: string; crumbs?: [string, string][]; lead?: ComponentChildren; actions?: ComponentChildren; children: ComponentChildren }) {
+export function Page({
+  title,
+  tag,
+  crumbs,
+  lead,
+  actions,
+  children,
+}: {
+  title: string;
+  tag?: string;
+  crumbs?: [string, string][];
+  lead?: ComponentChildren;
+  actions?: ComponentChildren;
+  children: ComponentChildren;
+}) {
   const heading = useRef<HTMLHeadingElement>(null);
   useEffect(() => {
     document.title = `${title} · Shapelex`;
@@ -23,10 +37,23 @@ export function Page({ title, tag, crumbs, lead, actions, children }: { title: s
       <header class="head">
         {crumbs && (
           <nav class="crumbs" aria-label={t.frame.crumbs}>
-            {crumbs.map(([name, href]) => <><a href={href}>{name}</a><span aria-hidden="true">/</span></>)}
+            {crumbs.map(([name, href]) => (
+              <>
+                <a href={href}>{name}</a>
+                <span aria-hidden="true">/</span>
+              </>
+            ))}
           </nav>
         )}
-        <div class="row spread"><div class="row"><h1 ref={heading} tabIndex={-1}>{title}</h1>{tag && <span class="tag">{tag}</span>}</div>{actions && <div class="row no-print">{actions}</div>}</div>
+        <div class="row spread">
+          <div class="row">
+            <h1 ref={heading} tabIndex={-1}>
+              {title}
+            </h1>
+            {tag && <span class="tag">{tag}</span>}
+          </div>
+          {actions && <div class="row no-print">{actions}</div>}
+        </div>
         {lead && <p class="lead">{lead}</p>}
       </header>
       {children}
@@ -37,7 +64,17 @@ export function Page({ title, tag, crumbs, lead, actions, children }: { title: s
 export function Tabs({ label, tabs }: { label: string; tabs: [string, string][] }) {
   return (
     <nav class="tabs" aria-label={label}>
-      {tabs.map(([name, href]) => <a key={href} href={href} aria-current={decodeURIComponent(location.pathname) === decodeURIComponent(href.split("?")[0]!) ? "page" : undefined}>{name}</a>)}
+      {tabs.map(([name, href]) => (
+        <a
+          key={href}
+          href={href}
+          aria-current={
+            decodeURIComponent(location.pathname) === decodeURIComponent(href.split("?")[0]!) ? "page" : undefined
+          }
+        >
+          {name}
+        </a>
+      ))}
     </nav>
   );
 }
@@ -54,16 +91,42 @@ export function Fault({ error, retry }: { error: Error | undefined; retry?: () =
   const repeated = faults.length === 1 && problem!.detail.includes(faults[0]!.detail);
   return (
     <div class="note bad" role="alert">
-      <strong>{problem ? problem.title : error instanceof Said ? error.message : lostConnection(error) ? t.fault.connection : t.fault.page}</strong>
-      {!(error instanceof Said) && <p>{repeated && <Place fault={faults[0]!} />}{problem ? problem.detail : lostConnection(error) ? t.fault.connectionHint : error.message}</p>}
+      <strong>
+        {problem
+          ? problem.title
+          : error instanceof Said
+            ? error.message
+            : lostConnection(error)
+              ? t.fault.connection
+              : t.fault.page}
+      </strong>
+      {!(error instanceof Said) && (
+        <p>
+          {repeated && <Place fault={faults[0]!} />}
+          {problem ? problem.detail : lostConnection(error) ? t.fault.connectionHint : error.message}
+        </p>
+      )}
       {faults.length > 0 && !repeated && (
         <ul>
-          {faults.slice(0, 20).map((fault) => <li><Place fault={fault} />{fault.detail}</li>)}
+          {faults.slice(0, 20).map((fault) => (
+            <li>
+              <Place fault={fault} />
+              {fault.detail}
+            </li>
+          ))}
           {faults.length > 20 && <li>{t.fault.more(faults.length - 20)}</li>}
         </ul>
       )}
-      {problem?.request_id && <p class="small quiet">{t.fault.request} <code>{problem.request_id}</code></p>}
-      {retry && <button class="plain" onClick={retry}>{t.act.again}</button>}
+      {problem?.request_id && (
+        <p class="small quiet">
+          {t.fault.request} <code>{problem.request_id}</code>
+        </p>
+      )}
+      {retry && (
+        <button class="plain" onClick={retry}>
+          {t.act.again}
+        </button>
+      )}
     </div>
   );
 }
@@ -72,19 +135,46 @@ export function Place({ fault }: { fault: Partial<Schemas["FaultDocument"]> }) {
   const { entry, item, tag, line, byte } = fault.place ?? {};
   const lines = fault.line ?? line;
   const words = [
-    entry, lines ? t.fault.line(lines) : typeof fault.index === "number" ? t.fault.shape(fault.index + 1) : "",
-    typeof item === "number" && t.fault.item(item), tag, typeof byte === "number" && t.fault.byte(count(byte)), fault.pointer,
+    entry,
+    lines ? t.fault.line(lines) : typeof fault.index === "number" ? t.fault.shape(fault.index + 1) : "",
+    typeof item === "number" && t.fault.item(item),
+    tag,
+    typeof byte === "number" && t.fault.byte(count(byte)),
+    fault.pointer,
   ].filter(Boolean);
-  return words.length ? <><code>{words.join(" ")}</code> </> : null;
+  return words.length ? (
+    <>
+      <code>{words.join(" ")}</code>{" "}
+    </>
+  ) : null;
 }
 
-export const Loading = ({ on }: { on: boolean }) => (on ? <div class="loading" role="status"><span class="hidden">{t.frame.loading}</span></div> : null);
+export const Loading = ({ on }: { on: boolean }) =>
+  on ? (
+    <div class="loading" role="status">
+      <span class="hidden">{t.frame.loading}</span>
+    </div>
+  ) : null;
 
-export function Select({ label, value, options, onChange }: { label: string; value: string; options: [string, string][]; onChange: (value: string) => void }) {
+export function Select({
+  label,
+  value,
+  options,
+  onChange,
+}: {
+  label: string;
+  value: string;
+  options: [string, string][];
+  onChange: (value: string) => void;
+}) {
   return (
     <Field label={label}>
       <select value={value} onChange={(event) => onChange(event.currentTarget.value)}>
-        {options.map(([id, name]) => <option key={id} value={id} selected={id === value}>{name}</option>)}
+        {options.map(([id, name]) => (
+          <option key={id} value={id} selected={id === value}>
+            {name}
+          </option>
+        ))}
       </select>
     </Field>
   );
@@ -106,10 +196,22 @@ function ask(source: Source, extra: Record<string, string>, accept: string, sign
   for (const [name, value] of Object.entries(extra)) query.set(name, value);
   const headers: Record<string, string> = { accept };
   if (source.body) headers["content-type"] = "application/json";
-  return send(source.method ?? "GET", `${source.path}?${query}`, { headers, signal, body: source.body && JSON.stringify(source.body) });
+  return send(source.method ?? "GET", `${source.path}?${query}`, {
+    headers,
+    signal,
+    body: source.body && JSON.stringify(source.body),
+  });
 }
 
-export function Download({ source, formats, name }: { source: Source; formats: [string, string, string][]; name: string }) {
+export function Download({
+  source,
+  formats,
+  name,
+}: {
+  source: Source;
+  formats: [string, string, string][];
+  name: string;
+}) {
   const [error, setError] = useState<Error>();
   const fetchIt = async (format: string, accept: string, query: Record<string, string>) => {
     try {
@@ -122,7 +224,18 @@ export function Download({ source, formats, name }: { source: Source; formats: [
   return (
     <div class="downloads">
       {formats.map(([label, format, accept]) => (
-        <button class="plain small" onClick={() => void fetchIt(format, accept, { format, ...(accept.startsWith("image/") ? { theme: "light", ...(source.ownWidth ? {} : { width: "1200" }) } : {}) })} aria-label={`${t.act.download} ${name} ${label}`}>↓ {label}</button>
+        <button
+          class="plain small"
+          onClick={() =>
+            void fetchIt(format, accept, {
+              format,
+              ...(accept.startsWith("image/") ? { theme: "light", ...(source.ownWidth ? {} : { width: "1200" }) } : {}),
+            })
+          }
+          aria-label={`${t.act.download} ${name} ${label}`}
+        >
+          ↓ {label}
+        </button>
       ))}
       <Fault error={error} />
     </div>
@@ -130,7 +243,10 @@ export function Download({ source, formats, name }: { source: Source; formats: [
 }
 
 type Formats = [string, string, string][];
-export const PICTURES: Formats = [["SVG", "svg", "image/svg+xml"], ["PNG", "png", "image/png"]];
+export const PICTURES: Formats = [
+  ["SVG", "svg", "image/svg+xml"],
+  ["PNG", "png", "image/png"],
+];
 /** A picture, and the numbers behind it. */
 export const WITH_NUMBERS: Formats = [...PICTURES, ["JSON", "json", "application/json"]];
 
@@ -141,27 +257,63 @@ export function Keys({ keys }: { keys: Key[] }) {
   return (
     <ul class="keys">
       {keys.map(([colours, text]) => (
-        <li key={text}><i class={typeof colours === "string" ? "" : "range"} style={{ background: typeof colours === "string" ? colours : `linear-gradient(to right, ${colours.join(", ")})` }} />{text}</li>
+        <li key={text}>
+          <i
+            class={typeof colours === "string" ? "" : "range"}
+            style={{
+              background: typeof colours === "string" ? colours : `linear-gradient(to right, ${colours.join(", ")})`,
+            }}
+          />
+          {text}
+        </li>
       ))}
     </ul>
   );
 }
 
 /** The few captions of shapes in drawings of the service that are words, in the language of the page. */
-const inOurWords = (svg: string): string => t.captions.reduce((text, [theirs, ours]) => text.replaceAll(theirs, ours), svg);
+const inOurWords = (svg: string): string =>
+  t.captions.reduce((text, [theirs, ours]) => text.replaceAll(theirs, ours), svg);
 
 /**
  * A drawing of the service, in the colours of the page, with its caption and its files. Legends of the service are in English: here
  * they are left out, and `keys` are in the language of the page.
  */
-export function Picture({ source, alt, caption, name, width = 760, keys, formats = source.ownWidth ? PICTURES : WITH_NUMBERS }: { source: Source; alt: string; caption?: ComponentChildren; name: string; width?: number; keys?: Key[]; formats?: Formats }) {
+export function Picture({
+  source,
+  alt,
+  caption,
+  name,
+  width = 760,
+  keys,
+  formats = source.ownWidth ? PICTURES : WITH_NUMBERS,
+}: {
+  source: Source;
+  alt: string;
+  caption?: ComponentChildren;
+  name: string;
+  width?: number;
+  keys?: Key[];
+  formats?: Formats;
+}) {
   const [state, setState] = useState<{ url?: string; error?: Error }>({});
   const theme = shown();
   const key = JSON.stringify([source, search(source.query), theme, width]);
   useEffect(() => {
     const abort = new AbortController();
     let url: string | undefined;
-    ask(source, { format: "svg", theme, background: "none", title: "false", ...(source.ownWidth ? {} : { width: String(width), legend: "false" }) }, "image/svg+xml", abort.signal)
+    ask(
+      source,
+      {
+        format: "svg",
+        theme,
+        background: "none",
+        title: "false",
+        ...(source.ownWidth ? {} : { width: String(width), legend: "false" }),
+      },
+      "image/svg+xml",
+      abort.signal,
+    )
       .then((response) => response.text())
       .then((svg) => {
         if (abort.signal.aborted) return;
@@ -179,20 +331,35 @@ export function Picture({ source, alt, caption, name, width = 760, keys, formats
       {state.error ? <Fault error={state.error} /> : state.url ? <img src={state.url} alt={alt} /> : <Loading on />}
       {keys && state.url && <Keys keys={keys} />}
       {caption && <figcaption>{caption}</figcaption>}
-      {state.url && <div class="no-print"><Download source={source} formats={formats} name={name} /></div>}
+      {state.url && (
+        <div class="no-print">
+          <Download source={source} formats={formats} name={name} />
+        </div>
+      )}
     </figure>
   );
 }
 
 /** A question that stops everything else; the native dialog keeps the focus within. */
-export function Dialog({ title, children, onClose }: { title: string; children: ComponentChildren; onClose: () => void }) {
+export function Dialog({
+  title,
+  children,
+  onClose,
+}: {
+  title: string;
+  children: ComponentChildren;
+  onClose: () => void;
+}) {
   const ref = useRef<HTMLDialogElement>(null);
   useEffect(() => {
     ref.current?.showModal();
   }, []);
   return (
     <dialog ref={ref} onClose={onClose} aria-label={title}>
-      <div class="stack"><h2>{title}</h2>{children}</div>
+      <div class="stack">
+        <h2>{title}</h2>
+        {children}
+      </div>
     </dialog>
   );
 }
@@ -220,7 +387,15 @@ export function Announcements() {
   };
   return (
     <div role="status" aria-live="polite">
-      {note && <div class="toast"><span>{note.text}</span>{note.undo && <button onClick={() => void back()}>{t.act.undo}</button>}<button onClick={() => setNote(undefined)} aria-label={t.act.close}>✕</button></div>}
+      {note && (
+        <div class="toast">
+          <span>{note.text}</span>
+          {note.undo && <button onClick={() => void back()}>{t.act.undo}</button>}
+          <button onClick={() => setNote(undefined)} aria-label={t.act.close}>
+            ✕
+          </button>
+        </div>
+      )}
     </div>
   );
 }
@@ -231,10 +406,11 @@ export function Empty({ children }: { children: ComponentChildren }) {
 
 export function Copy({ text }: { text: string }) {
   const [done, setDone] = useState(false);
-  const copy = () => void navigator.clipboard.writeText(text).then(() => {
-    setDone(true);
-    setTimeout(() => setDone(false), 2000);
-  });
+  const copy = () =>
+    void navigator.clipboard.writeText(text).then(() => {
+      setDone(true);
+      setTimeout(() => setDone(false), 2000);
+    });
   return <button onClick={copy}>{done ? t.act.copied : t.act.copy}</button>;
 }
 
@@ -245,7 +421,10 @@ export function SortHead({ name, label, numeric }: { name: string; label: string
   const direction = order === name ? "ascending" : order === `-${name}` ? "descending" : "none";
   return (
     <th class={numeric ? "number" : ""} aria-sort={direction} scope="col">
-      <button onClick={() => setOrder(next)}>{label} <span aria-hidden="true">{direction === "ascending" ? "↑" : direction === "descending" ? "↓" : ""}</span></button>
+      <button onClick={() => setOrder(next)}>
+        {label}{" "}
+        <span aria-hidden="true">{direction === "ascending" ? "↑" : direction === "descending" ? "↓" : ""}</span>
+      </button>
     </th>
   );
 }

@@ -3,9 +3,9 @@ import uPlot from "uplot";
 import "uplot/dist/uPlot.min.css";
 import type { ComponentChildren } from "preact";
 import { useEffect, useRef, useState } from "preact/hooks";
-import { axis, colour } from "./chart";
 import { useWidth } from "../hooks";
 import { shown } from "../theme";
+import { axis, colour } from "./chart";
 
 /** Beyond this number points are squares of pixels rather than discs. */
 const MANY = 4000;
@@ -15,7 +15,8 @@ type Place = [number, number];
 function inside(polygon: Place[], x: number, y: number): boolean {
   let within = false;
   for (let i = 0, j = polygon.length - 1; i < polygon.length; j = i++) {
-    const [ax, ay] = polygon[i]!, [bx, by] = polygon[j]!;
+    const [ax, ay] = polygon[i]!,
+      [bx, by] = polygon[j]!;
     if (ay > y !== by > y && x < ((bx - ax) * (y - ay)) / (by - ay) + ax) within = !within;
   }
   return within;
@@ -28,10 +29,15 @@ function rgb(text: string): [number, number, number] {
 }
 
 export interface ScatterProps {
-  x: number[]; y: number[]; xLabel: string; yLabel: string;
+  x: number[];
+  y: number[];
+  xLabel: string;
+  yLabel: string;
   /** Colour of each point, as an index of `palette`. */
-  groups: Uint8Array; palette: string[];
-  tool: "lasso" | "zoom"; chosen: Set<number> | null;
+  groups: Uint8Array;
+  palette: string[];
+  tool: "lasso" | "zoom";
+  chosen: Set<number> | null;
   onChoose: (chosen: Set<number> | null) => void;
   hover: (index: number) => ComponentChildren;
   describe: string;
@@ -57,7 +63,8 @@ export function Scatter(props: ScatterProps) {
       const { x, y, groups, palette, chosen } = latest.current;
       const { left, top, width: w, height: h } = u.bbox;
       const ratio = devicePixelRatio || 1;
-      const sx = u.scales.x!, sy = u.scales.y!;
+      const sx = u.scales.x!,
+        sy = u.scales.y!;
       const toX = (value: number) => ((value - sx.min!) / (sx.max! - sx.min!)) * w;
       const toY = (value: number) => (1 - (value - sy.min!) / (sy.max! - sy.min!)) * h;
       const context = u.ctx;
@@ -67,10 +74,14 @@ export function Scatter(props: ScatterProps) {
         const own = pixels.getContext("2d")!;
         const image = own.createImageData(w, h);
         const data = new Uint32Array(image.data.buffer);
-        const colours = palette.map((text) => { const [r, g, b] = rgb(text); return [r | (g << 8) | (b << 16) | (0xd8 << 24), r | (g << 8) | (b << 16) | (0x28 << 24)]; });
+        const colours = palette.map((text) => {
+          const [r, g, b] = rgb(text);
+          return [r | (g << 8) | (b << 16) | (0xd8 << 24), r | (g << 8) | (b << 16) | (0x28 << 24)];
+        });
         const size = Math.max(2, Math.round(2 * ratio));
         for (let k = 0; k < x.length; k++) {
-          const px = Math.round(toX(x[k]!)), py = Math.round(toY(y[k]!));
+          const px = Math.round(toX(x[k]!)),
+            py = Math.round(toY(y[k]!));
           if (px < 0 || py < 0 || px + size > w || py + size > h) continue;
           const value = colours[groups[k]!]![chosen && !chosen.has(k) ? 1 : 0]!;
           for (let row = 0; row < size; row++) data.fill(value, (py + row) * w + px, (py + row) * w + px + size);
@@ -93,18 +104,39 @@ export function Scatter(props: ScatterProps) {
       }
       context.restore();
     };
-    const range = (values: () => number[]): uPlot.Range.Function => (_, low, high) => {
-      if (low !== null && high !== null && low !== high && (low !== 0 || high !== 100)) return [low, high];
-      const [a, b] = extent(values());
-      return [a, b];
-    };
-    const created = new uPlot({
-      mode: 2, width, height, legend: { show: false }, cursor: { points: { show: false }, x: false, y: false, drag: { x: true, y: true, setScale: true, uni: 20 } },
-      scales: { x: { time: false, auto: false, range: range(() => latest.current.x) }, y: { auto: false, range: range(() => latest.current.y) } },
-      axes: [axis(props.xLabel), { ...axis(props.yLabel), size: 58 }],
-      series: [{}, { facets: [{ scale: "x", auto: false }, { scale: "y", auto: false }] } as uPlot.Series],
-      hooks: { draw: [draw], setScale: [() => moved((count) => count + 1)] },
-    }, [[], [[], []]] as unknown as uPlot.AlignedData, ref.current);
+    const range =
+      (values: () => number[]): uPlot.Range.Function =>
+      (_, low, high) => {
+        if (low !== null && high !== null && low !== high && (low !== 0 || high !== 100)) return [low, high];
+        const [a, b] = extent(values());
+        return [a, b];
+      };
+    const created = new uPlot(
+      {
+        mode: 2,
+        width,
+        height,
+        legend: { show: false },
+        cursor: { points: { show: false }, x: false, y: false, drag: { x: true, y: true, setScale: true, uni: 20 } },
+        scales: {
+          x: { time: false, auto: false, range: range(() => latest.current.x) },
+          y: { auto: false, range: range(() => latest.current.y) },
+        },
+        axes: [axis(props.xLabel), { ...axis(props.yLabel), size: 58 }],
+        series: [
+          {},
+          {
+            facets: [
+              { scale: "x", auto: false },
+              { scale: "y", auto: false },
+            ],
+          } as uPlot.Series,
+        ],
+        hooks: { draw: [draw], setScale: [() => moved((count) => count + 1)] },
+      },
+      [[], [[], []]] as unknown as uPlot.AlignedData,
+      ref.current,
+    );
     plot.current = created;
     whole(created, latest.current);
     const over = created.over;
@@ -139,13 +171,17 @@ export function Scatter(props: ScatterProps) {
     const u = plot.current;
     if (!u) return;
     const [left, top] = at(event);
-    const wx = (u.scales.x!.max! - u.scales.x!.min!) / u.over.clientWidth, wy = (u.scales.y!.max! - u.scales.y!.min!) / u.over.clientHeight;
-    const vx = u.posToVal(left, "x"), vy = u.posToVal(top, "y");
-    let best = -1, least = 144;
+    const wx = (u.scales.x!.max! - u.scales.x!.min!) / u.over.clientWidth,
+      wy = (u.scales.y!.max! - u.scales.y!.min!) / u.over.clientHeight;
+    const vx = u.posToVal(left, "x"),
+      vy = u.posToVal(top, "y");
+    let best = -1,
+      least = 144;
     for (let k = 0; k < props.x.length; k++) {
       const dx = (props.x[k]! - vx) / wx;
       if (dx > 12 || dx < -12) continue;
-      const dy = (props.y[k]! - vy) / wy, distance = dx * dx + dy * dy;
+      const dy = (props.y[k]! - vy) / wy,
+        distance = dx * dx + dy * dy;
       if (distance < least) [best, least] = [k, distance];
     }
     setNear(best < 0 ? null : { index: best, left: left + u.over.offsetLeft, top: top + u.over.offsetTop });
@@ -170,24 +206,58 @@ export function Scatter(props: ScatterProps) {
     setLasso([]);
   };
   const over = plot.current?.over;
-  const frame = over && { left: `${over.offsetLeft}px`, top: `${over.offsetTop}px`, width: `${over.clientWidth}px`, height: `${over.clientHeight}px`, position: "absolute" as const };
+  const frame = over && {
+    left: `${over.offsetLeft}px`,
+    top: `${over.offsetTop}px`,
+    width: `${over.clientWidth}px`,
+    height: `${over.clientHeight}px`,
+    position: "absolute" as const,
+  };
   return (
     <div class="plot" onPointerLeave={() => setNear(null)} onPointerMove={props.tool === "zoom" ? look : undefined}>
       <div ref={ref} class="chart" role="img" aria-label={props.describe} />
-      {over && props.backdrop && <svg class="backdrop" aria-hidden="true" style={{ position: "absolute", inset: 0, width: "100%", height: "100%", pointerEvents: "none" }}>{props.backdrop(place)}</svg>}
-      {over && props.tool === "lasso" && (
-        <svg style={{ ...frame, cursor: "crosshair", touchAction: "none" }} aria-hidden="true" onPointerDown={begin} onPointerMove={go} onPointerUp={end} onPointerCancel={() => setLasso([])}>
-          <rect width="100%" height="100%" fill="transparent" />
-          {lasso.length > 1 && <path d={`M${lasso.map((p) => p.join(" ")).join("L")}Z`} fill={colour("accent")} fill-opacity="0.12" stroke={colour("accent")} stroke-width="1.5" />}
+      {over && props.backdrop && (
+        <svg
+          class="backdrop"
+          aria-hidden="true"
+          style={{ position: "absolute", inset: 0, width: "100%", height: "100%", pointerEvents: "none" }}
+        >
+          {props.backdrop(place)}
         </svg>
       )}
-      {near && !lasso.length && <div class="hover" style={{ left: `${Math.min(near.left + 14, width - 140)}px`, top: `${near.top + 14}px` }}>{props.hover(near.index)}</div>}
+      {over && props.tool === "lasso" && (
+        <svg
+          style={{ ...frame, cursor: "crosshair", touchAction: "none" }}
+          aria-hidden="true"
+          onPointerDown={begin}
+          onPointerMove={go}
+          onPointerUp={end}
+          onPointerCancel={() => setLasso([])}
+        >
+          <rect width="100%" height="100%" fill="transparent" />
+          {lasso.length > 1 && (
+            <path
+              d={`M${lasso.map((p) => p.join(" ")).join("L")}Z`}
+              fill={colour("accent")}
+              fill-opacity="0.12"
+              stroke={colour("accent")}
+              stroke-width="1.5"
+            />
+          )}
+        </svg>
+      )}
+      {near && !lasso.length && (
+        <div class="hover" style={{ left: `${Math.min(near.left + 14, width - 140)}px`, top: `${near.top + 14}px` }}>
+          {props.hover(near.index)}
+        </div>
+      )}
     </div>
   );
 }
 
 function extent(values: number[]): [number, number] {
-  let low = Infinity, high = -Infinity;
+  let low = Infinity,
+    high = -Infinity;
   for (const value of values) {
     if (value < low) low = value;
     if (value > high) high = value;
@@ -198,7 +268,10 @@ function extent(values: number[]): [number, number] {
 
 function whole(u: uPlot, { x, y }: { x: number[]; y: number[] }): void {
   u.batch(() => {
-    for (const [scale, values] of [["x", x], ["y", y]] as const) {
+    for (const [scale, values] of [
+      ["x", x],
+      ["y", y],
+    ] as const) {
       const [min, max] = extent(values);
       u.setScale(scale, { min, max });
     }
@@ -207,8 +280,12 @@ function whole(u: uPlot, { x, y }: { x: number[]; y: number[] }): void {
 
 function zoom(u: uPlot, factor: number, left: number, top: number): void {
   u.batch(() => {
-    for (const [scale, place] of [["x", left], ["y", top]] as const) {
-      const centre = u.posToVal(place, scale), { min, max } = u.scales[scale]!;
+    for (const [scale, place] of [
+      ["x", left],
+      ["y", top],
+    ] as const) {
+      const centre = u.posToVal(place, scale),
+        { min, max } = u.scales[scale]!;
       u.setScale(scale, { min: centre - (centre - min!) * factor, max: centre + (max! - centre) * factor });
     }
   });

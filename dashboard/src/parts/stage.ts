@@ -1,5 +1,21 @@
 /** The scene of one surface: light, camera, morph targets. */
-import { Box3, BufferAttribute, Color, DirectionalLight, DoubleSide, Group, HemisphereLight, Mesh, MeshStandardMaterial, PerspectiveCamera, Scene, Sphere, Spherical, Vector3, WebGLRenderer } from "three";
+import {
+  Box3,
+  BufferAttribute,
+  Color,
+  DirectionalLight,
+  DoubleSide,
+  type Group,
+  HemisphereLight,
+  Mesh,
+  MeshStandardMaterial,
+  PerspectiveCamera,
+  Scene,
+  Sphere,
+  Spherical,
+  Vector3,
+  WebGLRenderer,
+} from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 
@@ -22,7 +38,15 @@ export interface Stage {
   dispose(): void;
 }
 
-export async function createStage(element: HTMLElement, mesh: ArrayBuffer, width: number, height: number, dark: boolean, onTurn: (place: Place) => void, other?: Other): Promise<Stage> {
+export async function createStage(
+  element: HTMLElement,
+  mesh: ArrayBuffer,
+  width: number,
+  height: number,
+  dark: boolean,
+  onTurn: (place: Place) => void,
+  other?: Other,
+): Promise<Stage> {
   const most = { value: 0 };
   const model = (await new GLTFLoader().parseAsync(mesh, "")).scene as Group;
   const renderer = new WebGLRenderer({ antialias: true, alpha: true });
@@ -41,14 +65,26 @@ export async function createStage(element: HTMLElement, mesh: ArrayBuffer, width
     if (!(one instanceof Mesh)) return;
     meshes.push(one);
   });
-  if (other) most.value = paint(meshes, meshesOf((await new GLTFLoader().parseAsync(other.mesh, "")).scene as Group), other.sign);
+  if (other)
+    most.value = paint(
+      meshes,
+      meshesOf((await new GLTFLoader().parseAsync(other.mesh, "")).scene as Group),
+      other.sign,
+    );
   for (const one of meshes) {
-    one.material = new MeshStandardMaterial({ color: new Color(one.geometry.attributes.color ? 0xffffff : dark ? 0x6fb7c2 : 0x5b9aa5), roughness: 0.62, metalness: 0, side: DoubleSide, vertexColors: Boolean(one.geometry.attributes.color) });
+    one.material = new MeshStandardMaterial({
+      color: new Color(one.geometry.attributes.color ? 0xffffff : dark ? 0x6fb7c2 : 0x5b9aa5),
+      roughness: 0.62,
+      metalness: 0,
+      side: DoubleSide,
+      vertexColors: Boolean(one.geometry.attributes.color),
+    });
     if (!one.geometry.attributes.normal) one.geometry.computeVertexNormals();
   }
   const sphere = new Box3().setFromObject(model).getBoundingSphere(new Sphere());
   // In a narrow frame it is the width that must hold the surface.
-  const far = (sphere.radius || 1) / Math.sin((camera.fov / 2) * (Math.PI / 180)) * 0.92 / Math.min(1, width / height);
+  const far =
+    (((sphere.radius || 1) / Math.sin((camera.fov / 2) * (Math.PI / 180))) * 0.92) / Math.min(1, width / height);
   camera.position.copy(sphere.center).add(new Vector3(0.55, -0.75, 0.45).normalize().multiplyScalar(far));
   camera.up.set(0, 0, 1);
   camera.near = far / 100;
@@ -89,7 +125,11 @@ export async function createStage(element: HTMLElement, mesh: ArrayBuffer, width
       draw();
     },
     morph(weights) {
-      for (const one of meshes) weights.forEach((weight, index) => { if (one.morphTargetInfluences && index < one.morphTargetInfluences.length) one.morphTargetInfluences[index] = weight; });
+      for (const one of meshes)
+        weights.forEach((weight, index) => {
+          if (one.morphTargetInfluences && index < one.morphTargetInfluences.length)
+            one.morphTargetInfluences[index] = weight;
+        });
       draw();
     },
     turn(across, up) {
@@ -115,34 +155,57 @@ export async function createStage(element: HTMLElement, mesh: ArrayBuffer, width
 
 function meshesOf(model: Group): Mesh[] {
   const meshes: Mesh[] = [];
-  model.traverse((one) => { if (one instanceof Mesh) meshes.push(one); });
+  model.traverse((one) => {
+    if (one instanceof Mesh) meshes.push(one);
+  });
   return meshes;
 }
 
 /** Blue inwards, red outwards, grey where there is no difference; told apart also by the colour-blind. */
-const INWARDS = new Color(0x2166ac), NONE = new Color(0xc9ccd0), OUTWARDS = new Color(0xb2182b);
+const INWARDS = new Color(0x2166ac),
+  NONE = new Color(0xc9ccd0),
+  OUTWARDS = new Color(0xb2182b);
 
 /** Colours the vertices by their difference to those of the other meshes along the normals; the length of the longest one. */
 function paint(own: Mesh[], other: Mesh[], sign: number): number {
   const parts = own.map(({ geometry }, at) => {
     if (!geometry.attributes.normal) geometry.computeVertexNormals();
-    const [from, to, normal] = [geometry.attributes.position!, other[at]!.geometry.attributes.position!, geometry.attributes.normal!];
+    const [from, to, normal] = [
+      geometry.attributes.position!,
+      other[at]!.geometry.attributes.position!,
+      geometry.attributes.normal!,
+    ];
     const outwards = sign * (volume(geometry) < 0 ? -1 : 1);
     let longest = 0;
     const along = Float32Array.from({ length: from.count }, (_, k) => {
-      const [x, y, z] = [to.getX(k) - from.getX(k), to.getY(k) - from.getY(k), to.getZ(k) - from.getZ(k)] as [number, number, number];
+      const [x, y, z] = [to.getX(k) - from.getX(k), to.getY(k) - from.getY(k), to.getZ(k) - from.getZ(k)] as [
+        number,
+        number,
+        number,
+      ];
       longest = Math.max(longest, Math.hypot(x, y, z));
       return outwards * (x * normal.getX(k) + y * normal.getY(k) + z * normal.getZ(k));
     });
     return { geometry, along, longest };
   });
   const longest = Math.max(...parts.map((part) => part.longest));
-  const size = Math.max(...own.map(({ geometry }) => { geometry.computeBoundingSphere(); return geometry.boundingSphere!.radius; }));
+  const size = Math.max(
+    ...own.map(({ geometry }) => {
+      geometry.computeBoundingSphere();
+      return geometry.boundingSphere!.radius;
+    }),
+  );
   // Rounding is no difference.
   const most = longest > 1e-6 * size ? longest : 0;
   for (const { geometry, along } of parts) {
-    const colours = new Float32Array(3 * along.length), colour = new Color();
-    along.forEach((value, k) => colour.copy(NONE).lerp(value < 0 ? INWARDS : OUTWARDS, most ? Math.min(Math.abs(value) / most, 1) : 0).toArray(colours, 3 * k));
+    const colours = new Float32Array(3 * along.length),
+      colour = new Color();
+    along.forEach((value, k) =>
+      colour
+        .copy(NONE)
+        .lerp(value < 0 ? INWARDS : OUTWARDS, most ? Math.min(Math.abs(value) / most, 1) : 0)
+        .toArray(colours, 3 * k),
+    );
     geometry.setAttribute("color", new BufferAttribute(colours, 3));
   }
   return most;
@@ -150,7 +213,8 @@ function paint(own: Mesh[], other: Mesh[], sign: number): number {
 
 /** Six times the volume within a mesh: its sign says whether the normals of the faces point outwards. */
 function volume(geometry: Mesh["geometry"]): number {
-  const { position } = geometry.attributes, index = geometry.index;
+  const { position } = geometry.attributes,
+    index = geometry.index;
   if (!position || !index) return 1;
   const corner = (k: number) => new Vector3().fromBufferAttribute(position, index.getX(k));
   let sum = 0;

@@ -1,7 +1,9 @@
 /** Filters in addresses: the grammar of the API itself (docs/tables.md), so that a link is a query. */
 import type { Schemas } from "../api/client";
 
-const isCondition = (name: string) => /^(label|subject|external_id|created_at|has)(\.(eq|ne|gte|gt|lte|lt))?$/.test(name) || /^(labels|measures)\./.test(name);
+const isCondition = (name: string) =>
+  /^(label|subject|external_id|created_at|has)(\.(eq|ne|gte|gt|lte|lt))?$/.test(name) ||
+  /^(labels|measures)\./.test(name);
 
 export function filterOf(query: URLSearchParams): URLSearchParams {
   const filter = new URLSearchParams();

@@ -1,7 +1,7 @@
 /** A dictionary of components as points on curves: what sliders and scatters draw without asking the service again. */
 import { get } from "../api/client";
-import { evaluated, upright, type Points } from "./points";
 import type { About } from "../views/dictionary";
+import { evaluated, type Points, upright } from "./points";
 
 export interface Model {
   mean: Points;
@@ -11,10 +11,25 @@ export interface Model {
 
 /** Turned upright; standard deviations of the scores as the service states them. */
 export async function modelOf(about: About, dictionary: string, signal: AbortSignal, samples = 240): Promise<Model> {
-  const shapes = [(about.centre ?? about.mean.control_points) as Points, ...about.atoms.map((atom) => atom.control_points as Points)];
-  const [points, ...modes] = await Promise.all([evaluated(about.representation, shapes, signal, samples), ...about.atoms.slice(0, 1).map(() => get("/v1/dictionaries/{dictionary}/modes", { path: { dictionary }, query: { component: 1, sigma: 1 }, signal }))]);
-  const first = modes[0]!, scale = first.deviation / Math.sqrt(about.atoms[0]!.eigenvalue ?? 1);
+  const shapes = [
+    (about.centre ?? about.mean.control_points) as Points,
+    ...about.atoms.map((atom) => atom.control_points as Points),
+  ];
+  const [points, ...modes] = await Promise.all([
+    evaluated(about.representation, shapes, signal, samples),
+    ...about.atoms
+      .slice(0, 1)
+      .map(() =>
+        get("/v1/dictionaries/{dictionary}/modes", { path: { dictionary }, query: { component: 1, sigma: 1 }, signal }),
+      ),
+  ]);
+  const first = modes[0]!,
+    scale = first.deviation / Math.sqrt(about.atoms[0]!.eigenvalue ?? 1);
   const turn = upright(points[0]!, about.transformation);
   const [mean, ...components] = points.map(turn) as [Points, ...Points[]];
-  return { mean, components, deviations: about.atoms.map((atom) => scale * Math.sqrt(Math.max(atom.eigenvalue ?? 0, 0))) };
+  return {
+    mean,
+    components,
+    deviations: about.atoms.map((atom) => scale * Math.sqrt(Math.max(atom.eigenvalue ?? 0, 0))),
+  };
 }

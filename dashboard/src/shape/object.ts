@@ -2,7 +2,9 @@
 import type { Slice, Volume } from "../formats/image";
 
 /** Sampled cells, and the part of equal neighbours among those that are not 0, from which an image is one of labels. */
-const SAMPLED = 1_000_000, FEW = 64, EQUAL = 0.9;
+const SAMPLED = 1_000_000,
+  FEW = 64,
+  EQUAL = 0.9;
 
 /**
  * Whether the cells are labels: whole numbers with 0 for the outside, and either few different ones, or neighbours that are mostly
@@ -11,15 +13,20 @@ const SAMPLED = 1_000_000, FEW = 64, EQUAL = 0.9;
 export function isMask({ values, size, colours }: Volume): boolean {
   if (colours && /jpeg|webp/.test(colours.type)) return false;
   const seen = new Set<number>();
-  const rows = Math.floor(values.length / size[0]), step = Math.max(1, Math.floor(values.length / SAMPLED));
-  let pairs = 0, equal = 0;
+  const rows = Math.floor(values.length / size[0]),
+    step = Math.max(1, Math.floor(values.length / SAMPLED));
+  let pairs = 0,
+    equal = 0;
   for (let row = 0; row < rows; row += step) {
     for (let column = 0; column < size[0]; column++) {
       const value = values[row * size[0] + column]!;
       if (value < 0 || !Number.isInteger(value)) return false;
       if (seen.size <= FEW) seen.add(value);
       const next = column + 1 < size[0] ? values[row * size[0] + column + 1]! : 0;
-      if (value && next) { pairs++; equal += Number(value === next); }
+      if (value && next) {
+        pairs++;
+        equal += Number(value === next);
+      }
     }
   }
   return seen.has(0) && seen.size > 1 && (seen.size <= FEW || equal >= EQUAL * pairs);
@@ -31,15 +38,19 @@ export interface Found {
 }
 
 /** Longest side of the grid in which the object is looked for, and the space around it relative to its size. */
-const SIDE = 256, MARGIN = 0.08;
+const SIDE = 256,
+  MARGIN = 0.08;
 
 /**
  * The box of the largest object, in cells: the image is divided in two at Otsu's threshold (1979), the half that holds most of the
  * border is the outside, and the object is the largest component of the other half. Null where there is none.
  */
 export function largestObject({ size: [width, height], values }: Slice): Found | null {
-  const block = Math.ceil(Math.max(width, height) / SIDE), w = Math.ceil(width / block), h = Math.ceil(height / block);
-  const grey = new Float64Array(w * h), counts = new Float64Array(w * h);
+  const block = Math.ceil(Math.max(width, height) / SIDE),
+    w = Math.ceil(width / block),
+    h = Math.ceil(height / block);
+  const grey = new Float64Array(w * h),
+    counts = new Float64Array(w * h);
   for (let y = 0; y < height; y++) {
     for (let x = 0; x < width; x++) {
       const at = Math.floor(y / block) * w + Math.floor(x / block);
@@ -47,12 +58,16 @@ export function largestObject({ size: [width, height], values }: Slice): Found |
       counts[at]!++;
     }
   }
-  grey.forEach((sum, at) => { grey[at] = sum / counts[at]!; });
+  grey.forEach((sum, at) => {
+    grey[at] = sum / counts[at]!;
+  });
   const level = otsu(grey);
   if (level === null) return null;
-  let bright = 0, border = 0;
+  let bright = 0,
+    border = 0;
   for (let at = 0; at < w * h; at++) {
-    const x = at % w, y = Math.floor(at / w);
+    const x = at % w,
+      y = Math.floor(at / w);
     if (x > 0 && y > 0 && x < w - 1 && y < h - 1) continue;
     border++;
     bright += Number(grey[at]! > level);
@@ -63,14 +78,26 @@ export function largestObject({ size: [width, height], values }: Slice): Found |
   let best = { cells: 0, left: 0, top: 0, right: 0, bottom: 0 };
   for (let start = 0; start < w * h; start++) {
     if (done[start] || !inside(start)) continue;
-    const one = { cells: 0, left: w, top: h, right: 0, bottom: 0 }, waiting = [start];
+    const one = { cells: 0, left: w, top: h, right: 0, bottom: 0 },
+      waiting = [start];
     done[start] = 1;
     while (waiting.length) {
-      const at = waiting.pop()!, x = at % w, y = Math.floor(at / w);
+      const at = waiting.pop()!,
+        x = at % w,
+        y = Math.floor(at / w);
       one.cells++;
-      one.left = Math.min(one.left, x); one.right = Math.max(one.right, x); one.top = Math.min(one.top, y); one.bottom = Math.max(one.bottom, y);
-      for (const [dx, dy] of [[-1, 0], [1, 0], [0, -1], [0, 1]] as const) {
-        const [nx, ny] = [x + dx, y + dy], next = ny * w + nx;
+      one.left = Math.min(one.left, x);
+      one.right = Math.max(one.right, x);
+      one.top = Math.min(one.top, y);
+      one.bottom = Math.max(one.bottom, y);
+      for (const [dx, dy] of [
+        [-1, 0],
+        [1, 0],
+        [0, -1],
+        [0, 1],
+      ] as const) {
+        const [nx, ny] = [x + dx, y + dy],
+          next = ny * w + nx;
         if (nx < 0 || ny < 0 || nx >= w || ny >= h || done[next] || !inside(next)) continue;
         done[next] = 1;
         waiting.push(next);
@@ -80,19 +107,34 @@ export function largestObject({ size: [width, height], values }: Slice): Found |
   }
   if (best.cells < 12) return null;
   const [ow, oh] = [(best.right - best.left + 1) * block, (best.bottom - best.top + 1) * block];
-  const x = Math.max(best.left * block - MARGIN * ow, 0), y = Math.max(best.top * block - MARGIN * oh, 0);
-  return { box: { x, y, w: Math.min(ow * (1 + 2 * MARGIN), width - 1 - x), h: Math.min(oh * (1 + 2 * MARGIN), height - 1 - y) }, polarity };
+  const x = Math.max(best.left * block - MARGIN * ow, 0),
+    y = Math.max(best.top * block - MARGIN * oh, 0);
+  return {
+    box: {
+      x,
+      y,
+      w: Math.min(ow * (1 + 2 * MARGIN), width - 1 - x),
+      h: Math.min(oh * (1 + 2 * MARGIN), height - 1 - y),
+    },
+    polarity,
+  };
 }
 
 /** The threshold that makes the variance between both sides largest; null for an image of one grey. */
 function otsu(grey: Float64Array): number | null {
   let [low, high] = [Infinity, -Infinity];
-  for (const value of grey) { low = Math.min(low, value); high = Math.max(high, value); }
+  for (const value of grey) {
+    low = Math.min(low, value);
+    high = Math.max(high, value);
+  }
   if (!(high > low)) return null;
   const bins = new Float64Array(256);
   for (const value of grey) bins[Math.min(Math.floor((256 * (value - low)) / (high - low)), 255)]!++;
   const total = bins.reduce((sum, count, bin) => sum + count * bin, 0);
-  let below = 0, sum = 0, best = 0, level = 0;
+  let below = 0,
+    sum = 0,
+    best = 0,
+    level = 0;
   for (let bin = 0; bin < 255; bin++) {
     below += bins[bin]!;
     sum += bins[bin]! * bin;

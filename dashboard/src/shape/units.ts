@@ -12,7 +12,8 @@ export function factor(from?: string | null, to?: string | null): number | null 
   return a && b ? a / b : a || b ? null : 1;
 }
 
-export const scaled = <T extends Points | undefined>(points: T, by: number): T => (by === 1 ? points : points?.map((point) => point.map((x) => x * by))) as T;
+export const scaled = <T extends Points | undefined>(points: T, by: number): T =>
+  (by === 1 ? points : points?.map((point) => point.map((x) => x * by))) as T;
 
 /** Unit of positions in a picture. */
 export const unitOf = ({ hasLengths, size }: Volume): string => (hasLengths ? "mm" : size[2] > 1 ? "voxel" : "pixel");

@@ -14,7 +14,10 @@ export function setLanguage(language: "en" | "de"): void {
 }
 
 /** Units of lengths that the service knows, as choices. */
-export const UNITS: [string, string][] = ["mm", "cm", "m", "um", "nm", "inch", "pixel", "voxel", "none"].map((word) => [word, word === "um" ? "µm" : word]);
+export const UNITS: [string, string][] = ["mm", "cm", "m", "um", "nm", "inch", "pixel", "voxel", "none"].map((word) => [
+  word,
+  word === "um" ? "µm" : word,
+]);
 
 export const count = (value: number): string => value.toLocaleString(locale);
 
@@ -23,16 +26,22 @@ export function number(value: number | null | undefined, digits = 4): string {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
   const size = Math.abs(value);
   const style: Intl.NumberFormatOptions =
-    size !== 0 && (size < 1e-3 || size >= 1e7) ? { notation: "scientific", maximumSignificantDigits: 3 }
-    : size >= 10 ** (digits - 1) ? { maximumFractionDigits: 0 }
-    : { maximumSignificantDigits: digits };
+    size !== 0 && (size < 1e-3 || size >= 1e7)
+      ? { notation: "scientific", maximumSignificantDigits: 3 }
+      : size >= 10 ** (digits - 1)
+        ? { maximumFractionDigits: 0 }
+        : { maximumSignificantDigits: digits };
   return value.toLocaleString(locale, style).replaceAll("-", "−");
 }
 export const percent = (value: number | null | undefined, digits = 1): string =>
-  value === null || value === undefined ? "–" : value.toLocaleString(locale, { style: "percent", maximumFractionDigits: digits });
+  value === null || value === undefined
+    ? "–"
+    : value.toLocaleString(locale, { style: "percent", maximumFractionDigits: digits });
 export function probability(p: number | null | undefined): string {
   if (p === null || p === undefined) return "–";
-  return p < 0.001 ? `< ${(0.001).toLocaleString(locale)}` : p.toLocaleString(locale, { maximumFractionDigits: 3, minimumFractionDigits: 3 });
+  return p < 0.001
+    ? `< ${(0.001).toLocaleString(locale)}`
+    : p.toLocaleString(locale, { maximumFractionDigits: 3, minimumFractionDigits: 3 });
 }
 export const time = (text: string | null | undefined): string =>
   text ? new Date(text).toLocaleString(locale, { dateStyle: "medium", timeStyle: "short" }) : "–";

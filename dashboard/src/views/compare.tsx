@@ -2,16 +2,16 @@
 import { useState } from "preact/hooks";
 import { post, type Schemas } from "../api/client";
 import { settled } from "../api/jobs";
-import { Classes, dimensionOf } from "../parts/classes";
-import { Fault, Keys, Loading, Picture, Select, type Key } from "../parts/basic";
-import { Scale, Solid, type Link } from "../parts/solid";
 import { useLoaded } from "../hooks";
+import { Fault, type Key, Keys, Loading, Picture, Select } from "../parts/basic";
+import { Chart, colour } from "../parts/chart";
+import { Classes, dimensionOf } from "../parts/classes";
+import { type Link, Scale, Solid } from "../parts/solid";
 import { usePlace, useSetting } from "../router";
 import { filterBody, filterOf } from "../shape/filter";
-import { Chart, colour } from "../parts/chart";
-import { shown } from "../theme";
 import { hasMesh, isDots } from "../shape/points";
 import { count, number, percent, probability, t, unit } from "../strings";
+import { shown } from "../theme";
 import { Chips, CohortPage, nameOf, useAttributes } from "./cohort";
 
 type Comparison = Schemas["Comparison"];
@@ -19,27 +19,55 @@ type Pair = Comparison["pairs"][number];
 type Group = Comparison["groups"][number];
 
 export function Compare({ cohort }: { cohort: string }) {
-  return <CohortPage cohort={cohort}>{(about, _, revision) => <Groups cohort={cohort} about={about} revision={revision} />}</CohortPage>;
+  return (
+    <CohortPage cohort={cohort}>
+      {(about, _, revision) => <Groups cohort={cohort} about={about} revision={revision} />}
+    </CohortPage>
+  );
 }
 
 export function Progress({ part }: { part: number | null }) {
-  return part === null ? <Loading on /> : <div class="card"><label class="stack tight"><span>{t.jobs.running}</span><progress value={part} max={1} /></label></div>;
+  return part === null ? (
+    <Loading on />
+  ) : (
+    <div class="card">
+      <label class="stack tight">
+        <span>{t.jobs.running}</span>
+        <progress value={part} max={1} />
+      </label>
+    </div>
+  );
 }
 
 function Groups({ cohort, about, revision }: { cohort: string; about: Schemas["CohortOutput"]; revision: number }) {
   const { query } = usePlace();
   const filter = filterOf(query);
   const attributes = useAttributes(cohort, filter, revision);
-  const candidates = attributes.data?.items.filter((one) => /^(label$|labels\.)/.test(one.name) && one.distinct >= 2 && one.distinct <= 50 && one.missing === 0) ?? [];
+  const candidates =
+    attributes.data?.items.filter(
+      (one) => /^(label$|labels\.)/.test(one.name) && one.distinct >= 2 && one.distinct <= 50 && one.missing === 0,
+    ) ?? [];
   const [by, setBy] = useSetting("by", "");
   const [transformation, setTransformation] = useSetting("transformation", "similarity");
   const [permutations, setPermutations] = useSetting("permutations", "1000");
   const chosen = by || candidates.find((one) => one.name.startsWith("labels."))?.name || candidates[0]?.name || "";
   const [part, setPart] = useState<number | null>(null);
-  const body: Schemas["CompareRequest"] = { cohort, by: chosen, filter: filterBody(filter), transformation: transformation as Schemas["ClassName"], permutations: Number(permutations) };
+  const body: Schemas["CompareRequest"] = {
+    cohort,
+    by: chosen,
+    filter: filterBody(filter),
+    transformation: transformation as Schemas["ClassName"],
+    permutations: Number(permutations),
+  };
   const result = useLoaded(chosen ? JSON.stringify([body, revision]) : null, async (signal) =>
-    settled<Comparison>((await post("/v1/comparisons", { body, headers: { prefer: "wait=5" }, signal })) as Comparison, signal, (job) => setPart(job.progress)));
-  const pair = result.data && [...result.data.pairs].sort((a, b) => (b.distance.value ?? 0) - (a.distance.value ?? 0))[0];
+    settled<Comparison>(
+      (await post("/v1/comparisons", { body, headers: { prefer: "wait=5" }, signal })) as Comparison,
+      signal,
+      (job) => setPart(job.progress),
+    ),
+  );
+  const pair =
+    result.data && [...result.data.pairs].sort((a, b) => (b.distance.value ?? 0) - (a.distance.value ?? 0))[0];
   return (
     <div class="aside right">
       <div class="stack" style={{ gap: "22px" }}>
@@ -51,56 +79,167 @@ function Groups({ cohort, about, revision }: { cohort: string; about: Schemas["C
           <>
             <p class="card say">{sentence(result.data, chosen)}</p>
             {dimensionOf(about.representation) === 2 || about.representation.kind !== "landmarks" ? (
-              <div class="card"><Picture source={{ method: "POST", path: "/v1/comparisons", body }} name={`${cohort}-groups`} alt={t.compare.alt(pair.first, pair.second)} keys={keysOf(result.data, pair, hasMesh(about.representation) ? "surface" : isDots(about.representation) ? "dots" : "line")} caption={t.compare.caption(pair.first, pair.second)} /></div>
+              <div class="card">
+                <Picture
+                  source={{ method: "POST", path: "/v1/comparisons", body }}
+                  name={`${cohort}-groups`}
+                  alt={t.compare.alt(pair.first, pair.second)}
+                  keys={keysOf(
+                    result.data,
+                    pair,
+                    hasMesh(about.representation) ? "surface" : isDots(about.representation) ? "dots" : "line",
+                  )}
+                  caption={t.compare.caption(pair.first, pair.second)}
+                />
+              </div>
             ) : null}
             {hasMesh(about.representation) && (
               <section class="card">
                 <h2>{t.compare.sideBySide}</h2>
-                <Linked pair={[pair.first, pair.second].map((name) => result.data!.groups.find((group) => group.name === name)!) as [Group, Group]} representation={about.representation} unit={["rigid", "translation"].includes(transformation) ? about.length_unit ?? "" : ""} />
-                <p class="small quiet">{t.compare.linked} {t.compare.coloured(pair.first, pair.second)}</p>
+                <Linked
+                  pair={
+                    [pair.first, pair.second].map(
+                      (name) => result.data!.groups.find((group) => group.name === name)!,
+                    ) as [Group, Group]
+                  }
+                  representation={about.representation}
+                  unit={["rigid", "translation"].includes(transformation) ? (about.length_unit ?? "") : ""}
+                />
+                <p class="small quiet">
+                  {t.compare.linked} {t.compare.coloured(pair.first, pair.second)}
+                </p>
               </section>
             )}
             {about.representation.kind.endsWith("curve") && pair.effect.length > 2 && (
               <figure class="card">
                 <h2>{t.compare.effect(pair.first, pair.second)}</h2>
-                <Chart x={pair.effect.map((one) => one.parameter as number)}
-                  lines={[{ label: "p", values: pair.effect.map((one) => one.p ?? null), kind: "dots" }, { label: "0.05", values: pair.effect.map(() => 0.05), colour: "plus" }]} xLabel={t.compare.along} yLabel="p" range={[0, 1]} describe={t.compare.effectAlt(pair.effect.filter((one) => (one.p ?? 1) <= 0.05).length, pair.effect.length)} />
-                <figcaption>{t.compare.effectHint(pair.effect.filter((one) => (one.p ?? 1) <= 0.05).length, pair.effect.length)}</figcaption>
+                <Chart
+                  x={pair.effect.map((one) => one.parameter as number)}
+                  lines={[
+                    { label: "p", values: pair.effect.map((one) => one.p ?? null), kind: "dots" },
+                    { label: "0.05", values: pair.effect.map(() => 0.05), colour: "plus" },
+                  ]}
+                  xLabel={t.compare.along}
+                  yLabel="p"
+                  range={[0, 1]}
+                  describe={t.compare.effectAlt(
+                    pair.effect.filter((one) => (one.p ?? 1) <= 0.05).length,
+                    pair.effect.length,
+                  )}
+                />
+                <figcaption>
+                  {t.compare.effectHint(pair.effect.filter((one) => (one.p ?? 1) <= 0.05).length, pair.effect.length)}
+                </figcaption>
               </figure>
             )}
             <Permutations result={result.data} pair={pair} />
             <section class="card scroll" tabIndex={0}>
               <h2>{t.compare.pairs}</h2>
               <table>
-                <thead><tr><th scope="col">{t.compare.pair}</th><th scope="col" class="number">{t.words.distance}</th><th scope="col" class="number">R²</th><th scope="col" class="number">F</th><th scope="col" class="number">p</th><th scope="col" class="number">{t.compare.holm}</th></tr></thead>
-                <tbody>{result.data.pairs.map((one) => (
-                  <tr key={one.first + one.second}>
-                    <th scope="row">{one.first} – {one.second}</th><td class="number">{number(one.distance.value)}</td><td class="number">{percent(one.r_squared)}</td><td class="number">{number(one.pseudo_f.value)}</td>
-                    <td class="number">{probability(one.distance.test?.p)}</td><td class="number">{probability(one.distance.test?.p_holm)}</td>
+                <thead>
+                  <tr>
+                    <th scope="col">{t.compare.pair}</th>
+                    <th scope="col" class="number">
+                      {t.words.distance}
+                    </th>
+                    <th scope="col" class="number">
+                      R²
+                    </th>
+                    <th scope="col" class="number">
+                      F
+                    </th>
+                    <th scope="col" class="number">
+                      p
+                    </th>
+                    <th scope="col" class="number">
+                      {t.compare.holm}
+                    </th>
                   </tr>
-                ))}</tbody>
-                <tfoot><tr><th scope="row">{t.compare.overall}</th><td /><td class="number">{percent(result.data.overall?.r_squared)}</td><td class="number">{number(result.data.overall?.pseudo_f.value)}</td><td class="number">{probability(result.data.overall?.pseudo_f.test?.p)}</td><td /></tr></tfoot>
+                </thead>
+                <tbody>
+                  {result.data.pairs.map((one) => (
+                    <tr key={one.first + one.second}>
+                      <th scope="row">
+                        {one.first} – {one.second}
+                      </th>
+                      <td class="number">{number(one.distance.value)}</td>
+                      <td class="number">{percent(one.r_squared)}</td>
+                      <td class="number">{number(one.pseudo_f.value)}</td>
+                      <td class="number">{probability(one.distance.test?.p)}</td>
+                      <td class="number">{probability(one.distance.test?.p_holm)}</td>
+                    </tr>
+                  ))}
+                </tbody>
+                <tfoot>
+                  <tr>
+                    <th scope="row">{t.compare.overall}</th>
+                    <td />
+                    <td class="number">{percent(result.data.overall?.r_squared)}</td>
+                    <td class="number">{number(result.data.overall?.pseudo_f.value)}</td>
+                    <td class="number">{probability(result.data.overall?.pseudo_f.test?.p)}</td>
+                    <td />
+                  </tr>
+                </tfoot>
               </table>
               <p class="small quiet">{t.compare.pairsHint(result.data.pairs[0]?.distance.test?.permutations ?? 0)}</p>
             </section>
             <section class="card scroll" tabIndex={0}>
               <h2>{t.compare.sizes}</h2>
               <table>
-                <thead><tr><th scope="col">{t.compare.group}</th><th scope="col" class="number">{t.words.shapes}</th><th scope="col" class="number">{t.compare.spread}</th>{result.data.groups[0]?.sizes.map((size) => <th scope="col" class="number" key={size.measure}>{nameOf(`measures.${size.measure}`)} {unit(size.measure, about.length_unit) && `(${unit(size.measure, about.length_unit)})`}</th>)}</tr></thead>
-                <tbody>{result.data.groups.map((group) => (
-                  <tr key={group.name}><th scope="row">{group.name}</th><td class="number">{count(group.shape_count)}</td><td class="number">{number(group.spread)}</td>{group.sizes.map((size) => <td class="number" key={size.measure}>{number(size.mean)} ± {number(size.deviation, 3)}</td>)}</tr>
-                ))}</tbody>
+                <thead>
+                  <tr>
+                    <th scope="col">{t.compare.group}</th>
+                    <th scope="col" class="number">
+                      {t.words.shapes}
+                    </th>
+                    <th scope="col" class="number">
+                      {t.compare.spread}
+                    </th>
+                    {result.data.groups[0]?.sizes.map((size) => (
+                      <th scope="col" class="number" key={size.measure}>
+                        {nameOf(`measures.${size.measure}`)}{" "}
+                        {unit(size.measure, about.length_unit) && `(${unit(size.measure, about.length_unit)})`}
+                      </th>
+                    ))}
+                  </tr>
+                </thead>
+                <tbody>
+                  {result.data.groups.map((group) => (
+                    <tr key={group.name}>
+                      <th scope="row">{group.name}</th>
+                      <td class="number">{count(group.shape_count)}</td>
+                      <td class="number">{number(group.spread)}</td>
+                      {group.sizes.map((size) => (
+                        <td class="number" key={size.measure}>
+                          {number(size.mean)} ± {number(size.deviation, 3)}
+                        </td>
+                      ))}
+                    </tr>
+                  ))}
+                </tbody>
               </table>
               <p class="small quiet">{t.compare.sizesHint}</p>
             </section>
-            {result.data.warnings.map((warning) => <p class="note warn">{typeof warning === "string" ? warning : JSON.stringify(warning)}</p>)}
+            {result.data.warnings.map((warning) => (
+              <p class="note warn">{typeof warning === "string" ? warning : JSON.stringify(warning)}</p>
+            ))}
           </>
         )}
       </div>
       <div class="card">
         <h2>{t.compare.settings}</h2>
-        <Select label={t.compare.by} value={chosen} options={candidates.map((one) => [one.name, nameOf(one.name)])} onChange={setBy} />
-        <Select label={t.compare.permutations} value={permutations} options={["200", "1000", "10000"].map((value) => [value, count(Number(value))])} onChange={setPermutations} />
+        <Select
+          label={t.compare.by}
+          value={chosen}
+          options={candidates.map((one) => [one.name, nameOf(one.name)])}
+          onChange={setBy}
+        />
+        <Select
+          label={t.compare.permutations}
+          value={permutations}
+          options={["200", "1000", "10000"].map((value) => [value, count(Number(value))])}
+          onChange={setPermutations}
+        />
         <Classes dimension={dimensionOf(about.representation)} value={transformation} onChange={setTransformation} />
         <p class="small quiet">{t.compare.hint}</p>
       </div>
@@ -109,13 +248,28 @@ function Groups({ cohort, about, revision }: { cohort: string; about: Schemas["C
 }
 
 /** Colours of the groups in drawings of the service (light, dark), in their order. */
-const GROUPS = [["#4477aa", "#7fb2e5"], ["#cc3311", "#ff8061"], ["#228833", "#63c67c"], ["#aa3377", "#e583bd"], ["#997700", "#ddc855"], ["#008ca8", "#66d4ee"]] as const;
+const GROUPS = [
+  ["#4477aa", "#7fb2e5"],
+  ["#cc3311", "#ff8061"],
+  ["#228833", "#63c67c"],
+  ["#aa3377", "#e583bd"],
+  ["#997700", "#ddc855"],
+  ["#008ca8", "#66d4ee"],
+] as const;
 
 function keysOf({ groups }: Comparison, pair: Pair, drawn: "surface" | "line" | "dots"): Key[] {
   const dark = shown() === "dark" ? 1 : 0;
-  const named = groups.map((group, at): Key => [GROUPS[at % GROUPS.length]![dark]!, `${group.name} (n = ${count(group.shape_count)})`]);
+  const named = groups.map(
+    (group, at): Key => [GROUPS[at % GROUPS.length]![dark]!, `${group.name} (n = ${count(group.shape_count)})`],
+  );
   const most = Math.max(...pair.effect.map((one) => one.length));
-  return [...(drawn === "surface" ? [] : named), [[["#dddddd", "#41434a"][dark]!, colour("effect")], t.compare.effectKey(pair.first, pair.second, number(most, 3), drawn)]];
+  return [
+    ...(drawn === "surface" ? [] : named),
+    [
+      [["#dddddd", "#41434a"][dark]!, colour("effect")],
+      t.compare.effectKey(pair.first, pair.second, number(most, 3), drawn),
+    ],
+  ];
 }
 
 /** What chance alone would give, and what was found: of all groups, or of the most distant pair. */
@@ -124,30 +278,68 @@ function Permutations({ result, pair }: { result: Comparison; pair: Pair }) {
   const histogram = whole.histogram;
   if (!histogram || !(histogram.upper > 0)) return null;
   const name = whole === pair ? `${pair.first} – ${pair.second}` : t.compare.overall;
-  const all = histogram.counts.reduce((sum, one) => sum + one, 0), step = histogram.upper / histogram.counts.length;
-  const most = Math.max(...histogram.counts), test = whole === pair ? pair.pseudo_f.test : result.overall!.pseudo_f.test;
+  const all = histogram.counts.reduce((sum, one) => sum + one, 0),
+    step = histogram.upper / histogram.counts.length;
+  const most = Math.max(...histogram.counts),
+    test = whole === pair ? pair.pseudo_f.test : result.overall!.pseudo_f.test;
   const sentence = t.compare.chance(percent(whole.r_squared), count(test?.exceeding ?? 0), count(all));
   return (
     <figure class="card">
       <h2>{t.compare.permuted(name)}</h2>
-      <Chart x={histogram.counts.map((_, bin) => (bin + 0.5) * step)} lines={[{ label: t.compare.relabellings, values: histogram.counts.map((one: number) => one || null), kind: "bars" }]} mark={{ at: whole.r_squared, label: t.compare.observed }} xLabel={t.compare.explained} yLabel={t.compare.relabellings} range={[0, most * 1.12]} describe={sentence} formatX={(value) => percent(value)} />
-      <Keys keys={[[colour("accent"), t.compare.relabellings], [colour("plus"), `${t.compare.observed}: ${percent(whole.r_squared)}`]]} />
+      <Chart
+        x={histogram.counts.map((_, bin) => (bin + 0.5) * step)}
+        lines={[
+          { label: t.compare.relabellings, values: histogram.counts.map((one: number) => one || null), kind: "bars" },
+        ]}
+        mark={{ at: whole.r_squared, label: t.compare.observed }}
+        xLabel={t.compare.explained}
+        yLabel={t.compare.relabellings}
+        range={[0, most * 1.12]}
+        describe={sentence}
+        formatX={(value) => percent(value)}
+      />
+      <Keys
+        keys={[
+          [colour("accent"), t.compare.relabellings],
+          [colour("plus"), `${t.compare.observed}: ${percent(whole.r_squared)}`],
+        ]}
+      />
       <figcaption>{sentence}</figcaption>
     </figure>
   );
 }
 
 /** The averages of two groups, turned together, coloured by where the second one lies outside or inside of the first. */
-function Linked({ pair, representation, unit }: { pair: [Group, Group]; representation: Schemas["Representation"]; unit: string }) {
+function Linked({
+  pair,
+  representation,
+  unit,
+}: {
+  pair: [Group, Group];
+  representation: Schemas["Representation"];
+  unit: string;
+}) {
   const [link] = useState<Link>(() => new Set());
   const [most, setMost] = useState(0);
-  const [first, second] = pair.map((group) => ({ method: "POST" as const, path: "/v1/evaluate", body: { representation, shapes: [{ control_points: group.average }] } }));
+  const [first, second] = pair.map((group) => ({
+    method: "POST" as const,
+    path: "/v1/evaluate",
+    body: { representation, shapes: [{ control_points: group.average }] },
+  }));
   return (
     <>
       <div class="columns" style={{ gridTemplateColumns: "repeat(auto-fit, minmax(min(100%, 220px), 1fr))" }}>
         {pair.map((group, at) => (
-          <Solid key={group.name} link={link} height={300} describe={group.name} caption={`${group.name} (n = ${count(group.shape_count)})`} onMost={setMost}
-            source={at ? second! : first!} against={at ? { source: first!, sign: -1 } : { source: second!, sign: 1 }} />
+          <Solid
+            key={group.name}
+            link={link}
+            height={300}
+            describe={group.name}
+            caption={`${group.name} (n = ${count(group.shape_count)})`}
+            onMost={setMost}
+            source={at ? second! : first!}
+            against={at ? { source: first!, sign: -1 } : { source: second!, sign: 1 }}
+          />
         ))}
       </div>
       {most > 0 && <Scale most={most} unit={unit} ends={[t.solid.inwards, t.solid.outwards]} />}

@@ -2,8 +2,8 @@
 import { useEffect, useState } from "preact/hooks";
 import { get, Refusal, setKey } from "../api/client";
 import { begin, findProvider, finish, forget, hasArrived, hostOf, LoginError } from "../api/login";
-import { Fault, Field, Loading, Page } from "../parts/basic";
 import { useAction, useLoaded } from "../hooks";
+import { Fault, Field, Loading, Page } from "../parts/basic";
 import { navigate } from "../router";
 import { t } from "../strings";
 
@@ -34,8 +34,15 @@ export function Login({ onDone }: { onDone: () => void }) {
     navigate(to, true);
     onDone();
   });
-  useEffect(() => { if (hasArrived()) back.run(); }, []);
-  if (back.busy || (provider.loading && !provider.data)) return <Page title={t.login.byProvider}><Loading on /></Page>;
+  useEffect(() => {
+    if (hasArrived()) back.run();
+  }, []);
+  if (back.busy || (provider.loading && !provider.data))
+    return (
+      <Page title={t.login.byProvider}>
+        <Loading on />
+      </Page>
+    );
   const wrong = byKey.error instanceof Refusal && byKey.error.problem.status === 401;
   const known = provider.data;
   return (
@@ -43,15 +50,55 @@ export function Login({ onDone }: { onDone: () => void }) {
       {known && (
         <div class="card" style={{ maxWidth: "520px" }}>
           <Failure error={back.error ?? leave.error} />
-          <div class="row"><button class="main" disabled={leave.busy} onClick={() => { back.clear(); leave.run(); }}>{t.login.with(hostOf(known.issuer))}</button></div>
+          <div class="row">
+            <button
+              class="main"
+              disabled={leave.busy}
+              onClick={() => {
+                back.clear();
+                leave.run();
+              }}
+            >
+              {t.login.with(hostOf(known.issuer))}
+            </button>
+          </div>
         </div>
       )}
-      <form class="card" style={{ maxWidth: "520px" }} onSubmit={(event) => { event.preventDefault(); byKey.run(); }}>
+      <form
+        class="card"
+        style={{ maxWidth: "520px" }}
+        onSubmit={(event) => {
+          event.preventDefault();
+          byKey.run();
+        }}
+      >
         {known && <h2>{t.login.orKey}</h2>}
         <input type="text" name="username" autocomplete="username" value="shapelex" hidden readOnly />
-        <Field label={t.login.key}><input type="password" name="key" autocomplete="current-password" required spellcheck={false} placeholder="shk_…" value={key} onInput={(event) => set(event.currentTarget.value)} /></Field>
-        {wrong ? <div class="note bad" role="alert"><strong>{t.login.wrong}</strong><p>{t.login.wrongHint}</p></div> : <Fault error={byKey.error} />}
-        <div class="row"><button class={known ? "" : "main"} disabled={byKey.busy || !key.trim()}>{t.login.enter}</button></div>
+        <Field label={t.login.key}>
+          <input
+            type="password"
+            name="key"
+            autocomplete="current-password"
+            required
+            spellcheck={false}
+            placeholder="shk_…"
+            value={key}
+            onInput={(event) => set(event.currentTarget.value)}
+          />
+        </Field>
+        {wrong ? (
+          <div class="note bad" role="alert">
+            <strong>{t.login.wrong}</strong>
+            <p>{t.login.wrongHint}</p>
+          </div>
+        ) : (
+          <Fault error={byKey.error} />
+        )}
+        <div class="row">
+          <button class={known ? "" : "main"} disabled={byKey.busy || !key.trim()}>
+            {t.login.enter}
+          </button>
+        </div>
         <p class="small quiet">{t.login.where}</p>
       </form>
     </Page>
@@ -61,5 +108,10 @@ export function Login({ onDone }: { onDone: () => void }) {
 function Failure({ error }: { error: Error | undefined }) {
   if (!(error instanceof LoginError)) return <Fault error={error} />;
   const [title, hint] = t.login.failures[error.reason];
-  return <div class="note bad" role="alert"><strong>{title}</strong><p>{hint(error.about)}</p></div>;
+  return (
+    <div class="note bad" role="alert">
+      <strong>{title}</strong>
+      <p>{hint(error.about)}</p>
+    </div>
+  );
 }

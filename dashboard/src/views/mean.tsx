@@ -1,10 +1,10 @@
 /** The mean of a cohort over its aligned shapes, live. */
 import { get, type Schemas } from "../api/client";
-import { Classes, dimensionOf } from "../parts/classes";
-import { Chart } from "../parts/chart";
-import { Download, Fault, Loading, WITH_NUMBERS, Picture, Select } from "../parts/basic";
-import { Solid } from "../parts/solid";
 import { useLoaded } from "../hooks";
+import { Download, Fault, Loading, Picture, Select, WITH_NUMBERS } from "../parts/basic";
+import { Chart } from "../parts/chart";
+import { Classes, dimensionOf } from "../parts/classes";
+import { Solid } from "../parts/solid";
 import { usePlace, useSetting } from "../router";
 import { filterOf } from "../shape/filter";
 import { hasMesh } from "../shape/points";
@@ -12,7 +12,11 @@ import { number, t } from "../strings";
 import { Chips, CohortPage } from "./cohort";
 
 export function MeanView({ cohort }: { cohort: string }) {
-  return <CohortPage cohort={cohort}>{(about, _, revision) => <Mean cohort={cohort} about={about} revision={revision} />}</CohortPage>;
+  return (
+    <CohortPage cohort={cohort}>
+      {(about, _, revision) => <Mean cohort={cohort} about={about} revision={revision} />}
+    </CohortPage>
+  );
 }
 
 function Mean({ cohort, about, revision }: { cohort: string; about: Schemas["CohortOutput"]; revision: number }) {
@@ -27,10 +31,19 @@ function Mean({ cohort, about, revision }: { cohort: string; about: Schemas["Coh
   if (frame !== "training") query.set("frame", frame);
   if (alignment) query.set("alignment", alignment);
   const path = `/v1/cohorts/${encodeURIComponent(cohort)}/mean`;
-  const mean = useLoaded(`${cohort} ${query} ${revision}`, (signal) => get("/v1/cohorts/{cohort}/mean", { path: { cohort }, query, signal }));
+  const mean = useLoaded(`${cohort} ${query} ${revision}`, (signal) =>
+    get("/v1/cohorts/{cohort}/mean", { path: { cohort }, query, signal }),
+  );
   const source = { path, query };
   const values = mean.data?.eigenvalues ?? [];
-  const formats: [string, string, string][] = hasMesh(about.representation) ? [...WITH_NUMBERS, ["OBJ", "obj", "model/obj"], ["PLY", "ply", "application/ply"], ["glTF", "gltf", "model/gltf-binary"]] : WITH_NUMBERS;
+  const formats: [string, string, string][] = hasMesh(about.representation)
+    ? [
+        ...WITH_NUMBERS,
+        ["OBJ", "obj", "model/obj"],
+        ["PLY", "ply", "application/ply"],
+        ["glTF", "gltf", "model/gltf-binary"],
+      ]
+    : WITH_NUMBERS;
   return (
     <div class="aside right">
       <div class="stack" style={{ gap: "22px" }}>
@@ -39,16 +52,37 @@ function Mean({ cohort, about, revision }: { cohort: string; about: Schemas["Coh
         <Loading on={mean.loading} />
         {mean.data && (
           <div class="card">
-            {hasMesh(about.representation)
-              ? <><Solid source={source} describe={t.mean.alt(cohort)} /><Download source={source} name={`${cohort}-mean`} formats={formats} /></>
-              : <Picture key={revision} source={source} name={`${cohort}-mean`} alt={t.mean.alt(cohort)} caption={t.mean.caption(Math.min(mean.data.shape_count, 300))} formats={formats} />}
+            {hasMesh(about.representation) ? (
+              <>
+                <Solid source={source} describe={t.mean.alt(cohort)} />
+                <Download source={source} name={`${cohort}-mean`} formats={formats} />
+              </>
+            ) : (
+              <Picture
+                key={revision}
+                source={source}
+                name={`${cohort}-mean`}
+                alt={t.mean.alt(cohort)}
+                caption={t.mean.caption(Math.min(mean.data.shape_count, 300))}
+                formats={formats}
+              />
+            )}
           </div>
         )}
-        {mean.data?.warnings.map((warning) => <p class="note warn">{typeof warning === "string" ? warning : JSON.stringify(warning)}</p>)}
+        {mean.data?.warnings.map((warning) => (
+          <p class="note warn">{typeof warning === "string" ? warning : JSON.stringify(warning)}</p>
+        ))}
         {values.length > 1 && (
           <figure class="card">
             <h2>{t.mean.eigenvalues}</h2>
-            <Chart x={values.map((_, index) => index + 1)} lines={[{ label: t.mean.eigenvalues, values, kind: "bars" }]} xLabel={t.words.rank} yLabel={t.mean.eigenvalue} describe={t.mean.eigenvalues} range={[0, null]} />
+            <Chart
+              x={values.map((_, index) => index + 1)}
+              lines={[{ label: t.mean.eigenvalues, values, kind: "bars" }]}
+              xLabel={t.words.rank}
+              yLabel={t.mean.eigenvalue}
+              describe={t.mean.eigenvalues}
+              range={[0, null]}
+            />
             <figcaption>{t.mean.eigenvaluesHint}</figcaption>
           </figure>
         )}
@@ -56,19 +90,44 @@ function Mean({ cohort, about, revision }: { cohort: string; about: Schemas["Coh
       <div class="stack" style={{ gap: "22px" }}>
         <div class="card">
           <Classes dimension={dimension} value={transformation} onChange={setTransformation} />
-          <Select label={t.mean.alignment} value={alignment} options={[["", t.mean.standard], ["projection", t.mean.projection], ["procrustes", "Procrustes"], ["partial_procrustes", t.mean.partial]]} onChange={setAlignment} />
-          <Select label={t.mean.frame} value={frame} options={[["training", t.mean.training], ["canonical", t.mean.canonical]]} onChange={setFrame} />
+          <Select
+            label={t.mean.alignment}
+            value={alignment}
+            options={[
+              ["", t.mean.standard],
+              ["projection", t.mean.projection],
+              ["procrustes", "Procrustes"],
+              ["partial_procrustes", t.mean.partial],
+            ]}
+            onChange={setAlignment}
+          />
+          <Select
+            label={t.mean.frame}
+            value={frame}
+            options={[
+              ["training", t.mean.training],
+              ["canonical", t.mean.canonical],
+            ]}
+            onChange={setFrame}
+          />
         </div>
         {mean.data && (
           <div class="card">
             <h2>{t.mean.certificate}</h2>
-            <p>{mean.data.unique ? t.mean.unique : mean.data.unique === false ? t.mean.notUnique : t.mean.noCertificate}</p>
+            <p>
+              {mean.data.unique ? t.mean.unique : mean.data.unique === false ? t.mean.notUnique : t.mean.noCertificate}
+            </p>
             <dl class="facts">
-              <dt>{t.words.shapes}</dt><dd>{mean.data.shape_count}</dd>
-              <dt>{t.mean.gap}</dt><dd>{number(mean.data.gap)}</dd>
-              <dt>{t.mean.rounds}</dt><dd>{mean.data.rounds}</dd>
-              <dt>{t.mean.converged}</dt><dd>{mean.data.converged ? t.words.yes : t.words.no}</dd>
-              <dt>{t.words.revision}</dt><dd>{mean.data.revision}</dd>
+              <dt>{t.words.shapes}</dt>
+              <dd>{mean.data.shape_count}</dd>
+              <dt>{t.mean.gap}</dt>
+              <dd>{number(mean.data.gap)}</dd>
+              <dt>{t.mean.rounds}</dt>
+              <dd>{mean.data.rounds}</dd>
+              <dt>{t.mean.converged}</dt>
+              <dd>{mean.data.converged ? t.words.yes : t.words.no}</dd>
+              <dt>{t.words.revision}</dt>
+              <dd>{mean.data.revision}</dd>
             </dl>
           </div>
         )}

@@ -1,31 +1,42 @@
 /** Sliders over modes of variation; shapes morph in the browser. */
 import { useEffect, useMemo, useRef, useState } from "preact/hooks";
-import { Fault, Loading, Picture } from "../parts/basic";
-import { Solid } from "../parts/solid";
-import { Shape } from "../parts/shape";
 import { useLoaded } from "../hooks";
+import { Fault, Loading, Picture } from "../parts/basic";
+import { Shape } from "../parts/shape";
+import { Solid } from "../parts/solid";
 import { useSetting } from "../router";
+import { type Model, modelOf } from "../shape/model";
 import { box, inPlane, isClosed, isDots, sum } from "../shape/points";
-import { modelOf, type Model } from "../shape/model";
 import { number, percent, t } from "../strings";
-import { DictionaryPage, type About } from "./dictionary";
+import { type About, DictionaryPage } from "./dictionary";
 
 const REACH = 3;
 
 export function Modes({ dictionary }: { dictionary: string }) {
-  return <DictionaryPage dictionary={dictionary}>{(about) => <Sliders about={about} dictionary={dictionary} />}</DictionaryPage>;
+  return (
+    <DictionaryPage dictionary={dictionary}>
+      {(about) => <Sliders about={about} dictionary={dictionary} />}
+    </DictionaryPage>
+  );
 }
 
 function Sliders({ about, dictionary }: { about: About; dictionary: string }) {
   const shown = Math.min(about.atoms.length, 8);
   const [text, setText] = useSetting("sigma", "");
-  const [values, setValues] = useState<number[]>(() => Array.from({ length: shown }, (_, index) => Number(text.split(",")[index]) || 0));
+  const [values, setValues] = useState<number[]>(() =>
+    Array.from({ length: shown }, (_, index) => Number(text.split(",")[index]) || 0),
+  );
   const [playing, setPlaying] = useState(-1);
   const timer = useRef<ReturnType<typeof setTimeout>>(undefined);
   // The address follows when the hand rests: browsers refuse too many changes of it.
   useEffect(() => {
     clearTimeout(timer.current);
-    if (playing < 0) timer.current = setTimeout(() => setText(values.some(Boolean) ? values.map((value) => value.toFixed(1).replace(/\.0$/, "")).join(",") : ""), 400);
+    if (playing < 0)
+      timer.current = setTimeout(
+        () =>
+          setText(values.some(Boolean) ? values.map((value) => value.toFixed(1).replace(/\.0$/, "")).join(",") : ""),
+        400,
+      );
     return () => clearTimeout(timer.current);
   }, [values, playing]);
   useEffect(() => {
@@ -49,16 +60,60 @@ function Sliders({ about, dictionary }: { about: About; dictionary: string }) {
   return (
     <div class="aside right">
       <div class="stack" style={{ gap: "22px" }}>
-        <div class="card">{spatial && about.representation.kind !== "landmarks" && about.representation.kind !== "closed_curve" && about.representation.kind !== "open_curve" ? <Solid source={{ path }} weights={weights} describe={t.modes.alt} /> : inPlane(about.representation) ? <Morph about={about} dictionary={dictionary} values={values} /> : <p class="quiet">{t.modes.strip}</p>}</div>
+        <div class="card">
+          {spatial &&
+          about.representation.kind !== "landmarks" &&
+          about.representation.kind !== "closed_curve" &&
+          about.representation.kind !== "open_curve" ? (
+            <Solid source={{ path }} weights={weights} describe={t.modes.alt} />
+          ) : inPlane(about.representation) ? (
+            <Morph about={about} dictionary={dictionary} values={values} />
+          ) : (
+            <p class="quiet">{t.modes.strip}</p>
+          )}
+        </div>
         <Strip path={path} about={about} values={values} />
       </div>
       <section class="card">
-        <div class="row spread"><h2>{t.modes.sliders}</h2><button class="plain" onClick={() => { setPlaying(-1); setValues(values.map(() => 0)); }}>{t.modes.reset}</button></div>
+        <div class="row spread">
+          <h2>{t.modes.sliders}</h2>
+          <button
+            class="plain"
+            onClick={() => {
+              setPlaying(-1);
+              setValues(values.map(() => 0));
+            }}
+          >
+            {t.modes.reset}
+          </button>
+        </div>
         <div class="sliders">
           {values.map((value, index) => (
             <div class="stack tight" key={index}>
-              <label class="slider"><span>{t.modes.mode(index + 1)}</span><input type="range" min={-REACH} max={REACH} step={0.05} value={value} aria-valuetext={`${number(value, 2)} σ`} onInput={(event) => set(index, Number(event.currentTarget.value))} /><output class="number">{number(Math.round(value * 10) / 10, 2)} σ</output></label>
-              <div class="row spread small quiet"><span>{t.dictionary.share(percent(about.atoms[index]!.explained))}</span><button class="plain small" aria-pressed={playing === index} aria-label={`${playing === index ? t.modes.stop : t.modes.play}: ${t.modes.mode(index + 1)}`} onClick={() => setPlaying(playing === index ? -1 : index)}>{playing === index ? t.modes.stop : t.modes.play}</button></div>
+              <label class="slider">
+                <span>{t.modes.mode(index + 1)}</span>
+                <input
+                  type="range"
+                  min={-REACH}
+                  max={REACH}
+                  step={0.05}
+                  value={value}
+                  aria-valuetext={`${number(value, 2)} σ`}
+                  onInput={(event) => set(index, Number(event.currentTarget.value))}
+                />
+                <output class="number">{number(Math.round(value * 10) / 10, 2)} σ</output>
+              </label>
+              <div class="row spread small quiet">
+                <span>{t.dictionary.share(percent(about.atoms[index]!.explained))}</span>
+                <button
+                  class="plain small"
+                  aria-pressed={playing === index}
+                  aria-label={`${playing === index ? t.modes.stop : t.modes.play}: ${t.modes.mode(index + 1)}`}
+                  onClick={() => setPlaying(playing === index ? -1 : index)}
+                >
+                  {playing === index ? t.modes.stop : t.modes.play}
+                </button>
+              </div>
             </div>
           ))}
         </div>
@@ -75,24 +130,56 @@ function Strip({ path, about, values }: { path: string; about: About; values: nu
     const timer = setTimeout(() => setSettled(most), 500);
     return () => clearTimeout(timer);
   }, [most]);
-  return <div class="card"><h2>{t.modes.one(settled)}</h2><Picture source={{ path, query: { component: settled, sigma: 2 } }} name={`${about.name}-mode-${settled}`} alt={t.modes.one(settled)} caption={t.modes.stripCaption} /></div>;
+  return (
+    <div class="card">
+      <h2>{t.modes.one(settled)}</h2>
+      <Picture
+        source={{ path, query: { component: settled, sigma: 2 } }}
+        name={`${about.name}-mode-${settled}`}
+        alt={t.modes.one(settled)}
+        caption={t.modes.stripCaption}
+      />
+    </div>
+  );
 }
 
 function Morph({ about, dictionary, values }: { about: About; dictionary: string; values: number[] }) {
   const model = useLoaded(about.id, (signal) => modelOf(about, dictionary, signal));
   const view = useMemo(() => model.data && bounds(model.data, values.length), [model.data]);
-  if (!model.data) return <><Fault error={model.error} /><Loading on={model.loading} /></>;
-  const closed = isClosed(about.representation), dots = isDots(about.representation);
-  const shape = sum(model.data.mean, values.map((value, index) => [value * model.data!.deviations[index]!, model.data!.components[index]!]));
+  if (!model.data)
+    return (
+      <>
+        <Fault error={model.error} />
+        <Loading on={model.loading} />
+      </>
+    );
+  const closed = isClosed(about.representation),
+    dots = isDots(about.representation);
+  const shape = sum(
+    model.data.mean,
+    values.map((value, index) => [value * model.data!.deviations[index]!, model.data!.components[index]!]),
+  );
   return (
     <figure>
-      <Shape view={view!} height={420} describe={t.modes.alt} parts={[{ points: model.data.mean, closed, dots, class: "pale" }, { points: shape, closed, dots, class: "accent" }]} />
+      <Shape
+        view={view!}
+        height={420}
+        describe={t.modes.alt}
+        parts={[
+          { points: model.data.mean, closed, dots, class: "pale" },
+          { points: shape, closed, dots, class: "accent" },
+        ]}
+      />
       <figcaption>{t.modes.caption}</figcaption>
     </figure>
   );
 }
 
 function bounds(model: Model, shown: number): string {
-  const sides = model.components.slice(0, shown).flatMap((component, index) => [-1, 1].map((side) => sum(model.mean, [[side * 2.5 * model.deviations[index]!, component]])));
+  const sides = model.components
+    .slice(0, shown)
+    .flatMap((component, index) =>
+      [-1, 1].map((side) => sum(model.mean, [[side * 2.5 * model.deviations[index]!, component]])),
+    );
   return box([model.mean, ...sides]);
 }

@@ -1,13 +1,13 @@
 /** Shapes from files: what is in each of them and what the cohort would take of it, then its shapes into the cohort, with faults at their place in the file. */
 import { useRef, useState } from "preact/hooks";
-import { authorization, Refusal, Said, search, type Problem, type Schemas } from "../api/client";
+import { authorization, type Problem, Refusal, Said, type Schemas, search } from "../api/client";
+import { type Format, type Found, formats, inspected, type Kept, keptBody, type Reading } from "../formats/file";
+import { useLoaded } from "../hooks";
 import { Choice, Fault, Field, Place, Select } from "../parts/basic";
-import { formats, inspected, keptBody, type Format, type Found, type Kept, type Reading } from "../formats/file";
-import { count, percent, t, UNITS } from "../strings";
-import { CohortPage } from "./cohort";
 import { Contents, Formats, Remarks } from "../parts/contents";
 import { Drop } from "../parts/drop";
-import { useLoaded } from "../hooks";
+import { count, percent, t, UNITS } from "../strings";
+import { CohortPage } from "./cohort";
 
 /** A file on its way into the cohort. */
 interface Dropped {
@@ -24,11 +24,23 @@ interface Dropped {
 }
 
 /** A request whose progress can be seen, which `fetch` does not show. */
-function upload(url: string, type: string, body: Blob, key: string, progress: (part: number) => void): { done: Promise<Schemas["AddAnswer"]>; stop: () => void } {
+function upload(
+  url: string,
+  type: string,
+  body: Blob,
+  key: string,
+  progress: (part: number) => void,
+): { done: Promise<Schemas["AddAnswer"]>; stop: () => void } {
   const request = new XMLHttpRequest();
   const done = new Promise<Schemas["AddAnswer"]>((resolve, reject) => {
     request.open("POST", url);
-    for (const [name, value] of Object.entries({ "content-type": type, accept: "application/json", "idempotency-key": key, ...authorization() })) request.setRequestHeader(name, value);
+    for (const [name, value] of Object.entries({
+      "content-type": type,
+      accept: "application/json",
+      "idempotency-key": key,
+      ...authorization(),
+    }))
+      request.setRequestHeader(name, value);
     request.upload.onprogress = (event) => event.lengthComputable && progress(event.loaded / event.total);
     request.onload = () => {
       if (request.status < 300) return resolve(JSON.parse(request.responseText) as Schemas["AddAnswer"]);
@@ -48,7 +60,9 @@ function upload(url: string, type: string, body: Blob, key: string, progress: (p
 /** The parameters of reading that a format has; archives have those of the files within. */
 function optionsOf(list: Format[], id: string | undefined): string[] {
   const options = list.find((one) => one.id === id)?.options ?? [];
-  return options.includes("*") ? [...new Set(list.flatMap((one) => one.options))].filter((name) => name !== "*").sort() : options;
+  return options.includes("*")
+    ? [...new Set(list.flatMap((one) => one.options))].filter((name) => name !== "*").sort()
+    : options;
 }
 
 export function Upload({ cohort }: { cohort: string }) {
@@ -59,16 +73,31 @@ export function Upload({ cohort }: { cohort: string }) {
   const known = useLoaded("formats", formats);
   /** Number of looks at each file: an answer to an earlier one says nothing of it any more. */
   const looks = useRef<number[]>([]);
-  const set = (index: number, change: Partial<Dropped>) => setFiles((before) => before.map((one, at) => (at === index ? { ...one, ...change } : one)));
-  const look = async (index: number, { file, reading, placing }: Pick<Dropped, "file" | "reading" | "placing">, state: Dropped["state"] = "looking", on_error = onError) => {
+  const set = (index: number, change: Partial<Dropped>) =>
+    setFiles((before) => before.map((one, at) => (at === index ? { ...one, ...change } : one)));
+  const look = async (
+    index: number,
+    { file, reading, placing }: Pick<Dropped, "file" | "reading" | "placing">,
+    state: Dropped["state"] = "looking",
+    on_error = onError,
+  ) => {
     const own = (looks.current[index] = (looks.current[index] ?? 0) + 1);
     const tell = (change: Partial<Dropped>) => looks.current[index] === own && set(index, change);
     set(index, { state, reading, placing, error: undefined });
     try {
       const kept = Object.keys(reading).length ? null : await keptBody(file);
-      tell(kept ? { state: "ready", kept } : { state: "ready", kept: undefined, found: await inspected(file, { cohort, on_error, ...reading, ...placing }) });
+      tell(
+        kept
+          ? { state: "ready", kept }
+          : {
+              state: "ready",
+              kept: undefined,
+              found: await inspected(file, { cohort, on_error, ...reading, ...placing }),
+            },
+      );
     } catch (error) {
-      if (error instanceof SyntaxError) return tell({ state: "refused", found: undefined, error: new Said(t.upload.syntax(error.message)) });
+      if (error instanceof SyntaxError)
+        return tell({ state: "refused", found: undefined, error: new Said(t.upload.syntax(error.message)) });
       // A file that this cohort refuses may be one of another unit: what is in it is told nevertheless.
       const found = await inspected(file, reading).catch(() => undefined);
       tell({ state: found ? "ready" : "refused", found, kept: undefined, error: error as Error });
@@ -76,11 +105,17 @@ export function Upload({ cohort }: { cohort: string }) {
   };
   const change = (on_error: string) => {
     setOnError(on_error);
-    files.forEach((one, index) => ["ready", "refused"].includes(one.state) && !one.kept && void look(index, one, one.state, on_error));
+    files.forEach(
+      (one, index) =>
+        ["ready", "refused"].includes(one.state) && !one.kept && void look(index, one, one.state, on_error),
+    );
   };
   const take = async (chosen: File[]) => {
     const first = files.length;
-    setFiles([...files, ...chosen.map((file): Dropped => ({ file, state: "looking", reading: {}, placing: {}, part: 0 }))]);
+    setFiles([
+      ...files,
+      ...chosen.map((file): Dropped => ({ file, state: "looking", reading: {}, placing: {}, part: 0 })),
+    ]);
     for (const [offset, file] of chosen.entries()) await look(first + offset, { file, reading: {}, placing: {} });
   };
   const store = async (index: number, { file, kept, reading, placing }: Dropped) => {
@@ -89,7 +124,13 @@ export function Upload({ cohort }: { cohort: string }) {
     try {
       const query = { return: "none", on_error: onError, ...(kept ? {} : { name: file.name, ...reading, ...placing }) };
       const url = `/v1/cohorts/${encodeURIComponent(cohort)}/shapes${search(query)}`;
-      const sent = upload(url, kept?.type ?? "application/octet-stream", kept?.body ?? file, crypto.randomUUID(), (part) => set(index, { part }));
+      const sent = upload(
+        url,
+        kept?.type ?? "application/octet-stream",
+        kept?.body ?? file,
+        crypto.randomUUID(),
+        (part) => set(index, { part }),
+      );
       stop.current = sent.stop;
       set(index, { state: "stored", answer: await sent.done });
     } catch (error) {
@@ -103,26 +144,57 @@ export function Upload({ cohort }: { cohort: string }) {
     for (const index of which) await store(index, files[index]!);
     setBusy(false);
   };
-  const ready = files.flatMap((one, index) => (one.state === "ready" && !one.error && one.found?.records !== 0 ? [index] : []));
+  const ready = files.flatMap((one, index) =>
+    one.state === "ready" && !one.error && one.found?.records !== 0 ? [index] : [],
+  );
   return (
     <CohortPage cohort={cohort}>
       {({ representation }) => (
         <>
           <div class="row spread">
             <p class="quiet prose">{t.upload.lead}</p>
-            <Choice label={t.upload.onError} value={onError} options={[["skip", t.upload.skip], ["abort", t.upload.abort]]} onChange={change} />
+            <Choice
+              label={t.upload.onError}
+              value={onError}
+              options={[
+                ["skip", t.upload.skip],
+                ["abort", t.upload.abort],
+              ]}
+              onChange={change}
+            />
           </div>
           <Drop title={t.upload.drop} hint={t.upload.formats} multiple onFiles={(chosen) => void take(chosen)} />
           <Fault error={known.error} retry={known.reload} />
           {known.data && <Formats formats={known.data} />}
-          {ready.length > 1 && <div class="row"><button class="main" disabled={busy} onClick={() => void storeAll(ready)}>{t.upload.storeAll(ready.length)}</button></div>}
+          {ready.length > 1 && (
+            <div class="row">
+              <button class="main" disabled={busy} onClick={() => void storeAll(ready)}>
+                {t.upload.storeAll(ready.length)}
+              </button>
+            </div>
+          )}
           <div class="stack" aria-live="polite">
             {files.map((one, index) => (
-              <Card key={index} one={one} formats={known.data ?? []} planar={"dimension" in representation && representation.dimension === 2} busy={busy} onStop={() => stop.current?.()} onStore={() => void storeAll([index])}
-                onRead={(reading) => void look(index, { ...one, reading })} onPlace={(placing) => void look(index, { ...one, placing }, "ready")} />
+              <Card
+                key={index}
+                one={one}
+                formats={known.data ?? []}
+                planar={"dimension" in representation && representation.dimension === 2}
+                busy={busy}
+                onStop={() => stop.current?.()}
+                onStore={() => void storeAll([index])}
+                onRead={(reading) => void look(index, { ...one, reading })}
+                onPlace={(placing) => void look(index, { ...one, placing }, "ready")}
+              />
             ))}
           </div>
-          {files.some((file) => file.answer?.added) && <div class="row"><a class="button main" href={`/app/cohorts/${encodeURIComponent(cohort)}`}>{t.upload.look}</a></div>}
+          {files.some((file) => file.answer?.added) && (
+            <div class="row">
+              <a class="button main" href={`/app/cohorts/${encodeURIComponent(cohort)}`}>
+                {t.upload.look}
+              </a>
+            </div>
+          )}
         </>
       )}
     </CohortPage>
@@ -130,10 +202,25 @@ export function Upload({ cohort }: { cohort: string }) {
 }
 
 function State({ state, part, answer, found, error }: Dropped) {
-  if (answer) return <span class={`tag ${answer.skipped ? "warn" : "good"}`}>{t.upload.added(answer.added)}{answer.skipped ? `, ${t.upload.skipped(answer.skipped)}` : ""}</span>;
-  if (state === "ready") return error || found?.cohort?.accepted === false ? <span class="tag bad">{t.upload.unfit}</span> : <span class="tag">{t.upload.ready}</span>;
+  if (answer)
+    return (
+      <span class={`tag ${answer.skipped ? "warn" : "good"}`}>
+        {t.upload.added(answer.added)}
+        {answer.skipped ? `, ${t.upload.skipped(answer.skipped)}` : ""}
+      </span>
+    );
+  if (state === "ready")
+    return error || found?.cohort?.accepted === false ? (
+      <span class="tag bad">{t.upload.unfit}</span>
+    ) : (
+      <span class="tag">{t.upload.ready}</span>
+    );
   if (state === "looking") return <span class="tag live">{t.upload.looking}</span>;
-  return state === "sending" ? <span class="tag live">{percent(part, 0)}</span> : <span class="tag bad">{state === "refused" ? t.upload.refused : t.upload.failed}</span>;
+  return state === "sending" ? (
+    <span class="tag live">{percent(part, 0)}</span>
+  ) : (
+    <span class="tag bad">{state === "refused" ? t.upload.refused : t.upload.failed}</span>
+  );
 }
 
 interface CardProps {
@@ -152,17 +239,35 @@ function Card({ one, formats, planar, busy, onStop, onStore, onRead, onPlace }: 
   const waits = state === "ready" || state === "failed";
   return (
     <section class="card">
-      <div class="row spread"><h2>{file.name}</h2><State {...one} /></div>
-      {state === "sending" && <div class="row" style={{ flexWrap: "nowrap" }}><progress value={one.part} max={1} aria-label={file.name} /><button onClick={onStop}>{t.act.cancel}</button></div>}
+      <div class="row spread">
+        <h2>{file.name}</h2>
+        <State {...one} />
+      </div>
+      {state === "sending" && (
+        <div class="row" style={{ flexWrap: "nowrap" }}>
+          <progress value={one.part} max={1} aria-label={file.name} />
+          <button onClick={onStop}>{t.act.cancel}</button>
+        </div>
+      )}
       <Fault error={one.error} />
-      {one.answer ? <Added answer={one.answer} /> : (
+      {one.answer ? (
+        <Added answer={one.answer} />
+      ) : (
         <>
           {found && <Contents found={found} formats={formats} />}
           {found?.cohort && waits && <Ahead cohort={found.cohort} units={found.units} />}
           {kept && <p class="quiet">{kept.shapes ? t.upload.document(count(kept.shapes.length)) : t.upload.lines}</p>}
           {found && waits && <Placing found={found} planar={planar} value={one.placing} onChange={onPlace} />}
-          {!kept && (waits || state === "refused") && <HowRead key={state} one={one} formats={formats} onRead={onRead} />}
-          {waits && <div class="row"><button class={busy ? "" : "main"} disabled={busy || found?.records === 0} onClick={onStore}>{t.upload.store}</button></div>}
+          {!kept && (waits || state === "refused") && (
+            <HowRead key={state} one={one} formats={formats} onRead={onRead} />
+          )}
+          {waits && (
+            <div class="row">
+              <button class={busy ? "" : "main"} disabled={busy || found?.records === 0} onClick={onStore}>
+                {t.upload.store}
+              </button>
+            </div>
+          )}
         </>
       )}
     </section>
@@ -170,25 +275,83 @@ function Card({ one, formats, planar, busy, onStop, onStore, onRead, onPlace }: 
 }
 
 /** How records become shapes of the cohort, as far as these records need it. */
-function Placing({ found, planar, value, onChange }: { found: Found; planar: boolean; value: Reading; onChange: (value: Reading) => void }) {
-  const projected = planar && found.groups.some((group) => group.dimension === 3), sampled = found.groups.some((group) => group.kind === "fourier");
+function Placing({
+  found,
+  planar,
+  value,
+  onChange,
+}: {
+  found: Found;
+  planar: boolean;
+  value: Reading;
+  onChange: (value: Reading) => void;
+}) {
+  const projected = planar && found.groups.some((group) => group.dimension === 3),
+    sampled = found.groups.some((group) => group.kind === "fourier");
   return (
     <div class="form">
-      {projected && <Select label={t.file.plane} value={value.plane ?? ""} options={[["", t.file.noPlane], ["xy", "xy"], ["xz", "xz"], ["yz", "yz"]]} onChange={(plane) => onChange({ ...value, plane })} />}
-      {sampled && <Field label={t.file.samples}><input type="number" min={3} max={10_000} value={value.samples ?? ""} onChange={(event) => onChange({ ...value, samples: event.currentTarget.value })} /></Field>}
-      {([["label", t.upload.label], ["subject", t.upload.subject], ["prefix", t.file.prefix]] as const).map(([name, label]) => (
-        <Field key={name} label={label}><input value={value[name] ?? ""} onChange={(event) => onChange(given({ ...value, [name]: event.currentTarget.value.trim() }))} /></Field>
+      {projected && (
+        <Select
+          label={t.file.plane}
+          value={value.plane ?? ""}
+          options={[
+            ["", t.file.noPlane],
+            ["xy", "xy"],
+            ["xz", "xz"],
+            ["yz", "yz"],
+          ]}
+          onChange={(plane) => onChange({ ...value, plane })}
+        />
+      )}
+      {sampled && (
+        <Field label={t.file.samples}>
+          <input
+            type="number"
+            min={3}
+            max={10_000}
+            value={value.samples ?? ""}
+            onChange={(event) => onChange({ ...value, samples: event.currentTarget.value })}
+          />
+        </Field>
+      )}
+      {(
+        [
+          ["label", t.upload.label],
+          ["subject", t.upload.subject],
+          ["prefix", t.file.prefix],
+        ] as const
+      ).map(([name, label]) => (
+        <Field key={name} label={label}>
+          <input
+            value={value[name] ?? ""}
+            onChange={(event) => onChange(given({ ...value, [name]: event.currentTarget.value.trim() }))}
+          />
+        </Field>
       ))}
-      <Select label={t.words.unit} value={value.unit ?? ""} options={[["", t.upload.asStated], ...UNITS]} onChange={(unit) => onChange(given({ ...value, unit }))} />
+      <Select
+        label={t.words.unit}
+        value={value.unit ?? ""}
+        options={[["", t.upload.asStated], ...UNITS]}
+        onChange={(unit) => onChange(given({ ...value, unit }))}
+      />
     </div>
   );
 }
 
 /** Without what is empty: an empty prefix is a wish of its own. */
-const given = (reading: Reading): Reading => Object.fromEntries(Object.entries(reading).filter(([, value]) => value !== ""));
+const given = (reading: Reading): Reading =>
+  Object.fromEntries(Object.entries(reading).filter(([, value]) => value !== ""));
 
 /** The format, where the service should not recognise it, and the options of reading that the format has. */
-function HowRead({ one: { reading, found, error }, formats, onRead }: { one: Dropped; formats: Format[]; onRead: (reading: Reading) => void }) {
+function HowRead({
+  one: { reading, found, error },
+  formats,
+  onRead,
+}: {
+  one: Dropped;
+  formats: Format[];
+  onRead: (reading: Reading) => void;
+}) {
   const change = (name: string, value: string) => {
     const { [name]: _, ...others } = reading;
     onRead(value ? { ...others, [name]: value } : others);
@@ -197,8 +360,21 @@ function HowRead({ one: { reading, found, error }, formats, onRead }: { one: Dro
     <details open={Boolean(error) || Object.keys(reading).length > 0}>
       <summary>{t.file.reading}</summary>
       <div class="form">
-        <Select label={t.file.format} value={reading.format ?? ""} options={[["", t.file.recognised], ...formats.map((one): [string, string] => [one.id, one.name])]} onChange={(format) => onRead(format ? { format } : {})} />
-        {optionsOf(formats, reading.format ?? found?.format).map((name) => <Field key={name} label={name}><input value={reading[name] ?? ""} spellcheck={false} onChange={(event) => change(name, event.currentTarget.value)} /></Field>)}
+        <Select
+          label={t.file.format}
+          value={reading.format ?? ""}
+          options={[["", t.file.recognised], ...formats.map((one): [string, string] => [one.id, one.name])]}
+          onChange={(format) => onRead(format ? { format } : {})}
+        />
+        {optionsOf(formats, reading.format ?? found?.format).map((name) => (
+          <Field key={name} label={name}>
+            <input
+              value={reading[name] ?? ""}
+              spellcheck={false}
+              onChange={(event) => change(name, event.currentTarget.value)}
+            />
+          </Field>
+        ))}
       </div>
     </details>
   );
@@ -208,13 +384,24 @@ type Failed = Extract<NonNullable<Schemas["AddAnswer"]["results"]>[number], { er
 
 /** What was wrong, each cause once: at its first shape, with the number of shapes that have it. */
 function causesOf(failed: Failed[]) {
-  const causes = new Map<string, { detail: string; fault: Parameters<typeof Place>[0]["fault"]; name: string | null | undefined; shapes: number }>();
+  const causes = new Map<
+    string,
+    { detail: string; fault: Parameters<typeof Place>[0]["fault"]; name: string | null | undefined; shapes: number }
+  >();
   for (const one of failed) {
-    const faults = one.error.errors?.length ? one.error.errors : [{ pointer: "", detail: one.error.detail, index: one.index }];
+    const faults = one.error.errors?.length
+      ? one.error.errors
+      : [{ pointer: "", detail: one.error.detail, index: one.index }];
     for (const fault of faults) {
       const before = causes.get(fault.detail);
       if (before) before.shapes += 1;
-      else causes.set(fault.detail, { detail: fault.detail, fault, name: "external_id" in one ? one.external_id : undefined, shapes: 1 });
+      else
+        causes.set(fault.detail, {
+          detail: fault.detail,
+          fault,
+          name: "external_id" in one ? one.external_id : undefined,
+          shapes: 1,
+        });
     }
   }
   return [...causes.values()];
@@ -226,7 +413,19 @@ function Causes({ failed }: { failed: Failed[] }) {
   return (
     <>
       <ul>
-        {causes.slice(0, 50).map(({ detail, fault, name, shapes }) => <li key={detail}><Place fault={fault} />{detail}{name && <> (<code>{name}</code>)</>}{shapes > 1 && <> {t.upload.alike(shapes - 1)}</>}</li>)}
+        {causes.slice(0, 50).map(({ detail, fault, name, shapes }) => (
+          <li key={detail}>
+            <Place fault={fault} />
+            {detail}
+            {name && (
+              <>
+                {" "}
+                (<code>{name}</code>)
+              </>
+            )}
+            {shapes > 1 && <> {t.upload.alike(shapes - 1)}</>}
+          </li>
+        ))}
       </ul>
       {causes.length > 50 && <p>{t.fault.more(causes.length - 50)}</p>}
     </>
@@ -237,13 +436,20 @@ function Causes({ failed }: { failed: Failed[] }) {
 function Ahead({ cohort, units }: { cohort: Schemas["CohortPreview"]; units: Found["units"] }) {
   const { added, unchanged, skipped, self_intersecting: crossing } = cohort;
   const parts = [
-    t.upload.wouldAdd(added), unchanged > 0 && t.upload.there(unchanged), skipped > 0 && t.upload.unstored(skipped), crossing > 0 && t.upload.crossed(crossing),
-    units?.adopted ? t.upload.adopts(units.stored) : units && units.file !== units.stored && t.upload.converted(units.file, units.stored),
+    t.upload.wouldAdd(added),
+    unchanged > 0 && t.upload.there(unchanged),
+    skipped > 0 && t.upload.unstored(skipped),
+    crossing > 0 && t.upload.crossed(crossing),
+    units?.adopted
+      ? t.upload.adopts(units.stored)
+      : units && units.file !== units.stored && t.upload.converted(units.file, units.stored),
   ].filter(Boolean);
   return (
     <div class={`note ${skipped || cohort.warnings.length ? "warn" : ""}`}>
       <strong>{t.upload.ahead}</strong> {parts.join("; ")}.
-      {cohort.warnings.map((warning) => <p key={warning}>{warning}</p>)}
+      {cohort.warnings.map((warning) => (
+        <p key={warning}>{warning}</p>
+      ))}
       {cohort.results.length > 0 && <Causes failed={cohort.results} />}
     </div>
   );
@@ -253,7 +459,11 @@ function Added({ answer }: { answer: Schemas["AddAnswer"] }) {
   const failed = (answer.results ?? []).flatMap((one) => ("error" in one && one.error ? [one] : []));
   return (
     <>
-      {answer.warnings?.map((warning) => <p class="note warn" key={warning}>{warning}</p>)}
+      {answer.warnings?.map((warning) => (
+        <p class="note warn" key={warning}>
+          {warning}
+        </p>
+      ))}
       {answer.self_intersecting > 0 && <p class="note warn">{t.upload.crossing(answer.self_intersecting)}</p>}
       {failed.length > 0 && (
         <div class="note warn">
