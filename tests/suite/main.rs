@@ -65,6 +65,7 @@ mod http_segment;
 mod http_segment_cohort;
 mod http_segment_fields;
 mod http_segment_jobs;
+mod http_segment_kinds;
 mod http_segment_moved;
 mod http_segment_nuclei;
 mod http_segment_shown;

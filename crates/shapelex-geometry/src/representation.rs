@@ -88,6 +88,41 @@ pub enum Representation {
 }
 
 impl Representation {
+    /// How often the control mesh can be split; `None` for shapes without one.
+    pub fn most_splits(&self) -> Option<usize> {
+        self.subdivision().map(|mesh| mesh.level)
+    }
+
+    /// Number of control points after so many splits of the control mesh.
+    pub fn size_after(&self, splits: usize) -> usize {
+        let mesh = self.subdivision().filter(|_| splits > 0);
+        mesh.map_or_else(|| self.size(), |mesh| mesh.connectivity.size().split(splits).vertices)
+    }
+
+    /// The representation after one split of the control mesh; `None` where it has none to split.
+    ///
+    /// # Errors
+    /// A control mesh that is not closed, or without rules.
+    pub fn split(&self) -> Result<Option<Self>, GeometryError> {
+        let finer = self.subdivision().map_or(Ok(None), Subdivision::finer)?;
+        Ok(finer.map(|(finer, _)| Self::Subdivision(finer)))
+    }
+
+    /// Whether so many splits of the control mesh make another representation of this one.
+    ///
+    /// # Errors
+    /// A control mesh that is not closed, or without rules.
+    pub fn becomes(&self, wanted: &Self, splits: usize) -> Result<bool, GeometryError> {
+        let mut found = self.clone();
+        for left in (1..=splits).rev() {
+            // A mesh of another size is not split: it may be of any size.
+            let splits = found.most_splits().is_some() && found.size_after(left) == wanted.size();
+            let Some(finer) = (if splits { found.split()? } else { None }) else { return Ok(false) };
+            found = finer;
+        }
+        Ok(found == *wanted)
+    }
+
     /// Dimension of the points, `d`.
     pub fn dimension(&self) -> usize {
         match self {

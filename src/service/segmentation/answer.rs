@@ -8,6 +8,7 @@ use super::contours::ComponentOutput;
 use super::image::{Coordinates, ImageOutput};
 use super::place::{self, MovedOutput, SharedOutput};
 use crate::geometry::raster::{Mask, Overlap};
+use crate::geometry::representation::Representation;
 use crate::segmentation::energy::TermValue;
 use crate::segmentation::run::{Outcome, Segmentation};
 use crate::wire::shape::Points;
@@ -94,6 +95,9 @@ pub struct SegmentedOutput {
     pub(super) index: usize,
     /// The shape, in the coordinates of the request.
     pub(super) control_points: Points,
+    /// Its representation, where stages split the control mesh of the initial shape.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) representation: Option<Representation>,
     /// Whether the last stage converged.
     pub(super) converged: bool,
     /// Why the segmentation ended: `converged`, `limit`, `line_search` (no step decreases the energy: usual at the level of the

@@ -59,6 +59,9 @@ const EVALUATIONS: f64 = 1.1;
 /// Evaluations for each point in a sweep from point to point.
 const EVALUATIONS_PER_POINT: f64 = 1.4;
 
+/// Most splits of a control mesh, more than any limit of vertices admits.
+const MAX_LEVEL: usize = 15;
+
 /// Predicted cost of a segmentation.
 #[derive(Debug, Clone, Copy, Serialize, utoipa::ToSchema)]
 pub struct SegmentEstimate {
@@ -102,18 +105,22 @@ pub(super) fn work(wanted: &Wanted, grid: &Grid, stages: &[StageInput]) -> Work 
 /// Predicted seconds to read an image and to prepare its fields; and of all minimisations, with the usual number of evaluations in
 /// them.
 pub(super) fn parts(wanted: &Wanted, grid: &Grid, stages: &[StageInput]) -> [Part; 2] {
-    let cost = Cost::new(wanted, grid);
-    let objects = wanted.starts.count() as f64;
+    let (cost, terms) = (Cost::new(wanted, grid), wanted.energy.terms.len() as f64);
+    let objects = wanted.starts.count();
     let detected: f64 = wanted.different_detectors().iter().map(|detector| detector.seconds(grid)).sum();
     let fields = grid.cells() as f64 * (READ + cost.fields(stages)) + detected;
-    let runs: f64 = stages.iter().map(|stage| cost.stage(stage)).sum();
-    let levels = grid.cells() as f64 * cost.levels(stages) * objects;
-    let products = Work::from_multiply_adds(objects * (cost.factorisations(stages) + cost.spans(stages)));
-    let evaluations: f64 = stages.iter().map(|stage| 1.0 + cost.evaluations(stage)).sum();
-    [
-        Part { work: fields, count: 1.0 },
-        Part { work: runs + levels + products.seconds(), count: objects * evaluations },
-    ]
+    let levels = grid.cells() as f64 * cost.levels(stages) * objects as f64;
+    let (mut runs, mut products, mut evaluations) = (0.0, 0.0, 0.0);
+    for index in 0..objects {
+        products += cost.factorisations(index, stages) + cost.spans(index, stages);
+        for stage in staged(stages) {
+            let passes = 1.0 + cost.evaluations(index, &stage);
+            evaluations += passes;
+            runs += passes * cost.samples(index, &stage) * terms;
+        }
+    }
+    let products = Work::from_multiply_adds(products);
+    [Part { work: fields, count: 1.0 }, Part { work: runs + levels + products.seconds(), count: evaluations }]
 }
 
 /// Predicted work to sample the boundaries of shapes once, as finely as integrals over them need.
@@ -125,6 +132,21 @@ pub fn boundaries(representation: &Admitted, shapes: usize) -> Work {
         _ => SAMPLE[1] * FINE[1] * points,
     };
     Work::from_seconds(shapes as f64 * one)
+}
+
+/// A stage with the number of splits before it.
+#[derive(Clone, Copy)]
+struct Staged<'a> {
+    stage: &'a StageInput,
+    splits: i32,
+}
+
+/// Stages with the splits before them, of which more than [`MAX_LEVEL`] are refused elsewhere.
+fn staged(stages: &[StageInput]) -> impl Iterator<Item = Staged<'_>> {
+    stages.iter().scan(0, |splits: &mut i32, stage| {
+        *splits += stage.splits.min(MAX_LEVEL) as i32;
+        Some(Staged { stage, splits: *splits })
+    })
 }
 
 /// The different blurs of stages.
@@ -172,8 +194,9 @@ impl<'a> Cost<'a> {
         }
     }
 
-    fn points(&self) -> f64 {
-        self.wanted.settings.representation.size() as f64
+    /// Control points of an object in a stage: a split makes less than four of one.
+    fn points(&self, index: usize, stage: &Staged) -> f64 {
+        self.wanted.kinds.of(index).representation.size() as f64 * 4.0_f64.powi(stage.splits)
     }
 
     fn is_by_contours(&self) -> bool {
@@ -202,24 +225,17 @@ impl<'a> Cost<'a> {
         LEVEL * (terms * (stages.len() + 2)) as f64
     }
 
-    /// Seconds of a stage for all objects.
-    fn stage(&self, stage: &StageInput) -> f64 {
-        let samples: f64 = (0..self.wanted.starts.count()).map(|index| self.samples(stage, index)).sum();
-        let terms = self.wanted.energy.terms.len() as f64;
-        (1.0 + self.evaluations(stage)) * samples * terms
-    }
-
     /// Seconds to sample the boundary of an object once for a term.
-    fn samples(&self, stage: &StageInput, index: usize) -> f64 {
-        let vertices = self.wanted.settings.representation.refined_vertices() as f64;
-        let boundary = self.boundary(index);
+    fn samples(&self, index: usize, stage: &Staged) -> f64 {
+        let vertices = self.wanted.kinds.of(index).representation.refined_vertices() as f64;
+        let (boundary, points) = (self.boundary(index), self.points(index, stage));
         match self.axes {
-            2 => SAMPLE[0] * (PER_CELL * boundary).max(PER_POINT * self.points()),
+            2 => SAMPLE[0] * (PER_CELL * boundary).max(PER_POINT * points),
             _ if vertices > 0.0 => SAMPLE[2] * vertices,
             _ => {
                 let sides = self.wanted.sides(self.grid);
-                let blur = stage.sigma.in_cells(&sides).fold(f64::INFINITY, f64::min).max(1.0);
-                SAMPLE[1] * (boundary / (blur * blur)).max(PER_POINT_IN_SPACE * self.points())
+                let blur = stage.stage.sigma.in_cells(&sides).fold(f64::INFINITY, f64::min).max(1.0);
+                SAMPLE[1] * (boundary / (blur * blur)).max(PER_POINT_IN_SPACE * points)
             }
         }
     }
@@ -236,41 +252,43 @@ impl<'a> Cost<'a> {
     }
 
     /// Iterations of a stage until it ends, as far as they are allowed.
-    fn iterations(&self, stage: &StageInput) -> f64 {
+    fn iterations(&self, index: usize, stage: &Staged) -> f64 {
         let usual = match (self.is_by_contours(), self.axes) {
             (false, _) => REGION_EVALUATIONS,
-            (true, 2) => CONTOUR_EVALUATIONS[0] + EVALUATIONS_OF_POINT * self.points(),
+            (true, 2) => CONTOUR_EVALUATIONS[0] + EVALUATIONS_OF_POINT * self.points(index, stage),
             (true, _) => CONTOUR_EVALUATIONS[1],
         };
-        (usual / EVALUATIONS).min(stage.iterations as f64)
+        (usual / EVALUATIONS).min(stage.stage.iterations as f64)
     }
 
-    fn evaluations(&self, stage: &StageInput) -> f64 {
+    fn evaluations(&self, index: usize, stage: &Staged) -> f64 {
+        let iterations = self.iterations(index, stage);
         match self.wanted.energy.method {
-            Minimiser::Lbfgs => EVALUATIONS * self.iterations(stage),
+            Minimiser::Lbfgs => EVALUATIONS * iterations,
             // In noise Newton's steps do not become small: the limit ends them.
-            Minimiser::Newton => EVALUATIONS * stage.iterations as f64,
-            Minimiser::Coordinates => (1.0 + EVALUATIONS_PER_POINT * self.points()) * self.iterations(stage),
+            Minimiser::Newton => EVALUATIONS * stage.stage.iterations as f64,
+            Minimiser::Coordinates => (1.0 + EVALUATIONS_PER_POINT * self.points(index, stage)) * iterations,
         }
     }
 
     /// Multiply-adds for an object to project onto what several shapes span.
-    fn spans(&self, stages: &[StageInput]) -> f64 {
+    fn spans(&self, index: usize, stages: &[StageInput]) -> f64 {
         let Some((reference, _)) = &self.wanted.prior else { return 0.0 };
-        let length = self.points() * self.axes as f64;
+        let length = (self.wanted.kinds.of(index).representation.size() * self.axes) as f64;
         // A class has at most as many matrices as a matrix has entries.
         let basis = |shapes: &[Vec<f64>]| ((shapes.len() * self.axes * self.axes) as f64).min(length);
-        let evaluations: f64 = stages.iter().map(|stage| 1.0 + self.evaluations(stage)).sum();
+        let evaluations: f64 = staged(stages).map(|stage| 1.0 + self.evaluations(index, &stage)).sum();
         2.0 * evaluations * length * reference.spans().map(basis).sum::<f64>()
     }
 
     /// Multiply-adds of Newton's method for an object.
-    fn factorisations(&self, stages: &[StageInput]) -> f64 {
+    fn factorisations(&self, index: usize, stages: &[StageInput]) -> f64 {
         match self.wanted.energy.method {
             Minimiser::Lbfgs | Minimiser::Coordinates => 0.0,
             Minimiser::Newton => {
+                let points = self.wanted.kinds.of(index).representation.size() as f64;
                 let iterations: f64 = stages.iter().map(|stage| stage.iterations as f64).sum();
-                iterations * (2.0 * self.points()).powi(3) / 3.0
+                iterations * (2.0 * points).powi(3) / 3.0
             }
         }
     }

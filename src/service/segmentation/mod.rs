@@ -3,7 +3,7 @@
 //!
 //! * [`image`] — images of requests; [`contours`] — boundaries of labels; [`records`] — as records of a file; [`sheets`] — thin surfaces in volumes;
 //! * [`posted`] — requests; [`request`] — energies, stages and boxes in them; [`parts`] — requests with their files;
-//!   [`starts`] — initial shapes; [`wanted`] — all that is wanted; [`cost`] — predictions;
+//!   [`starts`] — initial shapes; [`wanted`] — all that is wanted; [`kinds`] — representations in it; [`cost`] — predictions;
 //! * [`segment`] — objects of an image; [`answer`] — what is answered of them; [`place`] — where they are; [`shown`] — pictures and labels; [`membership`] —
 //!   objects that go into a cohort; [`job`] — segmentations that take long;
 //! * [`reference`](mod@reference) — means and spans of the store that attract shapes; [`prior`] — the same without an image.
@@ -16,6 +16,7 @@ pub mod contours;
 pub mod cost;
 pub mod image;
 pub mod job;
+pub mod kinds;
 pub mod membership;
 pub mod parts;
 pub mod place;

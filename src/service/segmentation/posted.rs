@@ -2,6 +2,7 @@
 
 use super::contours;
 use super::image::Coordinates;
+use super::kinds::{self, Kinds};
 use super::reference::{DictionaryPart, Source, Stored};
 use super::request::{BoxInput, EnergyInput, Minimiser, StageInput, TermInput};
 use super::starts::{SeedInput, Starts};
@@ -87,6 +88,10 @@ requests! {
         /// or `torus`; `subdivision` with a linear scheme.
         #[schema(value_type = Representation, required = true)]
         representation: Read<Representation>, required;
+        /// Representations of single objects, one entry for each: others than `representation`, or `null` for it. All of the dimension
+        /// of the image; for a prior all objects have one.
+        #[schema(value_type = Option<Vec<Option<Representation>>>)]
+        representations: List<Option<Read<Representation>>>;
         /// Conversion of posted points to control points. Default: `landmarks`.
         #[schema(value_type = Option<Correspondence>)]
         correspondence: Checked<Correspondence>;
@@ -191,10 +196,17 @@ impl CohortSegmentRequest {
             take_or_default(self.store_failed, "/store_failed", &mut errors).unwrap_or_default();
         let unit = take_given(self.unit, "/unit", &mut errors).map(|text| unit_of(&text)).transpose();
         let unit = unit.map_err(|detail| errors.push(Fault::new("/unit", detail))).ok().flatten();
+        if asked.representations.is_some() {
+            let detail = "expected the representation of the cohort for all objects, got representations";
+            errors.push(Fault::new("/representations", detail));
+        }
+        let stages = asked.stages.as_ref().and_then(Many::get).unwrap_or_default();
+        let splits = kinds::splits(stages);
         if let Some(posted) = asked.representation.as_ref().and_then(Read::get)
-            && *posted != cohort.spec.representation
+            && !posted.becomes(&cohort.spec.representation, splits).unwrap_or(false)
         {
-            let detail = "expected the representation of the cohort, got another one";
+            let after = if splits > 0 { " after the splits of all stages" } else { "" };
+            let detail = format!("expected the representation of the cohort{after}, got another one");
             errors.push(Fault::new("/representation", detail));
         }
         ServiceError::unless_empty(errors)?;
@@ -274,22 +286,18 @@ impl SegmentRequest {
             leave_box: take_given(self.leave_box, "/leave_box", &mut errors),
         };
         let truth_labels = take_many(self.truth_labels, "/truth_labels", &mut errors);
-        let answered = Answered {
-            history: take_or_default(self.history, "/history", &mut errors).unwrap_or_default(),
-            gradient: take_or_default(self.gradient, "/gradient", &mut errors).unwrap_or_default(),
-            mask: take_or_default(self.mask, "/mask", &mut errors).unwrap_or_default(),
-            outlines: false,
-        };
+        let answered = answered(self.history, self.gradient, self.mask, &mut errors);
         let reference = match (&prior, &representation) {
             (Some(prior), Some(representation)) => prior.reference(stored, representation, &mut errors),
             _ => None,
         };
         let settings = settings(app, representation.zip(correspondence), prior.as_ref(), &mut errors)?;
+        let kinds = kinds(app, settings, self.representations, &mut errors)?;
         ServiceError::unless_empty(errors)?;
-        match (settings, starts, coordinates) {
-            (Some(settings), Some(starts), Some(coordinates)) => {
+        match (kinds, starts, coordinates) {
+            (Some(kinds), Some(starts), Some(coordinates)) => {
                 let wanted = Wanted {
-                    settings,
+                    kinds,
                     starts,
                     energy: EnergyInput { terms, stages, method },
                     prior: reference.zip(prior.and_then(|prior| prior.weight)),
@@ -348,6 +356,22 @@ impl SegmentRequest {
                 None
             }
         }
+    }
+}
+
+/// What is answered besides.
+fn answered(
+    history: Option<Checked<bool>>,
+    gradient: Option<Checked<bool>>,
+    mask: Option<Checked<bool>>,
+    errors: &mut Vec<Fault>,
+) -> Answered {
+    let mut taken = |given, pointer| take_or_default(given, pointer, errors).unwrap_or_default();
+    Answered {
+        history: taken(history, "/history"),
+        gradient: taken(gradient, "/gradient"),
+        mask: taken(mask, "/mask"),
+        outlines: false,
     }
 }
 
@@ -460,6 +484,39 @@ impl Taken {
 /// The dictionaries to choose from, where they are as many as may be.
 fn structures(keys: &Many<String>) -> Option<&[String]> {
     keys.get().filter(|keys| STRUCTURES.contains(&keys.len()))
+}
+
+/// The usual settings of the objects, and those of single ones, with faults at `/representations`.
+fn kinds(
+    app: &App,
+    usual: Option<CheckedSettings>,
+    others: Option<List<Option<Read<Representation>>>>,
+    errors: &mut Vec<Fault>,
+) -> Result<Option<Kinds>, ServiceError> {
+    let others = others.map(|others| others.take("/representations", errors)).unwrap_or_default();
+    let Some(usual) = usual else { return Ok(None) };
+    let correspondence = usual.correspondence;
+    let mut kinds = Kinds::new(usual);
+    for (index, entry) in others.into_iter().enumerate() {
+        let place = format!("/representations/{index}");
+        let other = match entry.map(|entry| entry.take(&place, errors)) {
+            Some(None) => continue,
+            given => given.flatten(),
+        };
+        let mut own = Vec::new();
+        let pushed = kinds.push(other, |other| {
+            let found = settings(app, Some((other, correspondence)), None, &mut own);
+            found.map_err(Some)?.ok_or(None)
+        });
+        errors.extend(own.into_iter().map(|fault| match fault.pointer.strip_prefix("/representation") {
+            Some(below) => Fault { pointer: format!("{place}{below}"), ..fault },
+            None => Fault { detail: format!("of {place}: {}", fault.detail), ..fault },
+        }));
+        if let Err(Some(error)) = pushed {
+            return Err(error);
+        }
+    }
+    Ok(Some(kinds))
 }
 
 /// Settings of the shapes and of the class of the prior; without a prior the class is not used.

@@ -380,6 +380,12 @@ pub struct StageInput {
     #[serde(default = "usual_iterations")]
     #[schema(minimum = 0, maximum = 2000, default = 150)]
     pub iterations: usize,
+    /// How often the control mesh of a `subdivision` is split before the stage, at most as often in all stages as its `level` is: of 6
+    /// control points one split makes 18, two 66, three 258. The surface stays the same, and what follows may move more of it.
+    /// Default: 0.
+    #[serde(default)]
+    #[schema(required = false, maximum = 15)]
+    pub splits: usize,
 }
 
 fn usual_iterations() -> usize {
@@ -401,7 +407,8 @@ impl StageInput {
             2 => SigmaInput::InPlane([0, 1].map(|axis| along(cells, axis))),
             _ => SigmaInput::InSpace([0, 1, 2].map(|axis| along(cells, axis))),
         };
-        let stage = |free, cells| Self { free, sigma: sigma(cells), iterations: usual_iterations() };
+        let stage =
+            |free, cells| Self { free, sigma: sigma(cells), iterations: usual_iterations(), splits: 0 };
         vec![stage(FreeInput::Affine, 2.0), stage(FreeInput::All, 2.0), stage(FreeInput::All, 1.0)]
     }
 

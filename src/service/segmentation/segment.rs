@@ -8,6 +8,7 @@ use super::answer::{
 };
 use super::cost::{self, SegmentEstimate};
 use super::image::{Coordinates, ImageOutput, Part, plane_frame, unit_of, volume_frame};
+use super::kinds::Kind;
 use super::place;
 use super::prior::{begun, with_target};
 use super::reference::Structure;
@@ -24,8 +25,7 @@ use crate::segmentation::energy::Prior;
 use crate::segmentation::field::Image;
 use crate::segmentation::frame::Frame;
 use crate::segmentation::run::scene::{FieldTerm, Scene};
-use crate::segmentation::run::{Outcome, Settings, StageReport, evaluate, segment};
-use crate::segmentation::snake::kind::SpaceModel;
+use crate::segmentation::run::{Level, Outcome, Settings, StageReport, evaluate, segment_nested};
 use crate::segmentation::snake::{Model, Outline};
 use crate::service::app::parallel;
 use crate::service::app::progress::{JobContext, Meter, Part as ProgressPart};
@@ -115,27 +115,26 @@ impl Planned {
         let meter = self.meter(&context);
         meter.enter(0, "read");
         let Self { wanted, stages, .. } = self;
-        let setup = Setup::new(app, wanted.settings.clone().of_a_prior())?;
-        let model = SpaceModel::new(&setup.space)
-            .map_err(|fault| ServiceError::below(vec![Fault::from(fault)], "/representation"))?;
+        let kinds = wanted.kinds.prepared(app, &stages)?;
         let file = files.image.image(&app.limits)?;
         let truth = files.truth.map(|truth| truth.labels(&app.limits)).transpose()?.map(|file| file.values);
         let grid = file.grid;
         let image = Image::new(grid.size(), file.values).map_err(faulty)?;
         meter.enter(0, "fields");
         let terms = terms(&wanted, &image, &grid, &|| context.is_cancelled())?;
-        let (wanted, stages, setup) = (&wanted, &stages[..], &setup);
+        let (wanted, stages, kinds) = (&wanted, &stages[..], &kinds[..]);
         let task =
-            Task { app, wanted, stages, setup, grid: &grid, truth, terms, context: &context, meter: &meter };
-        let found = match &model {
-            SpaceModel::Plane(model) => {
-                let frame = plane_frame(&grid, wanted.coordinates)?;
-                task.run(frame, &**model)?
+            Task { app, wanted, stages, kinds, grid: &grid, truth, terms, context: &context, meter: &meter };
+        // All kinds are of the dimension of the image.
+        let in_plane: Option<Vec<_>> = kinds.iter().map(|kind| kind.nested.in_plane(stages.len())).collect();
+        let splits = || stages.iter().map(|stage| stage.splits);
+        let in_space: Option<Vec<_>> = kinds.iter().map(|kind| kind.nested.in_space(splits())).collect();
+        let found = match (in_plane, in_space) {
+            (Some(levels), _) => task.run(plane_frame(&grid, wanted.coordinates)?, &levels)?,
+            (None, Some(levels)) => {
+                task.run(volume_frame(&grid, wanted.coordinates).map_err(faulty)?, &levels)?
             }
-            SpaceModel::Space(model) => {
-                let frame = volume_frame(&grid, wanted.coordinates).map_err(faulty)?;
-                task.run(frame, &**model)?
-            }
+            (None, None) => return Err(ServiceError::Internal("shapes of several dimensions".into())),
         };
         let (answer, outlines) = gathered(found, &grid, wanted.coordinates);
         Ok(Segmented { answer, outlines, image, grid })
@@ -220,7 +219,8 @@ struct Task<'a> {
     app: &'a App,
     wanted: &'a Wanted,
     stages: &'a [StageInput],
-    setup: &'a Setup,
+    /// Those of the prior are the first.
+    kinds: &'a [Kind],
     grid: &'a FileGrid,
     /// Labels of the truth, x fastest.
     truth: Option<Vec<u32>>,
@@ -231,17 +231,24 @@ struct Task<'a> {
 }
 
 impl Task<'_> {
-    fn run<const D: usize>(&self, frame: Frame<D>, model: &dyn Model<D>) -> Result<Vec<Found>, ServiceError> {
+    /// `levels` are those of each kind.
+    fn run<const D: usize>(
+        &self,
+        frame: Frame<D>,
+        levels: &[Vec<Level<'_, D>>],
+    ) -> Result<Vec<Found>, ServiceError> {
         let starts: Vec<Vec<[f64; D]>> = self.starts()?.iter().map(|start| rows(start)).collect();
         let wall = self.wanted.keeping.box_factor(&self.wanted.starts);
         let mut settings = self.wanted.energy.settings::<D>(self.stages, wall);
-        settings.prior = self.prior(frame, model)?;
+        settings.prior = self.prior(frame, levels[0][0].model)?;
         let sigmas: Vec<Blur> = self.stages.iter().map(|stage| stage.sigma.into()).collect();
         let stop = || self.context.is_cancelled();
         let scene = Scene::of_fields(self.grid.size(), frame, &self.terms, &sigmas, &stop);
         let scene = scene.ok_or(ServiceError::Cancelled)?;
         self.meter.enter(1, "segment");
-        let object = |index, start: &Vec<[f64; D]>| self.object(index, start, &scene, model, &settings);
+        let object = |index, start: &Vec<[f64; D]>| {
+            self.object(index, start, &scene, &levels[self.wanted.kinds.position(index)], &settings)
+        };
         parallel::map_ref(&starts, object).into_iter().collect()
     }
 
@@ -250,19 +257,26 @@ impl Task<'_> {
     fn starts(&self) -> Result<Vec<Vec<f64>>, ServiceError> {
         let (wanted, grid) = (self.wanted, self.grid);
         let radius = usual_radius(grid, wanted.coordinates, wanted.cell(grid));
-        let starts = wanted.starts.control_points(self.setup, &self.app.limits, radius)?;
+        let kind = |index| &self.kinds[wanted.kinds.position(index)];
+        let starts = wanted.starts.control_points(kind, &self.app.limits, radius)?;
         let reference = match &wanted.prior {
             Some((Reference::Posted(shape), _)) => Some(self.posted(shape)?),
             Some((stored, _)) => stored.stored_shape(),
             None => None,
         };
         let Some(reference) = reference else { return Ok(starts) };
-        if !self.setup.matching.searches() {
+        let setup = self.setup();
+        if !setup.matching.searches() {
             return Ok(starts);
         }
-        with_target(self.setup, &reference, "/prior/reference", |target| {
-            parallel::map(starts, |_, start| begun(self.setup, target, start)).into_iter().collect()
+        with_target(setup, &reference, "/prior/reference", |target| {
+            parallel::map(starts, |_, start| begun(setup, target, start)).into_iter().collect()
         })
+    }
+
+    /// The space of the prior.
+    fn setup(&self) -> &Setup {
+        &self.kinds[0].setup
     }
 
     fn prior<const D: usize>(
@@ -289,13 +303,13 @@ impl Task<'_> {
         frame: Frame<D>,
         model: &dyn Model<D>,
     ) -> Result<Prior<D>, ServiceError> {
-        let (metric, lift) = (self.setup.metric.clone(), model.lift());
+        let (metric, lift) = (self.setup().metric.clone(), model.lift());
         if is_span {
-            let class = self.wanted.settings.linear_class();
+            let class = self.wanted.kinds.usual().linear_class();
             let class = class.ok_or_else(|| ServiceError::Internal("a span of no class".into()))?;
             return Ok(Prior::spanned(metric, class, shapes, lift, frame));
         }
-        let prior = Prior::new(metric, self.setup.method.clone(), &rows(&shapes.concat()), lift, frame);
+        let prior = Prior::new(metric, self.setup().method.clone(), &rows(&shapes.concat()), lift, frame);
         prior.map_err(|error| ServiceError::invalid("/prior/reference", error.to_string()))
     }
 
@@ -307,7 +321,7 @@ impl Task<'_> {
 
     /// Control points of a posted reference.
     fn posted(&self, shape: &ShapeInput) -> Result<Vec<f64>, ServiceError> {
-        let read = read_shape(&self.setup.reading(&self.app.limits), shape.clone());
+        let read = read_shape(&self.setup().reading(&self.app.limits), shape.clone());
         let shape = read.map_err(|faults| ServiceError::below(faults, "/prior/reference"))?;
         Ok(shape.control_points)
     }
@@ -317,22 +331,21 @@ impl Task<'_> {
         index: usize,
         start: &[[f64; D]],
         scene: &Scene<D>,
-        model: &dyn Model<D>,
+        levels: &[Level<'_, D>],
         settings: &Settings<D>,
     ) -> Result<Found, ServiceError> {
         let stop = || {
             self.meter.worked(1);
             self.context.is_cancelled()
         };
+        let (coarse, model) = (levels[0].model, levels[levels.len() - 1].model);
         let frame = scene.frame();
-        let in_cells: Vec<[f64; D]> = start.iter().map(|point| frame.to_index(*point)).collect();
-        self.check_extent(index, &in_cells, scene.size())?;
-        let first = model.free_points(&in_cells);
+        let first = self.first(index, start, scene, coarse)?;
         let at_start = |error| faulty_start(error, &self.wanted.starts, index);
         let size_factor = self.wanted.keeping.size_factor(&self.wanted.starts, index, D);
         let settings = &Settings { size_factor: Some(size_factor), ..settings.clone() };
-        let begun = evaluate(scene, model, &first, settings).map_err(at_start)?;
-        let found = segment(scene, model, &first, settings, &stop).map_err(at_start)?;
+        let begun = evaluate(scene, coarse, &first, settings).map_err(at_start)?;
+        let found = segment_nested(scene, levels, &first, settings, &stop).map_err(at_start)?;
         if found.outcome == Outcome::Stopped || stop() {
             return Err(ServiceError::Cancelled);
         }
@@ -343,9 +356,8 @@ impl Task<'_> {
         };
         let mut warnings = warnings(&found, &begun.terms, size_factor);
         warnings.extend(self.more_warnings(index, D == 3 && model.lift().is_some()));
-        let outlines = [model.outline(&first), model.outline(&found.rows)];
-        let has_others = self.wanted.starts.count() > 1;
-        let cells = if has_others { place::runs(&outlines[1], scene.size()) } else { Vec::new() };
+        let outlines = [coarse.outline(&first), model.outline(&found.rows)];
+        let cells = self.covered(&outlines[1], scene.size());
         let control_points = model.control_points(&found.rows);
         let gradient_rows = gradient.as_ref().map(|_| free_rows(model, control_points.len()));
         let chosen_dictionary = self.chosen(settings, &found.rows);
@@ -354,6 +366,7 @@ impl Task<'_> {
             moved: found.moved.into(),
             shared: Vec::new(),
             control_points: world(control_points),
+            representation: self.kinds[self.wanted.kinds.position(index)].nested.finest().cloned(),
             converged: found.outcome == Outcome::Converged,
             stop: found.outcome.name(),
             iterations: found.iterations(),
@@ -371,6 +384,24 @@ impl Task<'_> {
         };
         let outlines = self.wanted.answered.outlines.then_some(outlines);
         Ok(Found { object, outlines, cells })
+    }
+
+    /// The free points of an initial shape.
+    fn first<const D: usize>(
+        &self,
+        index: usize,
+        start: &[[f64; D]],
+        scene: &Scene<D>,
+        model: &dyn Model<D>,
+    ) -> Result<Vec<[f64; D]>, ServiceError> {
+        let in_cells: Vec<[f64; D]> = start.iter().map(|point| scene.frame().to_index(*point)).collect();
+        self.check_extent(index, &in_cells, scene.size())?;
+        Ok(model.free_points(&in_cells))
+    }
+
+    /// The cells of a result, where there are others that may cover them too.
+    fn covered(&self, outline: &Outline, size: [usize; 3]) -> Vec<Range<usize>> {
+        if self.wanted.starts.count() > 1 { place::runs(outline, size) } else { Vec::new() }
     }
 
     /// Warnings of the start, and of a prior on a shape whose control points beyond the ends are `extended`.

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::contours::{self, ComponentOutput, ContoursAnswer, LabelBoundary, RegionOutput};
 use super::image::{Coordinates, Part};
+use super::kinds::Kind;
 use super::request::BoxInput;
 use super::wanted::size;
 use crate::analysis::conversion::Conversion;
@@ -155,15 +156,15 @@ impl Starts {
     ///
     /// # Errors
     /// All faults of posted shapes; a representation whose shapes fill no box.
-    pub(super) fn control_points(
+    pub(super) fn control_points<'k>(
         &self,
-        setup: &Setup,
+        kind: impl Fn(usize) -> &'k Kind,
         limits: &Limits,
         usual_radius: f64,
     ) -> Result<Vec<Vec<f64>>, ServiceError> {
         let (mut faults, mut found) = (Vec::new(), Vec::new());
         for index in 0..self.count() {
-            match self.one(index, setup, limits, usual_radius) {
+            match self.one(index, kind(index), limits, usual_radius) {
                 Ok(control_points) => found.push(control_points),
                 Err(own) => faults.extend(own),
             }
@@ -175,13 +176,13 @@ impl Starts {
     fn one(
         &self,
         index: usize,
-        setup: &Setup,
+        Kind { setup, place, .. }: &Kind,
         limits: &Limits,
         usual_radius: f64,
     ) -> Result<Vec<f64>, Vec<Fault>> {
         let fill = |lower: &[f64], upper: &[f64]| {
             let filled = setup.space.fill_box(lower, upper);
-            let fault = |fault| vec![Fault::from(fault).below("/representation").at_shape(index)];
+            let fault = |fault| vec![Fault::from(fault).below(place).at_shape(index)];
             filled.map(|shape| shape.as_slice().to_vec()).map_err(fault)
         };
         match self {

@@ -3,12 +3,12 @@
 use std::f64::consts::SQRT_2;
 
 use super::image::Coordinates;
+use super::kinds::Kinds;
 use super::reference::Structure;
 use super::request::{EnergyInput, FieldInput, StageInput};
 use super::sheets;
 use super::starts::Starts;
 use crate::service::app::{App, ServiceError};
-use crate::service::statistics::CheckedSettings;
 use crate::wire::fault::Fault;
 use crate::wire::image::Grid;
 use crate::wire::shape::ShapeInput;
@@ -26,8 +26,8 @@ const MAX_FACTOR: f64 = 1e6;
 /// What is wanted of an image.
 #[derive(Debug)]
 pub struct Wanted {
-    /// Representation of the shapes, and the class of the prior.
-    pub settings: CheckedSettings,
+    /// Representations of the shapes, and the class of the prior.
+    pub kinds: Kinds,
     /// Where objects begin.
     pub starts: Starts,
     /// Energy and stages.
@@ -142,13 +142,9 @@ pub struct Answered {
 
 impl Wanted {
     pub(super) fn faults(&self, grid: &Grid, app: &App) -> Vec<Fault> {
-        let dimension = self.settings.representation.dimension();
         let mut faults = self.energy.faults(self.cell(grid), &self.sides(grid));
         let axes = if grid.is_planar() { 2 } else { 3 };
-        if axes != dimension {
-            let detail = format!("expected an image of {dimension} dimensions, as the shapes, got {axes}");
-            faults.push(Fault::new("/image", detail));
-        }
+        faults.extend(self.kinds.faults(self.starts.count(), axes, &self.energy.stages, &app.limits));
         for (index, detector) in self.detectors() {
             let place = |fault: Fault| match fault.pointer.as_str() {
                 "/image" => Fault { pointer: String::new(), ..fault },
@@ -157,7 +153,7 @@ impl Wanted {
             let below = |fault| place(fault).below(&format!("/terms/{index}/field"));
             faults.extend(detector.faults(grid).into_iter().map(below));
         }
-        faults.extend(self.starts.faults(dimension, &app.limits));
+        faults.extend(self.starts.faults(self.kinds.usual().representation.dimension(), &app.limits));
         faults.extend(self.keeping.faults());
         let count = self.starts.count();
         if let Some(labels) = &self.truth_labels
@@ -166,9 +162,13 @@ impl Wanted {
             let detail = format!("expected a label for each of {count} shapes, got {}", labels.len());
             faults.push(Fault::new("/truth_labels", detail));
         }
+        if self.prior.is_some() && !self.kinds.is_one(&self.energy.stages) {
+            let detail = "expected one representation of all objects, and stages without splits, for a prior, got several";
+            faults.push(Fault::new("/prior", detail));
+        }
         if let Some((reference, _)) = &self.prior
             && reference.spans().next().is_some()
-            && self.settings.linear_class().is_none()
+            && self.kinds.usual().linear_class().is_none()
         {
             let detail = "expected a linear class for components and atoms: Procrustes fits have no span";
             faults.push(Fault::new("/prior/transformation", detail));
@@ -189,7 +189,7 @@ impl Wanted {
     /// # Errors
     /// Lengths where the others are none, and the other way round.
     pub(super) fn convert_prior(&mut self, unit: Option<Unit>) -> Result<(), ServiceError> {
-        let keeps_size = !self.settings.transformation.removes_size();
+        let keeps_size = !self.kinds.usual().transformation.removes_size();
         let (Some(unit), Some((Reference::Stored(structures), _)), true) =
             (unit, &mut self.prior, keeps_size)
         else {

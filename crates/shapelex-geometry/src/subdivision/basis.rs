@@ -11,6 +11,7 @@
 
 use std::sync::{Arc, OnceLock};
 
+use super::control::{ControlMesh, StartMesh};
 use super::limit::{Limit, limit};
 use super::stencil::{check_valences, step};
 use super::{Scheme, Subdivision};
@@ -33,6 +34,25 @@ pub struct SubdivisionBasis {
     gram: Arc<DenseOperator>,
     /// Operator from control vertices to their positions at the level.
     at_vertices: OnceLock<Option<Square>>,
+}
+
+impl Subdivision {
+    /// The same surfaces with the control mesh after one step, one level less and the next parameter of the scheme, and the map from
+    /// the control points of this mesh to those of the finer one. One split halves the `λ` of BLOB. `None` at level 0.
+    ///
+    /// # Errors
+    /// As for [`steps`]; a control mesh that is not closed.
+    pub fn finer(&self) -> Result<Option<(Self, SparseRows)>, GeometryError> {
+        let Self { scheme, level, connectivity } = self;
+        let Some(level) = level.checked_sub(1) else { return Ok(None) };
+        let (mut step, mut levels, parameter) = steps(*scheme, &connectivity.connectivity()?, 1)?;
+        let (Some(step), Some(finer)) = (step.pop(), levels.pop()) else { return Ok(None) };
+        let connectivity = match connectivity {
+            ControlMesh::Named(start) => ControlMesh::Named(StartMesh { splits: start.splits + 1, ..*start }),
+            ControlMesh::Faces(_) => ControlMesh::Faces(finer.faces().to_vec()),
+        };
+        Ok(Some((Self { scheme: scheme.next(parameter), level, connectivity }, step)))
+    }
 }
 
 /// The matrices `S_0 … S_{K−1}` of `level` steps, the meshes between them, and the parameter of the next step. Cost: some

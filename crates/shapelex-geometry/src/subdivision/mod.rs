@@ -290,6 +290,17 @@ impl Scheme {
         std::iter::successors(Some(first), |v| Some((0.5 * (1.0 + v)).sqrt()))
     }
 
+    /// The scheme from its second step on, whose parameter there is `v⁽¹⁾`.
+    fn next(self, parameter: f64) -> Self {
+        let half = |value: Exact| Exact::new(0.5 * value.get());
+        match self {
+            Self::Blob(Frequency::Real(lambda)) => Self::Blob(Frequency::Real(half(lambda))),
+            Self::Blob(Frequency::Imaginary(mu)) => Self::Blob(Frequency::Imaginary(half(mu))),
+            Self::Blob(Frequency::Start(_)) => Self::Blob(Frequency::Start(Exact::new(parameter))),
+            stationary => stationary,
+        }
+    }
+
     /// Whether the scheme has rules for boundaries.
     pub fn has_boundary_rules(self) -> bool {
         matches!(self, Self::Loop(_) | Self::NormalBased { .. })

@@ -6,12 +6,14 @@
 //!
 //! * [`scene`] — an image with its fields, prepared once for any number of objects;
 //! * [`check`](mod@check) — folds, shapes that leave the image, and collapse;
+//! * [`nested`] — models of control meshes that stages split;
 //! * [`moved`] — a result beside its start: shapes that have left their object.
 //!
 //! A stage whose result fails the check is repeated from its start with `10 ρ` and half of the clip, twice at most.
 
 pub mod check;
 pub mod moved;
+pub mod nested;
 pub mod scene;
 
 use std::sync::Arc;
@@ -20,6 +22,7 @@ use shapelex_numeric::bounded::Stop;
 use shapelex_numeric::dense::Matrix;
 use shapelex_numeric::descent::{Ending, Minimum, Objective, Rules};
 use shapelex_numeric::newton::Curved;
+use shapelex_numeric::sparse::SparseRows;
 use shapelex_numeric::{coordinates, lbfgs, newton};
 
 use crate::SegmentationError;
@@ -57,6 +60,17 @@ impl Stage {
     pub fn new(free: Free, sigma: impl Into<Blur>) -> Self {
         Self { free, sigma: sigma.into(), iterations: 150 }
     }
+}
+
+/// A model with the number of stages that it runs. Models of nested shapes follow each other from coarse to fine.
+#[derive(Clone, Copy)]
+pub struct Level<'a, const D: usize> {
+    /// The model.
+    pub model: &'a dyn Model<D>,
+    /// Map from the free points of the level before to those of the same shape in this one; `None`: they are the same.
+    pub step: Option<&'a SparseRows>,
+    /// Number of stages, of those of the settings in order.
+    pub stages: usize,
 }
 
 /// How the energy of a stage is minimised.
@@ -132,6 +146,11 @@ pub enum Outcome {
 }
 
 impl Outcome {
+    /// Whether the last stage ended by its own rules, with a shape that passed the check.
+    fn has_ended(self) -> bool {
+        matches!(self, Self::Converged | Self::Limit | Self::LineSearch)
+    }
+
     /// Name in answers.
     pub fn name(self) -> &'static str {
         match self {
@@ -190,7 +209,7 @@ pub struct StageReport {
 /// Result of a segmentation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Segmentation<const D: usize> {
-    /// Free points in index coordinates.
+    /// Free points of the last level in index coordinates.
     pub rows: Vec<[f64; D]>,
     /// Why the segmentation ended.
     pub outcome: Outcome,
@@ -248,23 +267,56 @@ pub fn segment<const D: usize>(
     settings: &Settings<D>,
     stop: Stop<'_>,
 ) -> Result<Segmentation<D>, SegmentationError> {
-    let Some(last) = settings.stages.last() else { return Err(SegmentationError::Stages { sigma: None }) };
-    let mut run = Run::new(scene, model, start, settings)?;
-    let (mut reports, mut outcome) = (Vec::new(), Outcome::Limit);
-    for (index, stage) in settings.stages.iter().enumerate() {
+    segment_nested(
+        scene,
+        &[Level { model, step: None, stages: settings.stages.len() }],
+        start,
+        settings,
+        stop,
+    )
+}
+
+/// As [`segment`], through the levels of a shape: the result of each one is where the next, with more freedom, begins. Terms that are
+/// relative to the first shape stay so. A prior would need one for every level, and is refused with several.
+///
+/// # Errors
+/// As for [`segment`]; [`SegmentationError::Stages`] unless the levels have the stages of the settings, and one at least.
+pub fn segment_nested<const D: usize>(
+    scene: &Scene<D>,
+    levels: &[Level<'_, D>],
+    start: &[[f64; D]],
+    settings: &Settings<D>,
+    stop: Stop<'_>,
+) -> Result<Segmentation<D>, SegmentationError> {
+    let (Some(first), Some(last)) = (levels.first(), settings.stages.last()) else {
+        return Err(SegmentationError::Stages { sigma: None });
+    };
+    let planned: usize = levels.iter().map(|level| level.stages).sum();
+    if planned != settings.stages.len() || (levels.len() > 1 && settings.prior.is_some()) {
+        return Err(SegmentationError::Stages { sigma: None });
+    }
+    let mut run = Run::new(scene, first.model, start, settings)?;
+    let before = (first.model.outline(start), run.enclosed(start));
+    let (mut reports, mut outcome, mut reached) = (Vec::new(), Outcome::Limit, 0);
+    let of_stages = levels.iter().enumerate().flat_map(|(at, level)| std::iter::repeat_n(at, level.stages));
+    for ((index, stage), at) in settings.stages.iter().enumerate().zip(of_stages) {
+        for level in &levels[reached + 1..=at.max(reached)] {
+            run.refine(level);
+        }
+        reached = at;
         outcome = run.stage(index, stage, &mut reports, stop)?;
-        if !matches!(outcome, Outcome::Converged | Outcome::Limit | Outcome::LineSearch) {
+        if !outcome.has_ended() {
             break;
         }
     }
+    levels[reached + 1..].iter().for_each(|level| run.refine(level));
     let boundary = run.boundary(last);
     let energy = run.energy(last)?;
     let shape = Shape::new(&*boundary, &run.rows);
     let terms = energy.values(&shape);
-    let [before, after] = [start, &run.rows[..]].map(|rows| (model.outline(rows), run.enclosed(rows)));
+    let after = (run.model.outline(&run.rows), run.enclosed(&run.rows));
     let moved = Moved::between((&before.0, before.1), (&after.0, after.1), scene.frame());
-    let ended = matches!(outcome, Outcome::Converged | Outcome::Limit | Outcome::LineSearch);
-    if ended && settings.size_factor.is_some_and(|factor| moved.has_left(factor)) {
+    if outcome.has_ended() && settings.size_factor.is_some_and(|factor| moved.has_left(factor)) {
         outcome = Outcome::LeftObject;
     }
     Ok(Segmentation { rows: run.rows, outcome, terms, stages: reports, moved })
@@ -306,6 +358,21 @@ impl<'a, const D: usize> Run<'a, D> {
         let enclosing = Arc::from(model.exact(start, *scene.frame()));
         let (rows, spacing) = (start.to_vec(), settings.spacing);
         Ok(Self { scene, model, settings, measures, wall, hold, enclosing, rows, spacing, clip })
+    }
+
+    /// Goes on with the same shape at the next level.
+    fn refine(&mut self, level: &Level<'a, D>) {
+        let finer = |rows: &[[f64; D]]| level.step.map_or_else(|| rows.to_vec(), |step| step.apply(rows));
+        let rows = finer(&self.rows);
+        if self.rows.len() <= MANY && rows.len() > MANY {
+            self.clip *= 0.5;
+        }
+        if let Some(hold) = &mut self.hold {
+            hold.start = finer(&hold.start);
+        }
+        self.model = level.model;
+        self.enclosing = Arc::from(level.model.exact(&rows, *self.scene.frame()));
+        self.rows = rows;
     }
 
     /// The area or volume that free points enclose.

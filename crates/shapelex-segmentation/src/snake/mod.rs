@@ -14,6 +14,7 @@ pub mod reparametrisation;
 pub mod subdivision;
 pub mod surface;
 
+use shapelex_geometry::GeometryError;
 use shapelex_geometry::mesh::TriangleMesh;
 use shapelex_geometry::raster::{Grid, Mask, from_contours, from_mesh};
 use shapelex_geometry::vector::{cross, dot, minus, plus};
@@ -109,6 +110,9 @@ impl Outline {
     }
 }
 
+/// A model of finer shapes, and the map from the free points of the coarser one to its own.
+pub type Refined<const D: usize> = (Box<dyn Model<D>>, SparseRows);
+
 /// A kind of shape with a number of free points.
 pub trait Model<const D: usize>: Send + Sync {
     /// Number of free points.
@@ -121,6 +125,15 @@ pub trait Model<const D: usize>: Send + Sync {
     /// caps have those of their faces.
     fn exact(&self, rows: &[[f64; D]], frame: Frame<D>) -> Box<dyn Boundary<D>> {
         self.boundary(rows, 1.0, frame)
+    }
+
+    /// The model of the same shapes with a finer control mesh, and the map from the free points of this model to those of it; `None`
+    /// where there is none.
+    ///
+    /// # Errors
+    /// A control mesh without rules.
+    fn refined(&self) -> Result<Option<Refined<D>>, GeometryError> {
+        Ok(None)
     }
 
     /// The outline of a shape.

@@ -1,18 +1,15 @@
 //! Subdivision surfaces of a linear scheme.
 //!
 //! The vertices of the mesh at the level are `V = S p` for the control points `p`. A shape with a coarse control mesh is a
-//! shape with the next finer one as well: its control points are those after one step, and the scheme goes on with its next
-//! parameter. For BLOB, one split halves `λ`.
+//! shape with the next finer one as well.
 
 use shapelex_geometry::GeometryError;
-use shapelex_geometry::generator::Exact;
 use shapelex_geometry::mesh::TriangleMesh;
+use shapelex_geometry::subdivision::Subdivision;
 use shapelex_geometry::subdivision::basis::steps;
-use shapelex_geometry::subdivision::control::{ControlMesh, StartMesh};
-use shapelex_geometry::subdivision::{Frequency, Scheme, Subdivision};
 use shapelex_numeric::sparse::SparseRows;
 
-use super::{Model, Outline, equal};
+use super::{Model, Outline, Refined, equal};
 use crate::boundary::Boundary;
 use crate::boundary::mesh::MeshBoundary;
 use crate::frame::Frame;
@@ -48,33 +45,13 @@ impl SubdivisionSnake {
     }
 
     /// The model with the control mesh after one step and one level less, and the map from the control points of this model to
-    /// those of the finer one: the same surfaces, with more freedom. `None` at level 0.
+    /// those of the finer one: see [`Subdivision::finer`]. `None` at level 0.
     ///
     /// # Errors
     /// As for [`Self::new`].
     pub fn refined(&self) -> Result<Option<(Self, SparseRows)>, GeometryError> {
-        let Subdivision { scheme, level, connectivity } = &self.subdivision;
-        let Some(level) = level.checked_sub(1) else { return Ok(None) };
-        let control = connectivity.connectivity()?;
-        let (mut step, mut levels, parameter) = steps(*scheme, &control, 1)?;
-        let (Some(step), Some(finer)) = (step.pop(), levels.pop()) else { return Ok(None) };
-        let connectivity = match connectivity {
-            ControlMesh::Named(start) => ControlMesh::Named(StartMesh { splits: start.splits + 1, ..*start }),
-            ControlMesh::Faces(_) => ControlMesh::Faces(finer.faces().to_vec()),
-        };
-        let refined = Subdivision { scheme: next(*scheme, parameter), level, connectivity };
-        Ok(Some((Self::new(refined)?, step)))
-    }
-}
-
-/// The scheme from its second step on, whose first parameter is `parameter`.
-fn next(scheme: Scheme, parameter: f64) -> Scheme {
-    let half = |value: Exact| Exact::new(0.5 * value.get());
-    match scheme {
-        Scheme::Blob(Frequency::Real(lambda)) => Scheme::Blob(Frequency::Real(half(lambda))),
-        Scheme::Blob(Frequency::Imaginary(mu)) => Scheme::Blob(Frequency::Imaginary(half(mu))),
-        Scheme::Blob(Frequency::Start(_)) => Scheme::Blob(Frequency::Start(Exact::new(parameter))),
-        stationary => stationary,
+        let Some((finer, step)) = self.subdivision.finer()? else { return Ok(None) };
+        Ok(Some((Self::new(finer)?, step)))
     }
 }
 
@@ -94,6 +71,11 @@ impl Model<3> for SubdivisionSnake {
 
     fn centre(&self) -> Vec<f64> {
         equal(self.rows())
+    }
+
+    fn refined(&self) -> Result<Option<Refined<3>>, GeometryError> {
+        let refined = Self::refined(self)?;
+        Ok(refined.map(|(finer, step)| (Box::new(finer) as Box<dyn Model<3>>, step)))
     }
 
     fn lift(&self) -> Option<SparseRows> {
