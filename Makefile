@@ -1,11 +1,12 @@
 # make help      this list
 # make run       build and start the service on 127.0.0.1:8080 with the example cohort
-# make check     before every commit: format, lints and unit tests of the libraries
+# make check     before every commit: format, lints and unit tests of the libraries, and of scripts where their tools are
 # make test      before every pull request: format, lints, unit tests, the suite on SQLite, doc tests, examples
 # make test-others  all that takes other programs: PostgreSQL, Python, Node, a browser; as root installs what is missing
 # make test-all  both
 # make tools     installs a C and a C++ compiler, curl, rustfmt and clippy where they are missing; as root
 # make spell     spelling of all files
+# make scripts   format and lints of scripts in Python and of the page, by ruff and Biome; FIX=1 mends what they can
 # make dashboard       the page for browsers, from dashboard/src to dashboard/dist
 # make dashboard-test  the page in Chromium on a debug build; makes the pictures of docs/screens
 # make contract  the OpenAPI document against the running service for six minutes, as `make test-all` does outside CI
@@ -19,11 +20,12 @@
 # make dist    the program as it is packaged, in target/dist: optimised across crates, which takes longer to build
 # make criterion the benchmarks behind the figures of docs/benchmarks.md
 
-.PHONY: run help check test test-others test-all test-engine test-engine-if-built built spell dashboard dashboard-test contract attack fuzz sbom bench weight dist criterion needs needs-all tools
+.PHONY: run help check test test-others test-all test-engine test-engine-if-built built spell scripts dashboard dashboard-test contract attack fuzz sbom bench weight dist criterion needs needs-all tools
 
 CODESPELL = 2.4.3
+RUFF = 0.17.6
 # Features of the build that all tests share.
-FEATURES = --features shapelex/schema
+FEATURES = --features shapelex-server/schema
 export FEATURES
 TARGET = $(or $(CARGO_TARGET_DIR),target)
 
@@ -39,6 +41,7 @@ check:
 	cargo fmt --all --check
 	cargo clippy --locked $(FEATURES) --lib -- -D warnings
 	cargo test --locked $(FEATURES) --lib
+	@if test -x target/scripts/bin/ruff || test -x dashboard/node_modules/.bin/biome; then $(MAKE) --no-print-directory scripts; fi
 
 # What a newcomer runs: Rust, a C compiler, make and curl are enough. One build, in one shape, serves all of it.
 test: needs
@@ -60,6 +63,14 @@ spell:
 	then target/spell/bin/codespell; \
 	elif command -v codespell >/dev/null; then codespell; \
 	else echo "SKIPPED: the spell check, there is no codespell, and no python3 that can install it"; fi
+
+# The pinned ruff in target/scripts; Biome as the lock of the page says.
+scripts:
+	@if target/scripts/bin/ruff --version 2>/dev/null | grep -qx 'ruff $(RUFF)' \
+	|| { command -v python3 >/dev/null && python3 tests/environment.py target/scripts ruff==$(RUFF); }; \
+	then target/scripts/bin/ruff check $(if $(FIX),--fix) . && target/scripts/bin/ruff format $(if $(FIX),,--check) .; \
+	else echo "SKIPPED: the lints of Python, there is no ruff, and no python3 that can install it"; fi
+	@dashboard/run.sh $(if $(FIX),tidy,lint)
 
 dashboard:
 	dashboard/run.sh build

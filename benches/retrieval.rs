@@ -9,18 +9,18 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
-use shapelex::analysis::accumulate::prepare;
-use shapelex::analysis::alignment::{Alignment, Method};
-use shapelex::analysis::correspondence::{Correspondence, Direction, Mirror};
-use shapelex::analysis::distance::DistanceSpace;
-use shapelex::analysis::matching::Matching;
-use shapelex::analysis::metric::Metric;
-use shapelex::analysis::transformation::{ClassName, Transformation};
-use shapelex::geometry::generator::GeneratorKind;
-use shapelex::geometry::representation::{Representation, ShapeSpace};
-use shapelex::geometry::resample::Contour;
-use shapelex::numeric::dense::Matrix;
-use shapelex::wire::shape::ShapeInput;
+use shapelex_server::analysis::accumulate::prepare;
+use shapelex_server::analysis::alignment::{Alignment, Method};
+use shapelex_server::analysis::correspondence::{Correspondence, Direction, Mirror};
+use shapelex_server::analysis::distance::DistanceSpace;
+use shapelex_server::analysis::matching::Matching;
+use shapelex_server::analysis::metric::Metric;
+use shapelex_server::analysis::transformation::{ClassName, Transformation};
+use shapelex_server::geometry::generator::GeneratorKind;
+use shapelex_server::geometry::representation::{Representation, ShapeSpace};
+use shapelex_server::geometry::resample::Contour;
+use shapelex_server::numeric::dense::Matrix;
+use shapelex_server::wire::shape::ShapeInput;
 
 /// Repetitions of a measurement of the matrix.
 const RUNS: usize = 7;

@@ -188,6 +188,7 @@ compiling_lane() {
 # What sends requests to the program that is built, and needs no cargo.
 asking_lane() {
     step spelling make --no-print-directory spell
+    step scripts make --no-print-directory scripts
     python_step deploy deploy/lint.py
     python_step contract tests/contract/run.py "$LENGTH"
     python_step clients tests/clients/run.py

@@ -6,10 +6,10 @@
 //! ```
 
 use serde_json::{Value, json};
-use shapelex::analysis::correspondence::{Correspondence, Direction, Mirror};
-use shapelex::analysis::distance::DistanceSpace;
-use shapelex::analysis::matching::Matching;
-use shapelex::analysis::neighbours::NeighbourSearch;
+use shapelex_server::analysis::correspondence::{Correspondence, Direction, Mirror};
+use shapelex_server::analysis::distance::DistanceSpace;
+use shapelex_server::analysis::matching::Matching;
+use shapelex_server::analysis::neighbours::NeighbourSearch;
 
 use super::statistics::{correspondence, curves, similarity};
 use super::{number, read, timed, write};

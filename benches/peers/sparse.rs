@@ -9,14 +9,14 @@
 use std::time::Instant;
 
 use serde_json::{Value, json};
-use shapelex::analysis::accumulate::{ShapeSource, ShapesInMemory};
-use shapelex::analysis::algebra::Algebra;
-use shapelex::analysis::dictionary::learning::{Learning, Schedule};
-use shapelex::analysis::dictionary::model::Certificate;
-use shapelex::analysis::sparse::{Atoms, Coder, Encode, GroupLasso, Lasso, Pursuit, SparseCode};
-use shapelex::analysis::transformation::{ClassName, TransformationClass};
-use shapelex::analysis::watch::Unwatched;
-use shapelex::numeric::dense::Matrix;
+use shapelex_server::analysis::accumulate::{ShapeSource, ShapesInMemory};
+use shapelex_server::analysis::algebra::Algebra;
+use shapelex_server::analysis::dictionary::learning::{Learning, Schedule};
+use shapelex_server::analysis::dictionary::model::Certificate;
+use shapelex_server::analysis::sparse::{Atoms, Coder, Encode, GroupLasso, Lasso, Pursuit, SparseCode};
+use shapelex_server::analysis::transformation::{ClassName, TransformationClass};
+use shapelex_server::analysis::watch::Unwatched;
+use shapelex_server::numeric::dense::Matrix;
 
 use super::{number, read, timed};
 

@@ -12,21 +12,21 @@ use std::hint::black_box;
 
 use nalgebra::Complex;
 use serde_json::{Value, json};
-use shapelex::analysis::accumulate::{ShapesInMemory, map_shapes};
-use shapelex::analysis::alignment::{Alignment, Method, align, mean_shape};
-use shapelex::analysis::correspondence::{Correspondence, Direction, Mirror};
-use shapelex::analysis::frame::Frame;
-use shapelex::analysis::inference::comparison::Sample;
-use shapelex::analysis::inference::permutation::Relabellings;
-use shapelex::analysis::matching::Matching;
-use shapelex::analysis::metric::Metric;
-use shapelex::analysis::pca::FunctionalPca;
-use shapelex::analysis::transformation::{ClassName, Transformation};
-use shapelex::analysis::watch::Unwatched;
-use shapelex::geometry::generator::GeneratorKind;
-use shapelex::geometry::representation::{Representation, ShapeSpace};
-use shapelex::numeric::dense::Matrix;
-use shapelex::numeric::fft::ComplexFft;
+use shapelex_server::analysis::accumulate::{ShapesInMemory, map_shapes};
+use shapelex_server::analysis::alignment::{Alignment, Method, align, mean_shape};
+use shapelex_server::analysis::correspondence::{Correspondence, Direction, Mirror};
+use shapelex_server::analysis::frame::Frame;
+use shapelex_server::analysis::inference::comparison::Sample;
+use shapelex_server::analysis::inference::permutation::Relabellings;
+use shapelex_server::analysis::matching::Matching;
+use shapelex_server::analysis::metric::Metric;
+use shapelex_server::analysis::pca::FunctionalPca;
+use shapelex_server::analysis::transformation::{ClassName, Transformation};
+use shapelex_server::analysis::watch::Unwatched;
+use shapelex_server::geometry::generator::GeneratorKind;
+use shapelex_server::geometry::representation::{Representation, ShapeSpace};
+use shapelex_server::numeric::dense::Matrix;
+use shapelex_server::numeric::fft::ComplexFft;
 
 use super::{number, read, timed, write};
 

@@ -9,10 +9,10 @@ use std::hint::black_box;
 
 use rayon::prelude::*;
 use serde_json::{Value, json};
-use shapelex::geometry::representation::{Representation, ShapeSpace};
-use shapelex::geometry::subdivision::control::{ControlMesh, StartMesh};
-use shapelex::geometry::subdivision::refinement::{Depth, refine_mesh};
-use shapelex::geometry::subdivision::{LoopWeights, Scheme, Subdivision};
+use shapelex_server::geometry::representation::{Representation, ShapeSpace};
+use shapelex_server::geometry::subdivision::control::{ControlMesh, StartMesh};
+use shapelex_server::geometry::subdivision::refinement::{Depth, refine_mesh};
+use shapelex_server::geometry::subdivision::{LoopWeights, Scheme, Subdivision};
 
 use super::{number, read, timed, write};
 

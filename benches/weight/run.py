@@ -2,14 +2,16 @@
 
     python3 benches/weight/run.py [--before COMMIT] [--tests] [--ir] [--write] [--gate]
 
-A build is cold and its own: every crate is compiled, in a folder of its own below `target/weight`, with the compiler behind
-`rustc.py`, which notes the processor seconds and the peak memory of each crate. Seconds of machines differ, so costs are also
-given in units: a unit is the processor seconds that `cc -O2` needs, in the same run, for the `sqlite3.c` that the program brings.
+A build is cold and its own: every crate is compiled, in a folder of its own below `target/weight`, with the compiler
+behind `rustc.py`, which notes the processor seconds and the peak memory of each crate. Seconds of machines differ, so
+costs are also given in units: a unit is the processor seconds that `cc -O2` needs, in the same run, for the `sqlite3.c`
+that the program brings.
 
-`--before COMMIT` builds another commit as well and prints both; `--tests` adds the build of the tests; `--ir` counts lines of LLVM
-IR of the crates of the workspace where `cargo-llvm-lines` is installed; `--write` puts the tables into docs/weight.md and the
-figures into `figures.json` beside this file; `--gate` compares with `figures.json` and exits with 1 where a figure is more than
-`TOLERANCE` above it. Needs nothing beyond Python's library, cargo, a C compiler and `size` of binutils.
+`--before COMMIT` builds another commit as well and prints both; `--tests` adds the build of the tests; `--ir` counts
+lines of LLVM IR of the crates of the workspace where `cargo-llvm-lines` is installed; `--write` puts the tables into
+docs/weight.md and the figures into `figures.json` beside this file; `--gate` compares with `figures.json` and exits
+with 1 where a figure is more than `TOLERANCE` above it. Needs nothing beyond Python's library, cargo, a C compiler and
+`size` of binutils.
 """
 
 import argparse
@@ -33,8 +35,6 @@ PAGE = ROOT / "docs" / "weight.md"
 FIGURES = HERE / "figures.json"
 # Units of one commit on one machine differ by some 3 % from run to run.
 TOLERANCE = 0.10
-OURS = ("shapelex", "shapelex_analysis", "shapelex_formats", "shapelex_geometry", "shapelex_numeric", "shapelex_segmentation",
-        "shapelex_store")
 GATED = ("release units", "binary MB", "idle MB", "packages")
 # Least release figures that are worth a row.
 SMALL_SECONDS = 4.0
@@ -77,8 +77,13 @@ def build(tree, target, arguments):
     log = target.with_suffix(".tsv")
     log.parent.mkdir(parents=True, exist_ok=True)
     log.write_text("")
-    environment = dict(os.environ, RUSTC_WRAPPER=str(HERE / "rustc.py"), WEIGHT_LOG=str(log), CARGO_INCREMENTAL="0",
-                       CARGO_TARGET_DIR=str(target))
+    environment = dict(
+        os.environ,
+        RUSTC_WRAPPER=str(HERE / "rustc.py"),
+        WEIGHT_LOG=str(log),
+        CARGO_INCREMENTAL="0",
+        CARGO_TARGET_DIR=str(target),
+    )
     units = [unit(tree)]
     elapsed, seconds = timed(["cargo", *arguments, "--locked", "--quiet"], tree, environment)
     units.append(unit(tree))
@@ -111,7 +116,8 @@ def resident(process):
 
 
 def idle(program):
-    """Memory of the served program at rest with the example cohort, in MB, and its seconds to readiness: medians of starts."""
+    """Memory of the served program at rest with the example cohort, in MB, and its seconds to readiness: medians of
+    starts."""
     starts = sorted(started(program) for _ in range(STARTS))
     return starts[STARTS // 2][0], sorted(ready for _, ready in starts)[STARTS // 2]
 
@@ -121,8 +127,11 @@ def started(program):
     with tempfile.TemporaryDirectory() as folder:
         port = free_port()
         start = time.monotonic()
-        process = subprocess.Popen([program, "serve", "--listen", f"127.0.0.1:{port}", "--data-dir", folder],
-                                   stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        process = subprocess.Popen(
+            [program, "serve", "--listen", f"127.0.0.1:{port}", "--data-dir", folder],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
         try:
             while True:
                 try:
@@ -130,7 +139,7 @@ def started(program):
                     break
                 except OSError:
                     if process.poll() is not None or time.monotonic() - start > 60:
-                        raise SystemExit("the program did not become ready")
+                        raise SystemExit("the program did not become ready") from None
                     time.sleep(0.01)
             ready = time.monotonic() - start
             time.sleep(SETTLED)
@@ -152,7 +161,9 @@ def ir_lines(tree, target):
         print("SKIPPED: lines of LLVM IR, there is no cargo-llvm-lines", file=sys.stderr)
         return counts
     environment = dict(os.environ, CARGO_TARGET_DIR=str(target), CARGO_INCREMENTAL="0")
-    members = json.loads(text("cargo", "metadata", "--locked", "--no-deps", "--format-version", "1", folder=tree))["packages"]
+    members = json.loads(text("cargo", "metadata", "--locked", "--no-deps", "--format-version", "1", folder=tree))[
+        "packages"
+    ]
     for member in members:
         command = ["cargo", "llvm-lines", "--release", "--locked", "--lib", "-p", member["name"]]
         done = subprocess.run(command, cwd=tree, env=environment, check=True, stdout=subprocess.PIPE, text=True)
@@ -188,7 +199,16 @@ def weigh(tree, name, arguments):
 def tests_of(tree):
     """The build of the tests, in the shape that `make test` of the checkout runs."""
     features = re.search(r"^FEATURES *= *(.+)$", (tree / "Makefile").read_text(), re.M)
-    return ["test", *(features[1].split() if features else []), "--lib", "--test", "suite", "--test", "rates", "--no-run"]
+    return [
+        "test",
+        *(features[1].split() if features else []),
+        "--lib",
+        "--test",
+        "suite",
+        "--test",
+        "rates",
+        "--no-run",
+    ]
 
 
 def signed(now, before):
@@ -198,7 +218,10 @@ def signed(now, before):
 def summary(rows):
     """One row a figure, one column a commit."""
     last, first = rows[-1], rows[0]
-    lines = ["| figure | " + " | ".join(f"`{row['commit']}`" for row in rows) + " | now ÷ before |", "|---" * (len(rows) + 2) + "|"]
+    lines = [
+        "| figure | " + " | ".join(f"`{row['commit']}`" for row in rows) + " | now ÷ before |",
+        "|---" * (len(rows) + 2) + "|",
+    ]
 
     def add(name, value, form):
         values = [value(row) for row in rows]
@@ -213,17 +236,34 @@ def summary(rows):
     add("… calls of the compiler", lambda row: row["release"]["compiled"], "{}")
     if "tests" in last or "tests" in first:
         tests = lambda row: row.get("tests")  # noqa: E731
-        add("cold build of the tests, units", lambda row: tests(row) and tests(row)["seconds"] / tests(row)["unit"], "{:.1f}")
+        add(
+            "cold build of the tests, units",
+            lambda row: tests(row) and tests(row)["seconds"] / tests(row)["unit"],
+            "{:.1f}",
+        )
         add("… elapsed seconds", lambda row: tests(row) and tests(row)["elapsed"], "{:.0f}")
     add("packages", lambda row: row["packages"], "{}")
     add("binary, MB", lambda row: row["binary MB"], "{:.1f}")
-    for section in (".text", ".rodata", ".eh_frame", ".data.rel.ro", ".rela.dyn", ".gcc_except_table", ".strtab", ".symtab"):
+    for section in (
+        ".text",
+        ".rodata",
+        ".eh_frame",
+        ".data.rel.ro",
+        ".rela.dyn",
+        ".gcc_except_table",
+        ".strtab",
+        ".symtab",
+    ):
         if any(section in row["sections"] for row in rows):
             add(f"… `{section}`, MB", lambda row, s=section: row["sections"].get(s, 0) / 1e6, "{:.1f}")
     add("idle memory, MB", lambda row: row["idle MB"], "{:.1f}")
     add("time to ready, s", lambda row: row["ready s"], "{:.2f}")
     for crate in sorted({name for row in rows for name in row.get("ir", {})}):
-        add(f"lines of LLVM IR of `{crate}`, thousands", lambda row, c=crate: row.get("ir", {}).get(c, {}).get("lines", 0) / 1e3 or None, "{:.0f}")
+        add(
+            f"lines of LLVM IR of `{crate}`, thousands",
+            lambda row, c=crate: row.get("ir", {}).get(c, {}).get("lines", 0) / 1e3 or None,
+            "{:.0f}",
+        )
     return "\n".join(lines)
 
 
@@ -232,11 +272,17 @@ def crates_table(rows):
     names = {name for row in rows for name, cost in row["release"]["crates"].items() if cost[0] >= SMALL_SECONDS}
     last = rows[-1]["release"]
     order = sorted(names, key=lambda name: -max(row["release"]["crates"].get(name, [0])[0] for row in rows))
-    lines = ["| crate | " + " | ".join(f"`{row['commit']}`, units" for row in rows) + " | part of the build | peak MB |",
-             "|---" * (len(rows) + 3) + "|"]
+    lines = [
+        "| crate | " + " | ".join(f"`{row['commit']}`, units" for row in rows) + " | part of the build | peak MB |",
+        "|---" * (len(rows) + 3) + "|",
+    ]
     for name in order:
-        cells = [f"{row['release']['crates'][name][0] / row['release']['unit']:.2f}" if name in row["release"]["crates"] else "–"
-                 for row in rows]
+        cells = [
+            f"{row['release']['crates'][name][0] / row['release']['unit']:.2f}"
+            if name in row["release"]["crates"]
+            else "–"
+            for row in rows
+        ]
         cost, peak = last["crates"].get(name, [0, 0])
         lines.append(f"| {name} | " + " | ".join(cells) + f" | {100 * cost / last['seconds']:.1f} % | {peak:.0f} |")
     return "\n".join(lines)
@@ -245,7 +291,7 @@ def crates_table(rows):
 def top_table(row):
     parts = []
     for crate, count in sorted(row.get("ir", {}).items()):
-        if crate == "shapelex":
+        if crate == "shapelex-server":
             parts.append("```text\n" + "\n".join(line[:150] for line in count["top"]) + "\n```")
     return "\n".join(parts)
 
@@ -289,7 +335,11 @@ def main():
     print(summary(rows), crates_table(rows), sep="\n\n")
     if arguments.write:
         page = PAGE.read_text()
-        for mark, content in (("summary", summary(rows)), ("crates", crates_table(rows)), ("functions", top_table(rows[-1]))):
+        for mark, content in (
+            ("summary", summary(rows)),
+            ("crates", crates_table(rows)),
+            ("functions", top_table(rows[-1])),
+        ):
             page = fill(page, mark, content)
         PAGE.write_text(page)
         FIGURES.write_text(json.dumps({name: round(rows[-1][name], 2) for name in GATED}, indent=1) + "\n")

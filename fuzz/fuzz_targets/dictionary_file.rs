@@ -7,11 +7,11 @@
 use axum::body::Body;
 use axum::http::{Request, StatusCode};
 use libfuzzer_sys::fuzz_target;
-use shapelex::wire::checked::Checked;
-use shapelex::service::app::ServiceError;
-use shapelex::service::dictionaries::file::{DictionaryFile, import};
-use shapelex::service::dictionaries::planning;
-use shapelex::service::shapes::read::parse;
+use shapelex_server::wire::checked::Checked;
+use shapelex_server::service::app::ServiceError;
+use shapelex_server::service::dictionaries::file::{DictionaryFile, import};
+use shapelex_server::service::dictionaries::planning;
+use shapelex_server::service::shapes::read::parse;
 use shapelex_fuzz::LIMITS;
 use shapelex_fuzz::Service;
 

@@ -8,7 +8,7 @@ use axum::body::Body;
 use axum::extract::FromRequestParts;
 use axum::http::{HeaderName, HeaderValue, Request, StatusCode, Uri};
 use libfuzzer_sys::fuzz_target;
-use shapelex::api::extract::Prefer;
+use shapelex_server::api::extract::Prefer;
 use shapelex_fuzz::{Service, content_type};
 
 /// Lists with cursors, a route with two formats, one with a filter, one with many parameters.

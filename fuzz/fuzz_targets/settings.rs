@@ -6,12 +6,12 @@
 
 use libfuzzer_sys::fuzz_target;
 use serde_json::Value;
-use shapelex::analysis::transformation::{Transformation, TransformationClass};
-use shapelex::wire::checked::Checked;
-use shapelex::wire::representation::{FitTarget, Readable, read_generator};
-use shapelex::geometry::representation::{Representation, ShapeSpace};
-use shapelex::numeric::dense::Matrix;
-use shapelex::service::shapes::read::{admit_linear, parse};
+use shapelex_server::analysis::transformation::{Transformation, TransformationClass};
+use shapelex_server::wire::checked::Checked;
+use shapelex_server::wire::representation::{FitTarget, Readable, read_generator};
+use shapelex_server::geometry::representation::{Representation, ShapeSpace};
+use shapelex_server::numeric::dense::Matrix;
+use shapelex_server::service::shapes::read::{admit_linear, parse};
 use shapelex_fuzz::LIMITS;
 
 fuzz_target!(|text: &[u8]| {

@@ -7,13 +7,13 @@
 use std::sync::LazyLock;
 
 use libfuzzer_sys::fuzz_target;
-use shapelex::analysis::conversion::Conversion;
-use shapelex::analysis::correspondence::{Correspondence, Direction};
-use shapelex::wire::ndjson::{Line, LineTooLong, Lines};
-use shapelex::wire::shape::ShapeInput;
-use shapelex::geometry::representation::{Representation, ShapeSpace};
-use shapelex::geometry::resample::RepeatedPoints;
-use shapelex::service::shapes::read::{ReadShape, Reading, own_faults, parse, read_shape};
+use shapelex_server::analysis::conversion::Conversion;
+use shapelex_server::analysis::correspondence::{Correspondence, Direction};
+use shapelex_server::wire::ndjson::{Line, LineTooLong, Lines};
+use shapelex_server::wire::shape::ShapeInput;
+use shapelex_server::geometry::representation::{Representation, ShapeSpace};
+use shapelex_server::geometry::resample::RepeatedPoints;
+use shapelex_server::service::shapes::read::{ReadShape, Reading, own_faults, parse, read_shape};
 use shapelex_fuzz::LIMITS;
 
 /// Representations, as they stand in a request, and how points become theirs.

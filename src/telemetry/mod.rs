@@ -81,12 +81,12 @@ mod tests {
     fn filters_are_lists_of_levels_and_targets() {
         let passes =
             |filter: &str, target: &str, level: Level| targets(filter).unwrap().would_enable(target, &level);
-        for filter in ["info", "INFO,", "warn,shapelex=info", "off, shapelex::api=info", "3"] {
-            assert!(passes(filter, "shapelex::api", Level::INFO), "{filter}");
-            assert!(!passes(filter, "shapelex::api", Level::DEBUG), "{filter}");
+        for filter in ["info", "INFO,", "warn,shapelex=info", "off, shapelex_server::api=info", "3"] {
+            assert!(passes(filter, "shapelex_server::api", Level::INFO), "{filter}");
+            assert!(!passes(filter, "shapelex_server::api", Level::DEBUG), "{filter}");
         }
-        assert!(passes("", "shapelex", Level::ERROR) && !passes("", "shapelex", Level::WARN));
-        assert!(passes("warn,shapelex", "shapelex::store", Level::TRACE));
+        assert!(passes("", "shapelex_server", Level::ERROR) && !passes("", "shapelex_server", Level::WARN));
+        assert!(passes("warn,shapelex", "shapelex_server::store", Level::TRACE));
         assert!(targets("shapelex=loud").is_err() && targets("a=b=c").is_err());
     }
 }

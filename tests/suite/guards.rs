@@ -194,7 +194,7 @@ fn every_operation_says_which_role_it_needs() {
         let (method, path) = name.split_once(' ').unwrap();
         let role = operation["x-role"].as_str().unwrap_or_default();
         assert!(
-            shapelex::api::operation::find(method, path).is_some(),
+            shapelex_server::api::operation::find(method, path).is_some(),
             "{name} is not in the table of api/operation.rs"
         );
         let responses = operation["responses"].as_object().unwrap();
@@ -214,7 +214,7 @@ fn every_operation_says_which_role_it_needs() {
             _ => panic!("{name} needs {role}"),
         }
     }
-    assert!(shapelex::api::operation::find("GET", "/v1/unheard-of").is_none());
+    assert!(shapelex_server::api::operation::find("GET", "/v1/unheard-of").is_none());
 }
 
 #[test]

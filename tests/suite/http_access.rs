@@ -7,9 +7,9 @@ use std::time::{Duration, Instant};
 
 use reqwest::Method;
 use serde_json::{Value, json};
-use shapelex::domain::access::Role;
-use shapelex::domain::key::{Key, Secret};
-use shapelex::store::Store;
+use shapelex_server::domain::access::Role;
+use shapelex_server::domain::key::{Key, Secret};
+use shapelex_server::store::Store;
 
 use crate::server::{Reply, Server, Setting, wait};
 
@@ -432,7 +432,7 @@ fn things(server: &Server) -> BTreeMap<&'static str, String> {
 /// Id of a new cohort in the trash.
 fn trashed(server: &Server, admin: &str) -> String {
     let cohort =
-        post(server, admin, "/v1/cohorts", &triangles(&shapelex::domain::id::new_id("c"))).expect(201);
+        post(server, admin, "/v1/cohorts", &triangles(&shapelex_server::domain::id::new_id("c"))).expect(201);
     let id = cohort["id"].as_str().unwrap();
     assert_eq!(send(server, admin, Method::DELETE, &format!("/v1/cohorts/{id}"), None).status, 204);
     id.to_owned()
@@ -440,7 +440,7 @@ fn trashed(server: &Server, admin: &str) -> String {
 
 /// Makes a key that no command makes: one that has ended.
 fn expired_key(server: &Server) -> String {
-    let id = shapelex::domain::id::new_id("key");
+    let id = shapelex_server::domain::id::new_id("key");
     let secret = Secret::new(&id, [9; 32]);
     let key = Key {
         id,

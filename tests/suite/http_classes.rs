@@ -6,7 +6,7 @@ use rand::rngs::ChaCha12Rng;
 use rand::{RngExt, SeedableRng};
 use reqwest::Method;
 use serde_json::{Value, json};
-use shapelex::analysis::classification::folds::stratified;
+use shapelex_server::analysis::classification::folds::stratified;
 
 use crate::http_bad_input::{Differences, Wanted};
 use crate::http_dictionaries::{finished, submit};
@@ -417,7 +417,7 @@ fn a_classifier_travels_with_its_dictionary() {
         for (field, value) in breakages {
             let mut broken = file.clone();
             broken["content"]["classifier"]["trained"][field] = value.clone();
-            let content: shapelex::analysis::dictionary::content::Content =
+            let content: shapelex_server::analysis::dictionary::content::Content =
                 serde_json::from_value(broken["content"].clone()).unwrap();
             let text = serde_json::to_vec(&content).unwrap();
             broken["digest"] = json!(blake3::hash(&text).to_hex().to_string());

@@ -7,7 +7,7 @@ use reqwest::Method;
 use reqwest::header::IF_NONE_MATCH;
 use serde_json::value::RawValue;
 use serde_json::{Value, json};
-use shapelex::analysis::dictionary::content::Content;
+use shapelex_server::analysis::dictionary::content::Content;
 
 use crate::http_bad_input::{Differences, Wanted};
 use crate::http_contract::cells;

@@ -234,7 +234,7 @@ fn streams_of_a_caller_are_limited_and_end_with_the_service() {
 fn the_page_names_every_kind_of_change() {
     let page = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/events.md");
     let page = std::fs::read_to_string(page).unwrap();
-    for kind in shapelex::domain::change::ChangeKind::ALL {
+    for kind in shapelex_server::domain::change::ChangeKind::ALL {
         assert!(page.contains(&format!("`{}`", kind.as_str())), "docs/events.md lacks {}", kind.as_str());
     }
 }

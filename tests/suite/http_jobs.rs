@@ -5,10 +5,10 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
-use shapelex::api;
-use shapelex::service::app::{App, ServiceError};
-use shapelex::service::dispatch;
-use shapelex::service::jobs::Outcome;
+use shapelex_server::api;
+use shapelex_server::service::app::{App, ServiceError};
+use shapelex_server::service::dispatch;
+use shapelex_server::service::jobs::Outcome;
 use tempfile::TempDir;
 use tokio::net::TcpListener;
 use tokio::sync::oneshot;
@@ -336,7 +336,8 @@ async fn the_progress_of_learning_counts_its_work() {
             outcome
         })
     });
-    let done = shapelex::service::jobs::wait(&service.app, &id, Duration::from_secs(120)).await.unwrap();
+    let done =
+        shapelex_server::service::jobs::wait(&service.app, &id, Duration::from_secs(120)).await.unwrap();
     assert_eq!((done.status.as_str(), done.progress), ("succeeded", 1.0), "{done:?}");
     let seen = seen.lock().unwrap();
     assert!(seen.is_sorted_by(|a, b| a.1 <= b.1), "progress falls");
@@ -390,6 +391,6 @@ async fn streams_of_events_do_not_hold_up_a_stop() {
     drop(service.client);
     service.ended.await.unwrap();
     assert!(start.elapsed() < Duration::from_secs(5), "{:?}", start.elapsed());
-    let after = shapelex::service::jobs::find(&service.app, &job.id).await.unwrap();
+    let after = shapelex_server::service::jobs::find(&service.app, &job.id).await.unwrap();
     assert_eq!(after, job, "put back as if nobody had touched it");
 }

@@ -2,8 +2,8 @@
 
 use reqwest::Method;
 use serde_json::{Value, json};
-use shapelex::wire::image::write::png_u8;
-use shapelex::wire::image::{Grid, LengthUnit};
+use shapelex_server::wire::image::write::png_u8;
+use shapelex_server::wire::image::{Grid, LengthUnit};
 
 use crate::form::{form, post_form};
 use crate::server::{Reply, Server};

@@ -8,12 +8,12 @@ use rand::rngs::ChaCha12Rng;
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
 use serde_json::{Value, json};
-use shapelex::analysis::dictionary;
-use shapelex::analysis::dictionary::content::Content;
-use shapelex::analysis::dictionary::method::Method;
-use shapelex::analysis::dictionary::recipe::Recipe;
-use shapelex::analysis::transformation::{ClassName, Transformation};
-use shapelex::analysis::watch::Unwatched;
+use shapelex_server::analysis::dictionary;
+use shapelex_server::analysis::dictionary::content::Content;
+use shapelex_server::analysis::dictionary::method::Method;
+use shapelex_server::analysis::dictionary::recipe::Recipe;
+use shapelex_server::analysis::transformation::{ClassName, Transformation};
+use shapelex_server::analysis::watch::Unwatched;
 
 use crate::http_dictionaries::{finished, submit};
 use crate::server::Server;

@@ -7,8 +7,8 @@ use std::time::{Duration, Instant};
 
 use reqwest::Method;
 use serde_json::{Value, json};
-use shapelex::domain::audit::{Entry, FIRST_LINK, Recorded};
-use shapelex::service::app::metrics::METRICS;
+use shapelex_server::domain::audit::{Entry, FIRST_LINK, Recorded};
+use shapelex_server::service::app::metrics::METRICS;
 
 use crate::server::{Reply, Server, Setting};
 

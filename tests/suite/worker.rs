@@ -6,13 +6,13 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
-use shapelex::domain::job::{Job, JobFilter, JobKind, JobStatus};
-use shapelex::service::app::progress::JobContext;
-use shapelex::service::app::{App, Limits, ServiceError};
-use shapelex::service::jobs;
-use shapelex::service::jobs::Outcome;
-use shapelex::store::Store;
-use shapelex::worker::{Places, Worker};
+use shapelex_server::domain::job::{Job, JobFilter, JobKind, JobStatus};
+use shapelex_server::service::app::progress::JobContext;
+use shapelex_server::service::app::{App, Limits, ServiceError};
+use shapelex_server::service::jobs;
+use shapelex_server::service::jobs::Outcome;
+use shapelex_server::store::Store;
+use shapelex_server::worker::{Places, Worker};
 use tempfile::TempDir;
 use tokio::runtime::Handle;
 
