@@ -125,6 +125,8 @@ run_examples() {
 families() {
     local family names
     [ "$LENGTH" = long ] || echo "SKIPPED: the tests of each family of formats alone, which are compiled only where CI is set"
+    echo "the front without families of formats"
+    cargo check --locked -p shapelex --no-default-features --lib || return
     names=$(sed -n 's/^default = \[\(.*\)\]$/\1/p' crates/shapelex-formats/Cargo.toml | tr -d '",')
     for family in $names; do
         echo "the family $family"
