@@ -293,7 +293,7 @@ def check_names():
     settings = set(re.findall(r'"(SHAPELEX_[A-Z_]+|DATABASE_URL)"', program))
     fields = set(re.findall(r'(?m)^    (\w+): .* = "(?:SHAPELEX_\w+|DATABASE_URL)"', program)) | {"no_example"}
     files = [path for folder in ("docker", "deploy") for path in sorted((ROOT / folder).rglob("*")) if path.is_file()]
-    files = [path for path in files if path.suffix != ".py"] + [ROOT / "docs" / "operations.md"]
+    files = [path for path in files if path.suffix not in (".py", ".pyc")] + [ROOT / "docs" / "operations.md"]
     routes = json.loads((ROOT / "openapi" / "openapi.json").read_text())["paths"].keys()
     listed = re.findall(r"enum (?:Command|Maintenance) \{(.*?)\n\}", program, re.S)
     commands = {name.lower() for text in listed for name in re.findall(r"(?m)^    ([A-Z]\w+)[(,{ ]", text)}

@@ -301,6 +301,10 @@ def exchange(address, method, path, body=None, headers=None, timeout=60, first=N
             pass
         response = connection.getresponse()
         kept, size = [], 0
+        # A stream of events has no end: it is there with its first bytes.
+        if response.getheader("content-type", "").startswith("text/event-stream"):
+            chunk = response.read1(1 << 16)
+            return Answer(response.status, {}, chunk, len(chunk), spent())
         while chunk := response.read(1 << 16):
             if size < KEPT_BYTES:
                 kept.append(chunk)

@@ -230,8 +230,8 @@ impl Contours {
     pub fn from_points(contours: impl IntoIterator<Item = Points>, closed: bool) -> Result<Self> {
         let shapes: Vec<Points> = contours.into_iter().collect();
         let dimension = dimension_of(&shapes)?;
-        for (index, shape) in shapes.iter().enumerate().filter(|(_, shape)| shape.len() < 3) {
-            let detail = format!("expected at least 3 points, got {}", shape.len());
+        if let Some(index) = shapes.iter().position(|shape| shape.len() < 3) {
+            let detail = format!("expected at least 3 points, got {}", shapes[index].len());
             return Err(Error::Shape { index, detail });
         }
         let form = Form::Curve { dimension, closed, control_points: CONTROL_POINTS };

@@ -1,5 +1,5 @@
 //! Laws of the front, and files of other programs where they are there.
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, clippy::print_stdout)]
 
 use std::f64::consts::TAU;
 use std::path::{Path, PathBuf};
