@@ -282,3 +282,8 @@ impl AnalysisError {
 /// Relative singular value below which the subspace of a shape is rank-deficient. The error of a subspace is the rounding
 /// over its relative singular value: at least six digits of an accepted one are right.
 pub const DEGENERATE: f64 = 1e-10;
+
+/// The examples of the README are tests.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

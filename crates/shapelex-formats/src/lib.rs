@@ -37,3 +37,8 @@ mod summary;
 pub mod unit;
 mod value;
 pub mod words;
+
+/// The examples of the README are tests.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -91,6 +91,7 @@ use shapelex_numeric::NumericError;
 
 /// Errors of the geometry layer.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum GeometryError {
     /// The poles of a generator leave the admissible domain.
     #[error("the poles ±({}) are outside the admissible domain |Re| ≤ 10, |Im| < π, where the shifts are a Riesz \
@@ -364,3 +365,8 @@ fn number(value: f64) -> String {
     let (plain, scientific) = (format!("{value}"), format!("{value:e}"));
     if plain.len() > scientific.len() + 5 { scientific } else { plain }
 }
+
+/// The examples of the README are tests.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

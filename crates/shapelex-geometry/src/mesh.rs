@@ -15,6 +15,7 @@ pub struct TriangleMesh {
 
 /// Reason why a mesh is not a closed surface with an outside.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum MeshError {
     /// The mesh has no faces.
     #[error("the mesh has no faces")]

@@ -53,6 +53,7 @@ pub const MAX_NUMBER: f64 = 1e100;
 
 /// Errors of the numerical layer.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum NumericError {
     /// An operator that must be positive definite is not.
     #[error("the operator of size {size} is not positive definite: smallest eigenvalue {smallest:.3e}")]
@@ -69,3 +70,8 @@ pub enum NumericError {
         size: usize,
     },
 }
+
+/// The examples of the README are tests.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

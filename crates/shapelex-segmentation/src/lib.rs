@@ -26,6 +26,7 @@ pub mod texture;
 
 /// Errors of the segmentation layer.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum SegmentationError {
     /// The number of values is not that of the size.
     #[error("expected {} values for {} × {} × {} cells, got {count}", size.iter().product::<usize>(), size[0], size[1], size[2])]
@@ -152,3 +153,8 @@ pub enum SegmentationError {
 fn blur_of(sigma: Option<blur::Blur>) -> String {
     sigma.map_or_else(|| "none".into(), |sigma| format!("one with a blur of {sigma}"))
 }
+
+/// The examples of the README are tests.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

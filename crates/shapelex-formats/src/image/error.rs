@@ -2,6 +2,7 @@
 
 /// Why a file is no image, or an image cannot be written.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum ImageError {
     /// The first bytes belong to no format of the registry.
     #[error("expected a file of one of the formats {known}, got one that begins with {found}")]
