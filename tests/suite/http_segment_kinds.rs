@@ -172,6 +172,7 @@ fn representations_and_splits_that_do_not_fit_are_refused_at_their_place() {
             "/stages/0/splits",
         ),
         (solid(json!({"representations": [null, null]})), "/representations"),
+        (solid(json!({"representations": []})), "/representations"),
         (
             solid(json!({"representations": [surface("sphere", [6, 1])]})),
             "/representations/0/control_points/1",
@@ -194,6 +195,13 @@ fn representations_and_splits_that_do_not_fit_are_refused_at_their_place() {
             &[pointer],
         );
     }
+    // Each different representation is prepared, so that their number is limited.
+    let box_ = json!({"lower": [8, 7, 9], "upper": [20, 18, 23]});
+    let many: Vec<Value> = (6..40).map(|count| surface("sphere", [count, 6])).collect();
+    let boxes: Vec<&Value> = many.iter().map(|_| &box_).collect();
+    let body = solid(json!({"representations": many, "boxes": boxes}));
+    let refused = post_files(&server, PATH, &body, &[("image", &volume)]);
+    refused.expect_problem(422, "invalid-input", &["/representations"]);
     // Shapes that enclose nothing are found when they are prepared.
     let open = json!({"kind": "open_curve", "dimension": 2, "intervals": 8, "generator": {"name": "cubic"}});
     let body = curves(json!({"representations": [null, open]}));

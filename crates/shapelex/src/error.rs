@@ -13,7 +13,7 @@ pub enum Error {
     Shape {
         /// Position of the shape, from 0.
         index: usize,
-        /// What was expected, and what it has.
+        /// The expected and the given property of the shape.
         detail: String,
     },
     /// A setting that does not fit the shapes.
@@ -21,7 +21,7 @@ pub enum Error {
     Setting {
         /// Name of the setting.
         field: &'static str,
-        /// What was expected, and what it is.
+        /// The expected and the given value.
         detail: String,
     },
     /// A file that cannot be opened.

@@ -3,7 +3,6 @@
 use shapelex_analysis::alignment::{AlignedShape, MeanShape, unwhitened};
 use shapelex_analysis::dictionary::method::Method;
 use shapelex_analysis::drawing::{View, draw_mean};
-use shapelex_analysis::frame::Frame;
 use shapelex_analysis::robust::align_all_by;
 use shapelex_geometry::drawing::scene::Drawing;
 use shapelex_geometry::sampling::Places;
@@ -53,7 +52,7 @@ impl Mean {
         let weights = vec![1.0; set.shapes.len()];
         let never = || false;
         let (found, aligned) =
-            align_all_by(estimator, measured, Frame::default(), control_points, weights, &never)?;
+            align_all_by(estimator, measured, space.recipe.frame, control_points, weights, &never)?;
         let factors = found.robust.as_ref().map(|robust| robust.factors.clone());
         let points = |columns: &[f64]| Points::of_columns(columns, dimension);
         Ok(Self {

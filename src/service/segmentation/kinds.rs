@@ -8,6 +8,9 @@ use crate::service::app::{App, Limits, ServiceError};
 use crate::service::statistics::{CheckedSettings, Setup};
 use crate::wire::fault::Fault;
 
+/// Most different representations of a request: each is prepared, with its inner product and its refinement.
+const MAX_KINDS: usize = 16;
+
 /// Settings of all objects of a request, each different representation once.
 #[derive(Debug)]
 pub struct Kinds {
@@ -39,6 +42,8 @@ impl Kinds {
             Some(wanted) if is(&self.usual, &wanted) => 0,
             Some(wanted) => match self.others.iter().position(|(_, known)| is(known, &wanted)) {
                 Some(known) => known + 1,
+                // Refused by their number: no more are kept.
+                None if self.others.len() >= MAX_KINDS => self.others.len(),
                 None => {
                     self.others.push((self.of_objects.len(), other(wanted)?));
                     self.others.len()
@@ -77,6 +82,11 @@ impl Kinds {
         let named = self.of_objects.len();
         if named > 0 && named != objects {
             let detail = format!("expected one for each of {objects} objects, got {named}");
+            faults.push(Fault::new("/representations", detail));
+        }
+        let kinds = self.others.len() + 1;
+        if kinds > MAX_KINDS {
+            let detail = format!("expected at most {MAX_KINDS} different representations, got more");
             faults.push(Fault::new("/representations", detail));
         }
         let dimension = self.usual.representation.dimension();

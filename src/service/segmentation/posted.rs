@@ -493,7 +493,11 @@ fn kinds(
     others: Option<List<Option<Read<Representation>>>>,
     errors: &mut Vec<Fault>,
 ) -> Result<Option<Kinds>, ServiceError> {
+    let given = others.is_some();
     let others = others.map(|others| others.take("/representations", errors)).unwrap_or_default();
+    if given && others.is_empty() && errors.is_empty() {
+        errors.push(Fault::new("/representations", "expected one for each object, got 0"));
+    }
     let Some(usual) = usual else { return Ok(None) };
     let correspondence = usual.correspondence;
     let mut kinds = Kinds::new(usual);
