@@ -140,6 +140,12 @@ fn found(server: &Server, hook: &Value) -> Value {
     server.get(&format!("/v1/hooks/{}", hook["id"].as_str().unwrap())).expect(200)
 }
 
+/// Waits until the store has the receiver's answer to this change: what happens to the hook before repeats the delivery.
+#[track_caller]
+fn until_stored(server: &Server, hook: &Value, position: u64) {
+    until("the position", || found(server, hook)["position"] == position);
+}
+
 fn path(hook: &Value, action: &str) -> String {
     format!("/v1/hooks/{}/{action}", hook["id"].as_str().unwrap())
 }
@@ -187,7 +193,7 @@ fn changes_are_delivered_in_order_and_signed() {
         assert!(store.len() == 16 && store.bytes().all(|byte| byte.is_ascii_hexdigit()), "{}", delivery.id);
         assert_eq!(rest, format!("{digits}_{}", delivery.sequence()));
     }
-    until("the position", || found(&server, &created)["position"] == 7);
+    until_stored(&server, &created, 7);
     let shown = found(&server, &created);
     assert!(shown.get("secret").is_none() && shown["delivered_at"].is_string(), "{shown}");
     assert_eq!(server.get("/v1/hooks").expect(200)["items"], json!([shown]));
@@ -216,7 +222,7 @@ fn a_hook_is_narrowed_to_kinds_and_a_cohort() {
     add(&server, "feet", 2);
     make_cohort(&server, "more");
     until("the delivery", || receiver.confirmed() == [4]);
-    until("the rest", || found(&server, &created)["position"] == 5);
+    until_stored(&server, &created, 5);
 
     server.post("/v1/hooks", &json!({"url": receiver.url(), "cohort": "none"})).expect_problem(
         404,
@@ -260,7 +266,7 @@ fn a_failing_delivery_is_repeated_under_its_id_before_any_other() {
         received.iter().filter(|one| one.sequence() == 1).map(|one| one.id.as_str()).collect();
     assert_eq!(of_first.len(), 1, "one id for all attempts");
     assert!(received.iter().all(|one| one.is_signed_by(created["secret"].as_str().unwrap())));
-    until("the position", || found(&server, &created)["position"] == 2);
+    until_stored(&server, &created, 2);
     let healthy = found(&server, &created);
     assert_eq!((&healthy["attempts"], &healthy["failing_since"]), (&json!(0), &Value::Null));
 }
@@ -280,6 +286,7 @@ fn a_hook_is_given_up_resumed_paused_and_set_back() {
     let resumed = act(&server, &created, "resume");
     assert_eq!((&resumed["status"], &resumed["reason"]), (&json!("active"), &Value::Null));
     until("the deliveries", || receiver.confirmed() == [1, 2]);
+    until_stored(&server, &created, 2);
 
     assert_eq!(act(&server, &created, "pause")["status"], "paused");
     add(&server, "feet", 2);
@@ -288,10 +295,12 @@ fn a_hook_is_given_up_resumed_paused_and_set_back() {
     assert_eq!(receiver.confirmed(), [1, 2], "a paused hook is quiet");
     act(&server, &created, "resume");
     until("the rest", || receiver.confirmed() == [1, 2, 3, 4]);
+    until_stored(&server, &created, 4);
 
     let redeliver = |since: u64| server.post(&path(&created, "redeliver"), &json!({ "since": since }));
     redeliver(2).expect(200);
     until("the repetition", || receiver.confirmed() == [1, 2, 3, 4, 3, 4]);
+    until_stored(&server, &created, 4);
     let received = receiver.received();
     let ids =
         |sequence: u64| received.iter().filter(move |one| one.sequence() == sequence).map(|one| &one.id);
@@ -416,6 +425,7 @@ fn copies_of_a_store_are_silent_until_they_are_told_to_speak() {
     let created = hook(&server, &json!({"url": receiver.url()}));
     make_cohort(&server, "feet");
     until("the delivery", || receiver.confirmed() == [1]);
+    until_stored(&server, &created, 1);
     let export = server.folder().join("export");
     assert!(server.command("export").arg(&export).status().unwrap().success());
     let mut files = vec![("import", export)];
@@ -482,7 +492,7 @@ fn no_delivery_is_lost_when_the_service_is_killed() {
     let last = server.get("/v1/changes?since=0&limit=1000").expect(200)["next"].as_u64().unwrap();
     assert_eq!(last, 1 + shapes as u64);
     until("the last delivery", || receiver.confirmed().contains(&last));
-    until("the position", || found(&server, &created)["position"] == last);
+    until_stored(&server, &created, last);
     let mut first_seen = BTreeMap::new();
     for (place, sequence) in receiver.confirmed().into_iter().enumerate() {
         first_seen.entry(sequence).or_insert(place);
