@@ -126,46 +126,69 @@ fn single(point: [f64; 3]) -> impl Iterator<Item = u8> {
 /// Largest coordinate: the difference of two is a number of single precision.
 const MOST: f64 = f32::MAX as f64 / 2.0;
 
-/// Writes a mesh with its displacements. With texture coordinates, it has one vertex for each of their places.
-///
-/// # Errors
-/// Coordinates beyond single precision.
-pub fn write(
-    textured: &TexturedMesh,
-    displacements: &[Displacement],
-    play: Play,
-) -> Result<Vec<u8>, FileError> {
-    let all = std::iter::once(&textured.mesh).chain(displacements.iter().map(|to| &to.mesh));
-    let far = all.flat_map(|mesh| mesh.vertices.as_flattened()).find(|x| !(x.abs() <= MOST));
-    if let Some(far) = far {
-        let detail =
-            format!("expected coordinates in single precision, as glTF has them (±{MOST:.1e}), got {far:e}");
-        return Err(FileError::unsupported(Place::default(), detail));
-    }
-    Ok(file(textured, displacements, play))
+/// Bytes of a displacement of so many vertices, each with a normal, at least.
+pub const fn displacement_bytes(vertices: usize) -> usize {
+    vertices.saturating_mul(2 * 3 * size_of::<f32>())
 }
 
-fn file(textured: &TexturedMesh, displacements: &[Displacement], play: Play) -> Vec<u8> {
+/// Writes a mesh with its displacements, which are asked for one after the other. With texture coordinates, it has one vertex for
+/// each of their places.
+///
+/// # Errors
+/// Coordinates beyond single precision; those of the displacements.
+pub fn write<E: From<FileError>>(
+    textured: &TexturedMesh,
+    displacements: impl IntoIterator<Item = Result<Displacement, E>>,
+    play: Play,
+) -> Result<Vec<u8>, E> {
     let texture = textured.texture.as_ref();
-    let mut buffer = Buffer::default();
+    check_near(&textured.mesh)?;
     let mesh = by_place(texture, &textured.mesh);
+    let mut buffer = Buffer::default();
     let indices = buffer.push_indices(&mesh.faces);
     let mut attributes = buffer.push_attributes(&mesh, None);
     if let Some(texture) = texture {
         attributes["TEXCOORD_0"] = json!(buffer.push_places(&texture.places));
     }
-    let mut primitive = json!({"attributes": attributes, "indices": indices});
+    let mut targets = Targets::default();
+    for displacement in displacements {
+        let Displacement { name, mesh: to, extras } = displacement?;
+        check_near(&to)?;
+        targets.attributes.push(buffer.push_attributes(&by_place(texture, &to), Some(&mesh)));
+        targets.names.push(name);
+        targets.extras.push(extras);
+    }
+    let primitive = json!({"attributes": attributes, "indices": indices});
+    Ok(file(buffer, primitive, targets, play))
+}
+
+fn check_near(mesh: &TriangleMesh) -> Result<(), FileError> {
+    match mesh.vertices.as_flattened().iter().find(|x| !(x.abs() <= MOST)) {
+        None => Ok(()),
+        Some(far) => {
+            let detail = format!(
+                "expected coordinates in single precision, as glTF has them (±{MOST:.1e}), got {far:e}"
+            );
+            Err(FileError::unsupported(Place::default(), detail))
+        }
+    }
+}
+
+/// Displacements whose numbers are in the buffer.
+#[derive(Debug, Default)]
+struct Targets {
+    attributes: Vec<Value>,
+    names: Vec<String>,
+    extras: Vec<Value>,
+}
+
+fn file(mut buffer: Buffer, mut primitive: Value, targets: Targets, play: Play) -> Vec<u8> {
     let mut body = json!({});
     let mut animations = Vec::new();
-    if !displacements.is_empty() {
-        let targets: Vec<Value> = displacements
-            .iter()
-            .map(|to| buffer.push_attributes(&by_place(texture, &to.mesh), Some(&mesh)))
-            .collect();
-        primitive["targets"] = json!(targets);
-        body["weights"] = json!(vec![0; displacements.len()]);
-        let names: Vec<&str> = displacements.iter().map(|to| to.name.as_str()).collect();
-        let extras: Vec<&Value> = displacements.iter().map(|to| &to.extras).collect();
+    let Targets { attributes, names, extras } = targets;
+    if !names.is_empty() {
+        primitive["targets"] = json!(attributes);
+        body["weights"] = json!(vec![0; names.len()]);
         body["extras"] = json!({"targetNames": names, "targets": extras});
         animations = match play {
             Play::Each => animate(&mut buffer, &names),
@@ -204,10 +227,10 @@ fn animate_through(buffer: &mut Buffer, count: usize) -> Value {
 }
 
 /// One animation for each displacement.
-fn animate(buffer: &mut Buffer, names: &[&str]) -> Vec<Value> {
+fn animate(buffer: &mut Buffer, names: &[String]) -> Vec<Value> {
     let seconds: Range<u8> = 0..WEIGHTS.len() as u8;
     let input = buffer.push_numbers(&seconds.map(f32::from).collect::<Vec<_>>());
-    let animation = |(k, name): (usize, &&str)| {
+    let animation = |(k, name): (usize, &String)| {
         let weights = WEIGHTS
             .iter()
             .flat_map(|weight| (0..names.len()).map(move |other| if other == k { *weight } else { 0.0 }));
@@ -221,13 +244,14 @@ fn animate(buffer: &mut Buffer, names: &[&str]) -> Vec<Value> {
 
 /// A header, a JSON chunk and a binary chunk, each padded to four bytes.
 fn chunks(document: &Value, numbers: Vec<u8>) -> Vec<u8> {
-    let chunks =
-        [(*b"JSON", padded(document.to_string().into_bytes(), b' ')), (*b"BIN\0", padded(numbers, 0))];
-    let length = 12 + chunks.iter().map(|(_, bytes)| 8 + bytes.len()).sum::<usize>();
-    let mut file = b"glTF".to_vec();
+    let document = padded(document.to_string().into_bytes(), b' ');
+    let numbers = padded(numbers, 0);
+    let length = 12 + 8 + document.len() + 8 + numbers.len();
+    let mut file = Vec::with_capacity(length);
+    file.extend(b"glTF");
     file.extend(2_u32.to_le_bytes());
     file.extend((length as u32).to_le_bytes());
-    for (name, bytes) in chunks {
+    for (name, bytes) in [(*b"JSON", document), (*b"BIN\0", numbers)] {
         file.extend((bytes.len() as u32).to_le_bytes());
         file.extend(name);
         file.extend(bytes);
@@ -252,6 +276,10 @@ mod tests {
         }
     }
 
+    fn written<const K: usize>(mesh: &TexturedMesh, displacements: [Displacement; K], play: Play) -> Vec<u8> {
+        write::<FileError>(mesh, displacements.map(Ok), play).unwrap()
+    }
+
     /// The document and the binary part of a file, whose lengths are checked.
     fn parts(file: &[u8]) -> (Value, &[u8]) {
         let number = |at: usize| u32::from_le_bytes(file[at..at + 4].try_into().unwrap()) as usize;
@@ -265,7 +293,7 @@ mod tests {
 
     #[test]
     fn files_have_the_length_that_they_state() {
-        let file = write(&triangle(0.5).into(), &[], Play::Each).unwrap();
+        let file = written(&triangle(0.5).into(), [], Play::Each);
         let (json, binary) = parts(&file);
         assert_eq!(json["buffers"][0]["byteLength"], binary.len());
         assert_eq!(json["accessors"][1]["max"], json!([2.0, 1.0, 0.5]));
@@ -284,7 +312,7 @@ mod tests {
         let to =
             |height: f64| Displacement { name: format!("{height}"), mesh: two(height), extras: json!({}) };
         let textured = TexturedMesh { mesh: two(0.0), texture: Some(texture) };
-        let file = write(&textured, &[to(1.0), to(2.0), to(3.0)], Play::Sequence).unwrap();
+        let file = written(&textured, [to(1.0), to(2.0), to(3.0)], Play::Sequence);
         let (json, binary) = parts(&file);
         let primitive = &json["meshes"][0]["primitives"][0];
         let accessor = |k: &Value| &json["accessors"][k.as_u64().unwrap() as usize];
@@ -314,8 +342,8 @@ mod tests {
             mesh: triangle(height),
             extras: json!({"explained": 0.5}),
         };
-        let file =
-            write(&triangle(0.5).into(), &[to("mode 1", 2.5), to("mode 2", -0.5)], Play::Each).unwrap();
+        let displacements = [to("mode 1", 2.5), to("mode 2", -0.5)];
+        let file = written(&triangle(0.5).into(), displacements, Play::Each);
         let (json, binary) = parts(&file);
         let mesh = &json["meshes"][0];
         assert_eq!(mesh["weights"], json!([0, 0]));

@@ -19,7 +19,7 @@ use std::collections::BTreeMap;
 
 use super::files::{
     self, Domain, FaultKind, Field, FileError, Mesh, NORMALS, Place, Points, Record, TEXTURE_OF_CORNERS,
-    WriteOptions,
+    WriteOptions, Writer,
 };
 use super::gltf::{self, Play};
 use crate::geometry::mesh::TriangleMesh;
@@ -69,35 +69,49 @@ impl MeshFormat {
     pub fn write(self, textured: TexturedMesh) -> Result<Vec<u8>, FileError> {
         let TexturedMesh { mesh, texture } = textured;
         match self {
-            Self::Obj => file(self, [record(None, mesh, texture.as_ref())]),
-            Self::Ply | Self::Stl => file(self, [record(None, mesh, None)]),
-            Self::Gltf => gltf::write(&TexturedMesh { mesh, texture }, &[], Play::Each),
+            Self::Obj => file(self, &record(None, mesh, texture.as_ref())),
+            Self::Ply | Self::Stl => file(self, &record(None, mesh, None)),
+            Self::Gltf => gltf::write(&TexturedMesh { mesh, texture }, [], Play::Each),
         }
     }
 }
 
-/// An OBJ file of several meshes with the same faces and texture coordinates, which are objects with names.
+/// An OBJ file of several meshes with the same faces and texture coordinates, which are objects with names. They are asked for one
+/// after the other; `bytes` of the file are expected.
 ///
 /// # Errors
-/// None that meshes of this service can cause.
-pub fn objects(
-    meshes: impl IntoIterator<Item = (String, TriangleMesh)>,
+/// Those of the meshes.
+pub fn objects<E: From<FileError>>(
+    meshes: impl IntoIterator<Item = Result<(String, TriangleMesh), E>>,
     texture: Option<&Texture>,
-) -> Result<Vec<u8>, FileError> {
-    file(MeshFormat::Obj, meshes.into_iter().map(|(name, mesh)| record(Some(name), mesh, texture)))
+    bytes: usize,
+) -> Result<Vec<u8>, E> {
+    let mut file = Vec::with_capacity(bytes);
+    let mut writer = writer(MeshFormat::Obj, &mut file)?;
+    for mesh in meshes {
+        let (name, mesh) = mesh?;
+        writer.push(&record(Some(name), mesh, texture))?;
+    }
+    writer.finish()?;
+    Ok(file)
 }
 
-/// A file by the writer of the registry.
-fn file(format: MeshFormat, records: impl IntoIterator<Item = Record>) -> Result<Vec<u8>, FileError> {
+/// A file of one mesh.
+fn file(format: MeshFormat, record: &Record) -> Result<Vec<u8>, FileError> {
+    let mut bytes = Vec::new();
+    let mut writer = writer(format, &mut bytes)?;
+    writer.push(record)?;
+    writer.finish()?;
+    Ok(bytes)
+}
+
+/// The writer of the registry.
+fn writer(format: MeshFormat, bytes: &mut Vec<u8>) -> Result<Box<dyn Writer + '_>, FileError> {
     let name = format.name();
     let found = files::find(name).ok_or_else(|| {
         FileError::new(FaultKind::Unknown, format!("expected a format that is written, got {name}"))
     })?;
-    let mut bytes = Vec::new();
-    let mut writer = found.writer(&mut bytes, &WriteOptions::default())?;
-    records.into_iter().try_for_each(|record| writer.push(&record))?;
-    writer.finish()?;
-    Ok(bytes)
+    found.writer(bytes, &WriteOptions::default())
 }
 
 /// A mesh as a record. Texture coordinates are those of corners: a vertex may have several.
@@ -155,7 +169,8 @@ mod tests {
         let twice = |mesh: TriangleMesh| TriangleMesh { faces: vec![[0, 1, 2]; 2], ..mesh };
         let bare = || TriangleMesh { normals: None, ..triangle() };
         let meshes = [("a".to_owned(), twice(triangle())), ("b".to_owned(), twice(bare()))];
-        let text = String::from_utf8(objects(meshes, Some(&texture)).unwrap()).unwrap();
+        let text =
+            String::from_utf8(objects::<FileError>(meshes.map(Ok), Some(&texture), 0).unwrap()).unwrap();
         // Each place once, in the order in which corners have them.
         assert!(text.contains("vt 0.25 0\nvt 1 1\nvt 0.5 0.25\nvt 0 1\nvn 0 0 1\n"), "{text}");
         let faces: Vec<&str> =

@@ -841,6 +841,22 @@ fn surfaces_are_morphed_and_deformed() {
     assert_eq!(morph["frames"].as_array().unwrap().len(), 5);
     assert!(number(&morph["angle"]) > 0.0);
     server.post("/v1/morph?format=svg", &body).expect_svg();
+    // A file is refused before its meshes are made: one that holds a mesh, an animation through too many, too many vertices.
+    for (format, count, said) in [
+        ("ply", 2, "expected one position in a file of the format ply"),
+        ("stl", 5, "which holds one mesh, got 5"),
+        ("gltf", 1001, "expected at most 1000 positions in an animation, got 1001"),
+        ("obj&grid=500,500", 9, "expected at most 2000000 vertices over all positions"),
+    ] {
+        let mut many = body.clone();
+        many.as_object_mut().unwrap().remove("steps");
+        many["positions"] = json!((0..count).map(|k| f64::from(k) / 1000.0).collect::<Vec<_>>());
+        let problem = server.post(&format!("/v1/morph?format={format}"), &many);
+        let problem = problem.expect_problem(422, "invalid-input", &["/positions"]);
+        assert!(problem["errors"][0]["detail"].as_str().unwrap().contains(said), "{problem}");
+    }
+    let obj = server.post("/v1/morph?format=obj", &body).text().to_owned();
+    assert_eq!(obj.lines().filter(|line| line.starts_with("o position_")).count(), 5);
 
     let deform = |extra: Value| {
         let mut body = json!({"representation": representation, "shape": first});

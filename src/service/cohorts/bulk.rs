@@ -19,7 +19,7 @@ use crate::service::app::{App, Limits, ServiceError, Work, now_ms};
 use crate::service::shapes::outcome::OnError;
 use crate::store::{Listing, Revisions};
 use crate::wire::fault::Fault;
-use crate::wire::merge_patch::MergePatch;
+use crate::wire::merge_patch::{MergePatch, PatchText};
 
 /// Number of shapes that are read at once.
 const PAGE: usize = 1000;
@@ -58,7 +58,7 @@ pub struct Edit {
     /// Its id, or its external id.
     pub key: String,
     /// The changes.
-    pub patch: MergePatch,
+    pub patch: PatchText,
     /// Line of the table that says them.
     pub line: Option<u64>,
 }
@@ -161,13 +161,31 @@ async fn store(app: &App, cohort: &Cohort, changed: Vec<Shape>) -> Result<u64, S
     Ok(app.store.correct_shapes(cohort, changed, names.as_ref(), now_ms()).await?)
 }
 
-/// An edit by an id: its position, the id, its members and its line.
-type ById = (usize, String, Arc<Map<String, Value>>, Option<u64>);
+/// An edit by an id: its position, the id, its changes and its line.
+type ById = (usize, String, Changes, Option<u64>);
+
+/// Checked changes.
+#[derive(Clone)]
+enum Changes {
+    /// Members that are the same for all shapes.
+    Shared(Arc<Map<String, Value>>),
+    /// Those of one shape.
+    Own(PatchText),
+}
+
+impl Changes {
+    fn members(&self) -> Arc<Map<String, Value>> {
+        match self {
+            Self::Shared(members) => Arc::clone(members),
+            Self::Own(text) => Arc::new(text.read().members),
+        }
+    }
+}
 
 /// The work, checked as far as it can be without the shapes.
 struct Plan {
     filter: Option<(ShapeFilter, Arc<Map<String, Value>>)>,
-    /// Edits by ids: members, pointers and lines.
+    /// Edits by ids.
     edits: Vec<ById>,
     /// Where an edit stands in the request.
     list: &'static str,
@@ -182,8 +200,10 @@ impl Plan {
             Edits::Ids(ids, patch) => {
                 let members = shared(limits, patch)?;
                 plan.list = "/ids/";
-                plan.edits =
-                    (0..).zip(ids).map(|(index, key)| (index, key, Arc::clone(&members), None)).collect();
+                plan.edits = (0..)
+                    .zip(ids)
+                    .map(|(index, key)| (index, key, Changes::Shared(Arc::clone(&members)), None))
+                    .collect();
             }
             Edits::Each(edits) => {
                 plan.list = "/shapes/";
@@ -203,8 +223,8 @@ impl Plan {
 
     fn take_each(&mut self, edits: Vec<Edit>, limits: &Limits) {
         for (index, Edit { key, patch, line }) in edits.into_iter().enumerate() {
-            match checked(limits, patch) {
-                Ok(members) => self.edits.push((index, key, Arc::new(members), line)),
+            match checked(limits, patch.read()) {
+                Ok(_) => self.edits.push((index, key, Changes::Own(patch), line)),
                 Err(faults) => {
                     let edit = self.edit(index, key, Arc::default(), line);
                     self.failed.push(edit.failed(faults));
@@ -258,8 +278,8 @@ impl Plan {
             held += keys.len() * bytes_of(cohort, 0);
             room.resize(held)?;
             let found = app.store.find_shapes(&cohort.id, &keys).await?;
-            for ((index, key, members, line), shape) in page.iter().zip(found) {
-                let edit = self.edit(*index, key.clone(), Arc::clone(members), *line);
+            for ((index, key, changes, line), shape) in page.iter().zip(found) {
+                let edit = self.edit(*index, key.clone(), changes.members(), *line);
                 let wrong = match shape {
                     Some(shape) if seen.insert(shape.id.clone()) => {
                         held += shape.attributes.metadata.as_ref().map_or(0, String::len) * COPIES;

@@ -60,7 +60,7 @@ pub fn displacements(
     component: Option<usize>,
     sigma: f64,
     grid: Option<[usize; 2]>,
-) -> Result<(TexturedMesh, Vec<Displacement>), ServiceError> {
+) -> Result<(TexturedMesh, impl Iterator<Item = Result<Displacement, ServiceError>>), ServiceError> {
     let space = &ready.setup.space;
     let components = match component {
         Some(component) => component..=component,
@@ -75,13 +75,13 @@ pub fn displacements(
         );
         return Err(ServiceError::parameter("grid", detail));
     }
-    let displacement = |component: usize| {
+    let displacement = move |component: usize| {
         let found = mode(ready, component, sigma)?;
         let extras = json!({"standard_deviations": sigma, "explained": found.explained});
         let mesh = mesh_of(space, &found.shapes[2], grid)?.mesh;
         Ok(Displacement { name: format!("mode {component}"), mesh, extras })
     };
-    Ok((mean, components.map(displacement).collect::<Result<_, ServiceError>>()?))
+    Ok((mean, components.map(displacement)))
 }
 
 /// Maximum step along a mode, in standard deviations.

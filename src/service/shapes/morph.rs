@@ -20,9 +20,10 @@ use crate::geometry::drawing::{colour, layout};
 use crate::geometry::mesh::TriangleMesh;
 use crate::geometry::representation::{Representation, ShapeSpace};
 use crate::geometry::subdivision::normal_based::Oriented;
-use crate::geometry::texture::{Texture, TexturedMesh};
+use crate::geometry::texture::TexturedMesh;
 use crate::numeric::dense::Matrix;
 use crate::service::app::faults::Faults;
+use crate::service::app::memory::Purpose;
 use crate::service::app::{App, Limits, ServiceError};
 use crate::wire::fault::Fault;
 use crate::wire::gltf::{self, Displacement, Play};
@@ -112,54 +113,6 @@ pub struct PathShape {
     pub normals: Option<Vec<[f64; 3]>>,
 }
 
-/// Meshes of the shapes on a path, with the same faces and texture coordinates.
-#[derive(Debug, Default)]
-pub struct PathMeshes {
-    /// Position and mesh of every shape, in order.
-    pub meshes: Vec<(f64, TriangleMesh)>,
-    /// Texture coordinates of all of them.
-    pub texture: Option<Texture>,
-}
-
-impl PathMeshes {
-    /// Writes them as a file: as objects of an OBJ, or as the first mesh of a glTF with displacements to the others and an animation
-    /// through them. The other formats hold one mesh.
-    ///
-    /// # Errors
-    /// Several meshes in a format for one; coordinates beyond single precision where a format has it.
-    pub fn write(self, format: MeshFormat) -> Result<Vec<u8>, ServiceError> {
-        let Self { meshes, texture } = self;
-        match format {
-            MeshFormat::Obj => {
-                let named = |(position, mesh)| (format!("position_{position}"), mesh);
-                Ok(objects(meshes.into_iter().map(named), texture.as_ref())?)
-            }
-            MeshFormat::Gltf => {
-                let mut meshes = meshes.into_iter();
-                let mesh = meshes.next().map(|(_, mesh)| mesh).unwrap_or_default();
-                let displacement = |(position, mesh): (f64, TriangleMesh)| Displacement {
-                    name: format!("position {position}"),
-                    mesh,
-                    extras: json!({"position": position}),
-                };
-                let displacements: Vec<Displacement> = meshes.map(displacement).collect();
-                Ok(gltf::write(&TexturedMesh { mesh, texture }, &displacements, Play::Sequence)?)
-            }
-            MeshFormat::Ply | MeshFormat::Stl => match <[_; 1]>::try_from(meshes) {
-                Ok([(_, mesh)]) => Ok(format.write(TexturedMesh { mesh, texture })?),
-                Err(meshes) => {
-                    let detail = format!(
-                        "expected one position in a file of the format {}, which holds one mesh, got {}: ask for 'obj' or 'gltf'",
-                        format.name(),
-                        meshes.len()
-                    );
-                    Err(ServiceError::invalid("/positions", detail))
-                }
-            },
-        }
-    }
-}
-
 /// Maximum number of frames of an animation.
 const MAX_FRAMES: usize = 1000;
 /// Maximum size of an animation in bytes: no browser plays longer ones.
@@ -214,45 +167,45 @@ impl MorphTask {
         Ok(Morph { angles: None, frames: shapes.into_iter().map(oriented_frame).collect() })
     }
 
-    /// Meshes of the shapes on the path, with their positions: over `grid` for surfaces with two parameters, of their level for others.
+    /// File of the meshes of the shapes on the path: over `grid` for surfaces with two parameters, of their level for others. In OBJ
+    /// they are objects; in glTF the first is a mesh with displacements to the others and an animation through them. The other
+    /// formats hold one mesh.
     ///
     /// # Errors
-    /// Those of [`Self::morph`]; shapes that are not surfaces; too many vertices in total.
-    pub fn meshes(self, app: &App, grid: Option<[usize; 2]>) -> Result<PathMeshes, ServiceError> {
-        let context = app.pool.context();
-        let too_many = |vertices: usize, frames: usize| {
-            let (found, most) = (vertices.saturating_mul(frames), app.limits.samples);
-            let detail = format!("expected at most {most} vertices over all positions, got {found}");
-            if found > most { Err(ServiceError::invalid("/positions", detail)) } else { Ok(()) }
-        };
+    /// Those of [`Self::morph`]; shapes that are not surfaces; too many vertices in total; several meshes in a format for one;
+    /// coordinates beyond single precision where a format has it.
+    pub fn file(
+        self,
+        app: &App,
+        format: MeshFormat,
+        grid: Option<[usize; 2]>,
+    ) -> Result<Vec<u8>, ServiceError> {
+        check_frames(format, self.positions.count())?;
         if self.representation.is_linear() {
             let posted = Posted::new(app, &self.representation, self.correspondence)?;
             let frames = self.along(app, &posted)?.frames;
             let mesh = |frame: &PathShape| mesh_of(&posted.space, frame.control_points.as_slice(), grid);
-            let Some(first) = frames.first().map(mesh).transpose()? else { return Ok(PathMeshes::default()) };
-            too_many(first.mesh.vertices.len(), frames.len())?;
-            let rest = each(&context, &frames[1..], |frame| Ok((frame.position, mesh(frame)?.mesh)))?;
-            let rest = rest.into_iter().collect::<Result<Vec<_>, ServiceError>>()?;
-            let meshes = std::iter::once((frames[0].position, first.mesh)).chain(rest).collect();
-            return Ok(PathMeshes { meshes, texture: first.texture });
+            let Some(first) = frames.first().map(mesh).transpose()? else { return Ok(Vec::new()) };
+            check_vertices_over_all(app, first.mesh.vertices.len(), frames.len())?;
+            let positions: Vec<f64> = frames.iter().map(|frame| frame.position).collect();
+            return write_meshes(app, format, &positions, first, &|k| Ok(mesh(&frames[k])?.mesh));
         }
         self.check_oriented()?;
         if grid.is_some() {
             let detail = "expected none: a grid belongs to tensor-product surfaces";
             return Err(ServiceError::parameter("grid", detail));
         }
-        too_many(self.representation.refined_vertices(), self.positions.count())?;
+        check_vertices_over_all(app, self.representation.refined_vertices(), self.positions.count())?;
         let (representation, positions) = (self.representation, self.positions);
         let reader = reader(&representation)?;
         let shapes = oriented_route(app, &reader, &representation, positions, self.stops)?;
-        let mesh = |(position, shape): &(f64, Oriented)| {
-            context.check()?;
-            let refined = reader.meshes.refine(shape, None);
-            let refused = |error: GeometryError| ServiceError::invalid("/positions", error.to_string());
-            Ok((*position, refined.map_err(refused)?))
+        let mesh = |k: usize| {
+            let refined = reader.meshes.refine(&shapes[k].1, None);
+            refined.map_err(|error| ServiceError::invalid("/positions", error.to_string()))
         };
-        let meshes = shapes.iter().map(mesh).collect::<Result<_, ServiceError>>()?;
-        Ok(PathMeshes { meshes, texture: None })
+        let positions: Vec<f64> = shapes.iter().map(|(position, _)| *position).collect();
+        let first = TexturedMesh { mesh: mesh(0)?, texture: None };
+        write_meshes(app, format, &positions, first, &mesh)
     }
 
     /// Drawing of the path: an animation through its frames and back, or a strip of some of them. Surfaces are always side by
@@ -282,6 +235,8 @@ impl MorphTask {
         }
         self.check_oriented()?;
         let (representation, positions) = (self.representation, self.positions);
+        let vertices = representation.refined_vertices().min(MAX_FACES);
+        check_vertices_over_all(app, vertices, positions.count())?;
         let reader = reader(&representation)?;
         let shapes = oriented_route(app, &reader, &representation, positions, self.stops)?;
         let context = app.pool.context();
@@ -328,6 +283,76 @@ impl MorphTask {
             normals: None,
         })?;
         Ok(Morph { frames, angles: route.angles() })
+    }
+}
+
+/// Checks that a file of this format holds so many meshes.
+///
+/// # Errors
+/// Several meshes in a format for one; an animation through too many.
+fn check_frames(format: MeshFormat, frames: usize) -> Result<(), ServiceError> {
+    let refused = |detail: String| Err(ServiceError::invalid("/positions", detail));
+    match format {
+        MeshFormat::Ply | MeshFormat::Stl if frames != 1 => refused(format!(
+            "expected one position in a file of the format {}, which holds one mesh, got {frames}: ask for 'obj' or 'gltf'",
+            format.name()
+        )),
+        // The weights of an animation are the square of their number.
+        MeshFormat::Gltf if frames > MAX_FRAMES => refused(format!(
+            "expected at most {MAX_FRAMES} positions in an animation, got {frames}: ask for 'obj'"
+        )),
+        _ => Ok(()),
+    }
+}
+
+/// Checks the number of vertices of the meshes of so many positions.
+///
+/// # Errors
+/// Too many vertices in total.
+fn check_vertices_over_all(app: &App, vertices: usize, frames: usize) -> Result<(), ServiceError> {
+    let (found, most) = (vertices.saturating_mul(frames), app.limits.samples);
+    let detail = format!("expected at most {most} vertices over all positions, got {found}");
+    if found > most { Err(ServiceError::invalid("/positions", detail)) } else { Ok(()) }
+}
+
+/// Writes the meshes of these positions, which have the faces and texture coordinates of the first. One is made after the other: all
+/// at once would hold several times the bytes of the file, which are accounted for before they are taken.
+fn write_meshes(
+    app: &App,
+    format: MeshFormat,
+    positions: &[f64],
+    first: TexturedMesh,
+    mesh: &dyn Fn(usize) -> Result<TriangleMesh, ServiceError>,
+) -> Result<Vec<u8>, ServiceError> {
+    let context = app.pool.context();
+    let next = |k: usize| {
+        context.check()?;
+        mesh(k)
+    };
+    let named = |k: usize| Ok((format!("position_{}", positions[k]), next(k)?));
+    match format {
+        MeshFormat::Obj => {
+            let texture = first.texture.as_ref();
+            // The corners of later objects count on, so that their numbers have more digits.
+            let one = objects::<ServiceError>([named(0)], texture, 0)?.len();
+            let (vertices, corners) = (first.mesh.vertices.len(), 3 * first.mesh.faces.len());
+            let digits = |number: usize| number.max(1).ilog10() as usize;
+            let more = digits(vertices.saturating_mul(positions.len())) - digits(vertices);
+            let bytes = (one + 3 * corners * more).saturating_mul(positions.len());
+            let _room = app.memory.hold(Purpose::Answers, bytes)?;
+            objects((0..positions.len()).map(named), texture, bytes)
+        }
+        MeshFormat::Gltf => {
+            let displacement = |k: usize| {
+                let position = positions[k];
+                let extras = json!({"position": position});
+                Ok(Displacement { name: format!("position {position}"), mesh: next(k)?, extras })
+            };
+            let bytes = gltf::displacement_bytes(first.mesh.vertices.len()).saturating_mul(positions.len());
+            let _room = app.memory.hold(Purpose::Answers, bytes)?;
+            gltf::write(&first, (1..positions.len()).map(displacement), Play::Sequence)
+        }
+        MeshFormat::Ply | MeshFormat::Stl => Ok(format.write(first)?),
     }
 }
 

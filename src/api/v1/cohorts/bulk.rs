@@ -4,7 +4,7 @@ use axum::body::Bytes;
 use axum::extract::Request;
 use axum::http::StatusCode;
 use axum::response::Response;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::{Map, Value};
 
 use crate::api::body;
@@ -27,7 +27,7 @@ use crate::wire::checked::{Checked, List, document, take_or_default};
 use crate::wire::fault::Fault;
 use crate::wire::files::{AttributeRow, attribute_rows};
 use crate::wire::json as values;
-use crate::wire::merge_patch::MergePatch;
+use crate::wire::merge_patch::{MergePatch, PatchText};
 
 /// Bytes of memory for a field of a table of attributes.
 const FIELD_BYTES: usize = 192;
@@ -59,7 +59,26 @@ document! {
     pub(in crate::api::v1) struct AttributesRequest {
         /// For each shape its `id` or `external_id`, and its changes: `subject`, `label`, `labels`, `weight`, `metadata`.
         #[schema(value_type = Vec<std::collections::BTreeMap<String, serde_json::Value>>, required = true)]
-        shapes: List<MergePatch>, required;
+        shapes: List<EditInput>, required;
+    }
+}
+
+/// An entry of a list of attributes: the id that it names, if it is one text, and its changes.
+#[derive(Debug, Clone)]
+pub(in crate::api::v1) struct EditInput {
+    key: Option<String>,
+    patch: PatchText,
+}
+
+impl<'de> Deserialize<'de> for EditInput {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let mut patch = MergePatch::deserialize(deserializer)?;
+        let names = ["id", "external_id"].map(|name| patch.members.remove(name));
+        let key = match names {
+            [Some(Value::String(key)), None] | [None, Some(Value::String(key))] => Some(key),
+            _ => None,
+        };
+        Ok(Self { key, patch: patch.into() })
     }
 }
 
@@ -228,7 +247,7 @@ fn edit_of(row: AttributeRow) -> Edit {
     if !labels.is_empty() {
         members.insert("labels".into(), values::to_value(&labels).unwrap_or_default());
     }
-    Edit { key: name, patch: MergePatch { members, faults: Vec::new() }, line: Some(line) }
+    Edit { key: name, patch: MergePatch { members, faults: Vec::new() }.into(), line: Some(line) }
 }
 
 /// The edits of a list.
@@ -236,13 +255,10 @@ async fn listed(app: &App, body: Bytes) -> Result<Vec<Edit>, ServiceError> {
     let AttributesRequest { shapes, faults: mut errors } = app.read(body).await?;
     let shapes = shapes.unwrap_or_default().take("/shapes", &mut errors);
     let mut edits = Vec::with_capacity(shapes.len());
-    for (k, mut patch) in shapes.into_iter().enumerate() {
-        let names = ["id", "external_id"].map(|name| patch.members.remove(name));
-        match names {
-            [Some(Value::String(key)), None] | [None, Some(Value::String(key))] => {
-                edits.push(Edit { key, patch, line: None });
-            }
-            _ => {
+    for (k, EditInput { key, patch }) in shapes.into_iter().enumerate() {
+        match key {
+            Some(key) => edits.push(Edit { key, patch, line: None }),
+            None => {
                 let detail = "expected an id or an external_id, a text, got none, both or another value";
                 errors.push(Fault::new(format!("/shapes/{k}"), detail));
             }

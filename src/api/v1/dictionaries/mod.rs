@@ -700,7 +700,7 @@ fn answer_mode(ready: &Ready, query: &ModeQuery, format: ShapeFormat) -> Result<
     let (component, sigma) = (query.component.unwrap_or(1), query.sigma.unwrap_or(2.0));
     if let ShapeFormat::Mesh(MeshFormat::Gltf, grid) = format {
         let (mean, displacements) = modes::displacements(ready, query.component, sigma, grid)?;
-        return Ok(file_of(MeshFormat::Gltf, gltf::write(&mean, &displacements, Play::Each)?));
+        return Ok(file_of(MeshFormat::Gltf, gltf::write(&mean, displacements, Play::Each)?));
     }
     let mode = modes::mode(ready, component, sigma)?;
     match format {

@@ -170,7 +170,7 @@ impl MorphRequest {
             ShapeFormat::Plain(Format::Picture(file)) => {
                 picture(&task.drawing(app, &file.style, animated)?, &file)
             }
-            ShapeFormat::Mesh(format, grid) => Ok(file_of(format, task.meshes(app, grid)?.write(format)?)),
+            ShapeFormat::Mesh(format, grid) => Ok(file_of(format, task.file(app, format, grid)?)),
             ShapeFormat::Plain(Format::Json) => json(StatusCode::OK, &MorphAnswer::from(task.morph(app)?)),
         })
     }
