@@ -25,6 +25,7 @@
 //! * [`distance`] — distances modulo a class: one pair, one against many, or all pairs;
 //! * [`neighbours`] — nearest neighbours in a stream of shapes;
 //! * [`inference`] — permutation tests for group differences and for regression; [`strata`] — sets within which they draw;
+//! * [`models`] — linear models of shapes: formulas, sums of squares, permutation tests of their terms;
 //! * [`size`] — sizes of many shapes;
 //! * [`path`] — paths between shapes; [`drawing`] — drawings of results;
 //! * [`estimate`] — predicted cost of learning and tests;
@@ -93,6 +94,7 @@ pub mod mean;
 pub mod mean_angle;
 pub mod mean_record;
 pub mod metric;
+pub mod models;
 pub mod neighbours;
 pub mod partial_sums;
 pub mod pass;

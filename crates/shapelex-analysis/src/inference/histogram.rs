@@ -17,7 +17,7 @@ pub struct ExplainedHistogram {
 impl ExplainedHistogram {
     /// Histogram of `values`, whose order does not matter. If `holds_observed`, the observed labelling is one of them, and is
     /// left out. `None` without values.
-    pub(super) fn new(values: &[f64], observed: f64, holds_observed: bool) -> Option<Self> {
+    pub(crate) fn new(values: &[f64], observed: f64, holds_observed: bool) -> Option<Self> {
         if values.is_empty() {
             return None;
         }

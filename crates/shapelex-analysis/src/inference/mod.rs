@@ -47,6 +47,6 @@ pub mod variables;
 const TIE: f64 = 1e-9;
 
 /// Whether the statistic of a relabelling reaches the observed one (both are non-negative).
-fn reaches(statistic: f64, observed: f64) -> bool {
+pub(crate) fn reaches(statistic: f64, observed: f64) -> bool {
     statistic >= observed * (1.0 - TIE)
 }

@@ -4,6 +4,8 @@
 //! there are no more relabellings than requested, all of them are enumerated and the p value is exact. Otherwise they are
 //! drawn, each from a random stream of its own, so that they do not depend on the number of threads.
 
+use std::collections::BTreeMap;
+
 use crate::random::{shuffle, stream};
 
 /// Parameters of the permutation draws.
@@ -17,11 +19,11 @@ pub struct Draws<'a> {
     pub permutations: usize,
 }
 
-/// Positions whose labels are exchangeable, and the number of shapes of every group among them.
+/// Positions whose labels are exchangeable, and the groups among them with the numbers of their shapes.
 #[derive(Debug, Clone)]
 struct Stratum {
     members: Vec<usize>,
-    counts: Vec<usize>,
+    counts: BTreeMap<usize, usize>,
 }
 
 /// The relabellings of a set of shapes.
@@ -65,7 +67,7 @@ impl Relabellings {
         seed: u64,
         permutations: usize,
     ) -> Self {
-        let strata = strata_of(&observed, groups, strata);
+        let strata = strata_of(&observed, strata);
         let all = arrangements(&strata, permutations as u64 + 1);
         let exact = all.is_some();
         let draws = match all {
@@ -77,7 +79,7 @@ impl Relabellings {
 
     /// Number of shapes in strata with more than one group. Relabelling does not affect the other shapes.
     pub fn exchangeable(&self) -> usize {
-        let mixed = |stratum: &&Stratum| stratum.counts.iter().all(|&count| count < stratum.members.len());
+        let mixed = |stratum: &&Stratum| stratum.counts.values().all(|&count| count < stratum.members.len());
         self.strata.iter().filter(mixed).map(|stratum| stratum.members.len()).sum()
     }
 
@@ -99,6 +101,21 @@ impl Relabellings {
     /// Number of relabellings that [`Self::relabel`] makes. If these are all, the observed one is among them.
     pub fn draws(&self) -> usize {
         self.draws
+    }
+
+    /// Number of different relabellings; infinite beyond the range of numbers.
+    pub fn distinct(&self) -> f64 {
+        let mut all = 1.0;
+        for stratum in &self.strata {
+            let mut places = stratum.members.len();
+            for &count in stratum.counts.values() {
+                // Each partial product is a binomial coefficient.
+                let fewer = count.min(places - count);
+                all *= (1..=fewer).fold(1.0, |value, i| value * (places - fewer + i) as f64 / i as f64);
+                places -= count;
+            }
+        }
+        all
     }
 
     /// Whether the observed labelling is one of those that [`Self::relabel`] makes, because all of them are enumerated.
@@ -134,7 +151,7 @@ impl Relabellings {
     fn arrange(&self, mut index: u64, labels: &mut [usize]) {
         for stratum in &self.strata {
             let mut places = stratum.members.clone();
-            for (group, &count) in stratum.counts.iter().enumerate() {
+            for (&group, &count) in &stratum.counts {
                 let radix = binomial(places.len(), count, u64::MAX).unwrap_or(1);
                 let taken = combination(index % radix, places.len(), count);
                 index /= radix;
@@ -152,12 +169,12 @@ impl Relabellings {
     }
 }
 
-fn strata_of(observed: &[usize], groups: usize, strata: &[usize]) -> Vec<Stratum> {
+fn strata_of(observed: &[usize], strata: &[usize]) -> Vec<Stratum> {
     let count = strata.iter().map(|stratum| stratum + 1).max().unwrap_or(0);
-    let mut found = vec![Stratum { members: Vec::new(), counts: vec![0; groups] }; count];
+    let mut found = vec![Stratum { members: Vec::new(), counts: BTreeMap::new() }; count];
     for (position, (&group, &stratum)) in observed.iter().zip(strata).enumerate() {
         found[stratum].members.push(position);
-        found[stratum].counts[group] += 1;
+        *found[stratum].counts.entry(group).or_insert(0) += 1;
     }
     found
 }
@@ -167,7 +184,7 @@ fn arrangements(strata: &[Stratum], most: u64) -> Option<u64> {
     let mut all = 1_u64;
     for stratum in strata {
         let mut places = stratum.members.len();
-        for &count in &stratum.counts {
+        for &count in stratum.counts.values() {
             all = all.checked_mul(binomial(places, count, most)?).filter(|&all| all <= most)?;
             places -= count;
         }

@@ -69,7 +69,7 @@ fn rank(values: &[f64]) -> usize {
 }
 
 /// Subtracts the weighted mean from every row. A row without variation becomes exactly zero.
-pub(super) fn centre_rows(rows: &mut Matrix, weights: &[f64]) {
+pub(crate) fn centre_rows(rows: &mut Matrix, weights: &[f64]) {
     let total: f64 = weights.iter().sum();
     for mut row in rows.row_iter_mut() {
         // Computed about the first value, so that a constant row leaves no rounding error.

@@ -5,6 +5,7 @@ mod degenerate;
 mod dictionaries;
 mod groupwise;
 mod laws;
+mod models;
 mod motions;
 #[path = "../nulls/mod.rs"]
 mod null_cases;

@@ -1,0 +1,456 @@
+//! Analysis of variance of shapes: sums of squares, F, Z and p of each term of a model.
+//!
+//! A term is tested against the residuals of the whole model, or, if its levels differ only between the groups of an error term,
+//! against these groups: then the shapes are averaged in them, with the sums of their weights, and the model of the averages has the
+//! error term as its residuals. The ratio of two mean squares whose permutations are drawn apart has no level.
+
+use super::design::{Contrasts, Design, Table};
+use super::effect_size::{Transform, effect_size, reaching};
+use super::error::ModelError;
+use super::exchange::{Draw, ExchangeKind, Exchanges, pairs};
+use super::formula::{Formula, Term};
+use super::permuted::{Fitted, Sums};
+use super::records::{AnovaRecord, DesignRecord, ResidualRecord, TermRecord, TotalRecord};
+use super::subspaces::{Hypothesis, Space, SumType};
+use crate::inference::histogram::ExplainedHistogram;
+use crate::watch::{Counted, Watch};
+use shapelex_numeric::dense::Matrix;
+
+/// Fewest distinct exchanges of a test: with fewer no p value is below .05.
+const FEWEST_EXCHANGES: f64 = 20.0;
+
+/// The statistic whose permutations are counted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "snake_case"))]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+pub enum Statistic {
+    /// The ratio of mean squares.
+    #[default]
+    F,
+    /// The sum of squares.
+    SumOfSquares,
+}
+
+/// Choice of what is exchanged for each term.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "snake_case"))]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+pub enum ExchangeRule {
+    /// With blocks, within them for terms that vary inside, whole blocks for others; without, all residuals.
+    #[default]
+    Auto,
+    /// All residuals.
+    Free,
+    /// Residuals within blocks.
+    Within,
+    /// Whole blocks.
+    Whole,
+}
+
+/// How a model is tested.
+#[derive(Debug, Clone)]
+pub struct Testing<'a> {
+    /// Type of the sums of squares.
+    pub kind: SumType,
+    /// Contrasts of type III. Sums are those of the effects about the mean of all levels.
+    pub contrasts_of_three: Contrasts,
+    /// The statistic of p and Z.
+    pub statistic: Statistic,
+    /// Transformation of Z.
+    pub transform: Transform,
+    /// Number of permutations.
+    pub permutations: usize,
+    /// Seed.
+    pub seed: u64,
+    /// Stratum of each shape: nothing is exchanged between strata.
+    pub strata: Option<&'a [usize]>,
+    /// Block of each shape.
+    pub blocks: Option<&'a [usize]>,
+    /// What is exchanged.
+    pub exchange: ExchangeRule,
+    /// Terms that are tested against others, by their names.
+    pub error_terms: &'a [(String, String)],
+    /// Given exchanges, in place of drawn ones.
+    pub given: Option<&'a [Vec<usize>]>,
+}
+
+impl Default for Testing<'_> {
+    fn default() -> Self {
+        Self {
+            kind: SumType::default(),
+            contrasts_of_three: Contrasts::Sum,
+            statistic: Statistic::default(),
+            transform: Transform::default(),
+            permutations: 999,
+            seed: 0,
+            strata: None,
+            blocks: None,
+            exchange: ExchangeRule::default(),
+            error_terms: &[],
+            given: None,
+        }
+    }
+}
+
+/// A model of shapes: its design, space and response.
+#[derive(Debug, Clone)]
+pub struct Model {
+    /// The design.
+    pub design: Design,
+    /// Its space.
+    pub space: Space,
+    /// The response.
+    pub fitted: Fitted,
+    vectors: Matrix,
+    weights: Vec<f64>,
+}
+
+impl Model {
+    /// The model of a formula, for vectors in columns and positive weights.
+    ///
+    /// # Errors
+    /// Errors of the design; fewer shapes than columns; a failure of an eigenproblem.
+    pub fn new(
+        formula: &Formula,
+        table: &Table,
+        contrasts: Contrasts,
+        vectors: Matrix,
+        weights: Vec<f64>,
+    ) -> Result<Self, ModelError> {
+        let design = Design::new(formula, table, contrasts)?;
+        let space = Space::new(&design, &weights)?;
+        let fitted = Fitted::new(&space, &vectors, formula.intercept)?;
+        Ok(Self { design, space, fitted, vectors, weights })
+    }
+
+    /// Degrees of freedom of the residuals.
+    pub fn degrees(&self) -> usize {
+        self.design.shapes() - self.space.rank()
+    }
+
+    /// The table of the analysis of variance. `watch` is asked before every batch of permutations.
+    ///
+    /// # Errors
+    /// No term; type III of a design whose columns depend on each other; blocks without equals; [`AnalysisError::Interrupted`](
+    /// crate::AnalysisError::Interrupted) once `watch` stops.
+    pub fn anova(&self, testing: &Testing<'_>, watch: &dyn Watch) -> Result<AnovaRecord, ModelError> {
+        if self.design.formula.terms.is_empty() {
+            return Err(ModelError::NoTerms);
+        }
+        let hypotheses = self.space.hypotheses(&self.design, testing.kind, testing.contrasts_of_three)?;
+        let mut warnings = self.design.warnings.clone();
+        let counted = Counted::new(watch, testing.permutations * hypotheses.len());
+        let observed = self.fitted.observed(&hypotheses);
+        let mut rows: Vec<TermRecord> =
+            hypotheses.iter().zip(&observed).map(|(hypothesis, sums)| self.row(hypothesis, *sums)).collect();
+        let mut plain = Vec::new();
+        for (hypothesis, row) in hypotheses.into_iter().zip(&mut rows) {
+            if row.degrees == 0 {
+                row.aliased_with = self.space.aliases(&self.design, hypothesis.term);
+                continue;
+            }
+            match self.error_term_of(&hypothesis, testing)? {
+                Some(error) => self.test_collapsed(&error, row, testing, &counted)?,
+                None => plain.push(hypothesis),
+            }
+        }
+        for kind in [ExchangeKind::Free, ExchangeKind::Within, ExchangeKind::Whole] {
+            let chosen: Vec<Hypothesis> = plain
+                .iter()
+                .filter(|hypothesis| self.kind_of(hypothesis, testing) == kind)
+                .cloned()
+                .collect();
+            if !chosen.is_empty() {
+                self.test(&chosen, kind, testing, &mut rows, &counted)?;
+            }
+        }
+        let dropped = self.space.dropped(&self.design);
+        if !dropped.is_empty() {
+            warnings.push(format!("columns that depend on others are left out: {}", dropped.join(", ")));
+        }
+        if testing.kind == SumType::III && testing.contrasts_of_three != Contrasts::Sum {
+            warnings.push(
+                "type III with other contrasts than sum tests effects at the reference level, not about the mean of all".into(),
+            );
+        }
+        Ok(self.record(rows, dropped, warnings))
+    }
+
+    fn record(&self, terms: Vec<TermRecord>, dropped: Vec<String>, mut warnings: Vec<String>) -> AnovaRecord {
+        let degrees = self.degrees();
+        let (residual, total) = (self.fitted.residual, self.fitted.total);
+        if !self.design.formula.intercept {
+            warnings.push("without an intercept, sums of squares and R² are those about zero".into());
+        }
+        AnovaRecord {
+            formula: self.design.formula.to_string(),
+            terms,
+            residual: ResidualRecord {
+                degrees,
+                sum_of_squares: residual,
+                mean_square: residual / degrees as f64,
+                r_squared: share(residual, total),
+            },
+            total: TotalRecord {
+                degrees: self.design.shapes() - usize::from(self.design.formula.intercept),
+                sum_of_squares: total,
+            },
+            design: DesignRecord {
+                columns: self.design.columns.clone(),
+                dropped,
+                rank: self.space.rank(),
+                contrasts: self.design.contrasts,
+                levels: self
+                    .design
+                    .factors()
+                    .map(|(k, factor)| (self.design.formula.variables[k].to_string(), factor.levels.clone()))
+                    .collect(),
+            },
+            warnings,
+        }
+    }
+
+    fn row(&self, hypothesis: &Hypothesis, sums: Sums) -> TermRecord {
+        let degrees = hypothesis.own.ncols();
+        let own = if degrees == 0 { 0.0 } else { sums.own };
+        TermRecord {
+            term: self.design.formula.name(&self.design.formula.terms[hypothesis.term]),
+            degrees,
+            sum_of_squares: own,
+            mean_square: (degrees > 0).then(|| own / degrees as f64),
+            r_squared: share(own, self.fitted.total),
+            partial_eta_squared: share(own, own + self.fitted.residual),
+            f: self.ratio(degrees, Sums { own, residual: self.fitted.residual }),
+            ..TermRecord::default()
+        }
+    }
+
+    /// `F`; `None` without degrees of freedom, or if nothing is left for the residuals.
+    fn ratio(&self, degrees: usize, sums: Sums) -> Option<f64> {
+        let mean = sums.residual / self.degrees() as f64;
+        (degrees > 0 && sums.residual > 1e-12 * self.fitted.total).then(|| sums.own / degrees as f64 / mean)
+    }
+
+    /// What is exchanged for a term.
+    fn kind_of(&self, hypothesis: &Hypothesis, testing: &Testing<'_>) -> ExchangeKind {
+        let Some(blocks) = testing.blocks else { return ExchangeKind::Free };
+        match testing.exchange {
+            ExchangeRule::Free => ExchangeKind::Free,
+            ExchangeRule::Within => ExchangeKind::Within,
+            ExchangeRule::Whole => ExchangeKind::Whole,
+            ExchangeRule::Auto => {
+                let term = self.design.cells_of(&self.design.formula.terms[hypothesis.term]);
+                let both = pairs(blocks, &term);
+                let different = |labels: &[usize]| labels.iter().max().map_or(0, |last| last + 1);
+                let (of_blocks, of_both) = (different(blocks), different(&both));
+                let columns =
+                    self.design.term_of_column.iter().filter(|owner| **owner == hypothesis.term + 1).count();
+                if of_both > of_blocks {
+                    ExchangeKind::Within
+                } else if different(&term) == of_blocks && columns + 1 >= of_blocks {
+                    // The blocks themselves, not a number of theirs.
+                    ExchangeKind::Free
+                } else {
+                    ExchangeKind::Whole
+                }
+            }
+        }
+    }
+
+    fn test(
+        &self,
+        hypotheses: &[Hypothesis],
+        kind: ExchangeKind,
+        testing: &Testing<'_>,
+        rows: &mut [TermRecord],
+        watch: &dyn Watch,
+    ) -> Result<(), ModelError> {
+        let exchanges = self.exchanges(kind, testing)?;
+        let observed = self.fitted.observed(hypotheses);
+        let distinct = exchanges.distinct();
+        let drawn = if distinct < FEWEST_EXCHANGES && testing.given.is_none() {
+            Vec::new()
+        } else {
+            self.fitted.permuted(hypotheses, &exchanges, watch)?
+        };
+        for (i, hypothesis) in hypotheses.iter().enumerate() {
+            let row = &mut rows[hypothesis.term];
+            row.exchange = kind;
+            row.distinct = distinct.is_finite().then_some(distinct);
+            row.exact = exchanges.are_all();
+            let degrees = row.degrees;
+            let value = |sums: Sums| match testing.statistic {
+                Statistic::F => self.ratio(degrees, sums).unwrap_or(f64::MAX),
+                Statistic::SumOfSquares => sums.own,
+            };
+            let mut values = vec![value(observed[i])];
+            values.extend(drawn.iter().map(|sums| value(sums[i])));
+            let shares: Vec<f64> =
+                drawn.iter().map(|sums| share(sums[i].own, sums[i].own + sums[i].residual)).collect();
+            row.histogram = ExplainedHistogram::new(&shares, row.partial_eta_squared, row.exact);
+            row.tell(values, testing.transform);
+        }
+        Ok(())
+    }
+
+    fn exchanges(&self, kind: ExchangeKind, testing: &Testing<'_>) -> Result<Exchanges, ModelError> {
+        if let Some(given) = testing.given {
+            return Ok(Exchanges::Given(given.to_vec()));
+        }
+        let none = vec![0; self.design.shapes()];
+        let draw = Draw {
+            strata: testing.strata.unwrap_or(&none),
+            blocks: testing.blocks,
+            kind,
+            permutations: testing.permutations,
+            seed: testing.seed,
+        };
+        Exchanges::new(&self.fitted.cells, draw).map_err(|sizes| ModelError::UnequalBlocks {
+            sizes: sizes.iter().take(10).map(ToString::to_string).collect::<Vec<_>>().join(", "),
+        })
+    }
+
+    /// The error term that a term is tested against, if it is not the residuals.
+    fn error_term_of(
+        &self,
+        hypothesis: &Hypothesis,
+        testing: &Testing<'_>,
+    ) -> Result<Option<Term>, ModelError> {
+        let formula = &self.design.formula;
+        let term = &formula.terms[hypothesis.term];
+        let name = formula.name(term);
+        if let Some((_, error)) = testing.error_terms.iter().find(|(tested, _)| *tested == name) {
+            let found =
+                formula.terms.iter().find(|other| formula.name(other) == *error && other.contains(term));
+            return match found {
+                Some(found) => Ok(Some(found.clone())),
+                None => Err(ModelError::NoErrorTerm { term: name, error: error.clone() }),
+            };
+        }
+        let own = self.design.cells_of(term);
+        let count = |labels: &[usize]| labels.iter().max().map_or(0, |last| last + 1);
+        // The coarsest groups in which the term is constant.
+        let constant = formula.random.iter().map(|part| &part.group).filter_map(|group| {
+            let groups = self.design.cells_of(group);
+            let groups_alone = count(&groups);
+            (count(&pairs(&groups, &own)) == groups_alone && count(&own) < groups_alone)
+                .then_some((groups_alone, group))
+        });
+        Ok(constant.min_by_key(|(groups, _)| *groups).map(|(_, group)| group.clone()))
+    }
+
+    /// Tests a term on the averages of the shapes in the groups of an error term.
+    fn test_collapsed(
+        &self,
+        error: &Term,
+        row: &mut TermRecord,
+        testing: &Testing<'_>,
+        watch: &dyn Watch,
+    ) -> Result<(), ModelError> {
+        let collapsed = self.collapsed(error)?;
+        let strata = testing.strata.map(|strata| collapsed.first_of(strata));
+        let testing = Testing {
+            strata: strata.as_deref(),
+            blocks: None,
+            error_terms: &[],
+            given: None,
+            ..testing.clone()
+        };
+        let (model, own) = (&collapsed.model, row.term.clone());
+        let hypotheses = model.space.hypotheses(&model.design, testing.kind, testing.contrasts_of_three)?;
+        let found = hypotheses.into_iter().filter(|hypothesis| {
+            model.design.formula.name(&model.design.formula.terms[hypothesis.term]) == own
+        });
+        let chosen: Vec<Hypothesis> = found.collect();
+        let observed = model.fitted.observed(&chosen);
+        let mut rows: Vec<TermRecord> =
+            model.design.formula.terms.iter().map(|_| TermRecord::default()).collect();
+        for (hypothesis, sums) in chosen.iter().zip(&observed) {
+            rows[hypothesis.term] = model.row(hypothesis, *sums);
+        }
+        model.test(&chosen, ExchangeKind::Free, &testing, &mut rows, watch)?;
+        if let Some(hypothesis) = chosen.first() {
+            let tested = rows.swap_remove(hypothesis.term);
+            *row = TermRecord {
+                r_squared: row.r_squared,
+                partial_eta_squared: row.partial_eta_squared,
+                error_term: Some(self.design.formula.name(error)),
+                collapsed: true,
+                ..tested
+            };
+        }
+        Ok(())
+    }
+
+    /// The model of the averages of the shapes in the groups of a term: of the terms that are constant in them.
+    fn collapsed(&self, error: &Term) -> Result<Collapsed, ModelError> {
+        let groups = self.design.cells_of(error);
+        let count = groups.iter().max().map_or(0, |last| last + 1);
+        let mut firsts = vec![usize::MAX; count];
+        let (mut weights, mut sums) = (vec![0.0; count], Matrix::zeros(self.vectors.nrows(), count));
+        for (k, &group) in groups.iter().enumerate() {
+            firsts[group] = firsts[group].min(k);
+            weights[group] += self.weights[k];
+        }
+        // About the first shape of each group, so that equal shapes average to themselves.
+        for (k, &group) in groups.iter().enumerate() {
+            let change = (self.vectors.column(k) - self.vectors.column(firsts[group]))
+                * (self.weights[k] / weights[group]);
+            let mut sum = sums.column_mut(group);
+            sum += change;
+        }
+        for (group, &first) in firsts.iter().enumerate() {
+            let mut sum = sums.column_mut(group);
+            sum += self.vectors.column(first);
+        }
+        let constant = |term: &&Term| {
+            let both = pairs(&groups, &self.design.cells_of(term));
+            both.iter().max().map_or(0, |last| last + 1) == count
+                && term.set() != error.set()
+                && !term.contains(error)
+        };
+        let terms: Vec<Term> = self.design.formula.terms.iter().filter(constant).cloned().collect();
+        let formula = Formula { terms, random: Vec::new(), ..self.design.formula.clone() };
+        let design = self.design.restricted(formula, &firsts);
+        let space = Space::new(&design, &weights)?;
+        let fitted = Fitted::new(&space, &sums, design.formula.intercept)?;
+        Ok(Collapsed { model: Self { design, space, fitted, vectors: sums, weights }, firsts })
+    }
+}
+
+/// The model of averages, with the first shape of each.
+struct Collapsed {
+    model: Model,
+    firsts: Vec<usize>,
+}
+
+impl Collapsed {
+    fn first_of(&self, labels: &[usize]) -> Vec<usize> {
+        self.firsts.iter().map(|&first| labels[first]).collect()
+    }
+}
+
+impl TermRecord {
+    /// Fills in p and Z of a list of the statistic, the observed value first.
+    fn tell(&mut self, mut values: Vec<f64>, transform: Transform) {
+        if self.exact && values.len() > 1 {
+            // The observed exchange is among all: the value nearest to it.
+            let observed = values[0];
+            let distance = |value: f64| (value - observed).abs();
+            let nearest =
+                (1..values.len()).min_by(|&a, &b| distance(values[a]).total_cmp(&distance(values[b])));
+            nearest.map(|k| values.swap_remove(k));
+        }
+        self.permutations = values.len() - 1;
+        if self.permutations == 0 {
+            return;
+        }
+        self.exceeding = reaching(&values) - 1;
+        self.p = Some((1 + self.exceeding) as f64 / values.len() as f64);
+        self.z = effect_size(&values, transform).map(|size| size.z);
+    }
+}
+
+fn share(part: f64, whole: f64) -> f64 {
+    if whole > 0.0 { (part / whole).clamp(0.0, 1.0) } else { 0.0 }
+}

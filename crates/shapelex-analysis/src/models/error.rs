@@ -1,0 +1,140 @@
+//! Errors of models.
+
+use super::design::{MAX_COLUMNS, MAX_LEVELS};
+use super::formula::FormulaError;
+use crate::AnalysisError;
+
+/// Reason why there is no model.
+#[derive(Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum ModelError {
+    /// The text is no formula.
+    #[error(transparent)]
+    Formula(#[from] FormulaError),
+    /// A formula has nothing to test.
+    #[error("expected a formula with at least one term, got none")]
+    NoTerms,
+    /// A variable that the shapes have not.
+    #[error("expected attributes of the shapes in the formula, got '{name}'")]
+    UnknownVariable {
+        /// Name of the attribute.
+        name: String,
+    },
+    /// A function of texts.
+    #[error("expected numbers for '{name}', got texts")]
+    NotNumeric {
+        /// The variable.
+        name: String,
+    },
+    /// A value without a value of the function.
+    #[error("expected {expected} for '{name}', got {value:e} at shape {shape}")]
+    Domain {
+        /// The variable.
+        name: String,
+        /// Values that it may have.
+        expected: &'static str,
+        /// The value.
+        value: f64,
+        /// Position of the shape.
+        shape: usize,
+    },
+    /// A factor of one level.
+    #[error("expected a factor of at least two levels, got one for '{name}': {level}")]
+    OneLevel {
+        /// The variable.
+        name: String,
+        /// Its level.
+        level: String,
+    },
+    /// A number that does not vary.
+    #[error("expected numbers that vary for '{name}', got {value} for all shapes")]
+    Constant {
+        /// The variable.
+        name: String,
+        /// Its value.
+        value: f64,
+    },
+    /// A level that the given list has not.
+    #[error("expected the given levels for '{name}', got '{level}' at shape {shape}")]
+    UnknownLevel {
+        /// The variable.
+        name: String,
+        /// The level.
+        level: String,
+        /// Position of the shape.
+        shape: usize,
+    },
+    /// A factor of too many levels.
+    #[error("expected at most {MAX_LEVELS} levels, got {found} for '{name}'")]
+    ManyLevels {
+        /// The variable.
+        name: String,
+        /// Number of its levels.
+        found: usize,
+    },
+    /// A polynomial of a degree that the values do not determine.
+    #[error("expected more than {degree} different values for '{name}', got {found}")]
+    FewValues {
+        /// The variable.
+        name: String,
+        /// Degree of the polynomial.
+        degree: u32,
+        /// Number of different values.
+        found: usize,
+    },
+    /// Too many columns.
+    #[error("expected at most {MAX_COLUMNS} columns of the design, got {found}")]
+    ManyColumns {
+        /// Number of columns.
+        found: usize,
+    },
+    /// No degree of freedom is left.
+    #[error(
+        "expected at least {needed} shapes for a design of rank {rank}, got {found}: no degree of freedom is left"
+    )]
+    FewShapes {
+        /// Number of shapes.
+        found: usize,
+        /// Number needed.
+        needed: usize,
+        /// Rank of the design.
+        rank: usize,
+    },
+    /// Sums of squares of type III of a design with dropped columns.
+    #[error(
+        "expected shapes in every combination of levels for type III, got none for {columns}: ask for type II"
+    )]
+    EmptyCells {
+        /// Names of the columns.
+        columns: String,
+    },
+    /// Collinear columns that are not to be dropped.
+    #[error("expected columns that are linearly independent, got {columns} as combinations of others")]
+    Collinear {
+        /// Names of the columns.
+        columns: String,
+    },
+    /// Blocks that cannot be exchanged.
+    #[error("expected blocks of equal size to exchange, got sizes that all differ: {sizes}")]
+    UnequalBlocks {
+        /// The sizes.
+        sizes: String,
+    },
+    /// An error term that the model has not, or that does not contain its term.
+    #[error("expected a term of the model that contains '{term}' as its error term, got '{error}'")]
+    NoErrorTerm {
+        /// The tested term.
+        term: String,
+        /// The error term.
+        error: String,
+    },
+    /// A random part that no test takes.
+    #[error("expected random parts (1 | group) in tests, got {part}")]
+    RandomSlope {
+        /// The part.
+        part: String,
+    },
+    /// A failure of an eigenproblem, or the end of the time.
+    #[error(transparent)]
+    Analysis(#[from] AnalysisError),
+}
