@@ -86,14 +86,14 @@ impl<'a> Measuring<'a> {
         Self { space, reference, field, stretches: STRETCHES / count.max(1) }
     }
 
-    /// Measures the shape with these control points; `None` if `stop` returns true before the measures of a curve are
-    /// complete. Cost: that of [`CurveMeasures`], [`SurfaceMeasures`] or the mesh of the level, and of [`Distances`].
+    /// Measures the shape with these control points; `None` if `stop` returns true before the measures of a curve or a spline
+    /// surface are complete. Cost: that of [`CurveMeasures`], [`SurfaceMeasures`] or the mesh of the level, and of [`Distances`].
     pub fn measure(&self, control_points: &Matrix, stop: Stop<'_>) -> Option<Measures> {
         if let Some(curve) = Curve::of(self.space, control_points) {
             return self.measure_curve(&curve, stop);
         }
         let measures = match self.space.surface() {
-            Some(basis) => from_surface(&basis.surface(control_points), self.field.as_ref(), stop),
+            Some(basis) => from_surface(&basis.surface(control_points), self.field.as_ref(), stop)?,
             None => match self.space.refined_mesh(control_points, Detail::Whole) {
                 Some(mesh) => Measures::from_mesh(
                     &mesh,
@@ -229,10 +229,11 @@ impl Measures {
     }
 }
 
-fn from_surface(surface: &Surface, field: Option<&VectorField>, stop: Stop<'_>) -> Measures {
-    let measures = SurfaceMeasures::of(surface);
+fn from_surface(surface: &Surface, field: Option<&VectorField>, stop: Stop<'_>) -> Option<Measures> {
+    let measures = SurfaceMeasures::unless_stopped(surface, stop)?;
     let quality = surface_quality(surface, &measures, stop);
-    Measures::from_sheet(measures, quality, field.map(|field| flux(surface, field)))
+    let found = Measures::from_sheet(measures, quality, field.map(|field| flux(surface, field, stop)));
+    (!stop()).then_some(found)
 }
 
 /// Outward flux `Σ_f ∫_f ⟨F, n⟩ dA` through a mesh, exact: at the centroids of the faces for degree 1, else by a Gauss rule on the

@@ -17,6 +17,7 @@ use super::field::VectorField;
 use super::{Surface, Topology, combine};
 use crate::knot_line::Line;
 use crate::vector::{cross, dot, minus, plus};
+use shapelex_numeric::bounded::Stop;
 use shapelex_numeric::quadrature::GaussLegendre;
 
 /// Measures of one surface, in the unit of its control points.
@@ -70,14 +71,24 @@ impl SurfaceMeasures {
 
     /// Measures `surface`. Cost: 400 jets per pair of intervals, more where the normal almost vanishes.
     pub fn of(surface: &Surface) -> Self {
-        let Some(origin) = surface.far_origin() else { return Self::near(surface) };
-        Self::near(&surface.about(origin)).moved(origin)
+        Self::about_origin(surface, &|| false)
     }
 
-    fn near(surface: &Surface) -> Self {
+    /// Measures `surface`; `None` if `stop` returns true before they are complete.
+    pub fn unless_stopped(surface: &Surface, stop: Stop<'_>) -> Option<Self> {
+        let found = Self::about_origin(surface, stop);
+        (!stop()).then_some(found)
+    }
+
+    fn about_origin(surface: &Surface, stop: Stop<'_>) -> Self {
+        let Some(origin) = surface.far_origin() else { return Self::near(surface, stop) };
+        Self::near(&surface.about(origin), stop).moved(origin)
+    }
+
+    fn near(surface: &Surface, stop: Stop<'_>) -> Self {
         // Fourth powers of coordinates overflow long before volumes do.
         let unit = surface.power_of_two();
-        Self::in_range(&surface.scaled(unit.recip())).scaled(unit)
+        Self::in_range(&surface.scaled(unit.recip()), stop).scaled(unit)
     }
 
     /// Measures of the same surface moved by `by`.
@@ -110,10 +121,10 @@ impl SurfaceMeasures {
         }
     }
 
-    fn in_range(surface: &Surface) -> Self {
+    fn in_range(surface: &Surface, stop: Stop<'_>) -> Self {
         let rule = GaussLegendre::new(NODES);
         let mut sums = Sums::new(surface.points(&[0.5], &[0.5])[0]);
-        surface.each_node(&rule, |weight, point, [du, dv]| {
+        surface.each_node(&rule, stop, |weight, point, [du, dv]| {
             sums.add(weight, point, cross(du, dv).map(|value| surface.topology.orientation() * value));
         });
         // The edges are not nodes of the quadrature.
@@ -122,7 +133,7 @@ impl SurfaceMeasures {
             (0..=halves).map(|i| i as f64 / halves as f64).collect::<Vec<_>>()
         };
         surface.points(&knots(0), &knots(1)).into_iter().for_each(|point| sums.bound(point));
-        let (area, area_error) = area(surface, sums.area);
+        let (area, area_error) = area(surface, sums.area, stop);
         let spread: f64 = (0..3).map(|c| sums.bounds[1][c] - sums.bounds[0][c]).product();
         let enclosed = match surface.topology {
             _ if !surface.encloses() => None,
@@ -152,7 +163,7 @@ impl SurfaceMeasures {
 /// Source: (7.20), as of [`SurfaceMeasures`], without the area.
 pub fn signed_volume(surface: &Surface) -> f64 {
     let mut sums = Sums::new(surface.point(0.5, 0.5));
-    surface.each_node(&GaussLegendre::new(NODES), |weight, point, [du, dv]| {
+    surface.each_node(&GaussLegendre::new(NODES), &|| false, |weight, point, [du, dv]| {
         let normal = cross(du, dv).map(|value| surface.topology.orientation() * value);
         sums.enclose(weight, minus(point, sums.origin), normal);
     });
@@ -161,10 +172,10 @@ pub fn signed_volume(surface: &Surface) -> f64 {
 
 /// Outward flux `∯ ⟨F, n⟩ dA` through the sheet, without lids, exact to rounding for polynomial fields: the Gauss rules have
 /// nodes in proportion to the number of generators in a product, `D + 2` for the degree `D`. Cost: the square of
-/// [`flux_nodes`], times the terms of the field, per pair of half-intervals.
-pub fn flux(surface: &Surface, field: &VectorField) -> f64 {
-    let Some(origin) = surface.far_origin() else { return flux_near(surface, field) };
-    flux_near(&surface.about(origin), &field.about(origin))
+/// [`flux_nodes`], times the terms of the field, per pair of half-intervals. Once `stop` returns true, the rest is left out.
+pub fn flux(surface: &Surface, field: &VectorField, stop: Stop<'_>) -> f64 {
+    let Some(origin) = surface.far_origin() else { return flux_near(surface, field, stop) };
+    flux_near(&surface.about(origin), &field.about(origin), stop)
 }
 
 /// Gauss nodes per half-interval and direction for the flux of a field of this degree: as many as for the centroid for each of the
@@ -173,9 +184,9 @@ pub fn flux_nodes(degree: usize) -> usize {
     (NODES * (degree + 2)).div_ceil(4).max(NODES)
 }
 
-fn flux_near(surface: &Surface, field: &VectorField) -> f64 {
+fn flux_near(surface: &Surface, field: &VectorField, stop: Stop<'_>) -> f64 {
     let mut sum = 0.0;
-    surface.each_node(&GaussLegendre::new(flux_nodes(field.degree())), |weight, point, [du, dv]| {
+    surface.each_node(&GaussLegendre::new(flux_nodes(field.degree())), stop, |weight, point, [du, dv]| {
         sum += weight * surface.topology.orientation() * dot(field.value(point), cross(du, dv));
     });
     sum
@@ -304,10 +315,18 @@ impl Sums {
 }
 
 impl Surface {
-    /// Calls `visit` with weight, point and `[σ_u, σ_v]` at every node of the rule on every half-interval.
-    fn each_node(&self, rule: &GaussLegendre, mut visit: impl FnMut(f64, [f64; 3], [[f64; 3]; 2])) {
+    /// Calls `visit` with weight, point and `[σ_u, σ_v]` at every node of the rule on every half-interval, until `stop` returns true.
+    fn each_node(
+        &self,
+        rule: &GaussLegendre,
+        stop: Stop<'_>,
+        mut visit: impl FnMut(f64, [f64; 3], [[f64; 3]; 2]),
+    ) {
         let nodes = [0, 1].map(|direction| self.nodes(direction, rule));
         for along_u in &nodes[0] {
+            if stop() {
+                return;
+            }
             let row = self.combine_rows(along_u.first, &along_u.values, 0..self.size[1]);
             let slope = self.combine_rows(along_u.first, &along_u.slopes, 0..self.size[1]);
             for along_v in &nodes[1] {
@@ -371,8 +390,8 @@ struct Piece {
     depth: usize,
 }
 
-/// Area with its estimated error: pieces are quartered until two rules agree.
-fn area(surface: &Surface, about: f64) -> (f64, f64) {
+/// Area with its estimated error: pieces are quartered until two rules agree, or `stop` returns true.
+fn area(surface: &Surface, about: f64, stop: Stop<'_>) -> (f64, f64) {
     let rules = [GaussLegendre::new(NODES), GaussLegendre::new(FEWER_NODES)];
     let halves = [0, 1].map(|direction| 2 * surface.intervals(direction));
     let count = halves[0] * halves[1];
@@ -383,6 +402,9 @@ fn area(surface: &Surface, about: f64) -> (f64, f64) {
             let whole = Piece { halves: [half_u, half_v], low: [-1.0; 2], high: [1.0; 2], depth: 0 };
             let mut pieces = vec![whole];
             while let Some(piece) = pieces.pop() {
+                if stop() {
+                    return (total, error);
+                }
                 let [fine, coarse] = [0, 1].map(|i| piece.area(surface, &rules[i]));
                 let difference = (fine - coarse).abs();
                 if difference > allowed && piece.depth < MAX_HALVINGS && left > 0 {
