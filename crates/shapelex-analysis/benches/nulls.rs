@@ -4,8 +4,9 @@
 #[path = "../tests/nulls/mod.rs"]
 mod null_cases;
 
-use null_cases::{Case, Kind, alarms, regression_alarms};
+use null_cases::{Case, Kind, Layout, alarms, model_alarms, regression_alarms};
 use shapelex_analysis::alignment::Alignment;
+use shapelex_analysis::models::subspaces::SumType;
 
 fn main() {
     // Cargo hands on `--bench`.
@@ -16,6 +17,9 @@ fn main() {
             arguments.iter().filter(|argument| argument.parse::<usize>().is_err()).collect();
         names.is_empty() || names.iter().any(|name| **name == format!("{kind:?}"))
     };
+    if arguments.iter().any(|argument| argument == "Models") {
+        return models(sets);
+    }
     println!("| shapes | groups | ratio | alignment | distance | Hotelling | studentised | warned |");
     println!("|---|---|---|---|---|---|---|---|");
     for kind in Kind::ALL.into_iter().filter(|kind| chosen(*kind)) {
@@ -38,6 +42,19 @@ fn main() {
         let [default, warned] = regression_alarms(kind, 4.5, None, sets);
         let [by_name, _] = regression_alarms(kind, 4.5, Some(by_name), sets);
         println!("| {kind:?} | 4.5 | {default:.3} | {warned:.3} | {by_name:.3} |");
+    }
+}
+
+/// Levels of the terms of models without effects.
+fn models(sets: usize) {
+    println!("| design | type | terms |\n|---|---|---|");
+    for layout in Layout::ALL {
+        for kind in [SumType::I, SumType::II, SumType::III] {
+            let found = model_alarms(layout, kind, sets);
+            let terms: Vec<String> =
+                found.iter().map(|(term, part)| format!("{term} {:.2} %", 100.0 * part)).collect();
+            println!("| {layout:?} | {kind:?} | {} |", terms.join(", "));
+        }
     }
 }
 

@@ -214,6 +214,17 @@ impl Estimate {
         Self { shapes, multiply_adds, memory_bytes, seconds: multiply_adds / RATE }
     }
 
+    /// Adds what a linear model takes besides the permutations of its columns: a design, its basis, and the sums of squares of each term
+    /// for each permutation.
+    #[must_use]
+    pub fn with_design(self, columns: usize, terms: usize, permutations: usize) -> Self {
+        let (shapes, columns) = (self.shapes as f64, columns as f64);
+        let multiply_adds = self.multiply_adds + 4.0 * shapes * columns * columns;
+        let sums = permutations as f64 * (24.0 + 48.0 * terms as f64);
+        let memory_bytes = self.memory_bytes + 8.0 * 4.0 * shapes * columns + sums;
+        Self { multiply_adds, memory_bytes, seconds: multiply_adds / RATE, ..self }
+    }
+
     /// Adds what a robust mean takes besides a plain one.
     #[must_use]
     pub fn robust(self, measured: Measured<'_>) -> Self {

@@ -5,6 +5,7 @@
 pub mod coded;
 pub mod completed;
 pub mod drift;
+pub mod models;
 pub mod nearest;
 pub mod report;
 pub mod studies;

@@ -129,7 +129,7 @@ fn in_brackets(test: &TestRecord) -> String {
 }
 
 /// A probability with one digit that counts, or two from a tenth on.
-fn probability(p: f64) -> String {
+pub(super) fn probability(p: f64) -> String {
     if p >= 0.1 {
         return format!("{p:.2}");
     }

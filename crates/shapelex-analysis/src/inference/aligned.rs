@@ -50,7 +50,7 @@ pub fn frame_for(transformation: &Transformation) -> Frame {
 /// Shapes aligned to their mean.
 #[derive(Debug, Clone)]
 pub struct AlignedShapes<'a> {
-    pub(super) space: StudySpace<'a>,
+    pub(crate) space: StudySpace<'a>,
     /// The mean; its placements are those of the shapes.
     pub mean: MeanShape,
     /// Prepared shapes placed on the mean, one per column, whitened.

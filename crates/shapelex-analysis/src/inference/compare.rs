@@ -27,7 +27,7 @@ const REPORTED_EIGENVALUES: usize = 10;
 
 /// Ratio of spreads from which tests are told to be uncertain. Between groups of equal scatter sampling makes a ratio of 1.2 in one of
 /// ten comparisons of 20 and 20 shapes that vary in about six directions.
-pub(super) const UNEQUAL_SPREADS: f64 = 1.25;
+pub(crate) const UNEQUAL_SPREADS: f64 = 1.25;
 
 /// Compares groups of shapes: every two groups, and all at once if there are more than two.
 ///

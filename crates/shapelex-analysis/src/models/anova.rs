@@ -4,7 +4,7 @@
 //! against these groups: then the shapes are averaged in them, with the sums of their weights, and the model of the averages has the
 //! error term as its residuals. The ratio of two mean squares whose permutations are drawn apart has no level.
 
-use super::design::{Contrasts, Design, Table};
+use super::design::{Contrasts, Design, Prepared, Table};
 use super::effect_size::{Transform, effect_size, reaching};
 use super::error::ModelError;
 use super::exchange::{Draw, ExchangeKind, Exchanges, pairs};
@@ -123,6 +123,51 @@ impl Model {
         Ok(Self { design, space, fitted, vectors, weights })
     }
 
+    /// Weights of the shapes.
+    pub fn weights(&self) -> &[f64] {
+        &self.weights
+    }
+
+    /// Number of numbers of a vector.
+    pub(super) fn length(&self) -> usize {
+        self.vectors.nrows()
+    }
+
+    /// Weighted mean of numbers of the shapes, about the first one.
+    pub(super) fn average(&self, numbers: &[f64]) -> f64 {
+        let total: f64 = self.weights.iter().sum();
+        let first = numbers[0];
+        first + numbers.iter().zip(&self.weights).map(|(x, w)| w * (x - first)).sum::<f64>() / total
+    }
+
+    /// Weighted mean of the vectors.
+    pub(super) fn mean(&self) -> Vec<f64> {
+        self.vectors.row_iter().map(|row| self.average(&row.iter().copied().collect::<Vec<_>>())).collect()
+    }
+
+    /// Differences of the vectors from another, scaled by the roots of their weights.
+    pub(super) fn scaled_about(&self, mean: &[f64]) -> Matrix {
+        let roots = self.space.roots();
+        Matrix::from_fn(self.length(), roots.len(), |i, k| (self.vectors[(i, k)] - mean[i]) * roots[k])
+    }
+
+    /// Checks that a test of type III has a meaning: numbers of interactions have values on both sides of zero.
+    fn check_origins(&self) -> Result<(), ModelError> {
+        let formula = &self.design.formula;
+        for (k, variable) in self.design.variables.iter().enumerate() {
+            let Prepared::Numbers { values, .. } = variable else { continue };
+            if !formula.terms.iter().any(|term| term.degree() > 1 && term.0.contains(&k)) {
+                continue;
+            }
+            let least = values.iter().copied().fold(f64::MAX, f64::min);
+            let most = values.iter().copied().fold(f64::MIN, f64::max);
+            if least > 0.0 || most < 0.0 {
+                return Err(ModelError::FarFromZero { name: formula.variables[k].to_string(), least, most });
+            }
+        }
+        Ok(())
+    }
+
     /// Degrees of freedom of the residuals.
     pub fn degrees(&self) -> usize {
         self.design.shapes() - self.space.rank()
@@ -136,6 +181,15 @@ impl Model {
     pub fn anova(&self, testing: &Testing<'_>, watch: &dyn Watch) -> Result<AnovaRecord, ModelError> {
         if self.design.formula.terms.is_empty() {
             return Err(ModelError::NoTerms);
+        }
+        if let Some(part) =
+            self.design.formula.random.iter().find(|part| !part.intercept || !part.terms.is_empty())
+        {
+            let of = Formula { terms: Vec::new(), random: vec![part.clone()], ..self.design.formula.clone() };
+            return Err(ModelError::RandomSlope { part: of.to_string().trim_start_matches("~ ").to_owned() });
+        }
+        if testing.kind == SumType::III {
+            self.check_origins()?;
         }
         let hypotheses = self.space.hypotheses(&self.design, testing.kind, testing.contrasts_of_three)?;
         let mut warnings = self.design.warnings.clone();

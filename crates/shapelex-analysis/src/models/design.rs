@@ -50,6 +50,22 @@ pub struct Table {
     pub levels: BTreeMap<String, Vec<String>>,
 }
 
+impl Table {
+    /// The table with numbers, one for each shape.
+    #[must_use]
+    pub fn with_numbers(mut self, name: &str, numbers: impl IntoIterator<Item = f64>) -> Self {
+        self.attributes.insert(name.into(), Values::Numbers(numbers.into_iter().collect()));
+        self
+    }
+
+    /// The table with a factor, one level for each shape.
+    #[must_use]
+    pub fn with_factor<T: Into<String>>(mut self, name: &str, levels: impl IntoIterator<Item = T>) -> Self {
+        self.attributes.insert(name.into(), Values::Texts(levels.into_iter().map(Into::into).collect()));
+        self
+    }
+}
+
 /// Coding of factors. It changes coefficients and sums of squares of type III, never those of type I and II or fitted shapes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "snake_case"))]

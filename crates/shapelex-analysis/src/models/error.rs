@@ -128,6 +128,28 @@ pub enum ModelError {
         /// The error term.
         error: String,
     },
+    /// A place of a prediction that the model has not.
+    #[error("expected {detail}, got another value of '{name}'")]
+    UnknownPlace {
+        /// Position of the prediction.
+        place: usize,
+        /// Name of the attribute.
+        name: String,
+        /// What is expected.
+        detail: String,
+    },
+    /// Type III of an interaction with a number that is never near zero.
+    #[error(
+        "expected values on both sides of zero for '{name}', got {least} to {most}: type III tests the other variables of its          interactions where it is zero; subtract a value, or ask for type II"
+    )]
+    FarFromZero {
+        /// The variable.
+        name: String,
+        /// Its least value.
+        least: f64,
+        /// Its largest value.
+        most: f64,
+    },
     /// A random part that no test takes.
     #[error("expected random parts (1 | group) in tests, got {part}")]
     RandomSlope {

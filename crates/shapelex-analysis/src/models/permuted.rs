@@ -91,6 +91,14 @@ impl Fitted {
         })
     }
 
+    /// Squared length of the residual of each shape.
+    pub fn squares(&self) -> Vec<f64> {
+        let of = |k: usize| {
+            self.strips.iter().map(|strip| strip[k].iter().map(|value| value * value).sum::<f64>()).sum()
+        };
+        (0..self.cells.len()).map(of).collect()
+    }
+
     /// Sums of squares of each hypothesis, as observed.
     pub fn observed(&self, hypotheses: &[Hypothesis]) -> Vec<Sums> {
         let exchanges = Exchanges::Given(vec![(0..self.cells.len()).collect()]);

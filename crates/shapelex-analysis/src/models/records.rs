@@ -4,7 +4,61 @@ use std::collections::BTreeMap;
 
 use super::design::Contrasts;
 use super::exchange::ExchangeKind;
+use super::study::At;
 use crate::inference::histogram::ExplainedHistogram;
+use crate::mean_record::MeanRecord;
+
+/// A linear model of shapes.
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+pub struct ModelRecord {
+    /// The table.
+    #[cfg_attr(feature = "serde", serde(flatten))]
+    pub anova: AnovaRecord,
+    /// Mean of all shapes, computed without knowledge of the model, to which they are aligned; null if numbers are modelled.
+    pub pooled: Option<MeanRecord>,
+    /// Coefficients of the columns of the design.
+    pub coefficients: Vec<CoefficientRecord>,
+    /// Predicted shapes, or numbers.
+    pub predictions: Vec<PredictionRecord>,
+}
+
+/// Coefficient of a column of a design.
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+pub struct CoefficientRecord {
+    /// Name of the column.
+    pub column: String,
+    /// Length of the coefficient in the norm of the shapes; null if the column is left out.
+    pub norm: Option<f64>,
+    /// Change of the modelled number for one unit of the column.
+    #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
+    pub value: Option<f64>,
+    /// Displacements of the control points for one unit of the column, in the frame of the mean.
+    #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
+    pub shape: Option<Vec<Vec<f64>>>,
+}
+
+/// What a model predicts at values of its attributes.
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+pub struct PredictionRecord {
+    /// The values. Numbers that are not given are at their mean, and shapes are averaged over other factors as they occur.
+    pub at: BTreeMap<String, At>,
+    /// Predicted number.
+    #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
+    pub value: Option<f64>,
+    /// Predicted control points, in the frame of the mean.
+    #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
+    pub shape: Option<Vec<Vec<f64>>>,
+    /// Leverage: variance of the prediction, over that of a residual.
+    pub leverage: f64,
+    /// Whether a number lies outside of the values of the shapes.
+    pub extrapolated: bool,
+}
 
 /// Analysis of variance of shapes.
 #[derive(Debug, Clone, PartialEq)]

@@ -92,6 +92,11 @@ impl Space {
         &self.roots
     }
 
+    /// Leverage of each shape: the part of its residual that the model takes.
+    pub fn leverages(&self) -> Vec<f64> {
+        self.basis.row_iter().map(|row| row.norm_squared()).collect()
+    }
+
     /// Coordinates of the columns of another design of the same space.
     fn coordinates_of(&self, design: &Design) -> Matrix {
         let mut scaled = design.matrix.clone();

@@ -17,12 +17,17 @@ use shapelex_analysis::inference::regress::regress;
 use shapelex_analysis::inference::variables::{Values, Variable, Variables};
 use shapelex_analysis::matching::Matching;
 use shapelex_analysis::metric::Metric;
+use shapelex_analysis::models::anova::{Model, Testing};
+use shapelex_analysis::models::design::{Contrasts, Table, Values as ModelValues};
+use shapelex_analysis::models::formula::{Formula, TermOrder};
+use shapelex_analysis::models::subspaces::SumType;
 use shapelex_analysis::tangent::LinearAlignment;
 use shapelex_analysis::transformation::{ClassName, Transformation};
 use shapelex_analysis::watch::Unwatched;
 use shapelex_geometry::generator::GeneratorKind;
 use shapelex_geometry::representation::{Representation, ShapeSpace};
 use shapelex_geometry::surface::Topology;
+use shapelex_numeric::dense::Matrix;
 
 /// Root of the summed variances of the coordinates of the group that scatters more: 0.09 for each of 8 planar landmarks.
 const ROUGHNESS: f64 = 0.36;
@@ -236,4 +241,105 @@ pub(crate) fn regression_alarms(
     };
     let found: Vec<[bool; 2]> = (0..sets).into_par_iter().map(alarm).collect();
     [0, 1].map(|which| found.iter().filter(|one| one[which]).count() as f64 / sets as f64)
+}
+
+/// A design of a linear model whose terms have no effect.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Layout {
+    /// Two factors of equal cells.
+    Balanced,
+    /// Two factors of unequal cells, and a number that depends on one of them.
+    Unbalanced,
+    /// Years within sites, which differ; the error term of the sites.
+    Nested,
+    /// Subjects that differ, seen on three days, of two treatments.
+    Repeated,
+    /// Two factors of equal cells, one level of which scatters three times as much.
+    UnequalScatter,
+}
+
+impl Layout {
+    pub(crate) const ALL: [Self; 5] =
+        [Self::Balanced, Self::Unbalanced, Self::Nested, Self::Repeated, Self::UnequalScatter];
+
+    fn formula(self) -> &'static str {
+        match self {
+            Self::Balanced | Self::UnequalScatter => "~ a*b",
+            Self::Unbalanced => "~ a*b + t",
+            Self::Nested => "~ site + (1 | site:year)",
+            Self::Repeated => "~ treatment + day + (1 | subject)",
+        }
+    }
+
+    /// Attributes of 24 shapes, their groups of a common deviation, and the part of their own.
+    fn made(self, random: &mut ChaCha12Rng) -> (Table, Vec<usize>, Vec<f64>) {
+        const SHAPES: usize = 24;
+        let text = |name: &str, of: &dyn Fn(usize) -> usize| {
+            (name.to_owned(), ModelValues::Texts((0..SHAPES).map(|k| format!("{name}{}", of(k))).collect()))
+        };
+        let (attributes, groups): (Vec<_>, Vec<usize>) = match self {
+            Self::Balanced | Self::UnequalScatter => {
+                (vec![text("a", &|k| k % 2), text("b", &|k| k / 2 % 3)], (0..SHAPES).collect())
+            }
+            Self::Unbalanced => {
+                let a = |k: usize| usize::from(k < 9);
+                let numbers = (0..SHAPES).map(|k| a(k) as f64 + random.random::<f64>()).collect();
+                let t = ("t".to_owned(), ModelValues::Numbers(numbers));
+                (vec![text("a", &a), text("b", &|k| [0, 1, 1, 2, 0, 1, 1][k % 7]), t], (0..SHAPES).collect())
+            }
+            Self::Nested => {
+                let (site, year) = (|k: usize| k / 12, |k: usize| k / 3);
+                (vec![text("site", &site), text("year", &year)], (0..SHAPES).map(year).collect())
+            }
+            Self::Repeated => {
+                let subject = |k: usize| k / 3;
+                let treatment = |k: usize| usize::from(k / 3 < 4);
+                let names =
+                    vec![text("subject", &subject), text("day", &|k| k % 3), text("treatment", &treatment)];
+                (names, (0..SHAPES).map(subject).collect())
+            }
+        };
+        let part = |k: usize| if self == Self::UnequalScatter && k % 2 == 0 { 3.0 } else { 1.0 };
+        let table = Table { attributes: attributes.into_iter().collect(), ..Table::default() };
+        (table, groups, (0..SHAPES).map(part).collect())
+    }
+}
+
+/// Parts of the sets in which each term of a model without effects has p ≤ 0.05, by its name.
+pub(crate) fn model_alarms(layout: Layout, kind: SumType, sets: usize) -> Vec<(String, f64)> {
+    const COORDINATES: usize = 10;
+    let alarms = |set: usize| {
+        let mut random = ChaCha12Rng::seed_from_u64(5000 + set as u64);
+        let (table, groups, parts) = layout.made(&mut random);
+        let count = groups.len();
+        let mut normal = || -> f64 { StandardNormal.sample(&mut random) };
+        // Coordinates of unequal scatter, and groups that differ as much as their members.
+        let common: Vec<f64> = (0..COORDINATES * count).map(|_| normal()).collect();
+        let own: Vec<f64> = (0..COORDINATES * count).map(|_| normal()).collect();
+        let value = |i: usize, k: usize| {
+            (common[i * count + groups[k]] + parts[k] * own[i * count + k]) / (1.0 + i as f64)
+        };
+        let vectors = Matrix::from_fn(COORDINATES, count, value);
+        let formula = Formula::parse(layout.formula(), TermOrder::ByDegree).unwrap();
+        let contrasts = if kind == SumType::III { Contrasts::Sum } else { Contrasts::Treatment };
+        let model = Model::new(&formula, &table, contrasts, vectors, vec![1.0; count]).unwrap();
+        let Some(ModelValues::Texts(subjects)) = table.attributes.get("subject") else {
+            let testing =
+                Testing { kind, permutations: PERMUTATIONS, seed: set as u64, ..Testing::default() };
+            return model.anova(&testing, &Unwatched).unwrap().terms;
+        };
+        let blocks = shapelex_analysis::strata::strata(subjects);
+        let testing = Testing {
+            kind,
+            permutations: PERMUTATIONS,
+            seed: set as u64,
+            blocks: Some(&blocks),
+            ..Testing::default()
+        };
+        model.anova(&testing, &Unwatched).unwrap().terms
+    };
+    let found: Vec<_> = (0..sets).into_par_iter().map(alarms).collect();
+    let part =
+        |i: usize| found.iter().filter(|terms| terms[i].p.unwrap() <= 0.05).count() as f64 / sets as f64;
+    found[0].iter().enumerate().map(|(i, term)| (term.term.clone(), part(i))).collect()
 }

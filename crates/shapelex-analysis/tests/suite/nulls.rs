@@ -2,7 +2,8 @@
 
 use shapelex_analysis::alignment::Alignment;
 
-use crate::null_cases::{Case, Kind, alarms, regression_alarms};
+use crate::null_cases::{Case, Kind, Layout, alarms, model_alarms, regression_alarms};
+use shapelex_analysis::models::subspaces::SumType;
 
 /// Sets of a case.
 const SETS: usize = 200;
@@ -57,4 +58,13 @@ fn shapes_whose_scatter_follows_a_number_do_not_depend_on_it() {
     let [_, warned] = regression_alarms(Kind::Landmarks, 1.0, None, SETS);
     assert!(warned < 0.15, "{warned}");
     assert!(regression_alarms(Kind::Landmarks, 4.5, Some(Alignment::Projection), 50)[0] > 0.2);
+}
+
+#[test]
+fn terms_of_models_without_effects_keep_their_level() {
+    for layout in Layout::ALL {
+        for (term, found) in model_alarms(layout, SumType::II, SETS) {
+            assert!(found < MOST, "{layout:?} {term}: {found}");
+        }
+    }
 }
