@@ -2,6 +2,7 @@
 
 use shapelex_analysis::AnalysisError;
 use shapelex_analysis::inference::error::StudyError;
+use shapelex_analysis::models::error::ModelError;
 use shapelex_formats::shape::FileError;
 
 /// Why a request cannot be answered.
@@ -41,6 +42,9 @@ pub enum Error {
     /// Groups or attributes that cannot be compared.
     #[error(transparent)]
     Study(#[from] StudyError),
+    /// A linear model that cannot be fitted.
+    #[error(transparent)]
+    Model(#[from] ModelError),
 }
 
 /// A result of the crate.

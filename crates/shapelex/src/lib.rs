@@ -15,10 +15,11 @@ pub use model::{Model, Score};
 pub use points::Points;
 pub use setting::Setting;
 pub use shapes::{Contour, Contours, Landmark, Landmarks, Shapes, Surface, Surfaces};
-pub use studies::{Comparison, Regression};
+pub use studies::{Comparison, LinearModel, Regression};
 
 pub use shapelex_analysis::alignment::Alignment;
 pub use shapelex_analysis::correspondence::{Correspondence, Direction, Mirror};
+pub use shapelex_analysis::models::design::Table;
 pub use shapelex_analysis::transformation::ClassName as Class;
 pub use shapelex_geometry::drawing::scene::Drawing;
 pub use shapelex_geometry::representation::Representation;

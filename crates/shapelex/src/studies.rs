@@ -1,6 +1,7 @@
-//! Tests: groups of shapes, and shapes that change with an attribute.
+//! Tests: groups of shapes, shapes that change with an attribute, and linear models.
 
 use shapelex_analysis::dictionary::method::Method;
+use shapelex_analysis::drawing::models::draw_model;
 use shapelex_analysis::drawing::studies::{draw_comparison, draw_regression};
 use shapelex_analysis::inference::aligned::AlignedShapes;
 use shapelex_analysis::inference::compare::compare;
@@ -9,6 +10,12 @@ use shapelex_analysis::inference::permutation::Draws;
 use shapelex_analysis::inference::records::{GroupComparison, RegressionRecord};
 use shapelex_analysis::inference::regress::regress;
 use shapelex_analysis::inference::variables::{Values, Variable, Variables};
+use shapelex_analysis::models::anova::Testing;
+use shapelex_analysis::models::design::{Contrasts, Table, Values as TableValues};
+use shapelex_analysis::models::error::ModelError;
+use shapelex_analysis::models::formula::{Formula, TermOrder};
+use shapelex_analysis::models::records::ModelRecord;
+use shapelex_analysis::models::study::{LOG_CENTROID_SIZE, ModelQuestion, Response, model};
 use shapelex_analysis::watch::Unwatched;
 use shapelex_geometry::drawing::scene::Drawing;
 
@@ -61,6 +68,28 @@ impl Regression {
     }
 }
 
+/// A linear model of shapes.
+#[derive(Debug)]
+pub struct LinearModel {
+    /// The terms with F, Z and p, coefficients, and predicted shapes: see [`ModelRecord`].
+    pub found: ModelRecord,
+    space: Space,
+    shapes: usize,
+}
+
+impl LinearModel {
+    /// The predicted shapes over the table of the terms.
+    pub fn drawing(&self, title: &str) -> Drawing {
+        let setting = &self.space.setting;
+        draw_model((&setting.space, &setting.method), title, self.shapes, &self.found)
+    }
+
+    /// Limitations of the result, such as groups of unequal scatter.
+    pub fn warnings(&self) -> &[String] {
+        &self.found.anova.warnings
+    }
+}
+
 /// Shapes prepared for a test.
 fn prepared(set: &Set, setting: Setting) -> Result<(Space, Vec<f64>)> {
     if setting.robust {
@@ -108,7 +137,68 @@ fn regressed(set: &Set, attribute: Variable, setting: Setting) -> Result<Regress
     Ok(Regression { found: found.record, scores, warnings, space, shapes: count })
 }
 
+fn modelled(set: &Set, formula: &str, table: &Table, setting: Setting) -> Result<LinearModel> {
+    let formula = Formula::parse(formula, TermOrder::ByDegree).map_err(ModelError::from)?;
+    let count = set.shapes.len();
+    let wrong = table.attributes.iter().find(|(_, values)| values.len() != count);
+    if let Some((name, values)) = wrong {
+        let detail = format!("expected {count} values of '{name}', one for each shape, got {}", values.len());
+        return Err(Error::Setting { field: "table", detail });
+    }
+    let (space, control_points) = prepared(set, setting)?;
+    let shapes = AlignedShapes::new(space.study(), control_points, vec![1.0; count], &Unwatched)?;
+    let mut table = table.clone();
+    if let Some(sizes) = shapes.log_centroid_sizes() {
+        table.attributes.entry(LOG_CENTROID_SIZE.into()).or_insert(TableValues::Numbers(sizes));
+    }
+    if let Some(labels) = set.labels.iter().cloned().collect::<Option<Vec<String>>>() {
+        table.attributes.entry("label".into()).or_insert(TableValues::Texts(labels));
+    }
+    let testing =
+        Testing { seed: space.given.seed, permutations: space.given.permutations, ..Testing::default() };
+    let question = ModelQuestion {
+        formula: &formula,
+        table: &table,
+        contrasts: Contrasts::Treatment,
+        response: Response::Shape,
+        testing,
+        at: None,
+    };
+    let found = model(&shapes, &question, &Unwatched)?;
+    Ok(LinearModel { found, space, shapes: count })
+}
+
 impl<K> Shapes<K> {
+    /// Fits a linear model by a formula as R reads it, with sums of squares of type II. Its attributes are those of the table, `label` of
+    /// shapes that have [labels](Self::labels), and `log_centroid_size`.
+    ///
+    /// # Errors
+    /// [`Error::Model`] for a formula that cannot be read, attributes that the table has not, or fewer shapes than columns;
+    /// [`Error::Setting`] for another number of values.
+    ///
+    /// ```
+    /// use shapelex::{Landmarks, Setting, Table};
+    ///
+    /// let kite = |k: usize| {
+    ///     let long = if k % 2 == 0 { 2.0 } else { 2.6 };
+    ///     let noise = |j: usize| 0.1 * ((7 * k * k + 13 * j) as f64).sin();
+    ///     vec![[0.0, noise(0)], [1.0 + noise(1), 0.0], [noise(2), long], [-1.0 + noise(3), 0.0]]
+    /// };
+    /// let table = Table::default()
+    ///     .with_factor("sex", (0..24).map(|k| if k % 2 == 0 { "f" } else { "m" }))
+    ///     .with_numbers("age", (0..24).map(|k| 20.0 + (k / 2) as f64));
+    /// let mut setting = Setting::default();
+    /// setting.permutations = 199;
+    /// let model = Landmarks::new((0..24).map(kite))?.lm(setting, "~ sex * age", &table)?;
+    /// let terms = &model.found.anova.terms;
+    /// assert_eq!(terms.iter().map(|term| term.term.as_str()).collect::<Vec<_>>(), ["sex", "age", "sex:age"]);
+    /// assert!(terms[0].p.is_some_and(|p| p <= 0.01) && terms[2].p.is_some_and(|p| p > 0.05));
+    /// # Ok::<(), shapelex::Error>(())
+    /// ```
+    pub fn lm(&self, setting: impl Into<Setting>, formula: &str, table: &Table) -> Result<LinearModel> {
+        modelled(&self.set, formula, table, setting.into())
+    }
+
     /// Compares the groups of the [labels](Self::labels) by permutation tests: every two, and all at once.
     ///
     /// # Errors
