@@ -96,6 +96,12 @@ fuzz_target!(|data: &[u8]| {
             let body = with(&stored, json!({"attribute": attribute, "permutations": 19}));
             send(Method::POST, "/v1/regressions", &body);
         }
+        for formula in ["~ label", "~ age*label", "~ poly(age,2) + log_centroid_size", "~ 0 + label/factor(age)"] {
+            for kind in ["I", "II", "III"] {
+                let body = with(&stored, json!({"formula": formula, "type": kind, "permutations": 19}));
+                send(Method::POST, "/v1/models", &body);
+            }
+        }
         send(Method::GET, &format!("/v1/cohorts/drawn/mean?transformation={class}&format=svg"), &Value::Null);
     }
     send(Method::DELETE, "/v1/cohorts/drawn", &Value::Null);

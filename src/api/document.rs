@@ -38,7 +38,7 @@ use crate::wire::picture::PictureFormat;
         (name = "retrieval", description = "Nearest shapes, and distances of all pairs"),
         (name = "jobs", description = "Long-running work: progress, events, cancellation"),
         (name = "dictionaries", description = "Components and sparse atoms learnt from cohorts, and their use"),
-        (name = "inference", description = "Permutation tests: comparison of groups and regression"),
+        (name = "inference", description = "Permutation tests: comparison of groups, regression, and linear models"),
         (name = "changes", description = "The change feed and the trash"),
         (name = "operation", description = "Version, metrics and the audit trail"),
         (name = "access", description = "Keys (for administrators)"),

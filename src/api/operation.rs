@@ -183,6 +183,7 @@ macro_rules! every_operation {
                 POST "/v1/dictionaries/{dictionary}/complete" complete::complete (READER, DRAWN, "results");
                 POST "/v1/comparisons" comparisons::compare (READER, DRAWN, "pairs");
                 POST "/v1/regressions" regressions::regress (READER, DRAWN, "scores");
+                POST "/v1/models" models::model (READER, DRAWN, "terms");
                 GET "/v1/jobs/{job}/output" retrieval::job_output (READER, OUTPUT);
                 GET "/v1/cohorts/{cohort}/attributes" tables::list_attributes (READER, PLAIN, "items");
                 GET "/v1/cohorts/{cohort}/table" tables::find_table (READER, TABLE);

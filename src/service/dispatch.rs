@@ -9,6 +9,7 @@ use crate::service::correspondence;
 use crate::service::dictionaries::report::PlannedReport;
 use crate::service::dictionaries::{assessments, learning};
 use crate::service::inference::comparisons::ComparedShapes;
+use crate::service::inference::models::ModelledShapes;
 use crate::service::inference::regressions::RegressedShapes;
 use crate::service::inference::study::Study;
 use crate::service::jobs::{Outcome, inline_or_job};
@@ -27,6 +28,7 @@ pub fn run(app: &App, handle: &Handle, job: &Job, context: &JobContext) -> Resul
         JobKind::Distances => distances::run(app, handle, job, context),
         JobKind::Compare => inline_or_job::run::<Study<ComparedShapes>>(app, handle, job, context),
         JobKind::Regress => inline_or_job::run::<Study<RegressedShapes>>(app, handle, job, context),
+        JobKind::Model => inline_or_job::run::<Study<ModelledShapes>>(app, handle, job, context),
         JobKind::Assess => assessments::run(app, handle, job, context),
         JobKind::Report => inline_or_job::run::<PlannedReport>(app, handle, job, context),
         JobKind::Correspond => correspondence::run(app, handle, job, context),

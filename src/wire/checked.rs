@@ -657,7 +657,7 @@ macro_rules! document {
                     fn visit_map<A: serde::de::MapAccess<'de>>(self, mut map: A) -> Result<$name, A::Error> {
                         let mut document = $name::default();
                         while let Some(key) = map.next_key::<$crate::wire::key::Key<'_>>()? {
-                            match key.text() {
+                            match $crate::wire::checked::as_field(key.text()) {
                                 $(stringify!($field) => {
                                     if document.$field.is_some() {
                                         document.fault(key.text(), "the field is given twice");
@@ -666,7 +666,7 @@ macro_rules! document {
                                         $crate::wire::checked::field_value!(map, key, $($required)?);
                                 })*
                                 unknown => {
-                                    let known = [$(stringify!($field)),*].join(", ");
+                                    let known = [$(stringify!($field)),*].join(", ").replace("r#", "");
                                     let detail = format!("expected one of the fields {known}, got \"{unknown}\"");
                                     document.fault(unknown, &detail);
                                     $crate::wire::trail::value_of::<serde::de::IgnoredAny, _>(&mut map, unknown)?;
@@ -676,7 +676,7 @@ macro_rules! document {
                         $($(
                             debug_assert_eq!(stringify!($required), "required");
                             if document.$field.is_none() {
-                                document.fault(stringify!($field), "required field is missing");
+                                document.fault(stringify!($field).trim_start_matches("r#"), "required field is missing");
                             }
                         )?)*
                         Ok(document)
@@ -703,6 +703,11 @@ macro_rules! document {
     };
 }
 pub(crate) use document;
+
+/// The name of a field in the sources: `type` is a word of the language.
+pub fn as_field(name: &str) -> &str {
+    if name == "type" { "r#type" } else { name }
+}
 
 /// Maximum number of faults recorded per object or list.
 pub const MAX_FAULTS: usize = 20;

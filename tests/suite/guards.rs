@@ -113,6 +113,7 @@ const OPERATIONS: &[&str] = &[
     "POST /v1/keys",
     "POST /v1/mean",
     "POST /v1/measure",
+    "POST /v1/models",
     "POST /v1/morph",
     "POST /v1/overlap",
     "POST /v1/pca",

@@ -59,6 +59,10 @@ fn drawn() -> Vec<(&'static str, Option<Value>)> {
             "/v1/regressions",
             Some(json!({"cohort": "example-cells", "attribute": "log_centroid_size", "permutations": 19})),
         ),
+        (
+            "/v1/models",
+            Some(json!({"cohort": "example-cells", "formula": "~ cell_line", "permutations": 19})),
+        ),
         ("/v1/dictionaries/cells/assess", Some(cells(&["cell0004", "cell0010"]))),
         ("/v1/dictionaries/cells/reconstruct", Some(cells(&["cell0004"]))),
         (

@@ -212,6 +212,7 @@ fn a_filter_on_an_attribute_that_no_shape_has_is_refused() {
             json!({"cohort": "plates", "attribute": "labels.plate", "filter": filter}),
             "/filter",
         ),
+        ("/v1/models", json!({"cohort": "plates", "formula": "~ plate", "filter": filter}), "/filter"),
         ("/v1/cohorts/plates/search", json!({"shapes": [{"points": PLAIN}], "filter": filter}), "/filter"),
     ] {
         let problem = server.post(path, &body).expect(422);

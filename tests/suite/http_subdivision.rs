@@ -371,6 +371,9 @@ fn a_cohort_of_subdivision_surfaces_has_everything_that_others_have() {
     let regress = json!({"cohort": "potatoes", "transformation": "affine", "attribute": "labels.age", "permutations": 99, "seed": 1});
     server.post("/v1/regressions", &regress).expect(200);
     server.post("/v1/regressions?format=svg", &regress).expect_svg();
+    let model = json!({"cohort": "potatoes", "transformation": "affine", "formula": "~ poly(age,2)", "permutations": 99});
+    server.post("/v1/models", &model).expect(200);
+    server.post("/v1/models?format=svg", &model).expect_svg();
 }
 
 #[test]

@@ -46,6 +46,7 @@ mod http_language;
 mod http_limits;
 mod http_matching;
 mod http_mesh_cohorts;
+mod http_models;
 mod http_names;
 mod http_novelty;
 mod http_numbers;

@@ -84,6 +84,8 @@ fn lists() -> Vec<(&'static str, String, &'static str, &'static str)> {
         ("/v1/distances", "{\"cohort\":\"none\",\"ids\":[".into(), "\"\"", "]}"),
         ("/v1/comparisons", "{\"groups\":[".into(), "{\"name\":\"\",\"filter\":{}}", "]}"),
         ("/v1/regressions", "{\"covariates\":[".into(), "\"\"", "]}"),
+        ("/v1/models", "{\"at\":[".into(), "{\"a\":1}", "]}"),
+        ("/v1/models", "{\"blocks\":[".into(), "\"\"", "]}"),
         ("/v1/dictionaries", "{\"filter\":{\"labels\":[".into(), "{\"a\":1}", "]}}"),
         ("/v1/dictionaries/import", "{\"content\":[".into(), "{\"a\":1}", "]}"),
         ("/v1/cohorts", "{\"name\":[".into(), "{\"a\":1}", "]}"),

@@ -674,6 +674,7 @@ export const de: Strings = {
       distances: "Abstände",
       compare: "Vergleich von Gruppen",
       regress: "Regression",
+      model: "Lineares Modell",
       assess: "Beurteilung einer Kohorte",
       segment: "Segmentierung",
       report: "Zeugnis eines Wörterbuchs",

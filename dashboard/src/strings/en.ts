@@ -657,6 +657,7 @@ export const en = {
       distances: "Distances",
       compare: "Comparison of groups",
       regress: "Regression",
+      model: "Linear model",
       assess: "Assessment of a cohort",
       segment: "Segmentation",
       report: "Report card of a dictionary",

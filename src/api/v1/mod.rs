@@ -23,7 +23,7 @@ use cohorts::{
 use dictionaries::{aliases, assessments, classify, coding, complete, drift, report};
 use files::formats;
 use geometry::{catalogue, curves, deform, fitting, morph, overlap, refine, subdivision};
-use inference::{comparisons, regressions};
+use inference::{comparisons, models, regressions};
 use segmentation::{contours, prior, segment, sheets};
 use statistics::retrieval;
 

@@ -15,18 +15,30 @@ use crate::wire::fault::Fault;
 /// # Errors
 /// Shapes without one of the attributes, at `/strata`.
 pub(super) fn strata(names: &[String], shapes: &[ShapeDescription]) -> Result<Vec<usize>, ServiceError> {
+    labels_of(names, shapes, "/strata")
+}
+
+/// A number for every shape, which shapes with equal values of all attributes share.
+///
+/// # Errors
+/// Shapes without one of the attributes, at `pointer`.
+pub(super) fn labels_of(
+    names: &[String],
+    shapes: &[ShapeDescription],
+    pointer: &str,
+) -> Result<Vec<usize>, ServiceError> {
     let mut faults = Vec::new();
     let mut keys = vec![Vec::new(); shapes.len()];
     for name in names {
         let Some(attribute) = Attribute::parse(name) else {
-            faults.push(Fault::new("/strata", format!("{}, got '{name}'", Attribute::WANTED)));
+            faults.push(Fault::new(pointer, format!("{}, got '{name}'", Attribute::WANTED)));
             continue;
         };
         let without: Vec<_> = shapes.iter().filter(|shape| attribute.text(shape).is_none()).collect();
         if !without.is_empty() {
             let (count, first) = (without.len(), first_names(without.into_iter()));
             let detail = format!("{count} of {} shapes have no {name}: {first}", shapes.len());
-            faults.push(Fault::new("/strata", detail));
+            faults.push(Fault::new(pointer, detail));
         }
         for (key, shape) in keys.iter_mut().zip(shapes) {
             key.push(attribute.text(shape));

@@ -18,6 +18,8 @@ pub enum JobKind {
     Compare,
     /// Regresses shapes on an attribute.
     Regress,
+    /// Fits a linear model to shapes.
+    Model,
     /// Assesses the shapes of a cohort with a dictionary.
     Assess,
     /// Segments objects of an image.
@@ -36,6 +38,7 @@ impl JobKind {
             Self::Distances => "distances",
             Self::Compare => "compare",
             Self::Regress => "regress",
+            Self::Model => "model",
             Self::Assess => "assess",
             Self::Segment => "segment",
             Self::Report => "report",

@@ -1,9 +1,11 @@
-//! Results of studies of the shapes of a cohort: comparisons of groups, and regressions on an attribute.
+//! Results of studies of the shapes of a cohort: comparisons of groups, regressions on an attribute, and linear models.
 
 use serde::{Deserialize, Serialize};
 use shapelex_analysis::alignment::Alignment;
 use shapelex_analysis::correspondence::Mirror;
 use shapelex_analysis::inference::records::{GroupComparison, RegressionRecord};
+use shapelex_analysis::models::records::ModelRecord;
+use shapelex_analysis::models::subspaces::SumType;
 use shapelex_analysis::transformation::Transformation;
 
 /// What was studied, and how.
@@ -80,4 +82,27 @@ pub struct RegressionScore {
     pub attribute: f64,
     /// `⟨y − ȳ, b⟩/‖b‖`: distance that the shape has moved in the direction of the change.
     pub score: f64,
+}
+
+/// Linear model of the shapes of a cohort.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+pub struct ShapeModel {
+    /// Id of the cohort.
+    pub cohort: String,
+    /// Revision of the cohort that was analysed.
+    pub cohort_revision: u64,
+    /// What was studied.
+    #[serde(flatten)]
+    pub header: StudyHeader,
+    /// Type of the sums of squares.
+    #[serde(rename = "type")]
+    pub kind: SumType,
+    /// What was modelled: `shape`, or an attribute.
+    pub response: String,
+    /// Attributes whose values are exchanged as blocks, or within which residuals are exchanged.
+    pub blocks: Vec<String>,
+    /// What was found.
+    #[serde(flatten)]
+    pub found: ModelRecord,
 }

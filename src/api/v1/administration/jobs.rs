@@ -15,7 +15,7 @@ use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::json;
 use crate::api::v1::requests::request_macros::{PageQuery, milliseconds, page};
 use crate::domain::job::{Job, JobFilter, JobKind, JobStatus};
-use crate::domain::study::{Comparison, ShapeRegression};
+use crate::domain::study::{Comparison, ShapeModel, ShapeRegression};
 use crate::service::app::{ServiceError, now_ms};
 use crate::service::cohorts::catalogue;
 use crate::service::correspondence::CohortCorrespondence;
@@ -91,6 +91,8 @@ enum JobResult {
     Comparison(Comparison),
     /// Of `regress`.
     Regression(ShapeRegression),
+    /// Of `model`.
+    Model(ShapeModel),
     /// Of `assess`.
     Assessments(AssessedCohort),
     /// Of `segment`.

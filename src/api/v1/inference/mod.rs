@@ -1,4 +1,5 @@
-//! Tests of groups and regressions.
+//! Tests of groups, regressions and linear models.
 
 pub(in crate::api) mod comparisons;
+pub(in crate::api) mod models;
 pub(in crate::api) mod regressions;
