@@ -178,7 +178,18 @@ fn subjects_are_blocks() {
         (&term["error_term"], &term["collapsed"], &term["exact"]),
         (&json!("subject"), &json!(true), &json!(true))
     );
-    assert_eq!(random["terms"][1]["error_term"], Value::Null);
+    // The others within the groups, which are in the model besides.
+    let day = &random["terms"][1];
+    assert_eq!((&day["error_term"], &day["exchange"]), (&Value::Null, &json!("within")));
+    let groups = &random["terms"][2];
+    assert_eq!((&groups["term"], &groups["df"]), (&json!("(1 | subject)"), &json!(4)));
+    let fixed = ask(json!({"formula": "~ treatment/subject + day", "blocks": "subject"}));
+    let day_of = |model: &Value| {
+        let terms = model["terms"].as_array().unwrap().clone();
+        terms.into_iter().find(|term| term["term"] == "day").unwrap()
+    };
+    assert!((number(&day["f"]) - number(&day_of(&fixed)["f"])).abs() < 1e-9, "{fixed}");
+    assert_eq!((&random["residual"]["df"], &fixed["residual"]["df"]), (&json!(17), &json!(17)));
     let nested = ask(
         json!({"formula": "~ treatment/subject + day", "error_terms": {"treatment": "treatment:subject"}}),
     );

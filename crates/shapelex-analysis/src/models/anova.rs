@@ -4,6 +4,8 @@
 //! against these groups: then the shapes are averaged in them, with the sums of their weights, and the model of the averages has the
 //! error term as its residuals. The ratio of two mean squares whose permutations are drawn apart has no level.
 
+use std::ops::Range;
+
 use super::design::{Contrasts, Design, Prepared, Table};
 use super::effect_size::{Transform, effect_size, reaching};
 use super::error::ModelError;
@@ -208,15 +210,13 @@ impl Model {
                 None => plain.push(hypothesis),
             }
         }
-        for kind in [ExchangeKind::Free, ExchangeKind::Within, ExchangeKind::Whole] {
-            let chosen: Vec<Hypothesis> = plain
-                .iter()
-                .filter(|hypothesis| self.kind_of(hypothesis, testing) == kind)
-                .cloned()
-                .collect();
-            if !chosen.is_empty() {
-                self.test(&chosen, kind, testing, &mut rows, &counted)?;
-            }
+        let grouped = match self.design.formula.random.is_empty() {
+            true => None,
+            false => Some(self.with_groups(&plain)?),
+        };
+        match &grouped {
+            None => self.test_plain(&plain, testing, &mut rows, &counted)?,
+            Some(grouped) => grouped.test(testing, &mut rows, &counted)?,
         }
         let dropped = self.space.dropped(&self.design);
         if !dropped.is_empty() {
@@ -227,12 +227,67 @@ impl Model {
                 "type III with other contrasts than sum tests effects at the reference level, not about the mean of all".into(),
             );
         }
-        Ok(self.record(rows, dropped, warnings))
+        let whole = grouped.as_ref().map_or(self, |grouped| &grouped.model);
+        Ok(self.record(whole, rows, dropped, warnings))
     }
 
-    fn record(&self, terms: Vec<TermRecord>, dropped: Vec<String>, mut warnings: Vec<String>) -> AnovaRecord {
-        let degrees = self.degrees();
-        let (residual, total) = (self.fitted.residual, self.fitted.total);
+    /// Tests terms against the residuals of the model.
+    fn test_plain(
+        &self,
+        hypotheses: &[Hypothesis],
+        testing: &Testing<'_>,
+        rows: &mut [TermRecord],
+        watch: &dyn Watch,
+    ) -> Result<(), ModelError> {
+        for kind in [ExchangeKind::Free, ExchangeKind::Within, ExchangeKind::Whole] {
+            let chosen = hypotheses.iter().filter(|hypothesis| self.kind_of(hypothesis, testing) == kind);
+            let chosen: Vec<Hypothesis> = chosen.cloned().collect();
+            if !chosen.is_empty() {
+                self.test(&chosen, kind, testing, rows, watch)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The model with the groups of its random parts as factors, in which terms that vary inside of the groups are tested: the groups
+    /// come after the other terms and before these.
+    fn with_groups(&self, inside: &[Hypothesis]) -> Result<Grouped, ModelError> {
+        let formula = &self.design.formula;
+        let varies = |term: usize| inside.iter().any(|hypothesis| hypothesis.term == term);
+        let (within, between): (Vec<usize>, Vec<usize>) =
+            (0..formula.terms.len()).partition(|term| varies(*term));
+        let mut groups: Vec<Term> = Vec::new();
+        for part in &formula.random {
+            let is_known = |other: &Term| other.set() == part.group.set();
+            if !groups.iter().any(is_known) && !formula.terms.iter().any(is_known) {
+                groups.push(part.group.clone());
+            }
+        }
+        let of = |terms: &[usize]| terms.iter().map(|&term| formula.terms[term].clone()).collect::<Vec<_>>();
+        let terms = [of(&between), groups.clone(), of(&within)].concat();
+        let all: Vec<usize> = (0..self.design.shapes()).collect();
+        let design = self.design.restricted(Formula { terms, random: Vec::new(), ..formula.clone() }, &all);
+        let space = Space::new(&design, &self.weights)?;
+        let fitted = Fitted::new(&space, &self.vectors, design.formula.intercept)?;
+        let labels = formula.random.iter().map(|part| self.design.cells_of(&part.group));
+        let finest = labels.reduce(|a, b| pairs(&a, &b)).unwrap_or_default();
+        let model =
+            Self { design, space, fitted, vectors: self.vectors.clone(), weights: self.weights.clone() };
+        // Places of the terms in the model with groups, and in the table.
+        let first = between.len() + groups.len();
+        let places = within.into_iter().enumerate().map(|(k, term)| (first + k, term)).collect();
+        Ok(Grouped { model, places, groups: between.len()..first, finest })
+    }
+
+    fn record(
+        &self,
+        whole: &Self,
+        terms: Vec<TermRecord>,
+        dropped: Vec<String>,
+        mut warnings: Vec<String>,
+    ) -> AnovaRecord {
+        let degrees = whole.degrees();
+        let (residual, total) = (whole.fitted.residual, self.fitted.total);
         if !self.design.formula.intercept {
             warnings.push("without an intercept, sums of squares and R² are those about zero".into());
         }
@@ -469,6 +524,54 @@ impl Model {
         let space = Space::new(&design, &weights)?;
         let fitted = Fitted::new(&space, &sums, design.formula.intercept)?;
         Ok(Collapsed { model: Self { design, space, fitted, vectors: sums, weights }, firsts })
+    }
+}
+
+/// A model with the groups of random parts as factors.
+struct Grouped {
+    model: Model,
+    /// Terms that vary inside of the groups: places in this model and in the table.
+    places: Vec<(usize, usize)>,
+    /// Places of the groups in this model.
+    groups: Range<usize>,
+    /// The finest groups, one number for each shape.
+    finest: Vec<usize>,
+}
+
+impl Grouped {
+    /// Fills in the rows of terms that vary inside of the groups, and adds those of the groups.
+    fn test(
+        &self,
+        testing: &Testing<'_>,
+        rows: &mut Vec<TermRecord>,
+        watch: &dyn Watch,
+    ) -> Result<(), ModelError> {
+        let model = &self.model;
+        // The groups depend on the terms that are constant in them.
+        let kind = if testing.kind == SumType::III { SumType::II } else { testing.kind };
+        let hypotheses = model.space.hypotheses(&model.design, kind, testing.contrasts_of_three)?;
+        let observed = model.fitted.observed(&hypotheses);
+        let mut own: Vec<TermRecord> =
+            hypotheses.iter().zip(&observed).map(|(hypothesis, sums)| model.row(hypothesis, *sums)).collect();
+        let testing = Testing { blocks: Some(&self.finest), error_terms: &[], ..testing.clone() };
+        let chosen = |wanted: &dyn Fn(usize) -> bool| -> Vec<Hypothesis> {
+            hypotheses.iter().filter(|h| wanted(h.term) && h.own.ncols() > 0).cloned().collect()
+        };
+        let within = chosen(&|term| self.places.iter().any(|(place, _)| *place == term));
+        if !within.is_empty() {
+            model.test(&within, ExchangeKind::Within, &testing, &mut own, watch)?;
+        }
+        let groups = chosen(&|term| self.groups.contains(&term));
+        if !groups.is_empty() {
+            model.test(&groups, ExchangeKind::Free, &testing, &mut own, watch)?;
+        }
+        for place in self.groups.clone() {
+            rows.push(TermRecord { term: format!("(1 | {})", own[place].term), ..own[place].clone() });
+        }
+        for &(place, term) in &self.places {
+            rows[term] = own[place].clone();
+        }
+        Ok(())
     }
 }
 

@@ -323,20 +323,11 @@ pub(crate) fn model_alarms(layout: Layout, kind: SumType, sets: usize) -> Vec<(S
         let formula = Formula::parse(layout.formula(), TermOrder::ByDegree).unwrap();
         let contrasts = if kind == SumType::III { Contrasts::Sum } else { Contrasts::Treatment };
         let model = Model::new(&formula, &table, contrasts, vectors, vec![1.0; count]).unwrap();
-        let Some(ModelValues::Texts(subjects)) = table.attributes.get("subject") else {
-            let testing =
-                Testing { kind, permutations: PERMUTATIONS, seed: set as u64, ..Testing::default() };
-            return model.anova(&testing, &Unwatched).unwrap().terms;
-        };
-        let blocks = shapelex_analysis::strata::strata(subjects);
-        let testing = Testing {
-            kind,
-            permutations: PERMUTATIONS,
-            seed: set as u64,
-            blocks: Some(&blocks),
-            ..Testing::default()
-        };
-        model.anova(&testing, &Unwatched).unwrap().terms
+        let testing = Testing { kind, permutations: PERMUTATIONS, seed: set as u64, ..Testing::default() };
+        let mut terms = model.anova(&testing, &Unwatched).unwrap().terms;
+        // Groups that differ are found.
+        terms.retain(|term| !term.term.starts_with('('));
+        terms
     };
     let found: Vec<_> = (0..sets).into_par_iter().map(alarms).collect();
     let part =
