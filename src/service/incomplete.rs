@@ -62,7 +62,7 @@ pub fn pca(
         }
         Ok(shape.control_points)
     };
-    let read = Outcomes::of_list("shapes", shapes.into_iter().map(read).collect()).all()?;
+    let read = Outcomes::all_of_list("shapes", shapes.into_iter().map(read))?;
     let mut control_points = vec![0.0; read.len() * length];
     for (shape, given) in control_points.chunks_exact_mut(length).zip(&read) {
         for (i, point) in given {

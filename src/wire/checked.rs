@@ -89,7 +89,7 @@ fn read_text<T: DeserializeOwned>(text: &str, most: usize) -> Result<Result<T, F
 }
 
 #[cold]
-fn too_long(text: &str, most: usize) -> Fault {
+pub(super) fn too_long(text: &str, most: usize) -> Fault {
     Fault::new("", format!("expected at most {most} bytes, got {}", text.len()))
 }
 
@@ -106,7 +106,7 @@ fn read_large<T: DeserializeOwned>(text: &str) -> Result<Result<T, Fault>, serde
 
 /// Fault of a text that was read directly.
 #[cold]
-fn fault_in(text: &str, error: &serde_json::Error) -> Fault {
+pub(super) fn fault_in(text: &str, error: &serde_json::Error) -> Fault {
     trail::forget();
     Fault::new(pointer_of(&trail::path_in(text, error)), plain(error))
 }

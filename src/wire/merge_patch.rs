@@ -1,13 +1,15 @@
 //! Merge patches (RFC 7396): changes of a JSON object, in which null removes a member.
 
 use serde::de::{Deserializer, MapAccess, Visitor};
+use serde_json::value::RawValue;
 use serde_json::{Map, Value};
 
-use super::checked::{keep_fault, visit_others};
+use super::bounds;
+use super::checked::{SMALL, fault_in, keep_fault, too_long, visit_others};
 use super::fault::Fault;
 use super::key::Key;
 use super::trail::value_of;
-use super::tree::Tree;
+use super::tree::{Tree, TreeError};
 
 /// A merge patch of an object.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -37,15 +39,15 @@ impl<'de> Visitor<'de> for PatchVisitor {
     fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<MergePatch, A::Error> {
         let mut patch = MergePatch::default();
         while let Some(key) = map.next_key::<Key<'_>>()? {
-            let value: Tree<'_> = value_of(&mut map, key.text())?;
+            let text: &RawValue = value_of(&mut map, key.text())?;
             let pointer = || format!("/{}", key.text().replace('~', "~0").replace('/', "~1"));
-            match value.into_value() {
+            match value_in(text.get()) {
                 Ok(value) => {
                     if patch.members.insert(key.text().to_owned(), value).is_some() {
                         keep_fault(&mut patch.faults, || Fault::new(pointer(), "the field is given twice"));
                     }
                 }
-                Err(error) => keep_fault(&mut patch.faults, || error.into_fault().below(&pointer())),
+                Err(fault) => keep_fault(&mut patch.faults, || fault.below(&pointer())),
             }
         }
         Ok(patch)
@@ -61,6 +63,16 @@ impl<'de> serde::Deserialize<'de> for MergePatch {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         deserializer.deserialize_any(PatchVisitor)
     }
+}
+
+/// The value of a member: no member of a shape is longer than its metadata may be, or a small value.
+fn value_in(text: &str) -> Result<Value, Fault> {
+    let most = bounds::current().metadata_bytes.max(SMALL);
+    if text.len() > most {
+        return Err(too_long(text, most));
+    }
+    let tree = Tree::parse(text).map_err(|error| fault_in(text, &error))?;
+    tree.into_value().map_err(TreeError::into_fault)
 }
 
 /// A merge patch as text, for lists of many: maps take ten times as much.

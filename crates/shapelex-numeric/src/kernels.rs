@@ -211,6 +211,41 @@ pub fn add_columns(out: &mut [f64], matrix: &[f64], columns: &[usize], factors: 
     );
 }
 
+/// `sum ← sum + Σ rows_k` over the listed rows.
+pub fn add_listed<const W: usize>(sum: &mut [f64; W], rows: &[[f64; W]], list: &[u32]) {
+    vectorised(
+        #[inline(always)]
+        || {
+            let mut own = *sum;
+            for &k in list {
+                own.iter_mut().zip(&rows[k as usize]).for_each(|(sum, x)| *sum += x);
+            }
+            *sum = own;
+        },
+    );
+}
+
+/// `sums_a ← sums_a + Σ_k factors_{a, to_k} rows_k` for two sums, whose factors lie side by side.
+pub fn add_two_products<const W: usize>(
+    sums: &mut [[f64; W]; 2],
+    factors: &[[f64; 2]],
+    rows: &[[f64; W]],
+    to: &[usize],
+) {
+    vectorised(
+        #[inline(always)]
+        || {
+            let [mut first, mut second] = *sums;
+            for (row, &to) in rows.iter().zip(to) {
+                let [p, q] = factors[to];
+                first.iter_mut().zip(row).for_each(|(sum, x)| *sum += p * x);
+                second.iter_mut().zip(row).for_each(|(sum, x)| *sum += q * x);
+            }
+            *sums = [first, second];
+        },
+    );
+}
+
 /// The entries of a column.
 pub fn column(matrix: &Matrix, index: usize) -> &[f64] {
     let rows = matrix.nrows();

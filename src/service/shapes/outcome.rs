@@ -57,6 +57,22 @@ impl<T> Outcomes<T> {
         Self(results.into_iter().enumerate().map(place).collect())
     }
 
+    /// Values of all entries of `list`, which are read one after the other: of the faults of many no more is kept than is told.
+    ///
+    /// # Errors
+    /// The faults of all entries without a value, at `/{list}/{index}…`.
+    pub(crate) fn all_of_list(
+        list: &str,
+        results: impl IntoIterator<Item = Result<T, Vec<Fault>>>,
+    ) -> Result<Vec<T>, ServiceError> {
+        let (mut values, mut faults) = (Vec::new(), Faults::default());
+        for (index, result) in results.into_iter().enumerate() {
+            let placed = result.map_err(|faults| ServiceError::of_entry(list, index, faults));
+            values.extend(faults.keep(placed)?);
+        }
+        faults.unless_any().map(|()| values)
+    }
+
     /// Number of shapes.
     pub fn len(&self) -> usize {
         self.0.len()

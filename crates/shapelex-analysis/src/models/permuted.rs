@@ -20,6 +20,7 @@ use super::subspaces::{Hypothesis, Space};
 use crate::AnalysisError;
 use crate::watch::Watch;
 use shapelex_numeric::dense::{self, Matrix};
+use shapelex_numeric::kernels;
 use shapelex_numeric::parallel;
 
 /// Numbers of the residuals of a shape that are worked on together: with ten thousand shapes they stay in the cache.
@@ -40,6 +41,10 @@ pub struct Fitted {
     pub cells: Vec<usize>,
     /// `E` in strips of columns, each with a row for each shape.
     strips: Vec<Vec<Row>>,
+    /// Sums of the rows of each strip, which no exchange changes.
+    totals: Vec<Row>,
+    /// Pairs of rows of `rows`, side by side for each of its columns; the last one is filled up with zeros.
+    pairs: Vec<Vec<[f64; 2]>>,
     /// `U`, without the part of the intercept.
     coordinates: Matrix,
     /// `‖E‖²`.
@@ -81,14 +86,17 @@ impl Fitted {
         let residual = residuals.norm_squared();
         let (residuals, coordinates) = reduced(residuals, transposed)?;
         let (rows, cells) = different_rows(&space.basis);
-        Ok(Self {
-            rows,
-            cells,
-            strips: strips(&residuals),
-            coordinates: coordinates.transpose(),
-            residual,
-            total,
-        })
+        let strips = strips(&residuals);
+        let total_of = |strip: &Vec<Row>| {
+            let mut sum = [0.0; STRIP];
+            strip.iter().for_each(|row| add(&mut sum, 1.0, row));
+            sum
+        };
+        let totals = strips.iter().map(total_of).collect();
+        let entry = |a: usize, cell: usize| if a < rows.nrows() { rows[(a, cell)] } else { 0.0 };
+        let pair = |a: usize| (0..rows.ncols()).map(|cell| [entry(a, cell), entry(a + 1, cell)]).collect();
+        let pairs = (0..rows.nrows()).step_by(2).map(pair).collect();
+        Ok(Self { rows, cells, strips, totals, pairs, coordinates: coordinates.transpose(), residual, total })
     }
 
     /// Squared length of the residual of each shape.
@@ -143,9 +151,9 @@ impl Fitted {
     fn batch(&self, plans: &[Plan], exchanges: &Exchanges, range: Range<usize>) -> Vec<Vec<Sums>> {
         let orders: Vec<Order> = range.map(|index| self.order(exchanges, index)).collect();
         let mut sums = vec![vec![Sums { own: 0.0, residual: 0.0 }; plans.len()]; orders.len()];
-        for (s, strip) in self.strips.iter().enumerate() {
+        for s in 0..self.strips.len() {
             for (order, sums) in orders.iter().zip(&mut sums) {
-                let product = self.product(order, strip);
+                let product = self.product(order, s);
                 for (plan, sums) in plans.iter().zip(sums) {
                     let [own, all] = plan.squares(&product, &order.cross, s);
                     sums.own += own;
@@ -177,39 +185,45 @@ impl Fitted {
             }
             return Order { to: To::Rows(to), cross };
         }
-        let mut lists = vec![Vec::new(); count];
+        // An exchange keeps the number of shapes of each row.
+        let mut sizes = vec![0; count];
+        self.cells.iter().for_each(|&cell| sizes[cell] += 1);
+        let mut lists: Vec<Vec<u32>> = sizes.into_iter().map(Vec::with_capacity).collect();
         let mut counts = Matrix::zeros(count, count);
         for (k, (&to, &from)) in to.iter().zip(&self.cells).enumerate() {
             lists[to].push(k as u32);
             counts[(to, from)] += 1.0;
         }
         let cross = dense::multiply(&dense::multiply(&self.rows, &counts), &self.rows.transpose());
-        Order { to: To::Cells(lists), cross }
+        let largest = (0..count).max_by_key(|cell| lists[*cell].len()).unwrap_or(0);
+        Order { to: To::Cells { lists, largest }, cross }
     }
 
-    /// `QᵀE[π]` for a strip of columns of `E`, a row for each basis vector.
-    fn product(&self, order: &Order, strip: &[Row]) -> Vec<Row> {
-        let rank = self.rows.nrows();
+    /// `QᵀE[π]` for strip `s` of the columns of `E`, a row for each basis vector.
+    fn product(&self, order: &Order, s: usize) -> Vec<Row> {
+        let (rank, strip) = (self.rows.nrows(), &self.strips[s]);
         let mut product = vec![[0.0; STRIP]; rank];
         match &order.to {
             To::Rows(to) => {
-                for (row, &to) in strip.iter().zip(to) {
-                    for (a, sum) in product.iter_mut().enumerate() {
-                        add(sum, self.rows[(a, to)], row);
-                    }
+                for (pair, two) in self.pairs.iter().zip(product.chunks_mut(2)) {
+                    let mut sums = [[0.0; STRIP]; 2];
+                    kernels::add_two_products(&mut sums, pair, strip, to);
+                    two.copy_from_slice(&sums[..two.len()]);
                 }
             }
-            To::Cells(lists) => {
-                for (cell, list) in lists.iter().enumerate() {
+            To::Cells { lists, largest } => {
+                // What goes to the largest cell is the rest.
+                let mut rest = self.totals[s];
+                for (cell, list) in lists.iter().enumerate().filter(|(cell, _)| cell != largest) {
                     let mut of_cell = [0.0; STRIP];
-                    for &k in list {
-                        let row = &strip[k as usize];
-                        of_cell.iter_mut().zip(row).for_each(|(sum, value)| *sum += value);
-                    }
-                    for (a, sum) in product.iter_mut().enumerate() {
-                        add(sum, self.rows[(a, cell)], &of_cell);
-                    }
+                    kernels::add_listed(&mut of_cell, strip, list);
+                    add(&mut rest, -1.0, &of_cell);
+                    product
+                        .iter_mut()
+                        .enumerate()
+                        .for_each(|(a, sum)| add(sum, self.rows[(a, cell)], &of_cell));
                 }
+                product.iter_mut().enumerate().for_each(|(a, sum)| add(sum, self.rows[(a, *largest)], &rest));
             }
         }
         product
@@ -249,8 +263,8 @@ impl Plan {
 enum To {
     /// Row of the design for each shape.
     Rows(Vec<usize>),
-    /// Shapes for each row of the design.
-    Cells(Vec<Vec<u32>>),
+    /// Shapes for each row of the design, and the one with most.
+    Cells { lists: Vec<Vec<u32>>, largest: usize },
 }
 
 struct Order {

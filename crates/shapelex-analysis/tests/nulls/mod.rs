@@ -271,37 +271,38 @@ impl Layout {
         }
     }
 
-    /// Attributes of 24 shapes, their groups of a common deviation, and the part of their own.
+    /// Attributes of the shapes, their groups of a common deviation, and the part of their own. Ten groups, five of each kind, have 126
+    /// exchanges that differ: enough for a level near 5 %.
     fn made(self, random: &mut ChaCha12Rng) -> (Table, Vec<usize>, Vec<f64>) {
-        const SHAPES: usize = 24;
+        let shapes = if matches!(self, Self::Nested | Self::Repeated) { 30 } else { 24 };
         let text = |name: &str, of: &dyn Fn(usize) -> usize| {
-            (name.to_owned(), ModelValues::Texts((0..SHAPES).map(|k| format!("{name}{}", of(k))).collect()))
+            (name.to_owned(), ModelValues::Texts((0..shapes).map(|k| format!("{name}{}", of(k))).collect()))
         };
         let (attributes, groups): (Vec<_>, Vec<usize>) = match self {
             Self::Balanced | Self::UnequalScatter => {
-                (vec![text("a", &|k| k % 2), text("b", &|k| k / 2 % 3)], (0..SHAPES).collect())
+                (vec![text("a", &|k| k % 2), text("b", &|k| k / 2 % 3)], (0..shapes).collect())
             }
             Self::Unbalanced => {
                 let a = |k: usize| usize::from(k < 9);
-                let numbers = (0..SHAPES).map(|k| a(k) as f64 + random.random::<f64>()).collect();
+                let numbers = (0..shapes).map(|k| a(k) as f64 + random.random::<f64>()).collect();
                 let t = ("t".to_owned(), ModelValues::Numbers(numbers));
-                (vec![text("a", &a), text("b", &|k| [0, 1, 1, 2, 0, 1, 1][k % 7]), t], (0..SHAPES).collect())
+                (vec![text("a", &a), text("b", &|k| [0, 1, 1, 2, 0, 1, 1][k % 7]), t], (0..shapes).collect())
             }
             Self::Nested => {
-                let (site, year) = (|k: usize| k / 12, |k: usize| k / 3);
-                (vec![text("site", &site), text("year", &year)], (0..SHAPES).map(year).collect())
+                let (site, year) = (|k: usize| k / 15, |k: usize| k / 3);
+                (vec![text("site", &site), text("year", &year)], (0..shapes).map(year).collect())
             }
             Self::Repeated => {
                 let subject = |k: usize| k / 3;
-                let treatment = |k: usize| usize::from(k / 3 < 4);
+                let treatment = |k: usize| usize::from(k / 3 < 5);
                 let names =
                     vec![text("subject", &subject), text("day", &|k| k % 3), text("treatment", &treatment)];
-                (names, (0..SHAPES).map(subject).collect())
+                (names, (0..shapes).map(subject).collect())
             }
         };
-        let part = |k: usize| if self == Self::UnequalScatter && k % 2 == 0 { 3.0 } else { 1.0 };
+        let part = |k: usize| if self == Self::UnequalScatter && k.is_multiple_of(2) { 3.0 } else { 1.0 };
         let table = Table { attributes: attributes.into_iter().collect(), ..Table::default() };
-        (table, groups, (0..SHAPES).map(part).collect())
+        (table, groups, (0..shapes).map(part).collect())
     }
 }
 

@@ -305,7 +305,7 @@ fn landmarks(path: &Path) -> (BTreeMap<String, Vec<String>>, Matrix, usize) {
     let is_coordinate =
         |name: &str| name[1..].parse::<usize>().is_ok() && matches!(&name[..1], "x" | "y" | "z");
     let coordinates: Vec<usize> = (0..names.len()).filter(|j| is_coordinate(names[*j])).collect();
-    let dimension = 2 + usize::from(names.iter().any(|name| *name == "z1"));
+    let dimension = 2 + usize::from(names.contains(&"z1"));
     let points = coordinates.len() / dimension;
     let value = |i: usize, k: usize| {
         rows[k][coordinates[i % points * dimension + i / points]].parse::<f64>().unwrap()

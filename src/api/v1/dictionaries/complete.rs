@@ -207,14 +207,14 @@ fn answered(
 ) -> Result<Response, ServiceError> {
     let space = &ready.setup.space;
     let read = shapes.into_iter().map(|shape| shape.checked(space, app.limits.control_points));
-    let read = Outcomes::of_list("shapes", read.collect()).all()?;
+    let read = Outcomes::all_of_list("shapes", read)?;
     let context = app.pool.context();
     let complete = |shape: &PartialShape| {
         context.check()?;
         Ok::<_, ServiceError>(posterior::complete(ready, prepared, shape, asking))
     };
     let completed = read.iter().map(complete).collect::<Result<Vec<Result<Completion, Vec<Fault>>>, _>>()?;
-    let completed = Outcomes::of_list("shapes", completed).all()?;
+    let completed = Outcomes::all_of_list("shapes", completed)?;
     let hidden = |completion: &Completion| completion.observed.iter().filter(|seen| !**seen).count();
     let most = completed.iter().map(hidden).max().unwrap_or(0);
     let (factors, warning) = prepared.factors(asking.level, ready.setup.metric.dimension(), most);
