@@ -7,7 +7,6 @@ use axum::response::Response;
 use serde::Serialize;
 
 use crate::analysis::defaults::{BAND_LEVEL, OUTLIER_QUANTILE};
-use crate::analysis::dictionary::posterior::missing::PartialShape;
 use crate::api::extract::{Caller, Format, JsonBody, OnlyFormat, Path};
 use crate::api::problem::Problem;
 use crate::api::respond::{compute, json, picture};
@@ -209,12 +208,14 @@ fn answered(
     let read = shapes.into_iter().map(|shape| shape.checked(space, app.limits.control_points));
     let read = Outcomes::all_of_list("shapes", read)?;
     let context = app.pool.context();
-    let complete = |shape: &PartialShape| {
-        context.check()?;
-        Ok::<_, ServiceError>(posterior::complete(ready, prepared, shape, asking))
-    };
-    let completed = read.iter().map(complete).collect::<Result<Vec<Result<Completion, Vec<Fault>>>, _>>()?;
-    let completed = Outcomes::all_of_list("shapes", completed)?;
+    let mut cancelled = Ok(());
+    let completions = read.iter().map_while(|shape| {
+        cancelled = context.check();
+        cancelled.is_ok().then(|| posterior::complete(ready, prepared, shape, asking))
+    });
+    let completed = Outcomes::all_of_list("shapes", completions);
+    cancelled?;
+    let completed = completed?;
     let hidden = |completion: &Completion| completion.observed.iter().filter(|seen| !**seen).count();
     let most = completed.iter().map(hidden).max().unwrap_or(0);
     let (factors, warning) = prepared.factors(asking.level, ready.setup.metric.dimension(), most);

@@ -214,61 +214,28 @@ impl StudyKind for ModelledShapes {
     ) -> Result<ShapeModel, ServiceError> {
         let Study { plan, cohort, sample, .. } = study;
         let options = &plan.options;
-        let refused = |error| refused(error, &sample.shapes);
         let table = match sample.needs_sizes {
             true => sample.table_with(shapes.log_centroid_sizes().ok_or_else(|| {
                 ServiceError::invalid("/cohort", "the cohort has shapes too large to be measured")
             })?),
             false => sample.table.clone(),
         };
-        let response = match options.response.as_str() {
-            SHAPE => Response::Shape,
-            name => match table.attributes.get(name) {
-                Some(Values::Numbers(numbers)) => Response::Numbers(numbers),
-                _ => {
-                    return Err(ServiceError::invalid(
-                        "/response",
-                        format!("expected numbers, got texts for '{name}'"),
-                    ));
-                }
-            },
-        };
         let error_terms: Vec<(String, String)> =
             options.error_terms.iter().map(|(term, error)| (term.clone(), error.clone())).collect();
-        let testing = Testing {
-            kind: options.kind,
-            contrasts_of_three: options.contrasts.unwrap_or(Contrasts::Sum),
-            statistic: options.statistic,
-            transform: options.z,
-            permutations: plan.permutations,
-            seed: plan.seed,
-            strata: sample.strata.as_deref(),
-            blocks: sample.blocks.as_deref(),
-            exchange: options.exchange,
-            error_terms: &error_terms,
-            given: None,
-        };
         let question = ModelQuestion {
             formula: &sample.formula,
             table: &table,
             contrasts: options.coding(),
-            response,
-            testing,
+            response: response_of(&options.response, &table)?,
+            testing: sample.testing(plan, &error_terms),
             at: options.at.as_deref(),
         };
-        let mut found = model(shapes, &question, watch).map_err(refused)?;
-        if options.collinear == Collinear::Refuse && !found.anova.design.dropped.is_empty() {
-            return Err(refused(ModelError::Collinear { columns: found.anova.design.dropped.join(", ") }));
+        let mut found = model(shapes, &question, watch).map_err(|error| refused(error, &sample.shapes))?;
+        let dropped = &found.anova.design.dropped;
+        if options.collinear == Collinear::Refuse && !dropped.is_empty() {
+            return Err(refused(ModelError::Collinear { columns: dropped.join(", ") }, &sample.shapes));
         }
-        let mut warnings = study.caveats();
-        warnings.append(&mut found.anova.warnings);
-        if options.blocks.iter().all(|name| name != "subject") && !names_subject(&sample.formula) {
-            warnings.extend(subject_warning(&sample.shapes, &plan.strata));
-        }
-        if sample.left_out > 0 {
-            warnings.push(format!("{} shapes lack a value and are left out", sample.left_out));
-        }
-        found.anova.warnings = warnings;
+        found.anova.warnings = warnings_of(study, std::mem::take(&mut found.anova.warnings));
         Ok(ShapeModel {
             cohort: cohort.id.clone(),
             cohort_revision: plan.revision,
@@ -298,7 +265,48 @@ impl Options {
     }
 }
 
+/// What is modelled.
+fn response_of<'a>(name: &str, table: &'a Table) -> Result<Response<'a>, ServiceError> {
+    match (name, table.attributes.get(name)) {
+        (SHAPE, _) => Ok(Response::Shape),
+        (_, Some(Values::Numbers(numbers))) => Ok(Response::Numbers(numbers)),
+        _ => Err(ServiceError::invalid("/response", format!("expected numbers, got texts for '{name}'"))),
+    }
+}
+
+/// All that should be known of a model beside what was found.
+fn warnings_of(study: &Study<ModelledShapes>, mut found: Vec<String>) -> Vec<String> {
+    let Study { plan, sample, .. } = study;
+    let mut warnings = study.caveats();
+    warnings.append(&mut found);
+    if plan.options.blocks.iter().all(|name| name != "subject") && !names_subject(&sample.formula) {
+        warnings.extend(subject_warning(&sample.shapes, &plan.strata));
+    }
+    if sample.left_out > 0 {
+        warnings.push(format!("{} shapes lack a value and are left out", sample.left_out));
+    }
+    warnings
+}
+
 impl ModelledShapes {
+    /// How the terms are tested.
+    fn testing<'a>(&'a self, plan: &Plan<Options>, error_terms: &'a [(String, String)]) -> Testing<'a> {
+        let options = &plan.options;
+        Testing {
+            kind: options.kind,
+            contrasts_of_three: options.contrasts.unwrap_or(Contrasts::Sum),
+            statistic: options.statistic,
+            transform: options.z,
+            permutations: plan.permutations,
+            seed: plan.seed,
+            strata: self.strata.as_deref(),
+            blocks: self.blocks.as_deref(),
+            exchange: options.exchange,
+            error_terms,
+            given: None,
+        }
+    }
+
     /// The table with the logarithms of the centroid sizes.
     fn table_with(&self, sizes: Vec<f64>) -> Table {
         let mut table = self.table.clone();
