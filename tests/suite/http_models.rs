@@ -239,6 +239,9 @@ fn what_is_no_model_is_refused_at_its_place() {
     refused(&[("error_terms", json!({"treatment": "age"}))], "/error_terms", "contains 'treatment'");
     refused(&[("levels", json!({"treatment": ["control"]}))], "/levels/treatment", "got 'drug'");
     refused(&[("levels", json!({"colour": ["red"]}))], "/levels", "got 'colour'");
+    refused(&[("exchange", json!("whole"))], "/exchange", "expected `blocks`");
+    let inside = [("formula", json!("~ treatment + (1 | subject)")), ("strata", json!("labels.day"))];
+    refused(&inside, "/strata", "equal within the groups of subject");
     refused(&[("permutations", json!(100_001))], "/permutations", "got 100001");
     let three = |formula: &str| [("formula", json!(formula)), ("type", json!("III"))];
     refused(&three("~ treatment*age"), "/type", "both sides of zero for 'age'");

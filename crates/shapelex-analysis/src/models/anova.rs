@@ -68,7 +68,7 @@ pub struct Testing<'a> {
     pub strata: Option<&'a [usize]>,
     /// Block of each shape.
     pub blocks: Option<&'a [usize]>,
-    /// What is exchanged.
+    /// Choice of the residuals that are exchanged.
     pub exchange: ExchangeRule,
     /// Terms that are tested against others, by their names.
     pub error_terms: &'a [(String, String)],
@@ -227,6 +227,12 @@ impl Model {
                 "type III with other contrasts than sum tests effects at the reference level, not about the mean of all".into(),
             );
         }
+        if testing.kind == SumType::III && grouped.is_some() {
+            warnings.push(
+                "terms that vary inside of random groups are tested by type II, given the groups".into(),
+            );
+        }
+        warnings.extend(rows.iter().filter_map(few_exchanges));
         let whole = grouped.as_ref().map_or(self, |grouped| &grouped.model);
         Ok(self.record(whole, rows, dropped, warnings))
     }
@@ -266,7 +272,8 @@ impl Model {
         let of = |terms: &[usize]| terms.iter().map(|&term| formula.terms[term].clone()).collect::<Vec<_>>();
         let terms = [of(&between), groups.clone(), of(&within)].concat();
         let all: Vec<usize> = (0..self.design.shapes()).collect();
-        let design = self.design.restricted(Formula { terms, random: Vec::new(), ..formula.clone() }, &all);
+        let design =
+            self.design.restricted(Formula { terms, random: Vec::new(), ..formula.clone() }, &all)?;
         let space = Space::new(&design, &self.weights)?;
         let fitted = Fitted::new(&space, &self.vectors, design.formula.intercept)?;
         let labels = formula.random.iter().map(|part| self.design.cells_of(&part.group));
@@ -340,7 +347,7 @@ impl Model {
         (degrees > 0 && sums.residual > 1e-12 * self.fitted.total).then(|| sums.own / degrees as f64 / mean)
     }
 
-    /// What is exchanged for a term.
+    /// Kind of exchange for a term.
     fn kind_of(&self, hypothesis: &Hypothesis, testing: &Testing<'_>) -> ExchangeKind {
         let Some(blocks) = testing.blocks else { return ExchangeKind::Free };
         match testing.exchange {
@@ -386,7 +393,7 @@ impl Model {
             let row = &mut rows[hypothesis.term];
             row.exchange = kind;
             row.distinct = distinct.is_finite().then_some(distinct);
-            row.exact = exchanges.are_all();
+            row.exact = exchanges.are_all() && !drawn.is_empty();
             let degrees = row.degrees;
             let value = |sums: Sums| match testing.statistic {
                 Statistic::F => self.ratio(degrees, sums).unwrap_or(f64::MAX),
@@ -457,10 +464,13 @@ impl Model {
         watch: &dyn Watch,
     ) -> Result<(), ModelError> {
         let collapsed = self.collapsed(error)?;
-        let strata = testing.strata.map(|strata| collapsed.first_of(strata));
+        let (strata, blocks) = (collapsed.labels(testing.strata), collapsed.labels(testing.blocks));
+        if strata.is_none() && testing.strata.is_some() {
+            return Err(ModelError::StrataInside { group: self.design.formula.name(error) });
+        }
         let testing = Testing {
             strata: strata.as_deref(),
-            blocks: None,
+            blocks: blocks.as_deref(),
             error_terms: &[],
             given: None,
             ..testing.clone()
@@ -477,7 +487,7 @@ impl Model {
         for (hypothesis, sums) in chosen.iter().zip(&observed) {
             rows[hypothesis.term] = model.row(hypothesis, *sums);
         }
-        model.test(&chosen, ExchangeKind::Free, &testing, &mut rows, watch)?;
+        model.test_plain(&chosen, &testing, &mut rows, watch)?;
         if let Some(hypothesis) = chosen.first() {
             let tested = rows.swap_remove(hypothesis.term);
             *row = TermRecord {
@@ -520,10 +530,10 @@ impl Model {
         };
         let terms: Vec<Term> = self.design.formula.terms.iter().filter(constant).cloned().collect();
         let formula = Formula { terms, random: Vec::new(), ..self.design.formula.clone() };
-        let design = self.design.restricted(formula, &firsts);
+        let design = self.design.restricted(formula, &firsts)?;
         let space = Space::new(&design, &weights)?;
         let fitted = Fitted::new(&space, &sums, design.formula.intercept)?;
-        Ok(Collapsed { model: Self { design, space, fitted, vectors: sums, weights }, firsts })
+        Ok(Collapsed { model: Self { design, space, fitted, vectors: sums, weights }, firsts, groups })
     }
 }
 
@@ -553,7 +563,8 @@ impl Grouped {
         let observed = model.fitted.observed(&hypotheses);
         let mut own: Vec<TermRecord> =
             hypotheses.iter().zip(&observed).map(|(hypothesis, sums)| model.row(hypothesis, *sums)).collect();
-        let testing = Testing { blocks: Some(&self.finest), error_terms: &[], ..testing.clone() };
+        let inside = testing.blocks.map_or_else(|| self.finest.clone(), |blocks| pairs(&self.finest, blocks));
+        let testing = Testing { blocks: Some(&inside), error_terms: &[], ..testing.clone() };
         let chosen = |wanted: &dyn Fn(usize) -> bool| -> Vec<Hypothesis> {
             hypotheses.iter().filter(|h| wanted(h.term) && h.own.ncols() > 0).cloned().collect()
         };
@@ -579,11 +590,17 @@ impl Grouped {
 struct Collapsed {
     model: Model,
     firsts: Vec<usize>,
+    /// Group of each shape.
+    groups: Vec<usize>,
 }
 
 impl Collapsed {
-    fn first_of(&self, labels: &[usize]) -> Vec<usize> {
-        self.firsts.iter().map(|&first| labels[first]).collect()
+    /// Labels of the averages; `None` if a group has shapes of several labels.
+    fn labels(&self, labels: Option<&[usize]>) -> Option<Vec<usize>> {
+        let labels = labels?;
+        let of_groups: Vec<usize> = self.firsts.iter().map(|&first| labels[first]).collect();
+        let is_constant = self.groups.iter().zip(labels).all(|(&group, label)| of_groups[group] == *label);
+        is_constant.then_some(of_groups)
     }
 }
 
@@ -606,6 +623,13 @@ impl TermRecord {
         self.p = Some((1 + self.exceeding) as f64 / values.len() as f64);
         self.z = effect_size(&values, transform).map(|size| size.z);
     }
+}
+
+/// Warning about a term whose p value no exchanges give.
+fn few_exchanges(row: &TermRecord) -> Option<String> {
+    let distinct = row.distinct.filter(|distinct| *distinct < FEWEST_EXCHANGES)?;
+    let term = &row.term;
+    Some(format!("{term} has {distinct} distinct exchanges, of at least {FEWEST_EXCHANGES} for a p value"))
 }
 
 fn share(part: f64, whole: f64) -> f64 {

@@ -240,9 +240,11 @@ impl Design {
         design
     }
 
-    /// The design of fewer terms, for these shapes.
-    #[must_use]
-    pub(super) fn restricted(&self, formula: Formula, shapes: &[usize]) -> Self {
+    /// The design of other terms of the same variables, for these shapes.
+    ///
+    /// # Errors
+    /// Too many columns.
+    pub(super) fn restricted(&self, formula: Formula, shapes: &[usize]) -> Result<Self, ModelError> {
         let chosen = |values: &[f64]| shapes.iter().map(|&k| values[k]).collect();
         let variable = |variable: &Prepared| match variable {
             Prepared::Numbers { values, function } => {
@@ -259,10 +261,9 @@ impl Design {
         let coding = formula.terms.iter().map(|term| coding_of(&formula, term)).collect();
         let variables = self.variables.iter().map(variable).collect();
         let mut design = Self { formula, variables, coding, ..self.clone() };
-        // There are fewer columns than in this design.
-        let _ = design.name_columns();
+        design.name_columns()?;
         design.matrix = design.rows(shapes.len());
-        design
+        Ok(design)
     }
 
     /// Number of shapes.
@@ -322,6 +323,11 @@ impl Design {
                 *numbers.entry(of(k)).or_insert(next)
             })
             .collect()
+    }
+
+    /// Number of combinations of a term that occur.
+    pub fn count(&self, term: &Term) -> usize {
+        self.cells_of(term).iter().max().map_or(0, |last| last + 1)
     }
 
     fn rows(&self, shapes: usize) -> Matrix {

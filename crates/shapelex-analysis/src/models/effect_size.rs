@@ -21,7 +21,7 @@ const LOGARITHM: f64 = 1e-3;
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "snake_case"))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub enum Transform {
-    /// That of Box and Cox, with the exponent of the largest likelihood.
+    /// Box and Cox, with the exponent of the largest likelihood.
     #[default]
     BoxCox,
     /// The logarithm.

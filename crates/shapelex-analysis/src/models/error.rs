@@ -135,7 +135,7 @@ pub enum ModelError {
         place: usize,
         /// Name of the attribute.
         name: String,
-        /// What is expected.
+        /// The expected values.
         detail: String,
     },
     /// Type III of an interaction with a number that is never near zero.
@@ -149,6 +149,14 @@ pub enum ModelError {
         least: f64,
         /// Its largest value.
         most: f64,
+    },
+    /// Strata that differ between shapes whose average is tested.
+    #[error(
+        "expected strata that are equal within the groups of {group}, whose averages are exchanged, got several in one"
+    )]
+    StrataInside {
+        /// The error term.
+        group: String,
     },
     /// A random part that no test takes.
     #[error("expected random parts (1 | group) in tests, got {part}")]

@@ -52,7 +52,7 @@ pub struct Draw<'a> {
     pub strata: &'a [usize],
     /// Block of each shape.
     pub blocks: Option<&'a [usize]>,
-    /// What is exchanged.
+    /// Kind of exchange.
     pub kind: ExchangeKind,
     /// Number of exchanges beside the observed one.
     pub permutations: usize,

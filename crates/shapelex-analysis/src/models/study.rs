@@ -122,8 +122,8 @@ struct Coefficients {
     /// One row for each kept column.
     rows: Matrix,
     kept: Vec<usize>,
-    /// `C` of the kept columns.
-    coordinates: Matrix,
+    /// Inverse of `Cᵀ` of the kept columns; `None` only for a basis that lost all digits.
+    inverse: Option<Matrix>,
 }
 
 impl Coefficients {
@@ -143,7 +143,7 @@ impl Coefficients {
         if model.design.formula.intercept {
             rows.row_mut(0).iter_mut().zip(&mean).for_each(|(value, mean)| *value += mean);
         }
-        Self { rows, kept, coordinates }
+        Self { rows, kept, inverse: coordinates.transpose().try_inverse() }
     }
 
     fn records(&self, design: &Design, space: &Space, metric: Option<&Metric>) -> Vec<CoefficientRecord> {
@@ -163,7 +163,7 @@ impl Coefficients {
     /// `x_0 (XᵀWX)⁻¹ x_0ᵀ` of a row of the kept columns.
     fn leverage(&self, row: &[f64]) -> f64 {
         let row = Matrix::from_column_slice(row.len(), 1, row);
-        self.coordinates.transpose().lu().solve(&row).map_or(f64::NAN, |solved| solved.norm_squared())
+        self.inverse.as_ref().map_or(f64::NAN, |inverse| (inverse * row).norm_squared())
     }
 }
 

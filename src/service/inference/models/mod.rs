@@ -135,6 +135,11 @@ impl StudyKind for ModelledShapes {
                 format!("expected the name of an attribute, got '{name}'"),
             ));
         }
+        if options.blocks.is_empty() && matches!(options.exchange, ExchangeRule::Within | ExchangeRule::Whole)
+        {
+            let detail = "expected `blocks` with an exchange within them or of whole ones, got none";
+            faults.push(Fault::new("/exchange", detail));
+        }
         if options.at.as_ref().is_some_and(|at| at.len() > MAX_PREDICTIONS) {
             let found = options.at.as_ref().map_or(0, Vec::len);
             faults
@@ -178,7 +183,9 @@ impl StudyKind for ModelledShapes {
         let table = self.table_with((0..shapes).map(|k| k as f64).collect());
         let refused = |error| refused(error, &self.shapes);
         let design = Design::new(&self.formula, &table, plan.options.coding()).map_err(refused)?;
-        let (columns, terms) = (design.columns.len(), self.formula.terms.len());
+        // Groups of random parts are columns of the model inside of them.
+        let groups: usize = self.formula.random.iter().map(|part| design.count(&part.group)).sum();
+        let (columns, terms) = (design.columns.len() + groups, self.formula.terms.len());
         let length = if plan.options.response == SHAPE { setup.measured().metric.len() } else { 1 };
         let (numbers, most) = (columns.saturating_mul(length), app.limits.samples);
         if numbers > most {
@@ -345,6 +352,7 @@ fn refused(error: ModelError, shapes: &[ShapeDescription]) -> ServiceError {
             );
             (format!("/levels/{}", name.replace('~', "~0").replace('/', "~1")), detail)
         }
+        error @ ModelError::StrataInside { .. } => ("/strata".into(), error.to_string()),
         error @ ModelError::UnequalBlocks { .. } => ("/blocks".into(), error.to_string()),
         error @ ModelError::NoErrorTerm { .. } => ("/error_terms".into(), error.to_string()),
         error @ (ModelError::EmptyCells { .. } | ModelError::FarFromZero { .. }) => {
