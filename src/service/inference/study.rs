@@ -24,7 +24,7 @@ use crate::domain::job::JobKind;
 use crate::domain::study::StudyHeader;
 use crate::geometry::drawing::scene::Drawing;
 use crate::service::app::progress::{JobContext, Meter, Part};
-use crate::service::app::{App, ServiceError};
+use crate::service::app::{App, ServiceError, Work};
 use crate::service::cohorts::catalogue;
 use crate::service::cohorts::caveats::of_descriptions;
 use crate::service::cohorts::directed;
@@ -36,6 +36,9 @@ use crate::wire::fault::Fault;
 
 /// Maximum number of permutations of a test.
 const MAX_PERMUTATIONS: usize = 100_000;
+
+/// Predicted time of the attributes of a shape in a design.
+const DESCRIBED: f64 = 1e-5;
 
 /// Request for a study with options `O`.
 #[derive(Debug, Clone)]
@@ -239,9 +242,14 @@ impl<K: StudyKind> Study<K> {
         directed::complete(app, &cohort).await?;
         let sample = K::select(app, &cohort, &plan).await?;
         let (task_app, settings) = (app.clone(), plan.settings(&cohort));
-        let preparing = app.pool.weighing(requests::space(&cohort.spec.representation, &app.limits));
-        let setup = preparing.run(move || Setup::of(&task_app, settings)).await?;
-        let estimate = sample.estimate(app, &plan, &setup)?;
+        let described = Work::from_seconds(sample.selection().shapes.len() as f64 * DESCRIBED);
+        let work = requests::space(&cohort.spec.representation, &app.limits) + described;
+        let prepare = move || {
+            let setup = Setup::of(&task_app, settings)?;
+            let estimate = sample.estimate(&task_app, &plan, &setup)?;
+            Ok((plan, sample, setup, estimate))
+        };
+        let (plan, sample, setup, estimate) = app.pool.weighing(work).run(prepare).await?;
         Ok(Self { plan, cohort, setup, sample, estimate })
     }
 

@@ -10,6 +10,7 @@ use std::collections::BTreeMap;
 
 use super::error::ModelError;
 use super::formula::{Formula, Function, Term};
+use crate::strata::strata;
 use shapelex_numeric::dense::Matrix;
 
 /// Maximum number of columns of a design.
@@ -185,8 +186,9 @@ pub struct Design {
     pub columns: Vec<String>,
     /// Number of the term of each column, counted from 1; 0 is the intercept.
     pub term_of_column: Vec<usize>,
-    /// One row for each shape.
+    /// One row for each shape; none of a design that is only [named](Self::named).
     pub matrix: Matrix,
+    shapes: usize,
     /// Warnings about levels that do not occur.
     pub warnings: Vec<String>,
     coding: Vec<Vec<Coding>>,
@@ -199,9 +201,21 @@ impl Design {
     /// A variable that the table has not; numbers where texts are expected, and the reverse; a factor of one level, a number without
     /// variation, a degree that the values do not allow; too many columns.
     pub fn new(formula: &Formula, table: &Table, contrasts: Contrasts) -> Result<Self, ModelError> {
+        Self::named(formula, table, contrasts).map(Self::filled)
+    }
+
+    /// The design without the numbers of its columns, which may be many.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn named(formula: &Formula, table: &Table, contrasts: Contrasts) -> Result<Self, ModelError> {
         let mut warnings = Vec::new();
         let used = formula.terms.iter().fold(0, |set, term| set | term.set());
         let mut variables = Vec::new();
+        let expected = table.attributes.values().next().map_or(0, Values::len);
+        if let Some((name, values)) = table.attributes.iter().find(|(_, values)| values.len() != expected) {
+            return Err(ModelError::Lengths { name: name.clone(), found: values.len(), expected });
+        }
         for (k, variable) in formula.variables.iter().enumerate() {
             let values = table
                 .attributes
@@ -220,14 +234,20 @@ impl Design {
             columns: Vec::new(),
             term_of_column: Vec::new(),
             matrix: Matrix::zeros(0, 0),
+            shapes: table.attributes.values().next().map_or(0, Values::len),
             warnings,
             coding,
         };
         design.check_variation(used)?;
         design.name_columns()?;
-        let shapes = table.attributes.values().next().map_or(0, Values::len);
-        design.matrix = design.rows(shapes);
         Ok(design)
+    }
+
+    /// The design with the numbers of its columns.
+    #[must_use]
+    pub fn filled(mut self) -> Self {
+        self.matrix = self.rows();
+        self
     }
 
     /// The same design with other contrasts.
@@ -236,8 +256,7 @@ impl Design {
         let mut design = Self { contrasts, columns: Vec::new(), term_of_column: Vec::new(), ..self.clone() };
         // The number of columns does not depend on the contrasts.
         let _ = design.name_columns();
-        design.matrix = design.rows(self.matrix.nrows());
-        design
+        design.filled()
     }
 
     /// The design of other terms of the same variables, for these shapes.
@@ -260,15 +279,15 @@ impl Design {
         };
         let coding = formula.terms.iter().map(|term| coding_of(&formula, term)).collect();
         let variables = self.variables.iter().map(variable).collect();
-        let mut design = Self { formula, variables, coding, ..self.clone() };
+        let matrix = Matrix::zeros(0, 0);
+        let mut design = Self { formula, variables, coding, matrix, shapes: shapes.len(), ..self.clone() };
         design.name_columns()?;
-        design.matrix = design.rows(shapes.len());
-        Ok(design)
+        Ok(design.filled())
     }
 
     /// Number of shapes.
     pub fn shapes(&self) -> usize {
-        self.matrix.nrows()
+        self.shapes
     }
 
     /// Value of a variable for shape `k`.
@@ -309,20 +328,14 @@ impl Design {
     /// Combinations of levels of the factors of a term, for each shape; shapes of one combination have one number, counted in the order
     /// of their first shape.
     pub fn cells_of(&self, term: &Term) -> Vec<usize> {
-        let mut numbers = BTreeMap::new();
-        let of = |k: usize| -> Vec<u64> {
+        let key = |k: usize| -> Vec<u64> {
             let bits = |&variable: &usize| match self.cell(variable, k) {
                 Cell::Number(number) => number.to_bits(),
                 Cell::Level(level) => level as u64,
             };
             term.0.iter().map(bits).collect()
         };
-        (0..self.shapes())
-            .map(|k| {
-                let next = numbers.len();
-                *numbers.entry(of(k)).or_insert(next)
-            })
-            .collect()
+        strata((0..self.shapes).map(key))
     }
 
     /// Number of combinations of a term that occur.
@@ -330,9 +343,9 @@ impl Design {
         self.cells_of(term).iter().max().map_or(0, |last| last + 1)
     }
 
-    fn rows(&self, shapes: usize) -> Matrix {
-        let mut matrix = Matrix::zeros(shapes, self.columns.len());
-        for k in 0..shapes {
+    fn rows(&self) -> Matrix {
+        let mut matrix = Matrix::zeros(self.shapes, self.columns.len());
+        for k in 0..self.shapes {
             let row = self.row(&|variable| self.cell(variable, k));
             row.into_iter().enumerate().for_each(|(j, value)| matrix[(k, j)] = value);
         }

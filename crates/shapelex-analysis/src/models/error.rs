@@ -20,6 +20,16 @@ pub enum ModelError {
         /// Name of the attribute.
         name: String,
     },
+    /// Attributes of different numbers of shapes.
+    #[error("expected {expected} values of '{name}', one for each shape, got {found}")]
+    Lengths {
+        /// Name of the attribute.
+        name: String,
+        /// Number of its values.
+        found: usize,
+        /// Number of shapes.
+        expected: usize,
+    },
     /// A function of texts.
     #[error("expected numbers for '{name}', got texts")]
     NotNumeric {

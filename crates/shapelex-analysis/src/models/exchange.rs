@@ -9,6 +9,7 @@
 use std::collections::BTreeMap;
 
 use crate::inference::permutation::Relabellings;
+use crate::strata::strata as numbered;
 
 /// What may be exchanged.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -146,15 +147,8 @@ impl Blocks {
         let mut patterns = vec![Vec::new(); numbers.len()];
         numbers.into_iter().for_each(|(pattern, number)| patterns[number] = pattern);
         // Blocks of one size whose shapes have the same strata form a class.
-        let mut classes = BTreeMap::new();
-        let of_blocks: Vec<usize> = members
-            .iter()
-            .map(|block| {
-                let next = classes.len();
-                let key: Vec<usize> = block.iter().map(|&k| strata[k]).collect();
-                *classes.entry(key).or_insert(next)
-            })
-            .collect();
+        let of_blocks =
+            numbered(members.iter().map(|block| block.iter().map(|&k| strata[k]).collect::<Vec<_>>()));
         let relabellings = Relabellings::new(observed, patterns.len(), &of_blocks, seed, permutations);
         Ok(Self { members, patterns, relabellings })
     }
@@ -170,10 +164,5 @@ impl Blocks {
 
 /// Numbers of the pairs of two labels, in the order in which they occur.
 pub(super) fn pairs(a: &[usize], b: &[usize]) -> Vec<usize> {
-    let mut numbers = BTreeMap::new();
-    let of = |pair: (&usize, &usize)| {
-        let next = numbers.len();
-        *numbers.entry((*pair.0, *pair.1)).or_insert(next)
-    };
-    a.iter().zip(b).map(of).collect()
+    numbered(a.iter().zip(b))
 }

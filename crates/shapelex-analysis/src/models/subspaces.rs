@@ -64,14 +64,7 @@ impl Space {
     /// [`ModelError::FewShapes`] if no degree of freedom is left for the residuals.
     pub fn new(design: &Design, weights: &[f64]) -> Result<Self, ModelError> {
         let roots: Vec<f64> = weights.iter().map(|weight| weight.sqrt()).collect();
-        let weighted = |matrix: &Matrix| {
-            let mut scaled = matrix.clone();
-            for mut column in scaled.column_iter_mut() {
-                column.iter_mut().zip(&roots).for_each(|(value, root)| *value *= root);
-            }
-            scaled
-        };
-        let scaled = weighted(&design.matrix);
+        let scaled = scaled(design, &roots);
         let (basis, kept) =
             orthonormal(&Matrix::zeros(design.shapes(), 0), &scaled, design.formula.intercept);
         let (found, rank) = (design.shapes(), basis.ncols());
@@ -99,11 +92,7 @@ impl Space {
 
     /// Coordinates of the columns of another design of the same space.
     fn coordinates_of(&self, design: &Design) -> Matrix {
-        let mut scaled = design.matrix.clone();
-        for mut column in scaled.column_iter_mut() {
-            column.iter_mut().zip(&self.roots).for_each(|(value, root)| *value *= root);
-        }
-        dense::transpose_multiply(&self.basis, &scaled)
+        dense::transpose_multiply(&self.basis, &scaled(design, &self.roots))
     }
 
     /// The hypotheses of all terms.
@@ -180,6 +169,15 @@ impl Space {
         let kept = columns_where_index(&self.coordinates, |j| self.kept[j]);
         kept.lu().solve(coordinates)
     }
+}
+
+/// Columns of a design, scaled by the roots of the weights.
+fn scaled(design: &Design, roots: &[f64]) -> Matrix {
+    let mut scaled = design.matrix.clone();
+    for mut column in scaled.column_iter_mut() {
+        column.iter_mut().zip(roots).for_each(|(value, root)| *value *= root);
+    }
+    scaled
 }
 
 fn columns_where(matrix: &Matrix, owners: &[usize], wanted: impl Fn(usize) -> bool) -> Matrix {

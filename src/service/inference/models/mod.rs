@@ -182,7 +182,7 @@ impl StudyKind for ModelledShapes {
         // Sizes are known once the shapes are read; any numbers that differ make as many columns.
         let table = self.table_with((0..shapes).map(|k| k as f64).collect());
         let refused = |error| refused(error, &self.shapes);
-        let design = Design::new(&self.formula, &table, plan.options.coding()).map_err(refused)?;
+        let design = Design::named(&self.formula, &table, plan.options.coding()).map_err(refused)?;
         // Groups of random parts are columns of the model inside of them.
         let groups: usize = self.formula.random.iter().map(|part| design.count(&part.group)).sum();
         let (columns, terms) = (design.columns.len() + groups, self.formula.terms.len());
@@ -193,10 +193,6 @@ impl StudyKind for ModelledShapes {
                 "expected at most {most} numbers in the coefficients, got {numbers} for {columns} columns"
             );
             return Err(ServiceError::invalid("/formula", detail));
-        }
-        if shapes <= columns && !self.needs_sizes {
-            // Fewer shapes than independent columns are refused before the shapes are read.
-            Space::new(&design, &vec![1.0; shapes]).map_err(refused)?;
         }
         let permutations = plan.permutations;
         let work =
@@ -210,6 +206,10 @@ impl StudyKind for ModelledShapes {
                 estimate.memory_bytes
             );
             return Err(ServiceError::invalid("/permutations", detail));
+        }
+        if shapes <= columns && !self.needs_sizes {
+            // Fewer shapes than independent columns are refused before the shapes are read.
+            Space::new(&design.filled(), &vec![1.0; shapes]).map_err(refused)?;
         }
         Ok(estimate)
     }
