@@ -4,7 +4,8 @@
 //! * [`subspaces`] — an orthonormal basis of the columns, and the pair of models that tests each term;
 //! * [`permuted`] — sums of squares, as observed and for exchanged residuals; [`exchange`] — which residuals change places;
 //! * [`effect_size`] — p values and Z of permuted statistics;
-//! * [`anova`] — the table of all terms; [`study`] — a model of aligned shapes with coefficients and predictions;
+//! * [`anova`] — the table of all terms; `error_terms` — tests against groups;
+//! * [`study`] — a model of aligned shapes with coefficients and predictions;
 //! * [`records`] — results; [`error`] — reasons why there is none.
 //!
 //! All shapes are aligned to one mean, which knows nothing of the model, so that the response is the same for every hypothesis. A
@@ -16,6 +17,7 @@ pub mod anova;
 pub mod design;
 pub mod effect_size;
 pub mod error;
+mod error_terms;
 pub mod exchange;
 pub mod formula;
 pub mod permuted;
