@@ -9,6 +9,7 @@
 # make scripts   format and lints of scripts in Python and of the page, by ruff and Biome; FIX=1 mends what they can
 # make dashboard       the page for browsers, from dashboard/src to dashboard/dist
 # make dashboard-test  the page in Chromium on a debug build; makes the pictures of docs/screens
+# make site    the documentation for browsers, in target/site/html, with navigation and a search; without a network once its tools are there
 # make contract  the OpenAPI document against the running service for six minutes, as `make test-all` does outside CI
 # make attack    the known attack requests in full size, then an hour of search for new ones
 # make fuzz      every fuzz target for ten minutes
@@ -17,10 +18,11 @@
 # make bench     one table beside peers and limits of the machine, losses first, then instructions of the kernels beside the
 #                committed counts; DATA=folder of contours, ARGUMENTS="--write docs" also makes docs/performance.md
 # make weight  cost of a cold build by crate, size, memory at rest, packages; ARGUMENTS="--before COMMIT" beside another commit
-# make dist    the program as it is packaged, in target/dist: optimised across crates, which takes longer to build
+# make dist    the program as it is packaged, in target/dist: optimised across crates, which takes longer to build; then in target/packages
+#              a wheel, a package for Debian, licences, SBOM, checksums, and with SIGNING_KEY a signature
 # make criterion the benchmarks behind the figures of docs/benchmarks.md
 
-.PHONY: run help check test test-others test-all test-engine test-engine-if-built built spell scripts dashboard dashboard-test contract attack fuzz sbom bench weight dist criterion needs needs-all tools
+.PHONY: run help check test test-others test-all test-engine test-engine-if-built built spell scripts dashboard dashboard-test site contract attack fuzz sbom bench weight dist criterion needs needs-all tools
 
 CODESPELL = 2.4.3
 RUFF = 0.17.6
@@ -71,6 +73,7 @@ scripts:
 	then target/scripts/bin/ruff check $(if $(FIX),--fix) . && target/scripts/bin/ruff format $(if $(FIX),,--check) .; \
 	else echo "SKIPPED: the lints of Python, there is no ruff, and no python3 that can install it"; fi
 	@dashboard/run.sh $(if $(FIX),tidy,lint)
+	@clients/typescript/run.sh $(if $(FIX),tidy,lint)
 
 dashboard:
 	dashboard/run.sh build
@@ -81,6 +84,9 @@ built:
 
 dashboard-test: built
 	SCREENS=docs/screens dashboard/run.sh test
+
+site:
+	python3 docs/site.py
 
 contract: built
 	python3 tests/contract/run.py long
@@ -142,6 +148,7 @@ weight:
 
 dist:
 	cargo build --profile dist --locked
+	deploy/package.sh $(TARGET)/dist/shapelex $(TARGET)/packages
 
 criterion:
 	cargo bench --locked

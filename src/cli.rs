@@ -16,7 +16,7 @@ use std::process::ExitCode;
 
 use clap::{CommandFactory, Parser, Subcommand};
 
-use self::runtime::runtime;
+pub(crate) use self::runtime::runtime;
 use crate::config::{ServeArgs, ServeConfig};
 use crate::service::app::build;
 use crate::{api, health, server, telemetry};

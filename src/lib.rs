@@ -4,7 +4,7 @@
 //!
 //! | layer | modules |
 //! |---|---|
-//! | wiring | `cli`, `server`, `config`, `health`, `store_location`, `telemetry` |
+//! | wiring | `cli`, `server`, `config`, `health`, `store_location`, `telemetry`, [`testing`] |
 //! | entry points | [`api`], [`worker`] |
 //! | use cases | [`service`] |
 //! | storage | [`store`], of the crate `shapelex-store` |
@@ -16,7 +16,7 @@
 //!
 //! Analysis sees every shape as an `N × d` matrix of control points and one Gram operator.
 
-// Without the feature, what the sources say of the OpenAPI document has no effect.
+// Without the feature, attributes of the sources for the OpenAPI document have no effect.
 #[cfg(not(feature = "schema"))]
 extern crate shapelex_schemaless as utoipa;
 
@@ -28,6 +28,7 @@ mod server;
 pub mod service;
 mod store_location;
 pub mod telemetry;
+pub mod testing;
 pub mod wire;
 pub mod worker;
 

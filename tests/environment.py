@@ -50,14 +50,17 @@ def seeded():
     return all(importlib.util.find_spec(name) for name in ("venv", "ensurepip"))
 
 
+def debian(*packages):
+    """Installs packages of Debian, as apt-get takes them."""
+    run([str(pathlib.Path(__file__).resolve().parent / "debian.sh"), *packages])
+
+
 def prepare():
     """Sees to it that environments can be made, by that package where the rights are there."""
     if seeded():
         return
     if os.geteuid() == 0 and shutil.which("apt-get"):
-        os.environ["DEBIAN_FRONTEND"] = "noninteractive"
-        run(["apt-get", "update", "-qq"])
-        run(["apt-get", "install", "-y", "-qq", "python3-venv"])
+        debian("python3-venv")
         importlib.invalidate_caches()
     if not seeded():
         raise Unavailable(f"{sys.executable} has no ensurepip (Debian: python3-venv)")

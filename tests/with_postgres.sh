@@ -26,10 +26,7 @@ find_programs() {
 
 programs=$(find_programs)
 if [ -z "$programs" ]; then
-    [ "$(id -u)" = 0 ] || skip "which is not installed, and only root may install it (Debian: postgresql)"
-    command -v apt-get >/dev/null || skip "which is not installed, and there is no apt-get"
-    said=$( (apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq postgresql) 2>&1) \
-        || skip "which cannot be installed: $(tail -1 <<<"$said")"
+    said=$("$(dirname "$0")/debian.sh" postgresql) || skip "which is not installed, and $said (Debian: postgresql)"
     programs=$(find_programs)
     [ -n "$programs" ] || skip "of which no initdb is found after its installation"
 fi

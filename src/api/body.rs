@@ -75,10 +75,10 @@ impl AsRef<[u8]> for HeldBody {
     }
 }
 
-/// Length beyond which a body is read on threads of their own: about 0.1 ms of decompression.
+/// Length beyond which a body is read on separate threads: about 0.1 ms of decompression.
 pub(super) const LONG: usize = 64 << 10;
 
-/// Reads a JSON body to its end. The memory reserved for it and for what is parsed from it is released when the bytes are
+/// Reads a JSON body to its end. The memory reserved for it and for the values parsed from it is released when the bytes are
 /// dropped.
 ///
 /// # Errors

@@ -1,8 +1,8 @@
 //! Words of `Cache-Control`.
 
-/// `Cache-Control` of what must not be stored.
+/// `Cache-Control` of answers that must not be stored.
 pub(super) const NO_STORE: &str = "no-store";
 
-/// `Cache-Control` of what never changes at its address. Private, because it belongs to who holds a key; for a day, because a
+/// `Cache-Control` of answers that never change at their address. Private, because they belong to the holder of a key; for a day, because a
 /// version may be deleted, and a new release of the program may draw it differently.
 pub(super) const IMMUTABLE: &str = "private, max-age=86400, immutable";

@@ -1,5 +1,5 @@
-//! Content codings of request bodies (RFC 9110 §8.4). A body in gzip is decoded to its end, whatever number of members it has; what is
-//! cut, or followed by other bytes, is an error of the body. Other codings, and several of them, are refused.
+//! Content codings of request bodies (RFC 9110 §8.4). A body in gzip is decoded to its end, whatever number of members it has; one
+//! that is cut, or followed by other bytes, is an error of the body. Other codings, and several of them, are refused.
 
 use std::io::{self, Write};
 
@@ -20,7 +20,7 @@ pub(super) async fn decode(mut request: Request, next: Next) -> Response {
     match is_gzip(request.headers()) {
         Ok(false) => next.run(request).await,
         Ok(true) => {
-            // They are those of what was sent.
+            // They describe the sent body.
             request.headers_mut().remove(header::CONTENT_ENCODING);
             request.headers_mut().remove(header::CONTENT_LENGTH);
             let ratio = edge.compression_ratio;
@@ -75,7 +75,7 @@ struct Decoding {
     has_ended: bool,
 }
 
-/// What a body in gzip holds. It fails where it exceeds the ratio to the bytes that have arrived.
+/// The content of a body in gzip. It fails where it exceeds the ratio to the bytes that have arrived.
 fn decoded(body: Body, ratio: u64) -> impl Stream<Item = Result<Bytes, axum::Error>> {
     let decoding = Decoding {
         body: body.into_data_stream(),
@@ -137,7 +137,7 @@ mod tests {
         encoder.finish().unwrap()
     }
 
-    /// What the pieces of a body hold, in pieces of so many bytes.
+    /// The content of a body that arrives in pieces of so many bytes.
     async fn read(body: &[u8], piece: usize, ratio: u64) -> Result<Vec<u8>, String> {
         let pieces: Vec<io::Result<Bytes>> =
             body.chunks(piece.max(1)).map(|piece| Ok(Bytes::copy_from_slice(piece))).collect();

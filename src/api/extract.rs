@@ -123,7 +123,7 @@ impl<S: Send + Sync> FromRequestParts<S> for NoQuery {
     }
 }
 
-/// What is said of a parameter that is given twice.
+/// The fault of a parameter that is given twice.
 pub const TWICE: &str = "expected the parameter once, got it twice";
 
 /// Refusal of a parameter that the route does not have.
@@ -254,7 +254,7 @@ pub struct DrawingQuery {
     /// Colours of a drawing. Default: `auto`, light or dark as the viewer prefers.
     #[param(inline)]
     theme: Option<Theme>,
-    /// What a drawing has behind it: a painted page, or nothing. Default: `page`.
+    /// Background of a drawing: a painted page, or nothing. Default: `page`.
     #[param(inline)]
     background: Option<Background>,
     /// Width of a drawing in pixels; its height follows. Default: 640.
@@ -296,7 +296,7 @@ impl DrawingQuery {
         })
     }
 
-    /// Refuses settings beside a format that is no drawing.
+    /// Refuses settings beside a format that is not a drawing.
     fn unused(&self) -> Result<(), Problem> {
         let given = [
             ("theme", self.theme.is_some()),
@@ -358,6 +358,14 @@ pub struct PictureRequest {
 }
 
 impl PictureRequest {
+    /// The picture file.
+    ///
+    /// # Errors
+    /// Settings out of range.
+    pub fn file(self) -> Result<PictureFile, Problem> {
+        Ok(PictureFile { format: self.format, style: self.settings.style()? })
+    }
+
     /// The picture file of this width.
     ///
     /// # Errors

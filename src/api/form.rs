@@ -174,7 +174,7 @@ impl Reading {
         self.bytes(part, PARAMETERS, limits.body_bytes, memory).await
     }
 
-    /// Reads a part to its end. `memory` tells how much to reserve for the bytes so far and what is made of them.
+    /// Reads a part to its end. `memory` tells how much to reserve for the bytes so far and the values made of them.
     async fn bytes(
         &self,
         mut part: Field<'_>,

@@ -1,7 +1,7 @@
 //! Checks of a request before its handler, in one order: whether the service is stopping, who the caller is, which role it has,
 //! whether it accepts the media type of the answer, how many requests it sends, in time and at once, and whether its address is text.
 //!
-//! They are one layer: each layer of its own costs an allocation and a copy of all layers inside of it per request.
+//! They are one layer: each separate layer costs an allocation and a copy of all layers inside of it per request.
 
 use axum::extract::Request;
 use axum::middleware::Next;
@@ -31,7 +31,7 @@ async fn refusal(request: &mut Request) -> Option<Response> {
         .or_else(|| refuse_zeros(request).map(Problem::into_response))
 }
 
-/// U+0000 ends a text in one database and is no text in the other.
+/// U+0000 ends a text in one database and is not a text in the other.
 fn refuse_zeros(request: &Request) -> Option<Problem> {
     let address = request.uri().path_and_query()?.as_str();
     let detail = "expected text without the character U+0000 in the path and the query";

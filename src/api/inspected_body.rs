@@ -1,4 +1,4 @@
-//! Bodies that report what passes through them.
+//! Bodies that report their traffic.
 
 use std::pin::Pin;
 use std::task::{Context, Poll};
@@ -6,7 +6,7 @@ use std::task::{Context, Poll};
 use axum::body::{Bytes, HttpBody};
 use http_body::{Frame, SizeHint};
 
-/// What happens to a body.
+/// Events of a body.
 pub enum Passing<'a> {
     /// The next frame is asked for.
     Asked,

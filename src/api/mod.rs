@@ -6,7 +6,7 @@
 //!   [`headers`] — browser security headers;
 //! * [`overload`] — time limits of requests, and rate limits of callers;
 //! * `coding` — compressed bodies, decoded; [`body`] — request memory; [`answers`] — response memory; [`drain`] — draining of refused bodies;
-//!   [`inspected_body`] — bodies that report what passes through them;
+//!   [`inspected_body`] — bodies that report their traffic;
 //! * [`observe`], [`audit`] — metrics, log and audit trail of every request; [`metrics`] — the metrics endpoint;
 //! * [`interface`] — the OpenAPI document;
 //! * `negotiation` — media types of answers; `tabular` — tables of answers, `formulas` — CSV without formulas; `cross_origin` — pages of other origins that may read answers;

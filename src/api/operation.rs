@@ -1,5 +1,5 @@
-//! The operations of the interface: one row for each, from which its route, the access that it requires, its tables, what it
-//! offers to `Accept` and its name in the audit trail follow. A test compares the rows with the OpenAPI document.
+//! The operations of the interface: one row for each, from which its route, the access that it requires, its tables, the
+//! formats offered to `Accept` and its name in the audit trail follow. A test compares the rows with the OpenAPI document.
 
 use std::collections::HashMap;
 use std::sync::LazyLock;
@@ -67,12 +67,12 @@ const FILE: &[&str] = &[ANY_FILE];
 const PLAIN: &[&str] = &[JSON];
 /// Of results one by one.
 const LINES: &[&str] = &[JSON, NDJSON];
-/// Of what is drawn.
+/// Of answers that can be drawn.
 const DRAWN: &[&str] = &[JSON, SVG, PNG];
-/// Of what is drawn, and is a surface.
+/// Of answers that can be drawn, and are surfaces.
 const MODEL: &[&str] = &[JSON, SVG, PNG, "model/obj", "application/ply", "model/stl", "model/gltf-binary"];
 const METRICS: &[&str] = &["text/plain; version=0.0.4"];
-/// Of what is a table in the first place.
+/// Of answers that are tables in the first place.
 const TABLE: &[&str] = &[JSON, NDJSON, CSV, ARROW, PARQUET];
 /// Of a job: whatever it made.
 const OUTPUT: &[&str] = &[JSON, NDJSON, SVG, PNG, CSV, ARROW, PARQUET, NPY, NIFTI];
@@ -82,7 +82,7 @@ const OPEN: Needs = Needs::Nothing;
 const READER: Needs = Needs::Role(Role::Reader);
 /// Stores, and cancels jobs of others.
 const WRITER: Needs = Needs::Role(Role::Writer);
-/// Manages keys and hooks, or does what cannot be undone.
+/// Manages keys and hooks, or makes changes that cannot be undone.
 const ADMIN: Needs = Needs::Role(Role::Admin);
 
 /// Passes the rows to a macro: method, route, handler, then in parentheses the access, the media types and perhaps the table. The
@@ -140,6 +140,7 @@ macro_rules! every_operation {
                 POST "/v1/mean" statistics::mean (READER, MODEL, ANSWER);
                 POST "/v1/align" statistics::align (READER, DRAWN, "aligned");
                 POST "/v1/pca" statistics::pca (READER, DRAWN, "pca.scores");
+                POST "/v1/slide" sliding::slide (READER, PLAIN, "shapes");
                 POST "/v1/pca/incomplete" incomplete::incomplete_pca (READER, PLAIN, "pca.scores");
                 POST "/v1/evaluate" curves::evaluate (READER, MODEL, "evaluations");
                 POST "/v1/measure" curves::measure (READER, LINES, "results");
@@ -152,6 +153,7 @@ macro_rules! every_operation {
                 POST "/v1/deform" deform::deform (READER, PLAIN, ANSWER);
                 POST "/v1/subdivide" subdivision::subdivide (READER, MODEL, ANSWER);
                 POST "/v1/overlap" overlap::overlap (READER, PLAIN, ANSWER);
+                POST "/v1/warp" warp::warp (READER, DRAWN, ANSWER);
                 POST "/v1/contours" contours::contours (READER, PLAIN, "results");
                 POST "/v1/prior" prior::prior_of_reference (READER, LINES, "results");
                 POST "/v1/segment" segment::segment (READER, &[JSON, SVG, PNG, NIFTI], "results");
@@ -162,6 +164,7 @@ macro_rules! every_operation {
                 DELETE "/v1/subjects/{subject}" corrections::erase_subject (ADMIN, PLAIN);
                 POST "/v1/cohorts/{cohort}/search" retrieval::search_cohort (READER, DRAWN, "results.neighbours");
                 POST "/v1/distances" retrieval::compute_distances (READER, &[JSON, CSV, ARROW, PARQUET, NPY]);
+                POST "/v1/match" matched::match_curves (READER, DRAWN, ANSWER);
                 GET "/v1/dictionaries" dictionaries::list_dictionaries (READER, PLAIN);
                 POST "/v1/dictionaries" dictionaries::learn_dictionary (WRITER, PLAIN);
                 GET "/v1/dictionaries/{dictionary}/drift" drift::dictionary_drift (READER, DRAWN, "scores");
@@ -184,8 +187,16 @@ macro_rules! every_operation {
                 POST "/v1/comparisons" comparisons::compare (READER, DRAWN, "pairs");
                 POST "/v1/regressions" regressions::regress (READER, DRAWN, "scores");
                 POST "/v1/models" models::model (READER, DRAWN, "terms");
+                POST "/v1/models/compare" model_comparisons::compare_models (READER, DRAWN, "terms");
+                GET "/v1/models/{job}/predictions" predictions::find_prediction (READER, DRAWN, "predictions");
+                POST "/v1/models/{job}/predictions" predictions::predict (READER, DRAWN, "predictions");
+                POST "/v1/repeatability" repeatability::repeatability (READER, DRAWN, "map");
+                POST "/v1/two-blocks" blocks::two_blocks (READER, DRAWN, "scores");
+                POST "/v1/modularity" blocks::modularity (READER, DRAWN, "pairs");
+                POST "/v1/symmetry" symmetry::symmetry (READER, DRAWN, "individuals");
                 GET "/v1/jobs/{job}/output" retrieval::job_output (READER, OUTPUT);
                 GET "/v1/cohorts/{cohort}/attributes" tables::list_attributes (READER, PLAIN, "items");
+                GET "/v1/dictionaries/{dictionary}/scatter" scatter::dictionary_scatter (READER, &[SVG, PNG]);
                 GET "/v1/cohorts/{cohort}/table" tables::find_table (READER, TABLE);
                 POST "/v1/cohorts/{cohort}/table" tables::compute_table (READER, TABLE);
                 GET "/v1/keys" keys::list_keys (ADMIN, PLAIN);

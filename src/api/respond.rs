@@ -41,6 +41,19 @@ pub fn compute(
     compute_any(app, Box::new(work))
 }
 
+/// As [`compute`], for `work` that waits for nothing: short work is answered on this thread.
+pub fn compute_unwaiting(
+    app: App,
+    work: impl FnOnce(&App) -> Result<Response, ServiceError> + Send + 'static,
+) -> impl Future<Output = Result<Response, Problem>> + Send {
+    compute_any_unwaiting(app, Box::new(work))
+}
+
+async fn compute_any_unwaiting(app: App, work: Answering) -> Result<Response, Problem> {
+    let pool = app.pool.clone();
+    Ok(pool.run_unwaiting(move || work(&app)).await?)
+}
+
 async fn compute_any(app: App, work: Answering) -> Result<Response, Problem> {
     let pool = app.pool.clone();
     Ok(pool.run(move || work(&app)).await?)
@@ -141,7 +154,7 @@ pub fn matrix(app: &App, matrix: NamedMatrix, format: MatrixFormat) -> Result<Re
     Ok(([(header::CONTENT_TYPE, format.media_type())], streamed(stream::iter(pieces))).into_response())
 }
 
-/// A body that is sent as it comes. What compresses it asks once more after its end, which not every stream allows.
+/// A body that is sent as it comes. The encoder asks once more after its end, which not every stream allows.
 pub fn streamed<P: Into<Bytes> + 'static, E: Into<BoxError> + 'static>(
     pieces: impl Stream<Item = Result<P, E>> + Send + 'static,
 ) -> Body {

@@ -2,7 +2,7 @@
 //!
 //! A handler gives its answer once, as JSON. Where `?format=` or the `Accept` header asks for a table, this layer asks the
 //! handler for JSON and makes the table of it (`wire::columns`): which list of the answer is the table is a column of
-//! [`operation::OPERATIONS`], and `?table=` names another one. Refusals and jobs stay what they are.
+//! [`operation::OPERATIONS`], and `?table=` names another one. Refusals and jobs stay as they are.
 
 use axum::body::{Body, to_bytes};
 use axum::extract::Request;
@@ -29,7 +29,7 @@ const PARSED: usize = 12;
 /// Time of making a table, for each byte of its answer.
 const SECONDS: f64 = 4e-8;
 
-/// What a request asks for.
+/// Format and table that a request asks for.
 pub(super) struct Wanted {
     format: ColumnsFormat,
     table: String,
@@ -53,7 +53,7 @@ impl Wanted {
         Some(Self { format, table: value("table").unwrap_or_else(|| usual.into()), column: value("column") })
     }
 
-    /// What distinguishes the entity tag of this file from that of the answer.
+    /// Suffix that distinguishes the entity tag of this file from that of the answer.
     fn suffix(&self) -> String {
         let column = self.column.as_deref().unwrap_or_default();
         let text = format!("-{}-{}-{column}", self.format.name(), self.table);

@@ -18,7 +18,7 @@ const OTHERS: [&str; 10] = [
     "SHAPELEX_ENGINE_PYTHON",
     "SHAPELEX_TOKEN",
 ];
-/// Beginnings of the names of tests, benches and fuzz targets, and of what the build script tells the compiler: `cargo run` hands that on.
+/// Beginnings of the names of tests, benches and fuzz targets, and of variables of the build script, which `cargo run` hands on.
 const FAMILIES: [&str; 4] = ["SHAPELEX_BUILD_", "SHAPELEX_TEST_", "SHAPELEX_BENCH_", "SHAPELEX_FUZZ_"];
 
 /// Refuses variables that begin like settings and are none of `settings`, with the most similar name.

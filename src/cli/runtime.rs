@@ -1,7 +1,7 @@
 //! The async runtime of the program.
 
 /// A runtime on all cores.
-pub(super) fn runtime() -> Result<tokio::runtime::Runtime, String> {
+pub(crate) fn runtime() -> Result<tokio::runtime::Runtime, String> {
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .enable_all()
         .on_thread_start(compute_alone)

@@ -141,7 +141,7 @@ impl Connections {
     }
 }
 
-/// HTTP settings. Timeouts of request heads are enforced by the connection slots, which also bound what precedes a head.
+/// HTTP settings. Timeouts of request heads are enforced by the connection slots, which also bound the phase before a head.
 fn http(limits: &ConnectionLimits) -> Builder<TokioExecutor> {
     let mut builder = Builder::new(TokioExecutor::new());
     builder.http1().timer(TokioTimer::new()).header_read_timeout(None).max_buf_size(limits.head_bytes);

@@ -41,11 +41,31 @@ const BACKLOG: u32 = 1024;
 /// Longest time for the store to merge its data into one file.
 const CLOSE: Duration = Duration::from_secs(5);
 
+/// Service that accepts connections.
+pub(crate) struct Announced {
+    /// Its address, with `http` or `https`.
+    pub(crate) address: String,
+    is_open: bool,
+    has_example: bool,
+}
+
 /// Runs until the process is asked to stop.
 ///
 /// # Errors
 /// Reason why the service cannot start, in one sentence.
 pub(crate) async fn serve(config: ServeConfig) -> Result<(), String> {
+    run(config, stop_signal, announce).await
+}
+
+/// Runs until `stopped`, which is asked for before the address is announced.
+///
+/// # Errors
+/// As of [`serve`].
+pub(crate) async fn run<S: Future<Output = ()>>(
+    config: ServeConfig,
+    stopped: impl FnOnce() -> io::Result<S>,
+    announce: impl FnOnce(&Announced),
+) -> Result<(), String> {
     memory::use_large_pages(false);
     ignore_hangup().map_err(|error| format!("signals cannot be handled: {error}"))?;
     // A port in use is found before the data folder is made.
@@ -53,8 +73,9 @@ pub(crate) async fn serve(config: ServeConfig) -> Result<(), String> {
         bind(config.listen).map_err(|error| format!("cannot listen on {}: {error}", config.listen))?;
     let app = start(&config).await?;
     // Installed before the address is announced: an unhandled signal would end the process at once.
-    let asked_to_stop = stop_signal().map_err(|error| format!("signals cannot be handled: {error}"))?;
-    let (listener, tls) = listen(&config, socket, &app).await?;
+    let asked_to_stop = stopped().map_err(|error| format!("signals cannot be handled: {error}"))?;
+    let (listener, tls, announced) = listen(&config, socket, &app).await?;
+    announce(&announced);
     let worker = Worker::start(&app, config.places(), dispatch::run);
     let deliveries = Deliveries::start(&app);
     let stop = CancellationToken::new();
@@ -86,7 +107,7 @@ pub(crate) async fn serve(config: ServeConfig) -> Result<(), String> {
     outcome
 }
 
-/// Opens the store, and starts what runs beside requests: metrics, the audit trail, upkeep of the store.
+/// Opens the store, and starts the work beside requests: metrics, the audit trail, upkeep of the store.
 async fn start(config: &ServeConfig) -> Result<App, String> {
     clock::check()?;
     build::check();
@@ -120,12 +141,12 @@ fn bind(address: SocketAddr) -> io::Result<TcpSocket> {
     Ok(socket)
 }
 
-/// Listens and announces the address; returns the configuration of TLS, if the service uses it.
+/// Listens; returns the configuration of TLS, if the service uses it, and the lines to announce.
 async fn listen(
     config: &ServeConfig,
     socket: TcpSocket,
     app: &App,
-) -> Result<(TcpListener, Option<RustlsConfig>), String> {
+) -> Result<(TcpListener, Option<RustlsConfig>, Announced), String> {
     let is_open = access::is_open(app).await.map_err(|error| error.to_string())?;
     let listener =
         socket.listen(BACKLOG).map_err(|error| format!("cannot listen on {}: {error}", config.listen))?;
@@ -140,15 +161,15 @@ async fn listen(
     }
     tracing::info!(%address, scheme, "listening");
     let has_example = is_open && catalogue::find(app, example::NAME).await.is_ok();
-    announce(&format!("{scheme}://{address}"), is_open, has_example);
+    let announced = Announced { address: format!("{scheme}://{address}"), is_open, has_example };
     let tls = certificate.as_ref().map(Certificate::config);
     if let Some(certificate) = certificate {
         tokio::spawn(certificate.watch());
     }
-    Ok((listener, tls))
+    Ok((listener, tls, announced))
 }
 
-/// Writes what is left of the audit trail, and closes the store.
+/// Writes the rest of the audit trail, and closes the store.
 async fn close(app: &App) {
     app.trail().close().await;
     if tokio::time::timeout(CLOSE, app.store.close()).await.is_err() {
@@ -167,15 +188,16 @@ async fn certificate(config: &ServeConfig) -> Result<Option<Certificate>, String
 
 /// Prints the address line that programs wait for, a request for the example cohort if that exists, and a warning if access
 /// is open.
-fn announce(address: &str, is_open: bool, has_example: bool) {
+fn announce(announced: &Announced) {
+    let Announced { address, is_open, has_example } = announced;
     #[allow(clippy::print_stdout, reason = "programs read the address from here")]
     {
         println!("shapelex is listening on {address}");
-        if has_example {
+        if *has_example {
             let name = example::NAME;
             println!("try: curl '{address}/v1/cohorts/{name}/mean?transformation=similarity'");
         }
-        if is_open {
+        if *is_open {
             println!(
                 "access is open to all users of this machine; `shapelex key create` makes the first key and closes it"
             );

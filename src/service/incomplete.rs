@@ -7,7 +7,7 @@ use crate::service::statistics::Setup;
 use crate::wire::fault::Fault;
 use crate::wire::partial::PartialInput;
 
-/// What was found.
+/// Result of the estimation.
 #[derive(Debug)]
 pub struct Found {
     /// Mean and components.

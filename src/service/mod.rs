@@ -8,8 +8,9 @@
 //! * [`statistics`] — projections, means, alignments and components of posted shapes; [`incomplete`] — of those that miss points;
 //! * [`segmentation`] — images to shapes;
 //! * [`cost`] — predicted cost of requests;
-//! * [`cohorts`] — stored shapes; [`access`] — authentication of callers; [`events`] — what happens, as a stream;
+//! * [`cohorts`] — stored shapes; [`access`] — authentication of callers; [`events`] — changes, as a stream;
 //! * [`files`] — files of other programs: read, described, translated;
+//! * [`sliding`] — semilandmarks of posted and stored shapes that slide;
 //! * [`correspondence`] — surfaces of a cohort in correspondence, as a new cohort;
 //! * [`hooks`] — deliveries of changes to addresses of clients;
 //! * [`search`] — distances and neighbours;
@@ -34,6 +35,7 @@ pub mod jobs;
 pub mod search;
 pub mod segmentation;
 pub mod shapes;
+pub mod sliding;
 pub mod statistics;
 pub mod tables;
 

@@ -265,7 +265,7 @@ impl Setup {
         self.alignment
     }
 
-    /// What curves correspond by, as far as their direction matters.
+    /// Rule of correspondence of curves, as far as their direction matters.
     pub(crate) fn rule(&self) -> Rule {
         let mirror = if self.matching.mirrors() { Mirror::Allow } else { Mirror::Forbid };
         Rule { correspondence: self.correspondence, direction: self.direction, mirror }

@@ -7,7 +7,7 @@ use std::cell::Cell;
 
 use super::fault::Fault;
 
-/// Limits on what is kept in memory.
+/// Limits on values kept in memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Bounds {
     /// Maximum number of entries of a list of shapes, meshes, ids or codes.

@@ -1,7 +1,7 @@
 //! JSON values that keep their own errors, so that one bad field does not hide the others.
 //!
 //! * [`Checked`] — a value, or its fault; [`Raw`] — a value whose type depends on other fields;
-//! * [`List`] — a list, or what was found in its place; [`Many`] — a list of small entries;
+//! * [`List`] — a list, or the value found in its place; [`Many`] — a list of small entries;
 //! * [`Ignored`] — a field that is accepted and not read;
 //! * `document!` — objects that record every field that is missing, unknown or repeated.
 //!
@@ -118,7 +118,7 @@ const SEARCHED: (usize, usize) = (32, 8 << 10);
 /// Maximum depth of a cause below the fault.
 const DEPTH: usize = 4;
 
-/// What the parser says of one member. Other sentences, about lengths and by types themselves, are about all of them.
+/// Sentences of the parser about one member. Other sentences, about lengths and by types themselves, are about all of them.
 const OF_ONE_MEMBER: [&str; 4] = ["invalid type: ", "invalid value: ", "unknown variant ", "unknown field "];
 
 /// Fault of a value, at the member that causes it. Types with a tag are read in a second step, in which the path is lost; a
@@ -536,7 +536,7 @@ macro_rules! visit_others {
 }
 pub(crate) use visit_others;
 
-/// A list, or what was found in its place. Entries beyond the limit of a request are counted, not kept.
+/// A list, or the value found in its place. Entries beyond the limit of a request are counted, not kept.
 #[derive(Debug, Clone)]
 pub struct List<T> {
     items: Vec<T>,

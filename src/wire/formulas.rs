@@ -5,7 +5,7 @@
 
 use std::io::{self, Write};
 
-/// Makes texts of what spreadsheets take for formulas, in CSV that comes in pieces.
+/// Makes texts of formulas of spreadsheets, in CSV that comes in pieces.
 #[derive(Debug, Default)]
 pub struct Escaping {
     /// The field that has begun.
@@ -30,7 +30,7 @@ impl Escaping {
         written
     }
 
-    /// What is left at the end.
+    /// The remaining bytes at the end.
     pub fn rest(&mut self) -> Vec<u8> {
         let mut written = Vec::new();
         self.end(&mut written);
@@ -72,7 +72,7 @@ impl<'o> Escaped<'o> {
         Ok(())
     }
 
-    /// Writes what is left, and returns the number of bytes written.
+    /// Writes the remaining bytes, and returns the number of bytes written.
     ///
     /// # Errors
     /// Those of the output.

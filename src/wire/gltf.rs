@@ -21,14 +21,14 @@ pub struct Displacement {
     pub name: String,
     /// The mesh at the weight 1, with as many vertices.
     pub mesh: TriangleMesh,
-    /// What else is to be known about it.
+    /// Further facts about it.
     pub extras: Value,
 }
 
 /// How the displacements of a mesh are played.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Play {
-    /// Each has an animation of its own.
+    /// Each has a separate animation.
     Each,
     /// One animation goes from the mesh through all of them in order, and back.
     Sequence,

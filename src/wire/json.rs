@@ -38,7 +38,7 @@ pub fn from_text<T: DeserializeOwned>(text: &str) -> Result<T, TreeError> {
 /// A record as a value. It is written as text and read again, so that records are compiled for one serializer.
 ///
 /// # Errors
-/// A map whose keys are no texts.
+/// A map whose keys are not texts.
 pub fn to_value(value: &impl Serialize) -> Result<Value, serde_json::Error> {
     serde_json::from_slice(&serde_json::to_vec(value)?)
 }
@@ -195,7 +195,7 @@ mod tests {
         }
     }
 
-    /// What a deserializer that tracks its path says.
+    /// Path and message of a deserializer that tracks its path.
     fn tracked(text: &[u8]) -> Option<(String, String)> {
         let mut deserializer = serde_json::Deserializer::from_slice(text);
         let read = serde_path_to_error::deserialize::<_, Document>(&mut deserializer);

@@ -8,7 +8,7 @@ use super::unit::{Ratio, Unit};
 /// The unit that a text names.
 ///
 /// # Errors
-/// What is wrong with another text.
+/// The fault of another text.
 pub fn unit_of(text: &str) -> Result<Unit, String> {
     Unit::find(text).ok_or_else(|| format!("expected one of {}, got '{}'", Unit::words(), brief(text.into())))
 }
@@ -35,7 +35,7 @@ impl FileUnits {
         Self { file: file.word().into(), stored: stored.word().into(), factor, adopted }
     }
 
-    /// What should be said of them in one line, if anything.
+    /// One line about them, if there is anything to say.
     pub fn sentence(&self) -> Option<String> {
         let Self { file, stored, factor, adopted } = self;
         match (*adopted, *factor == 1.0) {

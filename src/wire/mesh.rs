@@ -1,6 +1,6 @@
 //! Triangle mesh files for other programs.
 //!
-//! | format | what | numbers |
+//! | format | content | numbers |
 //! |---|---|---|
 //! | OBJ | text of Wavefront, with normals and texture coordinates | all digits |
 //! | PLY | binary, little-endian, with normals | double precision |

@@ -9,7 +9,7 @@
 //! * [`record`] — shapes of files as posted shapes, and stored shapes as those of files;
 //! * [`representation`] — representations as JSON;
 //! * [`merge_patch`] — changes of a JSON object; [`time`] — times as text;
-//! * [`summary`] — what a file holds beside its shapes;
+//! * [`summary`] — the content of a file beside its shapes;
 //! * [`matrix`] — square matrices as JSON, CSV, NPY, Arrow and Parquet;
 //! * [`table`] — tables as JSON, CSV, NDJSON, Arrow and Parquet; [`batches`] — the latter two;
 //! * [`formulas`] — CSV in which no text is a formula to a spreadsheet;

@@ -42,7 +42,7 @@ impl Observed {
 }
 
 impl Observed {
-    /// What is wrong with arcs of shapes of `space`, with pointers relative to the list.
+    /// Faults of arcs of shapes of `space`, with pointers relative to the list.
     pub(super) fn arc_faults(&self, space: &ShapeSpace) -> Vec<Fault> {
         if !space.domain().is_line() {
             let detail = "expected true and false for each control point: only curves have arcs";

@@ -35,8 +35,8 @@ pub struct PartialInput {
     /// Known points at places: parameters of a curve, pairs of a surface, indices of landmarks.
     #[serde(default)]
     points: Vec<PointInput>,
-    /// Standard deviation of the measurement of control points, for each coordinate, in the unit of the shape. Default: 0. What the modes
-    /// do not describe counts as noise besides.
+    /// Standard deviation of the measurement of control points, for each coordinate, in the unit of the shape.
+    /// Default: 0. The residual of the modes counts as noise besides.
     #[serde(default)]
     deviation: f64,
     /// Values that the shape is to have, at most 50.
@@ -62,7 +62,7 @@ pub struct PointInput {
 #[derive(Debug, Clone, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ConditionInput {
-    /// What has the value.
+    /// Measured quantity that has the value.
     measure: ShapeFeature,
     /// The value, in the unit of the shape or in degrees.
     value: f64,
@@ -202,7 +202,7 @@ impl PartialInput {
     }
 }
 
-/// Why a list is no point of `d` coordinates.
+/// Why a list is not a point of `d` coordinates.
 fn coordinates_fault(point: &[f64], d: usize) -> Option<String> {
     if point.len() != d {
         return Some(format!("expected {d} coordinates, got {}", point.len()));

@@ -97,7 +97,7 @@ pub enum PictureError {
         /// Height in pixels.
         height: u64,
     },
-    /// The drawing has what cannot be painted (a bug).
+    /// The drawing has elements that cannot be painted (a bug).
     #[error("the drawing cannot be rendered: {0}")]
     Render(String),
 }

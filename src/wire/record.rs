@@ -96,8 +96,8 @@ impl Facts {
     }
 }
 
-/// Counts what of a record is not stored: the fields of meshes, and their faces where the vertices become landmarks. Without a
-/// domain, what no cohort stores.
+/// Counts the parts of a record that are not stored: the fields of meshes, and their faces where the vertices become landmarks. Without a
+/// domain, those that no cohort stores.
 pub fn count_unstored(record: &Record, domain: Option<Domain>, summary: &mut Summary) {
     let Geometry::Mesh(mesh) = &record.geometry else { return };
     let place = || record.place.clone();
@@ -109,7 +109,7 @@ pub fn count_unstored(record: &Record, domain: Option<Domain>, summary: &mut Sum
     }
 }
 
-/// What a record becomes.
+/// Shape made of a record.
 #[derive(Debug)]
 pub enum Placed {
     /// A shape as posted.
@@ -164,7 +164,7 @@ impl Placing {
         }
     }
 
-    /// What the coordinates of a record are in, where it is known.
+    /// Unit of the coordinates of a record, where it is known.
     pub fn unit_of(&self, record: &Record) -> Option<Unit> {
         self.unit.or(record.unit)
     }

@@ -46,7 +46,7 @@ pub struct PointList {
     apart: Option<Box<Apart>>,
 }
 
-/// What is wrong in a list of points, and what is missing.
+/// Faults of a list of points, and its missing points.
 #[derive(Debug, Clone, Default, PartialEq)]
 struct Apart {
     faults: Vec<Fault>,
@@ -70,7 +70,7 @@ impl PointList {
         Self { coordinates, width: dimension, rows, ..Self::default() }
     }
 
-    /// The same in another unit; what is then beyond the bounds is a fault.
+    /// The same in another unit; numbers then beyond the bounds are faults.
     #[must_use]
     pub fn scaled(mut self, ratio: Ratio) -> Self {
         self.coordinates.iter_mut().for_each(|x| *x = ratio.times(*x));
@@ -614,7 +614,7 @@ document! {
 }
 
 impl ShapeInput {
-    /// Whether a part of the shape is missing: it has null points, or says what is seen.
+    /// Whether a part of the shape is missing: it has null points, or lists the seen part.
     pub fn has_missing_parts(&self) -> bool {
         let lists = [self.points.as_deref(), self.control_points.as_deref()];
         let says = self.observed.as_ref().is_some_and(|observed| observed.get() != Some(&None));

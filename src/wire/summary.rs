@@ -1,4 +1,4 @@
-//! What a file holds beside its shapes, as it is answered.
+//! The content of a file beside its shapes, as it is answered.
 
 use std::collections::BTreeMap;
 
@@ -8,10 +8,10 @@ use super::fault::brief;
 use super::files::{BROKEN, Dropped, Summary};
 use super::lengths::FileUnits;
 
-/// Maximum number of warnings, and of names of what was left out.
+/// Maximum number of warnings, and of names of items left out.
 const MOST: usize = 20;
 
-/// What the reader of a file says of it.
+/// Account of a file by its reader.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct FileSummary {
     /// Id of the format.
@@ -25,7 +25,7 @@ pub struct FileSummary {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(required = false)]
     pub units: Option<FileUnits>,
-    /// What was read and is no shape.
+    /// Items that were read and are not shapes.
     pub left_out: Vec<LeftOut>,
     /// Warnings.
     pub warnings: Vec<String>,
@@ -34,7 +34,7 @@ pub struct FileSummary {
 /// Something of a file that becomes no shape.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct LeftOut {
-    /// What it is.
+    /// Kind of the items.
     #[schema(example = "holes")]
     pub what: String,
     /// Number of them.
@@ -46,7 +46,7 @@ pub struct LeftOut {
 }
 
 impl FileSummary {
-    /// What is said of a file of a format.
+    /// The summary of a file of a format.
     pub fn new(format: &str, summary: Summary) -> Self {
         let Summary { records, properties, dropped, warnings } = summary;
         let left_out = dropped.into_iter().map(LeftOut::from).collect();
@@ -64,7 +64,7 @@ impl FileSummary {
         self.warnings.iter().cloned().chain(self.left_out.iter().map(LeftOut::reason)).collect()
     }
 
-    /// The same, with what is left out of the records afterwards.
+    /// The same, with the parts of records that are left out afterwards.
     #[must_use]
     pub fn without(mut self, unstored: Summary) -> Self {
         self.left_out.extend(unstored.dropped.into_iter().map(LeftOut::from));
@@ -90,7 +90,7 @@ impl From<Dropped> for LeftOut {
     }
 }
 
-/// What does not become a shape, and warnings: a line each.
+/// Items that do not become shapes, and warnings: a line each.
 pub fn left_out(summary: &Summary) -> impl Iterator<Item = String> {
     let dropped = summary.dropped.iter().map(|dropped| {
         let place = dropped.first.to_string();

@@ -107,6 +107,15 @@ impl Values {
         }
     }
 
+    /// The value of a row as text, if there is one.
+    pub fn text(&self, row: usize) -> Option<String> {
+        match self.json(row) {
+            Value::Null => None,
+            Value::String(text) => Some(text),
+            value => Some(value.to_string()),
+        }
+    }
+
     /// The value of a row as JSON.
     fn json(&self, row: usize) -> Value {
         match self {
@@ -137,7 +146,7 @@ impl Values {
 /// A table with named columns of equal lengths.
 #[derive(Debug, Clone)]
 pub struct Table {
-    /// What the table was made from.
+    /// Sources of the table.
     pub fields: Map<String, Value>,
     /// Names and values of the columns.
     pub columns: Vec<(String, Values)>,

@@ -16,7 +16,7 @@ thread_local! {
     static STEPS: RefCell<Vec<String>> = const { RefCell::new(Vec::new()) };
 }
 
-/// Step from a list or an object to what is in it.
+/// Step from a list or an object to one of its parts.
 #[derive(Debug, Clone, Copy)]
 enum Step<'s> {
     Index(usize),
@@ -32,7 +32,7 @@ fn note(step: Step<'_>) {
     STEPS.with_borrow_mut(|steps| steps.push(step));
 }
 
-/// Reads what is in a list or an object. Errors between its parts are errors of the whole, and get no step.
+/// Reads the parts of a list or an object. Errors between its parts are errors of the whole, and get no step.
 struct Part<'s, S> {
     seed: S,
     step: Step<'s>,
@@ -109,7 +109,7 @@ pub fn path_in(text: &str, error: &serde_json::Error) -> Vec<String> {
     if error.is_syntax() && said.starts_with("trailing characters") {
         path.pop();
     }
-    // The name of a variant is no member.
+    // The name of a variant is not a member.
     path.extend(name.filter(|_| error.is_data() && !said.starts_with("unknown variant")));
     path
 }
@@ -120,7 +120,7 @@ fn offset_of(text: &str, error: &serde_json::Error) -> usize {
     (lines.map(str::len).sum::<usize>() + error.column()).min(text.len())
 }
 
-/// Path to what is read after `offset` bytes, and the name that is read there. With `waits`, an entry of a list is read before its first
+/// Path to the value read after `offset` bytes, and the name read there. With `waits`, an entry of a list is read before its first
 /// character.
 fn path_at(text: &str, offset: usize, waits: bool) -> (Vec<String>, Option<String>) {
     let bytes = &text.as_bytes()[..offset];

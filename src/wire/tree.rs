@@ -1,9 +1,9 @@
 //! JSON in memory, from which all small records are read: with one deserializer, each record is compiled once. Its errors know
 //! their place in the document.
 //!
-//! * [`Tree`] — a value; texts stay parts of what it was read from;
+//! * [`Tree`] — a value; texts stay parts of the source;
 //! * [`Reader`] — reads records from a tree;
-//! * [`TreeError`] — what is wrong, and where.
+//! * [`TreeError`] — a fault, and its place.
 //!
 //! Messages are those of `serde_json::Value`, and members are in order of their names. A name that is given twice is a fault of its
 //! member: neither value takes precedence.
@@ -46,7 +46,7 @@ pub enum Tree<'a> {
     Twice,
 }
 
-/// What is wrong with [`Tree::Twice`].
+/// The fault of [`Tree::Twice`].
 const TWICE: &str = "the field is given twice";
 
 impl<'a> Tree<'a> {
@@ -76,7 +76,7 @@ impl<'a> Tree<'a> {
         }
     }
 
-    /// The same value, without what it borrows.
+    /// The same value, without borrows.
     ///
     /// # Errors
     /// A member whose name is given twice.
@@ -182,13 +182,13 @@ impl<'de> Visitor<'de> for TreeVisitor {
     }
 }
 
-/// What is wrong in a record, and where.
+/// A fault of a record, and its place.
 #[derive(Debug)]
 pub struct TreeError(Box<Content>);
 
 #[derive(Debug)]
 struct Content {
-    /// What the parser says.
+    /// The error of the parser.
     error: serde_json::Error,
     /// Steps of the path, the last one first.
     steps: Vec<String>,
@@ -200,7 +200,7 @@ impl TreeError {
         self
     }
 
-    /// What the parser says.
+    /// The message of the parser.
     pub fn said(&self) -> String {
         self.0.error.to_string()
     }
@@ -475,7 +475,7 @@ struct Entries<'t> {
 }
 
 impl Entries<'_> {
-    /// Passes over what is left out.
+    /// Passes over ignored values.
     fn is_at_end(&mut self) -> bool {
         if self.list.get(self.next).is_some_and(|entry| !self.reader.is_there(entry)) {
             self.next += 1;
@@ -511,7 +511,7 @@ struct Members<'t> {
 }
 
 impl Members<'_> {
-    /// Passes over what is left out.
+    /// Passes over ignored values.
     fn is_at_end(&mut self) -> bool {
         if self.members.first().is_some_and(|(_, value)| !self.reader.is_there(value)) {
             self.members = &self.members[1..];

@@ -289,10 +289,13 @@ fn the_bounds_of_parameters_are_those_of_the_service() {
 }
 
 /// Fields whose bound depends on others, or that belong to other requests than the example. The first key closes the service.
-const DEPENDENT: [&str; 6] = [
+const DEPENDENT: [&str; 9] = [
     "/v1/dictionaries/import format_version",
+    "/v1/distances elasticity",
+    "/v1/distances points",
     "/v1/fit turns",
     "/v1/keys",
+    "/v1/models samples",
     "/v1/morph steps",
     "/v1/resample count",
     "/v1/subdivide",

@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use crate::document::furnished;
 use crate::form::{form, label_picture, post_form, shell_volume};
 use crate::http_correspond::{first_mode, stored};
-use crate::server::{Setting, shared};
+use crate::server::{Server, Setting, shared};
 use crate::structure::{name, program};
 
 /// Every operation of the contract.
@@ -64,6 +64,7 @@ const OPERATIONS: &[&str] = &[
     "GET /v1/dictionaries/{dictionary}/drift",
     "GET /v1/dictionaries/{dictionary}/export",
     "GET /v1/dictionaries/{dictionary}/modes",
+    "GET /v1/dictionaries/{dictionary}/scatter",
     "GET /v1/events",
     "GET /v1/formats",
     "GET /v1/generators",
@@ -75,6 +76,7 @@ const OPERATIONS: &[&str] = &[
     "GET /v1/jobs/{job}/output",
     "GET /v1/keys",
     "GET /v1/keys/{key}",
+    "GET /v1/models/{job}/predictions",
     "GET /v1/transformations",
     "GET /v1/settings",
     "GET /v1/subjects/{subject}",
@@ -111,9 +113,13 @@ const OPERATIONS: &[&str] = &[
     "POST /v1/inspect",
     "POST /v1/jobs/{job}/cancel",
     "POST /v1/keys",
+    "POST /v1/match",
     "POST /v1/mean",
     "POST /v1/measure",
     "POST /v1/models",
+    "POST /v1/models/compare",
+    "POST /v1/models/{job}/predictions",
+    "POST /v1/modularity",
     "POST /v1/morph",
     "POST /v1/overlap",
     "POST /v1/pca",
@@ -122,10 +128,15 @@ const OPERATIONS: &[&str] = &[
     "POST /v1/prior",
     "POST /v1/refine",
     "POST /v1/regressions",
+    "POST /v1/repeatability",
     "POST /v1/resample",
     "POST /v1/segment",
     "POST /v1/sheets",
+    "POST /v1/slide",
     "POST /v1/subdivide",
+    "POST /v1/symmetry",
+    "POST /v1/two-blocks",
+    "POST /v1/warp",
 ];
 
 fn committed() -> String {
@@ -298,6 +309,7 @@ fn the_examples_of_the_interface_document_work() {
     let (mut cohort, mut hook) = (String::from("none"), String::from("none"));
     stored(&server, "beans", 6);
     first_mode(&server, "beans");
+    let job = kept_model(&server);
     for (name, operation) in operations(&document) {
         let Some(content) = operation.pointer("/requestBody/content").and_then(Value::as_object) else {
             continue;
@@ -347,7 +359,7 @@ fn the_examples_of_the_interface_document_work() {
             let path = path.replace("{cohort}", cohort_of).replace("{dictionary}", dictionary_of);
             // The shapes of an earlier example.
             let path = path.replace("{shape}", "scan-17").replace("{hook}", &hook);
-            let path = path.replace("{alias}", "production");
+            let path = path.replace("{alias}", "production").replace("{job}", &job);
             let text = example.as_str().map_or_else(|| example.to_string(), str::to_owned);
             let text = text
                 .replace("hippocampi", "beans")
@@ -369,6 +381,14 @@ fn the_examples_of_the_interface_document_work() {
     let body = &document["paths"]["/v1/keys"]["post"]["requestBody"]["content"]["application/json"]["schema"];
     server.post("/v1/keys", &resolve(&document, body)["example"]).expect(201);
     assert_eq!(server.get("/v1/keys").status, 401);
+}
+
+/// The job that keeps a model of the example cells.
+pub(crate) fn kept_model(server: &Server) -> String {
+    let body = json!({"cohort": "example-cells", "formula": "~ log_centroid_size", "permutations": 99, "keep": true});
+    let request = server.request(Method::POST, "/v1/models").header("prefer", "wait=60").json(&body);
+    let found = server.send(request).expect(200);
+    found["kept_at"].as_str().unwrap().split('/').nth(3).unwrap().to_owned()
 }
 
 /// All references of a document.

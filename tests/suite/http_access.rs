@@ -11,6 +11,7 @@ use shapelex_server::domain::access::Role;
 use shapelex_server::domain::key::{Key, Secret};
 use shapelex_server::store::Store;
 
+use crate::guards::kept_model;
 use crate::server::{Reply, Server, Setting, wait};
 
 /// Within this time a change of keys reaches every process.
@@ -296,6 +297,11 @@ fn readers_compute_without_storing_and_cancel_only_their_own_jobs() {
     let [reader, other, writer] =
         ["reader", "reader", "writer"].map(|role| create_key(&server, &["--role", role]));
     await_status(401, || server.get("/v1/cohorts"));
+    // Each is told who it is, so that a page offers only what its role may do.
+    for (secret, role) in [(&reader, "reader"), (&writer, "writer")] {
+        let caller = json!({"role": role, "tenant": "default", "name": id_of(secret), "open": false});
+        assert_eq!(get(&server, secret, "/v1/version").expect(200)["caller"], caller);
+    }
     let groups = |permutations: usize| json!({"cohort": "example-cells", "by": "labels.treatment", "permutations": permutations});
     post(&server, &reader, "/v1/comparisons", &groups(19)).expect(200);
     let few =
@@ -424,6 +430,8 @@ fn things(server: &Server) -> BTreeMap<&'static str, String> {
         ("{dictionary}", text(&dictionary["id"])),
         ("{alias}", String::from("production")),
         ("{job}", text(&job)),
+        // Of the operations of models, a job that has kept one.
+        ("/v1/models/{job}", format!("/v1/models/{}", kept_model(server))),
         ("{name}", String::from("keys")),
         ("{subject}", String::from("subject-1")),
     ])

@@ -63,6 +63,50 @@ fn drawn() -> Vec<(&'static str, Option<Value>)> {
             "/v1/models",
             Some(json!({"cohort": "example-cells", "formula": "~ cell_line", "permutations": 19})),
         ),
+        (
+            "/v1/models",
+            Some(
+                json!({"cohort": "example-cells", "formula": "~ cell_line", "permutations": 19, "bands": 0.9,
+                "pairs": {"groups": ["cell_line"]}}),
+            ),
+        ),
+        (
+            "/v1/models/compare",
+            Some(
+                json!({"cohort": "example-cells", "reduced": "~ 1", "full": "~ cell_line", "permutations": 19}),
+            ),
+        ),
+        (
+            "/v1/repeatability",
+            Some(json!({"cohort": "example-cells", "subject": "labels.cell_line", "bootstrap": 19})),
+        ),
+        (
+            "/v1/two-blocks",
+            Some(
+                json!({"cohort": "example-cells", "x": {"range": [0, 0.49]}, "y": {"range": [0.5, 0.99]}, "permutations": 19}),
+            ),
+        ),
+        (
+            "/v1/modularity",
+            Some(
+                json!({"cohort": "marks", "modules": {"a": {"points": [0, 1]}, "b": {"points": [2, 3, 4]}}, "permutations": 19}),
+            ),
+        ),
+        (
+            "/v1/match",
+            Some(
+                json!({"representation": {"kind": "closed_curve", "dimension": 2, "control_points": 16, "generator": {"name": "cubic"}},
+                "shapes": [{"points": [[0, 0], [4, 0], [4, 1], [0, 1]]}, {"points": [[0, 0], [3, 0], [3, 2], [0, 1]]}]}),
+            ),
+        ),
+        (
+            "/v1/warp",
+            Some(
+                json!({"reference": [[0, 0], [4, 0], [4, 4], [0, 4], [2, 2]], "target": [[0, 0], [4, 0], [4, 4], [0, 4], [3, 2]]}),
+            ),
+        ),
+        ("/v1/symmetry", Some(json!({"cohort": "example-cells", "kind": "object", "permutations": 19}))),
+        ("/v1/symmetry", Some(json!({"shape": {"points": [[2, 0], [0, 1], [-2, 0], [0, -1]]}, "count": 32}))),
         ("/v1/dictionaries/cells/assess", Some(cells(&["cell0004", "cell0010"]))),
         ("/v1/dictionaries/cells/reconstruct", Some(cells(&["cell0004"]))),
         (
@@ -303,6 +347,43 @@ fn sheets_show_many_shapes_in_little_space() {
     assert_eq!(size_of_png(&marks)[0], 160);
     let accept = server.request(Method::GET, "/v1/cohorts/marks/sheet").header(ACCEPT, "image/png");
     assert_eq!(size_of_png(&server.send(accept))[0], 960);
+}
+
+#[test]
+fn a_scatter_shows_groups_of_scores_with_the_shapes_at_the_ends() {
+    let server = server();
+    let path = "/v1/dictionaries/cells/scatter";
+    let svg = server.get(path).expect_svg().to_owned();
+    for text in ["component 1 (", "component 2 (", "example-cells (", "2 standard deviations"] {
+        assert!(svg.contains(text), "{text}");
+    }
+    let groups = server.get(&format!("{path}?x=2&y=3&groups=labels.cell_line&outline=hull&shapes=false"));
+    let svg = groups.expect_svg();
+    for text in ["component 2 (", "component 3 (", "dlm8 (", "dunn ("] {
+        assert!(svg.contains(text), "{text}");
+    }
+    assert!(!svg.contains("standard deviations"));
+    let one = server.get(&format!("{path}?groups=labels.cell_line&labels.cell_line=dlm8&format=png"));
+    assert_eq!(size_of_png(&one)[0], 640);
+    for (query, says) in [
+        ("x=0", "between 1 and 4"),
+        ("y=5", "between 1 and 4"),
+        ("x=2&y=2", "another component than x"),
+        ("groups=shoe", "got 'shoe'"),
+        ("groups=external_id", "at most 24 values"),
+        ("outline=star", "outline"),
+        ("shapes=maybe", "true or false"),
+        ("labels.shoe=9", "labels.shoe"),
+        ("colour=red", "colour"),
+        ("format=json", "'svg' or 'png'"),
+        ("cohort=marks", "cohort: expected a cohort with the representation"),
+    ] {
+        let reply = server.get(&format!("{path}?{query}"));
+        let detail = reply.expect_problem(400, "invalid-query", &[])["detail"].to_string();
+        assert!(detail.contains(says), "{query}: {detail}");
+    }
+    server.get("/v1/dictionaries/nothing/scatter").expect_problem(404, "not-found", &[]);
+    server.get(&format!("{path}?cohort=nothing")).expect_problem(404, "not-found", &[]);
 }
 
 #[test]

@@ -213,6 +213,29 @@ fn a_filter_on_an_attribute_that_no_shape_has_is_refused() {
             "/filter",
         ),
         ("/v1/models", json!({"cohort": "plates", "formula": "~ plate", "filter": filter}), "/filter"),
+        (
+            "/v1/models/compare",
+            json!({"cohort": "plates", "reduced": "~ 1", "full": "~ plate", "filter": filter}),
+            "/filter",
+        ),
+        ("/v1/repeatability", json!({"cohort": "plates", "subject": "plate", "filter": filter}), "/filter"),
+        (
+            "/v1/two-blocks",
+            json!({"cohort": "plates", "y": {"labels": ["labels.plate"]}, "filter": filter}),
+            "/filter",
+        ),
+        (
+            "/v1/two-blocks",
+            json!({"cohort": "plates", "y": {"cohort": "plates", "filter": filter}}),
+            "/y/filter",
+        ),
+        ("/v1/slide", json!({"cohort": "plates", "sliders": [[0, 1, 2]], "filter": filter}), "/filter"),
+        ("/v1/symmetry", json!({"cohort": "plates", "kind": "object", "filter": filter}), "/filter"),
+        (
+            "/v1/modularity",
+            json!({"cohort": "plates", "modules": {"a": {"range": [0, 0.4]}, "b": {"range": [0.5, 0.9]}}, "filter": filter}),
+            "/filter",
+        ),
         ("/v1/cohorts/plates/search", json!({"shapes": [{"points": PLAIN}], "filter": filter}), "/filter"),
     ] {
         let problem = server.post(path, &body).expect(422);

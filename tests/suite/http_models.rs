@@ -6,12 +6,12 @@ use serde_json::{Value, json};
 
 use crate::server::Server;
 
-fn number(value: &Value) -> f64 {
+pub(crate) fn number(value: &Value) -> f64 {
     value.as_f64().unwrap_or_else(|| panic!("a number, got {value}"))
 }
 
 /// A table of landmarks, if it is there: its attributes are `labels`, texts but those of `numbers`.
-fn cohort(server: &Server, name: &str, numbers: &[&str]) -> bool {
+pub(crate) fn cohort(server: &Server, name: &str, numbers: &[&str]) -> bool {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data").join(name).join("landmarks.csv");
     let Ok(text) = std::fs::read_to_string(file) else {
         println!("SKIPPED: {name} is not beside the project");
@@ -96,7 +96,11 @@ fn salamanders_have_the_table_of_geomorph() {
     let picture = server.post("/v1/models?format=svg", &at);
     let picture = picture.expect_svg();
     assert!(picture.contains("Teyah, Symp") || picture.contains("Symp, Teyah"), "{picture}");
-    assert!(picture.contains("species:site: df 1, R² 0.157, F 15.4"), "{picture}");
+    for cell in ["species:site<", ">0.15682<", ">15.353<", ">Residuals<"] {
+        assert!(picture.contains(cell), "{cell}: {picture}");
+    }
+    let text = found["text"].as_str().unwrap();
+    assert!(text.starts_with("~ species + site + species:site\n") && text.contains("  15.353  "), "{text}");
 }
 
 #[test]
@@ -136,7 +140,7 @@ fn shape(k: usize, bend: f64) -> Value {
 }
 
 /// 24 shapes of six subjects on two days, a treatment of half of the subjects, and their ages.
-fn made(server: &Server) {
+pub(crate) fn made(server: &Server) {
     let representation = json!({"kind": "landmarks", "dimension": 2, "points": 6});
     server.post("/v1/cohorts", &json!({"name": "made", "representation": representation})).expect(201);
     let shapes: Vec<Value> = (0..24)
@@ -224,7 +228,6 @@ fn what_is_no_model_is_refused_at_its_place() {
         ("~ 1", "at least one term"),
         ("~ one", "at least two levels, got one for 'one': a"),
         ("~ log(treatment)", "expected numbers for 'log(treatment)', got texts"),
-        ("~ age + (age | subject)", "expected random parts (1 | group) in tests, got (1 + age | subject)"),
     ] {
         refused(&[("formula", json!(formula))], "/formula", said);
     }
@@ -254,4 +257,164 @@ fn what_is_no_model_is_refused_at_its_place() {
     let term = &aliased["terms"][1];
     assert_eq!((&term["df"], &term["f"], &term["p"]), (&json!(0), &Value::Null, &Value::Null));
     assert_eq!(term["aliased_with"], json!(["sitey"]), "{aliased}");
+}
+
+#[test]
+fn random_parts_are_estimated() {
+    let server = Server::fresh();
+    made(&server);
+    let ask = |further: Value| {
+        let mut body =
+            json!({"cohort": "made", "formula": "~ treatment + day + (1 | subject)", "permutations": 99});
+        body.as_object_mut().unwrap().extend(further.as_object().unwrap().clone());
+        server.post("/v1/models", &body)
+    };
+    let usual = ask(json!({})).expect(200)["random"].clone();
+    assert_eq!(
+        (&usual["part"], &usual["structure"], &usual["method"], &usual["groups"]),
+        (&json!("(1 | subject)"), &json!("scalar"), &json!("reml"), &json!(6))
+    );
+    let (between, within) =
+        (number(&usual["variance"]["between"][0][0]), number(&usual["variance"]["within"]));
+    assert!((number(&usual["icc"]) - between / (between + within)).abs() < 1e-12, "{usual}");
+    assert!(usual.get("subjects").is_none() && usual["coefficients"].as_array().unwrap().len() == 3);
+    // The same as for the same number without groups' scatter: maximum likelihood is smaller.
+    let ml = ask(json!({"random": {"method": "ml"}})).expect(200)["random"].clone();
+    assert!(number(&ml["variance"]["within"]) < within, "{ml}");
+    let full = ask(json!({"random": {"structure": "full", "components": 2, "subjects": true}})).expect(200);
+    let full = &full["random"];
+    assert_eq!((full["between"].as_array().unwrap().len(), &full["components"]), (2, &json!(2)));
+    let subject = &full["subjects"][5];
+    assert_eq!((&subject["group"], &subject["shapes"]), (&json!("p5"), &json!(4)));
+    assert_eq!(subject["shape"].as_array().unwrap().len(), 6);
+    // Slopes by score; what varies between the subjects is tested on them.
+    let slopes = ask(json!({"formula": "~ age + treatment + (age | subject)"})).expect(200);
+    assert_eq!(slopes["random"]["effects"], json!(["(Intercept)", "age"]));
+    assert_eq!(slopes["random"]["structure"], "by_score");
+    assert!(slopes["random"]["icc"].is_null() && !slopes["random"]["scores"].as_array().unwrap().is_empty());
+    let age = &slopes["terms"][0];
+    assert_eq!((&age["exchange"], &age["collapsed"]), (&json!("signs"), &json!(true)), "{slopes}");
+    // Several parts are told where nothing is asked.
+    let told = ask(json!({"formula": "~ day + (1 | site/subject)"})).expect(200);
+    assert!(
+        told.get("random").is_none() && told["warnings"].to_string().contains("one random part"),
+        "{told}"
+    );
+    for (random, said) in [
+        (json!({"structure": "full", "components": 15}), "at most"),
+        (json!({"structure": "scalar"}), "by_score"),
+    ] {
+        let formula = if said == "by_score" { "~ age + (age | subject)" } else { "~ day + (1 | subject)" };
+        let problem = ask(json!({"formula": formula, "random": random})).expect(422);
+        assert_eq!(problem["errors"][0]["pointer"], "/random", "{problem}");
+        assert!(problem["errors"][0]["detail"].as_str().unwrap().contains(said), "{problem}");
+    }
+    let problem = ask(json!({"random": {"components": 21}})).expect(422);
+    assert_eq!(problem["errors"][0]["pointer"], "/random/components", "{problem}");
+    ask(json!({"random": {"structure": "diagonal"}})).expect(422);
+}
+
+#[test]
+fn models_know_covariances_scores_and_other_statistics() {
+    let server = Server::fresh();
+    made(&server);
+    let body = json!({"cohort": "made", "formula": "~ treatment + day", "permutations": 99});
+    let ask = |further: Value| {
+        let mut body = body.clone();
+        body.as_object_mut().unwrap().extend(further.as_object().unwrap().clone());
+        server.post("/v1/models", &body)
+    };
+    let plain = ask(json!({})).expect(200);
+    // A star of equal branches has no covariance.
+    let star: Vec<String> = (0..24).map(|k| format!("s{k}:2")).collect();
+    let tree = |tips: &[String]| format!("({});", tips.join(","));
+    let known = ask(json!({"covariance": {"tree": tree(&star)}})).expect(200);
+    for (a, b) in plain["terms"].as_array().unwrap().iter().zip(known["terms"].as_array().unwrap()) {
+        assert!((number(&a["f"]) - number(&b["f"])).abs() < 1e-8 * number(&a["f"]), "{a} {b}");
+        assert!((number(&a["sum_of_squares"]) / 2.0 - number(&b["sum_of_squares"])).abs() < 1e-9);
+        assert_eq!(a["p"], b["p"]);
+    }
+    let pairs: Vec<String> = (0..12).map(|k| format!("(s{}:1,s{}:1):1", 2 * k, 2 * k + 1)).collect();
+    let related = ask(json!({"covariance": {"tree": tree(&pairs)}})).expect(200);
+    assert_ne!(related["terms"][0]["f"], plain["terms"][0]["f"]);
+    let refused = |further: Value, pointer: &str, said: &str| {
+        let problem = ask(further).expect(422);
+        let first = &problem["errors"][0];
+        assert!(first["pointer"] == pointer && first["detail"].as_str().unwrap().contains(said), "{problem}");
+    };
+    refused(json!({"covariance": {"tree": tree(&star[..23])}}), "/covariance", "none for 's23'");
+    refused(json!({"covariance": {"tree": "(a:1,b);"}}), "/covariance", "at character 7");
+    refused(json!({"covariance": {"tree": tree(&star), "by": "subject"}}), "/covariance", "none for 'p0'");
+    refused(json!({"covariance": {"by": "subject"}}), "/covariance", "names and rows, or a tree");
+    let random = json!({"covariance": {"tree": tree(&star)}, "formula": "~ day + (1 | subject)"});
+    refused(random, "/covariance", "without random parts");
+    // Scores: shapes within a plane of their space.
+    let scores = ask(json!({"response": "score 1..2"})).expect(200);
+    let part = number(&scores["total"]["sum_of_squares"]) / number(&plain["total"]["sum_of_squares"]);
+    assert!((0.1..1.0).contains(&part) && scores["predictions"][0]["shape"].is_array(), "{part}");
+    let all = ask(json!({"response": "score 1..6"})).expect(200);
+    assert!((number(&all["terms"][0]["f"]) - number(&plain["terms"][0]["f"])).abs() < 1e-6, "{all}");
+    refused(json!({"response": "score 0"}), "/response", "'score 1..3'");
+    refused(json!({"response": "score 1..99"}), "/response", "at most");
+    let manova = ask(json!({"manova": {"components": 2}})).expect(200)["manova"].clone();
+    assert_eq!((&manova["components"], manova["terms"].as_array().unwrap().len()), (&json!(2), 2));
+    let pillai = &manova["terms"][1]["pillai"];
+    assert!((0.0..1.0).contains(&number(&pillai["value"])) && number(&pillai["p"]) >= 0.01, "{manova}");
+    refused(json!({"manova": {"components": 101}}), "/manova/components", "1 to 100");
+    refused(json!({"manova": {"components": 20}}), "/manova", "at most");
+    let nested = json!({"formula": "~ treatment/subject", "error_terms": {"treatment": "treatment:subject"},
+        "compatibility": "rrpp"});
+    let nested = ask(nested).expect(200);
+    assert!(
+        nested["terms"][0]["rrpp"]["p"].is_number() && nested["terms"][1].get("rrpp").is_none(),
+        "{nested}"
+    );
+}
+
+#[test]
+fn repeated_shapes_have_a_repeatability() {
+    let server = Server::fresh();
+    made(&server);
+    let body = json!({"cohort": "made", "replicate": "day", "permutations": 99, "bootstrap": 100});
+    let found = server.post("/v1/repeatability", &body).expect(200);
+    assert_eq!(
+        (&found["subjects"], &found["subject"], &found["bootstrap"]),
+        (&json!(6), &json!("subject"), &json!(100))
+    );
+    let icc = &found["icc"];
+    assert!(
+        number(&icc["low"]) <= number(&icc["value"]) && number(&icc["value"]) <= number(&icc["high"]),
+        "{icc}"
+    );
+    // Two shapes of each day: no complete replicates, but their systematic difference.
+    assert!(found["agreement"].is_null() && found["map"].as_array().unwrap().len() == 6, "{found}");
+    let rows = found["measurement_error"].as_array().unwrap();
+    assert_eq!((&rows[0]["term"], &rows[1]["term"]), (&json!("subject"), &json!("replicate")));
+    assert_eq!((&rows[1]["exchange"], &rows[1]["p"]), (&json!("within"), &json!(0.01)));
+    assert_eq!(found["replicates"][1]["replicate"], "d1");
+    let groups = json!({"cohort": "made", "replicate": "day", "groups": "treatment", "permutations": 9});
+    let grouped = server.post("/v1/repeatability", &groups).expect(200);
+    assert_eq!(grouped["measurement_error"][2]["term"], "group:replicate");
+    let picture = server.post("/v1/repeatability?format=svg", &body);
+    assert!(picture.expect_svg().contains("part of the variance within subjects"));
+    for (changes, pointer, said) in [
+        (json!({"subject": "colour"}), "/subject", "none of the 24 shapes has colour"),
+        (json!({"subject": "label"}), "/subject", "label"),
+        (json!({"groups": "day"}), "/subject", "one group"),
+        (json!({"bootstrap": 10_001}), "/bootstrap", "got 10001"),
+        (json!({"samples": 7}), "/samples", "got 7"),
+        (json!({"replicate": null, "groups": "treatment"}), "/groups", "`replicate`"),
+    ] {
+        let mut body = body.clone();
+        body.as_object_mut().unwrap().extend(changes.as_object().unwrap().clone());
+        if body["replicate"].is_null() {
+            body.as_object_mut().unwrap().remove("replicate");
+        }
+        let problem = server.post("/v1/repeatability", &body).expect(422);
+        let first = &problem["errors"][0];
+        assert!(
+            first["pointer"] == pointer && first["detail"].as_str().unwrap().contains(said),
+            "{changes}: {problem}"
+        );
+    }
 }

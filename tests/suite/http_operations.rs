@@ -160,6 +160,9 @@ fn the_version_is_said_over_http_and_on_the_command_line() {
     assert!(["sqlite", "postgres"].contains(&&*engine(&server)), "{version}");
     assert!(version["database"]["schema_version"].as_i64().unwrap() >= 7, "{version}");
     assert!(version["features"].is_array(), "{version}");
+    // Without keys everyone on this machine is an administrator.
+    let caller = json!({"role": "admin", "tenant": "default", "name": null, "open": true});
+    assert_eq!(version["caller"], caller);
     let output = Command::new(env!("CARGO_BIN_EXE_shapelex")).arg("--version").output().unwrap();
     let line = String::from_utf8(output.stdout).unwrap();
     let wanted = match version["commit"].as_str() {

@@ -4,16 +4,23 @@ use std::path::Path;
 use std::process::Command;
 
 /// Scripts that the steps run, with arguments. Their own programs are missing too.
-const SCRIPTS: [(&str, &[&str]); 10] = [
+const SCRIPTS: [(&str, &[&str]); 17] = [
     ("benches/weight/run.py", &["--gate"]),
     ("crates/shapelex-engine/tests/service.py", &["none/shapelex", "none/shapelex-engine"]),
     ("dashboard/run.sh", &["check"]),
     ("dashboard/run.sh", &["test"]),
     ("deploy/lint.py", &[]),
     ("tests/attack/run.py", &["small", "--binary", "none/shapelex"]),
+    ("tests/clients/python.py", &[]),
+    ("tests/clients/r.sh", &["none/shapelex"]),
     ("tests/clients/run.py", &[]),
+    ("tests/clients/typescript.sh", &["none/shapelex"]),
     ("tests/contract/run.py", &["short"]),
+    ("tests/documentation.py", &[]),
+    ("tests/image.sh", &[]),
     ("tests/interop/run.py", &[]),
+    ("tests/notebooks.py", &[]),
+    ("tests/packages.py", &[]),
     ("tests/with_postgres.sh", &["true"]),
 ];
 

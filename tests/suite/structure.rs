@@ -8,7 +8,7 @@ use crate::imports::{Graph, circles};
 
 /// The layers from top to bottom: a file uses its own layer and those below. The lowest are crates, `shapelex-…`.
 const LAYERS: [&[&str]; 9] = [
-    &["cli", "server", "config", "health", "store_location", "telemetry"],
+    &["cli", "server", "config", "health", "store_location", "telemetry", "testing"],
     DOORS,
     &["service"],
     &["store"],

@@ -1,9 +1,11 @@
-//! Tables of null cases of `docs/comparisons.md`: `cargo bench -p shapelex-analysis --bench nulls [-- SETS KIND …]`.
+//! Tables of null cases of `docs/comparisons.md`, `docs/models.md` (`Models`, of some layouts by their names) and `docs/evaluation.md`
+//! (`Sides`): `cargo bench -p shapelex-analysis --bench nulls [-- SETS KIND …]`.
 #![allow(missing_docs, clippy::unwrap_used, clippy::print_stdout)]
 
 #[path = "../tests/nulls/mod.rs"]
 mod null_cases;
 
+use null_cases::sides::{Sided, sided_alarms};
 use null_cases::{Case, Kind, Layout, alarms, model_alarms, regression_alarms};
 use shapelex_analysis::alignment::Alignment;
 use shapelex_analysis::models::subspaces::SumType;
@@ -12,13 +14,14 @@ fn main() {
     // Cargo hands on `--bench`.
     let arguments: Vec<String> = std::env::args().skip(1).filter(|argument| argument != "--bench").collect();
     let sets = arguments.iter().find_map(|argument| argument.parse().ok()).unwrap_or(2000);
-    let chosen = |kind: Kind| {
-        let names: Vec<&String> =
-            arguments.iter().filter(|argument| argument.parse::<usize>().is_err()).collect();
-        names.is_empty() || names.iter().any(|name| **name == format!("{kind:?}"))
-    };
+    let names: Vec<&String> =
+        arguments.iter().filter(|argument| argument.parse::<usize>().is_err()).collect();
+    let chosen = |kind: Kind| names.is_empty() || names.iter().any(|name| **name == format!("{kind:?}"));
     if arguments.iter().any(|argument| argument == "Models") {
-        return models(sets);
+        return models(sets, &names);
+    }
+    if arguments.iter().any(|argument| argument == "Sides") {
+        return sides(sets);
     }
     println!("| shapes | groups | ratio | alignment | distance | Hotelling | studentised | warned |");
     println!("|---|---|---|---|---|---|---|---|");
@@ -45,16 +48,29 @@ fn main() {
     }
 }
 
-/// Levels of the terms of models without effects.
-fn models(sets: usize) {
+/// Levels of the terms of models without effects; of all layouts unless some are named.
+fn models(sets: usize, names: &[&String]) {
     println!("| design | type | terms |\n|---|---|---|");
-    for layout in Layout::ALL {
+    let is_chosen =
+        |layout: &Layout| names.len() == 1 || names.iter().any(|name| **name == format!("{layout:?}"));
+    for layout in Layout::ALL.into_iter().filter(is_chosen) {
         for kind in [SumType::I, SumType::II, SumType::III] {
             let found = model_alarms(layout, kind, sets);
             let terms: Vec<String> =
                 found.iter().map(|(term, part)| format!("{term} {:.2} %", 100.0 * part)).collect();
             println!("| {layout:?} | {kind:?} | {} |", terms.join(", "));
         }
+    }
+}
+
+/// Levels of tests of individuals and sides without effects.
+fn sides(sets: usize) {
+    println!("| case | terms |\n|---|---|");
+    for case in Sided::ALL {
+        let found = sided_alarms(case, sets);
+        let terms: Vec<String> =
+            found.iter().map(|(term, part)| format!("{term} {:.2} %", 100.0 * part)).collect();
+        println!("| {case:?} | {} |", terms.join(", "));
     }
 }
 

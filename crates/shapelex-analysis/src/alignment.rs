@@ -54,7 +54,7 @@ pub enum Alignment {
 }
 
 impl Alignment {
-    /// The method unless another is given: projection, or Procrustes fits where the class is no linear space in dimension `d`.
+    /// The method unless another is given: projection, or Procrustes fits where the class is not a linear space in dimension `d`.
     pub fn usual(transformation: &Transformation, dimension: usize) -> Self {
         match transformation {
             Transformation::Named(class)
@@ -133,6 +133,18 @@ impl Method {
     /// `b = −A r̄` if shapes are centred, else zero.
     pub(super) fn offset(&self, matrix: &Matrix, centroid: &[f64]) -> Vec<f64> {
         if self.translates() { offset_of(matrix, centroid) } else { vec![0.0; centroid.len()] }
+    }
+
+    /// Replaces the whitened shape `x` by the member of its class nearest to the whitened `mean`.
+    pub(super) fn bring_in_place(&self, x: &mut [f64], mean: &[f64]) -> Result<(), AnalysisError> {
+        match self {
+            Self::Projection(class) => Subspace::bring(class, x, mean),
+            Self::Procrustes(_) => {
+                let brought = self.bring(x, mean)?.whitened;
+                x.copy_from_slice(&brought);
+                Ok(())
+            }
+        }
     }
 
     /// The member of the class of the whitened shape `x` nearest to the whitened `mean`.

@@ -1,4 +1,4 @@
-//! Defaults of analyses: what requests and programs get that name none.
+//! Defaults of analyses: values for requests and programs that name none.
 
 /// Quantile of the held-out training shapes of a dictionary beyond which a shape is an outlier, or belongs to none of the classes: of
 /// shapes like those of the training, one in a hundred counts as one.

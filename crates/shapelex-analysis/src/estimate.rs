@@ -184,6 +184,15 @@ pub fn alignment_stage(measured: Measured<'_>, shapes: usize) -> Stage {
     Stage { phase: Phase::Mean, multiply_adds, passes: mean_passes(measured, k) + 2.0 }
 }
 
+/// Multiply-adds of the mean of `shapes` shapes that are read in each of its passes, and the numbers that it keeps.
+pub(crate) fn mean_cost(measured: Measured<'_>, shapes: usize) -> (f64, f64) {
+    let (k, n) = (shapes as f64, measured.metric.len() as f64);
+    let work = mean_work(measured, k) + mean_passes(measured, k) * READING * k * n;
+    // Placements and spectra of a search are those of the mean of a store.
+    let placements = if measured.matching.searches() { 4.0 * k } else { k };
+    (work, 4.0 * n * order(n, class_size(measured) * k) + placements)
+}
+
 /// Usual number of passes for a mean of `k` shapes.
 fn mean_passes(measured: Measured<'_>, k: f64) -> f64 {
     let iterations = match measured.method {
@@ -210,11 +219,11 @@ impl Estimate {
         Self::of(shapes, multiply_adds, memory_bytes)
     }
 
-    fn of(shapes: u64, multiply_adds: f64, memory_bytes: f64) -> Self {
+    pub(crate) fn of(shapes: u64, multiply_adds: f64, memory_bytes: f64) -> Self {
         Self { shapes, multiply_adds, memory_bytes, seconds: multiply_adds / RATE }
     }
 
-    /// Adds what a linear model takes besides the permutations of its columns: a design, its basis, and the sums of squares of each term
+    /// Adds the work of a linear model besides the permutations of its columns: a design, its basis, and the sums of squares of each term
     /// for each permutation.
     #[must_use]
     pub fn with_design(self, columns: usize, terms: usize, permutations: usize) -> Self {
@@ -225,7 +234,67 @@ impl Estimate {
         Self { multiply_adds, memory_bytes, seconds: multiply_adds / RATE, ..self }
     }
 
-    /// Adds what a robust mean takes besides a plain one.
+    /// Adds the work of vectors of a model for exchanged or redrawn residuals: lists of the statistics, copies of the residuals, and for each
+    /// thread the weights of a draw.
+    #[must_use]
+    pub fn with_resampling(self, work: Resampling) -> Self {
+        let [length, functions, statistics, draws] =
+            [work.length, work.functions, work.statistics, work.draws].map(|count| count as f64);
+        let shapes = self.shapes as f64;
+        let multiply_adds = self.multiply_adds + (4.0 + draws) * shapes * (length * functions + 10.0);
+        let lists = 2.0 * draws * (statistics + 3.0);
+        let copies = 3.0 * shapes * length + 16.0 * (shapes + length) * functions;
+        let memory_bytes = self.memory_bytes + 8.0 * (lists + copies);
+        Self { multiply_adds, memory_bytes, seconds: multiply_adds / RATE, ..self }
+    }
+
+    /// Adds multiply-adds and bytes.
+    #[must_use]
+    pub fn with_work(self, multiply_adds: f64, bytes: f64) -> Self {
+        let multiply_adds = self.multiply_adds + multiply_adds;
+        let memory_bytes = self.memory_bytes + bytes;
+        Self { multiply_adds, memory_bytes, seconds: multiply_adds / RATE, ..self }
+    }
+
+    /// Adds the work of covariances of blocks of so many numbers, pair by pair and for each permutation.
+    #[must_use]
+    pub fn with_blocks(self, lengths: &[usize], permutations: usize) -> Self {
+        let (shapes, draws) = (self.shapes as f64, 1.0 + permutations as f64);
+        let (mut work, mut memory, pairs) = (0.0, 0.0, lengths.len() * lengths.len().saturating_sub(1) / 2);
+        for (i, &length) in lengths.iter().enumerate() {
+            let (n, rank) = (length as f64, shapes.min(length as f64));
+            work += shapes * n * rank + EIGENPROBLEM * rank.powi(3);
+            memory += 3.0 * shapes * n + 3.0 * rank * rank + 6.0 * shapes * rank;
+            for &other in &lengths[..i] {
+                let other = shapes.min(other as f64);
+                work += draws * (shapes * rank * other + EIGENPROBLEM * rank.min(other).powi(3));
+                memory += 6.0 * rank * other;
+            }
+        }
+        let multiply_adds = self.multiply_adds + work;
+        let memory_bytes = self.memory_bytes + 8.0 * (memory + draws * (6.0 + 2.0 * pairs as f64));
+        Self { multiply_adds, memory_bytes, seconds: multiply_adds / RATE, ..self }
+    }
+
+    /// Adds the work of the covariances of every two of `points` points, and of the sums over them for each permutation.
+    #[must_use]
+    pub fn with_points(self, points: usize, dimension: usize, permutations: usize) -> Self {
+        let (shapes, table) = (self.shapes as f64, (points as f64).powi(2));
+        let numbers = (points * dimension) as f64;
+        let multiply_adds = self.multiply_adds + shapes * numbers * numbers + permutations as f64 * table;
+        let memory_bytes = self.memory_bytes + 8.0 * (table + 3.0 * shapes * numbers + permutations as f64);
+        Self { multiply_adds, memory_bytes, seconds: multiply_adds / RATE, ..self }
+    }
+
+    /// The cost of both.
+    #[must_use]
+    pub fn and(self, other: Self) -> Self {
+        let multiply_adds = self.multiply_adds + other.multiply_adds;
+        let memory_bytes = self.memory_bytes + other.memory_bytes;
+        Self { multiply_adds, memory_bytes, seconds: multiply_adds / RATE, ..self }
+    }
+
+    /// Adds the work of a robust mean beyond a plain one.
     #[must_use]
     pub fn robust(self, measured: Measured<'_>) -> Self {
         let multiply_adds = self.multiply_adds + robust_work(measured, self.shapes as f64);
@@ -234,7 +303,7 @@ impl Estimate {
         Self { multiply_adds, memory_bytes, seconds: multiply_adds / RATE, ..self }
     }
 
-    /// Adds further trainings, each on nearly all shapes and two at a time, and what a job takes besides.
+    /// Adds further trainings, each on nearly all shapes and two at a time, and the further work of a job.
     pub fn with(self, Trainings { held_out, validation }: Trainings) -> Self {
         let trainings = 1.0 + HELD_OUT * held_out as f64 + validation as f64;
         let multiply_adds = JOB + self.multiply_adds * trainings;
@@ -310,6 +379,19 @@ pub struct TestWork {
     pub pairs: usize,
     /// Number of shapes summed over all pairs.
     pub pair_shapes: usize,
+}
+
+/// Statistics of vectors that are linear in the shapes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Resampling {
+    /// Number of numbers of a vector.
+    pub length: usize,
+    /// Number of vectors.
+    pub functions: usize,
+    /// Number of statistics of each draw.
+    pub statistics: usize,
+    /// Number of draws.
+    pub draws: usize,
 }
 
 /// Multiply-adds for measuring the sizes of a shape, per control point.
@@ -397,8 +479,8 @@ mod tests {
         }
     }
 
-    /// The sums are matrices of the smaller of shapes and coordinates: no jump where the one overtakes the other by more than what the
-    /// change from vectors to a matrix is, and never more than with very many shapes.
+    /// The sums are matrices of the smaller of shapes and coordinates: no jump where the one overtakes the other by more than the
+    /// change from vectors to a matrix, and never more than with very many shapes.
     #[test]
     fn predictions_grow_with_the_shapes() {
         let setting = setting(200, ClassName::Affine, crate::alignment::Alignment::Projection);

@@ -1,4 +1,4 @@
-//! Factors of the weights of shapes in a robust estimate: what it leaves out.
+//! Factors of the weights of shapes in a robust estimate: which shapes it leaves out.
 
 /// Whether an estimate resists wrong shapes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]

@@ -3,7 +3,7 @@
 use crate::metric::{dot, norm};
 use shapelex_numeric::dense::{Matrix, svd};
 
-/// What a fit may change besides the position.
+/// Freedom of a fit besides the position.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Fit {
@@ -82,7 +82,7 @@ pub(crate) fn nearest_rotation(h: &Matrix) -> Matrix {
     u * signs * vt
 }
 
-/// `max tr(RᵀH)` over what `fit` allows: the score of a placement.
+/// `max tr(RᵀH)` over the matrices `R` that `fit` allows: the score of a placement.
 pub(super) fn best_correlation(h: &Matrix, fit: Fit) -> f64 {
     if !fit.rotates {
         h.trace()

@@ -9,8 +9,8 @@
 //! The model of the M step is that of probabilistic principal components: modes, and a residual of equal variance in all other
 //! directions. Without `V_k` completed shapes would vary too little. Shapes without missing points give exactly the usual components.
 //! The E step takes `ρ² (K − 1)/(K − 1 − I)`: the `I` modes of `K` shapes describe these better than others, and with their residual alone
-//! what is missing would follow the noise of what is seen. The rounds are accelerated (`anderson`).
-//! The pose of an incomplete shape is found with its scores, so that it does not depend on what is missing.
+//! missing points would follow the noise of the seen ones. The rounds are accelerated (`anderson`).
+//! The pose of an incomplete shape is found with its scores, so that it does not depend on the missing points.
 //!
 //! Sources: Tipping, Bishop 1999; Ilin, Raiko 2010 (missing values).
 
@@ -152,7 +152,7 @@ impl IncompleteShapes {
             let seen = &self.seen[k];
             let target = &mut self.control_points[k * length..(k + 1) * length];
             for (i, (target, x)) in target.iter_mut().zip(shape).enumerate() {
-                // What is seen stays as it is, to the last bit.
+                // Seen points stay as they are, to the last bit.
                 if seen.binary_search(&(i % n)).is_err() {
                     *target = size * x;
                 }
@@ -214,7 +214,7 @@ impl IncompleteShapes {
         }
     }
 
-    /// Moves missing control points to their most likely places: the largest relative change of a shape, and what stays unknown.
+    /// Moves missing control points to their most likely places: the largest relative change of a shape, and the remaining uncertainty.
     fn expected(&mut self, model: &Model, missing: &[usize]) -> Result<(f64, Unknown), AnalysisError> {
         let (n, d) = (model.at.count(), model.at.dimension);
         let shapes = &self.control_points;
@@ -251,7 +251,7 @@ fn of_shape(error: AnalysisError, k: usize) -> AnalysisError {
     }
 }
 
-/// What is not known of missing control points.
+/// Uncertainty of missing control points.
 struct Unknown {
     /// Roots of their covariances by the modes: control points of a change of a shape each, in the pose of the mean.
     columns: Vec<f64>,
@@ -265,7 +265,7 @@ impl Unknown {
     }
 }
 
-/// Components of aligned shapes with what is unknown of them, and the variance of the residual. `noise`: that of missing control points.
+/// Components of aligned shapes with their uncertainty, and the variance of the residual. `noise`: that of missing control points.
 fn maximised(
     metric: &Metric,
     aligned: &[AlignedShape],

@@ -23,9 +23,13 @@
 //! * [`classification`] — classifiers of labelled shapes, and their validation; [`classifier_record`] — as records;
 //! * [`assessment`] — shapes assessed by a dictionary and its classifier, and drift;
 //! * [`distance`] — distances modulo a class: one pair, one against many, or all pairs;
+//! * [`elastic`] — elastic distances of curves, and what corresponds;
 //! * [`neighbours`] — nearest neighbours in a stream of shapes;
 //! * [`inference`] — permutation tests for group differences and for regression; [`strata`] — sets within which they draw;
 //! * [`models`] — linear models of shapes: formulas, sums of squares, permutation tests of their terms;
+//! * [`blocks`] — how two sets of numbers of the same subjects vary together, and whether parts of a shape are modules;
+//! * [`symmetry`] — symmetry and asymmetry of shapes: axes, tables, indices;
+//! * [`thin_plate`] — thin-plate splines: maps that take landmarks to landmarks; [`sliding`] — semilandmarks that slide;
 //! * [`size`] — sizes of many shapes;
 //! * [`path`] — paths between shapes; [`drawing`] — drawings of results;
 //! * [`estimate`] — predicted cost of learning and tests;
@@ -73,6 +77,7 @@ pub mod algebra;
 pub mod alignment;
 mod anderson;
 pub mod assessment;
+pub mod blocks;
 pub mod classification;
 pub mod classifier_record;
 pub mod conversion;
@@ -81,6 +86,7 @@ pub mod defaults;
 pub mod dictionary;
 pub mod distance;
 pub mod drawing;
+pub mod elastic;
 pub mod estimate;
 pub mod factors;
 pub mod fit;
@@ -110,12 +116,16 @@ pub mod region;
 pub mod robust;
 pub mod rows;
 pub mod size;
+pub mod sliding;
 pub mod sparse;
 mod start_points;
 pub mod strata;
 pub mod subspace;
+pub mod symmetry;
 pub mod tangent;
+pub mod thin_plate;
 pub mod transformation;
+mod unit_size;
 pub mod watch;
 
 use shapelex_numeric::NumericError;
@@ -151,7 +161,7 @@ pub enum AnalysisError {
     Unsuitable {
         /// Position of the shape.
         index: usize,
-        /// What was expected, and what was found.
+        /// The expected and the actual value.
         detail: String,
     },
     /// Too few shapes for the requested statistic.
@@ -176,7 +186,7 @@ pub enum AnalysisError {
     Parameter {
         /// Path of the parameter in its record, with dots: `method.codes`; empty for the whole record.
         field: &'static str,
-        /// What was expected, and what was found.
+        /// The expected and the actual value.
         detail: String,
     },
     /// The bytes are not a serialised accumulator of this kind.
@@ -220,7 +230,7 @@ pub enum AnalysisError {
     Source(#[from] SourceError),
 }
 
-/// A failure of what shapes come from, such as a database, on its way through a statistic. Whoever passed the source takes it out again.
+/// A failure of the origin of shapes, such as a database, on its way through a statistic. Whoever passed the source takes it out again.
 #[derive(Debug, thiserror::Error)]
 #[error(transparent)]
 pub struct SourceError(Box<dyn std::error::Error + Send + Sync>);

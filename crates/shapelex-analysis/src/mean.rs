@@ -51,8 +51,6 @@ pub struct ProjectorSum<'a> {
     blocks: Vec<OuterProductSum>,
     weight: f64,
     shapes: usize,
-    /// Whether the sum already holds both vectors of complex classes; a closed sum takes no more shapes.
-    closed: bool,
 }
 
 impl<'a> ProjectorSum<'a> {
@@ -64,7 +62,7 @@ impl<'a> ProjectorSum<'a> {
             Structure::PerAxis => vec![OuterProductSum::new(n); class.dimension()],
             Structure::Complex | Structure::General => vec![OuterProductSum::new(length)],
         };
-        Self { class, length, blocks, weight: 0.0, shapes: 0, closed: false }
+        Self { class, length, blocks, weight: 0.0, shapes: 0 }
     }
 
     /// Replaces shapes in the sum, for searches that move a few shapes of many. Rounding errors accumulate, so a search
@@ -88,15 +86,6 @@ impl<'a> ProjectorSum<'a> {
             let own = |bases| columns_of_block(bases, numbers / count, b, count);
             block.exchange(&own(&leaving), &own(&arriving))
         }))
-    }
-
-    /// The sum of the full projectors: complex classes have added only one vector of two so far.
-    fn closed(mut self) -> Self {
-        if self.class.structure == Structure::Complex && !self.closed {
-            self.blocks.iter_mut().for_each(OuterProductSum::close_under_quarter_turn);
-            self.closed = true;
-        }
-        self
     }
 
     /// Sum over all shapes of `source`.
@@ -195,7 +184,6 @@ impl<'a> MeanSpace<'a> {
     /// # Errors
     /// A failure of the eigenproblem.
     pub fn new(sum: ProjectorSum<'a>, report: usize) -> Result<Self, AnalysisError> {
-        let sum = sum.closed();
         let class = sum.class;
         let (rank, multiplicity) = match class.structure {
             Structure::PerCoordinate => (class.dimension(), class.dimension()),
@@ -203,8 +191,12 @@ impl<'a> MeanSpace<'a> {
             Structure::Complex | Structure::General => (class.matrices().len(), 1),
         };
         let count = (rank + 1).max(report.div_ceil(multiplicity));
-        let pairs: Vec<Eigenpairs> =
-            sum.blocks.into_iter().map(|block| block.leading(count)).collect::<Result<_, _>>()?;
+        // Sums of complex classes hold one vector of two.
+        let leading = |block: OuterProductSum| match class.structure {
+            Structure::Complex => block.leading_turned(count),
+            _ => block.leading(count),
+        };
+        let pairs: Vec<Eigenpairs> = sum.blocks.into_iter().map(leading).collect::<Result<_, _>>()?;
         let value = |pairs: &Eigenpairs, i: usize| pairs.values.get(i).copied().unwrap_or(0.0).max(0.0);
         let gap = pairs.iter().map(|p| value(p, rank - 1) - value(p, rank)).fold(f64::MAX, f64::min);
         let kept: f64 = pairs.iter().map(|p| (0..rank).map(|i| value(p, i)).sum::<f64>()).sum();
@@ -225,7 +217,7 @@ impl<'a> MeanSpace<'a> {
     /// # Errors
     /// A failure of the eigenproblem.
     pub fn near(sum: &mut ProjectorSum<'a>, previous: &Self) -> Result<Self, AnalysisError> {
-        let turned = sum.class.structure == Structure::Complex && !sum.closed;
+        let turned = sum.class.structure == Structure::Complex;
         let bases = sum.blocks.iter_mut().zip(&previous.bases);
         let bases: Option<Vec<Matrix>> =
             bases.map(|(block, near)| block.leading_subspace(near, turned)).collect();

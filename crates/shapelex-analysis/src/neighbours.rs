@@ -128,7 +128,7 @@ impl<'a> NeighbourSearch<'a> {
                     nearest.offer(Neighbour { position: self.offered + position, found });
                 }
                 let limit = nearest.limit();
-                // The limit excludes nearly all, and is cheaper than a look at what was compared.
+                // The limit excludes nearly all, and is cheaper than a look at the list of compared shapes.
                 let is_left = |k: &usize| is_near(*k, limit) && compared.binary_search(k).is_err();
                 left = left.into_par_iter().filter(is_left).collect();
                 round *= 2;

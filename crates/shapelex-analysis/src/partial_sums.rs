@@ -13,7 +13,7 @@ use crate::preparation::{Pose, Posed, Preparation};
 use crate::procrustes::{self, FittedSum};
 use shapelex_numeric::dense::Matrix;
 
-/// What shapes are measured by, and how they are brought together.
+/// Metric and alignment of shapes.
 #[derive(Debug, Clone, Copy)]
 pub struct Measured<'a> {
     /// The metric.
@@ -51,10 +51,10 @@ impl Pass {
     }
 
     /// Sums of this pass as [`make`](Self::make) returns them, merged in their order: the sum of a group of
-    /// [`FAN_IN`](crate::accumulate::FAN_IN) parts, or of as many groups. The first one may be what an earlier call returned.
+    /// [`FAN_IN`](crate::accumulate::FAN_IN) parts, or of as many groups. The first one may be the result of an earlier call.
     ///
     /// # Errors
-    /// [`AnalysisError::NotAnAccumulator`] for bytes that are no sum of this pass.
+    /// [`AnalysisError::NotAnAccumulator`] for bytes that are not a sum of this pass.
     pub fn merge(&self, sums: &[&[u8]], measured: Measured<'_>) -> Result<Vec<u8>, AnalysisError> {
         self.sum.merge(sums, measured)
     }

@@ -26,11 +26,18 @@ const TIE: f64 = 1e-12;
 
 /// Shapes whose placements are searched, in the coordinates in which this takes place.
 pub(super) trait PlacementSearch<'a> {
-    /// Restricts what follows to the first `count` shapes.
+    /// Restricts the following rounds to the first `count` shapes.
     fn restrict(&mut self, count: usize);
 
     /// Sum of the projectors of the shapes in their placements.
     fn sum(&self, placements: &[Placement]) -> Result<ProjectorSum<'a>, AnalysisError>;
+
+    /// The mean space of the shapes in their placements, without the sum of their projectors, from a space `near` it; `None` where
+    /// the sum costs less. It has no certificate.
+    fn mean(&self, near: Option<&MeanSpace<'a>>) -> Result<Option<MeanSpace<'a>>, AnalysisError> {
+        let _ = near;
+        Ok(None)
+    }
 
     /// Cosine between every shape as given and `space`.
     fn cosines(&self, space: &MeanSpace<'a>) -> Result<Vec<f64>, AnalysisError>;
@@ -146,7 +153,7 @@ pub(super) fn alternate<'a, P: PlacementSearch<'a>>(
     for stage in stages.iter().copied().filter(|&stage| stage > known || stage == count) {
         if before > 0 {
             search.restrict(before);
-            let space = MeanSpace::new(search.sum(&found.placements)?, 0)?;
+            let space = mean(search, &found.placements)?;
             search.restrict(stage);
             search.improve(&space, &mut found.placements)?;
         } else {
@@ -174,14 +181,20 @@ fn settle<'a, P: PlacementSearch<'a>>(
 ) -> Result<(), AnalysisError> {
     (found.rounds, found.converged) = (0, false);
     // The search needs the space alone; its certificate is computed at the end.
-    let mut space = MeanSpace::new(search.sum(&found.placements)?, 0)?;
+    let mut space = mean(search, &found.placements)?;
     let mut sum: Option<ProjectorSum<'_>> = None;
     while !found.converged && found.rounds < most {
         source.check()?;
         found.rounds += 1;
         let moved = search.improve(&space, &mut found.placements)?;
         found.converged = moved.is_empty();
-        if !found.converged {
+        if found.converged {
+            break;
+        }
+        if let Some(next) = search.mean(Some(&space))? {
+            // A sum of an earlier round lacks the shapes of this one.
+            (space, sum) = (next, None);
+        } else {
             let mut next = match exchanged(search, &found.placements[..source.count()], &moved, sum.take())? {
                 Some(sum) => sum,
                 None => search.sum(&found.placements)?,
@@ -191,6 +204,17 @@ fn settle<'a, P: PlacementSearch<'a>>(
         }
     }
     Ok(())
+}
+
+/// The mean space of the shapes in their placements.
+fn mean<'a, P: PlacementSearch<'a>>(
+    search: &P,
+    placements: &[Placement],
+) -> Result<MeanSpace<'a>, AnalysisError> {
+    match search.mean(None)? {
+        Some(space) => Ok(space),
+        None => MeanSpace::new(search.sum(placements)?, 0),
+    }
 }
 
 /// The sum of projectors after the shapes `moved`. `None` if recomputing it from scratch costs less.
@@ -212,7 +236,7 @@ fn match_mirrors<'a, P: PlacementSearch<'a>>(
     source: &dyn ShapeSource,
     placements: &mut [Placement],
 ) -> Result<(), AnalysisError> {
-    let cosines = search.cosines(&MeanSpace::new(search.sum(placements)?, 0)?)?;
+    let cosines = search.cosines(&mean(search, placements)?)?;
     let best = cosines.iter().copied().fold(0.0, f64::max);
     let (position, x) = smallest_eligible(source, |k| cosines[k] >= best * (1.0 - TIE))?;
     let single = search.space_of(position, &x)?;

@@ -19,6 +19,9 @@ use crate::{AnalysisError, DEGENERATE};
 use shapelex_numeric::dense::Matrix;
 use shapelex_numeric::parallel;
 
+/// Shapes of a task. Results do not depend on it.
+const TASK: usize = 16;
+
 /// Form of shapes for coding.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Pose {
@@ -101,16 +104,11 @@ impl Preparation {
         centroid: &[f64],
         target: Option<&Target<'_>>,
     ) -> Result<Prepared, AnalysisError> {
-        let stands = Placement::default();
-        let placement = target.map_or(Ok(stands), |target| self.matching.best(x, target, stands))?;
+        let placement = self.placement(x, target)?;
         match &self.pose {
             Pose::Aligned { normalise } => {
                 let aligned = align(&self.method, &self.matching, &self.mean, x, centroid, placement)?;
-                let size = norm(&aligned.whitened) / norm(&self.mean);
-                if !(size >= DEGENERATE) {
-                    let class = "alignment to the mean, to which it is orthogonal".into();
-                    return Err(AnalysisError::Degenerate { index: 0, class, sigma: size });
-                }
+                self.check_aligned(&aligned.whitened)?;
                 let mut prepared = Prepared {
                     whitened: aligned.whitened,
                     matrix: aligned.matrix,
@@ -129,6 +127,45 @@ impl Preparation {
                 Ok(Prepared { whitened, matrix, offset, placement })
             }
         }
+    }
+
+    /// Start point, direction and mirror image of a whitened shape.
+    fn placement(&self, x: &[f64], target: Option<&Target<'_>>) -> Result<Placement, AnalysisError> {
+        let stands = Placement::default();
+        target.map_or(Ok(stands), |target| self.matching.best(x, target, stands))
+    }
+
+    /// Refuses an aligned shape that is orthogonal to the mean.
+    fn check_aligned(&self, whitened: &[f64]) -> Result<(), AnalysisError> {
+        let sigma = norm(whitened) / norm(&self.mean);
+        if sigma >= DEGENERATE {
+            return Ok(());
+        }
+        let class = "alignment to the mean, to which it is orthogonal".into();
+        Err(AnalysisError::Degenerate { index: 0, class, sigma })
+    }
+
+    /// Replaces a whitened shape by the one in pose, as [`Self::prepare`] gives it.
+    fn pose_in_place(&self, x: &mut [f64], target: Option<&Target<'_>>) -> Result<(), AnalysisError> {
+        let placement = self.placement(x, target)?;
+        if placement != Placement::default() {
+            let placed = self.matching.place(x, placement).into_owned();
+            x.copy_from_slice(&placed);
+        }
+        match &self.pose {
+            Pose::Aligned { normalise } => {
+                self.method.bring_in_place(x, &self.mean)?;
+                self.check_aligned(x)?;
+                if *normalise {
+                    let factor = 1.0 / norm(x);
+                    x.iter_mut().for_each(|value| *value *= factor);
+                }
+            }
+            Pose::Invariant(algebra) => {
+                algebra.normalise(x)?;
+            }
+        }
+        Ok(())
     }
 }
 
@@ -184,14 +221,14 @@ impl ShapeSource for Posed<'_> {
         visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), AnalysisError>,
     ) -> Result<(), AnalysisError> {
         let preparation = self.preparation;
-        let centroid = vec![0.0; preparation.metric.dimension()];
         preparation.with_target(|target| {
             let pose = |batch: Shapes<'_>, whitened: &mut [f64]| {
                 let length = preparation.metric.len();
-                parallel::try_for_each_chunk(whitened, length, &|i, x| {
-                    let posed = preparation.pose(x, &centroid, target);
-                    x.copy_from_slice(&posed.map_err(|error| error.at(batch.first + i))?.whitened);
-                    Ok(())
+                parallel::try_for_each_chunk(whitened, TASK * length, &|task, shapes| {
+                    let mut shapes = (batch.first + task * TASK..).zip(shapes.chunks_exact_mut(length));
+                    shapes.try_for_each(|(position, x)| {
+                        preparation.pose_in_place(x, target).map_err(|error| error.at(position))
+                    })
                 })
             };
             for_each_changed(self.source, pose, visit)

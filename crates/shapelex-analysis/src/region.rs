@@ -6,7 +6,7 @@
 //! r̃_k = A_k r_k + b_k,   r̄ = Σ w_k r̃_k / Σ w_k   whole shapes in these poses, and their mean
 //! ```
 //!
-//! What differs outside of the region is then a difference, not a compromise of the pose. An arc of a curve is sampled at four places for
+//! A difference outside of the region then stays one, and is not a compromise of the pose. An arc of a curve is sampled at four places for
 //! each control point, so that `Σ_i |r(u_i)|²/M` is the mean over the arc but for the ends.
 
 use crate::AnalysisError;
@@ -140,7 +140,7 @@ mod tests {
     use crate::alignment::{Alignment, Method};
     use crate::transformation::{ClassName, Transformation};
 
-    /// Two squares with a fifth point of its own each, turned, moved and scaled.
+    /// Two squares each with a different fifth point, turned, moved and scaled.
     fn shapes(count: usize) -> Vec<f64> {
         let corners = [[0.0, 0.0], [2.0, 0.0], [2.0, 1.0], [0.0, 1.0]];
         let shape = |k: usize| -> Vec<f64> {
@@ -168,7 +168,7 @@ mod tests {
         region.align(&space, measured, Frame::Training, &shapes(6), &[1.0; 6], &|| false)
     }
 
-    /// What is equal within the region coincides, and all of the difference is outside of it.
+    /// Parts that are equal within the region coincide, and all of the difference is outside of it.
     #[test]
     fn equal_regions_coincide() {
         for alignment in [Alignment::Projection, Alignment::Procrustes] {

@@ -11,17 +11,22 @@
 
 use bytemuck::{cast_slice, cast_slice_mut};
 use num_complex::Complex64;
+use rand_distr::{Distribution, StandardNormal};
 
 use super::AnalysisError;
-use super::accumulate::{BLOCK, Leading, ShapeSource, ShapesInMemory};
+use super::accumulate::{BLOCK, Leading, MATRIX_FREE, ShapeSource, ShapesInMemory};
 use super::matching::{Matching, Moved, Placement, better, moved};
 use super::mean::{Exchange, MeanSpace, ProjectorSum};
 use super::metric::norm;
 use super::placement_search::PlacementSearch;
+use super::random::stream;
 use super::subspace::Subspace;
 use super::transformation::{Structure, TransformationClass};
 use shapelex_numeric::fft::ComplexFft;
-use shapelex_numeric::kernels::{multiply_conjugates, squared_norms};
+use shapelex_numeric::kernels::{
+    add_scaled, add_split_multiple, multiply_conjugates, split_product, squared_norms,
+};
+use shapelex_numeric::lanczos::leading_vector;
 use shapelex_numeric::parallel;
 
 /// Shapes per task of a round.
@@ -135,6 +140,30 @@ impl<'a, 's> SpectralSearch<'a, 's> {
         }
     }
 
+    /// `Σ_k w_k z_k ⟨z_k, v⟩` over the spectra in their placements, real parts first. Blocks have sums that are added in order, so
+    /// the bits are the same on any number of threads. `None` once reading should end.
+    fn product(&self, v: &[f64]) -> Option<Vec<f64>> {
+        self.source.check().ok()?;
+        let (shapes, _) = self.placed.all().split_at(self.count);
+        let sums = parallel::map(self.count.div_ceil(BLOCK), &|k| {
+            let mut sum = vec![0.0; v.len()];
+            for (_, z, weight) in shapes.block(k, BLOCK).iter() {
+                let [re, im] = split_product(z, v);
+                add_split_multiple(&mut sum, [weight * re, weight * im], z);
+            }
+            sum
+        });
+        let mut total = vec![0.0; v.len()];
+        sums.iter().for_each(|sum| add_scaled(&mut total, 1.0, sum));
+        Some(total)
+    }
+
+    /// A vector without structure: where the search for a mean space begins that none is near to.
+    fn structureless(&self) -> Vec<f64> {
+        let mut random = stream(0, 0);
+        (0..2 * self.size()).map(|_| StandardNormal.sample(&mut random)).collect()
+    }
+
     /// Best placements of the shapes from `first` on for the spectrum `target`; `standing` are their current ones.
     fn best(&self, first: usize, target: &[Complex64], standing: &mut [Placement]) {
         let (n, of_shape) = (self.size(), self.size() * self.candidates.len());
@@ -176,6 +205,18 @@ impl<'a> PlacementSearch<'a> for SpectralSearch<'a, '_> {
         let sum = ProjectorSum::of(&placed, self.class, 2 * self.size())?;
         self.source.worked(self.count);
         Ok(sum)
+    }
+
+    fn mean(&self, near: Option<&MeanSpace<'a>>) -> Result<Option<MeanSpace<'a>>, AnalysisError> {
+        if self.size() < MATRIX_FREE {
+            return Ok(None);
+        }
+        let start =
+            near.map_or_else(|| self.structureless(), |space| space.bases[0].column(0).as_slice().to_vec());
+        let vector = leading_vector(|v| self.product(v), &start);
+        self.source.check()?;
+        self.source.worked(self.count);
+        vector.map(|vector| MeanSpace::from_shape(self.class, &vector)).transpose()
     }
 
     fn cosines(&self, space: &MeanSpace<'a>) -> Result<Vec<f64>, AnalysisError> {
@@ -259,7 +300,13 @@ mod tests {
     /// Spectra are other coordinates of the same search.
     #[test]
     fn spectra_are_placed_as_their_shapes() {
-        for (n, generator) in [(12, GeneratorKind::Trigonometric {}), (25, GeneratorKind::Cubic {})] {
+        let sizes = [
+            (12, GeneratorKind::Trigonometric {}),
+            (25, GeneratorKind::Cubic {}),
+            // Without sums of projectors.
+            (MATRIX_FREE, GeneratorKind::Trigonometric {}),
+        ];
+        for (n, generator) in sizes {
             let representation = Representation::ClosedCurve { dimension: 2, control_points: n, generator };
             let space = ShapeSpace::new(&representation).unwrap();
             let metric = Metric::of(&space);
@@ -285,6 +332,37 @@ mod tests {
                     assert!(starts > 20, "the search has something to do: {starts}");
                 }
             }
+        }
+    }
+
+    /// The mean without the sum of the projectors is that of the sum, from any start, with the same bits on any number of threads.
+    #[test]
+    fn products_with_the_shapes_give_the_mean_of_their_sum() {
+        let n = MATRIX_FREE + 3;
+        let generator = GeneratorKind::Trigonometric {};
+        let representation = Representation::ClosedCurve { dimension: 2, control_points: n, generator };
+        let space = ShapeSpace::new(&representation).unwrap();
+        let metric = Metric::of(&space);
+        let weights: Vec<f64> = (0..300).map(|k| 1.0 + 0.5 * f64::from(k % 4)).collect();
+        let source = ShapesInMemory::new(&metric, true, contours(300, n), weights).unwrap();
+        let rotations = TransformationClass::named(ClassName::ScaledRotation, 2).unwrap();
+        let class = TransformationClass::named(ClassName::Similarity, 2).unwrap();
+        let matching = Matching::new(&space, Correspondence::Cyclic, Direction::Given, Mirror::Forbid);
+        let placements: Vec<Placement> = (0..300)
+            .map(|k| Placement { shift: (n - 5 * k % n) as u32 % n as u32, ..Default::default() })
+            .collect();
+        let search = SpectralSearch::new(&source, &class, &rotations, &matching, &placements).unwrap();
+        let expected = MeanSpace::new(search.sum(&placements).unwrap(), 0).unwrap().elements();
+        let near = MeanSpace::from_shape(&rotations, search.placed.shape(17)).unwrap();
+        for near in [None, Some(&near)] {
+            let found = |threads: usize| {
+                let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+                pool.install(|| search.mean(near)).unwrap().expect("many points").elements()
+            };
+            let one = found(1);
+            let rest = &expected - &one * (one.transpose() * &expected);
+            assert!(rest.norm() < 1e-10, "{:e}", rest.norm());
+            assert_eq!(found(3), one);
         }
     }
 

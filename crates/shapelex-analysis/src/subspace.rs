@@ -142,6 +142,34 @@ impl<'a> Subspace<'a> {
         Ok(())
     }
 
+    /// Replaces the whitened shape `x` by the member `P m` of its subspace nearest to `m`: the bits are those of [`Self::project`].
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub(super) fn bring(class: &TransformationClass, x: &mut [f64], m: &[f64]) -> Result<(), AnalysisError> {
+        if class.structure != Structure::Complex {
+            x.copy_from_slice(&Subspace::new(class, x)?.project(m).whitened);
+            return Ok(());
+        }
+        let size = norm(x);
+        check_extent(size, size)?;
+        let n = x.len() / 2;
+        // The first matrix is diagonal, and the column is one of unit length.
+        for (c, x) in x.chunks_exact_mut(n).enumerate() {
+            let factor = class.matrices()[0][(c, c)];
+            x.iter_mut().for_each(|x| *x *= factor);
+        }
+        let scale = 1.0 / norm(x);
+        x.iter_mut().for_each(|x| *x *= scale);
+        let a = dot(x, m);
+        let b = dot(x, &quarter_turn(m, -1.0));
+        let (first, second) = x.split_at_mut(n);
+        for (x, y) in first.iter_mut().zip(second) {
+            (*x, *y) = (a * *x - b * *y, a * *y + b * *x);
+        }
+        Ok(())
+    }
+
     /// `P m`, and the transformation that maps the shape to it.
     pub fn project(&self, m: &[f64]) -> Projected {
         let d = self.class.dimension();
@@ -277,4 +305,31 @@ fn relative_singular_value(blocks: &[Block]) -> f64 {
     }
     let singular = blocks[0].r.singular_values();
     singular.min() / singular.max()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::transformation::ClassName;
+
+    #[test]
+    fn a_shape_brought_in_place_has_the_bits_of_its_projection() {
+        let shape = |phase: f64| -> Vec<f64> { (0..34).map(|i| (0.9 * i as f64 + phase).sin()).collect() };
+        for name in [
+            ClassName::ScaledRotation,
+            ClassName::ReflectedSimilarity,
+            ClassName::Affine,
+            ClassName::NonUniformScaling,
+        ] {
+            let class = TransformationClass::named(name, 2).unwrap();
+            for k in 0..20 {
+                let (x, m) = (shape(0.37 * f64::from(k)), shape(1.9));
+                let expected = Subspace::new(&class, &x).unwrap().project(&m).whitened;
+                let mut found = x;
+                Subspace::bring(&class, &mut found, &m).unwrap();
+                assert_eq!(found, expected, "{name:?}");
+            }
+            assert!(Subspace::bring(&class, &mut [0.0; 34], &shape(1.9)).is_err());
+        }
+    }
 }

@@ -22,7 +22,7 @@ pub struct LinearAlignment {
 }
 
 impl LinearAlignment {
-    /// The alignment of the shapes of a test, of what a request gives: partial Procrustes fits by name are moved into the tangent
+    /// The alignment of the shapes of a test, from that of a request: partial Procrustes fits by name are moved into the tangent
     /// space, projections and full Procrustes fits by name are not.
     ///
     /// # Errors
@@ -37,7 +37,7 @@ impl LinearAlignment {
         Self::new(transformation, dimension, alignment, tangent.or(by_name))
     }
 
-    /// The alignment of the shapes of components, of what a request gives: aligned shapes of a method by name are not moved.
+    /// The alignment of the shapes of components, from that of a request: aligned shapes of a method by name are not moved.
     ///
     /// # Errors
     /// As [`Self::of_test`].

@@ -4,7 +4,7 @@
 //! 𝓑 = span{B_1 … B_I} ⊂ R^{d×d}   (+ translation)      S_k = { B r_k + b : B ∈ 𝓑 }
 //! ```
 //!
-//! The matrices generate what the names say; the printed Table 3.1 swaps entries of the shear and affine rows. Classes
+//! The matrices generate the classes named; the printed Table 3.1 swaps entries of the shear and affine rows. Classes
 //! with translation act on centred shapes, which is equivalent and keeps constants out of the statistics. Rotations and
 //! similarities of space do not span a proper linear class (their span is all of `R^{3×3}`): they are available with
 //! generalised Procrustes alignment only.
@@ -212,7 +212,7 @@ impl ClassName {
 pub(super) enum Structure {
     /// `P = I_d ⊗ P'`: all coordinates share the span of the `d` coordinate functions.
     PerCoordinate,
-    /// Every axis is a scalar problem of its own.
+    /// Every axis is a separate scalar problem.
     PerAxis,
     /// `S = C·y` with `y = B_1 r` and `B_2 = J B_1`, where `J` is the quarter turn: one unit vector represents both.
     Complex,

@@ -68,7 +68,7 @@ impl Named {
         objects.write(&dictionary_path(cohort, &digest)?, content, PutMode::Overwrite).await.map(drop)
     }
 
-    /// Reads what [`keep`](Self::keep) wrote.
+    /// Reads the record that [`keep`](Self::keep) wrote.
     ///
     /// # Errors
     /// [`EngineError::Damaged`] for a content of another digest; as [`new`](Self::new); errors of the store.

@@ -1,4 +1,4 @@
-//! What can go wrong.
+//! Errors of the engine.
 
 use datafusion_common::DataFusionError;
 use shapelex_analysis::{AnalysisError, SourceError};
@@ -12,7 +12,7 @@ pub enum EngineError {
     Store {
         /// Path of the object.
         object: String,
-        /// What the store said.
+        /// Error of the store.
         source: object_store::Error,
     },
     /// The object store did not answer in time.
@@ -25,14 +25,14 @@ pub enum EngineError {
         /// Number of attempts.
         attempts: u32,
     },
-    /// An object is not what was written.
+    /// An object differs from the written one.
     #[error("{object} is damaged: expected {expected}, got {got}")]
     Damaged {
         /// Path of the object.
         object: String,
-        /// What it should be.
+        /// Expected content.
         expected: String,
-        /// What it is.
+        /// Actual content.
         got: String,
     },
     /// Input that does not suit.
@@ -40,7 +40,7 @@ pub enum EngineError {
     Refused {
         /// The place of the input: a line, a field, an object.
         place: String,
-        /// What was expected, and what was found.
+        /// The expected and the actual value.
         detail: String,
     },
     /// An error of a part, on another machine.
@@ -66,7 +66,7 @@ impl EngineError {
         Self::Refused { place: place.into(), detail: detail.into() }
     }
 
-    /// An object that is not what was written.
+    /// An object that differs from the written one.
     pub(crate) fn damaged(
         object: impl ToString,
         expected: impl Into<String>,

@@ -52,7 +52,7 @@ fn one() -> f64 {
 /// Reads the description of a cohort.
 ///
 /// # Errors
-/// [`EngineError::Refused`] for what is none.
+/// [`EngineError::Refused`] for a text that is not one.
 pub fn read_description(text: &[u8]) -> Result<Description, EngineError> {
     if text.len() > MAX_DESCRIPTION_BYTES {
         let detail = format!("expected at most {MAX_DESCRIPTION_BYTES} bytes, got {}", text.len());
@@ -99,7 +99,7 @@ fn read_line(text: &[u8], [points, dimension]: [usize; 2]) -> Result<Record, Str
 /// Memory: one part. Nothing names the parts until the last line has been read.
 ///
 /// # Errors
-/// [`EngineError::Refused`] with the number of the first line that is no shape of the cohort, and if there are not as many shapes
+/// [`EngineError::Refused`] with the number of the first line that is not a shape of the cohort, and if there are not as many shapes
 /// as the cohort has; errors of the store.
 pub async fn ingest(lines: impl BufRead, mut writer: Writer) -> Result<Written, EngineError> {
     let mut lines = Lines { lines, number: 0, text: Vec::new(), size: writer.size() };

@@ -5,7 +5,7 @@
 //! ```
 //!
 //! Every result has the bits that `shapelex-analysis` computes directly from the same shapes, on any number of threads and with
-//! any division of the work: see [`pass`]. What passes are needed for a mean or a dictionary, the caller knows.
+//! any division of the work: see [`pass`]. The caller chooses the passes for a mean or a dictionary.
 //!
 //! * [`objects`] — reading and writing objects, with checks of length and content;
 //! * [`cohort`] — a revision as content-addressed parts and a manifest; its checks and the collection of garbage;

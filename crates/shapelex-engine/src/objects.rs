@@ -35,7 +35,7 @@ impl Default for Patience {
     }
 }
 
-/// What is known of an object before it is read.
+/// Known length of an object before it is read.
 #[derive(Debug, Clone, Copy)]
 pub enum Length {
     /// Its size in bytes.
@@ -44,7 +44,7 @@ pub enum Length {
     UpTo(u64),
 }
 
-/// What was done with a store, since it was opened.
+/// Counts of the use of a store, since it was opened.
 #[derive(Debug, Default)]
 pub struct Counters {
     /// Units of work that were computed from it: parts, or groups of them.
@@ -79,7 +79,7 @@ impl Objects {
         Self { store, patience, counters: Arc::default() }
     }
 
-    /// What was done with it by this process.
+    /// Counts of its use by this process.
     pub fn counters(&self) -> &Arc<Counters> {
         &self.counters
     }
@@ -165,7 +165,7 @@ impl Objects {
         self.patiently(path, write).await
     }
 
-    /// Removes an object; one that does not exist is no error.
+    /// Removes an object; one that does not exist is not an error.
     ///
     /// # Errors
     /// Errors of the store once all attempts have failed.

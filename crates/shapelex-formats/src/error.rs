@@ -71,7 +71,7 @@ impl fmt::Display for Place {
     }
 }
 
-/// What kind of fault a file has.
+/// Kind of fault of a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FaultKind {
     /// The bytes are of no known format, or of several.
@@ -102,7 +102,7 @@ pub struct FileError {
     pub kind: FaultKind,
     /// Where it is.
     pub place: Box<Place>,
-    /// What was expected, and what was found.
+    /// The expected and the actual content.
     pub detail: String,
 }
 
@@ -141,7 +141,7 @@ impl FileError {
         Self { kind, place: Box::new(place), detail: error.to_string() }
     }
 
-    /// The same fault, whose place is completed by that of what contains it.
+    /// The same fault, whose place is completed by that of its container.
     #[must_use]
     pub fn at(mut self, outer: Place) -> Self {
         *self.place = std::mem::take(&mut *self.place).within(&outer);

@@ -1,23 +1,23 @@
 //! One stream of deflate, decompressed to its end (RFC 1950, 1951). The readers of the library end without an error where the data
-//! end before the stream, and say nothing of what follows it.
+//! end before the stream, and say nothing of the bytes after it.
 
 use flate2::{Decompress, FlushDecompress, Status};
 
 /// Bytes that are decompressed between two questions for memory.
 const STEP: usize = 64 << 10;
 
-/// Why data are no stream of deflate.
+/// Why data are not a stream of deflate.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) enum Fault<E> {
     /// Other bytes, or a wrong checksum.
     Corrupt,
     /// The data end before the stream.
     Cut,
-    /// There is no memory for what comes out.
+    /// There is no memory for the decompressed bytes.
     Refused(E),
 }
 
-/// What one stream holds, with the frame of zlib if it is `framed`, and the number of bytes after its end. `grow` is asked for as many
+/// Content of one stream, with the frame of zlib if it is `framed`, and the number of bytes after its end. `grow` is asked for as many
 /// bytes as there are, again and again.
 pub(crate) fn inflate<E>(
     data: &[u8],

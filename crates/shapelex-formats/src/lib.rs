@@ -2,8 +2,8 @@
 //!
 //! * [`image`] — images, volumes, label images and masks;
 //! * [`shape`] — contours, landmarks and meshes of other programs;
-//! * [`dicom`] — what the files of DICOM of both have in common;
-//! * [`mod@unit`] — what coordinates are in;
+//! * [`dicom`] — the common parts of files of DICOM of both;
+//! * [`mod@unit`] — units of coordinates;
 //! * [`words`] — messages of parsers in words that clients know.
 //!
 //! Families of formats are features, each of which brings the libraries that it needs: `dicom`, `meshes`, `microscopy`, `morphometrics`

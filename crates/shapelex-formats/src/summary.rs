@@ -1,4 +1,4 @@
-//! What a file holds beside its records.
+//! Content of a file beside its records.
 
 use std::collections::BTreeMap;
 
@@ -7,23 +7,23 @@ use serde::Serialize;
 use crate::error::Place;
 use crate::words::MAX_NAME;
 
-/// What a reader or writer says of a whole file.
+/// Summary of a whole file by a reader or writer.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Summary {
     /// Number of records given on or written.
     pub records: u64,
     /// Facts of the file: unit, frame of reference, size of the image, orientation of axes.
     pub properties: BTreeMap<String, serde_json::Value>,
-    /// What was read and not given on.
+    /// Items that were read and not given on.
     pub dropped: Vec<Dropped>,
-    /// What a reader of the result should know.
+    /// Warnings for a reader of the result.
     pub warnings: Vec<String>,
 }
 
 /// Something of a file that does not become a record.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Dropped {
-    /// What it is, in the plural: `holes`, `points that repeat their predecessor`, `identifying elements`.
+    /// Its kind, in the plural: `holes`, `points that repeat their predecessor`, `identifying elements`.
     pub what: String,
     /// Number of them.
     pub count: u64,
@@ -56,7 +56,7 @@ impl Summary {
         self.drop_many(what, 1, name, place);
     }
 
-    /// Counts `count` of what is not given on, all with one name. Cost: that of the names that are kept.
+    /// Counts `count` items that are not given on, all with one name. Cost: that of the names that are kept.
     pub fn drop_many(&mut self, what: &str, count: u64, name: Option<&str>, place: impl FnOnce() -> Place) {
         if count == 0 {
             return;

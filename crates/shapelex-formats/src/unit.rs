@@ -6,7 +6,7 @@
 //!
 //! Powers of ten are one multiplication or one division, and so rounded correctly: 1 mm is 0.1 cm, the number nearest to a tenth.
 
-/// What coordinates are in.
+/// Unit of coordinates.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Unit {
     /// 10⁹ nm.
@@ -111,7 +111,7 @@ impl Unit {
         }
     }
 
-    /// The conversion to another unit. `None` between a length and what is none; what are no lengths are the same numbers.
+    /// The conversion to another unit. `None` between a length and a unit that is not one; units that are not lengths keep the numbers.
     pub fn to(self, other: Self) -> Option<Ratio> {
         match (self.nanometres(), other.nanometres()) {
             (Some(from), Some(to)) => Some(Ratio::new(from, to)),

@@ -11,7 +11,7 @@ pub enum Value {
     Text(String),
 }
 
-/// The largest whole number up to which doubles hold each one, 2⁵³ − 1. What lies beyond is an identifier, and kept as text.
+/// The largest whole number up to which doubles hold each one, 2⁵³ − 1. Numbers beyond are identifiers, and kept as text.
 const LARGEST_WHOLE: i128 = (1 << 53) - 1;
 
 impl Value {

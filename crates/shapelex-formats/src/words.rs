@@ -1,4 +1,4 @@
-//! What parsers say, in words that clients know: types of Rust and the grammar of a parser mean nothing to them.
+//! Messages of parsers in words that clients know: types of Rust and the grammar of a parser mean nothing to them.
 
 /// Most bytes of a name that many shapes repeat, sixteen times those of DICOM: longer ones would make a small file a large work.
 pub(crate) const MAX_NAME: usize = 1024;
@@ -11,7 +11,7 @@ pub fn plain(error: &serde_json::Error) -> String {
     if error.is_data() { plain_sentence(text) } else { plain_syntax(text).into() }
 }
 
-/// Translates what the parser says of text that is not JSON.
+/// Translates the message of the parser about text that is not JSON.
 fn plain_syntax(text: &str) -> &'static str {
     match text {
         "EOF while parsing a list" => "expected the end of a list, got the end of the text",

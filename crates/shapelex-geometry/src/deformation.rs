@@ -136,7 +136,7 @@ impl<'a> Edit<'a> {
         self.handles.iter().map(below).collect()
     }
 
-    /// What the edit has changed: `after` is the result of [`Self::apply`].
+    /// Changes by the edit: `after` is the result of [`Self::apply`].
     pub fn described(&self, before: &Detailed, after: Detailed) -> Deformation {
         let space = self.grids.finest().space();
         let change = self.grids.flatten(&after) - self.grids.flatten(before);

@@ -5,7 +5,7 @@
 pub struct FieldFault {
     /// Path of the input, its parts separated by `/`: `parameters/3/0`. Empty for the input as a whole.
     pub field: String,
-    /// What was expected, and what was found.
+    /// The expected and the actual value.
     pub detail: String,
 }
 

@@ -3,10 +3,11 @@
 //! * [`generator`] — compactly supported functions whose integer shifts span a shape space;
 //! * [`knot_line`] — these shifts along one direction, closed or open: inner products, interpolation;
 //! * [`representation`] — the kind and size of a shape, and the prepared [`ShapeSpace`](representation::ShapeSpace);
-//! * [`capability`] — what any shape can be asked: values, measures, meshes, fits, refinements;
+//! * [`capability`] — questions to any shape: values, measures, meshes, fits, refinements;
 //! * [`curve`] — a spline curve, closed or open, as polynomials per half-segment: values, derivatives;
 //! * [`open`] — the basis of open curves: phantom control points beyond the ends, banded inner products;
 //! * [`measures`] — area, moments, length, curvature, energies, bounding box, orientation;
+//! * [`arc_parameter`] — the parameter of a curve at a fraction of its length;
 //! * [`distance`] — distances of two curves, as functions and as sets;
 //! * [`frame`] — tangent, normal and curvature at a parameter;
 //! * [`intersection`] — the self-intersection test;
@@ -48,6 +49,7 @@
 //! ```
 
 mod arc_length;
+pub mod arc_parameter;
 mod area;
 pub mod capability;
 mod columns;
@@ -239,7 +241,7 @@ pub enum GeometryError {
     /// A surface is another one on the finer grid, although its generators have two-scale relations.
     #[error("{expected}, got the factors {factors:?}")]
     NoRelation {
-        /// What the relation needs.
+        /// Requirement of the relation.
         expected: &'static str,
         /// Factors, one per direction.
         factors: Vec<usize>,

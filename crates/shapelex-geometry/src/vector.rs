@@ -4,7 +4,7 @@
 const FAR: f64 = 1024.0;
 
 /// The first point of a shape that is far from the origin relative to its extent, as a local origin that preserves the digits
-/// of the shape. Differences from it are exact for coordinates within a factor of two of its own.
+/// of the shape. Differences from it are exact for coordinates within a factor of two of those of the origin.
 pub fn far_origin<'a>(points: impl Iterator<Item = &'a [f64; 3]> + Clone) -> Option<[f64; 3]> {
     let first = *points.clone().next()?;
     let extent = points.flat_map(|point| minus(*point, first)).fold(0.0_f64, |most, x| most.max(x.abs()));

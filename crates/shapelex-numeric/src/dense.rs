@@ -279,7 +279,7 @@ pub struct Eigenpairs {
 const SUBSPACE_STEPS: usize = 100;
 
 /// Relative residual at which a subspace counts as invariant. It guides a search; the mean itself is computed anew.
-const SUBSPACE_RESIDUAL: f64 = 1e-11;
+pub(crate) const SUBSPACE_RESIDUAL: f64 = 1e-11;
 
 /// Orthonormal basis of the leading invariant subspace of a symmetric positive semi-definite operator, by subspace
 /// iteration from the columns of `near`. For repeated problems that change little, this takes a few products.
@@ -324,7 +324,7 @@ pub fn leading_eigenpairs(s: &Matrix, count: usize) -> Result<Eigenpairs, Numeri
     full_eigenpairs(s, count)
 }
 
-fn full_eigenpairs(s: &Matrix, count: usize) -> Result<Eigenpairs, NumericError> {
+pub(crate) fn full_eigenpairs(s: &Matrix, count: usize) -> Result<Eigenpairs, NumericError> {
     let n = s.nrows();
     // The library cannot decompose a matrix without entries.
     if count == 0 {
@@ -392,16 +392,39 @@ const RITZ_GROWTH: f64 = 1.3;
 ///
 /// Source: Golub and Van Loan, *Matrix Computations*, 4th edition, section 10.3.6.
 fn krylov_eigenpairs(s: &Matrix, count: usize) -> Option<Eigenpairs> {
-    let n = s.nrows();
     // A power of two changes no digit, and keeps residuals far from underflow.
     let unit = power_of_two(largest_below(s))?;
     let mut full = s * (1.0 / unit);
     fill_upper(&mut full);
+    krylov_eigenpairs_of(s.nrows(), unit, |x| multiply(&full, x), count)
+}
+
+/// The `count` leading eigenpairs of a symmetric positive semi-definite operator of size `n`, by the block Krylov iteration of
+/// [`leading_eigenpairs`]; `size` is about its largest eigenvalue. The operator is applied to four columns at a time. `None` if the
+/// iteration does not converge.
+pub fn leading_eigenpairs_of(
+    n: usize,
+    size: f64,
+    apply: impl Fn(&Matrix) -> Matrix,
+    count: usize,
+) -> Option<Eigenpairs> {
+    let unit = power_of_two(size)?;
+    krylov_eigenpairs_of(n, unit, |x| apply(x) / unit, count)
+}
+
+/// Eigenpairs of `unit · A`, for the operator `A` that `apply` applies.
+fn krylov_eigenpairs_of(
+    n: usize,
+    unit: f64,
+    apply: impl Fn(&Matrix) -> Matrix,
+    count: usize,
+) -> Option<Eigenpairs> {
     let mut noise = noise(n);
     let mut krylov = Krylov::new(noise());
     let mut next_solution = count + BLOCK;
     for _ in 0..n / 2 / BLOCK {
-        krylov.extend(&full, noise());
+        let image = apply(&krylov.next);
+        krylov.extend(image, noise());
         if krylov.size() < next_solution {
             continue;
         }
@@ -432,13 +455,12 @@ impl Krylov {
         self.diagonal.len() * BLOCK
     }
 
-    /// Takes the next block into the space, and finds the one behind it.
-    fn extend(&mut self, s: &Matrix, noise: Matrix) {
-        let mut image = multiply(s, &self.next);
+    /// Takes the next block, whose image under the matrix is `image`, into the space, and finds the one behind it.
+    fn extend(&mut self, mut image: Matrix, noise: Matrix) {
         self.diagonal.push(transpose_multiply(&self.next, &image));
         self.basis.extend_from_slice(self.next.as_slice());
         image += noise * (f64::EPSILON * image.norm());
-        // The second time takes out what cancellation left of the basis.
+        // The second time takes out parts of the basis left by cancellation.
         let (once, first) = self.orthogonalise(image).qr().unpack();
         let (twice, second) = self.orthogonalise(once).qr().unpack();
         self.next = twice;
@@ -503,7 +525,7 @@ fn noise(n: usize) -> impl FnMut() -> Matrix {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use crate::operator::assert_operator_of;
 
@@ -536,7 +558,7 @@ mod tests {
         }
     }
 
-    fn covariance(n: usize, spectrum: impl Fn(usize) -> f64) -> Matrix {
+    pub(crate) fn covariance(n: usize, spectrum: impl Fn(usize) -> f64) -> Matrix {
         let raw = Matrix::from_fn(n, n, |i, j| ((i * 37 + j * 101 + i * j) as f64 * 0.7).sin());
         let q = raw.qr().q();
         let scaled = Matrix::from_fn(n, n, |i, j| q[(i, j)] * spectrum(j));

@@ -1,4 +1,4 @@
-//! Descent with bounded steps: what the methods of minimisation share.
+//! Descent with bounded steps: the common part of the methods of minimisation.
 //!
 //! ```text
 //! E(x + t d) ≤ E(x) + 10⁻⁴ t gᵀd,   t ≤ clip / displacement(d)

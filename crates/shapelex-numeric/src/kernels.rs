@@ -173,6 +173,103 @@ pub fn add_scaled(out: &mut [f64], factor: f64, x: &[f64]) {
     );
 }
 
+/// Numbers of which [`exponentials`] are taken at once.
+pub const GROUP: usize = 8;
+
+/// Exponent below which [`exponentials`] are those of this one, about 10⁻³⁰⁷.
+const LEAST_EXPONENT: f64 = -708.0;
+
+/// `e^x` of numbers up to 700, with a relative error of 3·10⁻¹⁶; numbers below −708 count as −708. Within
+/// [`vectorised`], all at once.
+///
+/// ```text
+/// x = k ln 2 + r,   |r| ≤ (ln 2)/2,   e^x = 2^k Σ_{i ≤ 13} r^i/i!
+/// ```
+#[inline(always)]
+pub fn exponentials(x: [f64; GROUP]) -> [f64; GROUP] {
+    /// Adding it rounds to a whole number, which is then in the last bits.
+    const ROUND: f64 = 6_755_399_441_055_744.0;
+    /// `ln 2` in two parts, of which the first has few digits: its products with `k` are exact.
+    const LN_2: [f64; 2] = [0.693_145_751_953_125, 1.428_606_820_309_417_2e-6];
+    let mut power = [0.0; GROUP];
+    let mut rest = [0.0; GROUP];
+    for i in 0..GROUP {
+        let x = if x[i] > LEAST_EXPONENT { x[i] } else { LEAST_EXPONENT };
+        let rounded = x * std::f64::consts::LOG2_E + ROUND;
+        let k = rounded - ROUND;
+        rest[i] = (x - k * LN_2[0]) - k * LN_2[1];
+        power[i] = f64::from_bits((rounded.to_bits() << 52).wrapping_add(1023 << 52));
+    }
+    let mut sum = [1.0 / FACTORIALS[12]; GROUP];
+    for factorial in FACTORIALS[..12].iter().rev().chain(&[1.0]) {
+        for i in 0..GROUP {
+            sum[i] = sum[i] * rest[i] + 1.0 / factorial;
+        }
+    }
+    std::array::from_fn(|i| power[i] * sum[i])
+}
+
+/// `1!` to `13!`.
+const FACTORIALS: [f64; 13] = [
+    1.0,
+    2.0,
+    6.0,
+    24.0,
+    120.0,
+    720.0,
+    5040.0,
+    40_320.0,
+    362_880.0,
+    3_628_800.0,
+    39_916_800.0,
+    479_001_600.0,
+    6_227_020_800.0,
+];
+
+/// `⟨z, v⟩ = Σ conj(zᵢ) vᵢ`, its real and its imaginary part, of complex numbers given as all real parts, then all imaginary parts.
+pub fn split_product(z: &[f64], v: &[f64]) -> [f64; 2] {
+    let ((z_re, z_im), (v_re, v_im)) = (z.split_at(z.len() / 2), v.split_at(v.len() / 2));
+    widest(
+        z.len(),
+        #[inline(always)]
+        || {
+            let (z_re, z_re_tail) = z_re.as_chunks::<LANES>();
+            let (z_im, z_im_tail) = z_im.as_chunks::<LANES>();
+            let (v_re, v_re_tail) = v_re.as_chunks::<LANES>();
+            let (v_im, v_im_tail) = v_im.as_chunks::<LANES>();
+            let (mut re, mut im) = ([0.0; LANES], [0.0; LANES]);
+            for ((a, b), (x, y)) in z_re.iter().zip(z_im).zip(v_re.iter().zip(v_im)) {
+                for k in 0..LANES {
+                    re[k] += a[k] * x[k] + b[k] * y[k];
+                    im[k] += a[k] * y[k] - b[k] * x[k];
+                }
+            }
+            let (mut re, mut im) = (re.iter().sum::<f64>(), im.iter().sum::<f64>());
+            for ((a, b), (x, y)) in z_re_tail.iter().zip(z_im_tail).zip(v_re_tail.iter().zip(v_im_tail)) {
+                re += a * x + b * y;
+                im += a * y - b * x;
+            }
+            [re, im]
+        },
+    )
+}
+
+/// `out ← out + c z` for the complex number `c`; lists of complex numbers as in [`split_product`].
+pub fn add_split_multiple(out: &mut [f64], [re, im]: [f64; 2], z: &[f64]) {
+    let n = z.len() / 2;
+    let ((out_re, out_im), (z_re, z_im)) = (out.split_at_mut(n), z.split_at(n));
+    widest(
+        z.len(),
+        #[inline(always)]
+        || {
+            for ((x, y), (a, b)) in out_re.iter_mut().zip(out_im).zip(z_re.iter().zip(z_im)) {
+                *x += re * a - im * b;
+                *y += re * b + im * a;
+            }
+        },
+    );
+}
+
 /// `out ← root y` and `sum ← sum + weight y` with `y = x − origin`.
 pub fn shift(out: &mut [f64], sum: &mut [f64], x: &[f64], origin: &[f64], weight: f64, root: f64) {
     widest(
@@ -255,6 +352,44 @@ pub fn column(matrix: &Matrix, index: usize) -> &[f64] {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn exponentials_are_those_of_the_library() {
+        for k in 0..20_000 {
+            let x: [f64; GROUP] = std::array::from_fn(|i| 5.0 - 0.035 * k as f64 - 0.0041 * i as f64);
+            let (found, inside) = (
+                exponentials(x),
+                vectorised(
+                    #[inline(always)]
+                    || exponentials(x),
+                ),
+            );
+            for ((x, found), inside) in x.into_iter().zip(found).zip(inside) {
+                let expected = x.max(LEAST_EXPONENT).exp();
+                assert!((found / expected - 1.0).abs() < 4e-16, "{found:e} for {expected:e}");
+                assert_eq!(found, inside);
+            }
+        }
+    }
+
+    #[test]
+    fn split_complex_numbers_are_multiplied_as_complex_ones() {
+        for n in [1, 7, 16, 33, 100] {
+            let list =
+                |phase: f64| -> Vec<f64> { (0..2 * n).map(|i| (1.7 * i as f64 + phase).sin()).collect() };
+            let (z, v) = (list(0.3), list(1.1));
+            let complex = |list: &[f64], i: usize| Complex64::new(list[i], list[n + i]);
+            let expected: Complex64 = (0..n).map(|i| complex(&z, i).conj() * complex(&v, i)).sum();
+            let found = split_product(&z, &v);
+            assert!((found[0] - expected.re).abs() < 1e-13 && (found[1] - expected.im).abs() < 1e-13);
+            let mut sum = v.clone();
+            add_split_multiple(&mut sum, found, &z);
+            for i in 0..n {
+                let expected = complex(&v, i) + Complex64::new(found[0], found[1]) * complex(&z, i);
+                assert!((complex(&sum, i) - expected).norm() < 1e-13);
+            }
+        }
+    }
 
     #[test]
     fn lanes_and_tails_make_the_whole_sum() {

@@ -12,6 +12,7 @@
 //!   ([`coordinates`]);
 //! * [`lanes`] — long columns in pieces of a few vectors, and stacks of such columns;
 //! * [`dense`] — dense kernels and eigenproblems; the only module that depends on the linear algebra library;
+//! * [`lanczos`] — the leading eigenvector of an operator;
 //! * [`parallel`] — loops over all threads;
 //! * [`quadrature`] — Gauss–Legendre rules and an adaptive integral;
 //! * [`double_double`] — double and double-double arithmetic under one trait, and small systems over it.
@@ -40,6 +41,7 @@ pub mod double_double;
 pub mod fft;
 pub mod kernels;
 pub mod kronecker;
+pub mod lanczos;
 pub mod lanes;
 pub mod lbfgs;
 pub mod newton;

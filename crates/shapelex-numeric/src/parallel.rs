@@ -12,8 +12,11 @@ use rayon::prelude::*;
 /// Tasks for each thread: items may differ in their work.
 const TASKS: usize = 8;
 
-/// Calls `work` with every number below `count`.
+/// Calls `work` with every number below `count`. A single one stays on this thread: handing it over wakes two others.
 pub fn for_each(count: usize, work: &(dyn Fn(usize) + Sync)) {
+    if count < 2 {
+        return (0..count).for_each(work);
+    }
     (0..count).into_par_iter().for_each(work);
 }
 
@@ -40,7 +43,7 @@ pub fn try_map<T: Send, E: Send>(
     count: usize,
     work: &(dyn Fn(usize) -> Result<T, E> + Sync),
 ) -> Result<Vec<T>, E> {
-    // What comes after a failure is left out.
+    // Results after a failure are left out.
     let failed = AtomicUsize::new(usize::MAX);
     let found = map(count, &|k| {
         let wanted = k < failed.load(Ordering::Relaxed);
@@ -55,6 +58,9 @@ pub fn try_map<T: Send, E: Send>(
 
 /// Calls `work` with every chunk of `size` values and its number; the last one may be shorter.
 pub fn for_each_chunk<T: Send>(values: &mut [T], size: usize, work: &(dyn Fn(usize, &mut [T]) + Sync)) {
+    if values.len() <= size.max(1) {
+        return values.chunks_mut(size.max(1)).enumerate().for_each(|(k, chunk)| work(k, chunk));
+    }
     values.par_chunks_mut(size.max(1)).enumerate().for_each(|(k, chunk)| work(k, chunk));
 }
 

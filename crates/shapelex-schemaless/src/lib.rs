@@ -1,7 +1,7 @@
 //! The macros of utoipa that the sources name, without effect.
 //!
-//! The program serves the committed OpenAPI document. Only what generates it, a feature, needs what utoipa makes of types and
-//! handlers; without the feature these macros stand in for it, so that the attributes need no conditions of their own.
+//! The program serves the committed OpenAPI document. Only the generator, a feature, needs the output of utoipa for types and
+//! handlers; without the feature these macros stand in for it, so that the attributes need no separate conditions.
 
 use proc_macro::TokenStream;
 

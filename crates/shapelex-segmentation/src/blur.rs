@@ -4,8 +4,8 @@ use std::fmt;
 
 /// Standard deviations of a Gaussian blur along the axes of an image, in units of length.
 ///
-/// One number blurs equally in all directions. Slices that are thick beside their pixels want different ones: what a blur along the
-/// axis of the slices needs would wipe out what is small within them.
+/// One number blurs equally in all directions. Slices that are thick beside their pixels want different ones: the blur needed along the
+/// axis of the slices would wipe out small structures within them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Blur(pub(crate) [f64; 3]);
 

@@ -5,7 +5,7 @@
 //! * [`contours`] — labelled images and volumes as closed curves and surfaces;
 //! * [`frame`] — positions of cells in the world;
 //! * [`detector`] — thin bright or dark sheets, and the innermost surface of them around a centre;
-//! * [`boundary`] — boundaries sampled from free points, and integrals over what they enclose;
+//! * [`boundary`] — boundaries sampled from free points, and integrals over the enclosed part;
 //! * [`energy`] — terms of the energy of a shape;
 //! * [`snake`] — models: curves, spline surfaces and subdivision surfaces by their free points;
 //! * [`run`] — stages of minimisation, and the checks between them.

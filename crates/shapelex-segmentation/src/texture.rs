@@ -24,7 +24,7 @@ impl Texture {
     /// silhouette whose edges are smooth, and less than 0.1 % of masks with specks.
     const CRUMBLED: f64 = 0.01;
 
-    /// Whether the labels are grey values: there are many of them, most components are crumbs, and these are no few specks.
+    /// Whether the labels are grey values: there are many of them, most components are crumbs, and these are not few specks.
     pub fn is_photograph(&self) -> bool {
         let share = self.crumb_cells as f64 / self.cells.max(1) as f64;
         self.labels >= Self::MANY && 2 * self.crumbs > self.components && share >= Self::CRUMBLED

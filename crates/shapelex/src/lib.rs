@@ -37,3 +37,8 @@ pub use shapelex_geometry::representation::Representation;
 pub fn svg(drawing: &Drawing) -> String {
     drawing.to_svg(&Default::default())
 }
+
+/// The tutorial for users of Rust, whose programs are doc tests.
+#[cfg(doctest)]
+#[doc = include_str!("../../../docs/tutorials/rust.md")]
+struct Tutorial;

@@ -22,7 +22,7 @@ impl Points {
         Self { dimension: D, coordinates: rows.concat() }
     }
 
-    /// Points of these coordinates, one point after the other; what is left of an incomplete point is left out.
+    /// Points of these coordinates, one point after the other; the coordinates of an incomplete point are left out.
     ///
     /// ```
     /// let points = shapelex::Points::from_flat(2, vec![0.0, 0.0, 1.0, 0.0]);
@@ -82,7 +82,7 @@ impl Points {
         Matrix::from_row_slice(self.len(), self.dimension, &self.coordinates)
     }
 
-    /// Position of the first coordinate that is no number of a usual size.
+    /// Position of the first coordinate that is not a number of a usual size.
     pub(crate) fn fault(&self) -> Option<usize> {
         self.coordinates.iter().position(|x| !(x.abs() <= shapelex_numeric::MAX_NUMBER))
     }

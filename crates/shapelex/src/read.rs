@@ -64,7 +64,7 @@ impl Contours {
     /// others. Names and labels come with them.
     ///
     /// # Errors
-    /// [`Error::Open`]; [`Error::File`] with the place of the fault; [`Error::Shape`] for shapes that are no contours, or are neither
+    /// [`Error::Open`]; [`Error::File`] with the place of the fault; [`Error::Shape`] for shapes that are not contours, or are neither
     /// all closed nor all open.
     ///
     /// ```

@@ -1,4 +1,4 @@
-//! What is done to shapes before they are compared, with a default for everything.
+//! Treatment of shapes before they are compared, with a default for everything.
 
 use std::sync::Arc;
 
@@ -15,7 +15,7 @@ use shapelex_geometry::representation::{Representation, ShapeSpace};
 
 use crate::error::{Error, Result};
 
-/// What is done to shapes before they are compared. The class says what does not count as a difference; everything else has a default.
+/// Treatment of shapes before they are compared. The class names the differences that do not count; everything else has a default.
 ///
 /// ```
 /// use shapelex::{Class, Mirror, Setting};
@@ -32,7 +32,7 @@ use crate::error::{Error, Result};
 pub struct Setting {
     /// The class of transformations that is removed. Default: [`ClassName::Similarity`], position, size and rotation.
     pub class: ClassName,
-    /// How it is removed. Default: projection in closed form; Procrustes fits where the class is no linear space; in space, tests and
+    /// How it is removed. Default: projection in closed form; Procrustes fits where the class is not a linear space; in space, tests and
     /// components in the tangent space take [`Alignment::PartialProcrustes`].
     pub alignment: Option<Alignment>,
     /// How the points of two shapes correspond. Default: start points of contours are searched, all other points correspond by their
@@ -95,7 +95,7 @@ pub(crate) struct Prepared {
     tangent: bool,
 }
 
-/// What shapes are aligned for.
+/// Aim of an alignment.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Aim {
     /// A mean, or a dictionary.

@@ -343,5 +343,5 @@ fn equally_many(shapes: &[Points], expected: usize) -> Result<()> {
     }
 }
 
-/// What several results share: the prepared space.
+/// Shared part of several results: the prepared space.
 pub(crate) type Space = Arc<Prepared>;

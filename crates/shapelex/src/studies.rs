@@ -14,8 +14,8 @@ use shapelex_analysis::models::anova::Testing;
 use shapelex_analysis::models::design::{Contrasts, Table, Values as TableValues};
 use shapelex_analysis::models::error::ModelError;
 use shapelex_analysis::models::formula::{Formula, TermOrder};
-use shapelex_analysis::models::records::ModelRecord;
-use shapelex_analysis::models::study::{LOG_CENTROID_SIZE, ModelQuestion, Response, model};
+use shapelex_analysis::models::outcome::ModelRecord;
+use shapelex_analysis::models::study::{Further, LOG_CENTROID_SIZE, ModelQuestion, Response, model};
 use shapelex_analysis::watch::Unwatched;
 use shapelex_geometry::drawing::scene::Drawing;
 
@@ -87,6 +87,13 @@ impl LinearModel {
     /// Limitations of the result, such as groups of unequal scatter.
     pub fn warnings(&self) -> &[String] {
         &self.found.anova.warnings
+    }
+}
+
+/// The formula, and the table of an analysis of variance.
+impl std::fmt::Display for LinearModel {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.found.anova.printed())
     }
 }
 
@@ -163,6 +170,10 @@ fn modelled(set: &Set, formula: &str, table: &Table, setting: Setting) -> Result
         response: Response::Shape,
         testing,
         at: None,
+        further: Further::default(),
+        random: None,
+        manova: None,
+        covariance: None,
     };
     let found = model(&shapes, &question, &Unwatched)?;
     Ok(LinearModel { found, space, shapes: count })
@@ -229,7 +240,7 @@ impl<K> Shapes<K> {
     /// Regresses the shapes on numbers, one for each.
     ///
     /// # Errors
-    /// [`Error::Setting`] for another number of values or for values that are no numbers, [`Error::Study`] for values that do not vary.
+    /// [`Error::Setting`] for another number of values or for values that are not numbers, [`Error::Study`] for values that do not vary.
     ///
     /// ```
     /// use shapelex::{Landmarks, Setting};

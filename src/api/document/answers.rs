@@ -47,7 +47,7 @@ pub(super) fn describe_tables(operation: &mut Operation, table: &str) {
     parameters.push(RefOr::T(text_parameter("column", "With `npy`: the column that is the array")));
 }
 
-/// Describes what becomes of formulas in CSV.
+/// Describes the treatment of formulas in CSV.
 pub(super) fn describe_formulas(operation: &mut Operation) {
     let said = "With CSV: `escape` puts an apostrophe before texts that spreadsheets would run as formulas. Default: `keep`";
     let parameter = ParameterBuilder::from(text_parameter(FORMULAS, said));

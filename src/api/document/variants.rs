@@ -4,7 +4,7 @@
 //! that struct and of an object with the tag. Generators of clients invent names for the former (`RepresentationType0`).
 //! Where the struct is a choice itself, they give up on the latter, and with it on every operation that uses the enum.
 //!
-//! [`name`] makes each variant a schema of its own: one object with all of its fields, named after the enum and the value of
+//! [`name`] makes each variant a separate schema: one object with all of its fields, named after the enum and the value of
 //! the tag (`RepresentationClosedCurve`). The enum refers to these schemas, with a discriminator; the tag of each is a `const`.
 //! Structs that only variants held are dropped.
 
@@ -56,7 +56,7 @@ impl Tagged {
         Some(Self { tag, variants })
     }
 
-    /// Makes each variant a schema of its own, and `name` the choice between them.
+    /// Makes each variant a separate schema, and `name` the choice between them.
     fn replace(self, name: &str, schemas: &mut Schemas) {
         let Some(RefOr::T(Schema::OneOf(choice))) = schemas.get_mut(name) else { return };
         let named: Vec<(String, String, Object)> = self
@@ -113,7 +113,7 @@ fn with_constant(mut object: Object, tag: &str, value: &str) -> Object {
 }
 
 /// The object that a schema describes, with all of its fields in one place; none where it describes no object. An `allOf`
-/// has the fields of all of its parts. A `oneOf` has those of all of its choices, and requires what all of them require.
+/// has the fields of all of its parts. A `oneOf` has those of all of its choices, and requires those that all of them require.
 /// Names of schemas that were followed go to `held`.
 fn flat(schema: &RefOr<Schema>, schemas: &Schemas, held: &mut BTreeSet<String>) -> Option<Object> {
     match schema {

@@ -20,14 +20,16 @@ use administration::{audit, events, hooks, jobs, keys, settings, version};
 use cohorts::{
     bulk, changes, corrections, correspond, exports, incomplete, matching, shapes, sheet, subjects, tables,
 };
-use dictionaries::{aliases, assessments, classify, coding, complete, drift, report};
+use dictionaries::{aliases, assessments, classify, coding, complete, drift, report, scatter};
 use files::formats;
-use geometry::{catalogue, curves, deform, fitting, morph, overlap, refine, subdivision};
-use inference::{comparisons, models, regressions};
+use geometry::{catalogue, curves, deform, fitting, morph, overlap, refine, subdivision, warp};
+use inference::{
+    blocks, comparisons, model_comparisons, models, predictions, regressions, repeatability, symmetry,
+};
 use segmentation::{contours, prior, segment, sheets};
-use statistics::retrieval;
+use statistics::{matched, retrieval, sliding};
 
-/// Makes the routes of each group, and what describes them all.
+/// Makes the routes of each group, and the descriptions of them all.
 macro_rules! routes {
     ($($group:ident {
         $($method:ident $path:literal $module:ident :: $handler:ident $row:tt;)*

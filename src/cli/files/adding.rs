@@ -1,4 +1,4 @@
-//! How files are added to a cohort of a service or of a store, for commands that do it and for one that only tells what it would do.
+//! How files are added to a cohort of a service or of a store, for commands that do it and for one that only tells the effect.
 
 use std::fs::File;
 use std::io::Read;
@@ -78,7 +78,7 @@ struct FactsArgs {
 }
 
 impl AddingArgs {
-    /// Refuses options of files of shapes where there is no cohort.
+    /// Refuses options of files of shapes without a cohort.
     ///
     /// # Errors
     /// An option that needs a cohort.

@@ -87,7 +87,7 @@ fn amount(bytes: f64) -> String {
     format!("{:.2} {}", bytes / 1024_f64.powi(power as i32), units[power - 1])
 }
 
-/// Writes to the terminal; that it went away is no reason to stop.
+/// Writes to the terminal; that it went away is not a reason to stop.
 fn show(text: &str) {
     let mut terminal = std::io::stderr().lock();
     let _ = terminal.write_all(text.as_bytes()).and_then(|()| terminal.flush());

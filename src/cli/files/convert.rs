@@ -36,15 +36,15 @@ pub(in crate::cli) struct ConvertArgs {
     json: bool,
 }
 
-/// What was done.
+/// Result of a conversion.
 #[derive(Debug, Serialize)]
 struct Converted {
     from: &'static str,
     to: &'static str,
-    /// What the reader says.
+    /// Summary by the reader.
     #[serde(flatten)]
     read: Summary,
-    /// What the writer says.
+    /// Summary by the writer.
     written: Summary,
 }
 
@@ -116,7 +116,7 @@ fn target(args: &ConvertArgs) -> Result<&'static Format, String> {
     }
 }
 
-/// Says what was left out.
+/// Lists the content that was left out.
 fn tell(converted: &Converted) {
     let Converted { from, to, read, written } = converted;
     note(&format!("{} shapes from {from} to {to}", written.records));

@@ -49,7 +49,7 @@ pub(in crate::cli) struct ExportArgs {
 }
 
 impl ExportArgs {
-    /// What is written of each shape.
+    /// Written content of each shape.
     fn content(&self, format: &Format) -> ExportContent {
         match (self.control_points, self.fourier) {
             (true, _) => ExportContent::ControlPoints,
@@ -149,7 +149,7 @@ async fn write_shapes(
         Target::Service(service) => service,
     };
     let pair = |name: &str, value: &str| (name.to_owned(), value.to_owned());
-    // What identifies a patient stays here: the shapes come as lines, and become a structure set on this machine.
+    // Values that identify a patient stay here: the shapes come as lines, and become a structure set on this machine.
     let here = !options.series.is_empty();
     let asked = if here { "ndjson" } else { format.id };
     let mut query = vec![pair("format", asked), pair("points", &args.points.to_string())];

@@ -60,7 +60,7 @@ impl ImportArgs {
     }
 }
 
-/// What became of a file.
+/// Outcome of a file.
 #[derive(Debug, Serialize)]
 struct Line {
     file: String,
@@ -136,7 +136,7 @@ impl Import<'_> {
     /// Imports one file.
     ///
     /// # Errors
-    /// What would refuse all files: a service that does not answer, a journal that cannot be written.
+    /// Faults that would refuse all files: a service that does not answer, a journal that cannot be written.
     async fn one(&self, place: &Place, journal: Option<&mut Journal>) -> Result<Fate, String> {
         let path = &place.path;
         let refused = |error: String| Ok(Fate::Refused { error });
@@ -256,7 +256,7 @@ fn digest(mut file: impl Read, cohort: &str, query: &[(String, String)]) -> std:
     }
 }
 
-/// What was imported, a line of JSON for each file.
+/// Imported files, a line of JSON for each.
 struct Journal {
     known: BTreeSet<String>,
     file: File,
@@ -299,7 +299,7 @@ impl Progress {
         Self { bar, json }
     }
 
-    /// Counts what is sent with a file beside it.
+    /// Counts the data sent with a file beside it.
     fn grow(&self, path: &Path, content: &Content<'_>) {
         if let (Some(bar), Ok(metadata)) = (&self.bar, std::fs::metadata(path)) {
             bar.grow(content.len().saturating_sub(metadata.len()));
@@ -333,7 +333,7 @@ impl Progress {
     }
 }
 
-/// What became of a file in words.
+/// Outcome of a file in words.
 fn words(Line { file, fate }: &Line) -> String {
     match fate {
         Fate::Previewed(outlook) => outlook.lines(file).join("\n"),

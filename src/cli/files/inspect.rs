@@ -1,4 +1,4 @@
-//! `shapelex inspect`: tells what is in files of shapes.
+//! `shapelex inspect`: tells the content of files of shapes.
 
 use std::path::PathBuf;
 
@@ -57,7 +57,7 @@ pub(super) fn run(args: InspectArgs) -> Result<Outcome, String> {
     }
 }
 
-/// Tells what a cohort would take of the files.
+/// Tells which content of the files a cohort would take.
 async fn look_at(
     files: &[PathBuf],
     args: &AddingArgs,

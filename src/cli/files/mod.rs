@@ -77,7 +77,7 @@ pub(super) struct Writing {
     formulas: Formulas,
 }
 
-/// What becomes of texts in CSV that a spreadsheet would run.
+/// Treatment of texts in CSV that a spreadsheet would run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Formulas {
     Keep,
@@ -93,7 +93,7 @@ impl Writing {
     /// Whether formulas are escaped in a file of a format.
     ///
     /// # Errors
-    /// A format that is not CSV: its texts are no formulas.
+    /// A format that is not CSV: its texts are not formulas.
     fn escapes(&self, format: &Format) -> Result<bool, String> {
         match self.formulas {
             Formulas::Keep => Ok(false),

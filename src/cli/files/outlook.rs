@@ -1,4 +1,4 @@
-//! What a cohort would take of a file, told without storing it.
+//! Content of a file that a cohort would take, told without storing it.
 
 use serde::Serialize;
 use serde_json::Value;
@@ -18,7 +18,7 @@ use crate::wire::summary::FileSummary;
 /// Number of kinds of faults in lines for people.
 const FAULTS: usize = 20;
 
-/// What an upload of a file would do.
+/// Effect that an upload of a file would have.
 #[derive(Debug, Serialize)]
 pub(super) struct Outlook {
     /// Number of new shapes, of those that are there already, and of those that would not be stored; of these, number of those whose
@@ -38,10 +38,10 @@ pub(super) struct Outlook {
     summary: FileSummary,
 }
 
-/// Looks at a file; the inner error is what the file would be refused with as a whole.
+/// Looks at a file; the inner error is the refusal of the file as a whole.
 ///
 /// # Errors
-/// What would refuse all files.
+/// Faults that would refuse all files.
 pub(super) async fn look(
     adding: &Adding<'_>,
     content: &Content<'_>,

@@ -15,7 +15,7 @@ pub struct LoginSettings {
     pub scope: String,
 }
 
-/// What the page needs to send people to the provider; it is no secret.
+/// Values that the page needs to send people to the provider; they are not secret.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Login {
     issuer: String,

@@ -12,7 +12,7 @@
 //!
 //! * [`keys`] — keys of programs: create, list, revoke, check;
 //! * [`tokens`] — bearer tokens of an identity provider; `provider` — its public keys;
-//! * [`login`] — what the page needs to send people there.
+//! * [`login`] — values that the page needs to send people there.
 
 pub mod keys;
 pub mod login;

@@ -86,7 +86,7 @@ pub struct Reserved<'a> {
 }
 
 impl Reserved<'_> {
-    /// Reserves what is missing to `bytes`, and evicts the least recently used values until it fits; returns whether it does.
+    /// Raises the reservation to `bytes`, and evicts the least recently used values until it fits; returns whether it does.
     pub fn grow_to(&mut self, bytes: usize) -> bool {
         let Some(more) = bytes.checked_sub(self.bytes).filter(|more| *more > 0) else { return true };
         let Some(mut further) = self.cache.reserve(more) else { return false };

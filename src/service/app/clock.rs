@@ -58,7 +58,7 @@ impl Finding {
     }
 }
 
-/// Decides whether a clock that shows `now_ms` is trusted, and what the store notes about it.
+/// Decides whether a clock that shows `now_ms` is trusted, and which notes the store keeps about it.
 ///
 /// `last`: the last check of this process and the time elapsed since.
 fn judge(notes: ClockNotes, last: Option<(Look, Duration)>, now_ms: i64) -> Finding {

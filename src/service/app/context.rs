@@ -84,7 +84,7 @@ impl App {
         Self { pool: self.pool.until(deadline), ..self.clone() }
     }
 
-    /// The context of a job: its work stops with it. What it stores under its receipt is stored once, however often it runs.
+    /// The context of a job: its work stops with it. Writes under its receipt are stored once, however often it runs.
     pub(in crate::service) fn of_job(&self, job: &Job, context: &JobContext) -> Self {
         Self { pool: self.pool.of_job(context), retry: Some(Retry::of_job(&job.id)), ..self.clone() }
     }

@@ -36,7 +36,7 @@ impl Retry {
         Ok(Self { key: key.into(), read })
     }
 
-    /// What the job with this id stores, which several attempts may compute.
+    /// Writes of the job with this id, which several attempts may compute.
     pub(crate) fn of_job(id: &str) -> Self {
         Self { key: job_key(id), read: blake3::Hasher::new() }
     }

@@ -1,6 +1,6 @@
 //! Bodies for readers that wait for bytes: files of other programs are read by libraries that know of no async runtime.
 //!
-//! A thread of its own reads while the body arrives. A channel that holds two chunks connects the two: a slow reader slows the
+//! A separate thread reads while the body arrives. A channel that holds two chunks connects the two: a slow reader slows the
 //! client down.
 
 use std::cell::RefCell;
@@ -30,7 +30,7 @@ const PAUSE: Duration = Duration::from_secs(30);
 const LEAST: usize = 128 << 10;
 /// Number of chunks between body and reader.
 const CHUNKS: usize = 2;
-/// Memory of a reader beside what it holds of the file: chunks, and records on their way.
+/// Memory of a reader beside the held part of the file: chunks, and records on their way.
 const FIXED: usize = 12 << 20;
 /// Time for which streams may continue when the service is stopping.
 const STOPPING: Duration = Duration::from_secs(5);
@@ -136,7 +136,7 @@ impl Drop for Guard {
 }
 
 impl BodyReader {
-    /// The file that the body is. What it holds beyond the bytes that arrived, since it is compressed, is charged as well.
+    /// The file that the body is. If it is compressed, its content beyond the bytes that arrived is charged as well.
     ///
     /// # Errors
     /// Those of the first bytes.
@@ -185,7 +185,7 @@ impl Read for BodyReader {
     }
 }
 
-/// Reads a file on a thread of its own while its body arrives; the [`Stop`] is set when the client has gone. The bytes are added
+/// Reads a file on a separate thread while its body arrives; the [`Stop`] is set when the client has gone. The bytes are added
 /// to `retry`.
 ///
 /// # Errors
@@ -210,7 +210,7 @@ pub async fn read_incoming<T: Send + 'static>(
     let passing = pin!(pass(app, stream, limits, retry, sender));
     let both = async {
         match select(reading, passing).await {
-            // What follows a file, such as the padding of an archive, belongs to the request too.
+            // Bytes after a file, such as the padding of an archive, belong to the request too.
             Either::Left((read, passing)) => {
                 let value = read?;
                 passing.await?;

@@ -114,7 +114,7 @@ impl Default for Limits {
             rate_burst: 0,
             caller_requests: 2048,
             // Authenticated requests never count: this limit only slows down clients that are refused. A client with a
-            // wrong key that retries five times a second still learns what is wrong.
+            // wrong key that retries five times a second still learns the fault.
             refusals_per_minute: 300,
             light_time: Duration::from_secs(30),
             compute_time: Duration::from_secs(120),

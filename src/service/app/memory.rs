@@ -1,4 +1,4 @@
-//! Memory of the process: its quota, its current use, and accounts of what holds it.
+//! Memory of the process: its quota, its current use, and accounts of its holders.
 //!
 //! Bodies and responses are charged to separate accounts, from before their memory is allocated until it is released.
 //! In addition, large requests and responses are refused if the whole process would exceed its quota, before the kernel
@@ -265,7 +265,7 @@ impl Held {
         Ok(())
     }
 
-    /// Reserves what is missing to `bytes`.
+    /// Raises the reservation to `bytes`.
     ///
     /// # Errors
     /// Those of [`Memory::hold`]; the reservation is then unchanged.

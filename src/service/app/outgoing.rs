@@ -19,7 +19,7 @@ const MOST_KEPT: u64 = 1 << 30;
 
 /// An answer as a blocking writer: a slow client slows it down.
 ///
-/// Many clients read an answer only when they have sent their whole request. What is written before that, and not taken, goes to a
+/// Many clients read an answer only when they have sent their whole request. Bytes written before that, and not taken, go to a
 /// temporary file, so that neither side waits for the other.
 #[derive(Debug)]
 pub struct BodyWriter {
@@ -110,7 +110,7 @@ impl BodyWriter {
         self.pieces.blocking_send(piece).map_err(|_| broken())
     }
 
-    /// Passes on what was kept.
+    /// Passes on the kept bytes.
     fn pass_kept(&mut self) -> io::Result<()> {
         let Some(mut file) = self.kept.take() else { return Ok(()) };
         self.kept_bytes = 0;

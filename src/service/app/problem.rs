@@ -59,7 +59,7 @@ problem_kinds! {
     NameTaken, "name-taken", "Name already in use";
     /// Another shape has this external id.
     ExternalIdConflict, "external-id-conflict", "External id already in use";
-    /// What is finished cannot be cancelled.
+    /// A finished job cannot be cancelled.
     JobFinished, "job-finished", "Job already finished";
     /// An alias names the version of a dictionary.
     VersionInUse, "version-in-use", "Version in use";

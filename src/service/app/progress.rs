@@ -104,7 +104,7 @@ pub struct Part {
 pub struct Meter {
     context: JobContext,
     parts: Vec<Part>,
-    /// Predicted work of all parts, and of what follows them.
+    /// Predicted work of all parts, and of the work after them.
     whole: f64,
     place: Mutex<Place>,
 }

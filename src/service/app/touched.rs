@@ -1,4 +1,4 @@
-//! What is found out about a request while it is answered: the objects that it concerns, for its entry in the audit trail, and
+//! Findings about a request while it is answered: the objects that it concerns, for its entry in the audit trail, and
 //! whether it was executed before.
 
 use std::collections::BTreeMap;

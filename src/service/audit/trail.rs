@@ -303,7 +303,7 @@ impl Group {
         }
     }
 
-    /// Takes what is queued, until the group is full.
+    /// Takes queued messages, until the group is full.
     fn take_queued(&mut self, messages: &mut mpsc::Receiver<Message>) {
         while !self.is_full()
             && let Ok(message) = messages.try_recv()

@@ -42,7 +42,7 @@ pub(super) struct Origin {
 }
 
 impl Origin {
-    /// The fault with what is known of the place.
+    /// The fault with the known parts of its place.
     pub(super) fn of(&self, fault: Fault) -> Fault {
         Fault { line: self.line, ..fault }.at_place(&self.place)
     }
@@ -64,7 +64,7 @@ impl Origin {
         self.of(Fault::new(pointer, detail).at_shape(self.index))
     }
 
-    /// What became of the shape if its external id belongs to another one.
+    /// Outcome of the shape if its external id belongs to another one.
     pub(super) fn refused(&self, prefix: &str) -> UploadResult {
         let name = self.external_id.clone();
         let faults = vec![self.conflict(name.as_deref().unwrap_or_default(), prefix)];
@@ -116,7 +116,7 @@ impl Incoming {
         }
     }
 
-    /// What the coordinates of a record are in, where it is known.
+    /// Unit of the coordinates of a record, where it is known.
     pub(super) fn unit(&self, placing: &Placing) -> Option<Unit> {
         match self {
             Self::Record(record) => placing.unit_of(record),
@@ -136,7 +136,7 @@ impl Incoming {
     }
 }
 
-/// Parses the shape at `index` of the upload and makes a row of it. Its text and what is parsed of it end here.
+/// Parses the shape at `index` of the upload and makes a row of it. Its text and parsed values end here.
 pub(super) fn read(
     placer: &Placer<'_>,
     measuring: &Measuring,
@@ -158,7 +158,7 @@ pub(super) fn read(
             (Origin { line: place.line, place, is_of_file: true, ..at }, Ok(Incoming::Record(record)))
         }
     };
-    // Each line is a document of its own; in a body, pointers include the position of the shape.
+    // Each line is a separate document; in a body, pointers include the position of the shape.
     let prefix = if prefix.is_empty() { String::new() } else { format!("{prefix}{index}") };
     let placed = |fault: Fault| {
         let pointer = format!("{prefix}{}", fault.pointer);
@@ -194,7 +194,7 @@ pub(super) fn read(
     (external_id, Ok(arrived))
 }
 
-/// The measures of a shape with what is known of how it arrived: what its fit has left, and how a contour ran.
+/// The measures of a shape with facts of its arrival: the residual of its fit, and the direction of a contour.
 fn completed(
     measures: ShapeMeasures,
     reading: &Reading<'_>,

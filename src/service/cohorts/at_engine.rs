@@ -2,7 +2,7 @@
 //! a cluster, with the bits of this process. `docs/scale.md` describes the program. Jobs that learn and stored means use it.
 //!
 //! The revision is written as files before the first pass, and forgotten at the end: shapes that are erased here must not live on
-//! there. If the program fails, this process computes the pass, and names what is wrong with the shapes. Codes of an epoch start from those
+//! there. If the program fails, this process computes the pass, and names the faults of the shapes. Codes of an epoch start from those
 //! of the epoch before, which the engine keeps; so if it fails to code, learning begins again in this process.
 
 use std::io::{BufRead, BufReader, Read, Write};
@@ -157,7 +157,7 @@ impl<'a> AtEngine<'a> {
         shapes.revisions().after == 0 && !shapes.is_empty() && !self.has_failed.load(Ordering::Relaxed)
     }
 
-    /// The sums of a group of shapes that is coded with the same atoms; `run` names what is learnt.
+    /// The sums of a group of shapes that is coded with the same atoms; `run` names the learnt model.
     fn code(
         &self,
         shapes: &StoredShapes<'_>,
@@ -167,7 +167,7 @@ impl<'a> AtEngine<'a> {
         let Group { epoch, first, end, atoms, mean } = group;
         let work = json!({"learn": {"method": method, "mean": mean, "atoms": atoms, "first": first,
             "end": end, "epoch": epoch, "run": run}});
-        match self.compute(&shapes.uncounted(), &work) {
+        match self.compute(&shapes.clone().uncounted(), &work) {
             Ok(Answer { bytes, .. }) => {
                 tracing::debug!(cohort = self.passes.cohort.id, epoch, first, "the engine coded a group");
                 Ok(bytes)
@@ -298,7 +298,7 @@ impl From<ArrowError> for Failure {
     }
 }
 
-/// The engine starts with large pages allowed: a child inherits what the service allows itself, which has small ones while it is small.
+/// The engine starts with large pages allowed: a child inherits the setting of the service, which has small pages while it is small.
 fn command(settings: &EngineSettings, arguments: &[&str]) -> Command {
     memory::use_large_pages(true);
     let kept = |name: &str| VARIABLES.iter().any(|prefix| name.starts_with(prefix));
@@ -326,7 +326,7 @@ fn description_file(description: &Value) -> Result<Removed, Failure> {
     Ok(removed)
 }
 
-/// What a program has answered.
+/// Answer of a program.
 struct Answer {
     bytes: Vec<u8>,
     /// Number of shapes that it has reported, and that are counted.
@@ -396,7 +396,7 @@ impl Program {
                     Ok(Answer { bytes, counted })
                 }
             }
-            // What the program says is more telling than a pipe that it closed.
+            // The words of the program are more telling than a pipe that it closed.
             _ => match written {
                 Err(Failure::Service(error)) => Err(error.into()),
                 _ => Err(Failure::Program(format!("{status}: {text}"))),
@@ -405,16 +405,16 @@ impl Program {
     }
 }
 
-/// What a program says on standard error.
+/// Words of a program on standard error.
 #[derive(Debug, Default)]
 struct Heard {
     /// Number of parts that are done.
     parts: AtomicUsize,
-    /// The last lines that are no reports of progress.
+    /// The last lines that are not reports of progress.
     lines: Mutex<Vec<String>>,
 }
 
-/// What a program reports.
+/// Reports of a program.
 #[derive(serde::Deserialize)]
 #[serde(untagged)]
 enum Report {

@@ -31,7 +31,7 @@ impl Cached for CohortNames {
 }
 
 impl CohortNames {
-    /// What shapes that bring these names change.
+    /// Changes by shapes that bring these names.
     fn with(&self, brought: BTreeSet<String>) -> NewNames {
         NewNames { known: Arc::clone(&self.names), until: self.revision, brought }
     }

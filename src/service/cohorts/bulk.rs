@@ -74,7 +74,7 @@ pub struct Failed {
     pub faults: Vec<Fault>,
 }
 
-/// What became of many edits.
+/// Outcome of many edits.
 #[derive(Debug, Default)]
 pub struct Corrected {
     /// Number of shapes that were changed, or would be.

@@ -103,7 +103,7 @@ pub struct CohortChanges {
     pub mirror: Option<Mirror>,
 }
 
-/// What shapes of a cohort are compared by.
+/// Rule by which shapes of a cohort are compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Rule {
     pub(super) correspondence: Correspondence,
@@ -144,7 +144,7 @@ pub async fn update(
     if let Some(unit) = length_unit {
         spec.length_unit = unit;
     }
-    // What an earlier release has stored stays.
+    // Units stored by an earlier release stay.
     let unit = spec.length_unit.as_deref().filter(|_| spec.length_unit != former.length_unit);
     let mut faults = Faults::from(text_faults(Some(&spec.name), spec.description.as_deref(), unit));
     faults.keep(read::check_correspondence(&spec.representation, spec.correspondence))?;
@@ -221,7 +221,7 @@ pub async fn list(app: &App, cursor: Option<&str>, limit: usize) -> Result<Page<
     Ok((items, next))
 }
 
-/// What a page of shapes holds.
+/// Content of a page of shapes.
 #[derive(Debug)]
 pub struct ShapeListing {
     /// Revision of the cohort. Default: the latest one, of each page.

@@ -186,13 +186,13 @@ pub async fn delete(
 /// Outcome of an erasure.
 #[derive(Debug)]
 pub struct Erased {
-    /// Cohorts with what was erased from them; for a dry run, what would be.
+    /// Cohorts with the shapes erased from them; for a dry run, those that would be.
     pub cohorts: Vec<SubjectCohort>,
     /// Whether the files of the store hold nothing of the subject either; `None` for a dry run.
     pub is_done: Option<bool>,
 }
 
-/// Erases the shapes of a subject in all cohorts of the tenant, those in the trash included, at every revision; with `dry_run`, tells what
+/// Erases the shapes of a subject in all cohorts of the tenant, those in the trash included, at every revision; with `dry_run`, tells which
 /// would be erased. Waits for the files to be written anew, but no longer than `REWRITING`.
 ///
 /// # Errors

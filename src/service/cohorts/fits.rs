@@ -1,14 +1,14 @@
-//! What the fits of an upload to meshes have left.
+//! Residuals of the fits of an upload to meshes.
 
 use serde::{Deserialize, Serialize};
 
 use crate::domain::shape::{FitResidual, ShapeMeasures};
 
 /// Part of the centroid size of a surface beyond which the mean distance of its mesh is worth a warning. Modes of shapes are a few per
-/// cent of their size, and what the representation leaves should be less.
+/// cent of their size, and the residual of the representation should be less.
 const COARSE: f64 = 0.01;
 
-/// What the fit of a surface to a mesh has left.
+/// Residual of the fit of a surface to a mesh.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct MeshResidual {
     /// Mean distance of the points of the mesh from their places on the surface, over its area, in the unit of the points.

@@ -29,7 +29,7 @@ enum Taker {
     Answer,
 }
 
-/// What is known of the units of shapes on their way to a cohort, or to the dictionary that answers a request about them.
+/// Known units of shapes on their way to a cohort, or to the dictionary that answers a request about them.
 #[derive(Debug, Clone, Default)]
 pub struct Lengths {
     /// Text of the cohort, of the dictionary or of the request.
@@ -107,12 +107,12 @@ impl Lengths {
         unit.to(stored).filter(|ratio| *ratio != Ratio::ONE)
     }
 
-    /// What is answered of them.
+    /// Answer about them.
     pub fn told(&self) -> Option<FileUnits> {
         self.met.map(|(file, stored)| FileUnits::new(file, stored, self.adopts()))
     }
 
-    /// What should be known of a cohort that has shapes and no unit, and of a dictionary without one.
+    /// Warning about a cohort that has shapes and no unit, and about a dictionary without one.
     pub fn warning(&self) -> Option<String> {
         let (_, stored) = self.met.filter(|_| self.known().is_none())?;
         let stored = stored.word();
@@ -127,7 +127,7 @@ impl Lengths {
         }
     }
 
-    /// What the store must find when the shapes become visible.
+    /// State that the store must find when the shapes become visible.
     pub(super) fn at_commit(&self) -> Option<UnitOfShapes> {
         let (_, stored) = self.met?;
         let (former, unit) = (self.former.clone(), stored.word().to_owned());

@@ -77,7 +77,7 @@ impl MeanQuery {
         self.alignment.unwrap_or(usual)
     }
 
-    /// What the placements of the shapes depend on.
+    /// Settings on which the placements of the shapes depend.
     fn search(&self, cohort: &Cohort) -> SearchSettings {
         SearchSettings {
             transformation: Transformation::Named(self.transformation),
@@ -105,7 +105,7 @@ pub struct LiveMean {
     /// Revision of the placements with which the search for start points began; `None` if it began with the shapes as given,
     /// or if there is nothing to search.
     pub started_from: Option<u64>,
-    /// What a robust mean leaves out.
+    /// Shapes that a robust mean leaves out.
     pub robust: Option<LeftOut>,
     /// A warning of contours drawn both ways round, if that matters.
     pub mixed: Option<String>,
@@ -272,7 +272,7 @@ fn compute(
     Ok(LiveMean { setup, mean, drawn, cohort, started_from, robust, mixed: None })
 }
 
-/// A mean, and what was found beside it.
+/// A mean, and further findings.
 struct Found {
     mean: MeanShape,
     drawn: Vec<AlignedShape>,
@@ -323,7 +323,7 @@ fn find(
     Ok(Found { mean, drawn, started_from, robust })
 }
 
-/// The mean of shapes, and what a robust one leaves out.
+/// The mean of shapes, and the shapes that a robust one leaves out.
 fn mean_of(
     setup: &Setup,
     source: &StoredShapes<'_>,
@@ -331,7 +331,7 @@ fn mean_of(
 ) -> Result<(MeanShape, Option<LeftOut>), ServiceError> {
     let Setup { metric, method, frame, matching, estimator, .. } = setup;
     // Searches and robust means take several passes; others take two, each as fast as the store.
-    let kept = if matching.searches() || robust { source.kept()? } else { None };
+    let kept = if matching.searches() || robust { source.kept(true, None)? } else { None };
     let shapes: &dyn ShapeSource = match &kept {
         Some(kept) => kept,
         None => source,

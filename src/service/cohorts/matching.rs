@@ -2,11 +2,11 @@
 //!
 //! ```text
 //! v = Σ w_k ‖r̃_k − r̄‖² / (Σ w_k ‖r̄‖²)          the variance that is left, relative to the mean
-//! e = (v_random − v) / (v_random − v_cyclic)     what starts as given explain of what searched ones do
+//! e = (v_random − v) / (v_random − v_cyclic)     part of the variance explained by searched starts that starts as given explain
 //! ```
 //!
-//! Searched starts always lie nearer than given ones: they are chosen so. What tells whether given starts mean something is how they
-//! compare with random ones: `e` is 0 for tracings that begin anywhere, 1 where the search finds nothing better. Of
+//! Searched starts always lie nearer than given ones: they are chosen so. Whether given starts mean something shows when they are
+//! compared with random ones: `e` is 0 for tracings that begin anywhere, 1 where the search finds nothing better. Of
 //! real sets it is .14 for cells traced by a program, which begin anywhere, and .59 for otoliths, of which some do; .71 for hearts, .78 for
 //! molars and .90 for grains, whose classes are told better by the given starts; and 1.00 for wings.
 
@@ -35,12 +35,12 @@ use crate::service::statistics::{CheckedSettings, Settings, Setup};
 const SAMPLES: std::ops::RangeInclusive<usize> = 3..=500;
 /// Default number of shapes that are looked at.
 pub const USUAL_SAMPLE: usize = 100;
-/// Part of what searched starts explain from which given ones are recommended.
+/// Part of the variance explained by searched starts from which given ones are recommended.
 const EXPLAINED: f64 = 0.65;
 /// Factor of the variance from which the parameters of surfaces should move, as for the warning of their means.
 const TURNED: f64 = 1.25;
 
-/// What is asked.
+/// Request for a comparison.
 #[derive(Debug)]
 pub struct MatchingRequest {
     /// Transformations removed before comparison.
@@ -62,8 +62,8 @@ pub struct MatchingFound {
     correspondence: Correspondence,
     /// Weighted mean squared distance of the aligned shapes from their mean, divided by the squared norm of the mean.
     residual_variance: f64,
-    /// What the starts as given explain of what searched ones do: 0 for random starts, 1 where the search finds nothing better. Null
-    /// for surfaces and open curves.
+    /// Part of the gain of searched starts that the starts as given have already: 0 for random starts, 1 where the
+    /// search finds nothing better. Null for surfaces and open curves.
     #[schema(required = true)]
     explained: Option<f64>,
     /// Predicted processor time of a mean of the whole cohort, in seconds.

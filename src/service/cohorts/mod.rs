@@ -7,15 +7,15 @@
 //! * [`bulk`] — attributes of many shapes changed at once;
 //! * [`subjects`] — holdings of a subject;
 //! * [`upload`] — streams of shapes into a cohort; [`upload_file`] — files of other programs; `placer` — their records as shapes;
-//!   `arriving` — shapes on their way; [`fits`] — what fits to meshes have left; [`preview`] — what an upload would do;
+//!   `arriving` — shapes on their way; [`fits`] — residuals of fits to meshes; [`preview`] — uploads told without storing;
 //! * [`lengths`] — the unit of a cohort, and that of a file;
 //! * [`pseudonyms`] — subjects of persons whom files identify;
 //! * [`example`] — the example cohort of an empty store;
 //! * [`source`] — shapes of a cohort at one revision, as a source for statistics; [`at_engine`] — passes over them, computed by a separate
 //!   program;
 //! * [`selection`] — control points of selected shapes, in the order of their descriptions;
-//! * `measures` — measures of shapes that arrive; `directed` — which way stored curves run; `caveats` — what everything that is computed
-//!   of a selection should say;
+//! * `measures` — measures of shapes that arrive; `directed` — which way stored curves run; `caveats` — warnings of everything that is computed
+//!   of a selection;
 //! * [`attributes`] — labels of shapes, addressed by their names in requests; `attribute_names` — how many names there may be;
 //! * [`matching`] — which correspondence lies nearer;
 //! * [`live_mean`] — mean of a cohort at its current revision; `placements` — where its search begins.

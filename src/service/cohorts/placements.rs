@@ -17,7 +17,7 @@ use crate::service::app::App;
 use crate::service::app::cache::Cached;
 use crate::store::Places;
 
-/// What a search depends on besides the shapes of the cohort.
+/// Settings on which a search depends besides the shapes of the cohort.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(crate) struct SearchSettings {
     pub(crate) transformation: Transformation,

@@ -21,7 +21,7 @@ pub(super) struct Placer<'a> {
     fitter: Option<Fitter<'a>>,
 }
 
-/// A shape, with what its fit to a mesh has left.
+/// A shape, with the residual of its fit to a mesh.
 pub(super) struct Found {
     pub(super) shape: ReadShape,
     pub(super) fit: Option<MeshFit>,
@@ -29,7 +29,7 @@ pub(super) struct Found {
     pub(super) warnings: Vec<String>,
 }
 
-/// What a fit to a mesh has left, before the surface is measured.
+/// Residual of a fit to a mesh, before the surface is measured.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct MeshFit {
     mean: f64,

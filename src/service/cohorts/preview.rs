@@ -1,7 +1,7 @@
-//! What an upload would do, told without storing anything.
+//! Previews: the effect of an upload, told without storing anything.
 //!
 //! Shapes go the way of an upload, by the same steps, to an upload of the store that writes nothing. Where an upload under `abort` ends
-//! with its first invalid shapes, a preview goes on, so that all of them are counted, and keeps what the upload would be refused with.
+//! with its first invalid shapes, a preview goes on, so that all of them are counted, and keeps the refusal of the upload.
 
 use super::fits::MeshFits;
 use super::upload::{Stored, UploadResult};
@@ -12,13 +12,13 @@ use crate::wire::fault::Fault;
 use crate::wire::files::Inspection;
 use crate::wire::summary::FileSummary;
 
-/// What an upload of a file would do.
+/// Effect that an upload of a file would have.
 #[derive(Debug)]
 pub struct Preview {
-    /// What it would answer, but for ids; the revision is that at which the look began. Under [`OnError::Abort`] invalid shapes and those whose
+    /// Its answer, but for ids; the revision is that at which the look began. Under [`OnError::Abort`] invalid shapes and those whose
     /// external id belongs to another one are counted as if they were left out.
     pub stored: Stored,
-    /// What its reader says of the file.
+    /// Summary of the file by its reader.
     pub file: FileSummary,
     /// Shapes of the file under the names with which they would be stored.
     pub found: Inspection,
@@ -28,11 +28,11 @@ pub struct Preview {
     pub faults: Faults,
     /// Fits to meshes.
     pub fits: Option<MeshFits>,
-    /// What the upload would be refused with.
+    /// Refusal that the upload would get.
     pub refusal: Option<ServiceError>,
 }
 
-/// What is noted of an upload that is only looked at.
+/// Notes on an upload that is only looked at.
 #[derive(Debug)]
 pub(super) struct Notes {
     /// Whether the upload would end with its first invalid shapes.
@@ -73,7 +73,7 @@ impl Notes {
         self.has_ended = self.end.is_some();
     }
 
-    /// What an upload would be refused with, which had `conflicts`. Shapes before its end are compared with those of the cohort first.
+    /// Refusal of an upload that had `conflicts`. Shapes before its end are compared with those of the cohort first.
     pub(super) fn refusal(&self, conflicts: &[UploadResult]) -> Option<ServiceError> {
         if !self.aborts {
             return None;

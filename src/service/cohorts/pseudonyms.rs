@@ -19,7 +19,7 @@ const SECRET_BYTES: usize = 32;
 const LETTERS: usize = 26;
 const ALPHABET: &[u8; 32] = b"abcdefghijklmnopqrstuvwxyz234567";
 
-/// What of a file says who its shapes are of.
+/// Entry of a file that names the subject of its shapes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 pub enum SubjectFrom {
     /// Patient ID and its issuer, of DICOM.

@@ -1,7 +1,7 @@
 //! Changes of the rule by which the shapes of a cohort correspond: correspondence, direction, mirror images.
 //!
 //! A change is a revision. Curves that the new rule stores otherwise are stored again, as points along them from where they began and
-//! in the way in which they ran: what arrived is not kept, so the result is that of an upload of the curves, not of the points.
+//! in the way in which they ran: the uploaded points are not kept, so the result is that of an upload of the curves, not of the points.
 //! Earlier revisions keep their shapes and their rule, and with them the dictionaries and jobs that are of them.
 
 use super::catalogue::{Rule, find};

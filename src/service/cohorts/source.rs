@@ -1,7 +1,9 @@
 //! Shapes of a stored cohort as a source for statistics: they are streamed in bounded batches, at one revision.
 
 use crate::wire::fault::Fault;
+use std::cell::RefCell;
 use std::collections::HashSet;
+use std::sync::Arc;
 
 use tokio::runtime::Handle;
 use tokio_util::task::AbortOnDropHandle;
@@ -19,7 +21,7 @@ use crate::domain::cohort::Cohort;
 use crate::domain::dictionary::LessCountedShape;
 use crate::domain::filter::ShapeFilter;
 use crate::domain::shape::Shape;
-use crate::service::app::cache::{Cache, Reserved};
+use crate::service::app::cache::{Cache, Cached, Reserved};
 use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::placements::{KnownPlacements, Which};
 use crate::service::shapes::outcome::Outcomes;
@@ -108,8 +110,19 @@ pub(crate) fn refuse_repeated(keys: &[String]) -> Result<(), ServiceError> {
 /// Marks of a batch of shapes, of their control points as stored and their weights.
 type MarksOf<'a> = &'a dyn Fn(&[f64], &[f64]) -> Vec<Mark>;
 
+/// Places of the shapes of a cohort that pass a filter, found once for all passes over them.
+struct FilteredPlaces(Places);
+
+impl Cached for FilteredPlaces {
+    const NAME: &'static str = "places";
+
+    fn bytes(&self) -> usize {
+        self.0.bytes()
+    }
+}
+
 /// Shapes of a cohort at its revision, read again in every pass.
-#[derive(Clone, Copy)]
+#[derive(Clone)]
 pub(crate) struct StoredShapes<'a> {
     store: &'a Store,
     /// Reserves memory for shapes that are kept.
@@ -120,6 +133,8 @@ pub(crate) struct StoredShapes<'a> {
     filter: &'a ShapeFilter,
     revisions: Revisions,
     setup: &'a Setup,
+    /// Places of the shapes that pass a filter; `None` for all shapes, and where there is no room for them.
+    places: Option<Arc<FilteredPlaces>>,
     /// Number of shapes that pass the filter.
     count: usize,
     /// Whether to stop; queried before every batch.
@@ -144,9 +159,12 @@ impl<'a> StoredShapes<'a> {
         stop: &'a (dyn Fn() -> bool + Sync),
     ) -> Result<Self, ServiceError> {
         let revisions = Revisions { after: since, until: cohort.revision };
-        let count = handle.block_on(app.store.count(&cohort.id, revisions, filter))?;
-        let count = usize::try_from(count)
-            .map_err(|_| ServiceError::Internal("too many shapes for this machine".into()))?;
+        let places = places_of(app, handle, cohort, filter, revisions)?;
+        let count = match &places {
+            Some(places) => places.0.count(),
+            None => usize::try_from(handle.block_on(app.store.count(&cohort.id, revisions, filter))?)
+                .map_err(|_| ServiceError::Internal("too many shapes for this machine".into()))?,
+        };
         let (store, cache) = (&app.store, &*app.cache);
         Ok(Self {
             store,
@@ -156,6 +174,7 @@ impl<'a> StoredShapes<'a> {
             filter,
             revisions,
             setup,
+            places,
             count,
             stop,
             distribute: None,
@@ -179,20 +198,38 @@ impl<'a> StoredShapes<'a> {
         Self { known, ..self }
     }
 
-    /// The same shapes in memory, read once, if there is room for them and for a search of them; else `None`.
-    pub(crate) fn kept(self) -> Result<Option<KeptShapes<'a>>, ServiceError> {
+    /// The same shapes in memory, read once, if there is room for them, and for a search of them if one is meant; else `None`. Their
+    /// numbers as stored are added to `digest`.
+    pub(crate) fn kept(
+        &self,
+        searches: bool,
+        digest: Option<&mut ShapesDigest>,
+    ) -> Result<Option<KeptShapes<'a>>, ServiceError> {
         /// Memory of a search of start points, in that of the shapes: spectra in all directions and mirror images, and placed ones.
         const SEARCH: usize = 5;
-        let bytes = self.count.saturating_mul(8 * (self.width() + 1));
-        if self.cache.reserve(bytes.saturating_mul(1 + SEARCH)).is_none() {
+        let bytes = self.count.saturating_mul(8 * (self.width() + 1) + size_of::<Mark>());
+        if searches && self.cache.reserve(bytes.saturating_mul(1 + SEARCH)).is_none() {
             return Ok(None);
         }
         let Some(memory) = self.cache.reserve(bytes) else { return Ok(None) };
-        Ok(Some(KeptShapes { shapes: ShapesInMemory::of(&self)?, stored: self, _memory: memory }))
+        let digest = RefCell::new(digest);
+        let marks_of = |numbers: &[f64], weights: &[f64]| {
+            if let Some(digest) = digest.borrow_mut().as_mut() {
+                digest.add(numbers, weights);
+            }
+            Mark::of_all(numbers, weights)
+        };
+        let unread = self.clone().uncounted();
+        let shapes =
+            ShapesInMemory::read_marked(self.count, &mut |visit| unread.for_each_prepared(&marks_of, visit))?;
+        Ok(Some(KeptShapes { shapes, stored: self.clone(), _memory: memory }))
     }
 
     /// Places of the shapes in storage.
     pub(crate) fn places(&self) -> Result<Places, ServiceError> {
+        if let Some(places) = &self.places {
+            return Ok(places.0.clone());
+        }
         let read = self.store.places(&self.cohort.id, self.revisions, self.filter);
         Ok(self.handle.block_on(read)?)
     }
@@ -264,7 +301,7 @@ impl<'a> StoredShapes<'a> {
         self.count == 0
     }
 
-    /// Calls `visit` with consecutive batches of prepared shapes and what `marks_of` says of them as they are stored.
+    /// Calls `visit` with consecutive batches of prepared shapes and the marks that `marks_of` gives them as they are stored.
     fn for_each_prepared(
         &self,
         marks_of: MarksOf<'_>,
@@ -304,6 +341,7 @@ impl<'a> StoredShapes<'a> {
         }
         if first != self.count {
             // Only an erasure changes a revision.
+            self.cache.forget(&self.cohort.id);
             return Err(ServiceError::Unavailable(
                 "shapes were erased while they were read: try again".into(),
             )
@@ -364,11 +402,20 @@ impl<'a> StoredShapes<'a> {
     }
 
     /// Starts to read the batch that follows `after`.
-    fn read(&self, after: Option<Cursor>, ids: Ids) -> Reading {
+    fn read(&self, after: After, ids: Ids) -> Reading {
         let (store, cohort, filter) = (self.store.clone(), self.cohort.id.clone(), self.filter.clone());
-        let revisions = self.revisions;
-        let read = async move { store.scan(&cohort, revisions, &filter, after, ids).await };
-        Reading::new(self.handle.spawn(read))
+        let (revisions, places) = (self.revisions, self.places.clone().filter(|_| ids == Ids::Skip));
+        Reading::new(self.handle.spawn(async move {
+            if let Some(FilteredPlaces(places)) = places.as_deref() {
+                let read = store.scan_places(&cohort, revisions.until, places, after.count).await?;
+                return Ok(read.map(|(batch, count)| (batch, After { cursor: None, count })));
+            }
+            let batch = store.scan(&cohort, revisions, &filter, after.cursor, ids).await?;
+            Ok(batch.map(|batch| {
+                let after = After { cursor: Some(batch.position), count: 0 };
+                (batch, after)
+            }))
+        }))
     }
 
     /// Names the shape with this id in a fault, without pointer because the shape is not part of a request.
@@ -413,28 +460,83 @@ struct Batches<'a> {
     next: Reading,
 }
 
-/// A batch that a task of the runtime reads. Dropping it cancels the read.
-type Reading = AbortOnDropHandle<Result<Option<ScanBatch>, StoreError>>;
+/// Where a batch begins: behind a place, or at the position of a shape among places.
+#[derive(Clone, Copy, Default)]
+struct After {
+    cursor: Option<Cursor>,
+    count: usize,
+}
+
+/// A batch that a task of the runtime reads, and where the next one begins. Dropping it cancels the read.
+type Reading = AbortOnDropHandle<Result<Option<(ScanBatch, After)>, StoreError>>;
+
+/// Places of the shapes that pass a filter, found once while the revision is used; `None` for all shapes, and without room for them.
+fn places_of(
+    app: &App,
+    handle: &Handle,
+    cohort: &Cohort,
+    filter: &ShapeFilter,
+    revisions: Revisions,
+) -> Result<Option<Arc<FilteredPlaces>>, ServiceError> {
+    if filter.is_everything() {
+        return Ok(None);
+    }
+    let settings = (filter, revisions.after, revisions.until);
+    if let Some(places) = app.cache.find::<FilteredPlaces>(&cohort.id, &settings) {
+        return Ok(Some(places));
+    }
+    let shapes = usize::try_from(cohort.shapes).unwrap_or(usize::MAX);
+    let Some(_room) = app.cache.reserve(shapes.saturating_mul(Places::MOST_BYTES)) else { return Ok(None) };
+    let places = handle.block_on(app.store.places(&cohort.id, revisions, filter))?;
+    let places = Arc::new(FilteredPlaces(places));
+    app.cache.keep(&cohort.id, &settings, &places);
+    Ok(Some(places))
+}
 
 impl<'a> Batches<'a> {
     fn new(shapes: &'a StoredShapes<'a>, ids: Ids) -> Self {
-        Self { shapes, ids, next: shapes.read(None, ids) }
+        Self { shapes, ids, next: shapes.read(After::default(), ids) }
     }
 
     /// The next batch; no further one is read if it has as many shapes as are `wanted`.
     fn next(&mut self, wanted: usize) -> Result<Option<ScanBatch>, ServiceError> {
         self.shapes.check()?;
-        let batch = match self.shapes.handle.block_on(&mut self.next) {
+        let read = match self.shapes.handle.block_on(&mut self.next) {
             Ok(read) => read?,
             Err(error) => match error.try_into_panic() {
                 Ok(panic) => std::panic::resume_unwind(panic),
                 Err(_) => return Err(ServiceError::Cancelled),
             },
         };
-        if let Some(batch) = batch.as_ref().filter(|batch| batch.weights.len() < wanted) {
-            self.next = self.shapes.read(Some(batch.position), self.ids);
+        let Some((batch, after)) = read else { return Ok(None) };
+        if batch.weights.len() < wanted {
+            self.next = self.shapes.read(after, self.ids);
         }
-        Ok(batch)
+        Ok(Some(batch))
+    }
+}
+
+/// BLAKE3 digest of shapes as they are stored: control points and weight of each, as little-endian numbers.
+#[derive(Default)]
+pub(crate) struct ShapesDigest {
+    hasher: blake3::Hasher,
+    bytes: Vec<u8>,
+}
+
+impl ShapesDigest {
+    /// Adds shapes with one weight each.
+    pub(crate) fn add(&mut self, control_points: &[f64], weights: &[f64]) {
+        let length = control_points.len() / weights.len().max(1);
+        self.bytes.clear();
+        for (shape, weight) in control_points.chunks_exact(length.max(1)).zip(weights) {
+            self.bytes.extend(shape.iter().chain([weight]).flat_map(|number| number.to_le_bytes()));
+        }
+        self.hasher.update(&self.bytes);
+    }
+
+    /// The digest as text.
+    pub(crate) fn finish(&self) -> String {
+        self.hasher.finalize().to_hex().to_string()
     }
 }
 
@@ -454,15 +556,23 @@ impl ShapeSource for KeptShapes<'_> {
         &self,
         visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), AnalysisError>,
     ) -> Result<(), AnalysisError> {
-        self.check()?;
-        visit(self.shapes.all())?;
-        self.worked(self.count());
+        let all = self.shapes.all();
+        let length = all.whitened.len() / all.weights.len().max(1);
+        let batches =
+            all.whitened.chunks((BATCH_SHAPES * length).max(1)).zip(all.weights.chunks(BATCH_SHAPES));
+        for (k, (whitened, weights)) in batches.enumerate() {
+            self.check()?;
+            visit(Shapes { first: k * BATCH_SHAPES, whitened, weights })?;
+            self.worked(weights.len());
+        }
         Ok(())
     }
 
-    /// Reads the shapes once more: their marks are not kept.
     fn for_each_marked(&self, visit: &mut VisitMarked<'_>) -> Result<(), AnalysisError> {
-        self.stored.for_each_marked(visit)
+        self.check()?;
+        self.shapes.for_each_marked(visit)?;
+        self.worked(self.count());
+        Ok(())
     }
 
     fn check(&self) -> Result<(), AnalysisError> {

@@ -61,7 +61,7 @@ const MAX_WARNINGS: usize = 20;
 /// Maximum number of faults of an invalid shape in a response.
 const MAX_FAULTS: usize = 5;
 
-/// What the response to an upload says of its inputs. Invalid ones are always named.
+/// Account of the inputs in the response to an upload. Invalid ones are always named.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Returned {
@@ -75,7 +75,7 @@ pub enum Returned {
 }
 
 impl Returned {
-    /// What is answered of `count` inputs: results, and ids on their own.
+    /// Answer about `count` inputs: results, and ids on their own.
     fn of(
         self,
         results: Vec<UploadResult>,
@@ -93,7 +93,7 @@ impl Returned {
     }
 }
 
-/// What became of an input.
+/// Outcome of an input.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct UploadResult {
     /// Position in the body or stream, from 0.
@@ -104,7 +104,7 @@ pub struct UploadResult {
     pub id: Option<String>,
     /// Faults of an invalid input, at most `MAX_FAULTS`.
     pub faults: Vec<Fault>,
-    /// What the fit to a mesh has left.
+    /// Residual of the fit to a mesh.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fit: Option<MeshResidual>,
 }
@@ -124,7 +124,7 @@ pub struct Stored {
     pub unchanged: usize,
     /// Number of shapes that were not stored under [`OnError::Skip`]: invalid ones, and those whose external id belongs to another.
     pub skipped: usize,
-    /// What became of the inputs: of the first `MAX_NAMED` under [`Returned::Results`], and of all invalid ones.
+    /// Outcomes of the inputs: of the first `MAX_NAMED` under [`Returned::Results`], and of all invalid ones.
     #[serde(default)]
     pub results: Vec<UploadResult>,
     /// Number of valid inputs beyond the first `MAX_NAMED`.
@@ -136,10 +136,10 @@ pub struct Stored {
     /// Number of the valid shapes that intersect themselves.
     #[serde(default)]
     pub self_intersecting: usize,
-    /// What the client should know of the shapes as a whole.
+    /// Warnings about the shapes as a whole.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<String>,
-    /// What is answered besides, kept with the receipt of an idempotent request.
+    /// A further answer, kept with the receipt of an idempotent request.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub note: Option<serde_json::Value>,
 }
@@ -151,16 +151,16 @@ pub struct Treatment {
     pub on_error: OnError,
     /// Shapes whose external id belongs to a shape with other points.
     pub conflicts: OnError,
-    /// What the response says of the inputs.
+    /// Content of the response about the inputs.
     pub returned: Returned,
     /// Points equal to their predecessor, where contours are resampled.
     pub repeated_points: RepeatedPoints,
 }
 
-/// On what occasion shapes are added.
+/// Occasion on which shapes are added.
 #[derive(Debug, Clone, Default)]
 pub struct Occasion {
-    /// What is answered besides, which a repeated request gets too.
+    /// A further answer, which a repeated request gets too.
     pub note: Option<serde_json::Value>,
     /// The job that adds them, as it was claimed: nothing is stored unless it is still held.
     pub job: Option<Job>,
@@ -272,7 +272,7 @@ fn too_long(error: LineTooLong) -> ServiceError {
     ServiceError::TooLarge(Fault { line: Some(error.number), ..Fault::new("", error.to_string()) }.into())
 }
 
-/// What was written of an upload.
+/// Written part of an upload.
 struct Written {
     upload: Upload,
     /// Number of new shapes.
@@ -320,7 +320,7 @@ pub(super) struct Writer {
     names: BTreeSet<String>,
     /// Warnings of the shapes: their text with the number of shapes that have it.
     pub(super) warnings: BTreeMap<String, usize>,
-    /// What is noted where nothing is stored.
+    /// Notes where nothing is stored.
     pub(super) preview: Option<Notes>,
 }
 
@@ -343,7 +343,7 @@ impl Writer {
         Ok(Self { expected, retry: app.retry.clone(), ..writer })
     }
 
-    /// A writer that stores nothing, and notes what one that does would find.
+    /// A writer that stores nothing, and notes the findings of one that does.
     pub(super) fn of_preview(app: &App, cohort: &Cohort, treatment: Treatment) -> Result<Self, ServiceError> {
         let treatment = Treatment { returned: Returned::None, ..treatment };
         let writer = Self::onto(app, cohort, treatment, "", app.store.preview_upload(cohort))?;
@@ -466,7 +466,7 @@ impl Writer {
         incoming.iter().take_while(|shape| take(shape)).count().max(1)
     }
 
-    /// Notes what became of an input; the id of a valid one follows.
+    /// Notes the outcome of an input; the id of a valid one follows.
     fn record(
         &mut self,
         index: usize,
@@ -483,7 +483,7 @@ impl Writer {
         }
     }
 
-    /// Notes what a valid shape is.
+    /// Notes the properties of a valid shape.
     fn note(&mut self, shape: &Arrived) {
         self.repeated_points += shape.repeated_points;
         self.self_intersecting += usize::from(shape.measures.self_intersecting == Some(true));
@@ -494,7 +494,7 @@ impl Writer {
         }
     }
 
-    /// What the client should know of the shapes as a whole, and beside those that the cohort has.
+    /// Warnings about the shapes as a whole, and beside those that the cohort has.
     async fn said(&self, app: &App) -> Result<Vec<String>, ServiceError> {
         let rule = Rule::of(&self.cohort.spec, self.cohort.spec.mirror);
         let mixed = match rule.warning(self.ways) {
@@ -628,10 +628,10 @@ impl Writer {
         Ok(stored)
     }
 
-    /// Tells what the upload would do. What refuses its shapes comes before what would refuse the rest of it.
+    /// Tells the effect of the upload. Refusals of its shapes come before refusals of the rest of it.
     ///
     /// # Errors
-    /// What refuses the upload as a whole.
+    /// The refusal of the upload as a whole.
     pub(super) async fn end_preview(
         self,
         app: &App,
@@ -653,7 +653,7 @@ impl Writer {
         Ok(Preview { stored, file, found, conflicts, faults, fits, refusal })
     }
 
-    /// Waits for the task that writes, and tells what became of the shapes. After an error nothing of them remains.
+    /// Waits for the task that writes, and tells the outcome of the shapes. After an error nothing of them remains.
     async fn settle(self, app: &App, taken: Result<(), ServiceError>) -> Result<Settled, ServiceError> {
         let list = self.list();
         let warnings = if taken.is_ok() { self.said(app).await } else { Ok(Vec::new()) };
@@ -695,20 +695,20 @@ impl Writer {
     }
 }
 
-/// What became of the shapes of an upload that is not visible yet.
+/// Outcome of the shapes of an upload that is not visible yet.
 struct Settled {
     upload: Upload,
-    /// What is answered, but for the revision.
+    /// The answer, but for the revision.
     stored: Stored,
     brought: Brought,
     /// Number of shapes whose external id belongs to another one.
     conflicts: usize,
-    /// What refuses an upload that is only looked at, and what was noted of it.
+    /// Refusal of an upload that is only looked at, and notes on it.
     refusal: Option<ServiceError>,
     notes: Option<Notes>,
 }
 
-/// What shapes bring to their cohort beside themselves.
+/// Additions of shapes to their cohort beside themselves.
 struct Brought {
     cohort: Cohort,
     /// Names of further attributes.
@@ -787,7 +787,7 @@ fn with_conflicts(
     (results, left_out.saturating_sub(unlisted))
 }
 
-/// Writes shapes to the store; keeps the ids of the first `most`. What a preview keeps of them takes `room`.
+/// Writes shapes to the store; keeps the ids of the first `most`. The part that a preview keeps of them takes `room`.
 async fn write(
     upload: Upload,
     mut room: Held,

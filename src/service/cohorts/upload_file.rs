@@ -1,6 +1,6 @@
 //! Files of other programs into a cohort: all or nothing, or only the valid shapes.
 //!
-//! A thread of its own reads records while the body arrives, and passes them on in batches; from there they go the way of the
+//! A separate thread reads records while the body arrives, and passes them on in batches; from there they go the way of the
 //! lines of a stream.
 
 use std::sync::Arc;
@@ -44,7 +44,7 @@ pub struct FileToAdd {
     pub limits: FileLimits,
     /// How its records become shapes.
     pub placing: Placing,
-    /// What of it says who its shapes are of, if anything does.
+    /// Part of it that identifies the person of its shapes, if any does.
     pub subject_from: Option<SubjectFrom>,
     /// Reads it.
     pub read: ReadFile,
@@ -74,11 +74,11 @@ pub async fn add_file(
     writer.end(app, taken).await
 }
 
-/// Tells what [`add_file`] would do with a file, and stores nothing. Memory: that of the upload, and two digests of each shape with a
+/// Tells the effect of [`add_file`] on a file, and stores nothing. Memory: that of the upload, and two digests of each shape with a
 /// name.
 ///
 /// # Errors
-/// What refuses the file as a whole, as for [`add_file`]. What would refuse it because of single shapes is told beside the others.
+/// The refusal of the file as a whole, as for [`add_file`]. Refusals because of single shapes are told beside the others.
 pub async fn preview_file(
     app: &App,
     cohort: Cohort,
@@ -163,7 +163,7 @@ async fn pseudonyms(
     })
 }
 
-/// Has the answer say what the reader says of the file, and what its shapes have in common.
+/// Adds the summary of the reader to the answer, and the common properties of the shapes.
 fn tell(writer: &mut Writer, mut summary: FileSummary) {
     let counted = |(text, count): (&String, &usize)| format!("{count} shapes: {text}");
     summary.warnings.extend(writer.warnings.iter().map(counted));
@@ -172,7 +172,7 @@ fn tell(writer: &mut Writer, mut summary: FileSummary) {
     writer.occasion.note = json::to_value(&summary).ok();
 }
 
-/// The refusal of a file that holds no shape: with what its reader says, where it says something.
+/// The refusal of a file that holds no shape: with the words of its reader, where it has any.
 pub(in crate::service) fn without_shapes(summary: &FileSummary) -> ServiceError {
     let said = summary.without_shapes();
     if said.is_empty() {

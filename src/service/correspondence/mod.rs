@@ -63,7 +63,7 @@ pub struct CorrespondRequest {
     pub options: GroupwiseOptions,
 }
 
-/// What a groupwise correspondence did to one shape.
+/// Result of a groupwise correspondence for one shape.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct CorrespondingShape {
     /// Id of the shape in the source cohort.
@@ -113,7 +113,7 @@ pub struct CohortCorrespondence {
     pub entropy: [f64; 2],
     /// Total variance over the area of the parameter sphere, with rotations only, and at the end.
     pub variance: [f64; 2],
-    /// What became of each shape, in the order of the source.
+    /// Result for each shape, in the order of the source.
     pub shapes: Vec<CorrespondingShape>,
     /// Warnings about the result.
     pub warnings: Vec<String>,
@@ -273,7 +273,7 @@ async fn store(
     added
 }
 
-/// The answer, with the ids and the revision of what was stored.
+/// The answer, with the ids and the revision of the stored shapes.
 fn completed(stored: Stored) -> Result<Value, ServiceError> {
     let lost = || ServiceError::Internal("a receipt without its answer".into());
     let mut answer = stored.note.ok_or_else(lost)?;

@@ -177,7 +177,7 @@ pub fn align(settings: &CheckedSettings, counts: Counts) -> Work {
     each + searching + mean + robust
 }
 
-/// What a robust mean takes besides a plain one, with the weights of control points.
+/// Work of a robust mean beyond a plain one, with the weights of control points.
 fn robust_mean(settings: &CheckedSettings, counts: Counts) -> Work {
     /// Per coordinate: bases and alignments of six passes, and four fits of a model.
     const COORDINATE: f64 = 8e-7;
@@ -220,7 +220,7 @@ fn measure_lines(counts: Counts, reference: bool) -> Work {
     /// Per dimension: quadratures and self-intersections of an interval between knots.
     const INTERVAL: f64 = 3e-6;
     /// Nearest points of an interval, in both directions, and intervals of the other curve that cost as much again; most of it is
-    /// out of question. Curves for which it is not, such as a circle and its centre, are charged for what they took.
+    /// out of question. Curves for which it is not, such as a circle and its centre, are charged for their measured time.
     const NEAREST: f64 = 1.2e-4;
     const OTHERS: f64 = 1000.0;
     let searched = if reference { counts.values() * (1.0 + counts.points / OTHERS) } else { 0.0 };
@@ -352,7 +352,7 @@ pub fn resample(shapes: &[ShapeInput], count: usize, limits: &Limits) -> Work {
     Work::numbers(2.0 * answered + posted_points(shapes))
 }
 
-/// What shapes are fitted to.
+/// Sizes of the targets of fits.
 #[derive(Debug, Clone, Copy)]
 pub struct FitCounts {
     /// Number of points, or of vertices of meshes, in total.
@@ -504,6 +504,37 @@ pub fn overlap(cells: usize) -> Work {
     Work(REQUEST + cells as f64 * CELL)
 }
 
+/// A thin-plate spline of `landmarks` landmarks at `places` places, some of them projected onto a mesh.
+pub fn warp(landmarks: usize, places: usize, projected: usize, partial_warps: bool) -> Work {
+    /// Per landmark and place: a logarithm or a root, and its products.
+    const KERNEL: f64 = 2e-8;
+    /// Per point: the nearest triangle of a mesh.
+    const FOOT: f64 = 1e-5;
+    let p = landmarks as f64;
+    let eigen = if partial_warps { 12.0 } else { 0.0 };
+    Work::numbers((landmarks + places) as f64)
+        + Work(p * (p + places as f64) * KERNEL + projected as f64 * FOOT)
+        + Work::from_multiply_adds((2.0 + eigen) * p.powi(3))
+}
+
+/// Sliding of `count` shapes of `size` points in so many directions, by bending energy or by distances.
+pub fn slide([count, size, directions]: [usize; 3], bends: bool) -> Work {
+    /// Per number and round: superimposition.
+    const PLACED: f64 = 5e-8;
+    let [count, size, directions] = [count, size, directions].map(|x| x as f64);
+    // With acceleration, 7 to 32 rounds by bending energy and 20 to 57 by distances were measured.
+    let rounds = if bends { 30.0 } else { 60.0 };
+    let shape = if bends {
+        directions.powi(3) / 3.0 + directions * directions + 3.0 * size * size
+    } else {
+        directions
+    };
+    let common = if bends { 4.0 * size.powi(3) } else { 0.0 };
+    Work::numbers(6.0 * count * size)
+        + Work(rounds * count * size * 3.0 * PLACED)
+        + Work::from_multiply_adds(rounds * (count * shape + common))
+}
+
 /// Storing posted shapes of a cohort that have been parsed.
 pub fn store(counts: Counts, correspondence: Correspondence) -> Work {
     /// Per coordinate: control points by the arc length of a contour.
@@ -535,6 +566,13 @@ pub fn distances(counts: Counts, multiply_adds: f64) -> Work {
     const DISTANCE: f64 = 2e-8;
     Work(REQUEST + counts.values() * COORDINATE + counts.shapes * counts.shapes * DISTANCE)
         + Work::from_multiply_adds(multiply_adds)
+}
+
+/// Preparing curves for elastic distances, divided into `points` segments each.
+pub fn elastic_curves(curves: usize, points: usize) -> Work {
+    /// Per segment: the parameter at a fraction of the length, at two resolutions.
+    const SEGMENT: f64 = 1.5e-6;
+    Work(curves as f64 * points as f64 * SEGMENT)
 }
 
 /// Comparing shapes with those of a cohort; `counts` is given if the cohort must be read.

@@ -38,7 +38,7 @@ pub async fn find(app: &App, key: &str, alias: &str) -> Result<Alias, ServiceErr
 /// Makes an alias name a version of the dictionary with this key; returns whether it is new.
 ///
 /// # Errors
-/// [`ServiceError::NotFound`] for the dictionary; a text that is no alias; a version that does not exist; too many aliases;
+/// [`ServiceError::NotFound`] for the dictionary; a text that is not an alias; a version that does not exist; too many aliases;
 /// [`ServiceError::Changed`]; [`ServiceError::Forbidden`] if the alias names a version that is hidden from the caller.
 pub async fn set(
     app: &App,

@@ -1,4 +1,4 @@
-//! What dictionaries answer about shapes, as it is written: codes, classes, novelty, assessments.
+//! Answers of dictionaries about shapes, as they are written: codes, classes, novelty, assessments.
 
 use serde::{Deserialize, Serialize};
 
@@ -27,7 +27,7 @@ pub struct UsedDictionary {
     pub version: u64,
     /// BLAKE3 digest of the content.
     pub digest: String,
-    /// What should be known of the shapes that it was learnt from; absent if there is nothing to say.
+    /// Warnings about the shapes that it was learnt from; absent if there are none.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     #[schema(required = false)]
     pub warnings: Vec<String>,
@@ -46,7 +46,7 @@ impl UsedDictionary {
     }
 }
 
-/// What is common to all entries of an answer.
+/// Parts that all entries of an answer have in common.
 #[derive(Debug, Clone, Serialize, utoipa::ToSchema)]
 pub struct ByDictionary {
     /// The dictionary, at the version that was used.
@@ -58,7 +58,7 @@ pub struct ByDictionary {
 }
 
 impl ByDictionary {
-    /// With the warnings of the dictionary alone: for answers that do not say what is novel.
+    /// With the warnings of the dictionary alone: for answers without novelty.
     pub fn new(ready: &Ready) -> Self {
         let dictionary = UsedDictionary::new(ready);
         Self { warnings: dictionary.warnings.clone(), dictionary }
@@ -160,7 +160,8 @@ pub struct NoveltyOutput {
     is_outlier: bool,
     /// `T²`: squared Mahalanobis distance of the scores; null for sparse dictionaries.
     t_squared: Option<f64>,
-    /// Fraction of the held-out training shapes with a smaller or equal `T²`; for a part, relative to its expectation given what is seen.
+    /// Fraction of the held-out training shapes with a smaller or equal `T²`; for a part, relative to its expectation
+    /// given the seen part.
     t_squared_rank: Option<f64>,
     /// Squared prediction error `‖y − ŷ‖²`; for a part, as if the rest of the shape had the same.
     squared_prediction_error: f64,
@@ -202,7 +203,7 @@ pub struct ClassOutput {
     /// Confidence of the first class minus that of the second.
     margin: f64,
     /// Whether the distance to the class is within the quantile of the class's own shapes when held out. If not, the shape
-    /// belongs to none of these classes. An outlier may be accepted too: `verdict` says what to do.
+    /// belongs to none of these classes. An outlier may be accepted too: `verdict` decides.
     accepted: bool,
 }
 
@@ -233,8 +234,8 @@ impl ClassOutput {
     }
 }
 
-/// What a pipeline is to do with a shape: `novelty` compares it with all training shapes, `accepted` of its class with those of the class
-/// alone, and both can disagree.
+/// Decision of a pipeline about a shape: `novelty` compares it with all training shapes, `accepted` of its class with
+/// those of the class alone, and both can disagree.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
@@ -271,18 +272,18 @@ pub struct AssessmentOutput {
     /// `‖y − ŷ‖²/(‖y‖‖ŷ‖)` in the pose of the dictionary.
     relative_error: f64,
     /// Distances between the shape and its reconstruction at equally spaced parameters: `i/samples` on closed curves,
-    /// `i/(samples − 1)` on open ones, every point of landmarks. In the unit of the shape. Of a shape with missing parts: those of what is
-    /// seen, in the order of `part.seen`.
+    /// `i/(samples − 1)` on open ones, every point of landmarks. In the unit of the shape. Of a shape with missing
+    /// parts: those of the seen part, in the order of `part.seen`.
     residual: Vec<f64>,
-    /// What is seen of a shape with missing parts, and its most likely shape; absent for whole shapes.
+    /// Seen part of a shape with missing parts, and its most likely shape; absent for whole shapes.
     #[serde(skip_serializing_if = "Option::is_none")]
     part: Option<PartOutput>,
 }
 
-/// What is seen of a shape with missing parts, and its most likely shape.
+/// Seen part of a shape with missing parts, and its most likely shape.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct PartOutput {
-    /// Positions, from 0, of what is seen: control points, or with arcs those of as many equally spaced places.
+    /// Positions, from 0, of the seen part: control points, or with arcs those of as many equally spaced places.
     seen: Vec<usize>,
     /// Fraction of the control points, or of as many places, that are seen.
     seen_fraction: f64,

@@ -71,7 +71,7 @@ struct Plan {
     store: bool,
 }
 
-/// A checked request and what it is about.
+/// A checked request and its objects.
 #[derive(Debug)]
 pub struct Planned {
     plan: Plan,
@@ -149,7 +149,7 @@ pub enum CohortAssessment {
     Failed(Box<FailedStored>),
 }
 
-/// Lines as they are written, and what is stored of them beside the shapes.
+/// Lines as they are written, and their part that is stored beside the shapes.
 #[derive(Debug, Default)]
 struct Piece {
     text: Vec<u8>,
@@ -366,7 +366,7 @@ fn block(batch: &ScanBatch, first: usize, width: usize) -> Asked {
     Asked::read((first..end).map(name).collect(), points.chunks_exact(width).map(<[f64]>::to_vec).collect())
 }
 
-/// The error of a shape that is no entry of a list.
+/// The error of a shape that is not an entry of a list.
 fn alone(error: ServiceError) -> ServiceError {
     let place = |fault: Fault| {
         let prefix = fault.index.map(|index| format!("/shapes/{index}")).unwrap_or_default();

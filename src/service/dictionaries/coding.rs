@@ -88,7 +88,7 @@ impl Asked {
         Ok(Self { names, on_error, shapes })
     }
 
-    /// Stored shapes with these control points, each of which has an answer or an error of its own.
+    /// Stored shapes with these control points, each of which has its own answer or error.
     pub(super) fn read(names: Vec<InputNames>, shapes: Vec<Vec<f64>>) -> Self {
         let shapes = Outcomes::new(shapes.into_iter().map(Ok).collect());
         Self { names, on_error: OnError::Skip, shapes: AskedShapes::Stored(shapes) }

@@ -10,7 +10,7 @@ use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::source::StoredShapes;
 use crate::store::Revisions;
 
-/// Seed of the training shapes whose means are compared, which is no parameter: the answer is an expectation.
+/// Seed of the training shapes whose means are compared, which is not a parameter: the answer is an expectation.
 const HALVED_SEED: u64 = 0;
 
 /// Start of the new shapes.

@@ -11,7 +11,7 @@ use tokio::runtime::Handle;
 use super::class_labels;
 use super::plan::{NO_STATE, Plan, program};
 use crate::analysis::AnalysisError;
-use crate::analysis::accumulate::ShapesInMemory;
+use crate::analysis::accumulate::{ShapeSource, ShapesInMemory};
 use crate::analysis::classification::study::{WITHIN, train_classifier};
 use crate::analysis::classifier_record::{ClassifierRecord, ClassifierSettings};
 use crate::analysis::dictionary::content::Content;
@@ -33,7 +33,7 @@ use crate::service::app::{App, ServiceError, now_ms};
 use crate::service::cohorts::at_engine::{AtEngine, Passes, Purpose};
 use crate::service::cohorts::caveats;
 use crate::service::cohorts::placements::{KnownPlacements, SearchSettings, Which};
-use crate::service::cohorts::source::{StoredShapes, Work};
+use crate::service::cohorts::source::{ShapesDigest, StoredShapes, Work};
 use crate::service::jobs::Outcome;
 use crate::service::shapes::directions::is_warning;
 use crate::service::statistics::Setup;
@@ -104,7 +104,9 @@ pub fn learn(
     };
     let engine = AtEngine::of(app, passes, shapes);
     let task = Task { app, handle, job, plan, cohort: &cohort, setup: &setup, context, meter, engine };
-    let Found { content, state, less_counted, disagreement } = task.content(previous)?;
+    let Found { content, state, shapes_digest, less_counted, disagreement } = task.content(previous)?;
+    // Shapes that were read once do not tell that their cohort was deleted since.
+    plan.cohort(app, handle)?;
     let text = serde_json::to_vec(&content)
         .map_err(|error| ServiceError::Internal(format!("a dictionary is not JSON: {error}")))?;
     let provenance = Provenance {
@@ -112,7 +114,7 @@ pub fn learn(
         cohort_name: cohort.spec.name.clone(),
         cohort_revision: plan.revision,
         filter: plan.filter.clone(),
-        shapes_digest: task.shapes_digest()?,
+        shapes_digest,
         continued_from: plan.continue_from.clone(),
         program: program(),
         less_counted,
@@ -176,11 +178,13 @@ impl Previous {
     }
 }
 
-/// What a run of a plan has found.
+/// Result of a run of a plan.
 struct Found {
     content: Content,
     /// The sums from which learning can continue.
     state: Vec<u8>,
+    /// Digest of the shapes.
+    shapes_digest: String,
     /// The shapes that count less.
     less_counted: Vec<LessCountedShape>,
     disagreement: Option<Disagreement>,
@@ -236,21 +240,30 @@ impl Watch for Task<'_> {
 }
 
 impl Task<'_> {
-    /// The learnt content, and what was found on the way.
+    /// The learnt content, and findings on the way.
     fn content(&self, previous: Option<Previous>) -> Result<Found, ServiceError> {
         let stop = || self.context.is_cancelled();
         let known = self.known_placements();
         let known = known.as_ref().map(|(known, which)| (&**known, *which));
-        let shapes = self.shapes(0, &stop)?.starting_from(known);
+        let stored = self.shapes(0, &stop)?.starting_from(known);
+        let mut digest = ShapesDigest::default();
+        let kept = match &self.engine {
+            None => stored.kept(self.setup.matching.searches() || self.plan.robust, Some(&mut digest))?,
+            Some(_) => None,
+        };
+        let shapes: &dyn ShapeSource = match &kept {
+            Some(kept) => kept,
+            None => &stored,
+        };
         let recipe = self.plan.recipe(self.cohort);
-        let help = |dictionary: &Dictionary| Ok(self.coded(&shapes, dictionary)?);
+        let help = |dictionary: &Dictionary| Ok(self.coded(&stored, dictionary)?);
         let learner = Learner { recipe: &recipe, measured: self.setup.measured(), watch: self, help: &help };
         let learn = || match &previous {
-            None => Ok(learner.learn(&shapes)?),
+            None => Ok(learner.learn(shapes)?),
             Some(Previous { content, revision, state, .. }) => {
                 let new = self.shapes(*revision, &stop)?;
                 let previous = procedure::Previous { content, state };
-                Ok::<_, ServiceError>(learner.continue_from(previous, &shapes, &new)?)
+                Ok::<_, ServiceError>(learner.continue_from(previous, shapes, &new)?)
             }
         };
         let learnt = match learn() {
@@ -259,13 +272,21 @@ impl Task<'_> {
         };
         let Learnt { mut dictionary, state, less_counted, disagreement } = learnt?;
         if let Some(settings) = &self.plan.classifier {
-            dictionary.content.classifier = Some(self.classifier(&shapes, settings, &dictionary)?);
+            dictionary.content.classifier = Some(self.classifier(shapes, settings, &dictionary)?);
         }
-        let less_counted = shapes.less_counted(less_counted, LISTED_NUMBERS)?;
-        Ok(Found { content: dictionary.content, state, less_counted, disagreement })
+        let less_counted = stored.less_counted(less_counted, LISTED_NUMBERS)?;
+        if kept.is_none() {
+            let add = &mut |control_points: &[f64], weights: &[f64]| {
+                digest.add(control_points, weights);
+                Ok(true)
+            };
+            stored.scan(add)?;
+        }
+        let content = dictionary.content;
+        Ok(Found { content, state, shapes_digest: digest.finish(), less_counted, disagreement })
     }
 
-    /// What should be known of the shapes; `known` is what the continued version says of their parameters.
+    /// Warnings about the shapes; `known` are those of the continued version about their parameters.
     fn warnings(
         &self,
         known: Vec<String>,
@@ -311,7 +332,7 @@ impl Task<'_> {
     /// Validates and trains the classifier.
     fn classifier(
         &self,
-        shapes: &StoredShapes<'_>,
+        shapes: &dyn ShapeSource,
         settings: &ClassifierSettings,
         dictionary: &Dictionary,
     ) -> Result<ClassifierRecord, ServiceError> {
@@ -321,7 +342,7 @@ impl Task<'_> {
         let labels = self.handle.block_on(read)?;
         let kept = ShapesInMemory::of(shapes)?;
         let record = train_classifier(dictionary, &kept, &labels, settings, self);
-        record.map_err(|error| shapes.named(error))
+        Ok(record.map_err(|error| shapes.located(error))?)
     }
 
     /// Shapes of the cohort added after the revision `since`.
@@ -337,20 +358,5 @@ impl Task<'_> {
             None => shapes,
         };
         Ok(shapes.counted_by(self))
-    }
-
-    /// BLAKE3 digest of control points and weights, in storage order.
-    fn shapes_digest(&self) -> Result<String, ServiceError> {
-        let mut hasher = blake3::Hasher::new();
-        let stop = || self.context.is_cancelled();
-        self.shapes(0, &stop)?.scan(&mut |control_points, weights| {
-            for (shape, weight) in control_points.chunks_exact(self.setup.metric.len()).zip(weights) {
-                shape.iter().chain([weight]).for_each(|number| {
-                    hasher.update(&number.to_le_bytes());
-                });
-            }
-            Ok(true)
-        })?;
-        Ok(hasher.finalize().to_hex().to_string())
     }
 }

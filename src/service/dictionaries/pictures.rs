@@ -1,4 +1,4 @@
-//! Drawings of shapes beside what a dictionary makes of them, and of drift. The functions are synchronous and run on the pool.
+//! Drawings of shapes beside their reconstructions by a dictionary, and of drift. The functions are synchronous and run on the pool.
 
 use super::coding::{self, Asked};
 use super::drift::CohortDrift;
@@ -121,7 +121,7 @@ fn drawn_pairs(
     }
 }
 
-/// The first of `count` shapes with what a dictionary makes of them, in the poses in which they were given.
+/// The first of `count` shapes with their reconstructions by a dictionary, in the poses in which they were given.
 fn drawn_as_given(ready: &Ready, what: &str, count: usize, pairs: &[Pair]) -> Drawing {
     let unit = ready.dictionary().content.length_unit.as_deref();
     draw_pairs(&View::as_given(&ready.setup.space), &title(what, count, ready), pairs, unit).to_scale(unit)

@@ -91,7 +91,7 @@ pub struct Planned {
     pub estimate: Estimate,
 }
 
-/// What a request leads to.
+/// Decision about a request.
 #[derive(Debug)]
 pub enum Decision {
     /// A dictionary is to be learnt.

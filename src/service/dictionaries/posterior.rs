@@ -1,4 +1,4 @@
-//! Posteriors of shapes of which a part is known: completion with calibrated bands, assessment of what is seen.
+//! Posteriors of shapes of which a part is known: completion with calibrated bands, assessment of the seen part.
 //!
 //! The factors of the bands are learnt from the training shapes when they are first needed, and kept in the cache of this process: the
 //! stored dictionary has no need of them, those learnt before have them too, and a request is answered from memory. Without the training
@@ -59,7 +59,7 @@ pub struct Prepared {
     pub calibration: Result<Arc<Calibration>, String>,
 }
 
-/// What is asked about shapes.
+/// Request about shapes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Asking {
     /// Fraction of shapes that a band is to cover.
@@ -192,7 +192,7 @@ fn of_dictionary(error: AnalysisError) -> ServiceError {
 }
 
 impl Prepared {
-    /// Comparison of what is seen of a shape, of which the fraction `hidden` is not, with parts of held-out training shapes; with whole
+    /// Comparison of the seen part of a shape, of which the fraction `hidden` is missing, with parts of held-out training shapes; with whole
     /// ones if there is no calibration.
     pub fn score(&self, ready: &Ready, posterior: &Posterior, hidden: f64, quantile: f64) -> PartScore {
         match &self.calibration {
@@ -209,7 +209,7 @@ impl Prepared {
         ))
     }
 
-    /// Factors of bands that cover the fraction `level`, with what limits them.
+    /// Factors of bands that cover the fraction `level`, with their limitation.
     pub fn factors(&self, level: f64, dimension: usize, hidden: usize) -> (Factors, Option<String>) {
         match &self.calibration {
             Ok(calibration) => {

@@ -60,7 +60,7 @@ pub struct DictionaryReport {
     resamples: usize,
     /// Seed of all random choices.
     seed: u64,
-    /// What was found.
+    /// Results.
     #[serde(flatten)]
     found: ReportCard,
 }

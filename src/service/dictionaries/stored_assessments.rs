@@ -16,7 +16,7 @@ const PAGE_BYTES: usize = 8 << 20;
 /// Assessments that are read between two looks at the size.
 const STEP: usize = 64;
 
-/// What a list holds.
+/// Content of a list.
 #[derive(Debug, Clone)]
 pub struct StoredListing {
     /// Filter that the shapes pass.

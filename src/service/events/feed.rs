@@ -1,5 +1,5 @@
 //! The feed of a tenant as its streams in this process share it. One task looks every [`LOOK`] while there are streams, so that their
-//! number costs the store nothing; each stream takes what its caller may see.
+//! number costs the store nothing; each stream takes the changes that its caller may see.
 
 use std::collections::{HashMap, VecDeque};
 use std::sync::{Arc, Mutex, PoisonError, Weak};
@@ -32,7 +32,7 @@ struct Feeds(Mutex<HashMap<String, Weak<Feed>>>);
 #[derive(Debug, Default)]
 pub(super) struct Feed(watch::Sender<Recent>);
 
-/// What has happened lately.
+/// Recent events.
 #[derive(Debug, Default)]
 pub(super) struct Recent {
     /// The numbers after which and up to which all changes are here; `None` before the first look.
@@ -83,7 +83,7 @@ impl Feed {
         feed
     }
 
-    /// What has happened from now on.
+    /// Events from now on.
     pub(super) fn subscribe(&self) -> watch::Receiver<Recent> {
         self.0.subscribe()
     }

@@ -1,4 +1,4 @@
-//! What happens to the objects of a tenant, as a stream: changes in the order of their numbers, and the progress of running
+//! Events on the objects of a tenant, as a stream: changes in the order of their numbers, and the progress of running
 //! jobs.
 //!
 //! A stream continues from the number of any change, so a client that reconnects misses nothing that the change feed, which all
@@ -35,7 +35,7 @@ pub enum Event {
     Examined(u64),
 }
 
-/// What a stream reports.
+/// Selection of events that a stream reports.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Wanted {
     /// Changes.
@@ -64,12 +64,12 @@ pub struct Events {
 }
 
 impl Events {
-    /// Opens a stream of what happens after the change with number `after`; by default, of what happens from now on.
+    /// Opens a stream of events after the change with number `after`; by default, of events from now on.
     ///
     /// # Errors
     /// [`ServiceError::ChangesGone`].
     pub async fn open(app: &App, wanted: Wanted, after: Option<u64>) -> Result<Self, ServiceError> {
-        // Subscribed before the store is read: what happens in between is news.
+        // Subscribed before the store is read: changes in between are news.
         let feed = Feed::of(app);
         let news = feed.subscribe();
         let reported = news.borrow().reports;
@@ -149,7 +149,7 @@ impl Events {
         (recent.after(self.last), if is_new { Arc::clone(&recent.running) } else { Arc::default() })
     }
 
-    /// Whether the caller may see what belongs to this cohort, or to none.
+    /// Whether the caller may see objects of this cohort, or of none.
     fn sees(&self, cohort: Option<&str>) -> bool {
         match cohort {
             Some(cohort) => self.app.principal.may_use(cohort),

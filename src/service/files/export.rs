@@ -24,7 +24,7 @@ use crate::service::app::parallel;
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::cohorts::catalogue::{self, ShapeListing};
 use crate::service::cost::requests::{self, Counts};
-use crate::store::Revisions;
+use crate::store::{Ids, Revisions};
 use crate::wire::files::{
     FileError, Format, Fourier, Geometry, Kind, MAX_HARMONICS, Mesh, Place, Points, Record, Summary, Value,
     WriteOptions,
@@ -41,7 +41,7 @@ const POINTS_AT_ONCE: usize = 1 << 20;
 /// Share of the harmonic power of a curve that may be left without a word: rounding.
 const ROUNDING: f64 = 1e-24;
 
-/// What is written of each shape.
+/// Content that is written for each shape.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ExportContent {
@@ -54,20 +54,20 @@ pub enum ExportContent {
 }
 
 impl ExportContent {
-    /// What a file of a format says of each shape, unless something else is asked for: points, where it holds any.
+    /// Default content of each shape in a file of a format: points, where it holds any.
     pub fn usual(format: &Format) -> Self {
         if format.kinds == [Kind::Fourier] { Self::Fourier } else { Self::Points }
     }
 }
 
-/// A file of shapes: its format, and what it says of each shape.
+/// A file of shapes: its format, and its content for each shape.
 #[derive(Debug)]
 pub struct ShapeFile {
     /// Format.
     pub format: &'static Format,
     /// Options of its writer.
     pub options: WriteOptions,
-    /// What is written of each shape.
+    /// Written content of each shape.
     pub content: ExportContent,
     /// Number of points on a curve.
     pub points: usize,
@@ -83,9 +83,9 @@ impl ShapeFile {
     }
 }
 
-/// Writes all shapes of a cohort that pass a filter, in the order in which they were added, at the revision of `cohort`: what is added
-/// or deleted while the file is written does not matter. Memory does not depend on their number, but in formats that hold them until
-/// the last one. Returns what the file does not hold.
+/// Writes all shapes of a cohort that pass a filter, in the order in which they were added, at the revision of `cohort`: shapes that are added
+/// or deleted while the file is written do not matter. Memory does not depend on their number, but in formats that hold them until
+/// the last one. Returns the content that the file lacks.
 ///
 /// # Errors
 /// An attribute that no shape has; content that the shapes do not have; shapes that the format cannot hold; a reader that has gone.
@@ -96,17 +96,21 @@ pub async fn export(
     file: ShapeFile,
     output: BodyWriter,
 ) -> Result<Summary, ServiceError> {
+    let numbers_only = file.format.holds_numbers_only();
     let listing = ShapeListing {
         revision: Some(cohort.revision),
         filter,
         order: None,
         cursor: None,
-        limit: PAGE,
-        geometry: true,
+        limit: if numbers_only { 1 } else { PAGE },
+        geometry: !numbers_only,
         total: false,
     };
     let (_, found) = catalogue::list_shapes(app, &cohort.id, &listing).await?;
     let count = app.store.count(&cohort.id, Revisions::until(cohort.revision), &listing.filter).await?;
+    if numbers_only {
+        return write_pages(app, cohort, file, count, numbers_of(app, cohort, &listing.filter), output).await;
+    }
     let (first, next) = found.page;
     let rest = stream::try_unfold((listing, next), |(mut listing, next)| async move {
         if next.is_none() {
@@ -120,7 +124,26 @@ pub async fn export(
     write_pages(app, cohort, file, count, stream::iter([Ok(first)]).chain(rest).boxed(), output).await
 }
 
-/// Writes shapes of a page of a list, at the revision of `cohort`. Returns what the file does not hold.
+/// The shapes that pass a filter as chunks hold them, without their descriptions.
+fn numbers_of<'a>(
+    app: &'a App,
+    cohort: &'a Cohort,
+    filter: &'a ShapeFilter,
+) -> BoxStream<'a, Result<Vec<Shape>, ServiceError>> {
+    let revisions = Revisions::until(cohort.revision);
+    let batches = stream::try_unfold(None, move |after| async move {
+        let read = app.store.scan(&cohort.id, revisions, filter, after, Ids::Skip).await?;
+        Ok(read.map(|batch| {
+            let length = batch.control_points.len() / batch.weights.len().max(1);
+            let rows = batch.control_points.chunks_exact(length.max(1)).zip(&batch.weights);
+            let shapes = rows.map(|(numbers, weight)| Shape::of_numbers(numbers.to_vec(), *weight)).collect();
+            (shapes, Some(batch.position))
+        }))
+    });
+    batches.boxed()
+}
+
+/// Writes shapes of a page of a list, at the revision of `cohort`. Returns the content that the file lacks.
 ///
 /// # Errors
 /// Content that the shapes do not have; shapes that the format cannot hold; a reader that has gone.
@@ -152,12 +175,23 @@ async fn write_pages(
     options.facts.extend(facts(cohort));
     options.shapes = Some(count);
     let memory = app.memory.clone();
-    let (sender, batches) = mpsc::channel(1);
-    let writing = app.pool.read_blocking(move || write_batches(&memory, format, output, &options, batches));
+    // A batch is read while one is made into records and one is written.
+    let (sender, records) = mpsc::channel(1);
+    let (read, mut to_make) = mpsc::channel::<Vec<Shape>>(1);
+    let writing = app.pool.read_blocking(move || write_batches(&memory, format, output, &options, records));
     let reading = async {
         let batches = pages.map_ok(|page| stream::iter(batches_of(page, at_once).map(Ok::<_, ServiceError>)));
         let mut batches = pin!(batches.try_flatten());
         while let Some(shapes) = batches.try_next().await? {
+            if read.send(shapes).await.is_err() {
+                break;
+            }
+        }
+        drop(read);
+        Ok(())
+    };
+    let making = async {
+        while let Some(shapes) = to_make.recv().await {
             let counts = Counts::for_stored(space.representation(), shapes.len(), &app.limits);
             let work = Work::MOMENT + requests::draw(counts, shapes.len());
             let (space, content) = (space.clone(), content.clone());
@@ -172,10 +206,10 @@ async fn write_pages(
                 break;
             }
         }
-        drop(sender);
+        drop((sender, to_make));
         Ok(())
     };
-    let (summary, ()) = tokio::try_join!(writing, reading)?;
+    let (summary, (), ()) = tokio::try_join!(writing, making, reading)?;
     Ok(summary)
 }
 
@@ -188,7 +222,7 @@ fn batches_of(mut page: Vec<Shape>, most: usize) -> impl Iterator<Item = Vec<Sha
     })
 }
 
-/// What a file says of its cohort.
+/// Facts in a file about its cohort.
 fn facts(cohort: &Cohort) -> [(String, String); 3] {
     let representation = serde_json::to_string(&cohort.spec.representation).unwrap_or_default();
     [
@@ -221,7 +255,7 @@ fn write_batches(
     Ok(summary)
 }
 
-/// What is made of each shape, prepared.
+/// The conversion of each shape, prepared.
 enum Content {
     Points(usize),
     ControlPoints,
@@ -267,7 +301,7 @@ struct Written {
     residual_power: f64,
 }
 
-/// What harmonics leave of the shapes so far.
+/// Residuals of harmonics for the shapes so far.
 #[derive(Default)]
 struct Cut {
     shapes: u64,
@@ -294,7 +328,7 @@ fn record(space: &ShapeSpace, shape: Shape, content: &Content) -> Result<Written
     let representation = space.representation();
     let matrix =
         Matrix::from_column_slice(representation.size(), representation.dimension(), &control_points);
-    let place = Place { tag: Some(id.clone()), ..Place::default() };
+    let place = Place { tag: (!id.is_empty()).then(|| id.clone()), ..Place::default() };
     let (geometry, residual_power) = content.of(space, &matrix).ok_or_else(|| {
         let detail = format!("expected a shape with points, got a {}", representation.kind_name());
         FileError::unsupported(place.clone(), detail)
@@ -317,7 +351,7 @@ fn record(space: &ShapeSpace, shape: Shape, content: &Content) -> Result<Written
         metadata.insert("fourier".to_owned(), harmonics);
     }
     let record = Record {
-        name: Some(attributes.external_id.unwrap_or(id)),
+        name: Some(attributes.external_id.unwrap_or(id)).filter(|name| !name.is_empty()),
         subject: attributes.subject,
         label: attributes.label,
         labels: labels.collect::<BTreeMap<_, _>>(),
@@ -366,8 +400,8 @@ fn mesh(vertices: Points, faces: &[[u32; 3]]) -> Geometry {
 }
 
 fn rows(points: &Matrix) -> Points {
-    let coordinates = points.row_iter().flat_map(|row| row.iter().copied().collect::<Vec<_>>()).collect();
-    Points::from_rows(points.ncols().max(1), coordinates)
+    // Rows of points are the columns of the transpose.
+    Points::from_rows(points.ncols().max(1), points.transpose().as_slice().to_vec())
 }
 
 #[cfg(test)]

@@ -93,7 +93,7 @@ impl FileFormat {
         }
     }
 
-    /// What its records can be: boundaries of labels are curves, of volumes meshes.
+    /// Kinds of its records: boundaries of labels are curves, of volumes meshes.
     pub fn kinds(self) -> &'static [Kind] {
         match self {
             Self::Shapes(format) => format.kinds,

@@ -1,4 +1,4 @@
-//! Files of other programs: which format they have, what is in them, and the same in other formats.
+//! Files of other programs: their format, their content, and conversion to other formats.
 //!
 //! Shapes are read by the registry of [`files`](crate::wire::files), label images by their contours: both give records.
 //!

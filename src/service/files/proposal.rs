@@ -58,7 +58,7 @@ pub struct Proposal {
 #[derive(Debug, Default)]
 pub struct FirstShapes(Vec<(Kind, Vec<Record>)>);
 
-/// What shapes of a proposal have in common.
+/// Common properties of the shapes of a proposal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Kind {
     mesh: bool,
@@ -232,7 +232,7 @@ fn detail_of(fault: crate::geometry::field_fault::FieldFault) -> String {
     fault.detail
 }
 
-/// What a record is fitted to, and its size.
+/// The target of the fit of a record, and its size.
 fn target_of(representation: &Representation, record: Record) -> Result<(FitTarget, f64), String> {
     if let Geometry::Curve { points, .. } = &record.geometry {
         let rows = Matrix::from_row_slice(points.len(), points.dimension(), points.coordinates());

@@ -71,7 +71,7 @@ pub fn to_add(
     FileToAdd { limits: file_limits(limits), placing, subject_from, read }
 }
 
-/// Tells what is in a file, with its first shapes of each kind.
+/// Tells the content of a file, with its first shapes of each kind.
 ///
 /// # Errors
 /// Faults of the file; a body that breaks off or stalls.
@@ -95,7 +95,7 @@ pub async fn inspect(
     .await
 }
 
-/// Translates a file, and tells what its reader says of it.
+/// Translates a file, and gives its summary by the reader.
 ///
 /// # Errors
 /// As [`inspect`]; a file without a shape that is read; shapes that the other format cannot hold.

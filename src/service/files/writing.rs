@@ -11,7 +11,7 @@ const PER_BYTE: usize = 3;
 /// Number of bytes reserved at a time.
 const STEP: usize = 1 << 20;
 
-/// Writes the records that `fill` passes on. What the format holds until the last one is memory for answers.
+/// Writes the records that `fill` passes on. Records that the format holds until the last one count as memory for answers.
 ///
 /// # Errors
 /// Shapes that the format cannot hold, or that take more memory than there is; errors of `fill`.

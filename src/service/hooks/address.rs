@@ -1,4 +1,4 @@
-//! Addresses to which the service may deliver. A hook must not reach what only the service can reach: services of the same
+//! Addresses to which the service may deliver. A hook must not reach addresses that only the service can reach: services of the same
 //! machine or network, or the metadata of a cloud. The operator may open single networks.
 //!
 //! A name is checked where it is resolved for a connection ([`Reachable`]): the connection uses the addresses that were
@@ -68,7 +68,7 @@ fn host_address(url: &Url) -> Option<IpAddr> {
 /// their addresses, and local names, which are checked when they are resolved.
 ///
 /// # Errors
-/// What was expected and what was found, without repeating the address, which may hold a secret.
+/// The expected and the actual form, without repeating the address, which may hold a secret.
 pub(super) fn checked(text: &str, allow_private: bool, networks: &[Network]) -> Result<Url, String> {
     if text.len() > MAX_LENGTH {
         return Err(format!("expected at most {MAX_LENGTH} bytes, got {}", text.len()));

@@ -265,7 +265,7 @@ fn crowding(tenants: &[(String, AbortHandle)]) -> Vec<&str> {
     counts.into_iter().filter(|(_, count)| *count >= OF_A_TENANT).map(|(tenant, _)| tenant).collect()
 }
 
-/// What failed, without details of the client's network.
+/// Kind of a failure, without details of the client's network.
 fn kind_of(error: &reqwest::Error) -> &'static str {
     match error {
         error if address::was_not_public(error) => "the host has a private, loopback or reserved address",

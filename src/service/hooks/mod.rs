@@ -66,7 +66,7 @@ pub struct NewHook {
     pub filter: ChangeFilter,
 }
 
-/// Creates a hook, which delivers what happens from now on.
+/// Creates a hook, which delivers changes from now on.
 ///
 /// # Errors
 /// All invalid fields; a cohort that does not exist; too many hooks.

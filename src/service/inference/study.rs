@@ -1,7 +1,7 @@
 //! A study of the shapes of a cohort: at once if it is quick, otherwise as a job.
 //!
-//! A plan fixes everything that the result depends on, including the revision of the cohort. What differs between kinds of
-//! studies is a [`StudyKind`].
+//! A plan fixes everything that the result depends on, including the revision of the cohort. The differences between kinds of
+//! studies are a [`StudyKind`].
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -20,7 +20,7 @@ use crate::analysis::transformation::Transformation;
 use crate::analysis::watch::Watch;
 use crate::domain::attribute::Attribute;
 use crate::domain::cohort::Cohort;
-use crate::domain::job::JobKind;
+use crate::domain::job::{JobKind, JobOutput};
 use crate::domain::study::StudyHeader;
 use crate::geometry::drawing::scene::Drawing;
 use crate::service::app::progress::{JobContext, Meter, Part};
@@ -30,7 +30,7 @@ use crate::service::cohorts::caveats::of_descriptions;
 use crate::service::cohorts::directed;
 use crate::service::cohorts::selection::Selection;
 use crate::service::cost::requests;
-use crate::service::jobs::inline_or_job::PlannedTest;
+use crate::service::jobs::inline_or_job::{AT_ONCE_SECONDS, PlannedTest};
 use crate::service::statistics::{Settings, Setup};
 use crate::wire::fault::Fault;
 
@@ -121,12 +121,12 @@ impl<O> Plan<O> {
         })
     }
 
-    fn is_tangent(&self) -> bool {
+    pub(super) fn is_tangent(&self) -> bool {
         self.tangent.unwrap_or(self.alignment == Alignment::PartialProcrustes)
     }
 
     /// Settings for aligning the shapes of `cohort`.
-    fn settings(&self, cohort: &Cohort) -> Settings {
+    pub(super) fn settings(&self, cohort: &Cohort) -> Settings {
         Settings {
             representation: cohort.spec.representation.clone(),
             correspondence: cohort.spec.correspondence,
@@ -159,7 +159,7 @@ impl<O> Plan<O> {
     }
 }
 
-/// A kind of study: the shapes that it selects, and what it computes of them.
+/// A kind of study: the shapes that it selects, and its computation on them.
 pub trait StudyKind: Sized + Send + Sync + 'static {
     /// Options beyond those of every study, as requested and as stored with a job.
     type Options: Serialize + DeserializeOwned + Send + Sync;
@@ -175,6 +175,17 @@ pub trait StudyKind: Sized + Send + Sync + 'static {
 
     /// Sets options that depend on the cohort.
     fn complete(options: &mut Self::Options, cohort: &Cohort);
+
+    /// Fixes the inputs of the result beside the cohort. Default: nothing.
+    ///
+    /// # Errors
+    /// Faults of objects that the options name.
+    fn fix(
+        _app: &App,
+        _options: &mut Self::Options,
+    ) -> impl Future<Output = Result<(), ServiceError>> + Send {
+        std::future::ready(Ok(()))
+    }
 
     /// Selects the shapes.
     ///
@@ -200,6 +211,11 @@ pub trait StudyKind: Sized + Send + Sync + 'static {
         setup: &Setup,
     ) -> Result<Estimate, ServiceError>;
 
+    /// Control points and weights of the shapes that are aligned, made of those of the selection. Default: as they are.
+    fn prepared(_: &Study<Self>, control_points: Vec<f64>, weights: Vec<f64>) -> (Vec<f64>, Vec<f64>) {
+        (control_points, weights)
+    }
+
     /// Computes the result of the aligned shapes.
     ///
     /// # Errors
@@ -209,6 +225,29 @@ pub trait StudyKind: Sized + Send + Sync + 'static {
         shapes: &AlignedShapes<'_>,
         watch: &dyn Watch,
     ) -> Result<Self::Record, ServiceError>;
+
+    /// The result of shapes that are not read into memory, if the sample is one of them. Default: none.
+    fn streamed(
+        _study: &Study<Self>,
+        _app: &App,
+        _handle: &Handle,
+        _context: &JobContext,
+    ) -> Option<Result<Self::Record, ServiceError>> {
+        None
+    }
+
+    /// Whether something is kept beside the result: a job then, however quick. Default: no.
+    fn is_kept(_: &Self::Options) -> bool {
+        false
+    }
+
+    /// What is kept beside the result of a job. Default: nothing.
+    ///
+    /// # Errors
+    /// What cannot be stored (a bug).
+    fn kept(_record: &mut Self::Record, _job: &str) -> Result<Option<JobOutput>, ServiceError> {
+        Ok(None)
+    }
 
     /// Drawing of a result.
     fn draw(study: &Study<Self>, record: &Self::Record) -> Drawing;
@@ -234,6 +273,7 @@ impl<K: StudyKind> Study<K> {
         let cohort =
             catalogue::find(app, &request.cohort).await.map_err(|error| error.named_at("/cohort"))?;
         K::complete(&mut request.options, &cohort);
+        K::fix(app, &mut request.options).await?;
         let plan = Plan::new(request, &cohort)?;
         Self::for_cohort(app, cohort, plan).await
     }
@@ -263,13 +303,18 @@ impl<K: StudyKind> Study<K> {
         Meter::new(context, parts, 0.0)
     }
 
-    /// What should be known of the shapes in the result.
+    /// Warnings about the shapes in the result.
     pub(super) fn caveats(&self) -> Vec<String> {
         of_descriptions(&self.cohort, self.sample.selection().shapes, self.plan.mirror)
     }
 
+    /// Predicted cost.
+    pub(super) fn estimate(&self) -> Estimate {
+        self.estimate
+    }
+
     /// The space of the study.
-    fn space(&self) -> StudySpace<'_> {
+    pub(super) fn space(&self) -> StudySpace<'_> {
         let Setup { space, metric, method, frame, matching, .. } = &self.setup;
         StudySpace { space, metric, method, tangent: self.plan.is_tangent(), frame: *frame, matching }
     }
@@ -294,17 +339,29 @@ impl<K: StudyKind> PlannedTest for Study<K> {
     }
 
     fn answer(&self, app: &App, handle: &Handle, context: &JobContext) -> Result<K::Record, ServiceError> {
+        if let Some(result) = K::streamed(self, app, handle, context) {
+            return result;
+        }
         let stop = || context.is_cancelled();
         let meter = self.meter(context);
         meter.enter(0, "align");
         let (selection, space) = (self.sample.selection(), self.space());
         let (control_points, weights) =
             selection.read(app, handle, &self.cohort, space.metric.len(), &stop)?;
+        let (control_points, weights) = K::prepared(self, control_points, weights);
         let aligned = AlignedShapes::new(space, control_points, weights, &meter);
         let aligned =
             aligned.map_err(|error| selection.named(refused(error, "/cohort"), &self.cohort.spec.name))?;
         meter.enter(1, K::PHASE);
         K::result(self, &aligned, &meter)
+    }
+
+    fn is_quick(&self) -> bool {
+        self.seconds() <= AT_ONCE_SECONDS && !K::is_kept(&self.plan.options)
+    }
+
+    fn kept(answer: &mut K::Record, job: &str) -> Result<Option<JobOutput>, ServiceError> {
+        K::kept(answer, job)
     }
 
     fn draw(&self, answer: &K::Record) -> Drawing {
@@ -322,7 +379,14 @@ pub(super) fn within_memory(
     work: &TestWork,
     pointer: &str,
 ) -> Result<Estimate, ServiceError> {
-    let estimate = Estimate::for_tests(setup.measured(), work);
+    bounded(app, Estimate::for_tests(setup.measured(), work), pointer)
+}
+
+/// The `estimate`, provided that it fits in memory; otherwise a fault at `pointer`.
+///
+/// # Errors
+/// Too much memory.
+pub(super) fn bounded(app: &App, estimate: Estimate, pointer: &str) -> Result<Estimate, ServiceError> {
     let most = app.limits.job_bytes as f64;
     if estimate.memory_bytes <= most {
         return Ok(estimate);
@@ -330,7 +394,7 @@ pub(super) fn within_memory(
     let detail = format!(
         "expected a job that takes at most {most:.1e} bytes of memory, got {:.1e} for {} shapes: choose \
          fewer shapes",
-        estimate.memory_bytes, work.shapes
+        estimate.memory_bytes, estimate.shapes
     );
     Err(ServiceError::invalid(pointer, detail))
 }

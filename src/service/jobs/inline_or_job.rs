@@ -5,14 +5,14 @@ use serde::de::DeserializeOwned;
 use tokio::runtime::Handle;
 
 use super::Outcome;
-use crate::domain::job::{Job, JobKind};
+use crate::domain::job::{Job, JobKind, JobOutput};
 use crate::geometry::drawing::scene::Drawing;
 use crate::service::app::progress::JobContext;
 use crate::service::app::{App, ServiceError};
 use crate::service::jobs;
 use crate::wire::json;
 
-/// Maximum predicted time of what is answered at once; what takes longer becomes a job.
+/// Maximum predicted time of requests that are answered at once; longer ones become jobs.
 pub(crate) const AT_ONCE_SECONDS: f64 = 3.0;
 
 /// A test with checked parameters and known shapes.
@@ -41,6 +41,14 @@ pub trait PlannedTest: Sized + Send + 'static {
     /// # Errors
     /// Degenerate shapes; [`ServiceError::Cancelled`].
     fn answer(&self, app: &App, handle: &Handle, context: &JobContext) -> Result<Self::Answer, ServiceError>;
+
+    /// What is kept beside the answer of a job. Default: nothing.
+    ///
+    /// # Errors
+    /// What cannot be stored (a bug).
+    fn kept(_answer: &mut Self::Answer, _job: &str) -> Result<Option<JobOutput>, ServiceError> {
+        Ok(None)
+    }
 
     /// Drawing of the answer.
     fn draw(&self, answer: &Self::Answer) -> Drawing;
@@ -73,8 +81,9 @@ pub(crate) fn run<T: PlannedTest>(
 ) -> Result<Outcome, ServiceError> {
     let plan = json::from_value(&job.parameters)
         .map_err(|error| ServiceError::Internal(format!("the parameters of a job: {error}")))?;
-    let answer = T::from_plan(app, handle, plan)?.answer(app, handle, context)?;
+    let mut answer = T::from_plan(app, handle, plan)?.answer(app, handle, context)?;
+    let output = T::kept(&mut answer, &job.id)?.map(Box::new);
     let result = json::to_value(&answer)
         .map_err(|error| ServiceError::Internal(format!("an answer is not JSON: {error}")))?;
-    Ok(Outcome { result, dictionary: None, output: None })
+    Ok(Outcome { result, dictionary: None, output })
 }

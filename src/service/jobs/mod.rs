@@ -21,6 +21,7 @@ use crate::domain::dictionary::NewDictionary;
 use crate::domain::id;
 use crate::domain::job::{Job, JobFilter, JobKind, JobOutput, JobStatus, OutputParts};
 use crate::domain::retry::Receipt;
+use crate::service::app::memory::{Held, Purpose};
 use crate::service::app::progress::Channel;
 use crate::service::app::{App, Page, ServiceError, Work, metrics, now_ms};
 use crate::store::jobs::Quota;
@@ -93,14 +94,20 @@ async fn read(app: &App, id: &str, channel: &Channel, age: Duration) -> Result<J
     Ok(job)
 }
 
-/// Output of the job with this id.
+/// Output of the job with this id, with the memory that it takes while it is read and used.
 ///
 /// # Errors
-/// [`ServiceError::NotFound`] for the job, and for its output if it has none: not yet, never, or no longer.
-pub async fn output(app: &App, id: &str) -> Result<JobOutput, ServiceError> {
+/// [`ServiceError::NotFound`] for the job, and for its output if it has none: not yet, never, or no longer; those of
+/// [`Memory::hold`] before anything is read.
+///
+/// [`Memory::hold`]: crate::service::app::memory::Memory::hold
+pub async fn output(app: &App, id: &str) -> Result<(JobOutput, Held), ServiceError> {
     let job = find(app, id).await?;
+    let missing = || ServiceError::NotFound { kind: "output of the job", key: id.into() };
+    let bytes = app.store.size_of_output(&job.id).await?.ok_or_else(missing)?;
+    let room = app.memory.hold(Purpose::Answers, usize::try_from(bytes).unwrap_or(usize::MAX))?;
     let output = app.store.read_job_output(&job.id).await?;
-    output.ok_or(ServiceError::NotFound { kind: "output of the job", key: job.id })
+    Ok((output.ok_or_else(missing)?, room))
 }
 
 /// A part of the output of the job with this id.

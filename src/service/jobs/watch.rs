@@ -17,7 +17,7 @@ const PACE: Duration = Duration::from_millis(200);
 /// Polling interval of the row, for changes by other replicas.
 pub(super) const LOOK: Duration = Duration::from_millis(500);
 
-/// Age from which on what another watcher has read is read again.
+/// Age from which on values read by another watcher are read again.
 pub(super) const FRESH: Duration = Duration::from_millis(250);
 
 /// Age from which on the row is read again after a report of progress, which is not in it.

@@ -6,7 +6,7 @@ use tokio::runtime::Handle;
 
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::Mirror;
-use crate::analysis::distance::{DistanceSpace, PreparedShapes};
+use crate::analysis::elastic::settings::ElasticSettings;
 use crate::analysis::factors::Estimator;
 use crate::analysis::frame::Frame;
 use crate::analysis::transformation::Transformation;
@@ -24,10 +24,12 @@ use crate::service::cohorts::source::StoredShapes;
 use crate::service::cohorts::{catalogue, source};
 use crate::service::cost::requests::{self, Counts};
 use crate::service::jobs::{self, Outcome};
+use crate::service::search::pairs::{Compared, GoOn};
 use crate::service::shapes::directions::Ways;
 use crate::service::shapes::read;
 use crate::service::statistics::{CheckedSettings, Settings, Setup};
-use crate::store::{Ids, Revisions};
+use crate::store::Revisions;
+use crate::wire::fault::Fault;
 use crate::wire::json;
 use crate::wire::matrix::NamedMatrix;
 use crate::wire::shape::ShapeInput;
@@ -41,6 +43,9 @@ pub struct Comparison {
     pub alignment: Option<Alignment>,
     /// Whether mirror images may be matched. Default: the rule of the cohort.
     pub mirror: Option<Mirror>,
+    /// Elastic distances, in place of those modulo the class.
+    #[serde(default)]
+    pub elastic: Option<ElasticSettings>,
 }
 
 impl Comparison {
@@ -92,19 +97,6 @@ pub enum Answer {
     Job(Box<Job>),
 }
 
-/// What shapes are compared in.
-struct Compared {
-    setup: Setup,
-    space: DistanceSpace,
-}
-
-impl Compared {
-    fn new(setup: Setup) -> Result<Self, ServiceError> {
-        let space = DistanceSpace::new(&setup.method, &setup.matching)?;
-        Ok(Self { setup, space })
-    }
-}
-
 /// Shapes with the names of their rows.
 struct Named {
     ids: Vec<String>,
@@ -121,28 +113,35 @@ struct Named {
 pub async fn for_posted(
     app: &App,
     settings: Settings,
+    elastic: Option<ElasticSettings>,
     shapes: Vec<ShapeInput>,
 ) -> Result<NamedMatrix, ServiceError> {
     let settings = settings.checked(&app.limits)?;
     let counts = Counts::new(&settings.representation, shapes.len(), &app.limits);
     let preparing = app.pool.weighing(requests::space(&settings.representation, &app.limits));
     let (task_app, count) = (app.clone(), shapes.len());
-    let compared = preparing.run(move || checked_space(&task_app, settings, count)).await?;
-    let work = requests::distances(counts, compared.space.matrix_operations(count));
+    let compared = preparing.run(move || checked_space(&task_app, settings, elastic, count)).await?;
+    let work = compared.work(counts, count);
     work.check(app.limits.request_work.as_secs_f64())?;
     let task_app = app.clone();
     app.pool.weighing(work).run(move || matrix_of_posted(&task_app, &compared, shapes)).await
 }
 
 /// Space in which posted shapes are compared, provided that they are few enough to be answered at once.
-fn checked_space(app: &App, settings: CheckedSettings, count: usize) -> Result<Compared, ServiceError> {
-    let compared = Compared::new(Setup::new(app, settings)?)?;
-    check_size(app, &compared.space, count, "/shapes")?;
-    let (found, most) = (compared.space.matrix_operations(count), app.limits.matrix_operations as f64);
+fn checked_space(
+    app: &App,
+    settings: CheckedSettings,
+    elastic: Option<ElasticSettings>,
+    count: usize,
+) -> Result<Compared, ServiceError> {
+    let compared = Compared::new(Setup::new(app, settings)?, elastic)?;
+    check_size(app, &compared, count, "/shapes")?;
+    let (found, most) = (compared.pairs(count), Compared::most(app));
     if found > most {
+        let [found, most] = [found, most].map(Work::seconds);
         let detail = format!(
-            "expected at most {most:.1e} multiply-adds for all distances, got about {found:.1e} ({count} \
-             entries): store the shapes in a cohort, whose distances are computed as a job"
+            "expected at most {most:.1} s of work for all distances, got about {found:.1} s ({count} entries): store the \
+             shapes in a cohort, whose distances are computed as a job"
         );
         return Err(ServiceError::invalid("/shapes", detail));
     }
@@ -154,6 +153,7 @@ fn matrix_of_posted(
     compared: &Compared,
     shapes: Vec<ShapeInput>,
 ) -> Result<NamedMatrix, ServiceError> {
+    let _room = compared.room(app, shapes.len())?;
     let (ids, labels) = shapes.iter().enumerate().map(posted_names).unzip();
     let control_points = read::read_batch(&compared.setup.reading(&app.limits), shapes)?.control_points;
     let Setup { space, .. } = &compared.setup;
@@ -185,30 +185,31 @@ pub async fn for_cohort(
     let cohort = catalogue::find(app, key).await.map_err(|error| error.named_at("/cohort"))?;
     let count = count(app, &cohort, &chosen).await?;
     let (task_app, settings, field) = (app.clone(), comparison.settings(&cohort), chosen.field());
+    let elastic = comparison.elastic;
     let preparing = app.pool.weighing(requests::space(&cohort.spec.representation, &app.limits));
     let compared = preparing
         .run(move || {
-            let compared = Compared::new(Setup::of(&task_app, settings)?)?;
-            check_size(&task_app, &compared.space, count, field)?;
+            let compared = Compared::new(Setup::of(&task_app, settings)?, elastic).map_err(of_cohort)?;
+            check_size(&task_app, &compared, count, field)?;
             Ok(compared)
         })
         .await?;
-    let cost = compared.space.matrix_operations(count);
     if let Chosen::Ids(keys) = &chosen {
         source::find_all(app, &cohort, keys).await?;
     }
     let plan = Plan { cohort: cohort.id.clone(), revision: cohort.revision, chosen, comparison };
-    if cost > app.limits.matrix_operations as f64 {
-        let counts = Counts::for_cohort(&cohort, &app.limits).with_shapes(count);
-        let seconds = requests::distances(counts, cost).seconds();
+    let work = compared.work(Counts::for_cohort(&cohort, &app.limits).with_shapes(count), count);
+    if compared.pairs(count) > Compared::most(app) {
+        let seconds = work.seconds();
         let parameters = json::to_value(&plan)
             .map_err(|error| ServiceError::Internal(format!("a plan is not JSON: {error}")))?;
         return Ok(Answer::Job(Box::new(jobs::submit(app, JobKind::Distances, parameters, seconds).await?)));
     }
-    let counts = Counts::for_cohort(&cohort, &app.limits);
     let (task_app, handle) = (app.clone(), Handle::current());
-    let compute = move || plan.matrix(&task_app, &handle, (&cohort, &compared), &task_app.pool.context());
-    let work = requests::distances(counts.with_shapes(count), cost);
+    let compute = move || {
+        let _room = compared.room(&task_app, count)?;
+        plan.matrix(&task_app, &handle, (&cohort, &compared), &task_app.pool.context())
+    };
     Ok(Answer::Matrix(app.pool.weighing(work).run(compute).await?))
 }
 
@@ -245,7 +246,7 @@ async fn count(app: &App, cohort: &Cohort, chosen: &Chosen) -> Result<usize, Ser
 }
 
 /// Checks the memory of the matrix and the prepared shapes before it is allocated.
-fn check_size(app: &App, space: &DistanceSpace, count: usize, field: &str) -> Result<(), ServiceError> {
+fn check_size(app: &App, compared: &Compared, count: usize, field: &str) -> Result<(), ServiceError> {
     if count == 0 {
         return Err(ServiceError::TooFewShapes { found: 0, needed: 1 });
     }
@@ -255,7 +256,7 @@ fn check_size(app: &App, space: &DistanceSpace, count: usize, field: &str) -> Re
         let detail = format!("expected a matrix of at most {most} bytes, got {bytes} for {count} shapes");
         return Err(ServiceError::invalid(field, detail));
     }
-    let (needed, most) = (bytes.saturating_add(count.saturating_mul(space.bytes())), app.limits.job_bytes);
+    let (needed, most) = (bytes.saturating_add(count.saturating_mul(compared.bytes())), app.limits.job_bytes);
     if needed > most {
         let detail = format!("expected at most {most} bytes of memory, got {needed} for {count} shapes");
         return Err(ServiceError::invalid(field, detail));
@@ -288,7 +289,8 @@ pub fn run(app: &App, handle: &Handle, job: &Job, context: &JobContext) -> Resul
     let cohort = cohort.ok_or_else(|| ServiceError::NotFound { kind: "cohort", key: plan.cohort.clone() })?;
     let cohort = cohort.at(plan.revision);
     context.report("read", 0.0, None);
-    let compared = Compared::new(Setup::of(app, plan.comparison.settings(&cohort))?)?;
+    let setup = Setup::of(app, plan.comparison.settings(&cohort))?;
+    let compared = Compared::new(setup, plan.comparison.elastic).map_err(of_cohort)?;
     let matrix = plan.matrix(app, handle, (&cohort, &compared), context)?;
     let result = StoredMatrix {
         cohort: cohort.id,
@@ -322,7 +324,7 @@ impl Plan {
             Chosen::Filter(filter) => {
                 let stop = || context.is_cancelled();
                 let shapes = StoredShapes::new(app, handle, cohort, filter, 0, &compared.setup, &stop)?;
-                matrix_of_stored(&compared.space, &shapes, &go_on)?
+                matrix_of_stored(compared, &shapes, cohort, &go_on)?
             }
         };
         matrix.fields.insert("warnings".into(), Value::from(self.warnings(app, handle, cohort)?));
@@ -331,7 +333,7 @@ impl Plan {
         Ok(matrix)
     }
 
-    /// What should be known of the shapes.
+    /// Warnings about the shapes.
     fn warnings(&self, app: &App, handle: &Handle, cohort: &Cohort) -> Result<Vec<String>, ServiceError> {
         let mirror = self.comparison.mirror.unwrap_or(cohort.spec.mirror);
         match &self.chosen {
@@ -345,41 +347,34 @@ impl Plan {
     }
 }
 
-/// Receives the completed fraction and returns whether to continue.
-type GoOn<'a> = dyn Fn(f64) -> bool + Sync + 'a;
-
 fn matrix_of_stored(
-    space: &DistanceSpace,
+    compared: &Compared,
     shapes: &StoredShapes<'_>,
+    cohort: &Cohort,
     go_on: &GoOn<'_>,
 ) -> Result<NamedMatrix, ServiceError> {
-    let mut prepared: Option<PreparedShapes> = None;
-    let (mut ids, mut labels) = (Vec::new(), Vec::new());
-    shapes.for_each_stored(Ids::Include, &mut |batch| {
-        let more = space.prepare(&batch.control_points)?;
-        match &mut prepared {
-            Some(prepared) => prepared.append(more),
-            None => prepared = Some(more),
-        }
-        let names = batch.ids.iter().zip(&batch.external_ids);
-        ids.extend(names.map(|(id, external_id)| external_id.as_ref().unwrap_or(id).clone()));
-        labels.extend_from_slice(&batch.labels);
-        Ok(())
-    })?;
+    let (ids, labels, prepared) = compared.prepare_stored(shapes, cohort)?;
     let prepared = prepared.ok_or(ServiceError::TooFewShapes { found: 0, needed: 1 })?;
-    Ok(NamedMatrix { fields: Map::new(), ids, labels, values: space.matrix(&prepared, go_on)? })
+    Ok(NamedMatrix { fields: Map::new(), ids, labels, values: compared.matrix(&prepared, go_on)? })
 }
 
-fn matrix_of(
-    Compared { setup, space }: &Compared,
-    shapes: Named,
-    go_on: &GoOn<'_>,
-) -> Result<NamedMatrix, ServiceError> {
+fn matrix_of(compared: &Compared, shapes: Named, go_on: &GoOn<'_>) -> Result<NamedMatrix, ServiceError> {
     let Named { ids, labels, control_points, field } = shapes;
     let at = |index: usize| format!("/{field}/{index}");
-    let prepared = space.prepare_given(&setup.metric, control_points);
+    let prepared = compared.prepare_given(control_points);
     let prepared = prepared.map_err(|error| ServiceError::from_analysis(error, at))?;
-    Ok(NamedMatrix { fields: Map::new(), ids, labels, values: space.matrix(&prepared, go_on)? })
+    Ok(NamedMatrix { fields: Map::new(), ids, labels, values: compared.matrix(&prepared, go_on)? })
+}
+
+/// The same fault, of the representation of a cohort that the request names.
+fn of_cohort(error: ServiceError) -> ServiceError {
+    match error {
+        ServiceError::Invalid(faults) => ServiceError::Invalid(faults.map(|fault| {
+            let moves = fault.pointer.starts_with("/representation");
+            if moves { Fault { pointer: "/cohort".into(), ..fault } } else { fault }
+        })),
+        error => error,
+    }
 }
 
 fn named(shapes: Vec<Shape>) -> Named {
@@ -412,7 +407,8 @@ fn to_output(matrix: NamedMatrix) -> Result<JobOutput, ServiceError> {
 /// # Errors
 /// [`ServiceError::NotFound`] if there is no such job, or if it has no matrix.
 pub async fn output(app: &App, id: &str) -> Result<NamedMatrix, ServiceError> {
-    read_output(app, jobs::output(app, id).await?).await
+    let (output, _room) = jobs::output(app, id).await?;
+    read_output(app, output).await
 }
 
 /// Matrix in the output of a job.

@@ -60,7 +60,7 @@ pub enum Queries {
 pub struct Found {
     /// Revision of the cohort that was searched.
     pub cohort_revision: u64,
-    /// What should be known of the shapes that were compared.
+    /// Warnings about the compared shapes.
     pub warnings: Vec<String>,
     /// One list per query, by ascending distance.
     pub neighbours: Vec<Vec<FoundNeighbour>>,

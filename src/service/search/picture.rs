@@ -25,7 +25,7 @@ enum Drawn {
 }
 
 impl Drawn {
-    /// The first queries of a search, which is cut down to what is drawn.
+    /// The first queries of a search, which is cut down to the drawn part.
     fn of(search: &mut Search) -> Self {
         search.neighbours = search.neighbours.min(MAX_NEIGHBOURS);
         match &mut search.queries {

@@ -1,4 +1,4 @@
-//! What is answered of an image.
+//! Answers about an image.
 
 use std::collections::BTreeMap;
 
@@ -33,7 +33,7 @@ pub struct StageOutput {
     pub(super) evaluations: usize,
     /// Weight of the spacing term.
     pub(super) spacing: f64,
-    /// What was wrong with the result: `folded`, `left_image` or `collapsed`.
+    /// Fault of the result: `folded`, `left_image` or `collapsed`.
     pub(super) fault: Option<&'static str>,
     /// Energy at the start and after every iteration, where asked for; without those of shapes on which a term is not defined.
     #[serde(skip_serializing_if = "Vec::is_empty")]

@@ -21,7 +21,7 @@ const CELL_BYTES: usize = 24;
 /// Predicted bytes per cell to fill handles: the box of a component.
 const FILLING_BYTES: usize = 12;
 
-/// What is wanted of an image.
+/// Settings wanted for an image.
 #[derive(Debug, Clone)]
 pub struct Wanted {
     /// Labels; all but 0 if `None`.
@@ -34,7 +34,7 @@ pub struct Wanted {
     pub largest: bool,
     /// Whether holes, cavities and handles are filled.
     pub fill: bool,
-    /// What becomes of an image that looks like a photograph.
+    /// Treatment of an image that looks like a photograph.
     pub photograph: Photograph,
     /// Coordinates of the answer.
     pub coordinates: Coordinates,
@@ -150,11 +150,11 @@ pub struct ContoursAnswer {
     left_out: LeftOutOutput,
     /// Number of components that the edge of the image cuts: those with `edge_sides`.
     cut_by_edge: usize,
-    /// What is to be known of the answer.
+    /// Warnings about the answer.
     warnings: Vec<String>,
 }
 
-/// What is found of the labels of a file.
+/// Boundaries found in the labels of a file.
 #[derive(Debug, Default)]
 pub(super) struct Found {
     /// One entry for each component, in the order of their first cells; where labels overlap, of one label after the other.
@@ -171,10 +171,10 @@ pub(super) struct Found {
     vertices: usize,
 }
 
-/// What is said of a volume whose ends are not known.
+/// Warning about a volume whose ends are not known.
 pub(super) const OPEN_ENDS: &str = "the file does not say where the volume of its segments ends along z: edge_sides counts no sides of the \
      first and the last slice";
-/// What else can be done with a photograph.
+/// Other ways to use a photograph.
 pub(super) const WAY_OUT: &str =
     ": POST /v1/segment finds objects in a photograph, and photograph=read takes its values for labels";
 
@@ -184,7 +184,7 @@ impl Found {
         self.boundaries.iter().filter(|boundary| boundary.component().edge_sides > 0).count()
     }
 
-    /// What is to be known of them.
+    /// Warnings about them.
     pub(super) fn warnings(&self) -> Vec<String> {
         let open = self.grid.is_some_and(|grid| grid.has_open_ends()).then(|| OPEN_ENDS.to_owned());
         let filled = match self.filled {
@@ -204,7 +204,7 @@ pub struct Planned {
 }
 
 impl Planned {
-    /// Reads the header of an image, checks what is wanted and reserves memory.
+    /// Reads the header of an image, checks the settings and reserves memory.
     ///
     /// # Errors
     /// Faults at the part and of the fields; [`ServiceError::Overloaded`] if memory is short.

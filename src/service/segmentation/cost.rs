@@ -271,7 +271,7 @@ impl<'a> Cost<'a> {
         }
     }
 
-    /// Multiply-adds for an object to project onto what several shapes span.
+    /// Multiply-adds for an object to project onto the span of several shapes.
     fn spans(&self, index: usize, stages: &[StageInput]) -> f64 {
         let Some((reference, _)) = &self.wanted.prior else { return 0.0 };
         let length = (self.wanted.kinds.of(index).representation.size() * self.axes) as f64;

@@ -66,10 +66,10 @@ pub struct Part<'a> {
 }
 
 impl Part<'_> {
-    /// What the header says; memory is that of the whole file.
+    /// Description from the header; memory is that of the whole file.
     ///
     /// # Errors
-    /// A fault at the part for a file that is no image or too large, at `/slice` for a slice that it does not have.
+    /// A fault at the part for a file that is not an image or too large, at `/slice` for a slice that it does not have.
     pub fn describe(&self, limits: &Limits) -> Result<Description, ServiceError> {
         let found = describe(self.bytes, &file_limits(limits)).map_err(|error| self.refused(&error))?;
         let grid = self.of_slice(found.grid, &found.grid, |grid, k| grid.layer(k))?;
@@ -145,7 +145,7 @@ impl Part<'_> {
     }
 }
 
-/// What coordinates of a grid are in: cells, or what positions are in.
+/// Unit of coordinates of a grid: cells, or the unit of positions.
 pub fn unit_of(grid: &Grid, coordinates: Coordinates) -> Option<Unit> {
     match coordinates {
         Coordinates::World => grid.unit(),

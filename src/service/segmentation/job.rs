@@ -1,7 +1,7 @@
 //! Segmentations that take long: jobs with the files of their request.
 //!
 //! The files are stored with the job, because it survives a restart and runs on any replica, and are removed by the transaction that
-//! ends it. What attracts of the store is kept with them as it was when the request was made. Objects for a cohort are added under a
+//! ends it. Attracting shapes of the store are kept with them as they were when the request was made. Objects for a cohort are added under a
 //! receipt of the job, by a transaction that requires that the job is still held: once, however often it runs, and never after it
 //! was cancelled.
 
@@ -27,10 +27,10 @@ use crate::service::jobs::inline_or_job::AT_ONCE_SECONDS;
 use crate::service::jobs::{self, Outcome};
 use crate::wire::json;
 
-/// Name of what attracts among the files of a job.
+/// Name of the attracting shapes among the files of a job.
 const ATTRACTING: &str = "attracting";
 
-/// What a job does, beside its files.
+/// Plan of a job, beside its files.
 #[derive(Debug, Serialize, Deserialize)]
 struct Plan {
     /// Id of the cohort that the objects go into.
@@ -66,7 +66,7 @@ pub fn is_due_without_cohort(app: &App, seconds: f64, prefers: bool) -> bool {
 pub struct Submission<'a> {
     /// The parts of the request.
     pub parts: &'a Parts,
-    /// What attracts of the store.
+    /// Attracting shapes of the store.
     pub attracting: Option<&'a Stored>,
     /// How the objects are shown.
     pub shown: Shown,
@@ -141,7 +141,7 @@ impl Submission<'_> {
 /// Runs the job.
 ///
 /// # Errors
-/// What a request would be refused for; a cohort that was deleted or has changed meanwhile; [`ServiceError::Cancelled`].
+/// The refusals of a request; a cohort that was deleted or has changed meanwhile; [`ServiceError::Cancelled`].
 pub fn run(app: &App, handle: &Handle, job: &Job, context: &JobContext) -> Result<Outcome, ServiceError> {
     let plan: Plan = json::from_value(&job.parameters)
         .map_err(|error| ServiceError::Internal(format!("the parameters of a job: {error}")))?;
@@ -201,7 +201,7 @@ impl Plan {
         Ok(outcome(answer))
     }
 
-    /// The files of the job: the parts of the request, and what attracts.
+    /// The files of the job: the parts of the request, and the attracting shapes.
     fn files(&self, app: &App, handle: &Handle, job: &Job) -> Result<(Parts, Option<Stored>), ServiceError> {
         app.pool.context().report("read", 0.0, None);
         let files = handle.block_on(app.store.read_job_files(job))?;

@@ -128,7 +128,7 @@ impl Origin {
     }
 }
 
-/// A segmented object, and what became of it.
+/// A segmented object, and its place in the cohort.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 struct MemberOutput {
     #[serde(flatten)]
@@ -137,7 +137,7 @@ struct MemberOutput {
     external_id: Option<String>,
     /// Id of the shape in the cohort, also of one that existed before with the same content; null if it is not stored.
     id: Option<String>,
-    /// Why it is not stored: the value of `stop`, or what is wrong with the shape.
+    /// Why it is not stored: the value of `stop`, or the fault of the shape.
     not_stored: Option<String>,
 }
 
@@ -158,7 +158,7 @@ pub struct MembersAnswer {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(required = false)]
     units: Option<FileUnits>,
-    /// What should be known of the shapes as a whole. Absent if there is nothing to say.
+    /// Warnings about the shapes as a whole. Absent if there are none.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     #[schema(required = false)]
     warnings: Vec<String>,
@@ -208,7 +208,7 @@ impl Membership {
         }
     }
 
-    /// Attributes of the objects, whose unit becomes that of what is prepared.
+    /// Attributes of the objects, whose unit becomes that of the prepared segmentation.
     ///
     /// # Errors
     /// Faults of the attributes; a number of them that is not that of the initial shapes.
@@ -217,7 +217,7 @@ impl Membership {
         self.attributes(&prepared.wanted.starts)
     }
 
-    /// Notes what the coordinates of an image are in, as far as it or the request says.
+    /// Notes the unit of the coordinates of an image, as far as it or the request gives one.
     ///
     /// # Errors
     /// A length where the shapes of the cohort have none, and the other way round.
@@ -300,7 +300,7 @@ impl Membership {
     }
 }
 
-/// What became of a request that was executed before.
+/// Outcome of a request that was executed before.
 #[derive(Debug)]
 pub enum Repeated {
     /// It was answered.
@@ -323,7 +323,7 @@ pub fn note_of_job(id: &str) -> Value {
     json!({JOB: id})
 }
 
-/// What became of the request, if it was executed before.
+/// Outcome of the request, if it was executed before.
 ///
 /// # Errors
 /// [`ServiceError::KeyReused`].
@@ -349,7 +349,7 @@ pub fn names(attributes: &[ShapeInput]) -> Vec<String> {
         .collect()
 }
 
-/// What was found, with what became of it in the cohort.
+/// The objects found, with their outcomes in the cohort.
 fn completed(stored: Stored) -> Result<Value, ServiceError> {
     let lost = || ServiceError::Internal("a receipt without its answer".into());
     let Stored { added, revision, results, note, .. } = stored;

@@ -3,13 +3,13 @@
 //!
 //! * [`image`] — images of requests; [`contours`] — boundaries of labels; [`records`] — as records of a file; [`sheets`] — thin surfaces in volumes;
 //! * [`posted`] — requests; [`request`] — energies, stages and boxes in them; [`parts`] — requests with their files;
-//!   [`starts`] — initial shapes; [`wanted`] — all that is wanted; [`kinds`] — representations in it; [`cost`] — predictions;
-//! * [`segment`] — objects of an image; [`answer`] — what is answered of them; [`place`] — where they are; [`shown`] — pictures and labels; [`membership`] —
+//!   [`starts`] — initial shapes; [`wanted`] — checked settings; [`kinds`] — representations in it; [`cost`] — predictions;
+//! * [`segment`] — objects of an image; [`answer`] — answers about them; [`place`] — where they are; [`shown`] — pictures and labels; [`membership`] —
 //!   objects that go into a cohort; [`job`] — segmentations that take long;
 //! * [`reference`](mod@reference) — means and spans of the store that attract shapes; [`prior`] — the same without an image.
 //!
 //! The arithmetic is in [`segmentation`](crate::segmentation), the files are read by [`formats::image`](crate::wire::image):
-//! this folder limits, predicts and names what is answered.
+//! this folder limits, predicts and names the answers.
 
 pub mod answer;
 pub mod contours;

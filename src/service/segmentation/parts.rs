@@ -1,4 +1,4 @@
-//! The parts of a request for a segmentation, from the form to what is segmented. A request reads them on the pool; a job reads them
+//! The parts of a request for a segmentation, from the form to the prepared segmentation. A request reads them on the pool; a job reads them
 //! once more, from the store.
 
 use bytes::Bytes;
@@ -33,12 +33,12 @@ pub struct Parts {
     pub mask: Option<Bytes>,
 }
 
-/// The parts with what is wanted of them.
+/// The parts with their settings.
 #[derive(Debug)]
 pub struct Prepared {
     parts: Parts,
     slice: Option<usize>,
-    /// What is wanted.
+    /// Settings.
     pub wanted: Wanted,
 }
 
@@ -50,7 +50,7 @@ pub struct Ready {
     planned: Planned,
 }
 
-/// What attracts of the store, as it is at present; `None` if the request names nothing.
+/// Attracting shapes of the store, as they are at present; `None` if the request names nothing.
 ///
 /// # Errors
 /// Those of [`reference::find`].
@@ -71,7 +71,7 @@ impl Parts {
         std::iter::once((PARAMETERS, &self.parameters)).chain(files).collect()
     }
 
-    /// Checks what is `asked` of the parts, on the pool, and finds the components of a mask.
+    /// Checks the parts against `asked`, on the pool, and finds the components of a mask.
     ///
     /// # Errors
     /// Faults of the fields and of the mask.
@@ -119,7 +119,7 @@ impl Parts {
 }
 
 impl Prepared {
-    /// Reads the headers of the files, and predicts what the segmentation costs.
+    /// Reads the headers of the files, and predicts the cost of the segmentation.
     ///
     /// # Errors
     /// Those of [`Planned::new`].
@@ -141,7 +141,7 @@ impl Ready {
         self.planned.estimate()
     }
 
-    /// What the coordinates of the objects are in, where the image says so.
+    /// Unit of the coordinates of the objects, where the image gives one.
     pub fn unit(&self) -> Option<Unit> {
         self.planned.unit()
     }

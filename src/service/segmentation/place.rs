@@ -21,7 +21,7 @@ const MOST_WARNINGS: usize = 8;
 pub struct PlaceOutput {
     /// Enclosed area or volume, in the unit of the coordinates.
     size: f64,
-    /// Centroid of what is enclosed.
+    /// Centroid of the enclosed region.
     centre: Vec<f64>,
 }
 
@@ -71,7 +71,7 @@ impl<const D: usize> From<Moved<D>> for MovedOutput {
     }
 }
 
-/// What makes a result one that has left its object.
+/// Reason why a result counts as one that has left its object.
 pub(super) fn left<const D: usize>(moved: &Moved<D>, factor: f64) -> String {
     let ratio = moved.ratio();
     let size = if ratio > factor || ratio * factor < 1.0 {

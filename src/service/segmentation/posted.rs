@@ -56,7 +56,7 @@ macro_rules! requests {
 }
 
 requests! {
-    /// What is wanted of an image.
+    /// Segmentation that is wanted of an image.
     #[schema(example = json!({
         "representation": {"kind": "closed_curve", "dimension": 2, "control_points": 8, "generator": {"name": "trigonometric"}},
         "boxes": [{"lower": [6, 6], "upper": [20, 18]}],
@@ -64,7 +64,7 @@ requests! {
     }))]
     SegmentRequest;
 
-    /// What is wanted of an image whose objects go into a cohort.
+    /// Segmentation of an image whose objects go into a cohort.
     #[schema(example = json!({
         "representation": {"kind": "closed_curve", "dimension": 2, "control_points": 24, "generator": {"name": "cubic"}},
         "boxes": [{"lower": [6, 6], "upper": [20, 18]}], "objects": [{"external_id": "cell-1", "label": "control"}],
@@ -78,9 +78,9 @@ requests! {
         /// Default: false.
         #[schema(value_type = Option<bool>)]
         store_failed: Checked<bool>;
-        /// What the coordinates are in, whatever the image states: `m`, `cm`, `mm`, `um`, `nm`, `inch`, `pixel`, `voxel` or `none`.
-        /// Lengths are stored in the unit of the cohort. Default: `mm` where the image states lengths, `pixel` or `voxel` where it
-        /// counts cells.
+        /// Unit of the coordinates, whatever the image states: `m`, `cm`, `mm`, `um`, `nm`, `inch`, `pixel`, `voxel` or
+        /// `none`. Lengths are stored in the unit of the cohort. Default: `mm` where the image states lengths, `pixel`
+        /// or `voxel` where it counts cells.
         #[schema(value_type = Option<String>)]
         unit: Checked<String>;
     } {
@@ -183,7 +183,7 @@ pub struct Storing {
 }
 
 impl CohortSegmentRequest {
-    /// The request for the segmentation, and what is wanted besides.
+    /// The request for the segmentation, and further settings.
     ///
     /// # Errors
     /// Faults of the further fields; a representation that is not that of the cohort.
@@ -221,8 +221,8 @@ document! {
     /// Attraction to the shapes that a class of transformations makes of a reference: `weight · ‖c − c*‖²/V^(2/d)`, with `c*` the
     /// nearest of them and `V` the area or volume.
     pub struct ShapePrior {
-        /// The reference: any shape of the representation, in place of `cohort` and `dictionary`; or what attracts of the dictionary.
-        /// Default: its mean.
+        /// The reference: any shape of the representation, in place of `cohort` and `dictionary`; or the part of the
+        /// dictionary that attracts. Default: its mean.
         #[schema(value_type = Option<PriorReference>)]
         reference: Raw;
         /// Id or name of a cohort of the representation, whose mean under the class is the reference.
@@ -249,9 +249,9 @@ document! {
 
 /// A request whose fields were checked.
 pub struct Checks {
-    /// What is wanted; of a part `mask` the components are not known yet.
+    /// Settings; of a part `mask` the components are not known yet.
     pub wanted: Wanted,
-    /// What is wanted of a part `mask`.
+    /// Settings for a part `mask`.
     pub of_mask: contours::Wanted,
     /// Slice of a volume.
     pub slice: Option<usize>,
@@ -359,7 +359,7 @@ impl SegmentRequest {
     }
 }
 
-/// What is answered besides.
+/// Further answers.
 fn answered(
     history: Option<Checked<bool>>,
     gradient: Option<Checked<bool>>,
@@ -414,7 +414,7 @@ impl ShapePrior {
     fn taken(self, errors: &mut Vec<Fault>) -> Taken {
         let of_dictionaries = self.names_dictionaries();
         errors.extend(self.faults.into_iter().map(|fault| fault.below("/prior")));
-        // What names a part of a dictionary was read with it, unless it is faulty.
+        // The name of a part of a dictionary was read with it, unless it is faulty.
         let reference = self.reference.and_then(|reference| match (of_dictionaries, reference.is_text()) {
             (true, true) => {
                 reference.read::<DictionaryPart>(SMALL, "/prior/reference", errors);

@@ -23,7 +23,7 @@ use crate::wire::shape::{Points, ShapeInput};
 /// Range of weights.
 const WEIGHTS: Range<f64> = 0.0..1e9;
 /// Cells along the longest side of a shape, for each control point of a curve and for the root of their number of a surface: the faces of
-/// cylinders and meshes have about the size of a cell. What curves, spheres and tori enclose does not depend on it.
+/// cylinders and meshes have about the size of a cell. The interior of curves, spheres and tori does not depend on it.
 const CELLS: [f64; 2] = [16.0, 8.0];
 
 /// The prior energy of a shape.

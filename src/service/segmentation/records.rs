@@ -37,7 +37,7 @@ pub fn read_label_image(
     check_options(format, options)?;
     let wanted = wanted(options)?;
     let faulty = |error| placed(&error, bytes.len());
-    // Answers are bounded by what is written of them.
+    // Answers are bounded by their written length.
     let limits = Limits { answer_numbers: usize::MAX, ..*limits };
     let LabelNames { of: names, warnings } =
         format.label_names(bytes, &file_limits(&limits)).map_err(faulty)?;
@@ -84,7 +84,7 @@ fn name_of(label: u32, rank: usize) -> String {
     if rank == 0 { label.to_string() } else { format!("{label}.{rank}") }
 }
 
-/// What should be known of a volume whose file gives no sizes of its voxels.
+/// Warning about a volume whose file gives no sizes of its voxels.
 fn without_sizes(grid: &Grid) -> Option<String> {
     let [x, y, z] = grid.units();
     let unknown = |unit: LengthUnit| unit.length().is_none();
@@ -105,7 +105,7 @@ fn told(grid: &Grid) -> Option<(Unit, Unit)> {
     grid.unit().zip(grid.unit_of_shapes())
 }
 
-/// What the options say of the boundaries.
+/// Settings of the boundaries from the options.
 fn wanted(options: &ReadOptions) -> Result<Wanted, FileError> {
     let blur = options.blur.unwrap_or(0.0);
     if !(blur >= 0.0 && blur.is_finite()) {
@@ -122,12 +122,12 @@ fn wanted(options: &ReadOptions) -> Result<Wanted, FileError> {
     })
 }
 
-/// What is said of an image beside its boundaries.
+/// Summary of an image beside its boundaries.
 fn said(found: &Found, options: &ReadOptions) -> Summary {
     let mut summary = Summary { warnings: found.warnings(), ..Summary::default() };
     if let Some(grid) = &found.grid {
         let told = told(grid);
-        // From positions to what the file gives lengths in.
+        // From positions to the unit of lengths of the file.
         let ratio = told.and_then(|(unit, of_shapes)| unit.to(of_shapes)).unwrap_or(Ratio::ONE);
         summary.set("size", grid.size().to_vec());
         summary.set("spacing", grid.spacing().map(|size| ratio.times(size)).to_vec());
@@ -161,7 +161,7 @@ fn ranks(found: &[LabelBoundary]) -> Vec<usize> {
     ranks
 }
 
-/// What tells a DICOM segmentation from others. What identifies a person in it is counted.
+/// Identity of a DICOM segmentation. Values that identify a person in it are counted.
 fn instance_of(
     format: &Format,
     bytes: &[u8],
@@ -176,7 +176,7 @@ fn instance_of(
     Ok(Some(instance))
 }
 
-/// What a component is called.
+/// Names of a component.
 struct Identity<'a> {
     name: &'a str,
     label: u32,

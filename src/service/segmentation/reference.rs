@@ -16,7 +16,7 @@ use crate::service::cohorts::live_mean::{self, MeanQuery, SearchStart};
 use crate::service::dictionaries::ready::{self, Ready};
 use crate::wire::unit::Unit;
 
-/// What has a mean.
+/// Object that has a mean.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Source {
     /// The cohort with this id or name.
@@ -25,7 +25,7 @@ pub enum Source {
     Dictionaries(Vec<String>, DictionaryPart),
 }
 
-/// What attracts of a dictionary.
+/// Part of a dictionary that attracts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum DictionaryPart {
@@ -43,10 +43,10 @@ pub enum DictionaryPart {
 pub struct Stored {
     /// Its representation.
     pub representation: Representation,
-    /// What attracts.
+    /// The attracting structure.
     #[serde(flatten)]
     pub first: Structure,
-    /// What attracts in its place where it is nearer.
+    /// Structures that attract in its place where they are nearer.
     #[serde(default)]
     pub others: Vec<Structure>,
 }
@@ -54,7 +54,7 @@ pub struct Stored {
 /// Shapes that attract.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Structure {
-    /// One, or those that span what attracts; control points, coordinate-major.
+    /// One, or those of the attracting span; control points, coordinate-major.
     pub shapes: Vec<Vec<f64>>,
     /// Whether their sums attract too.
     pub is_span: bool,
@@ -80,7 +80,7 @@ impl Structure {
     }
 }
 
-/// The mean of a cohort under a class of transformations; or the mean of a dictionary, or what its components or atoms span, which
+/// The mean of a cohort under a class of transformations; or the mean of a dictionary, or the span of its components or atoms, which
 /// were learnt under its own class.
 ///
 /// # Errors

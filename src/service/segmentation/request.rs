@@ -1,4 +1,4 @@
-//! What a segmentation is asked for, as it is posted, and the same as settings of a run.
+//! The request for a segmentation, as it is posted, and the same as settings of a run.
 
 use serde::{Deserialize, Serialize};
 
@@ -26,7 +26,7 @@ const USUAL_START: f64 = 2.0;
 /// Largest weight; smaller ones are as useless.
 const MAX_WEIGHT: f64 = 1e9;
 
-/// Whether objects are brighter (`bright`) or darker (`dark`) than what is around them.
+/// Whether objects are brighter (`bright`) or darker (`dark`) than their surroundings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ObjectPolarity {
@@ -70,7 +70,8 @@ pub enum EdgeInput {
     },
 }
 
-/// What an image term integrates: the image; or, of volumes, sheets that are detected in it, as `POST /v1/sheets` does.
+/// Field that an image term integrates: the image; or, of volumes, sheets that are detected in it, as `POST /v1/sheets`
+/// does.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
 pub enum FieldInput {
@@ -82,7 +83,7 @@ pub enum FieldInput {
         #[serde(default)]
         #[schema(exclusive_minimum = 0)]
         sigma: Option<f64>,
-        /// Whether sheets are brighter or darker than what is around them. Default: `bright`.
+        /// Whether sheets are brighter or darker than their surroundings. Default: `bright`.
         #[serde(default)]
         #[schema(required = false)]
         polarity: ObjectPolarity,
@@ -94,7 +95,7 @@ pub enum FieldInput {
         #[serde(default)]
         #[schema(exclusive_minimum = 0)]
         sigma: Option<f64>,
-        /// Whether sheets are brighter or darker than what is around them. Default: `bright`.
+        /// Whether sheets are brighter or darker than their surroundings. Default: `bright`.
         #[serde(default)]
         #[schema(required = false)]
         polarity: ObjectPolarity,
@@ -131,7 +132,7 @@ fn usual_percent() -> f64 {
 }
 
 impl FieldInput {
-    /// What is wanted of the detector; `None` for the image itself.
+    /// Settings of the detector; `None` for the image itself.
     pub(super) fn detector(self, coordinates: Coordinates) -> Option<sheets::Wanted> {
         let of_response = |sigma, polarity| sheets::Wanted {
             field: SheetField::Response,
@@ -177,7 +178,7 @@ pub enum TermInput {
         #[serde(default = "usual_edges")]
         #[schema(required = false)]
         edges: EdgeInput,
-        /// What the term integrates. Default: `intensity`.
+        /// Field that the term integrates. Default: `intensity`.
         #[serde(default)]
         #[schema(required = false)]
         field: FieldInput,
@@ -195,7 +196,7 @@ pub enum TermInput {
         /// The level. Default: the median of the image in the initial shape.
         #[serde(default)]
         level: Option<f64>,
-        /// What the term integrates. Default: `intensity`.
+        /// Field that the term integrates. Default: `intensity`.
         #[serde(default)]
         #[schema(required = false)]
         field: FieldInput,
@@ -209,7 +210,7 @@ pub enum TermInput {
         /// Default: by the contrast of the field in the initial shape and around it.
         #[serde(default)]
         polarity: Option<ObjectPolarity>,
-        /// What the term integrates. Default: `intensity`.
+        /// Field that the term integrates. Default: `intensity`.
         #[serde(default)]
         #[schema(required = false)]
         field: FieldInput,
@@ -220,7 +221,7 @@ pub enum TermInput {
         #[serde(default = "one")]
         #[schema(minimum = 0, default = 1)]
         weight: f64,
-        /// What the term integrates. Default: `intensity`.
+        /// Field that the term integrates. Default: `intensity`.
         #[serde(default)]
         #[schema(required = false)]
         field: FieldInput,
@@ -261,7 +262,8 @@ fn usual_edges() -> EdgeInput {
     EdgeInput::Percentile { percent: 99.0 }
 }
 
-/// What is free in a stage: an affine map of the shape (`affine`), distances from its centre (`radial`), or all points (`all`).
+/// Degrees of freedom of a stage: an affine map of the shape (`affine`), distances from its centre (`radial`), or all
+/// points (`all`).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum FreeInput {
@@ -370,7 +372,7 @@ impl From<SigmaInput> for Blur {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct StageInput {
-    /// What is free. Default: `all`.
+    /// Degrees of freedom. Default: `all`.
     #[serde(default)]
     #[schema(required = false)]
     pub free: FreeInput,
@@ -381,8 +383,8 @@ pub struct StageInput {
     #[schema(minimum = 0, maximum = 2000, default = 150)]
     pub iterations: usize,
     /// How often the control mesh of a `subdivision` is split before the stage, at most as often in all stages as its `level` is: of 6
-    /// control points one split makes 18, two 66, three 258. The surface stays the same, and what follows may move more of it.
-    /// Default: 0.
+    /// control points one split makes 18, two 66, three 258. The surface stays the same, and later stages may move more
+    /// of it. Default: 0.
     #[serde(default)]
     #[schema(required = false, maximum = 15)]
     pub splits: usize,
@@ -396,7 +398,7 @@ impl StageInput {
     /// An affine stage at a blur of two cells, then all points at blurs of two cells and of one, for cells with these `sides` in the
     /// world and in the coordinates of the request (`units`). Cells are counted by their shortest side in the world; along an axis
     /// with longer ones the blur has at least `least` cells of that axis. So slices that are thick beside their pixels are hardly
-    /// blurred across, and what is small within them is still seen.
+    /// blurred across, and small structures within them are still seen.
     pub fn usual(sides: &[f64], units: &[f64], least: f64) -> Vec<Self> {
         let shortest = sides.iter().copied().fold(f64::INFINITY, f64::min);
         let along = |cells: f64, axis: usize| units[axis] * (cells * shortest / sides[axis]).max(least);

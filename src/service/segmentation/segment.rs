@@ -44,7 +44,7 @@ const LOOKS_PER_EVALUATION: f64 = 2.0;
 /// Longest side of an initial shape relative to that of the image. Of a larger one less than half is in the image.
 const MOST_OF_IMAGE: f64 = 2.0;
 
-/// An image of which the header was read, and what is wanted of it.
+/// An image whose header was read, and its settings.
 #[derive(Debug)]
 pub struct Planned {
     wanted: Wanted,
@@ -64,7 +64,7 @@ pub struct Files<'a> {
 }
 
 impl Planned {
-    /// Reads the headers of the files, checks what is wanted and predicts what it costs.
+    /// Reads the headers of the files, checks the settings and predicts the cost.
     ///
     /// # Errors
     /// Faults at `/image`, `/truth` and of the fields.
@@ -89,7 +89,7 @@ impl Planned {
         Ok(Self { wanted, stages, description, bytes })
     }
 
-    /// What the coordinates of the objects are in, where the request or the image says so.
+    /// Unit of the coordinates of the objects, where the request or the image gives one.
     pub fn unit(&self) -> Option<Unit> {
         self.wanted.unit.or_else(|| unit_of(&self.description.grid, self.wanted.coordinates))
     }
@@ -295,7 +295,7 @@ impl Task<'_> {
         Ok(structures.into_iter().reduce(Prior::or).map(|prior| (prior, *weight)))
     }
 
-    /// The attraction to what shapes span, or to the class of one.
+    /// The attraction to the span of shapes, or to the class of one.
     fn attracted<const D: usize>(
         &self,
         shapes: &[Vec<f64>],

@@ -29,7 +29,7 @@ pub const PERCENT: f64 = 99.0;
 /// Largest blur in cells.
 const MAX_BLUR: f64 = 16.0;
 
-/// What is answered of the sheets of a volume.
+/// Field of the sheets of a volume that is answered.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum SheetField {
@@ -42,14 +42,14 @@ pub enum SheetField {
     Surface,
 }
 
-/// What is wanted of a volume.
+/// Settings wanted for a volume.
 #[derive(Debug, Clone)]
 pub struct Wanted {
-    /// What is answered.
+    /// The answered field.
     pub field: SheetField,
     /// Blur in the unit of the coordinates; two cells without.
     pub sigma: Option<f64>,
-    /// Whether sheets are brighter or darker than what is around them.
+    /// Whether sheets are brighter or darker than their surroundings.
     pub polarity: ObjectPolarity,
     /// Part of a percentile of the positive responses above which there are crests.
     pub fraction: f64,
@@ -65,7 +65,7 @@ pub struct Wanted {
     pub slice: Option<usize>,
 }
 
-/// A volume of which the header was read, and what is wanted of it.
+/// A volume whose header was read, and its settings.
 #[derive(Debug)]
 pub struct Planned {
     wanted: Wanted,
@@ -73,7 +73,7 @@ pub struct Planned {
 }
 
 impl Planned {
-    /// Reads the header of a volume and checks what is wanted.
+    /// Reads the header of a volume and checks the settings.
     ///
     /// # Errors
     /// Faults at `/image` and of the fields.

@@ -69,7 +69,7 @@ impl LabelFormat {
 /// Segmented objects with their outlines in the cells of the image.
 #[derive(Debug)]
 pub struct Segmented {
-    /// What is answered.
+    /// The answer.
     pub answer: SegmentAnswer,
     /// Outlines of the initial shapes and of the results.
     pub(super) outlines: Vec<[Outline; 2]>,

@@ -217,7 +217,7 @@ impl Starts {
         }
     }
 
-    /// What the initial shape at `index` leaves out of its component.
+    /// Warning about the part of its component that the initial shape at `index` leaves out.
     pub(super) fn warning(&self, index: usize) -> Option<String> {
         let Self::Components(components) = self else { return None };
         let (count, what) = match &components[index] {

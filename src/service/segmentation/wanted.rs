@@ -1,4 +1,4 @@
-//! What is wanted of an image, and its faults.
+//! Checked settings for an image, and their faults.
 
 use std::f64::consts::SQRT_2;
 
@@ -23,7 +23,7 @@ const BOX_FACTOR: f64 = 1.5;
 /// Largest factor; larger ones are as useless.
 const MAX_FACTOR: f64 = 1e6;
 
-/// What is wanted of an image.
+/// Settings for an image.
 #[derive(Debug)]
 pub struct Wanted {
     /// Representations of the shapes, and the class of the prior.
@@ -38,11 +38,11 @@ pub struct Wanted {
     pub coordinates: Coordinates,
     /// Unit of these coordinates, whatever the image states.
     pub unit: Option<Unit>,
-    /// What keeps results to where they begin.
+    /// Bounds that keep results near their start.
     pub keeping: Keeping,
     /// Labels of the truth, one for each object; all but 0 without.
     pub truth_labels: Option<Vec<u32>>,
-    /// What is answered besides.
+    /// Further answers.
     pub answered: Answered,
 }
 
@@ -67,7 +67,7 @@ impl Reference {
         }
     }
 
-    /// Those that span what attracts.
+    /// Those of the attracting span.
     pub(super) fn spans(&self) -> impl Iterator<Item = &[Vec<f64>]> {
         let structures = match self {
             Self::Stored(structures) => structures.as_slice(),
@@ -85,7 +85,7 @@ impl Reference {
     }
 }
 
-/// What keeps results to where they begin, as far as it is asked for.
+/// Bounds that keep results near their start, as far as they are asked for.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Keeping {
     /// Factor between sizes beyond which a result has left its object.
@@ -207,7 +207,7 @@ impl Wanted {
         Ok(())
     }
 
-    /// What is wanted of the detector of sheets, by the positions of terms.
+    /// Settings of the detector of sheets, by the positions of terms.
     pub(super) fn detectors(&self) -> impl Iterator<Item = (usize, sheets::Wanted)> {
         let detector = |(index, field): (usize, FieldInput)| Some((index, field.detector(self.coordinates)?));
         self.energy.fields().filter_map(detector)

@@ -23,7 +23,7 @@ pub(crate) struct Ways {
     pub(crate) counter_clockwise: u64,
 }
 
-/// What curves correspond by, as far as their direction matters.
+/// Rule of correspondence of curves, as far as their direction matters.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Rule {
     pub(crate) correspondence: Correspondence,
@@ -31,7 +31,7 @@ pub(crate) struct Rule {
     pub(crate) mirror: Mirror,
 }
 
-/// What warnings of mixed directions end with, where start points are found by arc length or searched.
+/// End of warnings of mixed directions, where start points are found by arc length or searched.
 const AS_DRAWN: &str =
     "and are compared as they were drawn: with \"direction\": \"either\" the way of drawing does not count";
 /// The same where points correspond as they are listed.

@@ -21,7 +21,7 @@ use crate::service::app::{App, ServiceError};
 use crate::wire::fault::Fault;
 use crate::wire::shape::ShapeInput;
 
-/// What to evaluate.
+/// Evaluation of shapes.
 #[derive(Debug, Clone)]
 pub struct EvaluateTask {
     /// Representation of the shapes, with the grids of their blocks.

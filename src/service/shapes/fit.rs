@@ -32,7 +32,7 @@ pub struct FitTask {
     pub on_error: OnError,
 }
 
-/// What shapes are fitted to.
+/// Targets of fits.
 #[derive(Debug)]
 pub enum FitInputs {
     /// Contours, grids or lists of points.

@@ -18,7 +18,7 @@ use crate::numeric::dense::Matrix;
 use crate::service::app::{App, ServiceError};
 use crate::wire::shape::ShapeInput;
 
-/// What to measure.
+/// Measurement of shapes.
 #[derive(Debug)]
 pub struct MeasureTask {
     /// Representation of the shapes, with the grids of their blocks.

@@ -10,6 +10,7 @@
 //! * [`fit`], [`resample`], [`idealise`] — shapes from points, meshes and formulas;
 //! * [`refine`], [`resize`], [`subdivide`] — other grids of knots; refined meshes and polylines;
 //! * [`morph`], [`deform`] — paths between two shapes; deformation by handles; [`overlap`] — overlap of two bodies;
+//! * [`warp`] — thin-plate splines between landmarks; [`symmetry`] — planes of a curve;
 //! * [`generators`] — generators asked for in a query.
 
 pub mod blocks;
@@ -37,3 +38,5 @@ pub mod resample;
 pub mod resize;
 pub mod spaces;
 pub mod subdivide;
+pub mod symmetry;
+pub mod warp;

@@ -96,7 +96,7 @@ impl<T> Outcomes<T> {
     /// Values of all shapes.
     ///
     /// # Errors
-    /// The faults of all shapes without one; the first error that is no list of faults.
+    /// The faults of all shapes without one; the first error that is not a list of faults.
     pub fn all(self) -> Result<Vec<T>, ServiceError> {
         let (mut values, mut faults) = (Vec::with_capacity(self.0.len()), Faults::default());
         for outcome in self.0 {
@@ -171,7 +171,7 @@ impl<T> Outcomes<T> {
     }
 }
 
-/// Results of `work` for all values, each with an error of its own.
+/// Results of `work` for all values, each with its own error.
 fn apart<T, U>(
     values: &[T],
     work: &impl Fn(&[T]) -> Result<Vec<U>, AnalysisError>,

@@ -1,4 +1,4 @@
-//! Attributes of the shapes of a cohort as columns, kept in memory and brought up to date by what has changed.
+//! Attributes of the shapes of a cohort as columns, kept in memory and brought up to date by the changes.
 //!
 //! A column holds the shapes that have its attribute, so that names which few shapes have take no room for the others.
 
@@ -214,7 +214,7 @@ impl CohortColumns {
         &self.columns
     }
 
-    /// What a reader should know of attributes without a column.
+    /// Warning about attributes without a column.
     pub(crate) fn warning(&self) -> Option<String> {
         (!self.left_out.is_empty()).then(|| {
             let all = self.names + self.left_out.len();

@@ -1,4 +1,4 @@
-//! What a dictionary says of the shapes of a cohort, as columns: scores, `T²`, novelty, class.
+//! Results of a dictionary for the shapes of a cohort, as columns: scores, `T²`, novelty, class.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;

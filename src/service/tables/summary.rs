@@ -30,7 +30,7 @@ pub enum ValueType {
     Time,
 }
 
-/// What is asked of the attributes of a cohort.
+/// Request for a summary of the attributes of a cohort.
 #[derive(Debug, Clone, Serialize)]
 pub struct SummaryQuery {
     /// Filter that the shapes pass.
@@ -85,7 +85,7 @@ pub struct Summaries {
     pub shapes: usize,
     /// One entry per attribute that a shape of the cohort has.
     pub attributes: Vec<AttributeSummary>,
-    /// What a reader should know.
+    /// Warnings for readers.
     pub warnings: Vec<String>,
 }
 
@@ -198,7 +198,7 @@ fn of_column(
     }
 }
 
-/// The different values of cells, each with the number of its cells. Cost: a sort of the values that are no texts.
+/// The different values of cells, each with the number of its cells. Cost: a sort of the values that are not texts.
 fn counted(column: &Column, cells: &[Cell]) -> Vec<(Cell, usize)> {
     let mut texts = vec![0_usize; column.texts.len()];
     let mut others: Vec<Cell> = Vec::new();

@@ -1,4 +1,4 @@
-//! A cohort as a table: attributes, measures, and what dictionaries say of the shapes.
+//! A cohort as a table: attributes, measures, and results of dictionaries for the shapes.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -19,7 +19,7 @@ use crate::store::Cursor;
 use crate::wire::fault::Fault;
 use crate::wire::table::{NO_TEXT, Table, Values};
 
-/// What a table holds.
+/// Content of a table.
 #[derive(Debug)]
 pub struct TableQuery {
     /// Names of the columns. Default: external id, label, subject, all further attributes and measures.
@@ -30,7 +30,7 @@ pub struct TableQuery {
     pub in_query: bool,
 }
 
-/// A table and what it was made from.
+/// A table and its sources.
 #[derive(Debug)]
 pub struct CohortTable {
     /// The cohort, at the revision of the table.

@@ -13,7 +13,7 @@
 //! | regular nested lists of numbers, which differ in their lengths at most | list of doubles, row-major |
 //! | anything else | text: JSON |
 //!
-//! What else the answer says is in the metadata: single values by their path, and for each column of lists of lists the lengths
+//! The rest of the answer is in the metadata: single values by their path, and for each column of lists of lists the lengths
 //! of the inner ones (`item_shape.control_points`: `2`).
 
 mod gather;
@@ -94,7 +94,7 @@ pub enum ColumnsError {
         /// Names of those that there are.
         known: Vec<String>,
     },
-    /// A column that the table does not have, or that is no array.
+    /// A column that the table does not have, or that is not an array.
     #[error(
         "expected the name of a column of numbers, or of lists of equal lengths, such as {known}, got '{name}'"
     )]
@@ -172,7 +172,7 @@ impl Columns {
             return Err(ColumnsError::Table { name: table.into(), known });
         }
         let name = path.last().copied().unwrap_or(ANSWER);
-        // Lists of objects are tables of their own.
+        // Lists of objects are separate tables.
         let whole = path.is_empty();
         let mut gathered = Gathered::default();
         for (k, row) in rows.iter().enumerate() {

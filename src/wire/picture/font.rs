@@ -1,7 +1,7 @@
 //! A TrueType font as far as lines of text need it: letters, their widths, their outlines and the distances of pairs.
 //!
 //! For the font of the program, whose tables are known: `cmap` of format 4, `glyf` with outlines of quadratic curves, kerning in `GPOS`.
-//! OpenType 1.9, chapter "OpenType Font Tables". What is not there as expected reads as absent.
+//! OpenType 1.9, chapter "OpenType Font Tables". Tables that are not as expected read as absent.
 
 use tiny_skia::{PathBuilder, Transform};
 
@@ -48,7 +48,7 @@ pub(super) struct Font {
     units_per_em: u16,
     /// Whether `loca` holds numbers of 32 bits.
     long_offsets: bool,
-    /// Number of glyphs with a width of their own.
+    /// Number of glyphs with their own width.
     widths: u16,
     letters: Part,
     hmtx: Part,
@@ -208,7 +208,7 @@ fn pairs(gpos: Part) -> Option<Vec<Part>> {
     Some(pairs)
 }
 
-/// What a subtable of pairs adds to the distance of two letters, if it has the first, and of single pairs the pair.
+/// Distance that a subtable of pairs adds between two letters, if it has the first, and of single pairs the pair.
 fn distance(table: Part, first: Glyph, second: Glyph) -> Option<i16> {
     const X_ADVANCE: u16 = 4;
     let index = covered(table.at(2)?, first)?;

@@ -12,10 +12,10 @@ use tiny_skia::{FillRule, LineCap, LineJoin, Paint, Path, PathBuilder, Pixmap, R
 
 use super::letters::{self, Anchor};
 
-/// Paints a drawing over what is there. The picture has the size that the drawing asks for.
+/// Paints a drawing over the picture. The picture has the size that the drawing asks for.
 ///
 /// # Errors
-/// What no drawing has.
+/// Elements that no drawing has.
 pub(super) fn paint(svg: &str, pixels: &mut Pixmap) -> Result<(), String> {
     let mut reader = Reader::from_str(svg);
     let (page, place) = ([0.0; 4], Transform::identity());
@@ -77,7 +77,7 @@ fn parsed<T: FromStr>(text: &str) -> Result<T, String> {
     text.parse().map_err(|_| format!("expected a number, got {text}"))
 }
 
-/// How lines and areas are painted: inherited by what is within an element.
+/// How lines and areas are painted: inherited by the children of an element.
 #[derive(Debug, Clone)]
 struct Brush {
     fill: Option<[u8; 3]>,

@@ -6,7 +6,7 @@
 //! computed the sum of a part or of a group.
 //!
 //! * [`ShapeSource`] — a set of shapes: in memory, stored, or changed on the way;
-//! * [`Mark`] — what a shape was given as: samples of a set depend on the marks alone, not on its order;
+//! * [`Mark`] — a digest of a shape as given: samples of a set depend on the marks alone, not on its order;
 //! * [`Accumulator`] — a sum over them, made by [`accumulate`]; [`map_shapes`] gives a value for each shape;
 //! * [`OuterProductSum`], [`ScatterSum`] — sums of outer products with their leading eigenpairs.
 
@@ -23,6 +23,6 @@ pub use self::source::{
 };
 pub use self::sum::{Accumulator, FAN_IN, accumulate};
 
-pub(crate) use self::scatter::{for_each_group, unit};
+pub(crate) use self::scatter::{MATRIX_FREE, for_each_group, unit};
 pub(crate) use self::source::{Leading, for_each_changed, map_blocks};
 pub(crate) use self::sum::{PartTree, accumulate_spread, merge_serialised, read_numbers, write_numbers};

@@ -26,6 +26,12 @@ pub struct OuterProductSum {
 /// Size up to which threads sum different shapes; above it, they share the matrix.
 const SMALL: usize = 256;
 
+/// Points of planar shapes from which means take products with the shapes instead of with a matrix.
+pub(crate) const MATRIX_FREE: usize = 512;
+
+/// About the number of products with four vectors that an eigenpair takes.
+const MATRIX_FREE_STEPS: usize = 8;
+
 /// Shapes per sum of small size. Changing it changes last bits.
 const SMALL_UNIT: usize = 16 * BLOCK;
 
@@ -135,7 +141,7 @@ impl OuterProductSum {
 
     /// Extends the sum over `x` to a sum over `x` and `J x`, where `J` is the quarter turn of planar shapes:
     /// `S + J S Jᵀ = [[A + C, ·], [B − Bᵀ, A + C]]` for `S = [[A, ·], [B, C]]`.
-    pub(crate) fn close_under_quarter_turn(&mut self) {
+    fn close_under_quarter_turn(&mut self) {
         let turned: Vec<f64> = self.columns.chunks_exact(self.n).flat_map(|x| quarter_turn(x, 1.0)).collect();
         self.columns.extend(turned);
         if let Some(s) = &mut self.matrix {
@@ -150,7 +156,7 @@ impl OuterProductSum {
     }
 
     /// Orthonormal basis of the leading invariant subspace, iterated from the columns of `near`: of `S`, or of `S + J S Jᵀ` if
-    /// `turned`, whose products take one with `S` and no matrix of their own. `None` if the iteration does not converge quickly.
+    /// `turned`, whose products take one with `S` and no separate matrix. `None` if the iteration does not converge quickly.
     pub(crate) fn leading_subspace(&mut self, near: &Matrix, turned: bool) -> Option<Matrix> {
         if self.matrix.is_none() && self.columns.len() < self.n * self.n {
             let x = Matrix::from_column_slice(self.n, self.columns.len() / self.n, &self.columns);
@@ -168,6 +174,14 @@ impl OuterProductSum {
         dot(&self.columns, &self.columns) + self.matrix.as_ref().map_or(0.0, Matrix::trace)
     }
 
+    /// `S`.
+    pub(crate) fn into_matrix(mut self) -> Matrix {
+        self.fold();
+        let mut matrix = self.matrix.unwrap_or_else(|| Matrix::zeros(self.n, self.n));
+        dense::fill_upper(&mut matrix);
+        matrix
+    }
+
     /// The `count` leading eigenpairs of `S`; fewer if its rank is smaller (dual route).
     ///
     /// # Errors
@@ -179,6 +193,39 @@ impl OuterProductSum {
         self.fold();
         let matrix = self.matrix.expect("folded");
         Ok(dense::leading_eigenpairs(&matrix, count)?)
+    }
+
+    /// The `count` leading eigenpairs of `S + J S Jᵀ`, where `J` is the quarter turn of planar shapes. While the vectors are kept, are
+    /// long and are many, the iteration takes products with them instead of with the matrix of their products, which would cost more
+    /// than the iteration itself.
+    ///
+    /// # Errors
+    /// As [`leading`](Self::leading).
+    pub(crate) fn leading_turned(mut self, count: usize) -> Result<Eigenpairs, AnalysisError> {
+        let vectors = self.columns.len() / self.n;
+        if self.matrix.is_none() && self.n >= 2 * MATRIX_FREE && vectors >= 2 * MATRIX_FREE_STEPS * count {
+            let size = dot(&self.columns, &self.columns);
+            let product = |v: &Matrix| on_both_sides(&|sides| self.product(sides), v);
+            if let Some(pairs) = dense::leading_eigenpairs_of(self.n, size, product, count) {
+                let rank = rank(&pairs.values);
+                let vectors = pairs.vectors.columns(0, rank).into_owned();
+                return Ok(Eigenpairs { values: pairs.values[..rank].to_vec(), vectors });
+            }
+        }
+        self.close_under_quarter_turn();
+        self.leading(count)
+    }
+
+    /// `X Xᵀ v` of the vectors kept, a panel after the other.
+    fn product(&self, v: &Matrix) -> Matrix {
+        let panels: Vec<&[f64]> = self.columns.chunks(self.n * PANEL).collect();
+        let products = parallel::map(panels.len(), &|k| {
+            let mut product = Matrix::zeros(v.nrows(), v.ncols());
+            let inside = dense::transpose_multiply_columns(v, panels[k]).transpose();
+            dense::add_product(&mut product, panels[k], &inside);
+            product
+        });
+        products.into_iter().fold(Matrix::zeros(v.nrows(), v.ncols()), |sum, product| sum + product)
     }
 
     pub(crate) fn write(&self, bytes: &mut Vec<u8>) {
@@ -203,24 +250,31 @@ fn iterate(product: impl Fn(&Matrix) -> Matrix, near: &Matrix, turned: bool) -> 
     if !turned {
         return dense::iterate_subspace(product, near);
     }
+    dense::iterate_subspace(|v| on_both_sides(&product, v), near)
+}
+
+/// `(S + J S Jᵀ) v` by one product with `S`.
+fn on_both_sides(product: &dyn Fn(&Matrix) -> Matrix, v: &Matrix) -> Matrix {
     let turn = |columns: &[f64], n: usize, sign: f64| -> Vec<f64> {
         columns.chunks_exact(n).flat_map(|x| quarter_turn(x, sign)).collect()
     };
-    let both = |v: &Matrix| {
-        let (n, count) = v.shape();
-        let mut sides = v.as_slice().to_vec();
-        sides.extend(turn(v.as_slice(), n, -1.0));
-        let image = product(&Matrix::from_vec(n, 2 * count, sides));
-        let (mut sum, back) =
-            (image.columns(0, count).into_owned(), image.columns(count, count).into_owned());
-        sum += Matrix::from_vec(n, count, turn(back.as_slice(), n, 1.0));
-        sum
-    };
-    dense::iterate_subspace(both, near)
+    let (n, count) = v.shape();
+    let mut sides = v.as_slice().to_vec();
+    sides.extend(turn(v.as_slice(), n, -1.0));
+    let image = product(&Matrix::from_vec(n, 2 * count, sides));
+    let (mut sum, back) = (image.columns(0, count).into_owned(), image.columns(count, count).into_owned());
+    sum += Matrix::from_vec(n, count, turn(back.as_slice(), n, 1.0));
+    sum
 }
 
 /// Relative eigenvalue of `XᵀX` below which a direction is rounding error.
 const RANK: f64 = 1e-14;
+
+/// Number of leading eigenvalues that are not rounding errors.
+fn rank(values: &[f64]) -> usize {
+    let largest = values.first().copied().unwrap_or(0.0);
+    values.iter().take_while(|&&value| value > RANK * largest).count()
+}
 
 /// Eigenpairs of `X Xᵀ` from those of `XᵀX`: `f_i = X v_i / √λ_i`.
 ///
@@ -229,8 +283,7 @@ const RANK: f64 = 1e-14;
 fn dual_eigenpairs(columns: &[f64], n: usize, count: usize) -> Result<Eigenpairs, AnalysisError> {
     let x = Matrix::from_column_slice(n, columns.len() / n, columns);
     let pairs = dense::leading_eigenpairs(&dense::gram(columns, n), count)?;
-    let largest = pairs.values.first().copied().unwrap_or(0.0);
-    let rank = pairs.values.iter().take_while(|&&value| value > RANK * largest).count();
+    let rank = rank(&pairs.values);
     let mut vectors = dense::multiply(&x, &pairs.vectors.columns(0, rank).into_owned());
     for j in 0..rank {
         for i in 0..j {
@@ -377,5 +430,61 @@ impl Accumulator for ScatterSum {
         // Version 0.1.0 did not write the roots: its vectors are centred in the matrix.
         self.roots = if bytes.is_empty() { Vec::new() } else { read_numbers(&mut bytes)? };
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::stream;
+    use rand_distr::{Distribution, StandardNormal};
+
+    /// Vectors about one shape, with deviations that decrease from number to number.
+    fn vectors(n: usize, count: usize) -> Vec<f64> {
+        let vector = |k: usize| {
+            let mut random = stream(7, k);
+            (0..n).map(move |i| {
+                let drawn: f64 = StandardNormal.sample(&mut random);
+                (0.01 * i as f64).sin() + 3.0 * drawn / (1.0 + (i % (n / 2)) as f64)
+            })
+        };
+        (0..count).flat_map(vector).collect()
+    }
+
+    #[test]
+    fn products_with_vectors_give_the_eigenpairs_of_the_matrix() {
+        let (n, count) = (2 * MATRIX_FREE, 3);
+        let mut sum = OuterProductSum::new(n);
+        sum.add(&vectors(n, 2 * MATRIX_FREE_STEPS * count + 7));
+        let mut closed = sum.clone();
+        closed.close_under_quarter_turn();
+        let expected = closed.leading(count).unwrap();
+        let free = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| sum.clone().leading_turned(count)).unwrap()
+        };
+        let found = free(1);
+        for (found, expected) in found.values.iter().zip(&expected.values) {
+            assert!((found / expected - 1.0).abs() < 1e-12, "{found} for {expected}");
+        }
+        // Eigenvalues are double: the first two vectors span one space.
+        let projector = |pairs: &Eigenpairs| {
+            let first = pairs.vectors.columns(0, 2).into_owned();
+            dense::multiply(&first, &first.transpose())
+        };
+        let apart = (projector(&found) - projector(&expected)).norm();
+        assert!(apart < 1e-12, "{apart:e}");
+        let others = free(3);
+        assert_eq!((others.values, others.vectors), (found.values, found.vectors));
+    }
+
+    #[test]
+    fn equal_vectors_have_the_rank_of_one() {
+        let (n, count) = (2 * MATRIX_FREE, 2);
+        let mut sum = OuterProductSum::new(n);
+        let one = vectors(n, 1);
+        (0..4 * MATRIX_FREE_STEPS).for_each(|_| sum.add(&one));
+        let found = sum.leading_turned(count + 1).unwrap();
+        assert_eq!(found.values.len(), count, "{:?}", found.values);
     }
 }

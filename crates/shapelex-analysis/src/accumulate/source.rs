@@ -61,8 +61,8 @@ pub type VisitMarked<'a> = dyn FnMut(Shapes<'_>, &[Mark]) -> Result<(), Analysis
 
 /// A set of shapes that can be read several times, always in the same order.
 ///
-/// Statistics take it as `&dyn ShapeSource`, so that they are compiled once: a call for each batch costs nothing. A failure of what the
-/// shapes come from passes through them as [`AnalysisError::Source`].
+/// Statistics take it as `&dyn ShapeSource`, so that they are compiled once: a call for each batch costs nothing. A failure of the
+/// origin of the shapes passes through them as [`AnalysisError::Source`].
 pub trait ShapeSource: Sync {
     /// Number of shapes.
     fn count(&self) -> usize;
@@ -94,7 +94,7 @@ pub trait ShapeSource: Sync {
         Ok(())
     }
 
-    /// Counts shapes that a pass has worked through. Reading counts by itself; passes over what was kept of the shapes call it.
+    /// Counts shapes that a pass has worked through. Reading counts by itself; passes over kept data of the shapes call it.
     fn worked(&self, shapes: usize) {
         let _ = shapes;
     }
@@ -210,6 +210,28 @@ impl ShapesInMemory {
             Ok(())
         })?;
         Ok(Self::prepared(whitened, weights))
+    }
+
+    /// `count` shapes that `read` passes on, with their marks.
+    ///
+    /// # Errors
+    /// Errors of `read`.
+    pub fn read_marked(
+        count: usize,
+        read: &mut dyn FnMut(&mut VisitMarked<'_>) -> Result<(), AnalysisError>,
+    ) -> Result<Self, AnalysisError> {
+        let (mut whitened, mut weights) = (Vec::new(), Vec::with_capacity(count));
+        let mut kept = Vec::with_capacity(count);
+        read(&mut |batch, marks| {
+            if weights.is_empty() {
+                whitened.reserve_exact(count * (batch.whitened.len() / batch.weights.len().max(1)));
+            }
+            whitened.extend_from_slice(batch.whitened);
+            weights.extend_from_slice(batch.weights);
+            kept.extend_from_slice(marks);
+            Ok(())
+        })?;
+        Ok(Self { whitened, weights, marks: Some(kept) })
     }
 
     /// The numbers of all prepared shapes, one shape after the other.

@@ -6,7 +6,7 @@
 use super::Assessor;
 use crate::AnalysisError;
 use crate::accumulate::prepare;
-use crate::classification::quality::confidences;
+use crate::classification::sharpness::confidences;
 use crate::classification::{Evidence, Observations};
 use crate::classifier_record::ClassifierRecord;
 use crate::dictionary::coding::{AnswerPose, CodedShape};

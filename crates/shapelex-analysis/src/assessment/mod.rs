@@ -1,4 +1,4 @@
-//! Assessments: shapes compared with what a dictionary and its classifier have learnt.
+//! Assessments: shapes compared with a dictionary and its classifier.
 //!
 //! * [`assess`] — classes, and complete assessments;
 //! * [`drift`] — new shapes compared with the training shapes.

@@ -5,7 +5,8 @@ use super::discriminant::Regularisation;
 use super::ensemble::{self, ROUNDS};
 use super::labels::ClassLabels;
 use super::observations::Evidence;
-use super::quality::{Held, confidences, sharpness};
+use super::quality::Held;
+use super::sharpness::{confidences, sharpness};
 use crate::classifier_record::{Candidate, ClassifierKind, ClassifierSettings};
 use crate::dictionary::model::Model;
 

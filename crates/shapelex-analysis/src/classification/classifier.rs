@@ -8,7 +8,7 @@ use super::neighbours::NearestNeighbours;
 use super::observations::{Description, Evidence, Labelled, Observations};
 use crate::AnalysisError;
 
-/// What kind of classifier.
+/// Kind of classifier.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Kind {
     /// Distance to the mean space of every class.
@@ -70,7 +70,7 @@ impl Classifier {
         })
     }
 
-    /// What it says about shapes, in order.
+    /// Its evidence about shapes, in order.
     ///
     /// # Errors
     /// [`AnalysisError::Degenerate`] with the position of the shape.

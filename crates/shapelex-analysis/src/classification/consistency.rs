@@ -82,7 +82,7 @@ fn trained_faults(
     wrong.map(fault).collect()
 }
 
-/// Whether a field is consistent, its name, and what is expected of it.
+/// Whether a field is consistent, its name, and the expectation.
 type Check = (bool, &'static str, &'static str);
 
 /// Checks of a single classifier.

@@ -14,7 +14,7 @@
 
 use super::classifier::{Classifier, Kind};
 use super::observations::{Description, Evidence, Observations};
-use super::quality::confidences;
+use super::sharpness::confidences;
 use crate::AnalysisError;
 
 /// Rounds of the selection; the smallest weight of a member is therefore a twelfth.

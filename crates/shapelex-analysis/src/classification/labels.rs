@@ -9,7 +9,7 @@ pub struct ClassLabels {
     pub labels: Vec<String>,
     /// Class of each shape.
     pub classes: Vec<usize>,
-    /// Groups that must not be divided: shapes of one subject share a number, all others have one of their own.
+    /// Groups that must not be divided: shapes of one subject share a number, all others have one each.
     pub groups: Vec<usize>,
     /// Number of subjects; `None` if no shape has one.
     pub subjects: Option<usize>,

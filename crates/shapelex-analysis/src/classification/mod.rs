@@ -6,10 +6,10 @@
 //! * [`neighbours`] — votes of the nearest training shapes;
 //! * [`ensemble`] — a weighted combination of these;
 //! * [`folds`] — folds for cross-validation;
-//! * [`quality`] — figures of a validation, and calibrated confidences;
+//! * [`quality`] — figures of a validation; [`sharpness`] — calibration of confidences;
 //! * [`labels`] — classes and subjects of shapes; [`study`] — training and validation of a classifier;
-//! * [`classifier_record`](crate::classifier_record) — settings, trained numbers and validation as records; `requirements` — what settings and labels must
-//!   fulfil; [`consistency`] — what a record must.
+//! * [`classifier_record`](crate::classifier_record) — settings, trained numbers and validation as records; `requirements` — conditions on settings and
+//!   labels; [`consistency`] — conditions on a record.
 //!
 //! Every classifier gives an [`Evidence`] for each shape: a distance to every class, for interpretation, and a score, which
 //! ranks the classes and determines the confidences.
@@ -31,6 +31,7 @@ mod observations;
 pub mod quality;
 mod report;
 mod requirements;
+pub mod sharpness;
 mod stored;
 pub mod study;
 

@@ -1,4 +1,4 @@
-//! What classifiers look at, and what they answer.
+//! Inputs of classifiers, and their answers.
 
 use crate::dictionary::model::Model;
 use crate::metric::norm;
@@ -42,7 +42,7 @@ impl<'a> Observations<'a> {
 pub struct Description<'a> {
     /// How they are brought into pose.
     pub preparation: &'a Preparation,
-    /// What they are coded in.
+    /// Model in which they are coded.
     pub model: &'a Model,
     /// Whether the logarithm of the size `ln ‖r − r̄‖` is a feature.
     pub size: bool,
@@ -90,7 +90,7 @@ impl Labelled<'_> {
     }
 }
 
-/// What a classifier says about a shape, class by class.
+/// Evidence of a classifier about a shape, class by class.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Evidence {
     /// Distance to every class: relative residual, Mahalanobis distance, or distance to the nearest member.

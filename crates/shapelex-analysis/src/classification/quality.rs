@@ -1,15 +1,14 @@
-//! Figures of a validation, and confidences calibrated on it.
+//! Figures of a validation.
 //!
 //! ```text
-//! p_c = exp(β s_c)/Σ exp(β s)        β maximises Σ_k ln p_{c(k)}
+//! p_c = exp(β s_c)/Σ exp(β s)        β of the other folds: see `sharpness`
 //! Brier = mean Σ_c (p_c − [c = c(k)])²        95 % intervals by Wilson's score
 //! ```
 //!
-//! Sources: Guo, Pleiss, Sun and Weinberger 2017 (one temperature for all classes); Brier 1950; Wilson 1927.
-
-use shapelex_numeric::parallel;
+//! Sources: Brier 1950; Wilson 1927.
 
 use super::observations::Evidence;
+use super::sharpness::{confidences, outside_of_folds};
 
 /// A held-out shape with its evidence from a classifier trained without it.
 #[derive(Debug, Clone, PartialEq)]
@@ -22,84 +21,6 @@ pub struct Held {
     pub fold: usize,
     /// Evidence for the shape.
     pub evidence: Evidence,
-}
-
-/// Bounds of `β`. Outside of them all confidences are equal, or all certain.
-const SHARPNESS: (f64, f64) = (1e-6, 1e9);
-
-/// Exponents below this give weights that do not change a sum; their exponential function is skipped to save time.
-const NEGLIGIBLE: f64 = -50.0;
-
-/// Maximum number of Newton steps.
-const STEPS: usize = 200;
-
-/// Largest factor by which a step changes `β`.
-const STRIDE: f64 = 4.0;
-
-/// Relative precision of `β`, beyond what confidences show.
-const PRECISION: f64 = 1e-10;
-
-/// `β` that maximises the likelihood of the true classes; 1 if there are no shapes. The likelihood is concave in `β`.
-///
-/// If all shapes are classified correctly, the maximum is at infinity and `β` ends at its bound.
-pub fn sharpness<'a>(held: impl Iterator<Item = &'a Held> + Clone) -> f64 {
-    let variances = held.clone().map(|held| moments(&held.evidence.scores, 0.0).1);
-    let (sum, count) = variances.fold((0.0, 0.0), |(sum, count), variance| (sum + variance, count + 1.0));
-    if count == 0.0 || sum == 0.0 {
-        return 1.0;
-    }
-    sharpness_near((sum / count).sqrt().recip().clamp(SHARPNESS.0, SHARPNESS.1), held)
-}
-
-/// The same, started from a nearby `β`: Newton steps within a bracket.
-fn sharpness_near<'a>(start: f64, held: impl Iterator<Item = &'a Held> + Clone) -> f64 {
-    let (mut low, mut high) = SHARPNESS;
-    let mut beta = start;
-    for _ in 0..STEPS {
-        // Slope Σ (s_c(k) − E s) and curvature Σ Var s, with E and Var under p.
-        let derivatives = held.clone().map(|held| {
-            let (mean, variance) = moments(&held.evidence.scores, beta);
-            (held.evidence.scores[held.class] - mean, variance)
-        });
-        let (slope, curvature) =
-            derivatives.fold((0.0, 0.0), |(a, b), (slope, variance)| (a + slope, b + variance));
-        if slope > 0.0 {
-            low = beta
-        } else {
-            high = beta
-        }
-        let newton = beta + slope / curvature;
-        // Far from the maximum the likelihood is nearly straight, and an unbounded step would overshoot.
-        let (least, most) = (low.max(beta / STRIDE), high.min(beta * STRIDE));
-        let next = if newton.is_nan() { (least * most).sqrt() } else { newton.clamp(least, most) };
-        if (next - beta).abs() <= PRECISION * beta {
-            return next;
-        }
-        beta = next;
-    }
-    beta
-}
-
-/// Mean and variance of scores under `p ∝ exp(β s)`.
-fn moments(scores: &[f64], beta: f64) -> (f64, f64) {
-    let best = scores.iter().copied().fold(f64::MIN, f64::max);
-    let (mut sum, mut first, mut second) = (0.0, 0.0, 0.0);
-    for s in scores.iter().map(|s| s - best).filter(|s| beta * s > NEGLIGIBLE) {
-        let weight = (beta * s).exp();
-        sum += weight;
-        first += weight * s;
-        second += weight * s * s;
-    }
-    let mean = first / sum;
-    (best + mean, (second / sum - mean * mean).max(0.0))
-}
-
-/// Confidence `p_c` of every class.
-pub fn confidences(evidence: &Evidence, beta: f64) -> Vec<f64> {
-    let best = evidence.scores.iter().copied().fold(f64::MIN, f64::max);
-    let weights: Vec<f64> = evidence.scores.iter().map(|s| (beta * (s - best)).exp()).collect();
-    let sum: f64 = weights.iter().sum();
-    weights.iter().map(|weight| weight / sum).collect()
 }
 
 /// A proportion with its 95 % interval.
@@ -176,10 +97,7 @@ impl Quality {
         let mut confusion = vec![vec![0_usize; classes]; classes];
         let folds = held.iter().map(|held| held.fold + 1).max().unwrap_or(1);
         let per_repeat = folds.div_ceil(repeats.max(1));
-        // Every fold has its own β, from the shapes outside of the fold.
-        let all = sharpness(held.iter());
-        let outside = |fold: usize| sharpness_near(all, held.iter().filter(move |held| held.fold != fold));
-        let betas: Vec<f64> = parallel::map(folds, &outside);
+        let betas = outside_of_folds(held, folds);
         let (mut brier, mut log_loss) = (0.0, 0.0);
         let mut bins = vec![Bin::default(); BINS];
         let mut right = vec![(0_usize, 0_usize); repeats.max(1)];
@@ -259,18 +177,6 @@ mod tests {
             fold,
             evidence: Evidence { distances: vec![0.0; probabilities.len()], scores },
         }
-    }
-
-    #[test]
-    fn scores_that_are_logarithms_of_frequencies_are_calibrated() {
-        // 0.8 of the shapes assigned to class 0 with confidence 0.8 belong to it: β undoes the factor.
-        for factor in [0.01, 1.0, 30.0] {
-            let shapes: Vec<Held> =
-                (0..10).map(|k| held(usize::from(k >= 8), 0, &[0.8, 0.2], factor)).collect();
-            let beta = sharpness(shapes.iter());
-            assert!((beta * factor - 1.0).abs() < 1e-6, "{beta} {factor}");
-        }
-        assert_eq!(sharpness([].iter()), 1.0);
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! What the settings of a classifier require of one another, of the dictionary, and of the labelled shapes.
+//! Requirements of the settings of a classifier on one another, on the dictionary, and on the labelled shapes.
 
 use super::candidates::MAX_STORED;
 use super::labels::ClassLabels;
@@ -19,7 +19,7 @@ fn fault(field: &'static str, detail: impl Into<String>) -> ParameterFault {
     ParameterFault { field, detail: detail.into() }
 }
 
-/// What sets a kind of classifier apart from the others.
+/// Properties that set a kind of classifier apart from the others.
 struct Needs {
     /// Codes in few of many atoms.
     sparse: bool,

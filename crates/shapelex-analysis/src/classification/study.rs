@@ -19,8 +19,9 @@ use super::ensemble::{Ensemble, Member, ROUNDS, selected};
 use super::folds::stratified;
 use super::labels::{ClassLabels, units};
 use super::observations::{Description, Evidence, Labelled, Observations};
-use super::quality::{Held, sharpness};
+use super::quality::Held;
 use super::report;
+use super::sharpness::sharpness;
 use super::stored::trained_of;
 use crate::AnalysisError;
 use crate::accumulate::{ShapesInMemory, subset};
@@ -57,7 +58,7 @@ pub fn train_classifier(
     Study { dictionary, recipe, shapes, labels, settings, watch }.record()
 }
 
-/// Chooses what to train, given the training shapes and the number of the fold.
+/// Chooses the classifier to train, given the training shapes and the number of the fold.
 type Chooser<'a> = dyn Fn(&[usize], usize) -> Result<Choice, AnalysisError> + Sync + 'a;
 
 /// Whether scores keep the units of their classifier.
@@ -132,7 +133,7 @@ impl Study<'_> {
         })
     }
 
-    /// Determines what to train on the shapes `chosen`, with the candidates if there was a choice.
+    /// Determines the classifier to train on the shapes `chosen`, with the candidates if there was a choice.
     fn chosen(&self, chosen: &[usize], seed: u64) -> Result<(Choice, Option<Vec<Candidate>>), AnalysisError> {
         match self.settings.requested() {
             Some(kind) => Ok((Choice::of(kind), None)),
@@ -140,7 +141,7 @@ impl Study<'_> {
         }
     }
 
-    /// Classifies each shape once per repeat with a classifier learnt without it; `choose` determines what to train.
+    /// Classifies each shape once per repeat with a classifier learnt without it; `choose` determines the classifier to train.
     fn cross_validate(
         &self,
         choose: &Chooser<'_>,
@@ -154,8 +155,8 @@ impl Study<'_> {
             let (inside, outside) = divided(fold_of, fold);
             self.check_classes(&inside)?;
             let choice = choose(&inside, number)?;
-            let learnt = self.learn(&inside)?;
-            let classifier = self.train(&choice, &learnt, &self.describe(&learnt, &inside)?)?;
+            let (learnt, training) = self.learn(&inside)?;
+            let classifier = self.train(&choice, &learnt, &training)?;
             let described = self.describe(&learnt, &outside)?;
             let mut evidence = self.evidence(&classifier, &learnt, &described, &outside)?;
             if scores == Scores::Standardised {
@@ -181,7 +182,7 @@ impl Study<'_> {
         Ok(held.concat())
     }
 
-    /// Chooses what to train on the shapes `chosen` by a cross-validation within them; returns the candidates too, the
+    /// Chooses the classifier to train on the shapes `chosen` by a cross-validation within them; returns the candidates too, the
     /// best first.
     fn choose(&self, chosen: &[usize], seed: u64) -> Result<(Choice, Vec<Candidate>), AnalysisError> {
         let (mut trials, shapes) = self.trials(chosen, seed)?;
@@ -228,8 +229,8 @@ impl Study<'_> {
             if self.check_classes(&inside).is_err() || outside.is_empty() {
                 continue;
             }
-            let learnt = self.learn(&inside)?;
-            let (training, test) = (self.describe(&learnt, &inside)?, self.describe(&learnt, &outside)?);
+            let (learnt, training) = self.learn(&inside)?;
+            let test = self.describe(&learnt, &outside)?;
             if shapes == 0 {
                 let kinds = candidates(&learnt.model, self.labels);
                 tried = kinds.into_iter().map(|kind| (kind, Vec::new())).collect();
@@ -283,19 +284,35 @@ impl Study<'_> {
         evidence.map_err(|error| self.located(error, positions))
     }
 
-    fn learn(&self, chosen: &[usize]) -> Result<Dictionary, AnalysisError> {
+    /// Learns from the chosen shapes, and describes them by the dictionary learnt.
+    fn learn(&self, chosen: &[usize]) -> Result<(Dictionary, Described), AnalysisError> {
         self.watch.check()?;
         let measured = self.dictionary.preparation.measured();
-        let learnt = learn_part(self.recipe, measured, &subset(self.shapes, chosen), self.watch);
-        learnt.map_err(|error| renumbered(error, chosen))
+        let shapes = subset(self.shapes, chosen);
+        let learnt = learn_part(self.recipe, measured, &shapes, self.watch);
+        let (learnt, posed) = learnt.map_err(|error| renumbered(error, chosen))?;
+        let prepared = posed.into_whitened();
+        let codes = learnt.model.codes(&prepared, measured.metric.len());
+        let codes = codes.map_err(|error| self.located(error, chosen))?;
+        Ok((learnt, self.described(chosen, shapes, prepared, codes)))
+    }
+
+    fn described(
+        &self,
+        chosen: &[usize],
+        shapes: ShapesInMemory,
+        prepared: Vec<f64>,
+        codes: Vec<SparseCode>,
+    ) -> Described {
+        let classes = chosen.iter().map(|&k| self.labels.classes[k]).collect();
+        Described { shapes, prepared, codes, classes }
     }
 
     fn describe(&self, learnt: &Dictionary, chosen: &[usize]) -> Result<Described, AnalysisError> {
         let shapes = subset(self.shapes, chosen);
         let (prepared, codes) = described(&learnt.preparation, &learnt.model, &shapes)
             .map_err(|error| self.located(error, chosen))?;
-        let classes = chosen.iter().map(|&k| self.labels.classes[k]).collect();
-        Ok(Described { shapes, prepared, codes, classes })
+        Ok(self.described(chosen, shapes, prepared, codes))
     }
 
     fn description<'b>(&self, learnt: &'b Dictionary) -> Description<'b> {

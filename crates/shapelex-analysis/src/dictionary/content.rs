@@ -1,7 +1,7 @@
 //! The content of a dictionary: learnt statistics with the parameters of learning, as a serialisable record.
 //!
 //! A content depends on the shapes and the parameters alone: equal inputs give equal numbers, and an equal serialised
-//! form. Names, times and the origin of the shapes are no part of it.
+//! form. Names, times and the origin of the shapes are not part of it.
 
 use super::method::Method;
 use crate::alignment::Alignment;

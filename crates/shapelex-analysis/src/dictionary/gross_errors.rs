@@ -7,7 +7,7 @@
 //! 3. gap         in ascending order, the normalised spacings (n − i)(m₍ᵢ₊₁₎ − m₍ᵢ₎) of an exponential tail are equally distributed:
 //!                k of them with the sum S are followed by one beyond g with probability (1 + g/S)^−k
 //! 4. cut         above the least likely gap of the upper fifth, if one of so many is that wide once in 100 sets; then 2 once more
-//! 5. groups      what was cut, and is nearer to its own median than to the others, is a group of shapes and no error: it stays
+//! 5. groups      cut shapes that are nearer to their own median than to the others are a group of shapes and not an error: they stay
 //! ```
 //!
 //! Components follow gross errors: with a tenth of them, the variances of the scores are theirs, and their `T²` is like that of the
@@ -25,7 +25,7 @@ use super::novelty::Logarithms;
 use crate::metric::norm;
 use shapelex_numeric::dense::Matrix;
 
-/// Part of the held-out shapes in which gross errors are looked for: twice what is promised, since a sample of 400 may have a few
+/// Part of the held-out shapes in which gross errors are looked for: twice the promised part, since a sample of 400 may have a few
 /// percent more than the cohort.
 const MOST: f64 = 0.2;
 
@@ -45,7 +45,7 @@ const MAJORITY: f64 = 0.65;
 const STEPS: usize = 30;
 const ROUNDS: usize = 10;
 
-/// Shapes of a group of this many, and of this part of what was cut, are no errors.
+/// Shapes of a group of this many, and of this part of the cut shapes, are not errors.
 const LEAST_GROUP: usize = 5;
 const PART_OF_CUT: f64 = 0.5;
 

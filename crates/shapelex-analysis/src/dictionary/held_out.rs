@@ -5,7 +5,7 @@
 //! mean, which in turn influences the start points. In that case, and for sparse atoms, which have no downdate,
 //! everything is learnt anew without one part of the shapes, and then describes that part.
 //!
-//! Which shapes are held out, and in which part, depends on what they were given as and on a seed, not on their places
+//! Which shapes are held out, and in which part, depends on the shapes as given and on a seed, not on their places
 //! ([`Mark`](crate::accumulate::Mark)): the same shapes in any order have the same limit of outliers.
 
 use super::content::{GrossErrors, HeldOutMeasure, HeldOutStatistics, HoldOut, TypicalScores};
@@ -143,7 +143,7 @@ fn held_in_parts(
             (0..shapes.count()).partition(|k| k % parts == part);
         outside.truncate(MAX_HELD);
         let measured = dictionary.preparation.measured();
-        let learner = learn_part(recipe, measured, &subset(&shapes, &inside), watch)?;
+        let (learner, _) = learn_part(recipe, measured, &subset(&shapes, &inside), watch)?;
         let found = learner.told(&subset(&shapes, &outside))?;
         distances.extend(found.distances.into_iter().flatten());
         residuals.extend(found.residuals);

@@ -93,7 +93,7 @@ impl Learner<'_> {
             let learnt = self.finish((shapes, shapes), mean, None, None, self.help)?;
             return Ok(Learnt { disagreement, ..learnt });
         };
-        // Wrong shapes must not become atoms, nor set the limit of outliers: what follows does not see them.
+        // Wrong shapes must not become atoms, nor set the limit of outliers: the following steps do not see them.
         let retained = Retained::new(shapes, &factors.factors);
         let mut learnt =
             self.finish((&retained, &retained), mean, None, Some(factors.summary()), &|_| Ok(None))?;
@@ -205,13 +205,13 @@ fn mean_of(
     Ok(FirstMean { mean: record, factors: mean.robust, disagreement: mean.disagreement })
 }
 
-/// Learns from shapes in memory, without certificate, held-out shapes and reports: for a part of a validation.
+/// Learns from shapes in memory, without certificate, held-out shapes and reports: for a part of a validation. Also the shapes in pose.
 pub(crate) fn learn_part(
     recipe: &Recipe,
     measured: Measured<'_>,
     shapes: &ShapesInMemory,
     watch: &dyn Watch,
-) -> Result<Dictionary, AnalysisError> {
+) -> Result<(Dictionary, ShapesInMemory), AnalysisError> {
     let watched = Watched::new(shapes, watch);
     // Wrong shapes are left out of all parts alike.
     let FirstMean { mean, .. } = mean_of(Estimator::Plain, recipe, measured, &watched)?;
@@ -220,7 +220,7 @@ pub(crate) fn learn_part(
     let posed = ShapesInMemory::of(&Posed { source: &watched, preparation: &preparation })?;
     recipe.method.fit(&posed, None, &preparation, &mut content, &Quiet(watch))?;
     content.statistics.shapes = shapes.count();
-    Dictionary::new(content, measured)
+    Ok((Dictionary::new(content, measured)?, posed))
 }
 
 impl Dictionary {

@@ -59,7 +59,7 @@ pub struct Learning {
     pub seed: u64,
     /// Maximum number of passes over the shapes.
     pub max_epochs: usize,
-    /// Learning ends when the objective is, by what the second half of the passes gained, relatively nearer to its end than this; with a
+    /// Learning ends when the objective is, by the gain of the second half of the passes, relatively nearer to its end than this; with a
     /// pursuit, which does not minimise, when it is so for ten passes.
     pub tolerance: f64,
 }

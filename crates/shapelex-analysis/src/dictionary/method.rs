@@ -63,8 +63,8 @@ pub enum Method {
         #[cfg_attr(feature = "serde", serde(default = "default_max_epochs"))]
         #[cfg_attr(feature = "schema", schema(default = 200, minimum = 1, maximum = 10000))]
         max_epochs: usize,
-        /// Relative distance of the objective from its end, estimated by what the second half of the passes gained, below which learning
-        /// stops (with `nonzeros`: for ten passes). Default: 1e-3.
+        /// Relative distance of the objective from its end, estimated by the gain of the second half of the passes,
+        /// below which learning stops (with `nonzeros`: for ten passes). Default: 1e-3.
         #[cfg_attr(feature = "serde", serde(default = "default_tolerance"))]
         #[cfg_attr(feature = "schema", schema(default = 1e-3, minimum = 0, exclusive_maximum = 1))]
         tolerance: f64,

@@ -5,14 +5,14 @@
 //! ```
 //!
 //! With *aligned* codes, the shapes are aligned to their mean and `B_jk = α_jk` is a number. With *invariant* codes, every
-//! atom is transformed by a member of the transformation class of its own and no alignment is needed (for similarities of
+//! atom is transformed by its own member of the transformation class and no alignment is needed (for similarities of
 //! the plane these are the complex weights of Song, Uhlmann, Fageot and Unser).
 //!
 //! Learn:
 //!
 //! * [`recipe`] — all parameters of learning; [`method`] — the learning method among them;
 //! * [`learn`] — mean, preparation, atoms, certificate and statistics of held-out shapes ([`held_out`]);
-//! * [`content`] — what was learnt, as a record, whose parts `consistency` checks.
+//! * [`content`] — the learnt model, as a record, whose parts `consistency` checks.
 //!
 //! Use:
 //!
@@ -24,7 +24,7 @@
 //!
 //! Parts:
 //!
-//! * [`procedure`] — what a method must do, with its implementations `components` and `sparse_atoms`;
+//! * [`procedure`] — the trait of methods, with its implementations `components` and `sparse_atoms`;
 //! * [`learning`] — online and batch learning of sparse atoms; [`statistics`] — sufficient statistics of codes;
 //! * [`model`] — learnt atoms in use; [`work`] — predicted work;
 //! * [`downdate`] — leave-one-out statistics of principal components;

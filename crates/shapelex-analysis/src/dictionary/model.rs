@@ -9,7 +9,7 @@
 
 use super::learning::Learning;
 use crate::AnalysisError;
-use crate::accumulate::{ShapeSource, ShapesInMemory, map_shapes, read_numbers, write_numbers};
+use crate::accumulate::{ShapeSource, ShapesInMemory, read_numbers, write_numbers};
 use crate::algebra::Algebra;
 use crate::metric::{dot, norm};
 use crate::pca::{FunctionalPca, reconstruction_error};
@@ -354,8 +354,7 @@ pub fn described(
     model: &Model,
     shapes: &ShapesInMemory,
 ) -> Result<(Vec<f64>, Vec<SparseCode>), AnalysisError> {
-    let posed = Posed { source: shapes, preparation };
-    let prepared = map_shapes(&posed, |_, y, _| Ok(y.to_vec()))?.concat();
+    let prepared = ShapesInMemory::of(&Posed { source: shapes, preparation })?.into_whitened();
     let codes = model.codes(&prepared, preparation.metric.len())?;
     Ok((prepared, codes))
 }

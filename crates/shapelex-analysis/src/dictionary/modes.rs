@@ -70,7 +70,7 @@ impl Dictionary {
         Some(Sampler { metric, pca, spread, root, sigma, random: ChaCha12Rng::seed_from_u64(seed) })
     }
 
-    /// The whitened shapes that span what a `reference` names: the mean; or the atoms, with the mean of the aligned shapes if the
+    /// The whitened shapes that span the space that a `reference` names: the mean; or the atoms, with the mean of the aligned shapes if the
     /// components are those about it.
     pub fn span(&self, reference: Reference) -> Vec<Vec<f64>> {
         match (reference, &self.model) {

@@ -1,4 +1,4 @@
-//! What a dictionary method must do: one implementation of `Procedure` for each variant of [`Method`].
+//! The trait of dictionary methods: one implementation of `Procedure` for each variant of [`Method`].
 
 use super::components::Components;
 use super::content::Content;
@@ -29,7 +29,7 @@ pub struct Previous<'a> {
 pub struct ParameterFault {
     /// Path of the parameter, with dots.
     pub field: &'static str,
-    /// What was expected, and what was found.
+    /// The expected and the actual value.
     pub detail: String,
 }
 
@@ -39,7 +39,7 @@ impl From<ParameterFault> for AnalysisError {
     }
 }
 
-/// A field of a content that learning never produces, with what was expected.
+/// A field of a content that learning never produces, with the expectation.
 pub type Inconsistency = (&'static str, &'static str);
 
 /// How a method learns atoms from prepared shapes, and how its atoms are used.

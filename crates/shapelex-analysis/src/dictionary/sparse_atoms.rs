@@ -106,7 +106,7 @@ impl Procedure for SparseAtoms {
         self.max_epochs
     }
 
-    /// Each atom starts as a shape of its own.
+    /// Each atom starts as a different shape.
     fn needed_shapes(&self) -> usize {
         self.atoms
     }

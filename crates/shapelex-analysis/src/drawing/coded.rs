@@ -1,4 +1,4 @@
-//! Drawings of shapes beside what a dictionary makes of them.
+//! Drawings of shapes beside their reconstructions by a dictionary.
 
 use super::View;
 use shapelex_geometry::drawing::colour;
@@ -12,7 +12,7 @@ use shapelex_numeric::dense::Matrix;
 /// A shape and its reconstruction: control points in one pose.
 #[derive(Debug, Clone)]
 pub struct Pair {
-    /// What is written below.
+    /// Text below the drawing.
     pub caption: String,
     /// The shape and its reconstruction.
     pub shapes: [Vec<f64>; 2],

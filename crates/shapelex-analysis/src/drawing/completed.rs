@@ -13,7 +13,7 @@ use shapelex_numeric::dense::{Matrix, symmetric_eigen};
 /// A completed shape.
 #[derive(Debug, Clone)]
 pub struct Completed {
-    /// What is written below.
+    /// Text below the drawing.
     pub caption: String,
     /// Its control points, `d·N` coordinate-major numbers.
     pub control_points: Vec<f64>,
@@ -76,7 +76,7 @@ fn layers(view: &View<'_>, shape: &Completed) -> Vec<Layer> {
 }
 
 /// A layer of closed lines; `None` without lines.
-fn lines(polygons: Vec<Vec<[f64; 2]>>, colour: Colour, width: f64, opacity: f64) -> Option<Layer> {
+pub(super) fn lines(polygons: Vec<Vec<[f64; 2]>>, colour: Colour, width: f64, opacity: f64) -> Option<Layer> {
     let first = polygons.first()?;
     let corners: Vec<&[f64]> = first.iter().map(|point| point.as_slice()).collect();
     let mut layer = Layer::from_polyline(&corners, true, colour);
@@ -85,7 +85,7 @@ fn lines(polygons: Vec<Vec<[f64; 2]>>, colour: Colour, width: f64, opacity: f64)
 }
 
 /// `{x : (x − at)ᵀ C⁻¹ (x − at) = factor²}` as a polygon.
-fn ellipse(at: [f64; 2], covariance: &Matrix, factor: f64) -> Vec<[f64; 2]> {
+pub(super) fn ellipse(at: [f64; 2], covariance: &Matrix, factor: f64) -> Vec<[f64; 2]> {
     let eigen = symmetric_eigen(covariance);
     let axes: Vec<f64> = eigen.eigenvalues.iter().map(|value| factor * value.max(0.0).sqrt()).collect();
     let corner = |k: usize| {

@@ -1,4 +1,4 @@
-//! Drawings of drift: the scores of new shapes against those of the training, and what else changed, in sentences.
+//! Drawings of drift: the scores of new shapes against those of the training, and other changes, in sentences.
 
 use crate::assessment::drift::{ClassDrift, Drift, ScoreDrift};
 use shapelex_geometry::drawing::legend::Entry;
@@ -32,7 +32,7 @@ pub fn draw_drift(title: &str, drift: &Drift, since: u64, quantile: f64) -> Draw
     strips(title, &scores).with_legend(&legend)
 }
 
-/// What changed, in sentences.
+/// Changes in sentences.
 fn told(drift: &Drift, since: u64, quantile: f64) -> Vec<String> {
     if drift.shapes == 0 {
         return vec![format!("no shapes were added since revision {since}")];

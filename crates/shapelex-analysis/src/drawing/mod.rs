@@ -1,14 +1,21 @@
 //! Drawings of results: means, modes and atoms here; [`studies`] — comparisons and regressions; [`report`] — report cards;
-//! [`completed`] — completed shapes with bands; [`coded`] — shapes beside what
-//! a dictionary makes of them; [`nearest`] — shapes beside their neighbours; [`drift`] — new shapes against old ones.
+//! [`blocks`], [`symmetry`] — blocks, modules and symmetry; [`completed`] — completed shapes with bands; [`coded`] — shapes beside their
+//! reconstructions by a dictionary; [`nearest`] — shapes beside their neighbours; [`drift`] — new shapes against old ones;
+//! [`warps`] — thin-plate splines; [`elastic`] — elastic matches.
 
+pub mod blocks;
 pub mod coded;
 pub mod completed;
 pub mod drift;
+pub mod elastic;
 pub mod models;
+pub mod morphospace;
 pub mod nearest;
+pub mod repeatability;
 pub mod report;
 pub mod studies;
+pub mod symmetry;
+pub mod warps;
 
 use crate::alignment::{AlignedShape, Method, unwhitened};
 use crate::dictionary::content::Content;
@@ -151,7 +158,7 @@ fn deviations(sigma: f64) -> String {
 }
 
 /// The atoms of a dictionary, each in its own frame on a common scale. For components of surfaces, and of curves about a mean,
-/// which are no such shapes themselves, both sides of the modes.
+/// which are not such shapes themselves, both sides of the modes.
 pub fn draw_atoms(view: &View<'_>, name: &str, dictionary: &Dictionary) -> Drawing {
     let content = &dictionary.content;
     let title = match content.method.is_sparse() {

@@ -18,7 +18,7 @@ pub struct Row {
 }
 
 /// Drawing of one row for each shape: the shape, then its neighbours, each before a pale outline of the shape. Rows have a
-/// scale of their own if the method removes sizes.
+/// separate scale if the method removes sizes.
 pub fn draw_nearest(space: &ShapeSpace, method: &Method, title: &str, rows: &[Row]) -> Drawing {
     let columns = 1 + rows.iter().map(|row| row.neighbours.len()).max().unwrap_or(0);
     let cells = rows.iter().flat_map(|row| {

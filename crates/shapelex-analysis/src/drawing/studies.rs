@@ -18,7 +18,7 @@ use shapelex_geometry::representation::ShapeSpace;
 const SIGNIFICANT: f64 = 0.05;
 
 /// Colours of the groups, used cyclically (colour-blind safe).
-const GROUP_COLOURS: [Colour; 6] = [
+pub(super) const GROUP_COLOURS: [Colour; 6] = [
     colour::MINUS,
     colour::PLUS,
     Colour::new(0x22_88_33, 0x63_c6_7c),
@@ -107,7 +107,7 @@ fn scale_text(pair: &PairRecord, effect: &Effect) -> String {
     )
 }
 
-/// What was found about a pair, and what the colours mean.
+/// Result for a pair, and meaning of the colours.
 fn difference(pair: &PairRecord) -> String {
     let PairRecord { first, second, distance, .. } = pair;
     let p = in_brackets(&distance.test);
@@ -190,7 +190,7 @@ fn quantile(prediction: &Prediction) -> String {
     format!("{:.0} % quantile", 100.0 * prediction.quantile)
 }
 
-/// What a regression found, in words.
+/// Result of a regression, in words.
 fn explained(name: &str, regression: &RegressionRecord) -> String {
     let p = regression.test.p.map_or_else(String::new, |p| format!(" (p = {})", probability(p)));
     format!("{name} explains {:.1} % of the variation of the shapes{p}", 100.0 * regression.r_squared)

@@ -140,7 +140,7 @@ fn pulled(jacobians: &[Matrix], moved: &Matrix) -> Matrix {
     columns(&parallel::map(jacobians.len(), &pull))
 }
 
-/// `δ n Σ log(1 + λ/δ)` and the deformations: what a step lowers.
+/// `δ n Σ log(1 + λ/δ)` and the deformations: the objective of a step.
 fn objective<'a>(
     spread: &Spread,
     maps: impl ExactSizeIterator<Item = &'a Reparametrisation>,

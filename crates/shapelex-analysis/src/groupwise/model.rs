@@ -97,7 +97,7 @@ impl Spread {
         self.variances.iter().sum()
     }
 
-    /// `Σ log(1 + λ/δ)`: what `log det(S/n + δI)` is above that of no variance.
+    /// `Σ log(1 + λ/δ)`: the excess of `log det(S/n + δI)` over that of no variance.
     pub(super) fn entropy(&self, delta: f64) -> f64 {
         self.variances.iter().map(|variance| (variance / delta).ln_1p()).sum()
     }

@@ -81,7 +81,7 @@ impl<'a> AlignedShapes<'a> {
         let source = ShapesInMemory::new(metric, method.translates(), control_points, weights.clone())?;
         watch.check()?;
         let mean = mean_shape(&Watched::new(&source, watch), metric, method, frame, matching)?;
-        // In place: 100 000 shapes in vectors of their own would take more memory, and leave it in pieces.
+        // In place: 100 000 shapes in separate vectors would take more memory, and leave it in pieces.
         let mut placed = source.into_whitened();
         parallel::for_each_chunk(&mut placed, metric.len(), &|k, x| {
             if let Cow::Owned(moved) = matching.place(x, mean.placements[k]) {
@@ -124,7 +124,7 @@ impl<'a> AlignedShapes<'a> {
     }
 
     /// Whitened shapes at places along them, coordinate-major, one a column.
-    pub(super) fn points(&self, whitened: &Matrix, places: &Places) -> Matrix {
+    pub(crate) fn points(&self, whitened: &Matrix, places: &Places) -> Matrix {
         let StudySpace { space, metric, .. } = self.space;
         let (size, dimension) = (metric.size(), metric.dimension());
         let mut points = Matrix::zeros(places.count() * dimension, whitened.ncols());

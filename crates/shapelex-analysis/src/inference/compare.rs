@@ -50,7 +50,7 @@ pub fn compare(
     Study::new(shapes, groups, draws, samples)?.comparison(watch)
 }
 
-/// What the groups and their pairs are computed from.
+/// Data from which the groups and their pairs are computed.
 struct Study<'a> {
     shapes: &'a AlignedShapes<'a>,
     groups: &'a Groups,

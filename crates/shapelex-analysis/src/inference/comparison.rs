@@ -106,7 +106,7 @@ pub struct OverallTest {
     pub histogram: Option<ExplainedHistogram>,
 }
 
-/// What relabellings give.
+/// Results of relabellings.
 #[derive(Debug, Clone, PartialEq)]
 struct Reached {
     /// For every statistic, the number of relabellings that reach the observed one.

@@ -44,12 +44,12 @@ pub enum StudyError {
         /// Number of shapes needed.
         needed: usize,
     },
-    /// The attribute has no effect of its own.
+    /// The attribute has no separate effect.
     #[error(
         "the attribute is constant, or a linear combination of the covariates: there is no regression on it"
     )]
     CollinearAttribute,
-    /// A covariate has no effect of its own.
+    /// A covariate has no separate effect.
     #[error("the covariate is constant, or a linear combination of the covariates before it: leave it out")]
     CollinearCovariate {
         /// Position of the covariate.

@@ -60,11 +60,15 @@ pub fn subjects_in_several_groups(subjects: &[Option<&str>], labels: &[usize]) -
 pub fn dependence_warning(subjects: &[Option<&str>]) -> Option<String> {
     let known: Vec<&str> = subjects.iter().copied().flatten().collect();
     let distinct = known.iter().collect::<BTreeSet<_>>().len();
-    (distinct < known.len()).then(|| {
+    dependence_warning_of(known.len(), distinct)
+}
+
+/// Warning about so many shapes of so many subjects.
+pub fn dependence_warning_of(shapes: usize, distinct: usize) -> Option<String> {
+    (distinct < shapes).then(|| {
         format!(
-            "{} shapes are of {distinct} subjects: shapes of one subject are not independent, and p values that treat them \
-             so are too small",
-            known.len()
+            "{shapes} shapes are of {distinct} subjects: shapes of one subject are not independent, and p values that treat \
+             them so are too small"
         )
     })
 }

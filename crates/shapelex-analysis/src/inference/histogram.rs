@@ -1,4 +1,4 @@
-//! Histograms of a permutation statistic: what the observed value is compared with.
+//! Histograms of a permutation statistic: the reference of the observed value.
 
 /// Number of bins: enough to see the shape of a distribution, few enough for every pair of fifty groups.
 pub const BINS: usize = 40;

@@ -14,7 +14,7 @@
 //! * [`regress`] — regression on an attribute; [`variables`] — attribute, covariates and their design;
 //! * [`records`] — results; [`error`] — reasons why there is none; [`limits`].
 //!
-//! What they are made of:
+//! Their parts:
 //!
 //! * [`permutation`] — relabellings within strata, enumerated or drawn; p values; Holm's correction;
 //! * [`histogram`] — histograms of a statistic over the relabellings;

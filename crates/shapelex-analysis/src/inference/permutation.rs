@@ -2,7 +2,7 @@
 //!
 //! Labels are exchanged within strata only, so that the number of shapes of every group in a stratum does not change. If
 //! there are no more relabellings than requested, all of them are enumerated and the p value is exact. Otherwise they are
-//! drawn, each from a random stream of its own, so that they do not depend on the number of threads.
+//! drawn, each from a separate random stream, so that they do not depend on the number of threads.
 
 use std::collections::BTreeMap;
 

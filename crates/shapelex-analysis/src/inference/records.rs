@@ -191,7 +191,7 @@ pub struct RegressionRecord {
     pub degrees: usize,
     /// Fraction of the squared distances from the average explained by the attribute after the covariates (type III).
     pub r_squared: f64,
-    /// Fraction of what the covariates leave unexplained that the attribute explains.
+    /// Fraction of the variation left unexplained by the covariates that the attribute explains.
     pub partial_r_squared: f64,
     /// Fraction explained by attribute and covariates together.
     pub model_r_squared: f64,

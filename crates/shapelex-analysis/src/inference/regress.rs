@@ -108,7 +108,7 @@ fn scatter_warning(shapes: &AlignedShapes<'_>, values: &[f64], outcome: &Outcome
     })
 }
 
-/// What the record of a regression is made from.
+/// Data from which the record of a regression is made.
 #[derive(Debug)]
 pub struct Outcome<'a> {
     /// Metric of the shapes.

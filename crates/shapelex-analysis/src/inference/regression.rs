@@ -62,7 +62,7 @@ pub struct Regression {
     pub slope: Vec<f64>,
     /// `R²` of the attribute after the covariates: `S_a` over the total of squared distances from the mean.
     pub r_squared: f64,
-    /// Partial `R²`, `S_a/S_reduced`: the fraction explained of what the covariates leave.
+    /// Partial `R²`, `S_a/S_reduced`: the explained fraction of the residual of the covariates.
     pub partial_r_squared: f64,
     /// `R²` of attribute and covariates together.
     pub model_r_squared: f64,

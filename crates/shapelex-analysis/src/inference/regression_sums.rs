@@ -27,7 +27,7 @@ use nalgebra::Cholesky;
 use shapelex_numeric::dense::{self, Matrix};
 use shapelex_numeric::parallel;
 
-/// Square of the relative length below which a column is a combination of those before it: what sums of squares can tell
+/// Square of the relative length below which a column is a combination of those before it: the least that sums of squares can tell
 /// from rounding.
 const DEPENDENT: f64 = 1e-12;
 
@@ -241,7 +241,7 @@ pub struct Solved {
     degrees: usize,
     /// `S_a`, `S_reduced`, the total.
     sums: [f64; 3],
-    /// What residuals are made of.
+    /// Reduced model of the residuals.
     pub reduced: Reduced,
 }
 

@@ -35,14 +35,24 @@ impl Span {
         for (mut column, &root) in weighted.column_iter_mut().zip(&roots) {
             column.scale_mut(root);
         }
-        let (length, count) = vectors.shape();
+        let mut span = Self::of_scaled(&weighted)?;
+        for (mut column, &root) in span.scores.column_iter_mut().zip(&roots) {
+            column.unscale_mut(root);
+        }
+        Ok(span)
+    }
+
+    /// Span of columns `z` as they are: principal directions of `Σ z zᵀ`. Cost and errors: as for [`Self::new`].
+    ///
+    /// # Errors
+    /// A failure of the eigenproblem.
+    pub fn of_scaled(weighted: &Matrix) -> Result<Self, AnalysisError> {
+        let (length, count) = weighted.shape();
         if count <= length {
             let gram = dense::gram(weighted.as_slice(), length);
             let pairs = dense::leading_eigenpairs(&gram, count)?;
             let kept = rank(&pairs.values);
-            let scores = Matrix::from_fn(kept, count, |i, k| {
-                pairs.values[i].sqrt() * pairs.vectors[(k, i)] / roots[k]
-            });
+            let scores = Matrix::from_fn(kept, count, |i, k| pairs.values[i].sqrt() * pairs.vectors[(k, i)]);
             return Ok(Self { scores, eigenvalues: pairs.values[..kept].to_vec() });
         }
         let mut scatter = Matrix::zeros(length, length);
@@ -50,10 +60,7 @@ impl Span {
         let pairs = dense::leading_eigenpairs(&scatter, length)?;
         let kept = rank(&pairs.values);
         let directions = pairs.vectors.columns(0, kept).into_owned();
-        let mut scores = dense::transpose_multiply(&directions, &weighted);
-        for (mut column, &root) in scores.column_iter_mut().zip(&roots) {
-            column.unscale_mut(root);
-        }
+        let scores = dense::transpose_multiply(&directions, weighted);
         Ok(Self { scores, eigenvalues: pairs.values[..kept].to_vec() })
     }
 

@@ -5,7 +5,7 @@
 //! ```
 //!
 //! Surfaces that close have no finite list of start points: their parameters move ([`Motion`]), and the best motion is searched from
-//! motions that are spread out, to 1/1024 turn. A moved surface has another norm, so what counts is the rest that a fit leaves.
+//! motions that are spread out, to 1/1024 turn. A moved surface has another norm, so the rest that a fit leaves counts.
 //!
 //! The square root of a circulant Gram operator commutes with cyclic shifts, so a shifted shape has the shifted basis.
 //! The search alternates with the mean until nothing changes; every step raises the objective. In a tie the current

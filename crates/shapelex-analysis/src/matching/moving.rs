@@ -1,7 +1,7 @@
 //! The search for the motion of the parameters of a surface that matches the mean best.
 //!
 //! ```text
-//! rest(γ) = what the best fit of T_γ x to the mean leaves     least over rotations of the parameter sphere, or starts
+//! rest(γ) = residual of the best fit of T_γ x to the mean     least over rotations of the parameter sphere, or starts
 //! ```
 //!
 //! A search by halving steps from several starts: the rest has several minima.
@@ -18,10 +18,10 @@ use shapelex_numeric::dense::Matrix;
 /// Steps of a search for the best motion, in 1/1024 turn.
 const STEPS: [u16; 4] = [64, 16, 4, 1];
 
-/// Part by which what is left must fall for a motion to replace another: smaller steps would let all shapes drift along together.
+/// Part by which the residual must fall for a motion to replace another: smaller steps would let all shapes drift along together.
 const NOTICEABLE: f64 = 1e-3;
 
-/// A motion of those that are spread out is followed if it leaves less than so many times what the best one leaves.
+/// A motion of those that are spread out is followed if its residual is below so many times that of the best one.
 const FOLLOWED: f64 = 3.0;
 
 /// Maximum number of motions that are followed.
@@ -30,10 +30,10 @@ const MOST_FOLLOWED: usize = 2;
 /// Shapes whose parameterisations are compared with the mean.
 const LOOKED_AT: usize = 8;
 
-/// Seed of their choice, which is no parameter: the answer is a warning.
+/// Seed of their choice, which is not a parameter: the answer is a warning.
 const LOOKED_AT_SEED: u64 = 0;
 
-/// A parameterisation disagrees with the mean if another one leaves less than this part of what it leaves.
+/// A parameterisation disagrees with the mean if another one leaves less than this part of its residual.
 const DISAGREES: f64 = 0.8;
 
 /// Motions that are tried for that, in 1/1024 turn: small ones, and halves of a turn.
@@ -55,7 +55,7 @@ pub(super) struct MovedSurfaces {
 pub struct Disagreement {
     /// Number of shapes that were looked at.
     pub looked_at: usize,
-    /// Number of those that fit the mean better if their parameters move: what is left falls by a fifth or more.
+    /// Number of those that fit the mean better if their parameters move: the residual falls by a fifth or more.
     pub disagreeing: usize,
 }
 
@@ -204,7 +204,7 @@ impl Matching {
 }
 
 impl Target<'_> {
-    /// What the best fit of the shape of `y` leaves: of the dimensions of the mean space those outside that of `y`; the squared
+    /// Residual of the best fit of the shape of `y`: of the dimensions of the mean space those outside that of `y`; the squared
     /// distance from the mean, at the size of the shape or in parts of the squared norms.
     fn rest(&self, y: &[f64]) -> Result<f64, AnalysisError> {
         let score = self.scores_without_shift(y)?;

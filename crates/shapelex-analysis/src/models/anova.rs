@@ -5,92 +5,21 @@
 //! error term as its residuals. The ratio of two mean squares whose permutations are drawn apart has no level.
 
 use super::design::{Contrasts, Design, Prepared, Table};
-use super::effect_size::{Transform, effect_size, reaching};
+use super::effect_size::{effect_size, reaching};
 use super::error::ModelError;
 use super::exchange::{Draw, ExchangeKind, Exchanges, pairs};
-use super::formula::Formula;
+use super::formula::{Formula, Term};
 use super::permuted::{Fitted, Sums};
-use super::records::{AnovaRecord, DesignRecord, ResidualRecord, TermRecord, TotalRecord};
+use super::records::{AnovaRecord, RatioRecord, TermRecord};
 use super::subspaces::{Hypothesis, Space, SumType};
-use crate::inference::histogram::ExplainedHistogram;
+use super::tested::Tested;
+use super::testing::without_observed;
+pub use super::testing::{ExchangeRule, Statistic, Testing};
 use crate::watch::{Counted, Watch};
 use shapelex_numeric::dense::Matrix;
 
 /// Fewest distinct exchanges of a test: with fewer no p value is below .05.
-const FEWEST_EXCHANGES: f64 = 20.0;
-
-/// The statistic whose permutations are counted.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "snake_case"))]
-#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
-pub enum Statistic {
-    /// The ratio of mean squares.
-    #[default]
-    F,
-    /// The sum of squares.
-    SumOfSquares,
-}
-
-/// Choice of what is exchanged for each term.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "snake_case"))]
-#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
-pub enum ExchangeRule {
-    /// With blocks, within them for terms that vary inside, whole blocks for others; without, all residuals.
-    #[default]
-    Auto,
-    /// All residuals.
-    Free,
-    /// Residuals within blocks.
-    Within,
-    /// Whole blocks.
-    Whole,
-}
-
-/// How a model is tested.
-#[derive(Debug, Clone)]
-pub struct Testing<'a> {
-    /// Type of the sums of squares.
-    pub kind: SumType,
-    /// Contrasts of type III. Sums are those of the effects about the mean of all levels.
-    pub contrasts_of_three: Contrasts,
-    /// The statistic of p and Z.
-    pub statistic: Statistic,
-    /// Transformation of Z.
-    pub transform: Transform,
-    /// Number of permutations.
-    pub permutations: usize,
-    /// Seed.
-    pub seed: u64,
-    /// Stratum of each shape: nothing is exchanged between strata.
-    pub strata: Option<&'a [usize]>,
-    /// Block of each shape.
-    pub blocks: Option<&'a [usize]>,
-    /// Choice of the residuals that are exchanged.
-    pub exchange: ExchangeRule,
-    /// Terms that are tested against others, by their names.
-    pub error_terms: &'a [(String, String)],
-    /// Given exchanges, in place of drawn ones.
-    pub given: Option<&'a [Vec<usize>]>,
-}
-
-impl Default for Testing<'_> {
-    fn default() -> Self {
-        Self {
-            kind: SumType::default(),
-            contrasts_of_three: Contrasts::Sum,
-            statistic: Statistic::default(),
-            transform: Transform::default(),
-            permutations: 999,
-            seed: 0,
-            strata: None,
-            blocks: None,
-            exchange: ExchangeRule::default(),
-            error_terms: &[],
-            given: None,
-        }
-    }
-}
+pub(super) const FEWEST_EXCHANGES: f64 = 20.0;
 
 /// A model of shapes: its design, space and response.
 #[derive(Debug, Clone)]
@@ -117,8 +46,23 @@ impl Model {
         vectors: Matrix,
         weights: Vec<f64>,
     ) -> Result<Self, ModelError> {
+        Self::with_covariance(formula, table, contrasts, vectors, weights, None)
+    }
+
+    /// As [`Self::new`], for shapes whose covariance has the factor `L`, `n × n`, a lower triangle.
+    ///
+    /// # Errors
+    /// As for [`Self::new`].
+    pub fn with_covariance(
+        formula: &Formula,
+        table: &Table,
+        contrasts: Contrasts,
+        vectors: Matrix,
+        weights: Vec<f64>,
+        lower: Option<Matrix>,
+    ) -> Result<Self, ModelError> {
         let design = Design::new(formula, table, contrasts)?;
-        let space = Space::new(&design, &weights)?;
+        let space = Space::correlated(&design, &weights, lower)?;
         let fitted = Fitted::new(&space, &vectors, formula.intercept)?;
         Ok(Self { design, space, fitted, vectors, weights })
     }
@@ -135,9 +79,7 @@ impl Model {
 
     /// Weighted mean of numbers of the shapes, about the first one.
     pub(super) fn average(&self, numbers: &[f64]) -> f64 {
-        let total: f64 = self.weights.iter().sum();
-        let first = numbers[0];
-        first + numbers.iter().zip(&self.weights).map(|(x, w)| w * (x - first)).sum::<f64>() / total
+        average(numbers, &self.weights)
     }
 
     /// Weighted mean of the vectors.
@@ -145,32 +87,23 @@ impl Model {
         self.vectors.row_iter().map(|row| self.average(&row.iter().copied().collect::<Vec<_>>())).collect()
     }
 
-    /// Differences of the vectors from another, scaled by the roots of their weights.
-    pub(super) fn scaled_about(&self, mean: &[f64]) -> Matrix {
-        let roots = self.space.roots();
-        Matrix::from_fn(self.length(), roots.len(), |i, k| (self.vectors[(i, k)] - mean[i]) * roots[k])
+    /// The vectors about their mean, or about zero without an intercept, scaled as the basis is.
+    pub(super) fn centred(&self) -> Matrix {
+        let mean = if self.design.formula.intercept { self.mean() } else { vec![0.0; self.length()] };
+        self.scaled_about(&mean)
     }
 
-    /// Checks that a test of type III has a meaning: numbers of interactions have values on both sides of zero.
-    fn check_origins(&self) -> Result<(), ModelError> {
-        let formula = &self.design.formula;
-        for (k, variable) in self.design.variables.iter().enumerate() {
-            let Prepared::Numbers { values, .. } = variable else { continue };
-            if !formula.terms.iter().any(|term| term.degree() > 1 && term.0.contains(&k)) {
-                continue;
-            }
-            let least = values.iter().copied().fold(f64::MAX, f64::min);
-            let most = values.iter().copied().fold(f64::MIN, f64::max);
-            if least > 0.0 || most < 0.0 {
-                return Err(ModelError::FarFromZero { name: formula.variables[k].to_string(), least, most });
-            }
-        }
-        Ok(())
+    /// Differences of the vectors from another, scaled as the basis is.
+    pub(super) fn scaled_about(&self, mean: &[f64]) -> Matrix {
+        let mut scaled =
+            Matrix::from_fn(self.length(), self.weights.len(), |i, k| self.vectors[(i, k)] - mean[i]);
+        self.space.scale(&mut scaled);
+        scaled
     }
 
     /// Degrees of freedom of the residuals.
     pub fn degrees(&self) -> usize {
-        self.design.shapes() - self.space.rank()
+        self.tested().degrees()
     }
 
     /// The table of the analysis of variance. `watch` is asked before every batch of permutations.
@@ -182,14 +115,14 @@ impl Model {
         if self.design.formula.terms.is_empty() {
             return Err(ModelError::NoTerms);
         }
-        if let Some(part) =
-            self.design.formula.random.iter().find(|part| !part.intercept || !part.terms.is_empty())
+        if self.space.is_correlated()
+            && !(self.design.formula.random.is_empty() && testing.error_terms.is_empty())
         {
-            let of = Formula { terms: Vec::new(), random: vec![part.clone()], ..self.design.formula.clone() };
-            return Err(ModelError::RandomSlope { part: of.to_string().trim_start_matches("~ ").to_owned() });
+            let detail = "expected a model without random parts and error terms with a covariance, got some";
+            return Err(ModelError::Covariance { detail: detail.into() });
         }
         if testing.kind == SumType::III {
-            self.check_origins()?;
+            check_origins(&self.design)?;
         }
         let hypotheses = self.space.hypotheses(&self.design, testing.kind, testing.contrasts_of_three)?;
         let mut warnings = self.design.warnings.clone();
@@ -198,41 +131,67 @@ impl Model {
         let mut rows: Vec<TermRecord> =
             hypotheses.iter().zip(&observed).map(|(hypothesis, sums)| self.row(hypothesis, *sums)).collect();
         let mut plain = Vec::new();
-        for (hypothesis, row) in hypotheses.into_iter().zip(&mut rows) {
+        for (hypothesis, row) in hypotheses.iter().zip(&mut rows) {
             if row.degrees == 0 {
                 row.aliased_with = self.space.aliases(&self.design, hypothesis.term);
                 continue;
             }
-            match self.error_term_of(&hypothesis, testing)? {
-                Some(error) => self.test_collapsed(&error, row, testing, &counted)?,
-                None => plain.push(hypothesis),
+            match self.error_term_of(hypothesis, testing)? {
+                Some(error) => {
+                    self.test_collapsed(&error, row, testing, &counted)?;
+                    row.rrpp = self.ratio_of_two(&hypotheses, hypothesis, &error, testing, &counted)?;
+                }
+                None => match self.slope_of(&self.design.formula.terms[hypothesis.term]) {
+                    Some(slope) => warnings.extend(self.test_slopes(slope, row, testing, &counted)?),
+                    None => plain.push(hypothesis.clone()),
+                },
             }
         }
         let grouped = match self.design.formula.random.is_empty() {
             true => None,
-            false => Some(self.with_groups(&plain)?),
+            false => self.with_groups_if_any(&plain, &mut warnings)?,
         };
         match &grouped {
-            None => self.test_plain(&plain, testing, &mut rows, &counted)?,
+            None if self.design.formula.random.is_empty() => {
+                self.test_plain(&plain, testing, &mut rows, &counted)?;
+            }
+            None => {}
             Some(grouped) => grouped.test(testing, &mut rows, &counted)?,
         }
         let dropped = self.space.dropped(&self.design);
-        if !dropped.is_empty() {
-            warnings.push(format!("columns that depend on others are left out: {}", dropped.join(", ")));
-        }
-        if testing.kind == SumType::III && testing.contrasts_of_three != Contrasts::Sum {
-            warnings.push(
-                "type III with other contrasts than sum tests effects at the reference level, not about the mean of all".into(),
-            );
-        }
-        if testing.kind == SumType::III && grouped.is_some() {
-            warnings.push(
-                "terms that vary inside of random groups are tested by type II, given the groups".into(),
-            );
-        }
+        warnings.extend(warnings_of(&dropped, testing, grouped.is_some()));
         warnings.extend(rows.iter().filter_map(few_exchanges));
         let whole = grouped.as_ref().map_or(self, |grouped| &grouped.model);
         Ok(self.record(whole, rows, dropped, warnings))
+    }
+
+    /// The test of RRPP of a term against another: the ratio of their mean squares, each permuted about its own reduced model.
+    fn ratio_of_two(
+        &self,
+        all: &[Hypothesis],
+        own: &Hypothesis,
+        error: &Term,
+        testing: &Testing<'_>,
+        watch: &dyn Watch,
+    ) -> Result<Option<RatioRecord>, ModelError> {
+        let terms = &self.design.formula.terms;
+        let Some(error) = all.iter().find(|other| testing.rrpp && terms[other.term].set() == error.set())
+        else {
+            return Ok(None);
+        };
+        let exchanges = self.exchanges(ExchangeKind::Free, testing)?;
+        let pair = [own.clone(), error.clone()];
+        let degrees = pair.each_ref().map(|hypothesis| hypothesis.own.ncols() as f64);
+        let ratio = |sums: &Vec<Sums>| {
+            let value = sums[0].own / degrees[0] / (sums[1].own / degrees[1]);
+            if value.is_finite() { value } else { f64::MAX }
+        };
+        let mut values = vec![ratio(&self.fitted.observed(&pair))];
+        values.extend(self.fitted.permuted(&pair, &exchanges, watch)?.iter().map(ratio));
+        without_observed(&mut values, exchanges.are_all());
+        let p = reaching(&values) as f64 / values.len() as f64;
+        let z = effect_size(&values, testing.transform).map(|size| size.z);
+        Ok((values.len() > 1).then_some(RatioRecord { z, p }))
     }
 
     /// Tests terms against the residuals of the model.
@@ -244,7 +203,8 @@ impl Model {
         watch: &dyn Watch,
     ) -> Result<(), ModelError> {
         for kind in [ExchangeKind::Free, ExchangeKind::Within, ExchangeKind::Whole] {
-            let chosen = hypotheses.iter().filter(|hypothesis| self.kind_of(hypothesis, testing) == kind);
+            let chosen =
+                hypotheses.iter().filter(|hypothesis| self.kind_of(hypothesis.term, testing) == kind);
             let chosen: Vec<Hypothesis> = chosen.cloned().collect();
             if !chosen.is_empty() {
                 self.test(&chosen, kind, testing, rows, watch)?;
@@ -253,84 +213,42 @@ impl Model {
         Ok(())
     }
 
-    fn record(
+    /// What the rows of the table are made of.
+    pub(super) fn tested(&self) -> Tested<'_> {
+        let Fitted { residual, total, .. } = self.fitted;
+        Tested { design: &self.design, space: &self.space, shapes: self.design.shapes(), residual, total }
+    }
+
+    pub(super) fn record(
         &self,
         whole: &Self,
         terms: Vec<TermRecord>,
         dropped: Vec<String>,
-        mut warnings: Vec<String>,
+        warnings: Vec<String>,
     ) -> AnovaRecord {
-        let degrees = whole.degrees();
-        let (residual, total) = (whole.fitted.residual, self.fitted.total);
-        if !self.design.formula.intercept {
-            warnings.push("without an intercept, sums of squares and R² are those about zero".into());
-        }
-        AnovaRecord {
-            formula: self.design.formula.to_string(),
-            terms,
-            residual: ResidualRecord {
-                degrees,
-                sum_of_squares: residual,
-                mean_square: residual / degrees as f64,
-                r_squared: share(residual, total),
-            },
-            total: TotalRecord {
-                degrees: self.design.shapes() - usize::from(self.design.formula.intercept),
-                sum_of_squares: total,
-            },
-            design: DesignRecord {
-                columns: self.design.columns.clone(),
-                dropped,
-                rank: self.space.rank(),
-                contrasts: self.design.contrasts,
-                levels: self
-                    .design
-                    .factors()
-                    .map(|(k, factor)| (self.design.formula.variables[k].to_string(), factor.levels.clone()))
-                    .collect(),
-            },
-            warnings,
-        }
+        self.tested().record((whole.degrees(), whole.fitted.residual), terms, dropped, warnings)
     }
 
     pub(super) fn row(&self, hypothesis: &Hypothesis, sums: Sums) -> TermRecord {
-        let degrees = hypothesis.own.ncols();
-        let own = if degrees == 0 { 0.0 } else { sums.own };
-        TermRecord {
-            term: self.design.formula.name(&self.design.formula.terms[hypothesis.term]),
-            degrees,
-            sum_of_squares: own,
-            mean_square: (degrees > 0).then(|| own / degrees as f64),
-            r_squared: share(own, self.fitted.total),
-            partial_eta_squared: share(own, own + self.fitted.residual),
-            f: self.ratio(degrees, Sums { own, residual: self.fitted.residual }),
-            ..TermRecord::default()
-        }
-    }
-
-    /// `F`; `None` without degrees of freedom, or if nothing is left for the residuals.
-    fn ratio(&self, degrees: usize, sums: Sums) -> Option<f64> {
-        let mean = sums.residual / self.degrees() as f64;
-        (degrees > 0 && sums.residual > 1e-12 * self.fitted.total).then(|| sums.own / degrees as f64 / mean)
+        self.tested().row(hypothesis, sums)
     }
 
     /// Kind of exchange for a term.
-    fn kind_of(&self, hypothesis: &Hypothesis, testing: &Testing<'_>) -> ExchangeKind {
+    pub(super) fn kind_of(&self, term: usize, testing: &Testing<'_>) -> ExchangeKind {
         let Some(blocks) = testing.blocks else { return ExchangeKind::Free };
         match testing.exchange {
             ExchangeRule::Free => ExchangeKind::Free,
             ExchangeRule::Within => ExchangeKind::Within,
             ExchangeRule::Whole => ExchangeKind::Whole,
             ExchangeRule::Auto => {
-                let term = self.design.cells_of(&self.design.formula.terms[hypothesis.term]);
-                let both = pairs(blocks, &term);
+                let cells = self.design.cells_of(&self.design.formula.terms[term]);
+                let both = pairs(blocks, &cells);
                 let different = |labels: &[usize]| labels.iter().max().map_or(0, |last| last + 1);
                 let (of_blocks, of_both) = (different(blocks), different(&both));
-                let columns =
-                    self.design.term_of_column.iter().filter(|owner| **owner == hypothesis.term + 1).count();
+                let columns = self.design.term_of_column.iter().filter(|owner| **owner == term + 1).count();
                 if of_both > of_blocks {
                     ExchangeKind::Within
-                } else if different(&term) == of_blocks && columns + 1 >= of_blocks {
+                } else if different(&cells) == of_blocks && columns + 1 >= of_blocks {
                     // The blocks themselves, not a number of theirs.
                     ExchangeKind::Free
                 } else {
@@ -351,7 +269,7 @@ impl Model {
         let exchanges = self.exchanges(kind, testing)?;
         let observed = self.fitted.observed(hypotheses);
         let distinct = exchanges.distinct();
-        let drawn = if distinct < FEWEST_EXCHANGES && testing.given.is_none() {
+        let drawn = if are_few(&exchanges, testing) {
             Vec::new()
         } else {
             self.fitted.permuted(hypotheses, &exchanges, watch)?
@@ -361,22 +279,17 @@ impl Model {
             row.exchange = kind;
             row.distinct = distinct.is_finite().then_some(distinct);
             row.exact = exchanges.are_all() && !drawn.is_empty();
-            let degrees = row.degrees;
-            let value = |sums: Sums| match testing.statistic {
-                Statistic::F => self.ratio(degrees, sums).unwrap_or(f64::MAX),
-                Statistic::SumOfSquares => sums.own,
-            };
-            let mut values = vec![value(observed[i])];
-            values.extend(drawn.iter().map(|sums| value(sums[i])));
-            let shares: Vec<f64> =
-                drawn.iter().map(|sums| share(sums[i].own, sums[i].own + sums[i].residual)).collect();
-            row.histogram = ExplainedHistogram::new(&shares, row.partial_eta_squared, row.exact);
-            row.tell(values, testing.transform);
+            let drawn: Vec<Sums> = drawn.iter().map(|sums| sums[i]).collect();
+            self.tested().tell(row, observed[i], &drawn, testing);
         }
         Ok(())
     }
 
-    fn exchanges(&self, kind: ExchangeKind, testing: &Testing<'_>) -> Result<Exchanges, ModelError> {
+    pub(super) fn exchanges(
+        &self,
+        kind: ExchangeKind,
+        testing: &Testing<'_>,
+    ) -> Result<Exchanges, ModelError> {
         if let Some(given) = testing.given {
             return Ok(Exchanges::Given(given.to_vec()));
         }
@@ -394,34 +307,55 @@ impl Model {
     }
 }
 
-impl TermRecord {
-    /// Fills in p and Z of a list of the statistic, the observed value first.
-    fn tell(&mut self, mut values: Vec<f64>, transform: Transform) {
-        if self.exact && values.len() > 1 {
-            // The observed exchange is among all: the value nearest to it.
-            let observed = values[0];
-            let distance = |value: f64| (value - observed).abs();
-            let nearest =
-                (1..values.len()).min_by(|&a, &b| distance(values[a]).total_cmp(&distance(values[b])));
-            nearest.map(|k| values.swap_remove(k));
+/// Weighted mean of numbers, about the first one.
+pub(super) fn average(numbers: &[f64], weights: &[f64]) -> f64 {
+    let (total, first) = (weights.iter().sum::<f64>(), numbers[0]);
+    first + numbers.iter().zip(weights).map(|(x, w)| w * (x - first)).sum::<f64>() / total
+}
+
+/// Checks that a test of type III has a meaning: numbers of interactions have values on both sides of zero.
+pub(super) fn check_origins(design: &Design) -> Result<(), ModelError> {
+    let formula = &design.formula;
+    for (k, variable) in design.variables.iter().enumerate() {
+        let Prepared::Numbers { values, .. } = variable else { continue };
+        if !formula.terms.iter().any(|term| term.degree() > 1 && term.0.contains(&k)) {
+            continue;
         }
-        self.permutations = values.len() - 1;
-        if self.permutations == 0 {
-            return;
+        let least = values.iter().copied().fold(f64::MAX, f64::min);
+        let most = values.iter().copied().fold(f64::MIN, f64::max);
+        if least > 0.0 || most < 0.0 {
+            return Err(ModelError::FarFromZero { name: formula.variables[k].to_string(), least, most });
         }
-        self.exceeding = reaching(&values) - 1;
-        self.p = Some((1 + self.exceeding) as f64 / values.len() as f64);
-        self.z = effect_size(&values, transform).map(|size| size.z);
     }
+    Ok(())
+}
+
+/// Warnings about columns that are left out, and about type III.
+pub(super) fn warnings_of(dropped: &[String], testing: &Testing<'_>, is_grouped: bool) -> Vec<String> {
+    let mut warnings = Vec::new();
+    if !dropped.is_empty() {
+        warnings.push(format!("columns that depend on others are left out: {}", dropped.join(", ")));
+    }
+    if testing.kind == SumType::III && testing.contrasts_of_three != Contrasts::Sum {
+        warnings.push(
+            "type III with other contrasts than sum tests effects at the reference level, not about the mean of all".into(),
+        );
+    }
+    if testing.kind == SumType::III && is_grouped {
+        warnings
+            .push("terms that vary inside of random groups are tested by type II, given the groups".into());
+    }
+    warnings
+}
+
+/// Whether there are too few distinct exchanges for a p value.
+pub(super) fn are_few(exchanges: &Exchanges, testing: &Testing<'_>) -> bool {
+    exchanges.distinct() < FEWEST_EXCHANGES && testing.given.is_none()
 }
 
 /// Warning about a term whose p value no exchanges give.
-fn few_exchanges(row: &TermRecord) -> Option<String> {
+pub(super) fn few_exchanges(row: &TermRecord) -> Option<String> {
     let distinct = row.distinct.filter(|distinct| *distinct < FEWEST_EXCHANGES)?;
     let term = &row.term;
     Some(format!("{term} has {distinct} distinct exchanges, of at least {FEWEST_EXCHANGES} for a p value"))
-}
-
-fn share(part: f64, whole: f64) -> f64 {
-    if whole > 0.0 { (part / whole).clamp(0.0, 1.0) } else { 0.0 }
 }

@@ -6,66 +6,16 @@
 //!
 //! Source: Chambers and Hastie 1992, chapter 2.
 
-use std::collections::BTreeMap;
-
 use super::error::ModelError;
-use super::formula::{Formula, Function, Term};
+use super::formula::{Formula, Term};
+use super::variables::prepared;
 use crate::strata::strata;
 use shapelex_numeric::dense::Matrix;
 
+pub use super::variables::{Cell, Factor, MAX_LEVELS, Polynomial, Prepared, Table, Values};
+
 /// Maximum number of columns of a design.
 pub const MAX_COLUMNS: usize = 1000;
-/// Maximum number of levels of a factor.
-pub const MAX_LEVELS: usize = 1000;
-
-/// Values of an attribute, one for each shape.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Values {
-    /// Numbers.
-    Numbers(Vec<f64>),
-    /// Texts; a Boolean is one.
-    Texts(Vec<String>),
-}
-
-impl Values {
-    /// Number of values.
-    pub fn len(&self) -> usize {
-        match self {
-            Self::Numbers(numbers) => numbers.len(),
-            Self::Texts(texts) => texts.len(),
-        }
-    }
-
-    /// Whether there is none.
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
-}
-
-/// Attributes of the shapes by their names, and levels that are given for factors.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct Table {
-    /// Values of each attribute.
-    pub attributes: BTreeMap<String, Values>,
-    /// Levels of factors in their order, the first of which is the reference. Default: those that occur, sorted.
-    pub levels: BTreeMap<String, Vec<String>>,
-}
-
-impl Table {
-    /// The table with numbers, one for each shape.
-    #[must_use]
-    pub fn with_numbers(mut self, name: &str, numbers: impl IntoIterator<Item = f64>) -> Self {
-        self.attributes.insert(name.into(), Values::Numbers(numbers.into_iter().collect()));
-        self
-    }
-
-    /// The table with a factor, one level for each shape.
-    #[must_use]
-    pub fn with_factor<T: Into<String>>(mut self, name: &str, levels: impl IntoIterator<Item = T>) -> Self {
-        self.attributes.insert(name.into(), Values::Texts(levels.into_iter().map(Into::into).collect()));
-        self
-    }
-}
 
 /// Coding of factors. It changes coefficients and sums of squares of type III, never those of type I and II or fitted shapes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -81,100 +31,17 @@ pub enum Contrasts {
     Helmert,
 }
 
-/// Levels of a factor that occur, in their order.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Factor {
-    /// The levels.
-    pub levels: Vec<String>,
-    /// Level of each shape.
-    pub of_shapes: Vec<usize>,
-}
-
-/// A value of a variable for one shape: what its columns are made of.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Cell {
-    /// A number.
-    Number(f64),
-    /// The position of a level.
-    Level(usize),
-}
-
-/// A variable of a formula with its values.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Prepared {
-    /// A number for each shape.
-    Numbers {
-        /// Transformed values.
-        values: Vec<f64>,
-        /// The function, which is applied to values of predictions too.
-        function: Function,
-    },
-    /// A level for each shape.
-    Factor(Factor),
-    /// Values of a polynomial's argument, and its recurrence.
-    Polynomial(Polynomial),
-}
-
-/// Polynomials that are orthonormal over the values of an attribute: `p_{k+1} = (x − a_k) p_k − b_k p_{k−1}`, each over its norm.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Polynomial {
-    values: Vec<f64>,
-    centres: Vec<f64>,
-    /// Squared norms of the polynomials of degree 0, 1, …, before they are normalised.
-    squares: Vec<f64>,
-}
-
-impl Polynomial {
-    fn new(values: Vec<f64>, degree: u32) -> Option<Self> {
-        let sum = |row: &[f64]| row.iter().sum::<f64>();
-        let mut polynomial = Self { centres: Vec::new(), squares: vec![values.len() as f64], values };
-        let (mut before, mut own) = (vec![0.0; polynomial.values.len()], vec![1.0; polynomial.values.len()]);
-        for k in 0..degree as usize {
-            let x = &polynomial.values;
-            let square = polynomial.squares[k];
-            let weighted: Vec<f64> = own.iter().zip(x).map(|(p, x)| p * p * x).collect();
-            let centre = sum(&weighted) / square;
-            let ratio = if k == 0 { 0.0 } else { square / polynomial.squares[k - 1] };
-            let next: Vec<f64> = x
-                .iter()
-                .zip(own.iter().zip(&before))
-                .map(|(x, (p, b))| (x - centre) * p - ratio * b)
-                .collect();
-            let found = sum(&next.iter().map(|p| p * p).collect::<Vec<_>>());
-            // The whole of what this degree adds is rounding.
-            let largest = own.iter().zip(x).map(|(p, x)| ((x - centre) * p).powi(2)).sum::<f64>();
-            if !(found > 1e-20 * largest) {
-                return None;
-            }
-            polynomial.centres.push(centre);
-            polynomial.squares.push(found);
-            before = std::mem::replace(&mut own, next);
-        }
-        Some(polynomial)
-    }
-
-    /// Values of the polynomials of degree 1, 2, … at `x`.
-    pub fn at(&self, x: f64) -> Vec<f64> {
-        let (mut before, mut own, mut found) = (0.0, 1.0, Vec::with_capacity(self.centres.len()));
-        for (k, centre) in self.centres.iter().enumerate() {
-            let ratio = if k == 0 { 0.0 } else { self.squares[k] / self.squares[k - 1] };
-            let next = (x - centre) * own - ratio * before;
-            (before, own) = (own, next);
-            found.push(next / self.squares[k + 1].sqrt());
-        }
-        found
-    }
-}
-
 /// How a factor is coded within a term.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 enum Coding {
     Contrasts,
     Indicators,
 }
 
 /// A design: the columns of the terms of a formula, for all shapes.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Design {
     /// The formula.
     pub formula: Formula,
@@ -187,6 +54,7 @@ pub struct Design {
     /// Number of the term of each column, counted from 1; 0 is the intercept.
     pub term_of_column: Vec<usize>,
     /// One row for each shape; none of a design that is only [named](Self::named).
+    #[cfg_attr(feature = "serde", serde(skip, default = "no_numbers"))]
     pub matrix: Matrix,
     shapes: usize,
     /// Warnings about levels that do not occur.
@@ -210,7 +78,8 @@ impl Design {
     /// As [`Self::new`].
     pub fn named(formula: &Formula, table: &Table, contrasts: Contrasts) -> Result<Self, ModelError> {
         let mut warnings = Vec::new();
-        let used = formula.terms.iter().fold(0, |set, term| set | term.set());
+        let slopes = formula.random.iter().flat_map(|part| &part.terms);
+        let used = formula.terms.iter().chain(slopes).fold(0, |set, term| set | term.set());
         let mut variables = Vec::new();
         let expected = table.attributes.values().next().map_or(0, Values::len);
         if let Some((name, values)) = table.attributes.iter().find(|(_, values)| values.len() != expected) {
@@ -233,7 +102,7 @@ impl Design {
             contrasts,
             columns: Vec::new(),
             term_of_column: Vec::new(),
-            matrix: Matrix::zeros(0, 0),
+            matrix: no_numbers(),
             shapes: table.attributes.values().next().map_or(0, Values::len),
             warnings,
             coding,
@@ -264,13 +133,21 @@ impl Design {
     /// # Errors
     /// Too many columns.
     pub(super) fn restricted(&self, formula: Formula, shapes: &[usize]) -> Result<Self, ModelError> {
+        self.chosen(formula, shapes).map(Self::filled)
+    }
+
+    /// As [`Self::restricted`], without the numbers of its columns.
+    ///
+    /// # Errors
+    /// Too many columns.
+    pub(super) fn chosen(&self, formula: Formula, shapes: &[usize]) -> Result<Self, ModelError> {
         let chosen = |values: &[f64]| shapes.iter().map(|&k| values[k]).collect();
         let variable = |variable: &Prepared| match variable {
             Prepared::Numbers { values, function } => {
                 Prepared::Numbers { values: chosen(values), function: *function }
             }
             Prepared::Polynomial(polynomial) => {
-                Prepared::Polynomial(Polynomial { values: chosen(&polynomial.values), ..polynomial.clone() })
+                Prepared::Polynomial(polynomial.with_values(chosen(&polynomial.values)))
             }
             Prepared::Factor(factor) => Prepared::Factor(Factor {
                 levels: factor.levels.clone(),
@@ -279,10 +156,19 @@ impl Design {
         };
         let coding = formula.terms.iter().map(|term| coding_of(&formula, term)).collect();
         let variables = self.variables.iter().map(variable).collect();
-        let matrix = Matrix::zeros(0, 0);
-        let mut design = Self { formula, variables, coding, matrix, shapes: shapes.len(), ..self.clone() };
+        let mut design = Self {
+            formula,
+            variables,
+            contrasts: self.contrasts,
+            columns: Vec::new(),
+            term_of_column: Vec::new(),
+            matrix: no_numbers(),
+            shapes: shapes.len(),
+            warnings: self.warnings.clone(),
+            coding,
+        };
         design.name_columns()?;
-        Ok(design.filled())
+        Ok(design)
     }
 
     /// Number of shapes.
@@ -332,10 +218,20 @@ impl Design {
             let bits = |&variable: &usize| match self.cell(variable, k) {
                 Cell::Number(number) => number.to_bits(),
                 Cell::Level(level) => level as u64,
+                Cell::Every => u64::MAX,
             };
             term.0.iter().map(bits).collect()
         };
         strata((0..self.shapes).map(key))
+    }
+
+    /// Levels of some variables for shape `k`, as one name; numbers have none.
+    pub fn levels_at(&self, variables: &[usize], k: usize) -> String {
+        let level = |&v: &usize| match (&self.variables[v], self.cell(v, k)) {
+            (Prepared::Factor(factor), Cell::Level(level)) => factor.levels[level].clone(),
+            _ => String::new(),
+        };
+        variables.iter().map(level).collect::<Vec<_>>().join(":")
     }
 
     /// Number of combinations of a term that occur.
@@ -407,7 +303,7 @@ impl Design {
         match &self.variables[variable] {
             Prepared::Numbers { .. } => vec![name],
             Prepared::Polynomial(polynomial) => {
-                (1..=polynomial.centres.len()).map(|degree| format!("{name}{degree}")).collect()
+                (1..=polynomial.degree()).map(|degree| format!("{name}{degree}")).collect()
             }
             Prepared::Factor(factor) => match (coding, self.contrasts) {
                 (Coding::Indicators, _) => {
@@ -436,10 +332,21 @@ impl Design {
                     }
                 }
             }
+            (Prepared::Factor(factor), Cell::Every) => {
+                let count = factor.levels.len();
+                let of = |level| self.values(variable, coding, Cell::Level(level));
+                let sums = (0..count).map(of).reduce(|a, b| a.iter().zip(b).map(|(a, b)| a + b).collect());
+                sums.unwrap_or_default().into_iter().map(|sum| sum / count as f64).collect()
+            }
             (_, Cell::Number(x)) => vec![x],
-            (_, Cell::Level(_)) => vec![0.0],
+            (_, Cell::Level(_) | Cell::Every) => vec![0.0],
         }
     }
+}
+
+/// The matrix of a design that is only named.
+fn no_numbers() -> Matrix {
+    Matrix::zeros(0, 0)
 }
 
 /// Value of contrast `k` of a factor of `count` levels at a level.
@@ -460,116 +367,4 @@ fn coding_of(formula: &Formula, term: &Term) -> Vec<Coding> {
         false => Coding::Indicators,
     };
     term.0.iter().map(of).collect()
-}
-
-fn prepared(
-    name: &str,
-    values: &Values,
-    function: Function,
-    is_factor: bool,
-    levels: Option<&Vec<String>>,
-    warnings: &mut Vec<String>,
-) -> Result<Prepared, ModelError> {
-    if function == Function::Factor
-        || (function == Function::Identity && (is_factor || matches!(values, Values::Texts(_))))
-    {
-        return factor(name, values, levels, warnings).map(Prepared::Factor);
-    }
-    let Values::Numbers(numbers) = values else {
-        return Err(ModelError::NotNumeric { name: name.into() });
-    };
-    let refuse = |k: usize, expected: &'static str| {
-        Err(ModelError::Domain { name: name.into(), expected, value: numbers[k], shape: k })
-    };
-    if let Some(k) = numbers.iter().position(|x| !(x.abs() <= super::MAX_VALUE)) {
-        return refuse(k, "a number within ±1e100");
-    }
-    let map = |function: fn(f64) -> f64| numbers.iter().map(|x| function(*x)).collect();
-    let values = match function {
-        Function::Log => match numbers.iter().position(|x| *x <= 0.0) {
-            Some(k) => return refuse(k, "a positive number"),
-            None => map(f64::ln),
-        },
-        Function::Sqrt => match numbers.iter().position(|x| *x < 0.0) {
-            Some(k) => return refuse(k, "a number of at least 0"),
-            None => map(f64::sqrt),
-        },
-        Function::Power(degree) => {
-            let values: Vec<f64> = numbers.iter().map(|x| x.powi(degree.cast_signed())).collect();
-            match values.iter().position(|x| !(x.abs() <= super::MAX_VALUE)) {
-                Some(k) => return refuse(k, "a power within ±1e100"),
-                None => values,
-            }
-        }
-        Function::Poly(degree) => {
-            let mut distinct = numbers.clone();
-            distinct.sort_by(f64::total_cmp);
-            distinct.dedup();
-            let found = if distinct.len() > degree as usize {
-                Polynomial::new(numbers.clone(), degree)
-            } else {
-                None
-            };
-            return found.map(Prepared::Polynomial).ok_or(ModelError::FewValues {
-                name: name.into(),
-                degree,
-                found: distinct.len(),
-            });
-        }
-        Function::Identity | Function::Factor => numbers.clone(),
-    };
-    Ok(Prepared::Numbers { values, function })
-}
-
-fn factor(
-    name: &str,
-    values: &Values,
-    levels: Option<&Vec<String>>,
-    warnings: &mut Vec<String>,
-) -> Result<Factor, ModelError> {
-    let texts: Vec<String> = match values {
-        Values::Texts(texts) => texts.clone(),
-        Values::Numbers(numbers) => numbers.iter().map(f64::to_string).collect(),
-    };
-    let occurring: Vec<String> = match levels {
-        Some(levels) => {
-            let unknown = texts.iter().position(|text| !levels.contains(text));
-            if let Some(k) = unknown {
-                return Err(ModelError::UnknownLevel {
-                    name: name.into(),
-                    level: texts[k].clone(),
-                    shape: k,
-                });
-            }
-            let (occurring, unused): (Vec<_>, Vec<_>) =
-                levels.iter().cloned().partition(|level| texts.contains(level));
-            if !unused.is_empty() {
-                warnings.push(format!("no shape has {name} = {}: left out", unused.join(", ")));
-            }
-            occurring
-        }
-        None => sorted_levels(&texts),
-    };
-    if occurring.len() > MAX_LEVELS {
-        return Err(ModelError::ManyLevels { name: name.into(), found: occurring.len() });
-    }
-    let position: BTreeMap<&str, usize> =
-        occurring.iter().enumerate().map(|(k, level)| (level.as_str(), k)).collect();
-    let of_shapes = texts.iter().map(|text| position[text.as_str()]).collect();
-    Ok(Factor { levels: occurring, of_shapes })
-}
-
-/// Different texts in order: by value if all are numbers, otherwise by code points.
-fn sorted_levels(texts: &[String]) -> Vec<String> {
-    let mut levels: Vec<String> = texts.to_vec();
-    levels.sort_unstable();
-    levels.dedup();
-    let numbers: Option<Vec<f64>> =
-        levels.iter().map(|level| level.parse().ok().filter(|number: &f64| number.is_finite())).collect();
-    if let Some(numbers) = numbers {
-        let mut order: Vec<usize> = (0..levels.len()).collect();
-        order.sort_by(|&a, &b| numbers[a].total_cmp(&numbers[b]));
-        return order.into_iter().map(|k| levels[k].clone()).collect();
-    }
-    levels
 }

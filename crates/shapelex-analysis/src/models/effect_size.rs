@@ -37,12 +37,36 @@ pub struct EffectSize {
     pub z: f64,
     /// Exponent of the transformation.
     pub lambda: f64,
+    /// `t_0 − t̄`.
+    pub difference: f64,
+    /// `σ`.
+    pub deviation: f64,
+}
+
+impl EffectSize {
+    /// `(d_1 − d_2)/√(σ_1² + σ_2²)` of the effects of two samples, `d = t_0 − t̄`: nearly normal if they are equal. `None` if neither
+    /// varies.
+    ///
+    /// Source: Adams and Collyer 2016.
+    pub fn compared(&self, other: &Self) -> Option<f64> {
+        let deviation = self.deviation.hypot(other.deviation);
+        (deviation > 0.0).then(|| (self.difference - other.difference) / deviation)
+    }
 }
 
 /// Number of values that reach the first one, itself included.
 pub fn reaching(values: &[f64]) -> usize {
     let Some(&observed) = values.first() else { return 0 };
     values.iter().filter(|value| reaches(**value, observed)).count()
+}
+
+/// Takes out one of the `values` behind the first that equals it best: all exchanges were made, the observed one among them.
+pub(crate) fn drop_observed(values: &mut Vec<f64>) {
+    let Some(&observed) = values.first() else { return };
+    let distance = |k: usize| (values[k] - observed).abs();
+    if let Some(nearest) = (1..values.len()).min_by(|&a, &b| distance(a).total_cmp(&distance(b))) {
+        values.swap_remove(nearest);
+    }
 }
 
 /// Effect size of the first of `values`; `None` without others, or if a value is not finite.
@@ -65,8 +89,9 @@ pub fn effect_size(values: &[f64], transform: Transform) -> Option<EffectSize> {
     let count = moved.len() as f64;
     let mean = moved.iter().sum::<f64>() / count;
     let variance = moved.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / count;
-    let z = if variance > 0.0 { (moved[0] - mean) / variance.sqrt() } else { 0.0 };
-    z.is_finite().then_some(EffectSize { z, lambda })
+    let (difference, deviation) = (moved[0] - mean, variance.sqrt());
+    let z = if variance > 0.0 { difference / deviation } else { 0.0 };
+    z.is_finite().then_some(EffectSize { z, lambda, difference, deviation })
 }
 
 fn transformed(value: f64, lambda: f64) -> f64 {

@@ -148,6 +148,16 @@ pub enum ModelError {
         /// The expected values.
         detail: String,
     },
+    /// Values of a prediction that the shapes do not determine.
+    #[error(
+        "expected values that the shapes determine, got others, for which {column} cannot be told from other columns"
+    )]
+    Undetermined {
+        /// Position of the prediction.
+        place: usize,
+        /// Column of the design that the shapes do not tell apart from others, though these values do.
+        column: String,
+    },
     /// Type III of an interaction with a number that is never near zero.
     #[error(
         "expected values on both sides of zero for '{name}', got {least} to {most}: type III tests the other variables of its          interactions where it is zero; subtract a value, or ask for type II"
@@ -168,11 +178,39 @@ pub enum ModelError {
         /// The error term.
         group: String,
     },
-    /// A random part that no test takes.
-    #[error("expected random parts (1 | group) in tests, got {part}")]
-    RandomSlope {
-        /// The part.
-        part: String,
+    /// More principal scores than the shapes have.
+    #[error("expected at most {most} scores, got {found}")]
+    FewScores {
+        /// Last score.
+        found: usize,
+        /// Number of scores.
+        most: usize,
+    },
+    /// Random effects that the shapes do not determine.
+    #[error("{detail}")]
+    Unidentified {
+        /// What was expected, and what was found.
+        detail: String,
+    },
+    /// A covariance of shapes that there is none of.
+    #[error("{detail}")]
+    Covariance {
+        /// What was expected, and what was found.
+        detail: String,
+    },
+    /// A model without multivariate statistics.
+    #[error("{detail}")]
+    Multivariate {
+        /// What was expected, and what was found.
+        detail: String,
+    },
+    /// A setting of pairs, disparity, trajectories, bands or a comparison that does not fit.
+    #[error("{detail}")]
+    Setting {
+        /// Place in the request, such as `pairs/groups`.
+        field: &'static str,
+        /// What was expected, and found.
+        detail: String,
     },
     /// A failure of an eigenproblem, or the end of the time.
     #[error(transparent)]

@@ -24,11 +24,16 @@ impl Model {
         let varies = |term: usize| inside.iter().any(|hypothesis| hypothesis.term == term);
         let (within, between): (Vec<usize>, Vec<usize>) =
             (0..formula.terms.len()).partition(|term| varies(*term));
-        let mut groups: Vec<Term> = Vec::new();
+        let (mut groups, mut names): (Vec<Term>, Vec<String>) = (Vec::new(), Vec::new());
         for part in &formula.random {
-            let is_known = |other: &Term| other.set() == part.group.set();
-            if !groups.iter().any(is_known) && !formula.terms.iter().any(is_known) {
-                groups.push(part.group.clone());
+            let own = part.intercept.then(|| (part.group.clone(), "1".to_owned()));
+            let slopes = part.terms.iter().map(|term| (part.group.times(term), formula.name(term)));
+            for (term, effect) in own.into_iter().chain(slopes) {
+                let is_known = |other: &Term| other.set() == term.set();
+                if !groups.iter().any(is_known) && !formula.terms.iter().any(is_known) {
+                    names.push(format!("({effect} | {})", formula.name(&part.group)));
+                    groups.push(term);
+                }
             }
         }
         let of = |terms: &[usize]| terms.iter().map(|&term| formula.terms[term].clone()).collect::<Vec<_>>();
@@ -45,7 +50,23 @@ impl Model {
         // Places of the terms in the model with groups, and in the table.
         let first = between.len() + groups.len();
         let places = within.into_iter().enumerate().map(|(k, term)| (first + k, term)).collect();
-        Ok(Grouped { model, places, groups: between.len()..first, finest })
+        Ok(Grouped { model, places, groups: between.len()..first, names, finest })
+    }
+
+    /// As [`Self::with_groups`]; `None`, which is told, if the effects of groups leave no degree of freedom.
+    pub(super) fn with_groups_if_any(
+        &self,
+        inside: &[Hypothesis],
+        warnings: &mut Vec<String>,
+    ) -> Result<Option<Grouped>, ModelError> {
+        let has_slopes = self.design.formula.random.iter().any(|part| !part.terms.is_empty());
+        match self.with_groups(inside) {
+            Err(error @ (ModelError::FewShapes { .. } | ModelError::ManyColumns { .. })) if has_slopes => {
+                warnings.push(format!("random parts are not tested: {error}"));
+                Ok(None)
+            }
+            found => found.map(Some),
+        }
     }
 
     /// The error term that a term is tested against, if it is not the residuals.
@@ -94,6 +115,7 @@ impl Model {
             strata: strata.as_deref(),
             blocks: blocks.as_deref(),
             error_terms: &[],
+            rrpp: false,
             given: None,
             ..testing.clone()
         };
@@ -123,16 +145,9 @@ impl Model {
         Ok(())
     }
 
-    /// The model of the averages of the shapes in the groups of a term: of the terms that are constant in them.
-    fn collapsed(&self, error: &Term) -> Result<Collapsed, ModelError> {
-        let groups = self.design.cells_of(error);
-        let count = groups.iter().max().map_or(0, |last| last + 1);
-        let mut firsts = vec![usize::MAX; count];
-        let (mut weights, mut sums) = (vec![0.0; count], Matrix::zeros(self.vectors.nrows(), count));
-        for (k, &group) in groups.iter().enumerate() {
-            firsts[group] = firsts[group].min(k);
-            weights[group] += self.weights[k];
-        }
+    /// Averages of the vectors in groups with these sums of weights, one a column.
+    pub(super) fn group_means(&self, groups: &[usize], weights: &[f64]) -> Matrix {
+        let (firsts, mut sums) = (firsts_of(groups), Matrix::zeros(self.vectors.nrows(), weights.len()));
         // About the first shape of each group, so that equal shapes average to themselves.
         for (k, &group) in groups.iter().enumerate() {
             let change = (self.vectors.column(k) - self.vectors.column(firsts[group]))
@@ -144,6 +159,17 @@ impl Model {
             let mut sum = sums.column_mut(group);
             sum += self.vectors.column(first);
         }
+        sums
+    }
+
+    /// The model of the averages of the shapes in the groups of a term: of the terms that are constant in them.
+    fn collapsed(&self, error: &Term) -> Result<Collapsed, ModelError> {
+        let groups = self.design.cells_of(error);
+        let count = groups.iter().max().map_or(0, |last| last + 1);
+        let firsts = firsts_of(&groups);
+        let mut weights = vec![0.0; count];
+        groups.iter().enumerate().for_each(|(k, &group)| weights[group] += self.weights[k]);
+        let sums = self.group_means(&groups, &weights);
         let constant = |term: &&Term| {
             let both = pairs(&groups, &self.design.cells_of(term));
             both.iter().max().map_or(0, |last| last + 1) == count
@@ -159,13 +185,21 @@ impl Model {
     }
 }
 
+/// First shape of each group.
+fn firsts_of(groups: &[usize]) -> Vec<usize> {
+    let mut firsts = vec![usize::MAX; groups.iter().max().map_or(0, |last| last + 1)];
+    groups.iter().enumerate().for_each(|(k, &group)| firsts[group] = firsts[group].min(k));
+    firsts
+}
+
 /// A model with the groups of random parts as factors.
 pub(super) struct Grouped {
     pub(super) model: Model,
     /// Terms that vary inside of the groups: places in this model and in the table.
     places: Vec<(usize, usize)>,
-    /// Places of the groups in this model.
+    /// Places of the groups in this model, and their random parts.
     groups: Range<usize>,
+    names: Vec<String>,
     /// The finest groups, one number for each shape.
     finest: Vec<usize>,
 }
@@ -198,8 +232,8 @@ impl Grouped {
         if !groups.is_empty() {
             model.test(&groups, ExchangeKind::Free, &testing, &mut own, watch)?;
         }
-        for place in self.groups.clone() {
-            rows.push(TermRecord { term: format!("(1 | {})", own[place].term), ..own[place].clone() });
+        for (place, name) in self.groups.clone().zip(&self.names) {
+            rows.push(TermRecord { term: name.clone(), ..own[place].clone() });
         }
         for &(place, term) in &self.places {
             rows[term] = own[place].clone();

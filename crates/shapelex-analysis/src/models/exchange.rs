@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 use crate::inference::permutation::Relabellings;
 use crate::strata::strata as numbered;
 
-/// What may be exchanged.
+/// Units of exchange.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "snake_case"))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
@@ -23,6 +23,8 @@ pub enum ExchangeKind {
     Within,
     /// Whole blocks of equal size; each shape keeps its place in its block.
     Whole,
+    /// Signs of the coefficients of whole groups.
+    Signs,
 }
 
 /// The exchanges of the residuals of `n` shapes.

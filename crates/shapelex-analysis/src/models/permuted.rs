@@ -77,9 +77,8 @@ impl Fitted {
             let weights: Vec<f64> = space.roots().iter().map(|root| root * root).collect();
             crate::inference::span::centre_rows(&mut scaled, &weights);
         }
-        for (mut column, root) in scaled.column_iter_mut().zip(space.roots()) {
-            column.scale_mut(*root);
-        }
+        space.scale(&mut scaled);
+        let scaled = space.about_mean(scaled, has_intercept);
         let total = scaled.norm_squared();
         let transposed = dense::multiply(&scaled, &space.basis);
         let residuals = scaled - dense::multiply(&transposed, &space.basis.transpose());
@@ -97,6 +96,11 @@ impl Fitted {
         let pair = |a: usize| (0..rows.ncols()).map(|cell| [entry(a, cell), entry(a + 1, cell)]).collect();
         let pairs = (0..rows.nrows()).step_by(2).map(pair).collect();
         Ok(Self { rows, cells, strips, totals, pairs, coordinates: coordinates.transpose(), residual, total })
+    }
+
+    /// Different rows of the basis, one a column for each cell.
+    pub(super) fn rows_of_cells(&self) -> &Matrix {
+        &self.rows
     }
 
     /// Squared length of the residual of each shape.
@@ -292,7 +296,7 @@ fn strips(vectors: &Matrix) -> Vec<Vec<Row>> {
 
 /// Residuals and coordinates, both with a column of numbers for each shape or basis vector, in the fewest numbers that keep all their
 /// products: those of their span, if it has fewer dimensions than the vectors have numbers.
-fn reduced(residuals: Matrix, coordinates: Matrix) -> Result<(Matrix, Matrix), AnalysisError> {
+pub(super) fn reduced(residuals: Matrix, coordinates: Matrix) -> Result<(Matrix, Matrix), AnalysisError> {
     let (length, shapes, rank) = (residuals.nrows(), residuals.ncols(), coordinates.ncols());
     let count = shapes + rank;
     if length <= count {

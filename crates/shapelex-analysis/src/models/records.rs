@@ -4,25 +4,7 @@ use std::collections::BTreeMap;
 
 use super::design::Contrasts;
 use super::exchange::ExchangeKind;
-use super::study::At;
 use crate::inference::histogram::ExplainedHistogram;
-use crate::mean_record::MeanRecord;
-
-/// A linear model of shapes.
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
-pub struct ModelRecord {
-    /// The table.
-    #[cfg_attr(feature = "serde", serde(flatten))]
-    pub anova: AnovaRecord,
-    /// Mean of all shapes, computed without knowledge of the model, to which they are aligned; null if numbers are modelled.
-    pub pooled: Option<MeanRecord>,
-    /// Coefficients of the columns of the design.
-    pub coefficients: Vec<CoefficientRecord>,
-    /// Predicted shapes, or numbers.
-    pub predictions: Vec<PredictionRecord>,
-}
 
 /// Coefficient of a column of a design.
 #[derive(Debug, Clone, PartialEq)]
@@ -41,23 +23,15 @@ pub struct CoefficientRecord {
     pub shape: Option<Vec<Vec<f64>>>,
 }
 
-/// What a model predicts at values of its attributes.
+/// A value of an attribute at which a shape is predicted.
 #[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(untagged))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
-pub struct PredictionRecord {
-    /// The values. Numbers that are not given are at their mean, and shapes are averaged over other factors as they occur.
-    pub at: BTreeMap<String, At>,
-    /// Predicted number.
-    #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
-    pub value: Option<f64>,
-    /// Predicted control points, in the frame of the mean.
-    #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
-    pub shape: Option<Vec<Vec<f64>>>,
-    /// Leverage: variance of the prediction, over that of a residual.
-    pub leverage: f64,
-    /// Whether a number lies outside of the values of the shapes.
-    pub extrapolated: bool,
+pub enum At {
+    /// A number.
+    Number(f64),
+    /// A level.
+    Level(String),
 }
 
 /// Analysis of variance of shapes.
@@ -105,13 +79,17 @@ pub struct TermRecord {
     pub z: Option<f64>,
     /// p value `(1 + exceeding)/(1 + permutations)`; null without permutations, and with fewer than 20 distinct exchanges.
     pub p: Option<f64>,
+    /// p value of the sum of squares as shapes become many, from the scatter of the residuals alone: of models whose shapes are read as a
+    /// stream, without strata. Beside `p`, it tells probabilities that no number of exchanges reaches.
+    #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
+    pub p_asymptotic: Option<f64>,
     /// Number of exchanges, without the observed one, whose statistic reaches the observed one.
     pub exceeding: usize,
     /// Number of exchanges, without the observed one.
     pub permutations: usize,
     /// Whether all distinct exchanges were made, so that p is exact.
     pub exact: bool,
-    /// What was exchanged: all residuals, those within blocks, or whole blocks.
+    /// Units of exchange: all residuals, those within blocks, or whole blocks.
     pub exchange: ExchangeKind,
     /// Number of distinct exchanges; null beyond the range of numbers.
     pub distinct: Option<f64>,
@@ -119,10 +97,25 @@ pub struct TermRecord {
     pub error_term: Option<String>,
     /// Whether the test is one of the averages of the groups of the error term.
     pub collapsed: bool,
+    /// p and Z of the ratio of two mean squares whose permutations are drawn apart, as RRPP has them; on request, for terms with an error
+    /// term of the model. The ratio has no level.
+    #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
+    pub rrpp: Option<RatioRecord>,
     /// Columns that the term is a combination of, if it adds no dimension.
     pub aliased_with: Vec<String>,
     /// `partial_eta_squared` of the exchanges: the distribution that the observed value is compared with; null without permutations.
     pub histogram: Option<ExplainedHistogram>,
+}
+
+/// The test of a ratio of permuted mean squares.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+pub struct RatioRecord {
+    /// Effect size.
+    pub z: Option<f64>,
+    /// p value.
+    pub p: f64,
 }
 
 /// Residuals of a model.

@@ -1,19 +1,30 @@
 //! A model of aligned shapes, from its formula to the record: table, coefficients, predictions.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
 
 use super::anova::{Model, Testing};
-use super::design::{Cell, Contrasts, Design, Factor, Prepared, Table, Values};
+use super::bands::Bands;
+use super::coefficients::Coefficients;
+use super::design::{Contrasts, Design, Factor, Prepared, Table, Values};
+use super::disparity::DisparityOptions;
 use super::error::ModelError;
-use super::formula::{Formula, Function};
-use super::records::{CoefficientRecord, ModelRecord, PredictionRecord};
-use super::subspaces::Space;
+use super::formula::Formula;
+use super::kept::KeptModel;
+use super::mixed::records::RandomRecord;
+use super::mixed::{RandomQuestion, estimate};
+use super::outcome::ModelRecord;
+use super::pairs::PairsOptions;
+use super::predictor::{Attributes, Predictor};
+use super::records::At;
+use super::trajectories::TrajectoryOptions;
 use crate::inference::aligned::{AlignedShapes, mean_warnings};
 use crate::inference::compare::UNEQUAL_SPREADS;
+use crate::inference::span::{Span, centre_rows};
 use crate::mean_record::MeanRecord;
-use crate::metric::{Metric, norm};
+use crate::metric::Metric;
 use crate::quantile::quantile;
-use crate::watch::Watch;
+use crate::watch::{StopWhen, Watch};
 use shapelex_numeric::dense::{self, Matrix};
 
 /// Name of the natural logarithm of the centroid size among the attributes.
@@ -27,22 +38,13 @@ const USUAL_LEVELS: usize = 12;
 /// Fewest shapes of a group whose scatter is compared.
 const FEWEST: usize = 5;
 
-/// A value of an attribute at which a shape is predicted.
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(untagged))]
-#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
-pub enum At {
-    /// A number.
-    Number(f64),
-    /// A level.
-    Level(String),
-}
-
 /// What is modelled.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Response<'a> {
     /// The shapes.
     Shape,
+    /// The shapes within the space of some principal components of all, from 0.
+    Scores(&'a Range<usize>),
     /// A number for each shape.
     Numbers(&'a [f64]),
 }
@@ -60,8 +62,52 @@ pub struct ModelQuestion<'a> {
     pub response: Response<'a>,
     /// Tests.
     pub testing: Testing<'a>,
+    /// Estimates of a random part. Default: its usual ones, if the shapes determine them.
+    pub random: Option<RandomQuestion>,
+    /// Multivariate statistics in so many principal coordinates, or the most that there are.
+    pub manova: Option<Option<usize>>,
+    /// Covariance of the shapes, as its lower triangular factor.
+    pub covariance: Option<&'a Matrix>,
     /// Values of attributes at which shapes are predicted. Default: at the levels, or at quantiles, of the first variable.
     pub at: Option<&'a [BTreeMap<String, At>]>,
+    /// What is asked besides.
+    pub further: Further<'a>,
+}
+
+/// What is asked of a model besides its table and predictions.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Further<'a> {
+    /// A reduced model with which the whole one is compared, in place of the table of the terms.
+    pub reduced: Option<&'a Formula>,
+    /// Pairs of groups.
+    pub pairs: Option<&'a PairsOptions>,
+    /// Disparity of groups.
+    pub disparity: Option<&'a DisparityOptions>,
+    /// Trajectories of groups.
+    pub trajectories: Option<&'a TrajectoryOptions>,
+    /// Bands of the predictions.
+    pub bands: Option<Bands>,
+    /// Whether the model is kept for predictions, and the number of places along curves where it has bands.
+    pub keep: Option<usize>,
+}
+
+impl Further<'_> {
+    /// Warning about what is left out.
+    fn warning(&self, testing: &Testing<'_>) -> Option<String> {
+        let is_left_out = testing.blocks.is_some() && (self.bands.is_some() || self.pairs.is_some());
+        is_left_out.then(|| {
+            "shapes of blocks are not independent: intervals and simultaneous bands are left out".into()
+        })
+    }
+
+    /// Whether anything is asked.
+    pub fn is_asked(&self) -> bool {
+        self.reduced.is_some()
+            || self.pairs.is_some()
+            || self.disparity.is_some()
+            || self.trajectories.is_some()
+            || self.bands.is_some()
+    }
 }
 
 /// The model of aligned shapes.
@@ -80,220 +126,124 @@ pub fn model(
 ) -> Result<ModelRecord, ModelError> {
     let vectors = match question.response {
         Response::Shape => shapes.aligned.clone(),
+        Response::Scores(scores) => within(&shapes.aligned, &shapes.weights, scores)?,
         Response::Numbers(numbers) => Matrix::from_row_slice(1, numbers.len(), numbers),
     };
-    let metric = matches!(question.response, Response::Shape).then_some(shapes.space.metric);
-    let mut record = of_vectors(vectors, shapes.weights.clone(), metric, question, watch)?;
-    record.pooled = metric.map(|metric| MeanRecord::of(&shapes.mean, metric.dimension()));
+    let modelled = (!matches!(question.response, Response::Numbers(_))).then_some(shapes);
+    let mut record = of_vectors(vectors, shapes.weights.clone(), modelled, question, watch)?;
+    record.pooled = modelled.map(|shapes| MeanRecord::of(&shapes.mean, shapes.space.metric.dimension()));
     record.anova.warnings.splice(0..0, mean_warnings(&shapes.mean));
     Ok(record)
 }
 
-/// The model of vectors in columns; with a metric they are whitened shapes.
+/// The model of vectors in columns, which are those of the shapes, or numbers.
 fn of_vectors(
     vectors: Matrix,
     weights: Vec<f64>,
-    metric: Option<&Metric>,
+    shapes: Option<&AlignedShapes<'_>>,
     question: &ModelQuestion<'_>,
     watch: &dyn Watch,
 ) -> Result<ModelRecord, ModelError> {
-    let ModelQuestion { formula, table, contrasts, testing, at, .. } = question;
-    let found = Model::new(formula, table, *contrasts, vectors, weights)?;
-    let mut anova = found.anova(testing, watch)?;
+    let ModelQuestion { formula, table, contrasts, testing, further, .. } = question;
+    let metric = shapes.map(|shapes| shapes.space.metric);
+    let lower = question.covariance.cloned();
+    if lower.is_some() && further.is_asked() {
+        let detail = "expected none beside pairs, disparity, trajectories, bands or a reduced model, got one";
+        return Err(ModelError::Setting { field: "covariance", detail: detail.into() });
+    }
+    let found = Model::with_covariance(formula, table, *contrasts, vectors, weights, lower)?;
+    let mut anova = match further.reduced {
+        Some(reduced) => found.compare(reduced, table, testing, watch)?,
+        None => found.anova(testing, watch)?,
+    };
+    let random = random_effects(&found, question.random.as_ref(), metric, watch, &mut anova.warnings)?;
+    let manova = question.manova.map(|count| found.manova(count, testing, watch)).transpose()?;
     anova.warnings.extend(scatter_warning(&found));
     let coefficients = Coefficients::new(&found);
-    let usual;
-    let at = match at {
-        Some(at) => *at,
-        None => {
-            usual = usual_places(&found.design, table);
-            usual.as_slice()
-        }
+    let attributes = Attributes::new(&found, table)?;
+    let predictor = Predictor { attributes: &attributes, coefficients: &coefficients, metric };
+    let (rows, mut predictions) = match question.at {
+        Some(at) => predictor.predict_all(at)?,
+        None => predictor.usual(&usual_places(&found.design, table), &mut anova.warnings),
     };
-    let predictor = Predictor { model: &found, table, coefficients: &coefficients, metric };
-    let predictions =
-        at.iter().enumerate().map(|(k, at)| predictor.predict(k, at)).collect::<Result<Vec<_>, _>>()?;
-    let records = coefficients.records(&found.design, &found.space, metric);
-    Ok(ModelRecord { anova, pooled: None, coefficients: records, predictions })
-}
-
-/// Coefficients of the columns that are kept, with `C⁻ᵀ` for leverages.
-struct Coefficients {
-    /// One row for each kept column.
-    rows: Matrix,
-    kept: Vec<usize>,
-    /// Inverse of `Cᵀ` of the kept columns; `None` only for a basis that lost all digits.
-    inverse: Option<Matrix>,
-}
-
-impl Coefficients {
-    fn new(model: &Model) -> Self {
-        let space = &model.space;
-        let kept: Vec<usize> = (0..space.kept.len()).filter(|j| space.kept[*j]).collect();
-        let coordinates = Matrix::from_fn(space.rank(), kept.len(), |i, j| space.coordinates[(i, kept[j])]);
-        // About the mean, which is the intercept's: coordinates keep the digits of the differences.
-        let mean = if model.design.formula.intercept { model.mean() } else { vec![0.0; model.length()] };
-        let mut centred = model.scaled_about(&mean);
-        centred = dense::multiply(&centred, &space.basis);
-        let mut rows = coordinates
-            .clone()
-            .lu()
-            .solve(&centred.transpose())
-            .unwrap_or_else(|| Matrix::zeros(kept.len(), mean.len()));
-        if model.design.formula.intercept {
-            rows.row_mut(0).iter_mut().zip(&mean).for_each(|(value, mean)| *value += mean);
-        }
-        Self { rows, kept, inverse: coordinates.transpose().try_inverse() }
+    // The table has counted its exchanges: the rest only asks whether to stop.
+    let watch = &StopWhen(&|| watch.stop());
+    if let Some(bands) = further.bands {
+        let leverages: Vec<f64> = predictions.iter().map(|prediction| prediction.leverage).collect();
+        let found = found.bands(bands, (&rows, &leverages), shapes, testing, watch)?;
+        predictions.iter_mut().zip(found).for_each(|(prediction, band)| prediction.band = Some(band));
     }
+    anova.warnings.extend(further.warning(testing));
+    let pairs = further.pairs.map(|options| found.pairs(options, table, metric, testing, watch));
+    let disparity = further.disparity.map(|options| found.disparity(options, testing, watch));
+    let keep = |samples| {
+        KeptModel::new(&found, (attributes, coefficients.clone()), (shapes, samples), testing, watch)
+    };
+    let kept = further.keep.map(keep).transpose()?.map(Box::new);
+    let of_trajectories = |options| found.trajectories(options, table, metric, testing, watch);
+    Ok(ModelRecord {
+        anova,
+        pooled: None,
+        coefficients: coefficients.records(&found.design, &found.space, metric),
+        predictions,
+        reduced: further.reduced.map(ToString::to_string),
+        pairs: pairs.transpose()?,
+        disparity: disparity.transpose()?,
+        trajectories: further.trajectories.map(of_trajectories).transpose()?,
+        random,
+        manova,
+        kept,
+    })
+}
 
-    fn records(&self, design: &Design, space: &Space, metric: Option<&Metric>) -> Vec<CoefficientRecord> {
-        let of = |(j, column): (usize, &String)| {
-            let own = self.kept.iter().position(|kept| *kept == j).filter(|_| space.kept[j]);
-            let values: Option<Vec<f64>> = own.map(|row| self.rows.row(row).iter().copied().collect());
-            CoefficientRecord {
-                column: column.clone(),
-                norm: values.as_deref().map(norm),
-                value: values.as_ref().filter(|_| metric.is_none()).map(|values| values[0]),
-                shape: values.as_ref().and_then(|values| metric.map(|metric| metric.rows(values))),
+/// Estimates of the random part of a model. Where nothing is asked of it, what the shapes do not determine is told.
+fn random_effects(
+    model: &Model,
+    question: Option<&RandomQuestion>,
+    metric: Option<&Metric>,
+    watch: &dyn Watch,
+    warnings: &mut Vec<String>,
+) -> Result<Option<RandomRecord>, ModelError> {
+    if model.design.formula.random.is_empty() {
+        return Ok(None);
+    }
+    match (estimate(model, question.unwrap_or(&RandomQuestion::default()), metric, watch), question) {
+        (Ok(record), _) => {
+            if !record.converged {
+                warnings.push("the variances of the random part have not converged".into());
             }
-        };
-        design.columns.iter().enumerate().map(of).collect()
-    }
-
-    /// `x_0 (XᵀWX)⁻¹ x_0ᵀ` of a row of the kept columns.
-    fn leverage(&self, row: &[f64]) -> f64 {
-        let row = Matrix::from_column_slice(row.len(), 1, row);
-        self.inverse.as_ref().map_or(f64::NAN, |inverse| (inverse * row).norm_squared())
+            Ok(Some(record))
+        }
+        (Err(ModelError::Unidentified { detail }), None) => {
+            warnings.push(format!("the random part is not estimated: {detail}"));
+            Ok(None)
+        }
+        (Err(error), _) => Err(error),
     }
 }
 
-struct Predictor<'a> {
-    model: &'a Model,
-    table: &'a Table,
-    coefficients: &'a Coefficients,
-    metric: Option<&'a Metric>,
-}
-
-impl Predictor<'_> {
-    fn predict(&self, k: usize, at: &BTreeMap<String, At>) -> Result<PredictionRecord, ModelError> {
-        let design = &self.model.design;
-        for name in at.keys() {
-            if !design.formula.variables.iter().any(|variable| variable.name == *name) {
-                return Err(ModelError::UnknownPlace {
-                    place: k,
-                    name: name.clone(),
-                    detail: "an attribute of the formula".into(),
-                });
-            }
-        }
-        let mut extrapolated = false;
-        let mut fixed = Vec::with_capacity(design.variables.len());
-        for (v, variable) in design.variables.iter().enumerate() {
-            fixed.push(self.fixed(k, v, variable, at, &mut extrapolated)?);
-        }
-        let row = self.row(&fixed);
-        let kept: Vec<f64> = self.coefficients.kept.iter().map(|&j| row[j]).collect();
-        let values: Vec<f64> = (0..self.coefficients.rows.ncols())
-            .map(|c| kept.iter().zip(self.coefficients.rows.column(c).iter()).map(|(x, b)| x * b).sum())
-            .collect();
-        Ok(PredictionRecord {
-            at: at.clone(),
-            value: self.metric.is_none().then(|| values[0]),
-            shape: self.metric.map(|metric| metric.rows(&values)),
-            leverage: self.coefficients.leverage(&kept),
-            extrapolated,
-        })
+/// Vectors in columns within the space of some of their principal components, about their mean.
+fn within(vectors: &Matrix, weights: &[f64], scores: &Range<usize>) -> Result<Matrix, ModelError> {
+    let span = Span::new(vectors, weights)?;
+    let most = span.eigenvalues.len();
+    if scores.end > most {
+        return Err(ModelError::FewScores { found: scores.end, most });
     }
-
-    /// The value of a variable for all shapes of a prediction, if it has one.
-    fn fixed(
-        &self,
-        k: usize,
-        v: usize,
-        variable: &Prepared,
-        at: &BTreeMap<String, At>,
-        extrapolated: &mut bool,
-    ) -> Result<Option<Cell>, ModelError> {
-        let name = &self.model.design.formula.variables[v].name;
-        let wrong = |detail: String| Err(ModelError::UnknownPlace { place: k, name: name.clone(), detail });
-        match (variable, at.get(name)) {
-            (Prepared::Factor(_), None) => Ok(None),
-            (Prepared::Factor(factor), Some(given)) => {
-                let text = match given {
-                    At::Level(level) => level.clone(),
-                    At::Number(number) => number.to_string(),
-                };
-                match factor.levels.iter().position(|level| *level == text) {
-                    Some(level) => Ok(Some(Cell::Level(level))),
-                    None => wrong(format!("one of the levels {}", some_of(&factor.levels))),
-                }
-            }
-            (_, Some(At::Level(_))) => wrong("a number".into()),
-            (_, given) => {
-                let Some(Values::Numbers(numbers)) = self.table.attributes.get(name) else {
-                    return wrong("a number".into());
-                };
-                let x = match given {
-                    Some(At::Number(x)) => {
-                        let (least, most) = bounds(numbers);
-                        *extrapolated |= !(least..=most).contains(x);
-                        *x
-                    }
-                    _ => self.model.average(numbers),
-                };
-                let value = match variable {
-                    Prepared::Numbers { function, .. } => applied(*function, x),
-                    _ => x,
-                };
-                match value.is_finite() && value.abs() <= super::MAX_VALUE {
-                    true => Ok(Some(Cell::Number(value))),
-                    false => {
-                        wrong(format!("a number whose {} is one", self.model.design.formula.variables[v]))
-                    }
-                }
-            }
-        }
-    }
-
-    /// The row of the design, averaged over the shapes where factors are not given.
-    fn row(&self, fixed: &[Option<Cell>]) -> Vec<f64> {
-        let design = &self.model.design;
-        let of = |k: usize| design.row(&|v| fixed[v].unwrap_or_else(|| design.cell(v, k)));
-        if fixed.iter().all(Option::is_some) {
-            return of(0);
-        }
-        let weights = self.model.weights();
-        let total: f64 = weights.iter().sum();
-        let mut row = vec![0.0; design.columns.len()];
-        for (k, weight) in weights.iter().enumerate() {
-            row.iter_mut().zip(of(k)).for_each(|(sum, value)| *sum += weight / total * value);
-        }
-        row
-    }
-}
-
-fn applied(function: Function, x: f64) -> f64 {
-    match function {
-        Function::Log => x.ln(),
-        Function::Sqrt => x.sqrt(),
-        Function::Power(degree) => x.powi(degree.cast_signed()),
-        Function::Identity | Function::Factor | Function::Poly(_) => x,
-    }
-}
-
-fn bounds(numbers: &[f64]) -> (f64, f64) {
-    let least = numbers.iter().copied().fold(f64::MAX, f64::min);
-    (least, numbers.iter().copied().fold(f64::MIN, f64::max))
-}
-
-fn some_of(levels: &[String]) -> String {
-    let first: Vec<String> = levels.iter().take(10).map(|level| format!("'{level}'")).collect();
-    let more = if levels.len() > 10 { format!(" and {} more", levels.len() - 10) } else { String::new() };
-    first.join(", ") + &more
+    let chosen = span.scores.rows(scores.start, scores.len()).into_owned();
+    let mut centred = vectors.clone();
+    centre_rows(&mut centred, weights);
+    let weighted = Matrix::from_fn(chosen.nrows(), chosen.ncols(), |i, k| {
+        weights[k] * chosen[(i, k)] / span.eigenvalues[scores.start + i]
+    });
+    let directions = dense::multiply(&centred, &weighted.transpose());
+    let mean = vectors.column(0) - centred.column(0);
+    let mut found = dense::multiply(&directions, &chosen);
+    found.column_iter_mut().for_each(|mut column| column += &mean);
+    Ok(found)
 }
 
 /// Where shapes are predicted if nothing is asked for: at the levels of the first variable, or at its quantiles.
-fn usual_places(design: &Design, table: &Table) -> Vec<BTreeMap<String, At>> {
+pub(super) fn usual_places(design: &Design, table: &Table) -> Vec<BTreeMap<String, At>> {
     let Some(&first) = design.formula.terms.first().and_then(|term| term.0.first()) else {
         return Vec::new();
     };
@@ -318,48 +268,64 @@ fn scatter_warning(model: &Model) -> Option<String> {
     let design = &model.design;
     let used: BTreeSet<usize> = design.formula.terms.iter().flat_map(|term| term.0.iter().copied()).collect();
     let factors: Vec<usize> = design.factors().map(|(k, _)| k).filter(|k| used.contains(k)).collect();
-    if factors.is_empty() {
+    if factors.is_empty() || model.space.is_correlated() {
         return None;
     }
     let groups = design.cells_of(&super::formula::Term(factors.clone()));
     let (squares, leverages) = (model.fitted.squares(), model.space.leverages());
     let count = groups.iter().max().map_or(0, |last| last + 1);
-    let mut sums = vec![(0.0, 0.0, 0_usize, usize::MAX); count];
+    let none = GroupScatter { square: 0.0, free: 0.0, number: 0, first: usize::MAX };
+    let mut sums = vec![none; count];
     for (k, &group) in groups.iter().enumerate() {
-        let (square, free, number, first) = &mut sums[group];
+        let GroupScatter { square, free, number, first } = &mut sums[group];
         *square += squares[k];
         *free += 1.0 - leverages[k];
         *number += 1;
         *first = (*first).min(k);
     }
-    if count < 2 || sums.iter().any(|(_, free, number, _)| *number < FEWEST || *free <= 0.0) {
+    unequal_scatter_warning(&sums, &|k| design.levels_at(&factors, k))
+}
+
+/// Residuals of the shapes of a group.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct GroupScatter {
+    /// Sum of their squares.
+    pub(super) square: f64,
+    /// Sum of their parts that the model leaves.
+    pub(super) free: f64,
+    /// Number of shapes.
+    pub(super) number: usize,
+    /// The first of them.
+    pub(super) first: usize,
+}
+
+/// Warning about groups that scatter unequally; `name` tells the name of the group of a shape.
+pub(super) fn unequal_scatter_warning(
+    groups: &[GroupScatter],
+    name: &dyn Fn(usize) -> String,
+) -> Option<String> {
+    let is_small = |group: &GroupScatter| group.number < FEWEST || group.free <= 0.0;
+    if groups.len() < 2 || groups.iter().any(is_small) {
         return None;
     }
-    let spread = |(square, free, _, _): &(f64, f64, usize, usize)| (square / free).sqrt();
-    let wide = sums.iter().max_by(|a, b| spread(a).total_cmp(&spread(b)))?;
-    let narrow = sums.iter().min_by(|a, b| spread(a).total_cmp(&spread(b)))?;
+    let spread = |group: &GroupScatter| (group.square.max(0.0) / group.free).sqrt();
+    let wide = groups.iter().max_by(|a, b| spread(a).total_cmp(&spread(b)))?;
+    let narrow = groups.iter().min_by(|a, b| spread(a).total_cmp(&spread(b)))?;
     if spread(wide) <= UNEQUAL_SPREADS * spread(narrow) {
         return None;
     }
-    let name = |k: usize| {
-        let level = |&v: &usize| match (&design.variables[v], design.cell(v, k)) {
-            (Prepared::Factor(factor), Cell::Level(level)) => factor.levels[level].clone(),
-            _ => String::new(),
-        };
-        factors.iter().map(level).collect::<Vec<_>>().join(":")
-    };
     let ratio = match spread(narrow) > 0.0 {
         true => format!("{:.2} times as much as", spread(wide) / spread(narrow)),
         false => "unlike".into(),
     };
-    let sizes: BTreeSet<usize> = sums.iter().map(|(_, _, number, _)| *number).collect();
+    let sizes: BTreeSet<usize> = groups.iter().map(|group| group.number).collect();
     let meaning = match sizes.len() {
         1 => "groups of equal size bear this well",
         _ => "with groups of unequal size the tests find differences too often, or too rarely",
     };
     Some(format!(
         "shapes of '{}' scatter {ratio} those of '{}' about the model, and the tests assume equal scatter: {meaning}",
-        name(wide.3),
-        name(narrow.3)
+        name(wide.first),
+        name(narrow.first)
     ))
 }

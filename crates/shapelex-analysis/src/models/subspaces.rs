@@ -44,6 +44,8 @@ pub struct Space {
     /// Whether each column is kept; the others depend on those before them.
     pub kept: Vec<bool>,
     roots: Vec<f64>,
+    /// Factor of the covariance of the shapes.
+    lower: Option<Matrix>,
 }
 
 /// A term with the models that test it, in the coordinates of the basis.
@@ -63,16 +65,36 @@ impl Space {
     /// # Errors
     /// [`ModelError::FewShapes`] if no degree of freedom is left for the residuals.
     pub fn new(design: &Design, weights: &[f64]) -> Result<Self, ModelError> {
+        Self::correlated(design, weights, None)
+    }
+
+    /// As [`Self::new`], for shapes whose covariance has this factor: rows are those of `L⁻¹X`.
+    ///
+    /// # Errors
+    /// As for [`Self::new`].
+    pub fn correlated(design: &Design, weights: &[f64], lower: Option<Matrix>) -> Result<Self, ModelError> {
+        let space = Self::of_rows(design, weights, lower);
+        space.check_shapes(design.shapes())?;
+        Ok(space)
+    }
+
+    /// The space of rows with these weights, each that of one or more shapes.
+    pub(super) fn of_rows(design: &Design, weights: &[f64], lower: Option<Matrix>) -> Self {
         let roots: Vec<f64> = weights.iter().map(|weight| weight.sqrt()).collect();
-        let scaled = scaled(design, &roots);
+        let scaled = scaled(design, &roots, lower.as_ref());
         let (basis, kept) =
             orthonormal(&Matrix::zeros(design.shapes(), 0), &scaled, design.formula.intercept);
-        let (found, rank) = (design.shapes(), basis.ncols());
-        if found <= rank {
-            return Err(ModelError::FewShapes { found, needed: rank + 1, rank });
-        }
         let coordinates = dense::transpose_multiply(&basis, &scaled);
-        Ok(Self { basis, coordinates, kept, roots })
+        Self { basis, coordinates, kept, roots, lower }
+    }
+
+    /// Checks that shapes leave the residuals a degree of freedom.
+    ///
+    /// # Errors
+    /// [`ModelError::FewShapes`].
+    pub(super) fn check_shapes(&self, found: usize) -> Result<(), ModelError> {
+        let rank = self.rank();
+        if found > rank { Ok(()) } else { Err(ModelError::FewShapes { found, needed: rank + 1, rank }) }
     }
 
     /// Rank of the design.
@@ -85,14 +107,53 @@ impl Space {
         &self.roots
     }
 
+    /// Whether shapes have a covariance.
+    pub fn is_correlated(&self) -> bool {
+        self.lower.is_some()
+    }
+
+    /// Scales vectors of the shapes, in columns, as the basis is.
+    pub fn scale(&self, vectors: &mut Matrix) {
+        for (mut column, root) in vectors.column_iter_mut().zip(&self.roots) {
+            column.scale_mut(*root);
+        }
+        if let Some(lower) = &self.lower {
+            let mut transposed = vectors.transpose();
+            lower.solve_lower_triangular_mut(&mut transposed);
+            *vectors = transposed.transpose();
+        }
+    }
+
+    /// Scaled vectors about their mean, which are centred already unless shapes have a covariance: the mean is then the part along the
+    /// first vector of the basis.
+    pub(super) fn about_mean(&self, scaled: Matrix, has_intercept: bool) -> Matrix {
+        if !(has_intercept && self.is_correlated()) {
+            return scaled;
+        }
+        let first = self.basis.columns(0, 1);
+        &scaled - (&scaled * first) * first.transpose()
+    }
+
     /// Leverage of each shape: the part of its residual that the model takes.
     pub fn leverages(&self) -> Vec<f64> {
         self.basis.row_iter().map(|row| row.norm_squared()).collect()
     }
 
+    /// `log|det C|` of the kept columns: `C` is their triangle in the basis.
+    pub fn log_determinant(&self) -> f64 {
+        let kept = columns_where_index(&self.coordinates, |j| self.kept[j]);
+        kept.lu().determinant().abs().ln()
+    }
+
+    /// Residuals of vectors in columns, scaled as the basis is.
+    pub fn residuals(&self, scaled: &Matrix) -> Matrix {
+        let fitted = dense::multiply(scaled, &self.basis);
+        scaled - dense::multiply(&fitted, &self.basis.transpose())
+    }
+
     /// Coordinates of the columns of another design of the same space.
     fn coordinates_of(&self, design: &Design) -> Matrix {
-        dense::transpose_multiply(&self.basis, &scaled(design, &self.roots))
+        dense::transpose_multiply(&self.basis, &scaled(design, &self.roots, self.lower.as_ref()))
     }
 
     /// The hypotheses of all terms.
@@ -171,11 +232,14 @@ impl Space {
     }
 }
 
-/// Columns of a design, scaled by the roots of the weights.
-fn scaled(design: &Design, roots: &[f64]) -> Matrix {
+/// Columns of a design, scaled by the roots of the weights, and without the covariance of the shapes.
+pub(super) fn scaled(design: &Design, roots: &[f64], lower: Option<&Matrix>) -> Matrix {
     let mut scaled = design.matrix.clone();
     for mut column in scaled.column_iter_mut() {
         column.iter_mut().zip(roots).for_each(|(value, root)| *value *= root);
+    }
+    if let Some(lower) = lower {
+        lower.solve_lower_triangular_mut(&mut scaled);
     }
     scaled
 }

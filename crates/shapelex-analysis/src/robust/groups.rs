@@ -8,7 +8,7 @@
 //! separation    distance of the two means in the covariance within
 //! ```
 //!
-//! Shapes of another organ lie close together, but in a set that varies widely they are no farther from its mean than its own
+//! Shapes of another organ lie close together, but in a set that varies widely they are not farther from its mean than its own
 //! shapes. No distance from the majority tells them; that they keep to themselves does. A group is left out if the gain is
 //! at least [`GAIN`] plus [`GAIN_OF_FEW`] for each shape, its separation [`SEPARATION`], and a third of all shapes are wrong at most.
 //!
@@ -45,7 +45,7 @@ const FEWEST: f64 = 30.0;
 /// another organ 0.89 and more.
 const GAIN: f64 = 0.6;
 
-/// What is added to the least gain, divided by the number of shapes: two groups describe normal scores of few shapes better than
+/// Addition to the least gain, divided by the number of shapes: two groups describe normal scores of few shapes better than
 /// one.
 const GAIN_OF_FEW: f64 = 20.0;
 
@@ -304,7 +304,7 @@ mod tests {
                 let normal: Vec<f64> = (0..4 * count).map(|_| random.normal()).collect();
                 let flat: Vec<f64> = (0..4 * count).map(|_| random.even()).collect();
                 let skewed: Vec<f64> = (0..4 * count).map(|_| -random.even().max(1e-9).ln()).collect();
-                // Normal with a deviation of its own for each shape: long tails about one centre.
+                // Normal with a separate deviation for each shape: long tails about one centre.
                 let tails = (0..count).flat_map(|_| {
                     let deviation = random.even().max(0.1).recip();
                     (0..4).map(|_| deviation * random.normal()).collect::<Vec<f64>>()

@@ -9,7 +9,7 @@
 //!
 //! Distances are those of shapes, not divided by the variation of the set as those of the [description](super::rejection): another
 //! kind of shape widens that variation until it is within it. But sets of one kind may have such a part as well (two sides of a tooth, grains seen
-//! from two sides), so that only a person can tell what it is.
+//! from two sides), so that only a person can tell which it is.
 //!
 //! Nothing is drawn at random, and nothing depends on the order of the shapes.
 
@@ -29,7 +29,7 @@ const NEAR: f64 = 0.5;
 /// shapes stand there than beyond.
 const BETWEEN: f64 = 0.25;
 
-/// Least part of the minority that the estimate keeps: what it leaves out need not be told.
+/// Least part of the minority that the estimate keeps: shapes that it leaves out need not be told.
 const KEPT: f64 = 0.5;
 
 /// Least distance of the mean from that of the majority, in parts of its norm: a tail of a set moves it by less.
@@ -194,7 +194,7 @@ mod tests {
             assert!(told.shapes.abs_diff(wrong) <= 1, "{told:?} for {wrong}");
             let moved = wrong as f64 / (right + wrong) as f64 * 0.2 * 2.0_f64.sqrt();
             assert!((told.distance - moved).abs() < 0.3 * moved, "{told:?} for {moved}");
-            // What is left out is not told.
+            // Shapes left out are not told.
             let without: Vec<f64> = (0..right + wrong).map(|k| if k < right { 1.0 } else { 0.0 }).collect();
             assert_eq!(found(&all, &without), None);
         }

@@ -9,7 +9,7 @@
 //! gain  mean log density of v, less that of a single normal distribution
 //! ```
 //!
-//! A mirror image of a nearly symmetric shape is no farther from the majority than the shape itself, and no group in the
+//! A mirror image of a nearly symmetric shape is not farther from the majority than the shape itself, and no group in the
 //! leading scores: asymmetry is one of many small variations. But it is the same deviation with the other sign, which leaves the second
 //! moments of `v` as they are. So one direction `μ` and the fraction `ε` are all that has to be estimated. The shapes count by `p_k`,
 //! not by a decision: where the two sides overlap, the estimates of the right shapes are those of their side all the same.
@@ -49,7 +49,7 @@ const FEWEST: f64 = 30.0;
 /// mirrored and can be told 0.2 and more.
 const GAIN: f64 = 0.12;
 
-/// What is added to the least gain, divided by the number of shapes.
+/// Addition to the least gain, divided by the number of shapes.
 const GAIN_OF_FEW: f64 = 4.0;
 
 /// Least distance of the two sides, in standard deviations within one.
@@ -81,7 +81,7 @@ pub(super) struct Reflection<'a> {
 }
 
 impl<'a> Reflection<'a> {
-    /// About the whitened `centre`. `None` where mirror images are no other shapes, are searched anyway, or cannot be formed.
+    /// About the whitened `centre`. `None` where mirror images are the same shapes, are searched anyway, or cannot be formed.
     ///
     /// # Errors
     /// [`AnalysisError::Degenerate`] with index 0.
@@ -110,7 +110,7 @@ impl<'a> Reflection<'a> {
     }
 }
 
-/// The probabilities that the shapes are no mirror images, if some of them are. `factors`: those of their distances; `described`:
+/// The probabilities that the shapes are not mirror images, if some of them are. `factors`: those of their distances; `described`:
 /// the shapes in the components of their signs.
 ///
 /// Two passes over the deviations: the scatter of the antisymmetric parts, and their scores.
@@ -232,11 +232,11 @@ impl Sides {
         Some(sides)
     }
 
-    /// Probability that a shape is no mirror image, and its log density along `μ`, but for the constant of the normal distribution.
+    /// Probability that a shape is not a mirror image, and its log density along `μ`, but for the constant of the normal distribution.
     fn of(&self, v: &[f64]) -> (f64, f64) {
         let (within, length, product) = (1.0 - self.square, self.square.sqrt(), dot(v, &self.mu));
         let log_odds = ((1.0 - self.mirrored) / self.mirrored).ln() + 2.0 * product / within;
-        // The larger of the two terms, and what the other one adds to it.
+        // The larger of the two terms, and the share of the other one.
         let (share, own) =
             if log_odds > 0.0 { (1.0 - self.mirrored, product) } else { (self.mirrored, -product) };
         let away = own / length - length;
@@ -244,7 +244,7 @@ impl Sides {
         (logistic(log_odds), share.ln() + both - 0.5 * (away * away / within + within.ln()))
     }
 
-    /// The probabilities of all shapes that they are no mirror images.
+    /// The probabilities of all shapes that they are not mirror images.
     fn probabilities(&self, v: &[f64]) -> Vec<f64> {
         let certain = |p: f64| match p {
             p if p < CERTAIN => 0.0,

@@ -19,8 +19,8 @@
 //! the same bits on any number of threads. A shape given twice counts as one of twice the weight. A robust mean takes
 //! [`PASSES`] passes over the shapes, a plain one two; one that searches start points takes as many in each of a few more rounds.
 //!
-//! What it cannot do: a third of the shapes may be wrong, not more; and a group of shapes that differs from all others is wrong by
-//! this definition, even if it is a class of its own. A compact part that is kept although it is unlike the majority is told ([`Minority`](super::factors::Minority)). Wrong shapes within the variation of the right ones cannot be told from
+//! Limits: a third of the shapes may be wrong, not more; and a group of shapes that differs from all others is wrong by
+//! this definition, even if it is a separate class. A compact part that is kept although it is unlike the majority is told ([`Minority`](super::factors::Minority)). Wrong shapes within the variation of the right ones cannot be told from
 //! them, and hardly matter for the mean.
 //!
 //! Sources: Weiszfeld 1937; Locantore et al. 1999 (spatial signs); Hubert, Rousseeuw and Vanden Branden 2005 (two distances,
@@ -153,7 +153,7 @@ pub fn align_all_by(
 }
 
 /// The robust mean of the shapes of `source` (prepared with [`Method::translates`]): the plain mean with the factors of the module.
-/// `found` is what the search of the plain mean has found, `template` the plain mean of Procrustes fits.
+/// `found` is the result of the search of the plain mean, `template` the plain mean of Procrustes fits.
 ///
 /// # Errors
 /// [`AnalysisError::TooFewShapes`] below [`MIN_SHAPES`]; [`AnalysisError::Parameter`] at `robust` if the weights are worth fewer than
@@ -186,7 +186,7 @@ fn check_weights(weights: &[f64]) -> Result<(), AnalysisError> {
     Err(AnalysisError::Parameter { field: "robust", detail })
 }
 
-/// Factors of shapes, and the probabilities that they are no mirror images, if some are.
+/// Factors of shapes, and the probabilities that they are not mirror images, if some are.
 type Judged = (Vec<f64>, Option<Vec<f64>>);
 
 struct Task<'a> {
@@ -391,7 +391,7 @@ impl Task<'_> {
         self.judged(&away, &signs(&away)?.0)
     }
 
-    /// The factors of the shapes by their distances, and the probabilities that they are no mirror images, if some are.
+    /// The factors of the shapes by their distances, and the probabilities that they are not mirror images, if some are.
     fn judged(&self, away: &Deviations<'_>, signs: &Description) -> Result<Judged, AnalysisError> {
         let factors = by_distance(away, signs)?;
         let own = match Reflection::new(self.method, self.matching, away.centre())? {

@@ -2,19 +2,19 @@
 //!
 //! ```text
 //! c_k ≈ c̄ + Σ_i t_i D_i + Σ_j b_j B_j c̄ + e       minimise Σ_n v_n |r_n|² + g o_k² s² Σ_i t_i²/λ_i
-//! r_n  what is left at control point n,   s_n  its median over the shapes,   o_k² the median of r_n/s_n over the shape, or one
+//! r_n  the residual at control point n,   s_n  its median over the shapes,   o_k² the median of r_n/s_n over the shape, or one
 //! v_n = 1/(1 + (r_n/(3 o_k s_n))⁴)
 //! r_n² is averaged over the neighbours on a curve:  Σ_j (h + 1 − |j|) r_{n+j}² / Σ_j (h + 1 − |j|),   |j| ≤ h,   h = N/32, rounded, or 1
 //! ```
 //!
 //! Three times with the components of all shapes as directions `D_i`, whose scores find the nearest shapes (`g = 10`, `o_k = 1`); then twice
 //! about the mean of the 24
-//! nearest ones, with the deviations of these as directions (`g = 5`). A set of several kinds of shapes has no components of its own in
-//! which damage stands out, but there are shapes like every one. What damage the near shapes have themselves hardly counts, by their
+//! nearest ones, with the deviations of these as directions (`g = 5`). A set of several kinds of shapes has no components in
+//! which damage stands out, but there are shapes like every one. Damage of the near shapes themselves hardly counts, by their
 //! own `v_n`.
 //!
-//! Damage is a stretch, so that neighbours on a curve tell of each other; what is left by chance is not. Landmarks and
-//! surfaces have no neighbours here. A shape unlike all others leaves more everywhere (`o_k`), which is no damage of a place.
+//! Damage is a stretch, so that neighbours on a curve tell of each other; residuals by chance are not. Landmarks and
+//! surfaces have no neighbours here. A shape unlike all others leaves more everywhere (`o_k`), which is not damage of a place.
 //!
 //! Members of the class may move as well (`B_j c̄`), since damage in one place turns and shifts the alignment of the whole shape.
 //! Residuals and weights alternate, so that a damaged stretch does not pull the fit of the rest.
@@ -142,7 +142,7 @@ impl Points {
         Self { weights: vec![vec![1.0; n]; shapes], noise: vec![0.0; shapes] }
     }
 
-    /// New weights from what is left of the shapes `beside` others.
+    /// New weights from the residuals of the shapes `beside` others.
     fn judge(&mut self, residuals: Vec<Vec<f64>>, shapes: &Away<'_>, beside: Beside) {
         let n = self.weights[0].len();
         let mut residuals = match shapes.curve {
@@ -177,7 +177,7 @@ impl Away<'_> {
         &self.control_points[k * self.length..(k + 1) * self.length]
     }
 
-    /// `o_k`: roots of the medians over each shape of what is left of it, in that of all shapes.
+    /// `o_k`: roots of the medians over each shape of its residuals, in that of all shapes.
     fn own_scales(&self, residuals: &[Vec<f64>]) -> Vec<f64> {
         let n = residuals[0].len();
         let (of_all, equal) = (scales(residuals, self.weights, n, self.size), vec![1.0; n]);
@@ -188,7 +188,7 @@ impl Away<'_> {
         parallel::map(residuals.len(), &own)
     }
 
-    /// What the shapes `near` leave of shape `k`: about their mean, in their deviations and the moves of the class.
+    /// Residuals of shape `k` beside the shapes `near`: about their mean, in their deviations and the moves of the class.
     fn beside(&self, k: usize, near: &[usize], points: &Points, model: &Model) -> Vec<f64> {
         let n = points.weights[k].len();
         let total: f64 = near.iter().map(|&j| self.weights[j]).sum();
@@ -317,7 +317,7 @@ struct Directions(Matrix);
 
 /// A shape in some directions.
 struct Fitted {
-    /// What is left at every control point.
+    /// Residual at every control point.
     residuals: Vec<f64>,
     /// Factors of the directions; zero if they cannot be told.
     parts: Vec<f64>,

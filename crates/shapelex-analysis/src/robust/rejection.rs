@@ -16,7 +16,7 @@ pub(super) struct Limits {
     none: f64,
 }
 
-/// Limits for means and covariances of the scores: what they take in widens them. Of normal data, 0.13 % lie beyond the first.
+/// Limits for means and covariances of the scores: included shapes widen them. Of normal data, 0.13 % lie beyond the first.
 const STRICT: Limits = Limits { full: 3.0, none: 5.0 };
 
 /// Limits of the factors themselves: real data have longer tails than normal ones, and a right shape left out may turn a mode
@@ -38,7 +38,7 @@ const STEPS: usize = 50;
 /// Quartiles of the standard normal distribution: ± this.
 const QUARTILE: f64 = 0.674_489_750_196_081_7;
 
-/// Least standard deviation of a normal distance, as a fraction of its centre: what varies less is equal.
+/// Least standard deviation of a normal distance, as a fraction of its centre: distances that vary less are equal.
 const LEAST_SPREAD: f64 = 1e-3;
 
 /// Rounding errors of cumulated weights, as a fraction of their sum.
@@ -120,12 +120,12 @@ impl Limits {
     }
 }
 
-/// All shapes by their leading scores and what these leave.
+/// All shapes by their leading scores and the residuals of these.
 pub(super) struct Description {
     /// `q` scores of each shape, one after the other.
     scores: Vec<f64>,
     components: usize,
-    /// What the scores leave.
+    /// Residuals of the scores.
     residuals: Vec<f64>,
     weights: Vec<f64>,
     /// Number of distinct shapes of the same weight that the weights are worth.
@@ -170,7 +170,7 @@ impl Description {
         self.distinct * weight / self.weights.iter().sum::<f64>()
     }
 
-    /// The factor of each shape, for what is estimated next. `known`: factors of an earlier description, instead of the densest
+    /// The factor of each shape, for the next estimate. `known`: factors of an earlier description, instead of the densest
     /// majority.
     pub(super) fn factors(&self, known: Option<&[f64]>) -> Vec<f64> {
         self.within(STRICT, known)
@@ -256,7 +256,7 @@ impl Description {
     }
 
     /// Zero for the shapes in [groups](super::groups) of wrong ones, one for the others. `start`: scores of a change of the start
-    /// point, which is no difference.
+    /// point, which is not a difference.
     pub(super) fn outside_groups(&self, start: Option<Vec<f64>>) -> Vec<f64> {
         let q = self.components;
         if q == 0 {

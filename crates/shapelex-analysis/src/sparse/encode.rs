@@ -63,7 +63,7 @@ impl<Single: EncodeOne> Encode for Single {
 
 /// Codes one shape after the other with memory that is used again.
 pub(super) trait EncodeOne: Sync {
-    /// What is kept from shape to shape; no result depends on what it held.
+    /// Buffers kept from shape to shape; no result depends on their content.
     type Work: Default;
 
     /// The code of one shape, from its `previous` one where there is one.

@@ -18,7 +18,7 @@ use crate::AnalysisError;
 use shapelex_numeric::cholesky::ActiveCholesky;
 use shapelex_numeric::kernels::{add_scaled, column, dot, largest, largest_magnitude, sum_of_magnitudes};
 
-/// Lasso coder with a certificate. On atoms of several columns, every column has a coefficient of its own.
+/// Lasso coder with a certificate. On atoms of several columns, every column has a separate coefficient.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lasso {
     /// The penalty `λ > 0`.

@@ -16,7 +16,7 @@
 //! * [`Lasso`] — codes to a given duality gap, and the whole regularisation path;
 //! * [`GroupLasso`] — the same for blocks;
 //! * [`Pursuit`] — codes with a given number of atoms;
-//! * [`Coder`] — any of these; [`Encode`] — what they have in common.
+//! * [`Coder`] — any of these; [`Encode`] — their common trait.
 //!
 //! Source: Schmitter 2017, (4.27) with the square that is missing in Theorem 3; blocks after Yuan and Lin 2006.
 

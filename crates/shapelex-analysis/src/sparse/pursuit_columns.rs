@@ -65,7 +65,7 @@ impl ColumnPursuit {
         self.factor.push_row(products, self.rest[piece][lane], index);
     }
 
-    /// Adds a column to the basis, and returns the one that captures most of what is left; the first one in a tie. `None` if no
+    /// Adds a column to the basis, and returns the one that captures most of the residual; the first one in a tie. `None` if no
     /// column is both independent of those in use and correlated with the residual: the shape is reproduced as far as possible.
     fn join(&mut self, atoms: &Atoms, index: usize, noise: f64) -> Option<usize> {
         let (column, energies) = (Pieces::of(column(atoms.gram(), index)), Pieces::of(atoms.energies()));

@@ -3,6 +3,8 @@
 //! The base shape has unit centroid size. Independent normal deviations of its control points have the standard deviation of the group;
 //! then every shape is turned, scaled and moved at random.
 
+pub(crate) mod sides;
+
 use rand::rngs::ChaCha12Rng;
 use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
@@ -112,10 +114,15 @@ impl Prepared {
     /// A shape of the base with deviations of this part of the usual ones, in a random pose.
     fn shape(&self, part: f64, random: &mut ChaCha12Rng) -> Vec<f64> {
         let deviation = part * ROUGHNESS / (self.metric.len() as f64).sqrt();
+        let rough = around(&self.base, deviation, random);
+        self.posed(&rough, random)
+    }
+
+    /// The shape in a random pose.
+    fn posed(&self, rough: &[f64], random: &mut ChaCha12Rng) -> Vec<f64> {
         let d = self.metric.dimension();
         let count = self.metric.len() / d;
         let mut noise = || -> f64 { StandardNormal.sample(random) };
-        let rough: Vec<f64> = self.base.iter().map(|x| x + deviation * noise()).collect();
         let turn = rotation(d, &mut noise);
         let scale = (0.3 * noise()).exp();
         let shift: Vec<f64> = (0..d).map(|_| 5.0 * noise()).collect();
@@ -149,6 +156,12 @@ impl Prepared {
         let weights = vec![1.0; shapes.len() / self.metric.len()];
         then(&AlignedShapes::new(study, shapes, weights, &Unwatched).unwrap())
     }
+}
+
+/// A shape with independent deviations of its coordinates.
+fn around(shape: &[f64], deviation: f64, random: &mut ChaCha12Rng) -> Vec<f64> {
+    let mut noise = || -> f64 { StandardNormal.sample(random) };
+    shape.iter().map(|x| x + deviation * noise()).collect()
 }
 
 /// A random rotation: axes of normal numbers, made orthonormal, of determinant one.
@@ -256,11 +269,22 @@ pub(crate) enum Layout {
     Repeated,
     /// Two factors of equal cells, one level of which scatters three times as much.
     UnequalScatter,
+    /// Subjects of two treatments whose changes with age differ, seen at the same ages.
+    Slopes,
+    /// The same at ages of their own.
+    OwnAges,
 }
 
 impl Layout {
-    pub(crate) const ALL: [Self; 5] =
-        [Self::Balanced, Self::Unbalanced, Self::Nested, Self::Repeated, Self::UnequalScatter];
+    pub(crate) const ALL: [Self; 7] = [
+        Self::Balanced,
+        Self::Unbalanced,
+        Self::Nested,
+        Self::Repeated,
+        Self::UnequalScatter,
+        Self::Slopes,
+        Self::OwnAges,
+    ];
 
     fn formula(self) -> &'static str {
         match self {
@@ -268,13 +292,18 @@ impl Layout {
             Self::Unbalanced => "~ a*b + t",
             Self::Nested => "~ site + (1 | site:year)",
             Self::Repeated => "~ treatment + day + (1 | subject)",
+            Self::Slopes | Self::OwnAges => "~ age*treatment + (age | subject)",
         }
     }
 
     /// Attributes of the shapes, their groups of a common deviation, and the part of their own. Ten groups, five of each kind, have 126
     /// exchanges that differ: enough for a level near 5 %.
     fn made(self, random: &mut ChaCha12Rng) -> (Table, Vec<usize>, Vec<f64>) {
-        let shapes = if matches!(self, Self::Nested | Self::Repeated) { 30 } else { 24 };
+        let shapes = match self {
+            Self::Nested | Self::Repeated => 30,
+            Self::Slopes | Self::OwnAges => 40,
+            _ => 24,
+        };
         let text = |name: &str, of: &dyn Fn(usize) -> usize| {
             (name.to_owned(), ModelValues::Texts((0..shapes).map(|k| format!("{name}{}", of(k))).collect()))
         };
@@ -299,6 +328,14 @@ impl Layout {
                     vec![text("subject", &subject), text("day", &|k| k % 3), text("treatment", &treatment)];
                 (names, (0..shapes).map(subject).collect())
             }
+            Self::Slopes | Self::OwnAges => {
+                let (subject, treatment) = (|k: usize| k / 4, |k: usize| usize::from(k / 4 < 5));
+                let mut own = || if self == Self::OwnAges { random.random::<f64>() - 0.5 } else { 0.0 };
+                let ages = (0..shapes).map(|k| (k % 4) as f64 - 1.5 + own()).collect();
+                let age = ("age".to_owned(), ModelValues::Numbers(ages));
+                let names = vec![text("subject", &subject), text("treatment", &treatment), age];
+                (names, (0..shapes).map(subject).collect())
+            }
         };
         let part = |k: usize| if self == Self::UnequalScatter && k.is_multiple_of(2) { 3.0 } else { 1.0 };
         let table = Table { attributes: attributes.into_iter().collect(), ..Table::default() };
@@ -317,8 +354,15 @@ pub(crate) fn model_alarms(layout: Layout, kind: SumType, sets: usize) -> Vec<(S
         // Coordinates of unequal scatter, and groups that differ as much as their members.
         let common: Vec<f64> = (0..COORDINATES * count).map(|_| normal()).collect();
         let own: Vec<f64> = (0..COORDINATES * count).map(|_| normal()).collect();
+        // Changes with age that differ between the groups, and are zero on average.
+        let slopes: Vec<f64> = (0..COORDINATES * count).map(|_| normal()).collect();
+        let age = |k: usize| match table.attributes.get("age") {
+            Some(ModelValues::Numbers(ages)) => ages[k],
+            _ => 0.0,
+        };
         let value = |i: usize, k: usize| {
-            (common[i * count + groups[k]] + parts[k] * own[i * count + k]) / (1.0 + i as f64)
+            let group = i * count + groups[k];
+            (common[group] + age(k) * slopes[group] + parts[k] * own[i * count + k]) / (1.0 + i as f64)
         };
         let vectors = Matrix::from_fn(COORDINATES, count, value);
         let formula = Formula::parse(layout.formula(), TermOrder::ByDegree).unwrap();

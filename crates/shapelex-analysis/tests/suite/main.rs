@@ -3,20 +3,29 @@
 
 mod degenerate;
 mod dictionaries;
+mod elastic;
 mod groupwise;
 mod laws;
+mod mixed;
 mod models;
 mod motions;
 #[path = "../nulls/mod.rs"]
 mod null_cases;
 mod nulls;
 mod outliers;
+mod pairs;
 mod parts;
 mod pipeline;
+mod repeatability;
 mod retrieval;
 mod robust;
+mod sliding;
 mod sparse;
 mod sparse_blocks;
+mod streamed_models;
 mod studies;
 mod subdivision;
+mod symmetry;
+mod thin_plate;
+mod two_blocks;
 mod vectors;

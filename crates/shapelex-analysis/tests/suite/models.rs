@@ -21,12 +21,12 @@ use shapelex_analysis::watch::Unwatched;
 use shapelex_geometry::representation::{Representation, ShapeSpace};
 use shapelex_numeric::dense::Matrix;
 
-fn load(name: &str) -> Value {
+pub(crate) fn load(name: &str) -> Value {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/vectors/models").join(name);
     serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
 }
 
-fn data(set: &str) -> Option<PathBuf> {
+pub(super) fn data(set: &str) -> Option<PathBuf> {
     let path =
         Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data").join(set).join("landmarks.csv");
     if !path.exists() {
@@ -36,7 +36,7 @@ fn data(set: &str) -> Option<PathBuf> {
 }
 
 /// The stream of the vectors, for index lists alone.
-struct SplitMix(u64);
+pub(crate) struct SplitMix(pub(crate) u64);
 
 impl SplitMix {
     fn next(&mut self) -> u64 {
@@ -47,7 +47,7 @@ impl SplitMix {
         z ^ (z >> 31)
     }
 
-    fn below(&mut self, k: usize) -> usize {
+    pub(crate) fn below(&mut self, k: usize) -> usize {
         ((u128::from(self.next()) * k as u128) >> 64) as usize
     }
 
@@ -71,21 +71,21 @@ impl SplitMix {
         order
     }
 
-    fn orders(seed: u64, count: usize, strata: &[String]) -> Vec<Vec<usize>> {
+    pub(crate) fn orders(seed: u64, count: usize, strata: &[String]) -> Vec<Vec<usize>> {
         let mut stream = Self(seed);
         (0..count).map(|_| stream.order(strata)).collect()
     }
 }
 
-fn texts(value: &Value) -> Vec<String> {
+pub(crate) fn texts(value: &Value) -> Vec<String> {
     value.as_array().unwrap().iter().map(|text| text.as_str().unwrap().to_owned()).collect()
 }
 
-fn numbers(value: &Value) -> Vec<f64> {
+pub(crate) fn numbers(value: &Value) -> Vec<f64> {
     value.as_array().unwrap().iter().map(|number| number.as_f64().unwrap()).collect()
 }
 
-fn table(value: &Value) -> Table {
+pub(crate) fn table(value: &Value) -> Table {
     let values = |value: &Value| match value[0].is_string() {
         true => Values::Texts(texts(value)),
         false => Values::Numbers(numbers(value)),
@@ -96,7 +96,7 @@ fn table(value: &Value) -> Table {
 }
 
 /// Rows of a response as columns of vectors.
-fn response(value: &Value) -> Matrix {
+pub(crate) fn response(value: &Value) -> Matrix {
     let rows: Vec<Vec<f64>> = value.as_array().unwrap().iter().map(numbers).collect();
     Matrix::from_fn(rows[0].len(), rows.len(), |i, k| rows[k][i])
 }
@@ -118,7 +118,7 @@ fn formula(value: &Value) -> Formula {
 }
 
 #[track_caller]
-fn close(found: f64, wanted: f64, tolerance: f64, what: &str) {
+pub(crate) fn close(found: f64, wanted: f64, tolerance: f64, what: &str) {
     assert!((found - wanted).abs() <= tolerance * wanted.abs().max(1e-300), "{what}: {found} for {wanted}");
 }
 
@@ -265,6 +265,7 @@ fn given_exchanges_give_the_p_values_and_sizes_of_the_vectors() {
             given: Some(&orders),
             error_terms: if case.get("error").is_some() { &errors } else { &[] },
             permutations: 199,
+            rrpp: true,
             ..Testing::default()
         };
         let what = format!("{} {} {}", case["formula"], case["type"], case["contrasts"]);
@@ -276,6 +277,9 @@ fn given_exchanges_give_the_p_values_and_sizes_of_the_vectors() {
             assert!(found.collapsed && found.exact && found.permutations == 69, "{found:?}");
             close(found.p.unwrap(), wanted["p"].as_f64().unwrap(), 1e-12, "p by years");
             assert!((found.z.unwrap() - wanted["z"].as_f64().unwrap()).abs() < 1e-6);
+            let (found, wanted) = (found.rrpp.unwrap(), &case["table"][0]);
+            close(found.p, wanted["p_rrpp"].as_f64().unwrap(), 1e-12, "p of RRPP");
+            assert!((found.z.unwrap() - wanted["z_rrpp"].as_f64().unwrap()).abs() < 1e-6, "{found:?}");
         }
         testing.statistic = Statistic::SumOfSquares;
         let Some(sums) = case.get("table_of_ss") else { continue };
@@ -297,7 +301,7 @@ fn effect_sizes_are_those_of_the_vectors() {
 }
 
 /// Columns of a table of landmarks: attributes as texts, coordinates one column a shape, coordinate-major, and the dimension.
-fn landmarks(path: &Path) -> (BTreeMap<String, Vec<String>>, Matrix, usize) {
+pub(super) fn landmarks(path: &Path) -> (BTreeMap<String, Vec<String>>, Matrix, usize) {
     let text = std::fs::read_to_string(path).unwrap();
     let mut lines = text.lines();
     let names: Vec<&str> = lines.next().unwrap().split(',').collect();
@@ -320,7 +324,7 @@ fn landmarks(path: &Path) -> (BTreeMap<String, Vec<String>>, Matrix, usize) {
 }
 
 /// Shapes aligned as a case asks, one a column, and the logarithms of their centroid sizes.
-fn aligned(vectors: &Matrix, dimension: usize, alignment: &str) -> (Matrix, Vec<f64>) {
+pub(super) fn aligned(vectors: &Matrix, dimension: usize, alignment: &str) -> (Matrix, Vec<f64>) {
     let points = vectors.nrows() / dimension;
     let space = ShapeSpace::new(&Representation::Landmarks { dimension, points }).unwrap();
     let (metric, class) = (Metric::of(&space), Transformation::Named(ClassName::Similarity));

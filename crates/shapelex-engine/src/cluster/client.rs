@@ -1,4 +1,4 @@
-//! Submits the jobs of a pass, and merges what comes back.
+//! Submits the jobs of a pass, and merges the results.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -216,7 +216,7 @@ impl Client {
         Err(Failure::Passing("the scheduler ended the job without a result".into()))
     }
 
-    /// Fetches results from the executors that have them. What one of them no longer has does not keep from fetching the others'.
+    /// Fetches results from the executors that have them. A result that one of them has lost does not stop the fetching from others.
     async fn fetch(
         &self,
         locations: Vec<PartitionLocation>,
@@ -295,7 +295,7 @@ fn request(plan: Arc<dyn ExecutionPlan>) -> Result<Request<ExecuteQueryParams>> 
     static NUMBER: AtomicU64 = AtomicU64::new(0);
     let mut bytes = Vec::new();
     PhysicalPlanNode::try_from_physical_plan(plan, &Codec::default())?.try_encode(&mut bytes)?;
-    // A session of its own for each job: a scheduler keeps settings by its name.
+    // A separate session for each job: a scheduler keeps settings by its name.
     let number = NUMBER.fetch_add(1, Ordering::Relaxed);
     let session_id = format!("{}-{number}", std::process::id());
     let mut request = Request::new(ExecuteQueryParams {
@@ -308,7 +308,7 @@ fn request(plan: Arc<dyn ExecutionPlan>) -> Result<Request<ExecuteQueryParams>> 
     Ok(request)
 }
 
-/// A scheduler of another build, a certificate that is not accepted, or bytes that are no plan, will not do better later.
+/// A scheduler of another build, a certificate that is not accepted, or bytes that are not a plan, will not do better later.
 fn refused(status: &tonic::Status) -> Failure {
     match status.code() {
         Code::FailedPrecondition | Code::InvalidArgument | Code::Unauthenticated | Code::PermissionDenied => {

@@ -16,10 +16,10 @@ use super::network::{Address, BUILD};
 use crate::EngineError;
 use crate::objects::Counters;
 
-/// Ticks of a second in what Linux tells of a process.
+/// Ticks of a second in the times that Linux tells of a process.
 const TICKS: f64 = 100.0;
 
-/// What a scheduler has done.
+/// Counts of the work of a scheduler.
 #[derive(Debug, Default)]
 pub(crate) struct Jobs {
     submitted: AtomicU64,
@@ -64,7 +64,7 @@ impl SchedulerMetricsCollector for Jobs {
 pub(crate) enum Process {
     /// A scheduler: its jobs, and its executors.
     Scheduler(Arc<Jobs>, Arc<dyn ClusterState>),
-    /// An executor: what it did with its store.
+    /// An executor: counts of its store.
     Executor(Arc<Counters>),
 }
 
@@ -147,7 +147,7 @@ fn add_process(text: &mut Text) {
         text.add("process_resident_memory_bytes", "gauge", "Memory of the process.", 1024 * kilobytes);
     }
     let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
-    // What follows the name of the program, which may have spaces.
+    // The fields after the name of the program, which may have spaces.
     let fields: Vec<&str> = stat.rsplit(')').next().unwrap_or_default().split_whitespace().collect();
     let ticks = |k: usize| fields.get(k)?.parse::<f64>().ok();
     if let (Some(user), Some(system)) = (ticks(11), ticks(12)) {

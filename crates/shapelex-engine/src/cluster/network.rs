@@ -114,7 +114,7 @@ impl Network {
         self.secure(endpoint).map_err(|error| refused(&*error))
     }
 
-    /// What Ballista applies to every endpoint before it connects.
+    /// Settings that Ballista applies to every endpoint before it connects.
     pub fn endpoints(&self) -> EndpointOverrideFn {
         let network = self.clone();
         Arc::new(move |endpoint| network.secure(endpoint))

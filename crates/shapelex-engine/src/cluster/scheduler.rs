@@ -1,4 +1,4 @@
-//! The process that hands out tasks. Its state is in memory: when it dies, clients submit again what is not done.
+//! The process that hands out tasks. Its state is in memory: when it dies, clients submit unfinished jobs again.
 
 use std::net::SocketAddr;
 use std::sync::Arc;

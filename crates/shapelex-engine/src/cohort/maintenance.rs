@@ -1,4 +1,4 @@
-//! Cohorts that exist, their check, and what no manifest names.
+//! Cohorts that exist, their check, and parts that no manifest names.
 
 use std::collections::HashSet;
 use std::time::{Duration, SystemTime};
@@ -69,7 +69,7 @@ pub struct Checked {
     pub bytes: u64,
     /// Number of parts that no revision names.
     pub unnamed: usize,
-    /// What is wrong, in the order of cohorts, revisions and parts.
+    /// Faults, in the order of cohorts, revisions and parts.
     pub faults: Vec<String>,
 }
 
@@ -155,7 +155,7 @@ pub async fn collect(objects: &Objects, age: Duration, dry_run: bool) -> Result<
     let mut collected = Collected::default();
     let until = SystemTime::now().checked_sub(age).unwrap_or(SystemTime::UNIX_EPOCH);
     for id in objects.folders().await? {
-        // Parts first: what a writer names after that is not in the list.
+        // Parts first: parts that a writer names after that are not in the list.
         let parts = objects.list(&folder(&id)?.join("parts")).await?;
         let mut named = HashSet::new();
         for revision in revisions(objects, &id).await? {

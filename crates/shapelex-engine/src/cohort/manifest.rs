@@ -43,7 +43,7 @@ pub struct Manifest {
     pub parts: Vec<Part>,
 }
 
-/// What is written: the text of a manifest and its digest.
+/// Written form: the text of a manifest and its digest.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Sealed {
@@ -64,7 +64,7 @@ impl Manifest {
         Ok((content.into(), digest))
     }
 
-    /// Reads what [`seal`](Self::seal) wrote.
+    /// Reads the text that [`seal`](Self::seal) wrote.
     fn open(object: &str, content: &[u8]) -> Result<(Self, String), EngineError> {
         let not = |error: serde_json::Error| EngineError::damaged(object, "a manifest", error.to_string());
         let Sealed { digest, manifest } = serde_json::from_slice(content).map_err(not)?;
@@ -78,7 +78,7 @@ impl Manifest {
     /// The manifest of a revision, with its digest.
     ///
     /// # Errors
-    /// [`EngineError::Damaged`] if it is not what was written, or that of another revision; errors of the store.
+    /// [`EngineError::Damaged`] if it differs from the written one, or is that of another revision; errors of the store.
     pub async fn read(objects: &Objects, id: &str, revision: u64) -> Result<(Self, String), EngineError> {
         let path = manifest_path(id, revision)?;
         let content = objects.read(&path, Length::UpTo(MAX_BYTES)).await?;

@@ -74,7 +74,7 @@ impl Description {
     /// Number of coordinates of a shape, `d·N`, once the description has been checked.
     ///
     /// # Errors
-    /// [`EngineError::Refused`] for an id that is no name of a folder, sizes out of bounds, and fields that do not fit together.
+    /// [`EngineError::Refused`] for an id that is not a name of a folder, sizes out of bounds, and fields that do not fit together.
     pub fn width(&self) -> Result<usize, EngineError> {
         folder(&self.id)?;
         let bounds = SizeBounds { control_points: MAX_NUMBERS, vertices: MAX_NUMBERS };
@@ -97,7 +97,7 @@ impl Description {
 /// Folder of a cohort.
 ///
 /// # Errors
-/// [`EngineError::Refused`] for an id that is no name of a folder.
+/// [`EngineError::Refused`] for an id that is not a name of a folder.
 pub fn folder(id: &str) -> Result<Path, EngineError> {
     let allowed = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '_' | '-');
     if id.is_empty() || id.len() > MAX_ID_CHARS || id.starts_with('.') || !id.chars().all(allowed) {

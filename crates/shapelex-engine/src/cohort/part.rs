@@ -1,4 +1,4 @@
-//! A part as Parquet: one row, its numbers in one binary value, what is known of its shapes in lists beside.
+//! A part as Parquet: one row, its numbers in one binary value, facts about its shapes in lists beside.
 //!
 //! | column | type | content |
 //! |---|---|---|
@@ -99,7 +99,7 @@ impl Rows {
     /// The part as Parquet, and no shapes left.
     ///
     /// # Errors
-    /// [`EngineError::Refused`] for what is no Parquet, which no part is.
+    /// [`EngineError::Refused`] if it cannot be written as Parquet, which does not happen to a part.
     pub fn encode(&mut self, number: usize, [points, dimension]: [usize; 2]) -> Result<Vec<u8>, EngineError> {
         let columns = std::mem::take(self).columns(number);
         let fields: Vec<Field> = columns
@@ -203,7 +203,7 @@ impl Numbers {
     }
 }
 
-/// What a part must be.
+/// Requirements on a part.
 #[derive(Debug, Clone, Copy)]
 pub struct Expected {
     /// Its number.

@@ -1,4 +1,4 @@
-//! The parts of a revision, and what its shapes are measured by.
+//! The parts of a revision, and the metric of its shapes.
 
 use shapelex_analysis::accumulate::ShapesInMemory;
 use shapelex_analysis::alignment::{Alignment, Method};
@@ -80,14 +80,14 @@ impl Revision {
     }
 }
 
-/// What shapes are measured by, and how they are brought together.
+/// Metric and alignment of shapes.
 #[derive(Debug)]
 pub struct Setting {
     /// Class of transformations that is removed.
     pub transformation: Transformation,
     /// The alignment that was asked for.
     pub alignment: Option<Alignment>,
-    /// The alignment that is used: what suits the class, unless another one was asked for.
+    /// The alignment that is used: the usual one of the class, unless another one was asked for.
     pub chosen: Alignment,
     /// The metric of the representation.
     pub metric: Metric,

@@ -26,7 +26,7 @@ pub struct Writer {
     written_bytes: u64,
 }
 
-/// What was written.
+/// Result of writing.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
 pub struct Written {
     /// Digest of the revision.
@@ -100,8 +100,8 @@ impl Writer {
             return Err(EngineError::refused("shapes", detail));
         }
         let path = part_path(&self.cohort.id, &digest)?;
-        // What no manifest names may be collected at any time, so only parts that one names are kept. They are asked for, because
-        // a folder may have lost what was written before a loss of power.
+        // Parts that no manifest names may be collected at any time, so only parts that one names are kept. They are asked for, because
+        // a folder may have lost parts written before a loss of power.
         let kept = self.known.contains(&digest) && self.objects.size(&path).await? == Some(size_bytes);
         if kept {
             self.kept += 1;

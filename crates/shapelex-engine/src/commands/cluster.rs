@@ -128,7 +128,7 @@ impl ExecutorCommand {
     }
 }
 
-/// Writes what Ballista logs to standard error, a line each.
+/// Writes the log of Ballista to standard error, a line each.
 struct Lines;
 
 impl log::Log for Lines {

@@ -8,7 +8,7 @@ use shapelex_analysis::accumulate::FAN_IN;
 /// do.
 pub const MIN_GROUPS: usize = 16;
 
-/// What one task computes: a part, or a group of parts.
+/// Unit of one task: a part, or a group of parts.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Unit {
     /// Its number among the units.

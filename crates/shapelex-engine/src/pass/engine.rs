@@ -27,11 +27,11 @@ use super::task::Task;
 use super::work::Work;
 use crate::EngineError;
 
-/// Maximum size of a batch of rows in bytes, unless one row is larger: what an operator takes at once. A sort that merges what it has
+/// Maximum size of a batch of rows in bytes, unless one row is larger: the input of an operator at once. A sort that merges batches it has
 /// spilled holds two batches of each file, all of its memory if there are many, and the sort of the next level needs some.
 const BATCH_BYTES: usize = 2 << 20;
 
-/// What a plan may use.
+/// Resources of a plan.
 #[derive(Debug, Clone)]
 pub struct Engine {
     /// Number of partitions that are computed at the same time.
@@ -42,7 +42,7 @@ pub struct Engine {
     pub spill: Option<PathBuf>,
 }
 
-/// What a pass took.
+/// Counts of a pass.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Took {
     /// Number of files that were spilled.
@@ -123,7 +123,7 @@ impl Engine {
             .with_memory_pool(Arc::new(FairSpillPool::new(self.memory_bytes)))
             .with_disk_manager_builder(DiskManagerBuilder::default().with_mode(mode))
             .build_arc()?;
-        // Sorts keep this much for merging what they spilled.
+        // Sorts keep this much for merging spilled batches.
         let reserve = (self.memory_bytes / 8 / self.threads).min(10 << 20);
         let config = SessionConfig::new()
             .with_target_partitions(self.threads.get())

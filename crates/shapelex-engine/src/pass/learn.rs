@@ -1,7 +1,7 @@
 //! A group of shapes that is coded with the same atoms, while a sparse dictionary is learnt.
 //!
 //! A code starts from that of the epoch before, which is kept in the store, a file for each part of a group: the blake3 digest of
-//! what follows (32 bytes), the number of codes, and for each the number of its atoms, that of its coefficients, the atoms and the
+//! the rest (32 bytes), the number of codes, and for each the number of its atoms, that of its coefficients, the atoms and the
 //! coefficients, little-endian. Equal epochs give equal bytes, so that it does not matter which process wrote them.
 
 use bytes::Bytes;
@@ -23,7 +23,7 @@ use crate::objects::Objects;
 /// Number of bytes of a digest.
 const DIGEST: usize = 32;
 
-/// A group of consecutive shapes, and what they are coded with.
+/// A group of consecutive shapes, and the atoms for their codes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Learn {
@@ -39,11 +39,11 @@ pub struct Learn {
     pub end: usize,
     /// Number of the epoch.
     pub epoch: usize,
-    /// Name of what is learnt, which no other process uses.
+    /// Name of the run of learning, which no other process uses.
     pub run: String,
 }
 
-/// What was made of the shapes of a part: their sums, and their codes as a file unless the next epoch starts afresh.
+/// Results of the shapes of a part: their sums, and their codes as a file unless the next epoch starts afresh.
 pub(crate) struct Coded {
     pub(crate) state: Vec<u8>,
     pub(crate) codes: Option<Bytes>,
@@ -142,7 +142,7 @@ impl Learn {
     /// The sums of consecutive units from theirs, in this order.
     ///
     /// # Errors
-    /// Bytes that are no sums of this group.
+    /// Bytes that are not sums of this group.
     pub(crate) fn merge(&self, states: &[&[u8]], setting: &Setting) -> Result<Vec<u8>, EngineError> {
         let mut all = self.learning(setting)?.coding(setting.metric.len());
         states.iter().try_for_each(|state| all.append(state))?;
@@ -165,7 +165,7 @@ fn write(codes: &[SparseCode]) -> Bytes {
     bytes.into()
 }
 
-/// Codes from which others start: without what was measured of them.
+/// Codes from which others start: without their measurements.
 fn read(bytes: &[u8]) -> Result<Vec<SparseCode>, EngineError> {
     let not = || EngineError::from(AnalysisError::NotAnAccumulator);
     let (digest, content) = bytes.split_at_checked(DIGEST).ok_or_else(not)?;

@@ -17,7 +17,7 @@
 //! * [`work`] — results of parts, such as sums and codes, and their merging; [`codes`] — codes as Parquet;
 //! * [`learn`] — groups of shapes that are coded while atoms are learnt;
 //! * [`regress`] — the passes of a regression; [`variables`] — values of its variables;
-//! * [`task`] — what both need: the revision, opened when the first part is read, and the pass.
+//! * [`task`] — common data of both: the revision, opened when the first part is read, and the pass.
 
 pub mod codes;
 #[cfg(feature = "cluster")]

@@ -22,15 +22,15 @@ const MAX_COLUMNS: usize = 256;
 pub struct Regress {
     /// Covariates, and last the attribute.
     pub variables: Vec<Variable>,
-    /// What is made of the values.
+    /// Step of the regression.
     pub step: Step,
 }
 
-/// What a pass of a regression makes of the shapes that have all values.
+/// Step of a regression over the shapes that have all values.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Step {
-    /// What is known of the values.
+    /// Summary of the values.
     Summarise,
     /// The sums of a regression.
     Sum(Design),
@@ -38,7 +38,7 @@ pub enum Step {
     Permute {
         /// The design.
         design: Design,
-        /// What residuals are made of.
+        /// Reduced model of the residuals.
         reduced: Reduced,
         /// Seed of the permutations.
         seed: u64,
@@ -96,7 +96,7 @@ impl Design {
 }
 
 impl Regress {
-    /// Refuses what does not suit shapes of `length` numbers, such as columns of other variables.
+    /// Refuses steps that do not suit shapes of `length` numbers, such as columns of other variables.
     ///
     /// # Errors
     /// [`EngineError::Refused`].
@@ -132,7 +132,7 @@ impl Regress {
         lists
     }
 
-    /// About the size of what is sorted, for shapes of `length` numbers.
+    /// About the size of the sorted states, for shapes of `length` numbers.
     pub(crate) fn state_bytes(&self, length: usize) -> usize {
         match &self.step {
             Step::Summarise => 8 * PART * FAN_IN,
@@ -165,7 +165,7 @@ impl Regress {
     /// The result of consecutive parts from theirs, in this order.
     ///
     /// # Errors
-    /// Bytes that are no result of this pass.
+    /// Bytes that are not a result of this pass.
     pub(crate) fn merge(&self, states: &[&[u8]], length: usize) -> Result<Vec<u8>, EngineError> {
         match &self.step {
             Step::Summarise => {

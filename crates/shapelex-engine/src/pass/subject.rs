@@ -33,7 +33,7 @@ impl Subject {
 
 /// Where passes are computed: on the threads of this process, or on other machines.
 pub trait Runner: std::fmt::Debug + Sync {
-    /// The result of a pass over a revision, serialised, and what it took.
+    /// The result of a pass over a revision, serialised, and its counts.
     ///
     /// # Errors
     /// Damaged parts, degenerate shapes, errors of the store (of several, the first one among those found before the pass ended);

@@ -1,4 +1,4 @@
-//! What every operator of a plan needs.
+//! Common data of the operators of a plan.
 
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -35,7 +35,7 @@ const MAX_CODES: u64 = 4 << 30;
 /// Begin of the text of an error of our own within that of an engine.
 const BEGIN: &str = "[engine: ";
 
-/// What a pass sums, as a serialisable value.
+/// Description of a pass, as a serialisable value.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Description {
     /// Id of the cohort.
@@ -48,11 +48,11 @@ pub(crate) struct Description {
     pub(crate) transformation: Transformation,
     /// The alignment that was asked for.
     pub(crate) alignment: Option<Alignment>,
-    /// What is computed.
+    /// The computation.
     pub(crate) work: Work,
 }
 
-/// What a unit of work is made from.
+/// Input of a unit of work.
 pub(crate) enum Input {
     /// The numbers of a part.
     Part(Numbers),
@@ -60,7 +60,7 @@ pub(crate) enum Input {
     Learning(Numbers, Option<Bytes>),
 }
 
-/// What was made of a unit of work.
+/// Result of a unit of work.
 pub(crate) enum Made {
     /// Its result.
     State(Vec<u8>),
@@ -109,7 +109,7 @@ impl Task {
         Self { description, objects, opened: OnceCell::new(), failure: Mutex::default() }
     }
 
-    /// The revision and what is needed beside it, opened.
+    /// The revision and its surroundings, opened.
     ///
     /// # Errors
     /// [`EngineError::Refused`] for a revision of another digest, and where there is no store; errors of the store.
@@ -143,7 +143,7 @@ impl Task {
         learning_folder(&self.description.cohort, self.description.revision)
     }
 
-    /// Reads what the unit `k` is made from.
+    /// Reads the input of the unit `k`.
     pub(crate) async fn read(&self, k: usize) -> Result<Input, EngineError> {
         let Subject { revision, setting, .. } = self.opened().await?;
         let Work::Learn(learn) = &self.description.work else {
@@ -157,7 +157,7 @@ impl Task {
         Ok(Input::Learning(numbers, known))
     }
 
-    /// What the work makes of the unit `k`.
+    /// Result of the work for the unit `k`.
     ///
     /// # Errors
     /// A degenerate shape, with its position in the revision.
@@ -240,7 +240,7 @@ impl Task {
     /// The result of consecutive parts from their results, in this order.
     ///
     /// # Errors
-    /// Bytes that are no result of this work.
+    /// Bytes that are not a result of this work.
     pub(crate) fn merge(&self, states: &[&[u8]]) -> Result<Vec<u8>, EngineError> {
         self.description.work.merge(states, &self.subject()?.setting)
     }

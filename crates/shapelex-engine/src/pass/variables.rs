@@ -1,4 +1,4 @@
-//! Variables of a regression: what the lists of a part say of each shape, and what is known of all values together.
+//! Variables of a regression: their values in the lists of a part, and the summary of all values together.
 
 use std::collections::BTreeSet;
 
@@ -63,7 +63,7 @@ pub enum Variable {
 }
 
 impl Variable {
-    /// What [`try_from`](Self::try_from) wants.
+    /// Form that [`try_from`](Self::try_from) expects.
     const WANTED: &str =
         "expected 'subject', 'label', 'labels.<attribute>', 'measures.<measure>' or 'log_centroid_size'";
 
@@ -180,7 +180,7 @@ fn json(value: &Json) -> Option<Value> {
     }
 }
 
-/// What is known of the values of a variable, over the shapes that have all values.
+/// Summary of the values of a variable, over the shapes that have all values.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Known {
@@ -270,7 +270,7 @@ pub(crate) fn entries(columns: &[Columns], rows: Rows) -> Vec<Option<Vec<f64>>> 
     rows.into_iter().map(|row| row.and_then(entries)).collect()
 }
 
-/// What is known of the values of all shapes.
+/// Summary of the values of all shapes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Summary {
@@ -318,7 +318,7 @@ impl Summary {
         summary
     }
 
-    /// Adds what is known of the shapes that follow.
+    /// Adds the summary of the shapes that follow.
     pub(crate) fn append(&mut self, other: Self) {
         self.missing += other.missing;
         self.first_missing = self.first_missing.or(other.first_missing);

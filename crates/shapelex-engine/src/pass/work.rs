@@ -1,4 +1,4 @@
-//! What is computed of each part, and how the results of parts become one.
+//! Computations on each part, and how the results of parts become one.
 
 use serde::{Deserialize, Serialize};
 use shapelex_analysis::accumulate::{FAN_IN, PART};
@@ -11,7 +11,7 @@ use crate::EngineError;
 use crate::cohort::part::IDS;
 use crate::cohort::revision::Setting;
 
-/// What is computed of each part. The results of consecutive parts are merged in their order into that of all: sums are added,
+/// Computation on each part. The results of consecutive parts are merged in their order into that of all: sums are added,
 /// lists joined.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
@@ -54,7 +54,7 @@ impl Work {
         }
     }
 
-    /// About the largest size in bytes of what is sorted: the result of a part, or where results are joined, of a group of them. That
+    /// About the largest size in bytes of a sorted state: the result of a part, or where results are joined, of a group of them. That
     /// of a sum is the square of the numbers of a shape.
     pub(crate) fn state_bytes(&self, setting: &Setting) -> usize {
         let length = setting.metric.len();
@@ -86,7 +86,7 @@ impl Work {
     /// The result of consecutive parts from their results, in this order.
     ///
     /// # Errors
-    /// Bytes that are no result of this work.
+    /// Bytes that are not a result of this work.
     pub(crate) fn merge(&self, states: &[&[u8]], setting: &Setting) -> Result<Vec<u8>, EngineError> {
         match self {
             Self::Sum(pass) => Ok(pass.merge(states, setting.measured())?),
@@ -110,7 +110,7 @@ pub(crate) fn write_files(files: &[CodedPart]) -> Result<Vec<u8>, EngineError> {
 /// The files of codes of a pass, from its result.
 ///
 /// # Errors
-/// Bytes that are no such result.
+/// Bytes that are not such a result.
 pub fn read_files(bytes: &[u8]) -> Result<Vec<CodedPart>, EngineError> {
     serde_json::from_slice(bytes).map_err(|error| EngineError::refused("files", error.to_string()))
 }

@@ -45,7 +45,7 @@ pub(crate) fn is_dicom(head: &[u8]) -> bool {
 }
 
 impl<'a> Content<'a> {
-    /// Reads what comes before the data set. A deflated one is inflated, to at most `limit` bytes; `grow` is asked for as many as
+    /// Reads the part before the data set. A deflated one is inflated, to at most `limit` bytes; `grow` is asked for as many as
     /// there are.
     pub(crate) fn new(
         bytes: &'a [u8],

@@ -12,7 +12,7 @@ use dicom_parser::stateful::decode::DynStatefulDecoder;
 use super::values::shown;
 use crate::error::{FaultKind, FileError, Place};
 
-/// Group of items and delimiters, which are no elements.
+/// Group of items and delimiters, which are not elements.
 const DELIMITERS: u16 = 0xfffe;
 /// Most elements and items of a data set: an empty one takes eight bytes of the file, and some twenty times as many in memory.
 const MAX_ELEMENTS: usize = 1 << 20;
@@ -48,7 +48,7 @@ pub(crate) enum Value<'a> {
     Bytes(&'a [u8]),
     /// The items of a sequence.
     Items(Vec<DataSet<'a>>),
-    /// Compressed pixels: what follows the table of offsets.
+    /// Compressed pixels: the fragments after the table of offsets.
     Fragments(Vec<&'a [u8]>),
 }
 
@@ -61,7 +61,7 @@ impl<'a> Element<'a> {
         }
     }
 
-    /// Number of bytes of a value that is no sequence.
+    /// Number of bytes of a value that is not a sequence.
     pub(super) fn length(&self) -> u64 {
         self.bytes().map_or(0, |bytes| bytes.len() as u64)
     }
@@ -94,7 +94,7 @@ impl<'a> DataSet<'a> {
     }
 }
 
-/// What has begun and not yet ended.
+/// Part that has begun and not yet ended.
 enum Open<'a> {
     Sequence { tag: Tag, at: u64, items: Vec<DataSet<'a>>, pixels: bool },
     Item(DataSet<'a>),
@@ -158,7 +158,7 @@ pub(super) fn read<'a>(
 
 /// A data set that is being read.
 struct Tree<'a> {
-    /// The data set itself, and what is open in it.
+    /// The data set itself, and its open parts.
     open: Vec<Open<'a>>,
     bytes: &'a [u8],
     /// End of the last value.

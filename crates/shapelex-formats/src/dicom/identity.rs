@@ -11,7 +11,7 @@ use super::values::{File, shown};
 use crate::error::Place;
 use crate::summary::Summary;
 
-/// Group of what concerns the patient.
+/// Group of elements that concern the patient.
 const PATIENT: u16 = 0x0010;
 
 /// Elements that identify by themselves, beside those of the patient, names of persons, dates, times and unique identifiers. From

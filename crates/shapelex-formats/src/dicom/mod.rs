@@ -1,9 +1,9 @@
-//! What files of DICOM have in common: their data sets, and which elements tell of a person.
+//! Common parts of files of DICOM: their data sets, and the elements that tell of a person.
 //!
 //! Containers are read by `dicom-parser`, one header after the other; values stay where they are in the file until they are asked
 //! for. So a length is compared with the bytes that are left before anything is read, and nested sequences cost no stack.
 //!
-//! * [`series()`] reads what a structure set has to know of an image that it refers to.
+//! * [`series()`] reads the facts that a structure set needs of an image that it refers to.
 
 mod content;
 mod data_set;
@@ -76,7 +76,7 @@ impl Instance {
     }
 }
 
-/// Refuses a file of another class than those given, and says what it is.
+/// Refuses a file of another class than those given, and names its class.
 pub(crate) fn check_class(root: &Node<'_>, classes: &[&str], name: &str) -> Result<(), FileError> {
     let found = root.text(tags::SOP_CLASS_UID)?;
     if found.as_deref().is_some_and(|found| classes.contains(&found)) {

@@ -8,7 +8,7 @@ const MOST: usize = 15;
 /// The cells of a frame of `bytes` bytes each, the least significant byte first.
 ///
 /// # Errors
-/// What was expected, and what was found.
+/// The expected and the actual bytes.
 pub(crate) fn frame(fragment: &[u8], cells: usize, bytes: usize) -> Result<Vec<u8>, String> {
     let number = |at: usize| fragment.get(4 * at..)?.first_chunk().copied().map(u32::from_le_bytes);
     let header: Option<Vec<usize>> = (0..=MOST).map(|at| number(at).map(|number| number as usize)).collect();

@@ -1,4 +1,4 @@
-//! Reads what a structure set says of the images that it refers to.
+//! Reads the facts that a structure set needs of the images that it refers to.
 
 use dicom_dictionary_std::tags;
 
@@ -13,7 +13,7 @@ const DEPTH: usize = 64;
 /// Reads the header of an image of a series. The pixels are not looked at, and may be missing.
 ///
 /// # Errors
-/// What is no DICOM, and an image without its identifiers, its frame of reference, its position or its orientation.
+/// Bytes that are not DICOM, and an image without its identifiers, its frame of reference, its position or its orientation.
 pub fn series(bytes: &[u8]) -> Result<SeriesImage, FileError> {
     let content = Content::new(bytes, bytes.len() as u64, |_| Ok(()))?;
     let file = content.parse_header(DEPTH)?;

@@ -21,7 +21,7 @@ pub(crate) fn shown(tag: Tag) -> String {
     format!("({:04X},{:04X})", tag.group(), tag.element())
 }
 
-/// A data set with what its values need.
+/// A data set with the context of its values.
 pub(crate) struct File<'a> {
     set: DataSet<'a>,
     big_endian: bool,
@@ -33,7 +33,7 @@ pub(crate) struct File<'a> {
 
 /// How texts are encoded.
 enum Charset {
-    /// ASCII, and what is not ASCII against the rules: UTF-8 if it is valid, else ISO 8859-1.
+    /// ASCII; other bytes, against the rules, are UTF-8 if that is valid, else ISO 8859-1.
     Default,
     Utf8,
     Other(SpecificCharacterSet),
@@ -73,7 +73,7 @@ impl<'a> File<'a> {
         self.syntax.name()
     }
 
-    /// What is to be known of the texts that were read so far.
+    /// Warning about the texts that were read so far.
     pub(crate) fn warning(&self) -> Option<String> {
         let undeclared = self.undeclared.borrow();
         undeclared.as_ref().map(|(count, place)| {
@@ -201,7 +201,7 @@ impl<'f> Node<'f> {
 
     /// Exactly `N` numbers; `None` if the element is absent or empty.
     pub(crate) fn array<const N: usize>(&self, tag: Tag) -> Result<Option<[f64; N]>, FileError> {
-        // Blanks around numbers have no bound of their own, and an item may be asked for every frame.
+        // Blanks around numbers have no bound, and an item may be asked for every frame.
         if let Some(bytes) = self.bytes(tag)?.filter(|bytes| bytes.len() > MAX_NAME * N) {
             return Err(self.malformed(tag, format!("expected {N} numbers, got {} bytes", bytes.len())));
         }

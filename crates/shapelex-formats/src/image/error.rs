@@ -1,6 +1,6 @@
 //! Errors of image files.
 
-/// Why a file is no image, or an image cannot be written.
+/// Why a file is not an image, or an image cannot be written.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ImageError {
@@ -44,7 +44,7 @@ pub enum ImageError {
     Corrupt {
         /// Name of the format.
         format: &'static str,
-        /// What is wrong.
+        /// The fault.
         fault: String,
     },
     /// A valid file with a feature that is not read.
@@ -52,9 +52,9 @@ pub enum ImageError {
     Unsupported {
         /// Name of the format.
         format: &'static str,
-        /// What is read.
+        /// Features that are read.
         expected: &'static str,
-        /// What the file has.
+        /// Feature of the file.
         found: String,
     },
     /// More cells than allowed.
@@ -109,7 +109,7 @@ pub enum ImageError {
         /// The value.
         value: f64,
     },
-    /// A value is no label.
+    /// A value is not a label.
     #[error("expected a label, a whole number from 0 to 4294967295, got {value} at cell {index}")]
     Label {
         /// Position of the first such value, x fastest, from 0.
@@ -146,7 +146,7 @@ pub enum ImageError {
     /// A list is not as long as its grid asks for.
     #[error("expected {expected} {what}, got {found}")]
     Values {
-        /// What is counted.
+        /// Name of the values.
         what: &'static str,
         /// Number that fits the grid.
         expected: usize,
@@ -158,7 +158,7 @@ pub enum ImageError {
     Write {
         /// Name of the format.
         format: &'static str,
-        /// What can be written.
+        /// Sizes that can be written.
         expected: &'static str,
         /// Number of cells along x, y, z.
         size: [usize; 3],

@@ -1,4 +1,4 @@
-//! An image as it is read, and what its header says.
+//! An image as it is read, and the facts of its header.
 
 use super::grid::Grid;
 use super::value::ValueType;
@@ -22,7 +22,7 @@ impl<T: Copy> ImageFile<T> {
     }
 }
 
-/// What the header of a file says.
+/// Description of a file from its header.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Description {
     /// Size and positions.

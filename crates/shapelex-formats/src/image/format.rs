@@ -69,7 +69,7 @@ impl LabelPart {
 pub struct LabelNames {
     /// Names by label.
     pub of: BTreeMap<u32, String>,
-    /// What is to be known of them.
+    /// Warnings about them.
     pub warnings: Vec<String>,
 }
 

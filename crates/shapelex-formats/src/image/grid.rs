@@ -179,7 +179,7 @@ impl Grid {
         self.axes().iter().all(|unit| unit.length().is_some())
     }
 
-    /// What positions are in: millimetres where the file gives lengths, cells where it gives none; `None` where it does not say the
+    /// Unit of positions: millimetres where the file gives lengths, cells where it gives none; `None` where it does not say the
     /// unit of its lengths.
     pub fn unit(&self) -> Option<Unit> {
         match self.axes() {

@@ -1,4 +1,4 @@
-//! Bounds on what a file may claim, checked before memory is taken.
+//! Bounds on the claims of a file, checked before memory is taken.
 
 use super::error::ImageError;
 

@@ -22,7 +22,7 @@ const CELLS: &str = "NRRD cells";
 /// Number of characters of a field that a message shows.
 const SHOWN: usize = 40;
 
-/// What is used of a header, checked.
+/// Used part of a header, checked.
 struct Header {
     grid: Grid,
     numbers: Numbers,

@@ -24,7 +24,7 @@ const SIZE_AT: usize = 16;
 
 type Pixels<'a> = Decoder<Cursor<&'a [u8]>>;
 
-/// What is used of a header, checked.
+/// Used part of a header, checked.
 struct Header {
     grid: Grid,
     colour: ColorType,

@@ -42,7 +42,7 @@ enum Kind {
     Fractional,
 }
 
-/// What is used of a file, checked.
+/// Used part of a file, checked.
 struct Segments<'f> {
     grid: Grid,
     kind: Kind,

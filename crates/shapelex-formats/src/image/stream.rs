@@ -59,7 +59,7 @@ impl<'a> Stream<'a> {
         Ok(())
     }
 
-    /// Refuses what follows the `expected` bytes of `place`. At the end of a gzip file its checksum is compared.
+    /// Refuses bytes after the `expected` ones of `place`. At the end of a gzip file its checksum is compared.
     pub(super) fn end(&mut self, expected: u64, place: &'static str) -> Result<(), ImageError> {
         if self.read(&mut [0])? == 0 { Ok(()) } else { Err(ImageError::Excess { place, expected }) }
     }

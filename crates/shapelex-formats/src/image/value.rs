@@ -42,7 +42,7 @@ impl ValueType {
     }
 }
 
-/// What the number of a cell becomes: a value of an image, or a label.
+/// Target of the number of a cell: a value of an image, or a label.
 pub(super) trait Target: Copy {
     /// From a whole number.
     fn integer(value: i64, cell: usize) -> Result<Self, ImageError>;

@@ -1,4 +1,4 @@
-//! Masks and fields of values as PNG and NIfTI-1. What is written is read back exactly.
+//! Masks and fields of values as PNG and NIfTI-1. Written cells are read back exactly.
 
 use png::{BitDepth, ColorType, Encoder};
 

@@ -1,4 +1,4 @@
-//! What the records of a file take in memory, all together.
+//! Memory of all records of a file together.
 
 use std::cell::Cell;
 use std::rc::Rc;
@@ -13,11 +13,11 @@ const EXPANSION: u64 = 4;
 /// points has some thirty bytes of a file to itself: all copies of this size are some tens of times as long as the file, and need no bound.
 const SHORT: usize = 1 << 10;
 /// Characters of long attributes and metadata of all records: the rings of an object, and rows with one entry of a dictionary, have
-/// copies of what the file says once.
+/// copies of facts that the file states once.
 const CHARACTERS: Bound =
     Bound { what: "characters of long attributes and metadata", free: 64 << 20, per_byte: 16 };
 
-/// Counts records, and what they take.
+/// Counts records, and their memory.
 #[derive(Debug)]
 pub(super) struct Account {
     limits: Limits,
@@ -110,7 +110,7 @@ mod tests {
         );
         assert_eq!(error.detail, expected);
         assert_eq!(count("geojson", &rings(1 << 20, 75)), 75);
-        // Those that are not long are free, and so is what every shape says itself.
+        // Those that are not long are free, and so are the facts of every shape itself.
         assert_eq!(count("geojson", &rings(300, 300_000)), 300_000);
         let line = format!(r#"{{"points":[[0,0],[1,1]],"metadata":{{"note":"{}"}}}}"#, "x".repeat(1 << 20));
         assert_eq!(count("ndjson", [line.as_str(); 90].join("\n").as_bytes()), 90);

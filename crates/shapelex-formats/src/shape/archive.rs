@@ -1,11 +1,11 @@
 //! Archives (zip): every file within is read by the format of its name or of its first bytes.
 //!
 //! * The order is that of the directory of the archive. Names are never used as paths, yet those that would leave a folder are
-//!   refused, as such an archive is not what it seems.
-//! * Sizes that an archive declares are claims: what counts is what comes out, at most [`Limits::content`] bytes of all files.
+//!   refused, as such an archive is suspect.
+//! * Sizes that an archive declares are claims: the decompressed bytes count, at most [`Limits::content`] bytes of all files.
 //! * Files of no known format are left out and counted. An archive within an archive is refused.
 //! * Files that overlap are refused, and those of long names, which each of their shapes has.
-//! * Where one file is a [project](projects), the files that it names are read, in its order and with what it says of them.
+//! * Where one file is a [project](projects), the files that it names are read, in its order and with its facts about them.
 
 #[cfg(feature = "morphometrics")]
 mod projects;
@@ -150,7 +150,7 @@ fn has_no_labels(error: &FileError, is_given: bool, options: &ReadOptions) -> bo
     error.kind == FaultKind::Unsupported && !is_given && !options.skips_broken()
 }
 
-/// What is known after some of the files.
+/// State after some of the files.
 struct Files<'a> {
     archive: &'a Source<'a>,
     images: &'a dyn Images,
@@ -202,7 +202,7 @@ impl Files<'_> {
         Ok(count)
     }
 
-    /// What may still be read.
+    /// Remaining limits of reading.
     fn left(&self) -> Limits {
         let limits = *self.archive.limits();
         Limits { content: limits.content.saturating_sub(self.content), ..limits }
@@ -264,7 +264,7 @@ impl Files<'_> {
             Some(format) => read_file(format, &mut source, options, &mut push),
             None => self.images.read(&mut source, options, &mut push),
         };
-        // What follows the shapes is checked too.
+        // The bytes after the shapes are checked too.
         let rest = std::io::copy(&mut source, &mut std::io::sink());
         self.content += source.offset();
         self.has_shapes |= format.is_some();
@@ -283,7 +283,7 @@ impl Files<'_> {
         Ok(true)
     }
 
-    /// Adds what a reader says of one file.
+    /// Adds the summary of one file by its reader.
     fn add(&mut self, summary: Summary, place: &Place) {
         let name = place.entry.as_deref().unwrap_or_default();
         self.summary

@@ -1,4 +1,4 @@
-//! What a format is: how its files are recognised, read and written.
+//! Formats: how their files are recognised, read and written.
 
 use std::io::Write;
 
@@ -28,7 +28,7 @@ pub struct Format {
     pub extensions: &'static [&'static str],
     /// Whether the first bytes of a file (at most 4096) can only be of this format.
     pub recognise: fn(&[u8]) -> bool,
-    /// What its records can be.
+    /// Kinds of its records.
     pub kinds: &'static [Kind],
     /// Fields of [`ReadOptions`] that it obeys. `*` of archives: those of the files within.
     pub options: &'static [&'static str],
@@ -37,13 +37,18 @@ pub struct Format {
 }
 
 impl Format {
-    /// What coordinates are in by the definition of the format, in files that have no place for a unit.
+    /// Unit of coordinates by the definition of the format, in files that have no place for a unit.
     pub fn unit(&self) -> Option<Unit> {
         match self.id {
             "rtstruct" | "fcsv" => Some(Unit::Millimetre),
             "imagej-roi" | "imagej-roi-set" | "coco" => Some(Unit::Pixel),
             _ => None,
         }
+    }
+
+    /// Whether files of the format hold coordinates and nothing that describes a shape.
+    pub fn holds_numbers_only(&self) -> bool {
+        self.id == "npy"
     }
 
     /// Whether files of the format can be read.

@@ -1,4 +1,4 @@
-//! What is in a file, without keeping its shapes.
+//! Content of a file, without keeping its shapes.
 
 use std::collections::BTreeMap;
 
@@ -13,7 +13,7 @@ const NAMES: usize = 20;
 /// Number of different labels that are counted.
 const LABELS: usize = 100;
 
-/// What is in a file. Memory does not depend on its length.
+/// Content of a file. Memory does not depend on its length.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct Inspection {
     /// Records by kind and dimension.
@@ -144,15 +144,15 @@ impl Group {
     }
 }
 
-/// An inspection with what the reader says, as it is answered.
+/// An inspection with the summary of the reader, as it is answered.
 #[derive(Debug, Clone, Serialize)]
 pub struct Inspected {
     /// Id of the format.
     pub format: &'static str,
-    /// What the reader says.
+    /// Summary by the reader.
     #[serde(flatten)]
     pub summary: Summary,
-    /// What its records are.
+    /// Kinds of its records.
     #[serde(flatten)]
     pub found: Inspection,
 }

@@ -86,7 +86,7 @@ fn value_bytes(value: &Json) -> usize {
 }
 
 /// Number of characters that stand for a number, a Boolean or null, with the comma behind it. A number may be written in up to 24, and
-/// read from two bytes, which allow 32: less is counted, so that what a file says once is never refused.
+/// read from two bytes, which allow 32: less is counted, so that a fact that a file states once is never refused.
 pub(super) const SCALAR: usize = 8;
 
 /// About the number of characters of names and values in a JSON text that is written.
@@ -110,7 +110,7 @@ pub(super) fn text_characters(text: &str) -> usize {
     text.len() + 5 * text.bytes().filter(|byte| *byte < b' ').count()
 }
 
-/// Members of an object beside what becomes attributes and metadata.
+/// Members of an object beside those that become attributes and metadata.
 pub(super) struct Beside {
     /// Members whose lists are read otherwise, or not at all.
     pub(super) lists: &'static [&'static str],
@@ -226,7 +226,7 @@ mod tests {
     #[test]
     fn values_take_no_more_than_their_weights() {
         /// Bytes beside the value itself: a list has grown to twice its length, a map has nodes of eleven members, half of them
-        /// free, and a text is a piece of memory of its own.
+        /// free, and a text is a separate piece of memory.
         fn taken(value: &Json) -> usize {
             match value {
                 Json::Array(values) => 2 * size_of_val(&values[..]) + values.iter().map(taken).sum::<usize>(),

@@ -1,4 +1,4 @@
-//! Bounds on what a file may claim, checked before memory is taken.
+//! Bounds on the claims of a file, checked before memory is taken.
 
 use std::cell::{Cell, RefCell};
 use std::collections::BTreeMap;
@@ -60,15 +60,15 @@ impl Limits {
         self.count(count as u64, self.points, "rings of an object", place)
     }
 
-    /// Number of bytes that may be made of a file of `size` bytes, which are held beside them: 8 MiB, and what
-    /// [`memory`](Self::memory) says.
+    /// Number of bytes that may be made of a file of `size` bytes, which are held beside them: 8 MiB, and the amount of
+    /// [`memory`](Self::memory).
     pub(super) fn made(&self, size: usize) -> usize {
         const FREE: usize = 8 << 20;
         FREE.saturating_add(self.memory(size)).saturating_sub(size.min(self.held))
     }
 
-    /// Memory for a file of `size` bytes while it is read: three times what is held of it, the bytes themselves and what is made of
-    /// them; and 16 times its size as far as that may be held, since formats compress what they hold.
+    /// Memory for a file of `size` bytes while it is read: three times the held part of it, the bytes themselves and the values made of
+    /// them; and 16 times its size as far as that may be held, since formats compress their content.
     pub fn memory(&self, size: usize) -> usize {
         let expanded = size.saturating_mul(16).min(self.held);
         size.min(self.held).saturating_mul(3).saturating_add(expanded)
@@ -102,7 +102,7 @@ impl Room {
         Self { most, left: Cell::new(most) }
     }
 
-    /// Takes what numbers need in double precision.
+    /// Takes the memory of numbers in double precision.
     ///
     /// # Errors
     /// [`FaultKind::TooLarge`](super::FaultKind::TooLarge) at `place`.
@@ -117,7 +117,7 @@ impl Room {
     }
 }
 
-/// Bound on work that the structure of a file may cause beyond what its bytes do: some for any file, and more for each byte.
+/// Bound on work that the structure of a file may cause beyond that of its bytes: some for any file, and more for each byte.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Bound {
     /// The work, in the plural; no two bounds have the same.
@@ -155,7 +155,7 @@ impl Budget {
         Err(FileError::too_large(Place::default(), detail))
     }
 
-    /// What was taken so far.
+    /// Amount taken so far.
     #[cfg(test)]
     pub(super) fn taken(&self) -> u64 {
         self.taken.get()

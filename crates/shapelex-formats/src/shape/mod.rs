@@ -10,7 +10,7 @@
 //!
 //! # Rules of readers
 //! * Sizes are checked against [`Limits`] before memory is taken; counts of a header are claims, not facts.
-//! * Nothing is merged, repaired or left out silently: what is not given on is counted in [`Summary::dropped`].
+//! * Nothing is merged, repaired or left out silently: omitted content is counted in [`Summary::dropped`].
 //! * A fault names its [`Place`]: line, byte, tag or item.
 //! * Coordinates are those of the file, in its unit and orientation; the summary says which. They are finite, or the point is
 //!   missing.

@@ -7,7 +7,7 @@
 //! | with identities that the maker of the file gives: tables, NDJSON | as it stands there |
 //! | DICOM | by unique identifiers, which no other file has |
 //!
-//! What has no name is numbered by its place in the file. Records that are left out have their numbers, so that the others keep theirs
+//! Records without a name are numbered by their place in the file. Records that are left out have their numbers, so that the others keep theirs
 //! when the file is mended.
 
 use std::collections::HashMap;
@@ -85,7 +85,7 @@ pub(super) struct Naming {
     keys: [RandomState; 2],
     /// Number of names for which there is memory.
     room: usize,
-    /// The object that the last record is a ring of, and what its rings are called.
+    /// The object that the last record is a ring of, and the name of its rings.
     object: Option<Object>,
     /// Number of objects so far.
     count: u64,

@@ -270,7 +270,7 @@ impl<'t> Matrix<'t> {
     }
 }
 
-/// Codes of missing values, the first of which that is no coordinate is written.
+/// Codes of missing values, the first of which that is not a coordinate is written.
 const CODES: [f64; 6] = [9999.0, -9999.0, 99999.0, -99999.0, 999_999.0, -999_999.0];
 
 struct Nts<'a> {

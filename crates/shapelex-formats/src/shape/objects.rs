@@ -24,17 +24,17 @@ pub(super) enum Part {
     Points(Points),
 }
 
-/// What a reader says of all its objects.
+/// Settings of a reader for all its objects.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Giving<'a> {
-    /// What becomes of holes.
+    /// Treatment of holes.
     pub(super) holes: Holes,
     /// Bounds on the number of points.
     pub(super) limits: &'a Limits,
 }
 
 impl Giving<'_> {
-    /// Gives the parts of an object on, each with what `template` says. Only an object of several rings or parts has a
+    /// Gives the parts of an object on, each with the facts of `template`. Only an object of several rings or parts has a
     /// [`Ring`]; rings of skipped holes count as such. The second record and those after it have its position behind their name,
     /// `cell/2`, since names of stored shapes differ.
     pub(super) fn give(
@@ -361,7 +361,7 @@ mod tests {
         assert_eq!(sizes, [2, 0, 1]);
     }
 
-    /// Numbers of records of the objects that are made of them, and what is counted.
+    /// Numbers of records of the objects that are made of them, and the counted items.
     fn grouped(records: &[Record]) -> (Vec<usize>, Vec<(String, u64)>) {
         let (mut grouping, mut summary) = (Grouping::default(), Summary::default());
         let mut sizes: Vec<_> =

@@ -1,4 +1,4 @@
-//! What a caller may say about a file.
+//! Options of reading and writing a file.
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -17,31 +17,31 @@ use crate::summary::{BROKEN, Summary};
 pub struct ReadOptions {
     /// Names of regions or classes to take, as a pattern with `*` and `?`, case ignored; several with commas.
     pub select: Option<String>,
-    /// What becomes of rings that bound holes. Default: `skip`.
+    /// Treatment of rings that bound holes. Default: `skip`.
     pub holes: Option<Holes>,
     /// Whether curves are closed, where the format does not say.
     pub closed: Option<bool>,
-    /// What becomes of the `SCALE=` of TPS files. Default: it is applied if every specimen has one.
+    /// Treatment of the `SCALE=` of TPS files. Default: it is applied if every specimen has one.
     pub scale: Option<Scale>,
-    /// What becomes of curves beside landmarks. Default: `separate`.
+    /// Treatment of curves beside landmarks. Default: `separate`.
     pub curves: Option<Curves>,
     /// Coordinates of missing points: a number, such as `-999`, or `negative`. `NA` and `NaN` are always missing.
     pub missing: Option<String>,
     /// Number of coordinates of a point, where the format does not say.
     pub dimension: Option<usize>,
-    /// Which columns of a table are what. Default: recognised by their names.
+    /// Meanings of the columns of a table. Default: recognised by their names.
     pub columns: Option<Columns>,
-    /// What becomes of the outlines of nuclei beside those of their cells. Default: `skip`.
+    /// Treatment of the outlines of nuclei beside those of their cells. Default: `skip`.
     pub nuclei: Option<Nuclei>,
-    /// What becomes of contours that were drawn on slices of a volume. Default: `space`.
+    /// Treatment of contours that were drawn on slices of a volume. Default: `space`.
     pub contours: Option<Contours>,
-    /// What names the shapes of a file. Default: `name`, of DICOM that is stored `id`.
+    /// Source of the names of the shapes of a file. Default: `name`, of DICOM that is stored `id`.
     pub names: Option<Names>,
     /// Which files of a project are read. Default: local particles, else world particles.
     pub files: Option<ProjectFiles>,
     /// Names of attributes to take, as patterns like those of `select`; the others are counted. Default: all.
     pub attributes: Option<String>,
-    /// What stands before the decimals of numbers. Default: a comma where fields are separated otherwise and the first rows have one.
+    /// Decimal separator of numbers. Default: a comma where fields are separated otherwise and the first rows have one.
     pub decimal: Option<Decimal>,
     /// Number of cells below which a component of a label is left out and counted. Default: 5, the fewest that enclose a cell.
     pub least_cells: Option<usize>,
@@ -51,14 +51,14 @@ pub struct ReadOptions {
     pub fill: Option<bool>,
     /// Standard deviation of a Gaussian blur of the cells of a component before its boundary is placed, in the unit of the coordinates.
     pub blur: Option<f64>,
-    /// What becomes of an image that looks like a photograph where labels are expected. Default: `refuse`.
+    /// Treatment of an image that looks like a photograph where labels are expected. Default: `refuse`.
     pub photograph: Option<Photograph>,
     /// Demands beside the options, where records become stored shapes. No option by name.
     #[serde(skip)]
     pub storing: Option<Storing>,
 }
 
-/// What stands before the decimals of numbers.
+/// Decimal separator of numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Decimal {
@@ -68,7 +68,7 @@ pub enum Decimal {
     Comma,
 }
 
-/// What becomes of an image that looks like a photograph where labels are expected.
+/// Treatment of an image that looks like a photograph where labels are expected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Photograph {
@@ -88,7 +88,7 @@ pub struct Storing {
     pub persons: bool,
 }
 
-/// What becomes of scales.
+/// Treatment of scales.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Scale {
@@ -98,11 +98,11 @@ pub enum Scale {
     Leave,
 }
 
-/// What becomes of curves beside landmarks.
+/// Treatment of curves beside landmarks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Curves {
-    /// Each is a record of its own after the landmarks.
+    /// Each is a separate record after the landmarks.
     #[default]
     Separate,
     /// Their points follow the landmarks as semilandmarks.
@@ -134,33 +134,33 @@ pub struct Columns {
     pub attributes: Option<Vec<String>>,
 }
 
-/// What becomes of rings that bound holes.
+/// Treatment of rings that bound holes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Holes {
     /// They are left out and counted.
     #[default]
     Skip,
-    /// They become records of their own.
+    /// They become separate records.
     Keep,
     /// A file that has some is refused.
     Refuse,
 }
 
-/// What becomes of the outlines of nuclei beside those of their cells.
+/// Treatment of the outlines of nuclei beside those of their cells.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Nuclei {
     /// They are left out and counted.
     #[default]
     Skip,
-    /// They become records of their own, named `{cell}/nucleus`.
+    /// They become separate records, named `{cell}/nucleus`.
     Keep,
     /// They are the only outlines that become records.
     Only,
 }
 
-/// What becomes of contours that were drawn on slices of a volume.
+/// Treatment of contours that were drawn on slices of a volume.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Contours {
@@ -173,7 +173,7 @@ pub enum Contours {
     Stack,
 }
 
-/// What names the shapes of a file.
+/// Source of the names of the shapes of a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Names {
@@ -301,7 +301,7 @@ fn has_match(patterns: &str, name: &str) -> bool {
     patterns.split(',').any(matches)
 }
 
-/// Linear in the lengths, up to the length of what the last star covers.
+/// Linear in the lengths, up to the length of the text that the last star covers.
 pub(super) fn matches_pattern(pattern: &[u8], text: &[u8]) -> bool {
     let (mut p, mut t, mut star) = (0, 0, None);
     while t < text.len() {
@@ -352,7 +352,7 @@ impl WriteOptions {
     }
 }
 
-/// Reads each option alone, so that a fault has its name. What is no number, list or Boolean of the right type is a text.
+/// Reads each option alone, so that a fault has its name. A value that is not a number, list or Boolean of the right type is a text.
 fn from_pairs<'a, T: Default + Serialize + DeserializeOwned>(
     of: &str,
     pairs: impl IntoIterator<Item = (&'a str, &'a str)>,
@@ -387,7 +387,7 @@ fn from_pairs<'a, T: Default + Serialize + DeserializeOwned>(
     serde_json::from_value(Value::Object(options)).or_else(|error| fault("options", error.to_string()))
 }
 
-/// What a value should be, by the message of its reader: the words of a list, or a type.
+/// Expected value, by the message of its reader: the words of a list, or a type.
 fn wanted(message: &str) -> String {
     let wanted = message.split_once("expected ").map_or("another value", |(_, wanted)| wanted);
     let wanted = wanted.split(" at line ").next().unwrap_or(wanted);
@@ -417,7 +417,7 @@ pub struct WriteOptions {
     /// Number of harmonics of Fourier coefficients, 1 to 1024. Default: as many as the shape with most of them has.
     pub harmonics: Option<usize>,
     /// Headers of the images that a structure set refers to, all of one series (`dicom::series` reads them).
-    /// They identify a patient, and are no option by name: a query must not carry them.
+    /// They identify a patient, and are not an option by name: a query must not carry them.
     #[serde(skip)]
     pub series: Vec<SeriesImage>,
     /// When the file is made, where a format has a place for it: `2026-11-26T03:00:00`. No date if absent.
@@ -425,7 +425,7 @@ pub struct WriteOptions {
     /// Number of shapes that will be written, where it is known: formats that begin with it then hold none of them.
     #[serde(skip)]
     pub shapes: Option<u64>,
-    /// What else is known of the shapes, by name, where a format has a place for it: representation, cohort, revision.
+    /// Further facts about the shapes, by name, where a format has a place for it: representation, cohort, revision.
     #[serde(skip)]
     pub facts: std::collections::BTreeMap<String, String>,
 }

@@ -1,4 +1,4 @@
-//! A shape of a file, with what the file says of it.
+//! A shape of a file, with the facts of the file about it.
 
 use std::collections::BTreeMap;
 
@@ -19,7 +19,7 @@ pub type Sink<'a> = &'a mut dyn FnMut(Record) -> Result<(), FileError>;
 pub struct Record {
     /// The shape.
     pub geometry: Geometry,
-    /// What its coordinates are in, where the file says so.
+    /// Unit of its coordinates, where the file gives one.
     pub unit: Option<Unit>,
     /// Name of the shape within the file: the external id where it is stored.
     pub name: Option<String>,
@@ -39,7 +39,7 @@ pub struct Record {
     pub labels: BTreeMap<String, Value>,
     /// Weight in means.
     pub weight: Option<f64>,
-    /// What else the file says of the shape.
+    /// Further facts of the file about the shape.
     pub metadata: Map<String, Json>,
     /// Its place among the rings of an object with several parts or with holes.
     pub ring: Option<Ring>,
@@ -142,7 +142,7 @@ impl Record {
         texts.sum::<usize>() + self.labels.iter().map(label).sum::<usize>()
     }
 
-    /// Checks what every reader must keep: coordinates, faces and fields.
+    /// Checks the parts that every reader must keep: coordinates, faces and fields.
     ///
     /// # Errors
     /// The first fault.
@@ -162,7 +162,7 @@ impl Record {
 }
 
 /// One ring of an object that has holes or several parts. All rings of an object stand next to each other in a file, and are
-/// records of their own: nothing is merged.
+/// separate records: nothing is merged.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Ring {
@@ -452,7 +452,7 @@ impl Faces {
 /// Values at the vertices or faces of a mesh, such as colours, thickness or labels.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Field {
-    /// What has a value.
+    /// Elements that have a value each.
     pub domain: Domain,
     /// Number of components of a value.
     pub width: usize,
@@ -460,7 +460,7 @@ pub struct Field {
     pub values: Vec<f64>,
 }
 
-/// What the values of a field belong to.
+/// Elements to which the values of a field belong.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Domain {
     /// One value a vertex.

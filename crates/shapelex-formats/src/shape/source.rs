@@ -30,7 +30,7 @@ pub(crate) fn read_step(reader: &mut impl Read, bytes: &mut Vec<u8>) -> io::Resu
 /// Memory that a reader asks for before it takes it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Asked {
-    /// For as many bytes of a whole file, and what is made of them.
+    /// For as many bytes of a whole file, and the values made of them.
     Content(usize),
     /// For as many bytes beside them, such as those of an image that is decoded.
     Beside(usize),
@@ -48,7 +48,7 @@ impl Asked {
 type Ask<'a> = Rc<dyn Fn(Asked) -> Result<(), FileError> + 'a>;
 
 /// Bytes of a file. It counts them, and refuses more than the limits allow. A file compressed by gzip is decompressed: its bytes,
-/// offsets and limits are those of what it holds.
+/// offsets and limits are those of its content.
 pub struct Source<'a> {
     reader: BufReader<Box<dyn Read + 'a>>,
     /// First bytes of the file, which `reader` still gives.
@@ -113,7 +113,7 @@ impl<'a> Source<'a> {
         Ok(Source { expands: true, ask, content, budgets, ..Source::new(reader, limits)? })
     }
 
-    /// Asks for memory for `bytes` in all: those of the file, and what they unpack to.
+    /// Asks for memory for `bytes` in all: those of the file, and the unpacked ones.
     ///
     /// # Errors
     /// [`FaultKind::Memory`](super::FaultKind::Memory) where there is none.
@@ -140,7 +140,7 @@ impl<'a> Source<'a> {
         &self.head
     }
 
-    /// What may be read.
+    /// Limits of reading.
     pub fn limits(&self) -> &Limits {
         &self.limits
     }
@@ -155,7 +155,7 @@ impl<'a> Source<'a> {
         Rc::clone(&self.content)
     }
 
-    /// What work of a kind this file and those within it may cause.
+    /// Budget of work of a kind for this file and those within it.
     pub(super) fn budget(&self, bound: Bound) -> Budget {
         self.budgets.get(bound, &self.content)
     }
@@ -225,7 +225,7 @@ impl<'a> Source<'a> {
         Ok(true)
     }
 
-    /// Reads what is left, and refuses what is more than blanks: part of a file never passes for all of it.
+    /// Reads the rest, and refuses more than blanks: part of a file never passes for all of it.
     ///
     /// # Errors
     /// The place of the first other byte; errors of the reader.
@@ -288,7 +288,7 @@ impl std::fmt::Debug for Source<'_> {
     }
 }
 
-/// What a file compressed by gzip holds, with our words for its faults.
+/// Content of a file compressed by gzip, with our words for its faults.
 struct Decompressed<R: Read>(MultiGzDecoder<R>);
 
 impl<R: Read> Read for Decompressed<R> {

@@ -31,7 +31,7 @@ pub(super) fn fault(format: &Format, text: &str, options: &ReadOptions) -> Strin
     records(format, text, options).expect_err("a fault").to_string()
 }
 
-/// Records as a text of a format, with what the writer says.
+/// Records as a text of a format, with the summary of the writer.
 pub(super) fn written(
     format: &Format,
     records: &[Record],

@@ -1,4 +1,4 @@
-//! What formats of plain text share: lines and words with their places, numbers, missing coordinates, attributes.
+//! Common parts of formats of plain text: lines and words with their places, numbers, missing coordinates, attributes.
 
 use std::borrow::Cow;
 use std::fmt::Write as _;
@@ -173,7 +173,7 @@ pub(super) enum Missing {
 }
 
 impl Missing {
-    /// The option `missing`, else what the format has.
+    /// The option `missing`, else the code of the format.
     pub(super) fn new(options: &ReadOptions, default: Self) -> Result<Self, FileError> {
         match options.missing.as_deref().map(str::trim) {
             None => Ok(default),
@@ -239,7 +239,7 @@ pub(super) fn write_row(text: &mut String, row: &[f64], missing: &str) {
     text.push('\n');
 }
 
-/// A text as a word: what is white space becomes `_`, and is counted.
+/// A text as a word: white space becomes `_`, and is counted.
 pub(super) fn word(text: &str, summary: &mut Summary, place: &Place) -> String {
     if text.contains(char::is_whitespace) {
         summary.drop("spaces in names and labels, written as _", Some(text), || place.clone());
@@ -284,7 +284,7 @@ pub(super) fn unfit(record: &Record, detail: impl std::fmt::Display) -> FileErro
     FileError::unsupported(record.place.clone(), format!("{}: {detail}", title(record)))
 }
 
-/// Counts what a format has no place for. `kept`: parts of records, else keys of the metadata that are written.
+/// Counts the content that a format has no place for. `kept`: parts of records, else keys of the metadata that are written.
 pub(super) fn left_out(summary: &mut Summary, record: &Record, kept: &[&str]) {
     parts_left_out(summary, record, kept);
     for key in record.metadata.keys().filter(|key| !kept.contains(&key.as_str())) {
@@ -292,7 +292,7 @@ pub(super) fn left_out(summary: &mut Summary, record: &Record, kept: &[&str]) {
     }
 }
 
-/// Counts what a format has no place for beside the metadata, which it counts itself. `kept`: parts of records that are written.
+/// Counts the content that a format has no place for beside the metadata, which it counts itself. `kept`: parts of records that are written.
 pub(super) fn parts_left_out(summary: &mut Summary, record: &Record, kept: &[&str]) {
     let parts = [
         ("label", record.label.is_some()),

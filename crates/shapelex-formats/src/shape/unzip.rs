@@ -88,7 +88,7 @@ fn check_ends(bytes: &[u8]) -> Result<(), FileError> {
 }
 
 /// Whether there is a record that may be that behind the directory: its offset is that of an entry, or one of its numbers stands in
-/// another record (zip64). Those of archives that are stored in an archive count from the beginning of their own.
+/// another record (zip64). Those of archives that are stored in an archive count from the beginning of the inner archive.
 fn has_directory(bytes: &[u8], at: usize) -> bool {
     let Some(&record) = bytes[at..].strip_prefix(END).and_then(|record| record.first_chunk::<16>()) else {
         return false;

@@ -20,12 +20,12 @@ pub trait Writer: Send {
     /// A record that the format cannot hold, by name; errors of the output.
     fn push(&mut self, record: &Record) -> Result<(), FileError>;
 
-    /// Number of bytes that wait for the last record: some formats say at their beginning what follows.
+    /// Number of bytes that wait for the last record: some formats state their content at the beginning.
     fn held(&self) -> usize {
         0
     }
 
-    /// Writes what follows the last record, and says what was left out.
+    /// Writes the part after the last record, and returns the items left out.
     ///
     /// # Errors
     /// Those of the output.

@@ -97,7 +97,7 @@ fn one_broken_record_costs_itself() {
 #[test]
 fn the_page_lists_what_a_broken_record_costs() {
     let page = include_str!("../../../../docs/formats/README.md");
-    let (_, rest) = page.split_once("\n## What a broken record costs\n").expect("the page has the heading");
+    let (_, rest) = page.split_once("\n## Cost of a broken record\n").expect("the page has the heading");
     let rest = rest.split("\n## ").next().unwrap();
     let rows = |of: &str| {
         let of = format!("| {of} |");

@@ -1,4 +1,4 @@
-//! Domains: how places on a shape are named; and what follows from a representation before its space is prepared.
+//! Domains: names of places on a shape; and properties of a representation before its space is prepared.
 
 use crate::GeometryError;
 use crate::field_fault::FieldFault;
@@ -14,7 +14,7 @@ use crate::surface::Topology;
 use crate::surface::basis::{self, Extent};
 use crate::surface::seam::Seam;
 
-/// Domain of a shape: what names its places.
+/// Domain of a shape: the names of its places.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Domain {
     /// Nothing: the shape is a list of points.
@@ -74,7 +74,7 @@ impl Domain {
         faults.collect()
     }
 
-    /// What is wrong with a parameter `u` of a domain with one parameter, if anything.
+    /// Fault of a parameter `u` of a domain with one parameter, if any.
     pub fn line_fault(self, u: f64) -> Option<String> {
         let outside = self == Self::Line { closed: false } && !(0.0..=1.0).contains(&u);
         outside.then(|| format!("expected a number between 0 and 1 on an open curve, got {u}"))
@@ -121,7 +121,7 @@ impl std::ops::Deref for Admitted {
 }
 
 impl Representation {
-    /// What names the places on its shapes.
+    /// Names of places on its shapes.
     pub fn domain(&self) -> Domain {
         match self {
             Self::ClosedCurve { .. } => Domain::Line { closed: true },
@@ -176,6 +176,12 @@ impl Representation {
     /// Number of cells between knots: intervals of a curve, `M_u M_v` of a surface.
     pub fn cells(&self) -> usize {
         self.knots().iter().map(|knots| knots.count).product()
+    }
+
+    /// Number of control points of an open curve before its first knot; 0 of other shapes.
+    pub fn points_before(&self) -> usize {
+        let generator = self.generator().filter(|_| !self.is_closed());
+        generator.map_or(0, |generator| generator.beyond()[0])
     }
 
     /// Default number of places at which two of its shapes are compared.
@@ -332,7 +338,7 @@ fn count_fault(knots: &Knots<'_>, most: usize, admissible: bool) -> Option<Field
 }
 
 impl ShapeSpace {
-    /// What names the places on its shapes.
+    /// Names of places on its shapes.
     pub fn domain(&self) -> Domain {
         self.representation().domain()
     }
@@ -404,7 +410,7 @@ mod tests {
         assert_eq!(fields(&Representation::Landmarks { dimension: 2, points: 4 }, &[0.25, 0.5]), [""]);
     }
 
-    /// What a kind lacks is `None`, not zero.
+    /// Measures that a kind lacks are `None`, not zero.
     #[test]
     fn landmarks_have_no_values_and_no_measures() {
         let representation = Representation::Landmarks { dimension: 2, points: 4 };

@@ -30,7 +30,7 @@ impl ShapeSpace {
     /// The boundary of a region that the shapes of the space are.
     ///
     /// # Errors
-    /// A fault of a field of the representation whose shapes enclose nothing, or whose points are no linear function of the control
+    /// A fault of a field of the representation whose shapes enclose nothing, or whose points are not a linear function of the control
     /// points.
     pub fn enclosure(&self) -> Result<Enclosure<'_>, FieldFault> {
         let refuse = |field: &str, detail: &str| Err(FieldFault::new(field, detail));

@@ -13,14 +13,14 @@ use shapelex_numeric::fft::RealFft;
 use shapelex_numeric::quadrature::GaussLegendre;
 
 /// Maximum distance between a curve of a space and the given one, relative to the extent of the given one: rounding of
-/// interpolation, far below what a missing harmonic of any weight in a drawing would cause.
+/// interpolation, far below the effect of a missing harmonic of any weight in a drawing.
 const SAME: f64 = 1e-9;
 /// Number of places between two control points at which curves are compared.
 const PLACES: usize = 4;
 
 /// Nodes of a rule beside those for the degree of a piece and for the turns of the cosine in it.
 const SPARE_NODES: usize = 16;
-/// Share of the squared size of a generator below which what its harmonics leave is rounding.
+/// Share of the squared size of a generator below which the rest of its harmonics is rounding.
 const ROUNDING: f64 = 64.0 * f64::EPSILON;
 
 /// A closed curve `r(t) = c + Σ_{k=1…n} a_k cos 2πkt + b_k sin 2πkt`, `0 ≤ t < 1`.
@@ -88,16 +88,16 @@ impl ShapeSpace {
 /// ∫_0^1 r(t) e^{−2πjkt} dt = φ̂(2πk/M) C[k] / M,   φ̂(ω) = ∫ φ(t) cos ωt dt,   C[k] = Σ_m c[m] e^{−2πjkm/M}
 /// ```
 ///
-/// `C` has the period `M`; what harmonics share it holds `Σ_j φ̂(θ + 2πj)² = Σ_m a_00[m] cos mθ`, with the correlation
+/// `C` has the period `M`; the harmonics that share it hold `Σ_j φ̂(θ + 2πj)² = Σ_m a_00[m] cos mθ`, with the correlation
 /// [`Generator::correlation`] of the generator (Poisson's and Parseval's formulas). So the harmonic power of a curve that is left is exact
 /// as well. Coefficients as Kuhl and Giardina (1982) define them, of a spline in place of a polygon.
 #[derive(Debug, Clone)]
 pub struct FourierSeries {
     /// `φ̂(2πk/M)/M` for `0 ≤ k ≤ n`.
     weights: Vec<f64>,
-    /// What all harmonics but the constant hold of `|C[k]|²`, `0 ≤ k ≤ M/2`.
+    /// Share of all harmonics but the constant in `|C[k]|²`, `0 ≤ k ≤ M/2`.
     all: Vec<f64>,
-    /// What the harmonics that are left hold of `|C[k]|²`.
+    /// Share of the remaining harmonics in `|C[k]|²`.
     left: Vec<f64>,
     fft: RealFft,
 }
@@ -327,7 +327,7 @@ mod tests {
         let energy = |expansion: &FourierExpansion| {
             expansion.cosine.iter().chain(&expansion.sine).map(|x| 0.5 * x * x).sum::<f64>()
         };
-        // Harmonics fall with the fourth power: what 400 leave is below rounding.
+        // Harmonics fall with the fourth power: the rest of 400 is below rounding.
         let whole = energy(&FourierSeries::new(&splines, 400).unwrap().of(&control_points));
         for harmonics in [0, 1, 3, 4, 8, 9, 20] {
             let expansion = FourierSeries::new(&splines, harmonics).unwrap().of(&control_points);

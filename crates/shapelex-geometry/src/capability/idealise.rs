@@ -130,7 +130,7 @@ fn idealise_surface(basis: &SurfaceBasis, placed: &PlacedSurface) -> Result<Matr
     }
     let (topology, seam) = surface.topology();
     let found = basis.extent().topology;
-    // What is smooth at its poles is also a sphere with sharp ones.
+    // A sphere with smooth poles is also one with sharp ones.
     let fits = topology == found || (topology, found) == (Topology::Sphere, Topology::SharpSphere);
     if !fits || seam != basis.seam() {
         return Err(IdealFault::Topology { topology, seam });

@@ -1,9 +1,9 @@
-//! Capabilities: what a shape can be asked, whatever its kind.
+//! Capabilities: questions that every kind of shape can be asked.
 //!
 //! Layers above ask [`Representation`](crate::representation::Representation) and
 //! [`ShapeSpace`](crate::representation::ShapeSpace); only this crate tells kinds apart.
 //!
-//! * [`domain`] — how places on a shape are named; what a representation allows; its faults;
+//! * [`domain`] — names of places on a shape; limits of a representation; its faults;
 //! * [`place`] — places of curves, surfaces and landmarks, and the points there;
 //! * [`sample`] — values, derivatives and frames at places;
 //! * [`tessellate`] — triangle meshes;

@@ -32,6 +32,18 @@ pub(super) const GRID: Colour = Colour::new(0xdd_dd_dc, 0x3a_3c_42);
 /// Text beside a coordinate grid.
 pub(super) const LABEL: Colour = Colour::new(0x55_55_55, 0xb4_b4_b4);
 
+/// Groups, in order: told apart also by colour-blind viewers.
+pub(super) const GROUPS: [Colour; 8] = [
+    Colour::new(0x00_72_b2, 0x5f_b4_e5),
+    Colour::new(0xc8_52_00, 0xff_9a_4d),
+    Colour::new(0x00_7f_5c, 0x3e_cf_a0),
+    Colour::new(0xaa_33_77, 0xe5_8f_c0),
+    Colour::new(0x8a_6d_00, 0xe6_c3_4d),
+    Colour::new(0x56_56_5a, 0xb9_b9_bd),
+    Colour::new(0x6a_3d_9a, 0xb9_9a_e0),
+    Colour::new(0x7a_2e_0e, 0xd0_8a_60),
+];
+
 impl Colour {
     /// The colour `light` on light pages and `dark` on dark ones, both as `0xrrggbb`.
     pub const fn new(light: u32, dark: u32) -> Self {
@@ -114,7 +126,8 @@ mod tests {
     fn colours_are_legible_on_both_pages() {
         // 4.5 for text and 3 for lines, as the guidelines ask; an outline behind another may be fainter.
         let least = [(MAIN, 4.5), (LABEL, 4.5), (BACK, 3.0), (PLUS, 3.0), (EFFECT_MOST, 3.0), (PALE, 2.5)];
-        for (colour, least) in least {
+        let groups = GROUPS.map(|colour| (colour, 3.0));
+        for (colour, least) in least.into_iter().chain(groups) {
             let (light, dark) = (contrast(colour.light, PAGE.light), contrast(colour.dark, PAGE.dark));
             assert!(light >= least && dark >= least, "{}: {light:.2}, {dark:.2}", colour.on_light());
         }

@@ -46,6 +46,8 @@ pub enum Mark {
     Dots,
     /// Arrows, from the first to the last point of every line.
     Arrows,
+    /// The titles of the lines as words beside their first points.
+    Words,
     /// Four-sided facets, farthest first.
     Facets,
 }
@@ -101,6 +103,12 @@ impl Layer {
         Self { lines, ..Self::from_points(Vec::new(), Mark::Arrows, colour, width) }
     }
 
+    /// Layer of words beside points in the plane or in space.
+    pub fn words(points: &[&[f64]], words: Vec<String>, colour: Colour) -> Self {
+        let lines = points.iter().map(|point| vec![flatten(point)]).collect();
+        Self { lines, titles: words, ..Self::from_points(Vec::new(), Mark::Words, colour, 1.0) }
+    }
+
     /// Layer of points as they are placed in the plane.
     pub(super) fn from_points(points: Vec<[f64; 2]>, mark: Mark, colour: Colour, width: f64) -> Self {
         Self {
@@ -133,7 +141,7 @@ impl Layer {
         }
     }
 
-    /// Whether its shapes hide what is behind them.
+    /// Whether its shapes hide layers behind them.
     pub(super) fn hides(&self) -> bool {
         self.mark == Mark::Facets
     }

@@ -32,7 +32,7 @@ impl Bounds {
         })
     }
 
-    fn of(layers: &[Layer]) -> Self {
+    pub(super) fn of(layers: &[Layer]) -> Self {
         Self::around(layers.iter().flat_map(|layer| layer.lines.iter().flatten()))
     }
 
@@ -43,7 +43,7 @@ impl Bounds {
         }
     }
 
-    fn centre(&self) -> [f64; 2] {
+    pub(super) fn centre(&self) -> [f64; 2] {
         [0, 1].map(|c| 0.5 * self.low[c] + 0.5 * self.high[c])
     }
 
@@ -52,7 +52,7 @@ impl Bounds {
     }
 
     /// Largest scale at which it fits a rectangle; `None` for a point and for nothing.
-    fn scale(&self, [width, height]: [f64; 2]) -> Option<f64> {
+    pub(super) fn scale(&self, [width, height]: [f64; 2]) -> Option<f64> {
         let [x, y] = self.extent();
         let scale = (width / x.max(0.0)).min(height / y.max(0.0));
         (scale.is_finite() && scale > 0.0).then_some(scale)

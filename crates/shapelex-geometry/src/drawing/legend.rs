@@ -7,7 +7,7 @@ use super::scene::{Anchor, Drawing, Element, MARGIN, Map, SIZE, Text};
 /// An entry of a legend.
 #[derive(Debug, Clone)]
 pub enum Entry {
-    /// What a layer looks like, and its name.
+    /// Sample of a layer, and its name.
     Sample(Layer),
     /// A range of colours and its meaning.
     Scale {
@@ -18,6 +18,8 @@ pub enum Entry {
     },
     /// A sentence.
     Text(String),
+    /// A row of a table: a name, and numbers that end at equal distances.
+    Row(Vec<String>),
 }
 
 impl Entry {
@@ -47,7 +49,7 @@ const SCALE: f64 = 54.0;
 const MAX_ENTRIES: usize = 60;
 
 impl Drawing {
-    /// The same drawing with a legend below. Samples stand side by side, other entries have lines of their own.
+    /// The same drawing with a legend below. Samples stand side by side, other entries have separate lines.
     #[must_use]
     pub fn with_legend(mut self, entries: &[Entry]) -> Self {
         let (legend, height) = legend(entries, self.height + self.legend_height);
@@ -105,10 +107,31 @@ fn legend(entries: &[Entry], top: f64) -> (Vec<Element>, f64) {
                 cursor.next_line();
                 push_lines(&mut elements, &mut cursor, text, 0.0);
             }
+            Entry::Row(cells) => {
+                cursor.next_line();
+                let [_, y] = cursor.take(SIZE);
+                elements.extend(row(cells, y + 5.0));
+            }
         }
     }
     cursor.next_line();
     (elements, cursor.y - 0.5 * LINE - top + 4.0)
+}
+
+/// Part of the width that the name of a row takes.
+const NAMED: f64 = 0.28;
+
+/// Cells of a row with this base line.
+fn row(cells: &[String], y: f64) -> impl Iterator<Item = Element> {
+    let (left, right) = (MARGIN + NAMED * (SIZE - 2.0 * MARGIN), SIZE - MARGIN);
+    let step = (right - left) / cells.len().saturating_sub(1).max(1) as f64;
+    cells.iter().enumerate().map(move |(k, cell)| {
+        let (x, anchor) = match k {
+            0 => (MARGIN, Anchor::Start),
+            k => (left + step * k as f64, Anchor::End),
+        };
+        Element::Text(Text::new([x, y], 13, anchor, cell.clone()))
+    })
 }
 
 /// Lines of a sentence, `indent` to the right.
@@ -143,7 +166,7 @@ pub(super) fn entry_at(layer: &Layer, name: &str, [x, y]: [f64; 2], width: f64) 
     [sample(layer, [x, y], width), Element::Text(text)]
 }
 
-/// What a layer looks like: a line, a dot, an arrow, or a patch of a surface.
+/// Sample of a layer: a line, a dot, an arrow, or a patch of a surface.
 fn sample(layer: &Layer, [x, y]: [f64; 2], width: f64) -> Element {
     let opacity = layer.opacity.max(FAINTEST);
     let at = |p: [f64; 2]| Map { scale: 1.0, centre: [0.0; 2], at: p };
@@ -153,7 +176,9 @@ fn sample(layer: &Layer, [x, y]: [f64; 2], width: f64) -> Element {
     };
     let across = vec![[0.0, 0.0], [width, 0.0]];
     match layer.mark {
-        Mark::Dots => Element::Shapes(one(vec![[0.0, 0.0]], Mark::Dots), at([x + 0.5 * width, y])),
+        Mark::Dots | Mark::Words => {
+            Element::Shapes(one(vec![[0.0, 0.0]], Mark::Dots), at([x + 0.5 * width, y]))
+        }
         Mark::Closed | Mark::Open => Element::Shapes(one(across, Mark::Open), at([x, y])),
         Mark::Arrows => Element::Shapes(one(across, Mark::Arrows), at([x, y])),
         Mark::Facets => Element::Box {

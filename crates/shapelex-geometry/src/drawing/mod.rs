@@ -4,7 +4,7 @@
 //! * [`orientation`] — orientation of the shapes; [`effect`] — layers that show an effect along a shape;
 //! * [`layout`] — arrangements of layers, and animations; [`legend`] — samples and sentences below;
 //! * [`picture`] — shapes over a picture of cells;
-//! * [`plot`] — graphs of functions; [`strips`] — ranges of numbers;
+//! * [`plot`] — graphs of functions; [`scatter`] — points in groups; [`strips`] — ranges of numbers;
 //! * [`scene`] — a drawing before, and [`svg`] — after settings of the viewer are known.
 
 pub mod colour;
@@ -16,6 +16,7 @@ mod line;
 pub mod orientation;
 pub mod picture;
 pub mod plot;
+pub mod scatter;
 pub mod scene;
 pub mod strips;
 pub mod svg;

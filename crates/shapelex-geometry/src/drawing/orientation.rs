@@ -1,6 +1,6 @@
 //! Orientation of shapes in drawings: upright, and the same for all shapes that differ by a rotation.
 //!
-//! The longest principal axis points up; of shapes in space, the second one points right. What is left of the choice, to turn
+//! The longest principal axis points up; of shapes in space, the second one points right. The remaining choice, to turn
 //! the shape by half a turn about an axis, is made by the third moment `m = Σ p |p|²` about the centroid: of the turns, the one
 //! with the largest `⟨m, g⟩` is taken, with a fixed direction `g` on the page that is askew to the axes, since shapes with a
 //! mirror axis have their moment along or across it. A planar shape whose axes are equally long has its moment upwards.

@@ -1,4 +1,4 @@
-//! Plots of functions of one variable: one in a frame of its own, or several side by side.
+//! Plots of functions of one variable: one in a separate frame, or several side by side.
 
 use super::colour::{self, Colour};
 use super::layer::{Layer, Mark};
@@ -19,7 +19,7 @@ pub struct Graph {
 /// A plot among others: graphs with intervals, from zero upwards.
 #[derive(Debug, Clone)]
 pub struct Panel {
-    /// What is plotted, above the panel.
+    /// Title above the panel.
     pub title: String,
     /// Name of the variable.
     pub variable: String,
@@ -32,7 +32,7 @@ const HEIGHT: f64 = 400.0;
 const LABELS: f64 = 24.0;
 
 /// Page units are those of the layers.
-const PAGE: Map = Map { scale: 1.0, centre: [0.0; 2], at: [0.0; 2] };
+pub(super) const PAGE: Map = Map { scale: 1.0, centre: [0.0; 2], at: [0.0; 2] };
 
 /// Draws the graphs in one frame with both axes labelled.
 pub fn plot(title: &str, variable: &str, graphs: Vec<Graph>) -> Drawing {
@@ -102,24 +102,24 @@ fn in_panel(Panel { title, variable, graphs }: Panel, [left, top]: [f64; 2], wid
 }
 
 /// Least and greatest of some numbers, apart from each other.
-fn range(numbers: impl Iterator<Item = f64>) -> (f64, f64) {
+pub(super) fn range(numbers: impl Iterator<Item = f64>) -> (f64, f64) {
     let (low, high) = numbers.fold((f64::MAX, f64::MIN), |(low, high), x| (low.min(x), high.max(x)));
     if high > low { (low, high) } else { (low - 1.0, low + 1.0) }
 }
 
 /// Ranges of the axes, and their places on the page.
-struct Frame {
-    x: (f64, f64),
-    y: (f64, f64),
+pub(super) struct Frame {
+    pub(super) x: (f64, f64),
+    pub(super) y: (f64, f64),
     /// Left and right end.
-    across: [f64; 2],
+    pub(super) across: [f64; 2],
     /// Upper and lower end.
-    down: [f64; 2],
+    pub(super) down: [f64; 2],
 }
 
 impl Frame {
     /// Place of a point on the page, with `y` upwards as in the plane of shapes.
-    fn place(&self, p: &[f64; 2]) -> [f64; 2] {
+    pub(super) fn place(&self, p: &[f64; 2]) -> [f64; 2] {
         [self.across(p[0]), -self.down(p[1])]
     }
 
@@ -141,7 +141,7 @@ impl Frame {
     }
 
     /// Lines at round numbers, with the numbers beside them.
-    fn grid(&self) -> Vec<Element> {
+    pub(super) fn grid(&self) -> Vec<Element> {
         let line = |corner, size| Element::Box { corner, size, colour: colour::GRID, opacity: 1.0 };
         let ([left, right], [top, bottom]) = (self.across, self.down);
         let upright = ticks(self.x.0, self.x.1).into_iter().flat_map(|tick| {
@@ -158,7 +158,7 @@ impl Frame {
     }
 }
 
-fn label(at: [f64; 2], anchor: Anchor, text: String) -> Element {
+pub(super) fn label(at: [f64; 2], anchor: Anchor, text: String) -> Element {
     Element::Text(Text { colour: colour::LABEL, ..Text::new(at, 11, anchor, text) })
 }
 

@@ -24,7 +24,7 @@ pub enum Theme {
     Dark,
 }
 
-/// What is behind a drawing.
+/// Background of a drawing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
@@ -33,7 +33,7 @@ pub enum Background {
     /// A painted page.
     #[default]
     Page,
-    /// Nothing: what is behind shows.
+    /// Nothing: transparent.
     None,
 }
 
@@ -43,7 +43,7 @@ pub enum Background {
 pub struct Style {
     /// Colours.
     pub theme: Theme,
-    /// What is behind it.
+    /// Its background.
     pub background: Background,
     /// Width in pixels.
     pub width: u16,
@@ -159,6 +159,9 @@ impl Drawing {
         2 * POINT_BYTES * points.sum::<usize>()
     }
 }
+
+/// Distance of a word from its point, to the right and up.
+const WORD_OFFSET: f64 = 4.0;
 
 /// Approximate length of the text of a point, such as ` 12.3-4.5`, in bytes.
 const POINT_BYTES: usize = 9;
@@ -287,6 +290,7 @@ impl<'a> Writer<'a> {
                 }
                 self.svg.push_str("</g>\n");
             }
+            Mark::Words => self.words(layer, &place),
             Mark::Closed | Mark::Open => {
                 let resolution = self.resolution.of_faint(*opacity);
                 let (paint, opacity) =
@@ -305,6 +309,17 @@ impl<'a> Writer<'a> {
                     }
                 }
                 self.svg.push_str("</g>\n");
+            }
+        }
+    }
+
+    /// The titles of the lines beside their first points.
+    fn words(&mut self, Layer { lines, titles, colour, .. }: &Layer, place: &impl Place) {
+        for (line, word) in lines.iter().zip(titles) {
+            if let Some([x, y]) = line.first().map(place) {
+                let at = [x + WORD_OFFSET, y - WORD_OFFSET];
+                let text = Text::new(at, 10, Anchor::Start, word.clone());
+                self.text(&Text { colour: *colour, ..text });
             }
         }
     }

@@ -186,7 +186,7 @@ impl Generator {
                 difference.abs() <= SAME_FUNCTION * scale
             })
         };
-        // Of an odd support, the ends are no knots.
+        // Of an odd support, the ends are not knots.
         self.support.is_multiple_of(2) && (0..2 * self.support).step_by(2).all(continues)
     }
 

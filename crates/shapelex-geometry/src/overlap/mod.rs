@@ -1,6 +1,6 @@
 //! Overlap of two bodies (contours, closed curves and meshes, or masks), counted on one common grid.
 //!
-//! Bodies without a grid of their own get one around both, fine enough for the smaller one.
+//! Bodies without a grid get one around both, fine enough for the smaller one.
 
 use crate::capability::measure::mesh_warnings;
 use crate::curve::Curve;
@@ -31,7 +31,7 @@ const NO_AREA: f64 = 1e-12;
 /// Number of points per segment that bound a curve: of a circle with three segments, they miss 10⁻⁴ of the radius.
 const CURVE_SAMPLES: usize = 64;
 
-/// What is said of a contour that crosses itself.
+/// Warning about a contour that crosses itself.
 const CROSSES: &str =
     "the contour crosses or touches itself: areas with the winding number zero count as outside";
 

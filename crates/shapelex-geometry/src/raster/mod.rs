@@ -5,8 +5,8 @@
 //! Hausdorff  max(max_{a ∈ ∂A} d(a, ∂B), max_{b ∈ ∂B} d(b, ∂A))
 //! ```
 //!
-//! A cell belongs to a mesh, a curve or a polygon if the winding number about its centre is not zero: what is enclosed twice in
-//! one direction is inside, so that a contour walked twice is itself and overlapping outlines are united; what is enclosed once in
+//! A cell belongs to a mesh, a curve or a polygon if the winding number about its centre is not zero: a cell enclosed twice in
+//! one direction is inside, so that a contour walked twice is itself and overlapping outlines are united; a cell enclosed once in
 //! each direction is outside, so that a hole is a contour in the opposite direction.
 //!
 //! # Order of cells

@@ -9,7 +9,7 @@
 //! it within a region only, because the supports of their basis functions lie in it. The coarse control points still move the whole, with
 //! its details.
 //!
-//! Every grid has a two-scale relation to every finer one whose factors are multiples of its own, so that such a shape *is* one of the
+//! Every grid has a two-scale relation to every finer one whose factors are multiples of its factors, so that such a shape *is* one of the
 //! finest grid ([`Resolutions::flatten`]): evaluated, measured, drawn and stored as any other.
 //!
 //! * [`Finer`] — shapes of a space on a finer grid, exactly;

@@ -17,7 +17,7 @@ use crate::vector::{bounds, cross, dot, minus, norm};
 const NO_VOLUME: f64 = 1e-12;
 
 /// Measures a mesh. The mean position is taken over the parameters, of which every face has the same share. If the mesh
-/// was split, the error of its area is estimated as a third of what the last split added, because areas converge by a factor
+/// was split, the error of its area is estimated as a third of the area that the last split added, because areas converge by a factor
 /// of four. Cost: linear.
 pub fn measure(mesh: &TriangleMesh, was_split: bool) -> SurfaceMeasures {
     let bounding_box = bounds(mesh.vertices.iter().copied()).unwrap_or_default();

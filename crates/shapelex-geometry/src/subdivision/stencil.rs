@@ -4,7 +4,7 @@
 //! depends only on its valence, that of an edge on the valences of its two ends.
 //!
 //! Loop has rules for boundaries: edges of the boundary get their midpoint, and its vertices move to ⅛, ¾, ⅛ along it. The boundary
-//! is therefore the cubic B-spline of its own vertices, whatever is inside, and two surfaces with one boundary meet there. All
+//! is therefore the cubic B-spline of its vertices, whatever is inside, and two surfaces with one boundary meet there. All
 //! edges inside, also those between two vertices of the boundary, keep the rule ⅜, ⅜, ⅛, ⅛.
 //!
 //! Sources: Badoual, Novara, Romani, Schmitter, Unser, *A non-stationary subdivision scheme for the construction of deformable models

@@ -95,7 +95,7 @@ const STEPS: usize = 12;
 
 /// `max_x ⟨x, Φx⟩/⟨x, Sx⟩` for the normal matrix `S`: the largest ratio of the squared `L₂` norm to that at the points.
 fn most_unseen(basis: &SurfaceBasis, normal: &Definite) -> f64 {
-    // Waves of all lengths, so that the start is not orthogonal to what the points leave undetermined.
+    // Waves of all lengths, so that the start is not orthogonal to directions that the points leave undetermined.
     let mut x = Matrix::from_fn(basis.gram().size(), 1, |i, _| (1.7 * (i * i) as f64).sin());
     let mut ratio = 0.0;
     for _ in 0..STEPS {

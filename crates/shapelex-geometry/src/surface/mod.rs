@@ -50,7 +50,7 @@ use seam::Seam;
 pub enum Topology {
     /// Closed along `u`; the edges `v = 0` and `v = 1` shrink to the poles.
     Sphere,
-    /// As `sphere`, with a tangent of its own for each meridian at the poles.
+    /// As `sphere`, with a separate tangent for each meridian at the poles.
     SharpSphere,
     /// Closed along `u`, open along `v`.
     Cylinder,

@@ -4,7 +4,7 @@
 //! c_fine[k', l'] = Σ_{k,l} g_u[k' − m_u k] g_v[l' − m_v l] c[k, l],     σ(u, v) = σ_fine(u + δ_u, v + δ_v)
 //! ```
 //!
-//! Every direction has a factor `m` of its own, 1 included, and a filter `g` as for curves ([`FineFilter`]). `δ` is half a fine
+//! Every direction has its own factor `m`, 1 included, and a filter `g` as for curves ([`FineFilter`]). `δ` is half a fine
 //! interval where an odd order is split by an even factor, else 0. Only closed directions can be shifted: along open ones and from
 //! pole to pole, such a factor leads to B-splines that are shifted themselves, whose knots are those of the line; across a seam
 //! that reverses `v` it has no relation. A sphere with smooth poles needs as
@@ -92,7 +92,7 @@ pub struct SurfaceRefinement {
 }
 
 impl SurfaceRefinement {
-    /// From surfaces of `basis`, made with the generators `kinds`, to `intervals`; `None` if these are no multiples, or if a
+    /// From surfaces of `basis`, made with the generators `kinds`, to `intervals`; `None` if these are not multiples, or if a
     /// direction has no two-scale relation.
     pub fn new(basis: &SurfaceBasis, kinds: &[GeneratorKind; 2], intervals: [usize; 2]) -> Option<Self> {
         let (extent, seam) = (basis.extent(), basis.seam());

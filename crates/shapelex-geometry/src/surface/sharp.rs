@@ -1,4 +1,4 @@
-//! Spheres with sharp poles: closed at both poles, with a tangent of its own for each meridian there.
+//! Spheres with sharp poles: closed at both poles, with a separate tangent for each meridian there.
 //!
 //! ```text
 //! σ(u, 0) = c_N,   σ_v(u, 0) = Σ_k τ_N[k] φ_u(M_u u − k),   likewise at v = 1 with c_S and −τ_S[k]

@@ -95,12 +95,12 @@ impl PoleRule {
     }
 }
 
-/// What is imposed at the poles besides closedness.
+/// Conditions at the poles besides closedness.
 #[derive(Debug, Clone)]
 enum Ends {
     /// One tangent plane at each pole.
     Smooth,
-    /// Nothing: every meridian has a tangent of its own. Without given ones, those that continue the meridian beyond its ends.
+    /// Nothing: every meridian has its own tangent. Without given ones, those that continue the meridian beyond its ends.
     Sharp(Arc<OpenInterpolation>),
 }
 
@@ -145,7 +145,7 @@ impl SphereBasis {
         self.intervals
     }
 
-    /// Whether every meridian has a tangent of its own at the poles.
+    /// Whether every meridian has its own tangent at the poles.
     pub(super) fn is_sharp(&self) -> bool {
         matches!(self.ends, Ends::Sharp(_))
     }

@@ -1,4 +1,4 @@
-//! Boundaries as samples that depend linearly on free points, and integrals over what they enclose.
+//! Boundaries as samples that depend linearly on free points, and integrals over the enclosed part.
 //!
 //! ```text
 //! samples = B p,   E = e(samples),   ∂E/∂p = Bᵀ ∂e

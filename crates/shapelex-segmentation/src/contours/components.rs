@@ -13,7 +13,7 @@ pub(super) const NONE: u32 = u32::MAX;
 pub struct Labels<'a, const D: usize> {
     pub(super) size: [usize; 3],
     pub(super) values: &'a [u32],
-    /// Whether the first and the last layer along z may be within what the image shows a part of.
+    /// Whether the first and the last layer along z may be within an object that the image shows in part.
     pub(super) open_ends: bool,
 }
 

@@ -1,7 +1,7 @@
 //! Components in space without handles and cavities.
 //!
 //! The box of a component has none. Its cells outside of the component are taken away from its faces on, each only if that changes
-//! no topology: what is left is the component with its cavities, and with a film one cell thick across every handle. It is the
+//! no topology: the rest is the component with its cavities, and with a film one cell thick across every handle. It is the
 //! three-dimensional closing of holes of Aktouf, Bertrand and Perroton (2002), for cells that are connected across faces inside,
 //! and across faces and edges outside.
 

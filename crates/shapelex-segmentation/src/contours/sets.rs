@@ -17,7 +17,7 @@ impl Sets {
         self.parents.len()
     }
 
-    /// A new number in a set of its own. The caller keeps the count below 2³².
+    /// A new number in a separate set. The caller keeps the count below 2³².
     pub(super) fn begin(&mut self) -> u32 {
         let number = self.parents.len() as u32;
         self.parents.push(number);

@@ -1,7 +1,7 @@
 //! Outer surfaces and cavities of components in space.
 //!
 //! Cubes of eight neighbouring centres, one beyond the edges of the volume too, give the triangles (`cases`). A vertex is on each
-//! face of a cell that is not shared by two cells of the component, and in the middle of loops that are no fans.
+//! face of a cell that is not shared by two cells of the component, and in the middle of loops that are not fans.
 
 use rayon::prelude::*;
 use shapelex_geometry::mesh::TriangleMesh;

@@ -12,7 +12,7 @@
 //! * [`sheets`] — responses and normals; their crests; the usual threshold;
 //! * [`surface`] — of a list of cells, those nearest to a centre in every direction, and those that hang together.
 //!
-//! A usual edge map of what a dark shell encloses: `Sheets::new` with [`Polarity::Dark`](crate::energy::Polarity), then
+//! A usual edge map of the interior of a dark shell: `Sheets::new` with [`Polarity::Dark`](crate::energy::Polarity), then
 //! `crests(threshold(0.3, 99))`, [`innermost`], [`largest_component`], and [`edge_map`].
 
 mod hessian;

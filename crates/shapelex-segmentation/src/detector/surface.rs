@@ -13,7 +13,7 @@ use crate::frame::Frame;
 /// cell of it. Through narrower ones the cells of the surface behind are seen.
 const RINGS: f64 = 2.4;
 
-/// What belongs to the innermost surface.
+/// Criteria of the innermost surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Innermost {
     /// A rough centre, in index coordinates.
@@ -25,7 +25,7 @@ pub struct Innermost {
     pub along: f64,
     /// Distance from the centre above which surfaces are looked for, in units of length.
     pub beyond: f64,
-    /// Depth of what is kept in every direction, in units of length.
+    /// Depth of the layer kept in every direction, in units of length.
     pub depth: f64,
 }
 

@@ -29,7 +29,7 @@ use super::shape::{Shape, forbidden};
 use crate::boundary::{Boundary, Differential};
 use crate::frame::Frame;
 
-/// What attracts.
+/// The attracting shape or span.
 #[derive(Debug, Clone)]
 enum Attractor {
     /// The class of a shape, given by its control points, coordinate-major.
@@ -47,7 +47,7 @@ pub struct Prior<const D: usize> {
     /// From free points to the control points of the metric, and the transpose; `None` if they are the same.
     lift: Option<[SparseRows; 2]>,
     frame: Frame<D>,
-    /// The boundary that measures what shapes enclose; `None` for that of the samples of the image.
+    /// The boundary that measures enclosed areas and volumes; `None` for that of the samples of the image.
     enclosing: Option<Arc<dyn Boundary<D>>>,
 }
 
@@ -102,7 +102,7 @@ impl<const D: usize> Prior<D> {
         self
     }
 
-    /// The same, with what shapes enclose measured by this boundary.
+    /// The same, with enclosed areas and volumes measured by this boundary.
     #[must_use]
     pub fn measured_by(self, enclosing: Arc<dyn Boundary<D>>) -> Self {
         Self { enclosing: Some(enclosing), ..self }

@@ -2,7 +2,7 @@
 
 use crate::boundary::{Boundary, Differential, Samples};
 
-/// Whether objects are brighter or darker than what is around them.
+/// Whether objects are brighter or darker than their surroundings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Polarity {
     /// Bright objects on dark ground, `s = +1`.

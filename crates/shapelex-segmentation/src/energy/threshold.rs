@@ -4,7 +4,7 @@
 //! E_t = (θ Vol(Ω) − ∫_Ω g)/V₀,   g = clamp(f_σ/level, 0, 1)
 //! ```
 //!
-//! `θ Vol` is a term of its own: integrated as part of a field that is zero outside of the image, the exterior would cost
+//! `θ Vol` is a separate term: integrated as part of a field that is zero outside of the image, the exterior would cost
 //! nothing.
 
 use std::sync::Arc;

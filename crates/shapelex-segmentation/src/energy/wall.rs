@@ -5,8 +5,8 @@
 //! ```
 //!
 //! `m` is the middle of the box and `h` are halves of its sides. Within the box scaled by `f` the wall is not felt; beyond it, the
-//! energy grows with the square of the distance. It is what a box says about an object and an image does not: that what is farther
-//! away belongs to others.
+//! energy grows with the square of the distance. It adds the information of a box that an image lacks: that parts farther
+//! away belong to others.
 
 use super::shape::Shape;
 use crate::boundary::Differential;

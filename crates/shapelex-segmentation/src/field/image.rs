@@ -74,6 +74,11 @@ impl<T: Value> Image<T> {
         &self.values
     }
 
+    /// The values, x fastest, without the image.
+    pub(crate) fn into_values(self) -> Vec<T> {
+        self.values
+    }
+
     /// The value of a cell.
     ///
     /// # Panics
@@ -126,19 +131,81 @@ impl<T: Value> Image<T> {
 
     /// Percentile of the values: see [`percentile`].
     pub fn percentile(&self, percent: f64) -> f64 {
-        percentile(self.values.iter().map(|value| value.to_f64()).collect(), percent).unwrap_or(0.0)
+        percentile_of(self.values.iter().map(|value| value.to_f64()), percent).unwrap_or(0.0)
     }
 }
 
 /// Value below which `percent` of the values lie, with linear interpolation between the two nearest order statistics:
 /// position `percent/100 · (n − 1)`. `None` without values. Expected cost `O(n)`.
-pub fn percentile(mut values: Vec<f64>, percent: f64) -> Option<f64> {
+pub fn percentile(values: Vec<f64>, percent: f64) -> Option<f64> {
+    percentile_of(values.iter().copied(), percent)
+}
+
+/// Bits of a number by which values are counted at once: of the first ones, sign, exponent and four digits.
+const COUNTED: u32 = 16;
+
+/// Number of values up to which they are ordered at once.
+const FEW: usize = 1 << 13;
+
+/// [`percentile`], by counts of values of the same leading bits: only those around the percentile are ordered.
+fn percentile_of(values: impl ExactSizeIterator<Item = f64> + Clone, percent: f64) -> Option<f64> {
     let position = percent.clamp(0.0, 100.0) / 100.0 * values.len().checked_sub(1)? as f64;
     let (below, part) = (position.floor() as usize, position.fract());
+    let all = Near { below, beyond: f64::INFINITY, values: Vec::new() };
+    let mut near = match values.len() <= FEW {
+        true => Near { values: values.collect(), ..all },
+        false => all.narrowed(values, u64::BITS - COUNTED)?,
+    };
+    for shift in [2 * COUNTED, COUNTED, 0] {
+        if near.values.len() <= FEW || near.values.iter().all(|value| *value == near.values[0]) {
+            break;
+        }
+        let values = std::mem::take(&mut near.values);
+        near = near.narrowed(values.iter().copied(), shift)?;
+    }
+    let Near { below, beyond, mut values } = near;
     let (_, low, above) = values.select_nth_unstable_by(below, f64::total_cmp);
     let low = *low;
-    let high = if part > 0.0 { above.iter().copied().fold(f64::INFINITY, f64::min) } else { low };
+    let high = if part > 0.0 { above.iter().copied().fold(beyond, f64::min) } else { low };
     Some(low + part * (high - low))
+}
+
+/// Values around a percentile.
+struct Near {
+    /// Number of them below it.
+    below: usize,
+    /// The smallest of the values that are larger than these, as far as it matters.
+    beyond: f64,
+    values: Vec<f64>,
+}
+
+impl Near {
+    /// Those of `values`, which agree in all bits before the ones counted, that agree in these with the value at the percentile.
+    fn narrowed(self, values: impl Iterator<Item = f64> + Clone, shift: u32) -> Option<Self> {
+        let counted = |value: f64| (order(value) >> shift) as usize & ((1 << COUNTED) - 1);
+        let mut counts = vec![0_u32; 1 << COUNTED];
+        values.clone().for_each(|value| counts[counted(value)] += 1);
+        let mut before = 0;
+        let found = counts.iter().position(|&count| {
+            before += count as usize;
+            before > self.below
+        })?;
+        let below = self.below - (before - counts[found] as usize);
+        let is_last = below + 1 == counts[found] as usize;
+        let next = counts[found + 1..].iter().position(|&count| count > 0).filter(|_| is_last);
+        let beyond = next.map(|after| {
+            let after = values.clone().filter(|value| counted(*value) == found + 1 + after);
+            after.fold(f64::INFINITY, f64::min)
+        });
+        let values = values.filter(|value| counted(*value) == found).collect();
+        Some(Self { below, beyond: beyond.unwrap_or(self.beyond), values })
+    }
+}
+
+/// A number that is in the order of [`f64::total_cmp`].
+fn order(value: f64) -> u64 {
+    let bits = value.to_bits();
+    if value.is_sign_negative() { !bits } else { bits | 1 << 63 }
 }
 
 #[cfg(test)]
@@ -154,6 +221,29 @@ mod tests {
         }
         assert_eq!(percentile(Vec::new(), 50.0), None);
         assert_eq!(percentile(vec![3.0], 99.0), Some(3.0));
+    }
+
+    #[test]
+    fn percentiles_of_many_values_are_those_of_sorted_ones() {
+        type Draw = fn(usize) -> f64;
+        let draws: [Draw; 4] = [
+            |k| (k as f64 * 0.7).sin() * ((k % 61) as f64 - 30.0).exp2(),
+            |k| ((k * 7919) % 256) as f64,
+            |k| if k.is_multiple_of(3) { 0.0 } else { -0.0 },
+            |k| if k < 9000 { 1.0 } else { 1e9 },
+        ];
+        for draw in draws {
+            let values: Vec<f64> = (0..20_000).map(draw).collect();
+            let mut sorted = values.clone();
+            sorted.sort_by(f64::total_cmp);
+            for percent in [0.0, 0.003, 1.0, 44.998, 45.0, 50.0, 99.0, 99.5, 100.0] {
+                let position = percent / 100.0 * (values.len() - 1) as f64;
+                let (below, part) = (position.floor() as usize, position.fract());
+                let (low, high) = (sorted[below], sorted[(below + 1).min(values.len() - 1)]);
+                let expected = low + part * (if part > 0.0 { high } else { low } - low);
+                assert_eq!(percentile(values.clone(), percent), Some(expected), "{percent} %");
+            }
+        }
     }
 
     #[test]

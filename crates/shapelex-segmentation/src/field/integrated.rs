@@ -10,6 +10,9 @@
 //! because the gradient of a discrete boundary integral contains the sampling error of `∂G/∂y`, which is about thirty times as
 //! large for linear interpolation.
 
+use std::fmt;
+use std::sync::{Arc, OnceLock};
+
 use super::image::{Image, Value};
 
 /// Columns of zeros to the left, and of the total of the row to the right.
@@ -25,7 +28,39 @@ pub struct Integrated<const D: usize> {
     size: [usize; 3],
     /// Number of sums in a padded row, and of padded rows in a slice.
     padded: [usize; 2],
-    sums: Vec<f64>,
+    sums: Sums,
+}
+
+/// Makes the values of a row of an image.
+type MakeRow = dyn Fn(usize) -> Vec<f64> + Send + Sync;
+
+/// Sums of padded rows.
+#[derive(Clone)]
+enum Sums {
+    /// Of all rows, one after the other.
+    All(Vec<f64>),
+    /// Of the rows of an image in the plane that were asked for. One object lies in few of them.
+    Asked { rows: Vec<OnceLock<Box<[f64]>>>, make: Arc<MakeRow> },
+}
+
+impl fmt::Debug for Sums {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::All(sums) => formatter.debug_tuple("All").field(sums).finish(),
+            Self::Asked { rows, .. } => {
+                formatter.debug_struct("Asked").field("rows", rows).finish_non_exhaustive()
+            }
+        }
+    }
+}
+
+/// Writes the sums of a row, padded.
+fn sum_row(row: impl Fn(usize) -> Option<f64>, out: &mut [f64]) {
+    let mut sum = 0.0;
+    for (i, out) in out.iter_mut().enumerate().skip(COLUMNS_BEYOND) {
+        sum += row(i - COLUMNS_BEYOND).unwrap_or(0.0);
+        *out = sum;
+    }
 }
 
 impl<const D: usize> Integrated<D> {
@@ -40,19 +75,31 @@ impl<const D: usize> Integrated<D> {
         let sums = Image::from_rows(padded, |j, k, out: &mut [f64]| {
             let (j, k) = (j.wrapping_sub(ROWS_BEYOND), k.wrapping_sub(slices_beyond));
             if j < size[1] && k < size[2] {
-                let mut sum = 0.0;
-                for (i, out) in out.iter_mut().enumerate().skip(COLUMNS_BEYOND) {
-                    sum += image.row(j, k).get(i - COLUMNS_BEYOND).map_or(0.0, |value| value.to_f64());
-                    *out = sum;
-                }
+                sum_row(|i| image.row(j, k).get(i).map(|value| value.to_f64()), out);
             }
         });
-        Self { size, padded: [padded[0], padded[1]], sums: sums.values().to_vec() }
+        Self { size, padded: [padded[0], padded[1]], sums: Sums::All(sums.into_values()) }
     }
 
     /// Number of cells of the image along x, y, z.
     pub fn size(&self) -> [usize; 3] {
         self.size
+    }
+
+    /// The sums of a padded row, made by the first caller that asks for them.
+    #[inline]
+    fn row(&self, row: usize) -> &[f64] {
+        match &self.sums {
+            Sums::All(sums) => &sums[row * self.padded[0]..(row + 1) * self.padded[0]],
+            Sums::Asked { rows, make } => rows[row].get_or_init(|| {
+                let mut sums = vec![0.0; self.padded[0]];
+                if let Some(j) = row.checked_sub(ROWS_BEYOND).filter(|j| *j < self.size[1]) {
+                    let values = make(j);
+                    sum_row(|i| values.get(i).copied(), &mut sums);
+                }
+                sums.into()
+            }),
+        }
     }
 
     /// First padded index and the weights along x: `β³(x − i − 1/2)` and its derivative.
@@ -89,8 +136,7 @@ impl<const D: usize> Integrated<D> {
     ) -> [f64; 3] {
         let mut sums = [0.0; 3];
         for j in 0..3 {
-            let start = (slice * self.padded[1] + row + j) * self.padded[0] + first;
-            let taps = &self.sums[start..start + 4];
+            let taps = &self.row(slice * self.padded[1] + row + j)[*first..*first + 4];
             let value = taps[0] * values[0] + taps[1] * values[1] + taps[2] * values[2] + taps[3] * values[3];
             let slope = taps[0] * slopes[0] + taps[1] * slopes[1] + taps[2] * slopes[2] + taps[3] * slopes[3];
             sums[0] += across[j] * value;
@@ -98,6 +144,16 @@ impl<const D: usize> Integrated<D> {
             sums[2] += across_slopes[j] * value;
         }
         sums
+    }
+}
+
+impl<const D: usize> Integrated<D> {
+    /// The field of an image in the plane whose rows `make` gives, each of them when it is asked for first. The bits are those of
+    /// [`Integrated::new`]. `D` is 2.
+    pub(crate) fn of_rows(size: [usize; 3], make: Arc<MakeRow>) -> Self {
+        debug_assert!(D == 2 && size[2] == 1, "rows of {size:?}");
+        let padded = [size[0] + 2 * COLUMNS_BEYOND, size[1] + 2 * ROWS_BEYOND];
+        Self { size, padded, sums: Sums::Asked { rows: vec![OnceLock::new(); padded[1]], make } }
     }
 }
 
@@ -125,5 +181,25 @@ impl Integrated<3> {
             gradient[2] += slopes[k] * value;
         }
         (sum, gradient)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_that_are_asked_for_are_those_made_in_advance() {
+        let value = |at: usize| (0.37 * at as f64).sin();
+        let image = Image::new([9, 7, 1], (0..63).map(value).collect()).unwrap();
+        let all = Integrated::<2>::new(&image);
+        let asked = Integrated::<2>::of_rows(image.size(), Arc::new(move |j| image.row(j, 0).to_vec()));
+        for k in 0..500 {
+            let at = [-3.0 + 0.031 * k as f64, 9.0 - 0.027 * k as f64];
+            assert_eq!(all.at(at), asked.at(at), "{at:?}");
+        }
+        let few = asked.clone();
+        let Sums::Asked { rows, make } = few.sums else { panic!("rows are made when asked for") };
+        assert!(rows.iter().any(|row| row.get().is_some()) && make(0).len() == 9);
     }
 }

@@ -23,7 +23,7 @@ const NOTHING: f64 = 1.0;
 /// Part of the cells of a shape that must be in the image.
 const INSIDE: f64 = 0.5;
 
-/// What is wrong with a shape.
+/// Fault of a shape.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Fault {
     /// The shape encloses regions twice or negatively, or crosses itself.

@@ -47,7 +47,7 @@ const MANY: usize = 100;
 /// A stage of a segmentation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stage {
-    /// What is free.
+    /// The free part.
     pub free: Free,
     /// Blur of the image; one of those of the scene.
     pub sigma: Blur,
@@ -187,7 +187,7 @@ impl From<Fault> for Outcome {
     }
 }
 
-/// What one run of a stage did.
+/// Report on one run of a stage.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StageReport {
     /// Position of the stage.
@@ -202,7 +202,7 @@ pub struct StageReport {
     pub spacing: f64,
     /// Why the minimisation ended.
     pub ending: Ending,
-    /// What the check found.
+    /// Fault found by the check.
     pub fault: Option<Fault>,
 }
 
@@ -330,9 +330,9 @@ struct Run<'a, const D: usize> {
     measures: Measures,
     /// The box that the shape is kept to.
     wall: Option<Wall<D>>,
-    /// What attracts to the first shape.
+    /// Attraction to the first shape.
     hold: Option<Hold<D>>,
-    /// What measures areas and volumes exactly.
+    /// Boundary that measures areas and volumes exactly.
     enclosing: Arc<dyn Boundary<D>>,
     rows: Vec<[f64; D]>,
     spacing: f64,

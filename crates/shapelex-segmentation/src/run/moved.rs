@@ -1,10 +1,10 @@
-//! A result beside its start: sizes, centres, and what they have in common.
+//! A result beside its start: sizes, centres, and overlap.
 //!
 //! ```text
 //! ratio = V/V₀,   shared = |Ω ∩ Ω₀|/|Ω₀| in cells,   c = 1/V ∫_Ω x dV
 //! ```
 //!
-//! A minimum of the energy may lie at another object, and the minimisation ends there as well as anywhere. What tells is the
+//! A minimum of the energy may lie at another object, and the minimisation ends there as well as anywhere. The sign of it is the
 //! distance from the start: a result of a very different size, or one that no longer contains the centre of its start, has left
 //! the object that the start pointed at.
 
@@ -18,7 +18,7 @@ use crate::snake::Outline;
 pub struct Extent<const D: usize> {
     /// The enclosed area or volume.
     pub size: f64,
-    /// The centroid of what is enclosed.
+    /// The centroid of the enclosed part.
     pub centre: [f64; D],
 }
 
@@ -113,7 +113,7 @@ mod tests {
         assert!(smaller.has_left(2.0) && !smaller.has_left(15.0) && smaller.contains_centre);
     }
 
-    /// A ring does not contain its own centre: what counts is whether anything is shared.
+    /// A ring does not contain its own centre: the test is whether anything is shared.
     #[test]
     fn rings_do_not_have_to_contain_their_centres() {
         let ring = |dx: f64| {

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use crate::SegmentationError;
 use crate::blur::Blur;
 use crate::energy::{Contour, LocalContrast, Polarity, Shape, Term, Threshold, TwoClass};
-use crate::field::filter::{blur, gradient_length, laplacian};
+use crate::field::filter::{DerivativeRows, LaplacianRows, blur, gradient_length, laplacian};
 use crate::field::image::percentile;
 use crate::field::{Image, Integrated, Value};
 use crate::frame::Frame;
@@ -64,7 +64,7 @@ pub enum ImageTerm {
     TwoClass,
 }
 
-/// An image term with the field that it integrates: the image, or what is derived of it.
+/// An image term with the field that it integrates: the image, or a derived one.
 #[derive(Debug, Clone)]
 pub struct FieldTerm {
     /// The field.
@@ -101,7 +101,7 @@ fn distinct(sigmas: &[Blur]) -> Vec<Blur> {
     found
 }
 
-/// What is prepared of a term for one blur.
+/// Prepared form of a term for one blur.
 #[derive(Debug, Clone)]
 enum Prepared<const D: usize> {
     Contour {
@@ -182,7 +182,8 @@ impl Measures {
 impl<const D: usize> Scene<D> {
     /// Prepares an image for terms with weights, at the blurs of the stages.
     ///
-    /// Memory: about 24 bytes per cell and blur of every term while preparing, 8 to keep.
+    /// Memory: about 24 bytes per cell and blur of every term while preparing, 8 to keep; in the plane, rows of the terms `Contour` and
+    /// `LocalContrast` are made when an object asks for them.
     pub fn new<T: Value>(
         image: &Image<T>,
         frame: Frame<D>,
@@ -201,7 +202,7 @@ impl<const D: usize> Scene<D> {
         Self::of_fields(image.size(), frame, &terms, &sigmas, &never).expect("nothing stops")
     }
 
-    /// As [`Scene::new`] for terms with fields of their own, all of one `size`. `None` if the caller wants to stop, which is looked at
+    /// As [`Scene::new`] for terms with separate fields, all of one `size`. `None` if the caller wants to stop, which is looked at
     /// before each term and blur.
     pub fn of_fields(
         size: [usize; 3],
@@ -308,9 +309,31 @@ fn around(bounds: Option<[[f64; 3]; 2]>, size: [usize; 3]) -> [Range<usize>; 3] 
     })
 }
 
+/// The Laplacian of the blurred image. In the plane, rows are made when an object asks for them.
+fn integrated_laplacian<const D: usize>(
+    image: &Arc<Image>,
+    frame: &Frame<D>,
+    cells: [f64; 3],
+) -> Integrated<D> {
+    if D != 2 {
+        return Integrated::new(&laplacian(image, cells, frame.metric()));
+    }
+    let (image, rows) = (image.clone(), LaplacianRows::new(image.size(), cells, frame.metric()));
+    Integrated::of_rows(image.size(), Arc::new(move |j| rows.row(&image, j)))
+}
+
+/// The blurred image, likewise.
+fn integrated_blur<const D: usize>(image: &Arc<Image>, cells: [f64; 3]) -> Integrated<D> {
+    if D != 2 {
+        return Integrated::new(&blur(image, cells));
+    }
+    let (image, rows) = (image.clone(), DerivativeRows::new(image.size(), cells, [0; 3]));
+    Integrated::of_rows(image.size(), Arc::new(move |j| rows.row(&image, j)))
+}
+
 /// Prepares a term for a blur. `measured`: see [`measured`].
 fn prepare<const D: usize>(
-    image: &Image,
+    image: &Arc<Image>,
     frame: &Frame<D>,
     term: &ImageTerm,
     measured: Option<f64>,
@@ -327,7 +350,7 @@ fn prepare<const D: usize>(
                     measured.unwrap_or(0.0) * (MEASURED * cell / sigma.mean(D).max(cell)).powf(SHEET_POWER)
                 }
             };
-            let laplacian = Arc::new(Integrated::new(&laplacian(image, cells, frame.metric())));
+            let laplacian = Arc::new(integrated_laplacian(image, frame, cells));
             Prepared::Contour { laplacian, polarity: *polarity, edge }
         }
         ImageTerm::Threshold { theta, level: Some(level) } => {
@@ -338,9 +361,8 @@ fn prepare<const D: usize>(
             Prepared::Blurred { image: Arc::new(blur(image, cells)), theta: *theta }
         }
         ImageTerm::LocalContrast { polarity } => {
-            let [low, high] = RANGE.map(|percent| image.percentile(percent));
-            let image = Arc::new(Integrated::new(&blur(image, cells)));
-            Prepared::LocalContrast { image, polarity: *polarity, contrast: high - low }
+            let image = Arc::new(integrated_blur(image, cells));
+            Prepared::LocalContrast { image, polarity: *polarity, contrast: measured.unwrap_or(0.0) }
         }
         ImageTerm::TwoClass => {
             let blurred = blur(image, cells);
@@ -362,11 +384,15 @@ fn cell_side<const D: usize>(frame: &Frame<D>) -> f64 {
     frame.determinant().abs().powf(1.0 / D as f64)
 }
 
-/// What a term needs that does not depend on the blur of a stage: `e_3`, for sheets.
+/// Data of a term that do not depend on the blur of a stage: `e_3` for sheets, `con` for the local contrast.
 fn measured<const D: usize>(image: &Image, frame: &Frame<D>, term: &ImageTerm) -> Option<f64> {
     match term {
         ImageTerm::Contour { edges: EdgeScale::Sheets(percent), .. } => {
             Some(edge(image, frame, Blur::from(MEASURED * cell_side(frame)), *percent))
+        }
+        ImageTerm::LocalContrast { .. } => {
+            let [low, high] = RANGE.map(|percent| image.percentile(percent));
+            Some(high - low)
         }
         _ => None,
     }

@@ -65,7 +65,7 @@ impl Outline {
         is_finite.then_some(Grid { first, spacing: [1.0; 3], size })
     }
 
-    /// The centroid of what is enclosed; of an outline that encloses nothing, a point of it. In the plane, the third coordinate is 0.
+    /// The centroid of the enclosed part; of an outline that encloses nothing, a point of it. In the plane, the third coordinate is 0.
     ///
     /// ```text
     /// c = o + Σ V_i (vertices of simplex i − o)/((d + 1) Σ V_i),   V_i: signed volume of the simplex of a face and the point o

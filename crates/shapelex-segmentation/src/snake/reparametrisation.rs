@@ -7,7 +7,7 @@
 
 use shapelex_numeric::dense::{Matrix, multiply, svd, transpose_multiply};
 
-/// What is free in a stage.
+/// Free part of a shape in a stage.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Free {
     /// An affine map of the shape at the start of the stage.

@@ -26,7 +26,7 @@ impl SubdivisionSnake {
     /// The surfaces of a control mesh.
     ///
     /// # Errors
-    /// Faces that are no closed mesh; vertices without a rule; [`GeometryError::NotLinear`].
+    /// Faces that are not a closed mesh; vertices without a rule; [`GeometryError::NotLinear`].
     pub fn new(subdivision: Subdivision) -> Result<Self, GeometryError> {
         let control = subdivision.connectivity.connectivity()?;
         let (steps, levels, _) = steps(subdivision.scheme, &control, subdivision.level)?;

@@ -162,7 +162,7 @@ impl Attribute {
         }
     }
 
-    /// What [`Self::parse`] wants.
+    /// Form that [`Self::parse`] expects.
     pub const WANTED: &str = "expected 'external_id', 'label', 'subject', 'labels.<attribute>', 'measures.<measure>' or 'created_at'";
 
     /// Name of a further attribute.
@@ -205,6 +205,26 @@ impl Attribute {
                 }
                 Value::Null | Value::Array(_) | Value::Object(_) => None,
             },
+        }
+    }
+
+    /// Value as a number, of a value as [`Store::values`](crate::store::Store::values) reads it: that of [`Self::number`].
+    pub fn number_of(&self, value: &Value) -> Option<f64> {
+        match (self, value) {
+            (Self::CreatedAt, _) => None,
+            (Self::Labels(_), Value::Number(number)) if is_beyond(number) => None,
+            (_, Value::Number(number)) => number.as_f64().filter(|number| number.is_finite()),
+            _ => None,
+        }
+    }
+
+    /// Value as text, of a value as [`Store::values`](crate::store::Store::values) reads it: that of [`Self::text`].
+    pub fn text_of(&self, value: &Value) -> Option<String> {
+        match (self, value) {
+            (_, Value::Null) => None,
+            (_, Value::String(text)) => Some(text.clone()),
+            (Self::Measure(_), Value::Number(number)) => number.as_f64().map(|number| number.to_string()),
+            (_, other) => Some(other.to_string()),
         }
     }
 

@@ -1,4 +1,4 @@
-//! Audit trail: who did what to which object, when, and with what outcome.
+//! Audit trail: who did what to which object, when, and the outcome.
 //!
 //! The entries of a tenant form a hash chain: each digest covers the previous one, so that changing, removing or inserting
 //! an entry changes all later digests.

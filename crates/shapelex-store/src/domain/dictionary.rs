@@ -67,8 +67,8 @@ pub struct Provenance {
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     #[cfg_attr(feature = "schema", schema(max_items = 20))]
     pub less_counted: Vec<LessCountedShape>,
-    /// What should be known of the shapes in everything that is computed with the dictionary: contours drawn both ways round where
-    /// their direction counts, surfaces whose parameters do not correspond.
+    /// Warnings about the shapes in everything that is computed with the dictionary: contours drawn both ways round
+    /// where their direction counts, surfaces whose parameters do not correspond.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     #[cfg_attr(feature = "schema", schema(max_items = 10))]
     pub warnings: Vec<String>,

@@ -98,7 +98,7 @@ impl ShapeFilter {
         }
     }
 
-    /// What is wrong if it has more conditions or values than a filter may have.
+    /// The fault, if it has more conditions or values than a filter may have.
     pub fn excess(&self) -> Option<String> {
         let operators = |(_, condition): (Attribute, &Condition)| condition.operators();
         let values = |(_, condition): (Attribute, &Condition)| condition.values().count();
@@ -110,8 +110,8 @@ impl ShapeFilter {
         Some(format!("expected a filter of at most {most} {what}, got {found}"))
     }
 
-    /// Names that no attribute has, and values that cannot be compared with those of their attribute: the attribute, and what is
-    /// wrong.
+    /// Names that no attribute has, and values that cannot be compared with those of their attribute: the attribute, and the
+    /// fault.
     pub fn faults(&self) -> Vec<(Attribute, String)> {
         let of = |(attribute, condition): (Attribute, &Condition)| {
             let texts = condition.values().chain(attribute.label_name());

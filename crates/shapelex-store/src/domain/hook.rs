@@ -115,7 +115,7 @@ pub struct HookFailure {
     pub attempt: u32,
     /// Status code of the answer, if there was one.
     pub status: Option<u16>,
-    /// What failed.
+    /// The failure.
     pub detail: String,
 }
 

@@ -20,6 +20,14 @@ pub enum JobKind {
     Regress,
     /// Fits a linear model to shapes.
     Model,
+    /// Measures the repeatability of shapes.
+    Repeatability,
+    /// Measures how blocks vary together.
+    TwoBlocks,
+    /// Measures whether parts of shapes are modules.
+    Modularity,
+    /// Measures symmetry and asymmetry.
+    Symmetry,
     /// Assesses the shapes of a cohort with a dictionary.
     Assess,
     /// Segments objects of an image.
@@ -39,6 +47,10 @@ impl JobKind {
             Self::Compare => "compare",
             Self::Regress => "regress",
             Self::Model => "model",
+            Self::Repeatability => "repeatability",
+            Self::TwoBlocks => "two_blocks",
+            Self::Modularity => "modularity",
+            Self::Symmetry => "symmetry",
             Self::Assess => "assess",
             Self::Segment => "segment",
             Self::Report => "report",
@@ -176,6 +188,11 @@ impl JobOutput {
     /// Media type of an output that is a file.
     pub fn media_type(&self) -> Option<&str> {
         self.head.get("media_type")?.as_str()
+    }
+
+    /// Whether the output is a model that is kept for predictions.
+    pub fn is_model(&self) -> bool {
+        self.head.get("model").is_some()
     }
 
     /// Parts that the head of an output describes.

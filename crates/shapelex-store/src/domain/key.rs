@@ -1,4 +1,4 @@
-//! API keys: the text that a program presents, and what is stored of it.
+//! API keys: the text that a program presents, and its stored form.
 //!
 //! ```text
 //! shk_<32 hexadecimal digits of the id>_<64 of the secret>
@@ -27,7 +27,7 @@ pub struct Key {
     pub tenant: String,
     /// Display name; need not be unique.
     pub name: String,
-    /// Role, which determines what the bearer may do.
+    /// Role, which determines the rights of the bearer.
     pub role: Role,
     /// Ids of the only cohorts the key gives access to; `None` for all of the tenant.
     pub cohorts: Option<Vec<String>>,

@@ -30,17 +30,17 @@ impl Receipt {
 /// Maximum length of a key in characters.
 pub const MAX_KEY_CHARS: usize = 255;
 
-/// Key of what the job with this id stores. No client has it: it begins with a character that is not printable.
+/// Key of the writes of the job with this id. No client has it: it begins with a character that is not printable.
 pub fn job_key(id: &str) -> String {
     format!("{JOB_MARK}{id}")
 }
 
 /// First character of the keys of jobs.
 pub const JOB_MARK: char = '\u{1}';
-/// First character of what a key is kept as once it may name shapes that were erased.
+/// First character of the stored form of a key once it may name shapes that were erased.
 const HIDDEN_MARK: char = '\u{2}';
 
-/// What a key is kept as once it may name shapes that were erased: a digest.
+/// Stored form of a key once it may name shapes that were erased: a digest.
 pub fn hidden_key(key: &str) -> String {
     if key.starts_with(HIDDEN_MARK) {
         return key.into();

@@ -42,13 +42,13 @@ pub struct ShapeMeasures {
     pub self_intersecting: Option<bool>,
     /// Whether a closed planar curve runs clockwise.
     pub clockwise: Option<bool>,
-    /// What the fit to a mesh whose parameters were computed has left.
+    /// Residual of the fit to a mesh whose parameters were computed.
     pub fit: Option<FitResidual>,
     /// How a contour ran as it was given, where its start or its direction was changed; `None` also of contours of earlier versions.
     pub beginning: Option<Beginning>,
 }
 
-/// What the fit of a surface to the mesh that it came as has left.
+/// Residual of the fit of a surface to its uploaded mesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FitResidual {
     /// Mean distance of the points of the mesh from their places on the surface, over its area.
@@ -85,6 +85,15 @@ pub struct Shape {
     pub control_points: Vec<f64>,
     /// Creation time, milliseconds since 1970 UTC.
     pub created_at_ms: i64,
+}
+
+impl Shape {
+    /// Control points and weight of a stored shape of which nothing else is known.
+    pub fn of_numbers(control_points: Vec<f64>, weight: f64) -> Self {
+        let attributes = ShapeAttributes { weight, ..ShapeAttributes::default() };
+        let measures = ShapeMeasures::default();
+        Self { id: String::new(), attributes, measures, control_points, created_at_ms: 0 }
+    }
 }
 
 /// Attributes of a stored shape, without its geometry.

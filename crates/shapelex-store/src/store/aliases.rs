@@ -27,7 +27,7 @@ pub struct AliasMove<'a> {
     pub expected: Option<u64>,
 }
 
-/// What became of an alias.
+/// Outcome of a move of an alias.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AliasMoved {
     /// It is new.

@@ -1,10 +1,10 @@
-//! What methods of the store return.
+//! Return types of methods of the store.
 
 use std::pin::Pin;
 
 use super::error::StoreError;
 
-/// What a method of the store does, and will return.
+/// Work of a method of the store, with its result.
 ///
 /// The body of an `async fn` in an `impl` is compiled where it is awaited, which is in the crate above. Behind a pointer it is compiled
 /// here, once, with the queries it makes. The allocation is nothing beside a statement.

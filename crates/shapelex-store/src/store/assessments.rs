@@ -1,4 +1,4 @@
-//! Assessments of stored shapes: what a version of a dictionary said of them.
+//! Assessments of stored shapes: results of a version of a dictionary.
 //!
 //! There is one for each shape and version, the latest. Those of a shape that is deleted are kept and not listed; they go when
 //! its subject is erased, and with the cohort and the dictionary.
@@ -54,7 +54,7 @@ pub struct StoredAssessment {
     pub body: String,
 }
 
-/// What a list of assessments holds, in the order of the ids of dictionaries and shapes.
+/// Selection of a list of assessments, in the order of the ids of dictionaries and shapes.
 #[derive(Debug, Clone)]
 pub struct AssessmentListing<'a> {
     /// Filter that the shapes pass.

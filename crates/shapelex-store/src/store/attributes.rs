@@ -3,6 +3,8 @@
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
+use serde_json::Value;
+
 use super::answer::Answer;
 use super::blob::{self, Chunk};
 use super::engine::{Row, Transaction, sql, to_sql};
@@ -11,15 +13,27 @@ use super::filter::{Revisions, Selection};
 use super::handle::{Store, blocking};
 use super::order::Cursor;
 use super::shapes::{described, from_json, read_measures};
-use crate::domain::attribute::Attribute;
+use crate::domain::attribute::{Attribute, Measure};
 use crate::domain::filter::ShapeFilter;
 use crate::domain::shape::{MAX_NAMES, ShapeDescription, ShapeMeasures};
 
 /// Number of rows read at once.
 const DESCRIBED_AT_ONCE: usize = 4096;
 
+/// Number of chunks whose values are read at once.
+const CHUNKS_WITH_VALUES: usize = 64;
+
 /// Number of shapes measured at once.
 const MEASURED_AT_ONCE: i64 = 512;
+
+/// Values of some attributes of consecutive shapes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ValuesPage {
+    /// Place of each shape.
+    pub places: Vec<Cursor>,
+    /// Values of each shape, one for each attribute; null where there is none.
+    pub values: Vec<Vec<Value>>,
+}
 
 /// A shape that has not been measured: a row of an earlier version.
 #[derive(Debug, Clone, PartialEq)]
@@ -100,6 +114,32 @@ impl Store {
                     move || rows.iter().map(read_description).collect::<Result<Vec<_>, StoreError>>();
                 found.extend(blocking(described).await?);
             }
+        })
+    }
+
+    /// Values of some attributes of the next shapes between the revisions that pass the filter, in storage order; `None` behind the last.
+    /// `after` is the last place of the page before.
+    ///
+    /// Cost: a pass over the attributes of the shapes; a page holds those of at most 64 chunks.
+    ///
+    /// # Errors
+    /// [`StoreError::CohortGone`].
+    pub fn values<'a>(
+        &'a self,
+        cohort_id: &'a str,
+        revisions: Revisions,
+        filter: &'a ShapeFilter,
+        attributes: &'a [Attribute],
+        after: Option<Cursor>,
+    ) -> Answer<'a, Option<ValuesPage>> {
+        Box::pin(async move {
+            let mut read = self.begin_read().await?;
+            let cohort = self.number(&mut read, cohort_id).await?;
+            let after = after.map_or((0, -1), |place| (place.chunk, i64::MAX));
+            let selection = Selection { cohort, revisions, filter, after };
+            let rows = selection.values(&mut read, attributes, CHUNKS_WITH_VALUES).all().await?;
+            let sizes: Vec<bool> = attributes.iter().map(is_written_as_text).collect();
+            blocking(move || read_values(&rows, &sizes)).await
         })
     }
 
@@ -264,6 +304,35 @@ pub(super) async fn unmeasured_at(
         }
     }
     Ok(found)
+}
+
+/// Whether values of an attribute are numbers that are read as texts.
+fn is_written_as_text(attribute: &Attribute) -> bool {
+    matches!(attribute, Attribute::Measure(measure) if !measure.is_flag() && *measure != Measure::Points)
+}
+
+/// The shapes of chunks with their values, of which some are numbers that are written as texts.
+fn read_values(rows: &[Row], are_written: &[bool]) -> Result<Option<ValuesPage>, StoreError> {
+    let mut page = ValuesPage { places: Vec::new(), values: Vec::new() };
+    for row in rows {
+        let (chunk, held): (i64, &str) = (row.get("chunk_id")?, row.get("held")?);
+        let corrupt = |_| StoreError::Corrupt { chunk };
+        let mut shapes: Vec<(i64, Vec<Value>)> = Vec::new();
+        for mut values in serde_json::from_str::<Vec<Vec<Value>>>(held).map_err(corrupt)? {
+            let position = (!values.is_empty()).then(|| values.remove(0)).and_then(|first| first.as_i64());
+            for (value, _) in values.iter_mut().zip(are_written).filter(|(_, written)| **written) {
+                let number = value.as_str().and_then(|text| text.parse::<f64>().ok());
+                *value = number.map_or(Value::Null, Value::from);
+            }
+            shapes.push((position.ok_or(StoreError::Corrupt { chunk })?, values));
+        }
+        shapes.sort_unstable_by_key(|(position, _)| *position);
+        for (position, values) in shapes {
+            page.places.push(Cursor { chunk, position });
+            page.values.push(values);
+        }
+    }
+    Ok((!page.places.is_empty()).then_some(page))
 }
 
 fn read_description(row: &Row) -> Result<ShapeDescription, StoreError> {

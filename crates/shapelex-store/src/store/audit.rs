@@ -55,7 +55,7 @@ impl Store {
             for entry in entries {
                 of_tenants.entry(&entry.tenant).or_default().push(entry);
             }
-            let mut transaction = self.begin_write(SCOPE).await?;
+            let mut transaction = self.begin_note(SCOPE).await?;
             for (tenant, entries) in of_tenants {
                 append(&mut transaction, tenant, &entries).await?;
             }
@@ -130,7 +130,7 @@ impl Store {
         Box::pin(async move {
             let mut removed = 0;
             loop {
-                let mut transaction = self.begin_write(SCOPE).await?;
+                let mut transaction = self.begin_note(SCOPE).await?;
                 let piece = prune(&mut transaction, tenant, before_ms).await?;
                 transaction.commit().await?;
                 removed += piece;

@@ -12,7 +12,7 @@ use crate::domain::change::{Change, NewChange};
 pub const MAX_CHANGES: u64 = 1_000_000;
 
 impl Store {
-    /// At most `limit` changes after number `since`, in order, restricted to what the caller may see.
+    /// At most `limit` changes after number `since`, in order, restricted to objects that the caller may see.
     ///
     /// # Errors
     /// [`StoreError::ChangesGone`] if some of them are no longer kept.

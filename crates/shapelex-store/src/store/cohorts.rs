@@ -109,8 +109,8 @@ impl Store {
 
     /// Permanently removes the cohort with this id and all its shapes; `false` if there is none.
     ///
-    /// The cohort disappears at once. Its chunks are then removed in steps, so that others can write in between; what a crash
-    /// leaves behind is removed at the next start.
+    /// The cohort disappears at once. Its chunks are then removed in steps, so that others can write in between; chunks that a crash
+    /// leaves behind are removed at the next start.
     ///
     /// # Errors
     /// Database errors.
@@ -122,7 +122,7 @@ impl Store {
                 return Ok(false);
             }
             let store = self.clone();
-            // A task of its own continues if the caller stops waiting.
+            // A separate task continues if the caller stops waiting.
             let purge = begin_task(Box::pin(async move {
                 // The cohort is gone in any case; a failed removal is retried at the next start.
                 let _ = store.purge(PURGE_ORPHANS, None).await;

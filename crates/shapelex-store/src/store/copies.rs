@@ -13,7 +13,7 @@ use super::handle::Store;
 /// Id of the row in `probe` that holds the id of the store: like the notes about the clock, it concerns one database only and is not
 /// exported.
 const IDENTITY: i64 = 5;
-/// What the hooks of a copy say.
+/// Reason that the hooks of a copy give.
 const REASON: &str = "the store is a copy: resume the hook once this copy is the one that delivers";
 
 impl Store {

@@ -1,7 +1,7 @@
 //! Corrections: shapes stored again with other attributes, and shapes deleted together.
 //!
-//! Rows are only ever ended, never changed, so that earlier revisions stay what they were: a correction ends the row of a shape
-//! and stores the shape again, under its id, as a chunk of its own.
+//! Rows are only ever ended, never changed, so that earlier revisions stay as they were: a correction ends the row of a shape
+//! and stores the shape again, under its id, as a separate chunk.
 
 use super::answer::Answer;
 use super::attributes::NewNames;

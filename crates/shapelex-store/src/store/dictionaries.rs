@@ -48,7 +48,21 @@ impl Store {
     /// # Errors
     /// Database errors.
     pub fn find_dictionary_id<'a>(&'a self, key: &'a str) -> Answer<'a, Option<String>> {
-        Box::pin(async move { self.find_version("SELECT id", key).await })
+        Box::pin(async move {
+            // Another process may change the content of a shared database; a key may be restricted to some cohorts.
+            if self.inner.lock.is_none() || self.principal.cohorts.is_some() {
+                return self.find_version("SELECT id", key).await;
+            }
+            let (names, writes) = (&self.inner.names, self.inner.writes.now());
+            if let Some(id) = names.find(self.tenant(), key, writes) {
+                return Ok(Some(id));
+            }
+            let found = self.find_version("SELECT id", key).await?;
+            if let Some(id) = &found {
+                names.keep(self.tenant(), key, writes, id);
+            }
+            Ok(found)
+        })
     }
 
     /// Name of the dictionary that `key` means, as [`Store::find_dictionary_id`] reads it.

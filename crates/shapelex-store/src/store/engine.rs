@@ -16,6 +16,7 @@ use sqlx::{
 
 use super::error::StoreError;
 use super::failure::{self, Failure};
+use super::known_names::Writes;
 use super::metrics;
 
 /// Connections of a store.
@@ -53,7 +54,7 @@ impl Pools {
             Self::Sqlite { reader, .. } => reader.begin().await.map(Connection::Sqlite),
             Self::Postgres(pool) => begin(pool, SNAPSHOT).await.map(Connection::Postgres),
         }
-        .map(|connection| Transaction { connection, writes_since: None })
+        .map(|connection| Transaction { connection, writes_since: None, writes: None })
     }
 
     /// Begins a write transaction that excludes others with the same `scope`; on SQLite it excludes all others.
@@ -69,7 +70,7 @@ impl Pools {
             }
         };
         metrics::waited(asked.elapsed());
-        Ok(Transaction { connection, writes_since: Some(Instant::now()) })
+        Ok(Transaction { connection, writes_since: Some(Instant::now()), writes: None })
     }
 
     pub(super) fn is_postgres(&self) -> bool {
@@ -124,6 +125,8 @@ pub(super) struct Transaction {
     connection: Connection,
     /// Time at which it began, if it writes.
     writes_since: Option<Instant>,
+    /// Counts it once it is committed.
+    writes: Option<Writes>,
 }
 
 #[derive(Debug)]
@@ -141,7 +144,13 @@ impl Transaction {
         if let Some(begun) = self.writes_since {
             metrics::wrote(begun.elapsed());
         }
+        self.writes.inspect(Writes::count);
         Ok(())
+    }
+
+    /// The same transaction, which `writes` counts once it is committed.
+    pub(super) fn counted_by(self, writes: &Writes) -> Self {
+        Self { writes: Some(writes.clone()), ..self }
     }
 
     pub(super) fn is_postgres(&self) -> bool {

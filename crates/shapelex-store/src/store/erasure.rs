@@ -1,9 +1,9 @@
 //! Erasure: everything that is kept of the shapes of a subject, in all cohorts of a tenant and at all revisions.
 //!
 //! For each cohort a transaction hides the rows at every revision (they are deleted by the revision that added them), empties
-//! their columns and removes what jobs have found out about them. The subject stays in the rows until the control points in the
+//! their columns and removes findings of jobs about them. The subject stays in the rows until the control points in the
 //! chunks are overwritten, in further transactions: a crash in between leaves a mark from which [`Store::finish_erasures`] goes
-//! on. Receipts lose what they say of the shapes. In the end the files are written anew (`erasures`).
+//! on. Receipts lose their facts about the shapes. In the end the files are written anew (`erasures`).
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
@@ -200,7 +200,7 @@ impl Store {
     /// Overwrites the control points and weights of the erased shapes of a subject of the tenant, or of all; returns their number.
     ///
     /// # Errors
-    /// Database errors; what is left is overwritten by the next call.
+    /// Database errors; the rest is overwritten by the next call.
     pub fn finish_erasures<'a>(&'a self, subject: Option<&'a str>, now_ms: i64) -> Answer<'a, u64> {
         Box::pin(async move {
             const MARKED: &str = "SELECT DISTINCT h.id, s.cohort, s.subject
@@ -208,7 +208,7 @@ impl Store {
                 CROSS JOIN chunk AS c ON c.id = s.chunk_id
                 WHERE s.deleted_revision IS NOT NULL AND s.deleted_revision = c.revision
                 AND coalesce(s.subject, '') <> ''";
-            // What a permanently removed cohort has left may be of the subject too.
+            // Chunks that a permanently removed cohort has left may be of the subject too.
             self.purge(PURGE_ORPHANS, None).await?;
             let mut marked = sql(self.reader(), MARKED);
             if let Some(subject) = subject {
@@ -377,7 +377,7 @@ fn shapes_of(rows: &[Held]) -> u64 {
     ids_of(rows).len() as u64
 }
 
-/// What receipts must not say any more.
+/// Facts that receipts must forget.
 fn forgotten<'a>(rows: &'a [Held], subject: &'a str) -> Forgotten<'a> {
     let mut added: BTreeMap<i64, BTreeSet<&str>> = BTreeMap::new();
     for row in rows {

@@ -1,7 +1,7 @@
 //! The list of erasures, and the files of the store written anew after them.
 //!
 //! Erased rows are overwritten. Other copies of these rows may be left in parts of the files that the database does not use:
-//! the embedded one moves rows between pages and leaves what it moved, PostgreSQL keeps earlier versions of rows. Only writing the files
+//! the embedded one moves rows between pages and leaves copies behind, PostgreSQL keeps earlier versions of rows. Only writing the files
 //! anew removes them. The embedded database does so after an erasure, while nothing else writes: at once if the file is small, otherwise
 //! by a command, as PostgreSQL.
 

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use crate::domain::shape::MAX_NAMES;
 
-/// Why the store did not do it. What it says ends in the log: never a text that a client has sent.
+/// Why the store did not do it. Its text ends in the log: never a text that a client has sent.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
     /// Another cohort has the name.
@@ -48,7 +48,7 @@ pub enum StoreError {
         /// The identifier.
         external_id: String,
     },
-    /// Another process took this one for dead and removed what it had stored so far.
+    /// Another process took this one for dead and removed the shapes it had stored so far.
     #[error("the upload was interrupted: send it again")]
     UploadLost,
     /// Stored control points do not have their checksum.
@@ -57,10 +57,10 @@ pub enum StoreError {
         /// Number of the chunk.
         chunk: i64,
     },
-    /// The database is not what this program wrote.
+    /// The database is not as this program wrote it.
     #[error("the database is damaged: restore a backup")]
     Damaged {
-        /// What is wrong, for the log.
+        /// The fault, for the log.
         detail: String,
     },
     /// The newest part of it is missing.
@@ -91,7 +91,7 @@ pub enum StoreError {
     Folder {
         /// The folder.
         path: PathBuf,
-        /// What the system says.
+        /// Error of the system.
         source: std::io::Error,
     },
     /// The schema cannot be brought up to date.
@@ -107,7 +107,7 @@ pub enum StoreError {
         /// Schema version of this program.
         known: i64,
     },
-    /// What was given as the place of the database is not one.
+    /// The given place of the database is not one.
     #[error("the address of the database cannot be read: {detail}")]
     Url {
         /// Why, without the address, which may hold a password.

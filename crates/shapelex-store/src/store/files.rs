@@ -89,7 +89,7 @@ pub(super) async fn insert(
     Ok(())
 }
 
-/// Removes the files of jobs that have ended, with the receipts of what they have stored: they do not run again.
+/// Removes the files of jobs that have ended, with the receipts of their writes: they do not run again.
 pub(super) async fn forget(write: &mut Transaction) -> Result<(), StoreError> {
     const SETTLE: &str = "DELETE FROM receipt WHERE (tenant, key) IN
         (SELECT j.tenant, $1 || j.id FROM job_file AS f JOIN job AS j ON j.id = f.job WHERE j.finished_at_ms IS NOT NULL)";

@@ -72,6 +72,48 @@ impl Selection<'_> {
         query
     }
 
+    /// Chunks with selected shapes, in order, at most `limit`: `chunk_id`, and `positions` in it, separated by commas, in any order.
+    pub(super) fn places<'c>(&self, read: &'c mut Transaction, limit: usize) -> Query<'c> {
+        let chunk = if self.is_indexed() { "s.chunk_id" } else { "c.id" };
+        let mut query = sql(read, "SELECT ").persistent(false);
+        query.push(chunk);
+        let positions = if query.is_postgres() {
+            " AS chunk_id, string_agg(s.position::text, ',') AS positions"
+        } else {
+            " AS chunk_id, group_concat(s.position) AS positions"
+        };
+        let mut query = self.select_from(query, positions);
+        query.push(" GROUP BY ").push(chunk).push(" ORDER BY ").push(chunk).push(" LIMIT ");
+        query.push_bind(to_sql(limit as u64));
+        query
+    }
+
+    /// Chunks with selected shapes, in order, at most `limit`: `chunk_id`, and `held`, a list of the position of each shape and the values of
+    /// its attributes as JSON, in any order.
+    pub(super) fn values<'c>(
+        &self,
+        read: &'c mut Transaction,
+        attributes: &[Attribute],
+        limit: usize,
+    ) -> Query<'c> {
+        let chunk = if self.is_indexed() { "s.chunk_id" } else { "c.id" };
+        let mut query = sql(read, "SELECT ").persistent(false);
+        query.push(chunk).push(" AS chunk_id, ");
+        let (list, end) = match query.is_postgres() {
+            true => ("json_agg(json_build_array(s.position", "))::text AS held"),
+            false => ("json_group_array(json_array(s.position", ")) AS held"),
+        };
+        query.push(list);
+        for attribute in attributes {
+            query.push(", ");
+            push_json(&mut query, attribute);
+        }
+        let mut query = self.select_from(query, end);
+        query.push(" GROUP BY ").push(chunk).push(" ORDER BY ").push(chunk).push(" LIMIT ");
+        query.push_bind(to_sql(limit as u64));
+        query
+    }
+
     /// The same in the order of an attribute, after a position in it, with the columns `order_number` and `order_text`.
     pub(super) fn ordered<'c>(
         &self,
@@ -255,6 +297,33 @@ fn push_text(query: &mut Query<'_>, attribute: &Attribute) {
         query.push("CASE json_type(s.labels, ").push_bind(path(name));
         query.push(") WHEN 'text' THEN json_extract(s.labels, ").push_bind(path(name));
         query.push(") ELSE s.labels -> ").push_bind(path(name)).push(" END");
+    }
+}
+
+/// Value as JSON; sizes as texts that read back to the same number.
+fn push_json(query: &mut Query<'_>, attribute: &Attribute) {
+    match attribute {
+        Attribute::Labels(name) if query.is_postgres() => {
+            query.push("s.labels::json -> ").push_bind(name.as_str());
+        }
+        Attribute::Labels(name) => {
+            query.push("s.labels -> ").push_bind(path(name));
+        }
+        Attribute::Measure(measure) if measure.is_flag() => push_text(query, attribute),
+        Attribute::Measure(Measure::Points) => {
+            query.push(column(attribute));
+        }
+        Attribute::Measure(_) if query.is_postgres() => {
+            query.push("CAST(").push(column(attribute)).push(" AS TEXT)");
+        }
+        Attribute::Measure(_) => {
+            let column = column(attribute);
+            query.push("CASE WHEN ").push(column).push(" IS NOT NULL THEN printf('%!.17g', ");
+            query.push(column).push(") END");
+        }
+        other => {
+            query.push(column(other));
+        }
     }
 }
 

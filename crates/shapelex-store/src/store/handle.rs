@@ -11,6 +11,7 @@ use super::answer::{Answer, Work};
 use super::engine::{Link, Pools, Transaction, sql};
 use super::error::StoreError;
 use super::folder::{DATABASE_FILE, FolderLock};
+use super::known_names::{KnownNames, Writes};
 use super::mark::Mark;
 use super::replica::Replica;
 use super::{folder, mark, postgres, sqlite};
@@ -41,10 +42,14 @@ pub(super) struct Inner {
     pub(super) replica: Replica,
     /// Where the folder is.
     pub(super) folder: Option<PathBuf>,
-    /// What is wrong with a large file that was checked beside the service.
+    /// Fault of a large file that was checked beside the service.
     pub(super) damage: OnceLock<String>,
     /// When a probe found room for a change.
     found_room: Mutex<Option<Instant>>,
+    /// Transactions that have changed something.
+    pub(super) writes: Writes,
+    /// Ids of names of dictionaries.
+    pub(super) names: KnownNames,
     /// Held while the file of the embedded database is written anew.
     pub(super) rewriting: tokio::sync::Mutex<()>,
 }
@@ -52,8 +57,8 @@ pub(super) struct Inner {
 impl Store {
     /// Opens the store in `data_dir`, creating folder and database when missing.
     ///
-    /// Reads the whole file once to check it (a large one beside the service), brings the schema up to date, removes what interrupted uploads
-    /// and deletions left behind, and puts interrupted jobs back into the queue.
+    /// Reads the whole file once to check it (a large one beside the service), brings the schema up to date, removes leftovers of interrupted uploads
+    /// and deletions, and puts interrupted jobs back into the queue.
     ///
     /// # Errors
     /// [`StoreError::Folder`], [`StoreError::Locked`], [`StoreError::TooOld`], [`StoreError::Older`],
@@ -62,7 +67,7 @@ impl Store {
         Box::pin(async move { Self::open_locked(data_dir, false).await })
     }
 
-    /// The same, going on with what is left when the newest part of the store is missing.
+    /// The same, going on with the rest when the newest part of the store is missing.
     ///
     /// # Errors
     /// Those of [`Store::open`] but [`StoreError::Older`].
@@ -91,7 +96,7 @@ impl Store {
         Ok(store)
     }
 
-    /// Removes and hands back what an earlier process left behind.
+    /// Removes and hands back the leftovers of an earlier process.
     async fn tidy_up(&self) -> Result<(), StoreError> {
         self.purge(PURGE_PENDING, None).await?;
         self.purge(PURGE_ORPHANS, None).await?;
@@ -145,6 +150,8 @@ impl Store {
             replica: Replica::new(),
             damage: OnceLock::new(),
             found_room: Mutex::default(),
+            writes: Writes::default(),
+            names: KnownNames::default(),
             rewriting: tokio::sync::Mutex::default(),
         }))
     }
@@ -272,7 +279,7 @@ impl Store {
         &self.principal.tenant
     }
 
-    /// What a name of this tenant is stored as where it must be unique.
+    /// Stored form of a name of this tenant where it must be unique.
     pub(super) fn handle(&self, name: &str) -> String {
         handle(self.tenant(), name)
     }
@@ -294,6 +301,11 @@ impl Store {
 
     /// Begins a transaction that no other one of the same `scope`, such as the id of a cohort, overlaps.
     pub(super) async fn begin_write(&self, scope: &str) -> Result<Transaction, StoreError> {
+        Ok(self.inner.pools.begin_write(scope).await?.counted_by(&self.inner.writes))
+    }
+
+    /// The same for notes that no name depends on.
+    pub(super) async fn begin_note(&self, scope: &str) -> Result<Transaction, StoreError> {
         Ok(self.inner.pools.begin_write(scope).await?)
     }
 
@@ -316,7 +328,7 @@ impl Store {
     }
 }
 
-/// A store that takes no writes is opened for reading: what its tidying would remove waits for a later start.
+/// A store that takes no writes is opened for reading: the leftovers to tidy up wait for a later start.
 fn or_read(tidied: Result<(), StoreError>) -> Result<(), StoreError> {
     match tidied {
         Err(error @ (StoreError::Full | StoreError::ReadOnly)) => {
@@ -327,7 +339,7 @@ fn or_read(tidied: Result<(), StoreError>) -> Result<(), StoreError> {
     }
 }
 
-/// What a name of a tenant is stored as where it must be unique.
+/// Stored form of a name of a tenant where it must be unique.
 pub(super) fn handle(tenant: &str, name: &str) -> String {
     format!("{tenant}/{name}")
 }
@@ -340,8 +352,8 @@ pub(super) const PURGE_ORPHANS: &str = "DELETE FROM chunk WHERE id IN
     (SELECT id FROM chunk WHERE cohort IS NULL LIMIT $1)";
 /// Removes chunks of one unfinished upload.
 ///
-/// What is pending is asked twice: PostgreSQL, when it has waited for the commit that makes a chunk visible, looks at the
-/// condition of the DELETE again, but not into the list, and would remove what was just acknowledged.
+/// The pending state is asked twice: PostgreSQL, when it has waited for the commit that makes a chunk visible, looks at the
+/// condition of the DELETE again, but not into the list, and would remove shapes just acknowledged.
 pub(super) const PURGE_UPLOAD: &str = "DELETE FROM chunk WHERE revision IS NULL AND id IN
     (SELECT id FROM chunk WHERE revision IS NULL AND upload = $2 LIMIT $1)";
 
@@ -368,7 +380,7 @@ pub(super) async fn blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send 
     *outcome.downcast::<T>().expect("the outcome is that of the work")
 }
 
-/// Work of any kind: a task of its own type for each kind would be compiled with all that runs, wakes and ends it.
+/// Work of any kind: a separate type of task for each kind would be compiled with all that runs, wakes and ends it.
 async fn run_aside(work: Box<dyn FnOnce() -> Box<dyn Any + Send> + Send>) -> Box<dyn Any + Send> {
     match tokio::task::spawn_blocking(work).await {
         Ok(outcome) => outcome,

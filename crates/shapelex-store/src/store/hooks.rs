@@ -124,7 +124,7 @@ impl Store {
         })
     }
 
-    /// Delivers again what follows the change with number `position`; resumes the hook. `None` if there is no such hook.
+    /// Delivers again the changes after the one with number `position`; resumes the hook. `None` if there is no such hook.
     ///
     /// # Errors
     /// Database errors.

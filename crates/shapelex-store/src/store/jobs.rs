@@ -398,7 +398,7 @@ impl Store {
 }
 
 /// Marks the job as succeeded within a transaction; returns whether the claim still held. If not, the caller rolls back
-/// what it has written for the job.
+/// its writes for the job.
 ///
 /// # Errors
 /// Database errors.

@@ -117,7 +117,7 @@ pub(super) async fn require(path: &Path) -> Result<(), StoreError> {
     let found = if is_absent(&file) { Ok(0) } else { in_file(&file).await };
     match found {
         Ok(found) => compare(marked, found),
-        // What the log holds is known when the store is open, which compares again.
+        // The content of the log is known when the store is open, which compares again.
         Err(StoreError::Full) => Ok(()),
         Err(error) => Err(error),
     }

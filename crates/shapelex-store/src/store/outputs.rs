@@ -32,6 +32,35 @@ impl Store {
         })
     }
 
+    /// Bytes of the output of the job with this id, without its parts, if it is still kept.
+    ///
+    /// # Errors
+    /// Database errors.
+    pub fn size_of_output<'a>(&'a self, job: &'a str) -> Answer<'a, Option<u64>> {
+        Box::pin(async move {
+            const SIZE: &str =
+                "SELECT CAST(octet_length(head) + length(data) AS BIGINT) FROM job_output WHERE job = $1";
+            let bytes = sql(self.reader(), SIZE).bind(job).optional_scalar::<i64>().await?;
+            Ok(bytes.map(i64::cast_unsigned))
+        })
+    }
+
+    /// Checksum of the output of the job with this id, if the caller may see the job and its output is still kept.
+    ///
+    /// # Errors
+    /// Database errors.
+    pub fn find_output_mark<'a>(&'a self, job: &'a str) -> Answer<'a, Option<Vec<u8>>> {
+        Box::pin(async move {
+            const FIND: &str =
+                "SELECT o.checksum FROM job_output AS o JOIN job ON job.id = o.job WHERE job.id = ";
+            let mut query = sql(self.reader(), FIND);
+            query.push_bind(job).push(" AND job.tenant = ").push_bind(self.tenant());
+            self.push_scope(&mut query, "job.cohort");
+            let row = query.optional().await?;
+            row.map(|row| Ok(row.get::<&[u8]>("checksum")?.to_vec())).transpose()
+        })
+    }
+
     /// Stores a part of the output of a running `job`, as it was claimed, while the attempt lasts; `false` if it has lost the job.
     ///
     /// # Errors
@@ -70,7 +99,7 @@ impl Store {
         Ok(held.optional_scalar::<String>().await?.is_some())
     }
 
-    /// Removes what earlier attempts at a job have stored of its output.
+    /// Removes the parts of the output of a job that earlier attempts have stored.
     ///
     /// # Errors
     /// Database errors.

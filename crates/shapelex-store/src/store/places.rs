@@ -19,6 +19,9 @@ pub struct Places {
 }
 
 impl Places {
+    /// Memory of a place in bytes, at most.
+    pub const MOST_BYTES: usize = size_of::<(usize, Cursor)>();
+
     /// Number of shapes.
     pub fn count(&self) -> usize {
         self.count
@@ -38,6 +41,18 @@ impl Places {
         self.runs.iter().zip(ends).flat_map(|(&(before, first), end)| {
             (0..(end - before) as i64).map(move |row| Cursor { position: first.position + row, ..first })
         })
+    }
+
+    /// Runs of neighbouring rows from the shape at `position` on: their chunks and rows.
+    pub(super) fn runs_from(&self, position: usize) -> impl Iterator<Item = (i64, Range<usize>)> {
+        let begun = self.runs.partition_point(|(before, _)| *before <= position).saturating_sub(1);
+        let ends = self.runs.iter().skip(begun + 1).map(|(before, _)| *before).chain([self.count]);
+        self.runs.iter().skip(begun).zip(ends).filter(move |(_, end)| *end > position).map(
+            move |(&(before, first), end)| {
+                let row = usize::try_from(first.position).unwrap_or_default();
+                (first.chunk, row + position.saturating_sub(before)..row + end - before)
+            },
+        )
     }
 
     /// Memory in bytes.
@@ -133,6 +148,13 @@ mod tests {
         assert_eq!(all.get(9), None);
         assert_eq!(all.iter().collect::<Vec<_>>(), rows);
         assert!((0..18).all(|k| twice.get(k) == Some(rows[k % 9])));
+        let from = |position| -> Vec<Cursor> {
+            let runs = all.runs_from(position);
+            let rows = runs.flat_map(|(chunk, rows)| rows.map(move |row| (chunk, row as i64)));
+            rows.map(|(chunk, position)| Cursor { chunk, position }).collect()
+        };
+        (0..=9).for_each(|position| assert_eq!(from(position), rows[position..], "from {position}"));
+        assert_eq!(Places::default().runs_from(0).count(), 0);
         assert_eq!(Places::default().get(0), None);
     }
 }

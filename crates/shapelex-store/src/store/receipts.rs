@@ -1,5 +1,5 @@
 //! Receipts: stored outcomes of idempotent requests. They are kept when shapes are erased, so that a repeated request does not store these
-//! again, but lose what they say of them.
+//! again, but lose their facts about them.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -80,7 +80,7 @@ pub(super) async fn keep(
     }
 }
 
-/// What receipts must not say any more of shapes that are erased.
+/// Facts about erased shapes that receipts must forget.
 #[derive(Debug)]
 pub(super) struct Forgotten<'a> {
     /// Ids of the shapes.
@@ -91,7 +91,7 @@ pub(super) struct Forgotten<'a> {
     pub(super) added: BTreeMap<i64, BTreeSet<&'a str>>,
 }
 
-/// Removes from the receipts of a tenant what they say of shapes that are erased.
+/// Removes from the receipts of a tenant their facts about erased shapes.
 pub(super) async fn forget(
     write: &mut Transaction,
     tenant: &str,

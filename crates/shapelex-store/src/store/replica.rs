@@ -2,7 +2,7 @@
 
 use crate::domain::id;
 
-/// Separator between the id of a replica and that of what it owns.
+/// Separator between the id of a replica and that of its objects.
 pub(super) const SEPARATOR: char = '.';
 
 /// Identifier of a replica or an upload.

@@ -1,7 +1,7 @@
 //! Rules of cohorts: correspondence, direction and mirror images, which may change with a revision.
 //!
-//! As for corrections, rows are only ever ended: shapes that another rule stores otherwise are stored again, under their ids. What was
-//! computed of an earlier revision is computed of it again by the rule of that revision, which the cohort keeps.
+//! As for corrections, rows are only ever ended: shapes that another rule stores otherwise are stored again, under their ids. Results
+//! for an earlier revision are computed again by the rule of that revision, which the cohort keeps.
 
 use super::answer::Answer;
 use super::changes;

@@ -1,5 +1,8 @@
 //! Bulk reading of a cohort's control points at a fixed revision.
 
+use std::collections::HashMap;
+use std::ops::Range;
+
 use super::answer::Answer;
 use super::blob::{self, Chunk};
 use super::engine::to_sql;
@@ -13,13 +16,15 @@ use crate::domain::filter::ShapeFilter;
 
 /// Maximum size of the control points in a batch, and of the chunks in memory at once, unless a single one is larger.
 const BYTES_PER_BATCH: i64 = 4 << 20;
-/// Maximum number of bytes read for one batch: when few shapes pass a filter, most of what is read is discarded.
+/// Maximum number of bytes read for one batch: when few shapes pass a filter, most of the bytes read are discarded.
 const READ_BYTES_PER_BATCH: i64 = 64 << 20;
 const BYTES_PER_NUMBER: i64 = size_of::<f64>() as i64;
 /// Maximum number of shapes in a batch assembled from single rows.
 const ROWS_PER_BATCH: usize = 4096;
 /// Maximum number of chunks in a batch: shapes added one by one have a chunk each.
 const CHUNKS_PER_BATCH: i64 = 1024;
+/// Maximum number of chunks in a batch of shapes at given places, and in a page of such places.
+const CHUNKS_WITH_PLACES: usize = 64;
 
 /// Whether a scan reads ids, which costs more than the control points.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -117,6 +122,38 @@ impl Store {
     }
 }
 
+impl Store {
+    /// Reads the shapes at `places`, those of [`Store::places`] at the revision `until`, from the position `first` on: as many as a batch
+    /// holds, without ids, and the position behind them; `None` behind the last one. Shapes that were erased since are left out.
+    ///
+    /// Each chunk with such shapes is read once, and no descriptions are.
+    ///
+    /// # Errors
+    /// As [`Store::scan`].
+    pub fn scan_places<'a>(
+        &'a self,
+        cohort_id: &'a str,
+        until: u64,
+        places: &'a Places,
+        first: usize,
+    ) -> Answer<'a, Option<(ScanBatch, usize)>> {
+        Box::pin(async move {
+            let mut read = self.begin_read().await?;
+            let everything = ShapeFilter::default();
+            let selection = Selection {
+                cohort: self.number(&mut read, cohort_id).await?,
+                revisions: Revisions::until(until),
+                filter: &everything,
+                after: (0, -1),
+            };
+            let Some((plan, count)) = plan_places(&mut read, &selection, places, first).await? else {
+                return Ok(None);
+            };
+            Ok(Some((plan.read(&mut read, Ids::Skip).await?, first + count)))
+        })
+    }
+}
+
 /// Places in the next chunks, and the end of the last one; reads only the rows of deleted shapes.
 async fn page_of_chunks(
     read: &mut Transaction,
@@ -134,17 +171,19 @@ async fn page_of_chunks(
     Ok(Some((places, Cursor { chunk: last.chunk, position: i64::MAX })))
 }
 
-/// Places of the next shapes that pass the filter, and the last one.
+/// Places of the next shapes that pass the filter, in whole chunks, and the end of the last one.
 async fn page_of_rows(
     read: &mut Transaction,
     selection: &Selection<'_>,
 ) -> Result<Option<(Places, Cursor)>, StoreError> {
-    let rows = selection.page(read, "s.chunk_id, s.position", ROWS_PER_BATCH).all().await?;
     let (mut places, mut end) = (Places::default(), None);
-    for row in &rows {
-        let found = place(row)?;
-        places.push(found.chunk, &(row_of(&found)..row_of(&found) + 1));
-        end = Some(found);
+    for row in selection.places(read, CHUNKS_WITH_PLACES).all().await? {
+        let (chunk, listed): (i64, &str) = (row.get("chunk_id")?, row.get("positions")?);
+        let positions: Result<Vec<usize>, _> = listed.split(',').map(str::parse).collect();
+        let mut positions = positions.map_err(|_| StoreError::Corrupt { chunk })?;
+        positions.sort_unstable();
+        positions.iter().for_each(|&position| places.push(chunk, &(position..position + 1)));
+        end = Some(Cursor { chunk, position: i64::MAX });
     }
     Ok(end.map(|end| (places, end)))
 }
@@ -157,13 +196,13 @@ fn take_gaps<'a>(deleted: &mut &'a [Cursor], chunk: i64) -> &'a [Cursor] {
 }
 
 /// Runs of rows between the deleted ones of a chunk of `rows` shapes.
-fn runs_between(gaps: &[Cursor], rows: usize) -> impl Iterator<Item = std::ops::Range<usize>> {
+fn runs_between(gaps: &[Cursor], rows: usize) -> impl Iterator<Item = Range<usize>> {
     let starts = std::iter::once(0).chain(gaps.iter().map(|gap| row_of(gap) + 1));
     let ends = gaps.iter().map(row_of).chain([rows]);
     starts.zip(ends).map(|(start, end)| start..end)
 }
 
-/// Plan of what to read for one batch.
+/// Plan of the reads for one batch.
 #[derive(Default)]
 struct Plan {
     groups: Vec<Group>,
@@ -187,6 +226,49 @@ enum Choice {
     AllBut(Vec<Cursor>),
     /// Only these shapes, with their names, in storage order.
     Only(Vec<(Cursor, Names)>),
+    /// Runs of rows, in storage order.
+    Runs(Vec<(i64, Range<usize>)>),
+}
+
+/// Plans the shapes at places from a position on, and counts them; reads only the rows of deleted shapes.
+async fn plan_places(
+    read: &mut Transaction,
+    selection: &Selection<'_>,
+    places: &Places,
+    first: usize,
+) -> Result<Option<(Plan, usize)>, StoreError> {
+    const SIZES: &str = "SELECT c.id AS chunk_id, c.rows, c.width FROM json_each($1) AS asked
+        CROSS JOIN chunk AS c ON c.id = CAST(asked.value AS BIGINT)";
+    let mut chunks: Vec<i64> = Vec::new();
+    for (chunk, _) in places.runs_from(first) {
+        match chunks.last() {
+            Some(&last) if last == chunk => {}
+            _ if chunks.len() == CHUNKS_WITH_PLACES => break,
+            _ => chunks.push(chunk),
+        }
+    }
+    let (Some(&first_chunk), Some(&last_chunk)) = (chunks.first(), chunks.last()) else { return Ok(None) };
+    let asked = serde_json::Value::from(chunks).to_string();
+    let mut sizes: HashMap<i64, ChunkSize> = HashMap::new();
+    for row in sql(&mut *read, SIZES).bind(asked).all().await? {
+        let size = ChunkSize::read(&row)?;
+        sizes.insert(size.chunk, size);
+    }
+    let erased = list_deleted(read, selection, first_chunk, last_chunk).await?;
+    let (mut plan, mut count) = (Plan::default(), 0);
+    for (chunk, rows) in places.runs_from(first) {
+        let size = match sizes.get(&chunk) {
+            Some(size) => *size,
+            None if chunk > last_chunk => break,
+            None => return Err(StoreError::Corrupt { chunk }),
+        };
+        if !plan.admit(size, rows.len() as i64 * size.width * BYTES_PER_NUMBER) {
+            break;
+        }
+        plan.choose_run(chunk, &rows, &erased);
+        count += rows.len();
+    }
+    Ok(Some((plan, count)))
 }
 
 /// Id, external id and label of a shape.
@@ -345,6 +427,21 @@ impl Plan {
         }
     }
 
+    /// Adds rows of the last admitted chunk, without the erased ones.
+    fn choose_run(&mut self, chunk: i64, rows: &Range<usize>, erased: &[Cursor]) {
+        let until = |row: usize| erased.partition_point(|gap| (gap.chunk, row_of(gap)) < (chunk, row));
+        let gaps = &erased[until(rows.start)..until(rows.end)];
+        let Some(Group { choice, .. }) = self.groups.last_mut() else { return };
+        if !matches!(choice, Choice::Runs(_)) {
+            *choice = Choice::Runs(Vec::new());
+        }
+        if let Choice::Runs(runs) = choice {
+            let starts = std::iter::once(rows.start).chain(gaps.iter().map(|gap| row_of(gap) + 1));
+            let ends = gaps.iter().map(row_of).chain([rows.end]);
+            runs.extend(starts.zip(ends).map(|(start, end)| (chunk, start..end)));
+        }
+    }
+
     /// Reads one group after the other.
     async fn read(self, connection: &mut Transaction, ids: Ids) -> Result<ScanBatch, StoreError> {
         let end = self.end.unwrap_or(Cursor { chunk: i64::MAX, position: i64::MAX });
@@ -369,6 +466,7 @@ impl Group {
         match self.choice {
             Choice::AllBut(deleted) => batch.take_all_but(&chunks, &deleted)?,
             Choice::Only(chosen) => batch.take_only(&chunks, chosen, ids)?,
+            Choice::Runs(runs) => batch.take_runs(&chunks, runs)?,
         }
         Ok(batch)
     }
@@ -396,7 +494,7 @@ impl ScanBatch {
         }
     }
 
-    fn take(&mut self, chunk: &Chunk<'_>, rows: std::ops::Range<usize>) -> Result<(), StoreError> {
+    fn take(&mut self, chunk: &Chunk<'_>, rows: Range<usize>) -> Result<(), StoreError> {
         self.places.push(chunk.id, &rows);
         chunk.append_to(rows, &mut self.weights, &mut self.control_points)
     }
@@ -407,6 +505,16 @@ impl ScanBatch {
         for chunk in chunks {
             let gaps = take_gaps(&mut deleted, chunk.id);
             runs_between(gaps, chunk.rows()).try_for_each(|run| self.take(chunk, run))?;
+        }
+        Ok(())
+    }
+
+    /// Appends runs of rows.
+    fn take_runs(&mut self, chunks: &[Chunk<'_>], runs: Vec<(i64, Range<usize>)>) -> Result<(), StoreError> {
+        for (chunk, rows) in runs {
+            let found = chunks.binary_search_by_key(&chunk, |found| found.id);
+            let found = found.map_err(|_| StoreError::Corrupt { chunk })?;
+            self.take(&chunks[found], rows)?;
         }
         Ok(())
     }

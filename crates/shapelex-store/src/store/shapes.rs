@@ -26,7 +26,7 @@ pub struct ShapePage {
     pub next: Option<ListCursor>,
 }
 
-/// What a list of shapes holds.
+/// Selection of a list of shapes.
 #[derive(Debug, Clone)]
 pub struct Listing<'a> {
     /// Revisions between which the shapes are in the cohort.

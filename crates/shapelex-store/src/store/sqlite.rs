@@ -60,7 +60,7 @@ fn options(file: &Path) -> SqliteConnectOptions {
         // A chunk is a megabyte: with the default of 4 MiB, every few chunks would be written twice at once.
         .pragma("wal_autocheckpoint", "8192")
         .pragma("journal_size_limit", "67108864")
-        // What is removed is overwritten: the file keeps nothing of an erased shape.
+        // Removed rows are overwritten: the file keeps nothing of an erased shape.
         .pragma("secure_delete", "ON")
         // Statements that insert thousands of rows are several pages long.
         .disable_statement_logging()

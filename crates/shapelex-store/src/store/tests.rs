@@ -122,7 +122,27 @@ async fn list_all(store: &Store, cohort: &Cohort, filter: &ShapeFilter) -> Vec<S
     page.unwrap().shapes
 }
 
-/// Control points of a scan, and the ids if requested.
+/// Control points and weights of the shapes at the places of a filter.
+async fn scan_places(
+    store: &Store,
+    cohort: &Cohort,
+    revision: u64,
+    filter: &ShapeFilter,
+) -> (Vec<f64>, Vec<f64>) {
+    let places = store.places(&cohort.id, Revisions::until(revision), filter).await.unwrap();
+    let (mut points, mut weights, mut first) = (Vec::new(), Vec::new(), 0);
+    while let Some((batch, next)) = store.scan_places(&cohort.id, revision, &places, first).await.unwrap() {
+        assert_eq!(batch.places.iter().next(), places.get(first));
+        assert_eq!(next - first, batch.weights.len());
+        points.extend(batch.control_points);
+        weights.extend(batch.weights);
+        first = next;
+    }
+    assert_eq!(first, places.count());
+    (points, weights)
+}
+
+/// Control points of a scan, and the ids if requested; a scan of the places finds the same.
 async fn scan_all(
     store: &Store,
     cohort: &Cohort,
@@ -139,6 +159,7 @@ async fn scan_all(
         found.extend(batch.ids);
         after = Some(batch.position);
     }
+    assert_eq!(scan_places(store, cohort, revision, filter).await.0, points);
     (points, found)
 }
 
@@ -339,7 +360,7 @@ async fn other_content_under_an_external_id_is_a_conflict() {
     conflict_at(upload.add(vec![named(4, "b")]).await, 2, "b");
     let twins = vec![named(5, "c"), named(6, "c")];
     conflict_at(upload.add(twins).await, 3, "c");
-    // Attributes are no reason: those that are stored stay.
+    // Attributes are not a reason: those that are stored stay.
     let mut heavier = named(1, "a");
     heavier.attributes.weight = 2.0;
     let added = upload.add(vec![heavier]).await.unwrap();
@@ -444,6 +465,9 @@ async fn many_chunks_are_scanned_in_batches() {
             (0..count).step_by(step).map(|number| (number as f64, 1.0 + (number % 2) as f64)).collect();
         assert_eq!(seen, expected);
         assert!(step == 3 || batches > 1, "{batches} batches");
+        let (numbers, weights) = scan_places(&store, &wide, revision, filter).await;
+        let firsts = numbers.into_iter().step_by(2 * points);
+        assert_eq!(firsts.zip(weights).collect::<Vec<_>>(), expected);
     }
 }
 
@@ -505,6 +529,64 @@ async fn descriptions_are_those_of_a_revision() {
     store.delete_shape(&cohort.id, &before[0].0, 30).await.unwrap();
     assert_eq!(describe(first, &all, 100).await, before, "what was deleted later is seen");
     assert_eq!(describe(second + 1, &a, 100).await.len(), 3);
+}
+
+/// Values read by themselves are those of descriptions, numbers to the last bit, for any attributes, filter and revision.
+#[tokio::test]
+async fn values_are_those_of_descriptions() {
+    let (_folder, store, cohort) = with_cohort().await;
+    let names = ["age", "a.b\"c", "none"];
+    let values =
+        [json!(0.1), json!(1.0), json!("x"), json!(true), json!(null), json!(1e300), json!("1.0"), json!(7)];
+    let shape = |k: usize| {
+        let mut shape = named(k, &format!("s{k}"));
+        shape.attributes.subject = (!k.is_multiple_of(3)).then(|| format!("p {}", k % 5));
+        shape.attributes.label = k.is_multiple_of(2).then(|| "a".into());
+        let of = |(i, name): (usize, &&str)| ((*name).to_owned(), values[(k + 3 * i) % values.len()].clone());
+        shape.attributes.labels =
+            names[..2].iter().enumerate().filter(|(i, _)| k % 7 != *i).map(of).collect();
+        shape.measures = ShapeMeasures {
+            points: (!k.is_multiple_of(4)).then_some(k as u64),
+            centroid_size: Some(1.0 / (3 + k) as f64),
+            length: (!k.is_multiple_of(3)).then(|| 1e-3 * (k as f64).sqrt()),
+            self_intersecting: Some(k.is_multiple_of(2)),
+            ..ShapeMeasures::default()
+        };
+        shape
+    };
+    let mut revision = 0;
+    for first in (0..90).step_by(15) {
+        revision = store_all(&store, &cohort, (first..first + 15).map(shape).collect()).await;
+    }
+    let described =
+        store.describe_shapes(&cohort.id, Revisions::latest(), &ShapeFilter::default(), 100).await;
+    store.delete_shape(&cohort.id, &described.unwrap()[20].id, 30).await.unwrap();
+    let mut attributes: Vec<Attribute> = names.iter().map(|name| Attribute::Labels((*name).into())).collect();
+    attributes.extend([Attribute::Subject, Attribute::Label, Attribute::ExternalId, Attribute::CreatedAt]);
+    attributes.extend(Measure::ALL.map(Attribute::Measure));
+    let with_age = ShapeFilter { has: [Attribute::Labels("age".into())].into(), ..ShapeFilter::default() };
+    let of_label = ShapeFilter { label: Some("a".into()), ..ShapeFilter::default() };
+    for filter in [&ShapeFilter::default(), &with_age, &of_label] {
+        for revisions in [Revisions::until(revision), Revisions::latest()] {
+            let described = store.describe_shapes(&cohort.id, revisions, filter, 100).await.unwrap();
+            let (mut found, mut after) = (Vec::new(), None);
+            while let Some(page) =
+                store.values(&cohort.id, revisions, filter, &attributes, after).await.unwrap()
+            {
+                after = page.places.last().copied();
+                assert!(page.places.is_sorted());
+                found.extend(page.values);
+            }
+            assert_eq!(found.len(), described.len());
+            for (values, shape) in found.iter().zip(&described) {
+                for (attribute, value) in attributes.iter().zip(values) {
+                    assert_eq!(attribute.text_of(value), attribute.text(shape), "{attribute}");
+                    let [own, wanted] = [attribute.number_of(value), attribute.number(shape)];
+                    assert_eq!(own.map(f64::to_bits), wanted.map(f64::to_bits), "{attribute}");
+                }
+            }
+        }
+    }
 }
 
 #[tokio::test]
@@ -635,7 +717,7 @@ async fn a_rule_changes_with_a_revision_and_all_shapes() {
     let before =
         store.scan(&cohort.id, Revisions::until(cohort.revision), &EVERYTHING, None, Ids::Skip).await;
     assert_eq!(before.unwrap().unwrap().control_points[..WIDTH], listed[0].control_points[..]);
-    // What was converted by the rule before does not come in later, nor does a change of what was another revision.
+    // A shape converted by the former rule does not come in later, nor does a change of another revision.
     assert!(matches!(committed(late, shape(7)).await, Err(StoreError::Changed)));
     let stale = store.change_rule(&changed, Some(Vec::new()), 100).await;
     assert!(matches!(stale, Err(StoreError::Changed)), "{stale:?}");

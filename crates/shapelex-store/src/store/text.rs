@@ -14,7 +14,7 @@ pub(super) fn to_text(value: &impl Serialize) -> String {
     }
 }
 
-/// What [`to_text`] wrote.
+/// The value that [`to_text`] wrote.
 ///
 /// # Errors
 /// [`StoreError::Damaged`].

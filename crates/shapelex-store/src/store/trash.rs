@@ -162,7 +162,7 @@ impl Store {
         })
     }
 
-    /// Permanently removes what any tenant moved to the trash before a time; returns the number of objects.
+    /// Permanently removes objects that any tenant moved to the trash before a time; returns the number of objects.
     ///
     /// # Errors
     /// Database errors.

@@ -75,7 +75,7 @@ pub struct Upload {
     met: Option<preview::Met>,
 }
 
-/// The unit in which shapes are stored, and what the cohort said of its unit when they were converted to it.
+/// The unit in which shapes are stored, and the unit of the cohort when they were converted to it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct UnitOfShapes {
     /// Text of the cohort.
@@ -237,7 +237,7 @@ impl Upload {
         })
     }
 
-    /// Removes what was stored so far.
+    /// Removes the shapes stored so far.
     ///
     /// # Errors
     /// Database errors; the rest is then removed at the next start.
@@ -395,7 +395,7 @@ async fn insert_chunk(
     Ok(number)
 }
 
-/// Stores a shape in a chunk of its own, not yet visible; returns the number of the chunk.
+/// Stores a shape in a separate chunk, not yet visible; returns the number of the chunk.
 pub(super) async fn insert_alone(
     write: &mut Transaction,
     cohort: i64,

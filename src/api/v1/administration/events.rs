@@ -51,7 +51,7 @@ pub(in crate::api::v1) struct TenantEvent {
     data: String,
 }
 
-/// An event as it is sent: changes and progress as a [`TenantEvent`], a position without data, which is no event for clients.
+/// An event as it is sent: changes and progress as a [`TenantEvent`], a position without data, which is not an event for clients.
 fn to_send(event: Event) -> Result<Sent, ServiceError> {
     let event = match event {
         Event::Change(change) => TenantEvent {
@@ -87,10 +87,10 @@ impl From<TenantEvent> for Sent {
 /// Follows the events of the tenant by server-sent events.
 ///
 /// Each change is sent as an event whose name is its kind and whose id is its number; `Last-Event-ID` continues after that
-/// number, and nothing in between is lost. Without it the stream begins with what happens from now on. Running jobs are
-/// reported once a second by events named `job_progress`, which have no id. Only what the caller may see is sent. The stream
-/// ends after 15 minutes, when the service stops, and when the key is revoked; clients should reconnect. At most 16 streams
-/// per caller, together with those of jobs.
+/// number, and nothing in between is lost. Without it the stream begins with changes from now on. Running jobs are
+/// reported once a second by events named `job_progress`, which have no id. Only changes and jobs that the caller may
+/// see are sent. The stream ends after 15 minutes, when the service stops, and when the key is revoked; clients should
+/// reconnect. At most 16 streams per caller, together with those of jobs.
 #[utoipa::path(get, path = "/v1/events", tag = "changes",
     params(EventsQuery, ("Last-Event-ID" = Option<u64>, Header, description = "Number of the last change received")),
     responses(

@@ -123,7 +123,7 @@ pub(in crate::api::v1) struct HookFailureOutput {
     attempt: u32,
     /// Status code of the answer; null if there was none.
     status: Option<u16>,
-    /// What failed.
+    /// Reason of the failure.
     #[schema(example = "expected a status of 2xx, got 503")]
     detail: String,
 }

@@ -15,7 +15,9 @@ use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::json;
 use crate::api::v1::requests::request_macros::{PageQuery, milliseconds, page};
 use crate::domain::job::{Job, JobFilter, JobKind, JobStatus};
-use crate::domain::study::{Comparison, ShapeModel, ShapeRegression};
+use crate::domain::study::{
+    Comparison, ShapeBlocks, ShapeModel, ShapeModularity, ShapeRegression, ShapeRepeatability, ShapeSymmetry,
+};
 use crate::service::app::{ServiceError, now_ms};
 use crate::service::cohorts::catalogue;
 use crate::service::correspondence::CohortCorrespondence;
@@ -92,7 +94,15 @@ enum JobResult {
     /// Of `regress`.
     Regression(ShapeRegression),
     /// Of `model`.
-    Model(ShapeModel),
+    Model(Box<ShapeModel>),
+    /// Of `repeatability`.
+    Repeatability(ShapeRepeatability),
+    /// Of `two_blocks`.
+    Blocks(ShapeBlocks),
+    /// Of `modularity`.
+    Modularity(ShapeModularity),
+    /// Of `symmetry`.
+    Symmetry(ShapeSymmetry),
     /// Of `assess`.
     Assessments(AssessedCohort),
     /// Of `segment`.

@@ -22,7 +22,7 @@ document! {
         /// Display name, at most 100 characters.
         #[schema(value_type = String, required = true)]
         name: Checked<String>, required;
-        /// Role, which determines what the bearer may do.
+        /// Role, which determines the rights of the bearer.
         #[schema(value_type = Role, required = true)]
         role: Checked<Role>, required;
         /// Ids or names of the only cohorts the key gives access to, at most 100. Default: all cohorts of the tenant. Not for
@@ -43,7 +43,7 @@ pub(in crate::api::v1) struct KeyOutput {
     id: String,
     /// Display name.
     name: String,
-    /// Role, which determines what the bearer may do.
+    /// Role, which determines the rights of the bearer.
     role: Role,
     /// Ids of the only cohorts the key gives access to; null for all.
     cohorts: Option<Vec<String>>,

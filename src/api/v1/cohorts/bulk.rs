@@ -87,7 +87,7 @@ impl<'de> Deserialize<'de> for EditInput {
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields, default)]
 pub(in crate::api::v1) struct BulkQuery {
-    /// Whether nothing is stored, and the answer counts what would be. Default: false.
+    /// Whether nothing is stored, and the answer counts the shapes that would change. Default: false.
     #[param(required = false)]
     dry_run: bool,
     /// Handling of shapes that do not exist and of changes that are not valid: `abort` changes nothing, `skip` makes the others.
@@ -96,7 +96,7 @@ pub(in crate::api::v1) struct BulkQuery {
     on_error: OnError,
 }
 
-/// What became of many edits.
+/// Result of many edits.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(in crate::api::v1) struct BulkAnswer {
     /// Number of shapes that were changed, or would be.
@@ -140,7 +140,7 @@ impl BulkAnswer {
 #[utoipa::path(patch, path = "/v1/cohorts/{cohort}/shapes", tag = "cohorts", request_body = ShapesPatch,
     params(("cohort" = String, Path, description = "Id or name"), BulkQuery, IfMatchHeader),
     responses(
-        (status = 200, description = "What was changed", body = BulkAnswer),
+        (status = 200, description = "Result of the edits", body = BulkAnswer),
         (status = 404, description = "No such cohort"),
         (status = 412, description = "The cohort has changed meanwhile"),
         (status = "4XX", description = "The input was refused")
@@ -167,7 +167,7 @@ pub(in crate::api::v1) async fn update_shapes(
     params(("cohort" = String, Path, description = "Id or name"), BulkQuery, IfMatchHeader),
     request_body(content((AttributesRequest = "application/json"), (String = "text/csv", example = json!("external_id,subject,label,dose\nscan-17,p-17,treated,3\n")))),
     responses(
-        (status = 200, description = "What was changed", body = BulkAnswer),
+        (status = 200, description = "Result of the edits", body = BulkAnswer),
         (status = 404, description = "No such cohort"),
         (status = 412, description = "The cohort has changed meanwhile"),
         (status = "4XX", description = "The input was refused")

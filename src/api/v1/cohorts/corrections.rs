@@ -125,12 +125,12 @@ pub(in crate::api::v1) async fn delete_shapes(
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(in crate::api::v1) struct EraseQuery {
-    /// Whether nothing is erased, and the answer names what would be. Default: false.
+    /// Whether nothing is erased, and the answer names everything that would be. Default: false.
     #[serde(default)]
     dry_run: bool,
 }
 
-/// What was erased of a subject, or would be.
+/// Shapes of a subject that were erased, or would be, and everything that depends on them.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(in crate::api::v1) struct ErasureAnswer {
     /// Number of shapes, those included that were deleted before.
@@ -201,11 +201,11 @@ pub(in crate::api::v1) struct AffectedJob {
     id: String,
     /// Kind of work.
     kind: JobKind,
-    /// What has become of it.
+    /// Effect of the erasure on the job.
     outcome: JobOutcome,
 }
 
-/// What an erasure does to a job.
+/// Effect of an erasure on a job.
 #[derive(Debug, Clone, Copy, Serialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub(in crate::api::v1) enum JobOutcome {
@@ -255,12 +255,12 @@ impl From<SubjectJob> for AffectedJob {
 /// Attributes are emptied and control points overwritten in the store, also of shapes that were deleted or corrected before and
 /// of cohorts in the trash. Jobs on these cohorts that have ended since the first of the shapes was stored are removed, because
 /// their results may name shapes. Dictionaries that were learnt from the shapes are named and not changed. A subject that has no
-/// shapes and was never erased is not found; a repetition erases what has arrived since. The files of the store are then written anew
-/// (`files`), if that takes some seconds.
+/// shapes and was never erased is not found; a repetition erases the shapes that have arrived since. The files of the
+/// store are then written anew (`files`), if that takes some seconds.
 #[utoipa::path(delete, path = "/v1/subjects/{subject}", tag = "cohorts",
     params(("subject" = String, Path, description = "The subject, percent-encoded"), EraseQuery),
     responses(
-        (status = 200, description = "What was erased", body = ErasureAnswer),
+        (status = 200, description = "Result of the erasure", body = ErasureAnswer),
         (status = 404, description = "No such subject"),
         (status = "4XX", description = "The query was refused")
     ))]

@@ -71,7 +71,7 @@ document! {
         ("prefer" = Option<String>, Header, description = "`wait=10`: wait up to ten seconds for the job"), RetryHeader
     ),
     responses(
-        (status = 200, description = "The new cohort, and what was done to each shape", body = CohortCorrespondence),
+        (status = 200, description = "The new cohort, with the result for each shape", body = CohortCorrespondence),
         (status = 202, description = "The job that computes it", body = JobOutput, headers(("Location" = String))),
         (status = 404, description = "No such cohort"),
         (status = 409, description = "The name is already in use"),

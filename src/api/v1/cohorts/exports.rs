@@ -24,10 +24,10 @@ use crate::service::files::export::{self, ExportContent, ShapeFile, USUAL_POINTS
 use crate::wire::files::Format;
 use crate::wire::record::MAX_SAMPLES;
 
-/// Answers that are no files.
+/// Answers that are not files.
 const JSON: OtherFormat = OtherFormat { id: "json", media_type: "application/json" };
 
-/// What an operation answers beside files.
+/// Another format of an operation beside files.
 #[derive(Debug, Clone, Copy)]
 struct OtherFormat {
     id: &'static str,
@@ -43,9 +43,9 @@ pub(in crate::api::v1) struct ShapeFileQuery {
     /// `ndjson` of an export, `json` of a list.
     #[param(example = "ndjson")]
     format: Option<String>,
-    /// What a file says of each shape: `points` on curves, landmarks and meshes of surfaces, `control_points`, or Fourier
-    /// coefficients (`fourier`) of closed curves, `write_harmonics` of them. Default: `points`; of formats that hold nothing but
-    /// Fourier coefficients, `fourier`.
+    /// Content of the file for each shape: `points` on curves, landmarks and meshes of surfaces, `control_points`, or
+    /// Fourier coefficients (`fourier`) of closed curves, `write_harmonics` of them. Default: `points`; of formats that
+    /// hold nothing but Fourier coefficients, `fourier`.
     #[param(inline)]
     content: Option<ExportContent>,
     /// Number of points on a curve. Default: 128.
@@ -97,7 +97,7 @@ fn take_export(
     Ok((filter, file))
 }
 
-/// Takes what a file of a format says of each shape.
+/// Takes the content of each shape in a file of a format.
 fn take_shape_file(
     format: &'static Format,
     mut writing: FileParameters,

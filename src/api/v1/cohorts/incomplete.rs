@@ -80,7 +80,7 @@ pub(in crate::api::v1) struct IncompletePcaAnswer {
 pub(in crate::api::v1) struct IncompletePcaOutput {
     /// Arithmetic mean of the aligned, completed shapes.
     mean: ShapeOutput,
-    /// Eigenvalues, descending: sums over the shapes, with what is unknown of missing points.
+    /// Eigenvalues, descending: sums over the shapes, with the uncertainty of missing points.
     eigenvalues: Vec<f64>,
     /// Explained fractions.
     explained: Vec<f64>,
@@ -88,7 +88,7 @@ pub(in crate::api::v1) struct IncompletePcaOutput {
     eigenshapes: Vec<ShapeOutput>,
     /// Scores of the completed shapes: one list per shape, one number per component.
     scores: Vec<Vec<f64>>,
-    /// Standard deviation of what the components do not describe, for each coordinate of an `L₂`-orthonormal basis.
+    /// Standard deviation of the residual of the components, for each coordinate of an `L₂`-orthonormal basis.
     residual_deviation: f64,
 }
 

@@ -38,12 +38,12 @@ document! {
     }
 }
 
-/// Tells which of `landmarks`, `arc_length` and `cyclic` lies nearer, and what it costs.
+/// Tells which of `landmarks`, `arc_length` and `cyclic` lies nearer, and its cost.
 ///
 /// Some shapes of the cohort, which the seed chooses by their ids, are aligned under each correspondence that applies to them. Contours
 /// are tried from the points at which they were given to begin, also where the cohort has moved them, and from random ones: searched starts
-/// always lie nearer, and `explained` tells what the given ones are worth. Nothing is changed: `PATCH /v1/cohorts/{cohort}` sets another
-/// correspondence.
+/// always lie nearer, and `explained` tells the worth of the given ones. Nothing is changed:
+/// `PATCH /v1/cohorts/{cohort}` sets another correspondence.
 #[utoipa::path(post, path = "/v1/cohorts/{cohort}/matching", tag = "cohorts", request_body = MatchRequest,
     params(("cohort" = String, Path, description = "Id or name")),
     responses(

@@ -87,12 +87,12 @@ pub(in crate::api::v1) struct AddAnswer {
     ids: Vec<Option<String>>,
     /// Number of stored shapes beyond the first 100 000, of which the answer says nothing else.
     unlisted: usize,
-    /// What should be known of the shapes as a whole: contours drawn both ways round where their direction counts, surfaces that
-    /// their control points represent coarsely. Absent if there is nothing to say.
+    /// Warnings about the shapes as a whole: contours drawn both ways round where their direction counts, surfaces that
+    /// their control points represent coarsely. Absent if there are none.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     #[schema(required = false)]
     warnings: Vec<String>,
-    /// What a file of another program holds beside its shapes.
+    /// Content of a file of another program beside its shapes.
     #[serde(skip_serializing_if = "Option::is_none")]
     file: Option<FileSummary>,
 }
@@ -117,7 +117,7 @@ pub(in crate::api::v1) struct AddedShape {
     /// Identifier assigned by the client, if the shape has one.
     #[serde(skip_serializing_if = "Option::is_none")]
     external_id: Option<String>,
-    /// What the fit to a mesh has left, of a surface that came as one.
+    /// Residual of the fit to a mesh, of a surface that came as one.
     #[serde(skip_serializing_if = "Option::is_none")]
     fit: Option<MeshResidual>,
 }
@@ -175,8 +175,8 @@ pub(in crate::api::v1) struct AddQuery {
     /// `cyclic`): `drop` leaves them out, `refuse` makes the shape invalid. Default: `drop`.
     #[param(inline, required = false)]
     repeated_points: RepeatedPoints,
-    /// What the answer says of stored shapes: `results` has an entry for each of them, `ids` their ids in a list, `none`
-    /// nothing. Invalid shapes have an entry in any case. Default: `results`.
+    /// Account of stored shapes in the answer: `results` has an entry for each of them, `ids` their ids in a list,
+    /// `none` nothing. Invalid shapes have an entry in any case. Default: `results`.
     #[param(inline, rename = "return", required = false)]
     returned: Returned,
 }

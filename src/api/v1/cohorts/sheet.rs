@@ -45,7 +45,7 @@ pub(in crate::api::v1) struct SheetQuery {
     #[allow(dead_code, reason = "only for the document; the extractor reads it")]
     #[param(inline)]
     theme: Option<Theme>,
-    /// What is behind: a painted page, or nothing. Default: `page`.
+    /// Background: a painted page, or nothing. Default: `page`.
     #[allow(dead_code, reason = "only for the document; the extractor reads it")]
     #[param(inline)]
     background: Option<Background>,

@@ -157,7 +157,7 @@ pub(in crate::api::v1) struct AttributesAnswer {
     shape_count: usize,
     /// One entry per attribute that a shape of the cohort has.
     items: Vec<AttributeOutput>,
-    /// What a reader should know, such as the number of attributes that are not listed.
+    /// Warnings, such as the number of attributes that are not listed.
     warnings: Vec<String>,
 }
 
@@ -292,8 +292,8 @@ const DICTIONARIES: HeaderName = HeaderName::from_static("shapelex-dictionaries"
 /// Columns: `id`, `external_id`, `label`, `subject`, `created_at`, `labels.<attribute>`, `measures.<measure>`; for a dictionary by
 /// its id, `name@version`, `name@alias` or name also `<dictionary>.score.1`, … (components, or coefficients of atoms), `.t_squared`,
 /// `.residual`, `.relative_error`, `.outlier` (at the quantile 0.99), `.class` and `.confidence`. A shape that a dictionary cannot
-/// encode has missing values there. The headers `shapelex-revision` and `shapelex-dictionaries` name what the table was made from;
-/// so do the fields of JSON and the metadata of the Arrow schema.
+/// encode has missing values there. The headers `shapelex-revision` and `shapelex-dictionaries` name the revision and
+/// the versions that the table was made from; so do the fields of JSON and the metadata of the Arrow schema.
 #[utoipa::path(get, path = "/v1/cohorts/{cohort}/table", tag = "cohorts",
     params(("cohort" = String, Path, description = "Id or name"), TableParameters, FilterQuery),
     responses(
@@ -341,7 +341,7 @@ pub(in crate::api::v1) async fn compute_table(
     let format = table_format(parameters.take("format").as_deref(), &headers)?;
     parameters.refuse_rest()?;
     let query = read_table(&app, body).await?;
-    // A client that has an answer learns so by GET alone: 304 is no answer to POST (RFC 9110, 13.1.2).
+    // A client that has an answer learns so by GET alone: 304 is not an answer to POST (RFC 9110, 13.1.2).
     answer_table(&app, &key, query, format, &HeaderMap::new()).await
 }
 

@@ -97,7 +97,8 @@ pub(in crate::api::v1) async fn assess_cohort(
 /// Lines of a job that has succeeded.
 async fn lines_of(app: App, job: String) -> Result<Response, ServiceError> {
     let missing = || ServiceError::Internal("a job of lines without lines".into());
-    let parts = jobs::output(&app, &job).await?.parts().ok_or_else(missing)?;
+    let (output, _room) = jobs::output(&app, &job).await?;
+    let parts = output.parts().ok_or_else(missing)?;
     Ok(stored_lines(app, job, parts))
 }
 

@@ -151,9 +151,10 @@ fn assess_settings(
 
 /// Assesses shapes in one call: pose, code, class, novelty, and the residual along the contour.
 ///
-/// Shapes may miss parts: control points or landmarks that are null, or all but what `observed` says. They are posed on what is seen,
-/// with points that correspond as given; scores, residual and novelty are those of the posterior given what is seen, compared with parts of
-/// held-out training shapes. The first such request after a start learns this comparison and takes longer. The dictionary must have components.
+/// Shapes may miss parts: control points or landmarks that are null, or all outside of `observed`. They are posed on
+/// the seen part, with points that correspond as given; scores, residual and novelty are those of the posterior given
+/// the seen part, compared with parts of held-out training shapes. The first such request after a start learns this
+/// comparison and takes longer. The dictionary must have components.
 ///
 /// Lines of NDJSON are shapes; the other fields of the request are parameters then. As SVG or PNG: the first shapes, coloured by
 /// the distance to their reconstructions.

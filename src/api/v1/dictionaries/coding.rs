@@ -18,7 +18,7 @@ use crate::analysis::dictionary::prior::{Energy, Reference};
 use crate::analysis::dictionary::score::Score;
 use crate::api::extract::{Caller, JsonBody, NoQuery, Path};
 use crate::api::problem::Problem;
-use crate::api::respond::{compute, json, picture};
+use crate::api::respond::{compute, compute_unwaiting, json, picture};
 use crate::api::v1::dictionaries::pictures::draw_dictionary;
 use crate::api::v1::requests::batches::{Batch, DrawnBatch, Form, ManyShapes, Places, ResultList, results};
 use crate::api::v1::requests::request_macros::{ShapeOutput, checked};
@@ -131,7 +131,7 @@ pub(in crate::api::v1) async fn ask_dictionary<
     let ((settings, numbers), asked) = asked.map_err(|error| places.of(error))?;
     let (work, names) = (asked.work(&ready, numbers, &app.limits), asked.names.clone());
     let directions = asked.directions(&ready);
-    compute(app.weighing(work), move |app| {
+    compute_unwaiting(app.weighing(work), move |app| {
         let found = answer(app, &ready, asked, settings);
         let answered = found.and_then(|(outcomes, common)| {
             form.respond::<L>(&places, names, outcomes, common.and(directions))

@@ -58,11 +58,11 @@ document! {
         /// and knots.
         #[schema(value_type = Option<usize>, minimum = 1)]
         samples: Checked<usize>;
-        /// Whether bands are widened to what held-out training shapes need. Default: true. The first such request after a start learns the
-        /// factors and takes longer.
+        /// Whether bands are widened to the need of held-out training shapes. Default: true. The first such request
+        /// after a start learns the factors and takes longer.
         #[schema(value_type = Option<bool>)]
         calibrated: Checked<bool>;
-        /// Quantile of the held-out training shapes, from 0.5, beyond which what is seen is an outlier. Default: 0.99.
+        /// Quantile of the held-out training shapes, from 0.5, beyond which the seen part is an outlier. Default: 0.99.
         #[schema(value_type = Option<f64>, minimum = 0.5, exclusive_maximum = 1)]
         quantile: Checked<f64>;
     }
@@ -95,7 +95,8 @@ pub(in crate::api::v1) struct CompleteAnswer {
 pub(in crate::api::v1) struct CompletedShape {
     /// Position in the request, from 0.
     index: usize,
-    /// Control points of the most likely shape, in the pose in which it is seen. What is seen is described by the modes, not copied.
+    /// Control points of the most likely shape, in the pose in which it is seen. The seen part is described by the
+    /// modes, not copied.
     control_points: Points,
     /// Scores of the components.
     scores: Vec<f64>,
@@ -107,9 +108,11 @@ pub(in crate::api::v1) struct CompletedShape {
     matrix: Vec<Vec<f64>>,
     /// Offset `b`.
     offset: Vec<f64>,
-    /// Root mean square deviation of what is seen from the shape, in standard deviations of the noise; null if no points are seen.
+    /// Root mean square deviation of the seen part from the shape, in standard deviations of the noise; null if no
+    /// points are seen.
     misfit: Option<f64>,
-    /// Comparison of what is seen with parts of held-out training shapes; null if no points are seen, and without calibration.
+    /// Comparison of the seen part with parts of held-out training shapes; null if no points are seen, and without
+    /// calibration.
     novelty: Option<PartialNovelty>,
     /// Whether the search of the pose converged.
     converged: bool,
@@ -120,10 +123,10 @@ pub(in crate::api::v1) struct CompletedShape {
 /// Comparison of the seen part of a shape with parts of held-out training shapes, each completed by the components of all others.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(in crate::api::v1) struct PartialNovelty {
-    /// Whether this is an outlier, as `assess` finds it: by the scores and by the residual of what is seen.
+    /// Whether this is an outlier, as `assess` finds it: by the scores and by the residual of the seen part.
     is_outlier: bool,
-    /// Squared Mahalanobis distance of what is seen from the mean, in any pose, divided by the number of seen numbers less those of the
-    /// pose.
+    /// Squared Mahalanobis distance of the seen part from the mean, in any pose, divided by the number of seen numbers
+    /// less those of the pose.
     distance_per_number: f64,
     /// Fraction of the held-out parts with a smaller or equal distance.
     rank: f64,

@@ -78,7 +78,7 @@ pub(in crate::api::v1) struct DriftAnswer {
 ///
 /// Reference figures are those of the training shapes when they were held out, so that similar new shapes have similar
 /// figures. Older dictionaries without such a record use the figures of the shapes they were learnt from, and say so in
-/// `warnings`. As SVG: the scores of the new shapes against those of the training, and what changed, in words.
+/// `warnings`. As SVG: the scores of the new shapes against those of the training, and the changes in words.
 #[utoipa::path(get, path = "/v1/dictionaries/{dictionary}/drift", tag = "dictionaries",
     params(("dictionary" = String, Path, description = "Id, `name@version`, `name@alias` or name"), DriftQuery,
         ("format" = Option<String>, Query, description = "`json`, `svg` or `png`"), DrawingQuery),

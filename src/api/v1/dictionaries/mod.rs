@@ -8,6 +8,7 @@ pub(in crate::api) mod complete;
 pub(in crate::api) mod drift;
 pub(in crate::api) mod pictures;
 pub(in crate::api) mod report;
+pub(in crate::api) mod scatter;
 
 #[cfg(feature = "schema")]
 use crate::api::v1::requests::described::*;
@@ -159,7 +160,7 @@ pub(super) struct ProvenanceOutput {
     continued_from: Option<String>,
     /// Program and its version.
     program: String,
-    /// What should be known of the shapes in everything that is computed with the dictionary; absent if there is nothing to say.
+    /// Warnings about the shapes in everything that is computed with the dictionary; absent if there are none.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     #[schema(required = false)]
     warnings: Vec<String>,
@@ -292,7 +293,7 @@ pub(super) struct DictionaryOutput<'a> {
     centre: Option<&'a [Vec<f64>]>,
     /// Eigenshapes, orthonormal in `L₂`; or atoms of unit norm.
     atoms: &'a [Atom],
-    /// What should be known of the shapes in everything that is computed with the dictionary; absent if there is nothing to say.
+    /// Warnings about the shapes in everything that is computed with the dictionary; absent if there are none.
     #[serde(skip_serializing_if = "<[String]>::is_empty")]
     #[schema(required = false)]
     warnings: &'a [String],
@@ -307,7 +308,7 @@ pub(super) struct DictionaryOutput<'a> {
     provenance: ProvenanceOutput,
 }
 
-/// What a robust dictionary leaves out.
+/// Shapes that a robust dictionary leaves out.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct RobustDictionary<'a> {
     /// Number of shapes that are left out: their weight is zero.
@@ -638,7 +639,7 @@ pub(super) struct ModeAnswer {
     mean: ShapeOutput,
     /// Mean plus `sigma` standard deviations.
     plus: ShapeOutput,
-    /// What should be known of the shapes that the dictionary was learnt from; absent if there is nothing to say.
+    /// Warnings about the shapes that the dictionary was learnt from; absent if there are none.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     #[schema(required = false)]
     warnings: Vec<String>,

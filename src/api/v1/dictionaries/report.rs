@@ -22,7 +22,7 @@ const DRAWS: usize = 1000;
 const RESAMPLES: usize = 200;
 
 document! {
-    /// What a report card contains.
+    /// Content of a report card.
     #[schema(example = json!({
         "modes": 10,
         "measurements": [{"name": "length", "measure": {"kind": "distance", "between": [0.0, 0.5]}, "values": [40.0]}]

@@ -27,7 +27,7 @@ pub(in crate::api::v1) struct FormatEntry {
     read: bool,
     /// Whether files of the format are written.
     written: bool,
-    /// What its shapes can be: `curve`, `landmarks`, `mesh` and `fourier`.
+    /// Kinds of its shapes: `curve`, `landmarks`, `mesh` and `fourier`.
     #[schema(example = json!(["curve", "landmarks"]))]
     kinds: Vec<&'static str>,
     /// Options of reading, which are parameters by their names. `*` of archives: those of the files within.

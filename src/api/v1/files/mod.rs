@@ -1,4 +1,4 @@
-//! Files of other programs: what is in them, the same in another format, answers that are files.
+//! Files of other programs: their content, their conversion, answers that are files.
 //!
 //! A file is the body of a request: with the media type of its format, with any media type beside the parameter `format`, or with
 //! one that no format has beside the file name `name`.
@@ -51,10 +51,10 @@ const STRUCTURES: &str = "rtstruct";
 /// Number of bytes of an answer that are kept until it is known that all of it can be written.
 const KEPT: usize = 1 << 20;
 
-/// What is in a file.
+/// Content of a file.
 #[derive(Debug, Serialize, ToSchema)]
 pub(super) struct InspectAnswer {
-    /// What its reader says.
+    /// Account of its reader.
     #[serde(flatten)]
     file: FileSummary,
     /// Its shapes by kind and dimension.
@@ -67,7 +67,7 @@ pub(super) struct InspectAnswer {
     #[serde(skip_serializing_if = "Vec::is_empty")]
     #[schema(required = false)]
     proposals: Vec<Proposal>,
-    /// What an upload to the cohort would do, if one is named.
+    /// Effect that an upload to the cohort would have, if one is named.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(required = false)]
     cohort: Option<CohortPreview>,
@@ -121,21 +121,23 @@ impl From<Group> for FileGroup {
     }
 }
 
-/// Tells what is in a file, without storing it.
+/// Lists the content of a file, without storing it.
 ///
-/// The shapes that an upload would take by kind, with their names, boxes and labels, and what it would leave out; and numbers of
-/// control points that represent its curves and meshes within a tolerance, with the error that they leave. The file is the body of the request, with the media type of its format or as `application/octet-stream`.
+/// The shapes that an upload would take by kind, with their names, boxes and labels, and the items that it would leave
+/// out; and numbers of control points that represent its curves and meshes within a tolerance, with the error that they
+/// leave. The file is the body of the request, with the media type of its format or as `application/octet-stream`.
 ///
-/// With `cohort`, the file is looked at against that cohort: `cohort` of the answer says what `POST /v1/cohorts/{cohort}/shapes` with the
-/// same file and the same parameters would do at this revision, how many shapes it would add, which of them are there already, which it
-/// would refuse and why, and `units` to which unit their coordinates would be converted. All parameters of an upload are taken, and
-/// nothing is stored. A file that no upload can read, and one whose unit does not fit, is refused as the upload is. `on_error` and the
-/// parameters from `plane` on need `cohort`; `tolerance` is refused beside it, as the cohort has its representation.
+/// With `cohort`, the file is looked at against that cohort: `cohort` of the answer tells the effect of
+/// `POST /v1/cohorts/{cohort}/shapes` with the same file and the same parameters at this revision, how many shapes it
+/// would add, which of them are there already, which it would refuse and why, and `units` to which unit their
+/// coordinates would be converted. All parameters of an upload are taken, and nothing is stored. A file that no upload
+/// can read, and one whose unit does not fit, is refused as the upload is. `on_error` and the parameters from `plane`
+/// on need `cohort`; `tolerance` is refused beside it, as the cohort has its representation.
 #[utoipa::path(post, path = "/v1/inspect", tag = "files",
     params(PreviewQuery, FileQuery, ReadQuery, ProposalQuery, AddQuery, PlacingQuery),
     request_body(content((Binary = "application/octet-stream", example = json!("{\"points\": [[0, 0], [5, 1], [1, 3]], \"closed\": true}\n")))),
     responses(
-        (status = 200, description = "What is in the file, and what an upload would do with it", body = InspectAnswer),
+        (status = 200, description = "Content of the file, and the effect of an upload of it", body = InspectAnswer),
         (status = 404, description = "No such cohort"),
         (status = 409, description = "A file that cannot be read to its end, after an external id that belongs to another shape of the cohort"),
         (status = 412, description = "The cohort has changed while the file was looked at")))]
@@ -206,8 +208,9 @@ pub(super) struct ToQuery {
 /// Translates a file, without storing it.
 ///
 /// The answer is written while the file arrives. A fault within the first MiB of the answer is a problem document; a later one
-/// breaks the connection off. What the formats leave out is told by `POST /v1/inspect`. A DICOM structure set (`to=rtstruct`)
-/// refers to the images of a series: the body is a form with the part `parameters`, which lists them, and the part `file`.
+/// breaks the connection off. `POST /v1/inspect` lists the content that the formats leave out. A DICOM structure set
+/// (`to=rtstruct`) refers to the images of a series: the body is a form with the part `parameters`, which lists them,
+/// and the part `file`.
 #[utoipa::path(post, path = "/v1/convert", tag = "files",
     params(ToQuery, FileQuery, ReadQuery, WriteQuery),
     request_body(content(

@@ -1,4 +1,4 @@
-//! A file looked at against a cohort: what an upload would do with it.
+//! A file looked at against a cohort: the effect of an upload.
 
 use axum::extract::Request;
 use serde::Serialize;
@@ -30,7 +30,7 @@ pub(in crate::api::v1) struct PreviewQuery {
     cohort: Option<String>,
 }
 
-/// What an upload of a file to a cohort would do.
+/// Effect that an upload of a file to a cohort would have.
 #[derive(Debug, Serialize, ToSchema)]
 pub(in crate::api::v1) struct CohortPreview {
     /// Id of the cohort.
@@ -38,8 +38,8 @@ pub(in crate::api::v1) struct CohortPreview {
     id: String,
     /// Revision of the cohort when the look began.
     revision: u64,
-    /// Entity tag of that revision. An upload with it as `If-Match` does what is said here, or is refused because the cohort has
-    /// changed.
+    /// Entity tag of that revision. An upload with it as `If-Match` has the effect that is told here, or is refused
+    /// because the cohort has changed.
     #[schema(example = "\"coh_0190c7e0c8f97b4d8d2a3d7c1e5f6a7b-3\"")]
     etag: String,
     /// Whether an upload with the same parameters would store shapes or find them stored; otherwise `refusal` says why not.
@@ -57,24 +57,24 @@ pub(in crate::api::v1) struct CohortPreview {
     repeated_points: usize,
     /// Number of shapes that intersect themselves.
     self_intersecting: usize,
-    /// What the fits to meshes leave; absent without meshes that are fitted.
+    /// Residuals of the fits to meshes; absent without meshes that are fitted.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(required = false)]
     fits: Option<MeshFits>,
-    /// What should be known of the shapes as a whole, in the words of the upload.
+    /// Warnings about the shapes as a whole, in the words of the upload.
     warnings: Vec<String>,
     /// Faults of the invalid shapes by kind: the first of those that say the same, with their number.
     faults: Vec<Fault>,
     /// Shapes that would not be stored, each with its faults.
     results: Vec<FailedShape>,
-    /// What the upload would be refused with; absent if it would not be.
+    /// Problem with which the upload would be refused; absent if it would be accepted.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(required = false)]
     refusal: Option<ShapeError>,
 }
 
 impl CohortPreview {
-    /// What would be done with a file, and the cohort as it would be done to.
+    /// Effect that an upload of a file would have, and the cohort at that time.
     fn new(id: String, etag: String, preview: Preview) -> (FileSummary, Inspection, Self) {
         let Preview { stored, file, found, conflicts, faults, fits, refusal } = preview;
         let Stored { added, unchanged, skipped, repeated_points, self_intersecting, .. } = stored;

@@ -8,7 +8,7 @@ use crate::wire::checked::{Many, document, take_many};
 use crate::wire::dicom::SeriesImage;
 
 document! {
-    /// What a file that is written refers to.
+    /// Images that a file which is written refers to.
     #[schema(example = json!({"series": [{
         "class": "1.2.840.10008.5.1.4.1.1.2", "instance": "1.2.3.1", "series": "1.2.3", "frame_of_reference": "1.2.4",
         "position": [-250.0, -250.0, 12.5], "orientation": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0], "study": {"instance": "1.2"}
@@ -37,7 +37,7 @@ impl SeriesRequest {
 #[derive(Debug, ToSchema)]
 #[allow(dead_code, reason = "only for the document")]
 pub(in crate::api::v1) struct ConvertForm {
-    /// What the translation refers to; the first part.
+    /// Images that the translation refers to; the first part.
     parameters: SeriesRequest,
     /// File of shapes.
     file: Binary,

@@ -1,4 +1,4 @@
-//! Geometry of the shapes of one request: curves, fits, refinement, morphs.
+//! Geometry of the shapes of one request: curves, fits, refinement, morphs, warps.
 
 pub(in crate::api) mod catalogue;
 pub(in crate::api) mod curves;
@@ -8,3 +8,4 @@ pub(in crate::api) mod morph;
 pub(in crate::api) mod overlap;
 pub(in crate::api) mod refine;
 pub(in crate::api) mod subdivision;
+pub(in crate::api) mod warp;

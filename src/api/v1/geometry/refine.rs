@@ -183,7 +183,7 @@ impl Wanted {
     /// Factors of the wanted grid, with the field that names it; `None` for the coarsest that refines all blocks.
     ///
     /// # Errors
-    /// Numbers of control points that are no multiples; a factor that does not fit.
+    /// Numbers of control points that are not multiples; a factor that does not fit.
     fn factors(
         &self,
         representation: &Representation,

@@ -6,10 +6,13 @@ use axum::response::Response;
 
 use crate::analysis::models::anova::{ExchangeRule, Statistic};
 use crate::analysis::models::design::Contrasts;
+use crate::analysis::models::disparity::DisparityOptions;
 use crate::analysis::models::effect_size::Transform;
 use crate::analysis::models::formula::TermOrder;
-use crate::analysis::models::study::At;
+use crate::analysis::models::pairs::PairsOptions;
+use crate::analysis::models::records::At;
 use crate::analysis::models::subspaces::SumType;
+use crate::analysis::models::trajectories::TrajectoryOptions;
 use crate::api::extract::{Caller, JsonBody, OnlyFormat, Prefer};
 use crate::api::problem::Problem;
 #[cfg(feature = "schema")]
@@ -21,10 +24,14 @@ use crate::domain::job::Priority;
 #[cfg(feature = "schema")]
 use crate::domain::study::ShapeModel;
 use crate::service::app::ServiceError;
+use crate::service::inference::models::extras::{
+    Compatibility, CovarianceOptions, ManovaOptions, RandomOptions,
+};
+use crate::service::inference::models::further::FurtherOptions;
 use crate::service::inference::models::{Collinear, ModelledShapes, Options};
 use crate::service::inference::regressions::Missing;
 use crate::service::inference::study::StudyRequest;
-use crate::wire::checked::{Checked, take_given, take_or_default};
+use crate::wire::checked::{Checked, LARGE, take_given, take_or_default};
 
 study_request! {
     /// A linear model of shapes.
@@ -51,7 +58,8 @@ study_request! {
         /// Levels of factors in their order, the first of which is the reference. Default: those that occur, sorted.
         #[schema(value_type = Option<BTreeMap<String, Vec<String>>>)]
         levels: Checked<BTreeMap<String, Vec<String>>>;
-        /// What is modelled: `shape`, `log_centroid_size`, or a numeric attribute. Default: `shape`.
+        /// Response of the model: `shape`, `score 1..3` (shapes within the space of these principal components of all),
+        /// `log_centroid_size`, or a numeric attribute. Default: `shape`.
         #[schema(value_type = Option<String>)]
         response: Checked<String>;
         /// Handling of shapes without a value. Default: `refuse`.
@@ -63,7 +71,8 @@ study_request! {
         /// Attributes whose equal values are blocks of shapes that belong together, such as `subject`.
         #[schema(value_type = Option<Vec<String>>)]
         blocks: Checked<Names>;
-        /// What is exchanged with blocks. Default: `auto`: within blocks for terms that vary inside, whole blocks for others.
+        /// Units of exchange with blocks. Default: `auto`: within blocks for terms that vary inside, whole blocks for
+        /// others.
         #[schema(value_type = Option<ExchangeRule>)]
         exchange: Checked<ExchangeRule>;
         /// Terms that are tested against another term of the model that contains them, on the averages of its groups:
@@ -80,6 +89,37 @@ study_request! {
         /// 5, 50 and 95 %.
         #[schema(value_type = Option<Vec<BTreeMap<String, At>>>, max_items = 100)]
         at: Checked<Vec<BTreeMap<String, At>>>;
+        /// Groups beside each other: least-squares means, or slopes on a covariate.
+        #[schema(value_type = Option<PairsOptions>)]
+        pairs: Checked<PairsOptions>;
+        /// Scatter of groups, and whether it differs.
+        #[schema(value_type = Option<DisparityOptions>)]
+        disparity: Checked<DisparityOptions>;
+        /// Trajectories of groups through the means at the levels of a factor.
+        #[schema(value_type = Option<TrajectoryOptions>)]
+        trajectories: Checked<TrajectoryOptions>;
+        /// Level of the bands of predictions, such as 0.95. Default: no bands.
+        #[schema(value_type = Option<f64>, exclusive_minimum = 0.0, exclusive_maximum = 1.0)]
+        bands: Checked<f64>;
+        /// Number of places along curves at which bands are given. Default: the number of control points.
+        #[schema(value_type = Option<usize>, minimum = 1)]
+        samples: Checked<usize>;
+        /// Whether the model is kept, so that it predicts at any values later: the request then becomes a job, however small it is, and its
+        /// result tells in `kept_at` where the predictions are. Default: false.
+        #[schema(value_type = Option<bool>)]
+        keep: Checked<bool>;
+        /// Estimates of the random part `(1 | g)` or `(x | g)` of the formula. Default: the usual ones, if the shapes determine them.
+        #[schema(value_type = Option<RandomOptions>)]
+        random: Checked<RandomOptions>;
+        /// Multivariate statistics of the terms in the first principal coordinates. Default: none.
+        #[schema(value_type = Option<ManovaOptions>)]
+        manova: Checked<ManovaOptions>;
+        /// Known covariance of the shapes, as rows or as a tree, for generalised least squares. Default: shapes are independent.
+        #[schema(value_type = Option<CovarianceOptions>)]
+        covariance: Checked<CovarianceOptions, LARGE>;
+        /// `rrpp` adds p and Z of the ratio of permuted mean squares to terms with an error term of the model. Default: none.
+        #[schema(value_type = Option<Compatibility>)]
+        compatibility: Checked<Compatibility>;
     } {
         /// Number of permutations, 0 to 100000. Default: 1000.
         permutations
@@ -94,7 +134,7 @@ study_request! {
 ///
 /// All shapes are aligned to their mean; each term of the formula is tested by permutations of the residuals of the model without it.
 /// The answer is the table of an analysis of variance with F, Z and p, coefficients as displacements of the shape, and predicted
-/// shapes. Small tests are answered at once; others become a job (202) with this result. With `Prefer: wait=N` the response is the result
+/// shapes, on request with bands; pairs, disparity and trajectories of groups are tested besides. Small tests are answered at once; others become a job (202) with this result. With `Prefer: wait=N` the response is the result
 /// if the job ends within `N` seconds, at most 60. As SVG: the predicted shapes over the table.
 #[utoipa::path(post, path = "/v1/models", tag = "inference", request_body = ModelRequest,
     params(
@@ -142,6 +182,19 @@ impl StudyBody for ModelRequest {
         let statistic = take_or_default(self.statistic.take(), "/statistic", &mut errors);
         let z = take_or_default(self.z.take(), "/z", &mut errors);
         let at = take_given(self.at.take(), "/at", &mut errors);
+        let further = FurtherOptions {
+            reduced: None,
+            pairs: take_given(self.pairs.take(), "/pairs", &mut errors),
+            disparity: take_given(self.disparity.take(), "/disparity", &mut errors),
+            trajectories: take_given(self.trajectories.take(), "/trajectories", &mut errors),
+            bands: take_given(self.bands.take(), "/bands", &mut errors),
+            samples: take_given(self.samples.take(), "/samples", &mut errors),
+            keep: take_or_default(self.keep.take(), "/keep", &mut errors).unwrap_or_default(),
+        };
+        let random = take_given(self.random.take(), "/random", &mut errors);
+        let manova = take_given(self.manova.take(), "/manova", &mut errors);
+        let covariance = take_given(self.covariance.take(), "/covariance", &mut errors);
+        let compatibility = take_given(self.compatibility.take(), "/compatibility", &mut errors);
         let common = self.take_common(&mut errors);
         let options = (|| {
             Some(Options {
@@ -160,6 +213,11 @@ impl StudyBody for ModelRequest {
                 statistic: statistic?,
                 z: z?,
                 at,
+                further,
+                random,
+                manova,
+                covariance,
+                compatibility,
             })
         })();
         common.request(cohort, options, errors)

@@ -67,7 +67,7 @@ pub(in crate::api::v1) struct Form {
     pub(in crate::api::v1) on_error: OnError,
     /// Whether the answer is NDJSON.
     answers_lines: bool,
-    /// What its reader says of the file that the body is, if it is one.
+    /// Summary of the file that the body is, if it is one.
     file: Option<FileSummary>,
 }
 
@@ -168,7 +168,7 @@ async fn lengths_of(
     Ok(Lengths::of_dictionary(ready.dictionary().content.length_unit.clone()))
 }
 
-/// The shapes of a file as lines, within the memory for bodies, and what its reader says of it.
+/// The shapes of a file as lines, within the memory for bodies, and its summary by the reader.
 async fn lines_of(
     app: &App,
     body: Body,
@@ -462,7 +462,7 @@ macro_rules! result_list {
             common: $common,
             /// One entry for each input shape, in order.
             results: Vec<$entry>,
-            /// What the file of the request held besides; absent where the body was no file.
+            /// Further content of the file of the request; absent where the body was no file.
             #[serde(skip_serializing_if = "Option::is_none")]
             #[schema(required = false)]
             file: Option<crate::wire::summary::FileSummary>,
@@ -492,7 +492,7 @@ macro_rules! result_list {
         pub(in crate::api::v1) struct $list {
             /// One entry for each input shape, in order.
             results: Vec<$entry>,
-            /// What the file of the request held besides; absent where the body was no file.
+            /// Further content of the file of the request; absent where the body was no file.
             #[serde(skip_serializing_if = "Option::is_none")]
             #[schema(required = false)]
             file: Option<crate::wire::summary::FileSummary>,

@@ -13,7 +13,7 @@ use crate::api::caching::{IMMUTABLE, NO_STORE};
 use crate::api::problem::Problem;
 use crate::domain::dictionary::Listed;
 
-/// What a client asks for, and which answers it has: address and `If-None-Match`.
+/// Address of a request, and the answers that the client has: `If-None-Match`.
 #[derive(Debug)]
 pub(in crate::api::v1) struct Asked {
     uri: Uri,
@@ -73,7 +73,7 @@ pub(in crate::api::v1) async fn unless_known(
     Ok(tagged(response, tag))
 }
 
-/// Entity tag of what a text describes.
+/// Entity tag of the object that a text describes.
 pub(in crate::api::v1) fn tag_of(what: &str) -> String {
     format!("\"{}\"", &blake3::hash(what.as_bytes()).to_hex()[..32])
 }

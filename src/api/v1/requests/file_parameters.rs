@@ -52,12 +52,13 @@ pub(in crate::api::v1) struct PlacingQuery {
     /// Text before the names of the shapes, which become their external ids. Default: the name of the file without its ending and a
     /// slash; nothing before names that are identities: those of tables, of NDJSON, and unique identifiers of DICOM.
     prefix: Option<String>,
-    /// What the coordinates of the file are in, whatever it states: `m`, `cm`, `mm`, `um`, `nm`, `inch`, `pixel`, `voxel` or `none`.
-    /// Lengths are converted to the unit of the cohort. Default: what the file states.
+    /// Unit of the coordinates of the file, whatever the file states: `m`, `cm`, `mm`, `um`, `nm`, `inch`, `pixel`,
+    /// `voxel` or `none`. Lengths are converted to the unit of the cohort. Default: the unit that the file states.
     unit: Option<String>,
     /// Subject of the shapes of which the file says none.
     subject: Option<String>,
-    /// What of the file says whose its shapes are. The subject is a keyed digest, the same for a patient in all files of a tenant.
+    /// Entry of the file that names the subject of its shapes. The subject is a keyed digest, the same for a patient in
+    /// all files of a tenant.
     #[param(inline)]
     subject_from: Option<SubjectFrom>,
     /// Class label of the shapes of which the file says none.
@@ -116,7 +117,7 @@ mod described {
 /// Media types of files compressed by gzip, whatever they hold.
 const GZIP: [&str; 2] = ["application/gzip", "application/x-gzip"];
 
-/// What stands before the names of options of writing.
+/// Prefix of the names of options of writing.
 const WRITE: &str = "write_";
 
 /// Names of options.
@@ -193,7 +194,7 @@ impl FileParameters {
         })
     }
 
-    /// What the coordinates of the file are in, whatever it states.
+    /// Unit of the coordinates of the file, whatever it states.
     fn unit(&mut self) -> Result<Option<Unit>, Problem> {
         let unit = self.value("unit")?.map(|word| unit_of(&word)).transpose();
         unit.map_err(|detail| Problem::of_parameter("unit", detail))
@@ -222,7 +223,7 @@ impl FileParameters {
                 let format = FileFormat::find(word).filter(|format| format.is_read());
                 Some(format.ok_or_else(|| Problem::of_parameter("format", unknown_format(word).detail))?)
             }
-            // What is compressed tells.
+            // The compressed file tells.
             None if media_type == ANY_FILE || GZIP.contains(&media_type) => None,
             None => {
                 let mut named = FileFormat::of_media_type(media_type);
@@ -230,7 +231,7 @@ impl FileParameters {
                     (Some(format), None) => Some(format),
                     // Several formats: the first bytes tell.
                     (Some(_), Some(_)) => None,
-                    // Programs send a type of their own where they know none of the file: curl that of a web form.
+                    // Programs send their own type where they know none of the file: curl that of a web form.
                     (None, _) if name.is_some() && !is_form(media_type) => None,
                     (None, _) => return Err(unsupported(media_type)),
                 }
@@ -302,7 +303,7 @@ fn attribute_of(parameter: &str) -> Option<&str> {
     rest.strip_prefix('.').or_else(|| rest.strip_prefix('[')?.strip_suffix(']'))
 }
 
-/// Refuses what no shape can have, before the file is read.
+/// Refuses facts that no shape can have, before the file is read.
 fn check_facts(placing: &Placing) -> Result<(), Problem> {
     let Err(faults) = attributes(placing.said()) else { return Ok(()) };
     let named = |fault: Fault| {

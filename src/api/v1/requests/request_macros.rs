@@ -229,11 +229,11 @@ impl From<Layered> for LayeredOutput {
     }
 }
 
-/// What is common to all entries of an answer about posted shapes.
+/// Parts that all entries of an answer about posted shapes have in common.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(in crate::api::v1) struct Caveats {
-    /// What should be known of the shapes: contours drawn both ways round where their direction counts. Absent if there is nothing
-    /// to say.
+    /// Warnings about the shapes: contours drawn both ways round where their direction counts. Absent if there are
+    /// none.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     #[schema(required = false)]
     warnings: Vec<String>,
@@ -277,7 +277,7 @@ pub(in crate::api::v1) struct MeanOutput {
     pub(in crate::api::v1) warnings: Vec<String>,
 }
 
-/// What a robust estimate leaves out.
+/// Shapes that a robust estimate leaves out.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(in crate::api::v1) struct RobustOutput {
     /// Factor of the weight of each shape, in request order: 1 for shapes like the majority, 0 for those that are left out. Absent
@@ -364,7 +364,7 @@ impl MeanOutput {
         }
     }
 
-    /// The mean of a cohort, with what it leaves out.
+    /// The mean of a cohort, with the shapes that it leaves out.
     pub(in crate::api::v1) fn leaving_out(mut self, left_out: Option<&LeftOut>) -> Self {
         self.warnings.extend(left_out.and_then(|left_out| left_out.summary.minority).map(minority_warning));
         self.robust = left_out.map(RobustOutput::of_cohort);
@@ -372,7 +372,7 @@ impl MeanOutput {
     }
 }
 
-/// Declares the page of a list: a type of its own, since the schema of a generic one would repeat its items in place.
+/// Declares the page of a list: a separate type, since the schema of a generic one would repeat its items in place.
 macro_rules! page {
     ($(#[$meta:meta])* $name:ident of $item:ident) => {
         $(#[$meta])*

@@ -129,7 +129,7 @@ impl Parameters {
     /// Takes the order of a list: an attribute, after a minus sign if large values come first.
     ///
     /// # Errors
-    /// A name that is no attribute.
+    /// A name that is not an attribute.
     pub(in crate::api::v1) fn take_order(&mut self) -> Result<Option<Order>, Problem> {
         let Some(text) = self.take("order") else { return Ok(None) };
         let (descending, name) = text.strip_prefix('-').map_or((false, text.as_str()), |name| (true, name));

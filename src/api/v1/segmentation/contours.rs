@@ -18,7 +18,7 @@ use crate::wire::checked::{Checked, Many, document, take_given, take_many, take_
 use crate::wire::files::Photograph;
 
 document! {
-    /// What is wanted of a label image.
+    /// Boundaries that are wanted of a label image.
     #[schema(example = json!({"least_cells": 20}))]
     pub(in crate::api::v1) struct ContoursRequest {
         /// Labels whose boundaries are wanted. Default: all but 0.
@@ -37,8 +37,8 @@ document! {
         /// Whether holes and cavities are filled, and in space handles, each by a film one cell thick. Default: false.
         #[schema(value_type = Option<bool>)]
         fill: Checked<bool>;
-        /// What becomes of an image that looks like a photograph: `refuse`, or `read`, which takes its grey values for labels.
-        /// Default: `refuse`.
+        /// Treatment of an image that looks like a photograph: `refuse`, or `read`, which takes its grey values for
+        /// labels. Default: `refuse`.
         #[schema(value_type = Option<PhotographTreatment>)]
         photograph: Checked<Photograph>;
         /// Slice of a volume, by its index along z from 0: the answer is that of an image in the plane. Default: the whole volume.
@@ -50,7 +50,7 @@ document! {
     }
 }
 
-/// What becomes of an image that looks like a photograph where labels are expected.
+/// Treatment of an image that looks like a photograph where labels are expected.
 #[derive(utoipa::ToSchema)]
 #[schema(rename_all = "snake_case")]
 #[allow(dead_code, reason = "only for the document")]
@@ -65,7 +65,7 @@ pub(in crate::api::v1) enum PhotographTreatment {
 #[derive(Debug, utoipa::ToSchema)]
 #[allow(dead_code, reason = "only for the document")]
 pub(in crate::api::v1) struct ContoursForm {
-    /// What is wanted; the first part.
+    /// Parameters of the request; the first part.
     parameters: ContoursRequest,
     /// Image of whole numbers: PNG, TIFF, NIfTI-1, NRRD or DICOM segmentation.
     image: Binary,
@@ -105,7 +105,7 @@ fn plan(found: contours::Planned, image: Bytes, slice: Option<usize>) -> Result<
 }
 
 impl ContoursRequest {
-    /// What is wanted, of which slice.
+    /// The settings, and the slice.
     fn wanted(self) -> Result<(Wanted, Option<usize>), ServiceError> {
         let mut errors = self.faults;
         let labels = take_many(self.labels, "/labels", &mut errors);

@@ -34,7 +34,7 @@ use crate::wire::shape::ShapeInput;
 #[derive(Debug, utoipa::ToSchema)]
 #[allow(dead_code, reason = "only for the document")]
 pub(in crate::api::v1) struct SegmentForm {
-    /// What is wanted; the first part.
+    /// Parameters of the request; the first part.
     parameters: SegmentRequest,
     /// Image: PNG, TIFF, NIfTI-1, NRRD or DICOM segmentation. Colours are read as luma.
     image: Binary,
@@ -84,10 +84,11 @@ fn estimated(estimate: SegmentEstimate) -> Result<Response, ServiceError> {
 /// in stages from coarse to fine. The shape is checked after every stage: one that folds, collapses or leaves the image is answered
 /// with `stop` and a warning, as it was before. Shapes are those of the representation, and can be posted to a cohort.
 ///
-/// What is predicted to take up to three seconds is answered at once (200). More becomes a job (202), which keeps the parts of the form
-/// until it ends; its result is this answer, and in another format than JSON its output at `/v1/jobs/{job}/output` is the file. With
-/// `Prefer: wait=N` the answer comes if it is ready within `N` seconds, at most 60; `Prefer: respond-async` asks for a job in any case.
-/// Readers, and keys that are limited to cohorts, are answered at once or not at all.
+/// A request whose predicted time is at most three seconds is answered at once (200). A longer one becomes a job (202),
+/// which keeps the parts of the form until it ends; its result is this answer, and in another format than JSON its
+/// output at `/v1/jobs/{job}/output` is the file. With `Prefer: wait=N` the answer comes if it is ready within `N`
+/// seconds, at most 60; `Prefer: respond-async` asks for a job in any case. Readers, and keys that are limited to
+/// cohorts, are answered at once or not at all.
 #[utoipa::path(post, path = "/v1/segment", tag = "images",
     params(SegmentQuery, ("format" = Option<String>, Query, description = "`json`; `svg` or `png`, the image in grey below initial shapes and results; `nifti`, a volume of labels, and with `mask` also `png`: 1 for the cells of the first result"), DrawingQuery, PreferHeader, RetryHeader),
     request_body(content = SegmentForm, content_type = "multipart/form-data"),
@@ -129,7 +130,7 @@ struct Posted {
 }
 
 impl Posted {
-    /// Checks what is `asked`, has a `look` at what is prepared, reads the headers of the files and predicts the cost.
+    /// Checks the request, has a `look` at the prepared parts, reads the headers of the files and predicts the cost.
     async fn new<T>(
         app: &App,
         parts: Parts,
@@ -144,7 +145,7 @@ impl Posted {
         Ok((Self { parts, attracting, ready }, seen))
     }
 
-    /// As [`Self::new`], with what is needed to show the objects in a format.
+    /// As [`Self::new`], with the data needed to show the objects in a format.
     async fn shown(
         app: &App,
         parts: Parts,
@@ -188,7 +189,7 @@ async fn succeeded(app: &App, job: Job, shown: Shown) -> Result<Response, Servic
     if shown == Shown::Numbers {
         return json(StatusCode::OK, &job.result);
     }
-    let output = jobs::output(app, &job.id).await?;
+    let (output, _room) = jobs::output(app, &job.id).await?;
     let lost = || ServiceError::Internal("a job of a file without a file".into());
     Ok(file(output.media_type().ok_or_else(lost)?.to_owned(), output.data))
 }
@@ -218,7 +219,7 @@ fn shown(format: ImageFormat, mask: bool) -> Result<Shown, Problem> {
 #[derive(Debug, utoipa::ToSchema)]
 #[allow(dead_code, reason = "only for the document")]
 pub(in crate::api::v1) struct CohortSegmentForm {
-    /// What is wanted; the first part.
+    /// Parameters of the request; the first part.
     parameters: CohortSegmentRequest,
     /// Image: PNG, TIFF, NIfTI-1, NRRD or DICOM segmentation. Colours are read as luma.
     image: Binary,
@@ -234,7 +235,8 @@ pub(in crate::api::v1) struct CohortSegmentForm {
 /// ones do. Objects that fold, collapse or leave the image are answered, but stored only with `store_failed`. The metadata of a
 /// stored object names the BLAKE3 digests of the image and of the other parts under `segmentation`; the image itself is not kept.
 ///
-/// What takes long becomes a job (202), as there. It adds the objects as if the request had come when it runs; its result is this answer.
+/// A long computation becomes a job (202), as there. It adds the objects as if the request had come when it runs; its
+/// result is this answer.
 #[utoipa::path(post, path = "/v1/cohorts/{cohort}/segment", tag = "images",
     params(("cohort" = String, Path, description = "Id or name"), SegmentQuery, PreferHeader, RetryHeader, IfMatchHeader),
     request_body(content = CohortSegmentForm, content_type = "multipart/form-data"),

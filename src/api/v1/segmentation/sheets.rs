@@ -18,16 +18,16 @@ use crate::service::segmentation::shown::LabelFormat;
 use crate::wire::checked::{Checked, Many, document, take_given, take_many, take_or_default};
 
 document! {
-    /// What is wanted of the sheets of a volume.
+    /// Detection of the sheets of a volume.
     #[schema(example = json!({"field": "surface", "polarity": "dark", "sigma": 2}))]
     pub(in crate::api::v1) struct SheetsRequest {
-        /// What is answered. Default: `response`.
+        /// Field that is answered. Default: `response`.
         #[schema(value_type = Option<SheetField>)]
         field: Checked<SheetField>;
         /// Standard deviation of the blur, in the unit of the coordinates, at least half a cell along every axis. Default: two cells.
         #[schema(value_type = Option<f64>, exclusive_minimum = 0)]
         sigma: Checked<f64>;
-        /// Whether sheets are brighter or darker than what is around them. Default: `bright`.
+        /// Whether sheets are brighter or darker than their surroundings. Default: `bright`.
         #[schema(value_type = Option<ObjectPolarity>)]
         polarity: Checked<ObjectPolarity>;
         /// Part of the percentile below which responses are no crests. Default: 0.3.
@@ -55,7 +55,7 @@ document! {
 #[derive(Debug, utoipa::ToSchema)]
 #[allow(dead_code, reason = "only for the document")]
 pub(in crate::api::v1) struct SheetsForm {
-    /// What is wanted; the first part.
+    /// Parameters of the request; the first part.
     parameters: SheetsRequest,
     /// Volume: TIFF or NIfTI.
     image: Binary,

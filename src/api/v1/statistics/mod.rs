@@ -1,6 +1,8 @@
 //! Statistics of posted shapes: projection onto a class, mean shape, alignment, functional PCA. Nothing is stored.
 
+pub(in crate::api) mod matched;
 pub(in crate::api) mod retrieval;
+pub(in crate::api) mod sliding;
 
 use axum::body::Bytes;
 use axum::http::StatusCode;

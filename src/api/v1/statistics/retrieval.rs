@@ -10,9 +10,11 @@ use axum::response::Response;
 use serde::Serialize;
 use serde_json::Value;
 
+use crate::analysis::AnalysisError;
 use crate::analysis::alignment::Alignment;
-use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
+use crate::analysis::correspondence::{Direction, Mirror};
 use crate::analysis::defaults::NEIGHBOURS;
+use crate::analysis::elastic::settings::{Effort, ElasticSettings};
 use crate::analysis::factors::Estimator;
 use crate::analysis::frame::Frame;
 use crate::analysis::transformation::{ClassName, Transformation};
@@ -26,6 +28,7 @@ use crate::api::v1::requests::planned::{Waited, waited};
 use crate::api::v1::requests::request_macros::{checked, priority_of};
 use crate::api::v1::requests::shape_query::take_filter;
 use crate::api::v1::segmentation::segment;
+use crate::api::v1::statistics::matched::{ElasticFields, PairCorrespondence};
 use crate::domain::filter::ShapeFilter;
 use crate::domain::job::Priority;
 use crate::geometry::representation::Representation;
@@ -34,7 +37,9 @@ use crate::service::app::{App, ServiceError, Work};
 use crate::service::dictionaries::assessments::CohortAssessment;
 use crate::service::jobs;
 use crate::service::search::distances::{Answer, Chosen, Comparison};
+use crate::service::search::matched::contour_settings;
 use crate::service::search::neighbours::{FoundNeighbour, MAX_NEIGHBOURS, Queries, Search};
+use crate::service::search::pairs::check_elastic_class;
 use crate::service::search::{self, distances, neighbours};
 use crate::service::statistics::Settings;
 use crate::wire::checked::{Checked, List, Many, document, take_given, take_many, take_or_default};
@@ -114,8 +119,8 @@ pub(in crate::api::v1) struct SearchResult {
 pub(in crate::api::v1) struct SearchAnswer {
     /// Revision of the cohort that was searched.
     cohort_revision: u64,
-    /// What should be known of the shapes that were compared: contours drawn both ways round where their direction counts, surfaces
-    /// whose parameters do not correspond.
+    /// Warnings about the shapes that were compared: contours drawn both ways round where their direction counts,
+    /// surfaces whose parameters do not correspond.
     warnings: Vec<String>,
     /// One entry per shape.
     results: Vec<SearchResult>,
@@ -180,7 +185,7 @@ fn search_of(request: SearchRequest) -> Result<Search, ServiceError> {
     let is_posted = posted.is_some();
     let ((), shapes) = checked(Some(()), errors, posted.unwrap_or_default())?;
     let queries = if is_posted { Queries::Posted(shapes) } else { Queries::Stored(ids.unwrap_or_default()) };
-    let comparison = Comparison { transformation, alignment, mirror };
+    let comparison = Comparison { transformation, alignment, mirror, elastic: None };
     Ok(Search { queries, neighbours, comparison, filter })
 }
 
@@ -197,11 +202,13 @@ document! {
         /// Representation of posted shapes.
         #[schema(value_type = Option<Representation>)]
         representation: Read<Representation>;
-        /// Conversion of posted points to control points. Default: `landmarks`.
-        #[schema(value_type = Option<Correspondence>)]
-        correspondence: Checked<Correspondence>;
-        /// How to treat the direction of posted contours. Default: `either` for closed planar curves under `cyclic`, else `given`
-        /// (keep the direction as posted).
+        /// Conversion of posted points to control points (default: `landmarks`), or `elastic`: curves, also those of a cohort, are
+        /// compared by their directions, modulo position, scale, rotation, start and parametrisation; posted contours are then resampled
+        /// along their length.
+        #[schema(value_type = Option<PairCorrespondence>)]
+        correspondence: Checked<PairCorrespondence>;
+        /// How to treat the direction of posted contours. Default: `either` for closed planar curves under `cyclic` and `elastic`, else
+        /// `given` (keep the direction as posted).
         #[schema(value_type = Option<Direction>)]
         direction: Checked<Direction>;
         /// Id or name of a cohort.
@@ -216,13 +223,25 @@ document! {
         /// Whether shapes may be matched to mirror images. Default: the cohort's setting; `forbid` for posted shapes.
         #[schema(value_type = Option<Mirror>)]
         mirror: Checked<Mirror>;
-        /// Transformation class removed before shapes are compared.
-        #[schema(value_type = Transformation, required = true)]
-        transformation: Checked<Transformation>, required;
+        /// Transformation class removed before shapes are compared. Required; optional under `elastic`, which removes similarities.
+        #[schema(value_type = Option<Transformation>)]
+        transformation: Checked<Transformation>;
         /// Alignment method. Default: `projection`, or `procrustes` where the class is no linear space: `rigid`, and `similarity`
         /// in three dimensions.
         #[schema(value_type = Option<Alignment>)]
         alignment: Checked<Alignment>;
+        /// `elastic`: weight of bending against stretching, above 0 and up to 1: near 0, lengths correspond. Default: 1.
+        #[schema(value_type = Option<f64>, maximum = 1)]
+        elasticity: Checked<f64>;
+        /// `elastic`: number of segments into which curves are divided, 16 to 1000. Default: 100.
+        #[schema(value_type = Option<usize>, minimum = 16, maximum = 1000)]
+        points: Checked<usize>;
+        /// `elastic`: whether rotations are removed. Default: true.
+        #[schema(value_type = Option<bool>)]
+        rotation: Checked<bool>;
+        /// `elastic`: thoroughness of the search. Default: `normal`.
+        #[schema(value_type = Option<Effort>)]
+        effort: Checked<Effort>;
         /// Priority among the tenant's queued jobs if the request becomes a job. Default: `normal`.
         #[schema(value_type = Option<Priority>)]
         priority: Checked<Priority>;
@@ -241,12 +260,12 @@ pub(in crate::api::v1) struct DistancesAnswer {
     ids: Vec<String>,
     /// Class labels of the rows and columns.
     labels: Vec<Option<String>>,
-    /// What should be known of the shapes: contours drawn both ways round where their direction counts, surfaces whose parameters do not
-    /// correspond. Absent in matrices of jobs of earlier versions.
+    /// Warnings about the shapes: contours drawn both ways round where their direction counts, surfaces whose
+    /// parameters do not correspond. Absent in matrices of jobs of earlier versions.
     #[schema(required = false)]
     warnings: Vec<String>,
-    /// Distance matrix, symmetric with a zero diagonal: values in [0, 1], under `partial_procrustes` in [0, 2], or lengths under
-    /// `rigid` and `translation`.
+    /// Distance matrix, symmetric with a zero diagonal: values in [0, 1], under `partial_procrustes` in [0, 2], under `elastic` in
+    /// [0, π/2], or lengths under `rigid` and `translation`.
     distances: Vec<Vec<f64>>,
 }
 
@@ -297,15 +316,15 @@ async fn output(app: &App, job: &str, format: MatrixFormat) -> Result<Response, 
 
 /// A validated request for a distance matrix.
 enum MatrixRequest {
-    Posted(Box<Settings>, Vec<ShapeInput>),
+    Posted(Box<Settings>, Option<ElasticSettings>, Vec<ShapeInput>),
     Cohort(String, Chosen, Comparison),
 }
 
 impl MatrixRequest {
     async fn answer(self, app: &App) -> Result<Answer, ServiceError> {
         match self {
-            Self::Posted(settings, shapes) => {
-                Ok(Answer::Matrix(distances::for_posted(app, *settings, shapes).await?))
+            Self::Posted(settings, elastic, shapes) => {
+                Ok(Answer::Matrix(distances::for_posted(app, *settings, elastic, shapes).await?))
             }
             Self::Cohort(key, chosen, comparison) => {
                 distances::for_cohort(app, &key, chosen, comparison).await
@@ -316,30 +335,39 @@ impl MatrixRequest {
 
 fn matrix_request(mut request: DistancesRequest) -> Result<MatrixRequest, ServiceError> {
     let mut errors = std::mem::take(&mut request.faults);
-    errors.extend(misplaced(&request));
     let of_cohort = request.cohort.is_some();
+    let gives_correspondence = request.correspondence.is_some();
+    let correspondence =
+        take_or_default(request.correspondence.take(), "/correspondence", &mut errors).unwrap_or_default();
+    let is_elastic = correspondence == PairCorrespondence::Elastic;
+    errors.extend(misplaced(&request, gives_correspondence && !is_elastic));
+    let elastic = elastic_of(&mut request, is_elastic, &mut errors);
     let posted = request.shapes.take().map(|shapes| shapes.take("/shapes", &mut errors));
     let representation = request.representation.and_then(|field| field.take("/representation", &mut errors));
-    let correspondence =
-        take_or_default(request.correspondence, "/correspondence", &mut errors).unwrap_or_default();
     let direction = take_given(request.direction, "/direction", &mut errors);
     let cohort = take_given(request.cohort, "/cohort", &mut errors);
     let filter = take_filter(request.filter, "/filter", &mut errors).unwrap_or_default();
     let ids = take_many(request.ids, "/ids", &mut errors);
     let mirror = take_given(request.mirror, "/mirror", &mut errors);
-    let transformation = take_given(request.transformation, "/transformation", &mut errors);
+    let usual = is_elastic.then_some(Transformation::Named(ClassName::Similarity));
+    let transformation = take_given(request.transformation, "/transformation", &mut errors).or(usual);
     let alignment = take_given(request.alignment, "/alignment", &mut errors);
     let (transformation, shapes) = checked(transformation, errors, posted.unwrap_or_default())?;
+    if is_elastic {
+        check_elastic_class(&transformation)?;
+    }
     match (cohort, representation) {
         (Some(cohort), _) if of_cohort => {
             let chosen = ids.map_or(Chosen::Filter(Box::new(filter)), Chosen::Ids);
-            Ok(MatrixRequest::Cohort(cohort, chosen, Comparison { transformation, alignment, mirror }))
+            let comparison = Comparison { transformation, alignment, mirror, elastic };
+            Ok(MatrixRequest::Cohort(cohort, chosen, comparison))
         }
         (_, Some(representation)) => {
             let mirror = mirror.unwrap_or_default();
             let frame = Frame::default();
             let usual = Alignment::usual(&transformation, representation.dimension());
             let alignment = alignment.unwrap_or(usual);
+            let correspondence = correspondence.conversion();
             let direction = direction.unwrap_or_else(|| Direction::usual(correspondence, &representation));
             let settings = Settings {
                 representation,
@@ -351,21 +379,66 @@ fn matrix_request(mut request: DistancesRequest) -> Result<MatrixRequest, Servic
                 frame,
                 estimator: Estimator::Plain,
             };
-            Ok(MatrixRequest::Posted(Box::new(settings), shapes))
+            let settings = if is_elastic { contour_settings(settings) } else { settings };
+            Ok(MatrixRequest::Posted(Box::new(settings), elastic, shapes))
         }
         _ => Err(ServiceError::invalid("", "the request is incomplete")),
     }
 }
 
-/// Fields that are missing, or that do not apply to the way in which shapes are given.
-fn misplaced(request: &DistancesRequest) -> Vec<Fault> {
+/// Settings of elastic distances if they are asked for, and faults of fields that belong to the other kind.
+fn elastic_of(
+    request: &mut DistancesRequest,
+    is_elastic: bool,
+    errors: &mut Vec<Fault>,
+) -> Option<ElasticSettings> {
+    let given = [
+        ("/elasticity", request.elasticity.is_some()),
+        ("/points", request.points.is_some()),
+        ("/rotation", request.rotation.is_some()),
+        ("/effort", request.effort.is_some()),
+    ];
+    let fields = ElasticFields {
+        elasticity: request.elasticity.take(),
+        points: request.points.take(),
+        rotation: request.rotation.take(),
+        effort: request.effort.take(),
+    };
+    if !is_elastic {
+        let misplaced = given.into_iter().filter(|(_, given)| *given);
+        errors.extend(misplaced.map(|(field, _)| {
+            Fault::new(field, "expected no value unless the correspondence is \"elastic\", got one")
+        }));
+        if request.transformation.is_none() {
+            errors.push(Fault::new("/transformation", "required field is missing"));
+        }
+        return None;
+    }
+    if request.alignment.is_some() {
+        let detail =
+            "expected no value with elastic distances, whose rotations are those of the best match, got one";
+        errors.push(Fault::new("/alignment", detail));
+    }
+    let settings = fields.take(errors);
+    match settings.checked() {
+        Err(AnalysisError::Parameter { field, detail }) => {
+            errors.push(Fault::new(format!("/{field}"), detail))
+        }
+        _ => return Some(settings),
+    }
+    None
+}
+
+/// Fields that are missing, or that do not apply to the way in which shapes are given; `converts`: whether a conversion of posted points
+/// is given.
+fn misplaced(request: &DistancesRequest, converts: bool) -> Vec<Fault> {
     let (posted, stored) = (request.shapes.is_some(), request.cohort.is_some());
     if posted == stored {
         return vec![Fault::new("", "expected either shapes with their representation, or a cohort")];
     }
     let of_posted = [
         ("/representation", request.representation.is_some()),
-        ("/correspondence", request.correspondence.is_some()),
+        ("/correspondence", converts),
         ("/direction", request.direction.is_some()),
     ];
     let of_cohort = [("/filter", request.filter.is_some()), ("/ids", request.ids.is_some())];
@@ -392,7 +465,9 @@ fn misplaced(request: &DistancesRequest) -> Vec<Fault> {
 /// Returns the matrix, the lines or the file that a job has computed.
 ///
 /// Jobs of the kind `distances` give a matrix, those of the kind `assess` one line per shape, sent as they are read, those of the kind
-/// `segment` the picture or the volume of labels that was asked for. Outputs are kept as long as their job; if together they exceed 2 GiB, only the newest are kept.
+/// `segment` the picture or the volume of labels that was asked for; predictions of those of the kind `model` are asked
+/// for at `/v1/models/{job}/predictions`. Outputs are kept as long as their job; if together they exceed 2 GiB, only
+/// the newest are kept.
 #[utoipa::path(get, path = "/v1/jobs/{job}/output", tag = "jobs",
     params(
         ("job" = String, Path, description = "Id"),
@@ -407,7 +482,10 @@ pub(in crate::api::v1) async fn job_output(
     format: OutputFormat,
     Path(id): Path<String>,
 ) -> Result<Response, Problem> {
-    let output = jobs::output(&app, &id).await?;
+    let (output, _room) = jobs::output(&app, &id).await?;
+    if output.is_model() {
+        return Err(ServiceError::NotFound { kind: "output of the job", key: id }.into());
+    }
     if let Some(parts) = output.parts() {
         format.check_lines()?;
         return Ok(stored_lines(app, id, parts));

@@ -164,7 +164,7 @@ impl Pool {
         self.readers.run(read).await
     }
 
-    /// Runs `read`, which may wait for a client, on a thread of its own with lower priority.
+    /// Runs `read`, which may wait for a client, on a separate thread with lower priority.
     ///
     /// # Errors
     /// Those of `read`; [`ServiceError::Overloaded`] if too many files are being read.
@@ -254,6 +254,25 @@ impl Pool {
         task: impl FnOnce() -> Result<T, ServiceError> + Send + 'static,
     ) -> Outcome<'_, T> {
         Outcome::of(self.run_any(boxed(task)))
+    }
+
+    /// As [`Pool::run`]; short work is done on this thread, so that `task` must not wait for anything.
+    ///
+    /// # Errors
+    /// As [`Pool::run`].
+    pub fn run_unwaiting<T: Send + 'static>(
+        &self,
+        task: impl FnOnce() -> Result<T, ServiceError> + Send + 'static,
+    ) -> Outcome<'_, T> {
+        Outcome::of(self.run_any_unwaiting(boxed(task)))
+    }
+
+    async fn run_any_unwaiting(&self, task: Task) -> AnyOutcome {
+        if !self.work.is_instant() {
+            return self.run_any(task).await;
+        }
+        self.context().check()?;
+        here(self.work, task)
     }
 
     async fn run_any(&self, task: Task) -> AnyOutcome {

@@ -1,4 +1,4 @@
-//! Places for what lasts as long as its client likes: files that are read while they arrive, or written while they are taken.
+//! Places for work that lasts as long as its client likes: files that are read while they arrive, or written while they are taken.
 //!
 //! Tenants take places in turn, by the time for which they have held some; none takes more than half of them, so that those of others
 //! do not depend on how slow its clients are.

@@ -12,7 +12,7 @@ use super::priority;
 use super::turns::Who;
 use crate::service::app::error::ServiceError;
 
-/// Threads of their own. Clones share them.
+/// Separate threads. Clones share them.
 #[derive(Debug, Clone)]
 pub(super) struct Readers {
     threads: Arc<Threads>,

@@ -1,4 +1,4 @@
-//! Tasks of the pool, whatever they return: queues, channels and waiting are compiled once, not for each task. What is generic
+//! Tasks of the pool, whatever they return: queues, channels and waiting are compiled once, not for each task. Generic code
 //! only boxes a task and opens its outcome.
 
 use std::any::Any;

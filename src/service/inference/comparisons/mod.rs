@@ -27,7 +27,7 @@ use crate::service::statistics::Setup;
 use crate::wire::fault::Fault;
 
 /// Maximum number of points along the shape in an answer, over all pairs.
-const MAX_EFFECT_POINTS: usize = 100_000;
+pub(super) const MAX_EFFECT_POINTS: usize = 100_000;
 
 /// Options of a comparison.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -90,7 +90,7 @@ impl StudyKind for ComparedShapes {
     }
 
     fn estimate(&self, app: &App, plan: &Plan<Options>, setup: &Setup) -> Result<Estimate, ServiceError> {
-        self.check_samples(setup)?;
+        check_places(self.samples, setup)?;
         let (shapes, groups) = (self.members.shapes.len(), self.members.groups.names.len());
         let work = TestWork {
             shapes,
@@ -133,18 +133,6 @@ impl StudyKind for ComparedShapes {
 }
 
 impl ComparedShapes {
-    /// Checks that shapes of the space can be compared at this number of points.
-    fn check_samples(&self, setup: &Setup) -> Result<(), ServiceError> {
-        let (found, usual) = (self.samples, setup.space.representation().comparison_places());
-        match Places::rule(&setup.space) {
-            Some(rule) if found != usual => {
-                let detail = format!("expected {usual} or no value, got {found}: {rule}");
-                Err(ServiceError::invalid("/samples", detail))
-            }
-            _ => Ok(()),
-        }
-    }
-
     /// Warnings about subjects, and about shapes that are left out.
     fn warnings(&self, strata: &[String]) -> Vec<String> {
         let Members { shapes, groups, left_out, .. } = &self.members;
@@ -164,8 +152,23 @@ impl ComparedShapes {
     }
 }
 
+/// Checks that shapes of the space can be compared at this number of points.
+///
+/// # Errors
+/// Another number than the only one, at `/samples`.
+pub(super) fn check_places(found: usize, setup: &Setup) -> Result<(), ServiceError> {
+    let usual = setup.space.representation().comparison_places();
+    match Places::rule(&setup.space) {
+        Some(rule) if found != usual => {
+            let detail = format!("expected {usual} or no value, got {found}: {rule}");
+            Err(ServiceError::invalid("/samples", detail))
+        }
+        _ => Ok(()),
+    }
+}
+
 /// Fault of the number of points.
-fn samples_fault(samples: Option<usize>, most: usize) -> Option<Fault> {
+pub(super) fn samples_fault(samples: Option<usize>, most: usize) -> Option<Fault> {
     let samples = samples.filter(|samples| !(1..=most).contains(samples))?;
     Some(Fault::new("/samples", format!("expected a number between 1 and {most}, got {samples}")))
 }

@@ -1,36 +1,55 @@
 //! Linear models of the shapes of a cohort.
 //!
-//! * this file — the kind of study; `table` — the attributes that a formula names.
+//! * this file — the kind of study; `answer` — its question and record, `refusals` — its errors; `table` — the attributes that a formula names; [`further`] — pairs, disparity, trajectories, bands;
+//!   [`extras`] — random effects, multivariate statistics, known covariances; [`kept`] — predictions of models that are kept;
+//! * `streamed` — models of more shapes than fit into memory, `columns` — their attributes.
 
-mod table;
+mod answer;
+mod columns;
+pub mod extras;
+pub mod further;
+pub mod kept;
+mod refusals;
+mod streamed;
+pub(super) mod table;
 
 use std::collections::BTreeMap;
+use std::sync::OnceLock;
 
 use serde::{Deserialize, Serialize};
+use tokio::runtime::Handle;
 
+use self::extras::{Compatibility, CovarianceOptions, ManovaOptions, RandomOptions, names_scores};
+use self::further::FurtherOptions;
+use self::refusals::refused;
+pub(super) use self::refusals::refused_at;
+use self::streamed::Large;
 use self::table::{complete, full_name, resolved, table_of};
 use super::regressions::Missing;
-use super::sample::{labels_of, subject_warning};
+use super::sample::labels_of;
 use super::study::{Plan, Study, StudyKind, StudyRequest, within_memory};
 use crate::analysis::drawing::models::draw_model;
 use crate::analysis::estimate::{Estimate, TestWork};
 use crate::analysis::inference::aligned::AlignedShapes;
-use crate::analysis::models::anova::{ExchangeRule, Statistic, Testing};
+use crate::analysis::models::anova::{ExchangeRule, Statistic};
 use crate::analysis::models::design::{Contrasts, Design, Table, Values};
 use crate::analysis::models::effect_size::Transform;
 use crate::analysis::models::error::ModelError;
-use crate::analysis::models::formula::{Formula, TermOrder};
-use crate::analysis::models::study::{
-    At, LOG_CENTROID_SIZE, MAX_PREDICTIONS, ModelQuestion, Response, model,
-};
+use crate::analysis::models::formula::{Formula, RandomPart, TermOrder};
+use crate::analysis::models::manova::MAX_COORDINATES;
+use crate::analysis::models::mixed;
+use crate::analysis::models::records::At;
+use crate::analysis::models::study::{LOG_CENTROID_SIZE, MAX_PREDICTIONS, model};
 use crate::analysis::models::subspaces::{Space, SumType};
 use crate::analysis::watch::Watch;
 use crate::domain::cohort::Cohort;
 use crate::domain::filter::ShapeFilter;
-use crate::domain::job::JobKind;
+use crate::domain::job::{JobKind, JobOutput};
 use crate::domain::shape::ShapeDescription;
 use crate::domain::study::ShapeModel;
 use crate::geometry::drawing::scene::Drawing;
+use crate::numeric::dense::Matrix;
+use crate::service::app::progress::JobContext;
 use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::attributes::{self, KnownAttributes};
 use crate::service::cohorts::selection::Selection;
@@ -87,6 +106,41 @@ pub struct Options {
     pub z: Transform,
     /// Values at which shapes are predicted.
     pub at: Option<Vec<BTreeMap<String, At>>>,
+    /// What is asked besides the table.
+    #[serde(default)]
+    pub further: FurtherOptions,
+    /// Estimates of a random part.
+    #[serde(default)]
+    pub random: Option<RandomOptions>,
+    /// Multivariate statistics.
+    #[serde(default)]
+    pub manova: Option<ManovaOptions>,
+    /// Known covariance of the shapes.
+    #[serde(default)]
+    pub covariance: Option<CovarianceOptions>,
+    /// Other programs whose numbers are added.
+    #[serde(default)]
+    pub compatibility: Option<Compatibility>,
+}
+
+/// The formula of a model and those that belong to it, with their places.
+#[derive(Debug, Clone)]
+struct Formulas {
+    own: Formula,
+    place: &'static str,
+    others: Vec<(Formula, &'static str)>,
+}
+
+impl Formulas {
+    fn all(&self) -> impl Iterator<Item = (&Formula, &'static str)> {
+        let others = self.others.iter().map(|(formula, place)| (formula, *place));
+        std::iter::once((&self.own, self.place)).chain(others)
+    }
+
+    /// The reduced model of a comparison.
+    fn reduced(&self) -> Option<&Formula> {
+        self.others.iter().find(|(_, place)| *place == "/reduced").map(|(formula, _)| formula)
+    }
 }
 
 /// Shapes of a model, with their attributes.
@@ -94,12 +148,17 @@ pub struct Options {
 pub struct ModelledShapes {
     shapes: Vec<ShapeDescription>,
     filter: [ShapeFilter; 1],
-    formula: Formula,
+    formulas: Formulas,
     table: Table,
     needs_sizes: bool,
     strata: Option<Vec<usize>>,
     blocks: Option<Vec<usize>>,
     left_out: usize,
+    /// Names of the shapes in their covariance, and its factor, known once the cost is.
+    named: Vec<String>,
+    factor: OnceLock<Matrix>,
+    /// Of shapes that are read as a stream, which have no descriptions.
+    large: Option<Large>,
 }
 
 impl StudyKind for ModelledShapes {
@@ -108,33 +167,33 @@ impl StudyKind for ModelledShapes {
     const KIND: JobKind = JobKind::Model;
     const PHASE: &'static str = "model";
 
-    fn faults(_: &App, request: &StudyRequest<Options>) -> Vec<Fault> {
+    fn faults(app: &App, request: &StudyRequest<Options>) -> Vec<Fault> {
         let options = &request.options;
         let mut faults: Vec<Fault> = request.permutations_fault().into_iter().collect();
         faults.extend(request.strata_faults());
         match read(options) {
             Ok(formula) if formula.terms.is_empty() => {
-                faults.push(Fault::new("/formula", ModelError::NoTerms.to_string()));
+                faults.push(Fault::new(options.place(), ModelError::NoTerms.to_string()));
             }
             Ok(_) => {}
-            Err(detail) => faults.push(Fault::new("/formula", detail)),
+            Err(detail) => faults.push(Fault::new(options.place(), detail)),
         }
-        if options.response != SHAPE
-            && options.response != LOG_CENTROID_SIZE
-            && resolved(&options.response).is_none()
-        {
+        faults.extend(options.further.faults(app, options));
+        let response = options.response.as_str();
+        let is_known = match names_scores(response) {
+            true => extras::scores(response).is_some(),
+            false => [SHAPE, LOG_CENTROID_SIZE].contains(&response) || resolved(response).is_some(),
+        };
+        if !is_known {
             let detail = format!(
-                "expected 'shape', '{LOG_CENTROID_SIZE}' or a numeric attribute, got '{}'",
-                options.response
+                "expected 'shape', '{LOG_CENTROID_SIZE}', 'score 1..3' or a numeric attribute, got '{response}'"
             );
             faults.push(Fault::new("/response", detail));
         }
-        for (i, name) in options.blocks.iter().enumerate().filter(|(_, name)| resolved(name).is_none()) {
-            faults.push(Fault::new(
-                format!("/blocks/{i}"),
-                format!("expected the name of an attribute, got '{name}'"),
-            ));
-        }
+        let blocks: Vec<String> = (0..options.blocks.len()).map(|i| format!("/blocks/{i}")).collect();
+        let blocks = options.blocks.iter().zip(&blocks);
+        faults.extend(faults_of_names(blocks.map(|(name, pointer)| (name.as_str(), pointer.as_str()))));
+        faults.extend(extras::faults(options));
         if options.blocks.is_empty() && matches!(options.exchange, ExchangeRule::Within | ExchangeRule::Whole)
         {
             let detail = "expected `blocks` with an exchange within them or of whole ones, got none";
@@ -152,17 +211,22 @@ impl StudyKind for ModelledShapes {
 
     async fn select(app: &App, cohort: &Cohort, plan: &Plan<Options>) -> Result<Self, ServiceError> {
         let options = &plan.options;
-        let formula = read(options).map_err(|detail| ServiceError::invalid("/formula", detail))?;
+        let place = options.place();
+        let own = read(options).map_err(|detail| ServiceError::invalid(place, detail))?;
+        let formulas = Formulas { own, place, others: options.further.formulas(options)? };
+        if let Some(large) = streamed::select(app, cohort, plan, &formulas).await? {
+            return Ok(large);
+        }
         let described = attributes::describe(app, cohort, &options.filter, "/filter").await?;
         let all = described.len();
         if all == 0 {
             let known = KnownAttributes::of(app, cohort).await?;
             return Err(ServiceError::invalid("/filter", format!("the filter selects no shapes: {known}")));
         }
-        let shapes = complete(app, cohort, options, &formula, described).await?;
-        let table = table_of(options, &formula, &shapes)?;
+        let shapes = complete(app, cohort, options, &formulas, described).await?;
+        let table = table_of(options, &formulas, &shapes)?;
         let needs_sizes = options.response == LOG_CENTROID_SIZE
-            || formula.variables.iter().any(|variable| variable.name == LOG_CENTROID_SIZE);
+            || formulas.all().any(|(formula, _)| names(formula, LOG_CENTROID_SIZE));
         let labels = |names: &[String], pointer: &str| match names.is_empty() {
             true => Ok(None),
             false => labels_of(names, &shapes, pointer).map(Some),
@@ -170,7 +234,25 @@ impl StudyKind for ModelledShapes {
         let blocks: Vec<String> = options.blocks.iter().map(|name| full_name(name)).collect();
         let (strata, blocks) = (labels(&plan.strata, "/strata")?, labels(&blocks, "/blocks")?);
         let (filter, left_out) = ([options.filter.clone()], all - shapes.len());
-        Ok(Self { shapes, filter, formula, table, needs_sizes, strata, blocks, left_out })
+        let named = match &options.covariance {
+            Some(covariance) => covariance.names_of(&shapes)?,
+            None => Vec::new(),
+        };
+        let factor = OnceLock::new();
+        let large = None;
+        Ok(Self {
+            shapes,
+            filter,
+            formulas,
+            table,
+            needs_sizes,
+            strata,
+            blocks,
+            left_out,
+            named,
+            factor,
+            large,
+        })
     }
 
     fn selection(&self) -> Selection<'_> {
@@ -181,23 +263,33 @@ impl StudyKind for ModelledShapes {
         let shapes = self.shapes.len();
         // Sizes are known once the shapes are read; any numbers that differ make as many columns.
         let table = self.table_with((0..shapes).map(|k| k as f64).collect());
-        let refused = |error| refused(error, &self.shapes);
-        let design = Design::named(&self.formula, &table, plan.options.coding()).map_err(refused)?;
+        let place = self.formulas.place;
+        let refused = |error| refused(error, place, &self.shapes);
+        let design = Design::named(&self.formulas.own, &table, plan.options.coding()).map_err(refused)?;
         // Groups of random parts are columns of the model inside of them.
-        let groups: usize = self.formula.random.iter().map(|part| design.count(&part.group)).sum();
-        let (columns, terms) = (design.columns.len() + groups, self.formula.terms.len());
-        let length = if plan.options.response == SHAPE { setup.measured().metric.len() } else { 1 };
+        let of_part = |part: &RandomPart| design.count(&part.group) * (1 + part.terms.len());
+        let groups: usize = self.formulas.own.random.iter().map(of_part).sum();
+        let (columns, terms) = (design.columns.len() + groups, self.formulas.own.terms.len());
+        let length = if plan.options.is_of_shapes() { setup.measured().metric.len() } else { 1 };
         let (numbers, most) = (columns.saturating_mul(length), app.limits.samples);
         if numbers > most {
             let detail = format!(
                 "expected at most {most} numbers in the coefficients, got {numbers} for {columns} columns"
             );
-            return Err(ServiceError::invalid("/formula", detail));
+            return Err(ServiceError::invalid(place, detail));
+        }
+        if let Some(large) = &self.large {
+            return large.estimate(app, plan, setup, &design);
         }
         let permutations = plan.permutations;
         let work =
             TestWork { shapes, samples: 0, permutations, columns: columns + 1, pairs: 0, pair_shapes: 0 };
-        let estimate = within_memory(app, setup, &work, "/filter")?.with_design(columns, terms, permutations);
+        let (more, bytes) = plan.options.extra_work(shapes, columns, (length, terms, permutations), groups);
+        let estimate = within_memory(app, setup, &work, "/filter")?
+            .with_design(columns, terms, permutations)
+            .with_work(more, bytes);
+        let further = &plan.options.further;
+        let estimate = further.cost(estimate, (&plan.options, &design), (setup, permutations))?;
         let most = app.limits.job_bytes as f64;
         if estimate.memory_bytes > most {
             let detail = format!(
@@ -207,6 +299,12 @@ impl StudyKind for ModelledShapes {
             );
             return Err(ServiceError::invalid("/permutations", detail));
         }
+        if let Some(covariance) = &plan.options.covariance {
+            let names: Vec<&str> = self.named.iter().map(String::as_str).collect();
+            let factor =
+                covariance.read().and_then(|covariance| covariance.factor(&names)).map_err(refused)?;
+            self.factor.get_or_init(|| factor);
+        }
         if shapes <= columns && !self.needs_sizes {
             // Fewer shapes than independent columns are refused before the shapes are read.
             Space::new(&design.filled(), &vec![1.0; shapes]).map_err(refused)?;
@@ -214,44 +312,36 @@ impl StudyKind for ModelledShapes {
         Ok(estimate)
     }
 
+    fn streamed(
+        study: &Study<Self>,
+        app: &App,
+        handle: &Handle,
+        context: &JobContext,
+    ) -> Option<Result<ShapeModel, ServiceError>> {
+        study.sample.large.as_ref().map(|large| large.model(study, app, handle, context))
+    }
+
     fn result(
         study: &Study<Self>,
         shapes: &AlignedShapes<'_>,
         watch: &dyn Watch,
     ) -> Result<ShapeModel, ServiceError> {
-        let Study { plan, cohort, sample, .. } = study;
-        let options = &plan.options;
+        let sample = &study.sample;
         let table = match sample.needs_sizes {
             true => sample.table_with(shapes.log_centroid_sizes().ok_or_else(|| {
                 ServiceError::invalid("/cohort", "the cohort has shapes too large to be measured")
             })?),
             false => sample.table.clone(),
         };
-        let error_terms: Vec<(String, String)> =
-            options.error_terms.iter().map(|(term, error)| (term.clone(), error.clone())).collect();
-        let question = ModelQuestion {
-            formula: &sample.formula,
-            table: &table,
-            contrasts: options.coding(),
-            response: response_of(&options.response, &table)?,
-            testing: sample.testing(plan, &error_terms),
-            at: options.at.as_deref(),
-        };
-        let mut found = model(shapes, &question, watch).map_err(|error| refused(error, &sample.shapes))?;
-        let dropped = &found.anova.design.dropped;
-        if options.collinear == Collinear::Refuse && !dropped.is_empty() {
-            return Err(refused(ModelError::Collinear { columns: dropped.join(", ") }, &sample.shapes));
-        }
-        found.anova.warnings = warnings_of(study, std::mem::take(&mut found.anova.warnings));
-        Ok(ShapeModel {
-            cohort: cohort.id.clone(),
-            cohort_revision: plan.revision,
-            header: plan.header(sample.shapes.len(), sample.left_out),
-            kind: options.kind,
-            response: options.response.clone(),
-            blocks: options.blocks.clone(),
-            found,
-        })
+        sample.record(study, &table, |question| model(shapes, question, watch))
+    }
+
+    fn is_kept(options: &Options) -> bool {
+        options.further.keep
+    }
+
+    fn kept(record: &mut ShapeModel, job: &str) -> Result<Option<JobOutput>, ServiceError> {
+        kept::output(record, job)
     }
 
     fn draw(study: &Study<Self>, record: &ShapeModel) -> Drawing {
@@ -270,48 +360,73 @@ impl Options {
     fn coding(&self) -> Contrasts {
         self.contrasts.unwrap_or_default()
     }
-}
 
-/// What is modelled.
-fn response_of<'a>(name: &str, table: &'a Table) -> Result<Response<'a>, ServiceError> {
-    match (name, table.attributes.get(name)) {
-        (SHAPE, _) => Ok(Response::Shape),
-        (_, Some(Values::Numbers(numbers))) => Ok(Response::Numbers(numbers)),
-        _ => Err(ServiceError::invalid("/response", format!("expected numbers, got texts for '{name}'"))),
+    /// Whether shapes are modelled, and no numbers.
+    fn is_of_shapes(&self) -> bool {
+        self.response == SHAPE || names_scores(&self.response)
     }
-}
 
-/// All that should be known of a model beside what was found.
-fn warnings_of(study: &Study<ModelledShapes>, mut found: Vec<String>) -> Vec<String> {
-    let Study { plan, sample, .. } = study;
-    let mut warnings = study.caveats();
-    warnings.append(&mut found);
-    if plan.options.blocks.iter().all(|name| name != "subject") && !names_subject(&sample.formula) {
-        warnings.extend(subject_warning(&sample.shapes, &plan.strata));
+    /// Place of the formula in the request.
+    fn place(&self) -> &'static str {
+        if self.further.reduced.is_some() { "/full" } else { "/formula" }
     }
-    if sample.left_out > 0 {
-        warnings.push(format!("{} shapes lack a value and are left out", sample.left_out));
+
+    /// Multiply-adds and bytes of what is asked beside the table.
+    fn extra_work(
+        &self,
+        shapes: usize,
+        columns: usize,
+        (length, terms, permutations): (usize, usize, usize),
+        groups: usize,
+    ) -> (f64, f64) {
+        let (n, rows) = (shapes as f64, length as f64);
+        let (mut work, mut bytes) = (0.0, 0.0);
+        if groups > 0 {
+            let (more, memory) = mixed::cost((shapes, groups), columns, length);
+            (work, bytes) = (work + more, bytes + memory);
+        }
+        if let Some(manova) = &self.manova {
+            let m = manova.components.unwrap_or(MAX_COORDINATES).min(shapes) as f64;
+            let tests = terms as f64 * permutations as f64;
+            work += tests * (n * m + columns as f64 * m * m + m * m * m) + n * n.min(rows) * rows;
+            bytes += 40.0 * tests + 16.0 * n * (n.min(rows) + m);
+        }
+        if self.covariance.is_some() {
+            work += n * n * (n / 6.0 + rows + columns as f64);
+            bytes += 24.0 * n * n;
+        }
+        (work, bytes)
     }
-    warnings
 }
 
 impl ModelledShapes {
-    /// How the terms are tested.
-    fn testing<'a>(&'a self, plan: &Plan<Options>, error_terms: &'a [(String, String)]) -> Testing<'a> {
-        let options = &plan.options;
-        Testing {
-            kind: options.kind,
-            contrasts_of_three: options.contrasts.unwrap_or(Contrasts::Sum),
-            statistic: options.statistic,
-            transform: options.z,
-            permutations: plan.permutations,
-            seed: plan.seed,
-            strata: self.strata.as_deref(),
-            blocks: self.blocks.as_deref(),
-            exchange: options.exchange,
-            error_terms,
-            given: None,
+    /// Shapes that are read as a stream.
+    fn streamed(
+        formulas: Formulas,
+        table: Table,
+        filter: ShapeFilter,
+        strata: Option<Vec<usize>>,
+        left_out: usize,
+        large: Large,
+    ) -> Self {
+        Self {
+            shapes: Vec::new(),
+            filter: [filter],
+            formulas,
+            table,
+            needs_sizes: false,
+            strata,
+            blocks: None,
+            left_out,
+            named: Vec::new(),
+            factor: OnceLock::new(),
+            large: Some(large),
         }
+    }
+
+    /// Number of shapes.
+    fn count(&self) -> usize {
+        self.large.as_ref().map_or(self.shapes.len(), |large| large.count)
     }
 
     /// The table with the logarithms of the centroid sizes.
@@ -325,44 +440,26 @@ impl ModelledShapes {
 }
 
 fn read(options: &Options) -> Result<Formula, String> {
-    let length = options.formula.chars().count();
+    read_text(&options.formula, options.order)
+}
+
+fn read_text(text: &str, order: TermOrder) -> Result<Formula, String> {
+    let length = text.chars().count();
     if length > MAX_FORMULA {
         return Err(format!("expected at most {MAX_FORMULA} characters, got {length}"));
     }
-    Formula::parse(&options.formula, options.order).map_err(|error| error.to_string())
+    Formula::parse(text, order).map_err(|error| error.to_string())
 }
 
-fn names_subject(formula: &Formula) -> bool {
-    formula.variables.iter().any(|variable| variable.name == "subject")
+/// Whether a formula names an attribute.
+fn names(formula: &Formula, attribute: &str) -> bool {
+    formula.variables.iter().any(|variable| variable.name == attribute)
 }
 
-/// Refusal for an error of a model, which names shapes by their ids.
-fn refused(error: ModelError, shapes: &[ShapeDescription]) -> ServiceError {
-    let place = |shape: usize| shapes.get(shape).map_or("", |shape| attributes::name_of(shape));
-    let (pointer, detail) = match error {
-        ModelError::Analysis(error) => return error.into(),
-        ModelError::Domain { name, expected, value, shape } => (
-            "/formula".to_owned(),
-            format!("expected {expected} for '{name}', got {value:e} on the shape '{}'", place(shape)),
-        ),
-        ModelError::UnknownLevel { name, level, shape } => {
-            let detail = format!(
-                "expected one of the levels of '{name}', got '{level}' on the shape '{}'",
-                place(shape)
-            );
-            (format!("/levels/{}", name.replace('~', "~0").replace('/', "~1")), detail)
-        }
-        error @ ModelError::StrataInside { .. } => ("/strata".into(), error.to_string()),
-        error @ ModelError::UnequalBlocks { .. } => ("/blocks".into(), error.to_string()),
-        error @ ModelError::NoErrorTerm { .. } => ("/error_terms".into(), error.to_string()),
-        error @ (ModelError::EmptyCells { .. } | ModelError::FarFromZero { .. }) => {
-            ("/type".into(), error.to_string())
-        }
-        error @ ModelError::FewShapes { .. } => ("/filter".into(), error.to_string()),
-        ref error @ ModelError::UnknownPlace { place, ref name, .. } => {
-            (format!("/at/{place}/{}", name.replace('~', "~0").replace('/', "~1")), error.to_string())
-        }
-        error => ("/formula".into(), error.to_string()),
-    };
-    ServiceError::invalid(pointer, detail)
+/// Faults of names, with their places, that are those of no attribute.
+pub(super) fn faults_of_names<'a, 'b>(names: impl Iterator<Item = (&'a str, &'b str)>) -> Vec<Fault> {
+    let unknown = names.filter(|(name, _)| resolved(name).is_none());
+    let fault =
+        |(name, pointer)| Fault::new(pointer, format!("expected the name of an attribute, got '{name}'"));
+    unknown.map(fault).collect()
 }

@@ -3,10 +3,9 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::super::regressions::Missing;
-use super::{Options, SHAPE};
+use super::{Formulas, Options};
 use crate::analysis::inference::limits::{MAX_VALUE, MIN_DEVIATION};
 use crate::analysis::models::design::{Table, Values};
-use crate::analysis::models::formula::Formula;
 use crate::analysis::models::study::LOG_CENTROID_SIZE;
 use crate::domain::attribute::Attribute;
 use crate::domain::cohort::Cohort;
@@ -17,7 +16,7 @@ use crate::service::cohorts::attributes::{self, KnownAttributes};
 use crate::wire::fault::Fault;
 
 /// The attribute of a name: `subject`, `label`, `labels.<attribute>`, `measures.<measure>`, or the attribute alone.
-pub(super) fn resolved(name: &str) -> Option<Attribute> {
+pub(in super::super) fn resolved(name: &str) -> Option<Attribute> {
     Attribute::parse(&full_name(name))
 }
 
@@ -30,10 +29,14 @@ pub(super) fn full_name(name: &str) -> String {
 }
 
 /// Names of the attributes, with the places in the request that name them.
-fn names<'a>(options: &'a Options, formula: &'a Formula) -> BTreeMap<&'a str, String> {
-    let mut names: BTreeMap<&str, String> =
-        formula.variables.iter().map(|variable| (variable.name.as_str(), "/formula".to_owned())).collect();
-    if options.response != SHAPE {
+pub(super) fn names<'a>(options: &'a Options, formulas: &'a Formulas) -> BTreeMap<&'a str, String> {
+    let mut names: BTreeMap<&str, String> = BTreeMap::new();
+    for (formula, place) in formulas.all() {
+        for variable in &formula.variables {
+            names.entry(&variable.name).or_insert_with(|| place.to_owned());
+        }
+    }
+    if !options.is_of_shapes() {
         names.entry(&options.response).or_insert_with(|| "/response".into());
     }
     for (i, name) in options.blocks.iter().enumerate() {
@@ -51,12 +54,26 @@ pub(super) async fn complete(
     app: &App,
     cohort: &Cohort,
     options: &Options,
-    formula: &Formula,
+    formulas: &Formulas,
+    described: Vec<ShapeDescription>,
+) -> Result<Vec<ShapeDescription>, ServiceError> {
+    having(app, cohort, names(options, formulas), options.missing, described).await
+}
+
+/// Shapes that have all values of the names, which the places of the request name; the others are refused or left out.
+///
+/// # Errors
+/// Values that are missing; attributes that no shape has.
+pub(in super::super) async fn having(
+    app: &App,
+    cohort: &Cohort,
+    names: BTreeMap<&str, String>,
+    missing: Missing,
     described: Vec<ShapeDescription>,
 ) -> Result<Vec<ShapeDescription>, ServiceError> {
     let all = described.len();
     let (mut faults, mut incomplete, mut unknown) = (Vec::new(), BTreeSet::new(), Vec::new());
-    for (name, pointer) in names(options, formula) {
+    for (name, pointer) in names {
         let has = |shape: &ShapeDescription| {
             resolved(name).is_some_and(|attribute| attribute.text(shape).is_some())
         };
@@ -78,7 +95,7 @@ pub(super) async fn complete(
             |(name, pointer)| Fault::new(pointer, format!("none of the {all} shapes has {name}: {known}"));
         return ServiceError::unless_empty(unknown.into_iter().map(fault).collect()).map(|()| Vec::new());
     }
-    if options.missing == Missing::Refuse {
+    if missing == Missing::Refuse {
         ServiceError::unless_empty(faults)?;
     }
     let kept = described.into_iter().enumerate().filter(|(k, _)| !incomplete.contains(k));
@@ -91,12 +108,12 @@ pub(super) async fn complete(
 /// Numbers that are too large; a response that is no number, or that does not vary.
 pub(super) fn table_of(
     options: &Options,
-    formula: &Formula,
+    formulas: &Formulas,
     shapes: &[ShapeDescription],
 ) -> Result<Table, ServiceError> {
     let (mut table, mut faults) =
         (Table { attributes: BTreeMap::new(), levels: options.levels.clone() }, Vec::new());
-    for (name, pointer) in names(options, formula) {
+    for (name, pointer) in names(options, formulas) {
         let Some(attribute) = resolved(name) else { continue };
         let numbers: Option<Vec<f64>> = shapes.iter().map(|shape| attribute.number(shape)).collect();
         let values = match numbers {
@@ -105,26 +122,34 @@ pub(super) fn table_of(
                 Values::Texts(shapes.iter().map(|shape| attribute.text(shape).unwrap_or_default()).collect())
             }
         };
-        if name == options.response {
-            faults.extend(response_fault(&values, name));
-        }
-        if let Values::Numbers(numbers) = &values
-            && let Some(large) = numbers.iter().find(|number| number.abs() > MAX_VALUE)
-        {
-            faults.push(Fault::new(
-                pointer,
-                format!("expected numbers within ±{MAX_VALUE:.0e} for '{name}', got {large:e}"),
-            ));
-        }
+        faults.extend(checked(options, name, &pointer, &values));
         table.attributes.insert(name.to_owned(), values);
     }
-    let formula_names: BTreeSet<&str> =
-        formula.variables.iter().map(|variable| variable.name.as_str()).collect();
-    for name in options.levels.keys().filter(|name| !formula_names.contains(name.as_str())) {
-        faults.push(Fault::new("/levels", format!("expected attributes of the formula, got '{name}'")));
-    }
+    faults.extend(check_levels(options, formulas));
     ServiceError::unless_empty(faults)?;
     Ok(table)
+}
+
+/// Faults of the values of an attribute, which the place `pointer` names.
+pub(super) fn checked(options: &Options, name: &str, pointer: &str, values: &Values) -> Vec<Fault> {
+    let of_response = (name == options.response).then(|| response_fault(values, name)).flatten();
+    let large = match values {
+        Values::Numbers(numbers) => numbers.iter().find(|number| number.abs() > MAX_VALUE),
+        Values::Texts(_) | Values::Levels { .. } => None,
+    };
+    let of_size = large.map(|large| {
+        Fault::new(pointer, format!("expected numbers within ±{MAX_VALUE:.0e} for '{name}', got {large:e}"))
+    });
+    of_response.into_iter().chain(of_size).collect()
+}
+
+/// Faults of levels that are those of no attribute of the formula.
+pub(super) fn check_levels(options: &Options, formulas: &Formulas) -> Vec<Fault> {
+    let known: BTreeSet<&str> =
+        formulas.own.variables.iter().map(|variable| variable.name.as_str()).collect();
+    let unknown = options.levels.keys().filter(|name| !known.contains(name.as_str()));
+    let fault = |name| Fault::new("/levels", format!("expected attributes of the formula, got '{name}'"));
+    unknown.map(fault).collect()
 }
 
 fn response_fault(values: &Values, name: &str) -> Option<Fault> {

@@ -3,7 +3,7 @@
 //! ```text
 //! T² = |ẑ|²,   e = J − tr C_z                                     e: expectation of T² given a part of this extent
 //! Q  = ⟨1, 1⟩ Σ_i |q_i − ŷ_i|²/M                                  squared prediction error, as of the whole shape
-//! t  = T²/e,   s = Σ_i |q_i − ŷ_i|²/v_i / (d M − I − e)           what is compared with parts of held-out shapes
+//! t  = T²/e,   s = Σ_i |q_i − ŷ_i|²/v_i / (d M − I − e)           compared with parts of held-out shapes
 //! ```
 //!
 //! `C_z` is the covariance of the scores, `M` the number of seen points and `I` that of the unknowns of the pose. Both measures are about
@@ -79,9 +79,9 @@ pub struct PartAssessment {
     pub scores: Vec<f64>,
     /// Their standard deviations.
     pub deviations: Vec<f64>,
-    /// Positions of what is seen: control points, or with arcs those of as many places along the curve.
+    /// Positions of the seen part: control points, or with arcs those of as many places along the curve.
     pub seen: Vec<usize>,
-    /// Distances of what is seen from the most likely shape, in the unit of the shape.
+    /// Distances of the seen part from the most likely shape, in the unit of the shape.
     pub residual: Vec<f64>,
     /// The most likely shape, `d·N` coordinate-major numbers, in the pose in which the part is seen.
     pub completed: Vec<f64>,
@@ -91,9 +91,9 @@ pub struct PartAssessment {
     pub t_squared: f64,
     /// `Q`.
     pub squared_error: f64,
-    /// `√(Σ|q − ŷ|²/Σ|q|²)` over what is seen, in the pose of the dictionary.
+    /// `√(Σ|q − ŷ|²/Σ|q|²)` over the seen part, in the pose of the dictionary.
     pub relative_residual: f64,
-    /// `Σ|q − ŷ|²/√(Σ|q|² Σ|ŷ|²)` over what is seen, in the pose of the dictionary.
+    /// `Σ|q − ŷ|²/√(Σ|q|² Σ|ŷ|²)` over the seen part, in the pose of the dictionary.
     pub relative_error: f64,
 }
 

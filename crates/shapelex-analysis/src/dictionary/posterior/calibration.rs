@@ -27,6 +27,7 @@ use crate::dictionary::report::sample::{Part, Sample};
 use crate::dictionary::score::{rank, value_at};
 use crate::dictionary::work::{EIGENPROBLEM, PRODUCT};
 use crate::metric::Metric;
+use crate::quantile::student_quantile;
 use crate::watch::Watch;
 use rand::rngs::ChaCha12Rng;
 use rand::seq::index::sample;
@@ -48,7 +49,7 @@ const LOGNORMAL: f64 = 20.0;
 /// Fewest subjects: of two others, one component at most is known.
 const MIN_SUBJECTS: usize = 3;
 
-/// Distances of held-out shapes from what was predicted of them, in standard deviations.
+/// Distances of held-out shapes from their predictions, in standard deviations.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Calibration {
     /// Number of subjects that were left out.
@@ -60,13 +61,13 @@ pub struct Calibration {
     /// Quantiles of the largest distance of each hidden part, ascending, and their logarithms.
     simultaneous: Vec<f64>,
     logarithms: Logarithms,
-    /// Quantiles of the misfit of what was seen for each free number, ascending.
+    /// Quantiles of the misfit of the seen parts for each free number, ascending.
     seen: Vec<f64>,
     /// The same parts by how unlike the model they are, for each hidden fraction.
     extents: Vec<Extent>,
 }
 
-/// Parts of held-out shapes of which one fraction was hidden, one of each shape, by how unlike the model what was seen of them is.
+/// Parts of held-out shapes of which one fraction was hidden, one of each shape, by how unlike the model their seen parts are.
 #[derive(Debug, Clone, PartialEq)]
 struct Extent {
     hidden: f64,
@@ -107,7 +108,7 @@ struct Trial {
     /// Index of the hidden fraction.
     extent: usize,
     distances: Vec<f64>,
-    /// Misfit of what is seen for each free number.
+    /// Misfit of the seen part for each free number.
     seen: f64,
     measures: PartMeasures,
 }
@@ -145,7 +146,7 @@ impl Calibration {
         }
     }
 
-    /// Compares what is seen of a shape, of which the fraction `hidden` is not, with the parts of held-out shapes of which nearly as much
+    /// Compares the seen part of a shape, of which the fraction `hidden` is missing, with the parts of held-out shapes of which nearly as much
     /// was hidden. Among parts like those of the training, the fraction `1 − quantile` counts as outliers.
     pub fn score(&self, measures: PartMeasures, hidden: f64, quantile: f64) -> PartScore {
         let away = |extent: &&Extent| (extent.hidden - hidden).abs();
@@ -170,7 +171,7 @@ impl Calibration {
         (((1.0 - weight) * own + weight * lognormal).exp(), level * (subjects + 1.0) <= subjects)
     }
 
-    /// Fraction of the held-out parts that what is seen of them fits better, or as well, for `misfit` a free number.
+    /// Fraction of the held-out parts whose seen points fit better, or as well, for `misfit` a free number.
     pub fn rank(&self, misfit: f64) -> f64 {
         rank(&self.seen, misfit)
     }
@@ -214,27 +215,12 @@ pub fn normal_factor(level: f64, dimension: usize) -> f64 {
     upper_limit(12.0, density, level)
 }
 
-/// Quantile of Student's `t` with `freedom` degrees of freedom, for levels of at least 0.5.
-fn student_quantile(level: f64, freedom: usize) -> f64 {
-    // With T = √ν tan θ, P(|T| ≤ t) is the part of ∫ cos^(ν−1) θ dθ, from 0 to π/2, up to θ.
-    let density = |angle: f64| angle.cos().max(0.0).powi(i32::try_from(freedom - 1).unwrap_or(i32::MAX));
-    let whole = integral(std::f64::consts::FRAC_PI_2, density);
-    let angle = upper_limit(std::f64::consts::FRAC_PI_2, density, (2.0 * level - 1.0) * whole);
-    (freedom as f64).sqrt() * angle.tan()
-}
-
 /// Steps in which integrals are taken between 0 and the end.
 const STEPS_OF_INTEGRALS: usize = 200;
 
 /// `∫ f` between two limits, by Simpson's rule on one step.
 fn integral_of_step(low: f64, high: f64, f: impl Fn(f64) -> f64) -> f64 {
     (high - low) / 6.0 * (f(low) + 4.0 * f(0.5 * (low + high)) + f(high))
-}
-
-/// `∫₀^upper f`.
-fn integral(upper: f64, f: impl Fn(f64) -> f64 + Copy) -> f64 {
-    let at = |i: usize| upper * i as f64 / STEPS_OF_INTEGRALS as f64;
-    (0..STEPS_OF_INTEGRALS).map(|i| integral_of_step(at(i), at(i + 1), f)).sum()
 }
 
 /// The `x` between 0 and `most` for which `∫₀ˣ f = wanted`; `f` is not negative. The step that contains it is halved.
@@ -426,7 +412,7 @@ pub fn calibration_work(metric: &Metric, shapes: usize, subjects: usize, unknown
 const STEPS: f64 = 8.0;
 
 impl Posterior {
-    /// `(|z|² + Σ |q − ŷ|²/v) / m`: squared Mahalanobis distance of what is seen from the mean, for each of its `m` free numbers.
+    /// `(|z|² + Σ |q − ŷ|²/v) / m`: squared Mahalanobis distance of the seen part from the mean, for each of its `m` free numbers.
     pub fn misfit_per_number(&self) -> f64 {
         (self.distance().powi(2) + self.misfit) / self.freedom.max(1) as f64
     }
@@ -469,21 +455,6 @@ impl Dictionary {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// From tables of Student's distribution.
-    #[test]
-    fn quantiles_of_student_are_those_of_tables() {
-        for (level, freedom, wanted) in [
-            (0.95, 1, 6.313_752),
-            (0.95, 2, 2.919_986),
-            (0.95, 13, 1.770_933),
-            (0.99, 45, 2.412_116),
-            (0.95, 255, 1.650_851),
-        ] {
-            let found = student_quantile(level, freedom);
-            assert!((found - wanted).abs() < 1e-5, "{level} {freedom}: {found} {wanted}");
-        }
-    }
 
     fn trial(extent: usize, largest: f64, measures: (f64, f64)) -> Trial {
         let measures = PartMeasures { distance: measures.0, residual: measures.1 };

@@ -11,12 +11,12 @@ use crate::metric::{dot, norm};
 use shapelex_numeric::dense::{Definite, Matrix, add_outer_products};
 use shapelex_numeric::kernels::add_scaled;
 
-/// What is known of a shape.
+/// Known part of a shape.
 #[derive(Debug, Clone)]
 pub struct Seen {
     /// Shapes of the model at the seen places.
     pub(super) at: AtPlaces,
-    /// The seen points, coordinate-major, in a pose of their own.
+    /// The seen points, coordinate-major, in their own pose.
     pub(super) points: Vec<f64>,
     /// Variance of the measurement of each point, for each coordinate.
     pub(super) variances: Vec<f64>,
@@ -27,7 +27,7 @@ pub struct Seen {
 /// A value that a shape is to have.
 #[derive(Debug, Clone)]
 pub(super) struct Imposed {
-    /// What has the value.
+    /// Feature that has the value.
     pub(super) feature: ShapeFeature,
     /// Shapes of the model at its places.
     pub(super) at: AtPlaces,

@@ -1,4 +1,4 @@
-//! A shape with missing parts, and what of it is seen.
+//! A shape with missing parts, and its seen part.
 
 use super::conditioning::{Imposed, Seen};
 use super::feature::ShapeFeature;
@@ -41,7 +41,7 @@ pub struct SeenPoint {
 /// A value that a shape is to have.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Condition {
-    /// What has the value.
+    /// Feature that has the value.
     pub measure: ShapeFeature,
     /// The value.
     pub value: f64,
@@ -78,7 +78,7 @@ fn controls_on_arcs(space: &ShapeSpace, arcs: &[[f64; 2]]) -> Vec<usize> {
 const GRID: f64 = 1e-12;
 
 impl PartialShape {
-    /// Positions of what is seen: control points, or with arcs those of as many places along the curve.
+    /// Positions of the seen part: control points, or with arcs those of as many places along the curve.
     pub(super) fn seen(&self, space: &ShapeSpace) -> Vec<usize> {
         match &self.arcs {
             Some((_, arcs)) => {
@@ -104,7 +104,7 @@ impl PartialShape {
 }
 
 impl PosteriorModel {
-    /// What is seen of a shape.
+    /// The seen part of a shape.
     ///
     /// # Errors
     /// [`AnalysisError::Parameter`] at `points` or `conditions` for places that the shapes do not have, at `observed` for arcs on

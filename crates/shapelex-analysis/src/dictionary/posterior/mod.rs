@@ -8,16 +8,16 @@
 //!
 //! `E_i` evaluates a shape at the place of the point, `T_i` are the directions of the transformation class, whose flat prior makes it
 //! unknown. The pose `(A, b)` absorbs `θ̂` and the step is repeated, until nothing moves. `H⁻¹` is then the covariance of the scores and
-//! the pose together, and `G H⁻¹ Gᵀ + v` that of any other place. What the modes do not describe counts as noise, of the variance of the
+//! the pose together, and `G H⁻¹ Gᵀ + v` that of any other place. Variation outside the modes counts as noise, of the variance of the
 //! residuals of held-out shapes.
 //!
-//! The posterior takes the modes as known. Those of few shapes are not, so its bands are too narrow; [`calibration`] widens them to what
+//! The posterior takes the modes as known. Those of few shapes are not, so its bands are too narrow; [`calibration`] widens them as far as
 //! held-out shapes need.
 //!
 //! * [`places`] — shapes of a model at some places; [`model`] — the model that a dictionary is;
 //! * [`pose`] — the transformation class as unknown; [`feature`] — functions of a shape that may be imposed;
 //! * [`conditioning`] — the posterior; [`predicted`] — points and their covariances; [`calibration`] — factors of their bands;
-//! * [`missing`] — a shape with missing parts; [`assessed`] — how unlike the model what is seen of it is.
+//! * [`missing`] — a shape with missing parts; [`assessed`] — how unlike the model its seen part is.
 //!
 //! Sources: Albrecht, Lüthi, Gerig, Vetter 2013 (posterior shape models; the pose is alternated there too); Tipping, Bishop 1999
 //! (residual as

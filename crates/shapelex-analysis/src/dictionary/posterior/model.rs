@@ -17,7 +17,7 @@ use shapelex_numeric::dense::Matrix;
 #[derive(Debug, Clone)]
 pub struct PosteriorModel {
     pub(super) metric: Metric,
-    /// What of the pose of a shape is unknown.
+    /// Unknown part of the pose of a shape.
     pub(super) freedom: Freedom,
     /// Control points of the mean and of the modes, `N × d`, in the pose of the dictionary.
     shapes: Vec<Matrix>,
@@ -145,12 +145,12 @@ impl PosteriorModel {
         self.score_mean.len()
     }
 
-    /// What of the pose of a shape is unknown.
+    /// Unknown part of the pose of a shape.
     pub fn freedom(&self) -> &Freedom {
         &self.freedom
     }
 
-    /// The model for shapes in the pose of the dictionary, or in one of their own.
+    /// The model for shapes in the pose of the dictionary, or in their own pose.
     #[must_use]
     pub fn in_pose(&self, known: bool) -> Self {
         let dimension = self.dimension();

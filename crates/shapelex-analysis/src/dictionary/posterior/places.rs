@@ -3,7 +3,7 @@
 use crate::metric::dot;
 use shapelex_numeric::dense::Matrix;
 
-/// Shapes of a model at some places: `m_i + D_i z`, and the variance of what is left there.
+/// Shapes of a model at some places: `m_i + D_i z`, and the variance of the residual there.
 #[derive(Debug, Clone)]
 pub struct AtPlaces {
     /// `d`.

@@ -14,7 +14,7 @@ use crate::fit::{Scaling, cross_product, nearest_rotation, transform};
 use crate::metric::dot;
 use shapelex_numeric::dense::{Definite, Matrix};
 
-/// What of the pose of a shape is unknown.
+/// Unknown part of the pose of a shape.
 #[derive(Debug, Clone)]
 pub enum Freedom {
     /// Nothing: shapes are in the pose of the dictionary.
@@ -58,7 +58,7 @@ const INDEPENDENT: f64 = 1e-12;
 const LONGEST: f64 = 0.5;
 
 impl Freedom {
-    /// What an alignment method removes.
+    /// Freedom that an alignment method removes.
     pub fn of(method: &Method, dimension: usize) -> Self {
         match method {
             Method::Projection(class) => {

@@ -1,5 +1,5 @@
 //! Laws of posteriors: they do not depend on the pose, they are those of the textbook where the pose is known, and calibrated bands
-//! cover what they promise.
+//! cover the promised fraction.
 
 use super::calibration::normal_factor;
 use super::conditioning::Posterior;
@@ -102,7 +102,7 @@ fn in_a_known_pose_it_is_the_normal_posterior() {
             assert!((found.covariance[(i, j)] - covariance[(i, j)]).abs() < 1e-8);
         }
     }
-    // What is seen counts as far as it is unlikely.
+    // The seen part counts as far as it is unlikely.
     let whole = factor.solve(&away).dot(&away);
     assert!((found.misfit_per_number() - whole / 8.0).abs() < 1e-8);
 }

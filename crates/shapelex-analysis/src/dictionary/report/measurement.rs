@@ -1,4 +1,4 @@
-//! Named measurements of shapes: what a mode changes, in units that people know, and the shape that has a wanted value.
+//! Named measurements of shapes: the changes of a mode, in units that people know, and the shape that has a wanted value.
 //!
 //! ```text
 //! distance   |p − q|
@@ -17,7 +17,7 @@ use shapelex_geometry::field_fault::FieldFault;
 use shapelex_geometry::representation::ShapeSpace;
 use shapelex_numeric::dense::Matrix;
 
-/// What is measured.
+/// Quantity that is measured.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]

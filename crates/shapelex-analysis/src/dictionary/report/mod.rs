@@ -1,4 +1,4 @@
-//! The report card of a dictionary of components: how well its modes describe shapes, and what they change.
+//! The report card of a dictionary of components: how well its modes describe shapes, and the changes along them.
 //!
 //! | measure | with the first `m` modes |
 //! |---|---|
@@ -68,7 +68,7 @@ const SHOWN: [usize; 2] = [10, 100];
 pub struct Measurement {
     /// Name, once in a request.
     pub name: String,
-    /// What is measured.
+    /// Quantity that is measured.
     pub measure: Quantity,
     /// Values for which the most likely shape is returned, at most 20, in the unit of the cohort or in degrees.
     #[cfg_attr(feature = "serde", serde(default))]
@@ -76,7 +76,7 @@ pub struct Measurement {
     pub values: Vec<f64>,
 }
 
-/// What a report contains.
+/// Content of a report.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ReportOptions {
@@ -166,7 +166,7 @@ pub struct Errors {
     pub specificity_to_set: Option<Interval>,
 }
 
-/// A mode, and what it describes together with those before it.
+/// A mode, with its quality together with those before it.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
@@ -207,7 +207,7 @@ pub struct MeasurementReport {
     /// Number of shapes that have the value.
     #[cfg_attr(feature = "serde", serde(rename = "shape_count"))]
     pub shapes: usize,
-    /// What each mode changes.
+    /// Changes of the measurement along each mode.
     pub modes: Vec<MeasuredMode>,
     /// The most likely shapes with the wanted values, in their order.
     pub wanted: Vec<WantedShape>,

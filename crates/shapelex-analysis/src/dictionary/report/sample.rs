@@ -140,7 +140,7 @@ impl Sample {
         let all = self.weights.iter().sum::<f64>();
         let weight = all - members.iter().map(|&k| self.weights[k]).sum::<f64>();
         if weight < 0.5 * all {
-            // A subject that outweighs all others leaves rounding behind: what is left is summed anew. There is one at most.
+            // A subject that outweighs all others leaves rounding behind: the rest is summed anew. There is one at most.
             let others: Vec<(usize, f64)> =
                 (0..self.count()).filter(|k| !members.contains(k)).map(|k| (k, 1.0)).collect();
             return self.of(&others, count);

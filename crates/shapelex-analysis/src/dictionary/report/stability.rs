@@ -20,7 +20,7 @@ pub struct Angle {
     pub most: f64,
 }
 
-/// What resampling says of each component.
+/// Stability of each component under resampling.
 pub(super) struct Stability {
     /// Variances of the scores.
     pub(super) variances: Vec<Interval>,

@@ -168,7 +168,7 @@ fn two_ways_to_vary_need_two_modes() {
         assert!(pair[1].errors.generalisation.value <= pair[0].errors.generalisation.value * 1.02);
     }
     let stable = |i: usize| found.modes[i].span_angle_deg.unwrap().median;
-    // Behind the two, noise of one size has no modes of its own.
+    // Behind the two, noise of one size has no preferred modes.
     assert!(stable(1) < 5.0 && stable(2) > 2.0 * stable(1), "{} {}", stable(1), stable(2));
     // Curves are nearer as sets than point by point.
     let errors = &found.modes[0].errors;

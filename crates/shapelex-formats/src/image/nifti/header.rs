@@ -31,7 +31,7 @@ const OTHER_TYPES: [(i16, &str); 6] = [
     (2304, "Rgba32"),
 ];
 
-/// What is used of a header, checked.
+/// Used part of a header, checked.
 pub(super) struct Header {
     pub(super) grid: Grid,
     pub(super) numbers: Numbers,
@@ -112,7 +112,7 @@ impl Fields {
     }
 }
 
-/// Refuses what shares the name but not the layout: NIfTI-2, and headers whose voxels are in another file.
+/// Refuses files that share the name but not the layout: NIfTI-2, and headers whose voxels are in another file.
 fn check_variant(bytes: &[u8; HEADER_BYTES]) -> Result<(), ImageError> {
     let whole = "a NIfTI-1 header with its voxels in the same file (magic n+1)";
     match (&bytes[4..8], &bytes[344..348]) {

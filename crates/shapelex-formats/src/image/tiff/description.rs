@@ -5,7 +5,7 @@
 //! ImageJ=1.54f ␊ slices=5 ␊ unit=micron ␊ spacing=2.0 ␊                                         x and y: the resolution
 //! ```
 //!
-//! Only attributes of the first element `Pixels` are read. What cannot be understood says nothing.
+//! Only attributes of the first element `Pixels` are read. Texts that cannot be understood are ignored.
 
 use quick_xml::Reader;
 use quick_xml::XmlVersion;

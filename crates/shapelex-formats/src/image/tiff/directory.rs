@@ -23,19 +23,19 @@ const SAMPLES: u16 = 277;
 const DESCRIPTION: u16 = 270;
 /// Offsets and lengths of strips, then of tiles.
 const LISTS: [u16; 4] = [273, 279, 324, 325];
-/// What else the decoder and this crate read: the entries of one page, all short.
+/// Further entries that the decoder and this crate read: those of one page, all short.
 const SHORT: [u16; 16] = [256, 257, 258, 259, 262, 274, 277, 278, 282, 283, 284, 296, 317, 322, 323, 338];
 /// Those of them that came with version 6, and a list of JPEG tables, which must be short as well.
 const SHORT_LATER: [u16; 3] = [339, 347, 530];
 
-/// Lengths of the lists of strips or tiles, and what the first page says of itself.
+/// Lengths of the lists of strips or tiles, and the description of the first page.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Lists {
     /// That of the longest list.
     pub(super) longest: u64,
     /// That of all lists together.
     pub(super) entries: u64,
-    /// Position and number of bytes of what the first page says of itself.
+    /// Position and number of bytes of the description of the first page.
     pub(super) description: Option<[usize; 2]>,
 }
 

@@ -16,7 +16,7 @@ use crate::image::value::ValueType;
 
 pub(super) type Pages<'a> = Decoder<Bounded<'a>>;
 
-/// What is used of a page, checked.
+/// Used part of a page, checked.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Page {
     pub(super) size: [u64; 2],

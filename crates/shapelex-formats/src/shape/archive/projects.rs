@@ -1,4 +1,4 @@
-//! Projects of ShapeWorks in archives: the files that one names are read, in its order and with what it says of them.
+//! Projects of ShapeWorks in archives: the files that one names are read, in its order and with its facts about them.
 
 use std::collections::BTreeSet;
 use std::io::{Cursor, Read};
@@ -137,7 +137,7 @@ impl Files<'_> {
         Ok(())
     }
 
-    /// A table. What comes out of a workbook counts as well.
+    /// A table. The unpacked size of a workbook counts as well.
     fn table(&mut self, file: impl Read) -> Result<Table, FileError> {
         let mut source = self.archive.inner(file, self.left())?;
         let table = Table::read(&mut source)?;

@@ -187,7 +187,7 @@ fn files_that_are_read_again_are_bounded_by_those_that_have_been_read() {
         let options = ReadOptions::from_pairs([("files", "shape")]).unwrap();
         records_within(&FORMAT, &bytes, &options, Limits::default()).map(|(found, _)| found.len())
     };
-    // It counts 4 MiB, in the archive and what comes out, and 128 MiB may be read again.
+    // It counts 4 MiB, in the archive and decompressed, and 128 MiB may be read again.
     assert_eq!(read(32).unwrap(), 32);
     let error = read(34).unwrap_err();
     assert_eq!((error.kind, error.place.entry.as_deref()), (FaultKind::TooLarge, Some("a.obj")));
@@ -293,7 +293,7 @@ fn a_picture_beside_shapes_is_counted() {
         let error = given(&files).unwrap_err();
         assert_eq!((error.kind, error.place.entry.as_deref()), (FaultKind::Unsupported, Some("a.img")));
     }
-    // A fault of the caller is no fault of the picture.
+    // A fault of the caller is not a fault of the picture.
     let bytes = archive(&[("a.img", b"x"), ("b.ndjson", line)]);
     let options = ReadOptions::default();
     let mut source = Source::new(&bytes[..], Limits::default()).unwrap();

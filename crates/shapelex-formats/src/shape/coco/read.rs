@@ -64,7 +64,7 @@ struct Annotation {
     others: Map<String, Json>,
 }
 
-/// What becomes attributes and metadata of an annotation.
+/// Members of an annotation that become attributes and metadata.
 static MEMBERS: Beside =
     Beside { lists: &["segmentation", "keypoints", "bbox"], objects: &[("segmentation", &MASK)] };
 static MASK: Beside = Beside { lists: &["counts", "size"], objects: &[] };
@@ -78,7 +78,7 @@ enum Segmentation {
     Mask,
 }
 
-/// What is left out of files with masks.
+/// Name of items left out of files with masks.
 const MASKS: &str = "masks";
 /// Members of an annotation that follow from its polygons.
 const DERIVED: [&str; 3] = ["area", "bbox", "num_keypoints"];
@@ -151,7 +151,7 @@ fn part<'a, T: Deserialize<'a>>(text: &'a str, place: impl Fn() -> Place) -> Res
 struct Reading<'o> {
     options: &'o ReadOptions,
     limits: Limits,
-    /// What is said of the images beside their ids, by these, as JSON.
+    /// Members of the images beside their ids, by these, as JSON.
     images: BTreeMap<String, String>,
     categories: BTreeMap<String, String>,
     summary: Summary,
@@ -192,7 +192,7 @@ impl Reading<'_> {
             }
         };
         self.given += 1;
-        // It has a copy of what is said of the image, so annotations left out do without it.
+        // It has a copy of the members of the image, so annotations left out do without it.
         let template = Record { name, label, ..self.template(annotation, place) };
         let limits = self.limits;
         let giving = Giving { holes: Holes::Keep, limits: &limits };
@@ -204,7 +204,7 @@ impl Reading<'_> {
         self.categories.get(&category.to_string()).cloned().or_else(|| word(category))
     }
 
-    /// What an annotation says of its shapes, beside name and label.
+    /// Facts of an annotation about its shapes, beside name and label.
     fn template(&mut self, annotation: Annotation, place: &Place) -> Record {
         let Annotation { image_id, attributes, others, .. } = annotation;
         let mut record = Record::new(Geometry::Landmarks(Points::new(2)), place.clone());

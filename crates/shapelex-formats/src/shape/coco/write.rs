@@ -18,7 +18,7 @@ use crate::value::Value;
 
 /// Category of records without label: every annotation must have one.
 const UNLABELLED: &str = "object";
-/// Bytes of an id in a map, and of what belongs to it beside its texts.
+/// Bytes of an id in a map, and of its data beside its texts.
 const ID: usize = 64;
 
 /// A file that is being written.
@@ -77,7 +77,7 @@ impl Writer for File<'_> {
     }
 }
 
-/// Members of an annotation that a reader takes for what they say.
+/// Members of an annotation that a reader gives a meaning.
 const OWN: [&str; 11] = [
     "id",
     "name",

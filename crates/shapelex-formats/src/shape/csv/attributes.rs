@@ -12,7 +12,7 @@ use crate::value::Value;
 /// Names of the column that names shapes.
 const NAMES: [&str; 2] = ["external_id", "id"];
 
-/// What a row says of a shape. Empty fields and `NA` say nothing.
+/// Facts of a row about a shape. Empty fields and `NA` say nothing.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct AttributeRow {
     /// Line in the file, from 1.
@@ -35,7 +35,7 @@ pub struct AttributeRow {
 ///
 /// # Errors
 /// The line of a fault: no column that names the shapes or several, names of columns that occur twice, rows of another length, rows
-/// without a name, weights that are no numbers.
+/// without a name, weights that are not numbers.
 pub fn attribute_rows(bytes: &[u8]) -> Result<Vec<AttributeRow>, FileError> {
     let mut source = Source::new(bytes, Limits::default())?;
     let separator = separator(source.head());

@@ -1,4 +1,4 @@
-//! Which columns of a table are what.
+//! Meanings of the columns of a table.
 
 use std::collections::BTreeMap;
 
@@ -40,7 +40,7 @@ const SUBJECT: [&str; 1] = ["subject"];
 const WEIGHT: [&str; 1] = ["mean_weight"];
 const CLOSED: [&str; 1] = ["closed"];
 const POINT: [&str; 5] = ["point", "landmark", "index", "coord_id", "vertex"];
-/// What may stand before the number of a landmark or the letter of its axis.
+/// Prefixes of the number of a landmark or the letter of its axis.
 const PREFIXES: [&str; 5] = ["landmark", "point", "coord", "lm", "pt"];
 /// Names of numbered coordinates of MorphoJ.
 const NUMBERED: [&str; 2] = ["proccoord", "rawcoord"];

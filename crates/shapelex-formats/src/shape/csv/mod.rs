@@ -131,7 +131,7 @@ mod tests {
         let quoted = "x1,y1\n\"1,5\",2\n";
         let (found, _) = records(&FORMAT, quoted, &given("comma")).expect("a valid table");
         assert_eq!(coordinates(&found[0]), [1.5, 2.0]);
-        // Texts with commas are no numbers, and points are no commas.
+        // Texts with commas are not numbers, and points are not commas.
         let points = "id;note;x1;y1\na;1,2,3;1.5;2\n";
         assert_eq!(coordinates(&read(points)[0]), [1.5, 2.0]);
         for (text, options, message) in [

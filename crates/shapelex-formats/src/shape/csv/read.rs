@@ -98,7 +98,7 @@ pub(super) fn separator(head: &[u8]) -> u8 {
     counts.iter().find(has_coordinates).unwrap_or(&counts[0]).0
 }
 
-/// What separates fields, and whether a comma stands before decimals: where semicolons or tabs separate, and a number that has a
+/// Separator of fields, and whether a comma stands before decimals: where semicolons or tabs separate, and a number that has a
 /// comma comes before one that has a point.
 fn style(head: &[u8], options: &ReadOptions) -> (u8, bool) {
     let separator = separator(head);

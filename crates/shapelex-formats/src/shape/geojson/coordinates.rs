@@ -70,7 +70,7 @@ impl Coordinates {
     }
 }
 
-/// What an element of a list is.
+/// Element of a list.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Element {
     Number,

@@ -13,7 +13,7 @@ use super::super::json::Beside;
 use super::coordinates::Coordinates;
 use crate::value::Value;
 
-/// What becomes attributes and metadata of a feature.
+/// Members of a feature that become attributes and metadata.
 pub(super) static MEMBERS: Beside = Beside {
     lists: &["coordinates", "bbox"],
     objects: &[
@@ -27,7 +27,7 @@ static PROPERTIES: Beside = Beside { lists: &CHILDREN, objects: &[] };
 /// Features below another one, which are counted.
 const CHILDREN: [&str; 2] = ["childObjects", "children"];
 
-/// Members of a feature or a geometry that say something of their own: all others are kept as they are.
+/// Members of a feature or a geometry that have a meaning here: all others are kept as they are.
 pub(super) const KNOWN: [&str; 8] =
     ["type", "coordinates", "geometries", "geometry", "nucleusGeometry", "id", "properties", "bbox"];
 
@@ -56,7 +56,7 @@ pub(super) struct Properties {
     pub(super) measurements: Measurements,
     /// Number of features below this one.
     pub(super) children: u64,
-    /// What the writer of this crate keeps of records beside what QuPath knows.
+    /// Parts of records that the writer of this crate keeps beside those that QuPath knows.
     pub(super) own: Option<Own>,
     pub(super) others: Map<String, Json>,
 }
@@ -74,7 +74,7 @@ pub(super) struct Own {
     /// Unit of the coordinates, where it is not that of QuPath.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) unit: Option<String>,
-    /// Properties that the writer added, which are no metadata.
+    /// Properties that the writer added, which are not metadata.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub(super) added: Vec<String>,
 }
@@ -208,7 +208,7 @@ impl Properties {
             && others.is_empty()
     }
 
-    /// Takes the name of a class; what else is said of the class stays beside the other properties.
+    /// Takes the name of a class; other members of the class stay beside the other properties.
     fn classify(&mut self, class: Json) {
         match class {
             Json::String(name) => self.class = Some(name),

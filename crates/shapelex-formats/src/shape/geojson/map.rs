@@ -13,7 +13,7 @@ use crate::error::{FileError, Place};
 use crate::summary::Summary;
 use crate::unit::Unit;
 
-/// Makes records of features, and counts what becomes none.
+/// Makes records of features, and counts those that become none.
 pub(super) struct Mapping<'o> {
     pub(super) options: &'o ReadOptions,
     limits: Limits,
@@ -88,7 +88,7 @@ impl<'o> Mapping<'o> {
         self.geometry(*nucleus, item, template, place, sink)
     }
 
-    /// A record without shape that has what a feature says.
+    /// A record without shape that has the facts of a feature.
     fn template(&mut self, properties: Properties, id: Option<String>, place: &Place) -> Record {
         let Properties { name, class, measurements, children, own, others } = properties;
         for name in &measurements.empty {
@@ -225,7 +225,7 @@ impl<'o> Mapping<'o> {
         Part::Area(rings)
     }
 
-    /// What is to be said of the whole file.
+    /// Summary of the whole file.
     pub(super) fn finish(mut self) -> Summary {
         if self.unclosed > 0 {
             let warning = format!("{} rings do not repeat their first point, taken as closed", self.unclosed);

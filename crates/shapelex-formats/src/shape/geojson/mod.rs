@@ -40,7 +40,7 @@ pub(super) static FORMAT: Format = Format {
     open: Some(write::open),
 };
 
-/// What a file may begin with.
+/// Allowed beginnings of a file.
 const BEGINNING: &str = "a FeatureCollection, a Feature or a list of features";
 
 /// Whether there is a member `type` of a feature or of a collection among the first bytes.
@@ -163,7 +163,7 @@ impl Reading<'_, '_, '_> {
         Ok(())
     }
 
-    /// What stands beside the features of a collection.
+    /// Members beside the features of a collection.
     fn collection(&mut self, start: u64) -> Result<(), FileError> {
         let text = &self.scanner.kept;
         let place = Place::byte(start);
@@ -206,7 +206,7 @@ impl Reading<'_, '_, '_> {
     }
 }
 
-/// The feature of a text, if what it says beside its shape is not too large.
+/// The feature of a text, if its content beside its shape is not too large.
 fn node(text: &[u8], place: &Place) -> Result<Result<Node, FileError>, serde_json::Error> {
     match MEMBERS.check(text, || place.clone())? {
         Ok(()) => serde_json::from_slice(text).map(Ok),

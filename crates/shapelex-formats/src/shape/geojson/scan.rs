@@ -5,7 +5,7 @@ use std::io::BufRead;
 use super::super::source::Source;
 use crate::error::{FileError, Place};
 
-/// What a byte means outside of strings.
+/// Meaning of a byte outside of strings.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Class {
     Other,
@@ -25,7 +25,7 @@ static CLASSES: [Class; 256] = {
     classes
 };
 
-/// Walks over JSON text. What it passes is appended to `kept`.
+/// Walks over JSON text. Passed bytes are appended to `kept`.
 pub(super) struct Scanner<'s, 'a> {
     source: &'s mut Source<'a>,
     /// The bytes passed since it was last emptied.
@@ -68,7 +68,7 @@ impl<'s, 'a> Scanner<'s, 'a> {
         Ok(())
     }
 
-    /// The next byte that is no white space. It is not passed. Record separators of text sequences (RFC 8142) count as space.
+    /// The next byte that is not white space. It is not passed. Record separators of text sequences (RFC 8142) count as space.
     pub(super) fn peek(&mut self) -> Result<Option<u8>, FileError> {
         loop {
             let block = self.source.fill_buf()?;
@@ -90,7 +90,7 @@ impl<'s, 'a> Scanner<'s, 'a> {
         self.peek()?.ok_or_else(|| self.ended(expected))
     }
 
-    /// Passes the next byte that is no white space, which must be `byte`.
+    /// Passes the next byte that is not white space, which must be `byte`.
     pub(super) fn expect(&mut self, byte: u8, expected: &str) -> Result<(), FileError> {
         match self.peek_more(expected)? {
             found if found == byte => self.pass(1),

@@ -434,7 +434,7 @@ fn a_writer_holds_the_properties_of_an_object_once() {
     assert_eq!(read_all(&written(&records)).0.len(), 100);
 }
 
-/// What is left out of a text: what, how many, names.
+/// Items left out of a text: kind, number, names.
 fn dropped(text: &str) -> Vec<(String, u64, String)> {
     read_all(text).1.dropped.into_iter().map(|d| (d.what, d.count, d.names.join(" "))).collect()
 }

@@ -95,7 +95,7 @@ fn names(record: &Record, metadata: &mut Map<String, Json>) -> (Option<String>, 
     }
 }
 
-/// Takes what the metadata say of the geometry. What would replace a member that it has from its points, or is no object, stays.
+/// Takes the members of the geometry from the metadata. One that would replace a member made of its points, or is not an object, stays.
 fn geometry_members(metadata: &mut Map<String, Json>) -> Map<String, Json> {
     match metadata.get_mut("geometry") {
         Some(Json::Object(members)) if members.keys().all(|name| !KNOWN.contains(&name.as_str())) => {
@@ -117,7 +117,7 @@ fn is_uuid(text: &str) -> bool {
 /// Properties whose values have a form, which metadata need not have.
 const OWN: [&str; 2] = ["measurements", "shapelex"];
 
-/// The properties as QuPath names them: numbers are measurements; what it does not know stands in `shapelex`.
+/// The properties as QuPath names them: numbers are measurements; those that it does not know stand in `shapelex`.
 fn properties(
     record: &Record,
     unit: Option<Unit>,

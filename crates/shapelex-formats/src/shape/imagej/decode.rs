@@ -225,7 +225,7 @@ impl<'a> Region<'a> {
         Ok(parts)
     }
 
-    /// Name, position, colours and what else the headers say.
+    /// Name, position, colours and other facts of the headers.
     fn describe(&self, record: &mut Record) -> Result<(), FileError> {
         let mut metadata = Map::new();
         let composite = self.path_length()? > 0;

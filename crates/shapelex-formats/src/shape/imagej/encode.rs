@@ -68,7 +68,7 @@ struct Content {
     ends: [f64; 4],
     /// Number of floats of a path.
     path: usize,
-    /// What follows the first header.
+    /// Bytes after the first header.
     bytes: Vec<u8>,
 }
 
@@ -96,7 +96,7 @@ pub(super) fn warn(rounded: u64, summary: &mut Summary) {
     }
 }
 
-/// The bytes of a region, and how many coordinates are rounded in it. What it cannot hold is counted.
+/// The bytes of a region, and how many coordinates are rounded in it. Content that it cannot hold is counted.
 pub(super) fn file(
     records: &[Record],
     first: &Record,
@@ -127,7 +127,7 @@ pub(super) fn file(
     Ok((file, rounded))
 }
 
-/// What follows the header, by the kind of the shape and the type that the metadata wish for.
+/// Content after the header, by the kind of the shape and the type that the metadata wish for.
 fn content(parts: &[PartRef<'_>], first: &Record) -> Result<Content, FileError> {
     let word = first.metadata.get("type").and_then(Json::as_str).unwrap_or_default();
     let known = |words: &[&str], other: u8| {
@@ -182,7 +182,7 @@ fn header(
     Ok(file)
 }
 
-/// Refuses numbers that are no finite ones of single precision; how many are rounded.
+/// Refuses numbers that are not finite in single precision; how many are rounded.
 fn check_precision(all: &[&Points], record: &Record) -> Result<u64, FileError> {
     let numbers = || all.iter().flat_map(|points| points.coordinates());
     if let Some(x) = numbers().find(|x| !nearest(**x).is_finite()) {
@@ -345,13 +345,13 @@ fn stroke_width(metadata: &Map<String, Json>) -> f64 {
     width.filter(|width| *width > 0.0).unwrap_or(0.0)
 }
 
-/// Group of a region, 0 if there is none or it is no number of 8 bits.
+/// Group of a region, 0 if there is none or it is not a number of 8 bits.
 fn group(metadata: &Map<String, Json>) -> u8 {
     let group = metadata.get("group").and_then(Json::as_u64).and_then(|group| u8::try_from(group).ok());
     group.unwrap_or(0)
 }
 
-/// A number of the metadata, 0 if there is none or it is no number of 31 bits.
+/// A number of the metadata, 0 if there is none or it is not a number of 31 bits.
 fn positive(metadata: &Map<String, Json>, key: &str) -> [u8; 4] {
     let number = metadata.get(key).and_then(Json::as_i64).and_then(|number| i32::try_from(number).ok());
     number.filter(|number| *number > 0).unwrap_or(0).to_be_bytes()

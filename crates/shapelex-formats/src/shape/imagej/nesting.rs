@@ -16,7 +16,7 @@ pub(super) const COMPARISONS: Bound = Bound {
 /// How many comparisons a search among the edges of a ring takes as long as, besides its looks: the ring is fetched from elsewhere.
 const SEARCH: u64 = 8;
 
-/// A ring with what decides whether it lies in another one.
+/// A ring with the data that decide whether it lies in another one.
 struct Candidate {
     ring: Points,
     frame: Frame,
@@ -25,7 +25,7 @@ struct Candidate {
     edges: OnceCell<Vec<Edge>>,
 }
 
-/// What tells most rings apart, small enough to go through many of them.
+/// Data that tell most rings apart, small enough to go through many of them.
 #[derive(Clone, Copy)]
 struct Frame {
     position: usize,

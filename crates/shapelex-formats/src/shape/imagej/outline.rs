@@ -4,7 +4,7 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 
 use super::super::record::Points;
 
-/// Most by which a chord departs from the curve it stands for, in pixels: a hundredth is far below what a pixel tells.
+/// Most by which a chord departs from the curve it stands for, in pixels: a hundredth is far below the precision of a pixel.
 const TOLERANCE: f64 = 0.01;
 /// Most points of a quarter of an ellipse, and most chords of a Bézier curve: enough for radii and lengths of 2¹⁶ pixels.
 const MOST: f64 = 1024.0;

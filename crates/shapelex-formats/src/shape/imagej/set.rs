@@ -127,7 +127,7 @@ impl Set<'_> {
 }
 
 impl Entry {
-    /// Appends what the header of the file and the directory have in common.
+    /// Appends the fields that the header of the file and the directory share.
     fn describe(&self, bytes: &mut Vec<u8>) {
         for number in [VERSION, UTF8, 0, 0, DATE] {
             bytes.extend_from_slice(&number.to_le_bytes());

@@ -1,4 +1,4 @@
-//! What was read of a shape, on its way to a record.
+//! Parts read of a shape, on their way to a record.
 
 use std::collections::BTreeMap;
 
@@ -21,13 +21,13 @@ pub(super) struct Draft {
     fields: BTreeMap<String, Field>,
     /// Next number to try behind each name that is taken: many fields of one name would try all numbers again and again.
     numbers: BTreeMap<String, u32>,
-    /// Fields that are left out: what they are, and their names.
+    /// Fields that are left out: their kinds and names.
     lost: Vec<(&'static str, String)>,
     /// Number of cells of points. Alone they say no more than the points do.
     pub(super) point_cells: u64,
     /// Name of the shape.
     pub(super) name: Option<String>,
-    /// What else the file says.
+    /// Further facts of the file.
     pub(super) metadata: serde_json::Map<String, serde_json::Value>,
     place: Place,
 }

@@ -35,7 +35,7 @@ pub(in super::super) static FORMAT: Format = Format {
 const MAX_SURFACES: usize = 64;
 const MAX_ARRAYS: usize = 10_000;
 
-/// Entries of the metadata that say what a surface is of. Others may name a person or a computer.
+/// Entries of the metadata that name the structure of a surface. Others may name a person or a computer.
 const KEPT: [&str; 4] =
     ["AnatomicalStructurePrimary", "AnatomicalStructureSecondary", "GeometricType", "TopologicalType"];
 
@@ -105,7 +105,7 @@ fn read(source: &mut Source<'_>, _: &ReadOptions, sink: Sink<'_>) -> Result<Summ
 /// An array of data.
 struct Array<'a> {
     element: &'a Element<'a>,
-    /// What it is, without `NIFTI_INTENT_`.
+    /// Its intent, without `NIFTI_INTENT_`.
     intent: &'a str,
     rows: usize,
     width: usize,
@@ -201,7 +201,7 @@ impl<'a> Array<'a> {
                 draft.faces.push(face);
             }
         }
-        // What triangles say of the surface, such as its topology, comes after what the points say of it.
+        // Metadata of triangles about the surface, such as its topology, come after those of the points.
         for element in std::iter::once(self.element).chain(triangles.map(|triangles| triangles.element)) {
             for (name, value) in metadata(element).filter(|(name, _)| KEPT.contains(name)) {
                 if *draft.metadata.entry(name).or_insert(value.into()) != value {

@@ -39,7 +39,7 @@ const DRAWN_TRIANGLES: u32 = 4;
 /// How far the length of a normal may be from 1: that of the validator of the format, half of it to be safe.
 const UNIT: f64 = 2.5e-4;
 
-/// About what the description of a shape takes.
+/// About the size of the description of a shape.
 const NODE_BYTES: usize = 2048;
 
 struct File<'a> {

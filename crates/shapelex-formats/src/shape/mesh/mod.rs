@@ -1,6 +1,6 @@
 //! Meshes of other programs.
 //!
-//! | part | what |
+//! | part | content |
 //! |---|---|
 //! | [`obj`], [`ply`], [`stl`], [`off`], [`vtk`], [`vtp`], [`gifti`], [`particles`] | readers |
 //! | [`obj`], [`ply`], [`stl`], [`gltf`], [`vtk`], [`particles`] | writers |
@@ -8,8 +8,8 @@
 //! | [`scalar`] | numbers in binary and as text |
 //! | [`cells`] | cells of VTK, of which polygons are kept |
 //! | [`xml`], [`encoded`] | XML as a tree, with arrays in base64 |
-//! | [`draft`] | what was read, on its way to a record |
-//! | [`part`] | what writers take of a record |
+//! | [`draft`] | parts of a shape, on their way to a record |
+//! | [`part`] | parts of a record for writers |
 //!
 //! The readers are our own. `tobj` splits at groups and materials and names no line of a fault, `stl_io` ends with the first solid
 //! and takes every file that begins with `solid ` for a text, `ply-rs` holds a map by name for each vertex, and `vtkio` is a

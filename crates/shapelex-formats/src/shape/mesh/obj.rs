@@ -1,7 +1,7 @@
 //! Wavefront OBJ: vertices, polygons and lines as text. Each `o` with faces or lines is a shape; in a file without them,
 //! each `o` with points.
 //!
-//! Corners have texture coordinates and normals of their own. Where all corners of a vertex agree they become a field of the
+//! Corners have their own texture coordinates and normals. Where all corners of a vertex agree they become a field of the
 //! vertices, else one of the faces with the values of all corners of a face (`…_of_corners`), if all faces have as many corners.
 //! Groups and materials are fields of the faces: positions in the lists `groups` and `materials` of the metadata.
 

@@ -30,7 +30,7 @@ pub(in super::super) static FORMAT: Format = Format {
     open: None,
 };
 
-/// What vertices have beside coordinates.
+/// Values of vertices beside coordinates.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 struct Prefix {
     texture: bool,
@@ -40,7 +40,7 @@ struct Prefix {
     dimension: bool,
 }
 
-/// The word that begins a file, and what follows without a space.
+/// The word that begins a file, and the text after it without a space.
 fn prefix(word: &[u8]) -> Option<(Prefix, &[u8])> {
     let mut found = Prefix::default();
     let mut rest = word;

@@ -1,4 +1,4 @@
-//! What writers take of a record.
+//! Parts of a record for writers.
 
 use super::super::record::{Domain, Field, Geometry, Mesh, Points, Record};
 use super::super::text::left_out;
@@ -80,7 +80,7 @@ pub(super) fn singles(record: &Record, points: &Points, format: &str) -> Result<
     rounded.ok_or_else(|| refused(record, format, "coordinates beyond single precision"))
 }
 
-/// Counts what is not written of a record: fields that `written` does not take, and what no format of meshes has a place for,
+/// Counts the parts of a record that are not written: fields that `written` does not take, and parts that no format of meshes holds,
 /// such as labels and attributes. `kept`: keys of the metadata that are written.
 pub(super) fn count_lost(
     part: Part<'_>,
@@ -148,7 +148,7 @@ mod tests {
         }
     }
 
-    /// What is left out of a record: what, its names.
+    /// Parts of a record left out: kind, names.
     fn lost(format: &Format, record: &Record, encoding: Encoding) -> Vec<(String, String)> {
         let options = WriteOptions { encoding: Some(encoding), ..WriteOptions::default() };
         let mut writer = format.writer(std::io::sink(), &options).unwrap();

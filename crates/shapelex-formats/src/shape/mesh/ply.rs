@@ -97,7 +97,7 @@ struct Column {
 }
 
 impl Column {
-    /// Reads the value or the list of a row. Only what has a room is kept.
+    /// Reads the value or the list of a row. Only values that have room are kept.
     fn read(
         &mut self,
         scan: &mut Scan<'_>,

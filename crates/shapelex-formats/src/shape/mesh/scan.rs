@@ -8,7 +8,7 @@ pub(super) struct Scan<'a> {
     at: usize,
     /// Number of line ends before `at`, those of binary blocks not counted.
     ends: u64,
-    /// Line of what was given last, from 1.
+    /// Line of the item given last, from 1.
     line: u64,
 }
 
@@ -19,7 +19,7 @@ impl<'a> Scan<'a> {
         Self { bytes, at, ends: 0, line: 1 }
     }
 
-    /// What comes next.
+    /// The bytes that come next.
     pub(super) fn rest(&self) -> &'a [u8] {
         &self.bytes[self.at..]
     }

@@ -1,6 +1,6 @@
 //! VTK legacy files, text and binary: `POLYDATA`, and the polygons of `UNSTRUCTURED_GRID`.
 //!
-//! Lines are curves if there are no polygons. Data of points and cells are fields of a mesh; those of cells that are no polygons, and
+//! Lines are curves if there are no polygons. Data of points and cells are fields of a mesh; those of cells that are not polygons, and
 //! all data if there are no polygons, are left out.
 
 mod read;

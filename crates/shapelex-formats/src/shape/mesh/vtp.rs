@@ -1,5 +1,5 @@
 //! VTK XML files: `PolyData` (.vtp) and the polygons of `UnstructuredGrid` (.vtu), as text, base64 or appended raw, compressed by
-//! zlib or not. Each piece is a shape of its own.
+//! zlib or not. Each piece is a separate shape.
 
 use super::super::format::Format;
 use super::super::limits::{Bound, Budget, Limits, Room};
@@ -33,7 +33,7 @@ pub(in super::super) static FORMAT: Format = Format {
 fn read(source: &mut Source<'_>, _: &ReadOptions, sink: Sink<'_>) -> Result<Summary, FileError> {
     let limits = *source.limits();
     let bytes = source.bytes()?;
-    // What is appended may be no text: it begins after the start of its element.
+    // Appended data may not be text: they begin after the start of its element.
     let start = bytes.windows(13).position(|word| word == b"<AppendedData");
     let end = start
         .and_then(|start| bytes[start..].iter().position(|byte| *byte == b'>').map(|end| start + end + 1));
@@ -299,7 +299,7 @@ impl<'a> Arrays<'a> {
         Ok((width, scalar.decode_all(&bytes, self.big_endian)))
     }
 
-    /// The bytes of an array. Arrays may name the same part of the file, so what is read of it counts each time.
+    /// The bytes of an array. Arrays may name the same part of the file, so each reading of it counts.
     fn block(&self, mut bytes: Bytes<'_>, array: &Element<'_>) -> Result<Vec<u8>, FileError> {
         let before = bytes.left();
         let (found, blocks) = self.blocks(&mut bytes, array)?;

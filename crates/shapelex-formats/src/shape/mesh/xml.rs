@@ -23,7 +23,7 @@ pub(super) struct Element<'a> {
     /// All text within, without that of children.
     pub(super) text: Cow<'a, str>,
     pub(super) children: Vec<Element<'a>>,
-    /// Offset of what follows its start.
+    /// Offset of the bytes after its start.
     pub(super) at: u64,
 }
 
@@ -153,7 +153,7 @@ fn add_text<'a>(open: &mut [Element<'a>], text: Cow<'a, str>) {
     }
 }
 
-/// What an entity of XML stands for.
+/// Text that an entity of XML stands for.
 fn resolved(entity: &BytesRef<'_>) -> Result<String, FileError> {
     let text = match entity.resolve_char_ref() {
         Ok(Some(c)) => Some(c.to_string()),

@@ -50,7 +50,7 @@ pub(super) static FORMAT: Format = Format {
     open: None,
 };
 
-/// Beginnings of columns with files, and what these are. `groomed_contour_` comes before `groomed_`.
+/// Beginnings of columns with files, and the kinds of these. `groomed_contour_` comes before `groomed_`.
 const FILES: [(&str, ProjectFiles); 9] = [
     ("local_particles_", ProjectFiles::LocalParticles),
     ("world_particles_", ProjectFiles::WorldParticles),
@@ -62,12 +62,12 @@ const FILES: [(&str, ProjectFiles); 9] = [
     ("contour_", ProjectFiles::Shape),
     ("landmarks_file_", ProjectFiles::LandmarksFile),
 ];
-/// Beginnings of columns with files that are no shapes.
+/// Beginnings of columns with files that are not shapes.
 const OTHER_FILES: [&str; 3] = ["constraints_", "image_", "feature_"];
 const TRANSFORMATIONS: [&str; 3] = ["alignment_", "procrustes_", "transform_"];
 const GROUP: &str = "group_";
 
-/// What a column holds.
+/// Content of a column.
 enum Column<'c> {
     Name,
     Excluded,
@@ -103,7 +103,7 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, _: Sink<'_>) -> Result<S
     Err(FileError::new(FaultKind::Unsupported, detail))
 }
 
-/// What a row says of all its files, which may be many.
+/// Facts of a row about all its files, which may be many.
 #[derive(Debug)]
 struct Subject {
     name: Option<String>,
@@ -118,7 +118,7 @@ struct Domain {
     column: String,
 }
 
-/// A file of one domain of a subject, and what the project says of it.
+/// A file of one domain of a subject, and the facts of the project about it.
 #[derive(Debug)]
 pub(super) struct ProjectFile {
     /// Path from the folder of the project: names between `/`, after any `..`.
@@ -137,7 +137,7 @@ impl ProjectFile {
         Place { tag: Some(self.domain.column.clone()), ..Place::item(self.item) }
     }
 
-    /// The `n`-th shape of the file, from 0, with what the project says of it.
+    /// The `n`-th shape of the file, from 0, with the facts of the project about it.
     pub(super) fn describe(&self, record: Record, n: u64) -> Record {
         let Subject { name: subject, label, labels: own } = &*self.subject;
         let domain = self.several.then_some(self.domain.name.as_str());
@@ -180,7 +180,7 @@ struct Columns<'t> {
 #[derive(Debug)]
 pub(super) struct Project {
     pub(super) files: Vec<ProjectFile>,
-    /// What is not read.
+    /// Items that are not read.
     pub(super) summary: Summary,
 }
 
@@ -285,7 +285,7 @@ fn value<'r>(row: &'r Row, column: &str) -> Option<&'r str> {
     row.get(column).map(|text| text.trim()).filter(|text| !text.is_empty())
 }
 
-/// What a row says of all its files. The only group of a project is the label.
+/// Facts of a row about all its files. The only group of a project is the label.
 fn subject(row: &Row, columns: &Columns<'_>) -> Subject {
     let mut subject =
         Subject { name: value(row, "name").map(str::to_owned), label: None, labels: BTreeMap::new() };

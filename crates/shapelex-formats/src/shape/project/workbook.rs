@@ -93,7 +93,7 @@ fn cells(bytes: Vec<u8>, limits: &Limits) -> Result<BTreeMap<u32, BTreeMap<u32, 
     Ok(table)
 }
 
-/// Number of bytes that come out of a workbook, for which `reserve` is asked: at most what may be held, as the library holds its
+/// Unpacked size of a workbook, for which `reserve` is asked: at most the size that may be held, as the library holds its
 /// parts. Nor may a part claim more texts than it can hold, for which the library takes memory before it reads them.
 ///
 /// Also returns a plain archive of the same parts: the library opens archives in its own way, which takes long for some.

@@ -4,7 +4,7 @@ use crate::shape::record::Points;
 
 /// Triangles of a polygon by cutting off ears, or `None` if it has no ear left, as happens where it crosses itself.
 ///
-/// All points become corners, also those in the middle of a straight side, so that what is joined to the sides stays closed: n − 2
+/// All points become corners, also those in the middle of a straight side, so that a surface joined to the sides stays closed: n − 2
 /// triangles, of which those of straight sides have no area. The polygon may run in either direction; the triangles run in its own.
 /// Cost: less than 4 n² tests of a corner against a point. The n corners and the two that each cut changes pass each point at most
 /// once, 3 n² in all; the n² / 2 looks at a corner test again the one point that they stopped at.
@@ -51,7 +51,7 @@ impl<'a> Corners<'a> {
         let mut triangles = Vec::with_capacity(self.points.len().saturating_sub(2));
         let mut at = 0;
         for left in (4..=self.points.len()).rev() {
-            // Without an ear, what is left is straight, or has doubled points: cut where there is no area.
+            // Without an ear, the rest is straight, or has doubled points: cut where there is no area.
             let k = self
                 .find(at, left, Self::is_ear)
                 .or_else(|| self.find(at, left, |it, k| it.turn(k) == 0.0))?;

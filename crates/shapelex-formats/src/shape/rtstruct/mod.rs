@@ -85,7 +85,7 @@ struct Reading<'a, 'b> {
     options: &'a ReadOptions,
     limits: Limits,
     summary: Summary,
-    /// Where records come from, and what names those that are stored.
+    /// Where records come from, and the names of stored ones.
     instance: Instance,
     sink: Sink<'b>,
     /// Number of slices so far.
@@ -167,7 +167,7 @@ impl Reading<'_, '_> {
         Ok(Sliced { basis: Some(basis), slices, of_contour })
     }
 
-    /// Says what may surprise: several contours a slice, holes that follow from positions alone, keyholes.
+    /// Warns of surprises: several contours a slice, holes that follow from positions alone, keyholes.
     fn warn(&mut self, region: &Region, sliced: &Sliced) {
         let several = sliced.slices.iter().filter(|slice| slice.rings.len() > 1).count();
         let rings = || sliced.slices.iter().flat_map(|slice| &slice.rings);

@@ -82,7 +82,7 @@ impl ContourKind {
 }
 
 impl Region {
-    /// What the records of the region say of it.
+    /// Metadata of the region in its records.
     pub(super) fn metadata(&self) -> Map<String, Value> {
         let mut roi = Map::new();
         roi.insert("number".into(), self.number.into());
@@ -115,7 +115,7 @@ impl Region {
     }
 }
 
-/// What the three lists of a file say of its regions.
+/// Facts of the three lists of a file about its regions.
 pub(super) struct Regions<'f> {
     rows: Vec<Row<'f>>,
 }

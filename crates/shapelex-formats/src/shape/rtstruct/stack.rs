@@ -12,7 +12,7 @@ use crate::shape::record::{Mesh, Points};
 /// Most points of a contour that becomes an end cap: cutting off ears takes their square.
 const MOST_CAP: usize = 4096;
 
-/// A surface, and what is said of it.
+/// A surface, and the warnings about it.
 pub(super) struct Stack {
     pub(super) mesh: Mesh,
     pub(super) about: Value,

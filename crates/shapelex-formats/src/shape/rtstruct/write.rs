@@ -21,7 +21,7 @@ use crate::summary::Summary;
 const LONGEST_NAME: usize = 64;
 const LONGEST_KIND: usize = 16;
 
-/// What regions and contours say of their shapes: parts of records, else keys of the metadata.
+/// Facts of regions and contours about their shapes: parts of records, else keys of the metadata.
 const KEPT: [&str; 6] = ["label", "ring", "roi", "contour", "plane", "frame_of_reference"];
 
 /// Collects regions; the file is written at the end, because lists of all regions come before their contours.
@@ -166,7 +166,7 @@ impl Structures<'_> {
         Ok(index)
     }
 
-    /// Counts what a region does not say of its next shape. A name is kept if it is that of the region, or the one that the
+    /// Counts the facts about its next shape that a region does not hold. A name is kept if it is that of the region, or the one that the
     /// contour has when it is read: that of the region, its number if others have that name too, and the position of the contour.
     fn count_lost(&mut self, record: &Record, region: usize) {
         let place = || record.place.clone();

@@ -104,7 +104,7 @@ fn read(source: &mut Source<'_>, options: &ReadOptions, sink: Sink<'_>) -> Resul
     }
 }
 
-/// Reads what follows the messages of a file: a table of contents, its length and the magic text.
+/// Reads the part after the messages of a file: a table of contents, its length and the magic text.
 fn check_footer(source: &mut Source<'_>) -> Result<(), FileError> {
     let at = source.offset();
     let rest = source.bytes()?;
@@ -150,7 +150,7 @@ impl Message {
     }
 }
 
-/// What is known of a stream by the messages so far.
+/// State of a stream by the messages so far.
 struct Known {
     /// The columns, once the decoder has the schema.
     layout: Option<Layout>,
@@ -164,13 +164,13 @@ impl Known {
         Self { layout: None, dictionaries, cells: source.budget(CELLS) }
     }
 
-    /// What may be held beside the dictionaries.
+    /// Limits on the content beside the dictionaries.
     fn limits(&self, limits: &Limits) -> Limits {
         let dictionaries = usize::try_from(self.dictionaries.kept()).unwrap_or(usize::MAX);
         Limits { held: limits.held.saturating_sub(dictionaries), ..*limits }
     }
 
-    /// Checks the message up to which a file is read, and counts what it holds.
+    /// Checks the message up to which a file is read, and counts its content.
     fn check(&mut self, metadata: &[u8], body: &[u8], source: &Source<'_>) -> Result<(), FileError> {
         let limits = self.limits(source.limits());
         let Some(batch) = check_buffers(metadata, body, self.layout.as_ref(), &limits)? else {

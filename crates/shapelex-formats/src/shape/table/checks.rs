@@ -1,4 +1,4 @@
-//! What a message of Arrow IPC claims, checked before the library takes it at its word.
+//! Claims of a message of Arrow IPC, checked before the library trusts them.
 
 use arrow_ipc::{
     CompressionType, DateUnit, Endianness, Field, IntervalUnit, Message, MessageHeader, RecordBatch, Schema,
@@ -129,7 +129,7 @@ fn is_known(field: &Field<'_>) -> bool {
     }
 }
 
-/// Checks that the buffers of a message lie within its body, that what they decompress to is at most what may be held, in
+/// Checks that the buffers of a message lie within its body, that their decompressed size is at most the size that may be held, in
 /// proportion to them, and that no column claims more values than these bytes can hold. `layout` are the columns of the schema.
 pub(super) fn check_buffers(
     metadata: &[u8],
@@ -235,7 +235,7 @@ fn claimed(bytes: &[u8]) -> Result<u64, FileError> {
     }
 }
 
-/// Checks that a compressed buffer holds what it claims. One that claims nothing is not decompressed.
+/// Checks that a compressed buffer has the claimed size. One that claims nothing is not decompressed.
 fn check_claim(bytes: &[u8], claimed: u64) -> Result<(), FileError> {
     let Some((claim, rest)) = bytes.split_first_chunk::<8>().filter(|_| claimed > 0) else { return Ok(()) };
     let claim = i64::from_le_bytes(*claim);

@@ -11,7 +11,7 @@ pub(super) const CELLS: Bound =
 
 /// Version of the columns, in the metadata of a file.
 pub(super) const SCHEMA: &str = "shapes/1";
-/// What the metadata of a file begin with that say something of the shapes.
+/// Prefix of the metadata of a file that concern the shapes.
 pub(super) const PREFIX: &str = "shapelex.";
 /// Prefix of the columns of attributes.
 pub(super) const LABELS: &str = "labels.";

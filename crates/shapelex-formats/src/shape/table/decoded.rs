@@ -1,4 +1,4 @@
-//! What rows of Parquet take in memory, known before they are decoded.
+//! Memory of rows of Parquet, known before they are decoded.
 //!
 //! Rows are decoded in batches, each whole. How long a row is, only the levels of its lists say, and these are decompressed for that
 //! only if a whole row group takes more than may be held.

@@ -66,14 +66,14 @@ fn children(kind: &DataType) -> &[FieldRef] {
     }
 }
 
-/// What is left of a batch while its columns are gone through.
+/// Rest of a batch while its columns are gone through.
 struct Rest<'a, N> {
     nodes: N,
     /// Sizes of the buffers after decompression.
     sizes: std::slice::Iter<'a, u64>,
     /// Numbers of buffers of columns of views.
     views: std::vec::IntoIter<i64>,
-    /// Bytes of what is made of the columns: numbers in double precision, places of lists and of texts of a dictionary.
+    /// Bytes made of the columns: numbers in double precision, places of lists and of texts of a dictionary.
     made: u64,
 }
 

@@ -16,10 +16,10 @@
 //! | `labels.NAME` | Boolean, double or text | attributes of the first rows, each of one type |
 //! | `more_labels` | text | all other attributes, a JSON object |
 //! | `fields.NAME` | list of doubles | arrays of values of meshes, row-major; null where there is no value |
-//! | `metadata` | text | what else is known, a JSON object |
+//! | `metadata` | text | all further facts, a JSON object |
 //!
 //! The metadata of the file have `shapelex.schema` (`shapes/1`), `shapelex.unit` and other facts of the writer, and
-//! `shapelex.fields`: a JSON object that says what carries each field, and the number of components of its values.
+//! `shapelex.fields`: a JSON object that names the carrier of each field, and the number of components of its values.
 
 #[cfg(test)]
 mod array_tests;

@@ -14,7 +14,7 @@ const MAX_HEADER: usize = 1 << 16;
 /// Largest number of axes.
 const MAX_AXES: usize = 32;
 
-/// What the items of an array are.
+/// Items of an array.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Items {
     Float,
@@ -56,7 +56,7 @@ impl Header {
     /// Reads the header of an array.
     ///
     /// # Errors
-    /// Other bytes, items that are no numbers, flags or texts: Python objects foremost, which are programs.
+    /// Other bytes, items that are not numbers, flags or texts: Python objects foremost, which are programs.
     pub(super) fn read(reader: &mut impl Read) -> Result<Self, FileError> {
         let head = exactly(reader, MAGIC.len() + 2)?;
         let version =
@@ -177,7 +177,7 @@ impl Header {
     }
 }
 
-/// A text in quotes, and what follows it.
+/// A text in quotes, and the text after it.
 fn quoted(text: &str) -> Option<(&str, &str)> {
     let quote = text.chars().next().filter(|quote| matches!(quote, '\'' | '"'))?;
     text[1..].split_once(quote)
@@ -224,7 +224,7 @@ impl Layout {
     /// shapes × coordinates of all their points.
     ///
     /// # Errors
-    /// Items that are no numbers, other numbers of axes, more points than `limits` allow.
+    /// Items that are not numbers, other numbers of axes, more points than `limits` allow.
     pub(super) fn of(header: &Header, options: &ReadOptions, limits: &Limits) -> Result<Self, FileError> {
         header.count()?;
         if !header.is_number() {

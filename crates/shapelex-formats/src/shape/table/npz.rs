@@ -121,7 +121,7 @@ fn at(name: &str) -> Place {
     Place { entry: Some(format!("{name}.npy")), ..Place::default() }
 }
 
-/// The arrays of the file, of which points, ids and what else is known by its name.
+/// The arrays of the file, of which points, ids and others are known by their names.
 #[derive(Default)]
 struct Arrays {
     found: Vec<Array>,

@@ -1,4 +1,4 @@
-//! What a Parquet file claims, checked before the library takes it at its word.
+//! Claims of a Parquet file, checked before the library trusts them.
 
 use flate2::read::MultiGzDecoder;
 use lz4_flex::frame::FrameDecoder;
@@ -18,10 +18,10 @@ const VALUES_PER_BYTE: u64 = 64;
 const MAX_LEVELS: usize = 32;
 
 /// Checks the metadata, before the last eight bytes: known fields have their types, lists have the items that they claim, and the
-/// schema is one tree. The library takes memory for what lists and elements of the schema claim, and descends into these without end.
+/// schema is one tree. The library takes memory for the claims of lists and elements of the schema, and descends into these without end.
 ///
 /// # Errors
-/// Bytes that are no metadata, a schema that is no tree or deep.
+/// Bytes that are not metadata, a schema that is not a tree or is deep.
 pub(super) fn check_metadata(bytes: &[u8]) -> Result<(), FileError> {
     let expected = |what: &str| FileError::malformed(Place::tag("metadata"), format!("expected {what}"));
     let other = || expected("metadata of Parquet, got other bytes");
@@ -84,7 +84,7 @@ fn is_tree(children: &[i64]) -> bool {
     expected.is_empty()
 }
 
-/// What the pages of a column of a row group hold.
+/// Content of the pages of a column of a row group.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct Pages {
     /// Number of values, those of all lists together.
@@ -229,7 +229,7 @@ fn check_compression(compression: Compression, page: &[u8], size: u64, levels: i
     Err(FileError::malformed(Place::default(), detail))
 }
 
-/// What is needed of the header of a page.
+/// Needed part of the header of a page.
 #[derive(Default)]
 struct Header {
     page: i64,
@@ -237,7 +237,7 @@ struct Header {
     compressed: i64,
     values: i64,
     encoding: i64,
-    /// Bytes of levels before what is compressed.
+    /// Bytes of levels before the compressed part.
     levels: i64,
     /// Whether the page is not compressed, whatever its column is.
     is_plain: bool,
@@ -316,7 +316,7 @@ impl Header {
         })
     }
 
-    /// Other encodings have sizes of their own, which are claims as well.
+    /// Other encodings have separate sizes, which are claims as well.
     fn check_encoding(&self) -> Result<(), FileError> {
         let known = [
             Encoding::PLAIN,

@@ -170,7 +170,7 @@ fn check_group(
     Ok(found)
 }
 
-/// What the metadata of the file say.
+/// Facts of the metadata of the file.
 fn facts(metadata: &ParquetMetaData) -> HashMap<String, String> {
     let pairs = metadata.file_metadata().key_value_metadata().into_iter().flatten();
     pairs.filter_map(|pair| Some((pair.key.clone(), pair.value.clone()?))).collect()

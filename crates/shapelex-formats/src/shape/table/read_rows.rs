@@ -28,7 +28,7 @@ pub(super) struct Reading<'a> {
     notes: BTreeMap<String, FieldNote>,
     unit: Option<Unit>,
     row: u64,
-    /// Facts of the file, and what was left out.
+    /// Facts of the file, and the items left out.
     pub(super) summary: Summary,
 }
 
@@ -210,7 +210,7 @@ fn no_shapes(points: &str, schema: &Schema) -> FileError {
     FileError::malformed(Place::default(), detail)
 }
 
-/// Columns of a batch by what they mean.
+/// Columns of a batch by their meaning.
 #[derive(Default)]
 struct Columns {
     external_id: Option<Cells>,

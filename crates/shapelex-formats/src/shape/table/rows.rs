@@ -88,7 +88,7 @@ fn integers(values: Vec<i32>) -> ArrayRef {
 /// The columns of attributes and fields, which follow from the first rows.
 struct Layout {
     schema: SchemaRef,
-    /// Attributes with columns of their own, each with a value of its type, sorted by name.
+    /// Attributes with separate columns, each with a value of its type, sorted by name.
     labels: Vec<(String, Value)>,
     fields: Vec<(String, FieldNote)>,
 }
@@ -102,7 +102,7 @@ pub(super) struct Rows {
     columns: Columns,
     /// Memory of batches that were written, for the next ones.
     spare: Vec<Vec<f64>>,
-    /// What was left out.
+    /// Items left out.
     pub(super) summary: Summary,
 }
 

@@ -543,7 +543,7 @@ fn rows_of_parquet_are_decoded_within_what_may_be_held() {
     });
     all.expect("a table");
     assert_eq!(count, 8000 * text.len());
-    // What pages decompress to counts as content.
+    // The decompressed size of pages counts as content.
     let much = Limits { content: 50_000, ..limits(2_000_000) };
     assert!(bytes.len() < 40_000);
     assert_eq!(read_with(&bytes, &options, much).map(|_| ()).expect_err("much").kind, FaultKind::TooLarge);

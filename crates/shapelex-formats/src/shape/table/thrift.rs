@@ -1,7 +1,7 @@
 //! The compact protocol of Thrift, in which Parquet has its metadata and the headers of pages: fields with a tag, the type of the value,
 //! and the difference of their ids.
 //!
-//! Functions take what they read from the front of the bytes.
+//! Functions remove the bytes they read from the front.
 //!
 //! Source: Apache Thrift, compact protocol.
 
@@ -60,7 +60,7 @@ impl Kind {
 }
 
 /// Checks that the known fields of a structure have their types. The library reads them without a look at their tags: where a tag is
-/// another, it would read on at another byte than one who skips what the tag says.
+/// another, it would read on at another byte than a reader that skips by the tag.
 pub(super) fn check(bytes: &mut &[u8], known: Known) -> Result<(), Broken> {
     let mut fields = Fields::default();
     while let Some((id, tag)) = fields.next(bytes)? {

@@ -38,7 +38,7 @@ pub(super) struct Text<'a> {
     dimension: Option<usize>,
     /// Number of positions with a measure, which is not given on.
     pub(super) measures: u64,
-    /// What stands beside the geometry.
+    /// Values beside the geometry.
     pub(super) id: Option<String>,
     /// Number of the system of reference.
     pub(super) srid: Option<u64>,
@@ -212,7 +212,7 @@ impl<'a> Text<'a> {
         Ok(Some(rings).filter(|rings| !rings.is_empty()).map(Part::Area))
     }
 
-    /// Positions in brackets; those of a MULTIPOINT may have brackets of their own.
+    /// Positions in brackets; those of a MULTIPOINT may have further brackets.
     fn points(&mut self, order: Order) -> Result<Points, FileError> {
         self.rings += 1;
         self.limits.rings(self.rings, || self.place())?;

@@ -16,7 +16,7 @@ const CANCELLED: f64 = 1e-12;
 ///
 /// The normals point outwards on counter-clockwise polygons and inwards on clockwise ones;
 /// [`refine_polyline`](super::refine_polyline) makes the same points from both. Exact for points of a circle, evenly spaced or not. At an end of an open polygon, the circle goes through
-/// the last three points; a single edge has the normal of its own direction. The plane is `z = 0`.
+/// the last three points; a single edge has the normal of its direction. The plane is `z = 0`.
 ///
 /// Zero where the normal is undefined: two of the three points coincide, or there are fewer than three.
 pub fn circle_normals(points: &[[f64; 3]], closed: bool) -> Vec<[f64; 3]> {

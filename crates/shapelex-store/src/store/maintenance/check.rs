@@ -42,7 +42,7 @@ pub struct Checked {
     pub findings: u64,
 }
 
-/// Rules: a sentence about `{}`, and the statement that lists what violates it.
+/// Rules: a sentence about `{}`, and the statement that lists its violations.
 const RULES: &[(&str, &str)] = &[
     (
         "shape {} belongs to no chunk",

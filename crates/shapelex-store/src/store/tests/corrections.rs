@@ -1,4 +1,4 @@
-//! Corrections, deletions by filter and erasures: what every revision shows before and after.
+//! Corrections, deletions by filter and erasures: the content of every revision before and after.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
@@ -59,7 +59,7 @@ async fn names_that_others_brought_meanwhile_count() {
         let mut upload = store.begin_upload(&cohort);
         let brought = names(range.clone()).collect();
         upload.add(vec![shape_with(number, range)]).await.unwrap();
-        // What is known is of the empty cohort.
+        // The known names are of the empty cohort.
         upload.name_attributes(Some(NewNames { known: Arc::default(), until: 0, brought }));
         upload.commit(20).await
     };
@@ -216,6 +216,20 @@ async fn nothing_of_an_erased_subject_is_left_in_the_files() {
 }
 
 #[tokio::test]
+async fn shapes_that_are_erased_after_their_places_were_found_are_not_read() {
+    let (_folder, store, cohort) = with_cohort().await;
+    let shapes: Vec<NewShape> = (0..5).map(|k| labelled(k, "a", &format!("s{k}"))).collect();
+    let expected: Vec<f64> =
+        [0, 1, 3, 4].into_iter().flat_map(|k: usize| shapes[k].control_points.clone()).collect();
+    store_all(&store, &cohort, shapes).await;
+    let places = store.places(&cohort.id, Revisions::until(1), &EVERYTHING).await.unwrap();
+    assert_eq!(erase(&store, "s2").await.len(), 1);
+    let (batch, next) = store.scan_places(&cohort.id, 1, &places, 0).await.unwrap().unwrap();
+    assert_eq!((batch.control_points, next), (expected, 5));
+    assert_eq!(store.scan_places(&cohort.id, 1, &places, 5).await.unwrap(), None);
+}
+
+#[tokio::test]
 async fn an_interrupted_erasure_is_finished_later() {
     let (_folder, store, cohort) = with_cohort().await;
     store_all(&store, &cohort, (0..3).map(|k| labelled(k, "a", &format!("s{k}"))).collect()).await;
@@ -291,7 +305,7 @@ struct Known {
     weight: f64,
 }
 
-/// What every revision of a cohort must show.
+/// Expected content of every revision of a cohort.
 #[derive(Default)]
 struct Model {
     states: Vec<Vec<Known>>,

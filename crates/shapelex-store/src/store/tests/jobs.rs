@@ -280,7 +280,10 @@ async fn with_output(store: &Store, bytes: usize) -> (String, JobOutput) {
 async fn outputs_come_back_as_they_were_and_end_with_their_job() {
     let (_folder, store) = fresh().await;
     let (id, output) = with_output(&store, 1000).await;
+    let bytes = output.head.to_string().len() + output.data.len();
+    assert_eq!(store.size_of_output(&id).await.unwrap(), Some(bytes as u64));
     assert_eq!(store.read_job_output(&id).await.unwrap(), Some(output));
+    assert_eq!(store.size_of_output("job_none").await.unwrap(), None);
     assert_eq!(store.read_job_output("job_none").await.unwrap(), None);
     meddle(&store, "UPDATE job_output SET data = checksum").await;
     let error = store.read_job_output(&id).await.unwrap_err();

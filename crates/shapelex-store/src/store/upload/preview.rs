@@ -1,4 +1,4 @@
-//! An upload that writes nothing, and tells what one that writes would find.
+//! An upload that writes nothing, and tells the findings of one that writes.
 //!
 //! The pending rows of an upload tell it which external ids it has stored itself. A preview has none: it keeps two digests of each
 //! shape with an external id instead.
@@ -71,7 +71,7 @@ impl Upload {
         self.met.as_ref().map_or(0, |met| met.bytes)
     }
 
-    /// Checks what [`Upload::commit_once`] checks, and stores nothing.
+    /// Checks as [`Upload::commit_once`] does, and stores nothing.
     ///
     /// # Errors
     /// As [`Upload::commit_once`].

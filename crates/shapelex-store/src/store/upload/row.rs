@@ -29,7 +29,7 @@ impl ShapeRow {
         self.points.len() / blob::BYTES_PER_NUMBER
     }
 
-    /// The shape as a chunk of its own.
+    /// The shape as a separate chunk.
     pub(in crate::store) fn alone(&self) -> Encoded {
         Encoded::new(std::iter::once((self.weight, self.points.as_slice())))
     }

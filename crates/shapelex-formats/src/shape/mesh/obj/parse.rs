@@ -31,7 +31,7 @@ struct Object {
     place: Place,
 }
 
-/// What was read so far.
+/// Content read so far.
 pub(super) struct File {
     limits: Limits,
     vertices: Points,
@@ -257,8 +257,8 @@ impl File {
     }
 
     /// The object whose shape has all vertices but those of bare objects, if there is such an object; and which objects are bare:
-    /// they only have vertices, which no other object uses. They are shapes in files without faces and lines. What stands before the
-    /// first `o` is never bare: some programs write the vertices of all objects there.
+    /// they only have vertices, which no other object uses. They are shapes in files without faces and lines. Vertices before the
+    /// first `o` are never bare: some programs write the vertices of all objects there.
     fn roles(&self, is_drawn: &[bool], own: &[Vec<u32>]) -> (Option<usize>, Vec<bool>) {
         let mut declared = vec![0; self.objects.len()];
         self.owners.iter().for_each(|owner| declared[*owner] += 1);
@@ -293,7 +293,7 @@ impl File {
         }
     }
 
-    /// Indices may come before what they point to, so they are checked at the end. Some programs write those of texture
+    /// Indices may come before their targets, so they are checked at the end. Some programs write those of texture
     /// coordinates and normals that they leave out.
     fn check_corners(&mut self) -> Result<(), FileError> {
         let counts = [self.vertices.len(), self.texture.len(), self.normals.len()];

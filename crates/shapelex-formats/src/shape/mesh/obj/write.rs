@@ -204,7 +204,7 @@ impl Attribute {
     }
 }
 
-/// Names of groups or materials, and what was written last.
+/// Names of groups or materials, and the last written ones.
 struct Names<'a> {
     keyword: &'static str,
     list: Vec<String>,

@@ -42,7 +42,7 @@ impl<'a> Columns<'a> {
             _ => &[],
         };
         let is_byte = |x: &f64| x.fract() == 0.0 && (0.0..=255.0).contains(x);
-        // Colours from 0 to 1 are no bytes.
+        // Colours from 0 to 1 are not bytes.
         let bytes =
             plain == COLOURS && field.values.iter().all(is_byte) && field.values.iter().any(|x| *x > 1.0);
         let names =

@@ -13,7 +13,7 @@ use super::super::{NORMALS, TEXTURE};
 use crate::error::{FileError, Place};
 use crate::summary::Summary;
 
-/// What attributes belong to.
+/// Carriers of attributes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Carrier {
     Points,
