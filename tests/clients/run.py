@@ -133,10 +133,8 @@ def has_java():
     if shutil.which("java"):
         return True
     if os.geteuid() == 0 and shutil.which("apt-get"):
-        os.environ["DEBIAN_FRONTEND"] = "noninteractive"
         try:
-            environment.run(["apt-get", "update", "-qq"])
-            environment.run(["apt-get", "install", "-y", "-qq", "--no-install-recommends", "default-jre-headless"])
+            environment.debian("--no-install-recommends", "default-jre-headless")
         except environment.Unavailable as error:
             print(f"SKIPPED: the three clients of openapi-generator, Java cannot be installed: {error}")
             return False
