@@ -1,5 +1,5 @@
-"""Checks everything that installs the service: container, compose, Kubernetes, systemd, shell, and what it is built
-from.
+"""Checks everything that installs the service or watches it: container, compose, Kubernetes, Helm, systemd, shell,
+monitoring, and what the program is built from.
 
     python3 deploy/lint.py [CHECK ...]
 
@@ -23,7 +23,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
 
-from environment import Unavailable, created  # noqa: E402
+from environment import Unavailable, created, debian  # noqa: E402
 
 TOOLS = ROOT / "target" / "lint"
 PYTHON = TOOLS / "bin" / "python"
@@ -32,7 +32,12 @@ DOCKERFILE = ROOT / "docker" / "Dockerfile"
 ENGINE_DOCKERFILE = ROOT / "docker" / "Dockerfile.engine"
 COMPOSES = {"shapelex": ROOT / "docker" / "compose.yaml", "executor": ROOT / "docker" / "compose.engine.yaml"}
 MANIFESTS = [ROOT / "deploy" / "kubernetes", ROOT / "deploy" / "kubernetes-engine"]
+CHART = ROOT / "deploy" / "helm" / "shapelex"
 UNIT = ROOT / "deploy" / "systemd" / "shapelex.service"
+MONITORING = ROOT / "deploy" / "monitoring"
+OBSERVABILITY = ROOT / "docs" / "observability.md"
+# Words of PromQL that are not names of metrics.
+PROMQL = {"by", "without", "on", "ignoring", "group_left", "group_right", "and", "or", "unless", "bool", "offset"}
 # Points of exposure of 100 that systemd may count: what is left is the network and files that can be read.
 EXPOSURE = 15
 # The oldest Kubernetes that the manifests are meant for, and the newest that the tool knows.
@@ -100,7 +105,17 @@ def refuse(found):
 
 
 def check_yaml():
-    run(tool("yamllint"), "--strict", "-d", YAML_RULES, *COMPOSES.values(), *MANIFESTS)
+    run(
+        tool("yamllint"),
+        "--strict",
+        "-d",
+        YAML_RULES,
+        *COMPOSES.values(),
+        *MANIFESTS,
+        MONITORING,
+        *CHART.glob("*.yaml"),
+        CHART / "ci",
+    )
 
 
 def check_dockerfile():
@@ -244,6 +259,102 @@ def pod_rights(pod):
     return found
 
 
+def chart_texts():
+    """The templates of the chart by their names."""
+    return {path.name: path.read_text() for path in sorted((CHART / "templates").iterdir())}
+
+
+def check_chart():
+    """What can be said of the chart without Helm: its version, and values that file, schema and templates agree on."""
+    chart, values = (documents((CHART / name).read_text())[0] for name in ("Chart.yaml", "values.yaml"))
+    schema = CHART / "values.schema.json"
+    for name in ("values.yaml", "ci/everything-values.yaml"):
+        run(tool("check-jsonschema"), "--schemafile", schema, CHART / name)
+    version = re.search(r'(?m)^version = "(.*)"', (ROOT / "Cargo.toml").read_text()).group(1)
+    found = [f"{key} is not {version}" for key in ("version", "appVersion") if chart[key] != version]
+    used, texts = set(), "".join(chart_texts().values())
+    for path in set(re.findall(r"\.Values((?:\.\w+)+)", texts)):
+        used.add(path.split(".")[1])
+        place, of_schema = values, json.loads(schema.read_text())
+        for key in path.split(".")[1:]:
+            if not isinstance(place, dict) or key not in place or key not in of_schema.get("properties", {}):
+                found.append(f"a template uses {path}, and values.yaml or its schema has no {key}")
+                break
+            place, of_schema = place[key], of_schema["properties"][key]
+    listed = set(re.findall(r'"(\w+)"', re.search(r"range \$key := list ([^}]*)", texts).group(1)))
+    found += [f"no template uses {key}" for key in sorted(values.keys() - used - listed)]
+    files = re.findall(r'"shapelex\.manifest" \(list \. "([^"]+)"\)|Files\.Get "([^"]+)"', texts)
+    files = [CHART / (f"kubernetes/{manifest}" if manifest else other) for manifest, other in files]
+    refuse(found + [f"a template reads {path.name}, which is missing" for path in files if not path.is_file()])
+
+
+# Values that the schema must refuse, each with what the refusal names.
+WRONG_VALUES = {
+    "replica": {"replica": 3},
+    "replicas": {"replicas": 0},
+    "SHAPELEX_LISTEN": {"settings": {"SHAPELEX_LISTEN": "0.0.0.0:80"}},
+    "SHAPELEX_TRASH_DAYS": {"settings": {"SHAPELEX_TRASH_DAYS": 7}},
+    "cpu": {"resources": {"limits": {"cpu": "two"}}},
+    "host": {"ingress": {"enabled": True}},
+    "digest": {"image": {"digest": "latest"}},
+}
+
+
+def check_helm():
+    """The chart by Helm: its lint, what it refuses, and what it renders beside the manifests that it is made from."""
+    try:
+        import helm_python
+    except (ImportError, OSError):
+        raise Skipped("no helm-python-sdk here, which has Helm for Linux on x86-64") from None
+    report = helm_python.lint(str(CHART), strict=True)
+    refuse([f"{one['path']}: {one['error']}" for one in report["messages"] if one["severity"] > 1])
+    found = []
+    with helm_python.Chart.load(str(CHART)) as chart:
+        for name, values in WRONG_VALUES.items():
+            try:
+                chart.render(values, name="shapelex", namespace="shapelex")
+            except helm_python.HelmError as refusal:
+                found += [] if name in str(refusal) else [f"{values} is refused for another reason: {refusal}"]
+            else:
+                found.append(f"{values} is not refused")
+        everything = documents((CHART / "ci" / "everything-values.yaml").read_text())[0]
+        try:
+            rendered = [chart.render(values, name="shapelex", namespace="shapelex") for values in (None, everything)]
+        except helm_python.HelmError as error:
+            raise Failed(str(error)) from None
+    for texts in rendered:
+        found += rendered_faults([one for name in texts if name.endswith(".yaml") for one in documents(texts[name])])
+    for manifest in ("deployment.yaml", "service.yaml", "disruption-budget.yaml", "network-policy.yaml"):
+        text = rendered[0][f"shapelex/templates/{manifest}"]
+        wanted = (ROOT / "deploy" / "kubernetes" / manifest).read_text()
+        if plain(documents(text)[0]["spec"]) != plain(documents(wanted)[0]["spec"]):
+            found.append(f"{manifest}: by default it is not that of deploy/kubernetes")
+    refuse(found)
+
+
+def rendered_faults(rendered):
+    """What rendered manifests lack; objects of operators have no schema here."""
+    known = [one for one in rendered if "monitoring.coreos.com" not in one["apiVersion"]]
+    text = "\n---\n".join(json.dumps(one) for one in known)
+    for version in KUBERNETES:
+        run(tool("kubernetes-validate"), "--strict", "-k", version, "/dev/stdin", input=text)
+    pods = [(one["kind"], one["spec"]["template"]["spec"]) for one in known if one["kind"] in ("Deployment", "Job")]
+    return [f"{kind}: {what}" for kind, pod in pods for what in pod_rights(pod)]
+
+
+def plain(value):
+    """A part of a manifest without what a release adds: its label, the tag of the image, defaults of Kubernetes."""
+    if isinstance(value, list):
+        return [plain(one) for one in value]
+    if not isinstance(value, dict):
+        return value
+    added = {"app.kubernetes.io/instance": None, "imagePullPolicy": "IfNotPresent", "type": "ClusterIP"}
+    kept = {key: plain(one) for key, one in value.items() if key not in added or added[key] not in (None, one)}
+    if "image" in kept:
+        kept["image"] = kept["image"].split(":")[0]
+    return kept
+
+
 def check_systemd():
     analyze = tool("systemd-analyze")
     with tempfile.TemporaryDirectory() as folder:
@@ -256,6 +367,104 @@ def check_systemd():
             run(analyze, "security", "--no-pager", "--offline=true", f"--threshold={EXPOSURE}", unit)
         except Failed as table:
             refuse([line for line in str(table).splitlines() if not line.startswith("✓")])
+
+
+def promtool():
+    """Path of promtool; of the package of Debian nothing else is unpacked, as its installation starts a server."""
+    found = shutil.which("promtool", path=TOOLS / "debian" / "usr" / "bin") or shutil.which("promtool")
+    if found:
+        return found
+    folder = TOOLS / "debian"
+    (folder / "partial").mkdir(parents=True, exist_ok=True)
+    try:
+        options = ("--no-install-recommends", "--download-only", "-o", f"Dir::Cache::archives={folder}")
+        debian(*options, "prometheus")
+    except Unavailable as reason:
+        raise Skipped(f"no promtool here, and {reason} (Debian: prometheus)") from None
+    for package in folder.glob("prometheus_*.deb"):
+        run("dpkg-deb", "-x", package, folder)
+    return tool(str(folder / "usr" / "bin" / "promtool"))
+
+
+def metrics_of(expression):
+    """Names of metrics in an expression of PromQL, each with the labels that its matchers name."""
+    bare = re.sub(r"\b(by|without|on|ignoring|group_left|group_right)\s*\([^)]*\)", " ", expression)
+    bare = re.sub(r"\[[^\]]*\]", " ", bare)
+    found = {}
+    for name, matchers in re.findall(r"(?<![\w.])([a-zA-Z_:][\w:]*)\b(?!\s*\()\s*(\{(?:\"[^\"]*\"|[^}])*\})?", bare):
+        if name not in PROMQL:
+            found.setdefault(name, set()).update(re.findall(r"(\w+)\s*(?:=|!=|=~|!~)\s*\"", matchers))
+    return found
+
+
+def exported_metrics():
+    """Labels of each metric that the documentation lists, those of a scrape included."""
+    rows = re.findall(r"(?m)^\| `(shapelex_\w+)` \| (\w+) \| ([^|]*)\|", OBSERVABILITY.read_text())
+    found = {}
+    for name, kind, cell in rows:
+        labels = {"job", "instance", *re.findall(r"`(\w+)`", cell)}
+        for suffix in ("_bucket", "_sum", "_count") if kind == "histogram" else ("",):
+            found[name + suffix] = labels | ({"le"} if suffix == "_bucket" else set())
+    return found
+
+
+def metric_faults(expression):
+    """What an expression names that nobody exports."""
+    exported, found = exported_metrics(), []
+    text = OBSERVABILITY.read_text()
+    for name, labels in metrics_of(expression).items():
+        if name in exported:
+            found += [f"{name} has no label {label}" for label in sorted(labels - exported[name])]
+        elif name.startswith("shapelex_") or f"`{name}`" not in text:
+            found.append(f"{OBSERVABILITY.name} has no metric {name}")
+    return found
+
+
+def check_metrics():
+    """What the rules and the dashboard name is exported and documented, and every metric of the program is."""
+    if not (rules := documents((MONITORING / "alerts.yaml").read_text())):
+        raise Failed("alerts.yaml has no rules")
+    rules = [rule for group in rules[0]["groups"] for rule in group["rules"]]
+    tests, text = (MONITORING / "alerts_test.yaml").read_text(), OBSERVABILITY.read_text()
+    said = dict(re.findall(r"(?m)^\| `(Shapelex\w+)` \| (\w+) \|", text))
+    found = [f"{OBSERVABILITY.name}: no rule {name}" for name in said.keys() - {rule["alert"] for rule in rules}]
+    for rule in rules:
+        name = rule["alert"]
+        if said.get(name) != rule["labels"]["severity"]:
+            found.append(f"{OBSERVABILITY.name}: not the severity of {name}")
+        found += [f"{name}: {what}" for what in metric_faults(rule["expr"])]
+        found += [f"{name}: no {key}" for key in ("summary", "runbook") if not rule["annotations"].get(key)]
+        if f'alertname="{name}"' not in tests:
+            found.append(f"{name}: no test")
+    for title, expression in dashboard_expressions():
+        found += [f"dashboard: {title}: {what}" for what in metric_faults(expression)]
+    files = [*(ROOT / "src").rglob("*.rs"), *(ROOT / "crates").glob("*/src/**/*.rs")]
+    sources = "".join(path.read_text() for path in files if "shapelex-engine" not in path.parts)
+    program = set(re.findall(r'"(shapelex_(?:http|jobs?|hooks?|store|compute|cache|audit|clock|build)_\w+)"', sources))
+    listed = {re.sub("_(bucket|sum|count)$", "", name) for name in exported_metrics()}
+    found += [f"{OBSERVABILITY.name}: {name} is missing" for name in sorted(program - listed)]
+    found += [f"{OBSERVABILITY.name}: no metric {name} in the program" for name in sorted(listed - program)]
+    refuse(found)
+
+
+def dashboard_expressions():
+    """Title of the panel and expression of each query of the dashboard."""
+    panels = json.loads((MONITORING / "dashboard.json").read_text())["panels"]
+    return [(panel["title"], target["expr"]) for panel in panels for target in panel.get("targets", [])]
+
+
+def check_monitoring():
+    """Rules, their tests and the queries of the dashboard, by promtool."""
+    program = promtool()
+    run(program, "check", "rules", MONITORING / "alerts.yaml")
+    run(program, "test", "rules", MONITORING / "alerts_test.yaml")
+    # The variables of Grafana stand for a range and for texts.
+    queries = [expression.replace("$__rate_interval", "5m") for _, expression in dashboard_expressions()]
+    rules = [{"record": f"query_{index}", "expr": query} for index, query in enumerate(queries)]
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "queries.yaml"
+        file.write_text(json.dumps({"groups": [{"name": "dashboard", "rules": rules}]}))
+        run(program, "check", "rules", file)
 
 
 def check_calls():
@@ -385,7 +594,11 @@ CHECKS = {
     "image": check_image,
     "compose": check_compose,
     "kubernetes": check_kubernetes,
+    "chart": check_chart,
+    "helm": check_helm,
     "systemd": check_systemd,
+    "metrics": check_metrics,
+    "monitoring": check_monitoring,
     "calls": check_calls,
     "context": check_context,
     "names": check_names,

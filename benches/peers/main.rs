@@ -43,6 +43,7 @@ fn run(command: &str, words: &[&str], repeats: usize) -> serde_json::Value {
         "components" => statistics::components(words, repeats),
         "procrustes" => statistics::procrustes(words, repeats),
         "permutations" => statistics::permutations(words, repeats),
+        "model" => statistics::model(words, repeats),
         "distances" => retrieval::distances(words, repeats),
         "neighbours" => retrieval::neighbours(words, repeats),
         "refine" => subdivision::refine(words, repeats),

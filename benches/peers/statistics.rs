@@ -5,6 +5,7 @@
 //! components   SHAPES n                           20 components and scores of vectors of n numbers
 //! procrustes   SHAPES N OUT                       generalised Procrustes mean of N points in space, written to OUT
 //! permutations SHAPES n count draws (F | pair)    tests of two groups, the first and the second half
+//! model        SHAPES n count draws (factor | curve)  a model of one term: three levels, or a polynomial of degree 3
 //! transforms   n count                            inverse complex transforms of n numbers: a bound
 //! ```
 
@@ -20,6 +21,9 @@ use shapelex_server::analysis::inference::comparison::Sample;
 use shapelex_server::analysis::inference::permutation::Relabellings;
 use shapelex_server::analysis::matching::Matching;
 use shapelex_server::analysis::metric::Metric;
+use shapelex_server::analysis::models::anova::{Model, Testing};
+use shapelex_server::analysis::models::design::{Contrasts, Table};
+use shapelex_server::analysis::models::formula::{Formula, TermOrder};
 use shapelex_server::analysis::pca::FunctionalPca;
 use shapelex_server::analysis::transformation::{ClassName, Transformation};
 use shapelex_server::analysis::watch::Unwatched;
@@ -119,6 +123,27 @@ pub(super) fn permutations(words: &[&str], repeats: usize) -> Value {
         }
     });
     json!({"seconds": seconds, "statistics": statistics})
+}
+
+pub(super) fn model(words: &[&str], repeats: usize) -> Value {
+    let [shapes, length, count, draws, what] = words else { panic!("arguments") };
+    let (length, count): (usize, usize) = (number(length), number(count));
+    let vectors = Matrix::from_vec(length, count, read(shapes));
+    let (text, table) = match *what {
+        "factor" => (
+            "~ level",
+            Table::default().with_factor("level", (0..count).map(|k| (3 * k / count).to_string())),
+        ),
+        _ => ("~ poly(x,3)", Table::default().with_numbers("x", (0..count).map(|k| k as f64 / count as f64))),
+    };
+    let formula = Formula::parse(text, TermOrder::ByDegree).unwrap();
+    let testing = Testing { permutations: number(draws), seed: 1, ..Testing::default() };
+    let (seconds, table) = timed(repeats, || {
+        let (vectors, weights) = (vectors.clone(), vec![1.0; count]);
+        let model = Model::new(&formula, &table, Contrasts::Treatment, vectors, weights).unwrap();
+        model.anova(&testing, &Unwatched).unwrap()
+    });
+    json!({"seconds": seconds, "statistics": table.terms.iter().map(|term| term.f).collect::<Vec<_>>()})
 }
 
 pub(super) fn transforms(words: &[&str], repeats: usize) -> Value {

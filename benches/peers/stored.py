@@ -33,6 +33,8 @@ QUERIES = 20
 SEARCHED = 100_000
 # One request may compute for a long time here; the default refuses what is predicted to take more than 10 s.
 FLAGS = ["--max-request-seconds", "3600"]
+# Shapes up to which a model is computed in memory.
+IN_MEMORY = 100_000
 
 
 # --- cohorts of curves ------------------------------------------------------------------------------------------------
@@ -65,6 +67,10 @@ def measured(setting, count, folder):
         mean, found["mean, one pass"] = timed(lambda: service.call("GET", means("given", "canonical")))
         mean, found["mean, two passes"] = timed(lambda: service.call("GET", means("given", "training")))
         megabytes["means"] = service.megabytes("VmHWM")
+        if count > IN_MEMORY:
+            model, found["model"] = timed(lambda: fitted(service, "given"))
+            found |= {"model objective": model["total"]["sum_of_squares"], "streamed": model["streamed"]}
+            megabytes["model"] = service.megabytes("VmHWM")
         found["objective"] = mean["objective"]
         ingested(service, "cyclic", lines, "cyclic")
         body = {"shapes": [{"control_points": rows(z[:, 0])}], "neighbours": NEAREST}
@@ -122,6 +128,17 @@ def ingested(service, name, lines, correspondence, representation=CURVES):
     if status != 201:
         raise SystemExit(f"upload to {name}: {status} {body}")
     return seconds, body
+
+
+def fitted(service, cohort):
+    """The table of a model without permutations, whose mean is that of the stored mean in one pass."""
+    job = service.call("POST", "/v1/models", {"cohort": cohort, "formula": "~ label", "permutations": 0})
+    if "terms" in job:
+        return job
+    while job["status"] in ("queued", "running"):
+        time.sleep(0.002)
+        job = service.call("GET", f"/v1/jobs/{job['id']}")
+    return job["result"]
 
 
 def means(cohort, frame):
@@ -211,6 +228,20 @@ def stored_means(sizes):
             bounds={"2": seconds},
             compared=compared,
             agrees=agrees,
+        )
+    if "model" in last:
+        # Of shapes of unit size, squared cosines to the mean are the objective; squared sines the total, but for the
+        # place of the mean in the tangent space.
+        total = last["shapes"] - last["objective"]
+        compared, agrees = close([last["model objective"]], [total], 1e-3, "total sum of squares")
+        yield Row(
+            "stored model",
+            f"model of {last['shapes']:.0e} curves × {POINTS} with a factor, beyond the mean that it begins with",
+            {"2": last["model"] - last["mean, one pass"]},
+            bound="the stored mean, one pass",
+            bounds={"2": last["mean, one pass"]},
+            compared=compared,
+            agrees=agrees and last["streamed"],
         )
     large = [size for size in sizes if "cyclic mean" in size][-1]
     x = whitened(contours(large["shapes"]))
