@@ -1,10 +1,12 @@
 #!/usr/bin/env bash
 # The dashboard beside the service.
 #
+#   dashboard/run.sh install the packages that its lock names, which the client for TypeScript is built with too
 #   dashboard/run.sh build   from `dashboard/src` to `dashboard/dist`, which is committed and becomes part of the program
 #   dashboard/run.sh check   whether the committed files are those of a fresh build
 #   dashboard/run.sh lint    format and lints of its sources and tests; `tidy` mends what can be mended
-#   dashboard/run.sh test    the page in Chromium on target/debug/shapelex, or SHAPELEX_BINARY; SCREENS=folder keeps pictures,
+#   dashboard/run.sh test [NAME…]   the page in Chromium, all of dashboard/tests or the files of these names, on
+#                            target/debug/shapelex, or SHAPELEX_BINARY; SCREENS=folder keeps pictures,
 #                            GOALS=1 compares times with the goals, on an idle machine and a release build, DIST=1 takes the page
 #                            from dashboard/dist instead of the program, which is built anew for each change of it otherwise
 set -euo pipefail
@@ -25,11 +27,12 @@ if ! cmp -s package-lock.json node_modules/.lock; then
 fi
 
 case "$1" in
+install) ;;
 build)
   npm run --silent build
   ;;
 check)
-  npm run --silent types >/dev/null
+  node ../clients/typescript/generate.mjs --check
   npx tsc --noEmit
   fresh=$(mktemp -d)
   trap 'rm -rf "$fresh"' EXIT
@@ -45,14 +48,16 @@ tidy)
   ;;
 test)
   if ! command -v chromium >/dev/null; then
-    [ "$(id -u)" = 0 ] || skip test "there is no chromium, and only root may install it"
-    said=$( (apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq chromium) 2>&1) \
-      || skip test "there is no chromium, and it cannot be installed: $(tail -1 <<<"$said")"
+    said=$(../tests/debian.sh chromium) || skip test "there is no chromium, and $said"
   fi
-  node --test --test-concurrency=1 --test-reporter=spec tests/*.test.mjs
+  shift
+  # Names of files, or all. A file that hangs fails.
+  [ "$#" -gt 0 ] || set -- '*'
+  # shellcheck disable=SC2086,SC2046  # one word for each file
+  node --test --test-concurrency=1 --test-timeout=2400000 --test-reporter=spec $(printf 'tests/%s.test.mjs ' "$@")
   ;;
 *)
-  sed -n '2,9s/^# \{0,1\}//p' "$0"
+  sed -n '2,10s/^# \{0,1\}//p' "$0"
   exit 2
   ;;
 esac

@@ -1,10 +1,11 @@
 /** The frame of the page, and which view has which address. */
 import { Component, type ComponentChildren, type ComponentType } from "preact";
 import { useEffect, useState } from "preact/hooks";
+import { forgetCaller, onRole, useCaller, useMay } from "./api/caller";
 import { hasKey, onUnauthenticated, setKey } from "./api/client";
-import { forget, hasSession, RETURN } from "./api/login";
+import { hasSession, leave, onLeft, RETURN } from "./api/login";
 import icon from "./icon.svg";
-import { Announcements, Choice, Empty, Fault, Loading, Page } from "./parts/basic";
+import { Announcements, announce, Choice, Empty, Fault, Loading, Page } from "./parts/basic";
 import { chooseLanguage, type Language, useLanguage } from "./preferences";
 import { match, usePlace } from "./router";
 import { t } from "./strings";
@@ -49,16 +50,16 @@ function later(load: () => Promise<Module>, name: string): View {
   };
 }
 
-const cohort = () => import("./views/cohort");
 const dictionary = () => import("./views/dictionary");
 const VIEWS: [string, View][] = [
   ["/app/cohorts", later(() => import("./views/cohorts"), "Cohorts")],
-  ["/app/cohorts/{cohort}", later(cohort, "Overview")],
-  ["/app/cohorts/{cohort}/table", later(cohort, "ShapeTable")],
+  ["/app/cohorts/{cohort}", later(() => import("./views/cohort"), "Overview")],
+  ["/app/cohorts/{cohort}/table", later(() => import("./views/table"), "ShapeTable")],
   ["/app/cohorts/{cohort}/shapes/{shape}", later(() => import("./views/shape"), "ShapeView")],
   ["/app/cohorts/{cohort}/mean", later(() => import("./views/mean"), "MeanView")],
   ["/app/cohorts/{cohort}/compare", later(() => import("./views/compare"), "Compare")],
   ["/app/cohorts/{cohort}/regression", later(() => import("./views/regression"), "Regression")],
+  ["/app/cohorts/{cohort}/model", later(() => import("./views/linear"), "Linear")],
   ["/app/cohorts/{cohort}/upload", later(() => import("./views/upload"), "Upload")],
   ["/app/dictionaries", later(() => import("./views/dictionaries"), "Dictionaries")],
   ["/app/dictionaries/{dictionary}", later(dictionary, "Report")],
@@ -101,10 +102,11 @@ function Menu({ onLeave }: { onLeave?: () => void }) {
     ["/app/assess", t.menu.assess],
     ["/app/segment", t.menu.segment],
   ];
+  const administers = useMay("admin");
   const run: [string, string][] = [
     ["/app/jobs", t.menu.jobs],
     ["/app/console", t.menu.console],
-    ["/app/administration", t.menu.administration],
+    ...(administers ? ([["/app/administration", t.menu.administration]] as [string, string][]) : []),
   ];
   const entry = ([href, name]: [string, string]) => (
     <li key={href}>
@@ -134,8 +136,7 @@ function Menu({ onLeave }: { onLeave?: () => void }) {
             <button
               class="plain"
               onClick={() => {
-                forget();
-                setKey(null);
+                leave();
                 onLeave?.();
               }}
             >
@@ -145,6 +146,24 @@ function Menu({ onLeave }: { onLeave?: () => void }) {
         )}
       </ul>
     </nav>
+  );
+}
+
+/** Who is logged in, and in which tenant. */
+function Who() {
+  const caller = useCaller();
+  if (!caller) return null;
+  const role = t.administration.roles[caller.role];
+  return (
+    <p class="small who">
+      {caller.open ? t.who.open : t.who.is(caller.name ?? "", role)}
+      {caller.tenant && (
+        <>
+          <br />
+          <span class="quiet">{t.who.tenant(caller.tenant)}</span>
+        </>
+      )}
+    </p>
   );
 }
 
@@ -164,6 +183,8 @@ export function App() {
       }),
     [],
   );
+  useEffect(() => onRole((role) => announce({ text: t.who.refused(t.administration.roles[role]) })), []);
+  useEffect(() => onLeft(() => setRefused(true)), []);
   useEffect(() => setOpen(false), [path]);
   let view: ComponentChildren = path === "/" || path === "/app" ? <Start /> : null;
   for (const [pattern, Found] of VIEWS) {
@@ -184,6 +205,7 @@ export function App() {
     view = (
       <Login
         onDone={() => {
+          forgetCaller();
           setRefused(false);
           setRound(round + 1);
         }}
@@ -213,6 +235,7 @@ export function App() {
         </div>
         <Menu onLeave={() => setRefused(true)} />
         <div class="foot">
+          <Who />
           <Choice
             label={t.frame.language}
             value={language}

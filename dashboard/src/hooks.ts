@@ -1,6 +1,7 @@
 /** What views ask of the service, and what they remember. */
 import { useCallback, useEffect, useRef, useState } from "preact/hooks";
-import { authorization, Refusal, type Schemas } from "./api/client";
+import { listEvents } from "../../clients/typescript/src/index";
+import { Refusal, type Schemas, service } from "./api/client";
 
 export interface Loaded<T> {
   data: T | undefined;
@@ -43,6 +44,46 @@ export function useLoaded<T>(key: string | null, ask: (signal: AbortSignal) => P
   return { data: state.data, error: state.error, loading: state.loading, reload };
 }
 
+/**
+ * Asks for what a hand moves: one request at a time, and after each the newest wish, so that none waits in a queue. The last answer and
+ * its refusal stay until the next one has come.
+ */
+export function useFollowed<T>(key: string | null, ask: (signal: AbortSignal) => Promise<T>) {
+  const [state, setState] = useState<{ data?: T; error?: Error; key: string | null }>({ key: null });
+  const wanted = useRef({ key, ask });
+  wanted.current = { key, ask };
+  const busy = useRef(false);
+  const gone = useRef<AbortController>(undefined);
+  useEffect(() => {
+    gone.current = new AbortController();
+    return () => gone.current!.abort();
+  }, []);
+  useEffect(() => {
+    if (busy.current || key === null) return;
+    busy.current = true;
+    const { signal } = gone.current!;
+    const next = (): void => {
+      const now = wanted.current;
+      if (now.key === null) {
+        busy.current = false;
+        return;
+      }
+      const then = (found: { data?: T; error?: Error }) => {
+        if (signal.aborted) return;
+        setState({ ...found, key: now.key });
+        if (wanted.current.key !== now.key) next();
+        else busy.current = false;
+      };
+      now.ask(signal).then(
+        (data) => then({ data }),
+        (error: Error) => then({ error }),
+      );
+    };
+    next();
+  }, [key]);
+  return { data: state.data, error: state.error, waits: key !== null && state.key !== key };
+}
+
 /** One action at a time, with its refusal. */
 export function useAction<A extends unknown[]>(
   act: (...values: A) => Promise<void>,
@@ -68,37 +109,23 @@ export function useEvents(kinds: string[], then: (kind: string, data: Record<str
   const names = kinds.join(",");
   useEffect(() => {
     let abort = new AbortController();
-    let last = "";
+    let last: string | undefined;
     const follow = async ({ signal }: AbortController): Promise<void> => {
-      let wait = 1000;
-      while (!signal.aborted) {
-        try {
-          const headers: Record<string, string> = { accept: "text/event-stream", ...authorization() };
-          if (last) headers["last-event-id"] = last;
-          const response = await fetch(`/v1/events?kind=${names}`, { headers, signal, credentials: "omit" });
-          if (!response.ok || !response.body) {
-            if (response.status < 500 && response.status !== 429) return;
-            throw new Error(response.statusText);
-          }
-          setLive(true);
-          wait = 1000;
-          await read(response.body, (event) => {
-            if (event.id) last = event.id;
-            if (event.data) handler.current(event.name, JSON.parse(event.data) as Record<string, unknown>);
-          });
-        } catch {
-          if (signal.aborted) return;
-        }
-        setLive(false);
-        await new Promise((resolve) => setTimeout(resolve, wait));
-        wait = Math.min(2 * wait, 30_000);
-      }
+      const events = listEvents(service, {
+        query: { kind: names },
+        lastEventId: last,
+        tries: Number.POSITIVE_INFINITY,
+        onConnection: (connected) => signal.aborted || setLive(connected),
+        onPosition: (id) => (last = id),
+        signal,
+      });
+      for await (const { kind, data } of events) handler.current(kind, { ...data });
     };
     // Browsers allow few connections to a service: tabs that nobody looks at do without, and catch up when they are shown.
     const look = () => {
       abort.abort();
       abort = new AbortController();
-      if (!document.hidden) void follow(abort);
+      if (!document.hidden) follow(abort).catch(() => {});
     };
     document.addEventListener("visibilitychange", look);
     look();
@@ -108,31 +135,6 @@ export function useEvents(kinds: string[], then: (kind: string, data: Record<str
     };
   }, [names]);
   return live;
-}
-
-async function read(
-  body: ReadableStream<Uint8Array>,
-  then: (event: { name: string; id: string; data: string }) => void,
-): Promise<void> {
-  const reader = body
-    .pipeThrough(new TextDecoderStream() as unknown as ReadableWritablePair<string, Uint8Array>)
-    .getReader();
-  let rest = "";
-  for (;;) {
-    const { done, value } = await reader.read();
-    if (done) return;
-    const parts = (rest + value).split("\n\n");
-    rest = parts.pop()!;
-    for (const part of parts) {
-      const event = { name: "message", id: "", data: "" };
-      for (const line of part.split("\n")) {
-        if (line.startsWith("event: ")) event.name = line.slice(7);
-        else if (line.startsWith("id: ")) event.id = line.slice(4);
-        else if (line.startsWith("data: ")) event.data += line.slice(6);
-      }
-      then(event);
-    }
-  }
 }
 
 /** Width of an element, for drawings that follow it. */

@@ -41,6 +41,8 @@ export function useSetting(name: string, standard: string): [string, (value: str
       const next = new URLSearchParams(location.search);
       if (value === standard) next.delete(name);
       else next.set(name, value);
+      // Another order, or other rows, have other pages.
+      if (["order", "unusual", "columns"].includes(name)) next.delete("cursor");
       navigate(location.pathname + (next.size ? `?${next}` : ""), replace);
     },
     [name, standard],

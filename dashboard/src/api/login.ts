@@ -2,7 +2,8 @@
  * Login by an identity provider: the authorisation code flow with PKCE (RFC 7636) of a public client. Tokens are kept like keys, in
  * this tab. The code of the address is taken out of it before anything else happens.
  */
-import { setKey, setRenewal } from "./client";
+import { keyNow, onShared, setKey, setRenewal } from "./client";
+import { leaveTabs, type Shared, shareLogin, tellTabs } from "./tabs";
 
 export const RETURN = "/app/login";
 /** What went wrong, as the name of a sentence, and whom or what it is about. */
@@ -152,6 +153,8 @@ async function exchange(
     refresh: found.refresh_token ?? refresh,
     until: Date.now() + 1000 * PART * (found.expires_in ?? 300),
   });
+  // Providers may take a refresh token once: the other tabs have to know the new one.
+  tellTabs(shared()!);
 }
 
 let timer: ReturnType<typeof setTimeout> | undefined;
@@ -159,6 +162,10 @@ let renewing: Promise<boolean> | undefined;
 
 function keep(session: Session): void {
   sessionStorage.setItem(SESSION, JSON.stringify(session));
+  schedule(session);
+}
+
+function schedule(session: Session): void {
   clearTimeout(timer);
   if (session.refresh)
     timer = setTimeout(() => void renew(), Math.min(Math.max(session.until - Date.now(), 0), 2 ** 31 - 1));
@@ -193,6 +200,37 @@ function renew(): Promise<boolean> {
   return renewing;
 }
 
+const shared = (): Shared | null => {
+  const key = keyNow();
+  return key ? { key, session: sessionStorage.getItem(SESSION) } : null;
+};
+
+/** The login of another tab of this session. */
+function take({ key, session }: Shared): void {
+  setKey(key);
+  if (session) keep(JSON.parse(session) as Session);
+  else forget();
+}
+
+let whenLeft: () => void = () => {};
+/** When another tab has logged out. */
+export function onLeft(then: () => void): void {
+  whenLeft = then;
+}
+
+/** Logs out, in all tabs of the session. */
+export function leave(): void {
+  forget();
+  setKey(null);
+  leaveTabs();
+}
+
+shareLogin(shared, take, () => {
+  forget();
+  setKey(null);
+  whenLeft();
+});
+onShared(take);
 setRenewal(renew);
 const text = sessionStorage.getItem(SESSION);
 if (text) keep(JSON.parse(text) as Session);

@@ -2,7 +2,8 @@
  * Files of shapes. The service reads them, whatever program they are of: it says what is in one, stores its shapes, and answers them
  * as lines of JSON. What the page reads itself are the bodies of the API: they are requests, not files.
  */
-import { get, postImage, type Schemas, search, send } from "../api/client";
+import { get, type Schemas, search, send } from "../api/client";
+import { postImage } from "../api/jobs";
 
 export type Input = Schemas["ShapeInput"];
 export type Format = Schemas["FormatEntry"];
@@ -16,9 +17,11 @@ export interface Line {
   points?: number[][];
   vertices?: number[][];
   faces?: number[][];
+  /** Of curves: whether the last point is joined with the first one. */
+  closed?: boolean | null;
 }
 
-const ANY_FILE = { "content-type": "application/octet-stream" };
+export const ANY_FILE = { "content-type": "application/octet-stream" };
 const bare = (name: string) => name.replace(/\.[^.]*$/, "");
 
 /** The formats that the service reads. */
@@ -111,4 +114,31 @@ export async function contoursOf(file: File, name: string): Promise<Line[]> {
     external_id: `${name}-${one.label}${one.component ? `-${one.component}` : ""}`,
     points: (one as { points: number[][] }).points,
   }));
+}
+
+/** The first shapes of a file, to be looked at: reading ends when there are enough. */
+export async function firstOf(file: File, reading: Reading, most: number, signal?: AbortSignal): Promise<Line[]> {
+  const response = await send("POST", `/v1/convert${search({ name: file.name, ...reading, to: "ndjson" })}`, {
+    body: file,
+    headers: { ...ANY_FILE, accept: "*/*" },
+    signal,
+  });
+  const reader = response.body!.getReader(),
+    decoder = new TextDecoder();
+  const read = async (text: string): Promise<string> => {
+    if (text.split("\n").length > most) return text;
+    const { done, value } = await reader.read();
+    return done ? text : read(text + decoder.decode(value, { stream: true }));
+  };
+  const text = await read("");
+  await reader.cancel().catch(() => {});
+  return parsedLines(text.split("\n").slice(0, most).join("\n"));
+}
+
+/** A document or lines of the API as a file that the service looks into. */
+export async function asFile(file: File): Promise<{ file: File; kept?: Kept }> {
+  const kept = await keptBody(file);
+  if (!kept?.shapes) return { file, kept: kept ?? undefined };
+  const lines = kept.shapes.map((shape) => JSON.stringify(shape)).join("\n");
+  return { file: new File([lines], `${bare(file.name)}.ndjson`), kept };
 }

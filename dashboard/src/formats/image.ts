@@ -251,7 +251,7 @@ const LETTERS = [
 ] as const;
 
 /** Which axis of the cells a plane cuts, and which run along the screen, with their directions. */
-function layout(
+export function layout(
   { anatomy }: Volume,
   plane: Plane,
 ): { cut: number; across: number; down: number; flips: [boolean, boolean]; sides?: Slice["sides"] } {
@@ -287,10 +287,10 @@ export function sliceOf(volume: Volume, plane: Plane, index: number): Slice {
   return { size: [width, height], spacing: [volume.spacing[across]!, volume.spacing[down]!], values, sides };
 }
 
-/** The slice in grey, for the eye. */
-export async function shownOf(volume: Volume, slice: Slice): Promise<Blob> {
-  if (volume.colours) return volume.colours;
-  const [low, high] = volume.range,
+/** The slice in grey, for the eye: from the value that is black to the one that is white. Pictures keep their colours otherwise. */
+export async function shownOf(volume: Volume, slice: Slice, range?: [number, number]): Promise<Blob> {
+  if (volume.colours && !range) return volume.colours;
+  const [low, high] = range ?? volume.range,
     [width, height] = slice.size;
   const image = new ImageData(width, height);
   for (let k = 0; k < slice.values.length; k++) {

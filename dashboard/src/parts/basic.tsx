@@ -1,9 +1,9 @@
 /** What every view is made of. */
 import type { ComponentChildren } from "preact";
 import { useEffect, useRef, useState } from "preact/hooks";
-import { type Query, Refusal, Said, type Schemas, search, send } from "../api/client";
+import { type Query, Refusal, Said, type Schemas, search, send, Unreachable } from "../api/client";
 import { useSetting } from "../router";
-import { count, t } from "../strings";
+import { count, readSentences, t, translated } from "../strings";
 import { shown } from "../theme";
 import { Choice, Field } from "./fields";
 import { save } from "./save";
@@ -79,8 +79,9 @@ export function Tabs({ label, tabs }: { label: string; tabs: [string, string][] 
   );
 }
 
-/** Browsers name a lost connection in different words. */
-const lostConnection = (error: Error): boolean => /fetch|network|load failed|connection/i.test(error.message);
+/** Browsers name a connection that was lost while a part of the page was loaded in different words. */
+const lostConnection = (error: Error): boolean =>
+  error instanceof Unreachable || /fetch|network|load failed|connection|preload/i.test(error.message);
 
 /** A refusal in the words of the service, with each fault at its place; a sentence of the page; a lost connection; a fault of the page. */
 export function Fault({ error, retry }: { error: Error | undefined; retry?: () => void }) {
@@ -92,18 +93,26 @@ export function Fault({ error, retry }: { error: Error | undefined; retry?: () =
   return (
     <div class="note bad" role="alert">
       <strong>
-        {problem
-          ? problem.title
-          : error instanceof Said
-            ? error.message
-            : lostConnection(error)
-              ? t.fault.connection
-              : t.fault.page}
+        {problem ? (
+          (t.fault.titles[problem.code] ?? problem.title)
+        ) : error instanceof Said ? (
+          <Sentence text={error.message} ours />
+        ) : lostConnection(error) ? (
+          t.fault.connection
+        ) : (
+          t.fault.page
+        )}
       </strong>
       {!(error instanceof Said) && (
         <p>
           {repeated && <Place fault={faults[0]!} />}
-          {problem ? problem.detail : lostConnection(error) ? t.fault.connectionHint : error.message}
+          {problem ? (
+            <Sentence text={problem.detail} />
+          ) : lostConnection(error) ? (
+            t.fault.connectionHint
+          ) : (
+            error.message
+          )}
         </p>
       )}
       {faults.length > 0 && !repeated && (
@@ -111,7 +120,7 @@ export function Fault({ error, retry }: { error: Error | undefined; retry?: () =
           {faults.slice(0, 20).map((fault) => (
             <li>
               <Place fault={fault} />
-              {fault.detail}
+              <Sentence text={fault.detail} />
             </li>
           ))}
           {faults.length > 20 && <li>{t.fault.more(faults.length - 20)}</li>}
@@ -130,6 +139,21 @@ export function Fault({ error, retry }: { error: Error | undefined; retry?: () =
     </div>
   );
 }
+
+/** A sentence of the service: in the language of the page where its form is known, else marked as English, unless the page may have said it. */
+export function Sentence({ text, ours }: { text: string; ours?: boolean }) {
+  const [, update] = useState(0);
+  useEffect(() => readSentences(() => update(1)), []);
+  const own = translated(text);
+  return own ? <span title={text}>{own}</span> : <span lang={ours ? undefined : "en"}>{text}</span>;
+}
+
+/** A warning of the service. */
+export const Warning = ({ text }: { text: unknown }) => (
+  <p class="note warn">
+    <Sentence text={typeof text === "string" ? text : JSON.stringify(text)} />
+  </p>
+);
 
 export function Place({ fault }: { fault: Partial<Schemas["FaultDocument"]> }) {
   const { entry, item, tag, line, byte } = fault.place ?? {};
@@ -221,6 +245,18 @@ export function Download({
       setError(fault as Error);
     }
   };
+  const fetchExcel = async () => {
+    try {
+      const [{ withCommas }, answer] = await Promise.all([
+        import("../formats/csv"),
+        ask(source, { format: "csv" }, "text/csv"),
+      ]);
+      save(new Blob([withCommas(await answer.text())], { type: "text/csv" }), `${name}.csv`);
+      setError(undefined);
+    } catch (fault) {
+      setError(fault as Error);
+    }
+  };
   return (
     <div class="downloads">
       {formats.map(([label, format, accept]) => (
@@ -237,6 +273,11 @@ export function Download({
           ↓ {label}
         </button>
       ))}
+      {t.act.excel && formats.some(([, format]) => format === "csv") && (
+        <button class="plain small" onClick={() => void fetchExcel()} aria-label={`${t.act.download} ${name} Excel`}>
+          ↓ {t.act.excel}
+        </button>
+      )}
       <Fault error={error} />
     </div>
   );

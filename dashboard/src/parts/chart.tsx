@@ -1,10 +1,12 @@
 /** Plots by uPlot, in the colours of the page. */
 import uPlot from "uplot";
 import "uplot/dist/uPlot.min.css";
-import { useEffect } from "preact/hooks";
+import { useEffect, useRef } from "preact/hooks";
 import { useWidth } from "../hooks";
 import { number } from "../strings";
 import { shown } from "../theme";
+import { SaveDrawing } from "./drawn";
+import { plotSvg } from "./plot";
 
 export const colour = (name: string): string =>
   getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
@@ -43,6 +45,9 @@ export function Chart({
   format,
   formatX,
   mark,
+  name,
+  onPlace,
+  place,
 }: {
   x: number[];
   lines: Line[];
@@ -54,8 +59,15 @@ export function Chart({
   format?: (value: number) => string;
   formatX?: (value: number) => string;
   mark?: { at: number; label: string };
+  /** Name of the file, if not that of the plot. */
+  name?: string;
+  /** The nearest place of the horizontal axis under the pointer, or none. */
+  onPlace?: (index: number | null) => void;
+  /** The place that is marked from elsewhere. */
+  place?: number | null;
 }) {
   const [ref, width] = useWidth<HTMLDivElement>();
+  const plotted = useRef<uPlot | undefined>(undefined);
   const theme = shown();
   const key = JSON.stringify([
     x,
@@ -73,7 +85,7 @@ export function Chart({
         width,
         height,
         legend: { show: false },
-        cursor: { show: false },
+        cursor: onPlace ? { y: false, points: { show: false }, drag: { x: false, y: false } } : { show: false },
         scales: {
           x: {
             time: false,
@@ -83,15 +95,21 @@ export function Chart({
           },
           y: range ? { range: (_, low, high) => [range[0] ?? low, range[1] ?? high] } : {},
         },
-        hooks: mark ? { draw: [(plot) => line(plot, mark)] } : {},
+        hooks: {
+          draw: mark ? [(plot: uPlot) => line(plot, mark)] : [],
+          setCursor: onPlace ? [(plot: uPlot) => onPlace(plot.cursor.idx ?? null)] : [],
+        },
         axes: [
-          axis(xLabel, formatX && ((values) => values.map(formatX))),
+          {
+            ...axis(xLabel, formatX && ((values) => values.map(formatX))),
+            ...(x.every(Number.isInteger) ? { incrs: WHOLE } : {}),
+          },
           { ...axis(yLabel, format && ((values) => values.map(format))), size: 58 },
         ],
         series: [
           {},
           ...lines.map((line): uPlot.Series => {
-            const stroke = colour(line.colour ?? "accent");
+            const stroke = line.colour?.startsWith("#") ? line.colour : colour(line.colour ?? "accent");
             if (line.kind === "bars")
               return {
                 label: line.label,
@@ -112,10 +130,66 @@ export function Chart({
       [x, ...lines.map((line) => line.values)] as uPlot.AlignedData,
       ref.current,
     );
-    return () => plot.destroy();
+    plotted.current = plot;
+    return () => {
+      plotted.current = undefined;
+      plot.destroy();
+    };
   }, [key, width]);
-  return <div ref={ref} class="chart" role="img" aria-label={describe} />;
+  useEffect(() => {
+    const left = typeof place === "number" ? plotted.current?.valToPos(x[place] ?? 0, "x") : -10;
+    if (onPlace) plotted.current?.setCursor({ left: left ?? -10, top: 1 }, false);
+  }, [place]);
+  const drawing = () => {
+    const bars = lines.some((one) => one.kind === "bars"),
+      step = x.length > 1 ? x[1]! - x[0]! : 1;
+    const values = lines.flatMap((one) => one.values).filter((value): value is number => typeof value === "number");
+    const [low, high] = [Math.min(...values, bars ? 0 : Infinity), Math.max(...values, bars ? 0 : -Infinity)];
+    const gap = 0.05 * (high - low || 1);
+    return plotSvg({
+      x,
+      lines: lines.map((one) => ({ ...one, colour: LIGHT[one.colour ?? "accent"] ?? one.colour! })),
+      xLabel,
+      yLabel,
+      xRange: bars
+        ? [Math.min(...x) - 0.6 * step, Math.max(...x, mark?.at ?? -Infinity) + 0.6 * step]
+        : [Math.min(...x), Math.max(...x)],
+      yRange: [range?.[0] ?? (bars && low === 0 ? 0 : low - gap), range?.[1] ?? high + gap],
+      xText: formatX ?? ((value) => number(value, 6)),
+      yText: format ?? ((value) => number(value, 6)),
+      whole: x.every(Number.isInteger),
+      mark,
+      legend: lines.length > 1 ? lines.map((one) => [one.label, LIGHT[one.colour ?? "accent"] ?? one.colour!]) : [],
+    });
+  };
+  return (
+    <>
+      <div ref={ref} class="chart" role="img" aria-label={describe} />
+      <SaveDrawing name={name ?? fileName(yLabel, xLabel)} of={drawing} />
+    </>
+  );
 }
+
+/** Steps of axes of whole numbers. */
+const WHOLE = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 10_000, 100_000, 1_000_000];
+
+/** Colours of the light scheme, for files. */
+const LIGHT: Record<string, string> = {
+  ink: "#181b20",
+  accent: "#0b6b78",
+  plus: "#cc3311",
+  minus: "#4477aa",
+  effect: "#880055",
+  pale: "#9a9a9a",
+};
+
+const fileName = (...words: string[]): string =>
+  words
+    .join("-")
+    .normalize("NFKD")
+    .replace(/[^\w]+/g, "-")
+    .replace(/^-+|-+$/g, "")
+    .toLowerCase();
 
 /** A line at one place of the horizontal axis, with its name. */
 function line(plot: uPlot, { at, label }: { at: number; label: string }): void {
@@ -148,8 +222,8 @@ export function Spark({ counts, label }: { counts: number[]; label: string }) {
   );
 }
 
-/** Colours of categories (Okabe and Ito), told apart also by the colour-blind. */
-export const CATEGORIES = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8a63d2", "#7f7f7f"];
+export { CATEGORIES } from "./colours";
+
 const RAMP: [number, number, number][] = [
   [68, 1, 84],
   [59, 82, 139],

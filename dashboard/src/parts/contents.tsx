@@ -3,6 +3,7 @@
 import type { Schemas } from "../api/client";
 import type { Format, Found } from "../formats/file";
 import { count, number, percent, t } from "../strings";
+import { Sentence } from "./basic";
 
 type Group = Schemas["FileGroup"];
 
@@ -151,7 +152,9 @@ export function Remarks({ file, title }: { file: Schemas["FileSummary"]; title: 
           <strong>{t.file.warnings}</strong>
           <ul>
             {file.warnings.map((one) => (
-              <li key={one}>{one}</li>
+              <li key={one}>
+                <Sentence text={one} />
+              </li>
             ))}
           </ul>
         </div>

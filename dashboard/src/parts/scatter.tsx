@@ -220,7 +220,14 @@ export function Scatter(props: ScatterProps) {
         <svg
           class="backdrop"
           aria-hidden="true"
-          style={{ position: "absolute", inset: 0, width: "100%", height: "100%", pointerEvents: "none" }}
+          style={{
+            position: "absolute",
+            inset: 0,
+            width: "100%",
+            height: "100%",
+            pointerEvents: "none",
+            clipPath: `inset(${over.offsetTop}px ${width - over.offsetLeft - over.clientWidth}px ${height - over.offsetTop - over.clientHeight}px ${over.offsetLeft}px)`,
+          }}
         >
           {props.backdrop(place)}
         </svg>

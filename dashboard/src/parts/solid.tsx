@@ -65,6 +65,7 @@ export function Solid({
 }) {
   const [ref, width] = useWidth<HTMLDivElement>();
   const stage = useRef<Stage | undefined>(undefined);
+  const seen = useRef<Place | undefined>(undefined);
   const [state, setState] = useState<{ ready?: boolean; error?: Error }>({});
   const theme = shown();
   const key = JSON.stringify([source, search(source.query), against]);
@@ -78,7 +79,9 @@ export function Solid({
         // The camera finds its place before there is a stage to name.
         let own: Stage | undefined;
         const turned = (place: Place) => {
-          if (own) link?.forEach((tell) => tell(place, own!));
+          if (!own) return;
+          seen.current = place;
+          link?.forEach((tell) => tell(place, own!));
         };
         own = await createStage(
           element,
@@ -89,6 +92,8 @@ export function Solid({
           turned,
           other && { mesh: other, sign: against!.sign },
         );
+        // Another surface is seen from where the one before was.
+        if (seen.current) own.follow(seen.current);
         stage.current = own;
         onMost?.(own.most);
         if (weights) stage.current.morph(weights);

@@ -41,11 +41,20 @@ export interface Found {
 const SIDE = 256,
   MARGIN = 0.08;
 
-/**
- * The box of the largest object, in cells: the image is divided in two at Otsu's threshold (1979), the half that holds most of the
- * border is the outside, and the object is the largest component of the other half. Null where there is none.
- */
-export function largestObject({ size: [width, height], values }: Slice): Found | null {
+/** Least size of an object in cells of the grid, and number of objects that are proposed. */
+const LEAST = 12,
+  MOST = 100;
+
+interface Grid {
+  block: number;
+  w: number;
+  h: number;
+  inside: (at: number) => boolean;
+  polarity: Found["polarity"];
+}
+
+/** The image in blocks, divided in two at Otsu's threshold (1979): the half that holds most of the border is the outside. */
+function divided({ size: [width, height], values }: Slice): Grid | null {
   const block = Math.ceil(Math.max(width, height) / SIDE),
     w = Math.ceil(width / block),
     h = Math.ceil(height / block);
@@ -74,8 +83,21 @@ export function largestObject({ size: [width, height], values }: Slice): Found |
   }
   const polarity = 2 * bright > border ? "dark" : "bright";
   const inside = (at: number) => (polarity === "bright" ? grey[at]! > level : grey[at]! <= level);
+  return { block, w, h, inside, polarity };
+}
+
+interface Component {
+  cells: number;
+  left: number;
+  top: number;
+  right: number;
+  bottom: number;
+}
+
+/** Cells of the grid that lie inside and hang together, the largest first. */
+function componentsOf({ w, h, inside }: Grid): Component[] {
   const done = new Uint8Array(w * h);
-  let best = { cells: 0, left: 0, top: 0, right: 0, bottom: 0 };
+  const all: Component[] = [];
   for (let start = 0; start < w * h; start++) {
     if (done[start] || !inside(start)) continue;
     const one = { cells: 0, left: w, top: h, right: 0, bottom: 0 },
@@ -103,22 +125,31 @@ export function largestObject({ size: [width, height], values }: Slice): Found |
         waiting.push(next);
       }
     }
-    if (one.cells > best.cells) best = one;
+    if (one.cells >= LEAST) all.push(one);
   }
-  if (best.cells < 12) return null;
-  const [ow, oh] = [(best.right - best.left + 1) * block, (best.bottom - best.top + 1) * block];
-  const x = Math.max(best.left * block - MARGIN * ow, 0),
-    y = Math.max(best.top * block - MARGIN * oh, 0);
-  return {
-    box: {
-      x,
-      y,
-      w: Math.min(ow * (1 + 2 * MARGIN), width - 1 - x),
-      h: Math.min(oh * (1 + 2 * MARGIN), height - 1 - y),
-    },
-    polarity,
-  };
+  return all.sort((a, b) => b.cells - a.cells);
 }
+
+/** Boxes of all objects that stand out from an image, in cells, the largest first. */
+export function objectsOf(slice: Slice): Found[] {
+  const grid = divided(slice);
+  if (!grid) return [];
+  const { block, polarity } = grid,
+    [width, height] = slice.size;
+  return componentsOf(grid)
+    .slice(0, MOST)
+    .map((one) => {
+      const [ow, oh] = [(one.right - one.left + 1) * block, (one.bottom - one.top + 1) * block];
+      const x = Math.max(one.left * block - MARGIN * ow, 0),
+        y = Math.max(one.top * block - MARGIN * oh, 0);
+      const w = Math.min(ow * (1 + 2 * MARGIN), width - 1 - x),
+        h = Math.min(oh * (1 + 2 * MARGIN), height - 1 - y);
+      return { box: { x, y, w, h }, polarity };
+    });
+}
+
+/** The box of the largest object, in cells; null where there is none. */
+export const largestObject = (slice: Slice): Found | null => objectsOf(slice)[0] ?? null;
 
 /** The threshold that makes the variance between both sides largest; null for an image of one grey. */
 function otsu(grey: Float64Array): number | null {

@@ -1,5 +1,6 @@
 /** The segmentation of one object of a slice by `POST /v1/segment`. Shapes are in the unit of the slice, from the centre of its first cell. */
-import { postImage, type Schemas } from "../api/client";
+import type { Schemas } from "../api/client";
+import { postImage } from "../api/jobs";
 import { fileOf, type Slice, type Volume } from "../formats/image";
 import { evaluated, type Points } from "./points";
 
@@ -19,10 +20,16 @@ export interface Contour {
   outline: Points;
   stop: string;
   iterations: number;
-  energies: Record<string, unknown>;
-  history: number[];
+  /** Terms of the energy at the result, by their names. */
+  energies: [string, number][];
+  /** Energy after each step of each stage: stages have scales of their own. */
+  history: number[][];
   warnings: string[];
 }
+
+/** Endings after which the contour is not that of its object. */
+export const isLost = ({ stop }: Contour): boolean =>
+  ["left_object", "folded", "left_image", "collapsed"].includes(stop);
 
 export const curve = (points: number) =>
   ({
@@ -32,18 +39,20 @@ export const curve = (points: number) =>
     generator: { name: "trigonometric" },
   }) as Schemas["Representation"];
 
-/** From a box on: coarse to fine. From a contour on, perhaps corrected by hand: the fine stage alone. */
-export async function segmented(
+export type Start = { boxes: Box[] } | { controls: Points[] };
+
+/** Contours of several objects in one request. From boxes on: coarse to fine. From contours on: the fine stage alone. */
+export async function segmentedAll(
   volume: Volume,
   slice: Slice,
   wanted: Wanted,
-  start: { box: Box } | { control: Points },
+  start: Start,
   signal?: AbortSignal,
-): Promise<Contour> {
+): Promise<Contour[]> {
   const representation = curve(wanted.points);
   // Blurs are in the unit of the slice, and half a cell along every axis at least.
   const sigma = wanted.sigma * Math.max(...slice.spacing);
-  const goesOn = "control" in start;
+  const goesOn = "controls" in start;
   const stages = goesOn
     ? [{ free: "all", sigma }]
     : [
@@ -61,23 +70,33 @@ export async function segmented(
       { name: "spacing", weight: 0.1 },
     ],
     ...(goesOn
-      ? { shapes: [{ control_points: start.control }] }
-      : {
-          boxes: [{ lower: [start.box.x, start.box.y], upper: [start.box.x + start.box.w, start.box.y + start.box.h] }],
-        }),
+      ? { shapes: start.controls.map((control_points) => ({ control_points })) }
+      : { boxes: start.boxes.map(({ x, y, w, h }) => ({ lower: [x, y], upper: [x + w, y + h] })) }),
   };
   const answer = await postImage<Schemas["SegmentAnswer"]>("/v1/segment", parameters, fileOf(volume, slice), signal);
-  const one = answer.results[0]!;
-  const control = one.control_points as Points;
-  const [outline] = await evaluated(representation, [control], signal);
-  const stagesDone = one.stages as { history?: number[] | null }[];
-  return {
-    control,
-    outline: outline!,
+  const controls = answer.results.map((one) => one.control_points as Points);
+  const outlines = await evaluated(representation, controls, signal);
+  return answer.results.map((one, at) => ({
+    control: controls[at]!,
+    outline: outlines[at]!,
     stop: one.stop,
     iterations: one.iterations,
-    energies: one.energies,
+    energies: Object.entries(one.energies).flatMap(([name, { value }]): [string, number][] =>
+      typeof value === "number" ? [[name, value]] : [],
+    ),
     warnings: one.warnings,
-    history: stagesDone.flatMap((stage) => stage.history ?? []),
-  };
+    history: one.stages.flatMap(({ history }) => (history?.length ? [history] : [])),
+  }));
+}
+
+/** The contour of one object. */
+export async function segmented(
+  volume: Volume,
+  slice: Slice,
+  wanted: Wanted,
+  start: { box: Box } | { control: Points },
+  signal?: AbortSignal,
+): Promise<Contour> {
+  const all = "box" in start ? { boxes: [start.box] } : { controls: [start.control] };
+  return (await segmentedAll(volume, slice, wanted, all, signal))[0]!;
 }

@@ -4,10 +4,11 @@ import { get, type Problem, pages, post, Refusal, Said, type Schemas } from "../
 import { contoursOf, type Found, formats, type Input, inspected, keptLines, type Line, linesOf } from "../formats/file";
 import { IMAGE_FORMATS, isPicture, shownOf, sliceOf, type Volume, volumeOf } from "../formats/image";
 import { useLoaded } from "../hooks";
-import { Choice, Fault, Field, Loading, Page, Picture, Select } from "../parts/basic";
+import { Choice, Fault, Field, Loading, Page, Picture, Select, Warning } from "../parts/basic";
 import { Chart, colour } from "../parts/chart";
 import { Contents, Formats } from "../parts/contents";
 import { Drop } from "../parts/drop";
+import { canComplete, Partial } from "../parts/partial";
 import { Scale, Solid } from "../parts/solid";
 import { navigate, useSetting } from "../router";
 import { handedOver, handOverImage } from "../shape/handover";
@@ -39,6 +40,8 @@ export function Assess(_: object) {
   );
   useEffect(() => setIndex(0), [shapes]);
   const [image, setImage] = useState<Image>();
+  const [file, setFile] = useState("");
+  const [remark, setRemark] = useState("");
   const [busy, setBusy] = useState(false);
   const known = useLoaded("formats", formats);
   const set = (all: (Input | Line)[], unit?: string) => {
@@ -73,6 +76,7 @@ export function Assess(_: object) {
     setError(undefined);
     setImage(undefined);
     setFound(undefined);
+    setFile(file!.name);
     try {
       if (isPicture(file!.name)) {
         const volume = await volumeOf(file!).catch(() => {
@@ -113,7 +117,7 @@ export function Assess(_: object) {
     : taken.data && taken.data.key === key
       ? { shapes: [taken.data.input] }
       : null;
-  const name = stored || shape?.external_id || t.assess.posted;
+  const name = stored || shape?.external_id || bareName(file) || t.assess.posted;
   return (
     <Page
       title={t.assess.title}
@@ -187,6 +191,9 @@ export function Assess(_: object) {
               body={body}
               name={name}
               cohort={source}
+              file={stored ? "" : file}
+              remark={remark}
+              onRemark={setRemark}
             />
           )}
         </>
@@ -194,6 +201,8 @@ export function Assess(_: object) {
     </Page>
   );
 }
+
+const bareName = (name: string): string => name.replace(/\.[^.]*$/, "");
 
 /** Unit that a file states. */
 const unitOfFile = ({ properties }: Found): string | undefined =>
@@ -414,12 +423,18 @@ function Report({
   body,
   name,
   cohort,
+  file,
+  remark,
+  onRemark,
 }: {
   about: Schemas["DictionaryOutput"];
   dictionary: string;
   body: Schemas["AssessRequest"];
   name: string;
   cohort: string;
+  file: string;
+  remark: string;
+  onRemark: (remark: string) => void;
 }) {
   const result = useLoaded(`${dictionary} ${JSON.stringify(body)}`, (signal) =>
     post("/v1/dictionaries/{dictionary}/assess", { path: { dictionary }, body, signal }),
@@ -446,8 +461,14 @@ function Report({
   const neighbours = search.data?.results[0];
   return (
     <article class="report">
+      {about.warnings?.map((warning) => (
+        <Warning key={warning} text={warning} />
+      ))}
       <header class="card">
-        <p class="quiet">{name}</p>
+        <p class="quiet">
+          {name}
+          {file && ` · ${t.assess.file}: ${file}`}
+        </p>
         <p class="verdict">
           {t.assess.verdict(
             first.verdict,
@@ -466,6 +487,12 @@ function Report({
               time(about.provenance.created_at),
             )}
           </span>
+        </div>
+        {remark && <p class="only-print">{remark}</p>}
+        <div class="no-print">
+          <Field label={`${t.assess.remark}. ${t.assess.remarkHint}`}>
+            <input value={remark} maxLength={300} onInput={(event) => onRemark(event.currentTarget.value)} />
+          </Field>
         </div>
       </header>
       <div class="columns">
@@ -493,7 +520,7 @@ function Report({
               />
             )}
           </div>
-          <Code about={about} code={code} />
+          {found && <Code about={about} code={code} />}
         </div>
         <div class="stack" style={{ gap: "22px" }}>
           {found && (
@@ -541,7 +568,7 @@ function Report({
                 </>
               )}
               <dt>{t.assess.error}</dt>
-              <dd>{percent(first.relative_error, 2)}</dd>
+              <dd>{percent(Math.sqrt(first.relative_error), 1)}</dd>
             </dl>
             <p class="small quiet">{t.assess.noveltyHint}</p>
           </section>
@@ -562,8 +589,12 @@ function Report({
               </dl>
             </section>
           )}
+          {!found && <Code about={about} code={code} />}
         </div>
       </div>
+      {canComplete(about) && (
+        <Partial key={JSON.stringify(body)} about={about} dictionary={dictionary} body={body} name={name} />
+      )}
       <section class="card">
         <h2>{t.assess.nearest}</h2>
         <Fault error={search.error} />

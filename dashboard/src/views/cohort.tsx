@@ -1,29 +1,20 @@
 /** A cohort: its shapes in one picture, filters with their counts, sizes, and the table. */
 import type { ComponentChildren } from "preact";
-import { useEffect, useRef, useState } from "preact/hooks";
-import { get, patch, post, remove, type Schemas, send } from "../api/client";
-import { settled } from "../api/jobs";
+import { useEffect, useState } from "preact/hooks";
+import { useMay } from "../api/caller";
+import { get, patch, post, remove, type Schemas } from "../api/client";
 import { useAction, useEvents, useLoaded, useSettled } from "../hooks";
-import {
-  announce,
-  Choice,
-  Dialog,
-  Download,
-  Empty,
-  Fault,
-  Field,
-  Loading,
-  Page,
-  PICTURES,
-  Picture,
-  SortHead,
-  Tabs,
-} from "../parts/basic";
+import { announce, Dialog, Empty, Fault, Field, Loading, Page, Tabs } from "../parts/basic";
+import { Bulk } from "../parts/bulk";
 import { Chart, Spark } from "../parts/chart";
-import { navigate, usePlace, useSetting } from "../router";
-import { bounded, filterOf, toggled, withFilter } from "../shape/filter";
-import { hasMesh } from "../shape/points";
-import { count, number, t, time, UNITS, unit } from "../strings";
+import { Correspond, isSphere } from "../parts/correspond";
+import { Find } from "../parts/find";
+import { Sheet, SolidSheet, SpatialSheet } from "../parts/sheet";
+import { navigate, usePlace } from "../router";
+import { bounded, filterBody, filterOf, toggled, withFilter } from "../shape/filter";
+import { hasMesh, inPlane, isDots } from "../shape/points";
+import { nameOf } from "../shape/terms";
+import { count, number, t, UNITS, unit } from "../strings";
 import { describe } from "./cohorts";
 
 type Attribute = Schemas["AttributesAnswer"]["items"][number];
@@ -33,14 +24,18 @@ export function CohortPage({
   cohort,
   lead,
   actions,
+  mayBeEmpty,
   children,
 }: {
   cohort: string;
   lead?: ComponentChildren;
   actions?: ComponentChildren;
+  /** Whether the view has something to show of a cohort without shapes. */
+  mayBeEmpty?: boolean;
   children: (about: Schemas["CohortOutput"], reload: () => void, round: number) => ComponentChildren;
 }) {
   const { query } = usePlace();
+  const writes = useMay("writer");
   const about = useLoaded(cohort, (signal) => get("/v1/cohorts/{cohort}", { path: { cohort }, signal }));
   useEvents(
     ["cohort_updated", "shapes_added", "shape_updated", "shapes_updated", "shape_deleted", "shapes_deleted"],
@@ -55,8 +50,10 @@ export function CohortPage({
     [t.cohort.mean, withFilter(`${base}/mean`, query)],
     [t.cohort.compare, withFilter(`${base}/compare`, query)],
     [t.cohort.regression, withFilter(`${base}/regression`, query)],
-    [t.cohort.upload, `${base}/upload`],
+    [t.linear.tab, withFilter(`${base}/model`, query)],
+    ...(writes ? ([[t.cohort.upload, `${base}/upload`]] as [string, string][]) : []),
   ];
+  const empty = about.data?.shape_count === 0 && !mayBeEmpty;
   const facts =
     about.data &&
     [
@@ -84,11 +81,27 @@ export function CohortPage({
           </>
         )
       }
-      actions={actions}
+      actions={about.error || !writes ? undefined : actions}
     >
-      <Tabs label={cohort} tabs={tabs} />
+      <div class="row spread tabs-row">
+        <Tabs label={cohort} tabs={about.error ? [] : tabs} />
+        {about.data && about.data.shape_count > 1 && <Find cohort={cohort} revision={about.data.revision} />}
+      </div>
       <Fault error={about.error} retry={about.reload} />
-      {about.data ? children(about.data, about.reload, about.data.revision) : !about.error && <Loading on />}
+      {empty ? (
+        <Empty>
+          <p>{t.cohort.empty}</p>
+          {writes && (
+            <a class="button main" href={`${base}/upload`}>
+              {t.cohort.upload}
+            </a>
+          )}
+        </Empty>
+      ) : about.data ? (
+        children(about.data, about.reload, about.data.revision)
+      ) : (
+        !about.error && <Loading on />
+      )}
     </Page>
   );
 }
@@ -109,10 +122,7 @@ const filterable = (one: Attribute) =>
   one.name !== "measures.points" &&
   (one.type === "number" || (one.distinct > 1 && one.distinct <= 200) || one.type === "boolean");
 
-export const nameOf = (attribute: string): string =>
-  (t.attributes as Record<string, string>)[attribute] ?? attribute.replace(/^labels\./, "").replaceAll("_", " ");
-
-function Facets({
+export function Facets({
   all,
   shown,
   lengthUnit,
@@ -256,211 +266,12 @@ export function Chips({ total, shown }: { total: number; shown: number | undefin
   );
 }
 
-/** The paths of a contact sheet, which the service draws, each a link to its shape. */
-function Sheet({
-  cohort,
-  filter,
-  revision,
-  total,
-}: {
-  cohort: string;
-  filter: URLSearchParams;
-  revision: number;
-  total: number;
-}) {
-  const [cursor, setCursor] = useSetting("cursor", "");
-  const [scale, setScale] = useSetting("scale", "");
-  const [largest, setLargest] = useState(1);
-  const query = new URLSearchParams(filter);
-  for (const [name, value] of [
-    ["columns", "1"],
-    ["size", "96"],
-    ["limit", "90"],
-    ["title", "false"],
-    ["scale_bar", "false"],
-    ["background", "none"],
-    ["theme", "light"],
-  ])
-    query.append(name!, value!);
-  if (cursor) query.set("cursor", cursor);
-  const sheet = useLoaded(`${cohort} ${query} ${revision}`, async (signal) => {
-    const response = await send("GET", `/v1/cohorts/${encodeURIComponent(cohort)}/sheet?${query}`, {
-      headers: { accept: "image/svg+xml" },
-      signal,
-    });
-    const next = /[?&]cursor=([^&>]*)/.exec(response.headers.get("link") ?? "")?.[1];
-    const drawing = new DOMParser().parseFromString(await response.text(), "image/svg+xml");
-    const cells = [...drawing.querySelectorAll("g, path")]
-      .filter((one) => [...one.children].some((child) => child.tagName === "title"))
-      .map((one) => ({
-        id: [...one.children].find((child) => child.tagName === "title")!.textContent ?? "",
-        paths: (one.tagName === "path" ? [one] : [...one.querySelectorAll("path")]).map(
-          (path) => path.getAttribute("d") ?? "",
-        ),
-        // Landmarks: lines without length, whose round ends are dots of one size on the screen.
-        dots: [...one.querySelectorAll("circle")]
-          .map((dot) => `M${dot.getAttribute("cx")} ${dot.getAttribute("cy")}h0`)
-          .join(""),
-      }));
-    return { cells, next: next ? decodeURIComponent(next) : "" };
-  });
-  return (
-    <section class="card" aria-busy={sheet.loading}>
-      <div class="row spread">
-        <div class="row">
-          <h2>{t.cohort.sheet}</h2>
-          <Choice
-            label={t.cohort.scale}
-            value={scale}
-            options={[
-              ["", t.cohort.oneScale],
-              ["own", t.cohort.ownScale],
-            ]}
-            onChange={setScale}
-          />
-        </div>
-        <Download
-          name={`${cohort}-sheet`}
-          source={{ path: `/v1/cohorts/${encodeURIComponent(cohort)}/sheet`, query: filter, ownWidth: true }}
-          formats={PICTURES}
-        />
-      </div>
-      <Fault error={sheet.error} />
-      {sheet.data?.cells.length === 0 && total > 0 && <p class="quiet">{t.cohort.nothing}</p>}
-      <div class="sheet">
-        {sheet.data?.cells.map((cell) => (
-          <a
-            key={cell.id}
-            href={`/app/cohorts/${encodeURIComponent(cohort)}/shapes/${encodeURIComponent(cell.id)}`}
-            title={cell.id}
-            aria-label={cell.id}
-          >
-            <Cell
-              paths={cell.paths}
-              dots={cell.dots}
-              size={scale === "own" ? undefined : largest}
-              onSize={(size) => setLargest((before) => Math.max(before, size))}
-            />
-          </a>
-        ))}
-      </div>
-      <Pages cursor={cursor} next={sheet.data?.next} onNext={(next) => setCursor(next, false)} />
-    </section>
-  );
-}
-
-/** The way to the pages before and after. */
-function Pages({
-  cursor,
-  next,
-  onNext,
-}: {
-  cursor: string;
-  next: string | null | undefined;
-  onNext: (next: string) => void;
-}) {
-  if (!cursor && !next) return null;
-  return (
-    <div class="row">
-      {cursor && <button onClick={() => history.back()}>{t.act.previous}</button>}
-      {next && <button onClick={() => onNext(next)}>{t.act.next}</button>}
-    </div>
-  );
-}
-
-/** Surfaces are pictures of the service, twelve a page, with links below. */
-function SolidSheet({ cohort: name, filter, revision }: { cohort: string; filter: URLSearchParams; revision: number }) {
-  const cohort = name,
-    path = `/v1/cohorts/${encodeURIComponent(cohort)}`;
-  const [cursor, setCursor] = useSetting("cursor", "");
-  const page: [string, string][] = [...filter, ["limit", "12"]];
-  if (cursor) page.push(["cursor", cursor]);
-  const query = new URLSearchParams([...page, ["columns", "4"], ["size", "170"]]);
-  const listed = useLoaded(`${cohort} ${query} ${revision}`, (signal) =>
-    get("/v1/cohorts/{cohort}/shapes", {
-      path: { cohort },
-      query: new URLSearchParams([...page, ["fields", "id,external_id"]]),
-      signal,
-    }),
-  );
-  return (
-    <section class="card">
-      <h2>{t.cohort.sheet}</h2>
-      <Picture
-        key={`${revision} ${cursor}`}
-        source={{ path: `${path}/sheet`, query, ownWidth: true }}
-        name={`${cohort}-sheet`}
-        alt={t.cohort.sheet}
-      />
-      <Fault error={listed.error} />
-      <div class="chips">
-        {listed.data?.items.map((one) => (
-          <a
-            class="tag"
-            key={one.id}
-            href={`/app/cohorts/${encodeURIComponent(cohort)}/shapes/${encodeURIComponent(one.external_id ?? one.id ?? "")}`}
-          >
-            {one.external_id ?? one.id}
-          </a>
-        ))}
-      </div>
-      <Pages cursor={cursor} next={listed.data?.next} onNext={(next) => setCursor(next, false)} />
-    </section>
-  );
-}
-
-/** A shape in the middle of its cell: `size` units of the sheet wide, or as large as fits. */
-function Cell({
-  paths,
-  dots,
-  size,
-  onSize,
-}: {
-  paths: string[];
-  dots: string;
-  size: number | undefined;
-  onSize: (size: number) => void;
-}) {
-  const [bounds, setBounds] = useState<DOMRect>();
-  const measure = (group: SVGGElement | null) => {
-    if (!group || bounds) return;
-    const found = group.getBBox();
-    setBounds(found);
-    onSize(Math.max(found.width, found.height));
-  };
-  const side = 1.04 * (size ?? (bounds ? Math.max(bounds.width, bounds.height) : 640));
-  const view = bounds
-    ? `${bounds.x + bounds.width / 2 - side / 2} ${bounds.y + bounds.height / 2 - side / 2} ${side} ${side}`
-    : "0 0 640 640";
-  return (
-    <svg viewBox={view} aria-hidden="true">
-      <g ref={measure}>
-        {paths.map((d) => (
-          <path class="line" d={d} />
-        ))}
-        {dots && <path class="line dots" d={dots} />}
-      </g>
-    </svg>
-  );
-}
-
 export function Overview({ cohort }: { cohort: string }) {
   const { query } = usePlace();
   const filter = filterOf(query);
   return (
     <CohortPage cohort={cohort} actions={<CohortActions cohort={cohort} />}>
-      {(about, _, revision) =>
-        about.shape_count === 0 ? (
-          <Empty>
-            <p>{t.cohort.empty}</p>
-            <a class="button main" href={`/app/cohorts/${encodeURIComponent(cohort)}/upload`}>
-              {t.cohort.upload}
-            </a>
-          </Empty>
-        ) : (
-          <Shapes cohort={cohort} about={about} filter={filter} revision={revision} />
-        )
-      }
+      {(about, _, revision) => <Shapes cohort={cohort} about={about} filter={filter} revision={revision} />}
     </CohortPage>
   );
 }
@@ -478,7 +289,9 @@ function Shapes({
 }) {
   const all = useAttributes(cohort, new URLSearchParams(), revision);
   const some = useAttributes(cohort, filter, revision);
+  const writes = useMay("writer");
   const shown = some.data ?? all.data;
+  const names = (all.data?.items ?? []).map((one) => one.name).filter((name) => name !== "measures.points");
   const sizes = shown?.items.filter(
     (one) =>
       one.name.startsWith("measures.") && one.type === "number" && one.name !== "measures.points" && one.histogram,
@@ -497,14 +310,26 @@ function Shapes({
         </details>
         <div class="stack" style={{ gap: "22px" }}>
           <Chips total={about.shape_count} shown={some.data?.shape_count} />
+          {writes && (
+            <details class="card">
+              <summary>{t.bulk.summary}</summary>
+              <Bulk
+                cohort={cohort}
+                names={names.filter((name) => name.startsWith("labels."))}
+                target={{ filter: filterBody(filter), size: some.data?.shape_count ?? about.shape_count }}
+              />
+            </details>
+          )}
           {hasMesh(about.representation) ? (
-            <SolidSheet cohort={cohort} filter={filter} revision={revision} />
+            <SolidSheet cohort={cohort} filter={filter} revision={revision} names={names} />
+          ) : isDots(about.representation) && !inPlane(about.representation) ? (
+            <SpatialSheet cohort={cohort} filter={filter} revision={revision} names={names} />
           ) : (
-            <Sheet cohort={cohort} filter={filter} revision={revision} total={about.shape_count} />
+            <Sheet cohort={cohort} filter={filter} revision={revision} total={about.shape_count} names={names} />
           )}
           <section class="columns">
             {sizes?.map((one) => {
-              const { edges, counts } = one.histogram!;
+              const { edges, counts } = barsOf(one);
               const measure = one.name.replace("measures.", "");
               const suffix = unit(measure, about.length_unit);
               const label = nameOf(one.name) + (suffix && ` (${suffix})`);
@@ -530,6 +355,17 @@ function Shapes({
   );
 }
 
+/** Bars of a histogram: one for each value of few whole numbers, which bins of equal width would comb. */
+function barsOf(one: Attribute): { edges: number[]; counts: number[] } {
+  const values = one.values.map(({ value }) => Number(value));
+  const [low, high] = [one.min ?? 0, one.max ?? 0];
+  if (one.distinct > values.length || !values.every(Number.isInteger) || high - low > 60 || high === low)
+    return one.histogram!;
+  const counts = Array.from({ length: high - low + 1 }, () => 0);
+  for (const { value, count } of one.values) counts[Number(value) - low] = count;
+  return { edges: Array.from({ length: counts.length + 1 }, (_, k) => low - 0.5 + k), counts };
+}
+
 function Histogram({ edges, counts, label }: { edges: number[]; counts: number[]; label: string }) {
   const x = counts.map((_, index) => (edges[index]! + edges[index + 1]!) / 2);
   if (edges[0] === edges[edges.length - 1]) return <p class="quiet">{t.cohort.same(number(edges[0]))}</p>;
@@ -552,7 +388,7 @@ function CohortActions({ cohort }: { cohort: string }) {
   const [ask, setAsk] = useState<"" | "change" | "delete" | "correspond">("");
   const about = useLoaded(cohort, (signal) => get("/v1/cohorts/{cohort}", { path: { cohort }, signal }));
   const representation = about.data?.representation;
-  const spheres = representation?.kind === "surface" && representation.topology === "sphere";
+  const spheres = isSphere(representation);
   return (
     <>
       {spheres && <button onClick={() => setAsk("correspond")}>{t.correspond.title}</button>}
@@ -567,46 +403,6 @@ function CohortActions({ cohort }: { cohort: string }) {
       {ask === "delete" && <DeleteCohort cohort={cohort} onClose={() => setAsk("")} />}
       {ask === "change" && <ChangeCohort cohort={cohort} onClose={() => setAsk("")} />}
     </>
-  );
-}
-
-/** Spheres with parameters that correspond, as a new cohort: without them a mean of fitted meshes is the mean of their seams. */
-function Correspond({ cohort, onClose }: { cohort: string; onClose: () => void }) {
-  const [part, setPart] = useState<number | null>(null);
-  const leaving = useRef(new AbortController());
-  useEffect(() => () => leaving.current.abort(), []);
-  const action = useAction(async (form: FormData) => {
-    const name = String(form.get("name") ?? "").trim();
-    const job = await post("/v1/cohorts/{cohort}/correspond", { path: { cohort }, body: { name } });
-    await settled<unknown>(job, leaving.current.signal, (now) => setPart(now.progress));
-    onClose();
-    navigate(`/app/cohorts/${encodeURIComponent(name)}`);
-  });
-  return (
-    <Dialog title={t.correspond.title} onClose={onClose}>
-      <form
-        class="stack"
-        onSubmit={(event) => {
-          event.preventDefault();
-          action.run(new FormData(event.currentTarget));
-        }}
-      >
-        <p class="prose">{t.correspond.hint}</p>
-        <Field label={t.correspond.name}>
-          <input name="name" required maxLength={100} defaultValue={`${cohort}-corresponding`} />
-        </Field>
-        {action.busy && <progress value={part ?? undefined} max={1} aria-label={t.correspond.title} />}
-        <Fault error={action.error} />
-        <div class="row">
-          <button class="main" disabled={action.busy}>
-            {t.correspond.start}
-          </button>
-          <button type="button" onClick={onClose}>
-            {t.act.cancel}
-          </button>
-        </div>
-      </form>
-    </Dialog>
   );
 }
 
@@ -738,145 +534,4 @@ function ChangeCohort({ cohort, onClose }: { cohort: string; onClose: () => void
       )}
     </Dialog>
   );
-}
-
-const PER_PAGE = 50;
-
-export function ShapeTable({ cohort }: { cohort: string }) {
-  const { query } = usePlace();
-  const filter = filterOf(query);
-  return (
-    <CohortPage cohort={cohort}>
-      {(about, _, revision) => <Rows cohort={cohort} about={about} filter={filter} revision={revision} />}
-    </CohortPage>
-  );
-}
-
-function Rows({
-  cohort,
-  about,
-  filter,
-  revision,
-}: {
-  cohort: string;
-  about: Schemas["CohortOutput"];
-  filter: URLSearchParams;
-  revision: number;
-}) {
-  const { query: place } = usePlace();
-  const attributes = useAttributes(cohort, new URLSearchParams(), revision);
-  const query = new URLSearchParams(filter);
-  for (const name of ["order", "cursor"]) if (place.get(name)) query.set(name, place.get(name)!);
-  for (const [name, value] of [
-    ["limit", String(PER_PAGE)],
-    ["total", "true"],
-    ["fields", "id,external_id,subject,label,labels,measures,created_at"],
-  ])
-    query.set(name!, value!);
-  const list = useLoaded(`${cohort} ${query} ${revision}`, (signal) =>
-    get("/v1/cohorts/{cohort}/shapes", { path: { cohort }, query, signal }),
-  );
-  const [, setCursor] = useSetting("cursor", "");
-  const names = attributes.data?.items.map((one) => one.name) ?? [];
-  const labels = names.filter((name) => name.startsWith("labels."));
-  const measures = names.filter((name) => name.startsWith("measures.") && name !== "measures.points");
-  const has = (name: string) =>
-    attributes.data?.items.some((one) => one.name === name && one.missing < attributes.data!.shape_count);
-  const columns = [
-    "external_id",
-    ...(has("label") ? ["label"] : []),
-    ...(has("subject") ? ["subject"] : []),
-    ...labels,
-    ...measures,
-  ];
-  const value = (row: Schemas["ListedShape"], name: string) => {
-    const group = name.split(".")[0]!;
-    const found =
-      group === "labels"
-        ? (row.labels as Record<string, unknown> | null)?.[name.slice(7)]
-        : group === "measures"
-          ? (row.measures as Record<string, unknown> | undefined)?.[name.slice(9)]
-          : (row as Record<string, unknown>)[name];
-    return typeof found === "number"
-      ? number(found)
-      : typeof found === "boolean"
-        ? found
-          ? t.words.yes
-          : t.words.no
-        : String(found ?? "–");
-  };
-  const numeric = (name: string) => attributes.data?.items.find((one) => one.name === name)?.type === "number";
-  return (
-    <>
-      <div class="row spread">
-        <Chips total={about.shape_count} shown={list.data?.total ?? undefined} />
-        <Download
-          name={cohort}
-          source={{
-            path: `/v1/cohorts/${encodeURIComponent(cohort)}/table`,
-            query: tableQuery(filter, ["id", ...columns, "created_at"]),
-          }}
-          formats={[
-            ["CSV", "csv", "text/csv"],
-            ["NDJSON", "ndjson", "application/x-ndjson"],
-            ["Arrow", "arrow", "application/vnd.apache.arrow.stream"],
-          ]}
-        />
-      </div>
-      <Fault error={list.error ?? attributes.error} />
-      <Loading on={list.loading} />
-      {list.data && (
-        <div class="card scroll" tabIndex={0}>
-          <table>
-            <caption class="hidden">{t.cohort.table}</caption>
-            <thead>
-              <tr>
-                {columns.map((name) => (
-                  <SortHead
-                    key={name}
-                    name={name}
-                    numeric={numeric(name)}
-                    label={
-                      nameOf(name) +
-                      (name.startsWith("measures.") && unit(name.slice(9), about.length_unit)
-                        ? ` (${unit(name.slice(9), about.length_unit)})`
-                        : "")
-                    }
-                  />
-                ))}
-                <th scope="col">{t.words.created}</th>
-              </tr>
-            </thead>
-            <tbody>
-              {list.data.items.map((row) => (
-                <tr key={row.id}>
-                  {columns.map((name) => (
-                    <td key={name} class={numeric(name) ? "number" : ""}>
-                      {name === "external_id" ? (
-                        <a
-                          href={`/app/cohorts/${encodeURIComponent(cohort)}/shapes/${encodeURIComponent(row.external_id ?? row.id ?? "")}`}
-                        >
-                          {row.external_id ?? row.id}
-                        </a>
-                      ) : (
-                        value(row, name)
-                      )}
-                    </td>
-                  ))}
-                  <td class="nowrap">{time(row.created_at)}</td>
-                </tr>
-              ))}
-            </tbody>
-          </table>
-        </div>
-      )}
-      <Pages cursor={place.get("cursor") ?? ""} next={list.data?.next} onNext={(next) => setCursor(next, false)} />
-    </>
-  );
-}
-
-function tableQuery(filter: URLSearchParams, columns: string[]): URLSearchParams {
-  const query = new URLSearchParams(filter);
-  query.set("columns", columns.join(","));
-  return query;
 }

@@ -1,10 +1,13 @@
 /** All cohorts, and a new one. */
 import { useState } from "preact/hooks";
+import { useMay } from "../api/caller";
 import { get, pages, post, type Schemas } from "../api/client";
 import { useAction, useEvents, useLoaded } from "../hooks";
 import { Dialog, Empty, Fault, Field, Loading, Page, Select } from "../parts/basic";
+import { Drop } from "../parts/drop";
 import { navigate, useSetting } from "../router";
 import { count, t, time, UNITS } from "../strings";
+import { Proposal } from "./proposal";
 
 export function describe(representation: Schemas["Representation"]): string {
   const kind = t.kinds[representation.kind];
@@ -26,7 +29,9 @@ export function Cohorts() {
   const list = useLoaded("cohorts", (signal) =>
     pages((cursor) => get("/v1/cohorts", { query: { cursor, limit: 1000 }, signal })),
   );
+  const writes = useMay("writer");
   const [create, setCreate] = useSetting("new", "");
+  const [files, setFiles] = useState<File[]>([]);
   useEvents(
     [
       "cohort_created",
@@ -44,14 +49,25 @@ export function Cohorts() {
       title={t.menu.cohorts}
       lead={t.cohorts.lead}
       actions={
-        <button class="main" onClick={() => setCreate("yes")}>
-          {t.cohorts.create}
-        </button>
+        writes && (
+          <button class="main" onClick={() => setCreate("yes")}>
+            {t.cohorts.create}
+          </button>
+        )
       }
     >
+      {!writes ? null : files.length > 0 ? (
+        <Proposal
+          key={files.map((file) => `${file.name} ${file.lastModified}`).join()}
+          files={files}
+          onClose={() => setFiles([])}
+        />
+      ) : (
+        <Drop title={t.propose.drop} hint={t.propose.hint} multiple onFiles={setFiles} />
+      )}
       <Loading on={list.loading && !list.data} />
       <Fault error={list.error} retry={list.reload} />
-      {list.data?.length === 0 && (
+      {list.data?.length === 0 && files.length === 0 && (
         <Empty>
           <p>{t.cohorts.none}</p>
         </Empty>
@@ -90,7 +106,7 @@ export function Cohorts() {
           </table>
         </div>
       )}
-      {create && <NewCohort onClose={() => setCreate("")} />}
+      {create && writes && <NewCohort onClose={() => setCreate("")} />}
     </Page>
   );
 }
@@ -151,7 +167,7 @@ function NewCohort({ onClose }: { onClose: () => void }) {
         <Field label={t.words.name}>
           <input
             required
-            maxLength={128}
+            maxLength={100}
             value={form.name}
             onInput={(event) => set({ name: event.currentTarget.value })}
           />

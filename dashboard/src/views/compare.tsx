@@ -1,18 +1,22 @@
 /** Do groups differ, by how much, and where: permutation tests, in numbers, in a picture and in a sentence. */
-import { useState } from "preact/hooks";
+import { useMemo, useState } from "preact/hooks";
 import { post, type Schemas } from "../api/client";
 import { settled } from "../api/jobs";
 import { useLoaded } from "../hooks";
-import { Fault, type Key, Keys, Loading, Picture, Select } from "../parts/basic";
-import { Chart, colour } from "../parts/chart";
+import { Download, Fault, type Key, Keys, Loading, Picture, Select, Warning } from "../parts/basic";
+import { CATEGORIES, Chart, colour } from "../parts/chart";
 import { Classes, dimensionOf } from "../parts/classes";
+import { Figure } from "../parts/figure";
 import { type Link, Scale, Solid } from "../parts/solid";
+import { canWarp, type Form, Warp } from "../parts/warp";
 import { usePlace, useSetting } from "../router";
 import { filterBody, filterOf } from "../shape/filter";
-import { hasMesh, isDots } from "../shape/points";
+import { DASHES, type Look, looksOf } from "../shape/groups";
+import { evaluated, hasMesh, isClosed, isDots, type Points, upright } from "../shape/points";
+import { nameOf } from "../shape/terms";
 import { count, number, percent, probability, t, unit } from "../strings";
 import { shown } from "../theme";
-import { Chips, CohortPage, nameOf, useAttributes } from "./cohort";
+import { Chips, CohortPage, useAttributes } from "./cohort";
 
 type Comparison = Schemas["Comparison"];
 type Pair = Comparison["pairs"][number];
@@ -52,6 +56,12 @@ function Groups({ cohort, about, revision }: { cohort: string; about: Schemas["C
   const [permutations, setPermutations] = useSetting("permutations", "1000");
   const chosen = by || candidates.find((one) => one.name.startsWith("labels."))?.name || candidates[0]?.name || "";
   const [part, setPart] = useState<number | null>(null);
+  const [cursor, setCursor] = useState<number | null>(null);
+  const whole = useAttributes(cohort, new URLSearchParams(), revision);
+  const looks = useMemo(
+    () => looksOf(whole.data?.items.find((one) => one.name === chosen)?.values.map((one) => String(one.value)) ?? []),
+    [whole.data, chosen],
+  );
   const body: Schemas["CompareRequest"] = {
     cohort,
     by: chosen,
@@ -78,21 +88,37 @@ function Groups({ cohort, about, revision }: { cohort: string; about: Schemas["C
         {result.data && pair && (
           <>
             <p class="card say">{sentence(result.data, chosen)}</p>
-            {dimensionOf(about.representation) === 2 || about.representation.kind !== "landmarks" ? (
+            {hasMesh(about.representation) ? (
               <div class="card">
                 <Picture
                   source={{ method: "POST", path: "/v1/comparisons", body }}
                   name={`${cohort}-groups`}
                   alt={t.compare.alt(pair.first, pair.second)}
-                  keys={keysOf(
-                    result.data,
-                    pair,
-                    hasMesh(about.representation) ? "surface" : isDots(about.representation) ? "dots" : "line",
-                  )}
+                  keys={keysOf(pair)}
                   caption={t.compare.caption(pair.first, pair.second)}
                 />
               </div>
-            ) : null}
+            ) : (
+              <Averages
+                result={result.data}
+                pair={pair}
+                about={about}
+                transformation={transformation}
+                looks={looks}
+                body={body}
+                cursor={cursor}
+                onCursor={setCursor}
+              />
+            )}
+            {canWarp(about.representation) && (
+              <Warp
+                key={chosen}
+                about={about}
+                forms={formsOf(result.data, pair)}
+                superimpose={false}
+                turn={upright(result.data.groups[0]!.average as Points, transformation)}
+              />
+            )}
             {hasMesh(about.representation) && (
               <section class="card">
                 <h2>{t.compare.sideBySide}</h2>
@@ -122,6 +148,9 @@ function Groups({ cohort, about, revision }: { cohort: string; about: Schemas["C
                   xLabel={t.compare.along}
                   yLabel="p"
                   range={[0, 1]}
+                  name={`${cohort}-p`}
+                  onPlace={setCursor}
+                  place={cursor}
                   describe={t.compare.effectAlt(
                     pair.effect.filter((one) => (one.p ?? 1) <= 0.05).length,
                     pair.effect.length,
@@ -221,12 +250,12 @@ function Groups({ cohort, about, revision }: { cohort: string; about: Schemas["C
               <p class="small quiet">{t.compare.sizesHint}</p>
             </section>
             {result.data.warnings.map((warning) => (
-              <p class="note warn">{typeof warning === "string" ? warning : JSON.stringify(warning)}</p>
+              <Warning text={warning} />
             ))}
           </>
         )}
       </div>
-      <div class="card">
+      <div class="card no-print">
         <h2>{t.compare.settings}</h2>
         <Select
           label={t.compare.by}
@@ -247,29 +276,112 @@ function Groups({ cohort, about, revision }: { cohort: string; about: Schemas["C
   );
 }
 
-/** Colours of the groups in drawings of the service (light, dark), in their order. */
-const GROUPS = [
-  ["#4477aa", "#7fb2e5"],
-  ["#cc3311", "#ff8061"],
-  ["#228833", "#63c67c"],
-  ["#aa3377", "#e583bd"],
-  ["#997700", "#ddc855"],
-  ["#008ca8", "#66d4ee"],
-] as const;
+/** The averages, those of the most distant pair first. */
+function formsOf({ groups }: Comparison, pair: Pair): Form[] {
+  const rank = (name: string) => (name === pair.first ? 0 : name === pair.second ? 1 : 2);
+  return [...groups]
+    .sort((a, b) => rank(a.name) - rank(b.name))
+    .map(({ name, average }) => ({ id: name, name, points: average as Points }));
+}
 
-function keysOf({ groups }: Comparison, pair: Pair, drawn: "surface" | "line" | "dots"): Key[] {
-  const dark = shown() === "dark" ? 1 : 0;
-  const named = groups.map(
-    (group, at): Key => [GROUPS[at % GROUPS.length]![dark]!, `${group.name} (n = ${count(group.shape_count)})`],
+/** What the colours of surfaces mean. */
+const keysOf = (pair: Pair): Key[] => [
+  [
+    [shown() === "dark" ? "#41434a" : "#dddddd", colour("effect")],
+    t.compare.effectKey(pair.first, pair.second, number(longestOf(pair), 3), "surface"),
+  ],
+];
+const longestOf = (pair: Pair): number => Math.max(...pair.effect.map((one) => one.length));
+
+/** From no difference to the longest one. */
+const SHADE: [number, number, number][] = [
+  [221, 221, 221],
+  [136, 0, 85],
+];
+const shade = (part: number): string =>
+  `rgb(${[0, 1, 2].map((c) => Math.round(SHADE[0]![c]! + part * (SHADE[1]![c]! - SHADE[0]![c]!))).join(", ")})`;
+
+/** The averages of all groups, each with its colour and dash, and where the most distant pair differs; places are linked with the plot. */
+function Averages({
+  result,
+  pair,
+  about,
+  transformation,
+  looks,
+  body,
+  cursor,
+  onCursor,
+}: {
+  result: Comparison;
+  pair: Pair;
+  about: Schemas["CohortOutput"];
+  transformation: string;
+  looks: Map<string, Look>;
+  body: object;
+  cursor: number | null;
+  onCursor: (index: number | null) => void;
+}) {
+  const { representation } = about;
+  const dots = isDots(representation),
+    closed = isClosed(representation);
+  const drawn = useLoaded(JSON.stringify([body, result.cohort_revision]), (signal) =>
+    evaluated(
+      representation,
+      result.groups.map((group) => group.average as Points),
+      signal,
+    ),
   );
-  const most = Math.max(...pair.effect.map((one) => one.length));
-  return [
-    ...(drawn === "surface" ? [] : named),
-    [
-      [["#dddddd", "#41434a"][dark]!, colour("effect")],
-      t.compare.effectKey(pair.first, pair.second, number(most, 3), drawn),
-    ],
-  ];
+  if (!drawn.data)
+    return (
+      <>
+        <Fault error={drawn.error} />
+        <Loading on={drawn.loading} />
+      </>
+    );
+  const turn = upright(drawn.data[0]!, transformation);
+  const effect = turn(pair.effect.map((one) => one.point as number[])),
+    longest = longestOf(pair) || 1;
+  const sets = result.groups.map((group, at) => ({
+    name: `${group.name} (n = ${count(group.shape_count)})`,
+    points: turn(drawn.data![at]!),
+    closed,
+    dots,
+    ...(looks.get(group.name) ?? { colour: CATEGORIES[at % CATEGORIES.length]!, dash: DASHES[at % DASHES.length]! }),
+  }));
+  return (
+    <figure class="card">
+      <Figure
+        sets={sets}
+        name={`${about.name}-groups`}
+        describe={t.compare.alt(pair.first, pair.second)}
+        links={dots ? about.name : undefined}
+        strip={
+          dots
+            ? undefined
+            : {
+                points: effect,
+                colours: pair.effect.map((one) => shade(one.length / longest)),
+                strong: pair.effect.map((one) => (one.p ?? 1) <= 0.05),
+                closed,
+              }
+        }
+        place0={dots ? undefined : effect}
+        cursor={cursor === null ? null : (effect[cursor] ?? null)}
+        onCursor={onCursor}
+      />
+      {!dots && (
+        <Keys
+          keys={[[[shade(0), shade(1)], t.compare.effectKey(pair.first, pair.second, number(longest, 3), "line")]]}
+        />
+      )}
+      <figcaption>{t.compare.caption(pair.first, pair.second)}</figcaption>
+      <Download
+        name={`${about.name}-groups`}
+        source={{ method: "POST", path: "/v1/comparisons", body }}
+        formats={[["JSON", "json", "application/json"]]}
+      />
+    </figure>
+  );
 }
 
 /** What chance alone would give, and what was found: of all groups, or of the most distant pair. */

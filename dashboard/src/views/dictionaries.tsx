@@ -1,30 +1,36 @@
 /** All dictionaries, and how a new one is learnt. */
 import { useState } from "preact/hooks";
+import { useMay } from "../api/caller";
 import { get, pages, post, type Schemas } from "../api/client";
 import { settled } from "../api/jobs";
 import { useAction, useEvents, useLoaded } from "../hooks";
 import { announce, Dialog, Empty, Fault, Field, Loading, Page, Select } from "../parts/basic";
 import { Classes, dimensionOf } from "../parts/classes";
+import { isSeams, Seams } from "../parts/correspond";
 import { navigate, usePlace } from "../router";
 import { filterBody, filterOf } from "../shape/filter";
-import { count, number, percent, t, time } from "../strings";
-import { nameOf, useAttributes } from "./cohort";
+import { nameOf } from "../shape/terms";
+import { count, percent, t, time } from "../strings";
+import { useAttributes } from "./cohort";
 
 export function Dictionaries() {
   const list = useLoaded("dictionaries", (signal) =>
     pages((cursor) => get("/v1/dictionaries", { query: { cursor, limit: 1000 }, signal })),
   );
   const { query } = usePlace();
-  const learning = query.has("learn");
+  const writes = useMay("writer");
+  const learning = query.has("learn") && writes;
   useEvents(["dictionary_added", "dictionary_deleted", "dictionary_restored"], list.reload);
   return (
     <Page
       title={t.menu.dictionaries}
       lead={t.dictionaries.lead}
       actions={
-        <button class="main" onClick={() => navigate("/app/dictionaries?learn=new")}>
-          {t.learn.title}
-        </button>
+        writes && (
+          <button class="main" onClick={() => navigate("/app/dictionaries?learn=new")}>
+            {t.learn.title}
+          </button>
+        )
       }
     >
       <Loading on={list.loading && !list.data} />
@@ -71,7 +77,7 @@ export function Dictionaries() {
                       : t.dictionaries.components(one.atoms)}
                   </td>
                   <td class="number">{count(one.shape_count)}</td>
-                  <td class="number">{number(one.reconstruction_error, 3)}</td>
+                  <td class="number">{percent(Math.sqrt(one.reconstruction_error))}</td>
                   <td class="number">{percent(one.accuracy)}</td>
                   <td class="nowrap">{time(one.provenance.created_at)}</td>
                 </tr>
@@ -111,6 +117,8 @@ function Learn({
     nonzeros: "3",
     transformation: "similarity",
     classes: "",
+    robust: false,
+    corresponding: false,
   });
   const set = (change: Partial<typeof form>) => setForm({ ...form, ...change });
   const cohort = form.cohort || cohorts.data?.[0]?.name || "";
@@ -143,6 +151,8 @@ function Learn({
     ...(form.classes && form.kind !== "sparse"
       ? { classifier: { kind: "discriminant" as const, attribute: form.classes } }
       : {}),
+    ...(form.robust ? { robust: true } : {}),
+    ...(form.corresponding ? { corresponding: true } : {}),
     ...(dry_run ? { dry_run } : {}),
   });
   const action = useAction(async () => {
@@ -230,7 +240,27 @@ function Learn({
           />
         )}
         <p class="small quiet">{form.kind === "sparse" ? t.learn.sparseHint : t.learn.componentsHint}</p>
-        <Fault error={action.error ?? cohorts.error} />
+        {form.kind !== "sparse" && (
+          <label class="check">
+            <input
+              type="checkbox"
+              checked={form.robust}
+              onChange={(event) => set({ robust: event.currentTarget.checked })}
+            />
+            <span>{t.robust.use}</span>
+          </label>
+        )}
+        {isSeams(action.error) ? (
+          <Seams
+            cohort={cohort}
+            onAsTheyAre={() => {
+              set({ corresponding: true });
+              action.clear();
+            }}
+          />
+        ) : (
+          <Fault error={action.error ?? cohorts.error} />
+        )}
         {action.busy && (
           <label class="stack tight">
             <span>{t.learn.busy}</span>

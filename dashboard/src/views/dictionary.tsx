@@ -1,16 +1,30 @@
 /** A dictionary: how good it is, and its atoms. */
 import type { ComponentChildren } from "preact";
 import { useState } from "preact/hooks";
+import { useMay } from "../api/caller";
 import { get, post, remove, type Schemas } from "../api/client";
 import { settled } from "../api/jobs";
 import { useAction, useLoaded } from "../hooks";
-import { announce, Dialog, Download, Fault, Loading, Page, Picture, Tabs, WITH_NUMBERS } from "../parts/basic";
-import { Chart } from "../parts/chart";
+import {
+  announce,
+  Dialog,
+  Download,
+  Fault,
+  Keys,
+  Loading,
+  Page,
+  Picture,
+  Tabs,
+  Warning,
+  WITH_NUMBERS,
+} from "../parts/basic";
+import { Chart, colour } from "../parts/chart";
+import { Robust } from "../parts/robust";
 import { Shape } from "../parts/shape";
 import { navigate } from "../router";
 import { box, evaluated, inPlane, isClosed, isDots, type Points, upright } from "../shape/points";
+import { nameOf } from "../shape/terms";
 import { count, number, percent, t, time } from "../strings";
-import { nameOf } from "./cohort";
 import { Progress } from "./compare";
 
 export type About = Schemas["DictionaryOutput"];
@@ -26,6 +40,7 @@ export function DictionaryPage({
     get("/v1/dictionaries/{dictionary}", { path: { dictionary }, signal }),
   );
   const [ask, setAsk] = useState(false);
+  const writes = useMay("writer");
   const data = about.data;
   const base = `/app/dictionaries/${encodeURIComponent(dictionary)}`;
   const components = data?.method.kind === "functional_pca";
@@ -75,18 +90,18 @@ export function DictionaryPage({
               source={{ path: `/v1/dictionaries/${encodeURIComponent(dictionary)}/export` }}
               formats={[[t.act.export, "json", "application/json"]]}
             />
-            <button class="bad" onClick={() => setAsk(true)}>
-              {t.act.remove}
-            </button>
+            {writes && (
+              <button class="bad" onClick={() => setAsk(true)}>
+                {t.act.remove}
+              </button>
+            )}
           </>
         )
       }
     >
       {tabs.length > 0 && <Tabs label={dictionary} tabs={tabs} />}
       {data?.warnings?.map((warning) => (
-        <p class="note warn" key={warning}>
-          {warning}
-        </p>
+        <Warning key={warning} text={warning} />
       ))}
       <Fault error={about.error} retry={about.reload} />
       {data ? children(data) : !about.error && <Loading on />}
@@ -141,7 +156,7 @@ function ReportCard({ about }: { about: About }) {
         )}
         <div>
           <dt>{t.report.error}</dt>
-          <dd>{number(about.statistics.reconstruction_error, 3)}</dd>
+          <dd>{percent(Math.sqrt(about.statistics.reconstruction_error))}</dd>
         </div>
         {validation && (
           <div>
@@ -195,6 +210,9 @@ function ReportCard({ about }: { about: About }) {
         ) : null}
         {validation && about.classifier && <Classifier classifier={about.classifier} />}
         {explained.length > 0 && <Quality about={about} />}
+        {about.robust && about.cohort_name && (
+          <Robust cohort={about.cohort_name} representation={about.representation} found={about.robust} />
+        )}
         <section class="card">
           <h2>{t.report.origin}</h2>
           <dl class="facts">
@@ -400,6 +418,15 @@ export function Atoms({ dictionary }: { dictionary: string }) {
           <p class="quiet prose">
             {about.method.kind === "sparse" ? t.dictionary.atomsHint : t.dictionary.componentsHint}
           </p>
+          {inPlane(about.representation) && about.method.kind !== "sparse" && (
+            <Keys
+              keys={[
+                [colour("minus"), t.dictionary.minus],
+                [colour("plus"), t.dictionary.plus],
+                [colour("pale"), t.dictionary.mean],
+              ]}
+            />
+          )}
           {inPlane(about.representation) && <Each about={about} />}
           {inPlane(about.representation) ? (
             <Download name={`${about.name}-atoms`} source={source} formats={WITH_NUMBERS} />

@@ -2,7 +2,7 @@
 import { useState } from "preact/hooks";
 import { get, pages, post, type Schemas } from "../api/client";
 import { useAction, useEvents, useLoaded } from "../hooks";
-import { announce, Empty, Fault, Loading, Page, Select } from "../parts/basic";
+import { announce, Empty, Fault, Loading, Page, Select, Sentence } from "../parts/basic";
 import { useSetting } from "../router";
 import { number, percent, t, time } from "../strings";
 
@@ -109,7 +109,7 @@ function Row({
         <div class="small quiet mono">{job.id}</div>
         {job.problem && (
           <div class="small" style={{ color: "var(--bad)" }}>
-            {job.problem.detail}
+            <Sentence text={job.problem.detail} />
           </div>
         )}
         <Fault error={cancel.error} />

@@ -1,14 +1,17 @@
 /** The mean of a cohort over its aligned shapes, live. */
-import { get, type Schemas } from "../api/client";
+import { type Answer, get, type Schemas } from "../api/client";
 import { useLoaded } from "../hooks";
-import { Download, Fault, Loading, Picture, Select, WITH_NUMBERS } from "../parts/basic";
+import { Download, Fault, Loading, Picture, Select, Warning, WITH_NUMBERS } from "../parts/basic";
 import { Chart } from "../parts/chart";
 import { Classes, dimensionOf } from "../parts/classes";
+import { isSeams, Seams } from "../parts/correspond";
+import { Figure } from "../parts/figure";
+import { Robust } from "../parts/robust";
 import { Solid } from "../parts/solid";
 import { usePlace, useSetting } from "../router";
 import { filterOf } from "../shape/filter";
-import { hasMesh } from "../shape/points";
-import { number, t } from "../strings";
+import { evaluated, hasMesh, isClosed, isDots, type Points, upright } from "../shape/points";
+import { count, percent, t } from "../strings";
 import { Chips, CohortPage } from "./cohort";
 
 export function MeanView({ cohort }: { cohort: string }) {
@@ -25,11 +28,15 @@ function Mean({ cohort, about, revision }: { cohort: string; about: Schemas["Coh
   const [transformation, setTransformation] = useSetting("transformation", "similarity");
   const [frame, setFrame] = useSetting("frame", "training");
   const [alignment, setAlignment] = useSetting("alignment", "");
+  const [robust, setRobust] = useSetting("robust", "");
+  const [corresponding, setCorresponding] = useSetting("corresponding", "");
   const filter = filterOf(place);
   const query = new URLSearchParams(filter);
   query.set("transformation", transformation);
   if (frame !== "training") query.set("frame", frame);
   if (alignment) query.set("alignment", alignment);
+  if (robust) query.set("robust", "true");
+  if (corresponding) query.set("corresponding", "true");
   const path = `/v1/cohorts/${encodeURIComponent(cohort)}/mean`;
   const mean = useLoaded(`${cohort} ${query} ${revision}`, (signal) =>
     get("/v1/cohorts/{cohort}/mean", { path: { cohort }, query, signal }),
@@ -48,7 +55,11 @@ function Mean({ cohort, about, revision }: { cohort: string; about: Schemas["Coh
     <div class="aside right">
       <div class="stack" style={{ gap: "22px" }}>
         <Chips total={about.shape_count} shown={mean.data?.shape_count} />
-        <Fault error={mean.error} retry={mean.reload} />
+        {isSeams(mean.error) ? (
+          <Seams cohort={cohort} onAsTheyAre={() => setCorresponding("yes")} />
+        ) : (
+          <Fault error={mean.error} retry={mean.reload} />
+        )}
         <Loading on={mean.loading} />
         {mean.data && (
           <div class="card">
@@ -57,6 +68,8 @@ function Mean({ cohort, about, revision }: { cohort: string; about: Schemas["Coh
                 <Solid source={source} describe={t.mean.alt(cohort)} />
                 <Download source={source} name={`${cohort}-mean`} formats={formats} />
               </>
+            ) : dimension === 3 || isDots(about.representation) ? (
+              <Drawn about={about} mean={mean.data} transformation={transformation} source={source} />
             ) : (
               <Picture
                 key={revision}
@@ -70,8 +83,21 @@ function Mean({ cohort, about, revision }: { cohort: string; about: Schemas["Coh
           </div>
         )}
         {mean.data?.warnings.map((warning) => (
-          <p class="note warn">{typeof warning === "string" ? warning : JSON.stringify(warning)}</p>
+          <Warning text={warning} />
         ))}
+        {mean.data?.robust && (
+          <Robust
+            cohort={cohort}
+            representation={about.representation}
+            found={{
+              rejected: mean.data.robust.rejected_count,
+              reduced: mean.data.robust.reduced_count,
+              effective: mean.data.robust.effective_count,
+              minority: mean.data.robust.minority,
+              shapes: mean.data.robust.shapes ?? [],
+            }}
+          />
+        )}
         {values.length > 1 && (
           <figure class="card">
             <h2>{t.mean.eigenvalues}</h2>
@@ -101,6 +127,14 @@ function Mean({ cohort, about, revision }: { cohort: string; about: Schemas["Coh
             ]}
             onChange={setAlignment}
           />
+          <label class="check">
+            <input
+              type="checkbox"
+              checked={robust !== ""}
+              onChange={(event) => setRobust(event.currentTarget.checked ? "yes" : "")}
+            />
+            <span>{t.robust.use}</span>
+          </label>
           <Select
             label={t.mean.frame}
             value={frame}
@@ -119,9 +153,9 @@ function Mean({ cohort, about, revision }: { cohort: string; about: Schemas["Coh
             </p>
             <dl class="facts">
               <dt>{t.words.shapes}</dt>
-              <dd>{mean.data.shape_count}</dd>
+              <dd>{count(mean.data.shape_count)}</dd>
               <dt>{t.mean.gap}</dt>
-              <dd>{number(mean.data.gap)}</dd>
+              <dd>{values[0] && typeof mean.data.gap === "number" ? percent(mean.data.gap / values[0]) : "–"}</dd>
               <dt>{t.mean.rounds}</dt>
               <dd>{mean.data.rounds}</dd>
               <dt>{t.mean.converged}</dt>
@@ -133,5 +167,53 @@ function Mean({ cohort, about, revision }: { cohort: string; about: Schemas["Coh
         )}
       </div>
     </div>
+  );
+}
+
+/** The mean of landmarks or of curves in space: numbered, joined by lines, turned. */
+function Drawn({
+  about,
+  mean,
+  transformation,
+  source,
+}: {
+  about: Schemas["CohortOutput"];
+  mean: Answer<"get", "/v1/cohorts/{cohort}/mean">;
+  transformation: string;
+  source: { path: string; query: URLSearchParams };
+}) {
+  const control = mean.mean.control_points as Points;
+  const drawn = useLoaded(`${about.id} ${mean.revision} ${source.query}`, async (signal) => {
+    const [points] = await evaluated(about.representation, [control], signal);
+    return upright(points!, transformation)(points!);
+  });
+  const dots = isDots(about.representation);
+  return (
+    <figure>
+      <Fault error={drawn.error} />
+      {drawn.data && (
+        <Figure
+          describe={t.mean.alt(about.name)}
+          name={`${about.name}-mean`}
+          links={dots ? about.name : undefined}
+          sets={[
+            {
+              name: about.name,
+              points: drawn.data,
+              dots,
+              closed: isClosed(about.representation),
+              colour: "var(--ink)",
+            },
+          ]}
+        />
+      )}
+      <figcaption>{t.mean.alone}</figcaption>
+      <Picture
+        source={source}
+        name={`${about.name}-aligned`}
+        alt={t.mean.alt(about.name)}
+        caption={t.mean.caption(Math.min(mean.shape_count, 300))}
+      />
+    </figure>
   );
 }

@@ -1,12 +1,12 @@
 /** Sliders over modes of variation; shapes morph in the browser. */
 import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 import { useLoaded } from "../hooks";
-import { Fault, Loading, Picture } from "../parts/basic";
-import { Shape } from "../parts/shape";
+import { Download, Fault, Loading, Picture } from "../parts/basic";
+import { Figure } from "../parts/figure";
 import { Solid } from "../parts/solid";
 import { useSetting } from "../router";
-import { type Model, modelOf } from "../shape/model";
-import { box, inPlane, isClosed, isDots, sum } from "../shape/points";
+import { deviationsOf, type Model, modelOf } from "../shape/model";
+import { hasMesh, isClosed, isDots, type Points, sum } from "../shape/points";
 import { number, percent, t } from "../strings";
 import { type About, DictionaryPage } from "./dictionary";
 
@@ -56,20 +56,17 @@ function Sliders({ about, dictionary }: { about: About; dictionary: string }) {
   const path = `/v1/dictionaries/${encodeURIComponent(dictionary)}/modes`;
   // The weight 1 of a morph target stands for two standard deviations.
   const weights = useMemo(() => values.map((value) => value / 2), [values]);
-  const spatial = !inPlane(about.representation);
   return (
     <div class="aside right">
       <div class="stack" style={{ gap: "22px" }}>
         <div class="card">
-          {spatial &&
-          about.representation.kind !== "landmarks" &&
-          about.representation.kind !== "closed_curve" &&
-          about.representation.kind !== "open_curve" ? (
-            <Solid source={{ path }} weights={weights} describe={t.modes.alt} />
-          ) : inPlane(about.representation) ? (
-            <Morph about={about} dictionary={dictionary} values={values} />
+          {hasMesh(about.representation) ? (
+            <>
+              <Solid source={{ path }} weights={weights} describe={t.modes.alt} />
+              <SolidFiles about={about} dictionary={dictionary} values={values} />
+            </>
           ) : (
-            <p class="quiet">{t.modes.strip}</p>
+            <Morph about={about} dictionary={dictionary} values={values} />
           )}
         </div>
         <Strip path={path} about={about} values={values} />
@@ -123,6 +120,32 @@ function Sliders({ about, dictionary }: { about: About; dictionary: string }) {
   );
 }
 
+/** The surface at the sliders as a file. */
+function SolidFiles({ about, dictionary, values }: { about: About; dictionary: string; values: number[] }) {
+  const deviations = useLoaded(about.id, (signal) => deviationsOf(about, dictionary, signal));
+  if (!deviations.data) return <Fault error={deviations.error} />;
+  const control_points = sum(
+    (about.centre ?? about.mean.control_points) as Points,
+    values.map((value, index) => [value * deviations.data![index]!, about.atoms[index]!.control_points as Points]),
+  );
+  return (
+    <Download
+      name={`${about.name}-shape`}
+      source={{
+        method: "POST",
+        path: "/v1/evaluate",
+        body: { representation: about.representation, shapes: [{ control_points }] },
+      }}
+      formats={[
+        ["OBJ", "obj", "model/obj"],
+        ["PLY", "ply", "application/ply"],
+        ["STL", "stl", "model/stl"],
+        ["glTF", "gltf", "model/gltf-binary"],
+      ]}
+    />
+  );
+}
+
 function Strip({ path, about, values }: { path: string; about: About; values: number[] }) {
   const most = values.reduce((best, value, index) => (Math.abs(value) > Math.abs(values[best]!) ? index : best), 0) + 1;
   const [settled, setSettled] = useState(most);
@@ -145,8 +168,8 @@ function Strip({ path, about, values }: { path: string; about: About; values: nu
 
 function Morph({ about, dictionary, values }: { about: About; dictionary: string; values: number[] }) {
   const model = useLoaded(about.id, (signal) => modelOf(about, dictionary, signal));
-  const view = useMemo(() => model.data && bounds(model.data, values.length), [model.data]);
-  if (!model.data)
+  const fit = useMemo(() => model.data && extremes(model.data, values.length), [model.data]);
+  if (!model.data || !fit)
     return (
       <>
         <Fault error={model.error} />
@@ -161,13 +184,16 @@ function Morph({ about, dictionary, values }: { about: About; dictionary: string
   );
   return (
     <figure>
-      <Shape
-        view={view!}
+      <Figure
+        fit={fit}
         height={420}
         describe={t.modes.alt}
-        parts={[
-          { points: model.data.mean, closed, dots, class: "pale" },
-          { points: shape, closed, dots, class: "accent" },
+        name={`${about.name}-shape`}
+        legend={false}
+        links={dots ? (about.cohort_name ?? about.name) : undefined}
+        sets={[
+          { name: "mean", points: model.data.mean, closed, dots, pale: true, colour: "var(--pale)" },
+          { name: "shape", points: shape, closed, dots, colour: "var(--accent)" },
         ]}
       />
       <figcaption>{t.modes.caption}</figcaption>
@@ -175,11 +201,12 @@ function Morph({ about, dictionary, values }: { about: About; dictionary: string
   );
 }
 
-function bounds(model: Model, shown: number): string {
+/** The mean and the shapes at the ends of the sliders, which the frame holds. */
+function extremes(model: Model, shown: number): Points[] {
   const sides = model.components
     .slice(0, shown)
     .flatMap((component, index) =>
       [-1, 1].map((side) => sum(model.mean, [[side * 2.5 * model.deviations[index]!, component]])),
     );
-  return box([model.mean, ...sides]);
+  return [model.mean, ...sides];
 }

@@ -1,18 +1,20 @@
 /** How shapes depend on a number, with a slider over it. */
 import { useMemo, useState } from "preact/hooks";
-import { post, type Schemas } from "../api/client";
+import { get, post, type Schemas } from "../api/client";
 import { settled } from "../api/jobs";
 import { useLoaded } from "../hooks";
-import { Fault, Picture, Select } from "../parts/basic";
-import { Chart } from "../parts/chart";
+import { Fault, type Key, Keys, Picture, Select, Warning } from "../parts/basic";
+import { Chart, type Line } from "../parts/chart";
 import { Classes, dimensionOf } from "../parts/classes";
-import { Shape } from "../parts/shape";
+import { Figure } from "../parts/figure";
 import { usePlace, useSetting } from "../router";
 import { filterBody, filterOf } from "../shape/filter";
-import { box, evaluated, inPlane, isClosed, type Points, sum, upright } from "../shape/points";
+import { looksOf } from "../shape/groups";
+import { evaluated, hasMesh, isClosed, isDots, type Points, sum, upright } from "../shape/points";
+import { nameOf } from "../shape/terms";
 import { number, percent, probability, t } from "../strings";
 import { shown } from "../theme";
-import { Chips, CohortPage, nameOf, useAttributes } from "./cohort";
+import { Chips, CohortPage, useAttributes } from "./cohort";
 import { Progress } from "./compare";
 
 type Result = Schemas["ShapeRegression"];
@@ -33,6 +35,12 @@ function View({ cohort, about, revision }: { cohort: string; about: Schemas["Coh
   const [attribute, setAttribute] = useSetting("attribute", "log_centroid_size");
   const [covariate, setCovariate] = useSetting("covariate", "");
   const [transformation, setTransformation] = useSetting("transformation", "similarity");
+  const kinds =
+    attributes.data?.items.filter(
+      (one) => /^(label$|labels\.)/.test(one.name) && one.type === "text" && one.distinct > 1 && one.distinct <= 8,
+    ) ?? [];
+  const [colouring, setColouring] = useSetting("colour", "");
+  const by = kinds.find((one) => one.name === colouring) ?? (colouring === "-" ? undefined : kinds[0]);
   const [part, setPart] = useState<number | null>(null);
   const body: Schemas["RegressRequest"] = {
     cohort,
@@ -48,7 +56,7 @@ function View({ cohort, about, revision }: { cohort: string; about: Schemas["Coh
       signal,
       (job) => setPart(job.progress),
     );
-    const drawn = inPlane(about.representation)
+    const drawn = !hasMesh(about.representation)
       ? await evaluated(about.representation, [found.average as Points, found.change_per_unit as Points], signal)
       : undefined;
     return { found, drawn };
@@ -73,21 +81,27 @@ function View({ cohort, about, revision }: { cohort: string; about: Schemas["Coh
                   : t.regression.independent(name, probability(p))}
             </p>
             {data.warnings.map((warning) => (
-              <p class="note warn">{warning}</p>
+              <Warning text={warning} />
             ))}
             {result.data?.drawn && (
               <Slide
                 data={data}
                 drawn={result.data.drawn}
-                closed={isClosed(about.representation)}
-                dots={about.representation.kind === "landmarks"}
-                label={label}
+                about={about}
+                label={name}
+                unit={attribute === "log_centroid_size" ? (about.length_unit ?? "") : ""}
                 transformation={transformation}
               />
             )}
             <figure class="card">
               <h2>{t.regression.scores}</h2>
-              <Scores data={data} label={label} />
+              <Scores
+                data={data}
+                label={label}
+                cohort={cohort}
+                by={by?.name ?? ""}
+                groups={by?.values.map((one) => String(one.value)) ?? []}
+              />
               <figcaption>{t.regression.scoresHint}</figcaption>
             </figure>
             <div class="card">
@@ -97,14 +111,20 @@ function View({ cohort, about, revision }: { cohort: string; about: Schemas["Coh
                 alt={t.regression.alt(label)}
                 caption={t.regression.caption}
                 keys={[
-                  [SHADES[shown()], t.regression.key(quantile(data, 0), quantile(data, data.predictions.length - 1))],
+                  [
+                    SHADES[shown()],
+                    t.regression.key(
+                      `${name}: ${quantile(data, 0)}`,
+                      `${quantile(data, data.predictions.length - 1)}${attribute === "log_centroid_size" && about.length_unit ? ` ${about.length_unit}` : ""}`,
+                    ),
+                  ],
                 ]}
               />
             </div>
           </>
         )}
       </div>
-      <div class="stack" style={{ gap: "22px" }}>
+      <div class="stack no-print" style={{ gap: "22px" }}>
         <div class="card">
           <h2>{t.compare.settings}</h2>
           <Select
@@ -127,6 +147,14 @@ function View({ cohort, about, revision }: { cohort: string; about: Schemas["Coh
             ]}
             onChange={setCovariate}
           />
+          {kinds.length > 0 && (
+            <Select
+              label={t.scores.colour}
+              value={by?.name ?? "-"}
+              options={[["-", t.words.none], ...kinds.map((one): [string, string] => [one.name, nameOf(one.name)])]}
+              onChange={setColouring}
+            />
+          )}
           <Classes dimension={dimensionOf(about.representation)} value={transformation} onChange={setTransformation} />
         </div>
         {data && (
@@ -166,36 +194,41 @@ function quantile({ attribute, predictions }: Result, at: number): string {
 function Slide({
   data,
   drawn,
-  closed,
-  dots,
+  about,
   label,
+  unit,
   transformation,
 }: {
   data: Result;
   drawn: Points[];
-  closed: boolean;
-  dots: boolean;
+  about: Schemas["CohortOutput"];
   label: string;
+  unit: string;
   transformation: string;
 }) {
   const { smallest, largest, mean } = data.attribute;
   const [value, setValue] = useState(data.predictions[data.predictions.length - 1]?.attribute ?? mean);
   const [average, slope] = drawn as [Points, Points];
+  const closed = isClosed(about.representation),
+    dots = isDots(about.representation);
   const turn = useMemo(() => upright(average, transformation), [average, transformation]);
   const at = (x: number) => turn(sum(average, [[x - mean, slope]]));
-  const view = useMemo(() => box([at(smallest), at(largest), turn(average)]), [average]);
+  const fit = useMemo(() => [at(smallest), at(largest), turn(average)], [average]);
   return (
     <figure class="card">
-      <Shape
-        view={view}
+      <Figure
+        fit={fit}
         height={340}
+        legend={false}
         describe={t.regression.slider(label)}
-        parts={[
-          { points: turn(average), closed, dots, class: "pale" },
-          { points: at(value), closed, dots, class: "accent" },
+        name={`${about.name}-predicted`}
+        links={dots ? about.name : undefined}
+        sets={[
+          { name: "average", points: turn(average), closed, dots, pale: true, colour: "var(--pale)" },
+          { name: "predicted", points: at(value), closed, dots, colour: "var(--accent)" },
         ]}
       />
-      <label class="slider" style={{ gridTemplateColumns: "auto minmax(0, 1fr) 3.6em" }}>
+      <label class="slider" style={{ gridTemplateColumns: "auto minmax(0, 1fr) auto" }}>
         <span>{label}</span>
         <input
           type="range"
@@ -203,25 +236,80 @@ function Slide({
           max={largest}
           step={(largest - smallest) / 200}
           value={value}
+          aria-valuetext={plain(data, value, unit)}
           onInput={(event) => setValue(Number(event.currentTarget.value))}
         />
-        <output class="number">{number(value, 3)}</output>
+        <output class="number">{plain(data, value, unit)}</output>
       </label>
       <figcaption>{t.regression.slideHint}</figcaption>
     </figure>
   );
 }
 
-function Scores({ data, label }: { data: Result; label: string }) {
+/** A value of the attribute for people: sizes as they are, not as logarithms. */
+function plain({ attribute }: Result, value: number, unit: string): string {
+  const shown = number(attribute.name === "log_centroid_size" ? Math.exp(value) : value, 3);
+  return unit ? `${shown} ${unit}` : shown;
+}
+
+/** The line of least squares through the scores: its ends. */
+function lineOf(points: Result["scores"]): (x: number) => number {
+  const n = points.length || 1;
+  const mx = points.reduce((sum, one) => sum + one.attribute, 0) / n,
+    my = points.reduce((sum, one) => sum + one.score, 0) / n;
+  const xx = points.reduce((sum, one) => sum + (one.attribute - mx) ** 2, 0),
+    xy = points.reduce((sum, one) => sum + (one.attribute - mx) * (one.score - my), 0);
+  return (x) => my + (xx > 0 ? xy / xx : 0) * (x - mx);
+}
+
+/** The score of each shape over the attribute, with a line, in the colours of a group. */
+function Scores({
+  data,
+  label,
+  cohort,
+  by,
+  groups,
+}: {
+  data: Result;
+  label: string;
+  cohort: string;
+  by: string;
+  groups: string[];
+}) {
+  const table = useLoaded(by ? `${cohort} ${by} ${data.cohort_revision}` : null, async (signal) => {
+    const { columns } = (await get("/v1/cohorts/{cohort}/table", {
+      path: { cohort },
+      query: { columns: `id,${by}` },
+      signal,
+    })) as Schemas["TableAnswer"];
+    const values = columns[1]!.values as unknown[];
+    return new Map((columns[0]!.values as string[]).map((id, row) => [id, String(values[row] ?? "–")]));
+  });
   const points = [...data.scores].sort((a, b) => a.attribute - b.attribute);
+  const line = lineOf(points),
+    looks = looksOf(groups);
+  const names = by && table.data ? groups : [""];
+  const lines: Line[] = names.map((name) => ({
+    label: name || label,
+    kind: "dots",
+    colour: looks.get(name)?.colour ?? "accent",
+    values: points.map((one) => (!name || table.data?.get(one.id) === name ? one.score : null)),
+  }));
   return (
-    <Chart
-      x={points.map((one) => one.attribute)}
-      lines={[{ label, values: points.map((one) => one.score), kind: "dots" }]}
-      xLabel={label}
-      yLabel={t.regression.score}
-      height={280}
-      describe={t.regression.scores}
-    />
+    <>
+      <Chart
+        x={points.map((one) => one.attribute)}
+        lines={[
+          ...lines,
+          { label: t.regression.line, values: points.map((one) => line(one.attribute)), colour: "ink" },
+        ]}
+        xLabel={label}
+        yLabel={t.regression.score}
+        height={280}
+        name={`${cohort}-regression-scores`}
+        describe={t.regression.scores}
+      />
+      {names.length > 1 && <Keys keys={names.map((name): Key => [looks.get(name)!.colour, name])} />}
+    </>
   );
 }

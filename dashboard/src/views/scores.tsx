@@ -1,16 +1,23 @@
 /** Scores of all shapes in the plane of two components. */
 import { useMemo, useState } from "preact/hooks";
+import { useMay } from "../api/caller";
 import { get, type Schemas } from "../api/client";
 import { useLoaded } from "../hooks";
 import { Choice, Download, Empty, Fault, Loading, Select } from "../parts/basic";
+import { Bulk } from "../parts/bulk";
 import { CATEGORIES, ramp } from "../parts/chart";
+import { SaveDrawing } from "../parts/drawn";
+import { plotSvg } from "../parts/plot";
 import { Scatter } from "../parts/scatter";
 import { Shape } from "../parts/shape";
 import { useSetting } from "../router";
+import { ellipse, hull, type Spot } from "../shape/around";
+import { DASHES, type Look } from "../shape/groups";
 import { type Model, modelOf } from "../shape/model";
 import { box, inPlane, isClosed, isDots, type Points, path as pathOf, sum } from "../shape/points";
+import { nameOf } from "../shape/terms";
 import { count, number, percent, t } from "../strings";
-import { nameOf, useAttributes } from "./cohort";
+import { useAttributes } from "./cohort";
 import { type About, DictionaryPage } from "./dictionary";
 
 type Values = (string | number | boolean | null)[];
@@ -38,6 +45,7 @@ function Plane({ about, dictionary, cohort }: { about: About; dictionary: string
   const [by, setBy] = useSetting("colour", "");
   const [tool, setTool] = useSetting("tool", "lasso");
   const [morphs, setMorphs] = useSetting("morphospace", "");
+  const [around, setAround] = useSetting("around", "");
   const [chosen, setChosen] = useState<Set<number> | null>(null);
   const attributes = useAttributes(cohort, new URLSearchParams(), about.cohort_revision ?? 0);
   const own = `${about.name}@${about.version}`;
@@ -73,6 +81,10 @@ function Plane({ about, dictionary, cohort }: { about: About; dictionary: string
   const data = table.data;
   const [a, b] = [Math.min(Number(x) || 1, shown) - 1, Math.min(Number(y) || 2, shown) - 1];
   const coloured = useMemo(() => colours(data?.colour ?? null), [data]);
+  const rings = useMemo(
+    () => (data && around && coloured.kinds ? ringsOf(data.scores[a]!, data.scores[b]!, coloured, around) : []),
+    [data, around, a, b],
+  );
   const draw = (index: number): Points | undefined =>
     model.data &&
     sum(
@@ -133,6 +145,18 @@ function Plane({ about, dictionary, cohort }: { about: About; dictionary: string
             </label>
           )}
         </div>
+        {coloured.kinds && (
+          <Select
+            label={t.scores.around}
+            value={around}
+            options={[
+              ["", t.words.none],
+              ["hull", t.scores.hull],
+              ["ellipse", t.scores.ellipse],
+            ]}
+            onChange={setAround}
+          />
+        )}
       </div>
       <Loading on={table.loading} />
       {data && (
@@ -175,18 +199,33 @@ function Plane({ about, dictionary, cohort }: { about: About; dictionary: string
                 );
               }}
               backdrop={
-                morphs && model.data
+                (morphs && model.data) || rings.length
                   ? (place) => (
-                      <Morphospace
-                        model={model.data!}
-                        a={a}
-                        b={b}
-                        x={data.scores[a]!}
-                        y={data.scores[b]!}
-                        place={place}
-                        closed={closed}
-                        dots={dots}
-                      />
+                      <>
+                        {morphs && model.data && (
+                          <Morphospace
+                            model={model.data}
+                            a={a}
+                            b={b}
+                            x={data.scores[a]!}
+                            y={data.scores[b]!}
+                            place={place}
+                            closed={closed}
+                            dots={dots}
+                          />
+                        )}
+                        {rings.map((ring) => (
+                          <path
+                            key={ring.name}
+                            d={`M${ring.corners.map(([x, y]) => place(x, y).join(" ")).join("L")}Z`}
+                            fill={ring.colour}
+                            fill-opacity="0.07"
+                            stroke={ring.colour}
+                            stroke-width="1.8"
+                            stroke-dasharray={ring.dash || undefined}
+                          />
+                        ))}
+                      </>
                     )
                   : undefined
               }
@@ -202,6 +241,34 @@ function Plane({ about, dictionary, cohort }: { about: About; dictionary: string
               </div>
             )}
             <figcaption>{t.scores.caption(count(data.ids.length))}</figcaption>
+            <SaveDrawing
+              name={`${about.name}-scores`}
+              of={() =>
+                plotSvg({
+                  x: [],
+                  lines: [],
+                  xLabel: axisName(a),
+                  yLabel: axisName(b),
+                  xRange: padded(span(data.scores[a]!)),
+                  yRange: padded(span(data.scores[b]!)),
+                  xText: (value) => number(value, 6),
+                  yText: (value) => number(value, 6),
+                  legend: coloured.legend,
+                  inner: (place) =>
+                    drawnPlane(
+                      data.scores[a]!,
+                      data.scores[b]!,
+                      coloured,
+                      rings,
+                      morphs ? model.data : undefined,
+                      [a, b],
+                      closed,
+                      dots,
+                      place,
+                    ),
+                })
+              }
+            />
             <Download
               name={`${about.name}-scores`}
               source={{
@@ -228,7 +295,13 @@ function Plane({ about, dictionary, cohort }: { about: About; dictionary: string
             closed={closed}
             dots={dots}
             cohort={cohort}
+            names={(attributes.data?.items ?? []).map((one) => one.name).filter((name) => name.startsWith("labels."))}
             onClear={() => setChosen(null)}
+            onChanged={() => {
+              setChosen(null);
+              attributes.reload();
+              table.reload();
+            }}
           />
         </div>
       )}
@@ -244,7 +317,9 @@ function Chosen({
   closed,
   dots,
   cohort,
+  names,
   onClear,
+  onChanged,
 }: {
   data: { ids: string[]; scores: number[][] };
   chosen: Set<number> | null;
@@ -253,8 +328,11 @@ function Chosen({
   closed: boolean;
   dots: boolean;
   cohort: string;
+  names: string[];
   onClear: () => void;
+  onChanged: () => void;
 }) {
+  const writes = useMay("writer");
   if (!chosen)
     return (
       <section class="card">
@@ -318,7 +396,96 @@ function Chosen({
           {t.scores.open}
         </a>
       )}
+      {writes && (
+        <Bulk
+          cohort={cohort}
+          names={names}
+          target={{ ids: indices.map((index) => data.ids[index]!), size: chosen.size }}
+          onDone={onChanged}
+        />
+      )}
     </section>
+  );
+}
+
+interface Ring extends Look {
+  name: string;
+  corners: Spot[];
+}
+
+/** What is drawn around the points of each group. */
+function ringsOf(x: number[], y: number[], coloured: Coloured, around: string): Ring[] {
+  return coloured.legend.flatMap(([name, colour], at) => {
+    const points = x.flatMap((value, k): Spot[] => (coloured.groups[k] === at ? [[value, y[k]!]] : []));
+    const corners = around === "hull" ? hull(points) : ellipse(points);
+    return corners.length > 2 ? [{ name, colour, dash: DASHES[at % DASHES.length]!, corners }] : [];
+  });
+}
+
+const padded = ([low, high]: [number, number]): [number, number] => {
+  const gap = 0.06 * (high - low || 1);
+  return [low - gap, high + gap];
+};
+
+/** Points, what is around them and shapes in the plane, for a file. */
+function drawnPlane(
+  x: number[],
+  y: number[],
+  coloured: Coloured,
+  rings: Ring[],
+  model: Model | undefined,
+  [a, b]: [number, number],
+  closed: boolean,
+  dots: boolean,
+  place: (x: number, y: number) => [number, number],
+): string {
+  const words = ([px, py]: [number, number]) => `${px.toFixed(1)} ${py.toFixed(1)}`;
+  const shapes = model
+    ? grid(model, a, b, x, y, place).map(({ shape, at: [px, py], scale }) => {
+        const points = shape.map((p) => [px + scale * p[0]!, py - scale * p[1]!] as [number, number]);
+        return dots
+          ? points
+              .map(([cx, cy]) => `<circle cx="${cx.toFixed(1)}" cy="${cy.toFixed(1)}" r="1.4" fill="#9a9a9a"/>`)
+              .join("")
+          : `<path d="M${points.map(words).join("L")}${closed ? "Z" : ""}" fill="none" stroke="#9a9a9a" stroke-width="1.2"/>`;
+      })
+    : [];
+  const around = rings.map(
+    (ring) =>
+      `<path d="M${ring.corners.map((p) => words(place(...p))).join("L")}Z" fill="${ring.colour}" fill-opacity="0.07" stroke="${ring.colour}" stroke-width="1.6"${ring.dash ? ` stroke-dasharray="${ring.dash}"` : ""}/>`,
+  );
+  const points = x.map((value, k) => {
+    const [px, py] = place(value, y[k]!);
+    return `<circle cx="${px.toFixed(1)}" cy="${py.toFixed(1)}" r="3.2" fill="${coloured.palette[coloured.groups[k]!]}" fill-opacity="0.85"/>`;
+  });
+  return [...shapes, ...around, ...points].join("");
+}
+
+/** Shapes of a grid of scores: 5 × 5, where they lie, and how large they are drawn. */
+function grid(
+  model: Model,
+  a: number,
+  b: number,
+  x: number[],
+  y: number[],
+  place: (x: number, y: number) => [number, number],
+): { shape: Points; at: [number, number]; scale: number }[] {
+  const [left, right] = span(x),
+    [low, high] = span(y);
+  const size = Math.max(...model.mean.flat().map(Math.abs)) * 2.4;
+  const [ox, oy] = place(left, low),
+    [ex, ey] = place(right, high);
+  const scale = (0.8 * Math.min(Math.abs(ex - ox), Math.abs(ey - oy))) / 5 / size;
+  const steps = [0, 1, 2, 3, 4];
+  return steps.flatMap((i) =>
+    steps.map((j) => {
+      const [sx, sy] = [left + ((i + 0.5) / 5) * (right - left), low + ((j + 0.5) / 5) * (high - low)];
+      const shape = sum(model.mean, [
+        [sx, model.components[a]!],
+        [sy, model.components[b]!],
+      ]);
+      return { shape, at: place(sx, sy), scale };
+    }),
   );
 }
 
@@ -342,35 +509,20 @@ function Morphospace({
   closed: boolean;
   dots: boolean;
 }) {
-  const [left, right] = span(x),
-    [low, high] = span(y);
-  const size = Math.max(...model.mean.flat().map(Math.abs)) * 2.4;
-  const steps = [0, 1, 2, 3, 4];
   return (
     <>
-      {steps.flatMap((i) =>
-        steps.map((j) => {
-          const [sx, sy] = [left + ((i + 0.5) / 5) * (right - left), low + ((j + 0.5) / 5) * (high - low)];
-          const shape = sum(model.mean, [
-            [sx, model.components[a]!],
-            [sy, model.components[b]!],
-          ]);
-          const [px, py] = place(sx, sy);
-          const [ox, oy] = place(left, low),
-            [ex, ey] = place(right, high);
-          const scale = (0.8 * Math.min(Math.abs(ex - ox), Math.abs(ey - oy))) / 5 / size;
-          const transform = `translate(${px} ${py}) scale(${scale})`;
-          return dots ? (
-            <g transform={transform}>
-              {shape.map((p) => (
-                <circle class="dot pale" cx={p[0]} cy={-p[1]!} r={1.4 / scale} />
-              ))}
-            </g>
-          ) : (
-            <path class="line pale" transform={transform} d={pathOf(shape, closed)} opacity="0.75" />
-          );
-        }),
-      )}
+      {grid(model, a, b, x, y, place).map(({ shape, at: [px, py], scale }, key) => {
+        const transform = `translate(${px} ${py}) scale(${scale})`;
+        return dots ? (
+          <g key={key} transform={transform}>
+            {shape.map((p) => (
+              <circle class="dot pale" cx={p[0]} cy={-p[1]!} r={1.4 / scale} />
+            ))}
+          </g>
+        ) : (
+          <path key={key} class="line pale" transform={transform} d={pathOf(shape, closed)} opacity="0.75" />
+        );
+      })}
     </>
   );
 }
@@ -378,8 +530,16 @@ function Morphospace({
 const span = (values: number[]): [number, number] =>
   values.reduce(([low, high], value) => [Math.min(low, value), Math.max(high, value)], [Infinity, -Infinity]);
 
-function colours(values: Values | null): { groups: Uint8Array; palette: string[]; legend: [string, string][] } {
-  if (!values) return { groups: new Uint8Array(1_000_000), palette: [CATEGORIES[0]!], legend: [] };
+interface Coloured {
+  groups: Uint8Array;
+  palette: string[];
+  legend: [string, string][];
+  /** Whether colours stand for groups, not for numbers. */
+  kinds: boolean;
+}
+
+function colours(values: Values | null): Coloured {
+  if (!values) return { groups: new Uint8Array(1_000_000), palette: [CATEGORIES[0]!], legend: [], kinds: false };
   const numeric =
     values.every((value) => typeof value === "number" || value === null) && values.some((value) => value !== null);
   if (numeric) {
@@ -391,6 +551,7 @@ function colours(values: Values | null): { groups: Uint8Array; palette: string[]
     return {
       groups,
       palette,
+      kinds: false,
       legend: [0, 0.25, 0.5, 0.75, 1].map((part) => [number(low + part * (high - low), 3), ramp(part)]),
     };
   }
@@ -415,5 +576,6 @@ function colours(values: Values | null): { groups: Uint8Array; palette: string[]
     groups: Uint8Array.from(values, (value) => place.get(String(value ?? "–")) ?? 7),
     palette: CATEGORIES,
     legend,
+    kinds: true,
   };
 }

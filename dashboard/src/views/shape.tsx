@@ -1,14 +1,19 @@
 /** One shape: its picture, what is known of it, corrections, and the shapes most like it. */
+import { useMay } from "../api/caller";
 import { get, patch, post, remove, type Schemas } from "../api/client";
 import { useAction, useLoaded } from "../hooks";
 import { announce, Download, Fault, Field, Loading, Page, Picture, WITH_NUMBERS } from "../parts/basic";
+import { Figure } from "../parts/figure";
 import { Solid } from "../parts/solid";
-import { navigate } from "../router";
-import { inPlane } from "../shape/points";
+import { canWarp, type Form, Warp } from "../parts/warp";
+import { navigate, useSetting } from "../router";
+import { inPlane, isDots, type Points, upright } from "../shape/points";
 import { number, t, time, unit } from "../strings";
+import { words } from "../strings/warp";
 
 export function ShapeView({ cohort, shape }: { cohort: string; shape: string }) {
   const path = { cohort, shape };
+  const writes = useMay("writer");
   const loaded = useLoaded(`${cohort}/${shape}`, async (signal) => {
     const [about, found] = await Promise.all([
       get("/v1/cohorts/{cohort}", { path: { cohort }, signal }),
@@ -19,6 +24,17 @@ export function ShapeView({ cohort, shape }: { cohort: string; shape: string }) 
   const base = `/app/cohorts/${encodeURIComponent(cohort)}`;
   const source = { path: `/v1/cohorts/${encodeURIComponent(cohort)}/shapes/${encodeURIComponent(shape)}` };
   const data = loaded.data;
+  const around = useLoaded(`${cohort} ${shape} around`, async (signal) => {
+    const [table, models] = await Promise.all([
+      get("/v1/cohorts/{cohort}/table", { path: { cohort }, query: { columns: "id,external_id" }, signal }),
+      get("/v1/dictionaries", { query: { cohort, limit: 1000 }, signal }),
+    ]);
+    const [ids, external] = (table as Schemas["TableAnswer"]).columns.map((one) => one.values as (string | null)[]);
+    const names = ids!.map((id, row) => external![row] ?? id!);
+    const at = names.findIndex((name, row) => name === shape || ids![row] === shape);
+    return { before: names[at - 1], after: at < 0 ? undefined : names[at + 1], model: models.items.at(-1) };
+  });
+  const to = (name: string) => `${base}/shapes/${encodeURIComponent(name)}`;
   const drop = useAction(async () => {
     const before = data!.found;
     await remove("/v1/cohorts/{cohort}/shapes/{shape}", { path });
@@ -43,11 +59,35 @@ export function ShapeView({ cohort, shape }: { cohort: string; shape: string }) 
         [cohort, base],
       ]}
       actions={
-        data && (
-          <button class="bad" disabled={drop.busy} onClick={() => drop.run()}>
-            {t.act.remove}
-          </button>
-        )
+        <>
+          {around.data?.before && (
+            <a class="button" href={to(around.data.before)} aria-label={t.shape.before(around.data.before)}>
+              ←
+            </a>
+          )}
+          {around.data?.after && (
+            <a class="button" href={to(around.data.after)} aria-label={t.shape.after(around.data.after)}>
+              →
+            </a>
+          )}
+          {around.data?.model && (
+            <a
+              class="button main"
+              href={`/app/assess?${new URLSearchParams({
+                dictionary: `${around.data.model.name}@${around.data.model.version}`,
+                cohort,
+                shape,
+              })}`}
+            >
+              {t.shape.assess}
+            </a>
+          )}
+          {data && writes && (
+            <button class="bad" disabled={drop.busy} onClick={() => drop.run()}>
+              {t.act.remove}
+            </button>
+          )}
+        </>
       }
     >
       <Fault error={loaded.error ?? drop.error} />
@@ -56,7 +96,24 @@ export function ShapeView({ cohort, shape }: { cohort: string; shape: string }) 
         <div class="aside right">
           <div class="stack" style={{ gap: "22px" }}>
             <div class="card">
-              {inPlane(data.about.representation) || data.about.representation.kind === "landmarks" ? (
+              {isDots(data.about.representation) ? (
+                <figure>
+                  <Figure
+                    describe={t.shape.alt(shape)}
+                    name={shape}
+                    links={cohort}
+                    sets={[
+                      {
+                        name: shape,
+                        points: data.found.control_points as Points,
+                        dots: true,
+                        colour: "var(--ink)",
+                      },
+                    ]}
+                  />
+                  <figcaption>{t.shape.caption}</figcaption>
+                </figure>
+              ) : inPlane(data.about.representation) ? (
                 <Picture source={source} name={shape} alt={t.shape.alt(shape)} width={560} caption={t.shape.caption} />
               ) : (
                 <>
@@ -76,6 +133,9 @@ export function ShapeView({ cohort, shape }: { cohort: string; shape: string }) 
               )}
             </div>
             <Neighbours cohort={cohort} about={data.about} shape={data.found} />
+            {canWarp(data.about.representation) && data.about.correspondence !== "cyclic" && (
+              <Deformation key={data.found.id} cohort={cohort} about={data.about} shape={data.found} />
+            )}
           </div>
           <div class="stack" style={{ gap: "22px" }}>
             <div class="card">
@@ -103,12 +163,14 @@ export function ShapeView({ cohort, shape }: { cohort: string; shape: string }) 
                 </dd>
               </dl>
             </div>
-            <Correct
-              key={JSON.stringify(data.found.labels) + data.found.label + data.found.subject}
-              path={path}
-              shape={data.found}
-              onDone={loaded.reload}
-            />
+            {writes && (
+              <Correct
+                key={JSON.stringify(data.found.labels) + data.found.label + data.found.subject}
+                path={path}
+                shape={data.found}
+                onDone={loaded.reload}
+              />
+            )}
           </div>
         </div>
       )}
@@ -203,6 +265,21 @@ function Neighbours({
           alt={t.shape.neighboursAlt}
         />
       )}
+      {!inPlane(about.representation) && list.some((one) => one.external_id) && (
+        <Picture
+          source={{
+            path: `/v1/cohorts/${encodeURIComponent(cohort)}/sheet`,
+            query: new URLSearchParams([
+              ...list.flatMap((one): [string, string][] => (one.external_id ? [["external_id", one.external_id]] : [])),
+              ["columns", "4"],
+              ["size", "150"],
+            ]),
+            ownWidth: true,
+          }}
+          name={`${shape.external_id ?? shape.id}-neighbours`}
+          alt={t.shape.neighboursAlt}
+        />
+      )}
       {list.length > 0 && (
         <table>
           <thead>
@@ -233,5 +310,60 @@ function Neighbours({
       )}
       <p class="small quiet">{t.shape.distanceHint}</p>
     </section>
+  );
+}
+
+/** What takes the mean, or a similar shape, to this one: of shapes whose points correspond as they are. */
+function Deformation({
+  cohort,
+  about,
+  shape,
+}: {
+  cohort: string;
+  about: Schemas["CohortOutput"];
+  shape: Schemas["StoredShape"];
+}) {
+  const own = shape.external_id ?? shape.id;
+  const [view] = useSetting("warp", "");
+  const forms = useLoaded(view ? `${cohort} ${about.revision} ${shape.id}` : null, async (signal): Promise<Form[]> => {
+    const [mean, found] = await Promise.all([
+      get("/v1/cohorts/{cohort}/mean", { path: { cohort }, query: { transformation: "similarity" }, signal }),
+      post("/v1/cohorts/{cohort}/search", { path: { cohort }, body: { ids: [own], neighbours: 8 }, signal }),
+    ]);
+    const first = found.results[0];
+    const near = (first && "neighbours" in first ? first.neighbours : []).flatMap((one) =>
+      one.external_id && one.id !== shape.id ? [one.external_id] : [],
+    );
+    const listed = near.length
+      ? await get("/v1/cohorts/{cohort}/shapes", {
+          path: { cohort },
+          query: new URLSearchParams([
+            ...near.map((id): [string, string] => ["external_id", id]),
+            ["fields", "external_id,control_points"],
+          ]),
+          signal,
+        })
+      : { items: [] };
+    const control = mean.mean.control_points as Points;
+    return [
+      // No external id has a space before it.
+      { id: " mean", name: words().mean, points: upright(control, "similarity")(control) },
+      { id: own, name: own, points: shape.control_points as Points },
+      ...listed.items.map((one) => ({
+        id: one.external_id!,
+        name: one.external_id!,
+        points: one.control_points as Points,
+      })),
+    ];
+  });
+  return (
+    <>
+      <Fault error={forms.error} />
+      {view && !forms.data && !forms.error ? (
+        <Loading on />
+      ) : (
+        <Warp about={about} forms={forms.data ?? []} superimpose />
+      )}
+    </>
   );
 }

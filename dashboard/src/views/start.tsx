@@ -1,4 +1,5 @@
 /** What this is, what there is, and a first walk through it. */
+import { useMay } from "../api/caller";
 import { get, pages, post } from "../api/client";
 import { useAction, useEvents, useLoaded } from "../hooks";
 import { announce, Empty, Fault, Loading, Page, Picture } from "../parts/basic";
@@ -49,6 +50,7 @@ export function Start() {
     navigate(to);
   });
   const data = loaded.data;
+  const writes = useMay("writer");
   const example = data?.cohorts.find((one) => one.name === EXAMPLE);
   return (
     <Page title={t.start.title} lead={t.start.lead}>
@@ -81,9 +83,11 @@ export function Start() {
       {data && !example && data.cohorts.length === 0 && (
         <Empty>
           <p>{t.start.empty}</p>
-          <a class="button main" href="/app/cohorts?new=yes">
-            {t.cohorts.create}
-          </a>
+          {writes && (
+            <a class="button main" href="/app/cohorts">
+              {t.propose.drop}
+            </a>
+          )}
         </Empty>
       )}
       {example && (

@@ -1,11 +1,16 @@
 /** Shapes from files: what is in each of them and what the cohort would take of it, then its shapes into the cohort, with faults at their place in the file. */
 import { useRef, useState } from "preact/hooks";
-import { authorization, type Problem, Refusal, Said, type Schemas, search } from "../api/client";
+import { Said, type Schemas } from "../api/client";
 import { type Format, type Found, formats, inspected, type Kept, keptBody, type Reading } from "../formats/file";
-import { useLoaded } from "../hooks";
-import { Choice, Fault, Field, Place, Select } from "../parts/basic";
+import { isPicture } from "../formats/image";
+import { attributeColumns, attributesNow, restoreAttributes, sendAttributes, sendTo } from "../formats/send";
+import { useAction, useLoaded } from "../hooks";
+import { announce, Choice, Fault, Field, Place, Select, Sentence, Warning } from "../parts/basic";
 import { Contents, Formats, Remarks } from "../parts/contents";
+import { Corresponding, isSphere } from "../parts/correspond";
 import { Drop } from "../parts/drop";
+import { navigate } from "../router";
+import { handOverImage } from "../shape/handover";
 import { count, percent, t, UNITS } from "../strings";
 import { CohortPage } from "./cohort";
 
@@ -23,40 +28,6 @@ interface Dropped {
   error?: Error;
 }
 
-/** A request whose progress can be seen, which `fetch` does not show. */
-function upload(
-  url: string,
-  type: string,
-  body: Blob,
-  key: string,
-  progress: (part: number) => void,
-): { done: Promise<Schemas["AddAnswer"]>; stop: () => void } {
-  const request = new XMLHttpRequest();
-  const done = new Promise<Schemas["AddAnswer"]>((resolve, reject) => {
-    request.open("POST", url);
-    for (const [name, value] of Object.entries({
-      "content-type": type,
-      accept: "application/json",
-      "idempotency-key": key,
-      ...authorization(),
-    }))
-      request.setRequestHeader(name, value);
-    request.upload.onprogress = (event) => event.lengthComputable && progress(event.loaded / event.total);
-    request.onload = () => {
-      if (request.status < 300) return resolve(JSON.parse(request.responseText) as Schemas["AddAnswer"]);
-      try {
-        reject(new Refusal(JSON.parse(request.responseText) as Problem));
-      } catch {
-        reject(new Error(request.statusText));
-      }
-    };
-    request.onerror = () => reject(new TypeError("network"));
-    request.onabort = () => reject(new Said(t.upload.stopped));
-    request.send(body);
-  });
-  return { done, stop: () => request.abort() };
-}
-
 /** The parameters of reading that a format has; archives have those of the files within. */
 function optionsOf(list: Format[], id: string | undefined): string[] {
   const options = list.find((one) => one.id === id)?.options ?? [];
@@ -69,6 +40,11 @@ export function Upload({ cohort }: { cohort: string }) {
   const [files, setFiles] = useState<Dropped[]>([]);
   const [onError, setOnError] = useState("skip");
   const [busy, setBusy] = useState(false);
+  const [tables, setTables] = useState<File[]>([]);
+  /** What is said of all files, unless a file says something else. */
+  const [common, setCommon] = useState<Reading>({});
+  const [match, setMatch] = useState(true);
+  const [matching, setMatching] = useState(0);
   const stop = useRef<(() => void) | undefined>(undefined);
   const known = useLoaded("formats", formats);
   /** Number of looks at each file: an answer to an earlier one says nothing of it any more. */
@@ -80,6 +56,7 @@ export function Upload({ cohort }: { cohort: string }) {
     { file, reading, placing }: Pick<Dropped, "file" | "reading" | "placing">,
     state: Dropped["state"] = "looking",
     on_error = onError,
+    all = common,
   ) => {
     const own = (looks.current[index] = (looks.current[index] ?? 0) + 1);
     const tell = (change: Partial<Dropped>) => looks.current[index] === own && set(index, change);
@@ -92,7 +69,7 @@ export function Upload({ cohort }: { cohort: string }) {
           : {
               state: "ready",
               kept: undefined,
-              found: await inspected(file, { cohort, on_error, ...reading, ...placing }),
+              found: await inspected(file, { cohort, on_error, ...reading, ...all, ...placing }),
             },
       );
     } catch (error) {
@@ -103,14 +80,23 @@ export function Upload({ cohort }: { cohort: string }) {
       tell({ state: found ? "ready" : "refused", found, kept: undefined, error: error as Error });
     }
   };
-  const change = (on_error: string) => {
-    setOnError(on_error);
+  const again = (on_error: string, all: Reading) =>
     files.forEach(
       (one, index) =>
-        ["ready", "refused"].includes(one.state) && !one.kept && void look(index, one, one.state, on_error),
+        ["ready", "refused"].includes(one.state) && !one.kept && void look(index, one, one.state, on_error, all),
     );
+  const change = (on_error: string) => {
+    setOnError(on_error);
+    again(on_error, common);
   };
-  const take = async (chosen: File[]) => {
+  const say = (all: Reading) => {
+    setCommon(all);
+    again(onError, all);
+  };
+  const take = async (dropped: File[]) => {
+    const columns = await Promise.all(dropped.map(attributeColumns));
+    setTables((before) => [...before, ...dropped.filter((_, at) => columns[at])]);
+    const chosen = dropped.filter((_, at) => !columns[at]);
     const first = files.length;
     setFiles([
       ...files,
@@ -122,14 +108,8 @@ export function Upload({ cohort }: { cohort: string }) {
     looks.current[index]! += 1;
     set(index, { state: "sending", part: 0, error: undefined });
     try {
-      const query = { return: "none", on_error: onError, ...(kept ? {} : { name: file.name, ...reading, ...placing }) };
-      const url = `/v1/cohorts/${encodeURIComponent(cohort)}/shapes${search(query)}`;
-      const sent = upload(
-        url,
-        kept?.type ?? "application/octet-stream",
-        kept?.body ?? file,
-        crypto.randomUUID(),
-        (part) => set(index, { part }),
+      const sent = sendTo(cohort, file, kept, onError, { ...reading, ...common, ...placing }, (part) =>
+        set(index, { part }),
       );
       stop.current = sent.stop;
       set(index, { state: "stored", answer: await sent.done });
@@ -143,13 +123,16 @@ export function Upload({ cohort }: { cohort: string }) {
     setBusy(true);
     for (const index of which) await store(index, files[index]!);
     setBusy(false);
+    const meshes = which.some((index) => files[index]!.found?.groups.some((group) => group.kind === "mesh"));
+    const rest = files.some((one, index) => one.state === "ready" && !which.includes(index));
+    if (match && meshes && !rest) setMatching((round) => round + 1);
   };
   const ready = files.flatMap((one, index) =>
     one.state === "ready" && !one.error && one.found?.records !== 0 ? [index] : [],
   );
   return (
-    <CohortPage cohort={cohort}>
-      {({ representation }) => (
+    <CohortPage cohort={cohort} mayBeEmpty>
+      {({ representation, shape_count }) => (
         <>
           <div class="row spread">
             <p class="quiet prose">{t.upload.lead}</p>
@@ -166,6 +149,16 @@ export function Upload({ cohort }: { cohort: string }) {
           <Drop title={t.upload.drop} hint={t.upload.formats} multiple onFiles={(chosen) => void take(chosen)} />
           <Fault error={known.error} retry={known.reload} />
           {known.data && <Formats formats={known.data} />}
+          <Common value={common} onChange={say} />
+          {isSphere(representation) && (
+            <label class="check">
+              <input type="checkbox" checked={match} onChange={(event) => setMatch(event.currentTarget.checked)} />
+              <span>{t.correspond.afterwards}</span>
+            </label>
+          )}
+          {tables.map((file) => (
+            <Table key={`${file.name} ${file.lastModified}`} cohort={cohort} file={file} />
+          ))}
           {ready.length > 1 && (
             <div class="row">
               <button class="main" disabled={busy} onClick={() => void storeAll(ready)}>
@@ -188,6 +181,7 @@ export function Upload({ cohort }: { cohort: string }) {
               />
             ))}
           </div>
+          {matching > 0 && shape_count > 1 && <Corresponding key={matching} cohort={cohort} />}
           {files.some((file) => file.answer?.added) && (
             <div class="row">
               <a class="button main" href={`/app/cohorts/${encodeURIComponent(cohort)}`}>
@@ -220,6 +214,114 @@ function State({ state, part, answer, found, error }: Dropped) {
     <span class="tag live">{percent(part, 0)}</span>
   ) : (
     <span class="tag bad">{state === "refused" ? t.upload.refused : t.upload.failed}</span>
+  );
+}
+
+/** What is said of all files: label, subject and attributes of their shapes. */
+function Common({ value, onChange }: { value: Reading; onChange: (value: Reading) => void }) {
+  const [rows, setRows] = useState<[string, string][]>([["", ""]]);
+  const attributes = (next: [string, string][]) => {
+    const kept = next.filter(([name, text], at) => name || text || at === next.length - 1);
+    const last = kept[kept.length - 1];
+    setRows(last && (last[0] || last[1]) ? [...kept, ["", ""]] : kept);
+    const { label, subject } = value;
+    onChange({
+      ...(label ? { label } : {}),
+      ...(subject ? { subject } : {}),
+      ...Object.fromEntries(
+        kept.filter(([name, text]) => name && text).map(([name, text]) => [`labels.${name}`, text]),
+      ),
+    });
+  };
+  const one = (name: "label" | "subject", label: string) => (
+    <Field label={label}>
+      <input
+        value={value[name] ?? ""}
+        onChange={(event) => onChange(given({ ...value, [name]: event.currentTarget.value.trim() }))}
+      />
+    </Field>
+  );
+  return (
+    <details open={Object.keys(value).length > 0}>
+      <summary>{t.upload.common}</summary>
+      <div class="card">
+        <p class="small quiet">{t.upload.commonHint}</p>
+        <div class="form">
+          {one("label", t.upload.labelAll)}
+          {one("subject", t.upload.subjectAll)}
+        </div>
+        {rows.map(([name, text], at) => (
+          <div class="form" key={at}>
+            <Field label={t.upload.attribute}>
+              <input
+                value={name}
+                onChange={(event) =>
+                  attributes(rows.map((row, k) => (k === at ? [event.currentTarget.value.trim(), row[1]] : row)))
+                }
+              />
+            </Field>
+            <Field label={t.upload.valueAll}>
+              <input
+                value={text}
+                onChange={(event) =>
+                  attributes(rows.map((row, k) => (k === at ? [row[0], event.currentTarget.value.trim()] : row)))
+                }
+              />
+            </Field>
+          </div>
+        ))}
+      </div>
+    </details>
+  );
+}
+
+/** A table of attributes by id: what it would change, and then the changes, with the way back. */
+function Table({ cohort, file }: { cohort: string; file: File }) {
+  const [round, setRound] = useState(0);
+  const ahead = useLoaded(`${cohort} ${file.name} ${file.lastModified} ${round}`, () =>
+    sendAttributes(cohort, file, true),
+  );
+  const [done, setDone] = useState(false);
+  const action = useAction(async () => {
+    const columns = (await attributeColumns(file))!.filter((name) => !/^(id|external_id|weight)$/i.test(name));
+    const names = columns.map((name) =>
+      /^(subject|label)$/.test(name) ? name : `labels.${name.replace(/^labels\./, "")}`,
+    );
+    const before = await attributesNow(cohort, names, {});
+    const { updated } = await sendAttributes(cohort, file, false);
+    setDone(true);
+    announce({
+      text: t.bulk.done(count(updated)),
+      undo: async () => {
+        await restoreAttributes(cohort, before);
+        setDone(false);
+        setRound(round + 1);
+      },
+    });
+  });
+  const data = ahead.data;
+  return (
+    <section class="card">
+      <div class="row spread">
+        <h2>{file.name}</h2>
+        <span class={`tag ${done ? "good" : ""}`}>{done ? t.upload.attributesDone : t.upload.attributesReady}</span>
+      </div>
+      <Fault error={ahead.error ?? action.error} />
+      {data && (
+        <div class={`note ${data.skipped ? "warn" : ""}`}>
+          {t.upload.attributesAhead(count(data.updated), count(data.unchanged))}
+          {data.skipped > 0 && ` ${t.upload.attributesUnknown(count(data.skipped))}`}
+          {data.results.length > 0 && <Causes failed={data.results} />}
+        </div>
+      )}
+      {!done && (
+        <div class="row">
+          <button class="main" disabled={action.busy || !data?.updated} onClick={() => action.run()}>
+            {t.upload.attributesStore}
+          </button>
+        </div>
+      )}
+    </section>
   );
 }
 
@@ -261,6 +363,7 @@ function Card({ one, formats, planar, busy, onStop, onStore, onRead, onPlace }: 
           {!kept && (waits || state === "refused") && (
             <HowRead key={state} one={one} formats={formats} onRead={onRead} />
           )}
+          {state === "refused" && isPicture(file.name) && <ToSegment file={file} />}
           {waits && (
             <div class="row">
               <button class={busy ? "" : "main"} disabled={busy || found?.records === 0} onClick={onStore}>
@@ -271,6 +374,23 @@ function Card({ one, formats, planar, busy, onStop, onStore, onRead, onPlace }: 
         </>
       )}
     </section>
+  );
+}
+
+/** A photograph has no shapes in it yet: the way to where they are found. */
+export function ToSegment({ file }: { file: File }) {
+  return (
+    <div class="row">
+      <button
+        class="main"
+        onClick={() => {
+          handOverImage(file);
+          navigate("/app/segment");
+        }}
+      >
+        {t.upload.segment}
+      </button>
+    </div>
   );
 }
 
@@ -380,7 +500,7 @@ function HowRead({
   );
 }
 
-type Failed = Extract<NonNullable<Schemas["AddAnswer"]["results"]>[number], { error: unknown }>;
+export type Failed = Extract<NonNullable<Schemas["AddAnswer"]["results"]>[number], { error: unknown }>;
 
 /** What was wrong, each cause once: at its first shape, with the number of shapes that have it. */
 function causesOf(failed: Failed[]) {
@@ -408,7 +528,7 @@ function causesOf(failed: Failed[]) {
 }
 
 /** What was wrong with shapes, at most 50 causes. */
-function Causes({ failed }: { failed: Failed[] }) {
+export function Causes({ failed }: { failed: Failed[] }) {
   const causes = causesOf(failed);
   return (
     <>
@@ -416,7 +536,7 @@ function Causes({ failed }: { failed: Failed[] }) {
         {causes.slice(0, 50).map(({ detail, fault, name, shapes }) => (
           <li key={detail}>
             <Place fault={fault} />
-            {detail}
+            <Sentence text={detail} />
             {name && (
               <>
                 {" "}
@@ -447,8 +567,11 @@ function Ahead({ cohort, units }: { cohort: Schemas["CohortPreview"]; units: Fou
   return (
     <div class={`note ${skipped || cohort.warnings.length ? "warn" : ""}`}>
       <strong>{t.upload.ahead}</strong> {parts.join("; ")}.
+      {cohort.fits && <p>{t.upload.fits(count(cohort.fits.count), percent(cohort.fits.worst, 2))}</p>}
       {cohort.warnings.map((warning) => (
-        <p key={warning}>{warning}</p>
+        <p key={warning}>
+          <Sentence text={warning} />
+        </p>
       ))}
       {cohort.results.length > 0 && <Causes failed={cohort.results} />}
     </div>
@@ -460,9 +583,7 @@ function Added({ answer }: { answer: Schemas["AddAnswer"] }) {
   return (
     <>
       {answer.warnings?.map((warning) => (
-        <p class="note warn" key={warning}>
-          {warning}
-        </p>
+        <Warning key={warning} text={warning} />
       ))}
       {answer.self_intersecting > 0 && <p class="note warn">{t.upload.crossing(answer.self_intersecting)}</p>}
       {failed.length > 0 && (
