@@ -430,10 +430,7 @@ test("pictures for papers: groups with dashes, a cursor that links, hulls, every
   await settled(page);
   assert.match((await saved(page, "Download figures-shape SVG")).toString(), /^<svg/);
   await page.goto(`${service.address}/app/cohorts/example-cells/regression`);
-  await page
-    .getByText("Line of least squares")
-    .waitFor({ state: "attached", timeout: 1000 })
-    .catch(() => {});
+  await settled(page);
   await page.locator(".chart .u-over, .chart canvas").first().waitFor();
   const regression = (await saved(page, "Download example-cells-regression-scores SVG")).toString();
   assert.ok(regression.includes("Line of least squares"));
