@@ -102,7 +102,7 @@ test(`${SHAPES} points: the scatter zooms at 30 frames a second or more`, async 
   const page = await open(browser, service.address);
   const start = Date.now();
   await page.goto(`${service.address}/app/dictionaries/many@1/scores?colour=labels.site`);
-  await page.locator(".u-over").waitFor({ timeout: 60_000 });
+  await page.locator(".u-over").waitFor();
   console.log(`scatter: shown after ${((Date.now() - start) / 1000).toFixed(1)} s`);
   await page.waitForTimeout(1000);
   const rate = await page.evaluate(
