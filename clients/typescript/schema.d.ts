@@ -215,9 +215,9 @@ export interface paths {
         get?: never;
         put?: never;
         /**
-         * Brings the surfaces of a cohort into correspondence, without a template.
+         * Brings the surfaces or curves of a cohort into correspondence, without a template.
          * @description The parameters of all surfaces are moved by rotations and smooth maps of the parameter sphere that together minimise the entropy
-         *     of the shapes. The job stores the surfaces with their new parameters in a new cohort, whose points correspond as given
+         *     of the shapes; those of curves follow the elastic mean, whose directions agree most with theirs. The job stores the shapes with their new parameters in a new cohort, whose points correspond as given
          *     (`landmarks`); labels, subjects and external ids are kept, and the metadata say where each shape comes from. With
          *     `Prefer: wait=N` the response is the result if the job ends within `N` seconds, at most 60.
          */
@@ -312,7 +312,7 @@ export interface paths {
         /**
          * Finds the nearest shapes of a cohort.
          * @description The search is exact: every shape of the cohort that passes the filter is compared, at all start points, directions and
-         *     mirror images that the cohort allows. As SVG: the first query shapes, each with its nearest shapes side by side.
+         *     mirror images that the cohort allows. Under `elastic` the nearest curves of that search are compared elastically. As SVG: the first query shapes, each with its nearest shapes side by side.
          */
         post: operations["search_cohort"];
         delete?: never;
@@ -772,10 +772,12 @@ export interface paths {
         get?: never;
         put?: never;
         /**
-         * Brings new surfaces into correspondence with a dictionary of components, which stays as it is.
-         * @description The rotation of the parameter sphere and a smooth map of it are searched that bring a surface nearest to the mean in the
+         * Brings new surfaces or curves into correspondence with a dictionary, which stays as it is.
+         * @description Surfaces: the rotation of the parameter sphere and a smooth map of it are searched that bring a surface nearest to the mean in the
          *     metric of the dictionary's components. The dictionary is one of surfaces with the topology `sphere`, usually learnt from a cohort
-         *     of `POST /v1/cohorts/{cohort}/correspond`. The answered control points can be encoded, scored or classified.
+         *     of `POST /v1/cohorts/{cohort}/correspond`. Curves: the start, direction and parameters are searched whose directions agree most with
+         *     those of the mean of the dictionary at equal parameters (an elastic match); contours of any number of points and curves of cohorts with
+         *     another correspondence are taken. The answered control points can be encoded, scored or classified.
          */
         post: operations["correspond_shapes"];
         delete?: never;
@@ -3447,7 +3449,7 @@ export interface components {
         };
         /** @description Line of a shape of a cohort: its assessment, or the reason why there is none. */
         CohortAssessment: components["schemas"]["AssessedStored"] | components["schemas"]["FailedStored"];
-        /** @description Result of a groupwise correspondence. */
+        /** @description Result of a correspondence. */
         CohortCorrespondence: {
             /** @description Id of the new cohort. */
             cohort: string;
@@ -3465,25 +3467,42 @@ export interface components {
              * @description Revision of the source cohort.
              */
             source_revision: number;
-            /** @description Highest degree of the fields. */
-            degree: number;
-            /** @description Steps of every shape for each degree. */
+            /** @description `groupwise`: highest degree of the fields. */
+            degree?: number | null;
+            /** @description `groupwise`: steps of every shape for each degree; `elastic`: rounds of the mean. */
             rounds: number;
-            /** @description Whether sizes were compared. */
-            sizes: boolean;
+            /** @description `groupwise`: whether sizes were compared. */
+            sizes?: boolean | null;
             /**
              * Format: double
-             * @description Weight of the deformations.
+             * @description `groupwise`: weight of the deformations.
              */
-            stiffness: number;
+            stiffness?: number | null;
             /** @description Digest of the control points of the new cohort, in its order. */
             digest: string;
             /** @description Number of shapes. */
             shape_count: number;
-            /** @description `Σ log(1 + λ/δ)` of the shapes with rotations of their parameters only, and at the end, both at the last noise `δ`. */
-            entropy: number[];
-            /** @description Total variance over the area of the parameter sphere, with rotations only, and at the end. */
+            /** @description `groupwise`: `Σ log(1 + λ/δ)` of the shapes with rotations of their parameters only, and at the end, both at the last noise `δ`. */
+            entropy?: number[] | null;
+            /**
+             * @description Total variance before, and at the end. `groupwise`: over the area of the parameter sphere, with rotations only before. `elastic`:
+             *     after similarities, relative to the mean, with searched starts before.
+             */
             variance: number[];
+            /**
+             * Format: double
+             * @description `elastic`: weight of bending against stretching.
+             */
+            elasticity?: number | null;
+            /** @description `elastic`: number of segments into which curves were divided. */
+            points?: number | null;
+            /** @description `elastic`: number of starts of the mean. */
+            starts?: number | null;
+            /**
+             * Format: double
+             * @description `elastic`: mean cosine of the distances from the elastic mean, which is a local maximum of it: 1 if all curves are copies.
+             */
+            objective?: number | null;
             /** @description Result for each shape, in the order of the source. */
             shapes: components["schemas"]["CorrespondingShape"][];
             /** @description Warnings about the result. */
@@ -4223,14 +4242,14 @@ export interface components {
          * @enum {string}
          */
         Coordinates: "world" | "index";
-        /** @description Surfaces in correspondence. */
+        /** @description Surfaces or curves in correspondence. */
         CorrespondAnswer: components["schemas"]["ByDictionary"] & {
             /** @description One entry for each input shape, in order. */
             results: components["schemas"]["CorrespondResult"][];
             file?: components["schemas"]["FileSummary"] | null;
         };
         /**
-         * @description How the surfaces of a cohort are brought into correspondence.
+         * @description How the surfaces or curves of a cohort are brought into correspondence.
          * @example {
          *       "degree": 4,
          *       "name": "hippocampi-corresponding"
@@ -4240,26 +4259,47 @@ export interface components {
             /** @description Name of the new cohort: letters, digits, '.', '_' and '-', at most 100 characters. */
             name: string;
             filter?: components["schemas"]["ShapeFilter"] | null;
-            /** @description Highest degree of the fields that move the parameters, 0 (rotations only) to 6. Default: 4. */
+            method?: components["schemas"]["CorrespondMethod"] | null;
+            /** @description `groupwise`: highest degree of the fields that move the parameters, 0 (rotations only) to 6. Default: 4. */
             degree?: number | null;
-            /** @description Steps of every surface for each degree, 1 to 20. Default: 4. */
+            /** @description `groupwise`: steps of every surface for each degree, 1 to 20. Default: 4. */
             rounds?: number | null;
             /**
              * Format: double
-             * @description Weight of the deformations of the parameters. Default: 10.
+             * @description `groupwise`: weight of the deformations of the parameters. Default: 10.
              */
             stiffness?: number | null;
             /**
-             * @description Whether sizes are compared; otherwise every surface is scaled to unit area while its parameters are searched. Stored
-             *     shapes keep their size. Default: true.
+             * @description `groupwise`: whether sizes are compared; otherwise every surface is scaled to unit area while its parameters are searched.
+             *     Stored shapes keep their size. Default: true.
              */
             sizes?: boolean | null;
+            /**
+             * Format: double
+             * @description `elastic`: weight of bending against stretching, above 0 and up to 1: near 0, lengths correspond. Default: 1.
+             */
+            elasticity?: number | null;
+            /** @description `elastic`: number of segments into which curves are divided, 16 to 1000. Default: 100. */
+            points?: number | null;
+            effort?: components["schemas"]["Effort"] | null;
+            /**
+             * @description `elastic`: number of starts of the mean, of which the best is kept, 1 to 20: the mean with searched starts, then curves that
+             *     stand for the others, which takes the distances of all pairs. Default: 1.
+             */
+            starts?: number | null;
+            /** @description `elastic`: number of control points (intervals of open curves) of the new curves, at least 8. Default: those of the cohort. */
+            control_points?: number | null;
             priority?: components["schemas"]["Priority"] | null;
         };
+        /**
+         * @description How shapes are brought into correspondence.
+         * @enum {string}
+         */
+        CorrespondMethod: "groupwise" | "elastic";
         /** @description Entry of an input shape: its answer, or the reason why there is none. */
         CorrespondResult: components["schemas"]["CorrespondedShape"] | components["schemas"]["FailedShape"];
         /**
-         * @description Surfaces to bring into correspondence with a dictionary.
+         * @description Surfaces or curves to bring into correspondence with a dictionary.
          * @example {
          *       "cohort": "hippocampi",
          *       "ids": [
@@ -4274,15 +4314,23 @@ export interface components {
             cohort?: string | null;
             /** @description Ids or external ids of shapes of that cohort. */
             ids?: string[] | null;
-            /** @description Highest degree of the fields that move the parameters, 0 (rotations only) to 6. Default: 4. */
+            /** @description Surfaces: highest degree of the fields that move the parameters, 0 (rotations only) to 6. Default: 4. */
             degree?: number | null;
-            /** @description Steps of every surface for each degree, 1 to 20. Default: 4. */
+            /** @description Surfaces: steps of every surface for each degree, 1 to 20. Default: 4. */
             rounds?: number | null;
             /**
              * Format: double
-             * @description Weight of the deformations of the parameters. Default: 10.
+             * @description Surfaces: weight of the deformations of the parameters. Default: 10.
              */
             stiffness?: number | null;
+            /**
+             * Format: double
+             * @description Curves: weight of bending against stretching, above 0 and up to 1: near 0, lengths correspond. Default: 1.
+             */
+            elasticity?: number | null;
+            /** @description Curves: number of segments into which the mean and a curve are divided, 16 to 1000. Default: 100. */
+            points?: number | null;
+            effort?: components["schemas"]["Effort"] | null;
         };
         /** @description Input shape with its answer. */
         CorrespondedShape: components["schemas"]["InputShape"] & components["schemas"]["CorrespondingOutput"];
@@ -4293,37 +4341,58 @@ export interface components {
          * @enum {string}
          */
         Correspondence: "landmarks" | "arc_length" | "cyclic";
-        /** @description A surface in correspondence with a dictionary. */
+        /** @description A surface or curve in correspondence with a dictionary. */
         CorrespondingOutput: {
-            /** @description Control points of the surface with its new parameters, in the pose in which it was given. */
+            /** @description Control points of the shape with its new parameters, in the pose in which it was given. */
             control_points: components["schemas"]["Points"];
             /**
              * Format: double
-             * @description Root mean square distance between the reparametrised surface and the answered one, over the parameters.
+             * @description Root mean square distance between the reparametrised shape and the answered one, over the parameters.
              */
             residual: number;
             /**
              * Format: double
-             * @description The same divided by the root mean square distance of the surface from its mean position.
+             * @description The same divided by the root mean square distance of the shape from its mean position.
              */
             relative_residual: number;
             /**
              * Format: double
-             * @description Fraction of the area of the answered surface whose normal points against that of the given one.
+             * @description Surfaces: fraction of the area of the answered surface whose normal points against that of the given one.
              */
-            folded: number;
+            folded?: number | null;
             /**
              * Format: double
-             * @description Smallest ratio of an area on the parameter sphere after the map to that before it; negative where the map folds.
+             * @description Surfaces: smallest ratio of an area on the parameter sphere after the map to that before it; negative where the map folds.
              */
-            least_jacobian: number;
+            least_jacobian?: number | null;
             /**
              * Format: double
-             * @description Root mean square displacement of the parameters besides the rotation, in radians.
+             * @description Surfaces: root mean square displacement of the parameters besides the rotation, in radians.
              */
-            displacement: number;
+            displacement?: number | null;
+            /**
+             * Format: double
+             * @description Curves: elastic distance from the mean of the dictionary, 0 to π/2.
+             */
+            distance?: number | null;
+            /**
+             * Format: double
+             * @description Curves: largest distance between the reparametrised curve and the answered one.
+             */
+            largest_residual?: number | null;
+            /**
+             * Format: double
+             * @description Curves: place of the given curve, as a fraction of its length, at which the answered one begins.
+             */
+            start?: number | null;
+            /** @description Curves: whether the answered curve is traversed in the other direction. */
+            reversed?: boolean | null;
+            /** @description Curves: whether the mirror image is matched; the answered curve is not mirrored. */
+            mirrored?: boolean | null;
+            /** @description Curves: smallest and largest slope of the fraction of the length by the parameter of the dictionary. */
+            slopes?: number[] | null;
         };
-        /** @description Result of a groupwise correspondence for one shape. */
+        /** @description Result of a correspondence for one shape. */
         CorrespondingShape: {
             /** @description Id of the shape in the source cohort. */
             source: string;
@@ -4343,19 +4412,40 @@ export interface components {
             relative_residual: number;
             /**
              * Format: double
-             * @description Fraction of the area of the stored surface whose normal points against that of the given one.
+             * @description `groupwise`: fraction of the area of the stored surface whose normal points against that of the given one.
              */
-            folded: number;
+            folded?: number | null;
             /**
              * Format: double
-             * @description Smallest ratio of an area on the parameter sphere after the map to that before it; negative where the map folds.
+             * @description `groupwise`: smallest ratio of an area on the parameter sphere after the map to that before it; negative where the map folds.
              */
-            least_jacobian: number;
+            least_jacobian?: number | null;
             /**
              * Format: double
-             * @description Root mean square displacement of the parameters besides the rotation, in radians.
+             * @description `groupwise`: root mean square displacement of the parameters besides the rotation, in radians.
              */
-            displacement: number;
+            displacement?: number | null;
+            /**
+             * Format: double
+             * @description `elastic`: distance from the elastic mean, 0 to π/2.
+             */
+            distance?: number | null;
+            /**
+             * Format: double
+             * @description `elastic`: largest distance between the reparametrised curve and the stored one.
+             */
+            largest_residual?: number | null;
+            /**
+             * Format: double
+             * @description `elastic`: place of the given curve, as a fraction of its length, at which the stored one begins.
+             */
+            start?: number | null;
+            /** @description `elastic`: whether the stored curve is traversed in the other direction. */
+            reversed?: boolean | null;
+            /** @description `elastic`: whether the mirror image of the curve is matched; the stored curve is not mirrored. */
+            mirrored?: boolean | null;
+            /** @description `elastic`: smallest and largest slope of the fraction of the length by the new parameter. */
+            slopes?: number[] | null;
         };
         /** @description A known covariance of the shapes: `rows` for `names`, or a `tree`. */
         CovarianceOptions: {
@@ -8392,17 +8482,19 @@ export interface components {
             labels: components["schemas"]["Attributes"];
             /**
              * Format: double
-             * @description Distance to the query: in [0, 1], under `partial_procrustes` in [0, 2], or a length under `rigid` and `translation`.
+             * @description Distance to the query: in [0, 1], under `partial_procrustes` in [0, 2], under `elastic` in [0, π/2], or a length under `rigid`
+             *     and `translation`.
              */
             distance: number;
             /**
              * Format: int32
-             * @description Index of the neighbour's control point that corresponds to the first one of the query.
+             * @description Index of the neighbour's control point that corresponds to the first one of the query, modulo the class, also under `elastic`
+             *     (`POST /v1/match` answers what corresponds elastically).
              */
             start: number;
-            /** @description Whether the neighbour is traversed in reverse. */
+            /** @description Whether the neighbour is traversed in reverse, modulo the class. */
             reversed: boolean;
-            /** @description Whether the match is a mirror image. */
+            /** @description Whether the match modulo the class is a mirror image. */
             mirrored: boolean;
         };
         /** @description Answer if nothing is learnt. */
@@ -10692,6 +10784,11 @@ export interface components {
             results: components["schemas"]["SearchResult"][];
         };
         /**
+         * @description A search that is not one modulo the class alone.
+         * @enum {string}
+         */
+        SearchCorrespondence: "elastic";
+        /**
          * @description Shapes whose nearest neighbours in a cohort are wanted.
          * @example {
          *       "neighbours": 5,
@@ -10730,6 +10827,19 @@ export interface components {
             alignment?: components["schemas"]["Alignment"] | null;
             mirror?: components["schemas"]["Mirror"] | null;
             filter?: components["schemas"]["ShapeFilter"] | null;
+            correspondence?: components["schemas"]["SearchCorrespondence"] | null;
+            /** @description `elastic`: number of nearest curves modulo the class that are compared with each query, 1 to 1000. Default: 100. */
+            candidates?: number | null;
+            /**
+             * Format: double
+             * @description `elastic`: weight of bending against stretching, above 0 and up to 1: near 0, lengths correspond. Default: 1.
+             */
+            elasticity?: number | null;
+            /** @description `elastic`: number of segments into which curves are divided, 16 to 1000. Default: 100. */
+            points?: number | null;
+            /** @description `elastic`: whether rotations are removed. Default: true. */
+            rotation?: boolean | null;
+            effort?: components["schemas"]["Effort"] | null;
         };
         /** @description Neighbours of one query shape. */
         SearchResult: {
@@ -14680,7 +14790,7 @@ export interface operations {
                 "Idempotency-Key"?: string | null;
             };
             path: {
-                /** @description Id or name of a cohort of surfaces with the topology `sphere` */
+                /** @description Id or name of a cohort of surfaces with the topology `sphere`, or of curves */
                 cohort: string;
             };
             cookie?: never;
@@ -18890,7 +19000,7 @@ export interface operations {
             };
         };
         responses: {
-            /** @description One surface per shape, in order */
+            /** @description One shape per shape, in order */
             200: {
                 headers: {
                     [name: string]: unknown;

@@ -289,8 +289,13 @@ fn the_bounds_of_parameters_are_those_of_the_service() {
 }
 
 /// Fields whose bound depends on others, or that belong to other requests than the example. The first key closes the service.
-const DEPENDENT: [&str; 9] = [
+const DEPENDENT: [&str; 14] = [
+    "/v1/cohorts/{cohort}/correspond",
+    "/v1/cohorts/{cohort}/search candidates",
+    "/v1/cohorts/{cohort}/search elasticity",
+    "/v1/cohorts/{cohort}/search points",
     "/v1/dictionaries/import format_version",
+    "/v1/dictionaries/{dictionary}/correspond",
     "/v1/distances elasticity",
     "/v1/distances points",
     "/v1/fit turns",

@@ -117,7 +117,8 @@ fn what_cannot_correspond_is_refused() {
     // Shapes without parameters on a sphere.
     let curve = json!({"kind": "closed_curve", "dimension": 2, "control_points": 8, "generator": {"name": "trigonometric"}});
     server.post("/v1/cohorts", &json!({"name": "curves-apart", "representation": curve})).expect(201);
-    let problem = server.post("/v1/cohorts/curves-apart/correspond", &json!({"name": "z"}));
+    let problem =
+        server.post("/v1/cohorts/curves-apart/correspond", &json!({"name": "z", "method": "groupwise"}));
     let problem = problem.expect_problem(400, "invalid-query", &[]);
     assert!(problem.to_string().contains("topology sphere"), "{problem}");
     server.post("/v1/cohorts/no-such-beans/correspond", &json!({"name": "z"})).expect_problem(
@@ -138,4 +139,131 @@ fn what_cannot_correspond_is_refused() {
     let problem = finished(&server, job["id"].as_str().unwrap());
     assert!(problem["problem"].to_string().contains("pancake"), "{problem}");
     server.get("/v1/cohorts/with-a-pancake").expect(404);
+}
+
+/// A cohort of curves with a lobe that wanders along them; the points begin anywhere, and every other contour runs clockwise.
+fn lobed(server: &Server, name: &str, count: usize) {
+    let representation = json!({"kind": "closed_curve", "dimension": 2, "control_points": 40, "generator": {"name": "bspline", "degree": 3}});
+    let body = json!({"name": name, "representation": representation, "correspondence": "cyclic", "length_unit": "mm"});
+    server.post("/v1/cohorts", &body).expect(201);
+    let shape = |k: usize| {
+        json!({"points": lobe(k as f64 / count as f64 - 0.5, k, 160), "external_id": format!("lobe-{k}"), "label": "l",
+            "labels": {"k": k}, "subject": format!("s{k}")})
+    };
+    let shapes: Vec<Value> = (0..count).map(shape).collect();
+    server.post(&format!("/v1/cohorts/{name}/shapes"), &json!({ "shapes": shapes })).expect(201);
+}
+
+fn lobe(part: f64, k: usize, points: usize) -> Value {
+    let point = |i: usize| {
+        let t = TAU * (i + 13 * k) as f64 / points as f64;
+        let t = if k % 2 == 1 { -t } else { t };
+        let radius = 1.0
+            + 0.35 * (-(8.0 * ((t - 2.0 - 0.8 * part) / 2.0).sin().powi(2))).exp()
+            + 0.15 * (2.0 * t).cos();
+        let (x, y) = (1.5 * radius * t.cos(), radius * t.sin());
+        let (sin, cos) = (0.7 * k as f64).sin_cos();
+        [cos * x - sin * y + 4.0, sin * x + cos * y]
+    };
+    json!((0..points).map(point).collect::<Vec<_>>())
+}
+
+#[test]
+fn curves_follow_their_elastic_mean_in_a_new_cohort() {
+    let server = shared();
+    lobed(&server, "lobes", 9);
+    let found = correspond(&server, "lobes", &json!({"name": "lobes-elastic", "control_points": 60}));
+    let objective = found["objective"].as_f64().unwrap();
+    assert!(objective > 0.98 && objective <= 1.0, "{objective}");
+    let [before, after] = [0, 1].map(|i| found["variance"][i].as_f64().unwrap());
+    assert!(before > 0.0 && after > 0.0, "{found}");
+    let grown = found["warnings"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .any(|text| text.to_string().contains("positions vary more"));
+    assert_eq!(grown, after > before, "{}", found["warnings"]);
+    for field in ["degree", "entropy", "stiffness"] {
+        assert_eq!(found[field], Value::Null, "{field}");
+    }
+    for shape in found["shapes"].as_array().unwrap() {
+        assert!(shape["relative_residual"].as_f64().unwrap() < 0.01, "{shape}");
+        assert!(shape["distance"].as_f64().unwrap() < 0.3 && shape["mirrored"] == false, "{shape}");
+        assert!(shape["slopes"][0].as_f64().unwrap() > 0.019, "{shape}");
+        assert_eq!(shape["folded"], Value::Null);
+    }
+    let cohort = server.get("/v1/cohorts/lobes-elastic").expect(200);
+    assert_eq!((&cohort["correspondence"], &cohort["length_unit"]), (&json!("landmarks"), &json!("mm")));
+    assert_eq!(cohort["representation"]["control_points"], 60);
+    let shape = server.get("/v1/cohorts/lobes-elastic/shapes/lobe-3").expect(200);
+    assert_eq!((&shape["subject"], &shape["labels"]["k"]), (&json!("s3"), &json!(3)));
+    let origin = &shape["metadata"]["correspondence"];
+    assert_eq!((&origin["cohort"], origin["places"].as_array().unwrap().len()), (&found["source"], 101));
+    // The same bits again, and in another order of the shapes.
+    let again = correspond(
+        &server,
+        "lobes",
+        &json!({"name": "lobes-again", "control_points": 60, "method": "elastic"}),
+    );
+    assert_eq!((&again["digest"], &again["objective"]), (&found["digest"], &found["objective"]));
+    let best =
+        correspond(&server, "lobes", &json!({"name": "lobes-starts", "control_points": 60, "starts": 3}));
+    assert!(best["objective"].as_f64().unwrap() >= objective, "{} {objective}", best["objective"]);
+    assert_eq!(best["starts"], 3);
+    // New contours, with other numbers of points, get the parameters of a dictionary.
+    let method = json!({"kind": "functional_pca", "components": 3, "centre": true});
+    let body =
+        json!({"name": "lobes", "cohort": "lobes-elastic", "transformation": "similarity", "method": method});
+    finished(&server, &submit(&server, &body));
+    let path = "/v1/dictionaries/lobes/correspond";
+    let body = json!({"shapes": [{"points": lobe(0.1, 5, 311)}, {"points": lobe(-0.3, 2, 90)}]});
+    let answer = server.post(path, &body).expect(200);
+    let error = |shape: &Value| {
+        let scored = server.post("/v1/dictionaries/lobes/score", &json!({"shapes": [shape]})).expect(200);
+        scored["results"][0]["novelty"]["squared_prediction_error"]
+            .as_f64()
+            .unwrap_or_else(|| panic!("{scored}"))
+    };
+    for new in answer["results"].as_array().unwrap() {
+        assert!(
+            new["relative_residual"].as_f64().unwrap() < 0.01 && new["distance"].as_f64().unwrap() < 0.3,
+            "{new}"
+        );
+        let after = error(&json!({"control_points": new["control_points"]}));
+        // The contour as control points at equal lengths from where it begins.
+        let fitted = json!({"control_points": lobe(0.1, 5, 60)});
+        assert!(after < 0.2 * error(&fitted), "{after} {}", error(&fitted));
+    }
+    // Curves of a cohort whose correspondence is another one.
+    let stored = server.post(path, &json!({"cohort": "lobes-elastic", "ids": ["lobe-1"]})).expect(200);
+    assert!(stored["results"][0]["distance"].as_f64().unwrap() < 0.3);
+}
+
+#[test]
+fn curves_that_cannot_follow_are_refused() {
+    let server = shared();
+    lobed(&server, "few-lobes", 3);
+    let path = "/v1/cohorts/few-lobes/correspond";
+    let refused = |body: &Value, pointers: &[&str]| {
+        server.post(path, body).expect_problem(422, "invalid-input", pointers);
+    };
+    refused(&json!({"name": "z", "elasticity": 0.0}), &["/elasticity"]);
+    refused(&json!({"name": "z", "points": 15, "starts": 21}), &["/points", "/starts"]);
+    refused(&json!({"name": "z", "points": 100, "starts": 0}), &["/starts"]);
+    refused(&json!({"name": "z", "method": "sliding"}), &["/method"]);
+    refused(&json!({"name": "z", "degree": 3, "stiffness": 2.0}), &["/degree", "/stiffness"]);
+    refused(&json!({"name": "z", "method": "groupwise", "points": 50}), &["/points"]);
+    refused(&json!({"name": "z", "control_points": 7}), &["/control_points"]);
+    refused(&json!({"name": "z", "control_points": 100_000_000}), &["/control_points"]);
+    stored(&server, "beans-elastic", 3);
+    let beans = "/v1/cohorts/beans-elastic/correspond";
+    server.post(beans, &json!({"name": "z", "starts": 2})).expect_problem(422, "invalid-input", &["/starts"]);
+    let problem = server.post(beans, &json!({"name": "z", "method": "elastic"}));
+    assert!(problem.expect_problem(400, "invalid-query", &[]).to_string().contains("surfaces"));
+    let landmarks =
+        json!({"name": "points-apart", "representation": {"kind": "landmarks", "dimension": 2, "points": 9}});
+    server.post("/v1/cohorts", &landmarks).expect(201);
+    server
+        .post("/v1/cohorts/points-apart/correspond", &json!({"name": "z", "method": "elastic"}))
+        .expect_problem(400, "invalid-query", &[]);
 }

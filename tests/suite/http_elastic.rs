@@ -285,3 +285,53 @@ fn match_body() -> Value {
     json!({"representation": curves(16), "shapes": [
         {"points": egg(40, [0.0, 0.0, 0.0, 1.0], false)}, {"points": egg(40, [0.2, 0.1, 0.5, 2.0], false)}]})
 }
+
+#[test]
+fn a_search_answers_the_nearest_curves_by_elastic_distances() {
+    let server = Setting::fresh().with_example().start();
+    let filter = json!({"label": "dlm8/control"});
+    let all =
+        server.post("/v1/distances", &elastic(json!({"mirror": "allow", "filter": filter}))).expect(200);
+    let names: Vec<&str> = all["ids"].as_array().unwrap().iter().map(|id| id.as_str().unwrap()).collect();
+    let usual = json!({"ids": names[..2], "neighbours": 4, "correspondence": "elastic", "effort": "fast", "filter": filter});
+    let search = |more: Value| server.post("/v1/cohorts/example-cells/search", &with(&usual, more));
+    let found = search(json!({"candidates": 1000, "mirror": "allow"})).expect(200);
+    for (row, result) in found["results"].as_array().unwrap().iter().enumerate() {
+        let distance = |k: usize| all["distances"][row][k].as_f64().unwrap();
+        let mut wanted: Vec<usize> = (0..names.len()).filter(|k| *k != row).collect();
+        wanted.sort_by(|a, b| distance(*a).total_cmp(&distance(*b)));
+        let neighbours = result["neighbours"].as_array().unwrap();
+        assert_eq!(neighbours.len(), 4);
+        for (neighbour, k) in neighbours.iter().zip(wanted) {
+            assert_eq!(
+                (&neighbour["external_id"], &neighbour["distance"]),
+                (&json!(names[k]), &json!(distance(k)))
+            );
+        }
+    }
+    assert!(!found["warnings"].to_string().contains("compared elastically"), "{}", found["warnings"]);
+    let few = search(json!({"candidates": 5})).expect(200);
+    assert!(few["warnings"].to_string().contains("only the 5 shapes nearest"), "{}", few["warnings"]);
+    let drawing = server.post("/v1/cohorts/example-cells/search?format=svg", &usual);
+    assert!(drawing.status == 200 && drawing.text().contains("<svg"));
+    // A posted copy of a stored curve, turned, is at no distance from it.
+    let stored = server.get(&format!("/v1/cohorts/example-cells/shapes/{}", names[1])).expect(200);
+    let points = stored["control_points"].as_array().unwrap().iter();
+    let turned: Value = points.map(|p| json!([-p[1].as_f64().unwrap(), p[0].as_f64().unwrap()])).collect();
+    let body = json!({"shapes": [{"control_points": turned}], "neighbours": 1, "correspondence": "elastic"});
+    let own = server.post("/v1/cohorts/example-cells/search", &body).expect(200);
+    let nearest = &own["results"][0]["neighbours"][0];
+    assert!(nearest["external_id"] == names[1] && nearest["distance"].as_f64().unwrap() < 1e-3, "{nearest}");
+    for (more, pointer) in [
+        (json!({"candidates": 0}), "/candidates"),
+        (json!({"candidates": 1001}), "/candidates"),
+        (json!({"elasticity": 2}), "/elasticity"),
+        (json!({"correspondence": "cyclic"}), "/correspondence"),
+        (json!({"transformation": "affine"}), "/transformation"),
+    ] {
+        search(more).expect_problem(422, "invalid-input", &[pointer]);
+    }
+    let plain = json!({"ids": names[..2], "points": 50, "candidates": 10});
+    let plain = server.post("/v1/cohorts/example-cells/search", &plain);
+    plain.expect_problem(422, "invalid-input", &["/candidates", "/points"]);
+}

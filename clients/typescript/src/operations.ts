@@ -32,9 +32,9 @@ export const computeTable: Call<"post", "/v1/cohorts/{cohort}/table"> = /* @__PU
 export const contours: Call<"post", "/v1/contours"> = /* @__PURE__ */ operation("post", "/v1/contours", repeatable);
 /** `POST /v1/convert`: Translates a file, without storing it. */
 export const convertFile: Call<"post", "/v1/convert"> = /* @__PURE__ */ operation("post", "/v1/convert", repeatable);
-/** `POST /v1/cohorts/{cohort}/correspond`: Brings the surfaces of a cohort into correspondence, without a template. */
+/** `POST /v1/cohorts/{cohort}/correspond`: Brings the surfaces or curves of a cohort into correspondence, without a template. */
 export const correspondCohort: Call<"post", "/v1/cohorts/{cohort}/correspond"> = /* @__PURE__ */ operation("post", "/v1/cohorts/{cohort}/correspond", keyed);
-/** `POST /v1/dictionaries/{dictionary}/correspond`: Brings new surfaces into correspondence with a dictionary of components, which stays as it is. */
+/** `POST /v1/dictionaries/{dictionary}/correspond`: Brings new surfaces or curves into correspondence with a dictionary, which stays as it is. */
 export const correspondShapes: Call<"post", "/v1/dictionaries/{dictionary}/correspond"> = /* @__PURE__ */ operation("post", "/v1/dictionaries/{dictionary}/correspond", repeatable);
 /** `POST /v1/cohorts`: Creates a cohort. */
 export const createCohort: Call<"post", "/v1/cohorts"> = /* @__PURE__ */ operation("post", "/v1/cohorts", keyed);

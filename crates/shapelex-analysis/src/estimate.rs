@@ -6,6 +6,7 @@ use crate::dictionary::method::Method;
 use crate::dictionary::posterior::calibration::calibration_work;
 use crate::dictionary::report::{ReportOptions, report_bytes, report_work};
 use crate::dictionary::work::{EIGENPROBLEM, PRODUCT, Size};
+use crate::elastic::space::ElasticSpace;
 use crate::groupwise::{self, GroupwiseOptions};
 use crate::partial_sums::Measured;
 use crate::robust;
@@ -343,6 +344,20 @@ impl Estimate {
         let work =
             k * (groupwise::shape_work(options) + refit + reading) + groupwise::model_work(shapes, options);
         Self::of(shapes as u64, work, groupwise::bytes(shapes, rows, options))
+    }
+
+    /// Cost of an elastic correspondence of `shapes` curves of `space` from `starts` starts, with new ones of `size` control points.
+    pub fn for_elastic(space: &ElasticSpace, shapes: usize, starts: usize, size: usize) -> Self {
+        /// Seconds in which a point of a refitted curve is found.
+        const POINT: f64 = 1e-6;
+        let (k, points) = (shapes as f64, space.settings().points);
+        let refits = k * POINT * 6.0 * (points + size) as f64;
+        let matrix = if starts > 1 { 0.5 * k * k * space.seconds() } else { 0.0 };
+        let seconds = starts as f64 * space.mean_seconds(shapes) + matrix + refits;
+        // Prepared curves as given and laid, paths and averages; shapes as given, aligned, and made.
+        let of_shape = 2.0 * space.bytes() as f64 + 8.0 * (10 * points + 12 * size) as f64;
+        let distances = if starts > 1 { 8.0 * k * k } else { 0.0 };
+        Self::of(shapes as u64, seconds * RATE, k * of_shape + distances)
     }
 
     /// Cost of tests of shapes aligned to one mean.

@@ -70,6 +70,11 @@ impl Samples {
         Ok(Self { points, parameters, weights })
     }
 
+    /// Points at the nodes of a rule with these weights, of sum 1.
+    pub(crate) fn weighted(points: Matrix, parameters: Vec<f64>, weights: Vec<f64>) -> Self {
+        Self { points, parameters, weights }
+    }
+
     /// Fits a curve of `space`. Cost `O(P N² + M N²)`, where `N` is the support.
     ///
     /// # Errors

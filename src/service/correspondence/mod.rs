@@ -1,27 +1,31 @@
-//! Groupwise correspondence of the surfaces of a cohort: a job whose result is a new cohort.
+//! Correspondence of the shapes of a cohort: a job whose result is a new cohort. Surfaces move on the sphere of their parameters, curves
+//! along their length.
 //!
 //! The job reads the shapes as they were at the revision of the request, brings them into correspondence, and stores them in a new
 //! cohort in one revision. The cohort is created when everything else is done, and the shapes are added under a receipt of the job
 //! by a transaction that requires that the job is still held: once, however often it runs.
 
+mod curves;
+mod surfaces;
+
+pub use curves::ElasticOptions;
+pub(crate) use curves::elastic_faults;
+pub(crate) use surfaces::option_faults;
+
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use tokio::runtime::Handle;
 
-use crate::analysis::AnalysisError;
 use crate::analysis::correspondence::{Correspondence, Direction};
 use crate::analysis::estimate::Estimate;
-use crate::analysis::groupwise::{
-    self, Groupwise, GroupwiseOptions, MAX_DEGREE, MAX_ROUNDS, STIFFNESS_RANGE,
-};
+use crate::analysis::groupwise::GroupwiseOptions;
 use crate::analysis::rows::rows_of;
 use crate::domain::cohort::{Cohort, CohortSpec};
 use crate::domain::filter::ShapeFilter;
 use crate::domain::job::{Job, JobKind};
 use crate::domain::shape::ShapeDescription;
-use crate::geometry::reparametrisation::Spherical;
-use crate::numeric::dense::Matrix;
-use crate::service::app::progress::{JobContext, Meter, Part};
+use crate::geometry::representation::Representation;
+use crate::service::app::progress::JobContext;
 use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::selection::Selection;
 use crate::service::cohorts::upload::{self, Occasion, Stored, Treatment};
@@ -37,34 +41,58 @@ const ORIGIN: &str = "correspondence";
 /// Characters of the digest of the control points.
 const DIGEST_CHARS: usize = 32;
 
+/// How shapes are brought into correspondence.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum CorrespondMethod {
+    /// Surfaces with the topology `sphere`, whose parameters move on the sphere.
+    Groupwise,
+    /// Curves, whose parameters follow the elastic mean.
+    Elastic,
+}
+
+/// Choices of a method.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+enum Options {
+    Groupwise(GroupwiseOptions),
+    Elastic(ElasticOptions),
+}
+
 /// Checked request, as stored with a job.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Plan {
     /// Id of the cohort.
-    pub cohort: String,
+    cohort: String,
     /// Revision of the cohort.
-    pub revision: u64,
+    revision: u64,
     /// Name of the new cohort.
-    pub name: String,
+    name: String,
     /// Filter that selects shapes.
-    pub filter: ShapeFilter,
+    filter: ShapeFilter,
     /// Choices of the correspondence.
-    pub options: GroupwiseOptions,
+    options: Options,
 }
 
-/// A request for a groupwise correspondence.
+/// A request for a correspondence.
 #[derive(Debug, Clone)]
 pub struct CorrespondRequest {
     /// Name of the new cohort.
     pub name: String,
     /// Filter that selects shapes.
     pub filter: ShapeFilter,
-    /// Choices of the correspondence.
-    pub options: GroupwiseOptions,
+    /// The method, unless it is that of the kind of shapes.
+    pub method: Option<CorrespondMethod>,
+    /// Fields that belong to one method, of those that are given.
+    pub given: Vec<(&'static str, CorrespondMethod)>,
+    /// Choices for surfaces.
+    pub groupwise: GroupwiseOptions,
+    /// Choices for curves.
+    pub elastic: ElasticOptions,
 }
 
-/// Result of a groupwise correspondence for one shape.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+/// Result of a correspondence for one shape.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct CorrespondingShape {
     /// Id of the shape in the source cohort.
     pub source: String,
@@ -76,16 +104,37 @@ pub struct CorrespondingShape {
     pub residual: f64,
     /// The same divided by the root mean square distance of the shape from its mean position.
     pub relative_residual: f64,
-    /// Fraction of the area of the stored surface whose normal points against that of the given one.
-    pub folded: f64,
-    /// Smallest ratio of an area on the parameter sphere after the map to that before it; negative where the map folds.
-    pub least_jacobian: f64,
-    /// Root mean square displacement of the parameters besides the rotation, in radians.
-    pub displacement: f64,
+    /// `groupwise`: fraction of the area of the stored surface whose normal points against that of the given one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub folded: Option<f64>,
+    /// `groupwise`: smallest ratio of an area on the parameter sphere after the map to that before it; negative where the map folds.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub least_jacobian: Option<f64>,
+    /// `groupwise`: root mean square displacement of the parameters besides the rotation, in radians.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub displacement: Option<f64>,
+    /// `elastic`: distance from the elastic mean, 0 to π/2.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub distance: Option<f64>,
+    /// `elastic`: largest distance between the reparametrised curve and the stored one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub largest_residual: Option<f64>,
+    /// `elastic`: place of the given curve, as a fraction of its length, at which the stored one begins.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub start: Option<f64>,
+    /// `elastic`: whether the stored curve is traversed in the other direction.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reversed: Option<bool>,
+    /// `elastic`: whether the mirror image of the curve is matched; the stored curve is not mirrored.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mirrored: Option<bool>,
+    /// `elastic`: smallest and largest slope of the fraction of the length by the new parameter.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub slopes: Option<[f64; 2]>,
 }
 
-/// Result of a groupwise correspondence.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+/// Result of a correspondence.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct CohortCorrespondence {
     /// Id of the new cohort.
     pub cohort: String,
@@ -97,47 +146,117 @@ pub struct CohortCorrespondence {
     pub source: String,
     /// Revision of the source cohort.
     pub source_revision: u64,
-    /// Highest degree of the fields.
-    pub degree: usize,
-    /// Steps of every shape for each degree.
+    /// `groupwise`: highest degree of the fields.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub degree: Option<usize>,
+    /// `groupwise`: steps of every shape for each degree; `elastic`: rounds of the mean.
     pub rounds: usize,
-    /// Whether sizes were compared.
-    pub sizes: bool,
-    /// Weight of the deformations.
-    pub stiffness: f64,
+    /// `groupwise`: whether sizes were compared.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sizes: Option<bool>,
+    /// `groupwise`: weight of the deformations.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stiffness: Option<f64>,
     /// Digest of the control points of the new cohort, in its order.
     pub digest: String,
     /// Number of shapes.
     pub shape_count: usize,
-    /// `Σ log(1 + λ/δ)` of the shapes with rotations of their parameters only, and at the end, both at the last noise `δ`.
-    pub entropy: [f64; 2],
-    /// Total variance over the area of the parameter sphere, with rotations only, and at the end.
+    /// `groupwise`: `Σ log(1 + λ/δ)` of the shapes with rotations of their parameters only, and at the end, both at the last noise `δ`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub entropy: Option<[f64; 2]>,
+    /// Total variance before, and at the end. `groupwise`: over the area of the parameter sphere, with rotations only before. `elastic`:
+    /// after similarities, relative to the mean, with searched starts before.
     pub variance: [f64; 2],
+    /// `elastic`: weight of bending against stretching.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub elasticity: Option<f64>,
+    /// `elastic`: number of segments into which curves were divided.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub points: Option<usize>,
+    /// `elastic`: number of starts of the mean.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub starts: Option<usize>,
+    /// `elastic`: mean cosine of the distances from the elastic mean, which is a local maximum of it: 1 if all curves are copies.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub objective: Option<f64>,
     /// Result for each shape, in the order of the source.
     pub shapes: Vec<CorrespondingShape>,
     /// Warnings about the result.
     pub warnings: Vec<String>,
 }
 
-/// Folded part of the area, and relative residual, beyond which a warning says so.
-const FOLDED: f64 = 0.01;
-const RESIDUAL: f64 = 0.05;
+/// Shapes that a job brings into correspondence.
+struct Task<'a> {
+    app: &'a App,
+    handle: &'a Handle,
+    context: &'a JobContext,
+    source: &'a Cohort,
+    selection: Selection<'a>,
+}
+
+/// What a method makes of them.
+struct Made {
+    /// The answer, without what is the same for all methods.
+    answer: CohortCorrespondence,
+    /// Representation of the new shapes.
+    representation: Representation,
+    /// Control points of the new shapes, coordinate-major.
+    rows: Vec<Vec<f64>>,
+    weights: Vec<f64>,
+    /// What their metadata say about their parameters.
+    origins: Vec<Value>,
+}
+
+impl Task<'_> {
+    /// Control points, `length` numbers a shape, and weights.
+    fn read(&self, length: usize) -> Result<(Vec<f64>, Vec<f64>), ServiceError> {
+        let stop = || self.context.is_cancelled();
+        self.selection.read(self.app, self.handle, self.source, length, &stop)
+    }
+}
+
+impl CorrespondingShape {
+    /// The entry of a shape, without results.
+    fn of(shape: &ShapeDescription) -> Self {
+        Self { source: shape.id.clone(), external_id: shape.external_id.clone(), ..Self::default() }
+    }
+}
+
+impl Options {
+    /// Predicted cost for some shapes of a cohort.
+    fn estimate(&self, app: &App, cohort: &Cohort, shapes: usize) -> Result<Estimate, ServiceError> {
+        match self {
+            Self::Groupwise(options) => surfaces::estimate(app, cohort, shapes, options),
+            Self::Elastic(options) => curves::estimate(app, cohort, shapes, options),
+        }
+    }
+
+    fn correspond(&self, task: &Task<'_>) -> Result<Made, ServiceError> {
+        match self {
+            Self::Groupwise(options) => surfaces::correspond(task, options),
+            Self::Elastic(options) => curves::correspond(task, options),
+        }
+    }
+}
 
 /// Checks a request and submits its job.
 ///
 /// # Errors
-/// All faults of the request; a cohort whose shapes have no parameters on a sphere; too few shapes; a name that is taken; too much
-/// memory; those of [`jobs::submit`].
+/// All faults of the request; a cohort whose shapes the method does not know; too few shapes; a name that is taken; too much memory;
+/// those of [`jobs::submit`].
 pub async fn submit(app: &App, key: &str, request: CorrespondRequest) -> Result<Job, ServiceError> {
     app.check_unlimited("creating a cohort")?;
     let mut faults = catalogue::text_faults(Some(&request.name), None, None);
-    faults.extend(option_faults(&request.options));
+    faults.extend(option_faults(&request.groupwise));
+    faults.extend(request.elastic.faults());
     ServiceError::unless_empty(faults)?;
     if let Some(id) = app.done_before::<String>().await? {
         return jobs::find(app, &id).await;
     }
     let cohort = catalogue::find(app, key).await?;
-    let spherical = spherical_of(app, &cohort)?;
+    let options = request.options(&cohort)?;
+    // Shapes that the method does not know are refused before they are counted.
+    options.estimate(app, &cohort, 2)?;
     let shapes = attributes::describe(app, &cohort, &request.filter, "/filter").await?;
     if shapes.len() < 2 {
         return Err(ServiceError::TooFewShapes { found: shapes.len(), needed: 2 });
@@ -145,7 +264,7 @@ pub async fn submit(app: &App, key: &str, request: CorrespondRequest) -> Result<
     if app.store.find_cohort(&request.name).await?.is_some() {
         return Err(ServiceError::NameTaken { name: request.name });
     }
-    let estimate = Estimate::for_correspondence(&spherical, shapes.len(), &request.options);
+    let estimate = options.estimate(app, &cohort, shapes.len())?;
     let (bytes, most) = (estimate.memory_bytes, app.limits.job_bytes as f64);
     if bytes > most {
         let detail = format!(
@@ -155,40 +274,36 @@ pub async fn submit(app: &App, key: &str, request: CorrespondRequest) -> Result<
         );
         return Err(ServiceError::invalid("/filter", detail));
     }
-    let CorrespondRequest { name, filter, options } = request;
+    let CorrespondRequest { name, filter, .. } = request;
     let plan = Plan { cohort: cohort.id.clone(), revision: cohort.revision, name, filter, options };
     jobs::submit(app, JobKind::Correspond, to_json(&plan)?, estimate.seconds).await
 }
 
-/// Faults of the choices.
-pub(crate) fn option_faults(options: &GroupwiseOptions) -> Vec<Fault> {
-    let mut faults = Vec::new();
-    if options.degree > MAX_DEGREE {
-        let detail = format!("expected a number between 0 and {MAX_DEGREE}, got {}", options.degree);
-        faults.push(Fault::new("/degree", detail));
+impl CorrespondRequest {
+    /// The choices of the method, which is that of the kind of shapes unless one is given.
+    ///
+    /// # Errors
+    /// Fields of the other method.
+    fn options(&self, cohort: &Cohort) -> Result<Options, ServiceError> {
+        let usual = match cohort.spec.representation.domain().is_line() {
+            true => CorrespondMethod::Elastic,
+            false => CorrespondMethod::Groupwise,
+        };
+        let method = self.method.unwrap_or(usual);
+        let misplaced = self.given.iter().filter(|(_, of)| *of != method);
+        let fault = |(field, _): &(&'static str, _)| {
+            let name = match method {
+                CorrespondMethod::Groupwise => "groupwise",
+                CorrespondMethod::Elastic => "elastic",
+            };
+            Fault::new(*field, format!("expected no value with the method \"{name}\", got one"))
+        };
+        ServiceError::unless_empty(misplaced.map(fault).collect())?;
+        Ok(match method {
+            CorrespondMethod::Groupwise => Options::Groupwise(self.groupwise),
+            CorrespondMethod::Elastic => Options::Elastic(self.elastic),
+        })
     }
-    if !(1..=MAX_ROUNDS).contains(&options.rounds) {
-        let detail = format!("expected a number between 1 and {MAX_ROUNDS}, got {}", options.rounds);
-        faults.push(Fault::new("/rounds", detail));
-    }
-    let [least, most] = STIFFNESS_RANGE;
-    if !(least..=most).contains(&options.stiffness) {
-        let detail = format!("expected a number between {least:e} and {most:e}, got {}", options.stiffness);
-        faults.push(Fault::new("/stiffness", detail));
-    }
-    faults
-}
-
-/// The shapes of a cohort as functions on a sphere.
-fn spherical_of(app: &App, cohort: &Cohort) -> Result<Spherical, ServiceError> {
-    let space = app.space_of(&cohort.spec.representation)?;
-    space.spherical().ok_or_else(|| {
-        let detail = format!(
-            "expected a cohort of surfaces with the topology sphere, those of '{}' have no parameters on a sphere",
-            cohort.spec.name
-        );
-        ServiceError::parameter("cohort", detail)
-    })
 }
 
 /// Runs the job.
@@ -206,30 +321,18 @@ pub fn run(app: &App, handle: &Handle, job: &Job, context: &JobContext) -> Resul
     }
     let source = handle.block_on(catalogue::find(&app, &plan.cohort))?;
     let source = source.at(plan.revision);
-    let spherical = spherical_of(&app, &source)?;
     let shapes = handle.block_on(attributes::describe(&app, &source, &plan.filter, "/filter"))?;
-    let estimate = Estimate::for_correspondence(&spherical, shapes.len(), &plan.options);
-    let count = (shapes.len() * groupwise::rounds(&plan.options)) as f64;
-    let meter = Meter::new(context, vec![Part { work: estimate.multiply_adds, count }], 0.0);
-    meter.enter(0, "correspond");
     let filters = [plan.filter.clone()];
     let selection = Selection { shapes: &shapes, filters: &filters };
-    let (length, stop) = (3 * spherical.size(), || context.is_cancelled());
-    let (control_points, weights) = selection.read(&app, handle, &source, length, &stop)?;
-    let rows: Vec<Matrix> =
-        control_points.chunks_exact(length).map(|x| Matrix::from_column_slice(length / 3, 3, x)).collect();
-    let found = groupwise::correspond(&spherical, &rows, &plan.options, &meter);
-    let found = found.map_err(|error| match error {
-        AnalysisError::Interrupted => ServiceError::Cancelled,
-        other => selection.named(other.into(), &source.spec.name),
-    })?;
+    let task = Task { app: &app, handle, context, source: &source, selection };
+    let made = plan.options.correspond(&task)?;
     context.report("store", 1.0, None);
-    let answer = answer_of(&plan, &shapes, &found);
     let inputs: Vec<ShapeInput> = (0..shapes.len())
-        .map(|k| input_of(&job.id, &source, (&shapes[k], weights[k]), &found, k))
+        .map(|k| input_of(&job.id, &source, &shapes[k], &made, k))
         .collect::<Result<_, _>>()?;
-    let note = to_json(&answer)?;
-    let stored = handle.block_on(store(&app, job, &source, &plan, inputs, note))?;
+    let Made { answer, representation, rows, .. } = made;
+    let note = to_json(&answer_of(&plan, answer, &rows))?;
+    let stored = handle.block_on(store(&app, job, &source, &plan, (representation, inputs), note))?;
     Ok(outcome(completed(stored)?))
 }
 
@@ -239,15 +342,23 @@ async fn store(
     job: &Job,
     source: &Cohort,
     plan: &Plan,
-    inputs: Vec<ShapeInput>,
+    (representation, inputs): (Representation, Vec<ShapeInput>),
     mut note: Value,
 ) -> Result<Stored, ServiceError> {
     let description = format!(
-        "Shapes of '{}' ({}) at revision {} in groupwise correspondence, by {}",
-        source.spec.name, source.id, source.revision, job.id
+        "Shapes of '{}' ({}) at revision {} in {} correspondence, by {}",
+        source.spec.name,
+        source.id,
+        source.revision,
+        match plan.options {
+            Options::Groupwise(_) => "groupwise",
+            Options::Elastic(_) => "elastic",
+        },
+        job.id
     );
     let spec = CohortSpec {
         name: plan.name.clone(),
+        representation,
         description: Some(description.clone()),
         correspondence: Correspondence::Landmarks,
         direction: Direction::Given,
@@ -285,96 +396,43 @@ fn completed(stored: Stored) -> Result<Value, ServiceError> {
     Ok(answer)
 }
 
-fn answer_of(plan: &Plan, shapes: &[ShapeDescription], found: &Groupwise) -> CohortCorrespondence {
+/// The answer with what is the same for all methods.
+fn answer_of(plan: &Plan, answer: CohortCorrespondence, rows: &[Vec<f64>]) -> CohortCorrespondence {
     let mut digest = blake3::Hasher::new();
-    for member in &found.members {
-        member.refit.rows.as_slice().iter().for_each(|x| {
-            digest.update(&x.to_le_bytes());
-        });
-    }
-    let members = shapes.iter().zip(&found.members);
-    let of = |(shape, member): (&ShapeDescription, &groupwise::Corresponding)| CorrespondingShape {
-        source: shape.id.clone(),
-        external_id: shape.external_id.clone(),
-        id: None,
-        residual: member.refit.residual,
-        relative_residual: member.refit.relative_residual,
-        folded: member.refit.folded,
-        least_jacobian: member.least_jacobian,
-        displacement: member.map.displacement(),
-    };
-    let list: Vec<CorrespondingShape> = members.map(of).collect();
+    rows.iter().flatten().for_each(|x| {
+        digest.update(&x.to_le_bytes());
+    });
     CohortCorrespondence {
-        cohort: String::new(),
         name: plan.name.clone(),
-        revision: 0,
         source: plan.cohort.clone(),
         source_revision: plan.revision,
-        degree: plan.options.degree,
-        rounds: plan.options.rounds,
-        sizes: plan.options.sizes,
-        stiffness: plan.options.stiffness,
         digest: digest.finalize().to_hex().as_str()[..DIGEST_CHARS].to_owned(),
-        shape_count: list.len(),
-        entropy: found.entropy,
-        variance: found.variance,
-        warnings: warnings_of(&list),
-        shapes: list,
+        shape_count: answer.shapes.len(),
+        ..answer
     }
-}
-
-fn warnings_of(shapes: &[CorrespondingShape]) -> Vec<String> {
-    let mut warnings = Vec::new();
-    let folded = shapes.iter().filter(|shape| shape.folded > FOLDED).count();
-    if folded > 0 {
-        warnings.push(format!(
-            "{folded} of {} surfaces fold over more than {:.0} % of their area: choose a larger stiffness or a \
-             smaller degree",
-            shapes.len(),
-            100.0 * FOLDED
-        ));
-    }
-    let far = shapes.iter().filter(|shape| shape.relative_residual > RESIDUAL).count();
-    if far > 0 {
-        warnings.push(format!(
-            "{far} of {} surfaces are represented with an error of more than {:.0} % of their extent: choose more \
-             control points",
-            shapes.len(),
-            100.0 * RESIDUAL
-        ));
-    }
-    warnings
 }
 
 /// A shape of the new cohort, as if it were posted by its control points.
 fn input_of(
     job: &str,
     source: &Cohort,
-    (shape, weight): (&ShapeDescription, f64),
-    found: &Groupwise,
+    shape: &ShapeDescription,
+    made: &Made,
     k: usize,
 ) -> Result<ShapeInput, ServiceError> {
-    let member = &found.members[k];
-    let map = &member.map;
-    let origin = json!({
-        "job": job,
-        "cohort": source.id,
-        "revision": source.revision,
-        "shape": shape.id,
-        "residual": member.refit.residual,
-        "folded": member.refit.folded,
-        "outer_rotation": map.outer.0,
-        "inner_rotation": map.inner.0,
-        "degree": map.degree(),
-        "coefficients": map.coefficients(),
-    });
+    let mut origin = made.origins[k].clone();
+    origin["job"] = json!(job);
+    origin["cohort"] = json!(source.id);
+    origin["revision"] = json!(source.revision);
+    origin["shape"] = json!(shape.id);
+    origin["residual"] = json!(made.answer.shapes[k].residual);
     let body = json!({
-        "control_points": rows_of(member.refit.rows.as_slice(), 3),
+        "control_points": rows_of(&made.rows[k], made.representation.dimension()),
         "external_id": shape.external_id,
         "subject": shape.subject,
         "label": shape.label,
         "labels": shape.labels,
-        "weight": weight,
+        "weight": made.weights[k],
         "metadata": {ORIGIN: origin},
     });
     let text = serde_json::to_vec(&body).map_err(|error| ServiceError::Internal(error.to_string()))?;

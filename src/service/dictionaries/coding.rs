@@ -63,7 +63,7 @@ impl Asked {
         Self { names: InputNames::of_posted(&shapes), on_error, shapes: AskedShapes::Posted(shapes) }
     }
 
-    /// Stored shapes with these ids or external ids.
+    /// Stored shapes with these ids or external ids, of a cohort with another correspondence if they may have `other_parameters`.
     ///
     /// # Errors
     /// A cohort that does not exist, or that has another representation or correspondence; under [`OnError::Abort`]
@@ -72,10 +72,11 @@ impl Asked {
         app: &App,
         ready: &Ready,
         (cohort, ids): (&str, &[String]),
-        on_error: OnError,
+        (on_error, other_parameters): (OnError, bool),
     ) -> Result<Self, ServiceError> {
         let cohort = catalogue::find(app, cohort).await.map_err(|error| error.named_at("/cohort"))?;
-        if let Some(detail) = misfit(ready, &cohort) {
+        let alike = cohort.spec.representation == ready.dictionary().content.representation;
+        if let Some(detail) = misfit(ready, &cohort).filter(|_| !(other_parameters && alike)) {
             return Err(ServiceError::invalid("/cohort", detail));
         }
         let found = source::find_each(app, &cohort, ids).await?.checked(on_error)?.into_vec();

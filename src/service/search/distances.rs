@@ -367,7 +367,7 @@ fn matrix_of(compared: &Compared, shapes: Named, go_on: &GoOn<'_>) -> Result<Nam
 }
 
 /// The same fault, of the representation of a cohort that the request names.
-fn of_cohort(error: ServiceError) -> ServiceError {
+pub(super) fn of_cohort(error: ServiceError) -> ServiceError {
     match error {
         ServiceError::Invalid(faults) => ServiceError::Invalid(faults.map(|fault| {
             let moves = fault.pointer.starts_with("/representation");

@@ -10,3 +10,4 @@ pub mod neighbours;
 pub mod pairs;
 pub mod picture;
 mod prepared;
+mod reranked;

@@ -12,6 +12,7 @@ use tokio::runtime::Handle;
 
 use super::distances::Comparison;
 use super::prepared::PreparedCohort;
+use super::reranked::Reranking;
 use crate::analysis::distance::{DistanceSpace, Match, PreparedShapes};
 use crate::analysis::matching::Placement;
 use crate::analysis::neighbours::{Neighbour, NeighbourSearch};
@@ -44,6 +45,8 @@ pub struct Search {
     pub comparison: Comparison,
     /// Filter that selects the shapes to search.
     pub filter: ShapeFilter,
+    /// Elastic distances: number of nearest shapes modulo the class that are compared with a query.
+    pub candidates: usize,
 }
 
 /// Query shapes.
@@ -96,27 +99,28 @@ pub async fn search(app: &App, key: &str, search: Search) -> Result<Found, Servi
     let cohort = catalogue::find(app, key).await?;
     check_sizes(app, &search)?;
     measures::complete_for(app, &cohort, &search.filter).await?;
-    let Search { queries, neighbours, comparison, filter } = search;
+    let Search { queries, neighbours, comparison, filter, candidates } = search;
     let (task_app, handle) = (app.clone(), Handle::current());
     let queries = match queries {
         Queries::Posted(shapes) => Given::Posted(shapes),
         Queries::Stored(keys) => stored_queries(app, &cohort, &keys).await?,
     };
-    let (settings, setup_app) = (comparison.settings(&cohort), app.clone());
-    let preparing = app.pool.weighing(requests::space(&cohort.spec.representation, &app.limits));
-    let (setup, space) = preparing
-        .run(move || {
-            let setup = Setup::of(&setup_app, settings)?;
-            let space = DistanceSpace::new(&setup.method, &setup.matching)?;
-            Ok((setup, space))
-        })
-        .await?;
+    let (setup, space, queries) = prepared(app, &cohort, &comparison, queries).await?;
+    let reranking = comparison.elastic.map(|elastic| Reranking {
+        elastic,
+        candidates,
+        setup: setup.clone(),
+        queries: queries.control_points().to_vec(),
+    });
+    // What is kept of the cohort is the same for elastic distances.
+    let comparison = Comparison { elastic: None, ..comparison };
     let mirror = comparison.mirror.unwrap_or(cohort.spec.mirror);
     let warnings = caveats::of_selection(app, &cohort, &filter, mirror).await?;
     let work = predicted(app, &cohort, &space, queries.count(), (&filter, &comparison));
     let (task_cohort, own) = (cohort.clone(), queries.ids().to_vec());
     // A stored query is its own neighbour, and removed in the end.
-    let most = neighbours + usize::from(!own.is_empty());
+    let wanted = if reranking.is_some() { candidates.max(neighbours) } else { neighbours };
+    let most = wanted + usize::from(!own.is_empty());
     let sorted = app
         .pool
         .weighing(work)
@@ -130,9 +134,36 @@ pub async fn search(app: &App, key: &str, search: Search) -> Result<Found, Servi
     let mut found = with_attributes(app, &cohort, sorted).await?;
     for (query, list) in found.iter_mut().enumerate() {
         list.retain(|neighbour| own.get(query) != Some(&neighbour.id));
-        list.truncate(neighbours);
+        list.truncate(wanted);
+    }
+    let mut warnings = warnings;
+    if let Some(reranking) = reranking {
+        warnings.extend(reranking.warning(&found));
+        found = reranking.run(app, &cohort, found).await?;
+        found.iter_mut().for_each(|list| list.truncate(neighbours));
     }
     Ok(Found { cohort_revision: cohort.revision, warnings, neighbours: found })
+}
+
+/// The space of a search, and queries that have been read if they are read again for elastic distances.
+async fn prepared(
+    app: &App,
+    cohort: &Cohort,
+    comparison: &Comparison,
+    queries: Given,
+) -> Result<(Setup, DistanceSpace, Given), ServiceError> {
+    let (settings, setup_app) = (comparison.settings(cohort), app.clone());
+    let is_elastic = comparison.elastic.is_some();
+    let counts = Counts::for_cohort(cohort, &app.limits).with_shapes(queries.count());
+    let reading = if is_elastic { requests::project(counts) } else { Work::MOMENT };
+    let work = requests::space(&cohort.spec.representation, &app.limits) + reading;
+    let task = move || {
+        let setup = Setup::of(&setup_app, settings)?;
+        let space = DistanceSpace::new(&setup.method, &setup.matching)?;
+        let queries = if is_elastic { queries.read(&setup, &setup_app)? } else { queries };
+        Ok((setup, space, queries))
+    };
+    app.pool.weighing(work).run(task).await
 }
 
 fn check_sizes(app: &App, search: &Search) -> Result<(), ServiceError> {
@@ -146,8 +177,13 @@ fn check_sizes(app: &App, search: &Search) -> Result<(), ServiceError> {
         faults.push(Fault::new("/neighbours", detail));
     }
     let most = app.limits.shapes;
+    let per_query = search.comparison.elastic.map_or(search.neighbours, |_| search.candidates);
     if count == 0 {
         faults.push(Fault::new(field, format!("expected between 1 and {most} entries, got 0")));
+    } else if faults.is_empty() && per_query > search.neighbours && count.saturating_mul(per_query) > most {
+        let detail =
+            format!("expected at most {most} candidates in all, got {per_query} for each of {count} shapes");
+        faults.push(Fault::new("/candidates", detail));
     } else if faults.is_empty() && count.saturating_mul(search.neighbours) > most {
         let detail = format!(
             "expected at most {most} neighbours in all, got {} for each of {count} shapes",
@@ -161,7 +197,15 @@ fn check_sizes(app: &App, search: &Search) -> Result<(), ServiceError> {
 /// Queries, with control points if they are stored.
 enum Given {
     Posted(Vec<ShapeInput>),
-    Stored { ids: Vec<String>, control_points: Vec<f64> },
+    Stored {
+        ids: Vec<String>,
+        control_points: Vec<f64>,
+    },
+    /// Posted shapes that were read.
+    Read {
+        count: usize,
+        control_points: Vec<f64>,
+    },
 }
 
 impl Given {
@@ -169,13 +213,30 @@ impl Given {
         match self {
             Self::Posted(shapes) => shapes.len(),
             Self::Stored { ids, .. } => ids.len(),
+            Self::Read { count, .. } => *count,
+        }
+    }
+
+    /// The same, with the control points of posted shapes.
+    fn read(self, setup: &Setup, app: &App) -> Result<Self, ServiceError> {
+        let Self::Posted(shapes) = self else { return Ok(self) };
+        let count = shapes.len();
+        let control_points = read::read_batch(&setup.reading(&app.limits), shapes)?.control_points;
+        Ok(Self::Read { count, control_points })
+    }
+
+    /// Control points that are known.
+    fn control_points(&self) -> &[f64] {
+        match self {
+            Self::Posted(_) => &[],
+            Self::Stored { control_points, .. } | Self::Read { control_points, .. } => control_points,
         }
     }
 
     /// Ids of stored queries.
     fn ids(&self) -> &[String] {
         match self {
-            Self::Posted(_) => &[],
+            Self::Posted(_) | Self::Read { .. } => &[],
             Self::Stored { ids, .. } => ids,
         }
     }
@@ -279,6 +340,7 @@ impl Task<'_> {
     ) -> Result<PreparedShapes, ServiceError> {
         let (field, control_points) = match queries {
             Given::Stored { control_points, .. } => ("ids", control_points),
+            Given::Read { control_points, .. } => ("shapes", control_points),
             Given::Posted(shapes) => {
                 let reading = setup.reading(&self.app.limits);
                 ("shapes", read::read_batch(&reading, shapes)?.control_points)

@@ -52,8 +52,9 @@ pub(super) struct Level {
     pub(super) pad: usize,
     /// `d` columns.
     columns: Vec<f32>,
-    /// The segments without those beyond, one after the other; those of the plane have a third coordinate of 0.
-    pub(super) rows: Vec<[f32; 3]>,
+    /// The segments without those beyond, one after the other, as square-root velocities: the tangent, with a third coordinate of 0 in the
+    /// plane, and 1.
+    pub(super) rows: Vec<[f32; 4]>,
 }
 
 /// Numbers of segments of the levels for `points` segments of the finest one: the coarse one, and `points` halved until wide bands can be
@@ -70,15 +71,21 @@ impl Level {
     /// The segments in these directions, `d` coordinates each.
     fn new(steps: &[Vec<f64>], closed: bool) -> Self {
         let (count, d) = (steps.len(), steps[0].len());
-        let pad = count / 2 + BEYOND;
-        let stride = count + 2 * pad;
-        let mut rows = vec![[0.0; 3]; count];
+        let mut rows = vec![[0.0, 0.0, 0.0, 1.0]; count];
         for (row, step) in rows.iter_mut().zip(steps) {
             let length = step.iter().map(|x| x * x).sum::<f64>().sqrt();
             if length > 0.0 {
                 (0..d).for_each(|c| row[c] = (step[c] / length) as f32);
             }
         }
+        Self::of_rows(rows, d, closed)
+    }
+
+    /// Segments with these square-root velocities in `d` dimensions.
+    pub(super) fn of_rows(rows: Vec<[f32; 4]>, d: usize, closed: bool) -> Self {
+        let count = rows.len();
+        let pad = count / 2 + BEYOND;
+        let stride = count + 2 * pad;
         let mut columns = vec![0.0; d * stride];
         for (c, column) in columns.chunks_exact_mut(stride).enumerate() {
             for (k, value) in column.iter_mut().enumerate() {
@@ -107,7 +114,7 @@ impl Level {
 
     /// Bytes of the tangents of `count` segments in `d` dimensions.
     fn bytes(count: usize, d: usize) -> usize {
-        4 * (d * (count + 2 * (count / 2 + BEYOND)) + 3 * count)
+        4 * (d * (count + 2 * (count / 2 + BEYOND)) + 4 * count)
     }
 }
 
@@ -262,6 +269,7 @@ mod tests {
         let one = ElasticCurve::of_polygon(square([0, 1, 2, 3]), true, 16, true).unwrap();
         let level = one.finest();
         assert!((0..16).all(|k| level.rows[k][0] == [1.0, 0.0, -1.0, 0.0][k / 4]), "{:?}", level.rows);
+        assert!(level.rows.iter().all(|row| row[3] == 1.0));
         for k in 0..level.column(0).len() {
             let wrapped = (k + 16 * level.pad - level.pad) % 16;
             assert_eq!(level.column(1)[k], level.rows[wrapped][1]);

@@ -18,7 +18,8 @@
 //!
 //! [`settings`] — what is compared and how thoroughly; [`curve`] — curves as tangents; [`space`] — pairs and matrices of distances;
 //! `program` — the best path within a band around another one; `strips` — value, rotation and refinement of a path; `candidates` —
-//! where to begin; `search` — the search of a pair; `polish` — close pairs, with the tangents of the splines.
+//! where to begin; `search` — the search of a pair; `polish` — close pairs, with the tangents of the splines; [`template`] — means of
+//! curves, and matches to them; [`refit`] — curves with the parameters of a template.
 //!
 //! Source: Srivastava, Klassen, Joshi, Jermyn, *Shape analysis of elastic curves in Euclidean spaces* (TPAMI 2011); Lahiri, Robinson,
 //! Klassen, arXiv 1501.00577, for polygons; Bauer, Bruveris, Marsland, Michor, arXiv 1207.5965, for the weights.
@@ -28,10 +29,12 @@ pub mod curve;
 mod pairing;
 mod polish;
 mod program;
+pub mod refit;
 mod search;
 pub mod settings;
 pub mod space;
 mod strips;
+pub mod template;
 
 /// Rotations as matrices; those of the plane have a third axis that stays.
 type Rotation = [[f64; 3]; 3];

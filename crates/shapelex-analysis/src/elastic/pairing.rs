@@ -24,10 +24,10 @@ pub(super) struct Found {
 }
 
 impl Way {
-    /// Tangents of the segments of a curve that is laid in this way.
-    pub(super) fn lay(self, level: &Level) -> Vec<[f32; 3]> {
+    /// Square-root velocities of the segments of a curve that is laid in this way.
+    pub(super) fn lay(self, level: &Level) -> Vec<[f32; 4]> {
         let signs = [0, 1, 2].map(|c| self.sign(c));
-        let mut rows: Vec<[f32; 3]> = level.rows.clone();
+        let mut rows = level.rows.clone();
         rows.iter_mut().for_each(|row| (0..3).for_each(|c| row[c] *= signs[c]));
         if self.reversed {
             rows.reverse();
@@ -70,7 +70,7 @@ impl Found {
 }
 
 /// The inverse of a path that rises by 1, at as many places from 0 to 1. Where the path jumps, the inverse stays.
-fn inverse(path: &[f64]) -> Vec<f64> {
+pub(super) fn inverse(path: &[f64]) -> Vec<f64> {
     let count = path.len() - 1;
     let at = |t: f64| {
         // The turn of the path that holds the place.
@@ -84,6 +84,17 @@ fn inverse(path: &[f64]) -> Vec<f64> {
     let mut found: Vec<f64> = (0..count).map(|i| at(i as f64 / count as f64)).collect();
     found.push(found[0] + 1.0);
     found
+}
+
+/// A path at the places of another one, which rises from 0 to 1; linear between places.
+pub(super) fn composed(path: &[f64], inner: &[f64]) -> Vec<f64> {
+    let last = path.len() - 1;
+    let at = |s: f64| {
+        let place = s.clamp(0.0, 1.0) * last as f64;
+        let k = (place as usize).min(last - 1);
+        path[k] + (place - k as f64) * (path[k + 1] - path[k])
+    };
+    inner.iter().map(|&s| at(s)).collect()
 }
 
 #[cfg(test)]

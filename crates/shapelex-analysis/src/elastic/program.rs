@@ -29,8 +29,8 @@ pub(super) struct Band {
 /// Memory of programs.
 #[derive(Debug, Default)]
 pub(super) struct Work {
-    /// `ε Oᵀ u_a`, a strip after the other.
-    turned: Vec<[f32; 3]>,
+    /// `ε Oᵀ u_a` and `1 − ε`, a strip after the other.
+    turned: Vec<[f32; 4]>,
     /// First state of every band, in cells.
     low: Vec<i32>,
     values: [Vec<f32>; 2],
@@ -177,13 +177,12 @@ fn spread<const F: usize>(squares: &[f32], cells: &mut [f32]) {
 
 /// `(w⁺)² h / M` of the segments from `first` on.
 #[inline(always)]
-fn fill_squares(strips: &Strips<'_>, turned: &[f32; 3], first: i32, cells: usize, squares: &mut [f32]) {
+fn fill_squares(strips: &Strips<'_>, turned: &[f32; 4], first: i32, cells: usize, squares: &mut [f32]) {
     let count = strips.count();
     let scale = ((cells * count * count) as f32).recip();
-    let rest = 1.0 - strips.elasticity as f32;
     let from = (first + strips.second.pad as i32) as usize;
     for (k, squares) in squares.chunks_exact_mut(LANES).enumerate() {
-        let mut weights = [rest; LANES];
+        let mut weights = [turned[3]; LANES];
         for c in 0..strips.second.dimension() {
             let column = &strips.second.column(c)[from + k * LANES..][..LANES];
             (0..LANES).for_each(|l| weights[l] += turned[c] * column[l]);

@@ -2,7 +2,7 @@
 
 use super::candidates::{candidates, product};
 use super::curve::ElasticCurve;
-use super::pairing::{Found, Way};
+use super::pairing::{Found, Way, composed};
 use super::program::{Band, Work, improve};
 use super::settings::{Effort, ElasticSettings};
 use super::strips::Strips;
@@ -105,8 +105,8 @@ struct Pair<'a> {
     second: &'a ElasticCurve,
     settings: &'a ElasticSettings,
     closed: bool,
-    /// Tangents of the first curve, by level and way.
-    laid: Vec<Vec<Vec<[f32; 3]>>>,
+    /// Square-root velocities of the first curve, by level and way.
+    laid: Vec<Vec<Vec<[f32; 4]>>>,
     ways: &'a [Way],
 }
 
@@ -276,16 +276,24 @@ fn transposed(rotation: &Rotation) -> Rotation {
     transposed
 }
 
+/// Follows a match to a template that has moved: a fine program around its path, exact moves of its places, and the best rotation. Its value,
+/// that under this template, is not below that of the path as it was.
+pub(super) fn follow(strips: &Strips<'_>, found: &mut Found, round: usize, work: &mut Work) {
+    (found.rotation, found.value) = strips.rotation(&strips.sums(&found.path, &found.rotation));
+    let mut next = found.clone();
+    step(strips, &mut next, (FINE, cut(strips, round, 3)), work);
+    strips.refine(&mut next.path, &next.rotation);
+    (next.rotation, next.value) = strips.rotation(&strips.sums(&next.path, &next.rotation));
+    if next.value > found.value {
+        *found = next;
+    }
+}
+
 /// A path at `count + 1` places, by linear interpolation.
 fn resampled(path: &[f64], count: usize) -> Vec<f64> {
-    let last = path.len() - 1;
-    if last == count {
+    if path.len() == count + 1 {
         return path.to_vec();
     }
-    let at = |i: usize| {
-        let place = i as f64 * last as f64 / count as f64;
-        let k = (place as usize).min(last - 1);
-        path[k] + (place - k as f64) * (path[k + 1] - path[k])
-    };
-    (0..=count).map(at).collect()
+    let places: Vec<f64> = (0..=count).map(|i| i as f64 / count as f64).collect();
+    composed(path, &places)
 }

@@ -107,6 +107,24 @@ impl ElasticSpace {
         Ok(Self { space: None, dimension, closed, orients, settings, ways: ways.collect() })
     }
 
+    /// The space of the curves; `None` of polygons.
+    pub(super) fn space(&self) -> Option<&ShapeSpace> {
+        self.space.as_ref()
+    }
+
+    pub(super) fn dimension(&self) -> usize {
+        self.dimension
+    }
+
+    pub(super) fn is_closed(&self) -> bool {
+        self.closed
+    }
+
+    /// Ways to lay the first curve of a pair.
+    pub(super) fn ways(&self) -> &[Way] {
+        &self.ways
+    }
+
     /// The settings.
     pub fn settings(&self) -> &ElasticSettings {
         &self.settings
@@ -121,6 +139,11 @@ impl ElasticSpace {
     pub fn bytes(&self) -> usize {
         let size = self.space.as_ref().map_or(0, |space| space.representation().size());
         ElasticCurve::bytes(size, self.dimension, self.settings.points)
+    }
+
+    /// Whether clockwise curves are turned.
+    pub(super) fn orients(&self) -> bool {
+        self.orients
     }
 
     /// Prepares curves of these control points, `d·N` coordinate-major numbers each.
@@ -244,7 +267,7 @@ impl ElasticSpace {
     }
 
     /// A match of the curves as prepared, from the first one to the second one laid, as one of the curves as given.
-    fn as_given(&self, found: Found, distance: f64, turned: [bool; 2]) -> ElasticMatch {
+    pub(super) fn as_given(&self, found: Found, distance: f64, turned: [bool; 2]) -> ElasticMatch {
         let reversed = found.way.reversed != (turned[0] != turned[1]);
         let mut places = found.path;
         if found.way.reversed != turned[1] {

@@ -13,8 +13,8 @@ const TRIED: f64 = 0.1;
 
 /// Two curves at one resolution, with the weights of their pair. A path has `M + 1` places on the second curve.
 pub(super) struct Strips<'a> {
-    /// Tangents of the first curve.
-    pub(super) first: &'a [[f32; 3]],
+    /// Square-root velocities of the first curve, or of a template.
+    pub(super) first: &'a [[f32; 4]],
     pub(super) second: &'a Level,
     pub(super) elasticity: f64,
     pub(super) closed: bool,
@@ -29,7 +29,7 @@ pub(super) struct Sums {
     pub(super) value: f64,
     /// `∫ √γ' u_a u_bᵀ`.
     outer: Rotation,
-    /// `∫ √γ'`.
+    /// `∫ √γ'`, times the last coordinate of a template.
     plain: f64,
 }
 
@@ -38,10 +38,8 @@ pub(super) struct Sums {
 struct Part {
     /// `∫ (w⁺)²`.
     square: f64,
-    /// `∫_{w > 0} w`.
-    plain: f64,
-    /// `∫ w⁺ u_b`.
-    along: [f64; 3],
+    /// `∫ w⁺ (u_b, 1)`.
+    along: [f64; 4],
 }
 
 impl Strips<'_> {
@@ -54,18 +52,19 @@ impl Strips<'_> {
         self.second.dimension()
     }
 
-    /// `ε Oᵀ u_a` of strip `i`.
-    pub(super) fn turned(&self, i: usize, rotation: &Rotation) -> [f64; 3] {
-        let mut turned = [0.0; 3];
+    /// `ε Oᵀ u_a` and `1 − ε` of strip `i`: the product with a tangent and 1 is the weight.
+    pub(super) fn turned(&self, i: usize, rotation: &Rotation) -> [f64; 4] {
+        let mut turned = [0.0; 4];
         let own = self.first[i].map(f64::from);
         for r in 0..3 {
-            (0..3).for_each(|c| turned[c] += rotation[r][c] * own[r]);
+            (0..3).for_each(|c| turned[c] += self.elasticity * rotation[r][c] * own[r]);
         }
-        turned.map(|x| self.elasticity * x)
+        turned[3] = (1.0 - self.elasticity) * own[3];
+        turned
     }
 
-    /// Tangent of the second curve on segment `j`, which may lie beyond its ends.
-    fn tangent(&self, j: isize) -> [f64; 3] {
+    /// Square-root velocity of the second curve on segment `j`, which may lie beyond its ends.
+    fn tangent(&self, j: isize) -> [f64; 4] {
         let count = self.count() as isize;
         // Paths begin in the first turn: a division is seldom needed.
         let at = if j >= count { j - count } else { j };
@@ -74,20 +73,19 @@ impl Strips<'_> {
     }
 
     /// `w` of a turned tangent and a segment.
-    fn weight(&self, turned: &[f64; 3], tangent: &[f64; 3]) -> f64 {
-        turned[0] * tangent[0] + turned[1] * tangent[1] + turned[2] * tangent[2] + 1.0 - self.elasticity
+    fn weight(turned: &[f64; 4], tangent: &[f64; 4]) -> f64 {
+        turned[0] * tangent[0] + turned[1] * tangent[1] + turned[2] * tangent[2] + turned[3]
     }
 
-    fn part(&self, turned: &[f64; 3], [from, to]: [f64; 2]) -> Part {
+    fn part(&self, turned: &[f64; 4], [from, to]: [f64; 2]) -> Part {
         let mut part = Part::default();
         for (j, [a, b]) in pieces(from, to) {
             let tangent = self.tangent(j);
-            let w = self.weight(turned, &tangent);
+            let w = Self::weight(turned, &tangent);
             if w > 0.0 {
                 let amount = w * (b - a);
                 part.square += w * amount;
-                part.plain += amount;
-                (0..3).for_each(|c| part.along[c] += amount * tangent[c]);
+                (0..4).for_each(|c| part.along[c] += amount * tangent[c]);
             }
         }
         part
@@ -104,8 +102,8 @@ impl Strips<'_> {
             if root > 0.0 {
                 sums.value += root;
                 let inverse = root.recip();
-                sums.plain += part.plain * inverse;
                 let own = self.first[i].map(|x| f64::from(x) * inverse);
+                sums.plain += own[3] * part.along[3];
                 for r in 0..3 {
                     (0..3).for_each(|c| sums.outer[r][c] += own[r] * part.along[c]);
                 }
@@ -115,6 +113,20 @@ impl Strips<'_> {
         sums.plain /= scale;
         sums.outer.iter_mut().flatten().for_each(|x| *x /= scale);
         sums
+    }
+
+    /// `(O ∫ w⁺ u_b, ∫ w⁺) / √(g_i / M)` of every strip, the average of the square-root velocity of the second curve along a path: the template
+    /// whose product with it is largest.
+    pub(super) fn averages(&self, path: &[f64], rotation: &Rotation) -> Vec<[f64; 4]> {
+        let scale = self.count() as f64;
+        let average = |i: usize| {
+            let part = self.part(&self.turned(i, rotation), [scale * path[i], scale * path[i + 1]]);
+            let inverse = if part.square > 0.0 { part.square.sqrt().recip() } else { 0.0 };
+            let along = part.along.map(|x| x * inverse);
+            let turned = [0, 1, 2].map(|r| (0..3).map(|c| rotation[r][c] * along[c]).sum());
+            [turned[0], turned[1], turned[2], along[3]]
+        };
+        (0..self.count()).map(average).collect()
     }
 
     /// The best rotation for a path that has these sums, and the value of the path under it, at least.
@@ -155,7 +167,7 @@ impl Strips<'_> {
     pub(super) fn refine(&self, path: &mut [f64], rotation: &Rotation) {
         let count = self.count();
         let scale = count as f64;
-        let turned: Vec<[f64; 3]> = (0..count).map(|i| self.turned(i, rotation)).collect();
+        let turned: Vec<[f64; 4]> = (0..count).map(|i| self.turned(i, rotation)).collect();
         let first = if self.closed { 0 } else { 1 };
         for parity in 0..2 {
             for i in (first..count).filter(|i| i % 2 == parity) {
@@ -176,7 +188,7 @@ impl Strips<'_> {
     /// strips become even. The value never decreases.
     pub(super) fn relax(&self, path: &mut [f64], rotation: &Rotation, spacing: usize) {
         let count = self.count();
-        let turned: Vec<[f64; 3]> = (0..count).map(|i| self.turned(i, rotation)).collect();
+        let turned: Vec<[f64; 4]> = (0..count).map(|i| self.turned(i, rotation)).collect();
         let mut places = vec![0.0; 2 * spacing + 1];
         let middles = if self.closed { 0..count } else { spacing..count.saturating_sub(spacing) + 1 };
         for middle in middles.step_by(spacing) {
@@ -197,7 +209,7 @@ impl Strips<'_> {
     }
 
     /// The move of the middle of some places that raises their value most, of a parabola through three of them.
-    fn best_move<'t>(&self, places: &[f64], turned: impl Fn(usize) -> &'t [f64; 3]) -> f64 {
+    fn best_move<'t>(&self, places: &[f64], turned: impl Fn(usize) -> &'t [f64; 4]) -> f64 {
         let spacing = places.len() / 2;
         let value = |by: f64| -> f64 {
             let at = |k: usize| places[k] + by * share(k, spacing);
@@ -221,13 +233,13 @@ impl Strips<'_> {
     }
 
     /// The place between `from` and `to` where the roots of the integrals of the strips on both sides have the largest sum.
-    fn best_between(&self, turned: [&[f64; 3]; 2], [from, to]: [f64; 2]) -> f64 {
+    fn best_between(&self, turned: [&[f64; 4]; 2], [from, to]: [f64; 2]) -> f64 {
         let (mut left, mut right) = (0.0, self.part(turned[1], [from, to]).square);
         let value = |left: f64, right: f64| left.sqrt() + right.max(0.0).sqrt();
         let mut best = (f64::NEG_INFINITY, from);
         for (j, [a, b]) in pieces(from, to) {
             let tangent = self.tangent(j);
-            let [p, q] = turned.map(|turned| self.weight(turned, &tangent).max(0.0).powi(2));
+            let [p, q] = turned.map(|turned| Self::weight(turned, &tangent).max(0.0).powi(2));
             // The stationary place; without `p` it is the beginning, without `q` the end.
             let wanted = if p == 0.0 {
                 0.0

@@ -4,6 +4,7 @@
 mod degenerate;
 mod dictionaries;
 mod elastic;
+mod elastic_mean;
 mod groupwise;
 mod laws;
 mod mixed;

@@ -66,6 +66,7 @@ macro_rules! asking_request {
                     posted: self.shapes.take().map(|shapes| shapes.take("/shapes", errors)),
                     cohort: take_given(self.cohort.take(), "/cohort", errors),
                     ids: take_many(self.ids.take(), "/ids", errors),
+                    other_parameters: false,
                 }
             }
         }
@@ -164,6 +165,8 @@ pub(in crate::api::v1) struct Shapes {
     pub(in crate::api::v1) posted: Option<Vec<ShapeInput>>,
     pub(in crate::api::v1) cohort: Option<String>,
     pub(in crate::api::v1) ids: Option<Vec<String>>,
+    /// Whether the cohort may have another correspondence than the dictionary, whose parameters its shapes are to get.
+    pub(in crate::api::v1) other_parameters: bool,
 }
 
 impl Shapes {
@@ -193,7 +196,9 @@ impl Shapes {
         };
         let (value, posted) = checked(value, errors, self.posted.unwrap_or_default())?;
         let asked = match stored {
-            Some((cohort, ids)) => Asked::stored(app, ready, (&cohort, &ids), on_error).await?,
+            Some((cohort, ids)) => {
+                Asked::stored(app, ready, (&cohort, &ids), (on_error, self.other_parameters)).await?
+            }
             None => Asked::posted(posted, on_error),
         };
         Ok((value, asked))

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 use axum::http::StatusCode;
 use axum::response::Response;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::analysis::AnalysisError;
@@ -47,6 +47,9 @@ use crate::wire::matrix::{MatrixFormat, NamedMatrix};
 use crate::wire::representation::Read;
 use crate::wire::shape::ShapeInput;
 
+/// Default number of nearest curves that are compared elastically: all ten nearest ones are among the first 25 in the median, for silhouettes.
+const CANDIDATES: usize = 100;
+
 document! {
     /// Shapes whose nearest neighbours in a cohort are wanted.
     #[schema(example = json!({"shapes": [{"points": [[0, 0], [4, 0], [4, 1], [0, 1]]}], "neighbours": 5}))]
@@ -73,7 +76,33 @@ document! {
         /// Filter that selects the shapes to search. Default: all shapes.
         #[schema(value_type = Option<ShapeFilter>)]
         filter: Checked<ShapeFilter>;
+        /// `elastic`: the nearest curves modulo the class are compared by their directions, and answered by that distance.
+        #[schema(value_type = Option<SearchCorrespondence>)]
+        correspondence: Checked<SearchCorrespondence>;
+        /// `elastic`: number of nearest curves modulo the class that are compared with each query, 1 to 1000. Default: 100.
+        #[schema(value_type = Option<usize>, minimum = 1, maximum = 1000)]
+        candidates: Checked<usize>;
+        /// `elastic`: weight of bending against stretching, above 0 and up to 1: near 0, lengths correspond. Default: 1.
+        #[schema(value_type = Option<f64>, maximum = 1)]
+        elasticity: Checked<f64>;
+        /// `elastic`: number of segments into which curves are divided, 16 to 1000. Default: 100.
+        #[schema(value_type = Option<usize>, minimum = 16, maximum = 1000)]
+        points: Checked<usize>;
+        /// `elastic`: whether rotations are removed. Default: true.
+        #[schema(value_type = Option<bool>)]
+        rotation: Checked<bool>;
+        /// `elastic`: thoroughness of the search of a pair. Default: `normal`.
+        #[schema(value_type = Option<Effort>)]
+        effort: Checked<Effort>;
     }
+}
+
+/// A search that is not one modulo the class alone.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub(in crate::api::v1) enum SearchCorrespondence {
+    /// Curves are compared by their directions.
+    Elastic,
 }
 
 /// Neighbour of a query shape.
@@ -89,13 +118,15 @@ pub(in crate::api::v1) struct NeighbourOutput {
     /// Additional attributes.
     #[schema(value_type = Attributes)]
     labels: BTreeMap<String, Value>,
-    /// Distance to the query: in [0, 1], under `partial_procrustes` in [0, 2], or a length under `rigid` and `translation`.
+    /// Distance to the query: in [0, 1], under `partial_procrustes` in [0, 2], under `elastic` in [0, π/2], or a length under `rigid`
+    /// and `translation`.
     distance: f64,
-    /// Index of the neighbour's control point that corresponds to the first one of the query.
+    /// Index of the neighbour's control point that corresponds to the first one of the query, modulo the class, also under `elastic`
+    /// (`POST /v1/match` answers what corresponds elastically).
     start: u32,
-    /// Whether the neighbour is traversed in reverse.
+    /// Whether the neighbour is traversed in reverse, modulo the class.
     reversed: bool,
-    /// Whether the match is a mirror image.
+    /// Whether the match modulo the class is a mirror image.
     mirrored: bool,
 }
 
@@ -129,7 +160,7 @@ pub(in crate::api::v1) struct SearchAnswer {
 /// Finds the nearest shapes of a cohort.
 ///
 /// The search is exact: every shape of the cohort that passes the filter is compared, at all start points, directions and
-/// mirror images that the cohort allows. As SVG: the first query shapes, each with its nearest shapes side by side.
+/// mirror images that the cohort allows. Under `elastic` the nearest curves of that search are compared elastically. As SVG: the first query shapes, each with its nearest shapes side by side.
 #[utoipa::path(post, path = "/v1/cohorts/{cohort}/search", tag = "retrieval", request_body = SearchRequest,
     params(
         ("cohort" = String, Path, description = "Id or name"),
@@ -164,8 +195,29 @@ pub(in crate::api::v1) async fn search_cohort(
     .await
 }
 
-fn search_of(request: SearchRequest) -> Result<Search, ServiceError> {
-    let mut errors = request.faults;
+fn search_of(mut request: SearchRequest) -> Result<Search, ServiceError> {
+    let mut errors = std::mem::take(&mut request.faults);
+    let is_elastic = request.correspondence.is_some();
+    take_given(request.correspondence.take(), "/correspondence", &mut errors);
+    let given = [
+        ("/candidates", request.candidates.is_some()),
+        ("/elasticity", request.elasticity.is_some()),
+        ("/points", request.points.is_some()),
+        ("/rotation", request.rotation.is_some()),
+        ("/effort", request.effort.is_some()),
+    ];
+    let SearchRequest { elasticity, points, rotation, effort, .. } = request;
+    let elastic = elastic_fields(
+        is_elastic,
+        given.as_slice(),
+        ElasticFields { elasticity, points, rotation, effort },
+        &mut errors,
+    );
+    let candidates = take_given(request.candidates, "/candidates", &mut errors).unwrap_or(CANDIDATES);
+    if !(1..=MAX_NEIGHBOURS).contains(&candidates) {
+        let detail = format!("expected a number between 1 and {MAX_NEIGHBOURS}, got {candidates}");
+        errors.push(Fault::new("/candidates", detail));
+    }
     let posted = request.shapes.map(|shapes| shapes.take("/shapes", &mut errors));
     if posted.is_some() == request.ids.is_some() {
         errors.push(Fault::new("", "expected either shapes or ids"));
@@ -185,8 +237,11 @@ fn search_of(request: SearchRequest) -> Result<Search, ServiceError> {
     let is_posted = posted.is_some();
     let ((), shapes) = checked(Some(()), errors, posted.unwrap_or_default())?;
     let queries = if is_posted { Queries::Posted(shapes) } else { Queries::Stored(ids.unwrap_or_default()) };
-    let comparison = Comparison { transformation, alignment, mirror, elastic: None };
-    Ok(Search { queries, neighbours, comparison, filter })
+    if is_elastic {
+        check_elastic_class(&transformation)?;
+    }
+    let comparison = Comparison { transformation, alignment, mirror, elastic };
+    Ok(Search { queries, neighbours, comparison, filter, candidates })
 }
 
 document! {
@@ -404,20 +459,30 @@ fn elastic_of(
         rotation: request.rotation.take(),
         effort: request.effort.take(),
     };
-    if !is_elastic {
-        let misplaced = given.into_iter().filter(|(_, given)| *given);
-        errors.extend(misplaced.map(|(field, _)| {
-            Fault::new(field, "expected no value unless the correspondence is \"elastic\", got one")
-        }));
-        if request.transformation.is_none() {
-            errors.push(Fault::new("/transformation", "required field is missing"));
-        }
-        return None;
+    if !is_elastic && request.transformation.is_none() {
+        errors.push(Fault::new("/transformation", "required field is missing"));
     }
-    if request.alignment.is_some() {
+    if is_elastic && request.alignment.is_some() {
         let detail =
             "expected no value with elastic distances, whose rotations are those of the best match, got one";
         errors.push(Fault::new("/alignment", detail));
+    }
+    elastic_fields(is_elastic, &given, fields, errors)
+}
+
+/// Settings of elastic distances if they are asked for; `given` fields belong to them alone.
+fn elastic_fields(
+    is_elastic: bool,
+    given: &[(&str, bool)],
+    fields: ElasticFields,
+    errors: &mut Vec<Fault>,
+) -> Option<ElasticSettings> {
+    if !is_elastic {
+        let misplaced = given.iter().filter(|(_, given)| *given);
+        errors.extend(misplaced.map(|(field, _)| {
+            Fault::new(*field, "expected no value unless the correspondence is \"elastic\", got one")
+        }));
+        return None;
     }
     let settings = fields.take(errors);
     match settings.checked() {

@@ -1250,18 +1250,19 @@ class AsyncCalls(AsyncTransport):
         idempotency_key: str | None = None,
         accept: str | None = None,
     ) -> Reply[t.CohortCorrespondence | t.JobOutput]:
-        """Brings the surfaces of a cohort into correspondence, without a template.
+        """Brings the surfaces or curves of a cohort into correspondence, without a template.
 
         The parameters of all surfaces are moved by rotations and smooth maps of the parameter sphere that
-        together minimise the entropy of the shapes. The job stores the surfaces with their new parameters in a
-        new cohort, whose points correspond as given (`landmarks`); labels, subjects and external ids are kept,
-        and the metadata say where each shape comes from. With `Prefer: wait=N` the response is the result if the
-        job ends within `N` seconds, at most 60.
+        together minimise the entropy of the shapes; those of curves follow the elastic mean, whose directions
+        agree most with theirs. The job stores the shapes with their new parameters in a new cohort, whose points
+        correspond as given (`landmarks`); labels, subjects and external ids are kept, and the metadata say where
+        each shape comes from. With `Prefer: wait=N` the response is the result if the job ends within `N`
+        seconds, at most 60.
 
         Parameters
         ----------
         cohort
-            Id or name of a cohort of surfaces with the topology `sphere`
+            Id or name of a cohort of surfaces with the topology `sphere`, or of curves
         prefer
             `wait=10`: wait up to ten seconds for the job
         idempotency_key
@@ -1305,12 +1306,14 @@ class AsyncCalls(AsyncTransport):
         content_type: str | None = None,
         options: Mapping[str, object] | None = None,
     ) -> Reply[t.CorrespondAnswer]:
-        """Brings new surfaces into correspondence with a dictionary of components, which stays as it is.
+        """Brings new surfaces or curves into correspondence with a dictionary, which stays as it is.
 
-        The rotation of the parameter sphere and a smooth map of it are searched that bring a surface nearest to
-        the mean in the metric of the dictionary's components. The dictionary is one of surfaces with the topology
-        `sphere`, usually learnt from a cohort of `POST /v1/cohorts/{cohort}/correspond`. The answered control
-        points can be encoded, scored or classified.
+        Surfaces: the rotation of the parameter sphere and a smooth map of it are searched that bring a surface
+        nearest to the mean in the metric of the dictionary's components. The dictionary is one of surfaces with
+        the topology `sphere`, usually learnt from a cohort of `POST /v1/cohorts/{cohort}/correspond`. Curves: the
+        start, direction and parameters are searched whose directions agree most with those of the mean of the
+        dictionary at equal parameters (an elastic match); contours of any number of points and curves of cohorts
+        with another correspondence are taken. The answered control points can be encoded, scored or classified.
 
         Parameters
         ----------
@@ -5219,8 +5222,8 @@ class AsyncCalls(AsyncTransport):
         """Finds the nearest shapes of a cohort.
 
         The search is exact: every shape of the cohort that passes the filter is compared, at all start points,
-        directions and mirror images that the cohort allows. As SVG: the first query shapes, each with its nearest
-        shapes side by side.
+        directions and mirror images that the cohort allows. Under `elastic` the nearest curves of that search are
+        compared elastically. As SVG: the first query shapes, each with its nearest shapes side by side.
 
         Parameters
         ----------

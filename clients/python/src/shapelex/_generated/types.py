@@ -126,6 +126,7 @@ __all__ = [
     "Coordinates",
     "CorrespondAnswer",
     "CorrespondCohortRequest",
+    "CorrespondMethod",
     "CorrespondResult",
     "CorrespondShapesRequest",
     "CorrespondedShape",
@@ -487,6 +488,7 @@ __all__ = [
     "ScoredShape",
     "Seam",
     "SearchAnswer",
+    "SearchCorrespondence",
     "SearchRequest",
     "SearchResult",
     "SeedInput",
@@ -1450,21 +1452,25 @@ CohortAssessment: TypeAlias = "AssessedStored | FailedStored"
 
 
 class CohortCorrespondence(TypedDict):
-    """Result of a groupwise correspondence."""
+    """Result of a correspondence."""
 
     cohort: str
     name: str
     revision: int
     source: str
     source_revision: int
-    degree: int
+    degree: NotRequired[int | None]
     rounds: int
-    sizes: bool
-    stiffness: float
+    sizes: NotRequired[bool | None]
+    stiffness: NotRequired[float | None]
     digest: str
     shape_count: int
-    entropy: list[float]
+    entropy: NotRequired[list[float] | None]
     variance: list[float]
+    elasticity: NotRequired[float | None]
+    points: NotRequired[int | None]
+    starts: NotRequired[int | None]
+    objective: NotRequired[float | None]
     shapes: list[CorrespondingShape]
     warnings: list[str]
 
@@ -1832,7 +1838,7 @@ whose centres are whole numbers from 0.
 
 
 class CorrespondAnswer(TypedDict):
-    """Surfaces in correspondence."""
+    """Surfaces or curves in correspondence."""
 
     dictionary: UsedDictionary
     warnings: NotRequired[list[str]]
@@ -1841,15 +1847,25 @@ class CorrespondAnswer(TypedDict):
 
 
 class CorrespondCohortRequest(TypedDict):
-    """How the surfaces of a cohort are brought into correspondence."""
+    """How the surfaces or curves of a cohort are brought into correspondence."""
 
     name: str
     filter: NotRequired[ShapeFilter | None]
+    method: NotRequired[CorrespondMethod | None]
     degree: NotRequired[int | None]
     rounds: NotRequired[int | None]
     stiffness: NotRequired[float | None]
     sizes: NotRequired[bool | None]
+    elasticity: NotRequired[float | None]
+    points: NotRequired[int | None]
+    effort: NotRequired[Effort | None]
+    starts: NotRequired[int | None]
+    control_points: NotRequired[int | None]
     priority: NotRequired[Priority | None]
+
+
+CorrespondMethod: TypeAlias = "Literal['groupwise', 'elastic']"
+"""How shapes are brought into correspondence."""
 
 
 CorrespondResult: TypeAlias = "CorrespondedShape | FailedShape"
@@ -1857,7 +1873,7 @@ CorrespondResult: TypeAlias = "CorrespondedShape | FailedShape"
 
 
 class CorrespondShapesRequest(TypedDict):
-    """Surfaces to bring into correspondence with a dictionary."""
+    """Surfaces or curves to bring into correspondence with a dictionary."""
 
     shapes: NotRequired[list[ShapeInput] | None]
     cohort: NotRequired[str | None]
@@ -1865,6 +1881,9 @@ class CorrespondShapesRequest(TypedDict):
     degree: NotRequired[int | None]
     rounds: NotRequired[int | None]
     stiffness: NotRequired[float | None]
+    elasticity: NotRequired[float | None]
+    points: NotRequired[int | None]
+    effort: NotRequired[Effort | None]
 
 
 class CorrespondedShape(TypedDict):
@@ -1876,9 +1895,15 @@ class CorrespondedShape(TypedDict):
     control_points: Points
     residual: float
     relative_residual: float
-    folded: float
-    least_jacobian: float
-    displacement: float
+    folded: NotRequired[float | None]
+    least_jacobian: NotRequired[float | None]
+    displacement: NotRequired[float | None]
+    distance: NotRequired[float | None]
+    largest_residual: NotRequired[float | None]
+    start: NotRequired[float | None]
+    reversed: NotRequired[bool | None]
+    mirrored: NotRequired[bool | None]
+    slopes: NotRequired[list[float] | None]
 
 
 Correspondence: TypeAlias = "Literal['landmarks', 'arc_length', 'cyclic']"
@@ -1890,27 +1915,39 @@ direction is searched.
 
 
 class CorrespondingOutput(TypedDict):
-    """A surface in correspondence with a dictionary."""
+    """A surface or curve in correspondence with a dictionary."""
 
     control_points: Points
     residual: float
     relative_residual: float
-    folded: float
-    least_jacobian: float
-    displacement: float
+    folded: NotRequired[float | None]
+    least_jacobian: NotRequired[float | None]
+    displacement: NotRequired[float | None]
+    distance: NotRequired[float | None]
+    largest_residual: NotRequired[float | None]
+    start: NotRequired[float | None]
+    reversed: NotRequired[bool | None]
+    mirrored: NotRequired[bool | None]
+    slopes: NotRequired[list[float] | None]
 
 
 class CorrespondingShape(TypedDict):
-    """Result of a groupwise correspondence for one shape."""
+    """Result of a correspondence for one shape."""
 
     source: str
     external_id: NotRequired[str | None]
     id: NotRequired[str | None]
     residual: float
     relative_residual: float
-    folded: float
-    least_jacobian: float
-    displacement: float
+    folded: NotRequired[float | None]
+    least_jacobian: NotRequired[float | None]
+    displacement: NotRequired[float | None]
+    distance: NotRequired[float | None]
+    largest_residual: NotRequired[float | None]
+    start: NotRequired[float | None]
+    reversed: NotRequired[bool | None]
+    mirrored: NotRequired[bool | None]
+    slopes: NotRequired[list[float] | None]
 
 
 class CovarianceOptions(TypedDict):
@@ -5318,6 +5355,10 @@ class SearchAnswer(TypedDict):
     results: list[SearchResult]
 
 
+SearchCorrespondence: TypeAlias = "Literal['elastic']"
+"""A search that is not one modulo the class alone."""
+
+
 class SearchRequest(TypedDict):
     """Shapes whose nearest neighbours in a cohort are wanted."""
 
@@ -5328,6 +5369,12 @@ class SearchRequest(TypedDict):
     alignment: NotRequired[Alignment | None]
     mirror: NotRequired[Mirror | None]
     filter: NotRequired[ShapeFilter | None]
+    correspondence: NotRequired[SearchCorrespondence | None]
+    candidates: NotRequired[int | None]
+    elasticity: NotRequired[float | None]
+    points: NotRequired[int | None]
+    rotation: NotRequired[bool | None]
+    effort: NotRequired[Effort | None]
 
 
 class SearchResult(TypedDict):
