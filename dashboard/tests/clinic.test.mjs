@@ -61,7 +61,7 @@ test("files dropped on Cohorts become a proposed cohort, which is seen before it
   await page.getByText("12 closed contours would be stored as: Closed contour").waitFor();
   await page.getByRole("img", { name: "cell0" }).waitFor();
   assert.equal(await page.locator(".thumb svg").count(), 10, "six of the first file, four of the second");
-  await page.getByText(/Proposed control points: \d+\. They leave [\d.]+% of the size/).waitFor();
+  await page.getByText(/Proposed control points: \d+\. They leave [\d.]+\s% of the size/).waitFor();
   await settled(page);
   await accessible(page, "proposal");
   await screen(page, "cohort-proposed", { fullPage: true });
@@ -107,7 +107,7 @@ test("a folder becomes a proposed cohort: its folders as well, without hidden fi
   ]);
   await chooser.setFiles(folder);
   await page.getByText("6 closed contours would be stored as: Closed contour").waitFor();
-  await page.getByText(/They leave [\d.]+% of the size/).waitFor();
+  await page.getByText(/They leave [\d.]+\s% of the size/).waitFor();
   await page.getByLabel("Name of the cohort").fill("of-a-folder");
   await page.getByRole("button", { name: "Create and store" }).click();
   await page.getByText("6 added").waitFor();
@@ -158,7 +158,7 @@ test("groups by hand: of a selection, a filter and a table of attributes, each u
     .locator("input[type=file]")
     .setInputFiles(file("patients.csv", "id;subject;age\ncell0;p1;41,5\ncell2;p2;52\nnobody;p3;60\n"));
   await page.getByText("2 shapes would be changed, 0 are so already.").waitFor();
-  await page.getByText("1 rows name no shape").waitFor();
+  await page.getByText("1 row names no shape").waitFor();
   await accessible(page, "attributes");
   await page.getByRole("button", { name: "Store attributes" }).click();
   await page.getByText("2 shapes were changed.").waitFor();
@@ -418,6 +418,16 @@ test("pictures for papers: groups with dashes, a cursor that links, hulls, every
   );
   await page.locator("svg.backdrop path[stroke='#d55e00']").waitFor();
   await settled(page);
+  // The first range holds the ellipses, in the file too.
+  const cut = await page.evaluate(() => {
+    const frame = document.querySelector(".u-over").getBoundingClientRect();
+    return [...document.querySelectorAll("svg.backdrop path[fill-opacity]")]
+      .map((one) => one.getBoundingClientRect())
+      .filter(
+        (box) => box.left < frame.left || box.right > frame.right || box.top < frame.top || box.bottom > frame.bottom,
+      ).length;
+  });
+  assert.equal(cut, 0, "no ellipse is cut off");
   await accessible(page, "ellipses");
   await screen(page, "scores-ellipses");
   const scatter = (await saved(page, "Download figures-scores SVG")).toString();
@@ -437,6 +447,26 @@ test("pictures for papers: groups with dashes, a cursor that links, hulls, every
   assert.deepEqual(page.faults, []);
   await page.context().close();
 });
+
+/** Whether all ellipses of a drawing lie within its frame. */
+async function within(drawing) {
+  const [all, cut] = await drawing.evaluate((svg) => {
+    const frame = svg.getBoundingClientRect(),
+      ellipses = [...svg.querySelectorAll("ellipse")];
+    const outside = ellipses.filter((one) => {
+      const { a, b, c, d, e, f } = one.getScreenCTM();
+      // The boxes that the browser gives are those of turned boxes, which are larger.
+      const [w, h] = [
+        Math.hypot(a * one.rx.baseVal.value, c * one.ry.baseVal.value),
+        Math.hypot(b * one.rx.baseVal.value, d * one.ry.baseVal.value),
+      ];
+      return e - w < frame.left - 1 || e + w > frame.right + 1 || f - h < frame.top - 1 || f + h > frame.bottom + 1;
+    });
+    return [ellipses.length, outside.length];
+  });
+  assert.ok(all > 0, "a band is drawn");
+  assert.equal(cut, 0, `${cut} of ${all} ellipses are cut off`);
+}
 
 test("a report is printed with its colours, the file and a remark; a hidden part is completed", async () => {
   const page = await open(browser, service.address);
@@ -463,10 +493,20 @@ test("a report is printed with its colours, the file and a remark; a hidden part
   await page.getByRole("slider", { name: "to", exact: true }).focus();
   for (let k = 0; k < 40; k++) await page.keyboard.press("ArrowRight");
   await page.getByRole("button", { name: "Complete it" }).click();
-  await page.getByText(/The hidden part lies within [\d.,]+.* of the drawn one at 95%/).waitFor();
+  await page.getByText(/The hidden part lies within [\d.,]+.* of the drawn one at 95\s%/).waitFor();
   await accessible(page, "completed");
+  await within(page.locator("figure", { hasText: "completed by the model" }).locator("svg.shape"));
   await page.locator("section", { hasText: "If a part is hidden" }).last().scrollIntoViewIfNeeded();
   await screen(page, "assess-completed");
+  // A wide band too: almost nothing is seen, and nothing is cut off.
+  await page.getByRole("slider", { name: "to", exact: true }).focus();
+  for (let k = 0; k < 106; k++) await page.keyboard.press("ArrowRight");
+  const answered = page.waitForResponse(/\/complete/);
+  await page.getByRole("button", { name: "Complete it" }).click();
+  await answered;
+  await settled(page);
+  await within(page.locator("figure", { hasText: "completed by the model" }).locator("svg.shape"));
+  await screen(page, "assess-completed-wide");
   assert.deepEqual(page.faults, []);
   await page.context().close();
 });
@@ -486,6 +526,7 @@ test("a mean that shapes unlike the majority do not spoil: which count less, and
   await page.getByLabel("Shapes unlike the majority count less").check();
   await page.getByRole("heading", { name: "Which shapes count less" }).waitFor();
   await page.getByRole("img", { name: "s5, red where it is unlike the others" }).waitFor();
+  await page.getByText(/(^|, )1 (is left out|counts less)/).waitFor();
   await settled(page);
   await accessible(page, "robust");
   await screen(page, "mean-robust", { fullPage: true });
@@ -619,7 +660,7 @@ test("a kept model: sliders and choices predict, one request at a time; bands; w
   await page.unroute("**/v1/models/*/predictions?*");
   assert.equal(await page.locator("svg.shape .band").count(), 0);
   await kept.getByLabel("Bands").selectOption("0.95");
-  await page.locator("svg.shape .band circle").first().waitFor();
+  await page.locator("svg.shape .band ellipse").first().waitFor();
   await page.getByText("the band holds all places of the mean shape at these values together").waitFor();
   await accessible(page, "kept model");
   // No shape is of y and v.
@@ -649,6 +690,17 @@ test("a kept model: sliders and choices predict, one request at a time; bands; w
   await kept.evaluate((section) => section.scrollIntoView());
   await accessible(page, "kept model of curves");
   await screen(page, "model-kept");
+  // With few draws there is no band of all places together: each place has the ellipse of its intervals, which is said.
+  await page.goto(`${service.address}/app/cohorts/example-cells/model?permutations=49&bands=0.95`);
+  await page.getByRole("button", { name: "Keep this model" }).click();
+  await page.getByText("For all places together the model has no draws").waitFor();
+  const shapes = await page
+    .locator("svg.shape .band ellipse")
+    .evaluateAll((all) => all.map((one) => one.rx.baseVal.value / one.ry.baseVal.value));
+  assert.ok(Math.max(...shapes) > 1.1, "as wide in each direction as the interval there");
+  await within(page.locator("svg.shape", { has: page.locator(".band") }));
+  await kept.evaluate((section) => section.scrollIntoView());
+  await screen(page, "model-kept-few");
   assert.deepEqual(
     page.faults.filter((one) => !/40[04]|422/.test(one)),
     [],
@@ -859,7 +911,23 @@ test("a deformation grid between two groups, and from the mean to a shape: numbe
   await page.goto(`${service.address}/app/cohorts/gap/shapes/folded?warp=grid`);
   await page.getByText(/The grid folds over itself at \d+ of \d+ nodes/).waitFor();
   await figure.locator(".net circle").first().waitFor();
-  // Curves in the plane have one too.
+  // Curves in the plane have one too, also where start points are searched: those that fit the mean are taken.
+  await service.call("POST", "/v1/cohorts", {
+    name: "starts",
+    correspondence: "cyclic",
+    representation: { kind: "closed_curve", dimension: 2, control_points: 24, generator: { name: "cubic" } },
+  });
+  await service.call("POST", "/v1/cohorts/starts/shapes", {
+    shapes: Array.from({ length: 8 }, (_, k) => {
+      const points = contour(2 * k);
+      return { external_id: `c${k}`, points: [...points.slice(5 * k), ...points.slice(0, 5 * k)] };
+    }),
+  });
+  await page.goto(`${service.address}/app/cohorts/starts/shapes/c3?warp=grid`);
+  await figure.locator(".net path").first().waitFor();
+  await settled(page);
+  assert.equal(await figure.locator(".net circle").count(), 0, "no folds: the points correspond");
+  await screen(page, "warp-cyclic", { fullPage: true });
   await page.goto(
     `${service.address}/app/cohorts/example-cells/compare?by=labels.treatment&warp=grid&permutations=200`,
   );

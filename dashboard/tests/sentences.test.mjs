@@ -1,4 +1,7 @@
-/** The warnings that the service can say, as its sources have them, and which of them the page says in German. No browser is needed. */
+/**
+ * The warnings that the service can say and the kinds of contents that it leaves out of files, as its sources have them,
+ * and which of them the page says in German. No browser is needed.
+ */
 import assert from "node:assert/strict";
 import { readdirSync, readFileSync } from "node:fs";
 import path from "node:path";
@@ -8,7 +11,7 @@ import { ROOT } from "./service.mjs";
 
 const source = readFileSync(path.join(ROOT, "dashboard/src/strings/sentences.de.ts"), "utf8");
 const { code } = transformSync(source, { loader: "ts", format: "esm" });
-const { SENTENCES } = await import(`data:text/javascript,${encodeURIComponent(code)}`);
+const { KINDS, SENTENCES } = await import(`data:text/javascript,${encodeURIComponent(code)}`);
 
 /** Sources of the service, without those of tests and of programs beside it. */
 function sources(folder) {
@@ -45,7 +48,7 @@ function warnings() {
     for (const file of sources(path.join(ROOT, folder))) {
       // Statements and places of SQL have the same words.
       if (/shapelex-store|drawing|src\/audit|src\/wire\/summary/.test(file)) continue;
-      const whole = readFileSync(file, "utf8").split(/#\[cfg\(test\)\]\s*mod /)[0];
+      const whole = readFileSync(file, "utf8").split(/#\[cfg\(test\)\]\s*mod \w+ \{/)[0];
       const text = whole.replace(/^\s*\/\/.*$/gm, "");
       for (const form of PLACES)
         for (const match of text.matchAll(form))
@@ -113,6 +116,66 @@ test("warnings of the service are known to the page: those that are not are list
   for (const [text, file] of unknown) console.log(`not in German: ${file}: ${text}`);
   assert.ok(all.length > 80, `the sources have only ${all.length}: are they where this test looks?`);
   assert.ok(unknown.length <= 0.1 * all.length, `${unknown.length} of ${all.length} are not in German`);
+});
+
+/** Kinds that only files which are written leave out; the page does not show these. */
+const WRITTEN = [
+  "centres",
+  "curves written as landmarks",
+  "digits of points beside the lattice of pixels",
+  "classes, as not all shapes have one that fits",
+  "fields that the format has no place for",
+  "labels that would begin a section",
+  "labels without a column",
+  "meshes without faces, written as points",
+  "metadata",
+  "missing points",
+  "names",
+  "names, as not all shapes have one",
+  "places among the rings of an object",
+  "shapes cut off at a number of harmonics",
+  "spaces in names and labels, written as _",
+  "label",
+  "labels",
+  "subject",
+  "weight",
+  "ring",
+];
+
+/** Kinds of contents that readers leave out: what they count by `drop`, or by a name given before. */
+function kinds() {
+  const found = new Map();
+  const add = (text, file) => text && !WRITTEN.includes(text) && found.set(text, path.relative(ROOT, file));
+  for (const folder of ["src", "crates/shapelex-formats/src"])
+    for (const file of sources(path.join(ROOT, folder))) {
+      if (/(write|encode|npy_file|table\/rows)\.rs$/.test(file)) continue;
+      const text = readFileSync(file, "utf8")
+        .split(/#\[cfg\(test\)\]\s*mod \w+ \{/)[0]
+        .replace(/^\s*\/\/.*$/gm, "");
+      for (const match of text.matchAll(/\.(?:drop|drop_many|lose)\(\s*(?:"([^"]*)"|&?(\w+))/g)) {
+        const [, literal, name] = match;
+        if (literal !== undefined) add(literal, file);
+        else if (/^[A-Z]/.test(name)) {
+          const [, of] = new RegExp(`const ${name}: &str = "([^"]*)"`).exec(text) ?? [];
+          add(of, file);
+        } else {
+          const before = text.slice(0, match.index);
+          const from = Math.max(before.lastIndexOf(`let ${name} =`), before.lastIndexOf(`for (${name}, `));
+          if (from >= 0) literals(before.slice(from)).forEach((one) => add(one, file));
+        }
+      }
+      for (const [, of] of text.matchAll(/const BROKEN: &str = "([^"]*)"/g)) add(of, file);
+    }
+  return found;
+}
+
+test("kinds of contents that are left out of files are known to the page", () => {
+  const all = [...kinds()];
+  assert.ok(all.length > 90, `the sources have only ${all.length}: are they where this test looks?`);
+  const unknown = all.filter(([text]) => known(filled(text)) < 0);
+  assert.deepEqual(unknown, [], "kinds that are not in German");
+  const gone = Object.keys(KINDS).filter((what) => !all.some(([text]) => text === what));
+  assert.deepEqual(gone, [], "kinds that no source has any longer");
 });
 
 test("numbers and names of a sentence are kept, once each", () => {

@@ -462,7 +462,7 @@ test("files of other programs: what is in them, what would be left out, and then
     "x 0 – 50, y 0 – 30",
     "pixel",
     "Stroma (1), Tumor (1)",
-    "1 holes",
+    "holes: 1",
   ])
     await card.getByText(text).first().waitFor();
   assert.equal((await service.call("GET", "/v1/cohorts/files")).shape_count, 0, "nothing is stored yet");
@@ -473,7 +473,7 @@ test("files of other programs: what is in them, what would be left out, and then
   await card.getByLabel("holes").fill("keep");
   await card.getByLabel("holes").press("Enter");
   await card.getByText("3 · in the plane").waitFor();
-  await card.getByText("1 bound holes").waitFor();
+  await card.getByText("1 bounds a hole").waitFor();
   await card.getByRole("button", { name: "Store", exact: true }).click();
   await card.getByText("3 added").waitFor();
   assert.equal((await service.call("GET", "/v1/cohorts/files/shapes/slide/whole")).label, "Tumor");
@@ -508,7 +508,7 @@ test("files of other programs: what is in them, what would be left out, and then
   features[1].geometry.coordinates[0][1] = [50, "far"];
   card = await drop(page, textFile("broken.geojson", JSON.stringify({ type: "FeatureCollection", features })));
   await card.getByText("1 shape would be added").waitFor();
-  await card.getByText("1 broken shapes").waitFor();
+  await card.getByText("broken shapes: 1").waitFor();
   await page.getByText("All or nothing").click();
   await card.getByText("Cannot be read").waitFor();
   await card
@@ -552,6 +552,17 @@ test("files of other programs: what is in them, what would be left out, and then
       .waitFor();
   const { measures } = await service.call("GET", "/v1/cohorts/files/shapes/first");
   assert.ok(measures.area > 5, `the contour has an area: ${measures.area}`);
+  // What is left out is said in German too, and why a shape is broken.
+  const german = await open(browser, service.address, { locale: "de-DE" }, ["422"]);
+  await german.goto(`${service.address}/app/cohorts/files/upload`);
+  await settled(german);
+  card = await drop(german, textFile("broken.geojson", JSON.stringify({ type: "FeatureCollection", features })));
+  await card.getByText("Noch nicht gespeichert").waitFor();
+  for (const text of ["Fehlerhafte Formen: 1", "Features ohne Geometrie: 1"])
+    await card.getByText(text).first().waitFor();
+  await screen(german, "upload-left-out", { fullPage: true });
+  assert.deepEqual(german.faults, []);
+  await german.context().close();
   assert.deepEqual(page.faults, []);
   await page.context().close();
 });

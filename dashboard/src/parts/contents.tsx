@@ -116,7 +116,7 @@ function Shapes({ group, unit }: { group: Group; unit: string }) {
           <dt>{t.file.extent}</dt>
           <dd>
             {group.lower.map((low, axis) => `${"xyz"[axis]} ${number(low)} – ${number(group.upper[axis])}`).join(", ")}
-            {unit && ` ${unit}`}
+            {unit && `\u00a0${unit}`}
           </dd>
         </>
       )}
@@ -134,14 +134,20 @@ export function Remarks({ file, title }: { file: Schemas["FileSummary"]; title: 
           <ul>
             {file.left_out.map((one) => (
               <li key={one.what}>
-                {count(one.count)} {one.what}
+                {/* A number after the word needs no singular. */}
+                <Sentence text={one.what} />: {count(one.count)}
                 {one.first && (
                   <>
                     {" "}
                     <code>{one.first}</code>
                   </>
                 )}
-                {one.names.length > 0 && `: ${listed(one.names, one.count)}`}
+                {one.names.length > 0 && (
+                  <>
+                    {" · "}
+                    <Names of={one} />
+                  </>
+                )}
               </li>
             ))}
           </ul>
@@ -159,6 +165,22 @@ export function Remarks({ file, title }: { file: Schemas["FileSummary"]; title: 
           </ul>
         </div>
       )}
+    </>
+  );
+}
+
+/** Names of what was left out; of broken shapes these are sentences that say why. */
+function Names({ of: { what, names, count: all } }: { of: Schemas["FileSummary"]["left_out"][number] }) {
+  if (what !== "broken shapes") return listed(names, all);
+  return (
+    <>
+      {names.slice(0, NAMES).map((one, at) => (
+        <>
+          {at > 0 && "; "}
+          <Sentence key={at} text={one} />
+        </>
+      ))}
+      {all > NAMES && ` ${t.fault.more(all - NAMES)}`}
     </>
   );
 }

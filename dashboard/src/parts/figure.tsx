@@ -1,5 +1,6 @@
 /** The page's own drawing of curves and landmarks, in the plane or turned in space: numbers, lines, marks, and files for papers. */
 import { useMemo, useRef, useState } from "preact/hooks";
+import { axesOf } from "../shape/around";
 import { linksOf, useLinks } from "../shape/links";
 import type { Points } from "../shape/points";
 import { type Flat, projection, START } from "../shape/view";
@@ -27,10 +28,10 @@ export interface Strip {
   closed: boolean;
 }
 
-/** A band around a shape, as wide at each place as its radius. */
+/** A band around a shape: at each place the ellipse, or ellipsoid, `pᵀ M⁻¹ p ≤ 1` of its matrix. */
 export interface Tube {
   points: Points;
-  radii: number[];
+  matrices: number[][][];
   closed: boolean;
   dots: boolean;
 }
@@ -40,6 +41,16 @@ export interface Mesh {
   lines: Points[];
   folds: Points;
 }
+
+/** How far a band reaches along the axes, at each place. */
+export const reachOf = ({ points, matrices }: Tube): Points =>
+  points.flatMap((p, at) =>
+    p.flatMap((_, axis) =>
+      [-1, 1].map((side) =>
+        p.map((x, k) => (k === axis ? x + side * Math.sqrt(Math.max(matrices[at]![k]![k]!, 0)) : x)),
+      ),
+    ),
+  );
 
 /** A square that holds all shapes however they are turned. */
 function viewOf(sets: Points[], flat: (p: number[]) => Flat): [number, number, number] {
@@ -112,10 +123,11 @@ export function Figure({
           ...(strip ? [strip.points] : []),
           ...(mesh?.lines ?? []),
           ...(arrows ?? []),
+          ...(tube ? [reachOf(tube)] : []),
         ],
         flat,
       ),
-    [fit ?? sets, strip, mesh, flat],
+    [fit ?? sets, strip, mesh, tube, flat],
   );
   const lines = linked && first.dots ? linksOf(text, first.points.length) : [];
   const unit = size / height;
@@ -313,22 +325,39 @@ function Arrow({ from: [ax, ay], to: [bx, by], unit }: { from: Flat; to: Flat; u
   );
 }
 
-/** Discs at all places and, along curves, what lies between two of them: one area of one shade. */
-function Around({ tube: { points, radii, closed, dots }, flat }: { tube: Tube; flat: (p: number[]) => Flat }) {
+/** Ellipses at all places and, along curves, what lies between two of them: one area of one shade. */
+function Around({ tube: { points, matrices, closed, dots }, flat }: { tube: Tube; flat: (p: number[]) => Flat }) {
   const places = points.map(flat),
     n = places.length;
+  // The view is linear: `F M Fᵀ` is the ellipse that is seen, with the images of the axes as columns of `F`.
+  const axes = points[0]?.map((_, axis) => flat(points[0]!.map((_, k) => (k === axis ? 1 : 0)))) ?? [];
+  const seen = matrices.map((matrix) => {
+    const entry = (i: 0 | 1, j: 0 | 1) =>
+      matrix.reduce((sum, row, k) => sum + row.reduce((of, value, l) => of + axes[k]![i] * value * axes[l]![j], 0), 0);
+    return [
+      [entry(0, 0), entry(0, 1)],
+      [entry(1, 0), entry(1, 1)],
+    ] as [Flat, Flat];
+  });
+  /** How far the ellipse of a place reaches across a direction. */
+  const across = (at: number, x: number, y: number) => {
+    const [[xx, xy], [, yy]] = seen[at]!;
+    return Math.sqrt(Math.max(xx * x * x + 2 * xy * x * y + yy * y * y, 0));
+  };
   const between = (at: number) => {
     const [[ax, ay], [bx, by]] = [places[at]!, places[(at + 1) % n]!];
-    const [r, s, length] = [radii[at]!, radii[(at + 1) % n]!, Math.hypot(bx - ax, by - ay) || 1];
-    const [x, y] = [(ay - by) / length, (bx - ax) / length];
+    const length = Math.hypot(bx - ax, by - ay) || 1,
+      [x, y] = [(ay - by) / length, (bx - ax) / length];
+    const [r, s] = [across(at, x, y), across((at + 1) % n, x, y)];
     return `M${word([ax + r * x, ay + r * y])}L${word([bx + s * x, by + s * y])}L${word([bx - s * x, by - s * y])}L${word([ax - r * x, ay - r * y])}Z`;
   };
   return (
     <g class="band" style={{ fill: "var(--accent)", stroke: "none" }} opacity="0.2">
       {!dots && places.slice(0, closed ? n : n - 1).map((_, at) => <path key={at} d={between(at)} />)}
-      {places.map(([x, y], at) => (
-        <circle key={at} cx={x} cy={y} r={radii[at]} />
-      ))}
+      {places.map(([x, y], at) => {
+        const [rx, ry, angle] = axesOf(seen[at]!);
+        return <ellipse key={at} rx={rx} ry={ry} transform={`translate(${word([x, y])}) rotate(${angle})`} />;
+      })}
     </g>
   );
 }

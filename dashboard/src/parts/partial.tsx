@@ -2,6 +2,7 @@
 import { useRef, useState } from "preact/hooks";
 import { get, post, type Schemas } from "../api/client";
 import { useAction, useLoaded } from "../hooks";
+import { axesOf } from "../shape/around";
 import { box, evaluated, inPlane, isClosed, isDots, type Points, path } from "../shape/points";
 import { number, percent, t } from "../strings";
 import type { About } from "../views/dictionary";
@@ -129,7 +130,15 @@ function Mask({ about, dictionary, seen, name }: { about: About; dictionary: str
   });
   const result = complete.data,
     found = result?.answer.results[0];
-  const view = box([outline, ...(result ? [result.curve] : [])], 0.12),
+  /** Whether each place of the bands lies in the part that was marked when it was completed. */
+  const covered =
+    (found?.bands.points as Points | undefined)?.map((p, index) => {
+      const place = found!.bands.parameters?.[index] ?? index;
+      return !found!.bands.observed[index] && result!.marked[nearest(at, place, closed)] === true && p.length > 0;
+    }) ?? [];
+  // The frame holds the outline, what was completed, and all of its band.
+  const reach = found ? reachOf(found, covered, result.answer.simultaneous_factor) : [];
+  const view = box([outline, ...(result ? [result.curve, reach] : [])], 0.12),
     size = Math.max(...view.split(" ").slice(2).map(Number));
   const brush = (event: PointerEvent) => {
     const frame = svg.current!.getBoundingClientRect(),
@@ -143,12 +152,6 @@ function Mask({ about, dictionary, seen, name }: { about: About; dictionary: str
       ),
     );
   };
-  /** Whether each place of the bands lies in the part that was marked when it was completed. */
-  const covered =
-    (found?.bands.points as Points | undefined)?.map((p, index) => {
-      const place = found!.bands.parameters?.[index] ?? index;
-      return !found!.bands.observed[index] && result!.marked[nearest(at, place, closed)] === true && p.length > 0;
-    }) ?? [];
   const count = hidden.filter(Boolean).length;
   const range = (from: number, to: number) =>
     setHidden(outline.map((_, index) => index >= Math.min(from, to) && index < Math.max(from, to)));
@@ -258,7 +261,7 @@ function Mask({ about, dictionary, seen, name }: { about: About; dictionary: str
             (found.novelty.is_outlier ? t.partial.unusual : t.partial.usual(percent(found.novelty.rank, 0)))}{" "}
           {t.partial.band(
             percent(result.answer.level, 0),
-            `${number(Math.max(...found.bands.simultaneous.filter((_, k) => covered[k]), 0), 3)}${about.length_unit ? ` ${about.length_unit}` : ""}`,
+            `${number(Math.max(...found.bands.simultaneous.filter((_, k) => covered[k]), 0), 3)}${about.length_unit ? `\u00a0${about.length_unit}` : ""}`,
           )}
         </p>
       )}
@@ -289,6 +292,15 @@ function useLoadedOnce<T>(ask: () => Promise<T>) {
   return { data, busy: action.busy, error: action.error, run: () => action.run() };
 }
 
+/** Corners of boxes around the regions of hidden places: along an axis an ellipse reaches the root of that variance. */
+function reachOf({ bands }: Completed["results"][number], covered: boolean[], factor: number): Points {
+  return (bands.points as Points).flatMap((p, index) => {
+    if (!covered[index]) return [];
+    const reach = p.map((_, axis) => factor * Math.sqrt(Math.max(bands.covariances[index]![axis]![axis]!, 0)));
+    return [-1, 1].map((side) => p.map((x, axis) => x + side * reach[axis]!));
+  });
+}
+
 /** Regions of hidden places, in which all of them lie together at the level of the band. */
 function Bands({
   found,
@@ -304,15 +316,11 @@ function Bands({
     <g style={{ fill: "var(--accent)", stroke: "none" }} opacity="0.16">
       {(points as Points).map((p, index) => {
         if (!covered[index]) return null;
-        const [[xx, xy], [, yy]] = covariances[index] as [[number, number], [number, number]];
-        const middle = (xx + yy) / 2,
-          spread = Math.hypot((xx - yy) / 2, xy);
-        const [a, b] = [Math.sqrt(Math.max(middle + spread, 0)), Math.sqrt(Math.max(middle - spread, 0))];
-        const angle = (-0.5 * Math.atan2(2 * xy, xx - yy) * 180) / Math.PI;
+        const [a, b, angle] = axesOf(covariances[index] as [[number, number], [number, number]]);
         return (
           <ellipse
             key={index}
-            transform={`translate(${p[0]} ${-p[1]!}) rotate(${angle})`}
+            transform={`translate(${p[0]} ${-p[1]!}) rotate(${-angle})`}
             rx={factor * a}
             ry={factor * b}
           />

@@ -41,6 +41,8 @@ export interface ScatterProps {
   onChoose: (chosen: Set<number> | null) => void;
   hover: (index: number) => ComponentChildren;
   describe: string;
+  /** Places that the first range holds beside the points: of what is drawn around them. */
+  reach?: Place[];
   /** Drawn into the plane, in its coordinates, at places on the page. */
   backdrop?: (place: (x: number, y: number) => Place) => ComponentChildren;
 }
@@ -108,8 +110,7 @@ export function Scatter(props: ScatterProps) {
       (values: () => number[]): uPlot.Range.Function =>
       (_, low, high) => {
         if (low !== null && high !== null && low !== high && (low !== 0 || high !== 100)) return [low, high];
-        const [a, b] = extent(values());
-        return [a, b];
+        return extent(values());
       };
     const created = new uPlot(
       {
@@ -119,8 +120,8 @@ export function Scatter(props: ScatterProps) {
         legend: { show: false },
         cursor: { points: { show: false }, x: false, y: false, drag: { x: true, y: true, setScale: true, uni: 20 } },
         scales: {
-          x: { time: false, auto: false, range: range(() => latest.current.x) },
-          y: { auto: false, range: range(() => latest.current.y) },
+          x: { time: false, auto: false, range: range(() => valuesOf(latest.current, 0)) },
+          y: { auto: false, range: range(() => valuesOf(latest.current, 1)) },
         },
         axes: [axis(props.xLabel), { ...axis(props.yLabel), size: 58 }],
         series: [
@@ -156,7 +157,7 @@ export function Scatter(props: ScatterProps) {
 
   useEffect(() => {
     if (plot.current) whole(plot.current, latest.current);
-  }, [props.x, props.y]);
+  }, [props.x, props.y, props.reach]);
   useEffect(() => plot.current?.redraw(false), [props.groups, props.palette, props.chosen]);
 
   const at = (event: PointerEvent): Place => {
@@ -262,7 +263,8 @@ export function Scatter(props: ScatterProps) {
   );
 }
 
-function extent(values: number[]): [number, number] {
+/** The range of values, with a margin. */
+export function extent(values: number[]): [number, number] {
   let low = Infinity,
     high = -Infinity;
   for (const value of values) {
@@ -273,13 +275,19 @@ function extent(values: number[]): [number, number] {
   return [low - gap, high + gap];
 }
 
-function whole(u: uPlot, { x, y }: { x: number[]; y: number[] }): void {
+/** The values of all that is drawn, along one axis. */
+const valuesOf = ({ x, y, reach = [] }: ScatterProps, axis: 0 | 1): number[] => [
+  ...(axis ? y : x),
+  ...reach.map((p) => p[axis]),
+];
+
+function whole(u: uPlot, props: ScatterProps): void {
   u.batch(() => {
-    for (const [scale, values] of [
-      ["x", x],
-      ["y", y],
+    for (const [scale, axis] of [
+      ["x", 0],
+      ["y", 1],
     ] as const) {
-      const [min, max] = extent(values);
+      const [min, max] = extent(valuesOf(props, axis));
       u.setScale(scale, { min, max });
     }
   });

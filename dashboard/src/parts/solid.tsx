@@ -18,7 +18,7 @@ export interface Against {
 
 /** What the colours of differences mean; `most` is the length of the longest one. */
 export function Scale({ most, unit, ends }: { most: number; unit: string; ends: [string, string] }) {
-  const length = `${number(most, 2)}${unit && ` ${unit}`}`;
+  const length = `${number(most, 2)}${unit && `\u00a0${unit}`}`;
   return (
     <p class="scale">
       <span>

@@ -2,6 +2,14 @@
 
 export type Spot = [number, number];
 
+/** Half axes of the ellipse `pᵀ M⁻¹ p ≤ 1`, and the angle in degrees from the first axis of the plane to the longer one. */
+export function axesOf([[xx, xy], [, yy]]: [[number, number], [number, number]]): [number, number, number] {
+  const middle = (xx + yy) / 2,
+    spread = Math.hypot((xx - yy) / 2, xy);
+  const half = (square: number) => Math.sqrt(Math.max(square, 0));
+  return [half(middle + spread), half(middle - spread), (90 * Math.atan2(2 * xy, xx - yy)) / Math.PI];
+}
+
 /** Turn to the left from `a` over `b` to `c`: positive. */
 const turn = (a: Spot, b: Spot, c: Spot): number => (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
 

@@ -3,6 +3,17 @@ import type { Strings } from ".";
 
 /** Zahlen in Sätzen, in Gruppen von drei Ziffern; Texte bleiben, wie sie sind. */
 const n = (value: number | string): string => (typeof value === "number" ? value.toLocaleString("de-DE") : value);
+/** Eine Zahl und was sie zählt: eins oder mehrere. */
+const some = (value: number | string, one: string, many: string): string => `${n(value)} ${are(value, one, many)}`;
+const are = (value: number | string, one = "ist", many = "sind"): string => (String(value) === "1" ? one : many);
+
+/** Eines von jeder Art von Formen, für die eine Kohorte vorgeschlagen wird. */
+const ONE = {
+  closed_curve: "geschlossene Kontur",
+  open_curve: "offene Kurve",
+  landmarks: "Landmarkensatz",
+  surface: "Netz",
+};
 
 export const de: Strings = {
   frame: {
@@ -168,7 +179,7 @@ export const de: Strings = {
     empty: "Es gibt noch keine Kohorte. Legen Sie eine an und ziehen Sie dann Dateien mit Konturen darauf.",
     example: "Die Beispielkohorte",
     exampleCaption: (count) =>
-      `Die Umrisse von ${n(count)} Mauszellen, verschoben, gedreht und skaliert, bis sie aufeinanderliegen; davor ihr Mittel.`,
+      `Die Umrisse von ${some(count, "Mauszelle", "Mauszellen")}, verschoben, gedreht und skaliert, bis sie aufeinanderliegen; davor ihr Mittel.`,
     tour: "Ein Rundgang in fünf Schritten",
     steps: [
       ["Die Zellen ansehen", "Alle Umrisse in einem Maßstab, mit Filtern nach Zelllinie, Behandlung und Größe."],
@@ -187,8 +198,8 @@ export const de: Strings = {
     surface: "Fläche",
     subdivision: "Unterteilungsfläche",
     landmarks: "Landmarken",
-    points: (count) => `${n(count)} Kontrollpunkte`,
-    intervals: (count) => `${n(count)} Abschnitte`,
+    points: (count) => some(count, "Kontrollpunkt", "Kontrollpunkte"),
+    intervals: (count) => some(count, "Abschnitt", "Abschnitte"),
   },
   topologies: {
     sphere: "Kugel",
@@ -268,8 +279,8 @@ export const de: Strings = {
     revision: (revision) => `Revision ${n(revision)}`,
     unit: (unit) => `Längen in ${unit}`,
     filters: "Filter",
-    all: (count) => `Alle ${n(count)} Formen`,
-    some: (some, all) => `${n(some)} von ${n(all)} Formen`,
+    all: (count) => `Alle ${count} Formen`,
+    some: (part, all) => `${part} von ${some(all, "Form", "Formen")}`,
     without: (name, value) => `Filter ${name} ${value} entfernen`,
     from: (name) => `${name}: mindestens`,
     to: (name) => `${name}: höchstens`,
@@ -280,7 +291,7 @@ export const de: Strings = {
     ownScale: "Jede eingepasst",
     nothing: "Keine Form erfüllt den Filter.",
     sizes: (median, low, high, unit) =>
-      `Median ${median}${unit && ` ${unit}`}; neun von zehn liegen zwischen ${low} und ${high}.`,
+      `Median ${median}${unit && `\u00a0${unit}`}; neun von zehn liegen zwischen ${low} und ${high}.`,
     same: (value) => `Alle Formen haben den Wert ${value}.`,
     empty: "Diese Kohorte enthält noch keine Formen.",
     deleted: (name) => `${name} liegt im Papierkorb.`,
@@ -324,7 +335,7 @@ export const de: Strings = {
     canonical: "kanonisch: für alle gleich",
     alt: (cohort) => `Mittel von ${cohort} vor den ausgerichteten Formen`,
     caption: (count) =>
-      `Das Mittel vor ${n(count)} ausgerichteten Formen. Es ist immer aktuell: Formen, die eintreffen, verändern es hier.`,
+      `Das Mittel vor ${some(count, "ausgerichteten Form", "ausgerichteten Formen")}. Es ist immer aktuell: Formen, die eintreffen, verändern es hier.`,
     eigenvalues: "Wie klar es ein Mittel gibt",
     eigenvalue: "Rückhalt",
     eigenvaluesHint:
@@ -383,9 +394,9 @@ export const de: Strings = {
       `Die Mittel der Gruppen übereinander und der Unterschied auf ${first}: Das Paar mit dem größten Abstand ist ${first} und ${second}.`,
     effect: (first, second) => `Wo sich ${first} und ${second} unterscheiden`,
     along: "Ort entlang der Kontur",
-    effectAlt: (some, all) => `p entlang der Kontur: an ${n(some)} von ${n(all)} Orten höchstens 0,05`,
-    effectHint: (some, all) =>
-      `An ${n(some)} von ${n(all)} Orten ist p höchstens 0,05, korrigiert für die Zahl der Orte.`,
+    effectAlt: (at, all) => `p entlang der Kontur: an ${n(at)} von ${some(all, "Ort", "Orten")} höchstens 0,05`,
+    effectHint: (at, all) =>
+      `An ${n(at)} von ${some(all, "Ort", "Orten")} ist p höchstens 0,05, korrigiert für die Zahl der Orte.`,
     coloured: (first, second) => `Farben: wo ${second} außerhalb (rot) oder innerhalb (blau) von ${first} liegt.`,
     effectKey: (first, second, most, drawn) =>
       `Abstand von ${first} zu ${second}: 0 bis ${most}; ${{ surface: "kräftig", line: "breit", dots: "groß" }[drawn]}, wo p an dieser Stelle höchstens 0,05 ist`,
@@ -394,7 +405,7 @@ export const de: Strings = {
     observed: "beobachtet",
     explained: "Anteil der Variation, den die Gruppen erklären",
     chance: (observed, exceeding, all) =>
-      `Die Gruppen erklären ${observed} der Variation. Von ${n(all)} zufälligen Aufteilungen derselben Formen erklären ${exceeding} ebenso viel oder mehr.`,
+      `Die Gruppen erklären ${observed} der Variation. Von ${some(all, "zufälligen Aufteilung", "zufälligen Aufteilungen")} derselben Formen ${are(exceeding, "erklärt", "erklären")} ${exceeding} ebenso viel oder mehr.`,
     sideBySide: "Mittel nebeneinander",
     linked: "Beide drehen sich gemeinsam: Ziehen Sie an einem, oder nutzen Sie die Pfeiltasten.",
     pairs: "Paare von Gruppen",
@@ -402,7 +413,7 @@ export const de: Strings = {
     holm: "p (Holm)",
     overall: "Alle Gruppen",
     pairsHint: (count) =>
-      `R² ist der Teil der Variation, den die Gruppen erklären. p aus ${n(count)} Permutationen; die Korrektur nach Holm gilt für die Zahl der Paare.`,
+      `R² ist der Teil der Variation, den die Gruppen erklären. p aus ${some(count, "Permutation", "Permutationen")}; die Korrektur nach Holm gilt für die Zahl der Paare.`,
     sizes: "Größen vor der Ausrichtung",
     group: "Gruppe",
     spread: "Streuung",
@@ -453,9 +464,11 @@ export const de: Strings = {
     stopped: "Abgebrochen. Aus dieser Datei wurde nichts gespeichert.",
     syntax: (message) => `Die Datei ist kein gültiges JSON: ${message}`,
     crossing: (count) =>
-      `${n(count)} der Formen schneiden sich selbst. Sie sind gespeichert; sehen Sie sie an, bevor Sie Schlüsse ziehen.`,
-    left: (count) => (count === 1 ? "1 Form wurde ausgelassen:" : `${count} Formen wurden ausgelassen:`),
-    repeated: (count) => `${n(count)} wiederholte Punkte wurden ausgelassen.`,
+      count === 1
+        ? "Eine der Formen schneidet sich selbst. Sie ist gespeichert; sehen Sie sie an, bevor Sie Schlüsse ziehen."
+        : `${n(count)} der Formen schneiden sich selbst. Sie sind gespeichert; sehen Sie sie an, bevor Sie Schlüsse ziehen.`,
+    left: (count) => `${some(count, "Form wurde", "Formen wurden")} ausgelassen:`,
+    repeated: (count) => `${some(count, "wiederholter Punkt wurde", "wiederholte Punkte wurden")} ausgelassen.`,
     look: "Kohorte ansehen",
     looking: "Wird gelesen",
     ready: "Noch nicht gespeichert",
@@ -464,13 +477,13 @@ export const de: Strings = {
     refused: "Nicht lesbar",
     unfit: "Würde abgelehnt",
     storedWithout: "Aus dieser Datei nicht gespeichert:",
-    document: (count) => `${n(count)} Formen, wie eine Anfrage an diesen Dienst sie enthält.`,
+    document: (count) => `${some(count, "Form", "Formen")}, wie eine Anfrage an diesen Dienst sie enthält.`,
     lines: "Zeilen, wie Anfragen an diesen Dienst sie enthalten. Jede wird geprüft, wenn sie gespeichert werden.",
     ahead: "In dieser Kohorte:",
-    wouldAdd: (count) => (count === 1 ? "1 Form käme hinzu" : `${count} Formen kämen hinzu`),
-    there: (count) => (count === 1 ? "1 ist schon vorhanden" : `${count} sind schon vorhanden`),
-    unstored: (count) => (count === 1 ? "1 kann nicht gespeichert werden" : `${count} können nicht gespeichert werden`),
-    crossed: (count) => (count === 1 ? "1 schneidet sich selbst" : `${count} schneiden sich selbst`),
+    wouldAdd: (count) => some(count, "Form käme hinzu", "Formen kämen hinzu"),
+    there: (count) => `${some(count, "ist", "sind")} schon vorhanden`,
+    unstored: (count) => `${some(count, "kann", "können")} nicht gespeichert werden`,
+    crossed: (count) => `${some(count, "schneidet", "schneiden")} sich selbst`,
     converted: (from, to) => `Koordinaten werden von ${from} in ${to} umgerechnet`,
     adopts: (unit) => `die Kohorte übernimmt die Einheit der Datei, ${unit}`,
     folder: "Ordner wählen",
@@ -483,13 +496,17 @@ export const de: Strings = {
     valueAll: "Sein Wert",
     segment: "Objekte darin finden",
     fits: (count: string, worst: string) =>
-      `${n(count)} Flächen werden an Netze angepasst; die schlechteste liegt im Mittel ${worst} ihrer Größe neben ihrem Netz.`,
+      count === "1"
+        ? `1 Fläche wird an ein Netz angepasst; sie liegt im Mittel ${worst} ihrer Größe neben ihrem Netz.`
+        : `${n(count)} Flächen werden an Netze angepasst; die schlechteste liegt im Mittel ${worst} ihrer Größe neben ihrem Netz.`,
     attributesReady: "Merkmale, noch nicht gespeichert",
     attributesDone: "Merkmale gespeichert",
     attributesAhead: (updated: string, unchanged: string) =>
-      `Merkmale nach Kennung: ${updated} Formen würden geändert, ${unchanged} sind schon so.`,
+      `Merkmale nach Kennung: ${some(updated, "Form würde", "Formen würden")} geändert, ${some(unchanged, "ist", "sind")} schon so.`,
     attributesUnknown: (count: string) =>
-      `${n(count)} Zeilen nennen keine Form dieser Kohorte oder haben Werte, die sie nicht annimmt.`,
+      count === "1"
+        ? "1 Zeile nennt keine Form dieser Kohorte oder hat Werte, die sie nicht annimmt."
+        : `${n(count)} Zeilen nennen keine Form dieser Kohorte oder haben Werte, die sie nicht annimmt.`,
     attributesStore: "Merkmale speichern",
   },
   file: {
@@ -497,12 +514,12 @@ export const de: Strings = {
       `Vorgeschlagene Kontrollpunkte: ${points}. Sie lassen ${left} der Größe einer Form übrig.`,
     format: "Format",
     kinds: { curve: "Kurven", landmarks: "Landmarken", mesh: "Netze", fourier: "Fourier-Koeffizienten" },
-    points: (count) => `${n(count)} Punkte`,
+    points: (count) => some(count, "Punkt", "Punkte"),
     harmonics: (count) => `${n(count)} Harmonische`,
-    faces: (count) => `${n(count)} Seitenflächen`,
+    faces: (count) => some(count, "Seitenfläche", "Seitenflächen"),
     closed: (closed, all) =>
       closed === all ? "geschlossen" : closed === "0" ? "offen" : `${closed} davon geschlossen`,
-    holes: (count) => `${n(count)} umranden Löcher`,
+    holes: (count) => (count === "1" ? "1 umrandet ein Loch" : `${count} umranden Löcher`),
     incomplete: (count) => `${n(count)} mit fehlenden Punkten`,
     extent: "Koordinaten",
     noUnit: "nicht genannt",
@@ -523,7 +540,7 @@ export const de: Strings = {
   dictionaries: {
     lead: "Ein Modell wird aus einer Kohorte gelernt: die mittlere Form und wie Formen um sie variieren. Es ändert sich nie; erneutes Lernen ergibt eine neue Version.",
     none: "Es wurde noch kein Modell gelernt.",
-    atoms: (count) => `${n(count)} dünn besetzte Atome`,
+    atoms: (count) => some(count, "dünn besetztes Atom", "dünn besetzte Atome"),
     components: (count) => `${n(count)} Muster`,
   },
   learn: {
@@ -550,11 +567,11 @@ export const de: Strings = {
     atoms: "Atome",
     drift: "Drift",
     lead: (cohort, shapes, name, time) =>
-      `Gelernt aus ${n(shapes)} Formen von ${cohort}, unter der Klasse „${name}“, ${time}.`,
+      `Gelernt aus ${some(shapes, "Form", "Formen")} von ${cohort}, unter der Klasse „${name}“, ${time}.`,
     deleteHint: "Diese Version kommt in den Papierkorb. Von dort kann die Verwaltung sie zurückholen.",
     atomsHint: "Jede Form wird durch wenige dieser Atome beschrieben, bewegt und skaliert, wie sie es braucht.",
     componentsHint: "Jedes Muster bei zwei Standardabweichungen auf beiden Seiten des Mittels.",
-    atomsAlt: (count) => `${n(count)} Atome nebeneinander`,
+    atomsAlt: (count) => `${some(count, "Atom", "Atome")} nebeneinander`,
     atom: (number) => `Atom ${n(number)}`,
     component: (number) => `Muster ${n(number)}`,
     use: (part) => `von ${part} der Formen verwendet`,
@@ -564,7 +581,7 @@ export const de: Strings = {
     mean: "Mittel",
   },
   report: {
-    kept: (count) => `Variation, die ${n(count)} Muster erfassen`,
+    kept: (count) => `Variation, die ${some(count, "Muster erfasst", "Muster erfassen")}`,
     error: "Typischer Fehler, Teil der Größe",
     accuracy: "Richtige Antworten bei ungesehenen Formen",
     mean: "Mittel",
@@ -592,7 +609,8 @@ export const de: Strings = {
       `${value} der Formen, aus denen nicht gelernt wurde, werden richtig eingeordnet (95-%-Intervall ${low} bis ${high}). Immer die häufigste Klasse zu nennen, träfe zu ${majority}.`,
     confusion: "Zeilen: wahre Klasse. Spalten: vorhergesagte Klasse.",
     recall: "Gefunden",
-    folds: (folds, repeats) => `Aus ${n(repeats)} Wiederholungen der Kreuzvalidierung in ${n(folds)} Teilen.`,
+    folds: (folds, repeats) =>
+      `Aus ${some(repeats, "Wiederholung", "Wiederholungen")} der Kreuzvalidierung in ${some(folds, "Teil", "Teilen")}.`,
     quality: "Wie gut die Muster Formen beschreiben",
     qualityHint:
       "Fehler an Formen, aus denen nicht gelernt wurde, Abstände zufälliger Formen zu echten, und wie sehr die Muster von der Wahl der Personen abhängen.",
@@ -603,7 +621,7 @@ export const de: Strings = {
     angle: "Winkel bei Neuziehung",
     errorsAlt: (values) => `Fehler ausgelassener Formen nach Zahl der Muster: ${values}`,
     qualityCaption: (shapes, subjects) =>
-      `${n(shapes)} Formen von ${n(subjects)} Personen, jede Person einmal ausgelassen. Fallende Linie: Verallgemeinerung, der Fehler ausgelassener Formen. Steigende Linie: Spezifität, der Abstand zufälliger Formen zur nächsten echten. In Klammern: Intervalle, die 95 % überdecken.`,
+      `${some(shapes, "Form", "Formen")} von ${some(subjects, "Person", "Personen")}, jede Person einmal ausgelassen. Fallende Linie: Verallgemeinerung, der Fehler ausgelassener Formen. Steigende Linie: Spezifität, der Abstand zufälliger Formen zur nächsten echten. In Klammern: Intervalle, die 95\u00a0% überdecken.`,
   },
   modes: {
     sliders: "Muster der Variation",
@@ -629,9 +647,9 @@ export const de: Strings = {
     outlier: "Ungewöhnliche Formen",
     class: "Vorhergesagte Klasse",
     noCohort: "Die Kohorte dieses Modells gibt es in diesem Dienst nicht.",
-    alt: (count) => `Streudiagramm der Werte von ${n(count)} Formen`,
+    alt: (count) => `Streudiagramm der Werte von ${some(count, "Form", "Formen")}`,
     caption: (count) =>
-      `${n(count)} Formen. Zeigen Sie auf eine, um sie zu sehen; umfahren Sie einige, um sie zu wählen; Scrollen vergrößert, ein Doppelklick zeigt alle.`,
+      `${some(count, "Form", "Formen")}. Zeigen Sie auf eine, um sie zu sehen; umfahren Sie einige, um sie zu wählen; Scrollen vergrößert, ein Doppelklick zeigt alle.`,
     selection: "Auswahl",
     selectionHint: "Ziehen Sie eine Linie um Punkte, um Formen zu wählen und ihr Mittel zu sehen.",
     chosen: (count) => `${n(count)} gewählt`,
@@ -642,7 +660,7 @@ export const de: Strings = {
     rest: (count) => `${n(count)} weitere`,
     around: "Um jede Gruppe",
     hull: "ihre Hülle",
-    ellipse: "eine Ellipse für 95 %",
+    ellipse: "eine Ellipse für 95\u00a0%",
   },
   drift: {
     none: (revision) =>
@@ -654,7 +672,7 @@ export const de: Strings = {
     shift: "Verschiebung",
     spread: "Streuung",
     sentence: (shapes, outliers, rate, expected) =>
-      `Von ${n(shapes)} neuen Formen sind ${n(outliers)} ungewöhnlich (${rate}); etwa ${expected} wären zu erwarten, wenn sich nichts geändert hätte.`,
+      `Von ${some(shapes, "neuen Form", "neuen Formen")} ${are(outliers)} ${n(outliers)} ungewöhnlich (${rate}); etwa ${expected} wären zu erwarten, wenn sich nichts geändert hätte.`,
     quantile: "Grenze des Üblichen",
     fresh: "Neue Formen",
     outliers: "Ungewöhnlich",
@@ -686,9 +704,9 @@ export const de: Strings = {
           : label
             ? `Am ehesten ${label} (Sicherheit ${confidence}).`
             : "Eine übliche Form",
-    outlier: "ungewöhnlich: jenseits der Grenze von 99 % der Formen",
-    inlier: "im Rahmen des Üblichen: unter der Grenze von 99 % der Formen",
-    against: (name, shapes, time) => `verglichen mit ${name}, gelernt aus ${n(shapes)} Formen, ${time}`,
+    outlier: "ungewöhnlich: jenseits der Grenze von 99\u00a0% der Formen",
+    inlier: "im Rahmen des Üblichen: unter der Grenze von 99\u00a0% der Formen",
+    against: (name, shapes, time) => `verglichen mit ${name}, gelernt aus ${some(shapes, "Form", "Formen")}, ${time}`,
     where: "Wo sie abweicht",
     whereAlt: (name) => `${name}, gefärbt nach dem Abstand von der Rekonstruktion`,
     whereCaption: "Die Form, gefärbt nach ihrem Abstand von der Rekonstruktion durch das Modell.",
@@ -772,7 +790,7 @@ export const de: Strings = {
   console: {
     lead: "Jede Anfrage dieser Seite kann auch ein Programm stellen. Füllen Sie eine aus, senden Sie sie, kopieren Sie sie.",
     operation: "Anfrage",
-    optional: (count) => `${n(count)} weitere Einstellungen`,
+    optional: (count) => some(count, "weitere Einstellung", "weitere Einstellungen"),
     body: "Inhalt",
     send: "Senden",
     copy: "Als Programm",
@@ -866,7 +884,7 @@ export const de: Strings = {
     },
     followUp: "Zu höheren Schichten folgen",
     followDown: "Zu tieferen Schichten folgen",
-    levels: (slices) => `Konturen auf ${n(slices)} ${slices === 1 ? "Schicht" : "Schichten"}.`,
+    levels: (slices) => `${slices === 1 ? "Kontur" : "Konturen"} auf ${some(slices, "Schicht", "Schichten")}.`,
     across3: "In den anderen beiden Ebenen",
     acrossHint: "Ebenen durch die Mitte des Objekts. Jede Linie ist das Innere der Kontur einer Schicht.",
     cutAlt: (plane) => `${plane}, mit den Konturen, die sie schneidet`,
@@ -958,17 +976,17 @@ export const de: Strings = {
   },
   bulk: {
     summary: "Diese Formen kennzeichnen",
-    title: (count: string) => `${n(count)} Formen kennzeichnen`,
+    title: (count: string) => `${some(count, "Form", "Formen")} kennzeichnen`,
     attribute: "Merkmal",
     value: "Wert",
     empty: "leer entfernt es",
     apply: "Anwenden",
-    done: (count: string) => `${n(count)} Formen wurden geändert.`,
+    done: (count: string) => `${some(count, "Form wurde", "Formen wurden")} geändert.`,
   },
   find: {
     label: "Form nach Namen suchen",
     found: (count: string) => `${n(count)} gefunden`,
-    filter: (count: string) => `Diese ${n(count)} zeigen`,
+    filter: (count: string) => `Diese ${count} zeigen`,
   },
   columns: {
     title: "Spalten",
@@ -982,14 +1000,16 @@ export const de: Strings = {
     none: "Keine Form ist ungewöhnlich.",
     page: "Alle dieser Seite wählen",
     choose: (name: string) => `${name} wählen`,
-    of: (some: string, all: string) => `${n(some)} von ${n(all)} auf dieser Seite`,
+    of: (part: string, all: string) => `${part} von ${all} auf dieser Seite`,
   },
   propose: {
     drop: "Dateien oder einen Ordner hierher ziehen",
     hint: "Für den Inhalt wird eine Kohorte vorgeschlagen. Sie sehen sie, bevor etwas gespeichert wird",
     title: (files: number) => (files === 1 ? "Was in dieser Datei ist" : `Was in diesen ${files} Dateien ist`),
-    sentence: (count: string, kind: string, representation: string) =>
-      `${n(count)} ${kind} würden gespeichert als: ${representation}.`,
+    sentence: (count: string, kind: keyof typeof ONE, representation: string) =>
+      count === "1"
+        ? `1 ${ONE[kind]} würde gespeichert als: ${representation}.`
+        : `${count} ${de.propose.kinds[kind]} würden gespeichert als: ${representation}.`,
     kinds: {
       closed_curve: "geschlossene Konturen",
       open_curve: "offene Kurven",
@@ -1019,7 +1039,7 @@ export const de: Strings = {
     changeable: "Zum Ändern die Kohorte bearbeiten",
   },
   store: {
-    title: (count) => `${n(count)} Konturen speichern`,
+    title: (count) => `${some(count, "Kontur", "Konturen")} speichern`,
     done: (count, cohort) => `${n(count)} in ${cohort} gespeichert.`,
   },
   who: {
@@ -1037,9 +1057,11 @@ export const de: Strings = {
     use: "Formen, die der Mehrheit nicht gleichen, zählen weniger",
     title: "Welche Formen weniger zählen",
     sentence: (left, reduced, worth) =>
-      `${left} sind ausgelassen, ${reduced} zählen weniger; zusammen sind die Formen ${worth} gleiche wert.`,
+      `${some(left, "ist", "sind")} ausgelassen, ${some(reduced, "zählt", "zählen")} weniger; zusammen sind die Formen ${worth} gleiche wert.`,
     minority: (count, share) =>
-      `${n(count)} Formen (${share} des Gewichts) gleichen einander und nicht der Mehrheit. Sie zählen: Sehen Sie sie an.`,
+      count === "1"
+        ? `1 Form (${share} des Gewichts) gleicht der Mehrheit nicht. Sie zählt: Sehen Sie sie an.`
+        : `${count} Formen (${share} des Gewichts) gleichen einander und nicht der Mehrheit. Sie zählen: Sehen Sie sie an.`,
     none: "Keine Form zählt weniger.",
     left: "ausgelassen",
     counts: (part) => `zählt ${part}`,
@@ -1087,7 +1109,7 @@ export const de: Strings = {
     residual: "Was bleibt",
     total: "Gesamt",
     tableHint: (shapes) =>
-      `${n(shapes)} Formen. R² ist der Teil der Variation, Z die Wirkung in Standardabweichungen der Permutationen, p aus Permutationen der Reste.`,
+      `${some(shapes, "Form", "Formen")}. R² ist der Teil der Variation, Z die Wirkung in Standardabweichungen der Permutationen, p aus Permutationen der Reste.`,
     predicted: "Vorhergesagte Formen",
     predictedAlt: "Formen, die das Modell vorhersagt",
     predictedHint: "Bei den Werten des ersten Terms; Zahlen, die nicht genannt sind, liegen bei ihrem Mittel.",

@@ -1,8 +1,19 @@
 /** All words in English. `de.ts` has the same shape. */
 import type { Schemas } from "../api/client";
 
-/** Numbers within sentences, in groups of three digits. */
-const n = (value: number): string => value.toLocaleString("en-GB");
+/** Numbers within sentences, in groups of three digits; texts stay as they are. */
+const n = (value: number | string): string => (typeof value === "number" ? value.toLocaleString("en-GB") : value);
+/** A number and what it counts, of which there may be one. */
+const some = (value: number | string, one: string, many = `${one}s`): string => `${n(value)} ${are(value, one, many)}`;
+const are = (value: number | string, one = "is", many = "are"): string => (String(value) === "1" ? one : many);
+
+/** One of each kind of shapes that a cohort is proposed for. */
+const ONE = {
+  closed_curve: "closed contour",
+  open_curve: "open curve",
+  landmarks: "landmark set",
+  surface: "mesh",
+};
 
 export const en = {
   frame: {
@@ -136,7 +147,7 @@ export const en = {
     empty: "There is no cohort yet. Create one, then drop files of contours on it.",
     example: "The example cohort",
     exampleCaption: (count: number) =>
-      `The outlines of ${n(count)} mouse cells, moved, turned and scaled onto each other, and their mean in front.`,
+      `The outlines of ${some(count, "mouse cell")}, moved, turned and scaled onto each other, and their mean in front.`,
     tour: "A walk in five steps",
     steps: [
       ["Look at the cells", "All outlines on one scale, with filters by cell line, treatment and size."],
@@ -155,8 +166,8 @@ export const en = {
     surface: "Surface",
     subdivision: "Subdivision surface",
     landmarks: "Landmarks",
-    points: (count: number) => `${n(count)} control points`,
-    intervals: (count: number) => `${n(count)} intervals`,
+    points: (count: number) => some(count, "control point"),
+    intervals: (count: number) => some(count, "interval"),
   },
   topologies: {
     sphere: "sphere",
@@ -237,7 +248,7 @@ export const en = {
     unit: (unit: string) => `lengths in ${unit}`,
     filters: "Filters",
     all: (count: string) => `All ${count} shapes`,
-    some: (some: string, all: string) => `${some} of ${all} shapes`,
+    some: (part: string, all: string) => `${part} of ${some(all, "shape")}`,
     without: (name: string, value: string) => `Remove the filter ${name} ${value}`,
     from: (name: string) => `${name}: at least`,
     to: (name: string) => `${name}: at most`,
@@ -248,7 +259,7 @@ export const en = {
     ownScale: "Each fitted",
     nothing: "No shape passes the filter.",
     sizes: (median: string, low: string, high: string, unit: string) =>
-      `Median ${median}${unit && ` ${unit}`}; nine in ten between ${low} and ${high}.`,
+      `Median ${median}${unit && `\u00a0${unit}`}; nine in ten between ${low} and ${high}.`,
     same: (value: string) => `All shapes have the value ${value}.`,
     empty: "This cohort has no shapes yet.",
     deleted: (name: string) => `${name} is in the trash.`,
@@ -292,7 +303,7 @@ export const en = {
     canonical: "canonical: the same for all",
     alt: (cohort: string) => `Mean of ${cohort} in front of its aligned shapes`,
     caption: (count: number) =>
-      `The mean in front of ${n(count)} aligned shapes. It is current at all times: shapes that arrive change it here.`,
+      `The mean in front of ${some(count, "aligned shape")}. It is current at all times: shapes that arrive change it here.`,
     eigenvalues: "How clearly there is one mean",
     eigenvalue: "Support",
     eigenvaluesHint:
@@ -339,9 +350,9 @@ export const en = {
       `Averages of the groups, superimposed, and the effect on ${first}: the most distant pair is ${first} and ${second}.`,
     effect: (first: string, second: string) => `Where ${first} and ${second} differ`,
     along: "Place along the contour",
-    effectAlt: (some: number, all: number) => `p along the contour: at ${n(some)} of ${n(all)} places at most 0.05`,
-    effectHint: (some: number, all: number) =>
-      `At ${n(some)} of ${n(all)} places p is at most 0.05, corrected for the number of places.`,
+    effectAlt: (at: number, all: number) => `p along the contour: at ${n(at)} of ${some(all, "place")} at most 0.05`,
+    effectHint: (at: number, all: number) =>
+      `At ${n(at)} of ${some(all, "place")} p is at most 0.05, corrected for the number of places.`,
     coloured: (first: string, second: string) =>
       `Colours: where ${second} lies outside (red) or inside (blue) of ${first}.`,
     effectKey: (first: string, second: string, most: string, drawn: "surface" | "line" | "dots") =>
@@ -351,7 +362,7 @@ export const en = {
     observed: "observed",
     explained: "Part of the variation that the groups explain",
     chance: (observed: string, exceeding: string, all: string) =>
-      `The groups explain ${observed} of the variation. Of ${all} random divisions of the same shapes, ${exceeding} explain as much or more.`,
+      `The groups explain ${observed} of the variation. Of ${some(all, "random division")} of the same shapes, ${exceeding} ${are(exceeding, "explains", "explain")} as much or more.`,
     sideBySide: "Averages side by side",
     linked: "Both turn together: drag one, or use the arrow keys.",
     pairs: "Pairs of groups",
@@ -359,7 +370,7 @@ export const en = {
     holm: "p (Holm)",
     overall: "All groups",
     pairsHint: (count: number) =>
-      `R² is the part of the variation that the groups explain. p from ${n(count)} permutations; Holm's correction is for the number of pairs.`,
+      `R² is the part of the variation that the groups explain. p from ${some(count, "permutation")}; Holm's correction is for the number of pairs.`,
     sizes: "Sizes before alignment",
     group: "Group",
     spread: "Spread",
@@ -385,7 +396,7 @@ export const en = {
     score: "Shape score",
     scoresHint: "The score of a shape says how far it lies in the direction of the regression.",
     alt: (name: string) => `Shapes predicted for values of ${name}`,
-    caption: "Predictions from the 5 % to the 95 % quantile.",
+    caption: "Predictions from the 5\u00a0% to the 95\u00a0% quantile.",
     key: (from: string, to: string) => `${from} to ${to}`,
     depends: (name: string, p: string, r: string) =>
       `Shape depends on ${name} (p ${p.startsWith("<") ? p : `= ${p}`}); it explains ${r} of the variation.`,
@@ -411,9 +422,11 @@ export const en = {
     stopped: "Stopped. Nothing of this file was stored.",
     syntax: (message: string) => `The file is not valid JSON: ${message}`,
     crossing: (count: number) =>
-      `${n(count)} of the shapes cross themselves. They are stored; look at them before you draw conclusions.`,
-    left: (count: number) => `${n(count)} ${count === 1 ? "shape was" : "shapes were"} left out:`,
-    repeated: (count: string) => `${count} repeated points were left out.`,
+      count === 1
+        ? "One of the shapes crosses itself. It is stored; look at it before you draw conclusions."
+        : `${n(count)} of the shapes cross themselves. They are stored; look at them before you draw conclusions.`,
+    left: (count: number) => `${some(count, "shape was", "shapes were")} left out:`,
+    repeated: (count: string) => `${some(count, "repeated point was", "repeated points were")} left out.`,
     look: "Look at the cohort",
     looking: "Looking into it",
     ready: "Not stored yet",
@@ -422,13 +435,14 @@ export const en = {
     refused: "Cannot be read",
     unfit: "Would be refused",
     storedWithout: "Not stored from this file:",
-    document: (count: string) => `${count} shapes as a request of this service has them.`,
+    document: (count: string) =>
+      `${some(count, "shape")} as a request of this service has ${are(count, "it", "them")}.`,
     lines: "Lines as requests of this service have them. Each one is checked when they are stored.",
     ahead: "In this cohort:",
-    wouldAdd: (count: number) => `${n(count)} ${count === 1 ? "shape" : "shapes"} would be added`,
-    there: (count: number) => `${n(count)} ${count === 1 ? "is" : "are"} there already`,
+    wouldAdd: (count: number) => `${some(count, "shape")} would be added`,
+    there: (count: number) => `${some(count, "is", "are")} there already`,
     unstored: (count: number) => `${n(count)} cannot be stored`,
-    crossed: (count: number) => `${n(count)} ${count === 1 ? "crosses itself" : "cross themselves"}`,
+    crossed: (count: number) => some(count, "crosses itself", "cross themselves"),
     converted: (from: string, to: string) => `coordinates are converted from ${from} to ${to}`,
     adopts: (unit: string) => `the cohort takes the unit of the file, ${unit}`,
     folder: "Choose a folder",
@@ -441,12 +455,17 @@ export const en = {
     valueAll: "Its value",
     segment: "Find objects in it",
     fits: (count: string, worst: string) =>
-      `${count} surfaces are fitted to meshes; the worst one lies ${worst} of its size beside its mesh on average.`,
+      count === "1"
+        ? `1 surface is fitted to a mesh; it lies ${worst} of its size beside its mesh on average.`
+        : `${count} surfaces are fitted to meshes; the worst one lies ${worst} of its size beside its mesh on average.`,
     attributesReady: "Attributes, not stored yet",
     attributesDone: "Attributes stored",
     attributesAhead: (updated: string, unchanged: string) =>
-      `Attributes by id: ${updated} shapes would be changed, ${unchanged} are so already.`,
-    attributesUnknown: (count: string) => `${count} rows name no shape of this cohort, or have values it cannot take.`,
+      `Attributes by id: ${some(updated, "shape")} would be changed, ${some(unchanged, "is", "are")} so already.`,
+    attributesUnknown: (count: string) =>
+      count === "1"
+        ? "1 row names no shape of this cohort, or has values it cannot take."
+        : `${count} rows name no shape of this cohort, or have values it cannot take.`,
     attributesStore: "Store attributes",
   },
   file: {
@@ -457,12 +476,12 @@ export const en = {
       string,
       string
     >,
-    points: (count: string) => `${count} points`,
-    harmonics: (count: string) => `${count} harmonics`,
-    faces: (count: string) => `${count} faces`,
+    points: (count: string) => some(count, "point"),
+    harmonics: (count: string) => some(count, "harmonic"),
+    faces: (count: string) => some(count, "face"),
     closed: (closed: string, all: string) =>
       closed === all ? "closed" : closed === "0" ? "open" : `${closed} of them closed`,
-    holes: (count: string) => `${count} bound holes`,
+    holes: (count: string) => (count === "1" ? "1 bounds a hole" : `${count} bound holes`),
     incomplete: (count: string) => `${count} with missing points`,
     extent: "Coordinates",
     noUnit: "not said",
@@ -483,8 +502,8 @@ export const en = {
   dictionaries: {
     lead: "A model is learnt from a cohort: the mean shape, and how shapes vary about it. It never changes; learning again makes a new version.",
     none: "No model has been learnt yet.",
-    atoms: (count: number) => `${n(count)} sparse atoms`,
-    components: (count: number) => `${n(count)} patterns`,
+    atoms: (count: number) => some(count, "sparse atom"),
+    components: (count: number) => some(count, "pattern"),
   },
   learn: {
     title: "Learn a model",
@@ -510,11 +529,11 @@ export const en = {
     atoms: "Atoms",
     drift: "Drift",
     lead: (cohort: string, shapes: number, name: string, time: string) =>
-      `Learnt from ${n(shapes)} shapes of ${cohort}, under the class “${name}”, ${time}.`,
+      `Learnt from ${some(shapes, "shape")} of ${cohort}, under the class “${name}”, ${time}.`,
     deleteHint: "This version goes to the trash. An administrator can restore it from there.",
     atomsHint: "Each shape is described by a few of these atoms, moved and scaled as it needs them.",
     componentsHint: "Each pattern at two standard deviations to both sides of the mean.",
-    atomsAlt: (count: number) => `${n(count)} atoms side by side`,
+    atomsAlt: (count: number) => `${some(count, "atom")} side by side`,
     atom: (number: number) => `Atom ${n(number)}`,
     component: (number: number) => `Pattern ${n(number)}`,
     use: (part: string) => `used by ${part} of the shapes`,
@@ -524,7 +543,7 @@ export const en = {
     mean: "mean",
   },
   report: {
-    kept: (count: number) => `Variation that ${n(count)} patterns keep`,
+    kept: (count: number) => `Variation that ${count === 1 ? "one pattern keeps" : `${n(count)} patterns keep`}`,
     error: "Typical error, part of the size",
     accuracy: "Right answers on unseen shapes",
     mean: "Mean",
@@ -549,11 +568,11 @@ export const en = {
     class: "Class",
     noClasses: "This model was learnt without classes. Learn one that tells a label apart to get them.",
     accuracyText: (value: string, low: string, high: string, majority: string) =>
-      `${value} of shapes that were not learnt from are classified correctly (95 % interval ${low} to ${high}). Always naming the most frequent class would reach ${majority}.`,
+      `${value} of shapes that were not learnt from are classified correctly (95\u00a0% interval ${low} to ${high}). Always naming the most frequent class would reach ${majority}.`,
     confusion: "Rows: true class. Columns: predicted class.",
     recall: "Found",
     folds: (folds: number, repeats: number) =>
-      `From ${n(repeats)} repetitions of cross-validation in ${n(folds)} parts.`,
+      `From ${some(repeats, "repetition")} of cross-validation in ${some(folds, "part")}.`,
     quality: "How well the patterns describe shapes",
     qualityHint:
       "Errors on shapes that were not learnt from, distances of random shapes to real ones, and how much the patterns depend on the choice of subjects.",
@@ -564,7 +583,7 @@ export const en = {
     angle: "Angle when resampled",
     errorsAlt: (values: string) => `Errors of left-out shapes by number of patterns: ${values}`,
     qualityCaption: (shapes: number, subjects: number) =>
-      `${n(shapes)} shapes of ${n(subjects)} subjects, each subject left out once. Falling line: generalisation, the error of left-out shapes. Rising line: specificity, the distance of random shapes to the nearest real one. In brackets: intervals that cover 95 %.`,
+      `${some(shapes, "shape")} of ${some(subjects, "subject")}, each subject left out once. Falling line: generalisation, the error of left-out shapes. Rising line: specificity, the distance of random shapes to the nearest real one. In brackets: intervals that cover 95\u00a0%.`,
   },
   modes: {
     sliders: "Patterns of variation",
@@ -590,9 +609,9 @@ export const en = {
     outlier: "Unusual shapes",
     class: "Predicted class",
     noCohort: "The cohort of this model is not in this service.",
-    alt: (count: number) => `Scatter of the scores of ${n(count)} shapes`,
+    alt: (count: number) => `Scatter of the scores of ${some(count, "shape")}`,
     caption: (count: string) =>
-      `${count} shapes. Point at one to see it; draw around some to choose them; scroll to zoom, double-click to see all.`,
+      `${some(count, "shape")}. Point at one to see it; draw around some to choose them; scroll to zoom, double-click to see all.`,
     selection: "Selection",
     selectionHint: "Draw a line around points to choose shapes and see their mean.",
     chosen: (count: number) => `${n(count)} chosen`,
@@ -600,10 +619,10 @@ export const en = {
     meanOf: "Mean of the chosen shapes in front of the mean of all.",
     others: (count: number) => `and ${n(count)} more`,
     open: "Open as a filter",
-    rest: (count: number) => `${n(count)} others`,
+    rest: (count: number) => some(count, "other"),
     around: "Around each group",
     hull: "its hull",
-    ellipse: "an ellipse for 95 %",
+    ellipse: "an ellipse for 95\u00a0%",
   },
   drift: {
     none: (revision: number) =>
@@ -615,7 +634,7 @@ export const en = {
     shift: "Shift",
     spread: "Spread",
     sentence: (shapes: number, outliers: number, rate: string, expected: string) =>
-      `Of ${n(shapes)} new shapes, ${n(outliers)} are unusual (${rate}); about ${expected} would be expected if nothing had changed.`,
+      `Of ${some(shapes, "new shape")}, ${some(outliers, "is", "are")} unusual (${rate}); about ${expected} would be expected if nothing had changed.`,
     quantile: "Limit of usual shapes",
     fresh: "New shapes",
     outliers: "Unusual",
@@ -647,10 +666,10 @@ export const en = {
           : label
             ? `Most likely ${label} (confidence ${confidence}).`
             : "A usual shape",
-    outlier: "unusual: beyond the limit of 99 % of the shapes",
-    inlier: "within what is usual: below the limit of 99 % of the shapes",
+    outlier: "unusual: beyond the limit of 99\u00a0% of the shapes",
+    inlier: "within what is usual: below the limit of 99\u00a0% of the shapes",
     against: (name: string, shapes: number, time: string) =>
-      `against ${name}, learnt from ${n(shapes)} shapes, ${time}`,
+      `against ${name}, learnt from ${some(shapes, "shape")}, ${time}`,
     where: "Where it deviates",
     whereAlt: (name: string) => `${name}, coloured by its distance from the reconstruction`,
     whereCaption: "The shape, coloured by its distance from the reconstruction by the model.",
@@ -728,7 +747,7 @@ export const en = {
   console: {
     lead: "Every request that this page makes can be made by a program. Fill one in, send it, copy it.",
     operation: "Request",
-    optional: (count: number) => `${n(count)} optional settings`,
+    optional: (count: number) => some(count, "optional setting"),
     body: "Body",
     send: "Send",
     copy: "As a program",
@@ -820,7 +839,7 @@ export const en = {
     } as Record<string, string>,
     followUp: "Follow to higher slices",
     followDown: "Follow to lower slices",
-    levels: (slices: number) => `Contours on ${n(slices)} ${slices === 1 ? "slice" : "slices"}.`,
+    levels: (slices: number) => `${slices === 1 ? "Contour" : "Contours"} on ${some(slices, "slice")}.`,
     across3: "In the other two planes",
     acrossHint: "Planes through the middle of the object. Each line is the inside of the contour of one slice.",
     cutAlt: (plane: string) => `${plane}, with the contours that it cuts`,
@@ -911,12 +930,12 @@ export const en = {
   },
   bulk: {
     summary: "Label these shapes",
-    title: (count: string) => `Label ${count} shapes`,
+    title: (count: string) => `Label ${some(count, "shape")}`,
     attribute: "Attribute",
     value: "Value",
     empty: "empty removes it",
     apply: "Apply",
-    done: (count: string) => `${count} shapes were changed.`,
+    done: (count: string) => `${some(count, "shape was", "shapes were")} changed.`,
   },
   find: {
     label: "Find a shape by name",
@@ -935,14 +954,14 @@ export const en = {
     none: "No shape is unusual.",
     page: "Choose all of this page",
     choose: (name: string) => `Choose ${name}`,
-    of: (some: string, all: string) => `${some} of ${all} on this page`,
+    of: (part: string, all: string) => `${part} of ${all} on this page`,
   },
   propose: {
     drop: "Drop files or a folder here",
     hint: "A cohort is proposed for what is in them. You see it before anything is stored",
-    title: (files: number) => (files === 1 ? "What is in this file" : `What is in these ${files} files`),
-    sentence: (count: string, kind: string, representation: string) =>
-      `${count} ${kind} would be stored as: ${representation}.`,
+    title: (files: number) => (files === 1 ? "What is in this file" : `What is in these ${n(files)} files`),
+    sentence: (count: string, kind: keyof typeof ONE, representation: string) =>
+      `${count} ${count === "1" ? ONE[kind] : en.propose.kinds[kind]} would be stored as: ${representation}.`,
     kinds: {
       closed_curve: "closed contours",
       open_curve: "open curves",
@@ -971,7 +990,7 @@ export const en = {
     changeable: "Edit the cohort to change it",
   },
   store: {
-    title: (count: string) => `Store ${count} contours`,
+    title: (count: string) => `Store ${some(count, "contour")}`,
     done: (count: string, cohort: string) => `${count} stored in ${cohort}.`,
   },
   who: {
@@ -989,9 +1008,11 @@ export const en = {
     use: "Shapes unlike the majority count less",
     title: "Which shapes count less",
     sentence: (left: string, reduced: string, worth: string) =>
-      `${left} are left out, ${reduced} count less; together the shapes are worth ${worth} equal ones.`,
+      `${some(left, "is", "are")} left out, ${some(reduced, "counts", "count")} less; together the shapes are worth ${some(worth, "equal one")}.`,
     minority: (count: string, share: string) =>
-      `${count} shapes (${share} of the weight) agree with each other and not with the majority. They count: look at them.`,
+      count === "1"
+        ? `1 shape (${share} of the weight) does not agree with the majority. It counts: look at it.`
+        : `${count} shapes (${share} of the weight) agree with each other and not with the majority. They count: look at them.`,
     none: "No shape counts less.",
     left: "left out",
     counts: (part: string) => `counts ${part}`,
@@ -1040,7 +1061,7 @@ export const en = {
     residual: "What is left",
     total: "Total",
     tableHint: (shapes: number) =>
-      `${n(shapes)} shapes. R² is the part of the variation, Z the effect in standard deviations of the permutations, p from permutations of residuals.`,
+      `${some(shapes, "shape")}. R² is the part of the variation, Z the effect in standard deviations of the permutations, p from permutations of residuals.`,
     predicted: "Predicted shapes",
     predictedAlt: "Shapes that the model predicts",
     predictedHint: "At the values of the first term; numbers that are not named are at their mean.",

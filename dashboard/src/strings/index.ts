@@ -82,10 +82,11 @@ export function entered(text: string): number | null {
         : trimmed;
   return /^-?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$/i.test(plain) ? Number(plain) : null;
 }
+/** A part as a percentage, with a space that does not break: as German has it, and the fixed sentences in English. */
 export const percent = (value: number | null | undefined, digits = 1): string =>
   value === null || value === undefined
     ? "–"
-    : value.toLocaleString(locale, { style: "percent", maximumFractionDigits: digits });
+    : value.toLocaleString(locale, { style: "percent", maximumFractionDigits: digits }).replace(/\s?%/, "\u00a0%");
 export function probability(p: number | null | undefined): string {
   if (p === null || p === undefined) return "–";
   return p < 0.001

@@ -11,18 +11,20 @@ const en = {
   keeping: "The model is fitted and kept …",
   other: "What is kept is another model than the one above.",
   gone: "This model is no longer kept. Keep it again.",
-  about: (formula: string, shapes: number) => `${formula}, fitted to ${n(shapes, "en-GB")} shapes.`,
+  about: (formula: string, shapes: number) =>
+    `${formula}, fitted to ${n(shapes, "en-GB")} ${shapes === 1 ? "shape" : "shapes"}.`,
   all: "all, as they occur",
   bands: "Bands",
-  levels: { "": "none", "0.8": "80 %", "0.95": "95 %", "0.99": "99 %" } as Record<string, string>,
+  levels: { "": "none", "0.8": "80\u00a0%", "0.95": "95\u00a0%", "0.99": "99\u00a0%" } as Record<string, string>,
   mean: "Mean of all shapes",
   predicted: "Predicted",
   alt: (place: string) => `The shape predicted at ${place}, and the mean of all shapes`,
   caption: "Pale: the mean of all shapes. In front: the shape that the model predicts at the values of the sliders.",
   coloured: "Colours: where the predicted shape lies outside (red) or inside (blue) of the mean of all shapes.",
-  together: (level: string) => `At ${level} the band holds all places of the mean shape at these values together.`,
+  together: (level: string, draws: number) =>
+    `At ${level} the band holds all places of the mean shape at these values together, from ${n(draws, "en-GB")} draws of the residuals.`,
   single: (level: string) =>
-    `At ${level} the band holds each place of the mean shape at these values by itself; for all of them together the model has too few draws, or blocks.`,
+    `At ${level} the extent of the band in each direction is the interval of each place of the mean shape by itself, at these values. For all places together the model has no draws: that takes at least 99 permutations, and shapes without blocks.`,
   outside:
     "Outside of the data: no shape has such values, and the prediction is a guess that the model makes from others.",
   undetermined:
@@ -36,7 +38,7 @@ const en = {
   noPairs: "not compared",
   matrix: (factor: string) => `Pairs of ${factor}`,
   matrixHint: (permutations: string, reduced: string) =>
-    `Above the diagonal: distances between the means of two groups, at equal values of everything else. Below: p after Holm's correction, from ${permutations} permutations of what the model ${reduced} leaves; bold where it is at most 0.05.`,
+    `Above the diagonal: distances between the means of two groups, at equal values of everything else. Below: p after Holm's correction, from ${permutations} ${permutations === "1" ? "permutation" : "permutations"} of what the model ${reduced} leaves; bold where it is at most 0.05.`,
   ofPair: (first: string, second: string) => `${first} and ${second}`,
 };
 
@@ -48,18 +50,20 @@ const de: typeof en = {
   keeping: "Das Modell wird angepasst und behalten …",
   other: "Behalten ist ein anderes Modell als das oben.",
   gone: "Dieses Modell gibt es nicht mehr. Behalten Sie es neu.",
-  about: (formula: string, shapes: number) => `${formula}, angepasst an ${n(shapes, "de-DE")} Formen.`,
+  about: (formula: string, shapes: number) =>
+    `${formula}, angepasst an ${n(shapes, "de-DE")} ${shapes === 1 ? "Form" : "Formen"}.`,
   all: "alle, wie sie vorkommen",
   bands: "Bänder",
-  levels: { "": "keine", "0.8": "80 %", "0.95": "95 %", "0.99": "99 %" },
+  levels: { "": "keine", "0.8": "80\u00a0%", "0.95": "95\u00a0%", "0.99": "99\u00a0%" },
   mean: "Mittel aller Formen",
   predicted: "Vorhergesagt",
   alt: (place: string) => `Die bei ${place} vorhergesagte Form und das Mittel aller Formen`,
   caption: "Blass: das Mittel aller Formen. Davor: die Form, die das Modell bei den Werten der Regler vorhersagt.",
   coloured: "Farben: wo die vorhergesagte Form außerhalb (rot) oder innerhalb (blau) des Mittels aller Formen liegt.",
-  together: (level: string) => `Mit ${level} liegen alle Orte der mittleren Form bei diesen Werten zusammen im Band.`,
+  together: (level: string, draws: number) =>
+    `Mit ${level} liegen alle Orte der mittleren Form bei diesen Werten zusammen im Band, nach ${n(draws, "de-DE")} Ziehungen der Reste.`,
   single: (level: string) =>
-    `Mit ${level} liegt jeder Ort der mittleren Form bei diesen Werten für sich im Band; für alle zusammen hat das Modell zu wenige Ziehungen, oder Blöcke.`,
+    `Mit ${level} ist die Ausdehnung des Bands in jeder Richtung das Intervall jedes Orts der mittleren Form für sich, bei diesen Werten. Für alle Orte zusammen hat das Modell keine Ziehungen: Dafür braucht es mindestens 99 Permutationen und Formen ohne Blöcke.`,
   outside:
     "Außerhalb der Daten: Keine Form hat solche Werte; die Vorhersage ist eine Vermutung, die das Modell aus anderen gewinnt.",
   undetermined:
@@ -73,7 +77,7 @@ const de: typeof en = {
   noPairs: "nicht verglichen",
   matrix: (factor: string) => `Paare von ${factor}`,
   matrixHint: (permutations: string, reduced: string) =>
-    `Über der Diagonale: Abstände der Mittel zweier Gruppen bei sonst gleichen Werten. Darunter: p nach Holms Korrektur, aus ${permutations} Permutationen dessen, was das Modell ${reduced} übrig lässt; fett, wo es höchstens 0,05 ist.`,
+    `Über der Diagonale: Abstände der Mittel zweier Gruppen bei sonst gleichen Werten. Darunter: p nach Holms Korrektur, aus ${permutations} ${permutations === "1" ? "Permutation" : "Permutationen"} dessen, was das Modell ${reduced} übrig lässt; fett, wo es höchstens 0,05 ist.`,
   ofPair: (first: string, second: string) => `${first} und ${second}`,
 };
 

@@ -379,14 +379,14 @@ function limitOf({ value, unit }: { value?: number | null; unit: string }): stri
   if (value === null || value === undefined) return t.administration.noLimit;
   if (unit === "bytes") {
     const power = Math.min(Math.floor(Math.log2(Math.max(value, 1)) / 10), UNITS.length - 1);
-    return `${number(value / 1024 ** power, 3)} ${UNITS[power]}`;
+    return `${number(value / 1024 ** power, 3)}\u00a0${UNITS[power]}`;
   }
   if (unit === "seconds")
     return value >= 3600 && value % 3600 === 0
       ? `${count(value / 3600)} h`
       : value >= 120 && value % 60 === 0
         ? `${count(value / 60)} min`
-        : `${count(value)} s`;
+        : `${count(value)}\u00a0s`;
   return count(value);
 }
 

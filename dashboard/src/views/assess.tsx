@@ -512,7 +512,7 @@ function Report({
                   [
                     [shown() === "dark" ? "#41434a" : "#dddddd", colour("effect")],
                     t.assess.whereKey(
-                      `${number(Math.max(...first.residual), 3)}${about.length_unit ? ` ${about.length_unit}` : ""}`,
+                      `${number(Math.max(...first.residual), 3)}${about.length_unit ? `\u00a0${about.length_unit}` : ""}`,
                     ),
                   ],
                   [colour("ink"), t.assess.reconstruction],
@@ -582,7 +582,7 @@ function Report({
                     1 / Math.sqrt(Math.abs(matrix[0]![0]! * matrix[1]![1]! - matrix[0]![1]! * matrix[1]![0]!)),
                     4,
                   )}
-                  {about.length_unit ? ` ${about.length_unit}` : ""}
+                  {about.length_unit ? `\u00a0${about.length_unit}` : ""}
                 </dd>
                 <dt>{t.assess.angle}</dt>
                 <dd>{number((Math.atan2(matrix[1]![0]!, matrix[0]![0]!) * 180) / Math.PI, 3)}°</dd>

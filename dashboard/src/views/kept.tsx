@@ -4,7 +4,7 @@ import { get, post, Refusal, type Schemas } from "../api/client";
 import { settled } from "../api/jobs";
 import { useAction, useFollowed, useLoaded, useSettled } from "../hooks";
 import { Download, Fault, Loading, Select, WITH_NUMBERS } from "../parts/basic";
-import { Figure } from "../parts/figure";
+import { Figure, reachOf, type Tube } from "../parts/figure";
 import { Scale, Solid } from "../parts/solid";
 import { useSetting } from "../router";
 import { evaluated, hasMesh, isClosed, isDots, type Points, upright } from "../shape/points";
@@ -141,7 +141,7 @@ function Predicting({
     const points =
       (prediction.band?.points as Points | undefined) ??
       (solid ? undefined : (await evaluated(about.representation, [prediction.shape as Points], signal))[0]!);
-    return { prediction, points };
+    return { prediction, points, draws: answer.draws };
   });
   const set = (name: string, value: string | number) => setValues({ ...values, [name]: value });
   const place = [...factors, ...numbers].map(([name]) => `${termName(name)} ${said(values[name], name, numbers)}`);
@@ -192,9 +192,9 @@ function Predicting({
         {found.data && <p class="small quiet">{w.leverage(number(found.data.prediction.leverage, 3))}</p>}
         {found.data?.prediction.band && (
           <p class="small quiet">
-            {(typeof found.data.prediction.band.simultaneous === "number" ? w.together : w.single)(
-              w.levels[level] ?? level,
-            )}
+            {typeof found.data.prediction.band.simultaneous === "number"
+              ? w.together(w.levels[level] ?? level, found.data.draws)
+              : w.single(w.levels[level] ?? level)}
           </p>
         )}
         <Download
@@ -229,7 +229,7 @@ function Slider({
 }) {
   const { least, most, logarithm } = range;
   const label = logarithm ? t.attributes["measures.centroid_size"] : termName(name);
-  const text = `${said(value, name, [[name, range]])}${unit && ` ${unit}`}`;
+  const text = `${said(value, name, [[name, range]])}${unit && `\u00a0${unit}`}`;
   return (
     <label class="slider wide">
       <span>{label}</span>
@@ -271,7 +271,8 @@ function Drawn({
     [mean.data],
   );
   // The frame holds all that was drawn so far: it does not jump as the shape moves.
-  const reach = useRef<Points>([]);
+  const reach = useRef<Points>([]),
+    wide = useRef<Points>([]);
   if (hasMesh(representation))
     return found?.prediction.shape ? (
       <Surface
@@ -288,16 +289,20 @@ function Drawn({
     dots = isDots(representation);
   reach.current = corners([...reach.current, ...pale, ...(points ?? [])]);
   const band = found?.prediction.band;
+  const tube: Tube | undefined =
+    band && points ? { points, matrices: matricesOf(band, turn), closed, dots } : undefined;
+  // Without bands the frame is that of the shapes again.
+  wide.current = tube ? corners([...wide.current, ...reachOf(tube)]) : [];
   return (
     <figure>
       <Figure
-        fit={[reach.current]}
+        fit={[reach.current, wide.current]}
         height={420}
         legend={false}
         describe={w.alt(place)}
         name={`${about.name}-prediction`}
         links={dots ? about.name : undefined}
-        tube={band && points ? { points, radii: radiiOf(band), closed, dots } : undefined}
+        tube={tube}
         sets={[
           { name: w.mean, points: pale, closed, dots, pale: true, colour: "var(--pale)" },
           ...(points ? [{ name: w.predicted, points, closed, dots, colour: "var(--accent)" }] : []),
@@ -315,14 +320,31 @@ function corners(points: Points): Points {
   return points.length ? [of(Math.min), of(Math.max)] : [];
 }
 
-/** Radii of a band: of all places together, or, where there is none, those that hold each place's interval. */
-function radiiOf(band: NonNullable<Prediction["band"]>): number[] {
-  const { simultaneous, deviation, half_width, covariance } = band;
-  return deviation.map((one, at) =>
-    typeof simultaneous === "number"
-      ? simultaneous * one
-      : (one * half_width[at]![0]!) / Math.sqrt(Math.max(covariance[at]![0]!, Number.MIN_VALUE)),
-  );
+/**
+ * The regions of a band: balls of all places together, or, where there is no factor for these, the ellipses whose extent
+ * in each direction is the interval of that place alone, as in the pictures of the service.
+ */
+function matricesOf(band: NonNullable<Prediction["band"]>, turn: (points: Points) => Points): number[][][] {
+  const { simultaneous, deviation, half_width, covariance, points } = band;
+  const axes = points[0]?.map((_, axis) => axis) ?? [];
+  // The rows are the images of the axes.
+  const turned = turn(axes.map((axis) => axes.map((other) => (other === axis ? 1 : 0))));
+  return deviation.map((one, at) => {
+    if (typeof simultaneous === "number")
+      return axes.map((i) => axes.map((j) => (i === j ? (simultaneous * one) ** 2 : 0)));
+    const entry = (i: number, j: number) =>
+      covariance[at]![(Math.max(i, j) * (Math.max(i, j) + 1)) / 2 + Math.min(i, j)]!;
+    const axis = axes.reduce((best, other) => (entry(other, other) > entry(best, best) ? other : best), 0);
+    const square = half_width[at]![axis]! ** 2 / Math.max(entry(axis, axis), Number.MIN_VALUE);
+    return axes.map((i) =>
+      axes.map((j) =>
+        axes.reduce(
+          (sum, k) => axes.reduce((of, l) => of + square * turned[k]![i]! * entry(k, l) * turned[l]![j]!, sum),
+          0,
+        ),
+      ),
+    );
+  });
 }
 
 /** A predicted surface, drawn anew when the hand rests, and coloured by where it lies outside or inside of the mean. */

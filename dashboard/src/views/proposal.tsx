@@ -5,7 +5,7 @@ import { asFile, type Found, firstOf, inspected, type Kept, type Line, type Read
 import { isPicture } from "../formats/image";
 import { sendTo } from "../formats/send";
 import { useAction, useLoaded } from "../hooks";
-import { Fault, Field, Loading, Select, Warning } from "../parts/basic";
+import { Fault, Field, Loading, Select, Sentence, Warning } from "../parts/basic";
 import { Remarks } from "../parts/contents";
 import { Corresponding, freeName, isSphere } from "../parts/correspond";
 import { Thumb } from "../parts/thumbs";
@@ -229,11 +229,7 @@ export function Proposal({ files, onClose }: { files: File[]; onClose: () => voi
         <>
           <Pictures looked={looked} kind={form.kind} />
           <p class="say">
-            {t.propose.sentence(
-              count(tally(looked).get(form.kind) ?? 0),
-              t.propose.kinds[form.kind],
-              describe(representationOf(form)),
-            )}
+            {t.propose.sentence(count(tally(looked).get(form.kind) ?? 0), form.kind, describe(representationOf(form)))}
           </p>
           <ProposalForm
             form={form}
@@ -263,7 +259,8 @@ export function Proposal({ files, onClose }: { files: File[]; onClose: () => voi
               <ul>
                 {left.map(([what, records]) => (
                   <li key={what}>
-                    {count(records)} {what}
+                    {/* Kinds of shapes are words of the page, what else is in the files is one of the service. */}
+                    <Sentence text={what} ours={Object.values(t.propose.kinds).includes(what)} />: {count(records)}
                   </li>
                 ))}
               </ul>

@@ -115,7 +115,7 @@ function View({ cohort, about, revision }: { cohort: string; about: Schemas["Coh
                     SHADES[shown()],
                     t.regression.key(
                       `${name}: ${quantile(data, 0)}`,
-                      `${quantile(data, data.predictions.length - 1)}${attribute === "log_centroid_size" && about.length_unit ? ` ${about.length_unit}` : ""}`,
+                      `${quantile(data, data.predictions.length - 1)}${attribute === "log_centroid_size" && about.length_unit ? `\u00a0${about.length_unit}` : ""}`,
                     ),
                   ],
                 ]}
@@ -249,7 +249,7 @@ function Slide({
 /** A value of the attribute for people: sizes as they are, not as logarithms. */
 function plain({ attribute }: Result, value: number, unit: string): string {
   const shown = number(attribute.name === "log_centroid_size" ? Math.exp(value) : value, 3);
-  return unit ? `${shown} ${unit}` : shown;
+  return unit ? `${shown}\u00a0${unit}` : shown;
 }
 
 /** The line of least squares through the scores: its ends. */

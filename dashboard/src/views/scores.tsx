@@ -8,7 +8,7 @@ import { Bulk } from "../parts/bulk";
 import { CATEGORIES, ramp } from "../parts/chart";
 import { SaveDrawing } from "../parts/drawn";
 import { plotSvg } from "../parts/plot";
-import { Scatter } from "../parts/scatter";
+import { extent, Scatter } from "../parts/scatter";
 import { Shape } from "../parts/shape";
 import { useSetting } from "../router";
 import { ellipse, hull, type Spot } from "../shape/around";
@@ -85,6 +85,7 @@ function Plane({ about, dictionary, cohort }: { about: About; dictionary: string
     () => (data && around && coloured.kinds ? ringsOf(data.scores[a]!, data.scores[b]!, coloured, around) : []),
     [data, around, a, b],
   );
+  const reach = useMemo(() => rings.flatMap((ring) => ring.corners), [rings]);
   const draw = (index: number): Points | undefined =>
     model.data &&
     sum(
@@ -173,6 +174,7 @@ function Plane({ about, dictionary, cohort }: { about: About; dictionary: string
               chosen={chosen}
               onChoose={setChosen}
               describe={t.scores.alt(data.ids.length)}
+              reach={reach}
               hover={(index) => {
                 const points = draw(index);
                 return (
@@ -249,8 +251,8 @@ function Plane({ about, dictionary, cohort }: { about: About; dictionary: string
                   lines: [],
                   xLabel: axisName(a),
                   yLabel: axisName(b),
-                  xRange: padded(span(data.scores[a]!)),
-                  yRange: padded(span(data.scores[b]!)),
+                  xRange: extent([...data.scores[a]!, ...reach.map((p) => p[0])]),
+                  yRange: extent([...data.scores[b]!, ...reach.map((p) => p[1])]),
                   xText: (value) => number(value, 6),
                   yText: (value) => number(value, 6),
                   legend: coloured.legend,
@@ -421,11 +423,6 @@ function ringsOf(x: number[], y: number[], coloured: Coloured, around: string): 
     return corners.length > 2 ? [{ name, colour, dash: DASHES[at % DASHES.length]!, corners }] : [];
   });
 }
-
-const padded = ([low, high]: [number, number]): [number, number] => {
-  const gap = 0.06 * (high - low || 1);
-  return [low - gap, high + gap];
-};
 
 /** Points, what is around them and shapes in the plane, for a file. */
 function drawnPlane(

@@ -133,7 +133,7 @@ export function ShapeView({ cohort, shape }: { cohort: string; shape: string }) 
               )}
             </div>
             <Neighbours cohort={cohort} about={data.about} shape={data.found} />
-            {canWarp(data.about.representation) && data.about.correspondence !== "cyclic" && (
+            {canWarp(data.about.representation) && (
               <Deformation key={data.found.id} cohort={cohort} about={data.about} shape={data.found} />
             )}
           </div>
@@ -149,7 +149,7 @@ export function ShapeView({ cohort, shape }: { cohort: string; shape: string }) 
                         ? value
                           ? t.words.yes
                           : t.words.no
-                        : `${number(value as number)} ${unit(name, data.about.length_unit)}`}
+                        : `${number(value as number)}\u00a0${unit(name, data.about.length_unit)}`}
                     </dd>
                   </>
                 ))}
@@ -313,7 +313,29 @@ function Neighbours({
   );
 }
 
-/** What takes the mean, or a similar shape, to this one: of shapes whose points correspond as they are. */
+/** Weight of the mean among the shapes that are aligned to it: their starts are those that fit the mean. */
+const WEIGHT_OF_MEAN = 1000;
+
+/** Shapes with the start points that fit the first one, the mean, and in its pose. */
+async function matched(about: Schemas["CohortOutput"], forms: Form[], signal: AbortSignal): Promise<Form[]> {
+  const { representation, correspondence, direction, mirror } = about;
+  const answer = await post("/v1/align", {
+    body: {
+      representation,
+      correspondence,
+      direction,
+      mirror,
+      transformation: "similarity",
+      shapes: forms.map(({ points }, at) => ({ control_points: points, weight: at === 0 ? WEIGHT_OF_MEAN : 1 })),
+    } as Schemas["StatisticsRequest"],
+    signal,
+  });
+  const aligned = answer.aligned.map((one) => one.control_points as Points);
+  const turn = upright(aligned[0]!, "similarity");
+  return forms.map((form, at) => ({ ...form, points: turn(aligned[at]!) }));
+}
+
+/** What takes the mean, or a similar shape, to this one. */
 function Deformation({
   cohort,
   about,
@@ -345,7 +367,7 @@ function Deformation({
         })
       : { items: [] };
     const control = mean.mean.control_points as Points;
-    return [
+    const all: Form[] = [
       // No external id has a space before it.
       { id: " mean", name: words().mean, points: upright(control, "similarity")(control) },
       { id: own, name: own, points: shape.control_points as Points },
@@ -355,6 +377,7 @@ function Deformation({
         points: one.control_points as Points,
       })),
     ];
+    return about.correspondence === "cyclic" ? matched(about, all, signal) : all;
   });
   return (
     <>
