@@ -217,7 +217,8 @@ export interface paths {
         /**
          * Brings the surfaces or curves of a cohort into correspondence, without a template.
          * @description The parameters of all surfaces are moved by rotations and smooth maps of the parameter sphere that together minimise the entropy
-         *     of the shapes; those of curves follow the elastic mean, whose directions agree most with theirs. The job stores the shapes with their new parameters in a new cohort, whose points correspond as given
+         *     of the shapes; those of curves follow the elastic mean, whose directions agree most with theirs, or slide to the positions of the
+         *     mean. The job stores the shapes with their new parameters in a new cohort, whose points correspond as given
          *     (`landmarks`); labels, subjects and external ids are kept, and the metadata say where each shape comes from. With
          *     `Prefer: wait=N` the response is the result if the job ends within `N` seconds, at most 60.
          */
@@ -3469,7 +3470,7 @@ export interface components {
             source_revision: number;
             /** @description `groupwise`: highest degree of the fields. */
             degree?: number | null;
-            /** @description `groupwise`: steps of every shape for each degree; `elastic`: rounds of the mean. */
+            /** @description `groupwise`: steps of every shape for each degree; `elastic`: rounds of the mean; `sliding`: rounds. */
             rounds: number;
             /** @description `groupwise`: whether sizes were compared. */
             sizes?: boolean | null;
@@ -3485,7 +3486,7 @@ export interface components {
             /** @description `groupwise`: `Σ log(1 + λ/δ)` of the shapes with rotations of their parameters only, and at the end, both at the last noise `δ`. */
             entropy?: number[] | null;
             /**
-             * @description Total variance before, and at the end. `groupwise`: over the area of the parameter sphere, with rotations only before. `elastic`:
+             * @description Total variance before, and at the end. `groupwise`: over the area of the parameter sphere, with rotations only before. Curves:
              *     after similarities, relative to the mean, with searched starts before.
              */
             variance: number[];
@@ -3494,7 +3495,7 @@ export interface components {
              * @description `elastic`: weight of bending against stretching.
              */
             elasticity?: number | null;
-            /** @description `elastic`: number of segments into which curves were divided. */
+            /** @description Curves: number of segments into which they were divided. */
             points?: number | null;
             /** @description `elastic`: number of starts of the mean. */
             starts?: number | null;
@@ -3503,6 +3504,9 @@ export interface components {
              * @description `elastic`: mean cosine of the distances from the elastic mean, which is a local maximum of it: 1 if all curves are copies.
              */
             objective?: number | null;
+            criterion?: components["schemas"]["SlidingCriterion"] | null;
+            /** @description `sliding`: whether the last round left the points as they were. */
+            converged?: boolean | null;
             /** @description Result for each shape, in the order of the source. */
             shapes: components["schemas"]["CorrespondingShape"][];
             /** @description Warnings about the result. */
@@ -4279,15 +4283,16 @@ export interface components {
              * @description `elastic`: weight of bending against stretching, above 0 and up to 1: near 0, lengths correspond. Default: 1.
              */
             elasticity?: number | null;
-            /** @description `elastic`: number of segments into which curves are divided, 16 to 1000. Default: 100. */
+            /** @description `elastic`, `sliding`: number of segments into which curves are divided, 16 to 1000. Default: 100. */
             points?: number | null;
+            criterion?: components["schemas"]["SlidingCriterion"] | null;
             effort?: components["schemas"]["Effort"] | null;
             /**
              * @description `elastic`: number of starts of the mean, of which the best is kept, 1 to 20: the mean with searched starts, then curves that
              *     stand for the others, which takes the distances of all pairs. Default: 1.
              */
             starts?: number | null;
-            /** @description `elastic`: number of control points (intervals of open curves) of the new curves, at least 8. Default: those of the cohort. */
+            /** @description `elastic`, `sliding`: number of control points (intervals of open curves) of the new curves, at least 8. Default: those of the cohort. */
             control_points?: number | null;
             priority?: components["schemas"]["Priority"] | null;
         };
@@ -4295,7 +4300,7 @@ export interface components {
          * @description How shapes are brought into correspondence.
          * @enum {string}
          */
-        CorrespondMethod: "groupwise" | "elastic";
+        CorrespondMethod: "groupwise" | "elastic" | "sliding";
         /** @description Entry of an input shape: its answer, or the reason why there is none. */
         CorrespondResult: components["schemas"]["CorrespondedShape"] | components["schemas"]["FailedShape"];
         /**
@@ -4432,19 +4437,19 @@ export interface components {
             distance?: number | null;
             /**
              * Format: double
-             * @description `elastic`: largest distance between the reparametrised curve and the stored one.
+             * @description Curves: largest distance between the reparametrised curve and the stored one.
              */
             largest_residual?: number | null;
             /**
              * Format: double
-             * @description `elastic`: place of the given curve, as a fraction of its length, at which the stored one begins.
+             * @description Curves: place of the given curve, as a fraction of its length, at which the stored one begins.
              */
             start?: number | null;
-            /** @description `elastic`: whether the stored curve is traversed in the other direction. */
+            /** @description Curves: whether the stored curve is traversed in the other direction. */
             reversed?: boolean | null;
-            /** @description `elastic`: whether the mirror image of the curve is matched; the stored curve is not mirrored. */
+            /** @description Curves: whether the mirror image of the curve is matched; the stored curve is not mirrored. */
             mirrored?: boolean | null;
-            /** @description `elastic`: smallest and largest slope of the fraction of the length by the new parameter. */
+            /** @description Curves: smallest and largest slope of the fraction of the length by the new parameter. */
             slopes?: number[] | null;
         };
         /** @description A known covariance of the shapes: `rows` for `names`, or a `tree`. */

@@ -240,6 +240,34 @@ fn curves_follow_their_elastic_mean_in_a_new_cohort() {
 }
 
 #[test]
+fn points_slide_along_curves_to_a_smaller_variance() {
+    let server = shared();
+    lobed(&server, "sliding-lobes", 9);
+    let body = json!({"name": "lobes-slid", "method": "sliding", "control_points": 60});
+    let found = correspond(&server, "sliding-lobes", &body);
+    let [before, after] = [0, 1].map(|i| found["variance"][i].as_f64().unwrap());
+    assert!(after < 0.9 * before, "{before} {after}");
+    assert_eq!((&found["criterion"], &found["converged"]), (&json!("procrustes"), &json!(true)), "{found}");
+    for shape in found["shapes"].as_array().unwrap() {
+        assert!(shape["relative_residual"].as_f64().unwrap() < 0.01, "{shape}");
+        assert!(
+            shape["slopes"][0].as_f64().unwrap() > 0.2 && shape["slopes"][1].as_f64().unwrap() < 4.1,
+            "{shape}"
+        );
+        assert_eq!(shape["distance"], Value::Null);
+    }
+    let bent =
+        json!({"name": "lobes-bent", "method": "sliding", "criterion": "bending_energy", "points": 60});
+    let bent = correspond(&server, "sliding-lobes", &bent);
+    assert_eq!((&bent["criterion"], &bent["points"]), (&json!("bending_energy"), &json!(60)));
+    let path = "/v1/cohorts/sliding-lobes/correspond";
+    let misplaced = json!({"name": "z", "method": "sliding", "elasticity": 0.5, "starts": 2});
+    server.post(path, &misplaced).expect_problem(422, "invalid-input", &["/elasticity", "/starts"]);
+    let criterion = json!({"name": "z", "criterion": "procrustes"});
+    server.post(path, &criterion).expect_problem(422, "invalid-input", &["/criterion"]);
+}
+
+#[test]
 fn curves_that_cannot_follow_are_refused() {
     let server = shared();
     lobed(&server, "few-lobes", 3);
@@ -250,7 +278,7 @@ fn curves_that_cannot_follow_are_refused() {
     refused(&json!({"name": "z", "elasticity": 0.0}), &["/elasticity"]);
     refused(&json!({"name": "z", "points": 15, "starts": 21}), &["/points", "/starts"]);
     refused(&json!({"name": "z", "points": 100, "starts": 0}), &["/starts"]);
-    refused(&json!({"name": "z", "method": "sliding"}), &["/method"]);
+    refused(&json!({"name": "z", "method": "rigid"}), &["/method"]);
     refused(&json!({"name": "z", "degree": 3, "stiffness": 2.0}), &["/degree", "/stiffness"]);
     refused(&json!({"name": "z", "method": "groupwise", "points": 50}), &["/points"]);
     refused(&json!({"name": "z", "control_points": 7}), &["/control_points"]);
@@ -263,7 +291,9 @@ fn curves_that_cannot_follow_are_refused() {
     let landmarks =
         json!({"name": "points-apart", "representation": {"kind": "landmarks", "dimension": 2, "points": 9}});
     server.post("/v1/cohorts", &landmarks).expect(201);
-    server
-        .post("/v1/cohorts/points-apart/correspond", &json!({"name": "z", "method": "elastic"}))
-        .expect_problem(400, "invalid-query", &[]);
+    for method in ["elastic", "sliding"] {
+        server
+            .post("/v1/cohorts/points-apart/correspond", &json!({"name": "z", "method": method}))
+            .expect_problem(400, "invalid-query", &[]);
+    }
 }

@@ -10,6 +10,7 @@ use crate::elastic::space::ElasticSpace;
 use crate::groupwise::{self, GroupwiseOptions};
 use crate::partial_sums::Measured;
 use crate::robust;
+use crate::sliding::SlidingCriterion;
 use crate::watch::Phase;
 use shapelex_geometry::reparametrisation::Spherical;
 use shapelex_geometry::representation::ShapeSpace;
@@ -358,6 +359,21 @@ impl Estimate {
         let of_shape = 2.0 * space.bytes() as f64 + 8.0 * (10 * points + 12 * size) as f64;
         let distances = if starts > 1 { 8.0 * k * k } else { 0.0 };
         Self::of(shapes as u64, seconds * RATE, k * of_shape + distances)
+    }
+
+    /// Cost of the sliding of points along `shapes` curves, divided into `points` segments, with new curves of `size` control points.
+    pub fn for_sliding(shapes: usize, (points, criterion): (usize, SlidingCriterion), size: usize) -> Self {
+        /// Rounds, and seconds in which a point is found, and a number of a product.
+        const ROUNDS: f64 = 60.0;
+        const POINT: f64 = 1.5e-6;
+        let (k, m) = (shapes as f64, points as f64);
+        let systems = match criterion {
+            SlidingCriterion::BendingEnergy => (1.0 + k / 3.0) * m.powi(3) + 3.0 * k * m * m,
+            SlidingCriterion::Procrustes => 0.0,
+        };
+        let seconds = ROUNDS * (k * m * POINT + systems / RATE) + k * POINT * 6.0 * (m + size as f64);
+        // Curves and their shapes, points, directions, the numbers of the acceleration.
+        Self::of(shapes as u64, seconds * RATE, 8.0 * k * (40.0 * m + 40.0 * size as f64) + 40.0 * m * m)
     }
 
     /// Cost of tests of shapes aligned to one mean.

@@ -49,6 +49,12 @@ impl<'a> ArcParameter<'a> {
         self.ends.windows(2).map(|ends| ends[1] - ends[0]).fold(f64::INFINITY, f64::min)
     }
 
+    /// The fraction of the length up to `u`, 0 to 1. The length must be positive.
+    pub fn fraction(&self, u: f64) -> f64 {
+        let (half, s) = self.curve.locate(u);
+        (self.ends[half] + length_until(self.curve, half, s)) / self.length()
+    }
+
     /// `u` at the fraction `t` of the length, 0 to 1. The length must be positive. Cost: some 40 speeds.
     pub fn at(&self, t: f64) -> f64 {
         let target = t * self.length();
@@ -124,8 +130,8 @@ mod tests {
         let arc = ArcParameter::of(&smooth);
         for k in 0..=40 {
             let t = f64::from(k) / 40.0;
-            let (half, s) = if k == 40 { (smooth.halves() - 1, 1.0) } else { smooth.locate(arc.at(t)) };
-            let found = (arc.ends[half] + length_until(&smooth, half, s)) / arc.length();
+            // At its end a closed curve begins anew.
+            let found = if k == 40 { arc.fraction(arc.at(t)).max(1.0) } else { arc.fraction(arc.at(t)) };
             assert!((found - t).abs() < 1e-13, "{t}: {found}");
         }
     }

@@ -1,4 +1,4 @@
-//! Elastic correspondence of curves.
+//! Correspondence of curves: elastic, or by points that slide along them.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -8,7 +8,6 @@ use crate::analysis::AnalysisError;
 use crate::analysis::alignment::{Alignment, MeanShape};
 use crate::analysis::correspondence::{Correspondence, Direction};
 use crate::analysis::elastic::curve::{ElasticCurve, FEWEST};
-use crate::analysis::elastic::refit::ElasticRefit;
 use crate::analysis::elastic::settings::ElasticSettings;
 use crate::analysis::elastic::space::{ElasticMatch, ElasticSpace};
 use crate::analysis::elastic::template::medoids;
@@ -16,9 +15,16 @@ use crate::analysis::estimate::Estimate;
 use crate::analysis::factors::Estimator;
 use crate::analysis::frame::Frame;
 use crate::analysis::robust::align_all_by;
+use crate::analysis::sliding::SlidingCriterion;
+use crate::analysis::sliding::along::{BOUNDS, slide_along};
+use crate::analysis::sliding::error::SlidingError;
 use crate::analysis::transformation::{ClassName, Transformation};
 use crate::domain::cohort::Cohort;
+use crate::domain::shape::ShapeDescription;
+use crate::geometry::curve::Curve;
+use crate::geometry::reparametrisation::LineRefit;
 use crate::geometry::representation::Representation;
+use crate::numeric::dense::Matrix;
 use crate::numeric::parallel;
 use crate::service::app::progress::{Meter, Part};
 use crate::service::app::{App, ServiceError};
@@ -56,19 +62,30 @@ impl ElasticOptions {
         }
         faults
     }
+}
 
-    /// Representation of the new curves.
-    fn representation(&self, app: &App, cohort: &Cohort) -> Result<Representation, ServiceError> {
-        let own = &cohort.spec.representation;
-        let Some(count) = self.control_points else { return Ok(own.clone()) };
-        let refused = |detail: String| ServiceError::invalid("/control_points", detail);
-        if count < FEWEST {
-            return Err(refused(format!("expected at least {FEWEST}, got {count}")));
-        }
-        let wanted = own.with_count(count);
-        let admitted = read::admit_linear(wanted.clone(), &app.limits);
-        admitted.map_err(|faults| refused(faults[0].detail.clone())).map(|_| wanted)
+/// Choices of a correspondence by sliding.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct SlidingOptions {
+    /// Criterion that sliding minimises.
+    pub criterion: SlidingCriterion,
+    /// Number of steps between points along a curve.
+    pub points: usize,
+    /// Number of control points or intervals of the new curves. Default: as many as those of the cohort.
+    pub control_points: Option<usize>,
+}
+
+/// Representation of the new curves.
+fn representation(app: &App, cohort: &Cohort, count: Option<usize>) -> Result<Representation, ServiceError> {
+    let own = &cohort.spec.representation;
+    let Some(count) = count else { return Ok(own.clone()) };
+    let refused = |detail: String| ServiceError::invalid("/control_points", detail);
+    if count < FEWEST {
+        return Err(refused(format!("expected at least {FEWEST}, got {count}")));
     }
+    let wanted = own.with_count(count);
+    let admitted = read::admit_linear(wanted.clone(), &app.limits);
+    admitted.map_err(|faults| refused(faults[0].detail.clone())).map(|_| wanted)
 }
 
 /// Faults of the settings of elastic matches.
@@ -99,22 +116,112 @@ pub(super) fn estimate(
     options: &ElasticOptions,
 ) -> Result<Estimate, ServiceError> {
     let space = space_of(app, cohort, options)?;
-    let size = options.representation(app, cohort)?.size();
+    let size = representation(app, cohort, options.control_points)?.size();
     Ok(Estimate::for_elastic(&space, shapes, options.starts, size))
 }
 
-/// Brings the curves of a job into correspondence.
+/// Predicted cost of the sliding of some shapes.
+pub(super) fn sliding_estimate(
+    app: &App,
+    cohort: &Cohort,
+    shapes: usize,
+    options: &SlidingOptions,
+) -> Result<Estimate, ServiceError> {
+    let space = app.space_of(&cohort.spec.representation)?;
+    if !space.domain().is_line() {
+        let detail = format!(
+            "expected a cohort of curves with the method \"sliding\", those of '{}' are none",
+            cohort.spec.name
+        );
+        return Err(ServiceError::parameter("cohort", detail));
+    }
+    let size = representation(app, cohort, options.control_points)?.size();
+    Ok(Estimate::for_sliding(shapes, (options.points, options.criterion), size))
+}
+
+/// Curves of a job as they are given.
+struct Given {
+    control_points: Vec<f64>,
+    weights: Vec<f64>,
+    /// Variance with searched starts, and the mean.
+    variance: f64,
+    mean: MeanShape,
+}
+
+impl Given {
+    fn read(task: &Task<'_>) -> Result<Self, ServiceError> {
+        let own = &task.source.spec.representation;
+        let (control_points, weights) = task.read(own.size() * own.dimension())?;
+        let (variance, mean) = variance(task, own, true, control_points.clone(), &weights)?;
+        Ok(Self { control_points, weights, variance, mean })
+    }
+
+    /// The curves.
+    fn curves(&self, task: &Task<'_>) -> Result<Vec<Curve>, ServiceError> {
+        let own = &task.source.spec.representation;
+        let space = task.app.space_of(own)?;
+        let curve =
+            |shape: &[f64]| Curve::of(&space, &Matrix::from_column_slice(own.size(), own.dimension(), shape));
+        let curves = self.control_points.chunks_exact(own.size() * own.dimension()).map(curve);
+        curves.collect::<Option<_>>().ok_or_else(|| ServiceError::Internal("curves without a curve".into()))
+    }
+}
+
+/// Curves at the places of their points, as shapes of the new cohort.
+struct Followed {
+    representation: Representation,
+    refits: Vec<(LineRefit, [f64; 2])>,
+    rows: Vec<Vec<f64>>,
+    variance: f64,
+}
+
+impl Followed {
+    fn new(
+        task: &Task<'_>,
+        given: &Given,
+        representation: Representation,
+        places: &[&[f64]],
+    ) -> Result<Self, ServiceError> {
+        let (curves, target) = (given.curves(task)?, task.app.space_of(&representation)?);
+        let refits: Vec<(LineRefit, [f64; 2])> = parallel::try_map(places.len(), &|k| {
+            task.context.check()?;
+            let found = LineRefit::along(&curves[k], places[k], &target);
+            found.map_err(|error| ServiceError::Internal(format!("a curve at new places: {error}")))
+        })?;
+        let rows: Vec<Vec<f64>> =
+            refits.iter().map(|(refit, _)| refit.control_points.as_slice().to_vec()).collect();
+        let (variance, _) = variance(task, &representation, false, rows.concat(), &given.weights)?;
+        Ok(Self { representation, refits, rows, variance })
+    }
+
+    /// The answer for each shape, without what one method alone finds.
+    fn shapes(&self, task: &Task<'_>, places: &[&[f64]]) -> Vec<CorrespondingShape> {
+        let closed = self.representation.is_closed();
+        let of = |(k, shape): (usize, &ShapeDescription)| {
+            let (refit, slopes) = &self.refits[k];
+            CorrespondingShape {
+                residual: refit.residual,
+                relative_residual: refit.relative_residual,
+                largest_residual: Some(refit.largest),
+                start: Some(if closed { places[k][0].rem_euclid(1.0) } else { places[k][0] }),
+                reversed: Some(places[k][1] < places[k][0]),
+                slopes: Some(*slopes),
+                ..CorrespondingShape::of(shape)
+            }
+        };
+        task.selection.shapes.iter().enumerate().map(of).collect()
+    }
+}
+
+/// Brings the curves of a job into elastic correspondence.
 pub(super) fn correspond(task: &Task<'_>, options: &ElasticOptions) -> Result<Made, ServiceError> {
     let (app, source) = (task.app, task.source);
-    let own = &source.spec.representation;
-    let representation = options.representation(app, source)?;
+    let representation = representation(app, source, options.control_points)?;
     let space = space_of(app, source, options)?;
-    let length = own.size() * own.dimension();
-    let (control_points, weights) = task.read(length)?;
-    let (before, mean) = variance(task, own, true, control_points.clone(), &weights)?;
+    let given = Given::read(task)?;
     let named = |error: AnalysisError| task.selection.named(error.into(), &source.spec.name);
-    let curves = space.prepare(&control_points).map_err(|error| of_curve(task, error))?;
-    let starts = starts(task, &space, &mean, &curves, options)?;
+    let curves = space.prepare(&given.control_points).map_err(|error| of_curve(task, error))?;
+    let starts = starts(task, &space, &given.mean, &curves, options)?;
     let estimate = Estimate::for_elastic(&space, curves.len(), options.starts, representation.size());
     let part = Part { work: estimate.multiply_adds, count: (ROUNDS * starts.len()) as f64 };
     let meter = Meter::new(task.context, vec![part], 0.0);
@@ -125,40 +232,97 @@ pub(super) fn correspond(task: &Task<'_>, options: &ElasticOptions) -> Result<Ma
     };
     let found = space.mean(&curves, &starts, &go_on).map_err(named)?;
     drop(curves);
-    let target = app.space_of(&representation)?;
-    let refits: Vec<ElasticRefit> = parallel::try_map(found.matches.len(), &|k| {
-        space.refit(&control_points[k * length..(k + 1) * length], &found.matches[k], &target)
-    })
-    .map_err(named)?;
-    let rows: Vec<Vec<f64>> =
-        refits.iter().map(|refit| refit.curve.control_points.as_slice().to_vec()).collect();
-    let (after, _) = variance(task, &representation, false, rows.concat(), &weights)?;
-    let of = |(shape, (matched, refit)): (_, (&ElasticMatch, &ElasticRefit))| CorrespondingShape {
-        residual: refit.curve.residual,
-        relative_residual: refit.curve.relative_residual,
-        distance: Some(matched.distance),
-        largest_residual: Some(refit.curve.largest),
-        start: Some(matched.places[0]),
-        reversed: Some(matched.reversed),
-        mirrored: Some(matched.mirrored),
-        slopes: Some(refit.slopes),
-        ..CorrespondingShape::of(shape)
-    };
-    let made = found.matches.iter().zip(&refits);
-    let shapes: Vec<CorrespondingShape> = task.selection.shapes.iter().zip(made).map(of).collect();
+    let places: Vec<&[f64]> = found.matches.iter().map(|one| one.places.as_slice()).collect();
+    let followed = Followed::new(task, &given, representation, &places)?;
+    let mut shapes = followed.shapes(task, &places);
+    for (shape, one) in shapes.iter_mut().zip(&found.matches) {
+        (shape.distance, shape.mirrored) = (Some(one.distance), Some(one.mirrored));
+    }
+    let variance = [given.variance, followed.variance];
+    let mut warnings = warnings_of(&shapes);
+    if variance[1] > variance[0] {
+        warnings.insert(0, format!(
+            "positions vary more than with searched starts ({:.2e} after {:.2e}): elastic matches compare directions, not positions, and \
+             suit features and retrieval rather than few components",
+            variance[1], variance[0]
+        ));
+    }
     let answer = CohortCorrespondence {
         rounds: found.history.len(),
-        variance: [before, after],
+        variance,
         elasticity: Some(options.elastic.elasticity),
         points: Some(options.elastic.points),
         starts: Some(starts.len()),
         objective: Some(found.objective),
-        warnings: warnings_of(&shapes, [before, after]),
+        warnings,
         shapes,
         ..CohortCorrespondence::default()
     };
     let origins = found.matches.iter().map(origin_of).collect();
-    Ok(Made { answer, representation, rows, weights, origins })
+    let Followed { representation, rows, .. } = followed;
+    Ok(Made { answer, representation, rows, weights: given.weights, origins })
+}
+
+/// Slides points along the curves of a job.
+pub(super) fn slide(task: &Task<'_>, options: &SlidingOptions) -> Result<Made, ServiceError> {
+    let representation = representation(task.app, task.source, options.control_points)?;
+    let given = Given::read(task)?;
+    let curves = given.curves(task)?;
+    let estimate =
+        Estimate::for_sliding(curves.len(), (options.points, options.criterion), representation.size());
+    let part = Part { work: estimate.multiply_adds, count: ROUNDS as f64 };
+    let meter = Meter::new(task.context, vec![part], 0.0);
+    meter.enter(0, "correspond");
+    let placements = &given.mean.placements;
+    let found = slide_along(&curves, placements, (options.points, options.criterion), &meter);
+    let found = found.map_err(|error| of_sliding(task, error))?;
+    drop(curves);
+    let places: Vec<&[f64]> = found.places.iter().map(Vec::as_slice).collect();
+    let followed = Followed::new(task, &given, representation, &places)?;
+    let mut shapes = followed.shapes(task, &places);
+    for (shape, placement) in shapes.iter_mut().zip(placements) {
+        shape.mirrored = Some(placement.mirrored);
+    }
+    let mut warnings = warnings_of(&shapes);
+    if !found.converged {
+        warnings.push(format!("the points still slid after {} rounds", found.rounds));
+    }
+    if found.bounded > 0 {
+        let [least, most] = BOUNDS;
+        warnings.push(format!(
+            "points of {} of {} curves would pass each other or leave gaps: their steps are kept between {least} and {most} of equal \
+             ones",
+            found.bounded,
+            shapes.len()
+        ));
+    }
+    let answer = CohortCorrespondence {
+        rounds: found.rounds,
+        variance: [given.variance, followed.variance],
+        points: Some(options.points),
+        criterion: Some(options.criterion),
+        converged: Some(found.converged),
+        warnings,
+        shapes,
+        ..CohortCorrespondence::default()
+    };
+    let single = |places: &Vec<f64>| places.iter().map(|t| *t as f32).collect::<Vec<f32>>();
+    let origins = found.places.iter().map(|places| json!({ "places": single(places) })).collect();
+    let Followed { representation, rows, .. } = followed;
+    Ok(Made { answer, representation, rows, weights: given.weights, origins })
+}
+
+/// A fault of sliding curves, by the name of the shape.
+fn of_sliding(task: &Task<'_>, error: SlidingError) -> ServiceError {
+    let shape = match error {
+        SlidingError::Cancelled => return ServiceError::Cancelled,
+        SlidingError::NoExtent { shape }
+        | SlidingError::NoDirection { shape, .. }
+        | SlidingError::Free { shape } => shape,
+        _ => return ServiceError::invalid("/filter", error.to_string()),
+    };
+    let fault = Fault::new("", error.to_string()).at_shape(shape);
+    task.selection.named(ServiceError::DegenerateShape(vec![fault]), &task.source.spec.name)
 }
 
 /// A fault of a curve, by the name of its shape.
@@ -241,15 +405,9 @@ fn origin_of(found: &ElasticMatch) -> Value {
     })
 }
 
-fn warnings_of(shapes: &[CorrespondingShape], [before, after]: [f64; 2]) -> Vec<String> {
+fn warnings_of(shapes: &[CorrespondingShape]) -> Vec<String> {
     let mut warnings = Vec::new();
     let all = shapes.len();
-    if after > before {
-        warnings.push(format!(
-            "positions vary more than with searched starts ({after:.2e} after {before:.2e}): elastic matches compare directions, not \
-             positions, and suit features and retrieval rather than few components"
-        ));
-    }
     let far = shapes.iter().filter(|shape| shape.relative_residual > RESIDUAL).count();
     if far > 0 {
         warnings.push(format!(

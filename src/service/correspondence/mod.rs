@@ -8,8 +8,8 @@
 mod curves;
 mod surfaces;
 
-pub use curves::ElasticOptions;
 pub(crate) use curves::elastic_faults;
+pub use curves::{ElasticOptions, SlidingOptions};
 pub(crate) use surfaces::option_faults;
 
 use serde::{Deserialize, Serialize};
@@ -20,6 +20,7 @@ use crate::analysis::correspondence::{Correspondence, Direction};
 use crate::analysis::estimate::Estimate;
 use crate::analysis::groupwise::GroupwiseOptions;
 use crate::analysis::rows::rows_of;
+use crate::analysis::sliding::SlidingCriterion;
 use crate::domain::cohort::{Cohort, CohortSpec};
 use crate::domain::filter::ShapeFilter;
 use crate::domain::job::{Job, JobKind};
@@ -49,6 +50,8 @@ pub enum CorrespondMethod {
     Groupwise,
     /// Curves, whose parameters follow the elastic mean.
     Elastic,
+    /// Curves, along which points slide to the positions of the mean: few components describe them.
+    Sliding,
 }
 
 /// Choices of a method.
@@ -57,6 +60,7 @@ pub enum CorrespondMethod {
 enum Options {
     Groupwise(GroupwiseOptions),
     Elastic(ElasticOptions),
+    Sliding(SlidingOptions),
 }
 
 /// Checked request, as stored with a job.
@@ -84,11 +88,13 @@ pub struct CorrespondRequest {
     /// The method, unless it is that of the kind of shapes.
     pub method: Option<CorrespondMethod>,
     /// Fields that belong to one method, of those that are given.
-    pub given: Vec<(&'static str, CorrespondMethod)>,
+    pub given: Vec<(&'static str, &'static [CorrespondMethod])>,
     /// Choices for surfaces.
     pub groupwise: GroupwiseOptions,
     /// Choices for curves.
     pub elastic: ElasticOptions,
+    /// Criterion of points that slide, whose other choices are those for curves.
+    pub criterion: SlidingCriterion,
 }
 
 /// Result of a correspondence for one shape.
@@ -116,19 +122,19 @@ pub struct CorrespondingShape {
     /// `elastic`: distance from the elastic mean, 0 to π/2.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub distance: Option<f64>,
-    /// `elastic`: largest distance between the reparametrised curve and the stored one.
+    /// Curves: largest distance between the reparametrised curve and the stored one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub largest_residual: Option<f64>,
-    /// `elastic`: place of the given curve, as a fraction of its length, at which the stored one begins.
+    /// Curves: place of the given curve, as a fraction of its length, at which the stored one begins.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub start: Option<f64>,
-    /// `elastic`: whether the stored curve is traversed in the other direction.
+    /// Curves: whether the stored curve is traversed in the other direction.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reversed: Option<bool>,
-    /// `elastic`: whether the mirror image of the curve is matched; the stored curve is not mirrored.
+    /// Curves: whether the mirror image of the curve is matched; the stored curve is not mirrored.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mirrored: Option<bool>,
-    /// `elastic`: smallest and largest slope of the fraction of the length by the new parameter.
+    /// Curves: smallest and largest slope of the fraction of the length by the new parameter.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub slopes: Option<[f64; 2]>,
 }
@@ -149,7 +155,7 @@ pub struct CohortCorrespondence {
     /// `groupwise`: highest degree of the fields.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub degree: Option<usize>,
-    /// `groupwise`: steps of every shape for each degree; `elastic`: rounds of the mean.
+    /// `groupwise`: steps of every shape for each degree; `elastic`: rounds of the mean; `sliding`: rounds.
     pub rounds: usize,
     /// `groupwise`: whether sizes were compared.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -164,13 +170,13 @@ pub struct CohortCorrespondence {
     /// `groupwise`: `Σ log(1 + λ/δ)` of the shapes with rotations of their parameters only, and at the end, both at the last noise `δ`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub entropy: Option<[f64; 2]>,
-    /// Total variance before, and at the end. `groupwise`: over the area of the parameter sphere, with rotations only before. `elastic`:
+    /// Total variance before, and at the end. `groupwise`: over the area of the parameter sphere, with rotations only before. Curves:
     /// after similarities, relative to the mean, with searched starts before.
     pub variance: [f64; 2],
     /// `elastic`: weight of bending against stretching.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub elasticity: Option<f64>,
-    /// `elastic`: number of segments into which curves were divided.
+    /// Curves: number of segments into which they were divided.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub points: Option<usize>,
     /// `elastic`: number of starts of the mean.
@@ -179,6 +185,12 @@ pub struct CohortCorrespondence {
     /// `elastic`: mean cosine of the distances from the elastic mean, which is a local maximum of it: 1 if all curves are copies.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub objective: Option<f64>,
+    /// `sliding`: the criterion.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub criterion: Option<SlidingCriterion>,
+    /// `sliding`: whether the last round left the points as they were.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub converged: Option<bool>,
     /// Result for each shape, in the order of the source.
     pub shapes: Vec<CorrespondingShape>,
     /// Warnings about the result.
@@ -222,12 +234,32 @@ impl CorrespondingShape {
     }
 }
 
+impl CorrespondMethod {
+    /// Name in requests.
+    fn name(self) -> &'static str {
+        match self {
+            Self::Groupwise => "groupwise",
+            Self::Elastic => "elastic",
+            Self::Sliding => "sliding",
+        }
+    }
+}
+
 impl Options {
+    fn method(&self) -> CorrespondMethod {
+        match self {
+            Self::Groupwise(_) => CorrespondMethod::Groupwise,
+            Self::Elastic(_) => CorrespondMethod::Elastic,
+            Self::Sliding(_) => CorrespondMethod::Sliding,
+        }
+    }
+
     /// Predicted cost for some shapes of a cohort.
     fn estimate(&self, app: &App, cohort: &Cohort, shapes: usize) -> Result<Estimate, ServiceError> {
         match self {
             Self::Groupwise(options) => surfaces::estimate(app, cohort, shapes, options),
             Self::Elastic(options) => curves::estimate(app, cohort, shapes, options),
+            Self::Sliding(options) => curves::sliding_estimate(app, cohort, shapes, options),
         }
     }
 
@@ -235,6 +267,7 @@ impl Options {
         match self {
             Self::Groupwise(options) => surfaces::correspond(task, options),
             Self::Elastic(options) => curves::correspond(task, options),
+            Self::Sliding(options) => curves::slide(task, options),
         }
     }
 }
@@ -290,18 +323,20 @@ impl CorrespondRequest {
             false => CorrespondMethod::Groupwise,
         };
         let method = self.method.unwrap_or(usual);
-        let misplaced = self.given.iter().filter(|(_, of)| *of != method);
+        let misplaced = self.given.iter().filter(|(_, of)| !of.contains(&method));
         let fault = |(field, _): &(&'static str, _)| {
-            let name = match method {
-                CorrespondMethod::Groupwise => "groupwise",
-                CorrespondMethod::Elastic => "elastic",
-            };
+            let name = method.name();
             Fault::new(*field, format!("expected no value with the method \"{name}\", got one"))
         };
         ServiceError::unless_empty(misplaced.map(fault).collect())?;
         Ok(match method {
             CorrespondMethod::Groupwise => Options::Groupwise(self.groupwise),
             CorrespondMethod::Elastic => Options::Elastic(self.elastic),
+            CorrespondMethod::Sliding => Options::Sliding(SlidingOptions {
+                criterion: self.criterion,
+                points: self.elastic.elastic.points,
+                control_points: self.elastic.control_points,
+            }),
         })
     }
 }
@@ -350,10 +385,7 @@ async fn store(
         source.spec.name,
         source.id,
         source.revision,
-        match plan.options {
-            Options::Groupwise(_) => "groupwise",
-            Options::Elastic(_) => "elastic",
-        },
+        plan.options.method().name(),
         job.id
     );
     let spec = CohortSpec {

@@ -4,11 +4,10 @@ use super::coding::Asked;
 use super::ready::Ready;
 use crate::analysis::AnalysisError;
 use crate::analysis::correspondence::{Correspondence, Direction};
-use crate::analysis::elastic::refit::ElasticRefit;
 use crate::analysis::elastic::settings::ElasticSettings;
 use crate::analysis::elastic::space::{ElasticMatch, ElasticSpace};
 use crate::analysis::groupwise::{Corresponding, GroupwiseOptions, Reference, shape_work};
-use crate::geometry::reparametrisation::Spherical;
+use crate::geometry::reparametrisation::{LineRefit, Spherical};
 use crate::numeric::dense::Matrix;
 use crate::service::app::{App, ServiceError};
 use crate::service::shapes::outcome::{Outcomes, of_shape};
@@ -35,8 +34,8 @@ pub fn elastic_numbers(settings: &ElasticSettings) -> usize {
 pub enum Following {
     /// A surface.
     Surface(Box<Corresponding>),
-    /// A curve, with its match to the mean.
-    Curve(Box<(ElasticMatch, ElasticRefit)>),
+    /// A curve, with its match to the mean, and the smallest and largest slope of its length.
+    Curve(Box<(ElasticMatch, LineRefit, [f64; 2])>),
 }
 
 /// Brings curves into correspondence with the mean of a dictionary, by its own parameter.
@@ -59,8 +58,8 @@ pub fn correspond_curves(
         let curves = space.prepare(&shape).map_err(|error| of_shape(index, error))?;
         let found = space.onto(&template, &curves[0]);
         let refit = space.refit(&shape, &found, &ready.setup.space);
-        let refit = refit.map_err(|error| of_shape(index, error))?;
-        Ok(Following::Curve(Box::new((found, refit))))
+        let (refit, slopes) = refit.map_err(|error| of_shape(index, error))?;
+        Ok(Following::Curve(Box::new((found, refit, slopes))))
     })
 }
 

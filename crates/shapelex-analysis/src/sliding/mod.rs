@@ -11,8 +11,9 @@
 //! shapes may slide together with their mean, and ends with its tenth round. [`centred`] fixes that: displacements are those of one linear
 //! solve from the points as given, and have the mean 0 over the shapes. It converges, and does not depend on the order of shapes.
 //!
-//! [`table`] — tables of sliders; [`error`] — reasons why nothing slides.
+//! [`table`] — tables of sliders; [`along`] — points along splines, which slide in their parameters; [`error`] — reasons why nothing slides.
 
+pub mod along;
 pub mod centred;
 mod directions;
 pub mod error;

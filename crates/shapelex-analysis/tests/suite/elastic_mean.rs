@@ -121,15 +121,16 @@ fn curves_with_the_parameters_of_the_mean_lie_nearer_to_each_other() {
             .map(|(shape, matched)| compared.refit(shape, matched, &space).unwrap())
             .collect();
         for refit in &refits {
-            assert!(refit.curve.relative_residual < 0.01, "{}", refit.curve.relative_residual);
-            assert!(refit.slopes[0] > 0.019 && refit.slopes[1] < 10.0, "{:?}", refit.slopes);
+            let (curve, slopes) = refit;
+            assert!(curve.relative_residual < 0.01, "{}", curve.relative_residual);
+            assert!(slopes[0] > 0.019 && slopes[1] < 10.0, "{slopes:?}");
         }
         // Matched to the first curve as a template with its own parameter, the first curve keeps its points.
         let template = compared.template_of(&shapes[0]).unwrap();
         let own = compared.prepare(&shapes[0]).unwrap();
         let onto = compared.onto(&template, &own[0]);
         assert!(onto.distance < 0.03, "{}", onto.distance);
-        let again = compared.refit(&shapes[0], &onto, &space).unwrap().curve.control_points;
+        let again = compared.refit(&shapes[0], &onto, &space).unwrap().0.control_points;
         let size = space.representation().size();
         let given = Matrix::from_column_slice(size, d, &shapes[0]);
         assert!((again - given).amax() < 0.1);

@@ -21,6 +21,7 @@ mod repeatability;
 mod retrieval;
 mod robust;
 mod sliding;
+mod sliding_along;
 mod sparse;
 mod sparse_blocks;
 mod streamed_models;

@@ -8,6 +8,7 @@
 //! third derivative jumps, which the rule does not follow: an error of a hundred-thousandth of a coarse curve, less of others.
 
 use crate::GeometryError;
+use crate::arc_parameter::ArcParameter;
 use crate::curve::Curve;
 use crate::fit::Samples;
 use crate::representation::ShapeSpace;
@@ -18,6 +19,9 @@ use shapelex_numeric::quadrature::GaussLegendre;
 const NODES: usize = 6;
 /// Distance of two places below which nothing lies between.
 const NOTHING: f64 = 1e-13;
+
+/// Share of equal steps that is mixed into a map: a curve that stands still over an interval has no tangent there.
+const RAISED: f64 = 0.02;
 
 /// The curve nearest to a reparametrised one, with its certificate.
 #[derive(Debug, Clone)]
@@ -67,6 +71,45 @@ impl LineRefit {
             largest: fit.largest,
         })
     }
+
+    /// The curve of `space` that follows `places` of a curve: those of the parameters `i/M`, `i = 0 … M`, as fractions of its length; of closed
+    /// curves they go on beyond 0 and 1, and they may decrease. Steps are raised to a fiftieth of equal ones. With it the smallest and
+    /// largest slope of the places.
+    ///
+    /// Cost: six points between two places or knots.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn along(
+        curve: &Curve,
+        places: &[f64],
+        space: &ShapeSpace,
+    ) -> Result<(Self, [f64; 2]), GeometryError> {
+        let arc = ArcParameter::of(curve);
+        let map = raised(places);
+        let last = map.len() - 1;
+        let closed = curve.is_closed();
+        let at = |s: f64| {
+            let place = s * last as f64;
+            let k = (place as usize).min(last - 1);
+            let t = map[k] + (place - k as f64) * (map[k + 1] - map[k]);
+            arc.at(if closed { t.rem_euclid(1.0) } else { t.clamp(0.0, 1.0) })
+        };
+        let corners: Vec<f64> = (1..last).map(|i| i as f64 / last as f64).collect();
+        let refit = Self::new(curve, space, &corners, &at)?;
+        let slopes = map.windows(2).map(|ends| (ends[1] - ends[0]).abs() * last as f64);
+        let slopes = slopes.fold([f64::INFINITY, 0.0_f64], |[least, most], x| [least.min(x), most.max(x)]);
+        Ok((refit, slopes))
+    }
+}
+
+/// A map whose steps are at least a fiftieth of equal ones.
+fn raised(places: &[f64]) -> Vec<f64> {
+    let last = places.len() - 1;
+    let whole = places[last] - places[0];
+    let raised =
+        |(i, t): (usize, &f64)| (1.0 - RAISED) * t + RAISED * (places[0] + whole * i as f64 / last as f64);
+    places.iter().enumerate().map(raised).collect()
 }
 
 /// Root mean square distance of a curve from its mean position.

@@ -6,6 +6,7 @@ use serde::Serialize;
 
 use crate::analysis::elastic::settings::{Effort, ElasticSettings};
 use crate::analysis::groupwise::{DEGREE, GroupwiseOptions, MAX_DEGREE, MAX_ROUNDS, ROUNDS, STIFFNESS};
+use crate::analysis::sliding::SlidingCriterion;
 use crate::api::extract::{Caller, JsonBody, NoQuery, Path, Prefer};
 use crate::api::problem::Problem;
 use crate::api::respond::json;
@@ -62,9 +63,12 @@ document! {
         /// `elastic`: weight of bending against stretching, above 0 and up to 1: near 0, lengths correspond. Default: 1.
         #[schema(value_type = Option<f64>, maximum = 1)]
         elasticity: Checked<f64>;
-        /// `elastic`: number of segments into which curves are divided, 16 to 1000. Default: 100.
+        /// `elastic`, `sliding`: number of segments into which curves are divided, 16 to 1000. Default: 100.
         #[schema(value_type = Option<usize>, minimum = 16, maximum = 1000)]
         points: Checked<usize>;
+        /// `sliding`: criterion that the points minimise. Default: `procrustes`.
+        #[schema(value_type = Option<SlidingCriterion>)]
+        criterion: Checked<SlidingCriterion>;
         /// `elastic`: thoroughness of the search. Default: `normal`.
         #[schema(value_type = Option<Effort>)]
         effort: Checked<Effort>;
@@ -72,7 +76,7 @@ document! {
         /// stand for the others, which takes the distances of all pairs. Default: 1.
         #[schema(value_type = Option<usize>, minimum = 1, maximum = 20)]
         starts: Checked<usize>;
-        /// `elastic`: number of control points (intervals of open curves) of the new curves, at least 8. Default: those of the cohort.
+        /// `elastic`, `sliding`: number of control points (intervals of open curves) of the new curves, at least 8. Default: those of the cohort.
         #[schema(value_type = Option<usize>, minimum = 8)]
         control_points: Checked<usize>;
         /// Priority among the tenant's queued jobs. Default: `normal`.
@@ -84,7 +88,8 @@ document! {
 /// Brings the surfaces or curves of a cohort into correspondence, without a template.
 ///
 /// The parameters of all surfaces are moved by rotations and smooth maps of the parameter sphere that together minimise the entropy
-/// of the shapes; those of curves follow the elastic mean, whose directions agree most with theirs. The job stores the shapes with their new parameters in a new cohort, whose points correspond as given
+/// of the shapes; those of curves follow the elastic mean, whose directions agree most with theirs, or slide to the positions of the
+/// mean. The job stores the shapes with their new parameters in a new cohort, whose points correspond as given
 /// (`landmarks`); labels, subjects and external ids are kept, and the metadata say where each shape comes from. With
 /// `Prefer: wait=N` the response is the result if the job ends within `N` seconds, at most 60.
 #[utoipa::path(post, path = "/v1/cohorts/{cohort}/correspond", tag = "cohorts", request_body = CorrespondCohortRequest,
@@ -119,17 +124,18 @@ pub(in crate::api::v1) async fn correspond_cohort(
 
 impl CorrespondCohortRequest {
     fn checked(self) -> Result<CorrespondRequest, ServiceError> {
-        use CorrespondMethod::{Elastic, Groupwise};
-        let fields = [
-            ("/degree", self.degree.is_some(), Groupwise),
-            ("/rounds", self.rounds.is_some(), Groupwise),
-            ("/stiffness", self.stiffness.is_some(), Groupwise),
-            ("/sizes", self.sizes.is_some(), Groupwise),
-            ("/elasticity", self.elasticity.is_some(), Elastic),
-            ("/points", self.points.is_some(), Elastic),
-            ("/effort", self.effort.is_some(), Elastic),
-            ("/starts", self.starts.is_some(), Elastic),
-            ("/control_points", self.control_points.is_some(), Elastic),
+        use CorrespondMethod::{Elastic, Groupwise, Sliding};
+        let fields: [(&str, bool, &[CorrespondMethod]); 10] = [
+            ("/degree", self.degree.is_some(), &[Groupwise]),
+            ("/rounds", self.rounds.is_some(), &[Groupwise]),
+            ("/stiffness", self.stiffness.is_some(), &[Groupwise]),
+            ("/sizes", self.sizes.is_some(), &[Groupwise]),
+            ("/elasticity", self.elasticity.is_some(), &[Elastic]),
+            ("/points", self.points.is_some(), &[Elastic, Sliding]),
+            ("/effort", self.effort.is_some(), &[Elastic]),
+            ("/starts", self.starts.is_some(), &[Elastic]),
+            ("/control_points", self.control_points.is_some(), &[Elastic, Sliding]),
+            ("/criterion", self.criterion.is_some(), &[Sliding]),
         ];
         let given = fields.into_iter().filter(|field| field.1).map(|(name, _, of)| (name, of)).collect();
         let mut errors = self.faults;
@@ -142,6 +148,8 @@ impl CorrespondCohortRequest {
             stiffness: take_given(self.stiffness, "/stiffness", &mut errors).unwrap_or(STIFFNESS),
             sizes: take_given(self.sizes, "/sizes", &mut errors).unwrap_or(true),
         };
+        let usual = SlidingCriterion::Procrustes;
+        let criterion = take_given(self.criterion, "/criterion", &mut errors).unwrap_or(usual);
         let Self { elasticity, points, effort, .. } = self;
         let fields = ElasticFields { elasticity, points, rotation: None, effort };
         let elastic = ElasticOptions {
@@ -152,7 +160,7 @@ impl CorrespondCohortRequest {
         ServiceError::unless_empty(errors)?;
         match (name, filter) {
             (Some(name), Some(filter)) => {
-                Ok(CorrespondRequest { name, filter, method, given, groupwise, elastic })
+                Ok(CorrespondRequest { name, filter, method, given, groupwise, elastic, criterion })
             }
             _ => Err(ServiceError::invalid("", "the request is incomplete")),
         }
@@ -237,17 +245,17 @@ impl From<Following> for CorrespondingOutput {
                 ..Self::default()
             },
             Following::Curve(found) => {
-                let (matched, refit) = *found;
+                let (matched, refit, slopes) = *found;
                 Self {
-                    control_points: Some(points(&refit.curve.control_points)),
-                    residual: refit.curve.residual,
-                    relative_residual: refit.curve.relative_residual,
+                    control_points: Some(points(&refit.control_points)),
+                    residual: refit.residual,
+                    relative_residual: refit.relative_residual,
                     distance: Some(matched.distance),
-                    largest_residual: Some(refit.curve.largest),
+                    largest_residual: Some(refit.largest),
                     start: Some(matched.places[0]),
                     reversed: Some(matched.reversed),
                     mirrored: Some(matched.mirrored),
-                    slopes: Some(refit.slopes),
+                    slopes: Some(slopes),
                     ..Self::default()
                 }
             }

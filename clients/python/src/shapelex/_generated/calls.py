@@ -1257,10 +1257,10 @@ class Calls(Transport):
 
         The parameters of all surfaces are moved by rotations and smooth maps of the parameter sphere that
         together minimise the entropy of the shapes; those of curves follow the elastic mean, whose directions
-        agree most with theirs. The job stores the shapes with their new parameters in a new cohort, whose points
-        correspond as given (`landmarks`); labels, subjects and external ids are kept, and the metadata say where
-        each shape comes from. With `Prefer: wait=N` the response is the result if the job ends within `N`
-        seconds, at most 60.
+        agree most with theirs, or slide to the positions of the mean. The job stores the shapes with their new
+        parameters in a new cohort, whose points correspond as given (`landmarks`); labels, subjects and external
+        ids are kept, and the metadata say where each shape comes from. With `Prefer: wait=N` the response is the
+        result if the job ends within `N` seconds, at most 60.
 
         Parameters
         ----------

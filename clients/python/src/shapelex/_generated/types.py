@@ -1471,6 +1471,8 @@ class CohortCorrespondence(TypedDict):
     points: NotRequired[int | None]
     starts: NotRequired[int | None]
     objective: NotRequired[float | None]
+    criterion: NotRequired[SlidingCriterion | None]
+    converged: NotRequired[bool | None]
     shapes: list[CorrespondingShape]
     warnings: list[str]
 
@@ -1858,13 +1860,14 @@ class CorrespondCohortRequest(TypedDict):
     sizes: NotRequired[bool | None]
     elasticity: NotRequired[float | None]
     points: NotRequired[int | None]
+    criterion: NotRequired[SlidingCriterion | None]
     effort: NotRequired[Effort | None]
     starts: NotRequired[int | None]
     control_points: NotRequired[int | None]
     priority: NotRequired[Priority | None]
 
 
-CorrespondMethod: TypeAlias = "Literal['groupwise', 'elastic']"
+CorrespondMethod: TypeAlias = "Literal['groupwise', 'elastic', 'sliding']"
 """How shapes are brought into correspondence."""
 
 
