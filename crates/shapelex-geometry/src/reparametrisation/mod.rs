@@ -10,7 +10,7 @@
 //!
 //! * [`harmonics`] — solid harmonics with derivatives; [`flow`] — the maps and their derivatives by the coefficients;
 //! * [`nodes`] — points of the sphere that the rotations of the icosahedron permute;
-//! * [`spherical`] — shapes as functions of directions, and refits; [`line`] — refits of curves.
+//! * [`spherical`] — shapes as functions of directions, and refits; [`line`](mod@line) — refits of curves.
 //!
 //! Sources: Davies, Twining and Taylor 2008 (reparametrisations of a sphere by composed maps); Brechbühler, Gerig and Kübler 1995.
 
