@@ -1901,7 +1901,8 @@ export interface paths {
         /**
          * Detects thin bright or dark sheets in a volume, such as the skull around a brain.
          * @description The response of a cell is that of the steerable kernel `Δg − 5 g_vv` along the direction that fits best. Crests are its maxima
-         *     across sheets. The innermost surface around a point is an image with edges of its own, for a segmentation with the term `contour`.
+         *     across sheets. The innermost surface around a point is answered as a separate image, whose edges a segmentation with the term `contour`
+         *     follows.
          */
         post: operations["detect_sheets"];
         delete?: never;
@@ -5673,7 +5674,7 @@ export interface components {
             z?: number | null;
             /**
              * Format: double
-             * @description 95 % quantile of the statistic under the null model, the level that chance alone reaches. It is no bound of a
+             * @description 95 % quantile of the statistic under the null model, the level that chance alone reaches. It does not bound a
              *     confidence interval.
              */
             critical95?: number | null;
@@ -16797,7 +16798,7 @@ export interface operations {
         parameters: {
             query?: {
                 /**
-                 * @description Names of the columns, separated by commas; a column whose name has a comma is given by a parameter of its own. Default:
+                 * @description Names of the columns, separated by commas; a column whose name has a comma takes a separate parameter. Default:
                  *     id, all attributes and measures.
                  * @example external_id,labels.treatment,measures.area
                  */

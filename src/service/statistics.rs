@@ -238,6 +238,27 @@ impl Setup {
         Measured { metric: &self.metric, method: &self.method, matching: &self.matching }
     }
 
+    /// The mean of shapes in memory (coordinate-major, one after the other), and the variance that is left: the weighted mean of the squared
+    /// residuals of the aligned shapes, divided by the squared norm of the mean.
+    ///
+    /// # Errors
+    /// Degenerate or too few shapes; [`ServiceError::Cancelled`] once `stop` returns true.
+    pub(crate) fn mean_and_variance(
+        &self,
+        control_points: Vec<f64>,
+        weights: &[f64],
+        stop: &(dyn Fn() -> bool + Sync),
+    ) -> Result<(MeanShape, f64), ServiceError> {
+        let measured = self.measured();
+        let found =
+            align_all_by(self.estimator, measured, self.frame, control_points, weights.to_vec(), stop);
+        let (mean, aligned) = found?;
+        let norm: f64 = mean.whitened.iter().map(|x| x * x).sum();
+        let left: f64 = aligned.iter().zip(weights).map(|(shape, w)| w * shape.residual.powi(2)).sum();
+        let variance = left / (weights.iter().sum::<f64>() * norm);
+        Ok((mean, variance))
+    }
+
     /// The region on which shapes are aligned.
     ///
     /// # Errors

@@ -216,6 +216,11 @@ fn what_has_no_elastic_distance_is_refused() {
         ("/v1/distances", json!({"cohort": "example-cells"}), Wanted::invalid(&["/transformation"])),
         (
             "/v1/distances",
+            json!({"cohort": "example-cells", "correspondence": "bogus", "effort": "fast", "points": 50}),
+            Wanted::invalid(&["/correspondence"]),
+        ),
+        (
+            "/v1/distances",
             json!({"cohort": "example-cells", "correspondence": "cyclic", "transformation": "similarity"}),
             Wanted::invalid(&["/correspondence"]),
         ),

@@ -14,12 +14,11 @@ use serde::Serialize;
 
 use super::source;
 use super::{attributes, catalogue, measures};
-use crate::analysis::alignment::{AlignedShape, Alignment, MeanShape};
+use crate::analysis::alignment::Alignment;
 use crate::analysis::conversion::{Conversion, given_points};
 use crate::analysis::correspondence::Correspondence;
 use crate::analysis::factors::Estimator;
 use crate::analysis::frame::Frame;
-use crate::analysis::robust::align_all_by;
 use crate::analysis::transformation::Transformation;
 use crate::domain::cohort::Cohort;
 use crate::domain::filter::ShapeFilter;
@@ -240,13 +239,7 @@ impl Trial<'_> {
             weights.push(shape.attributes.weight);
         }
         let stop = || context.is_cancelled();
-        let (measured, total) = (setup.measured(), weights.iter().sum::<f64>());
-        let aligned =
-            align_all_by(setup.estimator, measured, setup.frame, control_points, weights.clone(), &stop);
-        let (mean, aligned): (MeanShape, Vec<AlignedShape>) = aligned?;
-        let norm: f64 = mean.whitened.iter().map(|x| x * x).sum();
-        let left: f64 = aligned.iter().zip(&weights).map(|(shape, w)| w * shape.residual.powi(2)).sum();
-        Ok(left / (total * norm))
+        Ok(setup.mean_and_variance(control_points, &weights, &stop)?.1)
     }
 
     /// Control points of a shape as another correspondence would have stored it.

@@ -14,7 +14,6 @@ use crate::analysis::elastic::template::medoids;
 use crate::analysis::estimate::Estimate;
 use crate::analysis::factors::Estimator;
 use crate::analysis::frame::Frame;
-use crate::analysis::robust::align_all_by;
 use crate::analysis::sliding::SlidingCriterion;
 use crate::analysis::sliding::along::{BOUNDS, slide_along};
 use crate::analysis::sliding::error::SlidingError;
@@ -34,7 +33,7 @@ use crate::wire::fault::Fault;
 
 /// Most starts of a mean.
 const MOST_STARTS: usize = 20;
-/// Rounds of a mean after which its progress stands still; most end earlier.
+/// Rounds that a mean, and sliding, usually take at most.
 const ROUNDS: usize = 60;
 /// Relative residual, and slopes, beyond which a warning says so.
 const RESIDUAL: f64 = 0.01;
@@ -152,7 +151,7 @@ impl Given {
     fn read(task: &Task<'_>) -> Result<Self, ServiceError> {
         let own = &task.source.spec.representation;
         let (control_points, weights) = task.read(own.size() * own.dimension())?;
-        let (variance, mean) = variance(task, own, true, control_points.clone(), &weights)?;
+        let (mean, variance) = variance(task, own, true, control_points.clone(), &weights)?;
         Ok(Self { control_points, weights, variance, mean })
     }
 
@@ -180,9 +179,9 @@ impl Followed {
         task: &Task<'_>,
         given: &Given,
         representation: Representation,
-        places: &[&[f64]],
+        (curves, places): (&[Curve], &[&[f64]]),
     ) -> Result<Self, ServiceError> {
-        let (curves, target) = (given.curves(task)?, task.app.space_of(&representation)?);
+        let target = task.app.space_of(&representation)?;
         let refits: Vec<(LineRefit, [f64; 2])> = parallel::try_map(places.len(), &|k| {
             task.context.check()?;
             let found = LineRefit::along(&curves[k], places[k], &target);
@@ -190,7 +189,7 @@ impl Followed {
         })?;
         let rows: Vec<Vec<f64>> =
             refits.iter().map(|(refit, _)| refit.control_points.as_slice().to_vec()).collect();
-        let (variance, _) = variance(task, &representation, false, rows.concat(), &given.weights)?;
+        let (_, variance) = variance(task, &representation, false, rows.concat(), &given.weights)?;
         Ok(Self { representation, refits, rows, variance })
     }
 
@@ -226,14 +225,14 @@ pub(super) fn correspond(task: &Task<'_>, options: &ElasticOptions) -> Result<Ma
     let part = Part { work: estimate.multiply_adds, count: (ROUNDS * starts.len()) as f64 };
     let meter = Meter::new(task.context, vec![part], 0.0);
     meter.enter(0, "correspond");
-    let go_on = |round: usize| {
-        meter.worked(usize::from(round < ROUNDS));
+    let go_on = |_: usize| {
+        meter.worked(1);
         !task.context.is_cancelled()
     };
     let found = space.mean(&curves, &starts, &go_on).map_err(named)?;
     drop(curves);
     let places: Vec<&[f64]> = found.matches.iter().map(|one| one.places.as_slice()).collect();
-    let followed = Followed::new(task, &given, representation, &places)?;
+    let followed = Followed::new(task, &given, representation, (&given.curves(task)?, &places))?;
     let mut shapes = followed.shapes(task, &places);
     for (shape, one) in shapes.iter_mut().zip(&found.matches) {
         (shape.distance, shape.mirrored) = (Some(one.distance), Some(one.mirrored));
@@ -276,9 +275,8 @@ pub(super) fn slide(task: &Task<'_>, options: &SlidingOptions) -> Result<Made, S
     let placements = &given.mean.placements;
     let found = slide_along(&curves, placements, (options.points, options.criterion), &meter);
     let found = found.map_err(|error| of_sliding(task, error))?;
-    drop(curves);
     let places: Vec<&[f64]> = found.places.iter().map(Vec::as_slice).collect();
-    let followed = Followed::new(task, &given, representation, &places)?;
+    let followed = Followed::new(task, &given, representation, (&curves, &places))?;
     let mut shapes = followed.shapes(task, &places);
     for (shape, placement) in shapes.iter_mut().zip(placements) {
         shape.mirrored = Some(placement.mirrored);
@@ -364,7 +362,7 @@ fn variance(
     given: bool,
     control_points: Vec<f64>,
     weights: &[f64],
-) -> Result<(f64, MeanShape), ServiceError> {
+) -> Result<(MeanShape, f64), ServiceError> {
     let spec = &task.source.spec;
     let transformation = Transformation::Named(ClassName::Similarity);
     let alignment = Alignment::usual(&transformation, representation.dimension());
@@ -385,12 +383,8 @@ fn variance(
     };
     let setup = Setup::of(task.app, settings)?;
     let stop = || task.context.is_cancelled();
-    let found =
-        align_all_by(setup.estimator, setup.measured(), setup.frame, control_points, weights.to_vec(), &stop);
-    let (mean, aligned) = found.map_err(|error| task.selection.named(error.into(), &spec.name))?;
-    let norm: f64 = mean.whitened.iter().map(|x| x * x).sum();
-    let left: f64 = aligned.iter().zip(weights).map(|(shape, w)| w * shape.residual.powi(2)).sum();
-    Ok((left / (weights.iter().sum::<f64>() * norm), mean))
+    let found = setup.mean_and_variance(control_points, weights, &stop);
+    found.map_err(|error| task.selection.named(error, &spec.name))
 }
 
 /// What the metadata of a stored shape say about its parameters.

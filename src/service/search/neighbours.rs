@@ -106,12 +106,11 @@ pub async fn search(app: &App, key: &str, search: Search) -> Result<Found, Servi
         Queries::Stored(keys) => stored_queries(app, &cohort, &keys).await?,
     };
     let (setup, space, queries) = prepared(app, &cohort, &comparison, queries).await?;
-    let reranking = comparison.elastic.map(|elastic| Reranking {
-        elastic,
-        candidates,
-        setup: setup.clone(),
-        queries: queries.control_points().to_vec(),
+    let wanted = comparison.elastic.map_or(neighbours, |_| candidates.max(neighbours));
+    let reranking = comparison.elastic.map(|elastic| {
+        Reranking::new(app, &setup, elastic, (wanted, queries.count()), queries.control_points())
     });
+    let reranking = reranking.transpose()?;
     // What is kept of the cohort is the same for elastic distances.
     let comparison = Comparison { elastic: None, ..comparison };
     let mirror = comparison.mirror.unwrap_or(cohort.spec.mirror);
@@ -119,7 +118,6 @@ pub async fn search(app: &App, key: &str, search: Search) -> Result<Found, Servi
     let work = predicted(app, &cohort, &space, queries.count(), (&filter, &comparison));
     let (task_cohort, own) = (cohort.clone(), queries.ids().to_vec());
     // A stored query is its own neighbour, and removed in the end.
-    let wanted = if reranking.is_some() { candidates.max(neighbours) } else { neighbours };
     let most = wanted + usize::from(!own.is_empty());
     let sorted = app
         .pool

@@ -18,14 +18,38 @@ use crate::service::statistics::Setup;
 
 /// A search whose neighbours are compared elastically.
 pub(super) struct Reranking {
-    pub(super) elastic: ElasticSettings,
-    pub(super) candidates: usize,
-    pub(super) setup: Setup,
+    space: ElasticSpace,
+    candidates: usize,
     /// Control points of the queries.
-    pub(super) queries: Vec<f64>,
+    queries: Vec<f64>,
 }
 
 impl Reranking {
+    /// Of `count` queries with these control points, each compared with at most `candidates` shapes.
+    ///
+    /// # Errors
+    /// Shapes that are no curves; more work than a request may take.
+    pub(super) fn new(
+        app: &App,
+        setup: &Setup,
+        elastic: ElasticSettings,
+        (candidates, count): (usize, usize),
+        queries: &[f64],
+    ) -> Result<Self, ServiceError> {
+        let rule = setup.rule();
+        let space = ElasticSpace::new(&setup.space, rule.direction, rule.mirror, elastic);
+        let space = space.map_err(|error| of_cohort(error.into()))?;
+        let found = Self { space, candidates, queries: queries.to_vec() };
+        found.work(count * candidates, count).check(app.limits.request_work.as_secs_f64())?;
+        Ok(found)
+    }
+
+    /// Work of so many pairs of so many curves.
+    fn work(&self, pairs: usize, curves: usize) -> Work {
+        Work::from_seconds(pairs as f64 * self.space.seconds())
+            + requests::elastic_curves(curves, self.space.settings().points)
+    }
+
     /// A warning that other shapes were not compared, if there may be some.
     pub(super) fn warning(&self, found: &[Vec<FoundNeighbour>]) -> Option<String> {
         let all = found.iter().all(|list| list.len() < self.candidates);
@@ -41,23 +65,20 @@ impl Reranking {
     /// The neighbours by ascending elastic distance. Their placements remain those modulo the class.
     ///
     /// # Errors
-    /// Curves without length; more work or memory than a request may take.
+    /// Curves without length; more memory than a request may take.
     pub(super) async fn run(
         self,
         app: &App,
         cohort: &Cohort,
         found: Vec<Vec<FoundNeighbour>>,
     ) -> Result<Vec<Vec<FoundNeighbour>>, ServiceError> {
-        let space = self.space()?;
         let pairs: usize = found.iter().map(Vec::len).sum();
         let mut ids: Vec<String> = found.iter().flatten().map(|neighbour| neighbour.id.clone()).collect();
         ids.sort_unstable();
         ids.dedup();
         let curves = ids.len() + found.len();
-        let work = Work::from_seconds(pairs as f64 * space.seconds())
-            + requests::elastic_curves(curves, self.elastic.points);
-        work.check(app.limits.request_work.as_secs_f64())?;
-        let room = app.memory.hold(Purpose::Bodies, curves.saturating_mul(space.bytes()))?;
+        let work = self.work(pairs, curves);
+        let room = app.memory.hold(Purpose::Bodies, curves.saturating_mul(self.space.bytes()))?;
         // Shapes that were deleted meanwhile are no neighbours any more.
         let stored = source::find_each(app, cohort, &ids).await?.into_vec();
         let known = ids.into_iter().zip(stored);
@@ -68,6 +89,7 @@ impl Reranking {
             let _room = room;
             let context = task_app.pool.context();
             let of_shape = |error| ServiceError::from_analysis(error, |_| String::new());
+            let space = &self.space;
             let queries = space.prepare(&self.queries).map_err(of_shape)?;
             let (names, points): (Vec<String>, Vec<Vec<f64>>) = shapes.into_iter().unzip();
             let prepared = space.prepare(&points.concat()).map_err(of_shape)?;
@@ -85,11 +107,5 @@ impl Reranking {
             queries.par_iter().zip(found).map(one).collect()
         };
         app.pool.weighing(work).run(task).await
-    }
-
-    fn space(&self) -> Result<ElasticSpace, ServiceError> {
-        let rule = self.setup.rule();
-        ElasticSpace::new(&self.setup.space, rule.direction, rule.mirror, self.elastic)
-            .map_err(|error| of_cohort(error.into()))
     }
 }

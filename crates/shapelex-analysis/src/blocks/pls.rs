@@ -368,7 +368,7 @@ struct Orders<'a> {
     sampling: &'a Sampling<'a>,
     blocks: usize,
     subjects: usize,
-    /// Of two blocks: perhaps all orders.
+    /// Orders of the second of two blocks, drawn or all of them; `None` of more blocks.
     one: Option<Relabellings>,
     members: Vec<Vec<usize>>,
 }

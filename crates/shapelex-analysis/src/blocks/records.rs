@@ -34,9 +34,9 @@ pub struct TestedStatistic {
 /// Which permuted values count.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Tail {
-    /// Those that are at least the observed one.
+    /// Values at least as large as the observed one.
     Upper,
-    /// Those that are at most the observed one.
+    /// Values at most as large as the observed one.
     Lower,
 }
 

@@ -124,7 +124,7 @@ struct Scores {
     classes: usize,
     /// Shape by shape; none is positive.
     scores: Vec<f64>,
-    /// Those of the true classes.
+    /// Scores of the true classes, one for each shape.
     own: Vec<f64>,
     folds: Vec<usize>,
 }

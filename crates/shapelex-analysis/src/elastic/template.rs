@@ -160,15 +160,14 @@ impl ElasticSpace {
     ) -> Result<ElasticMean, AnalysisError> {
         let mut order: Vec<usize> = (0..curves.len()).collect();
         order.sort_by(|&a, &b| curves[a].order(&curves[b]));
-        let from = |start| Rounds { space: self, order: &order }.run(curves, start, go_on);
-        let found = starts.iter().map(from).collect::<Result<Vec<_>, _>>()?;
-        let better =
-            |one: ElasticMean, two: ElasticMean| if two.objective > one.objective { two } else { one };
-        found
-            .into_iter()
-            .filter(|_| !curves.is_empty())
-            .reduce(better)
-            .ok_or(AnalysisError::TooFewShapes { found: 0, needed: 1 })
+        let mut best: Option<ElasticMean> = None;
+        for start in starts.iter().filter(|_| !curves.is_empty()) {
+            let found = Rounds { space: self, order: &order }.run(curves, start, go_on)?;
+            if best.as_ref().is_none_or(|best| found.objective > best.objective) {
+                best = Some(found);
+            }
+        }
+        best.ok_or(AnalysisError::TooFewShapes { found: 0, needed: 1 })
     }
 
     /// Predicted seconds of the mean of `count` curves on one thread.

@@ -210,7 +210,8 @@ impl Predictor<'_> {
         Ok(predicted.collect::<Result<Vec<_>, _>>()?.into_iter().unzip())
     }
 
-    /// As [`Self::predict_all`] at places that nobody asked for: those that the shapes do not determine are left out with a warning.
+    /// As [`Self::predict_all`] at the usual places, which the model chooses where a request names none: a place that the shapes do not
+    /// determine is left out with a warning.
     pub(super) fn usual(&self, places: &[BTreeMap<String, At>], warnings: &mut Vec<String>) -> Predicted {
         let predicted = places.iter().enumerate().filter_map(|(k, at)| self.predict(k, at).ok());
         let found: Predicted = predicted.unzip();

@@ -48,7 +48,7 @@ pub struct ExchangedStatistic {
     pub p_holm: Option<f64>,
     /// Effect size, as for the terms of the table.
     pub z: Option<f64>,
-    /// 95 % quantile of the statistic under the null model, the level that chance alone reaches. It is no bound of a
+    /// 95 % quantile of the statistic under the null model, the level that chance alone reaches. It does not bound a
     /// confidence interval.
     pub critical95: Option<f64>,
     /// Number of exchanges, without the observed one, whose statistic reaches the observed one.

@@ -8,7 +8,11 @@
 //! from where the points are, subtracts the mean over the curves, and superimposes: nothing else would anchor the common parameter, since
 //! all curves can slide together with their mean. Steps between neighbours stay within [`BOUNDS`] of equal ones: points keep their order.
 //! Ends of open curves stay. The result is the same in any order of the curves.
+//!
+//! Source: Bookstein, *Landmark methods for forms without landmarks* (1997), for sliding; steps in the parameter and the mean displacement 0 are
+//! ours.
 
+use super::centred::by_content;
 use super::directions::{Direction, SlidingCriterion, bending, displacements};
 use super::error::SlidingError;
 use super::superimposed::{Superimposed, distance, superimpose};
@@ -74,7 +78,8 @@ struct State<'a> {
     criterion: SlidingCriterion,
 }
 
-/// Slides `steps` points (open curves: one more, with the ends) along curves, which begin as `placements` say.
+/// Slides `steps` points (open curves: one more, with the ends) along curves, which begin as `placements` say, one for each. All curves
+/// are closed, or all open.
 ///
 /// Cost of a round: some 50 speeds for each point; by bending energy also `M³`, and `M³/3` for each curve.
 ///
@@ -91,8 +96,8 @@ pub fn slide_along(
         Tracked::new(&curves[k], placements[k]).ok_or(SlidingError::NoExtent { shape: k })
     })?;
     let mut order: Vec<usize> = (0..curves.len()).collect();
-    let content = |k: &usize| tracked[*k].content();
-    order.sort_by(|a, b| by_content(&content(a), &content(b)));
+    let contents: Vec<Vec<f64>> = tracked.iter().map(Tracked::content).collect();
+    order.sort_by(|&a, &b| by_content(&contents[a], &contents[b]));
     let mut places = vec![0; order.len()];
     order.iter().enumerate().for_each(|(place, &k)| places[k] = place);
     let mut tracked: Vec<Option<Tracked<'_>>> = tracked.into_iter().map(Some).collect();
@@ -100,14 +105,7 @@ pub fn slide_along(
     let dimension = curves.first().map_or(2, |one| one.curve.dimension());
     let sliders = Sliders { curves: rows(steps, closed), surface: Vec::new() };
     let state = State { curves, sliders, dimension, closed, steps, criterion };
-    let mut found = state.run(watch).map_err(|error| match error {
-        SlidingError::NoExtent { shape } => SlidingError::NoExtent { shape: order[shape] },
-        SlidingError::NoDirection { shape, point } => {
-            SlidingError::NoDirection { shape: order[shape], point }
-        }
-        SlidingError::Free { shape } => SlidingError::Free { shape: order[shape] },
-        other => other,
-    })?;
+    let mut found = state.run(watch).map_err(|error| error.numbered(&order))?;
     found.places = places.into_iter().map(|place| std::mem::take(&mut found.places[place])).collect();
     Ok(found)
 }
@@ -118,11 +116,6 @@ fn rows(steps: usize, closed: bool) -> Vec<[usize; 3]> {
         return (0..steps).map(|j| [(j + steps - 1) % steps, j, (j + 1) % steps]).collect();
     }
     (1..steps).map(|j| [j - 1, j, j + 1]).collect()
-}
-
-fn by_content(a: &[f64], b: &[f64]) -> std::cmp::Ordering {
-    let unequal = a.iter().zip(b).map(|(a, b)| a.total_cmp(b)).find(|order| order.is_ne());
-    unequal.unwrap_or(a.len().cmp(&b.len()))
 }
 
 impl<'a> Tracked<'a> {

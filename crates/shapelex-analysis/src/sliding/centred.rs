@@ -47,14 +47,7 @@ pub fn slide(
 ) -> Result<Slid, SlidingError> {
     let mut order: Vec<usize> = (0..shapes.len()).collect();
     order.sort_by(|&a, &b| by_content(&shapes[a], &shapes[b]));
-    let numbered = |error: SlidingError| match error {
-        SlidingError::NoExtent { shape } => SlidingError::NoExtent { shape: order[shape] },
-        SlidingError::NoDirection { shape, point } => {
-            SlidingError::NoDirection { shape: order[shape], point }
-        }
-        SlidingError::Free { shape } => SlidingError::Free { shape: order[shape] },
-        other => other,
-    };
+    let numbered = |error: SlidingError| error.numbered(&order);
     let sorted: Vec<&[f64]> = order.iter().map(|&k| shapes[k].as_slice()).collect();
     let state = State::new(&sorted, sliders, (dimension, criterion)).map_err(numbered)?;
     let mut found = state.run(watch).map_err(numbered)?;
@@ -68,7 +61,8 @@ pub fn slide(
     Ok(found)
 }
 
-fn by_content(a: &[f64], b: &[f64]) -> std::cmp::Ordering {
+/// The order of numbers that shapes hold.
+pub(super) fn by_content(a: &[f64], b: &[f64]) -> std::cmp::Ordering {
     let unequal = a.iter().zip(b).map(|(a, b)| a.total_cmp(b)).find(|order| order.is_ne());
     unequal.unwrap_or(std::cmp::Ordering::Equal)
 }

@@ -61,3 +61,15 @@ pub enum SlidingError {
     #[error("the work was cancelled before it finished")]
     Cancelled,
 }
+
+impl SlidingError {
+    /// The same error of shapes that were worked through in another order: shape `k` is the one at `order[k]`.
+    pub(super) fn numbered(self, order: &[usize]) -> Self {
+        match self {
+            Self::NoExtent { shape } => Self::NoExtent { shape: order[shape] },
+            Self::NoDirection { shape, point } => Self::NoDirection { shape: order[shape], point },
+            Self::Free { shape } => Self::Free { shape: order[shape] },
+            other => other,
+        }
+    }
+}

@@ -36,11 +36,6 @@ impl Parameters {
         }
     }
 
-    /// Whether the places are given, and not only their number.
-    pub fn are_given(&self) -> bool {
-        matches!(self, Self::At(_) | Self::Pairs(_))
-    }
-
     /// Values and derivatives up to `order` (at most [`MAX_DERIVATIVE`]) at such a place.
     pub fn derivatives(&self, order: usize) -> &'static [Derivative] {
         use Derivative::{First, Second, U, Uu, Uv, V, Value, Vv};

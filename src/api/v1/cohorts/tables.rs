@@ -225,7 +225,7 @@ document! {
 #[into_params(parameter_in = Query)]
 #[allow(dead_code, reason = "only for the document; `Parameters` reads them")]
 pub(in crate::api::v1) struct TableParameters {
-    /// Names of the columns, separated by commas; a column whose name has a comma is given by a parameter of its own. Default:
+    /// Names of the columns, separated by commas; a column whose name has a comma takes a separate parameter. Default:
     /// id, all attributes and measures.
     #[param(example = "external_id,labels.treatment,measures.area")]
     columns: Option<Vec<String>>,

@@ -84,7 +84,8 @@ pub(in crate::api::v1) struct SheetsQuery {
 /// Detects thin bright or dark sheets in a volume, such as the skull around a brain.
 ///
 /// The response of a cell is that of the steerable kernel `Δg − 5 g_vv` along the direction that fits best. Crests are its maxima
-/// across sheets. The innermost surface around a point is an image with edges of its own, for a segmentation with the term `contour`.
+/// across sheets. The innermost surface around a point is answered as a separate image, whose edges a segmentation with the term `contour`
+/// follows.
 #[utoipa::path(post, path = "/v1/sheets", tag = "images", params(SheetsQuery),
     request_body(content = SheetsForm, content_type = "multipart/form-data"),
     responses(

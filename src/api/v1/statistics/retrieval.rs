@@ -392,11 +392,12 @@ fn matrix_request(mut request: DistancesRequest) -> Result<MatrixRequest, Servic
     let mut errors = std::mem::take(&mut request.faults);
     let of_cohort = request.cohort.is_some();
     let gives_correspondence = request.correspondence.is_some();
-    let correspondence =
-        take_or_default(request.correspondence.take(), "/correspondence", &mut errors).unwrap_or_default();
-    let is_elastic = correspondence == PairCorrespondence::Elastic;
-    errors.extend(misplaced(&request, gives_correspondence && !is_elastic));
-    let elastic = elastic_of(&mut request, is_elastic, &mut errors);
+    let correspondence = take_or_default(request.correspondence.take(), "/correspondence", &mut errors);
+    // Unknown of a correspondence that cannot be read: nothing is misplaced beside it.
+    let asked = correspondence.map(|known| known == PairCorrespondence::Elastic);
+    let (is_elastic, correspondence) = (asked == Some(true), correspondence.unwrap_or_default());
+    errors.extend(misplaced(&request, gives_correspondence && asked == Some(false)));
+    let elastic = elastic_of(&mut request, asked, &mut errors);
     let posted = request.shapes.take().map(|shapes| shapes.take("/shapes", &mut errors));
     let representation = request.representation.and_then(|field| field.take("/representation", &mut errors));
     let direction = take_given(request.direction, "/direction", &mut errors);
@@ -444,7 +445,7 @@ fn matrix_request(mut request: DistancesRequest) -> Result<MatrixRequest, Servic
 /// Settings of elastic distances if they are asked for, and faults of fields that belong to the other kind.
 fn elastic_of(
     request: &mut DistancesRequest,
-    is_elastic: bool,
+    asked: Option<bool>,
     errors: &mut Vec<Fault>,
 ) -> Option<ElasticSettings> {
     let given = [
@@ -459,15 +460,15 @@ fn elastic_of(
         rotation: request.rotation.take(),
         effort: request.effort.take(),
     };
-    if !is_elastic && request.transformation.is_none() {
+    if asked == Some(false) && request.transformation.is_none() {
         errors.push(Fault::new("/transformation", "required field is missing"));
     }
-    if is_elastic && request.alignment.is_some() {
+    if asked == Some(true) && request.alignment.is_some() {
         let detail =
             "expected no value with elastic distances, whose rotations are those of the best match, got one";
         errors.push(Fault::new("/alignment", detail));
     }
-    elastic_fields(is_elastic, &given, fields, errors)
+    elastic_fields(asked != Some(false), &given, fields, errors)
 }
 
 /// Settings of elastic distances if they are asked for; `given` fields belong to them alone.

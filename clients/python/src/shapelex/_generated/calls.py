@@ -1583,8 +1583,8 @@ class Calls(Transport):
         """Detects thin bright or dark sheets in a volume, such as the skull around a brain.
 
         The response of a cell is that of the steerable kernel `Δg − 5 g_vv` along the direction that fits best.
-        Crests are its maxima across sheets. The innermost surface around a point is an image with edges of its
-        own, for a segmentation with the term `contour`.
+        Crests are its maxima across sheets. The innermost surface around a point is answered as a separate image,
+        whose edges a segmentation with the term `contour` follows.
 
         Parameters
         ----------
@@ -2740,8 +2740,8 @@ class Calls(Transport):
         cohort
             Id or name
         columns
-            Names of the columns, separated by commas; a column whose name has a comma is given by a parameter of
-            its own. Default: id, all attributes and measures.
+            Names of the columns, separated by commas; a column whose name has a comma takes a separate parameter.
+            Default: id, all attributes and measures.
         format
             Format: `json`, `csv`, `ndjson`, `arrow` or `parquet`. Default: as the header `Accept` asks, else
             `json`.
