@@ -1650,7 +1650,7 @@ fn a_cancelled_job_leaves_no_dictionary() {
 #[test]
 fn a_cohort_that_is_deleted_meanwhile_fails_its_jobs() {
     let server = Setting::fresh().with_example().start();
-    let long = json!({"kind": "sparse", "atoms": 30, "lambda": 0.02, "max_epochs": 10_000, "tolerance": 0.0});
+    let long = json!({"kind": "sparse", "atoms": 30, "lambda": 0.02, "max_epochs": 2000, "tolerance": 0.0});
     let running = submit(&server, &request("cells", "example-cells", &long));
     let under_way = |found: &Value| found["phase"] == "learn";
     let start = Instant::now();
