@@ -170,6 +170,9 @@ fn bad_shapes() -> Vec<(String, Wanted)> {
         with(r#""labels":{"a":{"b":1},"c":1,"d/e~f":[1]}"#),
         Wanted::invalid(&["/labels/a", "/labels/d~1e~0f"]),
     );
+    for name in ["", " ", &long, "a\\nb", "a\\u202eb", "\\u200b"] {
+        add(with(&format!(r#""labels":{{"{name}":1}}"#)), Wanted::invalid(&["/labels"]));
+    }
     add(with(r#""labels":["a"]"#), Wanted::invalid(&["/labels"]));
     add(with(r#""labels":"a""#), Wanted::invalid(&["/labels"]));
     let many: Vec<String> = (0..1001).map(|i| format!(r#""k{i}":1"#)).collect();

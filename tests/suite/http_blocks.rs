@@ -144,6 +144,26 @@ fn landmarks_are_exchanged_between_modules() {
 }
 
 #[test]
+fn copies_have_no_modules_to_compare() {
+    let server = Server::fresh();
+    let representation = json!({"kind": "landmarks", "dimension": 2, "points": 8});
+    server.post("/v1/cohorts", &json!({"name": "copies", "representation": representation})).expect(201);
+    // Turned copies differ by rounding once they are aligned.
+    let turned = |k: usize| {
+        let (sine, cosine) = (k as f64).sin_cos();
+        points(0, 0).into_iter().map(move |[x, y]| [cosine * x - sine * y, sine * x + cosine * y])
+    };
+    let shapes: Vec<Value> = (0..9).map(|k| json!({"points": turned(k).collect::<Vec<_>>()})).collect();
+    server.post("/v1/cohorts/copies/shapes", &json!({"shapes": shapes})).expect(201);
+    let modules = json!({"a": {"points": [0, 1, 2, 3]}, "b": {"points": [4, 5, 6, 7]}});
+    for cr in ["invariant", "adams2016"] {
+        let body = json!({"cohort": "copies", "modules": modules, "cr": cr});
+        let problem = server.post("/v1/modularity", &body).expect(422);
+        assert!(problem.to_string().contains("vary"), "{problem}");
+    }
+}
+
+#[test]
 fn what_is_no_block_is_refused_at_its_place() {
     let server = Server::fresh();
     made(&server);

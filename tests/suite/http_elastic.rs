@@ -315,6 +315,9 @@ fn a_search_answers_the_nearest_curves_by_elastic_distances() {
         }
     }
     assert!(!found["warnings"].to_string().contains("compared elastically"), "{}", found["warnings"]);
+    // Work is that of the shapes that there are, not of the candidates that may be asked for.
+    let many = json!({"ids": names[..16], "candidates": 1000, "mirror": "allow", "effort": "thorough"});
+    search(many).expect(200);
     let few = search(json!({"candidates": 5})).expect(200);
     assert!(few["warnings"].to_string().contains("only the 5 shapes nearest"), "{}", few["warnings"]);
     let drawing = server.post("/v1/cohorts/example-cells/search?format=svg", &usual);

@@ -184,6 +184,22 @@ fn the_plane_of_a_curve_needs_no_markings() {
 }
 
 #[test]
+fn copies_of_a_symmetric_shape_have_no_asymmetry() {
+    let server = Server::fresh();
+    let representation = json!({"kind": "landmarks", "dimension": 2, "points": 7});
+    server.post("/v1/cohorts", &json!({"name": "copies", "representation": representation})).expect(201);
+    let points = [[-1, 0], [1, 0], [-2, 1], [2, 1], [-1, 2], [1, 2], [0, -1]];
+    let copies: Vec<Value> = (0..6).map(|_| json!({"points": points})).collect();
+    server.post("/v1/cohorts/copies/shapes", &json!({"shapes": copies})).expect(201);
+    let body = json!({"cohort": "copies", "kind": "object", "pairs": PAIRS, "permutations": 9});
+    let found = server.post("/v1/symmetry", &body).expect(200);
+    for row in found["terms"].as_array().unwrap() {
+        let shares = [&row["r_squared"], &row["partial_eta_squared"]].map(number);
+        assert!(shares.iter().all(|share| (0.0..=1.0).contains(share)), "{row}");
+    }
+}
+
+#[test]
 fn what_has_no_sides_is_refused_at_its_place() {
     let server = Server::fresh();
     made(&server);

@@ -357,6 +357,11 @@ fn a_cohort_has_a_limited_number_of_attribute_names() {
         server.send(request.header("content-type", "application/merge-patch+json").body(body))
     };
     refused(patch(json!({"another": 1, "n100_00": null})), "/labels", "4097");
+    // Length counts as well: a name that nobody can read is no column.
+    let long = json!({"labels": {"n".repeat(501): 1}}).to_string();
+    let request = server.request(Method::PATCH, "/v1/cohorts/squares/shapes/own100");
+    let reply = server.send(request.header("content-type", "application/merge-patch+json").body(long));
+    assert!(reply.expect(422).to_string().contains("1 to 500 characters"));
     // Names that others have are not new.
     patch(json!({"n001_05": 7})).expect(200);
     add(many[..1].to_vec()).expect(201);

@@ -108,7 +108,7 @@ pub async fn search(app: &App, key: &str, search: Search) -> Result<Found, Servi
     let (setup, space, queries) = prepared(app, &cohort, &comparison, queries).await?;
     let wanted = comparison.elastic.map_or(neighbours, |_| candidates.max(neighbours));
     let reranking = comparison.elastic.map(|elastic| {
-        Reranking::new(app, &setup, elastic, (wanted, queries.count()), queries.control_points())
+        Reranking::new((app, &cohort), &setup, elastic, (wanted, queries.count()), queries.control_points())
     });
     let reranking = reranking.transpose()?;
     // What is kept of the cohort is the same for elastic distances.

@@ -25,12 +25,12 @@ pub(super) struct Reranking {
 }
 
 impl Reranking {
-    /// Of `count` queries with these control points, each compared with at most `candidates` shapes.
+    /// Elastic comparison of `count` queries with these control points, each with at most `candidates` shapes of the cohort.
     ///
     /// # Errors
-    /// Shapes that are no curves; more work than a request may take.
+    /// Shapes that are not curves; more work than a request may take.
     pub(super) fn new(
-        app: &App,
+        (app, cohort): (&App, &Cohort),
         setup: &Setup,
         elastic: ElasticSettings,
         (candidates, count): (usize, usize),
@@ -40,7 +40,10 @@ impl Reranking {
         let space = ElasticSpace::new(&setup.space, rule.direction, rule.mirror, elastic);
         let space = space.map_err(|error| of_cohort(error.into()))?;
         let found = Self { space, candidates, queries: queries.to_vec() };
-        found.work(count * candidates, count).check(app.limits.request_work.as_secs_f64())?;
+        // A cohort may hold fewer shapes than are asked for.
+        let stored = usize::try_from(cohort.shapes).unwrap_or(usize::MAX);
+        let pairs = count * candidates.min(stored);
+        found.work(pairs, count + pairs.min(stored)).check(app.limits.request_work.as_secs_f64())?;
         Ok(found)
     }
 

@@ -255,6 +255,11 @@ pub(crate) fn is_text(text: &str) -> bool {
     text.chars().any(is_seen) && text.chars().count() <= MAX_TEXT && !text.chars().any(char::is_control)
 }
 
+/// Whether a text may be the name of an attribute: two names that look alike are the same.
+fn is_name(text: &str) -> bool {
+    is_text(text) && !text.chars().any(is_deceptive)
+}
+
 /// The fault of a whole number that doubles do not tell from its neighbours.
 fn too_large(number: &dyn std::fmt::Display) -> String {
     format!(
@@ -296,7 +301,16 @@ fn labels(given: Option<Raw>, errors: &mut Vec<Fault>) -> BTreeMap<String, serde
     for (key, value) in labels.iter_mut().take(MAX_LABELS) {
         let is_control = |text: &str| text.chars().any(char::is_control);
         let pointer = || format!("/labels/{}", key.replace('~', "~0").replace('/', "~1"));
-        if is_control(key) || value.as_str().is_some_and(is_control) {
+        if !is_name(key) {
+            let count = key.chars().count();
+            errors.push(Fault::new(
+                "/labels",
+                format!(
+                    "expected names of 1 to {MAX_TEXT} characters, none of them invisible, got one of {count}"
+                ),
+            ));
+        }
+        if value.as_str().is_some_and(is_control) {
             errors.push(Fault::new("/labels", "expected text without control characters"));
         }
         if value.is_object() || value.is_array() {

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use serde::Serialize;
 
 use super::columns::{self, Cell, CohortColumns, Column};
-use crate::domain::attribute::Attribute;
+use crate::domain::attribute::{Attribute, LARGEST_WHOLE};
 use crate::domain::cohort::Cohort;
 use crate::domain::filter::ShapeFilter;
 use crate::service::app::cache::Cached;
@@ -258,7 +258,7 @@ fn text_of(column: &Column, cell: Cell) -> String {
 
 /// A number as filters compare it.
 pub(super) fn number_text(number: f64) -> String {
-    let is_whole = number.fract() == 0.0 && number.abs() < 1e15;
+    let is_whole = number.fract() == 0.0 && number.abs() <= LARGEST_WHOLE as f64;
     if is_whole { format!("{number:.0}") } else { serde_json::Value::from(number).to_string() }
 }
 
@@ -347,6 +347,10 @@ mod tests {
 
     #[test]
     fn numbers_are_written_as_they_were_posted() {
-        assert_eq!([3.0, -0.5, 1e15].map(number_text), ["3", "-0.5", "1000000000000000.0"]);
+        let largest = LARGEST_WHOLE as f64;
+        assert_eq!(
+            [3.0, -0.5, 1e15, largest].map(number_text),
+            ["3", "-0.5", "1000000000000000", "9007199254740991"]
+        );
     }
 }

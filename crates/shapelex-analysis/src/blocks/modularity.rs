@@ -25,6 +25,9 @@ use shapelex_numeric::dense::Matrix;
 use shapelex_numeric::kernels::dot;
 use shapelex_numeric::parallel;
 
+/// Differences below this part of the points are rounding, as for two blocks.
+const ROUNDING: f64 = 1e-12;
+
 /// Fewest points of a module: the covariances of a single point are all taken out.
 pub const MIN_POINTS: usize = 2;
 
@@ -174,10 +177,12 @@ impl Table {
         for (mut column, weight) in rows.column_iter_mut().zip(weights) {
             column.scale_mut(weight.sqrt());
         }
-        // At unit scale, so that no square leaves the range of numbers.
+        // At unit scale, so that no square leaves the range of numbers. Shapes that differ by rounding do not vary.
         let largest = rows.amax();
-        if largest > 0.0 {
+        if largest > ROUNDING * points.amax() {
             rows.unscale_mut(largest);
+        } else {
+            rows.fill(0.0);
         }
         // Coordinates of a point as contiguous lists.
         let lists = rows.transpose();

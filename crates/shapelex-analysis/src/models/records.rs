@@ -107,6 +107,11 @@ pub struct TermRecord {
     pub histogram: Option<ExplainedHistogram>,
 }
 
+/// A sum of squares over another one; 0 of shapes that do not vary.
+pub(crate) fn share(part: f64, whole: f64) -> f64 {
+    if whole > 0.0 { (part / whole).clamp(0.0, 1.0) } else { 0.0 }
+}
+
 /// The test of a ratio of permuted mean squares.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]

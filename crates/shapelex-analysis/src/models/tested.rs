@@ -3,7 +3,7 @@
 use super::design::Design;
 use super::effect_size::{Transform, effect_size, reaching};
 use super::permuted::Sums;
-use super::records::{AnovaRecord, DesignRecord, ResidualRecord, TermRecord, TotalRecord};
+use super::records::{AnovaRecord, DesignRecord, ResidualRecord, TermRecord, TotalRecord, share};
 use super::subspaces::{Hypothesis, Space};
 use super::testing::{Statistic, Testing, without_observed};
 use crate::inference::histogram::ExplainedHistogram;
@@ -116,8 +116,4 @@ impl TermRecord {
         self.p = Some((1 + self.exceeding) as f64 / values.len() as f64);
         self.z = effect_size(&values, transform).map(|size| size.z);
     }
-}
-
-fn share(part: f64, whole: f64) -> f64 {
-    if whole > 0.0 { (part / whole).clamp(0.0, 1.0) } else { 0.0 }
 }

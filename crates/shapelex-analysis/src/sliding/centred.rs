@@ -61,10 +61,10 @@ pub fn slide(
     Ok(found)
 }
 
-/// The order of numbers that shapes hold.
+/// Order of two shapes by their numbers: by the first that differs, then by how many there are.
 pub(super) fn by_content(a: &[f64], b: &[f64]) -> std::cmp::Ordering {
     let unequal = a.iter().zip(b).map(|(a, b)| a.total_cmp(b)).find(|order| order.is_ne());
-    unequal.unwrap_or(std::cmp::Ordering::Equal)
+    unequal.unwrap_or(a.len().cmp(&b.len()))
 }
 
 /// Shapes with their directions, and their common pose as given.

@@ -14,7 +14,7 @@ use crate::models::design::{Contrasts, Table, Values};
 use crate::models::effect_size::Transform;
 use crate::models::error::ModelError;
 use crate::models::formula::{Formula, TermOrder};
-use crate::models::records::TermRecord;
+use crate::models::records::{TermRecord, share};
 use crate::models::subspaces::SumType;
 use crate::watch::Watch;
 use shapelex_numeric::dense::Matrix;
@@ -156,8 +156,8 @@ pub fn symmetry_table(
     }
     for row in &mut rows {
         let (own, rest) = (row.sum_of_squares, residual.as_ref().map_or(0.0, |rest| rest.sum_of_squares));
-        row.r_squared = own / total.sum_of_squares;
-        row.partial_eta_squared = if own > 0.0 { own / (own + rest) } else { 0.0 };
+        row.r_squared = share(own, total.sum_of_squares);
+        row.partial_eta_squared = share(own, own + rest);
     }
     let terms = rows.into_iter().map(|row| SymmetryTerm { row, df_shape: None }).collect();
     Ok(SymmetryTable { terms, residual, residual_df_shape: None, total })

@@ -103,6 +103,12 @@ mod tests {
         ] {
             assert_eq!(coordinates(&read(table)[0]), [1.0, 2.0, 3.0, 4.0], "{table}");
         }
+        // The index of pandas beside ids.
+        let found = read(",id,x1,y1\n0,a,1,2\n");
+        assert_eq!(
+            (found[0].name.as_deref(), &found[0].labels),
+            (Some("a"), &[("column_1".into(), Value::Number(0.0))].into())
+        );
         // Columns by landmark and axis, in any order, and names of rows of R.
         let found = read("\"\",x1,x2,y1,y2,sex\nA,1,3,2,4,f\n");
         assert_eq!(

@@ -429,7 +429,12 @@ impl Table {
         })?;
         let attribute = |column: &usize| {
             let value = self.value(self.text(row, Some(*column))?);
-            Some((self.roles.names[*column].clone(), value))
+            // Row numbers of pandas and R beside ids have no name.
+            let name = match self.roles.names[*column].as_str() {
+                "" => format!("column_{}", column + 1),
+                name => name.to_owned(),
+            };
+            Some((name, value))
         };
         Ok(Record {
             name: owned(self.roles.id),
